@@ -1,0 +1,58 @@
+"""windmark: wind-tunnel camera images into measurements on the model's surface.
+
+The verbs and nouns that users need are here; they are loaded on first use, so importing
+windmark (and `windmark --help`) costs next to nothing.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+__version__ = "0.1.0"
+
+_HOME = {
+    "geometry": ("Camera", "DegenerateGeometry", "Pose", "PoV"),
+    "scene": ("Detections", "MarkerSet", "Matching", "Mesh", "Observations", "Tracks", "View"),
+    "detection": ("detect",),
+    "registration": ("NotRegistered", "Registration", "register"),
+    "resection": ("PixelMap", "map_pixels", "sample", "virtual_image"),
+    "io": (
+        "FileError", "read_camera", "read_image", "read_markers", "read_mesh",
+        "write_camera", "write_image", "write_markers", "write_mesh",
+    ),
+}  # fmt: skip
+_WHERE = {name: room for room, names in _HOME.items() for name in names}
+
+__all__ = ["__version__", "synth", *_WHERE]
+
+if TYPE_CHECKING:
+    from windmark import synth
+    from windmark.detection import detect
+    from windmark.geometry import Camera, DegenerateGeometry, Pose, PoV
+    from windmark.io import (
+        FileError,
+        read_camera,
+        read_image,
+        read_markers,
+        read_mesh,
+        write_camera,
+        write_image,
+        write_markers,
+        write_mesh,
+    )
+    from windmark.registration import NotRegistered, Registration, register
+    from windmark.resection import PixelMap, map_pixels, sample, virtual_image
+    from windmark.scene import Detections, MarkerSet, Matching, Mesh, Observations, Tracks, View
+
+
+def __getattr__(name: str) -> Any:
+    if name in _WHERE:
+        return getattr(importlib.import_module(f"windmark.{_WHERE[name]}"), name)
+    if name == "synth":
+        return importlib.import_module("windmark.synth")
+    raise AttributeError(f"module 'windmark' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted([*__all__, *globals()])

@@ -1,0 +1,1 @@
+"""Find markers in an image: the paper's SPOT detector."""

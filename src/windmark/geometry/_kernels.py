@@ -1,0 +1,61 @@
+"""Numba building blocks shared by the kernels of several rooms: private to windmark.
+
+Scalars in, scalars out, no allocation, so they inline into the callers' loops. The readable
+twins are `Camera.project` and `Pose.apply`; `tests/geometry/test_kernels.py` holds them together.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numba as nb
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@nb.njit(cache=True, nogil=True, inline="always")
+def to_camera(r: Array, t: Array, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """R x + t for one point."""
+    return (
+        r[0, 0] * x + r[0, 1] * y + r[0, 2] * z + t[0],
+        r[1, 0] * x + r[1, 1] * y + r[1, 2] * z + t[1],
+        r[2, 0] * x + r[2, 1] * y + r[2, 2] * z + t[2],
+    )
+
+
+@nb.njit(cache=True, nogil=True)
+def project_point(c: Array, x: float, y: float, z: float) -> tuple[float, float, bool]:
+    """Project one camera-frame point with ``c = Camera.packed()``; (NaN, NaN, False) where not valid."""
+    if not z > 0.0:
+        return math.nan, math.nan, False
+    u = x / z
+    v = y / z
+    s = u * u + v * v
+    if not s < c[11]:
+        return math.nan, math.nan, False
+    k1, k2, p1, p2, k3 = c[4], c[5], c[6], c[7], c[8]
+    radial = 1.0 + s * (k1 + s * (k2 + s * k3))
+    slope2 = 2.0 * (k1 + s * (2.0 * k2 + s * 3.0 * k3))
+    jxx = radial + slope2 * u * u + 2.0 * p1 * v + 6.0 * p2 * u
+    jyy = radial + slope2 * v * v + 6.0 * p1 * v + 2.0 * p2 * u
+    jxy = slope2 * u * v + 2.0 * p1 * u + 2.0 * p2 * v
+    if not jxx * jyy - jxy * jxy > 0.0:
+        return math.nan, math.nan, False
+    ud = u * radial + 2.0 * p1 * u * v + p2 * (s + 2.0 * u * u)
+    vd = v * radial + p1 * (s + 2.0 * v * v) + 2.0 * p2 * u * v
+    if c[9] != 0.0 or c[10] != 0.0:
+        ud, vd = _tilt_point(c[9], c[10], ud, vd)
+    return c[0] * ud + c[2], c[0] * c[1] * vd + c[3], True
+
+
+@nb.njit(cache=True, nogil=True)
+def _tilt_point(tilt_x: float, tilt_y: float, u: float, v: float) -> tuple[float, float]:
+    """`lens.tilt_homography` on one point, written out."""
+    cx, sx, cy, sy = math.cos(tilt_x), math.sin(tilt_x), math.cos(tilt_y), math.sin(tilt_y)
+    a = cy * u + sy * sx * v - sy * cx
+    b = cx * v + sx
+    w = sy * u - cy * sx * v + cy * cx
+    r22, r02, r12 = cy * cx, -sy * cx, sx
+    return (r22 * a - r02 * w) / w, (r22 * b - r12 * w) / w

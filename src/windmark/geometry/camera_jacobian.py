@@ -1,0 +1,77 @@
+"""Analytic derivatives of the camera's projection: point and all interior parameters."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.geometry.lens import distort, distort_jacobian, tilt_homography, tilt_homography_derivatives
+
+if TYPE_CHECKING:
+    from windmark.geometry.camera import Camera
+
+Array = NDArray[np.float64]
+
+
+def project_jacobian(camera: Camera, xyz: Array) -> tuple[Array, NDArray[np.bool_], Array, Array]:
+    """See `Camera.project_jacobian`. The chain is ideal -> distorted -> tilted -> pixels."""
+    lens = (camera.k1, camera.k2, camera.p1, camera.p2, camera.k3)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        z = xyz[..., 2]
+        ideal = xyz[..., :2] / z[..., None]
+        distorted, valid = distort(ideal, *lens)
+        tilted, d_tilted, d_angles = _tilt(camera, distorted)
+        focal = np.array([camera.focal_px, camera.focal_px * camera.aspect])
+        xy = tilted * focal + np.array([camera.cx, camera.cy])
+        valid &= (z > 0) & np.isfinite(xy).all(axis=-1)
+
+        d_ideal = np.zeros((*z.shape, 2, 3))
+        d_ideal[..., 0, 0] = d_ideal[..., 1, 1] = 1 / z
+        d_ideal[..., :, 2] = -ideal / z[..., None]
+        outer = focal[:, None] * d_tilted
+        d_xyz = outer @ distort_jacobian(ideal, *lens) @ d_ideal
+
+        d_par = np.zeros((*z.shape, 2, 11))
+        d_par[..., :, 0] = tilted * np.array([1.0, camera.aspect])
+        d_par[..., 1, 1] = camera.focal_px * tilted[..., 1]
+        d_par[..., 0, 2] = d_par[..., 1, 3] = 1.0
+        d_par[..., :, 4:9] = outer @ _lens_derivative(ideal)
+        d_par[..., :, 9:] = focal[:, None] * d_angles
+    nan = ~valid[..., None, None]
+    return (
+        np.where(valid[..., None], xy, np.nan),
+        valid,
+        np.where(nan, np.nan, d_xyz),
+        np.where(nan, np.nan, d_par),
+    )
+
+
+def _lens_derivative(p: Array) -> Array:
+    """Derivative of the distorted point with respect to k1, k2, p1, p2, k3: (..., 2, 5)."""
+    x, y = p[..., 0], p[..., 1]
+    s = x * x + y * y
+    rows = [
+        np.stack([x * s, x * s * s, 2 * x * y, s + 2 * x * x, x * s**3], axis=-1),
+        np.stack([y * s, y * s * s, s + 2 * y * y, 2 * x * y, y * s**3], axis=-1),
+    ]
+    return np.stack(rows, axis=-2)
+
+
+def _tilt(camera: Camera, p: Array) -> tuple[Array, Array, Array]:
+    """Tilted point, its derivative by the distorted point (2x2) and by the two tilts (2x2)."""
+    h = tilt_homography(camera.tilt_x, camera.tilt_y)
+    d_hx, d_hy = tilt_homography_derivatives(camera.tilt_x, camera.tilt_y)
+    p1 = np.concatenate([p, np.ones((*p.shape[:-1], 1))], axis=-1)
+    q = p1 @ h.T
+    w = q[..., 2:]
+    tilted = q[..., :2] / w
+
+    def divide(dq: Array) -> Array:
+        """Derivative of q[:2]/q[2] for a change dq of the homogeneous point, last axis 3 -> 2."""
+        return (dq[..., :2] - tilted * dq[..., 2:]) / w
+
+    d_point = np.stack([divide(np.broadcast_to(h[:, k], q.shape)) for k in (0, 1)], axis=-1)
+    d_angles = np.stack([divide(p1 @ d_hx.T), divide(p1 @ d_hy.T)], axis=-1)
+    return tilted, d_point, d_angles

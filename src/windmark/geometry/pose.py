@@ -1,0 +1,166 @@
+"""Rigid poses (SE(3)) and their name in the paper, the point of view."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from windmark.geometry import rotations
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class PoV:
+    """The paper's point of view: angles in degrees, distances in the length unit.
+
+    ``R = Rz(rz) Ry(ry) Rx(rx)``, ``t = (dx, dy, dz)``; ``fov_deg`` is the full horizontal
+    field of view, NaN where no camera was given. Source: AIAA 2005-5007, Fig. 5.
+    """
+
+    rx_deg: float
+    ry_deg: float
+    rz_deg: float
+    dx: float
+    dy: float
+    dz: float
+    fov_deg: float = float("nan")
+
+    def focal_px(self, width_px: float) -> float:
+        """Focal length in pixels of an image ``width_px`` wide with this field of view."""
+        return float(width_px / (2 * np.tan(np.radians(self.fov_deg) / 2)))
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Rigid transformation target-from-source: ``x_target = rotation @ x_source + translation``.
+
+    Parameters
+    ----------
+    rotation : (..., 3, 3) orthonormal, determinant +1 (checked to 1e-6)
+    translation : (..., 3) in the project's length unit
+    """
+
+    rotation: Array
+    translation: Array
+
+    def __post_init__(self) -> None:
+        r = np.asarray(self.rotation, dtype=float)
+        t = np.asarray(self.translation, dtype=float)
+        if r.shape[-2:] != (3, 3) or t.shape[-1:] != (3,) or r.shape[:-2] != t.shape[:-1]:
+            raise ValueError(
+                f"Pose: expected rotation (..., 3, 3) and translation (..., 3), got {r.shape} and {t.shape}"
+            )
+        if not (np.isfinite(r).all() and np.isfinite(t).all()):
+            raise ValueError("Pose: rotation and translation must be finite")
+        error = np.abs(r @ np.swapaxes(r, -1, -2) - np.eye(3)).max(initial=0.0)
+        if error > 1e-6 or (r.size and np.linalg.det(r).min() < 0):
+            raise ValueError(
+                f"Pose: rotation must be orthonormal with determinant +1, it is off by {error:.2g}"
+                " (a mirrored or scaled matrix is not a rotation)"
+            )
+        object.__setattr__(self, "rotation", r)
+        object.__setattr__(self, "translation", t)
+
+    @staticmethod
+    def identity() -> Pose:
+        """The pose that changes nothing."""
+        return Pose(np.eye(3), np.zeros(3))
+
+    @staticmethod
+    def from_rotvec(rotvec: ArrayLike, translation: ArrayLike) -> Pose:
+        """Pose of a rotation vector (..., 3) in radians (OpenCV's rvec) and a translation (..., 3)."""
+        return Pose(rotations.exp_so3(rotvec), np.asarray(translation, dtype=float))
+
+    @staticmethod
+    def exp(delta: ArrayLike) -> Pose:
+        """SE(3) exponential of ``delta`` = [rotation, translation], (..., 6)."""
+        d = np.asarray(delta, dtype=float)
+        if d.shape[-1:] != (6,):
+            raise ValueError(f"Pose.exp: expected delta (..., 6), got {d.shape}")
+        v = rotations.left_jacobian(d[..., :3]) @ d[..., 3:, None]
+        return Pose(rotations.exp_so3(d[..., :3]), v[..., 0])
+
+    def log(self) -> Array:
+        """Inverse of `exp`: (..., 6), rotation angle at most pi."""
+        w = rotations.log_so3(self.rotation)
+        v = np.linalg.solve(rotations.left_jacobian(w), self.translation[..., None])[..., 0]
+        return np.concatenate([w, v], axis=-1)
+
+    def __matmul__(self, other: Pose) -> Pose:
+        """Composition: ``a_from_b @ b_from_c`` is a_from_c."""
+        if not isinstance(other, Pose):
+            return NotImplemented
+        t = (self.rotation @ other.translation[..., None])[..., 0] + self.translation
+        return Pose(self.rotation @ other.rotation, t)
+
+    def inverse(self) -> Pose:
+        """Source-from-target."""
+        rt = np.swapaxes(self.rotation, -1, -2)
+        return Pose(rt, -(rt @ self.translation[..., None])[..., 0])
+
+    @property
+    def center(self) -> Array:
+        """Origin of the target frame in the source frame (for cam_from_model: the camera's station), (..., 3)."""
+        return self.inverse().translation
+
+    @property
+    def rotvec(self) -> Array:
+        """Rotation vector in radians (OpenCV's rvec), (..., 3)."""
+        return rotations.log_so3(self.rotation)
+
+    def apply(self, xyz: ArrayLike) -> Array:
+        """Transform points. A single pose takes (..., 3); a batch (B,) of poses takes (B, N, 3) or (N, 3)."""
+        p = np.asarray(xyz, dtype=float)
+        if p.shape[-1:] != (3,):
+            raise ValueError(f"Pose.apply: expected points (..., 3), got {p.shape}")
+        if self.rotation.ndim == 2:
+            return p @ self.rotation.T + self.translation
+        return p @ np.swapaxes(self.rotation, -1, -2) + self.translation[..., None, :]
+
+    def rotate(self, vectors: ArrayLike) -> Array:
+        """Turn directions (no translation), same shapes as `apply`."""
+        return np.asarray(vectors, dtype=float) @ np.swapaxes(self.rotation, -1, -2)
+
+    def angle_to(self, other: Pose) -> Array:
+        """Angle in radians of the rotation between two poses, in [0, pi]."""
+        rel = np.swapaxes(self.rotation, -1, -2) @ other.rotation
+        return np.linalg.norm(rotations.log_so3(rel), axis=-1)
+
+    def to_pov(self, focal_px: float | None = None, width_px: float | None = None) -> PoV:
+        """The paper's name of this (single) pose; with focal length and image width also the field of view."""
+        if self.rotation.ndim != 2:
+            raise ValueError("Pose.to_pov: a PoV names a single pose, this is a batch")
+        rx, ry, rz = (float(np.degrees(a)) for a in rotations.to_xyz_angles(self.rotation))
+        fov = float("nan")
+        if focal_px is not None and width_px is not None:
+            fov = float(np.degrees(2 * np.arctan(width_px / (2 * focal_px))))
+        dx, dy, dz = (float(v) for v in self.translation)
+        return PoV(rx, ry, rz, dx, dy, dz, fov)
+
+    @staticmethod
+    def from_pov(pov: PoV) -> Pose:
+        """Inverse of `to_pov`."""
+        r = rotations.from_xyz_angles(*np.radians([pov.rx_deg, pov.ry_deg, pov.rz_deg]))
+        return Pose(r, np.array([pov.dx, pov.dy, pov.dz]))
+
+    @staticmethod
+    def look_at(eye: ArrayLike, target: ArrayLike, up: ArrayLike) -> Pose:
+        """cam_from_model of a camera at ``eye`` that looks at ``target``; ``up`` points to the top of the image.
+
+        Raises
+        ------
+        ValueError
+            When eye and target coincide or ``up`` is parallel to the line of sight.
+        """
+        eye, target, up = (np.asarray(v, dtype=float) for v in (eye, target, up))
+        z = target - eye
+        x = np.cross(z, up)
+        if np.linalg.norm(z) == 0 or np.linalg.norm(x) < 1e-12 * np.linalg.norm(z) * np.linalg.norm(up):
+            raise ValueError("Pose.look_at: eye and target coincide, or up is parallel to the line of sight")
+        z = z / np.linalg.norm(z)
+        x = x / np.linalg.norm(x)
+        r = np.stack([x, np.cross(z, x), z])
+        return Pose(r, -r @ eye)

@@ -1,0 +1,1 @@
+"""Stages (load, verb, save, one line of report) and jobs; the only place that composes rooms."""

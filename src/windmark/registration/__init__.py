@@ -1,0 +1,1 @@
+"""Which spot is which marker, and where the camera was: pose from unlabelled spots."""

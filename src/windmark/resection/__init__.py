@@ -1,0 +1,1 @@
+"""Image to model surface and back: pixel maps, visibility, virtual images, values on nodes."""

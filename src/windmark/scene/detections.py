@@ -1,0 +1,120 @@
+"""What a detector saw in one image, and which spot is which marker."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Detections:
+    """M spots of one image as columns, best first (in the detector's order of quality).
+
+    Parameters
+    ----------
+    xy : (M, 2) centres in pixels; (0, 0) is the centre of the top-left pixel
+    cov : (M, 2, 2) covariance of xy in px^2
+    merit : (M,) the paper's merit m, 0 is a perfect inverse top-hat
+    radius_px : (M,) radius of the disc as seen (geometric mean of the half axes)
+    axes_px : (M, 2) half axes of the imaged ellipse, largest first; NaN where not estimated
+    angle : (M,) direction of the first axis from x towards y, radians; NaN where not estimated
+    depth : (M,) contrast to the background in grey levels, positive for the chosen polarity
+    flags : (M,) bit field, see `FLAGS`
+    """
+
+    xy: Array
+    cov: Array
+    merit: Array
+    radius_px: Array
+    axes_px: Array
+    angle: Array
+    depth: Array
+    flags: Ints
+
+    def __post_init__(self) -> None:
+        m = len(self.xy)
+        shapes = {
+            "xy": (m, 2), "cov": (m, 2, 2), "merit": (m,), "radius_px": (m,),
+            "axes_px": (m, 2), "angle": (m,), "depth": (m,), "flags": (m,),
+        }  # fmt: skip
+        for name, shape in shapes.items():
+            got = np.shape(getattr(self, name))
+            if got != shape:
+                raise ValueError(f"Detections: {name} must be {shape} for {m} spots, got {got}")
+        if not np.isfinite(self.xy).all():
+            raise ValueError("Detections: xy must be finite")
+
+    @staticmethod
+    def make(
+        xy: ArrayLike,
+        *,
+        sigma_px: ArrayLike = 0.1,
+        cov: ArrayLike | None = None,
+        merit: ArrayLike = np.nan,
+        radius_px: ArrayLike = np.nan,
+        axes_px: ArrayLike | None = None,
+        angle: ArrayLike = np.nan,
+        depth: ArrayLike = np.nan,
+        flags: ArrayLike = 0,
+    ) -> Detections:
+        """Spots from centres and whatever else is known; scalars are repeated."""
+        p = np.array(xy, dtype=float).reshape(-1, 2)
+        m = len(p)
+        if cov is None:
+            cov = np.broadcast_to(np.asarray(sigma_px, dtype=float), (m,))[:, None, None] ** 2 * np.eye(2)
+
+        def column(values: ArrayLike) -> Array:
+            return np.array(np.broadcast_to(np.asarray(values, dtype=float), (m,)))
+
+        return Detections(
+            xy=p,
+            cov=np.array(cov, dtype=float).reshape(m, 2, 2),
+            merit=column(merit),
+            radius_px=column(radius_px),
+            axes_px=np.full((m, 2), np.nan) if axes_px is None else np.array(axes_px, dtype=float).reshape(m, 2),
+            angle=column(angle),
+            depth=column(depth),
+            flags=np.array(np.broadcast_to(np.asarray(flags, dtype=np.int64), (m,))),
+        )
+
+    def __len__(self) -> int:
+        return len(self.xy)
+
+    def take(self, index: ArrayLike) -> Detections:
+        """The spots of a boolean mask or an index array, in that order."""
+        i = np.asarray(index)
+        return Detections(**{f.name: getattr(self, f.name)[i] for f in fields(self)})
+
+
+FLAGS = {1: "border", 2: "saturated", 4: "contaminated", 8: "touching", 16: "ill-conditioned"}
+"""Meaning of the bits of `Detections.flags`."""
+
+
+@dataclass(frozen=True)
+class Matching:
+    """K pairs of a spot and a marker, one to one.
+
+    Parameters
+    ----------
+    detection : (K,) index into the detections
+    marker : (K,) index into the marker set
+    distance_px : (K,) distance between projected and detected position
+    """
+
+    detection: Ints
+    marker: Ints
+    distance_px: Array
+
+    def __post_init__(self) -> None:
+        if not (np.shape(self.detection) == np.shape(self.marker) == np.shape(self.distance_px)):
+            raise ValueError("Matching: detection, marker and distance_px must have the same length")
+        if len(np.unique(self.detection)) != len(self.detection) or len(np.unique(self.marker)) != len(self.marker):
+            raise ValueError("Matching: every detection and every marker may appear only once")
+
+    def __len__(self) -> int:
+        return len(self.detection)

@@ -1,0 +1,106 @@
+"""Markers of a model or a test section: what is known about them in 3D."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+ROLES = ("model", "wall", "primary", "secondary", "tap", "virtual", "fiducial")
+
+
+@dataclass(frozen=True)
+class MarkerSet:
+    """N markers as columns. Lengths in the project's unit.
+
+    Parameters
+    ----------
+    name : (N,) str, unique
+    xyz : (N, 3) centre of the physical disc
+    sigma : (N, 3) standard deviation of xyz, NaN where unknown
+    radius : (N,) radius of the disc, NaN where unknown
+    normal : (N, 3) unit outward normal, NaN where unknown
+    volume : (N,) str, the volume (body part with its own deformation law) the marker belongs to
+    role : (N,) str, one of `ROLES`
+
+    Only name and xyz are needed; `MarkerSet.make` fills the rest.
+    """
+
+    name: NDArray[np.str_]
+    xyz: Array
+    sigma: Array
+    radius: Array
+    normal: Array
+    volume: NDArray[np.str_]
+    role: NDArray[np.str_]
+
+    def __post_init__(self) -> None:
+        n = len(self.name)
+        for field, shape in (("xyz", (n, 3)), ("sigma", (n, 3)), ("radius", (n,)), ("normal", (n, 3))):
+            got = np.shape(getattr(self, field))
+            if got != shape:
+                raise ValueError(f"MarkerSet: {field} must be {shape} for {n} names, got {got}")
+        for field in ("volume", "role"):
+            if len(getattr(self, field)) != n:
+                raise ValueError(f"MarkerSet: {field} must have {n} entries, got {len(getattr(self, field))}")
+        unique, counts = np.unique(self.name, return_counts=True)
+        if (counts > 1).any():
+            raise ValueError(f"MarkerSet: name must be unique, more than once: {', '.join(unique[counts > 1][:5])}")
+        if not np.isfinite(self.xyz).all():
+            bad = self.name[~np.isfinite(self.xyz).all(axis=1)]
+            raise ValueError(f"MarkerSet: xyz must be finite, it is not for {', '.join(bad[:5])}")
+        wrong = sorted(set(self.role.tolist()) - set(ROLES))
+        if wrong:
+            raise ValueError(f"MarkerSet: role must be one of {', '.join(ROLES)}, got {', '.join(wrong)}")
+
+    @staticmethod
+    def make(
+        name: Sequence[str] | NDArray[np.str_],
+        xyz: ArrayLike,
+        *,
+        sigma: ArrayLike | None = None,
+        radius: ArrayLike | None = None,
+        normal: ArrayLike | None = None,
+        volume: Sequence[str] | NDArray[np.str_] | str = "model",
+        role: Sequence[str] | NDArray[np.str_] | str = "model",
+    ) -> MarkerSet:
+        """Markers from what is known; scalars and missing columns are filled, normals made unit length."""
+        n = len(name)
+        normals = np.full((n, 3), np.nan) if normal is None else np.array(normal, dtype=float).reshape(-1, 3)
+        length = np.linalg.norm(normals, axis=1, keepdims=True)
+        normals = np.divide(normals, length, out=np.full_like(normals, np.nan), where=length > 0)
+        return MarkerSet(
+            name=np.asarray(name, dtype=np.str_),
+            xyz=np.array(xyz, dtype=float).reshape(-1, 3),
+            sigma=_filled(sigma, (n, 3)),
+            radius=_filled(radius, (n,)),
+            normal=normals,
+            volume=_text(volume, n),
+            role=_text(role, n),
+        )
+
+    def __len__(self) -> int:
+        return len(self.name)
+
+    def take(self, index: ArrayLike) -> MarkerSet:
+        """The markers of a boolean mask or an index array, in that order."""
+        i = np.asarray(index)
+        return MarkerSet(**{f.name: getattr(self, f.name)[i] for f in fields(self)})
+
+    def with_role(self, *roles: str) -> MarkerSet:
+        """The markers of the given roles."""
+        return self.take(np.isin(self.role, roles))
+
+
+def _filled(values: ArrayLike | None, shape: tuple[int, ...]) -> Array:
+    if values is None:
+        return np.full(shape, np.nan)
+    return np.array(np.broadcast_to(np.asarray(values, dtype=float), shape))
+
+
+def _text(values: Sequence[str] | NDArray[np.str_] | str, n: int) -> NDArray[np.str_]:
+    return np.full(n, values, dtype=np.str_) if isinstance(values, str) else np.asarray(values, dtype=np.str_)

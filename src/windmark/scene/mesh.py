@@ -1,0 +1,105 @@
+"""The surface grid of the model: triangles, and the structured blocks they came from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Block:
+    """One structured surface block: ``ni * nj`` consecutive vertices from ``first``, i fastest.
+
+    ``shape_ijk`` is the block's shape in the file (one of the three is 1), so results can be
+    written back in the file's own order.
+    """
+
+    name: str
+    shape_ijk: tuple[int, int, int]
+    first: int
+
+    @property
+    def size(self) -> int:
+        """Number of vertices."""
+        return int(np.prod(self.shape_ijk))
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """A triangulated surface.
+
+    Parameters
+    ----------
+    vertices : (V, 3) nodes in the project's length unit; node values are arrays (V,) in this order
+    triangles : (T, 3) int32 vertex indices, counter-clockwise seen from outside
+    volume : (T,) str, the volume each triangle belongs to
+    blocks : structured blocks the vertices came from, empty for unstructured meshes
+    blanked : (V,) bool, True for nodes the file marks as unused (IBLANK = 0); they are in no triangle
+    """
+
+    vertices: Array
+    triangles: NDArray[np.int32]
+    volume: NDArray[np.str_]
+    blocks: tuple[Block, ...] = ()
+    blanked: NDArray[np.bool_] | None = field(default=None)
+
+    def __post_init__(self) -> None:
+        v, t = np.shape(self.vertices), np.shape(self.triangles)
+        if len(v) != 2 or v[1] != 3:
+            raise ValueError(f"Mesh: vertices must be (V, 3), got {v}")
+        if len(t) != 2 or t[1] != 3:
+            raise ValueError(f"Mesh: triangles must be (T, 3), got {t}")
+        if len(self.volume) != t[0]:
+            raise ValueError(f"Mesh: volume must have {t[0]} entries, got {len(self.volume)}")
+        if t[0] and (self.triangles.min() < 0 or self.triangles.max() >= v[0]):
+            raise ValueError(f"Mesh: triangles must index the {v[0]} vertices")
+        if self.blanked is not None and np.shape(self.blanked) != (v[0],):
+            raise ValueError(f"Mesh: blanked must be ({v[0]},), got {np.shape(self.blanked)}")
+
+    @staticmethod
+    def make(vertices: Array, triangles: NDArray[np.int32], volume: str | NDArray[np.str_] = "model") -> Mesh:
+        """An unstructured mesh."""
+        t = np.asarray(triangles, dtype=np.int32).reshape(-1, 3)
+        names = np.full(len(t), volume) if isinstance(volume, str) else np.asarray(volume, dtype=np.str_)
+        return Mesh(np.asarray(vertices, dtype=float).reshape(-1, 3), t, names)
+
+    def triangle_normals(self) -> Array:
+        """(T, 3) outward normals, length = twice the area (zero for a degenerate triangle)."""
+        a, b, c = (self.vertices[self.triangles[:, k]] for k in range(3))
+        return np.cross(b - a, c - a)
+
+    def vertex_normals(self) -> Array:
+        """(V, 3) unit normals, area-weighted mean of the triangles; NaN for a vertex in no triangle.
+
+        Nodes that several blocks share by position, but not by index, get the normal of their own block.
+        """
+        n = self.triangle_normals()
+        total = np.zeros_like(self.vertices)
+        for k in range(3):
+            for axis in range(3):
+                total[:, axis] += np.bincount(self.triangles[:, k], weights=n[:, axis], minlength=len(self.vertices))
+        length = np.linalg.norm(total, axis=1, keepdims=True)
+        return np.divide(total, length, out=np.full_like(total, np.nan), where=length > 0)
+
+    @property
+    def diagonal(self) -> float:
+        """Length of the bounding box's diagonal."""
+        if not len(self.vertices):
+            return 0.0
+        return float(np.linalg.norm(self.vertices.max(axis=0) - self.vertices.min(axis=0)))
+
+
+def structured_triangles(ni: int, nj: int, first: int = 0, reverse: bool = False) -> NDArray[np.int32]:
+    """Triangles of an ``ni`` by ``nj`` block, i fastest: two per cell, (2 (ni-1)(nj-1), 3).
+
+    The normal is d/di x d/dj; ``reverse`` turns it round.
+    """
+    i, j = np.meshgrid(np.arange(ni - 1), np.arange(nj - 1), indexing="xy")
+    a = (first + i + ni * j).ravel()
+    b, c, d = a + 1, a + 1 + ni, a + ni
+    t = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)]).astype(np.int32)
+    return t[:, ::-1].copy() if reverse else t

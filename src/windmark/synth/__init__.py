@@ -1,0 +1,1 @@
+"""The virtual wind tunnel: images with exactly known truth."""
