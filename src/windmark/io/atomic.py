@@ -1,0 +1,156 @@
+"""Outputs appear whole or not at all: written beside the target, then renamed."""
+
+from __future__ import annotations
+
+import os
+import secrets
+import shutil
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import IO, Any
+
+from windmark.io.errors import FileError, reason
+
+# A virus scanner or a viewer may hold a file on Windows for a moment; elsewhere a rename never has to wait.
+_RETRY_AFTER_S: tuple[float, ...] = (0.05, 0.2, 0.5) if os.name == "nt" else ()
+
+
+@contextmanager
+def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """Give a temporary file name beside ``path``; what is written there becomes ``path`` when the block ends.
+
+    The temporary name has the extension of ``path``, so libraries that choose a format by it can
+    write to it. Any exception, Ctrl-C included, removes the temporary file and leaves an older
+    ``path`` as it was. Devices and pipes (``/dev/null``) are written directly. A link is followed.
+    A file replaced keeps its permissions.
+
+    Raises
+    ------
+    FileError
+        When the operating system refuses (disk full, no such folder, read-only): names ``path`` and the reason.
+    """
+    target = _checked_target(path)
+    if os.path.exists(target) and not target.is_file():
+        with _writing(path, target):
+            yield target
+        return
+    temporary = target.with_name(f".windmark-{secrets.token_hex(6)}{target.suffix}")
+    try:
+        with _writing(path, target, temporary):
+            temporary.touch(exist_ok=False)  # says early that the folder cannot be written to
+            yield temporary
+            if os.path.exists(target):
+                shutil.copymode(target, temporary)
+            _replace(temporary, target)
+    finally:
+        with suppress(OSError):  # gone already when all went well
+            temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def atomic_write(path: str | os.PathLike[str], mode: str = "w") -> Iterator[IO[Any]]:
+    """Open ``path`` for writing through `atomic_path`.
+
+    Parameters
+    ----------
+    path : the file
+    mode : "w" (text: UTF-8, line ends written as given) or "wb"
+    """
+    if mode not in ("w", "wb"):
+        raise ValueError(f"atomic_write: mode must be 'w' or 'wb', got {mode!r}")
+    text = {"encoding": "utf-8", "newline": ""} if mode == "w" else {}
+    with atomic_path(path) as temporary, open(temporary, mode, **text) as stream:  # type: ignore[call-overload]
+        yield stream
+
+
+@contextmanager
+def atomic_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """Give a temporary folder; the files written there move into ``path`` together when the block ends.
+
+    ``path`` is created when missing (its parent must exist). Files of the same name are replaced,
+    other files in ``path`` stay. Any exception leaves ``path`` as it was.
+
+    Raises
+    ------
+    FileError
+        When the operating system refuses: names ``path`` and the reason.
+    """
+    target = Path(os.path.realpath(path))
+    if target.exists() and not target.is_dir():
+        raise FileError(path, "this is a file; expected a folder")
+    if not target.parent.is_dir():
+        raise FileError(path, f"the folder {target.parent} does not exist")
+    staging = target.with_name(f".windmark-{secrets.token_hex(6)}")
+    try:
+        with _writing(path, target, staging):
+            new = staging / "new"
+            new.mkdir(parents=True)
+            yield new
+            _move_all(new, target, staging / "old")
+    finally:
+        shutil.rmtree(staging, ignore_errors=True)
+
+
+def _move_all(new: Path, target: Path, old: Path) -> None:
+    """Move every file of ``new`` to ``target``; on any failure put everything back."""
+    created = not target.exists()
+    done: list[tuple[Path, Path, bool]] = []
+    try:
+        for source in sorted(p for p in new.rglob("*") if p.is_file()):
+            name = source.relative_to(new)
+            place, backup = target / name, old / name
+            place.parent.mkdir(parents=True, exist_ok=True)
+            backup.parent.mkdir(parents=True, exist_ok=True)
+            replaced = place.exists()
+            done.append((place, backup, replaced))
+            if replaced:
+                _replace(place, backup)
+            _replace(source, place)
+        target.mkdir(exist_ok=True)
+    except BaseException:
+        for place, backup, replaced in reversed(done):
+            with suppress(OSError):
+                if not replaced:
+                    place.unlink(missing_ok=True)
+                elif backup.exists():
+                    os.replace(backup, place)
+        if created:
+            shutil.rmtree(target, ignore_errors=True)
+        raise
+
+
+def _checked_target(path: str | os.PathLike[str]) -> Path:
+    target = Path(os.path.realpath(path))
+    # os.path, not Path: a name the system cannot even look up is simply not there.
+    if os.path.isdir(target):
+        raise FileError(path, "this is a folder; expected a file name")
+    if not os.path.isdir(target.parent):
+        raise FileError(path, f"cannot be written: the folder {target.parent} does not exist")
+    if os.path.exists(target) and not os.access(target, os.W_OK):
+        raise FileError(path, "cannot be written: the file is write-protected")
+    return target
+
+
+@contextmanager
+def _writing(path: str | os.PathLike[str], *ours: Path) -> Iterator[None]:
+    """`FileError` for refusals that concern our own file; an error about another file passes."""
+    try:
+        yield
+    except OSError as error:
+        named = error.filename
+        if isinstance(named, str) and not named.startswith(tuple(map(str, ours))):
+            raise
+        raise FileError(path, f"cannot be written: {reason(error)}") from error
+
+
+def _replace(source: Path, target: Path) -> None:
+    for delay_s in _RETRY_AFTER_S:
+        try:
+            os.replace(source, target)
+        except PermissionError:
+            time.sleep(delay_s)
+        else:
+            return
+    os.replace(source, target)

@@ -1,0 +1,61 @@
+"""The one error for files that cannot be read or written."""
+
+from __future__ import annotations
+
+import errno
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+
+class FileError(ValueError):
+    """A file that is missing, damaged, not what was expected, or cannot be written.
+
+    The message is ``PATH: WHERE: what is wrong; expected ...``, on one line.
+
+    Parameters
+    ----------
+    path : the file
+    what : what is wrong and what was expected
+    where : the place in the file: a line number (1-based), or a key in words; None for the whole file
+    """
+
+    def __init__(self, path: str | os.PathLike[str], what: str, where: int | str | None = None) -> None:
+        place = f"line {where}" if isinstance(where, int) else where
+        super().__init__(": ".join(str(part) for part in (os.fspath(path), place, what) if part))
+        self.path = Path(path)
+        self.what = what
+        self.where = place
+
+    def __reduce__(self) -> tuple[type[FileError], tuple[str, str, str | None]]:
+        # The default rebuilds from the message alone, and errors must cross process borders.
+        return type(self), (os.fspath(self.path), self.what, self.where)
+
+
+_REASONS = {
+    errno.ENOENT: "no such file",
+    errno.EISDIR: "this is a folder; expected a file",
+    errno.EACCES: "permission denied",
+    errno.EPERM: "permission denied",
+    errno.ENOSPC: "the disk is full",
+    getattr(errno, "EDQUOT", -1): "the disk quota is used up",
+    errno.EROFS: "the disk is read-only",
+    errno.ENAMETOOLONG: "the name is too long",
+}
+
+
+def reason(error: OSError) -> str:
+    """The operating system's error in words, without its path."""
+    return _REASONS.get(error.errno or 0) or error.strerror or str(error) or type(error).__name__
+
+
+@contextmanager
+def reading(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Turn what the operating system says against reading ``path`` into `FileError`."""
+    try:
+        yield
+    except OSError as error:
+        # Windows calls opening a folder "permission denied".
+        what = _REASONS[errno.EISDIR] if os.path.isdir(path) else reason(error)
+        raise FileError(path, what) from error
