@@ -2,6 +2,7 @@
 
 from windmark.geometry.camera import PARAMETERS, Camera
 from windmark.geometry.errors import DegenerateGeometry
+from windmark.geometry.p3p import P3PSolutions, p3p
 from windmark.geometry.pose import Pose, PoV
 
-__all__ = ["PARAMETERS", "Camera", "DegenerateGeometry", "PoV", "Pose"]
+__all__ = ["PARAMETERS", "Camera", "DegenerateGeometry", "P3PSolutions", "PoV", "Pose", "p3p"]
