@@ -103,4 +103,4 @@ def _filled(values: ArrayLike | None, shape: tuple[int, ...]) -> Array:
 
 
 def _text(values: Sequence[str] | NDArray[np.str_] | str, n: int) -> NDArray[np.str_]:
-    return np.full(n, values, dtype=np.str_) if isinstance(values, str) else np.asarray(values, dtype=np.str_)
+    return np.full(n, values) if isinstance(values, str) else np.asarray(values, dtype=np.str_)
