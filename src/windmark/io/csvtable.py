@@ -1,0 +1,224 @@
+"""CSV tables with a header (RFC 4180): strict reading that knows every line number, exact writing."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import chain
+from typing import Any, NoReturn
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from windmark.io.atomic import atomic_write
+from windmark.io.errors import FileError
+from windmark.io.text import Pathlike, read_text
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Table:
+    """The cells of a table as text, stripped, with the line each row starts on."""
+
+    path: Pathlike
+    columns: tuple[str, ...]
+    rows: list[list[str]]
+    lines: list[int]
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def __contains__(self, column: str) -> bool:
+        return column in self.columns
+
+    def text(self, column: str) -> list[str]:
+        """The cells of one column."""
+        k = self.columns.index(column)
+        return [row[k] for row in self.rows]
+
+    def numbers(self, column: str, *, optional: bool = False) -> Array:
+        """One column as (N,) finite numbers; with ``optional`` an empty cell (or nan) is NaN.
+
+        Raises
+        ------
+        FileError
+            Names line and column of the first cell that is no finite number.
+        """
+        cells = self.text(column)
+        try:
+            values = np.array([float(cell or "nan") for cell in cells])
+        except ValueError:
+            values = np.array([_number(cell) for cell in cells])
+        bad = ~np.isfinite(values) & ~(optional & np.array([cell.lower() in ("", "nan") for cell in cells], dtype=bool))
+        bad |= np.array(["_" in cell for cell in cells], dtype=bool)  # Python's 1_000 is nobody's number here
+        if bad.any():
+            k = int(np.argmax(bad))
+            hint = " with a decimal point" if "," in cells[k] else ""
+            self.fail(k, f"{column} is {cells[k]!r}; expected a finite number{hint}")
+        return values
+
+    def together(self, *columns: str) -> Array | None:
+        """Columns that come together as (N, len(columns)), None where the table lacks them; empty cells are NaN.
+
+        Raises
+        ------
+        FileError
+            When only some of the columns are there.
+        """
+        there = [column for column in columns if column in self]
+        if not there:
+            return None
+        if len(there) < len(columns):
+            missing = ", ".join(column for column in columns if column not in self)
+            raise FileError(self.path, f"the table has {', '.join(there)} but not {missing}", "header")
+        return np.stack([self.numbers(column, optional=True) for column in columns], axis=1)
+
+    def check(self, good: ArrayLike, expected: str) -> None:
+        """Raise `FileError` for the first row where ``good`` (N,) is false."""
+        rows = np.flatnonzero(~np.asarray(good, dtype=bool))
+        if len(rows):
+            self.fail(int(rows[0]), expected)
+
+    def fail(self, row: int, what: str) -> NoReturn:
+        """Raise `FileError` for a row."""
+        raise FileError(self.path, what, self.lines[row])
+
+
+def _number(cell: str) -> float:
+    try:
+        return float(cell or "nan")
+    except ValueError:
+        return float("inf")  # found, and named, as not finite
+
+
+def read_table(path: Pathlike, *, required: Sequence[str], known: Sequence[str]) -> Table:
+    """Read a table with a header line.
+
+    Columns may come in any order and case, separated by comma, semicolon or tab (as the header
+    is). Blank lines and lines that start with ``#`` are skipped. UTF-8, with or without byte order mark.
+
+    Raises
+    ------
+    FileError
+        When a required column is missing, a column is unknown or there twice, or a row has too few
+        or too many cells; names the line.
+    """
+    text = read_text(path)
+    separator, rows = ",", _rows(path, text, None)
+    try:
+        line, header = next(rows)
+    except StopIteration:
+        raise FileError(path, f"no header line; expected {','.join(required)}") from None
+    separator = next((s for s in ";\t," if any(s in cell for cell in header)), ",")
+    rows = _rows(path, text, separator)
+    line, header = next(rows)
+    columns = tuple(cell.lower() for cell in _without_empty_end(header))
+    _check_header(path, line, columns, required, known)
+    cells, lines = [], []
+    for line, row in rows:
+        row = _fitted(row, len(columns))
+        if len(row) != len(columns):
+            what = f"{len(row)} values; expected {len(columns)} ({', '.join(columns)})"
+            raise FileError(path, what, line)
+        cells.append(row)
+        lines.append(line)
+    return Table(path, columns, cells, lines)
+
+
+def _rows(path: Pathlike, text: str, separator: str | None) -> Iterator[tuple[int, list[str]]]:
+    """Line number and stripped cells of every row; the bare line where ``separator`` is None."""
+    numbered = _Counted(text)
+    for line in numbered:
+        start = numbered.line
+        if not line.strip() or line.lstrip().startswith("#"):
+            continue
+        if separator is None:
+            yield start, [line]
+            continue
+        try:
+            # One reader per row: it takes further lines only inside a quoted cell, so a '#' there is no comment.
+            row = next(csv.reader(chain([line], numbered), delimiter=separator, strict=True, skipinitialspace=True))
+        except (csv.Error, StopIteration) as error:
+            raise FileError(path, f"not a CSV row: {error}", start) from error
+        if any(cell.strip() for cell in row):
+            yield start, [cell.strip() for cell in row]
+
+
+class _Counted:
+    """The lines of a text, ends kept, with the number of the last line given out."""
+
+    def __init__(self, text: str) -> None:
+        self.line = 0
+        self._lines = io.StringIO(text, newline="")
+
+    def __iter__(self) -> _Counted:
+        return self
+
+    def __next__(self) -> str:
+        line = next(self._lines)
+        self.line += 1
+        return line
+
+
+def _without_empty_end(cells: list[str]) -> list[str]:
+    last = max((k for k, cell in enumerate(cells) if cell), default=-1)
+    return cells[: last + 1]
+
+
+def _fitted(row: list[str], n: int) -> list[str]:
+    """Spreadsheets add empty cells at the end; they carry nothing."""
+    return row[:n] if len(row) > n and not any(row[n:]) else row
+
+
+def _check_header(
+    path: Pathlike, line: int, columns: tuple[str, ...], required: Sequence[str], known: Sequence[str]
+) -> None:
+    listed = f"the columns are {','.join(known)}"
+    for column in required:
+        if column not in columns:
+            raise FileError(path, f"no column {column!r} in the header {','.join(columns)!r}; {listed}", line)
+    for column in columns:
+        if column not in known:
+            raise FileError(path, f"unknown column {column!r}; {listed}", line)
+        if columns.count(column) > 1:
+            raise FileError(path, f"the column {column!r} is there more than once", line)
+
+
+def write_table(path: Pathlike, columns: Mapping[str, ArrayLike]) -> None:
+    """Write columns of equal length as CSV, whole or not at all; the counterpart of `read_table`.
+
+    Floats keep every digit, NaN is an empty cell, booleans are 1 and 0. Lines end in a line feed.
+
+    Raises
+    ------
+    ValueError
+        When the columns differ in length or are not one-dimensional.
+    FileError
+        When the file cannot be written.
+    """
+    arrays = {name: np.asarray(values) for name, values in columns.items()}
+    lengths = {name: array.shape for name, array in arrays.items()}
+    if len(set(lengths.values())) > 1 or any(array.ndim != 1 for array in arrays.values()):
+        raise ValueError(f"write_table: columns must be one-dimensional and equally long, got {lengths}")
+    cells = [_cells(array) for array in arrays.values()]
+    with atomic_write(path) as stream:
+        stream.write(",".join(map(_quoted, arrays)) + "\n")
+        stream.writelines(",".join(row) + "\n" for row in zip(*cells, strict=True))
+
+
+def _cells(values: NDArray[Any]) -> list[str]:
+    if values.dtype.kind == "f":
+        return ["" if v != v else repr(v) for v in values.astype(float).tolist()]
+    if values.dtype.kind in "biu":
+        return [str(int(v)) for v in values.tolist()]
+    return [_quoted(str(v)) for v in values.tolist()]
+
+
+def _quoted(cell: str) -> str:
+    """Quote where a reader would otherwise see a separator, a comment or another cell."""
+    if cell.startswith("#") or any(mark in cell for mark in ',;\t"\r\n'):
+        return '"' + cell.replace('"', '""') + '"'
+    return cell

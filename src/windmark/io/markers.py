@@ -1,0 +1,151 @@
+"""Marker tables: CSV, and NASA's ``.tgts`` through `windmark.io.tgts`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.io.csvtable import Table, read_table, write_table
+from windmark.io.errors import FileError
+from windmark.io.text import Pathlike
+from windmark.io.tgts import read_tgts
+from windmark.scene import ROLES, MarkerSet
+
+Array = NDArray[np.float64]
+
+XYZ = ("x", "y", "z")
+NORMAL = ("nx", "ny", "nz")
+SIGMA = ("sigma_x", "sigma_y", "sigma_z")
+COLUMNS = ("name", *XYZ, *NORMAL, "radius", "volume", "role", *SIGMA)
+"""Columns of a marker table; only name, x, y and z are needed."""
+
+TARGET_ROLES = ("model", "wall", "primary", "secondary")
+"""Roles of painted markers that a detector may find. Taps and the like are not among them."""
+
+
+def read_markers(path: Pathlike, *, roles: Sequence[str] | None = TARGET_ROLES) -> MarkerSet:
+    """Read a marker table.
+
+    CSV: a header ``name,x,y,z[,nx,ny,nz][,radius][,volume][,role][,sigma_x,sigma_y,sigma_z]`` in any
+    order and case, separated by comma, semicolon or tab; ``#`` starts a comment line; an empty cell
+    is an unknown value (volume and role: "model"). ``.tgts``: see `windmark.io.tgts`.
+
+    Parameters
+    ----------
+    path : the file; the extension ``.tgts`` (any case) tells the format, everything else is CSV
+    roles : the roles wanted; by default only painted markers, so that nothing is matched to a
+        pressure tap by accident. None for all.
+
+    Returns
+    -------
+    MarkerSet in the file's order, lengths in the file's own unit
+
+    Raises
+    ------
+    FileError
+        Names the line: missing or unknown column, no number, NaN or infinity, empty or double
+        name, unknown role; or no marker left.
+    """
+    if roles is not None:
+        unknown = sorted(set(roles) - set(ROLES))
+        if unknown:
+            raise ValueError(f"read_markers: roles must be among {', '.join(ROLES)}, got {', '.join(unknown)}")
+    markers = read_tgts(path) if Path(path).suffix.lower() == ".tgts" else _read_csv(path)
+    chosen = markers if roles is None else markers.with_role(*roles)
+    if not len(chosen):
+        found = sorted(set(markers.role.tolist()))
+        has = f"its {len(markers)} entries are {', '.join(found)}" if found else "the table has no rows"
+        wanted = "" if roles is None else f" of role {', '.join(roles)}"
+        raise FileError(path, f"no markers{wanted}; {has}")
+    return chosen
+
+
+def write_markers(path: Pathlike, markers: MarkerSet) -> None:
+    """Write a marker table as CSV, whole or not at all; columns in which nothing is known are left out.
+
+    `read_markers` with ``roles=None`` gives back every bit.
+
+    Raises
+    ------
+    ValueError
+        For the extension ``.tgts``, which holds less (no sigma, no volume), and for names that are
+        empty or begin or end with a space.
+    FileError
+        When the file cannot be written.
+    """
+    if Path(path).suffix.lower() == ".tgts":
+        raise ValueError(f"write_markers: path must name a CSV file, got {path}")
+    for field in ("name", "volume"):
+        for text in getattr(markers, field).tolist():
+            if not text or text != text.strip():
+                raise ValueError(f"write_markers: {field} must not be empty or begin or end with a space: {text!r}")
+    columns = {"name": markers.name, **_columns(XYZ, markers.xyz)}
+    if np.isfinite(markers.normal).any():
+        columns |= _columns(NORMAL, markers.normal)
+    if np.isfinite(markers.radius).any():
+        columns["radius"] = markers.radius
+    columns |= {"volume": markers.volume, "role": markers.role}
+    if np.isfinite(markers.sigma).any():
+        columns |= _columns(SIGMA, markers.sigma)
+    write_table(path, columns)
+
+
+def _columns(names: tuple[str, ...], values: Array) -> dict[str, NDArray]:
+    return {name: values[:, k] for k, name in enumerate(names)}
+
+
+def _read_csv(path: Pathlike) -> MarkerSet:
+    table = read_table(path, required=("name", *XYZ), known=COLUMNS)
+    names = _names(table)
+    xyz = np.stack([table.numbers(column) for column in XYZ], axis=1)
+    normal = table.together(*NORMAL)
+    if normal is not None:
+        nothing = np.isnan(normal)
+        table.check(nothing.all(axis=1) | ~nothing.any(axis=1), "expected all of nx, ny, nz or none")
+        table.check((normal != 0).any(axis=1), "nx, ny, nz is 0, 0, 0; expected a direction")
+    radius = table.numbers("radius", optional=True) if "radius" in table else None
+    if radius is not None:
+        table.check(~(radius <= 0), "radius must be > 0, or empty where unknown")
+    sigma = table.together(*SIGMA)
+    if sigma is not None:
+        table.check(~(sigma < 0).any(axis=1), "sigma_x, sigma_y, sigma_z must be >= 0, or empty where unknown")
+    markers = MarkerSet.make(
+        names, xyz, sigma=sigma, radius=radius, normal=normal, volume=_words(table, "volume"), role=_roles(table)
+    )
+    return _with_own_unit_normals(markers, normal)
+
+
+def _names(table: Table) -> list[str]:
+    names = table.text("name")
+    first: dict[str, int] = {}
+    for row, name in enumerate(names):
+        if not name:
+            table.fail(row, "name is empty; expected a name")
+        if name in first:
+            table.fail(row, f"the name {name!r} is already on line {table.lines[first[name]]}; names must be unique")
+        first[name] = row
+    return names
+
+
+def _words(table: Table, column: str) -> list[str]:
+    return [cell or "model" for cell in table.text(column)] if column in table else ["model"] * len(table)
+
+
+def _roles(table: Table) -> list[str]:
+    roles = [cell.lower() for cell in _words(table, "role")]
+    for row, role in enumerate(roles):
+        if role not in ROLES:
+            table.fail(row, f"role is {role!r}; expected one of {', '.join(ROLES)}")
+    return roles
+
+
+def _with_own_unit_normals(markers: MarkerSet, normal: Array | None) -> MarkerSet:
+    """Keep normals that are unit vectors to rounding as they stand, so that a table survives a round trip."""
+    if normal is None:
+        return markers
+    unit = np.abs(np.linalg.norm(normal, axis=1) - 1) < 1e-14
+    return replace(markers, normal=np.where(unit[:, None], normal, markers.normal))

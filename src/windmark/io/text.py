@@ -1,0 +1,121 @@
+"""Text and JSON files: strict reading with the place of every fault, whole and exact writing."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import os
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from windmark.io.atomic import atomic_write
+from windmark.io.errors import FileError, reading
+
+Pathlike = str | os.PathLike[str]
+
+
+def read_text(path: Pathlike) -> str:
+    """The whole of a UTF-8 text file; a byte order mark is dropped, line ends are kept.
+
+    Raises
+    ------
+    FileError
+        When the file is missing, empty, binary or in another encoding (names the line).
+    """
+    with reading(path), open(path, "rb") as stream:
+        head = stream.read(4096)
+        if b"\0" in head:
+            raise FileError(path, "this is not a text file; expected UTF-8 text")
+        data = head + stream.read()
+    if not data.strip():
+        raise FileError(path, "the file is empty")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        what = f"byte 0x{data[error.start]:02x} is not UTF-8; expected UTF-8 text"
+        raise FileError(path, what, line) from error
+
+
+def read_json(path: Pathlike) -> Any:
+    """A JSON file as dictionaries and lists.
+
+    Raises
+    ------
+    FileError
+        When it is no JSON (names the line), has a key twice in one object, or has NaN or Infinity, which JSON lacks.
+    """
+    return parse_json(path, read_text(path))
+
+
+def parse_json(path: Pathlike, text: str) -> Any:
+    """As `read_json`, of text already read from ``path``."""
+
+    def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        keys = [key for key, _ in pairs]
+        twice = sorted({key for key in keys if keys.count(key) > 1}) if len(set(keys)) < len(keys) else []
+        if twice:
+            raise FileError(path, "the key is there more than once", f"key {twice[0]!r}")
+        return dict(pairs)
+
+    def refuse(constant: str) -> None:
+        raise FileError(path, f"{constant} is not JSON; expected a number or null")
+
+    try:
+        return json.loads(text, object_pairs_hook=unique, parse_constant=refuse)
+    except json.JSONDecodeError as error:
+        raise FileError(path, f"not JSON: {error.msg}", error.lineno) from error
+    except FileError:
+        raise
+    except (RecursionError, ValueError) as error:  # Python's own limits of depth and of digits
+        raise FileError(path, "not usable JSON: nested too deep or a number too long") from error
+
+
+def write_json(path: Pathlike, value: Mapping[str, Any]) -> None:
+    """Write a dictionary as JSON, whole or not at all.
+
+    Numpy arrays and scalars, dataclasses, paths and tuples are understood; floats keep every digit;
+    NaN and infinity become null, because JSON has no word for them. Rows of numbers stay on one line.
+
+    Raises
+    ------
+    ValueError
+        For a value that JSON cannot hold (names its key).
+    FileError
+        When the file cannot be written.
+    """
+    text = _layout(_plain(value, ""), "") + "\n"
+    with atomic_write(path) as stream:
+        stream.write(text)
+
+
+def _plain(value: Any, key: str) -> Any:
+    """The value in Python's own types."""
+    if isinstance(value, np.generic | np.ndarray):
+        value = value.tolist()
+    if value is None or isinstance(value, bool | int):
+        return value
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, str | os.PathLike):
+        return os.fspath(value)
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        value = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
+    if isinstance(value, Mapping):
+        return {str(k): _plain(v, f"{key}.{k}" if key else str(k)) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(v, f"{key}[{i}]") for i, v in enumerate(value)]
+    raise ValueError(f"write_json: {key or 'value'} is a {type(value).__name__}, which JSON cannot hold")
+
+
+def _layout(value: Any, indent: str) -> str:
+    deeper = indent + "  "
+    if isinstance(value, dict) and value:
+        items = [f"{json.dumps(k, ensure_ascii=False)}: {_layout(v, deeper)}" for k, v in value.items()]
+        return "{\n" + ",\n".join(deeper + item for item in items) + f"\n{indent}}}"
+    if isinstance(value, list) and any(isinstance(v, dict | list) for v in value):
+        return "[\n" + ",\n".join(deeper + _layout(v, deeper) for v in value) + f"\n{indent}]"
+    return json.dumps(value, ensure_ascii=False, allow_nan=False)

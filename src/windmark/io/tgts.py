@@ -1,0 +1,107 @@
+"""NASA's targets files (``.tgts``, written by DOTS, read by uPSP): targets, taps, virtuals, fiducials.
+
+Rows are free-form: ``index x y z nx ny nz size zone i j name``, in sections ``*Targets``, ``*Taps``,
+``*Virtuals`` and ``*Fiducials``; rows before any section are targets; ``#`` starts a comment.
+Source: the file format pages of NASA's upsp-processing and its test data. The size is a *diameter*
+(checked on that data), halved here. Zone, i and j place the entry in the grid file only roughly,
+and are dropped.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from windmark.io.errors import FileError
+from windmark.io.text import Pathlike, read_text
+from windmark.scene import MarkerSet
+
+SECTIONS = {"*targets": "model", "*taps": "tap", "*virtuals": "virtual", "*fiducials": "fiducial"}
+"""Role of the entries of each section."""
+
+_NUMBERS = ("index", "x", "y", "z", "nx", "ny", "nz", "size", "zone", "i", "j")
+
+
+@dataclass(frozen=True)
+class _Entry:
+    line: int
+    role: str
+    name: str
+    xyz: tuple[float, ...]
+    normal: tuple[float, ...]
+    radius: float
+
+
+def read_tgts(path: Pathlike) -> MarkerSet:
+    """All entries of a ``.tgts`` file, told apart by role: model (targets), tap, virtual, fiducial.
+
+    A name that an earlier section used already gets the role in front ("tap:st01").
+    A size of 0 is an unknown radius, a normal of length 0 an unknown normal.
+
+    Raises
+    ------
+    FileError
+        Names the line.
+    """
+    role = "model"
+    entries: list[_Entry] = []
+    for line, text in enumerate(read_text(path).splitlines(), start=1):
+        words = text.split()
+        if not words or words[0].startswith("#"):
+            continue
+        if words[0].startswith("*"):
+            section = "".join(words).lower()
+            if section not in SECTIONS:
+                known = ", ".join(key.title() for key in SECTIONS)
+                raise FileError(path, f"unknown section {text.strip()!r}; expected one of {known}", line)
+            role = SECTIONS[section]
+            continue
+        entries.append(_entry(path, line, role, words))
+    return MarkerSet.make(
+        _unique_names(path, entries),
+        [entry.xyz for entry in entries],
+        radius=[entry.radius for entry in entries],
+        normal=[entry.normal for entry in entries],
+        role=[entry.role for entry in entries],
+    )
+
+
+def _entry(path: Pathlike, line: int, role: str, words: list[str]) -> _Entry:
+    if len(words) <= len(_NUMBERS):
+        what = f"{len(words)} values; expected {len(_NUMBERS) + 1} ({' '.join(_NUMBERS)} name)"
+        raise FileError(path, what, line)
+    values = [_number(path, line, key, word) for key, word in zip(_NUMBERS, words, strict=False)]
+    size = values[7]
+    if size < 0:
+        raise FileError(path, f"size is {size}; expected a diameter >= 0", line)
+    return _Entry(
+        line,
+        role,
+        " ".join(words[len(_NUMBERS) :]),
+        tuple(values[1:4]),
+        tuple(values[4:7]),
+        size / 2 if size else math.nan,
+    )
+
+
+def _number(path: Pathlike, line: int, key: str, word: str) -> float:
+    try:
+        value = float(word)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value) or "_" in word:
+        raise FileError(path, f"{key} is {word!r}; expected a finite number", line)
+    return value
+
+
+def _unique_names(path: Pathlike, entries: list[_Entry]) -> list[str]:
+    """Names, with the role in front where an earlier section has the name already."""
+    taken: dict[str, _Entry] = {}
+    for entry in entries:
+        first = taken.get(entry.name)
+        name = entry.name if first is None or first.role == entry.role else f"{entry.role}:{entry.name}"
+        if name in taken:
+            what = f"the name {name!r} is already on line {taken[name].line}; names must be unique in a section"
+            raise FileError(path, what, entry.line)
+        taken[name] = entry
+    return list(taken)
