@@ -1,0 +1,133 @@
+"""The one solver: Levenberg-Marquardt on anything that can be linearised and retracted.
+
+The driver does not know what the parameters mean, nor how the linear system is solved.
+Damping: Marquardt (1963) scaling, updated by the gain ratio as in Nielsen (1999, IMM-REP-1999-05),
+but let to fall by 10 instead of 3 per good step so that the end of the search is Newton-like.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.adjust.problem import Step
+from windmark.adjust.report import SolveReport
+
+Array = NDArray[np.float64]
+
+_MAX_DAMPING = 1e12
+
+
+class System(Protocol):
+    """Quadratic model of the cost about one point."""
+
+    cost: float
+
+    def solve(self, damping: float) -> Step | None:
+        """Damped step, or None where the damped matrix is not positive definite."""
+
+
+class Solvable(Protocol):
+    """What the driver asks of a problem."""
+
+    def linearise(self, values: Any) -> Any:
+        """The `System` at ``values``, or None where the model has no prediction."""
+
+    def retract(self, values: Any, delta: Array) -> Any:
+        """The values after a step, or None where there are none."""
+
+
+@dataclass(frozen=True)
+class SolveOptions:
+    """When to stop.
+
+    Parameters
+    ----------
+    max_iterations : steps tried, accepted or not
+    gradient_tol : Newton decrement sqrt(g^T H^-1 g): distance of the minimum in units of the estimate's sigma
+    step_tol : largest component of the Newton step in natural units (rounding level)
+    cost_tol : predicted decrease relative to the cost
+    initial_damping : relative to the diagonal of the normal matrix
+    """
+
+    max_iterations: int = 50
+    gradient_tol: float = 1e-6
+    step_tol: float = 1e-14
+    cost_tol: float = 1e-11
+    initial_damping: float = 1e-3
+
+    def __post_init__(self) -> None:
+        if self.max_iterations < 1:
+            raise ValueError(f"max_iterations: expected at least 1, got {self.max_iterations}")
+
+
+def minimise(problem: Solvable, start: Any, options: SolveOptions | None = None) -> tuple[Any, Any, SolveReport]:
+    """Minimise the cost of a problem from a start.
+
+    Returns
+    -------
+    values : where the search ended, never worse than the start
+    system : the normal equations there
+    report : `SolveReport`
+
+    Raises
+    ------
+    ValueError
+        When the model has no prediction at the start.
+    """
+    options = options or SolveOptions()
+    values, system = start, problem.linearise(start)
+    if system is None:
+        raise ValueError("start: the model has no prediction there (a point behind the camera or beyond the lens)")
+    initial_cost = system.cost
+    damping, growth = options.initial_damping, 2.0
+    reason, iteration, evaluations = "max_iterations", 0, 1
+    while iteration < options.max_iterations:
+        newton = system.solve(0.0)
+        at_minimum = _at_minimum(newton, options)
+        if at_minimum:
+            reason = at_minimum
+            break
+        iteration += 1
+        step = system.solve(damping)
+        trial_values = None if step is None else problem.retract(values, step.delta)
+        trial = None if trial_values is None else problem.linearise(trial_values)
+        evaluations += trial_values is not None
+        # Neither the promised nor the reached decrease can be seen: this is the floor of the cost.
+        at_floor = step is not None and damping <= 1 and step.decrease <= options.cost_tol * system.cost
+        gain = -1.0 if trial is None else (system.cost - trial.cost) / max(step.decrease, 1e-300)
+        if gain > 0:
+            values, system = trial_values, trial
+            damping *= max(0.1, 1 - (2 * gain - 1) ** 3)
+            growth = 2.0
+        else:
+            damping *= growth
+            growth *= 2.0
+        if at_floor:
+            reason = "converged_cost"
+            break
+        if damping > _MAX_DAMPING:
+            reason = "stalled"
+            break
+    report = SolveReport(
+        reason=reason,
+        converged=reason.startswith("converged"),
+        iterations=iteration,
+        evaluations=evaluations,
+        initial_cost=initial_cost,
+        final_cost=system.cost,
+        options=asdict(options),
+    )
+    return values, system, report
+
+
+def _at_minimum(newton: Step | None, options: SolveOptions) -> str:
+    """The reason to stop here, or an empty text. Judged on the undamped step: damping hides weak directions."""
+    if newton is None:
+        return ""
+    if np.sqrt(max(2 * newton.decrease, 0.0)) <= options.gradient_tol:
+        return "converged_gradient"
+    return "converged_step" if newton.size <= options.step_tol else ""

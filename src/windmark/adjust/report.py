@@ -1,0 +1,43 @@
+"""How a solve ended: the record that every adjusted result carries."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+REASONS = {
+    "converged_gradient": "the minimum is closer than the tolerance, measured in the estimate's own sigma",
+    "converged_step": "the next step changes nothing to within rounding",
+    "converged_cost": "the next step cannot lower the cost by a noticeable part",
+    "max_iterations": "the allowed iterations were used up before the minimum was reached",
+    "stalled": "no step lowers the cost, though the gradient says that one should",
+}
+"""Every reason for which an engine stops, in words."""
+
+
+@dataclass(frozen=True)
+class SolveReport:
+    """Why and where an engine stopped.
+
+    Parameters
+    ----------
+    reason : key of `REASONS`
+    converged : the reason is a minimum, not an exhausted or stalled search
+    iterations : steps tried (Levenberg-Marquardt) or passes over all parameters (paper's engine)
+    evaluations : evaluations of the residuals, the one at the start included
+    initial_cost, final_cost : half the sum of the squared whitened residuals, after the robust loss
+    options : everything the solve was made with, by name
+    """
+
+    reason: str
+    converged: bool
+    iterations: int
+    evaluations: int
+    initial_cost: float
+    final_cost: float
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.reason not in REASONS:
+            raise ValueError(f"SolveReport: reason must be one of {', '.join(REASONS)}, got {self.reason!r}")
