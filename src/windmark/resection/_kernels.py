@@ -1,0 +1,366 @@
+"""Numba kernels of the ray caster: rays of pixels, binning of rays, first hits, node normals.
+
+Everything happens in the ideal image plane of the camera (u = X/Z, v = Y/Z), where the lens has
+no say: triangles have straight edges there whatever the distortion, and a ray is a point.
+The readable twins are in tests/resection/twins.py.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numba as nb
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.geometry._kernels import project_point, to_camera
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int32]
+Floats3 = tuple[float, float, float]
+
+VISIBLE, BLANKED, LENS, OUTSIDE, FACING_AWAY, OBLIQUE, HIDDEN = range(7)
+
+# Rays this close to an edge (relative to the size of the products that are subtracted) count as
+# on it, so that no ray slips through a vertex or a seam by rounding.
+_SLACK = 4e-15
+
+
+@nb.njit(cache=True, nogil=True)
+def pixel_rays(from_pixels: Array, lens: Array, max_s: float, plain: bool, first_row: int, rays: Array) -> None:
+    """Ideal coordinates of the pixel centres of consecutive rows, (rows, width, 2).
+
+    Newton's method from the parabola through the three pixels above, so that one step is mostly
+    enough (above and not to the left: neighbours in a row can then be computed together); NaN where it does not reach a point at which the lens is one to one (the caller
+    asks `Camera.unproject` there). ``from_pixels`` is the homography from pixels to distorted
+    coordinates, ``lens`` holds k1, k2, p1, p2, k3 (all zero where ``plain``).
+    """
+    h = from_pixels
+    for i in range(rays.shape[0]):
+        y = first_row + i
+        row = rays[i]
+        for j in range(rays.shape[1]):
+            w = 1.0 / (h[2, 0] * j + h[2, 1] * y + h[2, 2])
+            q = (h[0, 0] * j + h[0, 1] * y + h[0, 2]) * w
+            r = (h[1, 0] * j + h[1, 1] * y + h[1, 2]) * w
+            if plain:
+                row[j, 0], row[j, 1] = q, r
+                continue
+            u, v = q, r
+            if i > 2 and not math.isnan(rays[i - 3, j, 0] + rays[i - 2, j, 0] + rays[i - 1, j, 0]):
+                u = 3.0 * (rays[i - 1, j, 0] - rays[i - 2, j, 0]) + rays[i - 3, j, 0]
+                v = 3.0 * (rays[i - 1, j, 1] - rays[i - 2, j, 1]) + rays[i - 3, j, 1]
+            row[j, 0], row[j, 1] = _undistort(lens, max_s, q, r, u, v)
+
+
+@nb.njit(cache=True, nogil=True)
+def _undistort(lens: Array, max_s: float, q: float, r: float, u: float, v: float) -> tuple[float, float]:
+    """The ideal point of the distorted point (q, r), started at (u, v); NaN where not found."""
+    k1, k2, p1, p2, k3 = lens[0], lens[1], lens[2], lens[3], lens[4]
+    for _ in range(20):
+        s = u * u + v * v
+        radial = 1.0 + s * (k1 + s * (k2 + s * k3))
+        slope2 = 2.0 * (k1 + s * (2.0 * k2 + s * 3.0 * k3))
+        jxx = radial + slope2 * u * u + 2.0 * p1 * v + 6.0 * p2 * u
+        jyy = radial + slope2 * v * v + 6.0 * p1 * v + 2.0 * p2 * u
+        jxy = slope2 * u * v + 2.0 * p1 * u + 2.0 * p2 * v
+        det = jxx * jyy - jxy * jxy
+        if not (s < max_s and det > 0.0):
+            return math.nan, math.nan
+        eu = u * radial + 2.0 * p1 * u * v + p2 * (s + 2.0 * u * u) - q
+        ev = v * radial + p1 * (s + 2.0 * v * v) + 2.0 * p2 * u * v - r
+        inverse = 1.0 / det
+        du = (jyy * eu - jxy * ev) * inverse
+        dv = (jxx * ev - jxy * eu) * inverse
+        u -= du
+        v -= dv
+        # The step after one of 1e-9 would be about its square: below rounding.
+        if abs(du) + abs(dv) < 1e-9:
+            if u * u + v * v < max_s:
+                return u, v
+            return math.nan, math.nan
+    return math.nan, math.nan
+
+
+@nb.njit(cache=True, nogil=True)
+def look(rotation: Array, translation: Array, camera: Array, size: Array, points: Array, cam: Array, xy: Array,
+         state: NDArray[np.uint8]) -> None:  # fmt: skip
+    """Camera coordinates and pixels of points (N, 3), and whether they are in the picture (VISIBLE, OUTSIDE, LENS)."""
+    for n in range(points.shape[0]):
+        x, y, z = to_camera(rotation, translation, points[n, 0], points[n, 1], points[n, 2])
+        cam[n, 0], cam[n, 1], cam[n, 2] = x, y, z
+        px, py, ok = project_point(camera, x, y, z)
+        xy[n, 0], xy[n, 1] = px, py
+        if ok:
+            inside = px >= -0.5 and py >= -0.5 and px <= size[0] - 0.5 and py <= size[1] - 0.5
+            state[n] = VISIBLE if inside else OUTSIDE
+        else:
+            state[n] = LENS if z > 0.0 else OUTSIDE
+
+
+@nb.njit(cache=True, nogil=True)
+def transform(rotation: Array, translation: Array, points: Array, out: Array) -> None:
+    """Points (N, 3) turned and moved."""
+    for n in range(points.shape[0]):
+        out[n, 0], out[n, 1], out[n, 2] = to_camera(
+            rotation, translation, points[n, 0], points[n, 1], points[n, 2]
+        )
+
+
+@nb.njit(cache=True, nogil=True)
+def ray_box(rays: Array) -> tuple[int, float, float, float, float]:
+    """Number of rays that are not NaN, and the smallest and largest u and v among them."""
+    count, u0, v0, u1, v1 = 0, math.inf, math.inf, -math.inf, -math.inf
+    for n in range(rays.shape[0]):
+        u, v = rays[n, 0], rays[n, 1]
+        if math.isfinite(u + v):
+            count += 1
+            u0, v0, u1, v1 = min(u0, u), min(v0, v), max(u1, u), max(v1, v)
+    return count, u0, v0, u1, v1
+
+
+@nb.njit(cache=True, nogil=True)
+def bin_rays(rays: Array, grid: Array, columns: int, start: NDArray[np.int64], order: NDArray[np.int64],
+             sorted_rays: Array) -> None:  # fmt: skip
+    """Counting sort of the rays (N, 2) by cell of a grid over the ideal plane, row after row; NaN rays are left out.
+
+    ``grid`` holds u0, v0 and cells per unit of u and v; ``start`` (cells + 1) begins as zeros.
+    """
+    for n in range(rays.shape[0]):
+        if math.isfinite(rays[n, 0] + rays[n, 1]):
+            start[_cell(rays[n, 0], rays[n, 1], grid, columns, start.size - 1) + 1] += 1
+    for k in range(1, start.size):
+        start[k] += start[k - 1]
+    # `start` serves as the write position and is shifted back afterwards.
+    for n in range(rays.shape[0]):
+        if not math.isfinite(rays[n, 0] + rays[n, 1]):
+            continue
+        k = _cell(rays[n, 0], rays[n, 1], grid, columns, start.size - 1)
+        place = start[k]
+        start[k] = place + 1
+        order[place] = n
+        sorted_rays[place, 0] = rays[n, 0]
+        sorted_rays[place, 1] = rays[n, 1]
+    for k in range(start.size - 1, 0, -1):
+        start[k] = start[k - 1]
+    start[0] = 0
+
+
+@nb.njit(cache=True, nogil=True, inline="always")
+def _cell(u: float, v: float, grid: Array, columns: int, cells: int) -> int:
+    row = _clamped((v - grid[1]) * grid[3], cells // columns - 1)
+    return row * columns + _clamped((u - grid[0]) * grid[2], columns - 1)
+
+
+@nb.njit(cache=True, nogil=True)
+def _clamped(position: float, last: int) -> int:
+    """Cell number of a position, kept within 0..last (in floating point: positions may be infinite)."""
+    if not position > 0.0:
+        return 0
+    if position >= last:
+        return last
+    return int(position)
+
+
+@nb.njit(cache=True, nogil=True)
+def first_hits(cam: Array, triangles: Ints, rays: Array, order: NDArray[np.int64], grid: Array, columns: int,
+               start: NDArray[np.int64], cull: bool, depth: Array, triangle: Ints, weights: Array) -> None:  # fmt: skip
+    """The nearest triangle on each ray: an irregular z-buffer (Johnson et al., ACM TOG 24, 2005).
+
+    Triangles in homogeneous edge functions need no clipping at the camera plane (Olano and Greer,
+    Graphics Hardware 1997): with e = B x C and so on, ray (u, v, 1) meets the triangle in front of
+    the camera where all three e . ray have the sign of det(A, B, C).
+
+    Parameters
+    ----------
+    cam : (V, 3) vertices in the camera frame
+    rays, order : (N, 2) and (N,), binned by `bin_rays` with ``grid``, ``columns`` and ``start``
+    cull : leave out triangles that turn their back
+    depth : (N,) binned, started as inf
+    triangle, weights : (N,) started as -1, (N, 2) of the second and third vertex; in the rays' own order
+    """
+    rows = (start.size - 1) // columns
+    for t in range(triangles.shape[0]):
+        i, j, k = triangles[t, 0], triangles[t, 1], triangles[t, 2]
+        a = (cam[i, 0], cam[i, 1], cam[i, 2])
+        b = (cam[j, 0], cam[j, 1], cam[j, 2])
+        c = (cam[k, 0], cam[k, 1], cam[k, 2])
+        r0, r1, c0, c1 = _cells_of(a, b, c, grid, rows, columns)
+        if r1 < r0:
+            continue
+        ea = _cross(b, c)
+        det = a[0] * ea[0] + a[1] * ea[1] + a[2] * ea[2]
+        if not (det > 0.0 or det < 0.0) or (cull and det > 0.0):
+            continue
+        eb, ec = _cross(c, a), _cross(a, b)
+        if det < 0.0:
+            ea, eb, ec = _negative(ea), _negative(eb), _negative(ec)
+        na, nb_, nc = _size(a), _size(b), _size(c)
+        slack = (_SLACK * nb_ * nc, _SLACK * nc * na, _SLACK * na * nb_)
+        for row in range(r0, r1 + 1):
+            first, last = c0, c1
+            if c1 - c0 > 3:
+                first, last = _columns_of(ea, eb, ec, slack, grid, row, c0, c1)
+            for n in range(start[row * columns + first], start[row * columns + last + 1]):
+                u, v = rays[n, 0], rays[n, 1]
+                wa = ea[0] * u + ea[1] * v + ea[2]
+                wb = eb[0] * u + eb[1] * v + eb[2]
+                wc = ec[0] * u + ec[1] * v + ec[2]
+                if wa < -slack[0] or wb < -slack[1] or wc < -slack[2] or not wa + wb + wc > 0.0:
+                    continue
+                wb, wc = _inside(wa, wb, wc)
+                z = a[2] + wb * (b[2] - a[2]) + wc * (c[2] - a[2])
+                if 0.0 < z < depth[n]:
+                    depth[n] = z
+                    triangle[order[n]] = t
+                    weights[order[n], 0] = wb
+                    weights[order[n], 1] = wc
+
+
+@nb.njit(cache=True, nogil=True)
+def _cells_of(a: Floats3, b: Floats3, c: Floats3, grid: Array, rows: int, columns: int) -> tuple[int, int, int, int]:
+    """Cells that a triangle may touch: rows and columns, first and last; last row < first where it touches none."""
+    if not (a[2] > 0.0 and b[2] > 0.0 and c[2] > 0.0):
+        if a[2] > 0.0 or b[2] > 0.0 or c[2] > 0.0:
+            return 0, rows - 1, 0, columns - 1  # it crosses the camera plane: unbounded, the edges decide
+        return 0, -1, 0, -1
+    ua, ub, uc = a[0] / a[2], b[0] / b[2], c[0] / c[2]
+    low, high = (min(ua, ub, uc) - grid[0]) * grid[2], (max(ua, ub, uc) - grid[0]) * grid[2]
+    if high < -1e-6 or low > columns:
+        return 0, -1, 0, -1
+    c0, c1 = _clamped(low - 1e-9, columns - 1), _clamped(high + 1e-9, columns - 1)
+    va, vb, vc = a[1] / a[2], b[1] / b[2], c[1] / c[2]
+    low, high = (min(va, vb, vc) - grid[1]) * grid[3], (max(va, vb, vc) - grid[1]) * grid[3]
+    if high < -1e-6 or low > rows:
+        return 0, -1, 0, -1
+    return _clamped(low - 1e-9, rows - 1), _clamped(high + 1e-9, rows - 1), c0, c1
+
+
+@nb.njit(cache=True, nogil=True)
+def _columns_of(ea: Floats3, eb: Floats3, ec: Floats3, slack: Floats3, grid: Array, row: int, c0: int, c1: int
+                ) -> tuple[int, int]:  # fmt: skip
+    """Columns c0..c1 narrowed to those where all edge functions can be positive within one row of cells.
+
+    An oblique sliver then costs its own cells and not those of its bounding box.
+    """
+    v0 = grid[1] + (row - 1e-6) / grid[3]
+    v1 = grid[1] + (row + 1 + 1e-6) / grid[3]
+    low, high = -math.inf, math.inf
+    for m in range(3):
+        e = ea if m == 0 else (eb if m == 1 else ec)
+        best = max(e[1] * v0, e[1] * v1) + e[2] + 2.0 * slack[m]
+        if e[0] > 0.0:
+            low = max(low, -best / e[0])
+        elif e[0] < 0.0:
+            high = min(high, -best / e[0])
+        elif best < 0.0:
+            return 1, -1
+    low, high = (low - grid[0]) * grid[2] - 1e-6, (high - grid[0]) * grid[2] + 1e-6
+    if low > high or high < c0 or low > c1 + 1:
+        return 1, -1
+    return max(c0, _clamped(low, c1)), min(c1, _clamped(high, c1))
+
+
+@nb.njit(cache=True, nogil=True)
+def _inside(wa: float, wb: float, wc: float) -> tuple[float, float]:
+    """Weights of the second and third vertex, within the triangle (slack may put them outside by rounding)."""
+    wa, wb, wc = max(wa, 0.0), max(wb, 0.0), max(wc, 0.0)
+    total = wa + wb + wc
+    return wb / total, wc / total
+
+
+@nb.njit(cache=True, nogil=True)
+def _cross(a: Floats3, b: Floats3) -> Floats3:
+    # cross(a, b) and cross(b, a) are exact negatives: neighbours agree on their common edge.
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@nb.njit(cache=True, nogil=True)
+def _negative(a: Floats3) -> Floats3:
+    return -a[0], -a[1], -a[2]
+
+
+@nb.njit(cache=True, nogil=True)
+def _size(a: Floats3) -> float:
+    return abs(a[0]) + abs(a[1]) + abs(a[2])
+
+
+@nb.njit(cache=True, nogil=True)
+def distance_behind(cam: Array, triangles: Ints, points: Array, triangle: Ints, out: Array) -> None:
+    """Distance of points (N, 3) behind the planes of the triangles (N,) they were tested against.
+
+    Positive on the far side as seen from the camera; -inf where there is no triangle (-1). All in the camera frame.
+    """
+    for n in range(points.shape[0]):
+        out[n] = -math.inf
+        t = triangle[n]
+        if t < 0:
+            continue
+        i, j, k = triangles[t, 0], triangles[t, 1], triangles[t, 2]
+        normal, _ = _normal_of(cam, i, j, k)
+        length = math.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2)
+        away = (
+            normal[0] * (points[n, 0] - cam[i, 0])
+            + normal[1] * (points[n, 1] - cam[i, 1])
+            + normal[2] * (points[n, 2] - cam[i, 2])
+        )
+        camera_side = -(normal[0] * cam[i, 0] + normal[1] * cam[i, 1] + normal[2] * cam[i, 2])
+        if length > 0.0:
+            out[n] = -away / length if camera_side > 0.0 else away / length
+
+
+@nb.njit(cache=True, nogil=True)
+def sight_cosines(cam: Array, triangles: Ints, points: Array, triangle: Ints, out: Array) -> None:
+    """Cosine between the normal of each point's triangle and the line from the point to the camera; NaN for none."""
+    for n in range(points.shape[0]):
+        out[n] = math.nan
+        t = triangle[n]
+        if t >= 0:
+            m, _ = _normal_of(cam, triangles[t, 0], triangles[t, 1], triangles[t, 2])
+            x, y, z = points[n, 0], points[n, 1], points[n, 2]
+            lengths = math.sqrt((m[0] ** 2 + m[1] ** 2 + m[2] ** 2) * (x * x + y * y + z * z))
+            if lengths > 0.0:
+                out[n] = -(m[0] * x + m[1] * y + m[2] * z) / lengths
+
+
+@nb.njit(cache=True, nogil=True)
+def node_normals(cam: Array, triangles: Ints, normals: Array, faces: NDArray[np.uint8]) -> None:
+    """Area-weighted sum of the normals round each node (V, 3), started at 0, in the camera frame.
+
+    ``faces`` (V,), started at 0: 1 for a node in a triangle, 2 where one of its triangles faces the camera.
+    """
+    for t in range(triangles.shape[0]):
+        i, j, k = triangles[t, 0], triangles[t, 1], triangles[t, 2]
+        n, sight = _normal_of(cam, i, j, k)
+        face = np.uint8(2) if sight < 0.0 else np.uint8(1)
+        for m in range(3):
+            v = triangles[t, m]
+            normals[v, 0] += n[0]
+            normals[v, 1] += n[1]
+            normals[v, 2] += n[2]
+            faces[v] = max(faces[v], face)
+
+
+@nb.njit(cache=True, nogil=True)
+def _normal_of(cam: Array, i: int, j: int, k: int) -> tuple[Floats3, float]:
+    """Normal of a triangle (length = twice the area) and its product with the line of sight (< 0: it faces us)."""
+    x, y, z = cam[i, 0], cam[i, 1], cam[i, 2]
+    n = _cross((cam[j, 0] - x, cam[j, 1] - y, cam[j, 2] - z), (cam[k, 0] - x, cam[k, 1] - y, cam[k, 2] - z))
+    return n, n[0] * x + n[1] * y + n[2] * z
+
+
+@nb.njit(cache=True, nogil=True)
+def interpolate(triangles: Ints, values: Array, triangle: Ints, weights: Array, out: Array) -> None:
+    """Node values (V, K) at points given by triangle (N,) and weights (N, 2); NaN where triangle is -1."""
+    for n in range(triangle.shape[0]):
+        t = triangle[n]
+        for m in range(values.shape[1]):
+            if t < 0:
+                out[n, m] = math.nan
+            else:
+                a = values[triangles[t, 0], m]
+                out[n, m] = (
+                    a
+                    + weights[n, 0] * (values[triangles[t, 1], m] - a)
+                    + weights[n, 1] * (values[triangles[t, 2], m] - a)
+                )

@@ -1,0 +1,196 @@
+"""The pixel map: which point of the model's surface each pixel sees."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from windmark.geometry import Camera, Pose
+from windmark.resection.casting import RAYS_AT_ONCE, Hits, cast, pixel_rays, single_pose, to_camera_frame
+from windmark.scene import Mesh
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class PixelMap:
+    """The surface point behind every pixel of one view.
+
+    Parameters
+    ----------
+    triangle : (H, W) int32, the triangle that the pixel's centre sees, -1 for none
+    barycentric : (H, W, 2) weights of that triangle's second and third vertex (the first has the
+        rest), NaN for none. They are weights in space, so perspective is accounted for:
+        ``xyz = a + w0 (b - a) + w1 (c - a)``
+    mesh, camera, cam_from_model : what the map was made of
+    """
+
+    triangle: NDArray[np.int32]
+    barycentric: Array
+    mesh: Mesh
+    camera: Camera
+    cam_from_model: Pose
+
+    def __post_init__(self) -> None:
+        shape = self.camera.size_px[::-1]
+        if np.shape(self.triangle) != shape or np.shape(self.barycentric) != (*shape, 2):
+            raise ValueError(
+                f"PixelMap: triangle and barycentric must be {shape} and {(*shape, 2)} as the camera's image,"
+                f" got {np.shape(self.triangle)} and {np.shape(self.barycentric)}"
+            )
+
+    @property
+    def valid(self) -> NDArray[np.bool_]:
+        """(H, W): the pixel's centre sees the mesh."""
+        return self.triangle >= 0
+
+    def interpolate(self, node_values: ArrayLike) -> Array:
+        """Values given at the nodes, on the pixels.
+
+        Parameters
+        ----------
+        node_values : (V,) or (V, K)
+
+        Returns
+        -------
+        (H, W) or (H, W, K), NaN where not valid or where a node of the triangle has NaN
+        """
+        values = np.asarray(node_values, dtype=float)
+        if values.ndim not in (1, 2) or len(values) != len(self.mesh.vertices):
+            raise ValueError(
+                f"PixelMap.interpolate: node_values must be ({len(self.mesh.vertices)},) or"
+                f" ({len(self.mesh.vertices)}, K) for this mesh, got {values.shape}"
+            )
+        flat = interpolate_at(self.mesh.triangles, values, self.triangle.ravel(), self.barycentric.reshape(-1, 2))
+        return flat.reshape(*self.triangle.shape, *values.shape[1:])
+
+    def triangle_values(self, values: ArrayLike) -> NDArray[np.generic]:
+        """Values given per triangle (T, ...), on the pixels (H, W, ...): NaN, 0, False or '' where not valid."""
+        v = np.asarray(values)
+        if v.ndim == 0 or len(v) != len(self.mesh.triangles):
+            raise ValueError(
+                f"PixelMap.triangle_values: values must be ({len(self.mesh.triangles)}, ...), got {v.shape}"
+            )
+        nothing = np.nan if v.dtype.kind in "fc" else np.zeros((), v.dtype)
+        out = np.full((*self.triangle.shape, *v.shape[1:]), nothing, dtype=v.dtype)
+        out[self.valid] = v[self.triangle[self.valid]]
+        return out
+
+    def xyz(self, mesh: Mesh | None = None) -> Array:
+        """Surface points in model coordinates, (H, W, 3), NaN where not valid.
+
+        ``mesh`` may be the same grid in another shape (deformed under load): the points move with it.
+        """
+        vertices = self.same_grid(mesh).vertices
+        flat = interpolate_at(self.mesh.triangles, vertices, self.triangle.ravel(), self.barycentric.reshape(-1, 2))
+        return flat.reshape(*self.triangle.shape, 3)
+
+    def depth(self) -> Array:
+        """z of the surface points in the camera frame, (H, W), NaN where not valid."""
+        return self.interpolate(self.cam_from_model.apply(self.mesh.vertices)[:, 2])
+
+    def obliquity_deg(self) -> Array:
+        """Angle between the surface's normal and the line of sight of each pixel, (H, W), NaN where not valid.
+
+        0 to 90 degrees: it is the side that is seen that counts.
+        """
+        found = self.valid
+        vertices_cam = to_camera_frame(self.cam_from_model, self.mesh.vertices)
+        triangle, weights = self.triangle[found], self.barycentric[found]
+        points = interpolate_at(self.mesh.triangles, vertices_cam, triangle, weights)
+        cosine = sight_cosines(vertices_cam, self.mesh.triangles, points, triangle)
+        return self.to_image(np.degrees(np.arccos(np.clip(np.abs(cosine), 0, 1))))
+
+    def to_image(self, values: ArrayLike) -> NDArray[np.floating]:
+        """Values of the valid pixels in row-major order (as ``x[pixel_map.valid]`` has them), as an image.
+
+        (N, ...) -> (H, W, ...), NaN where not valid; floating types stay as they are, others become float64.
+        """
+        v = np.asarray(values)
+        found = self.valid
+        if v.ndim == 0 or len(v) != np.count_nonzero(found):
+            raise ValueError(
+                f"PixelMap.to_image: values must be ({np.count_nonzero(found)}, ...), one per valid pixel, got {v.shape}"
+            )
+        out = np.full((*found.shape, *v.shape[1:]), np.nan, v.dtype if v.dtype.kind == "f" else np.float64)
+        out[found] = v
+        return out
+
+    def same_grid(self, mesh: Mesh | None) -> Mesh:
+        """``mesh`` if it is this map's grid in another shape (None: the map's own mesh)."""
+        if mesh is None:
+            return self.mesh
+        same = mesh.vertices.shape == self.mesh.vertices.shape and (
+            mesh.triangles is self.mesh.triangles or np.array_equal(mesh.triangles, self.mesh.triangles)
+        )
+        if not same:
+            raise ValueError(
+                "PixelMap: mesh must have the nodes and triangles of the mesh that was mapped"
+                f" ({len(self.mesh.vertices)} and {len(self.mesh.triangles)}), in any shape;"
+                f" got {len(mesh.vertices)} and {len(mesh.triangles)}"
+            )
+        return mesh
+
+
+def map_pixels(mesh: Mesh, camera: Camera, cam_from_model: Pose, *, cull_backfaces: bool = False) -> PixelMap:
+    """Relate each pixel to the point of the model's surface that its centre sees.
+
+    The ray of each pixel centre (the lens distortion really inverted) is met with the triangles, so
+    the barycentric weights are exact for the true lens and perspective; the paper's bilinear
+    interpolation on the projected triangle is their limit for small triangles. Hidden surfaces are
+    removed by depth alone, so the orientation of the triangles does not matter.
+
+    Parameters
+    ----------
+    mesh : in model coordinates; may be open, badly oriented, or empty (then no pixel is valid)
+    camera, cam_from_model : the view
+    cull_backfaces : look through triangles whose normal points away from the camera (the near wall of
+        a wind tunnel seen from outside)
+
+    Returns
+    -------
+    PixelMap
+
+    Raises
+    ------
+    ValueError
+        If ``cam_from_model`` is a batch of poses.
+
+    Notes
+    -----
+    Source: AIAA 2005-5007, section III.D. Pixels beyond the radius where the lens model is one to one
+    are not valid.
+    """
+    pose = single_pose(cam_from_model, "map_pixels")
+    width, height = camera.size_px
+    vertices_cam = to_camera_frame(pose, mesh.vertices)
+    hits = Hits.none(width * height)
+    rows = max(1, RAYS_AT_ONCE // width)
+    for first in range(0, height, rows):
+        rays = pixel_rays(camera, first, min(rows, height - first)).reshape(-1, 2)
+        into = hits.part(slice(first * width, first * width + len(rays)))
+        cast(vertices_cam, mesh.triangles, rays, cull_backfaces=cull_backfaces, into=into)
+    shape = (height, width)
+    return PixelMap(hits.triangle.reshape(shape), hits.weights.reshape(*shape, 2), mesh, camera, pose)
+
+
+def sight_cosines(vertices_cam: Array, triangles: NDArray[np.int32], points_cam: Array, triangle: NDArray[np.int32]
+                  ) -> Array:  # fmt: skip
+    """Cosine of the angle at which the triangles (N,) of points (N, 3) are seen: < 0 from behind; camera frame."""
+    from windmark.resection import _kernels
+
+    out = np.empty(len(points_cam))
+    _kernels.sight_cosines(vertices_cam, triangles, points_cam, triangle, out)
+    return out
+
+
+def interpolate_at(triangles: NDArray[np.int32], values: Array, triangle: NDArray[np.int32], weights: Array) -> Array:
+    """Node values (V,) or (V, K) at points (N,) given by triangle and weights: (N,) or (N, K)."""
+    from windmark.resection import _kernels
+
+    columns = np.ascontiguousarray(values.reshape(len(values), -1))
+    out = np.empty((len(triangle), columns.shape[1]))
+    _kernels.interpolate(triangles, columns, triangle, weights, out)
+    return out.reshape(len(triangle), *values.shape[1:])
