@@ -1,0 +1,142 @@
+"""What a camera file says, whatever its format, and the checks that all formats share."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.geometry import Camera, Pose
+from windmark.io.errors import FileError
+from windmark.io.text import Pathlike
+
+Array = NDArray[np.float64]
+
+LENGTH_UNITS = ("in", "ft", "mm", "cm", "m")
+
+_OPENCV_LENGTHS = (4, 5, 8, 12, 14)
+_ROUNDED = 1e-3
+"""A rotation in text form this far from orthonormal was rounded; further off it is something else."""
+
+
+@dataclass(frozen=True)
+class CameraFile:
+    """The content of a camera file.
+
+    Parameters
+    ----------
+    camera : the interior parameters
+    cam_from_model : the pose, None where the file has none
+    length_unit : of the pose, None where the file does not say
+    format : "windmark", "opencv" or "nasa"
+    """
+
+    camera: Camera
+    cam_from_model: Pose | None
+    length_unit: str | None
+    format: str
+
+
+def key_error(path: Pathlike, key: str, what: str) -> FileError:
+    """`FileError` that names a key."""
+    return FileError(path, what, f"key {key!r}")
+
+
+def numbers(path: Pathlike, key: str, value: Any, shape: tuple[int, ...]) -> Array:
+    """A list (of lists) of finite numbers of the given shape; one-dimensional lists of the same size are taken too."""
+    wanted = f"expected {' x '.join(map(str, shape))} finite numbers" if shape else "expected a finite number"
+    try:
+        array = np.array(value, dtype=object).astype(float)
+    except (TypeError, ValueError, OverflowError):
+        raise key_error(path, key, f"not numbers; {wanted}") from None
+    flat = array.ndim <= 1 or 1 in array.shape  # a vector may be written as a row or as a column
+    if array.shape != shape and not (shape and array.ndim and flat and array.size == np.prod(shape)):
+        raise key_error(path, key, f"the shape is {array.shape}; {wanted}")
+    if not np.isfinite(array).all() or _has_bool_or_text(value):
+        raise key_error(path, key, f"not finite numbers; {wanted}")
+    return array.reshape(shape)
+
+
+def _has_bool_or_text(value: Any) -> bool:
+    if isinstance(value, list | tuple):
+        return any(map(_has_bool_or_text, value))
+    return isinstance(value, bool | str)
+
+
+def image_size(path: Pathlike, key: str, value: Any) -> tuple[int, int]:
+    """(width, height) as positive whole numbers."""
+    width, height = numbers(path, key, value, (2,))
+    if width < 1 or height < 1 or width % 1 or height % 1:
+        raise key_error(path, key, f"{value} is no image size; expected width and height in whole pixels")
+    return int(width), int(height)
+
+
+def lens(path: Pathlike, key: str, value: Any) -> dict[str, float]:
+    """OpenCV's distortion vector as named parameters of `Camera`.
+
+    Raises
+    ------
+    FileError
+        For terms that windmark's lens lacks: rational k4-k6, thin prism s1-s4, when not zero.
+    """
+    size = np.size(np.array(value, dtype=object))
+    if size not in (0, *_OPENCV_LENGTHS):
+        raise key_error(path, key, f"{size} coefficients; expected 4, 5, 8, 12 or 14 (k1 k2 p1 p2 k3 ...)")
+    d = np.zeros(14)
+    d[:size] = numbers(path, key, value, (size,)) if size else 0.0
+    if d[5:12].any():
+        there = [name for name, v in zip(("k4", "k5", "k6", "s1", "s2", "s3", "s4"), d[5:12], strict=True) if v]
+        what = f"{', '.join(there)} not zero: a rational or thin-prism lens; expected k1 k2 p1 p2 k3 alone"
+        raise key_error(path, key, f"{what} (calibrate again without these terms)")
+    names = ("k1", "k2", "p1", "p2", "k3")
+    return dict(zip(names, d[:5].tolist(), strict=True)) | {"tilt_x": float(d[12]), "tilt_y": float(d[13])}
+
+
+def pinhole(path: Pathlike, key: str, value: Any) -> dict[str, float]:
+    """A 3 x 3 camera matrix as named parameters of `Camera`.
+
+    Raises
+    ------
+    FileError
+        For a skew, which windmark's camera lacks, and for what is no camera matrix.
+    """
+    k = numbers(path, key, value, (3, 3))
+    if k[0, 1]:
+        raise key_error(path, key, f"the skew is {k[0, 1]:g}; expected 0 (windmark's camera has square corners)")
+    if k[1, 0] or k[2].tolist() != [0, 0, 1]:
+        raise key_error(path, key, "not a camera matrix; expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]")
+    if k[0, 0] <= 0 or k[1, 1] <= 0:
+        raise key_error(path, key, f"the focal lengths are {k[0, 0]:g} and {k[1, 1]:g}; expected > 0")
+    focal, cx, cy = float(k[0, 0]), float(k[0, 2]), float(k[1, 2])
+    return {"focal_px": focal, "aspect": float(k[1, 1] / k[0, 0]), "cx": cx, "cy": cy}
+
+
+def camera(
+    path: Pathlike, size_px: tuple[int, int], parameters: Mapping[str, float], cov: Array | None = None
+) -> Camera:
+    """The camera, its own complaints as `FileError`."""
+    try:
+        return Camera(size_px=size_px, cov=cov, **parameters)
+    except ValueError as error:
+        raise FileError(path, str(error)) from error
+
+
+def pose(path: Pathlike, key: str, rotation: Array, translation: Array, *, mend: bool = False) -> Pose:
+    """The pose; ``mend`` replaces a rotation that was rounded in the file by the nearest true one.
+
+    Raises
+    ------
+    FileError
+        When the matrix is no rotation: mirrored, scaled, or off by more than rounding.
+    """
+    error = np.abs(rotation @ rotation.T - np.eye(3)).max()
+    if mend and 1e-12 < error < _ROUNDED and np.linalg.det(rotation) > 0:
+        u, _, vt = np.linalg.svd(rotation)
+        rotation = u @ vt
+    try:
+        return Pose(rotation, translation)
+    except ValueError as problem:
+        raise key_error(path, key, str(problem)) from problem

@@ -1,0 +1,127 @@
+"""Cameras as OpenCV and ROS write them: YAML, XML, JSON.
+
+OpenCV's pixel origin is windmark's: the centre of the top-left pixel.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.geometry import Camera, Pose
+from windmark.io import camera_record as record
+from windmark.io.atomic import atomic_write
+from windmark.io.errors import FileError
+from windmark.io.text import Pathlike
+
+MATRIX_KEYS = ("camera_matrix", "cameraMatrix", "Camera_Matrix", "K", "M", "mtx", "intrinsic_matrix")
+LENS_KEYS = (
+    "distortion_coefficients", "dist_coeffs", "distCoeffs", "Distortion_Coefficients", "D", "dist", "distortion",
+    "dist_k1_k2_p1_p2",
+)  # fmt: skip
+SIZE_KEYS = ("image_size_wh", "image_size", "imageSize", "size_px")
+ROTATION_KEYS = ("rvec", "R", "rotation_vector", "rotation_matrix", "rmat")
+TRANSLATION_KEYS = ("tvec", "T", "t", "translation_vector")
+_PLAIN_LENSES = ("", "plumb_bob", "rational_polynomial", "brown", "opencv", "radtan", "none")
+
+
+def has_camera_matrix(content: dict[str, Any]) -> bool:
+    """Whether a parsed file has a camera matrix under one of OpenCV's usual names."""
+    return _first(content, MATRIX_KEYS) is not None
+
+
+def parse_opencv(path: Pathlike, content: dict[str, Any], size_px: tuple[int, int] | None) -> record.CameraFile:
+    """The camera, and the pose where the file has one, of a parsed file.
+
+    ``size_px`` is used where the file does not say. Keys that are not needed (reprojection errors,
+    image points, flags) are not read.
+    """
+    _refuse_other_lenses(path, content)
+    matrix_key, lens_key = _first(content, MATRIX_KEYS), _first(content, LENS_KEYS)
+    if matrix_key is None:
+        raise FileError(path, f"no camera matrix; expected one of the keys {', '.join(MATRIX_KEYS)}")
+    if lens_key is None:
+        what = f"no distortion coefficients; expected one of the keys {', '.join(LENS_KEYS)} (zeros for none)"
+        raise FileError(path, what)
+    parameters = record.pinhole(path, matrix_key, _plain(path, matrix_key, content[matrix_key]))
+    parameters |= record.lens(path, lens_key, _plain(path, lens_key, content[lens_key]))
+    camera = record.camera(path, _size(path, content) or size_px or _no_size(path), parameters)
+    unit = content.get("length_unit")
+    if unit is not None and unit not in record.LENGTH_UNITS:
+        raise record.key_error(path, "length_unit", f"{unit!r}; expected one of {', '.join(record.LENGTH_UNITS)}")
+    return record.CameraFile(camera, _pose(path, content), unit, "opencv")
+
+
+def write_opencv_yaml(path: Pathlike, camera: Camera, pose: Pose | None, unit: str | None) -> None:
+    """Write OpenCV's YAML (camera_matrix, distortion_coefficients, rvec, tvec); the covariance is not in it."""
+    d = [camera.k1, camera.k2, camera.p1, camera.p2, camera.k3]
+    if camera.tilt_x or camera.tilt_y:
+        d += [0.0] * 7 + [camera.tilt_x, camera.tilt_y]
+    width, height = camera.size_px
+    parts = [f"%YAML:1.0\n---\nimage_width: {width}\nimage_height: {height}\n"]
+    parts += [_matrix("camera_matrix", camera.matrix), _matrix("distortion_coefficients", np.array([d]))]
+    if pose is not None:
+        parts += [_matrix("rvec", pose.rotvec.reshape(3, 1)), _matrix("tvec", pose.translation.reshape(3, 1))]
+        parts += [f'length_unit: "{unit}"\n']
+    with atomic_write(path) as stream:
+        stream.write("".join(parts))
+
+
+def _matrix(key: str, values: NDArray[np.float64]) -> str:
+    rows, cols = values.shape
+    data = ", ".join(map(repr, values.ravel().tolist()))
+    return f"{key}: !!opencv-matrix\n   rows: {rows}\n   cols: {cols}\n   dt: d\n   data: [ {data} ]\n"
+
+
+def _first(content: dict[str, Any], keys: tuple[str, ...]) -> str | None:
+    return next((key for key in keys if content.get(key) is not None), None)
+
+
+def _plain(path: Pathlike, key: str, value: Any) -> Any:
+    """The numbers of an OpenCV matrix (rows, cols or sizes, and data) as lists; other values as they are."""
+    if not isinstance(value, dict):
+        return value
+    shape = value.get("sizes", [value.get("rows"), value.get("cols")])
+    data = value.get("data")
+    if not isinstance(data, list) or not isinstance(shape, list) or not all(type(n) is int and n >= 0 for n in shape):
+        raise record.key_error(path, key, "not a matrix; expected rows, cols and data")
+    if len(data) != np.prod(shape):
+        raise record.key_error(path, key, f"{len(data)} numbers in data; expected {' x '.join(map(str, shape))}")
+    return np.array(data, dtype=object).reshape(shape).tolist()
+
+
+def _size(path: Pathlike, content: dict[str, Any]) -> tuple[int, int] | None:
+    if "image_width" in content and "image_height" in content:
+        return record.image_size(path, "image_width", [content["image_width"], content["image_height"]])
+    key = _first(content, SIZE_KEYS)
+    return None if key is None else record.image_size(path, key, content[key])
+
+
+def _no_size(path: Pathlike) -> tuple[int, int]:
+    what = "no image size; expected the keys image_width and image_height, or the size from the caller (size_px)"
+    raise FileError(path, what)
+
+
+def _pose(path: Pathlike, content: dict[str, Any]) -> Pose | None:
+    turn, shift = _first(content, ROTATION_KEYS), _first(content, TRANSLATION_KEYS)
+    if turn is None and shift is None:
+        return None
+    if turn is None or shift is None:
+        raise record.key_error(path, turn or shift or "", "a rotation without a translation, or the other way round")
+    values = _plain(path, turn, content[turn])
+    translation = record.numbers(path, shift, _plain(path, shift, content[shift]), (3,))
+    if np.size(np.array(values, dtype=object)) == 3:
+        return Pose.from_rotvec(record.numbers(path, turn, values, (3,)), translation)
+    return record.pose(path, turn, record.numbers(path, turn, values, (3, 3)), translation, mend=True)
+
+
+def _refuse_other_lenses(path: Pathlike, content: dict[str, Any]) -> None:
+    """Fisheye and omnidirectional models use the same keys with another meaning."""
+    model = str(content.get("distortion_model") or content.get("camera_model") or "")
+    if model.lower() not in (*_PLAIN_LENSES, "pinhole"):
+        raise record.key_error(path, "distortion_model", f"{model!r}; expected plumb_bob (k1 k2 p1 p2 k3)")
+    for key in ("fisheye_model", "xi"):
+        if content.get(key):
+            raise record.key_error(path, key, f"{content[key]}: a fisheye lens; expected a pinhole with k1 k2 p1 p2 k3")
