@@ -5,11 +5,23 @@ from windmark.io.cameras import LENGTH_UNITS, CameraFile, read_camera, read_came
 from windmark.io.csvtable import read_table, write_table
 from windmark.io.errors import FileError
 from windmark.io.markers import read_markers, write_markers
+from windmark.io.mesh import read_mesh, write_mesh
+from windmark.io.netcdf import read_nodes_netcdf, write_nodes_netcdf
+from windmark.io.nodes_csv import write_nodes_csv
+from windmark.io.plot3d import detect_plot3d, read_plot3d, write_plot3d
+from windmark.io.plot3d_function import read_plot3d_function, write_plot3d_function
+from windmark.io.plot3d_layout import Plot3dLayout
 from windmark.io.tables import MatchTable, read_detections, read_matches, write_detections, write_matches
+from windmark.io.tecplot import write_tecplot
+from windmark.io.tecplot_read import read_tecplot
 from windmark.io.text import read_json, write_json
+from windmark.io.vtk_write import write_nodes_vtk
 
 __all__ = [
     "LENGTH_UNITS", "CameraFile", "FileError", "MatchTable", "atomic_folder", "atomic_path", "atomic_write",
     "read_camera", "read_camera_file", "read_detections", "read_json", "read_markers", "read_matches", "read_table",
+    "Plot3dLayout", "detect_plot3d", "read_mesh", "read_nodes_netcdf", "read_plot3d", "read_plot3d_function",
+    "read_tecplot", "write_mesh", "write_nodes_csv", "write_nodes_netcdf", "write_nodes_vtk", "write_plot3d",
+    "write_plot3d_function", "write_tecplot",
     "write_camera", "write_detections", "write_json", "write_markers", "write_matches", "write_table",
 ]  # fmt: skip

@@ -1,0 +1,128 @@
+"""Read and write the model's surface grid in any of the known formats."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from windmark.io.errors import FileError, reading
+from windmark.io.fields import LENGTH
+from windmark.io.netcdf import read_nodes_netcdf, write_nodes_netcdf
+from windmark.io.obj_ply import read_obj, write_obj, write_ply
+from windmark.io.plot3d import Face, read_plot3d, write_plot3d
+from windmark.io.stl import read_stl, write_stl
+from windmark.io.structured import Volumes, rename_volumes
+from windmark.io.tecplot import write_tecplot
+from windmark.io.tecplot_read import read_tecplot
+from windmark.io.vtk_read import VTK_SUFFIXES, read_vtk
+from windmark.io.vtk_write import write_nodes_vtk
+from windmark.scene import Mesh
+
+PLOT3D_SUFFIXES = (".grid", ".grd", ".g", ".x", ".xyz", ".p3d", ".p3dfmt", ".fmt", ".unf")
+"""Extensions under which `write_mesh` writes PLOT3D; any file that is nothing else is read as PLOT3D."""
+TECPLOT_SUFFIXES = (".dat", ".tec", ".plt")
+_HEAD_BYTES = 4096
+
+
+def read_mesh(path: str | os.PathLike[str], *, volumes: Volumes = None, volume_face: Face | None = None) -> Mesh:
+    """Read a surface grid: PLOT3D (all layouts), Tecplot ASCII, STL, OBJ, PLY, VTK family, windmark's NetCDF.
+
+    The content decides where it names its format, then the extension; what is left is taken for PLOT3D.
+
+    Parameters
+    ----------
+    path : the file
+    volumes : one volume name for the whole mesh, or {name in the file: volume} for some of its parts. Names in the
+        file are those of blocks (PLOT3D: zone01 ...), zones, solids, groups; "model" where there is none
+    volume_face : for PLOT3D files of volume blocks: the face that is the model, e.g. "kmin"
+
+    Raises
+    ------
+    ValueError
+        For a name in ``volumes`` that the file has not, or ``volume_face`` with another format.
+    FileError
+        For a damaged file, one without faces, or nodes in use at NaN or infinity.
+    """
+    reader = _reader(Path(path))
+    if reader is None:
+        return read_plot3d(path, volumes=volumes, volume_face=volume_face)
+    if volume_face is not None:
+        raise ValueError(f"volume_face: is for PLOT3D volume blocks; {path} is another format")
+    mesh = reader(path, volumes)
+    bad = ~np.isfinite(mesh.vertices).all(axis=1)
+    if mesh.blanked is not None:
+        bad &= ~mesh.blanked
+    if bad.any():
+        node = int(np.argmax(bad))
+        where = ", ".join(f"{v:g}" for v in mesh.vertices[node])
+        raise FileError(path, f"node {node} (from 0) is at ({where}); expected finite coordinates")
+    return mesh
+
+
+def _reader(path: Path) -> Callable[[str | os.PathLike[str], Volumes], Mesh] | None:
+    """The reader for a file, None for PLOT3D."""
+    with reading(path), open(path, "rb") as stream:
+        head = stream.read(_HEAD_BYTES)
+    suffix = path.suffix.lower()
+    first = head.lstrip()[:64].upper()
+    if suffix == ".stl" or (first.startswith(b"SOLID") and b"facet" in head):
+        return lambda p, v: read_stl(p, volumes=v)
+    if suffix == ".obj":
+        return lambda p, v: read_obj(p, volumes=v)
+    if suffix in VTK_SUFFIXES:
+        return lambda p, v: read_vtk(p, volumes=v)
+    if head.startswith(b"\x89HDF\r\n\x1a\n") or suffix == ".nc":
+        return _read_netcdf
+    if first.startswith((b"TITLE", b"VARIABLES", b"ZONE", b"#")) or suffix in TECPLOT_SUFFIXES:
+        return lambda p, v: read_tecplot(p, volumes=v)[0]
+    return None
+
+
+def _read_netcdf(path: str | os.PathLike[str], volumes: Volumes) -> Mesh:
+    mesh = read_nodes_netcdf(path)[0]
+    found, which = np.unique(mesh.volume, return_inverse=True)
+    names = np.array(rename_volumes([str(n) for n in found], volumes), dtype=np.str_)
+    return Mesh(mesh.vertices, mesh.triangles, names[which], mesh.blocks, mesh.blanked)
+
+
+def write_mesh(path: str | os.PathLike[str], mesh: Mesh, *, length_unit: str = "") -> None:
+    """Write a mesh in the format of the extension.
+
+    PLOT3D (.grid, .x, .xyz, .g ..., meshes with blocks only), Tecplot ASCII (.dat, .tec), STL, OBJ, PLY,
+    VTK (.vtp, .vtm), NetCDF (.nc). Volumes survive in Tecplot, OBJ, VTK and NetCDF. Triangles of blocks that were
+    turned round survive in STL, OBJ, PLY, .vtp and NetCDF: the other formats hold blocks only.
+
+    Parameters
+    ----------
+    path : the file
+    mesh : the mesh
+    length_unit : unit of the coordinates, written where the format has a place for it (not in PLOT3D and STL)
+
+    Raises
+    ------
+    ValueError
+        For an unknown extension, or a mesh that the format cannot hold.
+    FileError
+        Where the file cannot be written; then nothing is.
+    """
+    suffix, units = Path(path).suffix.lower(), {LENGTH: length_unit}
+    if suffix in PLOT3D_SUFFIXES:
+        write_plot3d(path, mesh)
+    elif suffix in (".dat", ".tec"):
+        write_tecplot(path, mesh, units=units)
+    elif suffix == ".stl":
+        write_stl(path, mesh)
+    elif suffix == ".obj":
+        write_obj(path, mesh, length_unit=length_unit)
+    elif suffix == ".ply":
+        write_ply(path, mesh, length_unit=length_unit)
+    elif suffix in (".vtp", ".vtm"):
+        write_nodes_vtk(path, mesh, units=units)
+    elif suffix == ".nc":
+        write_nodes_netcdf(path, mesh, units=units)
+    else:
+        known = (*PLOT3D_SUFFIXES, ".dat", ".tec", ".stl", ".obj", ".ply", ".vtp", ".vtm", ".nc")
+        raise ValueError(f"path: {path} must end in one of {known}")

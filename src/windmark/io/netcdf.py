@@ -1,0 +1,141 @@
+"""Results per node as NetCDF-4: the mesh, the fields with their units, and how they were made."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from windmark.io.atomic import atomic_path
+from windmark.io.errors import FileError, reading
+from windmark.io.fields import LENGTH, checked_fields, written_by
+from windmark.scene import Block, Mesh
+
+RESERVED = ("vertices", "triangles", "triangle_volume", "volume", "blanked", "block", "block_shape", "block_first",
+            "node", "triangle", "component", "corner", "ijk")  # fmt: skip
+_CONVENTIONS = (
+    "vertices(node, component) are in length_unit; triangles(triangle, corner) index them from 0, counter-clockwise "
+    "seen from outside; triangle_volume(triangle) indexes volume; a block is the block_shape nodes from block_first "
+    "on, i fastest; every other variable has one value per node, in the unit of its attribute units, "
+    "NaN where the node has none"
+)
+
+
+def write_nodes_netcdf(
+    path: str | os.PathLike[str],
+    mesh: Mesh,
+    fields: Mapping[str, ArrayLike] | None = None,
+    *,
+    units: Mapping[str, str] | None = None,
+    history: Mapping[str, Any] | None = None,
+) -> None:
+    """Write mesh and values per node as a NetCDF-4 file (compressed; opens with ``xarray.open_dataset``).
+
+    Parameters
+    ----------
+    path : the file, usually ``.nc``
+    mesh : the mesh, kept whole: nodes, triangles, volumes, blocks, blanked nodes
+    fields : name -> (V,) values, NaN where there is none
+    units : name -> unit, written as the attribute ``units`` of the variable, and "length" -> that of the coordinates
+    history : how the values were made (options, inputs, dates); written as JSON in the attribute ``history``
+
+    Raises
+    ------
+    ValueError
+        For wrong fields, names with a slash, or a history that JSON cannot hold.
+    FileError
+        Where the file cannot be written; then nothing is.
+    """
+    import xarray
+
+    arrays = checked_fields(mesh, fields or {}, units, RESERVED)
+    slashed = [name for name in arrays if "/" in name]
+    if slashed:
+        raise ValueError(f"fields: the names {slashed} hold a slash, which NetCDF keeps for groups")
+    length_unit = (units or {}).get(LENGTH, "")
+    variables = _mesh_variables(mesh, length_unit)
+    for name, values in arrays.items():
+        variables[name] = ("node", values, {"units": (units or {}).get(name, "")})
+    attributes = {
+        "title": "values at the nodes of a surface grid",
+        "source": written_by(),
+        "conventions": _CONVENTIONS,
+        "length_unit": length_unit,
+        "history": _json(history),
+    }
+    encoding = {
+        name: {"zlib": True, "complevel": 1, "shuffle": True}
+        for name, (_, v, _) in variables.items()
+        if v.dtype.kind in "fi"
+    }
+    dataset = xarray.Dataset(variables, attrs=attributes)
+    content = dataset.to_netcdf(engine="h5netcdf", encoding=encoding)
+    with atomic_path(path) as temporary, open(temporary, "wb") as stream:
+        stream.write(content)
+
+
+def _json(history: Mapping[str, Any] | None) -> str:
+    try:
+        return json.dumps(dict(history or {}), allow_nan=False)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"history: {error}; expected what JSON can hold") from error
+
+
+def _mesh_variables(mesh: Mesh, length_unit: str) -> dict[str, tuple[Any, NDArray[Any], dict[str, str]]]:
+    names, of_triangle = np.unique(mesh.volume, return_inverse=True)
+    out: dict[str, tuple[Any, NDArray[Any], dict[str, str]]] = {
+        "vertices": (("node", "component"), mesh.vertices, {"units": length_unit}),
+        "triangles": (("triangle", "corner"), mesh.triangles, {}),
+        "triangle_volume": ("triangle", of_triangle.astype(np.int32), {}),
+        "volume": ("volume", names.astype(object), {}),
+    }
+    if mesh.blanked is not None:
+        out["blanked"] = ("node", mesh.blanked.astype(np.int8), {})
+    if mesh.blocks:
+        out["block"] = ("block", np.array([b.name for b in mesh.blocks], dtype=object), {})
+        out["block_shape"] = (("block", "ijk"), np.array([b.shape_ijk for b in mesh.blocks], dtype=np.int32), {})
+        out["block_first"] = ("block", np.array([b.first for b in mesh.blocks], dtype=np.int64), {})
+    return out
+
+
+def read_nodes_netcdf(
+    path: str | os.PathLike[str],
+) -> tuple[Mesh, dict[str, NDArray[np.floating]], dict[str, str], dict[str, Any]]:
+    """Read what `write_nodes_netcdf` has written.
+
+    Returns
+    -------
+    mesh, fields (name -> (V,) values), units (name -> unit, where one was given, and "length"), history
+
+    Raises
+    ------
+    FileError
+        For a file that is no such file.
+    """
+    import xarray
+
+    with reading(path), open(path, "rb") as stream:
+        content = io.BytesIO(stream.read())
+    try:
+        with xarray.open_dataset(content, engine="h5netcdf") as opened:
+            dataset = opened.load()
+        blanked = dataset["blanked"].values != 0 if "blanked" in dataset else None
+        blocks: tuple[Block, ...] = ()
+        if "block_shape" in dataset:
+            columns = (dataset[name].values.tolist() for name in ("block", "block_shape", "block_first"))
+            blocks = tuple(Block(name, (i, j, k), first) for name, (i, j, k), first in zip(*columns, strict=True))
+        volume = dataset["volume"].values.astype(np.str_)[dataset["triangle_volume"].values]
+        mesh = Mesh(dataset["vertices"].values, dataset["triangles"].values, volume, blocks, blanked)
+        history = json.loads(dataset.attrs["history"])
+    except (KeyError, ValueError, IndexError, OSError) as error:
+        raise FileError(path, f"expected a NetCDF file of node values by windmark ({error})") from error
+    fields = {str(n): v.values for n, v in dataset.data_vars.items() if v.dims == ("node",) and n not in RESERVED}
+    units = {n: str(dataset[n].attrs["units"]) for n in fields if dataset[n].attrs.get("units")}
+    if dataset.attrs.get("length_unit"):
+        units[LENGTH] = str(dataset.attrs["length_unit"])
+    return mesh, fields, units, history

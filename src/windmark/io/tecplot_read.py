@@ -1,0 +1,271 @@
+"""Read Tecplot ASCII surfaces: ordered zones, triangles and quadrilaterals with values at their nodes."""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.io.errors import FileError, reading
+from windmark.io.fields import split_label
+from windmark.io.numbers_text import NumberText, parse_numbers
+from windmark.io.structured import Volumes, rename_volumes, structured_mesh
+from windmark.io.tecplot import equals_fill
+from windmark.scene import Block, Mesh
+
+Array = NDArray[np.float64]
+
+# A line of words; lines of numbers may also begin with the letters of NaN or infinity, as other programs write them.
+_WORDS = re.compile(rb'^[ \t]*(?!nan|inf)[A-Za-z"#(].*$', re.MULTILINE | re.IGNORECASE)
+_SETTING = re.compile(r'([A-Za-z_]\w*)\s*=\s*("[^"]*"|\([^)]*\)|[^\s,"()]+)')
+_NAME = re.compile(r'"([^"]*)"|([^\s,"]+)')
+_SHARED = re.compile(r"\(\[([\d,-]+)\]=(\d+)\)")
+_SIZE_KEYS = {True: (("I",), ("J",), ("K",)), False: (("N", "NODES"), ("E", "ELEMENTS"))}
+_NODES_OF = {"FETRIANGLE": 3, "FEQUADRILATERAL": 4}
+_IGNORED = ("TITLE", "VARAUXDATA", "FILETYPE")
+_UNKNOWN = ("TEXT", "GEOMETRY", "CUSTOMLABELS", "USERREC")
+
+
+@dataclass
+class _Zone:
+    """A zone as written: settings in capitals, auxiliary data in small letters."""
+
+    line: int
+    header: str
+    aux: dict[str, str] = field(default_factory=dict)
+    data: bytes = b""
+    data_line: int = 0
+
+    @property
+    def settings(self) -> dict[str, str]:
+        return {key.upper(): value.strip('"') for key, value in _SETTING.findall(self.header)}
+
+
+@dataclass
+class _Content:
+    path: Path
+    variables: str = ""
+    aux: dict[str, str] = field(default_factory=dict)
+    zones: list[_Zone] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class _Part:
+    """A zone's content: ``shape`` is None for finite elements, ``values`` those of zone ``shared`` if there is one."""
+
+    name: str
+    volume: str
+    values: Array
+    elements: NDArray[np.int64]
+    shape: tuple[int, int, int] | None
+    shared: int | None
+
+
+def read_tecplot(
+    path: str | os.PathLike[str], *, volumes: Volumes = None
+) -> tuple[Mesh, dict[str, NDArray[np.floating]]]:
+    """Read the mesh and the values per node of a Tecplot ASCII file.
+
+    Parameters
+    ----------
+    path : the file. Read are ordered zones that are surfaces and zones of triangles or quadrilaterals, in POINT
+        or BLOCK packing; x, y and z must be among the variables
+    volumes : one volume name for all, or {volume in the file: volume} for some; in the file it is the zone's
+        auxiliary ``Volume`` or its name
+
+    Returns
+    -------
+    mesh : with blocks if all zones are ordered
+    fields : variable's name -> (V,) values. A variable ``iblank`` becomes the mesh's blanked nodes, the fill value
+        that the file names becomes NaN, and ``valid`` beside it is left out
+
+    Raises
+    ------
+    FileError
+        For what is no such file, or holds other numbers than its zones declare: names the line.
+    """
+    with reading(path):
+        raw = Path(path).read_bytes()
+    content = _parse(raw, Path(path))
+    names = [quoted or bare for quoted, bare in _NAME.findall(content.variables)]
+    parts: list[_Part] = []
+    for zone in content.zones:
+        parts.append(_part(content.path, zone, len(names), len(parts)))
+    if not parts:
+        raise FileError(path, "no ZONE; expected a Tecplot ASCII file")
+    columns = dict(zip(names, np.concatenate([p.values for p in parts], axis=1), strict=True))
+    fill = content.aux.get("nanvalue")
+    blank = next((n for n in names if n.lower() == "iblank"), None)
+    blanked = None if blank is None else columns.pop(blank) == 0
+    if fill is not None:
+        columns = {n: np.where(equals_fill(c, float(fill)), np.nan, c) for n, c in columns.items()}
+        columns.pop("valid", None)
+    vertices = np.stack([_axis(content.path, columns, axis) for axis in "xyz"], axis=1)
+    return _mesh(vertices, parts, blanked, volumes), columns
+
+
+def _axis(path: Path, columns: dict[str, Array], axis: str) -> Array:
+    """Take a coordinate out of the columns; its name may carry a unit."""
+    for name in columns:
+        if split_label(name)[0].strip().lower() == axis:
+            return columns.pop(name)
+    raise FileError(path, f"no variable {axis}; it has {list(columns)}", "VARIABLES")
+
+
+def _parse(raw: bytes, path: Path) -> _Content:
+    """Split the file into its records; numbers stay text."""
+    content = _Content(path)
+    record = ""
+    for text, line, data, data_line in _lines_of_words(raw):
+        if not text.startswith("#"):
+            word = re.match(r"\w*", text)[0].upper()  # type: ignore[index]
+            rest = text[len(word) :]
+            if word in _UNKNOWN:
+                raise FileError(path, f"{word} records are not read; expected zones only", line)
+            if word == "ZONE":
+                content.zones.append(_Zone(line, rest))
+            elif word == "VARIABLES":
+                content.variables = rest.replace("=", " ", 1)
+            elif word in ("DATASETAUXDATA", "AUXDATA"):
+                aux = content.zones[-1].aux if word == "AUXDATA" and content.zones else content.aux
+                aux.update({key.lower(): value.strip('"') for key, value in _SETTING.findall(rest)})
+            elif word not in _IGNORED:
+                _continue(content, record, text, line)
+            record = word if word in ("ZONE", "VARIABLES", "DATASETAUXDATA", "AUXDATA", *_IGNORED) else record
+        if data.strip():
+            if not content.zones:
+                raise FileError(path, "numbers before the first ZONE", data_line)
+            zone = content.zones[-1]
+            zone.data_line = zone.data_line or data_line
+            zone.data += data
+    return content
+
+
+def _continue(content: _Content, record: str, text: str, line: int) -> None:
+    """A line that continues the record above it."""
+    if record == "ZONE" and not content.zones[-1].data:
+        content.zones[-1].header += " " + text
+    elif record == "VARIABLES":
+        content.variables += " " + text
+    else:
+        raise FileError(content.path, f"expected a record of a Tecplot ASCII file, got {text[:30]!r}", line)
+
+
+def _lines_of_words(raw: bytes) -> Iterator[tuple[str, int, bytes, int]]:
+    """Each line of words with its number, and the numbers between it and the next with theirs."""
+    matches = list(_WORDS.finditer(raw))
+    first = raw[: matches[0].start()] if matches else raw
+    if first.strip():
+        yield "#", 1, first, 1
+    line, at = 1, 0
+    for match, after in zip(matches, [*matches[1:], None], strict=True):
+        line, at = line + raw.count(b"\n", at, match.start()), match.start()
+        data = raw[match.end() : after.start() if after else len(raw)]
+        yield match.group().decode("utf-8", "replace").strip(), line, data, line
+
+
+def _part(path: Path, zone: _Zone, n_variables: int, index: int) -> _Part:
+    """Take a zone's numbers apart as its header says."""
+    settings = zone.settings
+    kind, packing = _kind(path, zone, settings, n_variables)
+    sizes = [_whole(path, zone, settings, *keys) for keys in _SIZE_KEYS[kind == "ORDERED"]]
+    shape = None
+    if kind == "ORDERED":
+        shape = (sizes[0], sizes[1], sizes[2])
+        if min(shape) > 1:
+            raise FileError(path, f"a zone of {shape} nodes is a volume; expected a surface", zone.line)
+    nodes, elements = (math.prod(sizes), 0) if shape else (sizes[0], sizes[1])
+    per_element = _NODES_OF.get(kind, 0)
+    shared = _shared(path, zone, settings, n_variables, index)
+    n_values = 0 if shared is not None else nodes * n_variables
+    numbers = parse_numbers(zone.data, path, zone.data_line)
+    if numbers.total != n_values + elements * per_element:
+        what = f"{n_values} values of {nodes} nodes and {elements * per_element} node numbers"
+        raise FileError(path, f"the zone holds {numbers.total} numbers; expected {what}", zone.line)
+    values = numbers.all()[:n_values]
+    columns = values.reshape(-1, n_variables).T if packing == "POINT" else values.reshape(n_variables, -1)
+    corners = _corners(path, zone, numbers, n_values, nodes, per_element)
+    name = settings.get("T", f"zone{index + 1:02d}")
+    return _Part(name, zone.aux.get("volume", name), columns, corners, shape, shared)
+
+
+def _kind(path: Path, zone: _Zone, settings: dict[str, str], n_variables: int) -> tuple[str, str]:
+    """(zone type, packing) in capitals, from the words of new and old files."""
+    old = settings.get("F", "").upper()
+    element = f"FE{settings.get('ET', 'TRIANGLE')}".upper() if old.startswith("FE") else "ORDERED"
+    kind = settings.get("ZONETYPE", element).upper()
+    if kind not in ("ORDERED", *_NODES_OF):
+        raise FileError(path, f"zone type {kind} is not read; expected one of {['ORDERED', *_NODES_OF]}", zone.line)
+    if "CELLCENTERED" in settings.get("VARLOCATION", "").upper():
+        raise FileError(path, "values at cell centres are not read; expected values at nodes", zone.line)
+    for key in ("PASSIVEVARLIST", "CONNECTIVITYSHAREZONE"):
+        if key in settings:
+            raise FileError(path, f"{key} is not read; expected all variables and elements in every zone", zone.line)
+    packing = settings.get("DATAPACKING", old.removeprefix("FE")).upper()
+    if not packing and len(zone.data.lstrip().split(b"\n", 1)[0].split()) == n_variables:
+        packing = "POINT"
+    if packing not in ("POINT", "BLOCK"):
+        raise FileError(path, f"DATAPACKING is {packing or 'missing'}; expected POINT or BLOCK", zone.line)
+    return kind, packing
+
+
+def _whole(path: Path, zone: _Zone, settings: dict[str, str], *keys: str) -> int:
+    """A size of the zone; I, J and K are 1 where they are left out."""
+    text = next((settings[key] for key in keys if key in settings), "1" if len(keys) == 1 else "")
+    if not text.isdecimal() or int(text) < 1:
+        raise FileError(path, f"{keys[0]} is {text or 'missing'}; expected a whole number above 0", zone.line)
+    return int(text)
+
+
+def _shared(path: Path, zone: _Zone, settings: dict[str, str], n_variables: int, index: int) -> int | None:
+    """The 0-based zone whose nodes this one shares."""
+    if "VARSHARELIST" not in settings:
+        return None
+    match = _SHARED.fullmatch("".join(settings["VARSHARELIST"].split()))
+    if match is None or match[1] != f"1-{n_variables}" or not 1 <= int(match[2]) <= index:
+        what = f"VARSHARELIST is {settings['VARSHARELIST']}; expected ([1-{n_variables}]=N) with a zone N above"
+        raise FileError(path, what, zone.line)
+    return int(match[2]) - 1
+
+
+def _corners(path: Path, zone: _Zone, numbers: NumberText, at: int, nodes: int, per_element: int) -> NDArray[np.int64]:
+    """(E, 3) 0-based triangles; quadrilaterals are split, and halves without a third corner left out."""
+    if not per_element:
+        return np.zeros((0, 3), dtype=np.int64)
+    corners = numbers.all()[at:].reshape(-1, per_element)
+    if len(corners) and not (corners.min() >= 1 and corners.max() <= nodes and (corners == np.floor(corners)).all()):
+        raise FileError(path, f"an element names a node that is none; expected whole numbers 1 to {nodes}", zone.line)
+    index = corners.astype(np.int64) - 1
+    if per_element == 3:
+        return index
+    halves = np.concatenate([index[:, [0, 1, 2]], index[:, [0, 2, 3]]])
+    a, b, c = halves.T
+    return halves[(a != b) & (b != c) & (c != a)]
+
+
+def _mesh(vertices: Array, parts: list[_Part], blanked: NDArray[np.bool_] | None, volumes: Volumes) -> Mesh:
+    """Put the zones together."""
+    starts = np.cumsum([0, *(p.values.shape[1] for p in parts)]).tolist()
+    names = rename_volumes([p.volume for p in parts], volumes)
+    blocks = tuple(Block(p.name, p.shape, s) for p, s in zip(parts, starts, strict=False) if p.shape)
+    if len(blocks) == len(parts):
+        return structured_mesh(vertices, blocks, blanked, volumes=names)
+    triangles, of_triangle = [], []
+    for k, part in enumerate(parts):
+        first = starts[k if part.shared is None else part.shared]
+        own = part.elements + first
+        if part.shape:
+            one = structured_mesh(vertices, (Block(part.name, part.shape, first),), blanked)
+            own = one.triangles.astype(np.int64)
+        elif blanked is not None:
+            own = own[~blanked[own].any(axis=1)]
+        triangles.append(own)
+        of_triangle += [names[k]] * len(own)
+    mesh = Mesh.make(vertices, np.concatenate(triangles).astype(np.int32), np.array(of_triangle, dtype=np.str_))
+    return Mesh(mesh.vertices, mesh.triangles, mesh.volume, (), blanked)
