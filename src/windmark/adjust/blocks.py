@@ -72,7 +72,8 @@ class PoseBlock:
     def difference(self, value: Pose, reference: Pose) -> tuple[Array, Array]:
         """``log(value @ reference^-1)``; its derivative is the inverse left Jacobian of SE(3)."""
         delta = (value @ reference.inverse()).log()
-        return delta, np.linalg.solve(se3_left_jacobian(delta), np.eye(6))
+        inverse = np.asarray(np.linalg.inv(se3_left_jacobian(delta)), dtype=float)
+        return delta, inverse
 
 
 def se3_left_jacobian(delta: Array) -> Array:

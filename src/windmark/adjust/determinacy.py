@@ -1,12 +1,16 @@
 """What the observations determine: weak directions, named, and the covariance of the rest.
 
-Criterion. The information matrix is taken in natural units (`Block.natural`: 1 rad about the points, the
-distance itself, the focal length itself, ...). An eigenvalue is 1 / sigma^2 of its direction. A direction
-is *not determined* where its uncertainty (2 sigma) is larger than the parameter itself, or where the
-eigenvalue is rounding error of the largest one. The first holds for data near a degenerate case (a focal
-length on a plane seen almost frontally), where a test of the condition number alone would pass and give a
-number without meaning; the second for exactly degenerate cases, whatever the observations' sigma. Both are
-free of units and of the order of parameters.
+Criterion. The information matrix H is looked at in natural units (`Block.natural`: 1 rad about the points, the
+distance itself, the focal length itself, ...). A direction is *not determined* where
+
+- its uncertainty (2 sigma) is larger than one natural unit, the parameter itself: this holds near a degenerate
+  case (a focal length on a plane seen almost frontally), where a test of the condition number alone would pass
+  and give a number without meaning; or
+- it belongs to a null eigenvalue, to rounding, of H scaled to unit diagonal: exactly degenerate cases, whatever
+  the observations' sigma. Scaling to unit diagonal is within a factor P of the best there is (van der Sluis
+  1969), and keeps one tight prior from making everything else look weak.
+
+Both are free of length units and of the order of the parameters.
 """
 
 from __future__ import annotations
@@ -22,8 +26,11 @@ Array = NDArray[np.float64]
 MAX_UNCERTAINTY = 1.0
 """Largest uncertainty (2 sigma) of a determined direction, in natural units."""
 
-MAX_CONDITION = 1e13
-"""Largest condition number of the information matrix in natural units that still means something."""
+NULL_EIGENVALUE = 1e-13
+"""Eigenvalue of the information matrix scaled to unit diagonal that is zero but for rounding."""
+
+_FLOOR = 1e-6
+"""Information (per natural unit squared) that stands for none at all."""
 
 _SHARE = 0.1
 """A parameter is named when it holds at least this part of the squared length of a weak direction."""
@@ -37,12 +44,27 @@ def weak_parameters(system: NormalEquations, names: tuple[str, ...]) -> tuple[st
     system : normal equations, in natural units
     names : (P,) names of the parameters
     """
-    # Rows of a parameter that nothing depends on are zero: such a parameter is an eigenvector by itself.
-    value, vector = np.linalg.eigh(system.information)
-    limit = max((2 / MAX_UNCERTAINTY) ** 2, value.max(initial=0.0) / MAX_CONDITION)
-    weak = vector[:, value < limit]
-    share = (weak**2).max(axis=1, initial=0.0)
+    value, vector = _scaled_eigen(system.information)
+    null = value < NULL_EIGENVALUE
+    weak = [vector[:, null] / np.linalg.norm(vector[:, null], axis=0)]
+    if not null.all():
+        # Of a covariance the largest eigenvalues, the weak ones, are the accurate ones.
+        variance, direction = np.linalg.eigh((vector[:, ~null] / value[~null]) @ vector[:, ~null].T)
+        weak.append(direction[:, variance > (MAX_UNCERTAINTY / 2) ** 2])
+    share = (np.concatenate(weak, axis=1) ** 2).max(axis=1, initial=0.0)
     return tuple(name for name, part in zip(names, share, strict=True) if part >= _SHARE)
+
+
+def _scaled_eigen(information: Array) -> tuple[Array, Array]:
+    """Eigenvalues (P,) of the matrix scaled to unit diagonal, and its eigenvectors scaled back, as columns.
+
+    The inverse of the matrix is ``(vector / value) @ vector.T``.
+    """
+    # Without the floor the rounding of a zero would pass for information once it is scaled to 1.
+    h = information + _FLOOR * np.eye(len(information))
+    scale = np.sqrt(np.diagonal(h))
+    value, vector = np.linalg.eigh(h / scale[:, None] / scale)
+    return value, vector / scale[:, None]
 
 
 def covariance(system: NormalEquations, names: tuple[str, ...], noise: Array | None = None) -> Array:
@@ -62,6 +84,7 @@ def covariance(system: NormalEquations, names: tuple[str, ...], noise: Array | N
     weak = weak_parameters(system, names)
     if weak:
         raise DegenerateGeometry("the observations do not determine all free parameters", weak)
-    inverse = np.linalg.inv(system.information)
+    value, vector = _scaled_eigen(system.information)
+    inverse = (vector / value) @ vector.T
     cov = system.natural @ (inverse if noise is None else inverse @ noise @ inverse) @ system.natural.T
     return (cov + cov.T) / 2

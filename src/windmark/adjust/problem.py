@@ -28,19 +28,19 @@ class NormalEquations:
     Parameters
     ----------
     cost : half the sum of the losses
-    gradient : (P,) derivative of the cost by a tangent step
-    information : (P, P) J^T W J
+    gradient : (P,) derivative of the cost by a step in natural units
+    information : (P, P) J^T W J in natural units
     natural : (P, P) block-diagonal, columns are the natural units as tangent steps
     """
 
     def __init__(self, cost: float, gradient: Array, information: Array, natural: Array) -> None:
         self.cost = cost
+        self.gradient = gradient
+        self.information = information
         self.natural = natural
-        self.gradient = natural.T @ gradient
-        self.information = natural.T @ information @ natural
-        diagonal = np.diagonal(self.information)
-        # A parameter that nothing depends on must not make the damped matrix singular.
-        self._damping = np.maximum(diagonal, 1e-15 * diagonal.max(initial=0.0))
+        # Marquardt's scaling. A parameter whose sigma exceeds its natural unit is not determined (`determinacy`):
+        # there the damping must not fall to rounding level with the information.
+        self._damping = np.maximum(np.diagonal(information), 1.0)
 
     def solve(self, damping: float) -> Step | None:
         """Step that minimises the model plus Marquardt's term; None where the matrix is not positive definite."""
@@ -106,6 +106,7 @@ class Problem:
     def linearise(self, values: Values) -> NormalEquations | None:
         """Cost, gradient and information at ``values``; None where a term has no prediction."""
         cost = 0.0
+        natural = self.natural(values)
         gradient = np.zeros(self.size)
         information = np.zeros((self.size, self.size))
         for term, columns in zip(self.terms, self._columns, strict=True):
@@ -117,14 +118,16 @@ class Problem:
             cost += 0.5 * float(rho.sum())
             if not columns.size:
                 continue
+            own = np.ix_(columns, columns)
             j = np.concatenate([linearised.jacobian[name] for name in term.blocks], axis=-1)
             root = np.sqrt(weight)[:, None]
-            j = (j * root[..., None]).reshape(-1, columns.size)
+            # Natural units go in before squaring: a turn about the points cancels most of a turn about the camera.
+            j = (j * root[..., None]).reshape(-1, columns.size) @ natural[own]
             gradient[columns] += j.T @ (residual * root).ravel()
-            information[np.ix_(columns, columns)] += j.T @ j
+            information[own] += j.T @ j
         if not np.isfinite(cost):
             return None
-        return NormalEquations(cost, gradient, information, self.natural(values))
+        return NormalEquations(cost, gradient, information, natural)
 
     def natural(self, values: Values) -> Array:
         """(P, P) natural units of all blocks as tangent steps, block-diagonal."""
