@@ -1,8 +1,8 @@
-"""Numba kernels of the ray caster: rays of pixels, binning of rays, first hits, node normals.
+"""Numba kernels of the ray caster: rays of pixels, binning of rays, first hits.
 
 Everything happens in the ideal image plane of the camera (u = X/Z, v = Y/Z), where the lens has
 no say: triangles have straight edges there whatever the distortion, and a ray is a point.
-The readable twins are in tests/resection/twins.py.
+Readable twins: `Camera.unproject`, and `brute_force` in tests/resection/scenes.py.
 """
 
 from __future__ import annotations
@@ -13,13 +13,9 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.geometry._kernels import project_point, to_camera
-
 Array = NDArray[np.float64]
 Ints = NDArray[np.int32]
 Floats3 = tuple[float, float, float]
-
-VISIBLE, BLANKED, LENS, OUTSIDE, FACING_AWAY, OBLIQUE, HIDDEN = range(7)
 
 # Rays this close to an edge (relative to the size of the products that are subtracted) count as
 # on it, so that no ray slips through a vertex or a seam by rounding.
@@ -31,9 +27,10 @@ def pixel_rays(from_pixels: Array, lens: Array, max_s: float, plain: bool, first
     """Ideal coordinates of the pixel centres of consecutive rows, (rows, width, 2).
 
     Newton's method from the parabola through the three pixels above, so that one step is mostly
-    enough (above and not to the left: neighbours in a row can then be computed together); NaN where it does not reach a point at which the lens is one to one (the caller
-    asks `Camera.unproject` there). ``from_pixels`` is the homography from pixels to distorted
-    coordinates, ``lens`` holds k1, k2, p1, p2, k3 (all zero where ``plain``).
+    enough (above and not to the left: neighbours in a row can then be computed together); NaN where
+    it does not reach a point at which the lens is one to one (the caller asks `Camera.unproject`
+    there). ``from_pixels`` is the homography from pixels to distorted coordinates, ``lens`` holds k1,
+    k2, p1, p2, k3 (all zero where ``plain``).
     """
     h = from_pixels
     for i in range(rays.shape[0]):
@@ -80,31 +77,6 @@ def _undistort(lens: Array, max_s: float, q: float, r: float, u: float, v: float
                 return u, v
             return math.nan, math.nan
     return math.nan, math.nan
-
-
-@nb.njit(cache=True, nogil=True)
-def look(rotation: Array, translation: Array, camera: Array, size: Array, points: Array, cam: Array, xy: Array,
-         state: NDArray[np.uint8]) -> None:  # fmt: skip
-    """Camera coordinates and pixels of points (N, 3), and whether they are in the picture (VISIBLE, OUTSIDE, LENS)."""
-    for n in range(points.shape[0]):
-        x, y, z = to_camera(rotation, translation, points[n, 0], points[n, 1], points[n, 2])
-        cam[n, 0], cam[n, 1], cam[n, 2] = x, y, z
-        px, py, ok = project_point(camera, x, y, z)
-        xy[n, 0], xy[n, 1] = px, py
-        if ok:
-            inside = px >= -0.5 and py >= -0.5 and px <= size[0] - 0.5 and py <= size[1] - 0.5
-            state[n] = VISIBLE if inside else OUTSIDE
-        else:
-            state[n] = LENS if z > 0.0 else OUTSIDE
-
-
-@nb.njit(cache=True, nogil=True)
-def transform(rotation: Array, translation: Array, points: Array, out: Array) -> None:
-    """Points (N, 3) turned and moved."""
-    for n in range(points.shape[0]):
-        out[n, 0], out[n, 1], out[n, 2] = to_camera(
-            rotation, translation, points[n, 0], points[n, 1], points[n, 2]
-        )
 
 
 @nb.njit(cache=True, nogil=True)
@@ -283,84 +255,3 @@ def _negative(a: Floats3) -> Floats3:
 @nb.njit(cache=True, nogil=True)
 def _size(a: Floats3) -> float:
     return abs(a[0]) + abs(a[1]) + abs(a[2])
-
-
-@nb.njit(cache=True, nogil=True)
-def distance_behind(cam: Array, triangles: Ints, points: Array, triangle: Ints, out: Array) -> None:
-    """Distance of points (N, 3) behind the planes of the triangles (N,) they were tested against.
-
-    Positive on the far side as seen from the camera; -inf where there is no triangle (-1). All in the camera frame.
-    """
-    for n in range(points.shape[0]):
-        out[n] = -math.inf
-        t = triangle[n]
-        if t < 0:
-            continue
-        i, j, k = triangles[t, 0], triangles[t, 1], triangles[t, 2]
-        normal, _ = _normal_of(cam, i, j, k)
-        length = math.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2)
-        away = (
-            normal[0] * (points[n, 0] - cam[i, 0])
-            + normal[1] * (points[n, 1] - cam[i, 1])
-            + normal[2] * (points[n, 2] - cam[i, 2])
-        )
-        camera_side = -(normal[0] * cam[i, 0] + normal[1] * cam[i, 1] + normal[2] * cam[i, 2])
-        if length > 0.0:
-            out[n] = -away / length if camera_side > 0.0 else away / length
-
-
-@nb.njit(cache=True, nogil=True)
-def sight_cosines(cam: Array, triangles: Ints, points: Array, triangle: Ints, out: Array) -> None:
-    """Cosine between the normal of each point's triangle and the line from the point to the camera; NaN for none."""
-    for n in range(points.shape[0]):
-        out[n] = math.nan
-        t = triangle[n]
-        if t >= 0:
-            m, _ = _normal_of(cam, triangles[t, 0], triangles[t, 1], triangles[t, 2])
-            x, y, z = points[n, 0], points[n, 1], points[n, 2]
-            lengths = math.sqrt((m[0] ** 2 + m[1] ** 2 + m[2] ** 2) * (x * x + y * y + z * z))
-            if lengths > 0.0:
-                out[n] = -(m[0] * x + m[1] * y + m[2] * z) / lengths
-
-
-@nb.njit(cache=True, nogil=True)
-def node_normals(cam: Array, triangles: Ints, normals: Array, faces: NDArray[np.uint8]) -> None:
-    """Area-weighted sum of the normals round each node (V, 3), started at 0, in the camera frame.
-
-    ``faces`` (V,), started at 0: 1 for a node in a triangle, 2 where one of its triangles faces the camera.
-    """
-    for t in range(triangles.shape[0]):
-        i, j, k = triangles[t, 0], triangles[t, 1], triangles[t, 2]
-        n, sight = _normal_of(cam, i, j, k)
-        face = np.uint8(2) if sight < 0.0 else np.uint8(1)
-        for m in range(3):
-            v = triangles[t, m]
-            normals[v, 0] += n[0]
-            normals[v, 1] += n[1]
-            normals[v, 2] += n[2]
-            faces[v] = max(faces[v], face)
-
-
-@nb.njit(cache=True, nogil=True)
-def _normal_of(cam: Array, i: int, j: int, k: int) -> tuple[Floats3, float]:
-    """Normal of a triangle (length = twice the area) and its product with the line of sight (< 0: it faces us)."""
-    x, y, z = cam[i, 0], cam[i, 1], cam[i, 2]
-    n = _cross((cam[j, 0] - x, cam[j, 1] - y, cam[j, 2] - z), (cam[k, 0] - x, cam[k, 1] - y, cam[k, 2] - z))
-    return n, n[0] * x + n[1] * y + n[2] * z
-
-
-@nb.njit(cache=True, nogil=True)
-def interpolate(triangles: Ints, values: Array, triangle: Ints, weights: Array, out: Array) -> None:
-    """Node values (V, K) at points given by triangle (N,) and weights (N, 2); NaN where triangle is -1."""
-    for n in range(triangle.shape[0]):
-        t = triangle[n]
-        for m in range(values.shape[1]):
-            if t < 0:
-                out[n, m] = math.nan
-            else:
-                a = values[triangles[t, 0], m]
-                out[n, m] = (
-                    a
-                    + weights[n, 0] * (values[triangles[t, 1], m] - a)
-                    + weights[n, 1] * (values[triangles[t, 2], m] - a)
-                )

@@ -77,7 +77,15 @@ def cast(
     return hits
 
 
-def _cast_part(vertices_cam: Array, triangles: NDArray[np.int32], rays: Array, cull: bool, hits: Hits) -> None:
+def _cast_part(
+    vertices_cam: Array,
+    triangles: NDArray[np.int32],
+    rays: Array,
+    cull: bool,
+    hits: Hits,
+    place: NDArray[np.int64] | None = None,
+) -> None:
+    """Cast rays that are a part of those of ``hits``, at ``place`` (None: all of them)."""
     from windmark.resection import _kernels
 
     count, *box = _kernels.ray_box(rays)
@@ -86,10 +94,26 @@ def _cast_part(vertices_cam: Array, triangles: NDArray[np.int32], rays: Array, c
     grid, columns, rows = _grid_over(np.array(box[:2]), np.array(box[2:]), count)
     start, order, binned = np.zeros(rows * columns + 1, np.int64), np.empty(count, np.int64), np.empty((count, 2))
     _kernels.bin_rays(rays, grid, columns, start, order, binned)
+    if _crowded(start):
+        # Nodes may crowd in a corner of the picture; halves have grids that fit them better.
+        axis = int(np.argmax(np.array(box[2:]) - np.array(box[:2])))
+        low = rays[:, axis] < np.median(binned[:, axis])
+        if low.any():
+            for half in (np.flatnonzero(low), np.flatnonzero(~low)):
+                part = half if place is None else place[half]
+                _cast_part(vertices_cam, triangles, rays[half], cull, hits, part)
+            return
     depth = np.full(count, np.inf)
+    order = order if place is None else place[order]
     _kernels.first_hits(
         vertices_cam, triangles, binned, order, grid, columns, start, cull, depth, hits.triangle, hits.weights
     )
+
+
+def _crowded(start: NDArray[np.int64]) -> bool:
+    """Whether the cell of a typical ray holds many other rays, so that triangles would test far too many."""
+    occupancy = np.diff(start)
+    return bool(start[-1] > 1024 and occupancy @ occupancy > 32 * start[-1])
 
 
 def _grid_over(low: Array, high: Array, count: int) -> tuple[Array, int, int]:
@@ -103,10 +127,10 @@ def _grid_over(low: Array, high: Array, count: int) -> tuple[Array, int, int]:
 
 def to_camera_frame(cam_from_model: Pose, points: Array) -> Array:
     """`Pose.apply` for many points, (N, 3)."""
-    from windmark.resection import _kernels
+    from windmark.resection import _points
 
     out = np.empty((len(points), 3))
-    _kernels.transform(cam_from_model.rotation, cam_from_model.translation, np.ascontiguousarray(points), out)
+    _points.transform(cam_from_model.rotation, cam_from_model.translation, np.ascontiguousarray(points), out)
     return out
 
 

@@ -88,7 +88,7 @@ class PixelMap:
         return flat.reshape(*self.triangle.shape, 3)
 
     def depth(self) -> Array:
-        """z of the surface points in the camera frame, (H, W), NaN where not valid."""
+        """Z coordinate of the surface points in the camera frame, (H, W), NaN where not valid."""
         return self.interpolate(self.cam_from_model.apply(self.mesh.vertices)[:, 2])
 
     def obliquity_deg(self) -> Array:
@@ -101,7 +101,7 @@ class PixelMap:
         triangle, weights = self.triangle[found], self.barycentric[found]
         points = interpolate_at(self.mesh.triangles, vertices_cam, triangle, weights)
         cosine = sight_cosines(vertices_cam, self.mesh.triangles, points, triangle)
-        return self.to_image(np.degrees(np.arccos(np.clip(np.abs(cosine), 0, 1))))
+        return np.asarray(self.to_image(np.degrees(np.arccos(np.clip(np.abs(cosine), 0, 1)))))
 
     def to_image(self, values: ArrayLike) -> NDArray[np.floating]:
         """Values of the valid pixels in row-major order (as ``x[pixel_map.valid]`` has them), as an image.
@@ -110,10 +110,9 @@ class PixelMap:
         """
         v = np.asarray(values)
         found = self.valid
-        if v.ndim == 0 or len(v) != np.count_nonzero(found):
-            raise ValueError(
-                f"PixelMap.to_image: values must be ({np.count_nonzero(found)}, ...), one per valid pixel, got {v.shape}"
-            )
+        count = np.count_nonzero(found)
+        if v.ndim == 0 or len(v) != count:
+            raise ValueError(f"PixelMap.to_image: values must be ({count}, ...), one per valid pixel, got {v.shape}")
         out = np.full((*found.shape, *v.shape[1:]), np.nan, v.dtype if v.dtype.kind == "f" else np.float64)
         out[found] = v
         return out
@@ -179,18 +178,18 @@ def map_pixels(mesh: Mesh, camera: Camera, cam_from_model: Pose, *, cull_backfac
 def sight_cosines(vertices_cam: Array, triangles: NDArray[np.int32], points_cam: Array, triangle: NDArray[np.int32]
                   ) -> Array:  # fmt: skip
     """Cosine of the angle at which the triangles (N,) of points (N, 3) are seen: < 0 from behind; camera frame."""
-    from windmark.resection import _kernels
+    from windmark.resection import _points
 
     out = np.empty(len(points_cam))
-    _kernels.sight_cosines(vertices_cam, triangles, points_cam, triangle, out)
+    _points.sight_cosines(vertices_cam, triangles, points_cam, triangle, out)
     return out
 
 
 def interpolate_at(triangles: NDArray[np.int32], values: Array, triangle: NDArray[np.int32], weights: Array) -> Array:
     """Node values (V,) or (V, K) at points (N,) given by triangle and weights: (N,) or (N, K)."""
-    from windmark.resection import _kernels
+    from windmark.resection import _points
 
-    columns = np.ascontiguousarray(values.reshape(len(values), -1))
+    columns = np.ascontiguousarray(values[:, None] if values.ndim == 1 else values)
     out = np.empty((len(triangle), columns.shape[1]))
-    _kernels.interpolate(triangles, columns, triangle, weights, out)
+    _points.interpolate(triangles, columns, triangle, weights, out)
     return out.reshape(len(triangle), *values.shape[1:])

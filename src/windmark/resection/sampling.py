@@ -100,7 +100,9 @@ def checked_image(image: ArrayLike, size_px: tuple[int, int] | None, verb: str) 
     """The image as contiguous float32 (H, W[, C]), of the given size."""
     pixels = np.asarray(image)
     if pixels.ndim not in (2, 3) or pixels.dtype.kind not in "buif":
-        raise ValueError(f"{verb}: image must be (H, W) or (H, W, C) of real numbers, got {pixels.shape} {pixels.dtype}")
+        raise ValueError(
+            f"{verb}: image must be (H, W) or (H, W, C) of real numbers, got {pixels.shape} {pixels.dtype}"
+        )
     if size_px is not None and pixels.shape[1::-1] != tuple(size_px):
         raise ValueError(
             f"{verb}: image must be {size_px[0]} x {size_px[1]} as its camera says (width x height),"

@@ -8,18 +8,9 @@ from numpy.typing import ArrayLike, NDArray
 from windmark.geometry import Camera, Pose
 from windmark.resection.casting import single_pose, to_camera_frame
 from windmark.resection.pixelmap import PixelMap, interpolate_at, sight_cosines
+from windmark.resection.reasons import FACING_AWAY, HIDDEN, OBLIQUE, VISIBLE
 from windmark.resection.sampling import Image, checked_image, node_values
-from windmark.resection.visibility import (
-    FACING_AWAY,
-    HIDDEN,
-    OBLIQUE,
-    VISIBLE,
-    NodeView,
-    checked_angle,
-    checked_tolerance,
-    is_hidden,
-    look,
-)
+from windmark.resection.visibility import NodeView, checked_angle, checked_tolerance, is_hidden, look
 from windmark.scene import Mesh
 
 

@@ -9,14 +9,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from windmark.geometry import Camera, Pose
 from windmark.resection.casting import cast, single_pose, to_camera_frame
+from windmark.resection.reasons import BLANKED, FACING_AWAY, HIDDEN, OBLIQUE, REASONS, VISIBLE
 from windmark.scene import Mesh
 
 Array = NDArray[np.float64]
 Codes = NDArray[np.uint8]
-
-REASONS = ("visible", "blanked", "lens", "outside", "facing_away", "oblique", "hidden")
-"""What a `NodeView.reason` code means; of several reasons the first in this order is given."""
-VISIBLE, BLANKED, LENS, OUTSIDE, FACING_AWAY, OBLIQUE, HIDDEN = range(len(REASONS))
 
 # Part of the mesh's diagonal by which a node may lie behind a triangle and still count as on it:
 # above the rounding of single precision and of five-digit files, below any real thickness.
@@ -72,9 +69,7 @@ class NodeView:
             raise ValueError(f"NodeView.follow: xyz must be ({len(self)}, 3), got {np.shape(xyz)}")
         _, xy, state, depth = look(camera, single_pose(cam_from_model, "NodeView.follow"), xyz)
         kept = np.isin(self.reason, (BLANKED, FACING_AWAY, OBLIQUE, HIDDEN))
-        return replace(
-            self, xy=xy, depth=depth, reason=np.where(kept, self.reason, state), size_px=camera.size_px
-        )
+        return replace(self, xy=xy, depth=depth, reason=np.where(kept, self.reason, state), size_px=camera.size_px)
 
 
 def see_nodes(
@@ -168,13 +163,13 @@ def is_hidden(vertices_cam: Array, triangles: NDArray[np.int32], points_cam: Arr
     The distance is taken across the hiding triangle, not along the ray: a bias in depth scaled with the
     slope, without a parameter for it.
     """
-    from windmark.resection import _kernels
+    from windmark.resection import _points
 
     if not len(points_cam):
         return np.zeros(0, bool)
     hits = cast(vertices_cam, triangles, points_cam[:, :2] / points_cam[:, 2:])
     behind = np.empty(len(points_cam))
-    _kernels.distance_behind(vertices_cam, triangles, points_cam, hits.triangle, behind)
+    _points.distance_behind(vertices_cam, triangles, points_cam, hits.triangle, behind)
     return behind > tolerance
 
 
@@ -200,21 +195,21 @@ def checked_angle(max_obliquity_deg: float | None, verb: str) -> None:
 
 def look(camera: Camera, pose: Pose, points: Array) -> tuple[Array, Array, Codes, Array]:
     """Camera coordinates, pixels, state (VISIBLE, LENS or OUTSIDE) and depth of points (N, 3)."""
-    from windmark.resection import _kernels
+    from windmark.resection import _points
 
     n = len(points)
     cam, xy, state = np.empty((n, 3)), np.empty((n, 2)), np.empty(n, np.uint8)
     size = np.array(camera.size_px, dtype=float)
     points = np.ascontiguousarray(points, dtype=float)
-    _kernels.look(pose.rotation, pose.translation, camera.packed(), size, points, cam, xy, state)
+    _points.look(pose.rotation, pose.translation, camera.packed(), size, points, cam, xy, state)
     return cam, xy, state, cam[:, 2]
 
 
 def _node_normals(cam: Array, triangles: NDArray[np.int32]) -> tuple[Array, Codes]:
-    from windmark.resection import _kernels
+    from windmark.resection import _points
 
     normals, faces = np.zeros((len(cam), 3)), np.zeros(len(cam), np.uint8)
-    _kernels.node_normals(cam, triangles, normals, faces)
+    _points.node_normals(cam, triangles, normals, faces)
     return normals, faces
 
 
