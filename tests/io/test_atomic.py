@@ -5,11 +5,26 @@ from __future__ import annotations
 import errno
 import os
 import pickle
+import signal
 import stat
+import subprocess
+import sys
+import time
 
+import numpy as np
 import pytest
 
-from windmark.io import FileError, atomic, atomic_folder, atomic_path, atomic_write
+from windmark.io import (
+    FileError,
+    atomic,
+    atomic_folder,
+    atomic_path,
+    atomic_write,
+    write_image,
+    write_images,
+    write_json,
+    write_table,
+)
 from windmark.io.errors import reading
 
 OLD = "the old content\n"
@@ -246,3 +261,51 @@ def test_reading_names_the_reason(tmp_path):
         (tmp_path / "x").read_text()
     with pytest.raises(FileError, match="this is a folder"), reading(tmp_path):
         tmp_path.read_text()
+
+
+# --- a disk that is really too small ---------------------------------------------------------
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no limit on the size of files")
+@pytest.mark.parametrize("name", ["t.csv", "v.json", "g.png", "g.tif", "g.jpg", "s.tif"])
+def test_every_writer_survives_a_full_disk(tmp_path, name):
+    import resource  # not there on Windows
+
+    noise = np.random.default_rng(0).integers(0, 256, (200, 200), dtype=np.uint8)
+    writers = {
+        "t.csv": lambda path: write_table(path, {"x": noise.ravel() / 7}),
+        "v.json": lambda path: write_json(path, {"x": noise}),
+        "s.tif": lambda path: write_images(path, [noise] * 3),
+    }
+    path = tmp_path / name
+    path.write_text(OLD)
+    limit = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, limit[1]))
+    try:
+        with pytest.raises(FileError, match=rf"{name}: cannot be written: ") as caught:
+            writers.get(name, lambda path: write_image(path, noise))(path)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limit)
+    assert caught.value.path == path
+    assert path.read_text() == OLD
+    assert names(tmp_path) == [name]
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Ctrl-C is sent in another way on Windows")
+def test_ctrl_c_in_the_middle_of_a_long_table(tmp_path):
+    code = (
+        "import numpy as np, pathlib, sys, windmark.io as io\n"
+        "print('ready', flush=True)\n"
+        "io.write_table(sys.argv[1], {'x': np.random.default_rng(0).random(3_000_000)})\n"
+    )
+    path = tmp_path / "t.csv"
+    path.write_text(OLD)
+    process = subprocess.Popen([sys.executable, "-c", code, str(path)], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    process.stdout.readline()
+    while process.poll() is None and len(names(tmp_path)) < 2:
+        time.sleep(0.01)
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=60)
+    assert b"KeyboardInterrupt" in errors
+    assert path.read_text() == OLD
+    assert names(tmp_path) == ["t.csv"]

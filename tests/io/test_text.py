@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from windmark.io import FileError, read_json, write_json
+from windmark.io import FileError, read_json, to_json, write_json
 
 text = st.text(st.characters(codec="utf-8"))
 values = st.recursive(
@@ -59,6 +59,12 @@ def test_rows_of_numbers_stay_on_one_line(tmp_path):
     assert (tmp_path / "v.json").read_text("utf-8") == (
         '{\n  "m": [\n    [1.0, 0.0],\n    [0.0, 1.0]\n  ],\n  "µ": 1\n}\n'
     )
+
+
+def test_the_text_to_print_is_the_text_of_the_file(tmp_path):
+    value = {"a": np.eye(2), "b": {"c": np.nan}}
+    write_json(tmp_path / "v.json", value)
+    assert to_json(value) + "\n" == (tmp_path / "v.json").read_text()
 
 
 def test_what_cannot_be_written_is_named(tmp_path):

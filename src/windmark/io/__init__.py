@@ -15,7 +15,7 @@ from windmark.io.plot3d_layout import Plot3dLayout
 from windmark.io.tables import MatchTable, read_detections, read_matches, write_detections, write_matches
 from windmark.io.tecplot import write_tecplot
 from windmark.io.tecplot_read import read_tecplot
-from windmark.io.text import read_json, write_json
+from windmark.io.text import read_json, to_json, write_json
 from windmark.io.vtk_write import write_nodes_vtk
 
 __all__ = [
@@ -24,6 +24,6 @@ __all__ = [
     "Plot3dLayout", "detect_plot3d", "read_mesh", "read_nodes_netcdf", "read_plot3d", "read_plot3d_function",
     "read_tecplot", "write_mesh", "write_nodes_csv", "write_nodes_netcdf", "write_nodes_vtk", "write_plot3d",
     "write_plot3d_function", "write_tecplot",
-    "page_count", "read_grey", "read_image", "read_images", "to_grey", "write_image", "write_images",
+    "page_count", "read_grey", "read_image", "read_images", "to_grey", "to_json", "write_image", "write_images",
     "write_camera", "write_detections", "write_json", "write_markers", "write_matches", "write_table",
 ]  # fmt: skip

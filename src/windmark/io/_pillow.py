@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import threading
 from typing import IO, TYPE_CHECKING, Any
 
@@ -51,6 +52,16 @@ def open_picture(source: Pathlike | IO[bytes], formats: tuple[str, ...]) -> Imag
             return Image.open(source, formats=formats)
         finally:
             Image.MAX_IMAGE_PIXELS = limit
+
+
+def encode(kind: str, values: NDArray[Any]) -> bytes:
+    """A picture as PNG, JPEG or BMP."""
+    from PIL import Image
+
+    content = io.BytesIO()
+    options = {"quality": 95, "subsampling": 0} if kind == "JPEG" else {}
+    Image.fromarray(np.ascontiguousarray(values)).save(content, format=kind, **options)
+    return content.getvalue()
 
 
 def _array(picture: Image) -> NDArray[Any]:

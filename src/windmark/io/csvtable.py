@@ -18,6 +18,9 @@ from windmark.io.text import Pathlike, read_text
 
 Array = NDArray[np.float64]
 
+_CHUNK = 10_000
+"""Rows that are turned into text at a time."""
+
 
 @dataclass(frozen=True)
 class Table:
@@ -203,10 +206,12 @@ def write_table(path: Pathlike, columns: Mapping[str, ArrayLike]) -> None:
     lengths = {name: array.shape for name, array in arrays.items()}
     if len(set(lengths.values())) > 1 or any(array.ndim != 1 for array in arrays.values()):
         raise ValueError(f"write_table: columns must be one-dimensional and equally long, got {lengths}")
-    cells = [_cells(array) for array in arrays.values()]
+    rows = max((len(array) for array in arrays.values()), default=0)
     with atomic_write(path) as stream:
         stream.write(",".join(map(_quoted, arrays)) + "\n")
-        stream.writelines(",".join(row) + "\n" for row in zip(*cells, strict=True))
+        for start in range(0, rows, _CHUNK):  # as text a table takes many times its memory
+            cells = [_cells(array[start : start + _CHUNK]) for array in arrays.values()]
+            stream.writelines(",".join(row) + "\n" for row in zip(*cells, strict=True))
 
 
 def _cells(values: NDArray[Any]) -> list[str]:

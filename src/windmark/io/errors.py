@@ -40,6 +40,7 @@ _REASONS = {
     errno.EPERM: "permission denied",
     errno.ENOSPC: "the disk is full",
     getattr(errno, "EDQUOT", -1): "the disk quota is used up",
+    errno.EFBIG: "the file is larger than is allowed",
     errno.EROFS: "the disk is read-only",
     errno.ENAMETOOLONG: "the name is too long",
 }

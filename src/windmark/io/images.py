@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from windmark.io import _pillow
 from windmark.io._tiff import open_tiff
-from windmark.io.atomic import atomic_path
+from windmark.io.atomic import atomic_path, atomic_write
 from windmark.io.errors import FileError, reading
 from windmark.io.text import Pathlike
 
@@ -185,11 +185,15 @@ def write_image(path: Pathlike, image: ArrayLike) -> None:
         When the file cannot be written.
     """
     values = _writable("write_image", path, image)
-    with atomic_path(path) as temporary:
-        if _EXTENSIONS[Path(path).suffix.lower()] == "TIFF":
+    kind = _EXTENSIONS[Path(path).suffix.lower()]
+    if kind == "TIFF":
+        with atomic_path(path) as temporary:
             _write_tiff(temporary, [values])
-        else:
-            _write_pillow(temporary, values)
+    else:
+        # Pillow, writing to a file itself, does not notice that a full disk took only a part.
+        content = _pillow.encode(kind, values)
+        with atomic_write(path, "wb") as stream:
+            stream.write(content)
 
 
 def write_images(path: Pathlike, images: Iterable[ArrayLike]) -> None:
@@ -229,13 +233,6 @@ def _writable(verb: str, path: Pathlike, image: ArrayLike) -> Image:
         what = f"{values.dtype} {values.shape}"
         raise ValueError(f"{verb}: {kind} cannot hold image {what}; write a .tif, or scale it to uint8 or uint16 first")
     return values
-
-
-def _write_pillow(path: Path, values: Image) -> None:
-    from PIL import Image as pillow
-
-    options = {"quality": 95, "subsampling": 0} if path.suffix.lower() in (".jpg", ".jpeg") else {}
-    pillow.fromarray(np.ascontiguousarray(values)).save(path, **options)  # type: ignore[arg-type]
 
 
 def _write_tiff(path: Path, pictures: Iterable[Image]) -> int:

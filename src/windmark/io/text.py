@@ -87,9 +87,14 @@ def write_json(path: Pathlike, value: Mapping[str, Any]) -> None:
     FileError
         When the file cannot be written.
     """
-    text = _layout(_plain(value, ""), "") + "\n"
+    text = to_json(value)
     with atomic_write(path) as stream:
-        stream.write(text)
+        stream.write(text + "\n")
+
+
+def to_json(value: Mapping[str, Any]) -> str:
+    """The text that `write_json` writes, for printing."""
+    return _layout(_plain(value, ""), "")
 
 
 def _plain(value: Any, key: str) -> Any:
