@@ -1,1 +1,6 @@
-"""Which spot is which marker, and where the camera was: pose from unlabelled spots."""
+"""Which spot is which marker and where the camera was, from unlabelled or labelled spots."""
+
+from windmark.registration.register import register
+from windmark.registration.result import CAUSES, NotRegistered, Registration, RunnerUp
+
+__all__ = ["register", "Registration", "NotRegistered", "RunnerUp", "CAUSES"]

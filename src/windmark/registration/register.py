@@ -1,0 +1,206 @@
+"""The verb `register`: from unlabelled spots to labels and pose, without the user's help."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from windmark.geometry import Camera, Pose
+from windmark.registration.result import NotRegistered, Registration
+from windmark.registration.task import Task
+from windmark.registration.verdict import Judge, Limits, Verdict
+from windmark.scene import Detections, MarkerSet, Matching
+
+Array = NDArray[np.float64]
+
+METHODS = ("ransac",)
+MIN_COUNT = 4
+"""Three pairs fix a pose, a fourth is needed to check it."""
+STOP_AT = 45.0
+"""Search score (nats) from which a candidate is worth a verdict."""
+FOCAL_STEPS = 5
+DEFAULT_TOLERANCE, MAX_SPACING = 0.004, 0.2
+"""Neighbourhood: part of the image's diagonal, and at most this part of the spots' spacing."""
+
+
+def register(
+    detections: Detections,
+    markers: MarkerSet,
+    camera: Camera,
+    *,
+    prior: Pose | None = None,
+    prior_max_angle_deg: float = 30.0,
+    prior_max_scale: float = 1.3,
+    free_focal: bool = False,
+    focal_range: float = 1.5,
+    max_focal_sigma: float = 0.05,
+    tolerance_px: float | None = None,
+    method: str = "ransac",
+    max_hypotheses: int = 1_500_000,
+    max_time_s: float = 20.0,
+    max_log10_nfa: float = -9.0,
+    min_score: float = 55.0,
+    min_margin: float = 10.0,
+    seed: int = 0,
+) -> Registration | NotRegistered:
+    """Find which spot is which marker and where the camera was.
+
+    Nothing is needed but the spots, the table of markers and the camera. A solution is accepted only if chance
+    would not give it and no other solution comes near; otherwise the result is falsy and says why.
+
+    Parameters
+    ----------
+    detections : spots of one image, best first; false ones and missing markers are expected
+    markers : table of markers. Known normals halve the search and exclude what cannot be seen
+    camera : interior parameters
+    prior : expected pose; solutions too far from it are rejected (AIAA 2005-5007, section III.C)
+    prior_max_angle_deg : largest angle between the solution and the prior
+    prior_max_scale : largest ratio of the scales of solution and prior, either way; > 1
+    free_focal : solve for the focal length too. On flat markers seen frontally it is not determined: refused
+    focal_range : with free_focal, focal lengths from 1 / focal_range to focal_range times the camera's are started
+    max_focal_sigma : largest relative 1 sigma at which a free focal length counts as determined
+    tolerance_px : neighbourhood in which a projected marker looks for its spot during the search; None takes
+        0.4 % of the image's diagonal, less where the spots are dense. The final gates follow the residuals
+    method : "ransac" is the paper's search with the changes listed in `registration.search`
+    max_hypotheses : links of three markers to three spots to try before giving up
+    max_time_s : last resort against pathological input; the result depends on the machine only if it strikes
+    max_log10_nfa, min_score, min_margin : limits of acceptance, see `registration.verdict.Limits`
+    seed : of the random triplets
+
+    Returns
+    -------
+    A `Registration`, or a falsy `NotRegistered` with its reason.
+
+    Raises
+    ------
+    ValueError
+        For options out of range.
+    """
+    limits = Limits(max_log10_nfa, min_score, min_margin, max_focal_sigma)
+    options: dict[str, Any] = {
+        "prior_max_angle_deg": prior_max_angle_deg, "prior_max_scale": prior_max_scale, "free_focal": free_focal,
+        "focal_range": focal_range, "max_focal_sigma": max_focal_sigma, "tolerance_px": tolerance_px,
+        "method": method, "max_hypotheses": max_hypotheses, "max_time_s": max_time_s,
+        "max_log10_nfa": max_log10_nfa, "min_score": min_score, "min_margin": min_margin, "seed": seed,
+    }  # fmt: skip
+    _check_options(options, prior)
+    options["prior"] = prior
+    usable = np.isfinite(camera.unproject(detections.xy)).all(axis=1)
+    xy, cov = detections.xy[usable], detections.cov[usable]
+    refusal = _refuse_early(xy, cov, markers)
+    if refusal is not None:
+        return NotRegistered(*refusal, options=options)
+    options["tolerance_px"] = tolerance_px = tolerance_px or _default_tolerance(xy, camera)
+    task = Task(
+        markers, camera, xy, cov, tolerance_px, prior, float(np.radians(prior_max_angle_deg)), prior_max_scale,
+        tuple(np.geomspace(1 / focal_range, focal_range, FOCAL_STEPS)) if free_focal else (1.0,),
+    )  # fmt: skip
+    verdict, tried, late = _solve(task, limits, seed, max_hypotheses, max_time_s)
+    return _result(verdict, tried, late, np.flatnonzero(usable), options)
+
+
+def _solve(task: Task, limits: Limits, seed: int, max_links: int, max_time_s: float) -> tuple[Verdict, int, bool]:
+    """Search and judge; the verdict, the links tried, and whether the time limit struck."""
+    # The kernels are compiled on first use; importing the verb should cost nothing.
+    from windmark.registration.search import Search
+
+    search = Search(task, np.random.default_rng(seed))
+    judge = Judge(task, search, limits)
+    end = time.monotonic() + max_time_s
+    judged, late = None, False
+    for links in search.batches():
+        best = search.pool.best
+        if best is not None and best.score > STOP_AT and best is not judged:
+            verdict = judge.verdict()
+            if verdict.cause is None:
+                return verdict, search.links, False
+            judged = search.pool.best
+            if verdict.cause == "ambiguous":
+                # Of two equally good solutions both may be wrong: search on, but not for long.
+                max_links = min(max_links, 3 * links + 50_000)
+        late = time.monotonic() > end
+        if links >= max_links or late:
+            break
+    return judge.verdict(), search.links, late
+
+
+def _result(
+    verdict: Verdict, tried: int, late: bool, index: NDArray[np.int64], options: dict[str, Any]
+) -> Registration | NotRegistered:
+    best = verdict.best
+    if verdict.cause is not None or best is None:
+        cause, reason = verdict.cause or "nothing", verdict.reason
+        if late:
+            cause, reason = "time", f"stopped after max_time_s = {options['max_time_s']:g} s; so far: {reason}"
+        if best is None:
+            return NotRegistered(reason, cause, n_hypotheses=tried, options=options)
+        return NotRegistered(reason, cause, best.count, best.cam_from_model, verdict.runner_up, tried, options)
+    estimate = best.estimate
+    distance = np.linalg.norm(estimate.residuals_px, axis=1)
+    return Registration(
+        cam_from_model=estimate.cam_from_model,
+        camera=estimate.camera,
+        matching=Matching(index[best.detection], best.marker, distance),
+        rms_px=estimate.rms_px,
+        residuals=estimate.residuals_px,
+        cov=estimate.cov,
+        excess_px=best.excess_px,
+        score=best.evidence.score,
+        log10_nfa=best.evidence.log10_nfa,
+        runner_up=verdict.runner_up,
+        n_expected=best.expected,
+        n_hypotheses=tried,
+        report=estimate.report,
+        options=options,
+    )
+
+
+def _check_options(options: dict[str, Any], prior: Pose | None) -> None:
+    if options["method"] not in METHODS:
+        raise ValueError(f"register: method must be one of {', '.join(METHODS)}, got {options['method']!r}")
+    if prior is not None and prior.rotation.ndim != 2:
+        raise ValueError(f"register: prior must be a single pose, got a batch {prior.rotation.shape[:-2]}")
+    positive = ("prior_max_angle_deg", "max_focal_sigma", "max_hypotheses", "max_time_s")
+    above_one = ("prior_max_scale", "focal_range")
+    for name in positive:
+        if not options[name] > 0:
+            raise ValueError(f"register: {name} must be > 0, got {options[name]}")
+    for name in above_one:
+        if not options[name] > 1:
+            raise ValueError(f"register: {name} is a ratio and must be > 1, got {options[name]}")
+    tolerance = options["tolerance_px"]
+    if tolerance is not None and not (np.isfinite(tolerance) and tolerance > 0):
+        raise ValueError(f"register: tolerance_px must be > 0 and finite, or None, got {tolerance}")
+    if options["min_margin"] < 0:
+        raise ValueError(f"register: min_margin must be >= 0, got {options['min_margin']}")
+
+
+def _refuse_early(xy: Array, cov: Array, markers: MarkerSet) -> tuple[str, Any] | None:
+    """What needs no search to say no: (reason, cause) or None."""
+    if not np.isfinite(cov).all():
+        raise ValueError("register: detections.cov must be finite")
+    for count, what in ((len(xy), "spots"), (len(markers), "markers")):
+        if count < MIN_COUNT:
+            return f"{count} {what}: three pairs fix a pose and a fourth is needed to check it", "too_few"
+    width = _off_line(xy)
+    if width < 0.5 + float(np.sqrt(cov.max())):
+        return f"all {len(xy)} spots lie on one line (within {width:.2g} px)", "degenerate"
+    if _off_line(markers.xyz) < 1e-4 * float(np.ptp(markers.xyz, axis=0).max()):
+        return f"all {len(markers)} markers lie on one line", "degenerate"
+    return None
+
+
+def _off_line(points: Array) -> float:
+    """Root mean square distance of points from their best line."""
+    size = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    return float(np.sqrt((size[1:] ** 2).sum() / len(points)))
+
+
+def _default_tolerance(xy: Array, camera: Camera) -> float:
+    """Neighbourhood for table errors and a rough pose, small enough to tell neighbouring spots apart."""
+    spacing = float(np.median(cKDTree(xy).query(xy, k=2)[0][:, 1]))
+    return max(0.5, min(DEFAULT_TOLERANCE * float(np.hypot(*camera.size_px)), MAX_SPACING * spacing))

@@ -1,0 +1,116 @@
+"""What `register` gives back: a registration, or why there is none."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.adjust import SolveReport
+from windmark.geometry import Camera, Pose
+from windmark.scene import Matching
+
+Array = NDArray[np.float64]
+
+CAUSES = {
+    "too_few": "too few spots or markers to fix a pose and check it",
+    "degenerate": "the spots or the markers lie on one line",
+    "nothing": "no pose explains the spots",
+    "weak": "the best solution could be chance",
+    "ambiguous": "two different solutions explain the spots about equally well",
+    "focal": "the focal length is not determined by this view",
+    "time": "the time limit came first",
+}
+"""Every cause of a `NotRegistered`, in words."""
+Cause = Literal["too_few", "degenerate", "nothing", "weak", "ambiguous", "focal", "time"]
+
+
+@dataclass(frozen=True)
+class RunnerUp:
+    """The best solution that is *distinct* from the one reported.
+
+    Parameters
+    ----------
+    score : its log-likelihood ratio in nats, to compare with that of the best
+    cam_from_model : its pose
+    count : its matched markers
+    same_labels : it is another pose of mostly the same pairs (mirrored in a plane), not another labelling
+    """
+
+    score: float
+    cam_from_model: Pose
+    count: int
+    same_labels: bool
+
+
+@dataclass(frozen=True)
+class Registration:
+    """Which spot is which marker, and where the camera was.
+
+    Parameters
+    ----------
+    cam_from_model : the pose
+    camera : the camera; with ``free_focal`` the focal length found, and its variance in ``camera.cov``
+    matching : the pairs, in order of markers
+    rms_px : root mean square length of the residuals
+    residuals : (K, 2) projected - detected, pixels, in the order of the matching
+    cov : (6, 6) covariance of [rotation, translation] for ``exp(delta) @ cam_from_model``; with ``free_focal``
+        (7, 7), the focal length last. It includes the excess
+    excess_px : 1 sigma per coordinate of the misfit beyond the covariances of detections and markers:
+        table errors, lens, bending
+    score : log-likelihood ratio in nats against "the spots are where they are by chance"
+    log10_nfa : decimal logarithm of the false-alarm number: how many labellings this good chance would give
+    runner_up : the best distinct other solution, None if the search met none
+    n_expected : markers that should be seen from there (in the image, facing the camera), matched ones included
+    n_hypotheses : links of three markers to three spots that were tried
+    report : why the last adjustment stopped
+    options : everything the registration was made with, by name
+    """
+
+    cam_from_model: Pose
+    camera: Camera
+    matching: Matching
+    rms_px: float
+    residuals: Array
+    cov: Array
+    excess_px: float
+    score: float
+    log10_nfa: float
+    runner_up: RunnerUp | None
+    n_expected: int
+    n_hypotheses: int
+    report: SolveReport
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    def __bool__(self) -> bool:
+        return True
+
+
+@dataclass(frozen=True)
+class NotRegistered:
+    """The data says no. Falsy.
+
+    Parameters
+    ----------
+    reason : why, in words for the user
+    cause : key of `CAUSES`
+    best_count : matched markers of the best solution met, 0 without one
+    best_candidate : its pose, not to be trusted; None without one
+    runner_up : the solution it could not be told from, if any
+    n_hypotheses : links of three markers to three spots that were tried
+    options : everything the attempt was made with, by name
+    """
+
+    reason: str
+    cause: Cause
+    best_count: int = 0
+    best_candidate: Pose | None = None
+    runner_up: RunnerUp | None = None
+    n_hypotheses: int = 0
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    def __bool__(self) -> bool:
+        return False

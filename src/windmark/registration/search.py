@@ -1,0 +1,143 @@
+"""The paper's search: random marker triplets against triplets of neighbouring spots (RANSAC).
+
+AIAA 2005-5007 section III.C, steps 1 to 9, with these differences, each for a reason:
+
+- The image triplets of step 2 are not all, but those among a spot's nearest neighbours, few first: three
+  neighbouring markers are seen as three neighbouring spots, and their pose predicts the next neighbours well.
+- Step 4 judges by likelihood, nearest markers first, and gives up or goes on early.
+- Steps 7 to 9 do not stop at "all matched": on near-regular rows the mirrored or shifted labelling comes first
+  as often as the right one. The best *distinct* solutions are kept, and `Search.rivals` looks for others on purpose.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.registration import _plane
+from windmark.registration._growth_kernels import Gates, growth_kernel
+from windmark.registration._growth_kernels import room_for as room_to_grow
+from windmark.registration._hypothesis_kernels import Picture, Rules, hypotheses_kernel, room_for
+from windmark.registration._triplets import marker_triplets, spread_corners, turns_of
+from windmark.registration.pool import Candidate, Pool
+from windmark.registration.task import Task
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int32]
+
+STAGES = ((4, 4), (4, 6), (6, 8), (8, 12), (14, 20), (24, 32))
+"""Neighbours that a marker triplet and a spot triplet are taken from, stage by stage."""
+RIVAL_CORNERS, RIVAL_REACH = 6, 10
+"""Spot triplets that are relabelled, and the neighbourhood of the marker triplets they are linked to."""
+BATCH, LONGEST_BATCH = 2_000, 40_000
+"""Links of the first batch and of the longest one."""
+ROOM = 2_048
+"""Hypotheses grown per batch; a batch with more comes from a picture that tells nothing apart."""
+P_SEEN, REJECT_AT, GROW_AT, MIN_SCORE = 0.6, -4.0, 9.0, 8.0
+
+
+@dataclass(frozen=True)
+class _Batch:
+    """Marker triplets and the spots to link them to."""
+
+    picture: Picture
+    triplets: Ints
+    turns: NDArray[np.int8]
+    anchors: Ints
+    reach: int
+
+
+class Search:
+    """The state of one search: the kernels' view of the task, the pool, the number of links tried."""
+
+    def __init__(self, task: Task, rng: np.random.Generator) -> None:
+        self.task = task
+        self.pool = Pool()
+        self.links = 0
+        self._rng = rng
+        self.model, self.frame = _plane.unit_model(task.markers.xyz, task.markers.normal)
+        self._focals = task.camera.focal_px * np.array(task.focal_factors)
+        sigma = max(float(np.median(task.sigma_px)), task.tolerance_px / 8)
+        self._gates = Gates(task.tolerance_px, sigma, MIN_SCORE, task.free_focal)
+        self._rules = self._make_rules()
+        self._hypotheses = room_for(ROOM)
+        self._grown = room_to_grow(ROOM, len(task.markers))
+        self._pictures: dict[int, Picture] = {}
+
+    def batches(self) -> Iterator[int]:
+        """Steps 1 to 6, batch by batch; yields the number of links tried so far. The caller looks at the pool."""
+        leads = _plane.lead_sizes(len(self.task.xy))
+        for near_markers, near_spots in STAGES:
+            triplets = marker_triplets(self.model, near_markers)
+            turns = turns_of(self.model, triplets)
+            for lead in leads:
+                order = self._rng.permutation(len(triplets))
+                picture = self.picture(lead)
+                reach = min(near_spots, picture.near.shape[1])
+                per_triplet = lead * reach * (reach - 1) * len(self._focals)
+                start, size = 0, BATCH
+                while start < len(order):
+                    chosen = order[start : start + max(1, size // per_triplet)]
+                    self._try(_Batch(picture, triplets[chosen], turns[chosen], np.arange(lead, dtype=np.int32), reach))
+                    yield self.links
+                    start, size = start + len(chosen), min(2 * size, LONGEST_BATCH)
+            if near_markers >= len(self.model.xyz) - 1 and near_spots >= len(self.task.xy) - 1:
+                return
+
+    def rivals(self, candidate: Candidate) -> None:
+        """Look for other solutions of the spots that a candidate explains.
+
+        A shifted, turned or mirrored labelling uses mostly the same spots. So a few compact triplets of them,
+        spread over the image, are linked to *all* compact marker triplets (all four poses of each): a better
+        solution is found here even if the random search missed it, an equally good one shows the ambiguity.
+        """
+        spots = candidate.match[candidate.match >= 0]
+        picture = self.picture(next(n for n in _plane.lead_sizes(len(self.task.xy)) if n > spots.max()))
+        corners = spread_corners(picture.p, spots, RIVAL_CORNERS)
+        if not len(corners):
+            return
+        near = np.zeros((len(picture.p), 2), dtype=np.int32)
+        near[corners[:, 0]] = corners[:, 1:]
+        triplets = marker_triplets(self.model, RIVAL_REACH, every_corner=True)
+        anchors = np.ascontiguousarray(corners[:, 0])
+        self._try(_Batch(picture._replace(near=near), triplets, turns_of(self.model, triplets), anchors, 2))
+
+    def picture(self, lead: int) -> Picture:
+        """The best ``lead`` spots for the kernels."""
+        if lead not in self._pictures:
+            self._pictures[lead] = _plane.picture(self.task.camera, self.task.xy[:lead], 3 * self.task.tolerance_px)
+        return self._pictures[lead]
+
+    def _make_rules(self) -> Rules:
+        task, n = self.task, len(self.model.xyz)
+        rotation, cosine, depth = np.zeros((3, 3)), -2.0, np.ones(n)
+        if task.prior is not None:
+            rotation, translation = self.frame.unit(task.prior)
+            cosine = float(np.cos(task.prior_max_angle_rad))
+            depth = (self.model.xyz @ rotation.T + translation)[:, 2] / task.camera.focal_px
+        return Rules(
+            task.tolerance_px, P_SEEN, REJECT_AT, GROW_AT,
+            np.ascontiguousarray(rotation), cosine, np.ascontiguousarray(depth), task.prior_max_scale,
+        )  # fmt: skip
+
+    def _try(self, batch: _Batch) -> None:
+        """One batch: link, screen, grow, pool."""
+        found, links = hypotheses_kernel(
+            self.model, batch.picture, self._rules, self._hypotheses,
+            batch.triplets, batch.turns, batch.anchors, batch.reach, self._focals,
+        )  # fmt: skip
+        self.links += int(links)
+        found, grown = min(int(found), ROOM), self._grown
+        growth_kernel(self.model, batch.picture, self._gates, self._hypotheses, found, grown)
+        # Best first, so that the many copies of one solution meet the best of them in the pool.
+        for n in np.argsort(-grown.score[:found], kind="stable"):
+            if grown.score[n] == -np.inf:
+                break
+            pose = self.frame.pose(grown.rotation[n].copy(), grown.translation[n].copy())
+            focal = float(grown.focal[n])
+            if self.task.allows(pose, focal):
+                match = grown.match[n].copy()
+                self.pool.add(Candidate(pose, focal, float(grown.score[n]), int(grown.matched[n]), match))

@@ -1,0 +1,68 @@
+"""What one registration has to solve, checked and with its defaults filled in."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.geometry import Camera, Pose
+from windmark.scene import MarkerSet
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Task:
+    """Markers, spots, camera, and what a solution must obey.
+
+    Parameters
+    ----------
+    markers, camera : as given
+    xy, cov : (M, 2), (M, 2, 2) spots that the lens model can invert, best first, and their covariance
+    tolerance_px : neighbourhood of the search
+    prior : expected cam_from_model or None
+    prior_max_angle_rad : largest angle between a solution and the prior
+    prior_max_scale : largest ratio (> 1) between the scale of a solution and of the prior
+    focal_factors : focal lengths to try, relative to the camera's; more than one frees the focal length
+    """
+
+    markers: MarkerSet
+    camera: Camera
+    xy: Array
+    cov: Array
+    tolerance_px: float
+    prior: Pose | None = None
+    prior_max_angle_rad: float = np.pi
+    prior_max_scale: float = np.inf
+    focal_factors: tuple[float, ...] = (1.0,)
+
+    @property
+    def free_focal(self) -> bool:
+        """Whether the focal length is unknown."""
+        return len(self.focal_factors) > 1
+
+    @property
+    def sigma_px(self) -> Array:
+        """(M,) 1 sigma per coordinate of the spots."""
+        return np.sqrt(0.5 * np.trace(self.cov, axis1=1, axis2=2))
+
+    @property
+    def prior_share(self) -> float:
+        """Share of all rotations and scales (within a factor of ten either way) that the prior allows."""
+        if self.prior is None:
+            return 1.0
+        angle = min(self.prior_max_angle_rad, np.pi)
+        return float((angle - np.sin(angle)) / np.pi * min(1.0, np.log10(self.prior_max_scale)))
+
+    def allows(self, pose: Pose, focal_px: float) -> bool:
+        """Whether a pose is near enough to the prior in angle and scale (AIAA 2005-5007, section III.C)."""
+        if self.prior is None:
+            return True
+        if pose.angle_to(self.prior) > self.prior_max_angle_rad:
+            return False
+        depth, expected = pose.apply(self.markers.xyz)[:, 2], self.prior.apply(self.markers.xyz)[:, 2]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ratio = np.median(depth / expected) * self.camera.focal_px / focal_px
+        return bool(1 / self.prior_max_scale < ratio < self.prior_max_scale)

@@ -1,0 +1,133 @@
+"""Accept or refuse: the false-alarm number, the evidence, and the margin to the best other solution.
+
+The count of matched markers decides nothing here. On near-regular rows a shifted labelling may match all markers
+in view, so a solution is accepted only when others were looked for on purpose and are clearly worse.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from windmark.registration.pool import Candidate
+from windmark.registration.result import Cause, RunnerUp
+from windmark.registration.search import Search
+from windmark.registration.solution import Solution, settle
+from windmark.registration.task import Task
+
+SETTLED = 5
+"""Candidates that are refined with the full camera model, best first."""
+WORTH_A_LOOK = 60.0
+"""Candidates whose search score is this much (nats) below the best are no rivals."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Thresholds of acceptance; all must be passed.
+
+    Parameters
+    ----------
+    log10_nfa : largest false-alarm number
+    score : smallest log-likelihood ratio in nats, without a prior; a prior lowers it by what it rules out
+    margin : smallest lead in nats over the best distinct solution
+    focal_sigma : largest relative 1 sigma of a free focal length
+    """
+
+    log10_nfa: float
+    score: float
+    margin: float
+    focal_sigma: float
+
+
+@dataclass(frozen=True, eq=False)
+class Verdict:
+    """The best solution, the best distinct other one, and why it is refused (None: accepted)."""
+
+    best: Solution | None
+    runner_up: RunnerUp | None
+    cause: Cause | None
+    reason: str
+
+
+class Judge:
+    """Weighs the candidates of a search; refined solutions are kept, so asking again costs little."""
+
+    def __init__(self, task: Task, search: Search, limits: Limits) -> None:
+        self._task, self._search, self._limits = task, search, limits
+        self._settled: dict[Candidate, Solution | None] = {}
+        self._challenged: set[Candidate] = set()
+
+    def verdict(self) -> Verdict:
+        """Look for rivals of the best candidate, refine the best few, and decide."""
+        self._challenge()
+        solutions = self._solutions()
+        if not solutions:
+            return Verdict(None, None, "nothing", "no pose explains the neighbourhood of any three markers")
+        best, others = solutions[0], solutions[1:]
+        runner_up = _runner_up(best, others[0]) if others else None
+        cause, reason = self._refusal(best, runner_up)
+        return Verdict(best, runner_up, cause, reason)
+
+    def _challenge(self) -> None:
+        """Look for rivals until the best candidate has none better."""
+        while (best := self._search.pool.best) is not None and best not in self._challenged:
+            self._challenged.add(best)
+            self._search.rivals(best)
+
+    def _solutions(self) -> list[Solution]:
+        """Distinct refined solutions, best first."""
+        candidates = self._search.pool.items
+        close = [c for c in candidates[:SETTLED] if c.score > candidates[0].score - WORTH_A_LOOK]
+        for candidate in close:
+            if candidate not in self._settled:
+                self._settled[candidate] = settle(self._task, candidate)
+        found = [s for c in close if (s := self._settled[c]) is not None]
+        distinct: list[Solution] = []
+        for solution in sorted(found, key=lambda s: -s.evidence.score):
+            if not any(solution.same_as(better) for better in distinct):
+                distinct.append(solution)
+        return distinct
+
+    def _refusal(self, best: Solution, runner_up: RunnerUp | None) -> tuple[Cause | None, str]:
+        limits, evidence = self._limits, best.evidence
+        least = limits.score + float(np.log(self._task.prior_share))
+        if not (evidence.log10_nfa < limits.log10_nfa and evidence.score > least):
+            return "weak", (
+                f"the best solution matches {best.count} of {best.expected} markers in view, which could be chance: "
+                f"false-alarm number 1e{evidence.log10_nfa:+.1f} (limit 1e{limits.log10_nfa:+.1f}), "
+                f"evidence {evidence.score:.0f} nats (at least {least:.0f})"
+            )
+        if runner_up is not None and evidence.score - runner_up.score < limits.margin:
+            return "ambiguous", _ambiguity(best, runner_up)
+        if self._task.free_focal:
+            sigma = best.estimate.sigma("focal_px") / best.estimate.camera.focal_px
+            if sigma > limits.focal_sigma:
+                return "focal", (
+                    f"the markers are labelled, but this view fixes the focal length only to {100 * sigma:.0f} % "
+                    f"(1 sigma; limit {100 * limits.focal_sigma:.0f} %): give the focal length, or a view that is "
+                    "less frontal or of a less flat set of markers"
+                )
+        return None, ""
+
+
+def _runner_up(best: Solution, other: Solution) -> RunnerUp:
+    mine = set(zip(best.marker.tolist(), best.detection.tolist(), strict=True))
+    theirs = set(zip(other.marker.tolist(), other.detection.tolist(), strict=True))
+    same = len(mine & theirs) > 0.6 * min(best.count, other.count)
+    return RunnerUp(other.evidence.score, other.cam_from_model, other.count, same)
+
+
+def _ambiguity(best: Solution, other: RunnerUp) -> str:
+    angle = float(np.degrees(best.cam_from_model.angle_to(other.cam_from_model)))
+    lead = best.evidence.score - other.score
+    if other.same_labels:
+        return (
+            f"two poses {angle:.1f} degrees apart explain the same labels about equally well (lead {lead:.1f} nats), "
+            "as a flat set of markers far away does: give a prior pose"
+        )
+    return (
+        f"two labellings are about equally good: {best.count} and {other.count} markers matched, poses {angle:.1f} "
+        f"degrees apart, lead {lead:.1f} nats; the layout is (nearly) symmetric or regular: give a prior pose, or "
+        "make more of the markers visible"
+    )
