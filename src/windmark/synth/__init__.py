@@ -1,1 +1,29 @@
-"""The virtual wind tunnel: images with exactly known truth."""
+"""The virtual wind tunnel: images with exactly known truth.
+
+A perfect world first (`HalfModel`, `rows_layout`, `Paint`, `World`, `render`), then what spoils its
+images (`degrade`, `Sensor`); `wind_tunnel` puts both together, `marker_sheet` makes the paper's
+marker study. Everything random takes a generator or a seed: same seed, same bytes.
+"""
+
+from windmark.synth import degrade
+from windmark.synth.decals import Decals
+from windmark.synth.degrade import Sensor
+from windmark.synth.discs import SheetTruth, disc_image, marker_sheet
+from windmark.synth.layout import rows_layout
+from windmark.synth.marks import Clutter, Marks
+from windmark.synth.motion import bend, random_poses
+from windmark.synth.paint import Flow, Paint, TransonicFlow
+from windmark.synth.patch import Patch, assemble
+from windmark.synth.render import Rendering, render
+from windmark.synth.screen import Rays
+from windmark.synth.truth import MarkerTruth, marker_truth
+from windmark.synth.tunnel import WIND_OFF, WIND_ON, Shot, TunnelTest, default_stations, wind_tunnel
+from windmark.synth.wing import HalfModel
+from windmark.synth.world import World
+
+__all__ = [
+    "WIND_OFF", "WIND_ON", "Clutter", "Decals", "Flow", "HalfModel", "MarkerTruth", "Marks", "Paint", "Patch",
+    "Rays", "Rendering", "Sensor", "SheetTruth", "Shot", "TransonicFlow", "TunnelTest", "World", "assemble", "bend",
+    "default_stations", "degrade", "disc_image", "marker_sheet", "marker_truth", "random_poses", "render",
+    "rows_layout", "wind_tunnel",
+]  # fmt: skip
