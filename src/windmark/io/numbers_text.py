@@ -17,6 +17,7 @@ Array = NDArray[np.float64]
 _NO_E = re.compile(rb"^([+-]?[0-9.]*[0-9.])([+-][0-9]+)$")  # Fortran's 0.123-105: the E left out for three digits
 _TO_C = bytes.maketrans(b",dDqQ", b" eEeE")
 _CHUNK_VALUES = 65536
+_FIRST = 100
 
 
 @dataclass(frozen=True)
@@ -24,11 +25,12 @@ class NumberText:
     """The numbers of a text, with repeat counts (``3*0.5``) still folded.
 
     A count may claim any length; nothing is unfolded before the caller has compared `total` with
-    what the file's header declares.
+    what the file's header declares. ``first_words`` are the first hundred as they are written.
     """
 
     values: Array
     counts: NDArray[np.int64] | None
+    first_words: tuple[bytes, ...] = ()
 
     @property
     def total(self) -> int:
@@ -68,7 +70,7 @@ def parse_numbers(raw: bytes, path: str | os.PathLike[str], first_line: int = 1,
     words = raw.translate(_TO_C).split()
     try:
         if not folded:
-            return NumberText(np.array(list(map(float, words)), dtype=float), None)
+            return NumberText(np.array(list(map(float, words)), dtype=float), None, tuple(words[:_FIRST]))
     except ValueError:
         pass  # a rare spelling, or no number at all: word by word
     values = np.empty(len(words))
@@ -78,7 +80,7 @@ def parse_numbers(raw: bytes, path: str | os.PathLike[str], first_line: int = 1,
             values[k], counts[k] = _number(word, repeats)
         except (ValueError, OverflowError):
             raise FileError(path, _expected_number(word), first_line + _line_of_word(raw, k)) from None
-    return NumberText(values, counts if folded else None)
+    return NumberText(values, counts if folded else None, tuple(words[:_FIRST]))
 
 
 def _number(word: bytes, repeats: bool) -> tuple[float, int]:

@@ -17,7 +17,7 @@ from windmark.io.atomic import atomic_path
 from windmark.io.errors import FileError
 from windmark.io.fields import single_is_exact
 from windmark.io.numbers_text import format_values
-from windmark.io.plot3d_choose import choose
+from windmark.io.plot3d_choose import checked_iblank, choose
 from windmark.io.plot3d_detect import Candidate, Source, load, read_blocks
 from windmark.io.plot3d_layout import Plot3dLayout, block_words, record_sizes
 from windmark.io.structured import Volumes, rename_volumes, structured_mesh, zone_names
@@ -64,6 +64,7 @@ def read_plot3d(
     first = 0
     for k, (name, (xyz, iblank)) in enumerate(_named_blocks(source, candidate)):
         dims = candidate.header.dims[k]
+        checked_iblank(source, candidate, k, iblank)
         if min(dims) > 1:
             if volume_face is None:
                 what = "is a volume, not a surface; say which face is the model, e.g. volume_face='kmin'"

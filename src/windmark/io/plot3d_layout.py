@@ -55,19 +55,23 @@ class Plot3dLayout:
             raise ValueError(f"Plot3dLayout: records={self.records!r} needs record marks; a stream or text has none")
 
     @property
+    def real_words(self) -> str:
+        """Precision and IBLANK for people."""
+        real = "single precision" if self.real_bytes == 4 else "double precision"
+        return f"{real} with IBLANK" if self.iblank else real
+
+    @property
     def words(self) -> str:
         """The layout for people."""
-        real = "single precision" if self.real_bytes == 4 else "double precision"
         rest = ["multi-block" if self.multi_block else "one block without a count"]
-        rest += ["with IBLANK"] if self.iblank else []
         if self.text:
-            return ", ".join(["ASCII", *rest])
+            return ", ".join(["ASCII", *rest, *(["with IBLANK"] if self.iblank else [])])
         kind = f"Fortran records ({self.record_mark}-byte marks)" if self.record_mark else "C stream"
         order = "little-endian" if self.byte_order == "<" else "big-endian"
         rest += {"whole": [], "component": ["one record per coordinate"], "plane": ["one record per plane"]}[
             self.records
         ]
-        return ", ".join([kind, order, real, *rest])
+        return ", ".join([kind, order, self.real_words, *rest])
 
 
 @dataclass(frozen=True)

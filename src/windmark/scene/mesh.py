@@ -87,10 +87,11 @@ class Mesh:
 
     @property
     def diagonal(self) -> float:
-        """Length of the bounding box's diagonal."""
-        if not len(self.vertices):
+        """Length of the bounding box's diagonal; blanked nodes, which may hold anything, are left out."""
+        used = self.vertices if self.blanked is None else self.vertices[~self.blanked]
+        if not len(used):
             return 0.0
-        return float(np.linalg.norm(self.vertices.max(axis=0) - self.vertices.min(axis=0)))
+        return float(np.linalg.norm(used.max(axis=0) - used.min(axis=0)))
 
 
 def structured_triangles(ni: int, nj: int, first: int = 0, reverse: bool = False) -> NDArray[np.int32]:
