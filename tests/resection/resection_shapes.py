@@ -45,6 +45,11 @@ def joined(*meshes):
     return Mesh.make(np.concatenate([m.vertices for m in meshes]), np.concatenate(triangles))
 
 
+def moved(mesh, *by):
+    """The mesh shifted."""
+    return Mesh.make(mesh.vertices + np.array(by), mesh.triangles)
+
+
 def soup(rng, count, spread=1.0, size=0.5):
     """Triangles at random, through each other."""
     middle = rng.uniform(-spread, spread, (count, 1, 3))
@@ -67,7 +72,7 @@ def pixel_grid(camera):
 
 
 def intersections(vertices, triangles, origin, direction):
-    """Moeller-Trumbore for every ray (N, 3) and triangle: distances (N, T) in units of the direction, NaN for a miss."""
+    """Moeller-Trumbore for rays (N, 3) and triangles: distances (N, T) in units of the direction, NaN for a miss."""
     a, b, c = (vertices[triangles[:, k]] for k in range(3))
     e, f = b - a, c - a
     p = np.cross(direction[:, None], f)

@@ -13,12 +13,13 @@ from windmark.resection import PixelMap, casting, map_pixels
 from windmark.scene import Mesh
 
 sys.path.insert(0, str(Path(__file__).parent))
-from resection_shapes import (  # noqa: E402
+from resection_shapes import (
     box,
     brute_first_hits,
     joined,
     lens_camera,
     looking_at,
+    moved,
     pixel_grid,
     plate,
     soup,
@@ -224,7 +225,7 @@ def test_wrong_arguments():
 
 def test_hidden_part_behind_another():
     near, far = sphere(center=(0, 0, 4.0), radius=0.5), plate(size=(20.0, 20.0))
-    far = Mesh.make(far.vertices + [0, 0, 8.0], far.triangles)
+    far = moved(far, 0, 0, 8.0)
     got = map_pixels(joined(far, near), Camera((41, 41), 40.0), Pose.identity())
     assert got.valid.all()
     first = got.triangle >= len(far.triangles)

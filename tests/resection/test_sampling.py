@@ -12,7 +12,7 @@ from windmark.geometry import Camera
 from windmark.resection import INTERPOLATIONS, interpolate_image, node_values, sample, see_nodes
 
 sys.path.insert(0, str(Path(__file__).parent))
-from resection_shapes import box, looking_at, pixel_grid, plate  # noqa: E402
+from resection_shapes import box, looking_at, pixel_grid, plate
 
 CAMERA = Camera((64, 48), 60.0, k1=-0.05)
 
@@ -46,7 +46,17 @@ def test_linear_is_exact_for_planes_and_cubic_for_parabolas(rng):
 
 def test_border():
     image = image_of(lambda x, y: x + 10 * y)
-    at = [[-0.5, 0], [0.25, 0.0], [63.5, 47.5], [63.0, 46.5], [-0.51, 0], [63.51, 3], [3, 47.6], [np.nan, 1], [np.inf, 1]]
+    at = [
+        [-0.5, 0],
+        [0.25, 0.0],
+        [63.5, 47.5],
+        [63.0, 46.5],
+        [-0.51, 0],
+        [63.51, 3],
+        [3, 47.6],
+        [np.nan, 1],
+        [np.inf, 1],
+    ]
     want = [0, 0.25, 533, 528, np.nan, np.nan, np.nan, np.nan, np.nan]
     for interpolation in ("linear", "cubic"):
         np.testing.assert_allclose(interpolate_image(image, at, interpolation=interpolation), want, rtol=1e-6)

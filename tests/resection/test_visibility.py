@@ -14,7 +14,7 @@ from windmark.resection.reasons import BLANKED, FACING_AWAY, HIDDEN, LENS, OBLIQ
 from windmark.scene import Mesh
 
 sys.path.insert(0, str(Path(__file__).parent))
-from resection_shapes import box, brute_hidden, joined, lens_camera, looking_at, plate, sphere  # noqa: E402
+from resection_shapes import box, brute_hidden, joined, lens_camera, looking_at, moved, plate, sphere
 
 CAMERA = Camera((400, 300), 300.0, k1=-0.05)
 
@@ -54,7 +54,7 @@ def test_reasons_and_their_order():
         corners = np.array([[-0.1, -0.1, 0], [0.1, -0.1, 0], [0, 0.1, 0]])
         if tilted:
             corners = corners[:, [0, 2, 1]] * [1, 1, 5] - [0, 0.01, 0]
-        return Mesh.make(corners + [x, y, z], [[0, 1, 2] if turned else [0, 2, 1]])
+        return moved(Mesh.make(corners, [[0, 1, 2] if turned else [0, 2, 1]]), x, y, z)
 
     parts = {
         VISIBLE: triangle(0, 0, 2), HIDDEN: triangle(0, 0, 4), OUTSIDE: triangle(1.6, 0, 2), LENS: triangle(6, 0, 2),
@@ -152,7 +152,7 @@ def test_obliquity_and_its_limit():
 def test_tolerance_bridges_blocks_that_do_not_match():
     # The second block lies a little below the first where they overlap.
     upper, lower = plate(11, 11), plate(11, 11)
-    lower = Mesh.make(lower.vertices + [1.23, 0.17, -0.001], lower.triangles)
+    lower = moved(lower, 1.23, 0.17, -0.001)
     mesh, pose = joined(upper, lower), looking_at([0.5, 0, 6.0], target=[0.5, 0, 0], up=[0, 1, 0])
     assert see_nodes(mesh, CAMERA, pose).count()["hidden"] > 20
     assert see_nodes(mesh, CAMERA, pose, tolerance=0.002).count()["hidden"] == 0

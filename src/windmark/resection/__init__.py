@@ -6,11 +6,12 @@ from windmark.resection.profiles import LineProfile, sample_line
 from windmark.resection.reasons import REASONS
 from windmark.resection.sampling import INTERPOLATIONS, interpolate_image, node_values, sample
 from windmark.resection.sections import Section, section
+from windmark.resection.silhouettes import silhouette
 from windmark.resection.virtual import see_pixels, virtual_image
 from windmark.resection.visibility import NodeView, see_nodes, see_points
 
 __all__ = [
     "INTERPOLATIONS", "REASONS", "LineProfile", "NodeView", "PixelMap", "Section", "interpolate_image", "map_pixels",
     "node_values", "orient_outward", "sample", "sample_line", "section", "see_nodes", "see_pixels", "see_points",
-    "virtual_image",
+    "silhouette", "virtual_image",
 ]  # fmt: skip

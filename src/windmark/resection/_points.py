@@ -123,3 +123,52 @@ def _normal_of(cam: Array, i: int, j: int, k: int) -> tuple[Floats3, float]:
     fx, fy, fz = cam[k, 0] - x, cam[k, 1] - y, cam[k, 2] - z
     n = (ey * fz - ez * fy, ez * fx - ex * fz, ex * fy - ey * fx)
     return n, n[0] * x + n[1] * y + n[2] * z
+
+
+@nb.njit(cache=True, nogil=True)
+def silhouette(
+    cam: Array, triangles: Ints, triangle: Ints, weights: Array, step: float, out: NDArray[np.bool_]
+) -> None:
+    """Mark pixels (H, W), started False, whose right or lower neighbour is across a silhouette, and that neighbour.
+
+    ``step`` is the smallest depth of a step that counts, per unit of depth.
+    """
+    height, width = triangle.shape
+    for i in range(height):
+        for j in range(width):
+            for m in range(2):
+                k, n = i + m, j + 1 - m
+                if k >= height or n >= width or triangle[i, j] == triangle[k, n]:
+                    continue
+                t, s = triangle[i, j], triangle[k, n]
+                apart = t < 0 or s < 0
+                if not apart:
+                    p = _point_of(cam, triangles, t, weights[i, j, 0], weights[i, j, 1])
+                    q = _point_of(cam, triangles, s, weights[k, n, 0], weights[k, n, 1])
+                    # Across a crease one of the two is near the other's plane, however oblique the view.
+                    least = min(_off_plane(cam, triangles, t, q), _off_plane(cam, triangles, s, p))
+                    apart = least > step * min(p[2], q[2])
+                if apart:
+                    out[i, j] = True
+                    out[k, n] = True
+
+
+@nb.njit(cache=True, nogil=True)
+def _point_of(cam: Array, triangles: Ints, t: int, wb: float, wc: float) -> Floats3:
+    i, j, k = triangles[t, 0], triangles[t, 1], triangles[t, 2]
+    wa = 1.0 - wb - wc
+    return (
+        wa * cam[i, 0] + wb * cam[j, 0] + wc * cam[k, 0],
+        wa * cam[i, 1] + wb * cam[j, 1] + wc * cam[k, 1],
+        wa * cam[i, 2] + wb * cam[j, 2] + wc * cam[k, 2],
+    )
+
+
+@nb.njit(cache=True, nogil=True)
+def _off_plane(cam: Array, triangles: Ints, t: int, point: Floats3) -> float:
+    """Distance of a point from the plane of a triangle."""
+    i = triangles[t, 0]
+    n, _ = _normal_of(cam, i, triangles[t, 1], triangles[t, 2])
+    along = n[0] * (point[0] - cam[i, 0]) + n[1] * (point[1] - cam[i, 1]) + n[2] * (point[2] - cam[i, 2])
+    length = math.sqrt(n[0] ** 2 + n[1] ** 2 + n[2] ** 2)
+    return abs(along) / length if length > 0.0 else 0.0

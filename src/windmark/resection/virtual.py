@@ -56,7 +56,8 @@ def virtual_image(
     -----
     Source: AIAA 2005-5007, section III.D. From the image's own point of view the image itself comes
     back. The image is sampled at points, not averaged over the virtual pixel: a virtual view that is
-    much coarser than the image should be drawn finer and then averaged.
+    much coarser than the image should be drawn finer and then averaged. Next to outlines of the model
+    the image's own pixels mix two surfaces: blank them first with `silhouette`.
     """
     pixels = checked_image(image, camera.size_px, "virtual_image")
     view = see_pixels(
