@@ -1,0 +1,219 @@
+"""The command line: ``windmark VERB``. Heavy imports wait until a verb needs them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from windmark.app import console
+
+app = typer.Typer(
+    name="windmark",
+    help="Wind-tunnel camera images into measurements on the model's surface.",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON, for machines.")]
+Radius = Annotated[
+    list[float], typer.Option("--radius", "-r", help="Marker radius in pixels; give it several times for a range.")
+]
+Polarity = Annotated[str, typer.Option(help="dark (markers on paint) or bright (infrared).")]
+MeritMax = Annotated[float, typer.Option(help="Largest merit of a marker; 0 is a perfect inverse top-hat.")]
+Markers = Annotated[Path, typer.Option("--markers", "-m", help="Marker table: CSV or .tgts.")]
+CameraFile = Annotated[Path, typer.Option("--camera", "-c", help="Camera: windmark, OpenCV or NASA tunnel JSON/YAML.")]
+GridFile = Annotated[Path, typer.Option("--grid", "-g", help="Surface grid: PLOT3D, STL, OBJ, PLY, VTK.")]
+Unit = Annotated[str, typer.Option("--unit", help="Length unit of markers and grid: in, ft, mm, cm, m.")]
+Seed = Annotated[int, typer.Option(help="Seed of every random choice: same seed, same result.")]
+
+
+def version_asked(value: bool) -> None:
+    """Print the version and stop."""
+    if value:
+        from windmark import __version__
+
+        typer.echo(f"windmark {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def root(
+    version: Annotated[
+        bool, typer.Option("--version", callback=version_asked, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    """Wind-tunnel camera images into measurements on the model's surface."""
+
+
+@app.command(epilog="Example: windmark demo windmark-demo")
+def demo(
+    folder: Annotated[Path, typer.Argument(help="Where the synthetic test and its results go.")] = Path(
+        "windmark-demo"
+    ),
+    seed: Seed = 1,
+    as_json: Json = False,
+) -> None:
+    """Make a synthetic wind-tunnel test, run the main job on it and compare with its truth."""
+    from windmark.app import verbs
+
+    with console.errors(as_json):
+        verbs.demo(folder, seed, as_json)
+
+
+@app.command(epilog="Example: windmark simulate my-test --seed 7")
+def simulate(
+    folder: Annotated[Path, typer.Argument(help="Where the test is written.")],
+    seed: Seed = 1,
+    as_json: Json = False,
+) -> None:
+    """Write a synthetic test: images, markers, camera, grid, project file and the truth."""
+    from windmark.app import verbs
+
+    with console.errors(as_json):
+        verbs.simulate(folder, seed, as_json)
+
+
+@app.command(epilog="Example: windmark detect run12.tif --radius 3 --picture spots.png")
+def detect(
+    images: Annotated[list[Path], typer.Argument(help="Images.")],
+    radius: Radius,
+    polarity: Polarity = "dark",
+    merit_max: MeritMax = 0.7,
+    output: Annotated[Path, typer.Option("--output", "-o", help="Table of the spots, CSV.")] = Path("detections.csv"),
+    picture: Annotated[
+        Path | None, typer.Option(help="Also draw the spots (PNG); several images get a number each.")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Find markers in images: centres, covariances, merit."""
+    from windmark.app import verbs
+
+    with console.errors(as_json):
+        verbs.detect(images, radius, polarity, merit_max, output, picture, as_json)
+
+
+@app.command(epilog="Example: windmark register run12.tif -m markers.csv -c camera.json -r 3 --unit mm")
+def register(
+    image: Annotated[Path, typer.Argument(help="The image.")],
+    markers: Markers,
+    camera: CameraFile,
+    radius: Radius,
+    unit: Unit,
+    polarity: Polarity = "dark",
+    merit_max: MeritMax = 0.7,
+    tolerance_px: Annotated[float | None, typer.Option(help="Largest distance of a spot to its marker.")] = None,
+    free_focal: Annotated[bool, typer.Option(help="The focal length is only roughly known: find it too.")] = False,
+    seed: Seed = 0,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Folder of the results. [default: IMAGE-registration]")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Find which spot is which marker and where the camera was; no start pose is needed."""
+    from windmark.app import verbs
+
+    with console.errors(as_json):
+        settings: dict[str, Any] = {
+            "title": f"Registration of {image.name}",
+            "length_unit": unit,
+            "camera": [{"file": camera}],
+            "image": [{"file": image}],
+            "markers": {"file": markers},
+            "detect": {"radius_px": tuple(radius), "polarity": polarity, "merit_max": merit_max},
+            "register": {"tolerance_px": tolerance_px, "free_focal": free_focal, "seed": seed},
+            "output": {"folder": output or Path(f"{image.stem}-registration"), "nodes": ()},
+        }
+        verbs.run_settings(settings, as_json)
+
+
+@app.command(epilog="Example: windmark resect run12.tif -c run12-registration/run12/camera.json -g wing.grid --unit mm")
+def resect(
+    image: Annotated[Path, typer.Argument(help="The image.")],
+    camera: Annotated[Path, typer.Option("--camera", "-c", help="Camera with a pose, as register writes it.")],
+    grid: GridFile,
+    unit: Unit,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Folder of the results. [default: IMAGE-resection]")
+    ] = None,
+    nodes: Annotated[
+        list[str] | None,
+        typer.Option(help="Formats of the node values: vtk, tecplot, plot3d, csv, netcdf. [default: all]"),
+    ] = None,
+    max_obliquity_deg: Annotated[float, typer.Option(help="Surface seen more obliquely than this gets no value.")] = 80,
+    as_json: Json = False,
+) -> None:
+    """Map a registered image onto the grid: values on nodes, pictures."""
+    from windmark.app import verbs
+
+    with console.errors(as_json):
+        settings: dict[str, Any] = {
+            "title": f"Resection of {image.name}",
+            "length_unit": unit,
+            "camera": [{"file": camera, "pose": "known"}],
+            "image": [{"file": image}],
+            "grid": {"file": grid},
+            "resect": {"max_obliquity_deg": max_obliquity_deg},
+            "output": {"folder": output or Path(f"{image.stem}-resection")} | ({"nodes": nodes} if nodes else {}),
+        }
+        verbs.run_settings(settings, as_json)
+
+
+@app.command(epilog="Example: windmark align off.tif on.tif --reference off -m markers.csv -c camera.json -g wing.grid"
+                    " -r 3 --unit mm")  # fmt: skip
+def align(
+    images: Annotated[list[Path], typer.Argument(help="Images of one camera.")],
+    reference: Annotated[str, typer.Option(help="Name (file stem) of the image that the others are aligned to.")],
+    markers: Markers,
+    camera: CameraFile,
+    grid: GridFile,
+    radius: Radius,
+    unit: Unit,
+    polarity: Polarity = "dark",
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder of the results.")] = Path("aligned"),
+    seed: Seed = 0,
+    as_json: Json = False,
+) -> None:
+    """3D alignment: recompute images as if all had been taken from the reference image's pose."""
+    from windmark.app import verbs
+
+    with console.errors(as_json):
+        settings: dict[str, Any] = {
+            "title": f"Alignment to {reference}",
+            "length_unit": unit,
+            "camera": [{"file": camera}],
+            "image": [{"file": path} for path in images],
+            "markers": {"file": markers},
+            "grid": {"file": grid},
+            "detect": {"radius_px": tuple(radius), "polarity": polarity},
+            "register": {"seed": seed},
+            "align": {"reference": reference},
+            "output": {"folder": output, "nodes": ()},
+        }
+        verbs.run_settings(settings, as_json)
+
+
+@app.command(epilog="Example: windmark run project.toml")
+def run(
+    project: Annotated[Path, typer.Argument(help="Project file (TOML).")],
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="Folder instead of the project's own.")] = None,
+    as_json: Json = False,
+) -> None:
+    """The main job: from images to values on the grid, with pictures and one HTML report."""
+    from windmark.app import verbs
+
+    with console.errors(as_json):
+        verbs.run(project, output, as_json)
+
+
+def main() -> None:
+    """Entry point of the ``windmark`` command."""
+    app()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,72 @@
+"""Talking to a person or to a machine: progress, one-line answers, JSON, errors, exit codes."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any
+
+import typer
+
+DONE, DATA_SAY_NO, WRONG_USAGE, INTERRUPTED = 0, 1, 2, 130
+
+
+@contextmanager
+def progress(total: int | None = None) -> Iterator[Callable[[str], None]]:
+    """A function that shows the stage at work: a spinner on a terminal, nothing in a pipe."""
+    if not sys.stderr.isatty():
+        yield lambda _: None
+        return
+    from rich.console import Console
+    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+    console = Console(stderr=True)
+    with Progress(SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn(), console=console,
+                  transient=True) as bar:  # fmt: skip
+        task = bar.add_task("start", total=total)
+        yield lambda stage: bar.update(task, description=stage)
+
+
+def answer(record: Mapping[str, Any], as_json: bool, lines: list[str]) -> None:
+    """Print the result: JSON for machines, or lines for people."""
+    if as_json:
+        from windmark.io import to_json
+
+        typer.echo(to_json(record))
+    else:
+        for line in lines:
+            typer.echo(line)
+
+
+@contextmanager
+def errors(as_json: bool) -> Iterator[None]:
+    """Turn what went wrong into one clear message and the exit code of the conventions.
+
+    2: wrong usage or bad file; 130: interrupted. Anything else is a defect of windmark and keeps
+    its traceback.
+    """
+    try:
+        yield
+    except KeyboardInterrupt:
+        _fail("interrupted; nothing was written", INTERRUPTED, as_json)
+    except (ValueError, FileNotFoundError) as error:
+        _fail(str(error), WRONG_USAGE, as_json)
+    except MemoryError:
+        _fail("not enough memory for this image or grid", WRONG_USAGE, as_json)
+
+
+def refuse(reason: str, as_json: bool, record: Mapping[str, Any] | None = None) -> None:
+    """The data say no: print the reason, leave with exit code 1."""
+    if as_json:
+        answer({**(record or {}), "error": reason}, True, [])
+    typer.echo(f"windmark: {reason}", err=True)
+    raise typer.Exit(DATA_SAY_NO)
+
+
+def _fail(message: str, code: int, as_json: bool) -> None:
+    if as_json:
+        typer.echo(json.dumps({"error": message}))
+    typer.echo(f"windmark: {message}", err=True)
+    raise typer.Exit(code)

@@ -1,0 +1,213 @@
+"""The report of the main job: what was done to each image, how sure it is, what it looks like."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Any
+
+import numpy as np
+
+import windmark
+from windmark.app import pictures
+from windmark.app.report import Report
+from windmark.pipeline.clock import Clock
+from windmark.pipeline.outputs import pose_difference, projected_xy
+from windmark.pipeline.results import ImageResult, RunResult
+from windmark.pipeline.surface import surface_view
+from windmark.pipeline.truth import Comparison
+from windmark.pipeline.wireframe import grid_lines
+from windmark.registration import Registration
+from windmark.scene import MarkerSet
+
+FILES = (
+    ("detections.csv", "every spot: centre, sigma, merit, radius"),
+    ("matches.csv", "which spot is which marker, residual"),
+    ("camera.json", "camera and its pose (windmark resect takes it)"),
+    ("nodes.vtp, .dat, .f, .csv, .nc", "values on the grid: ParaView, Tecplot, PLOT3D function, CSV, NetCDF"),
+    ("view-*.tif", "virtual images, float32, NaN where nothing was seen"),
+    ("section-*.csv", "values along cuts"),
+    ("aligned.tif", "the image as seen from the reference image's pose"),
+)
+
+
+def run_report(result: RunResult, clock: Clock, truth: Comparison | None = None) -> str:
+    """The whole report as HTML. ``clock``: times of writing."""
+    when = datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
+    project = result.project
+    report = Report(project.title, f"windmark {windmark.__version__}, {when}, lengths in {project.length_unit}")
+    _overview(report, result)
+    if truth is not None:
+        _truth(report, truth)
+    for item in result.images:
+        _image(report, item, result)
+    _times(report, result, clock.seconds)
+    report.heading("Files beside this report")
+    report.text("One folder per image:")
+    report.table(["file", "content"], FILES)
+    report.heading("Options")
+    report.table(["key", "value"], _flat(project.model_dump(mode="json", exclude={"path"}, by_alias=True)))
+    return report.html()
+
+
+def _flat(value: Any, key: str = "") -> list[tuple[str, str]]:
+    """Nested options as rows: camera[0].file and so on; what is not set is left out."""
+    if isinstance(value, dict):
+        return [row for k, v in value.items() for row in _flat(v, f"{key}.{k}" if key else k)]
+    if isinstance(value, list) and any(isinstance(v, dict) for v in value):
+        return [row for k, v in enumerate(value) for row in _flat(v, f"{key}[{k}]")]
+    text = ", ".join(map(str, value)) if isinstance(value, list) else str(value)
+    return [] if value is None or not text else [(key, text)]
+
+
+def _overview(report: Report, result: RunResult) -> None:
+    rows = []
+    for item in result.images:
+        answer = item.registered
+        rows.append((
+            item.name,
+            None if item.detections is None else len(item.detections),
+            None if answer is None else len(answer.matching),
+            None if answer is None else answer.rms_px,
+            None if answer is None else f"10^{answer.log10_nfa:.0f}",
+            None if item.values is None else int(np.isfinite(item.values).sum()),
+            sum(item.seconds.values()),
+            item.problem or "done",
+        ))  # fmt: skip
+    report.table(
+        ["image", "spots", "markers matched", "RMS px", "false-alarm number", "nodes with value", "time s", "status"],
+        rows,
+    )
+    report.text(
+        "RMS is the root mean square length of the residual vector (2-D). The false-alarm number is how many wrong"
+        " poses this good one would expect from chance alone in this image: 10^-9 and below is accepted.",
+        "soft",
+    )
+    for item in result.failed:
+        report.text(f"{item.name}: {item.problem}", "bad")
+
+
+def _truth(report: Report, truth: Comparison) -> None:
+    report.heading("Compared with the truth")
+    report.text(truth.verdict, "good" if truth.good else "bad")
+    report.table(truth.columns, truth.rows)
+    report.text(truth.explanation, "soft")
+
+
+def _image(report: Report, item: ImageResult, result: RunResult) -> None:
+    report.heading(f"Image {item.name}")
+    if item.problem:
+        report.text(item.problem, "bad")
+    if item.registered is not None and result.markers is not None:
+        _registration(report, item, item.registered, result.markers, result.project.length_unit)
+    elif item.image is not None and item.detections is not None:
+        report.picture(pictures.png(pictures.spots_picture(item.image, item.detections, item.name)), "Detected spots.")
+    if item.nodes is not None and item.values is not None:
+        _mapping(report, item, result)
+    for view in item.views:
+        report.picture(
+            pictures.png(pictures.view_picture(view, result.project.length_unit)),
+            f"The image recomputed for another point of view: “{view.name}”. Pale: not seen by the camera.",
+        )
+    for section in item.sections:
+        report.picture(
+            pictures.png(pictures.section_picture(section, result.project.length_unit)),
+            f"Values along the cut “{section.name}”.",
+        )
+    if item.aligned is not None:
+        figure, axes = pictures.image_axes(item.aligned)
+        axes.set_title(f"{item.name} as seen from the reference image's pose")
+        report.picture(pictures.png(figure), "3D alignment: model motion between the images is compensated.")
+
+
+def _registration(report: Report, item: ImageResult, answer: Registration, markers: MarkerSet, unit: str) -> None:
+    assert item.image is not None
+    assert item.detections is not None
+    _pose_table(report, item, answer, unit)
+    matching = answer.matching
+    names = [str(n) for n in markers.name[matching.marker]]
+    projected = projected_xy(answer, markers)
+    missing = np.setdiff1d(item.expected if item.expected is not None else [], matching.marker)
+    missing_xy = answer.camera.project(answer.cam_from_model.apply(markers.xyz[missing]))[0]
+    figure = pictures.matching_picture(
+        item.image, item.detections, matching.detection, names, projected,
+        missing_xy, [str(n) for n in markers.name[missing]], item.name,
+    )  # fmt: skip
+    report.picture(pictures.png(figure), "Which spot is which marker; yellow: residual vectors, magnified.")
+    residual = projected - item.detections.xy[matching.detection]
+    report.picture(pictures.png(pictures.residual_picture(names, residual)), "Residuals of the matched markers.")
+    order = np.argsort(names)
+    report.table(
+        ["marker", "x px", "y px", "dx px", "dy px", "distance px", "merit"],
+        [
+            (names[k], *(f"{v:.3f}" for v in (*item.detections.xy[matching.detection[k]], *residual[k])),
+             f"{np.hypot(*residual[k]):.3f}", float(item.detections.merit[matching.detection[k]]))
+            for k in order
+        ],
+        scroll=True,
+    )  # fmt: skip
+    report.side_by_side(2)
+
+
+def _pose_table(report: Report, item: ImageResult, answer: Registration, unit: str) -> None:
+    pov = answer.cam_from_model.to_pov(answer.camera.focal_px, answer.camera.size_px[0])
+    sigma = np.sqrt(np.diag(answer.cov))
+    report.heading("Where the camera was", 3)
+    report.table(
+        ["point of view", "x", "y", "z"],
+        [
+            ("angles, deg", *(f"{v:.4f}" for v in (pov.rx_deg, pov.ry_deg, pov.rz_deg))),
+            ("sigma about the camera's axes, deg", *(float(v) for v in np.degrees(sigma[:3]))),
+            (f"distances, {unit}", *(f"{v:.4f}" for v in (pov.dx, pov.dy, pov.dz))),
+            (f"sigma along the camera's axes, {unit}", *(float(v) for v in sigma[3:6])),
+            (f"camera station in the model's frame, {unit}", *(f"{v:.4f}" for v in answer.cam_from_model.center)),
+        ],
+    )
+    report.text(
+        f"Field of view {pov.fov_deg:.3f} deg, focal length {answer.camera.focal_px:.2f} px;"
+        f" {answer.report.iterations} iterations, stopped: {answer.report.reason}.",
+        "soft",
+    )
+    if item.published is not None:
+        off = pose_difference(answer.cam_from_model, item.published)
+        report.text(
+            f"The camera's file holds a pose too (not used): it differs by {off['angle_deg']:.3f} deg, its station by"
+            f" {off['station_distance']:.4g} {unit}."
+        )
+
+
+def _mapping(report: Report, item: ImageResult, result: RunResult) -> None:
+    mesh, nodes, values, pose = result.mesh, item.nodes, item.values, item.cam_from_model
+    assert mesh is not None
+    assert nodes is not None
+    assert values is not None
+    assert pose is not None
+    assert item.image is not None
+    report.heading("Values on the grid", 3)
+    counts = nodes.count()
+    total = len(values)
+    report.table(
+        ["nodes", "count", "share %"],
+        [(name.replace("_", " "), n, f"{100 * n / max(total, 1):.1f}") for name, n in counts.items() if n],
+    )
+    figure = pictures.wireframe_picture(item.image, grid_lines(mesh, nodes), f"{item.name}: the grid over the image")
+    report.picture(pictures.png(figure), "Visible grid lines projected with the pose found and the lens.")
+    seen = mesh.vertices[nodes.visible]
+    if not len(seen):
+        return
+    ahead = seen.mean(axis=0) - pose.center
+    right, down = pose.rotation[0], pose.rotation[1]
+    direction = ahead / np.linalg.norm(ahead) - 0.45 * down - 0.5 * right
+    shown = surface_view(mesh, values, direction=direction, up=-down, focus=seen)
+    report.picture(
+        pictures.png(pictures.surface_picture(shown.value, shown.shade, f"{item.name} mapped onto the surface")),
+        "Values on the grid, seen from another side than the camera's. Grey: no value.",
+    )
+
+
+def _times(report: Report, result: RunResult, seconds: dict[str, float]) -> None:
+    report.heading("Times")
+    stages = list(dict.fromkeys(stage for item in result.images for stage in item.seconds))
+    rows = [(name, *([None] * len(result.images)), value) for name, value in result.seconds.items()]
+    rows += [(stage, *(item.seconds.get(stage) for item in result.images), None) for stage in stages]
+    rows += [(name, *([None] * len(result.images)), value) for name, value in seconds.items()]
+    report.table(["stage, s", *(item.name for item in result.images), "whole job"], rows)

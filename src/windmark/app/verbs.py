@@ -1,0 +1,181 @@
+"""The verbs behind the command line: load, do, write whole, say it in a few lines."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from windmark import detection, io
+from windmark.app import console
+from windmark.pipeline import outputs
+from windmark.pipeline.clock import Clock
+from windmark.pipeline.job import run_project
+from windmark.pipeline.project import Project, make_project, read_project
+from windmark.pipeline.results import ImageResult, RunResult
+from windmark.pipeline.truth import Comparison
+
+Record = dict[str, Any]
+
+
+def detect(
+    images: list[Path],
+    radius: list[float],
+    polarity: str,
+    merit_max: float,
+    output: Path,
+    picture: Path | None,
+    as_json: bool,
+) -> None:
+    """Detect in each image; one table for all."""
+    found = {}
+    with console.progress() as show:
+        for path in images:
+            show(f"detect {path.name}")
+            image = io.read_grey(path)
+            found[path.name] = image, detection.detect(
+                image, radius_px=radius, polarity=polarity, merit_max=merit_max
+            )  # fmt: skip
+    io.write_detections(output, {name: spots for name, (_, spots) in found.items()})
+    if picture is not None:
+        from windmark.app.pictures import png, spots_picture
+
+        for k, (name, (image, spots)) in enumerate(found.items()):
+            place = picture if len(found) == 1 else picture.with_stem(f"{picture.stem}-{k + 1}")
+            with io.atomic_write(place, "wb") as stream:
+                stream.write(png(spots_picture(image, spots, name)))
+    record = {"images": {name: {"spots": len(s), "xy": s.xy, "merit": s.merit} for name, (_, s) in found.items()},
+              "output": str(output)}  # fmt: skip
+    lines = [f"{name}: {len(spots)} spots" for name, (_, spots) in found.items()]
+    console.answer(record, as_json, [*lines, f"written: {output}"])
+    if not any(len(spots) for _, spots in found.values()):
+        console.refuse(f"no marker of radius {radius} px ({polarity}) was found", as_json)
+
+
+def run(path: Path, output: Path | None, as_json: bool) -> None:
+    """The main job from a project file."""
+    project = read_project(path)
+    if output is not None:
+        changed = project.output.model_copy(update={"folder": output.resolve()})
+        project = project.model_copy(update={"output": changed})
+    finish(*carry_out(project), as_json)
+
+
+def run_settings(settings: Mapping[str, Any], as_json: bool) -> None:
+    """The main job from settings of the command line."""
+    finish(*carry_out(make_project(Path("command line"), settings)), as_json)
+
+
+def carry_out(project: Project, truth: Callable[[RunResult], Comparison] | None = None) -> tuple[RunResult, Record]:
+    """Run, write everything as one unit, return the result and its summary.
+
+    ``truth`` compares a result with what is known of a synthetic test.
+    """
+    from windmark.app.run_report import run_report
+
+    folder = project.output.folder
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    start = time.perf_counter()
+    with console.progress() as show:
+        clock = Clock(show)
+        result = run_project(project, progress=show)
+        comparison = truth(result) if truth else None
+        with io.atomic_folder(folder) as place:
+            outputs.write_results(result, place, clock)
+            with clock("draw report"):
+                page = run_report(result, clock, comparison)
+            (place / "report.html").write_text(page, encoding="utf-8")
+            clock.seconds["whole job"] = time.perf_counter() - start
+            record = outputs.summary(result, clock)
+            if comparison is not None:
+                record["truth"] = comparison.record()
+            io.write_json(place / "summary.json", record)
+    return result, record
+
+
+def finish(result: RunResult, record: Record, as_json: bool) -> None:
+    """One line per image, where the report is, and the exit code."""
+    folder = result.project.output.folder
+    lines = [image_line(item, result) for item in result.images]
+    console.answer(record, as_json, [*lines, f"report: {folder / 'report.html'}"])
+    if result.failed and len(result.failed) == len(result.images):
+        console.refuse(f"no image could be used; {result.failed[0].name}: {result.failed[0].problem}", as_json)
+
+
+def image_line(item: ImageResult, result: RunResult) -> str:
+    """One image in one line."""
+    if item.problem:
+        return f"{item.name}: {item.problem}"
+    parts = []
+    answer = item.registered
+    if answer is not None:
+        parts.append(
+            f"{len(answer.matching)} of {len(item.detections or ())} spots are markers,"
+            f" RMS {answer.rms_px:.3f} px, log10(NFA) {answer.log10_nfa:.0f}"
+        )
+    if item.values is not None and result.mesh is not None:
+        parts.append(f"values on {int((item.values == item.values).sum())} of {len(item.values)} nodes")
+    return f"{item.name}: " + "; ".join(parts)
+
+
+def simulate(folder: Path, seed: int, as_json: bool) -> None:
+    """Write a synthetic test."""
+    from windmark.pipeline.simulate import simulate as write_test
+
+    with console.progress() as show:
+        show("render the virtual wind tunnel")
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with io.atomic_folder(folder) as place:
+            test = write_test(place, seed)
+    record = {
+        "folder": folder,
+        "seed": seed,
+        "markers": len(test.markers),
+        "grid_nodes": len(test.mesh.vertices),
+        "images": [shot.view.frame for shot in test.shots],
+    }
+    lines = [
+        f"{len(test.shots)} images, {len(test.markers)} markers, {len(test.mesh.vertices)} grid nodes: {folder}",
+        f"next: windmark run {folder / 'project.toml'}",
+    ]
+    console.answer(record, as_json, lines)
+
+
+def demo(folder: Path, seed: int, as_json: bool) -> None:
+    """A synthetic test made, run with no start pose, and compared with its truth."""
+    from windmark.pipeline.simulate import simulate as write_test
+    from windmark.pipeline.truth import compare
+
+    start = time.perf_counter()
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with console.progress() as show:
+        show("render the virtual wind tunnel")
+        with io.atomic_folder(folder) as place:
+            test = write_test(place, seed)
+    rendered = time.perf_counter() - start
+    project = read_project(folder / "project.toml")
+    result, record = carry_out(project, lambda done: compare(done, test))
+    truth = record["truth"]
+    lines = [
+        f"a virtual wind-tunnel test was rendered into {folder} ({rendered:.1f} s):"
+        f" {len(test.shots)} images, {len(test.markers)} markers, {len(test.mesh.vertices)} grid nodes",
+        "the main job, with no start pose (windmark run project.toml):",
+        *(f"  {image_line(item, result)}" for item in result.images),
+        f"compared with the truth: {truth['verdict']}",
+        *(f"  {_truth_line(row)}" for row in truth["images"]),
+        f"report: {project.output.folder / 'report.html'}",
+    ]
+    console.answer(record, as_json, lines)
+    if not truth["good"]:
+        console.refuse(f"the result does not agree with the truth: {truth['verdict']}", as_json)
+
+
+def _truth_line(row: Record) -> str:
+    if row["pose deg"] is None:
+        return f"{row['image']}: not registered"
+    return (
+        f"{row['image']}: {row['labelled right']} of {row['markers visible']} visible markers labelled,"
+        f" {row['labelled wrong']} wrong; pose off by {row['pose deg']:.4f} deg;"
+        f" surface placed to {row['place on the surface RMS px']:.3f} px; values to {row['value error median %']:.2f} %"
+    )

@@ -1,0 +1,140 @@
+"""Results as files: tables, poses, values on the grid. One folder per image, all or nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import windmark
+from windmark import io
+from windmark.geometry import Pose
+from windmark.pipeline.clock import Clock
+from windmark.pipeline.results import ImageResult, RunResult
+from windmark.registration import NotRegistered, Registration
+from windmark.scene import MarkerSet
+
+Record = dict[str, Any]
+
+
+def write_results(result: RunResult, folder: Path, clock: Clock) -> None:
+    """Write everything but summary and report into ``folder`` (it exists already; see `io.atomic_folder`)."""
+    for item in result.images:
+        place = folder / item.name
+        place.mkdir()
+        with clock("write tables and images"):
+            _write_image(item, result, place)
+        if item.nodes is not None and item.values is not None:
+            _write_nodes(item, result, place, clock)
+
+
+def _write_image(item: ImageResult, result: RunResult, place: Path) -> None:
+    if item.detections is not None:
+        io.write_detections(place / "detections.csv", item.detections, image=item.name)
+    answer, unit = item.registered, result.project.length_unit
+    if answer is not None and item.detections is not None and result.markers is not None:
+        io.write_matches(place / "matches.csv", item.detections, result.markers, answer.matching,
+                         projected_xy(answer, result.markers), image=item.name)  # fmt: skip
+    if item.cam_from_model is not None:
+        io.write_camera(place / "camera.json", item.camera, item.cam_from_model, unit=unit)
+    for view in item.views:
+        io.write_image(place / f"view-{view.name}.tif", view.image)
+        io.write_camera(place / f"view-{view.name}.json", view.camera, view.cam_from_model, unit=unit)
+    for section in item.sections:
+        io.write_table(
+            place / f"section-{section.name}.csv",
+            {
+                "line": section.line, "arc": section.arc, "x": section.xyz[:, 0], "y": section.xyz[:, 1],
+                "z": section.xyz[:, 2], "value": section.value,
+            },
+        )  # fmt: skip
+    if item.aligned is not None:
+        io.write_image(place / "aligned.tif", item.aligned)
+
+
+def projected_xy(answer: Registration, markers: MarkerSet) -> NDArray[np.float64]:
+    """(K, 2) projected positions of the matched markers."""
+    xyz = markers.xyz[answer.matching.marker]
+    return answer.camera.project(answer.cam_from_model.apply(xyz))[0]
+
+
+def _write_nodes(item: ImageResult, result: RunResult, place: Path, clock: Clock) -> None:
+    mesh, nodes, values = result.mesh, item.nodes, item.values
+    assert mesh is not None
+    assert nodes is not None
+    assert values is not None
+    fields = {"value": values, "obliquity_deg": np.where(nodes.visible, nodes.obliquity_deg, np.nan)}
+    units = {"value": "grey level", "obliquity_deg": "deg", "length": result.project.length_unit}
+    history = {"image": item.name, "project": result.project.title, "windmark": windmark.__version__}
+    writers: dict[str, Callable[[], None]] = {
+        "vtk": lambda: io.write_nodes_vtk(place / "nodes.vtp", mesh, fields, units=units),
+        "tecplot": lambda: io.write_tecplot(place / "nodes.dat", mesh, fields, units=units),
+        "plot3d": lambda: io.write_plot3d_function(place / "nodes.f", mesh, fields),
+        "csv": lambda: io.write_nodes_csv(place / "nodes.csv", mesh, fields),
+        "netcdf": lambda: io.write_nodes_netcdf(place / "nodes.nc", mesh, fields, units=units, history=history),
+    }
+    for name in result.project.output.nodes:
+        with clock(f"write nodes: {name}"):
+            writers[name]()
+
+
+def summary(result: RunResult, clock: Clock) -> Record:
+    """The whole job in figures: what `--json` prints and summary.json holds."""
+    return {
+        "windmark": windmark.__version__,
+        "title": result.project.title,
+        "length_unit": result.project.length_unit,
+        "markers": None if result.markers is None else len(result.markers),
+        "grid_nodes": None if result.mesh is None else len(result.mesh.vertices),
+        "images": [image_summary(item, result) for item in result.images],
+        "failed": [item.name for item in result.failed],
+        "seconds": {**result.seconds, **clock.seconds},
+        "options": result.project.model_dump(mode="json", exclude={"path"}, by_alias=True),
+    }
+
+
+def image_summary(item: ImageResult, result: RunResult) -> Record:
+    """One image in figures."""
+    record: Record = {"name": item.name, "problem": item.problem, "seconds": item.seconds}
+    if item.detections is not None:
+        record["spots"] = len(item.detections)
+    answer = item.registered
+    if answer is not None and result.markers is not None:
+        record["registration"] = registration_summary(answer, result.markers.name, item.published)
+    elif isinstance(item.registration, NotRegistered):
+        record["registration"] = {"registered": False, "reason": item.registration.reason}
+    if item.nodes is not None and item.values is not None:
+        record["nodes_visible"] = int(item.nodes.visible.sum())
+        record["nodes_with_value"] = int(np.isfinite(item.values).sum())
+    record["views"] = {v.name: {"units_per_px": v.units_per_px, "valid_px": int(v.valid.sum())} for v in item.views}
+    return record
+
+
+def registration_summary(answer: Registration, names: NDArray[np.str_], published: Pose | None) -> Record:
+    """A registration in figures: labels, residual, pose with its sigma, confidence."""
+    pov = answer.cam_from_model.to_pov(answer.camera.focal_px, answer.camera.size_px[0])
+    record: Record = {
+        "registered": True,
+        "matched": len(answer.matching),
+        "labels": [str(n) for n in names[answer.matching.marker]],
+        "rms_px": answer.rms_px,
+        "log10_nfa": answer.log10_nfa,
+        "pov": vars(pov),
+        "camera_station": answer.cam_from_model.center,
+        "focal_px": answer.camera.focal_px,
+        "cov": answer.cov,
+    }
+    if published is not None:
+        record["published_pose"] = pose_difference(answer.cam_from_model, published)
+    return record
+
+
+def pose_difference(pose: Pose, other: Pose) -> Record:
+    """How far apart two poses of one camera are: angle in degrees, distance of the stations in length units."""
+    return {
+        "angle_deg": float(np.degrees(pose.angle_to(other))),
+        "station_distance": float(np.linalg.norm(pose.center - other.center)),
+    }

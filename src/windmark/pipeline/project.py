@@ -1,0 +1,253 @@
+"""The project file: one TOML that names cameras, images, markers, grid and what is wanted.
+
+Every key is checked before any work starts; an error names the file, the key and what was expected.
+Paths are relative to the project file.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from windmark.io.errors import FileError, reading
+
+Vector = tuple[float, float, float]
+Unit = Literal["in", "ft", "mm", "cm", "m"]
+NodeFormat = Literal["vtk", "tecplot", "plot3d", "csv", "netcdf"]
+Positive = Annotated[float, Field(gt=0)]
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class CameraEntry(_Strict):
+    """One camera: its interior parameters.
+
+    ``pose = "find"``: a pose in the file is only compared with, never used as a start.
+    ``pose = "known"``: the pose in the file is taken as it is and nothing is matched.
+    """
+
+    name: str = "camera"
+    file: Path
+    pose: Literal["find", "known"] = "find"
+
+
+class ImageEntry(_Strict):
+    """One image (or one page of a multipage TIFF)."""
+
+    file: Path
+    name: str | None = None
+    camera: str | None = None
+    page: Annotated[int, Field(ge=0)] = 0
+
+    @property
+    def label(self) -> str:
+        """Name of the image in results and of its folder."""
+        return self.name or self.file.stem
+
+
+class MarkersEntry(_Strict):
+    """The markers' table; only the given roles are matched."""
+
+    file: Path
+    roles: tuple[str, ...] = ("model", "wall", "primary", "secondary")
+
+
+class GridEntry(_Strict):
+    """The surface grid."""
+
+    file: Path
+
+
+class DetectOptions(_Strict):
+    """Options of `windmark.detect`."""
+
+    radius_px: Positive | tuple[Positive, ...]
+    polarity: Literal["dark", "bright"] = "dark"
+    merit_max: Positive = 0.7
+
+
+class RegisterOptions(_Strict):
+    """Options of `windmark.register`."""
+
+    tolerance_px: Positive | None = None
+    free_focal: bool = False
+    seed: int = 0
+    max_time_s: Positive = 20.0
+
+
+class ResectOptions(_Strict):
+    """How values are taken from the image."""
+
+    max_obliquity_deg: Annotated[float, Field(gt=0, le=90)] = 80.0
+    interpolation: Literal["linear", "cubic"] = "cubic"
+
+
+class ViewEntry(_Strict):
+    """A virtual image: looks along `direction` (model frame), `up` points to the top, framed on the surface seen."""
+
+    name: str
+    direction: Vector
+    up: Vector
+    size_px: tuple[Annotated[int, Field(gt=0, le=20000)], Annotated[int, Field(gt=0, le=20000)]] = (1200, 800)
+    fov_deg: Annotated[float, Field(gt=0, lt=170)] = 2.0
+
+
+class SectionEntry(_Strict):
+    """A cut of the surface by a plane: values along the line, every `spacing` length units or at each grid line."""
+
+    name: str
+    point: Vector
+    normal: Vector
+    spacing: Positive | None = None
+
+
+class AlignOptions(_Strict):
+    """3D alignment: every image is recomputed as if taken from the reference image's pose."""
+
+    reference: str
+
+
+class OutputOptions(_Strict):
+    """What is written, and where."""
+
+    folder: Path = Path("results")
+    nodes: tuple[NodeFormat, ...] = ("vtk", "tecplot", "plot3d", "csv", "netcdf")
+
+
+class Project(_Strict):
+    """A whole job. `path` is the project file; other paths are already absolute."""
+
+    path: Path
+    title: str
+    length_unit: Unit
+    camera: Annotated[tuple[CameraEntry, ...], Field(min_length=1)]
+    image: Annotated[tuple[ImageEntry, ...], Field(min_length=1)]
+    markers: MarkersEntry | None = None
+    grid: GridEntry | None = None
+    detect: DetectOptions | None = None
+    register_: RegisterOptions = Field(default_factory=RegisterOptions, alias="register")
+    resect: ResectOptions = Field(default_factory=ResectOptions)
+    view: tuple[ViewEntry, ...] = ()
+    section: tuple[SectionEntry, ...] = ()
+    align: AlignOptions | None = None
+    output: OutputOptions = Field(default_factory=OutputOptions)
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Project:
+        for kind, names in (
+            ("camera", [c.name for c in self.camera]),
+            ("image", [i.label for i in self.image]),
+            ("view", [v.name for v in self.view]),
+            ("section", [s.name for s in self.section]),
+        ):
+            double = sorted({n for n in names if names.count(n) > 1})
+            if double:
+                raise ValueError(f"{kind} names must be unique, more than once: {', '.join(double)}")
+            bad = [n for n in names if not n or any(ch in n for ch in '/\\:*?"<>|') or n.startswith(".")]
+            if bad:
+                raise ValueError(f"{kind} names become file names, this one cannot: {bad[0]!r}")
+        cameras = [c.name for c in self.camera]
+        for image in self.image:
+            if image.camera is None and len(cameras) > 1:
+                raise ValueError(f"image {image.label}: say which camera took it, one of {', '.join(cameras)}")
+            if image.camera is not None and image.camera not in cameras:
+                raise ValueError(f"image {image.label}: camera {image.camera!r} is not one of {', '.join(cameras)}")
+        if any(c.pose == "find" for c in self.camera):
+            missing = [name for name in ("markers", "detect") if getattr(self, name) is None]
+            if missing:
+                raise ValueError(f"[{missing[0]}] is missing: the cameras' poses are found from markers in the images")
+        if self.align and self.align.reference not in [i.label for i in self.image]:
+            raise ValueError(f"align: reference {self.align.reference!r} is not the name of an image")
+        if self.grid is None and (self.view or self.section or self.align):
+            raise ValueError("views, sections and alignment need a grid: add [grid] file = ...")
+        return self
+
+    def camera_of(self, image: ImageEntry) -> CameraEntry:
+        """The camera that took an image."""
+        return next(c for c in self.camera if image.camera in (None, c.name))
+
+
+def read_project(path: str | Path) -> Project:
+    """Read and check a project file.
+
+    Raises
+    ------
+    FileError
+        When the file is missing, no TOML, has an unknown or wrong key, or names a file that is absent.
+    """
+    path = Path(path)
+    try:
+        with reading(path):
+            data = tomllib.loads(path.read_bytes().decode("utf-8-sig"))
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise FileError(path, f"is not valid TOML ({error}); expected a windmark project file") from None
+    if "path" in data:
+        raise FileError(path, f"unknown key; expected {_known_keys(Project)}", "path")
+    return make_project(path, data)
+
+
+def make_project(path: Path, settings: Mapping[str, Any]) -> Project:
+    """A checked project from the settings that a project file would hold; ``path`` gives the base of its paths."""
+    try:
+        project = Project(path=path.resolve(), **settings)
+    except ValidationError as error:
+        raise _explained(path, error) from None
+    return _with_absolute_paths(project)
+
+
+def _with_absolute_paths(project: Project) -> Project:
+    base = project.path.parent
+
+    def existing(key: str, relative: Path) -> Path:
+        full = (base / relative).resolve()
+        if not full.is_file():
+            raise FileError(project.path, f"there is no file {full}; expected an existing file", key)
+        return full
+
+    def moved(key: str, entry: _Strict) -> _Strict:
+        return entry.model_copy(update={"file": existing(f"{key}.file", entry.file)})  # type: ignore[attr-defined]
+
+    return project.model_copy(
+        update={
+            "camera": tuple(moved(f"camera[{i}]", c) for i, c in enumerate(project.camera)),
+            "image": tuple(moved(f"image[{i}]", c) for i, c in enumerate(project.image)),
+            "markers": moved("markers", project.markers) if project.markers else None,
+            "grid": moved("grid", project.grid) if project.grid else None,
+            "output": project.output.model_copy(update={"folder": (base / project.output.folder).resolve()}),
+        }
+    )
+
+
+def _explained(path: Path, error: ValidationError) -> FileError:
+    """The first thing that is wrong, in words: key, what came, what was expected."""
+    first = error.errors()[0]
+    keys = [str(k) for k in first["loc"]]
+    key = ".".join(keys) or None
+    if first["type"] == "extra_forbidden":
+        return FileError(path, f"unknown key; expected {_known_keys(_model_at(keys[:-1]))}", key)
+    if first["type"] == "missing":
+        return FileError(path, "is missing", key)
+    if first["type"] == "value_error":
+        return FileError(path, str(first["ctx"]["error"]), key)
+    return FileError(path, f"{first['msg']}, got {first['input']!r}", key)
+
+
+def _model_at(keys: list[str]) -> type[BaseModel]:
+    """The part of the project a key path leads to (list indices are skipped)."""
+    parts: dict[str, type[BaseModel]] = {
+        "camera": CameraEntry, "image": ImageEntry, "markers": MarkersEntry, "grid": GridEntry,
+        "detect": DetectOptions, "register": RegisterOptions, "resect": ResectOptions, "view": ViewEntry,
+        "section": SectionEntry, "align": AlignOptions, "output": OutputOptions,
+    }  # fmt: skip
+    return parts.get(keys[0], Project) if keys else Project
+
+
+def _known_keys(model: type[BaseModel]) -> str:
+    names = [f.alias or n for n, f in model.model_fields.items() if n != "path"]
+    return f"one of {', '.join(names)}"

@@ -1,0 +1,86 @@
+"""What a job hands on: per image and as a whole. Columns and arrays, no files."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.geometry import Camera, Pose
+from windmark.pipeline.project import Project
+from windmark.registration import NotRegistered, Registration
+from windmark.resection import NodeView
+from windmark.scene import Detections, MarkerSet, Mesh
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ViewImage:
+    """A virtual image: grey values float32 (H, W), NaN where the real image has nothing, and its camera."""
+
+    name: str
+    image: NDArray[np.float32]
+    valid: NDArray[np.bool_]
+    camera: Camera
+    cam_from_model: Pose
+    units_per_px: float
+
+
+@dataclass(frozen=True)
+class SectionValues:
+    """Values along a cut of the surface: arc length, place and value per point, and which line of the cut."""
+
+    name: str
+    line: NDArray[np.int32]
+    arc: Array
+    xyz: Array
+    value: NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class ImageResult:
+    """Everything known about one image.
+
+    ``camera`` and ``cam_from_model`` are the final ones; ``published`` is the pose that the camera's
+    file carried, for comparison; ``expected`` are the markers that must be in view from the pose found.
+    ``problem`` says in words why it went no further; None when all is well.
+    """
+
+    name: str
+    image: NDArray[np.generic] | None
+    camera: Camera
+    cam_from_model: Pose | None = None
+    published: Pose | None = None
+    detections: Detections | None = None
+    registration: Registration | NotRegistered | None = None
+    expected: NDArray[np.int64] | None = None
+    nodes: NodeView | None = None
+    values: NDArray[np.float32] | None = None
+    views: tuple[ViewImage, ...] = ()
+    sections: tuple[SectionValues, ...] = ()
+    aligned: NDArray[np.float32] | None = None
+    seconds: dict[str, float] = field(default_factory=dict)
+    problem: str | None = None
+
+    @property
+    def registered(self) -> Registration | None:
+        """The registration when there is one."""
+        return self.registration if isinstance(self.registration, Registration) else None
+
+
+@dataclass(frozen=True)
+class RunResult:
+    """A finished job."""
+
+    project: Project
+    markers: MarkerSet | None
+    mesh: Mesh | None
+    images: tuple[ImageResult, ...]
+    seconds: dict[str, float]
+
+    @property
+    def failed(self) -> tuple[ImageResult, ...]:
+        """Images that went wrong, with their reason in ``problem``."""
+        return tuple(i for i in self.images if i.problem)
