@@ -78,7 +78,8 @@ class Report:
 def _td(value: Any) -> str:
     """A table cell; words are left, figures right."""
     words = isinstance(value, str) and not value.lstrip("-+").replace(".", "", 1).isdigit()
-    return f"<td{' class="text"' if words else ''}>{escape(cell(value))}</td>"
+    style = ' class="text"' if words else ""
+    return f"<td{style}>{escape(cell(value))}</td>"
 
 
 def cell(value: Any) -> str:
