@@ -1,0 +1,209 @@
+"""The verb `detect`: markers in one image by SPOT (AIAA 2005-5007, section II)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from windmark.detection.image import Prepared, check_image, check_polarity, prepare
+from windmark.detection.search import MERIT_SLACK, Bowl, candidates
+from windmark.detection.shape import ILL, TOUCHING, Shapes, shapes
+from windmark.scene import Detections
+
+Array = NDArray[np.float64]
+
+REFINEMENTS = ("bowl",)
+QUALITY_MIN = 12.0  # see `detect`
+FULL_EVIDENCE_PX = 3.0  # smaller holes have too few pixels to be sure of: their quality counts r0 / 3
+MERIT_FLOOR = 1e-3  # of a hole without noise
+RADIUS_RATIO = (0.75, 1.35)  # measured / reference radius
+MIN_CORE = 0.85  # share of the hole that must be inside the image
+
+
+@dataclass(frozen=True)
+class _Spots:
+    """Spots of all radii before they are measured: (K,) columns but xy (K, 2)."""
+
+    xy: Array
+    merit: Array
+    depth: Array
+    settled: NDArray[np.bool_]
+    r0: Array
+
+    def take(self, index: NDArray[np.int64] | NDArray[np.bool_]) -> _Spots:
+        return _Spots(self.xy[index], self.merit[index], self.depth[index], self.settled[index], self.r0[index])
+
+
+def detect(
+    image: ArrayLike,
+    *,
+    radius_px: float | Sequence[float],
+    polarity: str = "dark",
+    merit_max: float = 0.7,
+    refine: str = "bowl",
+    max_spots: int | None = None,
+    min_depth: float | None = None,
+    min_quality: float = QUALITY_MIN,
+) -> Detections:
+    """Find markers: discs that are darker (or brighter) than the surface round them.
+
+    Each spot is a least-squares fit of an inverse top-hat (depth d, radius r0) on a sloping plane over the disc of
+    radius 2 r0. Its merit m is the norm of what is left over by the norm of the hole: 0 is a perfect hole, 1 one as big
+    as its error. The centre is the vertex of a quadratic fitted to the "bowl" of the merit round its minimum, taken
+    again round the new centre until it stays.
+
+    Parameters
+    ----------
+    image : (H, W) grey levels, any real type; pixels that are not finite are left out
+    radius_px : radius r0 of the markers in pixels, at least 1; or several radii, of which the best wins at each spot.
+        One radius finds discs of about 0.8 ... 1.2 r0; rather take it a little too large than too small (paper, II.C)
+    polarity : "dark" or "bright" markers on their surface
+    merit_max : largest merit of a spot; the paper's 0.7 is a correlation of 0.778 with the top-hat
+    refine : "bowl", the paper's centre
+    max_spots : keep only so many, the best
+    min_depth : smallest depth in grey levels; None leaves it to `min_quality`
+    min_quality : smallest depth / noise / merit, noise being the scatter of one pixel of the surface round the spot;
+        below r0 = 3 px it counts only r0 / 3. The worse the shape, the more a spot must stand out: from 3 px on
+        m = 0.7 needs 8.4 times the noise, m = 0.35 half of that. White noise alone gives m = 2 noise / depth, so the
+        default passes perfect discs down to depth / noise = 5 (6 at r0 = 2)
+
+    Returns
+    -------
+    Detections
+        Best first (largest quality, see `min_quality`). `xy` is the centre of the imaged ellipse; `cov` is white
+        noise of the measured scatter propagated through the bowl, plus the bowl's pixel-lattice error (0.025 / r0 px
+        per axis); correlated texture and uneven light are not in it. `radius_px` and `axes_px` are measured (area =
+        volume / depth at the core, blur-free anisotropy), `depth` is the contrast at the core. Flags: border (cut by
+        the image's edge), saturated (over 2 % of the window; integer images only), contaminated (dead pixels, or over
+        10 % of the ring stands out), touching (another spot reaches into the window), ill-conditioned (the bowl did
+        not settle). A constant image, or one smaller than the marker, has no spots.
+
+    Raises
+    ------
+    ValueError
+        An image that is not (H, W) real numbers, a radius below 1, an unknown polarity or refinement.
+    """
+    sign = check_polarity(polarity)
+    radii = _check_options(radius_px, merit_max, refine, max_spots, min_depth, min_quality)
+    checked = check_image(image)
+    prepared = prepare(checked, sign) if min(checked.shape) >= 3 else None
+    if prepared is None:
+        return Detections.make(np.empty((0, 2)))
+    spots = _distinct(_concatenate([_spots_of_radius(prepared, r, merit_max) for r in radii]))
+    found = _describe(prepared, spots)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        quality = found.depth / found.noise / np.maximum(spots.merit, MERIT_FLOOR)
+        quality *= np.minimum(spots.r0 / FULL_EVIDENCE_PX, 1.0)
+        ratio = found.radius / spots.r0
+    good = (quality >= min_quality) & (ratio >= RADIUS_RATIO[0]) & (ratio <= RADIUS_RATIO[1])
+    good &= np.isfinite(found.cov).all(axis=(1, 2))
+    if min_depth is not None:
+        good &= found.depth >= min_depth
+    order = np.flatnonzero(good)[np.argsort(-quality[good], kind="stable")][:max_spots]
+    return _detections(spots, found, order)
+
+
+def _check_options(
+    radius_px: float | Sequence[float],
+    merit_max: float,
+    refine: str,
+    max_spots: int | None,
+    min_depth: float | None,
+    min_quality: float,
+) -> list[float]:
+    """The radii, largest last, after all options have been looked at."""
+    radii = np.unique(np.asarray(radius_px, dtype=float).ravel())
+    if radii.size == 0 or not (np.isfinite(radii).all() and radii[0] >= 1.0):
+        raise ValueError(f"radius_px must be one radius or several, each at least 1 px, got {radius_px!r}")
+    if not (np.isfinite(merit_max) and merit_max > 0):
+        raise ValueError(f"merit_max must be a positive number, got {merit_max!r}")
+    if refine not in REFINEMENTS:
+        raise ValueError(f"refine must be one of {', '.join(REFINEMENTS)}, got {refine!r}")
+    if max_spots is not None and not (max_spots >= 0 and int(max_spots) == max_spots):
+        raise ValueError(f"max_spots must be None or a whole number from 0, got {max_spots!r}")
+    if min_depth is not None and not np.isfinite(min_depth):
+        raise ValueError(f"min_depth must be None or a number of grey levels, got {min_depth!r}")
+    if not (np.isfinite(min_quality) and min_quality >= 0):
+        raise ValueError(f"min_quality must be a number from 0, got {min_quality!r}")
+    return [float(r) for r in radii]
+
+
+def _spots_of_radius(image: Prepared, r0: float, merit_max: float) -> _Spots:
+    """Spots of one reference radius, each once."""
+    from windmark.detection._kernels import refine_bowl
+
+    bowl = Bowl.of_radius(r0)
+    start = candidates(image, r0, merit_max)
+    found = refine_bowl(image.g, start, r0, merit_max + MERIT_SLACK, MIN_CORE, bowl.positions, bowl.functionals)
+    found = found[found[:, 2] <= merit_max]
+    return _Spots(found[:, :2], found[:, 2], found[:, 3], found[:, 4] > 0, np.full(len(found), r0))
+
+
+def _concatenate(parts: list[_Spots]) -> _Spots:
+    return _Spots(
+        np.concatenate([p.xy for p in parts]),
+        np.concatenate([p.merit for p in parts]),
+        np.concatenate([p.depth for p in parts]),
+        np.concatenate([p.settled for p in parts]),
+        np.concatenate([p.r0 for p in parts]),
+    )
+
+
+def _distinct(spots: _Spots) -> _Spots:
+    """Of spots nearer than 1.5 times their mean reference radius only the best, by depth / merit.
+
+    Not by merit alone: a speck at a marker's rim may fit a small top-hat well without being the marker.
+    """
+    if len(spots.xy) < 2:
+        return spots
+    from scipy.spatial import cKDTree
+
+    spots = spots.take(np.argsort(-spots.depth / np.maximum(spots.merit, MERIT_FLOOR), kind="stable"))
+    pairs = cKDTree(spots.xy).query_pairs(1.5 * spots.r0.max(), output_type="ndarray")
+    distance = np.hypot(*(spots.xy[pairs[:, 0]] - spots.xy[pairs[:, 1]]).T)
+    pairs = np.sort(pairs[distance < 0.75 * (spots.r0[pairs[:, 0]] + spots.r0[pairs[:, 1]])], axis=1)
+    alive = np.ones(len(spots.xy), dtype=bool)
+    for better, worse in pairs[np.argsort(pairs[:, 0], kind="stable")].tolist():
+        if alive[better]:
+            alive[worse] = False
+    return spots.take(alive)
+
+
+def _describe(image: Prepared, spots: _Spots) -> Shapes:
+    """Measure the spots, radius by radius."""
+    from windmark.detection._kernels_shape import describe
+
+    raw = np.full((len(spots.xy), 13), np.nan)
+    for r0 in np.unique(spots.r0):
+        mine, bowl = spots.r0 == r0, Bowl.of_radius(float(r0))
+        raw[mine] = describe(
+            image.g, spots.xy[mine], float(r0), bowl.positions, bowl.functionals, image.clip, image.sign
+        )
+    size = image.g.shape[1], image.g.shape[0]
+    return shapes(raw, spots.xy, spots.r0, size, image.quantum)
+
+
+def _detections(spots: _Spots, found: Shapes, order: NDArray[np.int64]) -> Detections:
+    """The chosen spots in the chosen order, with the flags that need the neighbours."""
+    spots, flags, radius = spots.take(order), found.flags[order].copy(), found.radius[order]
+    flags |= np.where(spots.settled, 0, ILL)
+    if len(order) > 1:
+        from scipy.spatial import cKDTree
+
+        pairs = cKDTree(spots.xy).query_pairs(2.0 * spots.r0.max() + radius.max(), output_type="ndarray")
+        for i, j in (pairs.T, pairs.T[::-1]):
+            distance = np.hypot(*(spots.xy[i] - spots.xy[j]).T)
+            flags[i[distance < 2.0 * spots.r0[i] + radius[j]]] |= TOUCHING
+    return Detections(
+        xy=spots.xy,
+        cov=found.cov[order],
+        merit=spots.merit,
+        radius_px=radius,
+        axes_px=found.axes[order],
+        angle=found.angle[order],
+        depth=found.depth[order],
+        flags=flags,
+    )

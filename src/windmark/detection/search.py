@@ -1,0 +1,95 @@
+"""Where SPOT starts: local maxima of a coarse depth filter, gated by the image's own noise.
+
+The merit map of the paper is only needed where there can be a marker. A difference of two box means costs a few
+operations per pixel whatever the radius; its local maxima that rise out of the noise are the candidates, and only they
+are given to SPOT. Large radii are searched on a binned image.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.detection.image import Pixels, Prepared
+
+Array = NDArray[np.float64]
+
+TILE = 64  # pixels of the searched image per noise tile
+GATE_SIGMA = 2.5  # coarse depth in units of the tile's pixel noise; accepted spots need about 5, the filter keeps half
+GATE_QUANTA = 1.5  # and at least this many grey-level steps
+MERIT_SLACK = 0.5  # a candidate sits up to a pixel off its spot: its merit may be that much worse
+BIN_RADIUS_PX = 3.0  # the radius is not binned below this
+
+
+@dataclass(frozen=True)
+class Bowl:
+    """Positions at which the merit is taken for the quadratic fit, and that fit as linear functionals.
+
+    Parameters
+    ----------
+    positions : (13, 2) disc of radius 0.6 r0, spacing 0.3 r0, in pixels
+    functionals : (5, 13) gradient (2) and second derivatives xx, xy, yy of the least-squares quadratic
+    """
+
+    positions: Array
+    functionals: Array
+
+    @staticmethod
+    def of_radius(r0: float) -> Bowl:
+        """The bowl for a reference radius. The radius is fixed: restricted to m < 0.7 the fit is ill-posed."""
+        steps = np.array([(i, j) for j in range(-2, 3) for i in range(-2, 3) if i * i + j * j <= 4], dtype=float)
+        u, v = (0.3 * r0 * steps).T
+        design = np.column_stack([np.ones_like(u), u, v, 0.5 * u * u, u * v, 0.5 * v * v])
+        return Bowl(0.3 * r0 * steps, np.ascontiguousarray(np.linalg.pinv(design)[1:]))
+
+
+def bin_factor(radius_px: float) -> int:
+    """How far the image is binned to search for a radius."""
+    return max(1, int(radius_px // BIN_RADIUS_PX))
+
+
+def box_sizes(radius_px: float) -> tuple[int, int]:
+    """Half widths of the boxes whose areas are nearest to those of the hole and of the 2 r0 window."""
+    core = max(1, round((np.sqrt(np.pi) * radius_px - 1.0) / 2.0))
+    window = max(core + 1, round((2.0 * np.sqrt(np.pi) * radius_px - 1.0) / 2.0))
+    return core, window
+
+
+def noise_tiles(g: Pixels, tile: int) -> Array:
+    """White noise per pixel in tiles of `tile` pixels: (ceil(H / tile), ceil(W / tile)).
+
+    Median of the absolute second differences along 4 rows of each tile, 64 columns each: slopes drop out, edges
+    and markers are outvoted.
+    """
+    h, w = g.shape
+    across, down = -(-w // tile), -(-h // tile)
+    rows = np.clip((np.arange(4 * down) + 0.5) * (tile / 4.0), 0, h - 1).astype(np.int64)
+    cols = np.clip((np.arange(64 * across) + 0.5) * (tile / 64.0), 1, w - 2).astype(np.int64)
+    rows, cols = np.minimum(rows, h - 1), np.maximum(cols, 1)
+    strip = g[rows]
+    bend = np.abs(strip[:, cols - 1] - 2.0 * strip[:, cols] + strip[:, cols + 1])
+    tiles = bend.reshape(down, 4, across, 64).transpose(0, 2, 1, 3).reshape(down, across, 256)
+    return np.asarray(np.median(tiles, axis=2) / (0.6745 * np.sqrt(6.0)), dtype=np.float64)
+
+
+def candidates(image: Prepared, radius_px: float, merit_max: float) -> Array:
+    """Starting positions (K, 2) in full-resolution pixels for one radius."""
+    from windmark.detection._kernels import refine_bowl
+    from windmark.detection._kernels_map import bin_mean, depth_peaks
+
+    factor = bin_factor(radius_px)
+    small, r = image.filled if factor == 1 else bin_mean(image.filled, factor), radius_px / factor
+    if min(small.shape) < 2 * r:
+        return np.empty((0, 2))
+    noise = noise_tiles(image.filled, TILE * factor)
+    gate = np.maximum(GATE_SIGMA * noise, GATE_QUANTA * image.quantum).astype(np.float32)
+    core, window = box_sizes(r)
+    start, _ = depth_peaks(small, core, window, gate, TILE)
+    if factor == 1:
+        return np.asarray(start)
+    bowl = Bowl.of_radius(r)
+    found = refine_bowl(small, start, r, merit_max + MERIT_SLACK, 0.7, bowl.positions, bowl.functionals)
+    found = found[found[:, 2] < merit_max + 0.2]
+    return np.asarray((found[:, :2] + 0.5) * factor - 0.5)
