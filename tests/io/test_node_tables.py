@@ -142,3 +142,15 @@ def test_options_and_names_that_do_not_fit(tmp_path, blocks):
         read_mesh(tmp_path / "a.vtp", volume_face="kmin")
     with pytest.raises(ValueError, match="volumes: the file has no"):
         read_mesh(tmp_path / "a.vtp", volumes={"wing": "w"})
+
+
+def test_a_vtk_file_under_another_name_says_so(tmp_path, blocks):
+    write_mesh(tmp_path / "a.vtp", blocks)
+    (tmp_path / "a.vtp").rename(tmp_path / "a.grid")
+    with pytest.raises(FileError, match="looks like a VTK or PLY file"):
+        read_mesh(tmp_path / "a.grid")
+
+
+def test_plot3d_text_under_the_name_of_tecplot(tmp_path):
+    (tmp_path / "a.dat").write_text("1\n2 2 1\n0 1 0 1\n0 0 1 1\n0 0 0 0.5\n")
+    assert len(read_mesh(tmp_path / "a.dat").triangles) == 2

@@ -160,7 +160,8 @@ HEAD = "VARIABLES = x y z cp\n"
     ("text", "message"),
     [
         ("TITLE = nothing\n", "no ZONE"),
-        ("1 2 3\n", "line 1: numbers before the first ZONE"),
+        ("# made by hand\n1 2 3\n", "line 1: numbers before the first ZONE"),
+        ("#!TDV112", "is a binary Tecplot file"),
         (
             HEAD + "ZONE I=2 J=2 F=POINT\n" + POINTS + "5 5 5",
             "line 2: the zone holds 19 numbers; expected 16 values of 4",

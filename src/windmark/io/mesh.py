@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from windmark.io.cart3d import read_cart3d, write_cart3d
 from windmark.io.errors import FileError, reading
 from windmark.io.fields import LENGTH
 from windmark.io.netcdf import read_nodes_netcdf, write_nodes_netcdf
@@ -23,12 +24,11 @@ from windmark.scene import Mesh
 
 PLOT3D_SUFFIXES = (".grid", ".grd", ".g", ".x", ".xyz", ".p3d", ".p3dfmt", ".fmt", ".unf")
 """Extensions under which `write_mesh` writes PLOT3D; any file that is nothing else is read as PLOT3D."""
-TECPLOT_SUFFIXES = (".dat", ".tec", ".plt")
 _HEAD_BYTES = 4096
 
 
 def read_mesh(path: str | os.PathLike[str], *, volumes: Volumes = None, volume_face: Face | None = None) -> Mesh:
-    """Read a surface grid: PLOT3D (all layouts), Tecplot ASCII, STL, OBJ, PLY, VTK family, windmark's NetCDF.
+    """Read a surface grid: PLOT3D, Tecplot ASCII, STL, OBJ, PLY, Cart3D, VTK family, windmark's NetCDF.
 
     The content decides where it names its format, then the extension; what is left is taken for PLOT3D.
 
@@ -72,11 +72,17 @@ def _reader(path: Path) -> Callable[[str | os.PathLike[str], Volumes], Mesh] | N
         return lambda p, v: read_stl(p, volumes=v)
     if suffix == ".obj":
         return lambda p, v: read_obj(p, volumes=v)
+    if suffix == ".tri":
+        return lambda p, v: read_cart3d(p, volumes=v)
     if suffix in VTK_SUFFIXES:
         return lambda p, v: read_vtk(p, volumes=v)
     if head.startswith(b"\x89HDF\r\n\x1a\n") or suffix == ".nc":
         return _read_netcdf
-    if first.startswith((b"TITLE", b"VARIABLES", b"ZONE", b"#")) or suffix in TECPLOT_SUFFIXES:
+    if head.startswith(b"#!TDV"):
+        raise FileError(path, "is a binary Tecplot file; expected Tecplot ASCII (write data file as ASCII)")
+    if first.startswith((b"# VTK", b"<VTKFILE", b"<?XML", b"PLY")):
+        raise FileError(path, f"looks like a VTK or PLY file; expected its name to end in one of {VTK_SUFFIXES}")
+    if first.startswith((b"TITLE", b"VARIABLES", b"ZONE", b"#")):
         return lambda p, v: read_tecplot(p, volumes=v)[0]
     return None
 
@@ -92,14 +98,15 @@ def write_mesh(path: str | os.PathLike[str], mesh: Mesh, *, length_unit: str = "
     """Write a mesh in the format of the extension.
 
     PLOT3D (.grid, .x, .xyz, .g ..., meshes with blocks only), Tecplot ASCII (.dat, .tec), STL, OBJ, PLY,
-    VTK (.vtp, .vtm), NetCDF (.nc). Volumes survive in Tecplot, OBJ, VTK and NetCDF. Triangles of blocks that were
-    turned round survive in STL, OBJ, PLY, .vtp and NetCDF: the other formats hold blocks only.
+    Cart3D (.tri, text), VTK (.vtp, .vtm), NetCDF (.nc). Volumes survive in Tecplot, OBJ, VTK and NetCDF, as numbers
+    in Cart3D. Triangles of blocks that were turned round survive in all but PLOT3D, Tecplot and .vtm, which
+    hold blocks only.
 
     Parameters
     ----------
     path : the file
     mesh : the mesh
-    length_unit : unit of the coordinates, written where the format has a place for it (not in PLOT3D and STL)
+    length_unit : unit of the coordinates, written where the format has a place for it (not in PLOT3D, STL, Cart3D)
 
     Raises
     ------
@@ -117,6 +124,8 @@ def write_mesh(path: str | os.PathLike[str], mesh: Mesh, *, length_unit: str = "
         write_stl(path, mesh)
     elif suffix == ".obj":
         write_obj(path, mesh, length_unit=length_unit)
+    elif suffix == ".tri":
+        write_cart3d(path, mesh)
     elif suffix == ".ply":
         write_ply(path, mesh, length_unit=length_unit)
     elif suffix in (".vtp", ".vtm"):
@@ -124,5 +133,5 @@ def write_mesh(path: str | os.PathLike[str], mesh: Mesh, *, length_unit: str = "
     elif suffix == ".nc":
         write_nodes_netcdf(path, mesh, units=units)
     else:
-        known = (*PLOT3D_SUFFIXES, ".dat", ".tec", ".stl", ".obj", ".ply", ".vtp", ".vtm", ".nc")
+        known = (*PLOT3D_SUFFIXES, ".dat", ".tec", ".stl", ".obj", ".ply", ".tri", ".vtp", ".vtm", ".nc")
         raise ValueError(f"path: {path} must end in one of {known}")

@@ -121,7 +121,7 @@ def write_obj(path: str | os.PathLike[str], mesh: Mesh, *, length_unit: str = ""
         stream.write(f"# {written_by()}\n{unit}".encode())
         stream.write(format_rows([xyz[:, k] for k in range(3)], [f"v {digits}", digits, digits]))
         for start, end in zip(changes, [*changes[1:], len(triangles)], strict=True):
-            stream.write(f"g {mesh.volume[start]}\n".encode())
+            stream.write(f"g {' '.join(str(mesh.volume[start]).split())}\n".encode())
             stream.write(format_rows([triangles[start:end, k] for k in range(3)], ["f %d", "%d", "%d"]))
 
 
