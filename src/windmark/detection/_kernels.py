@@ -133,33 +133,50 @@ def merit_at(g: Any, x: float, y: float, r0: float, min_core: float, w: Any, e: 
 
 
 @nb.njit(cache=True, nogil=True)
-def bowl_step(
-    g: Any, x: float, y: float, r0: float, bowl: Any, fit: Any, w: Any, e: Any, inv: Any, hess: Any
-) -> tuple[float, float, bool]:
-    """Vertex of the quadratic through -rho^2 at the bowl's positions round (x, y), relative to (x, y).
+def bowl_quadratic(
+    g: Any, x: float, y: float, r0: float, bowl: Any, fit: Any, w: Any, e: Any, inv: Any, q: Any
+) -> bool:
+    """Least-squares quadratic through -rho^2 at the bowl's positions round (x, y).
 
-    m^2 = kappa (1/rho^2 - 1): m and -rho^2 have the same minimum, -rho^2 is the rounder bowl. `hess` gets the
-    three second derivatives times the window's sum of squares. False where the bowl is no bowl (not convex)
-    or too little of the window is visible.
+    m^2 = kappa (1/rho^2 - 1): m and -rho^2 have the same minimum, -rho^2 is the rounder bowl. `q` gets gradient (2)
+    and second derivatives xx, xy, yy at (x, y), times the window's sum of squares. False where the window is not
+    visible or flat.
     """
     total, share = plane_window(g, x, y, r0, w, e, inv)
     if total <= 0.0 or share < MIN_WINDOW:
-        return 0.0, 0.0, False
+        return False
     ox, oy = x - math.floor(x + 0.5), y - math.floor(y + 0.5)
-    gx = gy = hxx = hxy = hyy = 0.0
+    q[:] = 0.0
     for k in range(bowl.shape[0]):
         depth, free, _, _ = match_hole(w, e, inv, ox + bowl[k, 0], oy + bowl[k, 1], r0, BOWL_EDGE_PX)
         explained = depth * abs(depth) * free  # total * rho^2, with rho's sign kept
-        gx -= fit[0, k] * explained
-        gy -= fit[1, k] * explained
-        hxx -= fit[2, k] * explained
-        hxy -= fit[3, k] * explained
-        hyy -= fit[4, k] * explained
-    hess[0], hess[1], hess[2] = hxx, hxy, hyy
-    det = hxx * hyy - hxy * hxy
-    if not (hxx > 0.0 and det > 1e-3 * (hxx + hyy) ** 2):
-        return 0.0, 0.0, False
-    return (hxy * gy - hyy * gx) / det, (hxy * gx - hxx * gy) / det, True
+        for m in range(5):
+            q[m] -= fit[m, k] * explained
+    return True
+
+
+@nb.njit(cache=True, nogil=True)
+def settle(
+    g: Any, x: float, y: float, r0: float, bowl: Any, fit: Any, w: Any, e: Any, inv: Any, q: Any
+) -> tuple[float, float, int]:
+    """Follow the bowl's vertex from (x, y): the new centre and 1 settled, 0 not settled, -1 no bowl (not convex)."""
+    x0, y0 = x, y
+    for _ in range(MAX_STEPS):
+        if not bowl_quadratic(g, x, y, r0, bowl, fit, w, e, inv, q):
+            return x, y, -1
+        det = q[2] * q[4] - q[3] * q[3]
+        if not (q[2] > 0.0 and det > 1e-3 * (q[2] + q[4]) ** 2):
+            return x, y, -1
+        dx, dy = (q[3] * q[1] - q[4] * q[0]) / det, (q[3] * q[0] - q[2] * q[1]) / det
+        step = math.sqrt(dx * dx + dy * dy)
+        shrink = min(1.0, 0.5 * r0 / max(step, 1e-12))
+        x += shrink * dx
+        y += shrink * dy
+        if step < SETTLED_PX:
+            return x, y, 1
+        if (x - x0) ** 2 + (y - y0) ** 2 > 4.0 * r0 * r0:
+            return x, y, -1
+    return x, y, 0
 
 
 @nb.njit(cache=True, nogil=True)
@@ -170,29 +187,15 @@ def refine_bowl(g: Any, start: Any, r0: float, merit_start: float, min_core: flo
     """
     half = int(2.0 * r0 + 0.5 * MERIT_EDGE_PX) + 1
     w, e = np.empty((2 * half + 1, 2 * half + 1)), np.empty((2 * half + 1, 2 * half + 1))
-    inv, hess, out = np.empty(6), np.empty(3), np.empty((start.shape[0], 5))
+    inv, q, out = np.empty(6), np.empty(5), np.empty((start.shape[0], 5))
     for s in range(start.shape[0]):
-        x, y, settled = start[s, 0], start[s, 1], 0.0
+        x, y = start[s, 0], start[s, 1]
         out[s, 0], out[s, 1], out[s, 2], out[s, 3], out[s, 4] = x, y, math.inf, 0.0, 0.0
         m, _ = merit_at(g, x, y, r0, 0.5 * min_core, w, e, inv)
         if not m < merit_start:
             continue
-        found = True
-        for _ in range(MAX_STEPS):
-            dx, dy, found = bowl_step(g, x, y, r0, bowl, fit, w, e, inv, hess)
-            if not found:
-                break
-            step = math.sqrt(dx * dx + dy * dy)
-            shrink = min(1.0, 0.5 * r0 / max(step, 1e-12))
-            x += shrink * dx
-            y += shrink * dy
-            if step < SETTLED_PX:
-                settled = 1.0
-                break
-            if (x - start[s, 0]) ** 2 + (y - start[s, 1]) ** 2 > 4.0 * r0 * r0:
-                found = False
-                break
-        if found:
+        x, y, settled = settle(g, x, y, r0, bowl, fit, w, e, inv, q)
+        if settled >= 0:
             m, depth = merit_at(g, x, y, r0, min_core, w, e, inv)
             out[s, 0], out[s, 1], out[s, 3], out[s, 4] = x, y, depth, settled
             if m == m:

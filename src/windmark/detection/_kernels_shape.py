@@ -8,7 +8,7 @@ from typing import Any
 import numba as nb
 import numpy as np
 
-from windmark.detection._kernels import BOWL_EDGE_PX, bowl_step, soft_disc
+from windmark.detection._kernels import BOWL_EDGE_PX, bowl_quadratic, plane_window, soft_disc
 
 RING_INNER, RING_OUTER = 1.5, 2.0  # of r0: where the background round the spot is measured (+ 0.5 px outside)
 
@@ -19,13 +19,21 @@ def bowl_covariance(
 ) -> None:
     """Covariance (xx, xy, yy) of the bowl's vertex for white noise of variance 1.
 
-    At the vertex the gradient of the bowl is 0, so d(centre) = -H^-1 d(gradient); the gradient is a weighted sum of
+    The centre c is where the bowl's gradient G(c, image) is 0, so dc = -(dG/dc)^-1 dG. dG/dc is taken by differences:
+    the bowl is pointed, and the second derivative of the fitted quadratic is a fifth too large. G is a weighted sum of
     explained(k) = (t'_k . g)^2 / |t'_k|^2, whose derivative to pixel p is -2 depth_k t'_k(p).
     """
-    hess = np.empty(3)
+    slopes, q, h = np.empty((2, 2)), np.empty(5), 0.2
     cov[0] = cov[1] = cov[2] = math.nan
-    _, _, convex = bowl_step(g, x, y, r0, bowl, fit, w, e, inv, hess)
-    if not convex:
+    for m in range(2):
+        for sign in (-1.0, 1.0):
+            u, v = (x + sign * h, y) if m == 0 else (x, y + sign * h)
+            if not bowl_quadratic(g, u, v, r0, bowl, fit, w, e, inv, q):
+                return
+            for k in range(2):
+                slopes[k, m] = (0.0 if sign < 0 else slopes[k, m]) + sign * q[k] / (2.0 * h)
+    det = slopes[0, 0] * slopes[1, 1] - slopes[0, 1] * slopes[1, 0]
+    if not (det > 0.0 and slopes[0, 0] > 0.0) or plane_window(g, x, y, r0, w, e, inv)[0] <= 0.0:
         return
     half = w.shape[0] // 2
     ox, oy = x - math.floor(x + 0.5), y - math.floor(y + 0.5)
@@ -58,22 +66,20 @@ def bowl_covariance(
                 for i in range(i0, i1 + 1):
                     t = soft_disc(r0, math.sqrt((i - u) ** 2 + (j - v) ** 2), BOWL_EDGE_PX)
                     jac[m, j + half, i + half] += s * t
-    _outer_sum(w, jac, slope, hess, cov)
+    _outer_sum(w, jac, slope, slopes / det, cov)
 
 
 @nb.njit(cache=True, nogil=True)
-def _outer_sum(w: Any, jac: Any, slope: Any, hess: Any, cov: Any) -> None:
-    """Sum over the window of (H^-1 j)(H^-1 j)^T with j = w (jac + slope)."""
+def _outer_sum(w: Any, jac: Any, slope: Any, a: Any, cov: Any) -> None:
+    """Sum over the window of (A^-1 j)(A^-1 j)^T with j = w (jac + slope); `a` is A / det A."""
     half = w.shape[0] // 2
-    hxx, hxy, hyy = hess
-    det = hxx * hyy - hxy * hxy
     cov[:] = 0.0
     for j in range(-half, half + 1):
         for i in range(-half, half + 1):
             q = w[j + half, i + half]
             gx = q * (jac[0, j + half, i + half] + slope[0, 0] + slope[0, 1] * i + slope[0, 2] * j)
             gy = q * (jac[1, j + half, i + half] + slope[1, 0] + slope[1, 1] * i + slope[1, 2] * j)
-            jx, jy = (hyy * gx - hxy * gy) / det, (hxx * gy - hxy * gx) / det
+            jx, jy = a[1, 1] * gx - a[0, 1] * gy, a[0, 0] * gy - a[1, 0] * gx
             cov[0] += jx * jx
             cov[1] += jx * jy
             cov[2] += jy * jy

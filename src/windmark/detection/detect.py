@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 
 REFINEMENTS = ("bowl",)
 QUALITY_MIN = 12.0  # see `detect`
-FULL_EVIDENCE_PX = 3.0  # smaller holes have too few pixels to be sure of: their quality counts r0 / 3
+FULL_EVIDENCE_PX = 3.0  # fewer pixels vouch for smaller holes: their quality counts sqrt(r0 / 3)
 MERIT_FLOOR = 1e-3  # of a hole without noise
 RADIUS_RATIO = (0.75, 1.35)  # measured / reference radius
 MIN_CORE = 0.85  # share of the hole that must be inside the image
@@ -66,9 +66,9 @@ def detect(
     max_spots : keep only so many, the best
     min_depth : smallest depth in grey levels; None leaves it to `min_quality`
     min_quality : smallest depth / noise / merit, noise being the scatter of one pixel of the surface round the spot;
-        below r0 = 3 px it counts only r0 / 3. The worse the shape, the more a spot must stand out: from 3 px on
+        below r0 = 3 px it counts sqrt(r0 / 3). The worse the shape, the more a spot must stand out: from 3 px on
         m = 0.7 needs 8.4 times the noise, m = 0.35 half of that. White noise alone gives m = 2 noise / depth, so the
-        default passes perfect discs down to depth / noise = 5 (6 at r0 = 2)
+        default passes perfect discs down to depth / noise = 5 (5.4 at r0 = 2)
 
     Returns
     -------
@@ -96,7 +96,7 @@ def detect(
     found = _describe(prepared, spots)
     with np.errstate(divide="ignore", invalid="ignore"):
         quality = found.depth / found.noise / np.maximum(spots.merit, MERIT_FLOOR)
-        quality *= np.minimum(spots.r0 / FULL_EVIDENCE_PX, 1.0)
+        quality *= np.sqrt(np.minimum(spots.r0 / FULL_EVIDENCE_PX, 1.0))
         ratio = found.radius / spots.r0
     good = (quality >= min_quality) & (ratio >= RADIUS_RATIO[0]) & (ratio <= RADIUS_RATIO[1])
     good &= np.isfinite(found.cov).all(axis=(1, 2))
