@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 
 MATCHED, SPARE, MISSING = "#00c853", "#ff9100", "#ff1744"
 WIDTH_IN = 11.0
-_OUTLINE = [withStroke(linewidth=2.0, foreground="black")]
+_OUTLINE = [withStroke(linewidth=1.6, foreground="black")]
 
 
 def png(figure: Figure, dpi: int = 110) -> bytes:
@@ -200,10 +200,11 @@ def section_picture(section: SectionValues, length_unit: str) -> Figure:
     figure = Figure(figsize=(WIDTH_IN, 3.6), layout="constrained")
     axes = figure.add_subplot()
     lines = [k for k in np.unique(section.line) if np.isfinite(section.value[section.line == k]).any()]
+    along = int(np.argmax(np.ptp(section.xyz, axis=0)))  # chordwise coordinate of a chordwise cut
     for k in lines:
         mine = section.line == k
-        axes.plot(section.arc[mine], section.value[mine], lw=1.1, label=f"line {k + 1}")
-    axes.set(xlabel=f"arc length along the cut, {length_unit}", ylabel="grey level")
+        axes.plot(section.xyz[mine, along], section.value[mine], lw=1.1, label=f"line {k + 1}")
+    axes.set(xlabel=f"{'xyz'[along]}, {length_unit}", ylabel="grey level")
     axes.set_title(f"Section “{section.name}”: gaps are where the camera does not see the surface")
     axes.grid(alpha=0.3)
     if 1 < len(lines) <= 10:

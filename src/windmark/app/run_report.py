@@ -34,7 +34,7 @@ def run_report(result: RunResult, clock: Clock, truth: Comparison | None = None)
     """The whole report as HTML. ``clock``: times of writing."""
     when = datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
     project = result.project
-    report = Report(project.title, f"windmark {windmark.__version__}, {when}, lengths in {project.length_unit}")
+    report = Report(project.title, f"windmark {windmark.__version__}, {when}, length unit: {project.length_unit}")
     _overview(report, result)
     if truth is not None:
         _truth(report, truth)
@@ -134,7 +134,9 @@ def _registration(report: Report, item: ImageResult, answer: Registration, marke
     )  # fmt: skip
     report.picture(pictures.png(figure), "Which spot is which marker; yellow: residual vectors, magnified.")
     residual = projected - item.detections.xy[matching.detection]
-    report.picture(pictures.png(pictures.residual_picture(names, residual)), "Residuals of the matched markers.")
+    report.picture(
+        pictures.png(pictures.residual_picture(names, residual), dpi=88), "Residuals of the matched markers."
+    )
     order = np.argsort(names)
     report.table(
         ["marker", "x px", "y px", "dx px", "dy px", "distance px", "merit"],
@@ -196,7 +198,8 @@ def _mapping(report: Report, item: ImageResult, result: RunResult) -> None:
         return
     ahead = seen.mean(axis=0) - pose.center
     right, down = pose.rotation[0], pose.rotation[1]
-    direction = ahead / np.linalg.norm(ahead) - 0.45 * down - 0.5 * right
+    # From a little higher and more to the left than the camera, so that the relief shows.
+    direction = ahead / np.linalg.norm(ahead) + 0.35 * down + 0.5 * right
     shown = surface_view(mesh, values, direction=direction, up=-down, focus=seen)
     report.picture(
         pictures.png(pictures.surface_picture(shown.value, shown.shade, f"{item.name} mapped onto the surface")),

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from windmark import detection, io, registration, resection
 from windmark.geometry import Camera, Pose
 from windmark.pipeline.clock import Clock, Progress, silent
+from windmark.pipeline.grid import read_grid
 from windmark.pipeline.project import ImageEntry, Project, ResectOptions, SectionEntry, ViewEntry
 from windmark.pipeline.results import ImageResult, RunResult, SectionValues, ViewImage
 from windmark.pipeline.views import frame_view, units_per_px
@@ -49,7 +50,7 @@ def run_project(project: Project, *, progress: Progress = silent, workers: int |
         inputs = _Inputs(
             project,
             io.read_markers(project.markers.file, roles=project.markers.roles) if project.markers else None,
-            io.read_mesh(project.grid.file) if project.grid else None,
+            read_grid(project.grid) if project.grid else None,
             {c.name: io.read_camera(c.file) for c in project.camera},
         )
     threads = min(len(project.image), workers or os.cpu_count() or 1)

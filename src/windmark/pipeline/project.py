@@ -59,9 +59,17 @@ class MarkersEntry(_Strict):
 
 
 class GridEntry(_Strict):
-    """The surface grid."""
+    """The surface grid.
+
+    ``volumes``: the model's parts, each with the zones (blocks, or volumes of the file) it is made of; zones
+    that are not named do not belong to the job (walls do not move with the model). All zones by default.
+    ``orientation``: "auto" turns the triangles outward unless they form a closed surface that is so already;
+    "file" takes them as they are.
+    """
 
     file: Path
+    volumes: dict[str, tuple[str, ...]] | None = None
+    orientation: Literal["auto", "file"] = "auto"
 
 
 class DetectOptions(_Strict):

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from windmark import io
+from windmark.scene import Mesh
 from windmark.synth import Sensor, Shot, TunnelTest, degrade, wind_tunnel
 
 RADIUS_PX = 4.0
@@ -29,6 +30,7 @@ roles = ["model"]
 
 [grid]
 file = "model.grid"
+volumes = {{ {volumes} }}
 
 [detect]
 radius_px = {radius}
@@ -64,10 +66,20 @@ def simulate(folder: Path, seed: int) -> TunnelTest:
         io.write_image(folder / f"{shot.view.frame}.tif", shot.image)
         _write_truth(truth, test, shot)
     images = "\n".join(f'[[image]]\nfile = "{shot.view.frame}.tif"\n' for shot in test.shots)
-    text = _PROJECT.format(seed=seed, images=images, radius=RADIUS_PX)
+    volumes = ", ".join(f"{name} = {zones}" for name, zones in _zones(test.mesh).items() if name != "wall")
+    text = _PROJECT.format(seed=seed, images=images, radius=RADIUS_PX, volumes=volumes)
     with io.atomic_write(folder / "project.toml") as stream:
         stream.write(text)
     return test
+
+
+def _zones(mesh: Mesh) -> dict[str, list[str]]:
+    """The zones of the grid file that make up each volume (PLOT3D files number their zones, they have no names)."""
+    zones: dict[str, list[str]] = {}
+    for number, block in enumerate(mesh.blocks, start=1):
+        mine = (mesh.triangles[:, 0] >= block.first) & (mesh.triangles[:, 0] < block.first + block.size)
+        zones.setdefault(str(mesh.volume[mine][0]), []).append(f"zone{number:02d}")
+    return zones
 
 
 def _write_truth(truth: Path, test: TunnelTest, shot: Shot) -> None:

@@ -38,7 +38,8 @@ def surface_view(
     """Node values (V,) on the surface, looked at along ``direction``; ``focus`` (N, 3) is what must be in view."""
     focus = mesh.vertices if focus is None else focus
     camera, pose = frame_view(focus, direction=direction, up=up, size_px=size_px, fov_deg=fov_deg)
-    pixels = resection.map_pixels(mesh, camera, pose)
+    # Walls and the inside of open surfaces must not stand before what they surround.
+    pixels = resection.map_pixels(mesh, camera, pose, cull_backfaces=True)
     normal = mesh.triangle_normals()
     length = np.linalg.norm(normal, axis=1, keepdims=True)
     normal = np.divide(normal, length, out=np.zeros_like(normal), where=length > 0)

@@ -1,0 +1,61 @@
+"""The grid as a job uses it: the wanted volumes, turned outward."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from windmark import io, resection
+from windmark.pipeline.project import GridEntry
+from windmark.scene import Mesh
+
+_CLOSED = 1e-6
+"""Sum of the normals over the area below which a surface counts as closed."""
+
+
+def read_grid(entry: GridEntry) -> Mesh:
+    """Read a grid, keep the wanted volumes and orient it.
+
+    Nodes stay as they are in the file, so results can be written in its order; those of other volumes
+    are in no triangle any more.
+
+    Raises
+    ------
+    FileError
+        When the file cannot be read or has no such volume.
+    """
+    mesh = io.read_mesh(entry.file)
+    if entry.volumes is not None:
+        mesh = _with_volumes(mesh, entry.volumes, entry.file)
+    if entry.orientation == "auto" and not is_outward(mesh):
+        mesh = resection.orient_outward(mesh)
+    return mesh
+
+
+def _with_volumes(mesh: Mesh, volumes: dict[str, tuple[str, ...]], file: Path) -> Mesh:
+    """The zones renamed to the volumes they make up; unnamed zones lose their triangles."""
+    known = np.unique(mesh.volume).tolist()
+    name_of = {zone: name for name, zones in volumes.items() for zone in zones}
+    absent = [zone for zone in name_of if zone not in known]
+    if absent:
+        raise io.FileError(file, f"has no zone {absent[0]!r}; expected one of {', '.join(known)}")
+    keep = np.isin(mesh.volume, list(name_of))
+    names = np.array([name_of[zone] for zone in mesh.volume[keep].tolist()], dtype=np.str_)
+    return replace(mesh, triangles=mesh.triangles[keep], volume=names)
+
+
+def is_outward(mesh: Mesh) -> bool:
+    """Whether the triangles form a closed surface around a positive volume.
+
+    The normals of a closed, consistently turned surface add up to nothing (divergence theorem), which
+    costs far less to see than to follow every edge.
+    """
+    normals = mesh.triangle_normals()
+    area = np.linalg.norm(normals, axis=1).sum()
+    if not area > 0 or np.linalg.norm(normals.sum(axis=0)) > _CLOSED * area:
+        return False
+    # Six times the enclosed volume, from the middle of the box so that nothing large cancels.
+    middle = 0.5 * (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0))
+    return bool(np.sum((mesh.vertices[mesh.triangles[:, 0]] - middle) * normals) > 0)

@@ -1,0 +1,197 @@
+"""Bad input: a clear message, exit code 2 (wrong usage or file) or 1 (the data say no), and nothing half-written."""
+
+import errno
+import os
+import shutil
+
+import numpy as np
+import pytest
+
+from windmark import io
+
+
+@pytest.fixture
+def job(virtual_test, tmp_path):
+    """A private copy of the virtual test without its truth, one image; (folder, rewrite(file, old, new))."""
+    source, _ = virtual_test
+    for name in ("camera.json", "markers.csv", "model.grid", "wind-off.tif"):
+        shutil.copy(source / name, tmp_path / name)
+    (tmp_path / "project.toml").write_text(
+        'title = "t"\nlength_unit = "mm"\n[[camera]]\nfile = "camera.json"\n[[image]]\nfile = "wind-off.tif"\n'
+        '[markers]\nfile = "markers.csv"\n[grid]\nfile = "model.grid"\n[detect]\nradius_px = 4\n'
+    )
+    return tmp_path
+
+
+def assert_nothing_written(folder):
+    """No result, no temporary file: what is there is what was there before."""
+    names = {p.name for p in folder.iterdir()}
+    assert names <= {"camera.json", "markers.csv", "model.grid", "wind-off.tif", "project.toml"}, names
+
+
+def run(windmark, job):
+    return windmark("run", job / "project.toml")
+
+
+@pytest.mark.parametrize("name", ["camera.json", "markers.csv", "model.grid", "wind-off.tif"])
+def test_missing_file(windmark, job, name):
+    (job / name).unlink()
+    done = run(windmark, job)
+    assert done.code == 2
+    assert name in done.err
+    assert_nothing_written(job)
+
+
+def test_truncated_plot3d(windmark, job):
+    grid = job / "model.grid"
+    grid.write_bytes(grid.read_bytes()[: grid.stat().st_size // 2])
+    done = run(windmark, job)
+    assert done.code == 2
+    assert "model.grid" in done.err
+    assert "byte" in done.err
+    assert_nothing_written(job)
+
+
+def test_an_image_that_is_none(windmark, job):
+    (job / "wind-off.tif").write_text("this is not an image")
+    done = run(windmark, job)
+    assert done.code == 1
+    assert "wind-off" in done.err
+    assert "image" in done.err
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [("W02,", "W01,", ["markers.csv", "W01"]), ("W01,", "W01,nan,0,0\nW99,", ["markers.csv", "nan"])],
+)
+def test_marker_table_with_double_names_or_nan(windmark, job, old, new, words):
+    table = job / "markers.csv"
+    text = table.read_text()
+    assert old in text
+    if "nan" in new:
+        lines = text.splitlines()
+        first = lines[1].split(",")
+        first[1] = "nan"
+        text = "\n".join([lines[0], ",".join(first), *lines[2:]])
+    else:
+        text = text.replace(old, new, 1)
+    table.write_text(text)
+    done = run(windmark, job)
+    assert done.code == 2
+    assert all(word.lower() in done.err.lower() for word in words)
+    assert_nothing_written(job)
+
+
+def image_with_discs(centres, size=(1024, 1280)):
+    rows, columns = np.mgrid[: size[0], : size[1]]
+    image = np.full(size, 2000.0) + np.random.default_rng(0).normal(0, 5, size)
+    for x, y in centres:
+        distance = np.hypot(columns - x, rows - y)
+        image -= 1500 * np.clip(4.5 - distance, 0, 1)
+    return image.astype(np.uint16)
+
+
+def test_fewer_than_four_spots_is_refused(windmark, job):
+    io.write_image(job / "wind-off.tif", image_with_discs([(300, 300), (700, 320), (500, 700)]))
+    done = run(windmark, job)
+    assert done.code == 1
+    assert "not registered" in done.err
+    assert "3" in done.err
+
+
+def test_all_spots_on_a_line_is_refused(windmark, job):
+    io.write_image(job / "wind-off.tif", image_with_discs([(200 + 90 * k, 300 + 40 * k) for k in range(9)]))
+    done = run(windmark, job)
+    assert done.code == 1
+    assert "not registered" in done.err
+    assert "line" in done.err
+
+
+def test_an_empty_picture_is_refused(windmark, job):
+    io.write_image(job / "wind-off.tif", np.full((1024, 1280), 900, dtype=np.uint16))
+    done = run(windmark, job)
+    assert done.code == 1
+    assert "not registered" in done.err
+
+
+def test_unknown_key(windmark, job):
+    project = job / "project.toml"
+    project.write_text(project.read_text().replace("radius_px", "radius_pixel"))
+    done = run(windmark, job)
+    assert done.code == 2
+    assert "detect.radius_p" in done.err
+    assert_nothing_written(job)
+
+
+def test_camera_of_another_size(windmark, job):
+    io.write_image(job / "wind-off.tif", np.zeros((512, 640), dtype=np.uint16))
+    done = run(windmark, job)
+    assert done.code == 1
+    assert "640 x 512" in done.err
+    assert "1280 x 1024" in done.err
+
+
+def test_one_bad_image_does_not_stop_the_others(windmark, job):
+    (job / "bad.tif").write_text("no image")
+    project = job / "project.toml"
+    project.write_text(project.read_text() + '[[image]]\nfile = "bad.tif"\n')
+    done = windmark("run", project, "--json")
+    assert done.code == 0
+    assert done.json["failed"] == ["bad"]
+    assert done.json["images"][0]["registration"]["registered"]
+
+
+def test_disk_full_leaves_nothing(windmark, job, monkeypatch):
+    """The disk fills up while the last files are moved into place."""
+    real, calls = os.replace, []
+
+    def full(source, target, *rest, **options):
+        calls.append(target)
+        if len(calls) > 5:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(target))
+        return real(source, target, *rest, **options)
+
+    monkeypatch.setattr(os, "replace", full)
+    done = run(windmark, job)
+    assert len(calls) > 5
+    assert done.code == 2
+    assert "disk is full" in done.err
+    assert_nothing_written(job)
+
+
+def test_ctrl_c_while_writing_leaves_nothing(windmark, job, monkeypatch):
+    from windmark.pipeline import outputs
+
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(outputs, "_write_nodes", interrupted)
+    done = run(windmark, job)
+    assert done.code == 130
+    assert "interrupted" in done.err
+    assert_nothing_written(job)
+
+
+def test_json_errors_are_json(windmark, job):
+    (job / "markers.csv").unlink()
+    done = windmark("run", job / "project.toml", "--json")
+    assert done.code == 2
+    assert "markers.csv" in done.json["error"]
+
+
+def test_wrong_usage_of_the_command_line(windmark, job):
+    assert windmark("detect", job / "wind-off.tif").code == 2  # no radius
+    done = windmark("detect", job / "wind-off.tif", "-r", -1, "-o", job / "d.csv")
+    assert done.code == 2
+    assert "radius" in done.err
+    done = windmark("detect", job / "wind-off.tif", "-r", 4, "--polarity", "grey", "-o", job / "d.csv")
+    assert done.code == 2
+    assert "polarity" in done.err
+    assert_nothing_written(job)
+
+
+def test_help_names_every_verb_and_an_example(windmark):
+    help_text = windmark("--help").out
+    for verb in ("demo", "simulate", "detect", "register", "resect", "align", "run"):
+        assert verb in help_text
+        assert f"Example: windmark {verb}" in windmark(verb, "--help").out

@@ -1,0 +1,92 @@
+"""The project file: every mistake is named before any work starts."""
+
+import pytest
+
+from windmark.io import FileError
+from windmark.pipeline.project import read_project
+
+GOOD = """
+title = "t"
+length_unit = "mm"
+[[camera]]
+file = "camera.json"
+[[image]]
+file = "a.tif"
+[markers]
+file = "markers.csv"
+[grid]
+file = "wing.grid"
+[detect]
+radius_px = 3
+"""
+
+
+@pytest.fixture
+def write(tmp_path):
+    for name in ("camera.json", "a.tif", "b.tif", "markers.csv", "wing.grid"):
+        (tmp_path / name).touch()
+
+    def written(text):
+        path = tmp_path / "project.toml"
+        path.write_text(text)
+        return path
+
+    return written
+
+
+def test_a_good_project_has_absolute_paths_and_defaults(write, tmp_path):
+    project = read_project(write(GOOD))
+    assert project.image[0].file == tmp_path / "a.tif"
+    assert project.image[0].label == "a"
+    assert project.output.folder == tmp_path / "results"
+    assert project.detect.radius_px == 3
+    assert project.camera_of(project.image[0]).name == "camera"
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (("radius_px = 3", "radius_px = 3\nradios = 2"), ["detect.radios", "unknown key", "merit_max"]),
+        (("[grid]", "[gird]"), ["gird", "unknown key", "grid"]),
+        (("radius_px = 3", "radius_px = -3"), ["detect.radius_px", "greater than 0", "-3"]),
+        (("radius_px = 3", 'radius_px = "big"'), ["detect.radius_px", "big"]),
+        (('length_unit = "mm"', ""), ["length_unit", "missing"]),
+        (('length_unit = "mm"', 'length_unit = "furlong"'), ["length_unit", "furlong", "mm"]),
+        (('file = "a.tif"', 'file = "z.tif"'), ["image[0].file", "z.tif"]),
+        (("[grid]", '[align]\nreference = "z"\n[grid]'), ["align", "'z'"]),
+        (("[detect]\nradius_px = 3", ""), ["[detect] is missing"]),
+        (('[[image]]\nfile = "a.tif"', ""), ["image"]),
+        (('file = "a.tif"', 'file = "a.tif"\n[[image]]\nfile = "a.tif"'), ["unique", "a"]),
+        (('file = "a.tif"', 'file = "a.tif"\nname = "../x"'), ["file names"]),
+        (("title", "path = 3\ntitle"), ["path", "unknown key"]),
+        (("[grid]", "[grid"), ["TOML"]),
+    ],
+)
+def test_mistakes_name_the_file_the_key_and_the_expectation(write, change, words):
+    path = write(GOOD.replace(*change))
+    with pytest.raises(FileError) as error:
+        read_project(path)
+    for word in ["project.toml", *words]:
+        assert word in str(error.value)
+
+
+def test_two_cameras_need_a_name_in_each_image(write):
+    second = '[[camera]]\nname = "second"\nfile = "camera.json"\n'
+    with pytest.raises(FileError, match="say which camera took it"):
+        read_project(write(GOOD.replace("[markers]", second + "[markers]")))
+
+
+def test_a_view_needs_a_grid(write):
+    view = '[[view]]\nname = "top"\ndirection = [0,0,-1]\nup = [0,1,0]\n'
+    text = GOOD.replace('[grid]\nfile = "wing.grid"', view)
+    with pytest.raises(FileError, match="need a grid"):
+        read_project(write(text))
+
+
+def test_missing_and_binary_files_are_clear(tmp_path):
+    with pytest.raises(FileError, match="no such file"):
+        read_project(tmp_path / "absent.toml")
+    binary = tmp_path / "binary.toml"
+    binary.write_bytes(bytes(range(256)))
+    with pytest.raises(FileError, match="TOML"):
+        read_project(binary)
