@@ -2,7 +2,7 @@
 
 Everything happens in the ideal image plane of the camera (u = X/Z, v = Y/Z), where the lens has
 no say: triangles have straight edges there whatever the distortion, and a ray is a point.
-Readable twins: `Camera.unproject`, and `brute_force` in tests/resection/scenes.py.
+Readable twins: `Camera.unproject`, and `brute_first_hits` in tests/resection/resection_shapes.py.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
 """Numba kernels on points and triangles: into the camera, values between nodes, sides and angles.
 
-Readable twins: `Pose.apply`, `Camera.project`, `Mesh.vertex_normals` and tests/resection/scenes.py.
+Readable twins: `Pose.apply`, `Camera.project`, `Mesh.vertex_normals`, and brute force in
+tests/resection/resection_shapes.py.
 """
 
 from __future__ import annotations

@@ -71,6 +71,7 @@ def cast(
     are met by no ray. Of triangles at exactly the same depth the first one is taken.
     """
     hits = Hits.none(len(rays)) if into is None else into
+    triangles = for_kernels(triangles)
     for first in range(0, len(rays), RAYS_AT_ONCE):
         part = slice(first, first + RAYS_AT_ONCE)
         _cast_part(vertices_cam, triangles, rays[part], cull_backfaces, hits.part(part))
@@ -125,12 +126,17 @@ def _grid_over(low: Array, high: Array, count: int) -> tuple[Array, int, int]:
     return np.array([low[0], low[1], columns / extent[0], rows / extent[1]]), columns, rows
 
 
+def for_kernels(triangles: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Triangles in the one layout that the kernels are compiled for; seldom a copy."""
+    return np.ascontiguousarray(triangles, dtype=np.int32)
+
+
 def to_camera_frame(cam_from_model: Pose, points: Array) -> Array:
     """`Pose.apply` for many points, (N, 3)."""
     from windmark.resection import _points
 
     out = np.empty((len(points), 3))
-    _points.transform(cam_from_model.rotation, cam_from_model.translation, np.ascontiguousarray(points), out)
+    _points.transform(cam_from_model.rotation, cam_from_model.translation, np.ascontiguousarray(points, float), out)
     return out
 
 

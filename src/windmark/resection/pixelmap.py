@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from windmark.geometry import Camera, Pose
-from windmark.resection.casting import RAYS_AT_ONCE, Hits, cast, pixel_rays, single_pose, to_camera_frame
+from windmark.resection.casting import RAYS_AT_ONCE, Hits, cast, for_kernels, pixel_rays, single_pose, to_camera_frame
 from windmark.scene import Mesh
 
 Array = NDArray[np.float64]
@@ -181,7 +181,7 @@ def sight_cosines(vertices_cam: Array, triangles: NDArray[np.int32], points_cam:
     from windmark.resection import _points
 
     out = np.empty(len(points_cam))
-    _points.sight_cosines(vertices_cam, triangles, points_cam, triangle, out)
+    _points.sight_cosines(vertices_cam, for_kernels(triangles), points_cam, triangle, out)
     return out
 
 
@@ -189,7 +189,7 @@ def interpolate_at(triangles: NDArray[np.int32], values: Array, triangle: NDArra
     """Node values (V,) or (V, K) at points (N,) given by triangle and weights: (N,) or (N, K)."""
     from windmark.resection import _points
 
-    columns = np.ascontiguousarray(values[:, None] if values.ndim == 1 else values)
+    columns = np.ascontiguousarray(values[:, None] if values.ndim == 1 else values, float)
     out = np.empty((len(triangle), columns.shape[1]))
-    _points.interpolate(triangles, columns, triangle, weights, out)
+    _points.interpolate(for_kernels(triangles), columns, triangle, weights, out)
     return out.reshape(len(triangle), *values.shape[1:])

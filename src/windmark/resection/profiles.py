@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from windmark.geometry import Camera, Pose
-from windmark.resection.sampling import Image, checked_image, method_number, node_values
+from windmark.resection.sampling import Image, checked_image, checked_interpolation, node_values
 from windmark.resection.sections import Section, arc_lengths, at_arc, section, three_numbers
 from windmark.resection.visibility import NodeView, see_points
 from windmark.scene import Mesh
@@ -58,8 +58,8 @@ def sample_line(
     mesh : the surface; also hides
     start, end : (3,) model coordinates, on the surface or near it
     n : number of points, ends included
-    normal : (3,) of the cutting plane, if it is not to be found from the surface; its part along
-        start-end is ignored
+    normal : (3,) of the cutting plane, such as (0, 1, 0) for a span station; its part along start-end
+        is ignored. None: found from the surface's normals at start and end
 
     Returns
     -------
@@ -72,7 +72,7 @@ def sample_line(
         opposite at its ends) or misses the mesh.
     """
     pixels = checked_image(image, camera.size_px, "sample_line")
-    method_number(interpolation, "sample_line")
+    checked_interpolation(interpolation, "sample_line")
     a, b = three_numbers(start, "sample_line: start"), three_numbers(end, "sample_line: end")
     if n < 2:
         raise ValueError(f"sample_line: n must be at least 2, got {n}")

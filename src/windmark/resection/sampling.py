@@ -35,16 +35,13 @@ def interpolate_image(image: ArrayLike, xy: ArrayLike, *, interpolation: str = "
     ValueError
         For a wrong shape or an unknown interpolation.
     """
-    from windmark.resection import _sampling
-
     pixels = checked_image(image, None, "interpolate_image")
+    checked_interpolation(interpolation, "interpolate_image")
     points = np.asarray(xy, dtype=float)
     if points.shape[-1:] != (2,):
         raise ValueError(f"interpolate_image: xy must be (..., 2), got {points.shape}")
-    channels = pixels.reshape(*pixels.shape[:2], -1)
-    out = np.empty((points.size // 2, channels.shape[2]), np.float32)
     flat = np.ascontiguousarray(points.reshape(-1, 2))
-    _sampling.sample(channels, flat, method_number(interpolation, "interpolate_image"), out)
+    out = _values(pixels, flat, np.zeros(len(flat), np.uint8), interpolation)
     return out.reshape(*points.shape[:-1], *pixels.shape[2:])
 
 
@@ -93,7 +90,21 @@ def node_values(image: ArrayLike, view: NodeView, *, interpolation: str = "cubic
     The view may serve many images: only this has to be done again for each frame.
     """
     pixels = checked_image(image, view.size_px, "node_values")
-    return interpolate_image(pixels, np.where(view.visible[:, None], view.xy, np.nan), interpolation=interpolation)
+    return _values(pixels, view.xy, view.reason, checked_interpolation(interpolation, "node_values"))
+
+
+def _values(pixels: Image, xy: Array, skip: NDArray[np.uint8], interpolation: str) -> Image:
+    """The kernel on (H, W) or (H, W, C): (N,) or (N, C)."""
+    from windmark.resection import _sampling
+
+    channels = pixels[..., None] if pixels.ndim == 2 else pixels
+    out = np.empty((len(xy), channels.shape[2]), np.float32)
+    xy, skip = np.ascontiguousarray(xy), np.ascontiguousarray(skip)
+    if interpolation == "cubic":
+        _sampling.sample_cubic(channels, xy, skip, out)
+    else:
+        _sampling.sample_linear(channels, xy, skip, interpolation == "nearest", out)
+    return out[:, 0] if pixels.ndim == 2 else out
 
 
 def checked_image(image: ArrayLike, size_px: tuple[int, int] | None, verb: str) -> Image:
@@ -111,8 +122,8 @@ def checked_image(image: ArrayLike, size_px: tuple[int, int] | None, verb: str) 
     return np.ascontiguousarray(pixels, dtype=np.float32)
 
 
-def method_number(interpolation: str, verb: str) -> int:
-    """The kernel's number of an interpolation."""
+def checked_interpolation(interpolation: str, verb: str) -> str:
+    """The name, if it is one of `INTERPOLATIONS`."""
     if interpolation not in INTERPOLATIONS:
         raise ValueError(f"{verb}: interpolation must be one of {', '.join(INTERPOLATIONS)}, got {interpolation!r}")
-    return INTERPOLATIONS.index(interpolation)
+    return interpolation

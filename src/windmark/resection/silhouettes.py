@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.resection.casting import to_camera_frame
+from windmark.resection.casting import for_kernels, to_camera_frame
 from windmark.resection.pixelmap import PixelMap
 
 
@@ -42,7 +42,7 @@ def silhouette(pixel_map: PixelMap, *, width_px: float = 1.0, step_px: float = 2
     vertices_cam = to_camera_frame(pixel_map.cam_from_model, mesh.vertices)
     step = step_px / pixel_map.camera.focal_px
     out = np.zeros(pixel_map.triangle.shape, bool)
-    _points.silhouette(vertices_cam, mesh.triangles, pixel_map.triangle, pixel_map.barycentric, step, out)
+    _points.silhouette(vertices_cam, for_kernels(mesh.triangles), pixel_map.triangle, pixel_map.barycentric, step, out)
     return _widened(out, width_px - 0.5) if out.any() and width_px >= 1.5 else out
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from windmark.geometry import Camera, Pose
-from windmark.resection.casting import cast, single_pose, to_camera_frame
+from windmark.resection.casting import cast, for_kernels, single_pose, to_camera_frame
 from windmark.resection.reasons import BLANKED, FACING_AWAY, HIDDEN, OBLIQUE, REASONS, VISIBLE
 from windmark.scene import Mesh
 
@@ -119,9 +119,8 @@ def see_nodes(
     cam, xy, reason, depth = look(camera, pose, mesh.vertices)
     normals, faces = _node_normals(cam, mesh.triangles)
     obliquity = _obliquity_deg(normals, cam, two_sided)
-    unseen = reason != VISIBLE
     if not two_sided:
-        reason[~unseen & (faces == 1)] = FACING_AWAY
+        reason[(reason == VISIBLE) & (faces == 1)] = FACING_AWAY
     if max_obliquity_deg is not None:
         reason[(reason == VISIBLE) & (obliquity > max_obliquity_deg)] = OBLIQUE
     unused = faces == 0
@@ -167,6 +166,7 @@ def is_hidden(vertices_cam: Array, triangles: NDArray[np.int32], points_cam: Arr
 
     if not len(points_cam):
         return np.zeros(0, bool)
+    triangles = for_kernels(triangles)
     hits = cast(vertices_cam, triangles, points_cam[:, :2] / points_cam[:, 2:])
     behind = np.empty(len(points_cam))
     _points.distance_behind(vertices_cam, triangles, points_cam, hits.triangle, behind)
@@ -180,7 +180,7 @@ def checked_tolerance(tolerance: float | None, mesh: Mesh, verb: str) -> float:
         used = mesh.vertices if mesh.blanked is None else mesh.vertices[~mesh.blanked]
         if not len(used):
             return 0.0
-        extent = np.fmax.reduce(used) - np.fmin.reduce(used)
+        extent = [np.fmax.reduce(used[:, k]) - np.fmin.reduce(used[:, k]) for k in range(3)]
         return _TOLERANCE * float(np.nan_to_num(np.linalg.norm(extent)))
     if not 0 <= tolerance < np.inf:
         raise ValueError(f"{verb}: tolerance must be a length >= 0, got {tolerance}")
@@ -209,7 +209,7 @@ def _node_normals(cam: Array, triangles: NDArray[np.int32]) -> tuple[Array, Code
     from windmark.resection import _points
 
     normals, faces = np.zeros((len(cam), 3)), np.zeros(len(cam), np.uint8)
-    _points.node_normals(cam, triangles, normals, faces)
+    _points.node_normals(cam, for_kernels(triangles), normals, faces)
     return normals, faces
 
 
@@ -218,4 +218,4 @@ def _obliquity_deg(normals: Array, cam: Array, two_sided: bool) -> Array:
     along = -np.einsum("vk,vk->v", normals, cam)
     across = np.linalg.norm(np.cross(normals, cam), axis=1)
     angle = np.degrees(np.arctan2(across, np.abs(along) if two_sided else along))
-    return np.where((normals != 0).any(axis=1), angle, np.nan)
+    return np.where((along != 0) | (across != 0), angle, np.nan)
