@@ -155,6 +155,10 @@ def set_key(*keys, to):
         (lambda c: c.pop("length_unit"), "key 'length_unit': None"),
         (set_key("cam_from_model", "rotation", to=np.eye(3).tolist()), "key 'cam_from_model.pov': another pose"),
         (set_key("cam_from_model", "rotation", to=np.diag([1, 1, -1]).tolist()), "rotation must be orthonormal"),
+        (
+            set_key("cam_from_model", "rotation", to=(np.eye(3) * 1e300).tolist()),
+            "not a rotation; expected an orthonormal",
+        ),
         (set_key("cam_from_model", "rotation", to=[[1, 0], [0, 1]]), r"the shape is \(2, 2\); expected 3 x 3"),
         (set_key("cam_from_model", "translation", to=[1, 2, "3"]), r"key 'cam_from_model\.translation'"),
         (set_key("cam_from_model", "pov", "fov_deg", to=20), r"pov\.fov_deg': 20\.0; expected 50\.0"),

@@ -520,6 +520,22 @@ def test_damaged_bytes_give_an_image_or_a_file_error(tmp_path_factory, whole_fil
     assert image.ndim in (2, 3)
 
 
+@pytest.mark.parametrize("name", ["a.png", "a.tif"])
+def test_impossible_size_is_refused_before_the_memory_fills(tmp_path, whole_files, name):
+    data = whole_files[name]
+    if name == "a.png":
+        chunk = b"IHDR" + struct.pack(">II", 60_000, 60_000) + data[24:29]
+        data = data[:12] + chunk + struct.pack(">I", zlib.crc32(chunk)) + data[33:]
+    else:
+        for tag, value in ((256, 50), (257, 40)):
+            old = struct.pack("<HHII", tag, 4, 1, value)
+            assert old in data
+            data = data.replace(old, struct.pack("<HHII", tag, 4, 1, 60_000))
+    (tmp_path / name).write_bytes(data)
+    with pytest.raises(FileError, match="60000 x 60000 pixels cannot come from a file this small"):
+        read_image(tmp_path / name)
+
+
 def test_missing_rows_are_not_black(tmp_path):
     tifffile.imwrite(tmp_path / "v.tif", GREY8, rowsperstrip=2, metadata=None)
     with tifffile.TiffFile(tmp_path / "v.tif", mode="r+b") as tif:

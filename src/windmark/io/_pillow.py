@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import os
 import threading
 from typing import IO, TYPE_CHECKING, Any
 
@@ -32,6 +33,7 @@ def decode(path: Pathlike, formats: tuple[str, ...], frame: int = 0, content: IO
     """
     with open_picture(path if content is None else content, formats) as picture:
         picture.seek(frame)
+        check_plausible(path, picture.size)
         if picture.format == "TIFF":  # Pillow turns a TIFF by its metadata while it loads
             picture.getexif()[ORIENTATION] = 1
         if picture.format == "PNG" and _is_deep_colour(path):
@@ -52,6 +54,18 @@ def open_picture(source: Pathlike | IO[bytes], formats: tuple[str, ...]) -> Imag
             return Image.open(source, formats=formats)
         finally:
             Image.MAX_IMAGE_PIXELS = limit
+
+
+def check_plausible(path: Pathlike, size_px: tuple[int, int]) -> None:
+    """Refuse a size that no compression can have put into so small a file, before the memory is filled with nothing.
+
+    Deflate reaches 1032 : 1, which is 8256 pixels of one bit per byte; the other compressions stay below.
+    """
+    width, height = size_px
+    if width < 1 or height < 1:
+        raise FileError(path, f"damaged or cut off: {width} x {height} pixels")
+    if width * height > 10_000 * os.path.getsize(path) + 1_000_000:
+        raise FileError(path, f"damaged or cut off: {width} x {height} pixels cannot come from a file this small")
 
 
 def encode(kind: str, values: NDArray[Any]) -> bytes:

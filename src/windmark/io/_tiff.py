@@ -105,6 +105,7 @@ class TiffStack:
 
 def _check(path: Pathlike, page: Any) -> None:
     """Rows that are missing must not come back as black."""
+    _pillow.check_plausible(path, (page.imagewidth, page.imagelength))
     segments = int(np.prod(page.chunked)) if page.chunked else 0
     counts = page.databytecounts
     if not segments or len(counts) < segments or len(page.dataoffsets) < segments or not all(counts[:segments]):
@@ -123,18 +124,21 @@ def _unpacked(path: Pathlike, tif: Any, page: Any) -> NDArray[np.uint16]:
     height, width = page.imagelength, page.imagewidth
     n, bits = width * page.samplesperpixel, page.bitspersample
     row_bytes = (n * bits + 7) // 8
-    rows = []
+    parts = []
     for offset, size in zip(page.dataoffsets, page.databytecounts, strict=False):
         tif.filehandle.seek(offset)
         data = tif.filehandle.read(size)
         data = zlib.decompress(data) if int(page.compression) in _DEFLATE else data
         whole = len(data) // row_bytes
-        packed = np.frombuffer(data, dtype=np.uint8, count=whole * row_bytes).reshape(whole, row_bytes)
-        packed = _REVERSED[packed] if page.fillorder == 2 else packed
-        rows.append(unpack_bits(packed, n, bits))
-    values = np.concatenate(rows)[:height]
-    if len(values) < height:
-        raise FileError(path, f"cut off: {len(values)} of {height} rows are there")
+        parts.append(np.frombuffer(data, dtype=np.uint8, count=whole * row_bytes).reshape(whole, row_bytes))
+    packed = np.concatenate(parts)[:height]
+    if len(packed) < height:
+        raise FileError(path, f"cut off: {len(packed)} of {height} rows are there")
+    values = np.empty((height, n), dtype=np.uint16)
+    step = max(1, 2**20 // n)  # rows at a time: the work needs ten times the memory of its result
+    for k in range(0, height, step):
+        block = packed[k : k + step]
+        values[k : k + step] = unpack_bits(_REVERSED[block] if page.fillorder == 2 else block, n, bits)
     return values.reshape(height, width, page.samplesperpixel) if page.samplesperpixel > 1 else values
 
 

@@ -132,6 +132,8 @@ def pose(path: Pathlike, key: str, rotation: Array, translation: Array, *, mend:
     FileError
         When the matrix is no rotation: mirrored, scaled, or off by more than rounding.
     """
+    if np.abs(rotation).max() > 2:
+        raise key_error(path, key, "not a rotation; expected an orthonormal matrix with determinant +1")
     error = np.abs(rotation @ rotation.T - np.eye(3)).max()
     if mend and 1e-12 < error < _ROUNDED and np.linalg.det(rotation) > 0:
         u, _, vt = np.linalg.svd(rotation)

@@ -9,6 +9,7 @@ The only changes are: a palette is expanded, 1 to 4 bits per pixel are stretched
 
 from __future__ import annotations
 
+import errno
 import os
 from collections.abc import Generator, Iterable, Iterator
 from contextlib import closing, contextmanager
@@ -160,8 +161,8 @@ def _decoding(path: Pathlike) -> Iterator[None]:
         except MemoryError as error:
             raise FileError(path, "damaged, or too large for the memory") from error
         except Exception as error:  # decoders raise nearly anything
-            if isinstance(error, OSError) and error.errno is not None:
-                raise  # the operating system's own refusal
+            if isinstance(error, OSError) and error.errno not in (None, errno.EINVAL):
+                raise  # the operating system's own refusal; EINVAL is a place before the file's start
             raise FileError(path, f"damaged or cut off: {error or type(error).__name__}") from error
 
 
