@@ -146,7 +146,7 @@ def paint_decals(
     frame: Array, shape: Array, volume: Ints, boxes: Ints, slot: Ints, ray: Array, n: int, hit: Ints, depth: Array,
     code: Ints, factor: Array, partial: NDArray[np.bool_],
 ) -> None:  # fmt: skip
-    """Multiply factor (S, n*n) by 1 - contrast * coverage of each decal; set partial (S,) where an edge runs.
+    """Multiply factor (S, n*n) by 1 - contrast * coverage of each decal; set partial (S,) near edges.
 
     frame : (K, 3, 3) centre, first and second direction in the camera's frame; shape : (K, 6) half sides,
     outer, inner radius, contrast, gate (largest distance of the hit point from the centre);
@@ -205,7 +205,8 @@ def paint_decals(
                     if inner >= 0.0:
                         cover -= slab_share(inner - distance, inner + distance + 2 * min(a, b), scale, gx, gy)
                     factor[s, k] *= 1.0 - contrast * cover
-                    if 0.0 < cover < 1.0:
+                    # The distance is of first order: up to 1.5 px from an edge a pixel is not judged by it.
+                    if abs(outer - distance) < 1.5 * size or (inner >= 0.0 and abs(inner - distance) < 1.5 * size):
                         partial[s] = True
 
 

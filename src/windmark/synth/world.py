@@ -32,7 +32,7 @@ class World:
     dirt : decals beside the markers
     marker_contrast : the light falls to 1 - contrast on a marker
     rest : (V, 3) vertices before any motion: what the paint's pattern is fixed to
-    tunnel_from_model : the rigid motion done so far
+    tunnel_from_model : the rigid motion of the model done so far
     """
 
     mesh: Mesh
@@ -64,13 +64,19 @@ class World:
         return out
 
     def moved(self, tunnel_from_model: Pose, volumes: Sequence[str] = MODEL_VOLUMES) -> World:
-        """The world after a further rigid motion of some volumes; the rest stands still."""
+        """The world after a further rigid motion of some volumes; the rest stands still.
+
+        Only a motion of the whole model (all of `MODEL_VOLUMES` that the mesh has) counts in
+        `tunnel_from_model`; a wall or a flap can be moved alone.
+        """
+        model = set(MODEL_VOLUMES) & set(np.unique(self.mesh.volume).tolist())
+        whole = bool(model) and model <= set(volumes)
         return self._changed(
             volumes,
             tunnel_from_model.apply,
             lambda _, vectors: tunnel_from_model.rotate(vectors),
             lambda _, vectors: tunnel_from_model.rotate(vectors),
-            tunnel_from_model @ self.tunnel_from_model,
+            tunnel_from_model @ self.tunnel_from_model if whole else self.tunnel_from_model,
         )
 
     def deformed(self, law: Callable[[Array], Array], volumes: Sequence[str] = ("wing",)) -> World:
