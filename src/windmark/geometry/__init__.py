@@ -3,6 +3,23 @@
 from windmark.geometry.camera import PARAMETERS, Camera
 from windmark.geometry.errors import DegenerateGeometry
 from windmark.geometry.p3p import P3PSolutions, p3p
+from windmark.geometry.p4pf import FocalPose, p4pf
 from windmark.geometry.pose import Pose, PoV
+from windmark.geometry.similarity import Similarity, align
+from windmark.geometry.triangulation import Triangulation, triangulate
 
-__all__ = ["PARAMETERS", "Camera", "DegenerateGeometry", "P3PSolutions", "PoV", "Pose", "p3p"]
+__all__ = [
+    "PARAMETERS",
+    "Camera",
+    "DegenerateGeometry",
+    "FocalPose",
+    "P3PSolutions",
+    "PoV",
+    "Pose",
+    "Similarity",
+    "Triangulation",
+    "align",
+    "p3p",
+    "p4pf",
+    "triangulate",
+]

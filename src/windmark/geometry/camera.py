@@ -8,6 +8,7 @@ section IV.A for the parameter set.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -78,7 +79,8 @@ class Camera:
     def with_parameters(self, values: ArrayLike, cov: Array | None = None) -> Camera:
         """A camera of the same size with the given eleven parameters."""
         v = np.asarray(values, dtype=float)
-        return replace(self, **dict(zip(PARAMETERS, map(float, v), strict=True)), cov=cov)
+        named: dict[str, Any] = dict(zip(PARAMETERS, map(float, v), strict=True))
+        return replace(self, **named, cov=cov)
 
     def packed(self) -> Array:
         """(12,): the parameters and the squared ideal radius up to which the lens is one to one; for kernels."""
@@ -146,7 +148,7 @@ class Camera:
         w, h = self.size_px
         with np.errstate(invalid="ignore"):
             inside = (p >= -0.5) & (p <= np.array([w - 0.5, h - 0.5]))
-        return inside.all(axis=-1)
+        return np.asarray(inside.all(axis=-1))
 
     # --- parts ---------------------------------------------------------------------------
     def _lens(self) -> tuple[float, float, float, float, float]:
@@ -162,7 +164,7 @@ class Camera:
         f = np.array([self.focal_px, self.focal_px * self.aspect])
         p = (xy - np.array([self.cx, self.cy])) / f
         if self.tilt_x or self.tilt_y:
-            p = _homography(np.linalg.inv(tilt_homography(self.tilt_x, self.tilt_y)), p)
+            p = _homography(np.asarray(np.linalg.inv(tilt_homography(self.tilt_x, self.tilt_y)), dtype=float), p)
         return p
 
 
