@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from windmark.detection.image import Prepared, check_image, check_polarity, prepare
-from windmark.detection.search import MERIT_SLACK, Bowl, candidates
+from windmark.detection.search import MERIT_SLACK, Bowl, at_tiles, candidates, surface_noise
 from windmark.detection.shape import ILL, TOUCHING, Shapes, shapes
 from windmark.scene import Detections
 
@@ -32,9 +32,10 @@ class _Spots:
     depth: Array
     settled: NDArray[np.bool_]
     r0: Array
+    noise: Array
 
     def take(self, index: NDArray[np.int64] | NDArray[np.bool_]) -> _Spots:
-        return _Spots(self.xy[index], self.merit[index], self.depth[index], self.settled[index], self.r0[index])
+        return _Spots(**{f.name: getattr(self, f.name)[index] for f in fields(self)})
 
 
 def detect(
@@ -65,10 +66,11 @@ def detect(
     refine : "bowl", the paper's centre
     max_spots : keep only so many, the best
     min_depth : smallest depth in grey levels; None leaves it to `min_quality`
-    min_quality : smallest depth / noise / merit, noise being the scatter of one pixel of the surface round the spot;
-        below r0 = 3 px it counts sqrt(r0 / 3). The worse the shape, the more a spot must stand out: from 3 px on
-        m = 0.7 needs 8.4 times the noise, m = 0.35 half of that. White noise alone gives m = 2 noise / depth, so the
-        default passes perfect discs down to depth / noise = 5 (5.4 at r0 = 2)
+    min_quality : smallest depth / noise / merit. The noise is the scatter of one pixel of the surface round the spot,
+        and not below that of its neighbourhood. The worse the shape, the more a spot must stand out: m = 0.7 needs
+        8.4 times the noise, m = 0.35 half of that; below r0 = 3 px fewer pixels vouch for it and the ratio counts
+        sqrt(r0 / 3). White noise alone gives m = 2 noise / depth: the default passes perfect discs down to
+        depth / noise = 5
 
     Returns
     -------
@@ -135,21 +137,19 @@ def _spots_of_radius(image: Prepared, r0: float, merit_max: float) -> _Spots:
     """Spots of one reference radius, each once."""
     from windmark.detection._kernels import refine_bowl
 
+    if min(image.g.shape) < 2.0 * r0:
+        return _Spots(np.empty((0, 2)), *np.empty((2, 0)), np.empty(0, dtype=bool), *np.empty((2, 0)))
     bowl = Bowl.of_radius(r0)
-    start = candidates(image, r0, merit_max)
+    noise = surface_noise(image, r0)
+    start = candidates(image, r0, merit_max, noise)
     found = refine_bowl(image.g, start, r0, merit_max + MERIT_SLACK, MIN_CORE, bowl.positions, bowl.functionals)
     found = found[found[:, 2] <= merit_max]
-    return _Spots(found[:, :2], found[:, 2], found[:, 3], found[:, 4] > 0, np.full(len(found), r0))
+    xy, radius = found[:, :2], np.full(len(found), r0)
+    return _Spots(xy, found[:, 2], found[:, 3], found[:, 4] > 0, radius, at_tiles(noise, xy, r0))
 
 
 def _concatenate(parts: list[_Spots]) -> _Spots:
-    return _Spots(
-        np.concatenate([p.xy for p in parts]),
-        np.concatenate([p.merit for p in parts]),
-        np.concatenate([p.depth for p in parts]),
-        np.concatenate([p.settled for p in parts]),
-        np.concatenate([p.r0 for p in parts]),
-    )
+    return _Spots(**{f.name: np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(_Spots)})
 
 
 def _distinct(spots: _Spots) -> _Spots:
@@ -183,7 +183,7 @@ def _describe(image: Prepared, spots: _Spots) -> Shapes:
             image.g, spots.xy[mine], float(r0), bowl.positions, bowl.functionals, image.clip, image.sign
         )
     size = image.g.shape[1], image.g.shape[0]
-    return shapes(raw, spots.xy, spots.r0, size, image.quantum)
+    return shapes(raw, spots.xy, spots.r0, size, spots.noise)
 
 
 def _detections(spots: _Spots, found: Shapes, order: NDArray[np.int64]) -> Detections:

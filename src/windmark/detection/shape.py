@@ -14,7 +14,6 @@ COLUMNS = (
     "cxx", "cxy", "cyy", "scatter", "depth", "volume", "mxx", "mxy", "myy", "pixels", "missing", "outliers", "clipped",
 )  # fmt: skip
 LATTICE = 0.025  # pixel-lattice error of the bowl: LATTICE / r0 px per axis (tests/paper/test_spot.py)
-NOISE_QUANTA = 1.0  # the scatter of a background is never taken below one grey-level step
 BORDER, SATURATED, CONTAMINATED, TOUCHING, ILL = 1, 2, 4, 8, 16
 
 
@@ -25,7 +24,7 @@ class Shapes:
     Parameters
     ----------
     cov : (K, 2, 2) covariance of the centre: white noise through the bowl plus the lattice error
-    noise : (K,) scatter of the background about its plane, one pixel
+    noise : (K,) scatter of the surface, one pixel: of the ring round the spot, but not below its tile's
     depth : (K,) background less core, at the core (disc of radius r0 / 2)
     radius : (K,) radius of the disc of depth `depth` and the hole's volume; NaN where that is not positive
     axes, angle : (K, 2), (K,) ellipse of that area and the second moments' anisotropy; NaN where noise hides it
@@ -41,14 +40,14 @@ class Shapes:
     flags: Ints
 
 
-def shapes(raw: Array, xy: Array, r0: Array, size: tuple[int, int], quantum: float) -> Shapes:
+def shapes(raw: Array, xy: Array, r0: Array, size: tuple[int, int], tile_noise: Array) -> Shapes:
     """Interpret the columns of `describe` for spots at xy found with the reference radii r0.
 
     Blur adds the same to both second moments, so their difference is the sharp ellipse's:
     (a^2 - b^2) / 4 = l1 - l2; the area pi a b = volume / depth closes the system. No size of the blur is needed.
     """
     c = dict(zip(COLUMNS, raw.T, strict=True))
-    noise = np.maximum(c["scatter"], NOISE_QUANTA * quantum)
+    noise = np.maximum(c["scatter"], tile_noise)
     with np.errstate(invalid="ignore", divide="ignore"):
         ab = np.where((c["depth"] > 0) & (c["volume"] > 0), c["volume"] / c["depth"] / np.pi, np.nan)
         mxx, mxy, myy = (c[k] / c["volume"] for k in ("mxx", "mxy", "myy"))
