@@ -34,7 +34,8 @@ def png(figure: Figure, dpi: int = 110) -> bytes:
     """The figure as PNG bytes."""
     stream = byte_io.BytesIO()
     FigureCanvasAgg(figure)
-    figure.savefig(stream, format="png", dpi=dpi)
+    # Camera noise does not compress: the default level takes three times as long for 5 % less.
+    figure.savefig(stream, format="png", dpi=dpi, pil_kwargs={"compress_level": 3})
     return stream.getvalue()
 
 
