@@ -147,7 +147,7 @@ def test_options_and_names_that_do_not_fit(tmp_path, blocks):
 def test_a_vtk_file_under_another_name_says_so(tmp_path, blocks):
     write_mesh(tmp_path / "a.vtp", blocks)
     (tmp_path / "a.vtp").rename(tmp_path / "a.grid")
-    with pytest.raises(FileError, match="looks like a VTK or PLY file"):
+    with pytest.raises(FileError, match="looks like a VTK file"):
         read_mesh(tmp_path / "a.grid")
 
 

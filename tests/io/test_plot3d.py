@@ -416,6 +416,8 @@ def test_volumes_are_the_zones_or_what_is_asked(tmp_path, fortran):
     assert [b.name for b in mesh.blocks] == ["zone01", "zone02", "zone03"]
     with pytest.raises(ValueError, match=r"volumes: the file has no \['zone09'\]"):
         read_mesh(path, volumes={"zone09": "wing"})
+    with pytest.raises(ValueError, match=r"volume_face: .* has surfaces only"):
+        read_mesh(path, volume_face="kmin")
     with pytest.raises(ValueError, match="volume_face must be one of"):
         read_mesh(path, volume_face="top")
 

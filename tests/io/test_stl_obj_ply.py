@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import struct
+
 import numpy as np
 import pytest
 import pyvista as pv
@@ -144,10 +146,88 @@ def test_damaged_obj(tmp_path, text, message):
 def test_ply_comes_back(tmp_path, make_mesh, single):
     mesh = make_mesh([(5, 4, 1), (1, 3, 3)], single=single)
     write_mesh(tmp_path / "a.ply", mesh, length_unit="in")
-    got = read_mesh(tmp_path / "a.ply")
-    np.testing.assert_allclose(got.vertices, mesh.vertices, rtol=0 if single else 1e-6, atol=0 if single else 1e-6)
+    got = read_mesh(tmp_path / "a.ply", volumes="wing")
+    np.testing.assert_array_equal(got.vertices, mesh.vertices)
     np.testing.assert_array_equal(got.triangles, mesh.triangles)
+    assert set(got.volume) == {"wing"}
     assert b"comment length unit: in" in (tmp_path / "a.ply").read_bytes()[:200]
+    seen = pv.read(tmp_path / "a.ply")
+    np.testing.assert_array_equal(seen.regular_faces, mesh.triangles)
+
+
+VERTICES = [(0, 0, 0), (1, 0, 0), (1, 1, 0.5), (0, 1, 0)]
+FACES = {"alike": [(0, 1, 2), (0, 2, 3)], "mixed": [(0, 1, 2, 3), (0, 1, 2)]}
+HEADER = """ply
+format {form} 1.0
+comment colours and an element that nobody needs
+element vertex 4
+property float x
+property double y
+property float32 z
+property uchar red
+element camera 1
+property int16 number
+element face 2
+property uchar flag
+property list {count} int vertex_indices
+end_header
+"""
+
+
+def ply_bytes(form, count, faces):
+    head = HEADER.format(form=form, count=count).encode()
+    if form == "ascii":
+        lines = [f"{x} {y} {z} 200" for x, y, z in VERTICES] + ["-7"]
+        return head + "\n".join([*lines, *(" ".join(map(str, [1, len(f), *f])) for f in faces)]).encode() + b"\n"
+    order = "<" if "little" in form else ">"
+    body = b"".join(struct.pack(order + "fdfB", *v, 200) for v in VERTICES) + struct.pack(order + "h", -7)
+    for f in faces:
+        body += struct.pack(f"{order}B{'B' if count == 'uchar' else 'i'}{len(f)}i", 1, len(f), *f)
+    return head + body
+
+
+@pytest.mark.parametrize("faces", list(FACES))
+@pytest.mark.parametrize("count", ["uchar", "int"])
+@pytest.mark.parametrize("form", ["ascii", "binary_little_endian", "binary_big_endian"])
+def test_ply_in_every_form(tmp_path, form, count, faces):
+    (tmp_path / "a.ply").write_bytes(ply_bytes(form, count, FACES[faces]))
+    mesh = read_mesh(tmp_path / "a.ply")
+    np.testing.assert_array_equal(mesh.vertices, VERTICES)
+    wanted = [[0, 1, 2], [0, 2, 3]] if faces == "alike" else [[0, 1, 2], [0, 2, 3], [0, 1, 2]]
+    np.testing.assert_array_equal(mesh.triangles, wanted)
+
+
+@pytest.mark.parametrize("faces", list(FACES))
+@pytest.mark.parametrize("form", ["ascii", "binary_little_endian", "binary_big_endian"])
+def test_a_ply_cut_short_is_refused_wherever_it_is_cut(tmp_path, form, faces):
+    whole = ply_bytes(form, "uchar", FACES[faces])
+    for end in range(len(whole) - (2 if form == "ascii" else 0)):
+        (tmp_path / "a.ply").write_bytes(whole[:end])
+        with pytest.raises(FileError):
+            read_mesh(tmp_path / "a.ply")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (b"element vertex 4", b"element vertex 400", r"element vertex: 400 of them need 6800 bytes from byte 0"),
+        (b"element face 2", b"element face 2000000000", r"element face: a row begins at byte \d+ behind the header"),
+        (b"element face 2", b"element face 0", "has 4 points but no faces"),
+        (b"property float x", b"property real x", "line 5: expected a line of a PLY header, got 'property real x'"),
+        (b"property float x", b"property float u", r"element vertex: no x, y, z; it has \['u'"),
+        (b"vertex_indices", b"corners", "no faces"),
+        (b"format binary_little_endian", b"format binary", "expected a PLY header"),
+        (b"ply\n", b"plx\n", "expected a PLY header"),
+        (struct.pack("<3i", 0, 2, 3), struct.pack("<3i", 0, 2, 4), "a face names vertex 4; expected 0 to 3"),
+        (struct.pack("<f", 0.5), struct.pack("<f", np.nan), r"node 2 \(from 0\) is at \(1, 1, nan\)"),
+    ],
+)
+def test_damaged_ply(tmp_path, old, new, message):
+    raw = ply_bytes("binary_little_endian", "uchar", FACES["alike"])
+    assert old in raw
+    (tmp_path / "a.ply").write_bytes(raw.replace(old, new, 1))
+    with pytest.raises(FileError, match=message):
+        read_mesh(tmp_path / "a.ply")
 
 
 @pytest.mark.parametrize("name", ["a.stl", "a.obj", "a.ply"])

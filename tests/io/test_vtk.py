@@ -171,9 +171,6 @@ def test_clouds_and_lines_are_no_surface(tmp_path):
     pv.PolyData(np.random.default_rng(0).random((50, 3))).save(tmp_path / "cloud.vtp")
     with pytest.raises(FileError, match="has 50 points but no faces"):
         read_mesh(tmp_path / "cloud.vtp")
-    pv.PolyData(np.random.default_rng(0).random((50, 3))).save(tmp_path / "cloud.ply")
-    with pytest.raises(FileError, match="has 50 points but no faces"):
-        read_mesh(tmp_path / "cloud.ply")
     pv.Line().save(tmp_path / "line.vtk")
     with pytest.raises(FileError, match="no faces"):
         read_mesh(tmp_path / "line.vtk")
@@ -191,8 +188,6 @@ def test_clouds_and_lines_are_no_surface(tmp_path):
         ("a.vtm", b'<VTKFile type="vtkMultiBlockDataSet"><vtkMultiBlockDataSet><DataSet index="0" file="none.vts"/>'
                   b"</vtkMultiBlockDataSet></VTKFile>"),
         ("a.vtk", b"# vtk DataFile Version 3.0\nx\nASCII\nDATASET POLYDATA\nPOINTS 3 float\n 0 0"),
-        ("a.ply", b"ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nend_header\n1\n"),
-        ("a.ply", b"something else"),
     ],
 )  # fmt: skip
 def test_damaged_files(tmp_path, capfd, name, content):

@@ -12,8 +12,9 @@ from windmark.io.cart3d import read_cart3d, write_cart3d
 from windmark.io.errors import FileError, reading
 from windmark.io.fields import LENGTH
 from windmark.io.netcdf import read_nodes_netcdf, write_nodes_netcdf
-from windmark.io.obj_ply import read_obj, write_obj, write_ply
+from windmark.io.obj import read_obj, write_obj
 from windmark.io.plot3d import Face, read_plot3d, write_plot3d
+from windmark.io.ply import read_ply, write_ply
 from windmark.io.stl import read_stl, write_stl
 from windmark.io.structured import Volumes, rename_volumes
 from windmark.io.tecplot import write_tecplot
@@ -72,6 +73,8 @@ def _reader(path: Path) -> Callable[[str | os.PathLike[str], Volumes], Mesh] | N
         return lambda p, v: read_stl(p, volumes=v)
     if suffix == ".obj":
         return lambda p, v: read_obj(p, volumes=v)
+    if suffix == ".ply" or first.startswith((b"PLY\n", b"PLY\r")):
+        return lambda p, v: read_ply(p, volumes=v)
     if suffix == ".tri":
         return lambda p, v: read_cart3d(p, volumes=v)
     if suffix in VTK_SUFFIXES:
@@ -80,8 +83,8 @@ def _reader(path: Path) -> Callable[[str | os.PathLike[str], Volumes], Mesh] | N
         return _read_netcdf
     if head.startswith(b"#!TDV"):
         raise FileError(path, "is a binary Tecplot file; expected Tecplot ASCII (write data file as ASCII)")
-    if first.startswith((b"# VTK", b"<VTKFILE", b"<?XML", b"PLY")):
-        raise FileError(path, f"looks like a VTK or PLY file; expected its name to end in one of {VTK_SUFFIXES}")
+    if first.startswith((b"# VTK", b"<VTKFILE", b"<?XML")):
+        raise FileError(path, f"looks like a VTK file; expected its name to end in one of {VTK_SUFFIXES}")
     if first.startswith((b"TITLE", b"VARIABLES", b"ZONE", b"#")):
         return lambda p, v: read_tecplot(p, volumes=v)[0]
     return None

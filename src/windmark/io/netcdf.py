@@ -117,25 +117,35 @@ def read_nodes_netcdf(
     FileError
         For a file that is no such file.
     """
-    import xarray
+    import h5py
 
     with reading(path), open(path, "rb") as stream:
         content = io.BytesIO(stream.read())
     try:
-        with xarray.open_dataset(content, engine="h5netcdf") as opened:
-            dataset = opened.load()
-        blanked = dataset["blanked"].values != 0 if "blanked" in dataset else None
-        blocks: tuple[Block, ...] = ()
-        if "block_shape" in dataset:
-            columns = (dataset[name].values.tolist() for name in ("block", "block_shape", "block_first"))
-            blocks = tuple(Block(name, (i, j, k), first) for name, (i, j, k), first in zip(*columns, strict=True))
-        volume = dataset["volume"].values.astype(np.str_)[dataset["triangle_volume"].values]
-        mesh = Mesh(dataset["vertices"].values, dataset["triangles"].values, volume, blocks, blanked)
-        history = json.loads(dataset.attrs["history"])
-    except (KeyError, ValueError, IndexError, OSError) as error:
+        with h5py.File(content, "r") as file:
+            mesh = _read_mesh(file)
+            fields = {
+                name: file[name][()]
+                for name, variable in file.items()
+                if name not in RESERVED and variable.shape == (len(mesh.vertices),)
+            }
+            units = {name: _text(file[name].attrs.get("units", "")) for name in fields}
+            units[LENGTH] = _text(file.attrs["length_unit"])
+            history = json.loads(_text(file.attrs["history"]))
+    except Exception as error:  # HDF5 and its layers report damage in many ways
         raise FileError(path, f"expected a NetCDF file of node values by windmark ({error})") from error
-    fields = {str(n): v.values for n, v in dataset.data_vars.items() if v.dims == ("node",) and n not in RESERVED}
-    units = {n: str(dataset[n].attrs["units"]) for n in fields if dataset[n].attrs.get("units")}
-    if dataset.attrs.get("length_unit"):
-        units[LENGTH] = str(dataset.attrs["length_unit"])
-    return mesh, fields, units, history
+    return mesh, fields, {name: unit for name, unit in units.items() if unit}, history
+
+
+def _read_mesh(file: Any) -> Mesh:
+    volume = np.array([_text(name) for name in file["volume"][()]], dtype=np.str_)[file["triangle_volume"][()]]
+    blanked = file["blanked"][()] != 0 if "blanked" in file else None
+    blocks: tuple[Block, ...] = ()
+    if "block_shape" in file:
+        columns = (file[name][()].tolist() for name in ("block", "block_shape", "block_first"))
+        blocks = tuple(Block(_text(name), (i, j, k), first) for name, (i, j, k), first in zip(*columns, strict=True))
+    return Mesh(file["vertices"][()], file["triangles"][()], volume, blocks, blanked)
+
+
+def _text(value: str | bytes) -> str:
+    return value.decode() if isinstance(value, bytes) else str(value)

@@ -18,7 +18,7 @@ from windmark.io.errors import FileError
 from windmark.io.fields import single_is_exact
 from windmark.io.numbers_text import format_values
 from windmark.io.plot3d_choose import checked_iblank, choose
-from windmark.io.plot3d_detect import Candidate, Source, load, read_blocks
+from windmark.io.plot3d_detect import Source, load, read_blocks
 from windmark.io.plot3d_layout import Plot3dLayout, block_words, record_sizes
 from windmark.io.structured import Volumes, rename_volumes, structured_mesh, zone_names
 from windmark.scene import Block, Mesh
@@ -62,8 +62,12 @@ def read_plot3d(
     candidate = choose(source, "grid", layout)
     parts, blocks, blanks, turned = [], [], [], []
     first = 0
-    for k, (name, (xyz, iblank)) in enumerate(_named_blocks(source, candidate)):
-        dims = candidate.header.dims[k]
+    all_dims = candidate.header.dims
+    if volume_face is not None and all(min(dims) == 1 for dims in all_dims):
+        raise ValueError(f"volume_face: {path} has surfaces only; expected volume blocks")
+    names = zone_names(len(all_dims))
+    for k, (xyz, iblank) in enumerate(read_blocks(source, candidate)):
+        dims = all_dims[k]
         checked_iblank(source, candidate, k, iblank)
         if min(dims) > 1:
             if volume_face is None:
@@ -71,17 +75,17 @@ def read_plot3d(
                 raise FileError(path, what, block_words(candidate.header, k))
             dims, xyz, iblank, turn = _face(dims, xyz, iblank, volume_face)
             turned += [k] if turn else []
-        blocks.append(Block(name, dims, first))
+        blocks.append(Block(names[k], dims, first))
         _check_finite(source, blocks[-1], xyz, iblank)
         parts.append(xyz)
         blanks.append(iblank)
         first += blocks[-1].size
     vertices = np.empty((first, 3))
-    for block, xyz in zip(blocks, parts, strict=True):
-        vertices[block.first : block.first + block.size] = xyz.T
+    with np.errstate(invalid="ignore"):  # blanked nodes may be any NaN
+        for block, xyz in zip(blocks, parts, strict=True):
+            vertices[block.first : block.first + block.size] = xyz.T
     blanked = np.concatenate([b == 0 for b in blanks if b is not None]) if candidate.layout.iblank else None
-    names = rename_volumes([block.name for block in blocks], volumes)
-    return structured_mesh(vertices, tuple(blocks), blanked, volumes=names, reverse=turned)
+    return structured_mesh(vertices, tuple(blocks), blanked, volumes=rename_volumes(names, volumes), reverse=turned)
 
 
 def detect_plot3d(path: str | os.PathLike[str], kind: Literal["grid", "function"] = "grid") -> Plot3dLayout:
@@ -97,10 +101,6 @@ def detect_plot3d(path: str | os.PathLike[str], kind: Literal["grid", "function"
     if kind not in ("grid", "function"):
         raise ValueError(f"kind must be 'grid' or 'function', got {kind!r}")
     return choose(load(path), kind).layout
-
-
-def _named_blocks(source: Source, candidate: Candidate) -> zip:
-    return zip(zone_names(len(candidate.header.dims)), read_blocks(source, candidate), strict=True)
 
 
 def _check_finite(source: Source, block: Block, xyz: NDArray[np.floating], iblank: NDArray[np.integer] | None) -> None:

@@ -40,7 +40,8 @@ def read_stl(path: str | os.PathLike[str], *, volumes: Volumes = None) -> Mesh:
         raw = Path(path).read_bytes()
     count = int.from_bytes(raw[80:_HEADER], "little")
     if len(raw) >= _HEADER and len(raw) == _HEADER + count * _FACET.itemsize:
-        corners = np.frombuffer(raw, dtype=_FACET, offset=_HEADER)["corners"].astype(np.float64)
+        with np.errstate(invalid="ignore"):  # a float may be any NaN; `read_mesh` refuses it
+            corners = np.frombuffer(raw, dtype=_FACET, offset=_HEADER)["corners"].astype(np.float64)
         solids, of_triangle = ["model"], np.zeros(len(corners), dtype=np.int64)
     elif raw.lstrip()[:5].lower() == b"solid" and b"facet" in raw[:4096]:
         corners, solids, of_triangle = _ascii(raw, path)

@@ -100,14 +100,23 @@ def read_tecplot(
     if not parts:
         raise FileError(path, "no ZONE; expected a Tecplot ASCII file")
     columns = dict(zip(names, np.concatenate([p.values for p in parts], axis=1), strict=True))
-    fill = content.aux.get("nanvalue")
+    fill = _fill(content)
     blank = next((n for n in names if n.lower() == "iblank"), None)
     blanked = None if blank is None else columns.pop(blank) == 0
     if fill is not None:
-        columns = {n: np.where(equals_fill(c, float(fill)), np.nan, c) for n, c in columns.items()}
+        columns = {n: np.where(equals_fill(c, fill), np.nan, c) for n, c in columns.items()}
         columns.pop("valid", None)
     vertices = np.stack([_axis(content.path, columns, axis) for axis in "xyz"], axis=1)
     return _mesh(vertices, parts, blanked, volumes), columns
+
+
+def _fill(content: _Content) -> float | None:
+    """The value that stands for NaN, if the file names one."""
+    text = content.aux.get("nanvalue")
+    try:
+        return None if text is None else float(text)
+    except ValueError:
+        raise FileError(content.path, f"NanValue is {text!r}; expected a number", "DATASETAUXDATA") from None
 
 
 def _axis(path: Path, columns: dict[str, Array], axis: str) -> Array:

@@ -1,4 +1,8 @@
-"""Read surfaces of the VTK family and PLY through VTK's own readers."""
+"""Read surfaces of the VTK family through VTK's own readers.
+
+Files cut short are errors. Bytes changed inside a file may end the process within VTK, which no Python code
+can prevent.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +27,6 @@ _READERS = {
     ".vts": ("vtkIOXML", "vtkXMLStructuredGridReader"),
     ".vtm": ("vtkIOXML", "vtkXMLMultiBlockDataReader"),
     ".vtk": ("vtkIOLegacy", "vtkGenericDataObjectReader"),
-    ".ply": ("vtkIOPLY", "vtkPLYReader"),
 }
 VTK_SUFFIXES = tuple(_READERS)
 
@@ -41,7 +44,7 @@ class _Part:
 
 
 def read_vtk(path: str | os.PathLike[str], *, volumes: Volumes = None) -> Mesh:
-    """Read a surface of the VTK family (.vtp, .vtu, .vts, .vtm, .vtk) or PLY.
+    """Read a surface of the VTK family (.vtp, .vtu, .vts, .vtm, .vtk).
 
     Polygons are split into triangles; of solid cells the outside is taken; nodes keep the file's order.
 

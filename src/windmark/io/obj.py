@@ -1,4 +1,4 @@
-"""Wavefront OBJ files, read and written, and PLY files, written (read through VTK)."""
+"""Wavefront OBJ files."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from windmark.io.atomic import atomic_path
 from windmark.io.errors import FileError, reading
 from windmark.io.fields import single_is_exact, written_by
 from windmark.io.numbers_text import format_rows, parse_numbers
+from windmark.io.polygons import fan_triangles
 from windmark.io.structured import Volumes, rename_volumes
 from windmark.scene import Mesh
 
@@ -92,10 +93,7 @@ def _fans(
     if bad.any():
         k = int(np.argmax(bad))
         raise FileError(path, f"a face names vertex {given[k]:g}; the file has {count}", int(lines[of_corner[k]]) + 1)
-    starts = np.cumsum(sizes) - sizes
-    face = np.repeat(np.arange(len(sizes)), sizes - 2)
-    step = np.arange(len(face)) - np.repeat(np.cumsum(sizes - 2) - (sizes - 2), sizes - 2)
-    corners = np.stack([starts[face], starts[face] + step + 1, starts[face] + step + 2], axis=1)
+    corners, face = fan_triangles(sizes)
     return index[corners].astype(np.int32), face
 
 
@@ -123,30 +121,3 @@ def write_obj(path: str | os.PathLike[str], mesh: Mesh, *, length_unit: str = ""
         for start, end in zip(changes, [*changes[1:], len(triangles)], strict=True):
             stream.write(f"g {' '.join(str(mesh.volume[start]).split())}\n".encode())
             stream.write(format_rows([triangles[start:end, k] for k in range(3)], ["f %d", "%d", "%d"]))
-
-
-def write_ply(path: str | os.PathLike[str], mesh: Mesh, *, length_unit: str = "") -> None:
-    """Write a mesh as binary PLY without its volumes, in double precision where single would lose something.
-
-    Parameters
-    ----------
-    path : the file
-    mesh : the mesh
-    length_unit : unit of the coordinates, written as a comment
-
-    Raises
-    ------
-    FileError
-        Where the file cannot be written.
-    """
-    real, kind = ("<f4", "float") if single_is_exact(mesh.vertices) else ("<f8", "double")
-    faces = np.empty(len(mesh.triangles), dtype=[("n", "u1"), ("corners", "<i4", 3)])
-    faces["n"], faces["corners"] = 3, mesh.triangles
-    lines = ["ply", "format binary_little_endian 1.0", f"comment {written_by()}"]
-    lines += [f"comment length unit: {length_unit}"] if length_unit else []
-    lines += [f"element vertex {len(mesh.vertices)}", *(f"property {kind} {axis}" for axis in "xyz")]
-    lines += [f"element face {len(faces)}", "property list uchar int vertex_indices", "end_header", ""]
-    with atomic_path(path) as temporary, open(temporary, "wb") as stream:
-        stream.write("\n".join(lines).encode())
-        stream.write(mesh.vertices.astype(real).tobytes())
-        stream.write(faces.tobytes())
