@@ -46,16 +46,20 @@ def project_point(c: Array, x: float, y: float, z: float) -> tuple[float, float,
     ud = u * radial + 2.0 * p1 * u * v + p2 * (s + 2.0 * u * u)
     vd = v * radial + p1 * (s + 2.0 * v * v) + 2.0 * p2 * u * v
     if c[9] != 0.0 or c[10] != 0.0:
-        ud, vd = _tilt_point(c[9], c[10], ud, vd)
+        ud, vd, seen = _tilt_point(c[9], c[10], ud, vd)
+        if not seen:
+            return math.nan, math.nan, False
     return c[0] * ud + c[2], c[0] * c[1] * vd + c[3], True
 
 
 @nb.njit(cache=True, nogil=True)
-def _tilt_point(tilt_x: float, tilt_y: float, u: float, v: float) -> tuple[float, float]:
-    """`lens.tilt_homography` on one point, written out."""
+def _tilt_point(tilt_x: float, tilt_y: float, u: float, v: float) -> tuple[float, float, bool]:
+    """`lens.tilt_homography` on one point, written out; False beyond the horizon of the tilted sensor."""
     cx, sx, cy, sy = math.cos(tilt_x), math.sin(tilt_x), math.cos(tilt_y), math.sin(tilt_y)
     a = cy * u + sy * sx * v - sy * cx
     b = cx * v + sx
     w = sy * u - cy * sx * v + cy * cx
     r22, r02, r12 = cy * cx, -sy * cx, sx
-    return (r22 * a - r02 * w) / w, (r22 * b - r12 * w) / w
+    if not w > 0.0:
+        return math.nan, math.nan, False
+    return (r22 * a - r02 * w) / w, (r22 * b - r12 * w) / w, True

@@ -52,9 +52,10 @@ class Camera:
     cov: Array | None = None
 
     def __post_init__(self) -> None:
-        width, height = (int(v) for v in self.size_px)
-        if width <= 0 or height <= 0:
-            raise ValueError(f"Camera: size_px must be (width, height) > 0, got {self.size_px}")
+        size = np.asarray(self.size_px, dtype=float)
+        if size.shape != (2,) or not (size > 0).all() or (size != np.floor(size)).any():
+            raise ValueError(f"Camera: size_px must be two whole numbers (width, height) > 0, got {self.size_px}")
+        width, height = int(size[0]), int(size[1])
         object.__setattr__(self, "size_px", (width, height))
         # The natural default of the principal point is the centre of the image.
         if np.isnan(self.cx):
@@ -169,8 +170,9 @@ class Camera:
 
 
 def _homography(h: Array, p: Array) -> Array:
+    """Apply to points (..., 2); NaN beyond the horizon, where the plane's image comes back from the other side."""
     q = p @ h[:, :2].T + h[:, 2]
-    return q[..., :2] / q[..., 2:]
+    return q[..., :2] / np.where(q[..., 2:] > 0, q[..., 2:], np.nan)
 
 
 def _points(values: ArrayLike, width: int, name: str) -> Array:

@@ -65,7 +65,7 @@ def _tilt(camera: Camera, p: Array) -> tuple[Array, Array, Array]:
     d_hx, d_hy = tilt_homography_derivatives(camera.tilt_x, camera.tilt_y)
     p1 = np.concatenate([p, np.ones((*p.shape[:-1], 1))], axis=-1)
     q = p1 @ h.T
-    w = q[..., 2:]
+    w = np.where(q[..., 2:] > 0, q[..., 2:], np.nan)  # beyond the horizon of the tilted sensor: not valid
     tilted = q[..., :2] / w
 
     def divide(dq: Array) -> Array:

@@ -16,12 +16,12 @@ def max_radius2(k1: float, k2: float, k3: float) -> float:
 
     Beyond it two ideal points share one image point, so the model is no lens any more.
     """
-    # The derivative is a cubic in s = r^2; its smallest positive root ends the useful range.
-    coefficients = np.array([7 * k3, 5 * k2, 3 * k1, 1.0])
-    roots = np.roots(coefficients)
+    # The derivative 1 + 3 k1 s + 5 k2 s^2 + 7 k3 s^3 is a cubic in s = r^2; its smallest positive root ends the useful
+    # range. In 1/s it is monic, so coefficients however small do no harm.
+    roots = np.roots(np.array([1.0, 3 * k1, 5 * k2, 7 * k3]))
     real = roots.real[np.abs(roots.imag) <= 1e-9 * np.abs(roots)]
-    positive = real[real > 0]
-    return float(positive.min()) if positive.size else float("inf")
+    largest = float(real.max(initial=0.0))
+    return 1 / largest if largest > 1e-300 else float("inf")
 
 
 def distort(p: Array, k1: float, k2: float, p1: float, p2: float, k3: float) -> tuple[Array, Mask]:

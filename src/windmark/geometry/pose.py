@@ -46,6 +46,8 @@ class Pose:
     rotation: Array
     translation: Array
 
+    __array_ufunc__ = None  # `pose @ array` is a TypeError; without this NumPy would try it entry by entry
+
     def __post_init__(self) -> None:
         r = np.asarray(self.rotation, dtype=float)
         t = np.asarray(self.translation, dtype=float)

@@ -32,6 +32,8 @@ class Similarity:
     translation: Array
     rms: float = 0.0
 
+    __array_ufunc__ = None  # `similarity @ array` is a TypeError
+
     def __post_init__(self) -> None:
         if not (np.isfinite(self.scale) and self.scale > 0):
             raise ValueError(f"Similarity: scale must be finite and > 0, got {self.scale}")
