@@ -121,13 +121,14 @@ def test_an_outline_gives_each_pixel_its_share(angle):
     assert (np.abs(error[(expected == 0) | (expected == 1)]) == 0).all()
 
 
-def test_hidden_discs(make_plate):
+@pytest.mark.parametrize("volume", ["wall", "wing"])
+def test_hidden_discs(make_plate, volume):
     """A screen in front of the plate hides the discs behind it: fraction against the exact geometry."""
     xy = np.array([[-40.0, 0], [-3.0, 1], [0.0, 20], [2.0, -20], [40.0, 5]])
     world = make_plate(xy, radius=5.0)
-    # A wall in the half space x > 0 (seen along -z), 10 above the plate.
-    front = Mesh.make(np.array([[0, -80, 10.0], [100, -80, 10], [100, 80, 10], [0, 80, 10]]),
-                      np.array([[0, 1, 2], [0, 2, 3]]), "wall")  # fmt: skip
+    # A screen in the half space x > 0 (seen along -z), 20 above the plate, of another or the discs' own volume.
+    corners = np.array([[0, -80, 20.0], [100, -80, 20], [100, 80, 20], [0, 80, 20]])
+    front = Mesh.make(corners, np.array([[0, 1, 2], [0, 2, 3]]), volume)
     plate = world.mesh
     both = Mesh(
         np.vstack([plate.vertices, front.vertices]),
@@ -136,15 +137,47 @@ def test_hidden_discs(make_plate):
     )
     camera = Camera((300, 300), 1e6)
     pose = Pose.look_at([0, 0, 1e6], [0, 0, 0], [0, 1, 0])
-    r = render(replace(world, mesh=both, paint=Paint({"wing": 1.0, "wall": 0.5})), camera, pose)
+    r = render(replace(world, mesh=both, paint=Paint({"wing": 0.5, "wall": 0.5})), camera, pose)
     share = np.array([1.0, _left_of(3.0), _left_of(0.0), _left_of(-2.0), 0.0])
     np.testing.assert_allclose(r.markers.fraction, share, atol=0.02)
     assert r.markers.visible.tolist() == [True, False, False, False, False]
     assert r.markers.facing.all()
     x = np.rint(r.markers.xy[:, 0]).astype(int)
     y = np.rint(r.markers.xy[:, 1]).astype(int)
-    assert r.image[y[0], x[0]] == pytest.approx(0.2)
-    assert r.image[y[4], x[4]] == pytest.approx(0.5)  # the disc behind leaves no trace on the wall
+    assert r.image[y[0], x[0]] == pytest.approx(0.1)
+    assert r.image[y[4], x[4]] == pytest.approx(0.5)  # the disc behind leaves no trace on the screen
+
+
+def test_outline_before_the_same_volume(make_plate):
+    """A plate's edge before another part of its own volume: the pixels on the edge hold both lights."""
+    world = make_plate(np.zeros((0, 2)), paint=Paint(lamps=np.array([[-50.0, 0, 300, 9e4]])))
+    corners = np.array([[0.3, -80, 100.0], [100, -80, 100], [100, 80, 100], [0.3, 80, 100]])
+    plate = world.mesh
+    both = replace(
+        plate,
+        vertices=np.vstack([plate.vertices, corners]),
+        triangles=np.vstack([plate.triangles, np.array([[0, 1, 2], [0, 2, 3]]) + len(plate.vertices)]).astype(np.int32),
+        volume=np.concatenate([plate.volume, ["wing", "wing"]]),
+    )
+    image = render(
+        replace(world, mesh=both), Camera((31, 21), 1e6), Pose.look_at([0, 0, 1e6 + 100], [0, 0, 100], [0, 1, 0])
+    ).image
+    left, edge, right = image[10, 14], image[10, 15], image[10, 16]
+    assert right > 1.2 * left
+    # The edge lies at x = 15 + 0.3: 0.2 of that pixel is in front.
+    assert edge == pytest.approx(0.8 * left + 0.2 * right, rel=0.01)
+
+
+@pytest.mark.parametrize("k1", [-0.35, 0.25])
+def test_large_triangles_bend_under_the_lens(k1):
+    """Two triangles that nearly fill a strongly distorted image are seen exactly where their plane says."""
+    camera = Camera((161, 121), 130.0, k1=k1)
+    corners = np.array([[-50.0, -38, 100], [-50, 38, 100], [50, 38, 100], [50, -38, 100]])
+    mesh = Mesh.make(corners, np.array([[0, 1, 2], [0, 2, 3]]), "wing")
+    r = render(World(mesh, _none(), Paint()), camera, Pose.identity())
+    x, y = np.moveaxis(r.uv * 100, -1, 0)
+    np.testing.assert_array_equal(r.triangle >= 0, (np.abs(x) <= 50) & (np.abs(y) <= 38))
+    assert 0.2 < (r.triangle >= 0).mean() < 0.99
 
 
 def _left_of(edge, radius=5.0):
@@ -230,23 +263,23 @@ def test_a_mesh_that_reaches_behind_the_camera(make_plate):
 
 
 def test_dirt_of_every_shape_keeps_its_area(make_plate, tilted_view):
-    """A speck, a stroke, a ring and a rectangle laid on the plate take exactly their area of light."""
+    """A speck, strokes, a ring and a rectangle laid on the plate take exactly their area of light."""
     marks = Marks.make(
-        [[-30, 20], [30, 20], [-30, -20], [30, -20]],
-        half=[[0, 0], [8, 0], [0, 0], [7, 3]],
-        outer=[0.4, 0.35, 4.0, 0.01],
-        inner=[-1, -1, 3.0, -1],
-        angle=[0, 0.4, 0, 1.1],
-        contrast=[0.5, 0.5, 0.5, 0.5],
+        [[-30, 20], [30, 20], [-30, -20], [30, -20], [0, 0]],
+        half=[[0, 0], [8, 0], [0, 0], [7, 3], [9, 0]],
+        outer=[0.4, 0.35, 4.0, 0.01, 0.02],
+        inner=[-1, -1, 3.0, -1, -1],
+        angle=[0, 0.4, 0, 1.1, 0.6],
+        contrast=0.5,
     )
-    areas = [np.pi * 0.16, 16 * 0.7 + np.pi * 0.35**2, np.pi * 7, 14 * 6 + 40 * 0.01]
+    areas = [np.pi * 0.16, 16 * 0.7 + np.pi * 0.35**2, np.pi * 7, 14 * 6 + 40 * 0.01, 18 * 0.04]
     plate = make_plate(np.zeros((0, 2)))
     world = replace(plate, dirt=Decals.on_surface(marks, [0, 0, 0], [0, 0, 1.0], "wing"))
     camera = Camera((120, 100), 1300.0)
     image = render(world, camera, tilted_view(0.0)).image
     for k, (x, y) in enumerate(marks.center):
         i, j = 59.5 + 1.3 * x, 49.5 - 1.3 * y
-        part = image[max(0, int(j) - 20) : int(j) + 21, max(0, int(i) - 20) : int(i) + 21]
+        part = image[int(j) - 13 : int(j) + 15, int(i) - 13 : int(i) + 15]
         assert ((1 - part) / 0.5).sum() == pytest.approx(areas[k] * 1.3**2, rel=0.012), k
 
 

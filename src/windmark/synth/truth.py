@@ -141,7 +141,7 @@ def _fractions(
         seen = valid & camera.in_image(xy)
         if screen is not None and code is not None and seen.any():
             # A marker of unknown radius still has to lie on its surface: within a thousandth of the distance.
-            gate = max(OWN_SURFACE * radius, 1e-3 * center[m, 2])
+            gate = OWN_SURFACE * radius if radius > 0 else 1e-3 * center[m, 2]
             seen &= _own(screen, points, xy, seen, center[m], code[m], gate)
         out[m] = seen.mean()
     return out
