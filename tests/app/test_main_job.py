@@ -127,3 +127,4 @@ def test_align_from_the_command_line(virtual_test, tmp_path, windmark):
     aligned = io.read_image(tmp_path / "aligned" / "wind-on" / "aligned.tif")
     assert aligned.shape == (1024, 1280)
     assert aligned.dtype == np.float32
+    assert not list((tmp_path / "aligned").rglob("nodes.*"))

@@ -172,7 +172,8 @@ def surface_picture(
     colours = colormaps["viridis"](scale(np.nan_to_num(value, nan=low)))[..., :3]
     colours = np.where(np.isfinite(value)[..., None], colours, 0.72)
     light = np.nan_to_num(shade, nan=1.0)[..., None]
-    picture = np.where(np.isfinite(shade)[..., None], colours * (0.35 + 0.65 * light), 1.0)
+    # Mostly ambient light, so that colours stay those of the colour bar.
+    picture = np.where(np.isfinite(shade)[..., None], colours * (0.55 + 0.45 * light), 1.0)
     axes.imshow(picture, interpolation="nearest")
     axes.set_axis_off()
     axes.set_title(title)
@@ -188,7 +189,7 @@ def view_picture(view: ViewImage, length_unit: str) -> Figure:
     height, width = view.image.shape
     length = _round_length(0.2 * width * view.units_per_px)
     pixels = length / view.units_per_px
-    x0, y0 = 0.03 * width, 0.96 * height
+    x0, y0 = _empty_corner(view.valid, pixels)
     axes.plot([x0, x0 + pixels], [y0, y0], color="#ffea00", lw=3, path_effects=_OUTLINE)
     axes.text(x0, y0 - 0.015 * height, f"{length:g} {length_unit}", color="#ffea00", fontsize=9, va="bottom",
               path_effects=_OUTLINE)  # fmt: skip
@@ -213,6 +214,25 @@ def section_picture(section: SectionValues, length_unit: str) -> Figure:
     return figure
 
 
+def alignment_picture(
+    reference: NDArray[np.generic], raw: NDArray[np.generic], aligned: NDArray[np.float32], name: str
+) -> Figure:
+    """Difference to the reference image, as taken and after 3D alignment, on one scale."""
+    height, width = reference.shape
+    figure = Figure(figsize=(WIDTH_IN, 0.5 * WIDTH_IN * height / width + 0.9), layout="constrained")
+    left, right = figure.subplots(1, 2, sharex=True, sharey=True)
+    before = np.where(np.isfinite(aligned), raw - np.asarray(reference, dtype=np.float32), np.nan)
+    after = aligned - np.asarray(reference, dtype=np.float32)
+    finite = before[np.isfinite(before)]
+    top = float(np.percentile(np.abs(finite), 99)) if finite.size else 1.0
+    for axes, difference, title in ((left, before, f"{name} as taken"), (right, after, f"{name} aligned")):
+        shown = axes.imshow(difference, cmap="coolwarm", vmin=-top, vmax=top, interpolation="nearest")
+        axes.set(title=title, xlabel="x, px")
+    left.set_ylabel("y, px")
+    figure.colorbar(shown, ax=[left, right], label="difference to the reference, grey level", extend="both")
+    return figure
+
+
 # --- parts -------------------------------------------------------------------------------
 
 
@@ -230,6 +250,19 @@ def _round_length(value: float) -> float:
     """The largest of 1, 2, 5 times a power of ten that is not above ``value``."""
     power = 10.0 ** np.floor(np.log10(value))
     return float(max(m for m in (1, 2, 5) if m <= value / power * (1 + 1e-12)) * power)
+
+
+def _empty_corner(valid: NDArray[np.bool_], length: float) -> tuple[float, float]:
+    """Left end of a scale bar of this length in the corner that shows least of the surface."""
+    height, width = valid.shape
+    left, right = 0.03 * width, 0.97 * width - length
+    places = [(x, y) for y in (0.96 * height, 0.08 * height) for x in (left, right)]
+
+    def covered(place: tuple[float, float]) -> float:
+        x, y = map(int, place)
+        return float(valid[max(y - height // 12, 0) : y + height // 50, max(x, 0) : int(x + length)].mean())
+
+    return min(places, key=covered)
 
 
 def _name_points(axes: Axes, xy: Array, names: Sequence[str], colour: str, shape: tuple[int, ...]) -> None:

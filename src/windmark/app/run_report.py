@@ -8,16 +8,25 @@ from typing import Any
 import numpy as np
 
 import windmark
-from windmark.app import pictures
+from windmark.app import figures, pictures
+from windmark.app.pictures import png
 from windmark.app.report import Report
 from windmark.pipeline.clock import Clock
-from windmark.pipeline.outputs import pose_difference, projected_xy
+from windmark.pipeline.outputs import pose_difference
 from windmark.pipeline.results import ImageResult, RunResult
-from windmark.pipeline.surface import surface_view
 from windmark.pipeline.truth import Comparison
-from windmark.pipeline.wireframe import grid_lines
 from windmark.registration import Registration
 from windmark.scene import MarkerSet
+
+NODE_STATES = {
+    "visible": "seen, with a value",
+    "blanked": "not part of the surface (blanked, or in no volume of the job)",
+    "lens": "beyond the range of the lens model",
+    "outside": "outside the image",
+    "facing_away": "facing away",
+    "oblique": "seen too obliquely",
+    "hidden": "hidden by another part",
+}
 
 FILES = (
     ("detections.csv", "every spot: centre, sigma, merit, radius"),
@@ -100,53 +109,41 @@ def _image(report: Report, item: ImageResult, result: RunResult) -> None:
     if item.registered is not None and result.markers is not None:
         _registration(report, item, item.registered, result.markers, result.project.length_unit)
     elif item.image is not None and item.detections is not None:
-        report.picture(pictures.png(pictures.spots_picture(item.image, item.detections, item.name)), "Detected spots.")
+        report.picture(png(pictures.spots_picture(item.image, item.detections, item.name)), "Detected spots.")
     if item.nodes is not None and item.values is not None:
         _mapping(report, item, result)
     for view in item.views:
         report.picture(
-            pictures.png(pictures.view_picture(view, result.project.length_unit)),
+            png(pictures.view_picture(view, result.project.length_unit)),
             f"The image recomputed for another point of view: “{view.name}”. Pale: not seen by the camera.",
         )
     for section in item.sections:
         report.picture(
-            pictures.png(pictures.section_picture(section, result.project.length_unit)),
+            png(pictures.section_picture(section, result.project.length_unit)),
             f"Values along the cut “{section.name}”.",
         )
-    if item.aligned is not None:
-        figure, axes = pictures.image_axes(item.aligned)
-        axes.set_title(f"{item.name} as seen from the reference image's pose")
-        report.picture(pictures.png(figure), "3D alignment: model motion between the images is compensated.")
+    alignment = figures.alignment_figure(item, result)
+    if alignment is not None:
+        report.picture(png(alignment), "3D alignment: what differs before and after the motion is compensated.")
 
 
 def _registration(report: Report, item: ImageResult, answer: Registration, markers: MarkerSet, unit: str) -> None:
-    assert item.image is not None
     assert item.detections is not None
     _pose_table(report, item, answer, unit)
-    matching = answer.matching
-    names = [str(n) for n in markers.name[matching.marker]]
-    projected = projected_xy(answer, markers)
-    missing = np.setdiff1d(item.expected if item.expected is not None else [], matching.marker)
-    missing_xy = answer.camera.project(answer.cam_from_model.apply(markers.xyz[missing]))[0]
-    figure = pictures.matching_picture(
-        item.image, item.detections, matching.detection, names, projected,
-        missing_xy, [str(n) for n in markers.name[missing]], item.name,
-    )  # fmt: skip
-    report.picture(pictures.png(figure), "Which spot is which marker; yellow: residual vectors, magnified.")
-    residual = projected - item.detections.xy[matching.detection]
     report.picture(
-        pictures.png(pictures.residual_picture(names, residual), dpi=88), "Residuals of the matched markers."
+        png(figures.matching_figure(item, markers)), "Which spot is which marker; yellow: residual vectors, magnified."
     )
-    order = np.argsort(names)
+    names, _, residual = figures.matched(item, markers)
+    report.picture(png(pictures.residual_picture(names, residual), dpi=88), "Residuals of the matched markers.")
+    xy, merit = (column[answer.matching.detection] for column in (item.detections.xy, item.detections.merit))
     report.table(
         ["marker", "x px", "y px", "dx px", "dy px", "distance px", "merit"],
         [
-            (names[k], *(f"{v:.3f}" for v in (*item.detections.xy[matching.detection[k]], *residual[k])),
-             f"{np.hypot(*residual[k]):.3f}", float(item.detections.merit[matching.detection[k]]))
-            for k in order
+            (names[k], *(f"{v:.3f}" for v in (*xy[k], *residual[k], np.hypot(*residual[k]))), float(merit[k]))
+            for k in np.argsort(names)
         ],
         scroll=True,
-    )  # fmt: skip
+    )
     report.side_by_side(2)
 
 
@@ -178,33 +175,23 @@ def _pose_table(report: Report, item: ImageResult, answer: Registration, unit: s
 
 
 def _mapping(report: Report, item: ImageResult, result: RunResult) -> None:
-    mesh, nodes, values, pose = result.mesh, item.nodes, item.values, item.cam_from_model
+    mesh, nodes, values = result.mesh, item.nodes, item.values
     assert mesh is not None
     assert nodes is not None
     assert values is not None
-    assert pose is not None
-    assert item.image is not None
     report.heading("Values on the grid", 3)
-    counts = nodes.count()
-    total = len(values)
     report.table(
         ["nodes", "count", "share %"],
-        [(name.replace("_", " "), n, f"{100 * n / max(total, 1):.1f}") for name, n in counts.items() if n],
+        [(NODE_STATES[k], n, f"{100 * n / max(len(values), 1):.1f}") for k, n in nodes.count().items() if n],
     )
-    figure = pictures.wireframe_picture(item.image, grid_lines(mesh, nodes), f"{item.name}: the grid over the image")
-    report.picture(pictures.png(figure), "Visible grid lines projected with the pose found and the lens.")
-    seen = mesh.vertices[nodes.visible]
-    if not len(seen):
-        return
-    ahead = seen.mean(axis=0) - pose.center
-    right, down = pose.rotation[0], pose.rotation[1]
-    # From a little higher and more to the left than the camera, so that the relief shows.
-    direction = ahead / np.linalg.norm(ahead) + 0.35 * down + 0.5 * right
-    shown = surface_view(mesh, values, direction=direction, up=-down, focus=seen)
     report.picture(
-        pictures.png(pictures.surface_picture(shown.value, shown.shade, f"{item.name} mapped onto the surface")),
-        "Values on the grid, seen from another side than the camera's. Grey: no value.",
+        png(figures.wireframe_figure(item, mesh)), "Visible grid lines projected with the pose found and the lens."
     )
+    if nodes.visible.any():
+        report.picture(
+            png(figures.surface_figure(item, mesh)),
+            "Values on the grid, seen from another side than the camera's. Grey: no value.",
+        )
 
 
 def _times(report: Report, result: RunResult, seconds: dict[str, float]) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
@@ -24,26 +23,21 @@ def read_grid(entry: GridEntry) -> Mesh:
     Raises
     ------
     FileError
-        When the file cannot be read or has no such volume.
+        When the file cannot be read or has no such zone.
     """
-    mesh = io.read_mesh(entry.file)
-    if entry.volumes is not None:
-        mesh = _with_volumes(mesh, entry.volumes, entry.file)
+    volume_of = {zone: name for name, zones in (entry.volumes or {}).items() for zone in zones}
+    try:
+        mesh = io.read_mesh(entry.file, volumes=volume_of or None, volume_face=entry.volume_face)
+    except io.FileError:
+        raise
+    except ValueError as error:  # a zone that the file has not, a face of a grid that has no volume blocks
+        raise io.FileError(entry.file, str(error)) from error
+    if volume_of:
+        keep = np.isin(mesh.volume, list(volume_of.values()))
+        mesh = replace(mesh, triangles=mesh.triangles[keep], volume=mesh.volume[keep])
     if entry.orientation == "auto" and not is_outward(mesh):
         mesh = resection.orient_outward(mesh)
     return mesh
-
-
-def _with_volumes(mesh: Mesh, volumes: dict[str, tuple[str, ...]], file: Path) -> Mesh:
-    """The zones renamed to the volumes they make up; unnamed zones lose their triangles."""
-    known = np.unique(mesh.volume).tolist()
-    name_of = {zone: name for name, zones in volumes.items() for zone in zones}
-    absent = [zone for zone in name_of if zone not in known]
-    if absent:
-        raise io.FileError(file, f"has no zone {absent[0]!r}; expected one of {', '.join(known)}")
-    keep = np.isin(mesh.volume, list(name_of))
-    names = np.array([name_of[zone] for zone in mesh.volume[keep].tolist()], dtype=np.str_)
-    return replace(mesh, triangles=mesh.triangles[keep], volume=names)
 
 
 def is_outward(mesh: Mesh) -> bool:

@@ -53,6 +53,8 @@ def run_project(project: Project, *, progress: Progress = silent, workers: int |
             read_grid(project.grid) if project.grid else None,
             {c.name: io.read_camera(c.file) for c in project.camera},
         )
+    if inputs.mesh is not None and not inputs.mesh.blocks and "plot3d" in (project.output.nodes or ()):
+        raise io.FileError(project.path, "plot3d needs a grid of structured blocks, this one has none", "output.nodes")
     threads = min(len(project.image), workers or os.cpu_count() or 1)
     with ThreadPoolExecutor(max_workers=threads) as pool:
         jobs = [pool.submit(_process, entry, inputs, progress) for entry in project.image]

@@ -72,13 +72,28 @@ def _write_nodes(item: ImageResult, result: RunResult, place: Path, clock: Clock
     writers: dict[str, Callable[[], None]] = {
         "vtk": lambda: io.write_nodes_vtk(place / "nodes.vtp", mesh, fields, units=units),
         "tecplot": lambda: io.write_tecplot(place / "nodes.dat", mesh, fields, units=units),
-        "plot3d": lambda: io.write_plot3d_function(place / "nodes.f", mesh, fields),
-        "csv": lambda: io.write_nodes_csv(place / "nodes.csv", mesh, fields),
+        "plot3d": lambda: io.write_plot3d_function(
+            place / "nodes.f", mesh, fields, units=units, layout=_layout(result)
+        ),
+        "csv": lambda: io.write_nodes_csv(place / "nodes.csv", mesh, fields, units=units),
         "netcdf": lambda: io.write_nodes_netcdf(place / "nodes.nc", mesh, fields, units=units, history=history),
     }
-    for name in result.project.output.nodes:
+    wanted = result.project.output.nodes
+    for name in writers if wanted is None else wanted:
+        if wanted is None and name == "plot3d" and not mesh.blocks:
+            continue  # "all that the grid allows"
         with clock(f"write nodes: {name}"):
             writers[name]()
+
+
+def _layout(result: RunResult) -> io.Plot3dLayout:
+    """The grid file's own layout (byte order, precision, marks), so that what reads the grid reads the values."""
+    grid = result.project.grid
+    assert grid is not None
+    try:
+        return io.detect_plot3d(grid.file)
+    except io.FileError:  # structured, but not from a PLOT3D file
+        return io.Plot3dLayout()
 
 
 def summary(result: RunResult, clock: Clock) -> Record:

@@ -64,12 +64,13 @@ class GridEntry(_Strict):
     ``volumes``: the model's parts, each with the zones (blocks, or volumes of the file) it is made of; zones
     that are not named do not belong to the job (walls do not move with the model). All zones by default.
     ``orientation``: "auto" turns the triangles outward unless they form a closed surface that is so already;
-    "file" takes them as they are.
+    "file" takes them as they are. ``volume_face``: of a file with volume blocks, the face that is the surface.
     """
 
     file: Path
     volumes: dict[str, tuple[str, ...]] | None = None
     orientation: Literal["auto", "file"] = "auto"
+    volume_face: Literal["imin", "imax", "jmin", "jmax", "kmin", "kmax"] | None = None
 
 
 class DetectOptions(_Strict):
@@ -122,10 +123,10 @@ class AlignOptions(_Strict):
 
 
 class OutputOptions(_Strict):
-    """What is written, and where."""
+    """What is written, and where. ``nodes``: formats of the node values, by default all that the grid allows."""
 
     folder: Path = Path("results")
-    nodes: tuple[NodeFormat, ...] = ("vtk", "tecplot", "plot3d", "csv", "netcdf")
+    nodes: tuple[NodeFormat, ...] | None = None
 
 
 class Project(_Strict):

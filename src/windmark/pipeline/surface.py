@@ -49,4 +49,5 @@ def surface_view(
     on = pixels.valid
     lit = np.full(on.shape, np.nan, dtype=np.float32)
     lit[on] = shade[pixels.triangle[on]]
+    lit /= max(float(np.nanmax(lit, initial=0.0)), 1e-6)
     return SurfaceView(pixels.interpolate(values).astype(np.float32), lit)
