@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from windmark.detection.image import Prepared, check_image, check_polarity, prepare
 from windmark.detection.search import MERIT_SLACK, Bowl, at_tiles, candidates, surface_noise
-from windmark.detection.shape import ILL, TOUCHING, Shapes, shapes
+from windmark.detection.shape import COLUMNS, ILL, TOUCHING, Shapes, shapes
 from windmark.scene import Detections
 
 Array = NDArray[np.float64]
@@ -117,7 +117,10 @@ def _check_options(
     min_quality: float,
 ) -> list[float]:
     """The radii, largest last, after all options have been looked at."""
-    radii = np.unique(np.asarray(radius_px, dtype=float).ravel())
+    try:
+        radii = np.unique(np.asarray(radius_px, dtype=float).ravel())
+    except (TypeError, ValueError):
+        radii = np.empty(0)
     if radii.size == 0 or not (np.isfinite(radii).all() and radii[0] >= 1.0):
         raise ValueError(f"radius_px must be one radius or several, each at least 1 px, got {radius_px!r}")
     if not (np.isfinite(merit_max) and merit_max > 0):
@@ -134,16 +137,15 @@ def _check_options(
 
 
 def _spots_of_radius(image: Prepared, r0: float, merit_max: float) -> _Spots:
-    """Spots of one reference radius, each once."""
+    """What SPOT finds with one reference radius; starts that met in one spot are still there."""
     from windmark.detection._kernels import refine_bowl
 
-    if min(image.g.shape) < 2.0 * r0:
-        return _Spots(np.empty((0, 2)), *np.empty((2, 0)), np.empty(0, dtype=bool), *np.empty((2, 0)))
-    bowl = Bowl.of_radius(r0)
-    noise = surface_noise(image, r0)
-    start = candidates(image, r0, merit_max, noise)
-    found = refine_bowl(image.g, start, r0, merit_max + MERIT_SLACK, MIN_CORE, bowl.positions, bowl.functionals)
-    found = found[found[:, 2] <= merit_max]
+    found, noise = np.empty((0, 5)), np.ones((1, 1))
+    if min(image.g.shape) >= 2.0 * r0:
+        bowl, noise = Bowl.of_radius(r0), surface_noise(image, r0)
+        start = candidates(image, r0, merit_max, noise)
+        found = refine_bowl(image.g, start, r0, merit_max + MERIT_SLACK, MIN_CORE, bowl.positions, bowl.functionals)
+        found = found[found[:, 2] <= merit_max]
     xy, radius = found[:, :2], np.full(len(found), r0)
     return _Spots(xy, found[:, 2], found[:, 3], found[:, 4] > 0, radius, at_tiles(noise, xy, r0))
 
@@ -176,14 +178,14 @@ def _describe(image: Prepared, spots: _Spots) -> Shapes:
     """Measure the spots, radius by radius."""
     from windmark.detection._kernels_shape import describe
 
-    raw = np.full((len(spots.xy), 13), np.nan)
+    raw = np.full((len(spots.xy), len(COLUMNS)), np.nan)
     for r0 in np.unique(spots.r0):
         mine, bowl = spots.r0 == r0, Bowl.of_radius(float(r0))
         raw[mine] = describe(
             image.g, spots.xy[mine], float(r0), bowl.positions, bowl.functionals, image.clip, image.sign
         )
     size = image.g.shape[1], image.g.shape[0]
-    return shapes(raw, spots.xy, spots.r0, size, spots.noise)
+    return shapes(raw, spots.xy, spots.r0, size, spots.noise, image.quantum)
 
 
 def _detections(spots: _Spots, found: Shapes, order: NDArray[np.int64]) -> Detections:

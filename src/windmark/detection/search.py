@@ -17,8 +17,8 @@ from windmark.detection.image import Pixels, Prepared
 Array = NDArray[np.float64]
 
 TILE = 64  # pixels of the searched image per noise tile
-GATE_SIGMA = 2.5  # coarse depth in units of the tile's pixel noise; accepted spots need about 5, the filter keeps half
-GATE_QUANTA = 1.5  # and at least this many grey-level steps
+MAX_LAG_PX = 6
+GATE_SIGMA = 2.5  # coarse depth in units of the tile's noise; accepted spots need about 5, the filter keeps half
 MERIT_SLACK = 0.5  # a candidate sits up to a pixel off its spot: its merit may be that much worse
 BIN_RADIUS_PX = 3.0  # the radius is not binned below this
 
@@ -57,34 +57,43 @@ def box_sizes(radius_px: float) -> tuple[int, int]:
     return core, window
 
 
-def noise_tiles(g: Pixels, tile: int) -> Array:
-    """White noise per pixel in tiles of `tile` pixels: (ceil(H / tile), ceil(W / tile)).
+def noise_tiles(g: Pixels, tile: int, lag: int) -> Array:
+    """Scatter of the surface, one pixel, in tiles of `tile` pixels: (ceil(H / tile), ceil(W / tile)).
 
-    Median of the absolute second differences along 4 rows of each tile, 64 columns each: slopes drop out, edges
-    and markers are outvoted.
+    Second differences over `lag` pixels along 4 rows of each tile: slopes drop out, and texture that is correlated over
+    less than the lag counts in full (neighbouring pixels of a blurred texture differ too little). Their lower
+    quartile is taken, so that markers and edges may cover half of a tile.
     """
     h, w = g.shape
     across, down = -(-w // tile), -(-h // tile)
-    rows = np.clip((np.arange(4 * down) + 0.5) * (tile / 4.0), 0, h - 1).astype(np.int64)
-    cols = np.clip((np.arange(64 * across) + 0.5) * (tile / 64.0), 1, w - 2).astype(np.int64)
-    rows, cols = np.minimum(rows, h - 1), np.maximum(cols, 1)
+    rows = np.minimum((np.arange(4 * down) + 0.5) * (tile / 4.0), h - 1).astype(np.int64)
+    cols = np.clip((np.arange(64 * across) + 0.5) * (tile / 64.0), lag, max(lag, w - 1 - lag)).astype(np.int64)
     strip = g[rows]
-    bend = np.abs(strip[:, cols - 1] - 2.0 * strip[:, cols] + strip[:, cols + 1])
+    bend = np.abs(strip[:, cols - lag] - 2.0 * strip[:, cols] + strip[:, np.minimum(cols + lag, w - 1)])
     tiles = bend.reshape(down, 4, across, 64).transpose(0, 2, 1, 3).reshape(down, across, 256)
-    return np.asarray(np.median(tiles, axis=2) / (0.6745 * np.sqrt(6.0)), dtype=np.float64)
+    return np.asarray(np.partition(tiles, 64, axis=2)[:, :, 64] / (0.3186 * np.sqrt(6.0)), dtype=np.float64)
 
 
-def candidates(image: Prepared, radius_px: float, merit_max: float) -> Array:
-    """Starting positions (K, 2) in full-resolution pixels for one radius."""
+def surface_noise(image: Prepared, radius_px: float) -> Array:
+    """The tiles' noise for markers of a radius: the lag is the radius, 6 px at most; at least one grey-level step."""
+    lag = min(round(radius_px), MAX_LAG_PX)
+    return np.maximum(noise_tiles(image.filled, TILE * bin_factor(radius_px), lag), image.quantum)
+
+
+def at_tiles(noise: Array, xy: Array, radius_px: float) -> Array:
+    """The noise of the tiles in which the points xy (K, 2) lie: (K,)."""
+    index = (xy / (TILE * bin_factor(radius_px))).astype(np.int64)
+    return np.asarray(noise[index[:, 1].clip(0, noise.shape[0] - 1), index[:, 0].clip(0, noise.shape[1] - 1)])
+
+
+def candidates(image: Prepared, radius_px: float, merit_max: float, noise: Array) -> Array:
+    """Starting positions (K, 2) in full-resolution pixels for one radius, given its `surface_noise`."""
     from windmark.detection._kernels import refine_bowl
     from windmark.detection._kernels_map import bin_mean, depth_peaks
 
     factor = bin_factor(radius_px)
     small, r = image.filled if factor == 1 else bin_mean(image.filled, factor), radius_px / factor
-    if min(small.shape) < 2 * r:
-        return np.empty((0, 2))
-    noise = noise_tiles(image.filled, TILE * factor)
-    gate = np.maximum(GATE_SIGMA * noise, GATE_QUANTA * image.quantum).astype(np.float32)
+    gate = (GATE_SIGMA * noise).astype(np.float32)
     core, window = box_sizes(r)
     start, _ = depth_peaks(small, core, window, gate, TILE)
     if factor == 1:

@@ -23,7 +23,7 @@ class Shapes:
 
     Parameters
     ----------
-    cov : (K, 2, 2) covariance of the centre: white noise through the bowl plus the lattice error
+    cov : (K, 2, 2) covariance of the centre: white noise of the ring's scatter through the bowl plus the lattice error
     noise : (K,) scatter of the surface, one pixel: of the ring round the spot, but not below its tile's
     depth : (K,) background less core, at the core (disc of radius r0 / 2)
     radius : (K,) radius of the disc of depth `depth` and the hole's volume; NaN where that is not positive
@@ -40,7 +40,7 @@ class Shapes:
     flags: Ints
 
 
-def shapes(raw: Array, xy: Array, r0: Array, size: tuple[int, int], tile_noise: Array) -> Shapes:
+def shapes(raw: Array, xy: Array, r0: Array, size: tuple[int, int], tile_noise: Array, quantum: float) -> Shapes:
     """Interpret the columns of `describe` for spots at xy found with the reference radii r0.
 
     Blur adds the same to both second moments, so their difference is the sharp ellipse's:
@@ -56,13 +56,13 @@ def shapes(raw: Array, xy: Array, r0: Array, size: tuple[int, int], tile_noise: 
         axes = np.column_stack([major, ab / major])
         reach = 1.5 * r0
         error = 4.0 * noise * np.sqrt(np.pi / 24.0) * reach**3 / c["volume"]  # 1 sigma of `spread`
-        clear = (error < 0.3 * ab) & (c["missing"] == 0) & (c["outliers"] < 0.25)
+        clear = (error < 0.15 * ab) & (c["missing"] == 0) & (c["outliers"] < 0.25)
     axes[~clear] = np.nan
     angle = np.where(clear, 0.5 * np.arctan2(2.0 * mxy, mxx - myy), np.nan)
     cov = np.empty((len(raw), 2, 2))
     cov[:, 0, 0], cov[:, 1, 1] = c["cxx"], c["cyy"]
     cov[:, 0, 1] = cov[:, 1, 0] = c["cxy"]
-    cov *= (noise**2)[:, None, None]
+    cov *= (np.maximum(c["scatter"], quantum / np.sqrt(12.0)) ** 2)[:, None, None]
     cov += ((LATTICE / r0) ** 2)[:, None, None] * np.eye(2)
     radius = np.sqrt(ab)
     return Shapes(cov, noise, c["depth"], radius, axes, angle, _flags(c, xy, np.fmax(radius, r0), size))

@@ -1,0 +1,95 @@
+"""Candidates, noise tiles and the whole-image kernels, against SciPy."""
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from windmark.detection._kernels_map import bin_mean, depth_peaks, fill_rows
+from windmark.detection.image import prepare
+from windmark.detection.search import TILE, at_tiles, bin_factor, box_sizes, noise_tiles, surface_noise
+
+
+def box_depth(image, core, window):
+    inner = ndimage.uniform_filter(image, 2 * core + 1, mode="nearest") * (2 * core + 1) ** 2
+    outer = ndimage.uniform_filter(image, 2 * window + 1, mode="nearest") * (2 * window + 1) ** 2
+    n, m = (2 * core + 1) ** 2, (2 * window + 1) ** 2
+    return (outer - inner) / (m - n) - inner / n
+
+
+@pytest.mark.parametrize(("core", "window"), [(1, 3), (2, 5), (4, 8)])
+def test_depth_peaks_are_the_local_maxima_of_the_box_depth(core, window):
+    image = np.random.default_rng(0).integers(0, 256, (70, 93)).astype(np.float32)
+    want = box_depth(image.astype(float), core, window)
+    tile, gate = 32, np.linspace(2, 30, 9).reshape(3, 3).astype(np.float32)
+    limit = np.kron(gate, np.ones((tile, tile)))[:70, :93]
+    peaks = (want == ndimage.maximum_filter(want, 3, mode="constant", cval=-np.inf)) & (want > limit)
+    xy, depth = depth_peaks(image, core, window, gate, tile)
+    got = np.zeros_like(peaks)
+    got[tuple(xy.astype(int).T[::-1])] = True
+    np.testing.assert_array_equal(got, peaks)
+    np.testing.assert_allclose(depth, want[tuple(xy.astype(int).T[::-1])], atol=1e-3)
+
+
+def test_a_plateau_is_one_peak():
+    image = np.zeros((40, 40), np.float32)
+    image[20:22, 20:22] = -10
+    xy, _ = depth_peaks(image, 1, 3, np.zeros((1, 1), np.float32), 64)
+    assert len(xy) == 1
+
+
+def test_boxes_have_the_discs_areas():
+    for r0 in (2.0, 3.0, 5.0, 5.9):
+        core, window = box_sizes(r0)
+        assert (2 * core + 1) ** 2 == pytest.approx(np.pi * r0**2, rel=0.35)
+        assert (2 * window + 1) ** 2 == pytest.approx(4 * np.pi * r0**2, rel=0.25)
+        assert window > core
+    assert box_sizes(1.0) == (1, 2)
+
+
+def test_radii_are_searched_at_3_to_6_pixels():
+    for r0 in (6.0, 7.9, 19.0, 46.0, 100.0):
+        assert 3.0 <= r0 / bin_factor(r0) < 6.0
+    assert bin_factor(5.9) == 1
+
+
+@pytest.mark.parametrize("factor", [2, 3, 5])
+def test_bin_mean(factor):
+    image = np.random.default_rng(1).normal(size=(23, 31)).astype(np.float32)
+    h, w = 23 // factor, 31 // factor
+    want = image[: h * factor, : w * factor].reshape(h, factor, w, factor).mean(axis=(1, 3))
+    np.testing.assert_allclose(bin_mean(image, factor), want, atol=1e-6)
+
+
+def test_fill_rows_draws_straight_lines():
+    nan = np.nan
+    rows = np.array([[nan, 1, nan, nan, 4, nan], [nan] * 6, [1, 2, 3, 4, 5, 6]], dtype=np.float32)
+    fill_rows(rows)
+    np.testing.assert_allclose(rows, [[1, 1, 2, 3, 4, 4], [0] * 6, [1, 2, 3, 4, 5, 6]], atol=1e-6)
+
+
+@pytest.mark.parametrize("sigma", [0.7, 5.0])
+def test_noise_of_a_sloping_surface_with_markers(sigma, draw):
+    rng = np.random.default_rng(0)
+    grid = [(x, y, 3.0) for x in range(8, 250, 12) for y in range(8, 250, 12)]
+    y, x = np.mgrid[:256, :256]
+    image = draw((256, 256), grid) + 0.5 * x - 0.3 * y + rng.normal(0, sigma, (256, 256))
+    noise = noise_tiles(image.astype(np.float32), 64, 1)
+    assert noise.shape == (4, 4)
+    assert np.median(noise) == pytest.approx(sigma, rel=0.5)
+
+
+def test_correlated_texture_counts_in_full_at_the_marker_s_scale():
+    texture = ndimage.gaussian_filter(np.random.default_rng(0).normal(size=(512, 512)), 1.5)
+    texture = (10 * texture / texture.std()).astype(np.float32)
+    assert np.median(noise_tiles(texture, 64, 1)) < 4.0
+    assert np.median(noise_tiles(texture, 64, 6)) == pytest.approx(10.0, rel=0.1)
+
+
+def test_surface_noise_is_at_least_one_grey_level():
+    image = prepare(np.arange(10000).reshape(100, 100).astype(np.uint16) * 16, 1.0)
+    noise = surface_noise(image, 3.0)
+    np.testing.assert_array_equal(noise, np.full((2, 2), 16.0))
+    assert at_tiles(np.array([[1.0, 2.0], [3.0, 4.0]]), np.array([[TILE + 1.0, 5.0], [5.0, 99.0]]), 3.0).tolist() == [
+        2,
+        3,
+    ]
