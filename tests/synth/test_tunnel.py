@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from windmark.geometry import Camera, Pose
+from windmark.scene import MarkerSet
 from windmark.synth import Sensor, bend, random_poses, wind_tunnel
 
 
@@ -106,3 +107,10 @@ def test_a_layout_of_one_s_own(half_model):
 
     test = wind_tunnel(0, size_px=(160, 128), nodes=3000, layout=lonely)
     assert test.markers.name.tolist() == ["W01", "W02", "W03", "W04"]
+
+
+def test_a_layout_without_markers_is_refused():
+    with pytest.raises(ValueError, match="layout"):
+        wind_tunnel(
+            0, size_px=(160, 128), nodes=3000, layout=lambda shape, patches, rng: MarkerSet.make([], np.zeros((0, 3)))
+        )

@@ -142,6 +142,20 @@ def slab_share(near: float, far: float, scale: float, gx: float, gy: float) -> f
 
 
 @nb.njit(cache=True, nogil=True)
+def rectangle_distance(p: float, q: float, a: float, b: float) -> tuple[float, float, float]:
+    """Distance of (p, q) to the rectangle of half sides a, b round the origin (negative inside), and its gradient."""
+    sp, sq = abs(p) - a, abs(q) - b
+    if sp > 0.0 and sq > 0.0:
+        distance = math.hypot(sp, sq)
+        gp, gq = sp / distance, sq / distance
+    elif sp > sq:
+        distance, gp, gq = sp, 1.0, 0.0
+    else:
+        distance, gp, gq = sq, 0.0, 1.0
+    return distance, math.copysign(gp, p), math.copysign(gq, q)
+
+
+@nb.njit(cache=True, nogil=True)
 def paint_decals(
     frame: Array, shape: Array, volume: Ints, boxes: Ints, slot: Ints, ray: Array, n: int, hit: Ints, depth: Array,
     code: Ints, factor: Array, partial: NDArray[np.bool_],
@@ -182,15 +196,7 @@ def paint_decals(
                     # In-plane coordinates of the crossing, and the rectangle's distance with its gradient.
                     rx, ry, rz = z * u - c[0], z * v - c[1], z - c[2]
                     p, q = rx * e[0] + ry * e[1] + rz * e[2], rx * f[0] + ry * f[1] + rz * f[2]
-                    sp, sq = abs(p) - a, abs(q) - b
-                    if sp > 0.0 and sq > 0.0:
-                        distance = math.hypot(sp, sq)
-                        gp, gq = sp / distance, sq / distance
-                    elif sp > sq:
-                        distance, gp, gq = sp, 1.0, 0.0
-                    else:
-                        distance, gp, gq = sq, 0.0, 1.0
-                    gp, gq = math.copysign(gp, p), math.copysign(gq, q)
+                    distance, gp, gq = rectangle_distance(p, q, a, b)
                     # The same gradient per pixel: plane coordinates by u and v, then u and v by x and y.
                     gu, gv = gp * e[0] + gq * f[0], gp * e[1] + gq * f[1]
                     ge = gu * u + gv * v + gp * e[2] + gq * f[2]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -118,32 +118,25 @@ def wind_tunnel(
     -------
     TunnelTest
     """
-    patches = shape.patches(nodes)
-    mesh = shape.mesh(nodes)
-    markers = layout(shape, patches, _stream(seed, 1))
     paint = Paint.random(_stream(seed, 2), _LEVELS, _LAMPS, unevenness=unevenness, grain=grain)
-    radius = float(np.median(markers.radius))
-    dirt = Decals.join([]) if clutter is None else _dirt(patches, clutter, markers, radius, clearance, _stream(seed, 3))
+    still = _scene(seed, shape, nodes, layout, paint, clutter, clearance)
+    motion = _default_motion(shape) if motion is None else motion
+    blown = _under_wind(still, shape, motion, tip_fraction, twist_deg, mach)
     if isinstance(stations, int):
         stations = default_stations(_stream(seed, 4), stations, size_px)
-    motion = _default_motion(shape) if motion is None else motion
-
-    still = World(mesh, markers, paint, dirt=dirt)
-    blown = _under_wind(still, shape, motion, tip_fraction, twist_deg, mach)
-    shots = []
+    shots: list[Shot] = []
     for c, (camera, pose) in enumerate(stations):
         rays = Rays.of(camera)
         for f, (frame, world) in enumerate(((WIND_OFF, still), (WIND_ON, blown))):
+            view = View(f"{_key(c)}-{frame}", _key(c), frame, pose @ world.tunnel_from_model)
             perfect = render(world, camera, pose, rays=rays)
-            image: Array | NDArray[np.uint8] | NDArray[np.uint16] = perfect.image
-            if sensor is not None:
-                image = sensor.expose(perfect.image, _stream(seed, 5, c, f), _stream(seed, 6, c))
-            key = f"cam{c + 1}"
-            view = View(f"{key}-{frame}", key, frame, pose @ world.tunnel_from_model)
+            image = perfect.image if sensor is None else sensor.expose(
+                perfect.image, _stream(seed, 5, c, f), _stream(seed, 6, c)
+            )  # fmt: skip
             shots.append(Shot(view, image, perfect, world))
-    cameras = {f"cam{c + 1}": camera for c, (camera, _) in enumerate(stations)}
-    poses = {f"cam{c + 1}": pose for c, (_, pose) in enumerate(stations)}
-    return TunnelTest(mesh, markers, cameras, poses, tuple(shots), motion, shape)
+    cameras = {_key(c): camera for c, (camera, _) in enumerate(stations)}
+    poses = {_key(c): pose for c, (_, pose) in enumerate(stations)}
+    return TunnelTest(still.mesh, still.markers, cameras, poses, tuple(shots), motion, shape)
 
 
 def default_stations(
@@ -176,6 +169,25 @@ def _stream(seed: int, *key: int) -> np.random.Generator:
     return np.random.default_rng([seed, *key])
 
 
+def _key(camera: int) -> str:
+    return f"cam{camera + 1}"
+
+
+def _scene(
+    seed: int, shape: HalfModel, nodes: int, layout: Layout, paint: Paint, clutter: Clutter | None, clearance: float
+) -> World:
+    """The wind-off world."""
+    patches = shape.patches(nodes)
+    markers = layout(shape, patches, _stream(seed, 1))
+    if not len(markers):
+        raise ValueError("wind_tunnel: layout must give at least one marker")
+    world = World(shape.mesh(nodes), markers, paint)
+    if clutter is None:
+        return world
+    radius = float(np.median(markers.radius))
+    return replace(world, dirt=_dirt(patches, clutter, markers, radius, clearance, _stream(seed, 3)))
+
+
 def _default_motion(shape: HalfModel) -> Pose:
     """Half a degree of pitch (nose up) about the wing root's middle, and about 2 mm of shift."""
     pivot = np.array([0.5 * shape.root_chord, 0.0, 0.0])
@@ -186,8 +198,6 @@ def _default_motion(shape: HalfModel) -> Pose:
 def _under_wind(
     still: World, shape: HalfModel, motion: Pose, tip_fraction: float, twist_deg: float, mach: float
 ) -> World:
-    from dataclasses import replace
-
     world = replace(still, flow=TransonicFlow(shape, mach))
     if tip_fraction or twist_deg:
         world = world.deformed(
