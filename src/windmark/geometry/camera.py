@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from windmark.geometry.camera_jacobian import project_jacobian
 from windmark.geometry.lens import distort, max_radius2, tilt_homography, undistort
 
 Array = NDArray[np.float64]
@@ -128,9 +129,7 @@ class Camera:
         d_xyz : (..., 2, 3) derivative with respect to the point
         d_parameters : (..., 2, 11) derivative with respect to `PARAMETERS`
         """
-        from windmark.geometry.camera_jacobian import project_jacobian
-
-        return project_jacobian(self, _points(xyz_cam, 3, "project_jacobian"))
+        return project_jacobian(self.parameters(), _points(xyz_cam, 3, "project_jacobian"))
 
     def unproject(self, xy: ArrayLike) -> Array:
         """Rays of pixels: (..., 2) -> (..., 3) with z = 1 in the camera frame.

@@ -2,29 +2,27 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numpy.typing import NDArray
 
 from windmark.geometry.lens import distort, distort_jacobian, tilt_homography, tilt_homography_derivatives
 
-if TYPE_CHECKING:
-    from windmark.geometry.camera import Camera
-
 Array = NDArray[np.float64]
 
 
-def project_jacobian(camera: Camera, xyz: Array) -> tuple[Array, NDArray[np.bool_], Array, Array]:
-    """See `Camera.project_jacobian`. The chain is ideal -> distorted -> tilted -> pixels."""
-    lens = (camera.k1, camera.k2, camera.p1, camera.p2, camera.k3)
+def project_jacobian(parameters: Array, xyz: Array) -> tuple[Array, NDArray[np.bool_], Array, Array]:
+    """See `Camera.project_jacobian`. The chain is ideal -> distorted -> tilted -> pixels.
+
+    ``parameters``: the eleven in the order of `camera.PARAMETERS`.
+    """
+    focal_px, aspect, cx, cy, *lens = parameters[:9].tolist()
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         z = xyz[..., 2]
         ideal = xyz[..., :2] / z[..., None]
         distorted, valid = distort(ideal, *lens)
-        tilted, d_tilted, d_angles = _tilt(camera, distorted)
-        focal = np.array([camera.focal_px, camera.focal_px * camera.aspect])
-        xy = tilted * focal + np.array([camera.cx, camera.cy])
+        tilted, d_tilted, d_angles = _tilt(*parameters[9:].tolist(), distorted)
+        focal = np.array([focal_px, focal_px * aspect])
+        xy = tilted * focal + np.array([cx, cy])
         valid &= (z > 0) & np.isfinite(xy).all(axis=-1)
 
         d_ideal = np.zeros((*z.shape, 2, 3))
@@ -34,8 +32,8 @@ def project_jacobian(camera: Camera, xyz: Array) -> tuple[Array, NDArray[np.bool
         d_xyz = outer @ distort_jacobian(ideal, *lens) @ d_ideal
 
         d_par = np.zeros((*z.shape, 2, 11))
-        d_par[..., :, 0] = tilted * np.array([1.0, camera.aspect])
-        d_par[..., 1, 1] = camera.focal_px * tilted[..., 1]
+        d_par[..., :, 0] = tilted * np.array([1.0, aspect])
+        d_par[..., 1, 1] = focal_px * tilted[..., 1]
         d_par[..., 0, 2] = d_par[..., 1, 3] = 1.0
         d_par[..., :, 4:9] = outer @ _lens_derivative(ideal)
         d_par[..., :, 9:] = focal[:, None] * d_angles
@@ -59,10 +57,10 @@ def _lens_derivative(p: Array) -> Array:
     return np.stack(rows, axis=-2)
 
 
-def _tilt(camera: Camera, p: Array) -> tuple[Array, Array, Array]:
+def _tilt(tilt_x: float, tilt_y: float, p: Array) -> tuple[Array, Array, Array]:
     """Tilted point, its derivative by the distorted point (2x2) and by the two tilts (2x2)."""
-    h = tilt_homography(camera.tilt_x, camera.tilt_y)
-    d_hx, d_hy = tilt_homography_derivatives(camera.tilt_x, camera.tilt_y)
+    h = tilt_homography(tilt_x, tilt_y)
+    d_hx, d_hy = tilt_homography_derivatives(tilt_x, tilt_y)
     p1 = np.concatenate([p, np.ones((*p.shape[:-1], 1))], axis=-1)
     q = p1 @ h.T
     w = np.where(q[..., 2:] > 0, q[..., 2:], np.nan)  # beyond the horizon of the tilted sensor: not valid
