@@ -19,7 +19,7 @@ REFINEMENTS = ("bowl",)
 QUALITY_MIN = 12.0  # see `detect`
 FULL_EVIDENCE_PX = 3.0  # fewer pixels vouch for smaller holes: their quality counts sqrt(r0 / 3)
 MERIT_FLOOR = 1e-3  # of a hole without noise
-RADIUS_RATIO = (0.75, 1.35)  # measured / reference radius
+RADIUS_RATIO = (0.7, 1.4)  # measured / reference radius
 MIN_CORE = 0.85  # share of the hole that must be inside the image
 
 
