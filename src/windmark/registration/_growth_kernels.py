@@ -33,7 +33,8 @@ class Gates(NamedTuple):
     tolerance: float  # px: a match is never farther than three of it, and no farther than one once the pose is known
     sigma: float  # px, expected misfit per coordinate of a good solution
     min_score: float  # a solution worth less is given up
-    free_focal: bool
+    focal_low: float  # range of a free focal length; equal where it is fixed
+    focal_high: float
 
 
 class Grown(NamedTuple):
@@ -74,10 +75,10 @@ def growth_kernel(model: Model, picture: Picture, gates: Gates, hypotheses: Hypo
         f, count, score = hypotheses.focal[n], hypotheses.pairs[n], -math.inf
         variance = gates.sigma**2
         for round_ in range(STEPS):
-            size = 7 if gates.free_focal and count >= 6 else 6
+            size = 7 if gates.focal_high > gates.focal_low and count >= 6 else 6
             score = -math.inf
             good, f = _refine(model.xyz, picture.p, match, r, t, f, factor, step, size, variance)
-            if not good:
+            if not good or (size == 7 and not gates.focal_low < f < gates.focal_high):
                 break
             for m in range(markers):
                 last[m] = match[m]

@@ -40,10 +40,10 @@ def register(
     max_focal_sigma: float = 0.05,
     tolerance_px: float | None = None,
     method: str = "ransac",
-    max_hypotheses: int = 1_500_000,
+    max_hypotheses: int = 1_000_000,
     max_time_s: float = 20.0,
     max_log10_nfa: float = -9.0,
-    min_score: float = 55.0,
+    min_score: float = 60.0,
     min_margin: float = 10.0,
     seed: int = 0,
 ) -> Registration | NotRegistered:
@@ -119,7 +119,9 @@ def _solve(task: Task, limits: Limits, seed: int, max_links: int, max_time_s: fl
             if verdict.cause is None:
                 return verdict, search.links, False
             judged = search.pool.best
-            if verdict.cause == "ambiguous":
+            if verdict.cause == "focal":
+                return verdict, search.links, False
+            if verdict.cause in ("ambiguous", "misfit"):
                 # Of two equally good solutions both may be wrong: search on, but not for long.
                 max_links = min(max_links, 3 * links + 50_000)
         late = time.monotonic() > end

@@ -20,12 +20,13 @@ CAUSES = {
     "degenerate": "the spots or the markers lie on one line",
     "nothing": "no pose explains the spots",
     "weak": "the best solution could be chance",
+    "misfit": "the best solution does not fit within the tolerance",
     "ambiguous": "two different solutions explain the spots about equally well",
     "focal": "the focal length is not determined by this view",
     "time": "the time limit came first",
 }
 """Every cause of a `NotRegistered`, in words."""
-Cause = Literal["too_few", "degenerate", "nothing", "weak", "ambiguous", "focal", "time"]
+Cause = Literal["too_few", "degenerate", "nothing", "weak", "misfit", "ambiguous", "focal", "time"]
 
 
 @dataclass(frozen=True)

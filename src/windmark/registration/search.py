@@ -32,6 +32,8 @@ STAGES = ((4, 4), (4, 6), (6, 8), (8, 12), (14, 20), (24, 32))
 """Neighbours that a marker triplet and a spot triplet are taken from, stage by stage."""
 RIVAL_CORNERS, RIVAL_REACH = 6, 10
 """Spot triplets that are relabelled, and the neighbourhood of the marker triplets they are linked to."""
+FOCAL_SLACK = 1.3
+"""How far beyond the starting values a growing solution may take the focal length."""
 BATCH, LONGEST_BATCH = 2_000, 40_000
 """Links of the first batch and of the longest one."""
 ROOM = 2_048
@@ -61,7 +63,8 @@ class Search:
         self.model, self.frame = _plane.unit_model(task.markers.xyz, task.markers.normal)
         self._focals = task.camera.focal_px * np.array(task.focal_factors)
         sigma = max(float(np.median(task.sigma_px)), task.tolerance_px / 8)
-        self._gates = Gates(task.tolerance_px, sigma, MIN_SCORE, task.free_focal)
+        low, high = (float(self._focals.min() / FOCAL_SLACK), float(self._focals.max() * FOCAL_SLACK))
+        self._gates = Gates(task.tolerance_px, sigma, MIN_SCORE, low, high if task.free_focal else low)
         self._rules = self._make_rules()
         self._hypotheses = room_for(ROOM)
         self._grown = room_to_grow(ROOM, len(task.markers))
@@ -69,23 +72,31 @@ class Search:
 
     def batches(self) -> Iterator[int]:
         """Steps 1 to 6, batch by batch; yields the number of links tried so far. The caller looks at the pool."""
-        leads = _plane.lead_sizes(len(self.task.xy))
-        for near_markers, near_spots in STAGES:
-            triplets = marker_triplets(self.model, near_markers)
+        for stage, lead in self._schedule():
+            picture = self.picture(lead)
+            triplets = marker_triplets(self.model, stage[0])
             turns = turns_of(self.model, triplets)
-            for lead in leads:
-                order = self._rng.permutation(len(triplets))
-                picture = self.picture(lead)
-                reach = min(near_spots, picture.near.shape[1])
-                per_triplet = lead * reach * (reach - 1) * len(self._focals)
-                start, size = 0, BATCH
-                while start < len(order):
-                    chosen = order[start : start + max(1, size // per_triplet)]
-                    self._try(_Batch(picture, triplets[chosen], turns[chosen], np.arange(lead, dtype=np.int32), reach))
-                    yield self.links
-                    start, size = start + len(chosen), min(2 * size, LONGEST_BATCH)
-            if near_markers >= len(self.model.xyz) - 1 and near_spots >= len(self.task.xy) - 1:
-                return
+            anchors = np.arange(lead, dtype=np.int32)
+            reach = min(stage[1], picture.near.shape[1])
+            order = self._rng.permutation(len(triplets))
+            per_triplet = lead * reach * (reach - 1) * len(self._focals)
+            start, size = 0, BATCH
+            while start < len(order):
+                chosen = order[start : start + max(1, size // per_triplet)]
+                self._try(_Batch(picture, triplets[chosen], turns[chosen], anchors, reach))
+                yield self.links
+                start, size = start + len(chosen), min(2 * size, LONGEST_BATCH)
+
+    def _schedule(self) -> list[tuple[tuple[int, int], int]]:
+        """Stages and numbers of best spots, cheapest first; those that would only repeat another are left out."""
+        spots, markers = len(self.task.xy), len(self.model.xyz)
+        cost: dict[tuple[tuple[int, int], int], int] = {}
+        for lead in _plane.lead_sizes(spots):
+            for near_markers, near_spots in STAGES:
+                cost[(near_markers, near_spots), lead] = near_markers**2 * near_spots**2 * lead
+                if near_markers >= markers - 1 and near_spots >= lead - 1:
+                    break
+        return sorted(cost, key=lambda key: cost[key])
 
     def rivals(self, candidate: Candidate) -> None:
         """Look for other solutions of the spots that a candidate explains.

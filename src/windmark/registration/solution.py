@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 from windmark.adjust import PoseEstimate, refine_pose
 from windmark.geometry import Camera, DegenerateGeometry, Pose
 from windmark.geometry.rotations import hat
-from windmark.registration._plane import local_density
+from windmark.registration._plane import local_density, to_plane, with_focal
 from windmark.registration.evidence import Evidence, weigh
 from windmark.registration.pool import Candidate
 from windmark.registration.task import Task
@@ -32,7 +32,9 @@ GRAZING = 0.17
 """Cosine of the angle of view (80 degrees) below which a marker may be seen but need not."""
 MAX_FOREIGN = 0.5
 """A marker whose gate holds more foreign spots than this, by the density of spots, is not matched."""
-MIN_MATCHES, ROUNDS = 4, 15
+MIN_MATCHES = 4
+OPEN_ROUNDS, ROUNDS = 8, 20
+"""Rounds in which pairs may come and go; after them they may only go, so that no cycle remains."""
 TRIM = 0.8
 TRIMMED_MEAN = (1 - (1 - TRIM) * (1 - np.log(1 - TRIM))) / TRIM
 """Mean of the smallest four fifths of an exponential variable, which squared lengths of residuals are."""
@@ -50,6 +52,7 @@ class Solution:
     detection, marker : (K,) the pairs
     expected : number of markers that should be seen
     excess_px : 1 sigma per coordinate of the misfit that the given covariances do not explain
+    misfit_px : 1 sigma per coordinate of the residuals, by the redundancy
     evidence : how much it is worth
     """
 
@@ -58,6 +61,7 @@ class Solution:
     marker: Ints
     expected: int
     excess_px: float
+    misfit_px: float
     evidence: Evidence
 
     @property
@@ -84,19 +88,23 @@ def settle(task: Task, candidate: Candidate) -> Solution | None:
     """Refine a candidate to a fixed point of labelling; None where it falls apart or leaves the prior."""
     camera = task.camera
     if task.free_focal:
-        camera = replace(camera, focal_px=candidate.focal_px)
+        camera = with_focal(camera, candidate.focal_px)
     pose, excess2 = candidate.cam_from_model, (task.tolerance_px / 8) ** 2
     marker = np.flatnonzero(candidate.match >= 0)
     detection = candidate.match[marker].astype(np.int64)
     density = local_density(task.xy, camera)
-    for _ in range(ROUNDS):
+    for round_ in range(ROUNDS):
         estimate = _refine(task, camera, pose, detection, marker, excess2)
         if estimate is None:
             return None
         camera, pose = estimate.camera, estimate.cam_from_model
         before, excess2 = excess2, _excess(task, estimate, detection, marker)
         look = _predict(task, estimate)
-        labels = _assign(task, look, excess2, density, dict(zip(marker.tolist(), detection.tolist(), strict=True)))
+        held = dict(zip(marker.tolist(), detection.tolist(), strict=True))
+        labels = _assign(task, look, excess2, density, held)
+        if round_ >= OPEN_ROUNDS:
+            keep = [held.get(m) == d for d, m in zip(labels[0].tolist(), labels[1].tolist(), strict=True)]
+            labels = labels[0][keep], labels[1][keep]
         same = np.array_equal(labels[0], detection) and np.array_equal(labels[1], marker)
         # The estimate's weights were made with the excess of the round before.
         steady = abs(np.sqrt(excess2) - np.sqrt(before)) < 0.02 * np.sqrt(excess2 + _known(task, detection).mean())
@@ -110,7 +118,9 @@ def settle(task: Task, candidate: Candidate) -> Solution | None:
     expected = look.expected | np.isin(np.arange(len(task.markers)), marker)
     cov = task.cov[detection] + look.table[marker] + excess2 * np.eye(2)
     evidence = weigh(task, detection, estimate.residuals_px, cov, int(expected.sum()))
-    return Solution(estimate, detection, marker, int(expected.sum()), float(np.sqrt(excess2)), evidence)
+    redundancy = max(2 * len(marker) - len(estimate.names), 1)
+    misfit = float(np.sqrt((estimate.residuals_px**2).sum() / redundancy))
+    return Solution(estimate, detection, marker, int(expected.sum()), float(np.sqrt(excess2)), misfit, evidence)
 
 
 @dataclass(frozen=True)
@@ -133,12 +143,38 @@ def _refine(
         return None
     table = _table(task, camera, pose)[marker]
     cov = task.cov[detection] + table + excess2 * np.eye(2)
-    free = ("focal_px",) if task.free_focal and len(marker) > MIN_MATCHES else ()
-    # A pose without the focal length is no solution of a search for both, but a start for the next labels.
     try:
-        return refine_pose(camera, pose, xyz, task.xy[detection], cov, free=free)
+        if task.free_focal:
+            return _refine_focal(task, camera.focal_px, pose, xyz, detection, cov)
+        return refine_pose(camera, pose, xyz, task.xy[detection], cov)
     except DegenerateGeometry:
         return None
+
+
+def _refine_focal(task: Task, focal_px: float, pose: Pose, xyz: Array, detection: Ints, cov: Array) -> PoseEstimate:
+    """Pose and focal length, with the lens distortion held *in the image*.
+
+    With k1 held instead, the distortion of the image would change with the focal length, and a focal length that
+    the view does not determine would be read from the lens. So the fit is made in the search plane. The range of
+    focal lengths is a prior (2 sigma), centred on the given one: without it the focal length of a frontal view of
+    a flat model runs away; with it, it stays and its sigma tells.
+    """
+    given = task.camera.focal_px
+    pinhole = Camera(task.camera.size_px, given, cx=0.0, cy=0.0)
+    depth = float(pose.apply(xyz)[:, 2].mean())
+    start = Pose(pose.rotation, pose.translation + [0.0, 0.0, depth * (given / focal_px - 1)])
+    estimate = refine_pose(
+        pinhole, start, xyz, to_plane(task.camera, task.xy[detection]), cov,
+        free=("focal_px",), prior_sigma={"focal_px": 0.5 * float(np.log(task.focal_factors[-1])) * given},
+    )  # fmt: skip
+    camera = with_focal(task.camera, estimate.camera.focal_px)
+    residuals = camera.project(estimate.cam_from_model.apply(xyz))[0] - task.xy[detection]
+    return replace(
+        estimate,
+        camera=replace(camera, cov=estimate.camera.cov),
+        residuals_px=residuals,
+        rms_px=float(np.sqrt((residuals**2).sum(axis=1).mean())),
+    )
 
 
 def _known(task: Task, detection: Ints) -> Array:

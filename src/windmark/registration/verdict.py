@@ -18,6 +18,9 @@ from windmark.registration.task import Task
 
 SETTLED = 5
 """Candidates that are refined with the full camera model, best first."""
+MISFIT = 3.5
+"""The residuals' sigma times this must fit into the neighbourhood of the search. A picture of a *similar* model is
+matched completely, well beyond chance and without a rival; only the misfit tells."""
 WORTH_A_LOOK = 60.0
 """Candidates whose search score is this much (nats) below the best are no rivals."""
 
@@ -56,7 +59,7 @@ class Judge:
     def __init__(self, task: Task, search: Search, limits: Limits) -> None:
         self._task, self._search, self._limits = task, search, limits
         self._settled: dict[Candidate, Solution | None] = {}
-        self._challenged: set[Candidate] = set()
+        self._challenged: list[Candidate] = []
 
     def verdict(self) -> Verdict:
         """Look for rivals of the best candidate, refine the best few, and decide."""
@@ -71,8 +74,10 @@ class Judge:
 
     def _challenge(self) -> None:
         """Look for rivals until the best candidate has none better."""
-        while (best := self._search.pool.best) is not None and best not in self._challenged:
-            self._challenged.add(best)
+        while (best := self._search.pool.best) is not None:
+            if any(best.like(old) for old in self._challenged):
+                return
+            self._challenged.append(best)
             self._search.rivals(best)
 
     def _solutions(self) -> list[Solution]:
@@ -98,13 +103,19 @@ class Judge:
                 f"false-alarm number 1e{evidence.log10_nfa:+.1f} (limit 1e{limits.log10_nfa:+.1f}), "
                 f"evidence {evidence.score:.0f} nats (at least {least:.0f})"
             )
+        if MISFIT * best.misfit_px > self._task.tolerance_px:
+            return "misfit", (
+                f"the best solution matches {best.count} of {best.expected} markers in view, but with {best.misfit_px:.1f} "
+                f"px (1 sigma per coordinate) it does not fit within tolerance_px = {self._task.tolerance_px:.1f}: "
+                "another or a deformed model, wrong camera parameters, or a tolerance that is too small"
+            )
         if runner_up is not None and evidence.score - runner_up.score < limits.margin:
             return "ambiguous", _ambiguity(best, runner_up)
         if self._task.free_focal:
             sigma = best.estimate.sigma("focal_px") / best.estimate.camera.focal_px
             if sigma > limits.focal_sigma:
                 return "focal", (
-                    f"the markers are labelled, but this view fixes the focal length only to {100 * sigma:.0f} % "
+                    f"the labelling is clear, but this view fixes the focal length only to {100 * sigma:.0f} % "
                     f"(1 sigma; limit {100 * limits.focal_sigma:.0f} %): give the focal length, or a view that is "
                     "less frontal or of a less flat set of markers"
                 )
