@@ -15,6 +15,7 @@ from windmark.synth.motion import bend, random_poses
 from windmark.synth.paint import Flow, Paint, TransonicFlow
 from windmark.synth.patch import Patch, assemble
 from windmark.synth.render import Rendering, render
+from windmark.synth.scenes import Scene, marker_scene
 from windmark.synth.screen import Rays
 from windmark.synth.truth import MarkerTruth, marker_truth
 from windmark.synth.tunnel import WIND_OFF, WIND_ON, Shot, TunnelTest, default_stations, wind_tunnel
@@ -23,7 +24,7 @@ from windmark.synth.world import World
 
 __all__ = [
     "WIND_OFF", "WIND_ON", "Clutter", "Decals", "Flow", "HalfModel", "MarkerTruth", "Marks", "Paint", "Patch",
-    "Rays", "Rendering", "Sensor", "SheetTruth", "Shot", "TransonicFlow", "TunnelTest", "World", "assemble", "bend",
-    "default_stations", "degrade", "disc_image", "marker_sheet", "marker_truth", "random_poses", "render",
-    "rows_layout", "wind_tunnel",
+    "Rays", "Rendering", "Scene", "Sensor", "SheetTruth", "Shot", "TransonicFlow", "TunnelTest", "World", "assemble",
+    "bend", "default_stations", "degrade", "disc_image", "marker_scene", "marker_sheet", "marker_truth",
+    "random_poses", "render", "rows_layout", "wind_tunnel",
 ]  # fmt: skip
