@@ -40,6 +40,9 @@ def test_map_needs_enough_of_hole_and_window():
 
 
 def test_map_of_nothing():
+    half_flat = np.zeros((40, 40))
+    half_flat[:, 30:] = np.random.default_rng(0).normal(size=(40, 10))
+    assert np.isinf(wd.merit_map(half_flat, 3.0)[5:35, 5:20]).all()
     assert np.isinf(wd.merit_map(np.full((20, 20), 7, np.uint8), 3.0)).all()
     assert np.isnan(wd.merit_map(np.full((20, 20), np.nan), 3.0)).all()
     assert np.isnan(wd.merit_map(np.arange(9.0).reshape(3, 3) % 4, 3.0)).all()

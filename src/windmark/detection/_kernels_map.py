@@ -157,17 +157,15 @@ def fill_rows(g: Any) -> None:
 def merit_rows(g: Any, runs: Any, soft: Any, core_runs: Any, core_soft: Any, sums: Any, out: Any) -> None:
     """Merit of every pixel whose window lies inside the image; the others are left as they are.
 
-    A disc is a pile of rows of full pixels (`runs`: half width per row, -1 for none), summed from running sums,
-    and of soft edge pixels (`soft`: columns dx, dy, weight). `sums` = (n, sxx, t1, tt) of the window and the hole.
+    A disc is a pile of rows of full pixels (`runs`: half width per row, -1 for none), summed from running sums, and
+    of soft edge pixels (`soft`: columns |dx|, |dy|, weight of each of the four (+-dx, +-dy)). `sums` = (n, sxx, t1, tt)
+    of the window and the hole.
     """
     rows, n = g.shape
-    half, k_half = runs.size // 2, core_runs.size // 2
-    size = runs.size
+    half, size = runs.size // 2, runs.size
     p = np.zeros((size, 3, n + 1))
     acc = np.empty((5, n - 2 * half))
-    x = np.arange(half, n - half).astype(np.float64)
     big_n, sxx, t1, tt = sums
-    free = tt - t1 * t1 / big_n
     for y in range(rows):
         q0, q1, q2, row = p[y % size, 0], p[y % size, 1], p[y % size, 2], g[y]
         for i in range(n):
@@ -177,73 +175,90 @@ def merit_rows(g: Any, runs: Any, soft: Any, core_runs: Any, core_soft: Any, sum
             continue
         yc = y - half
         _disc_sums(g, p, yc, runs, soft, half, acc)
-        _core_sums(g, p, yc, core_runs, core_soft, half, k_half, acc[4])
-        for i in range(n - 2 * half):
-            s1 = acc[0, i]
-            sx = acc[1, i] - x[i] * s1
-            total = acc[3, i] - s1 * s1 / big_n - (sx * sx + acc[2, i] * acc[2, i]) / sxx
-            depth = (t1 * s1 / big_n - acc[4, i]) / free
-            if depth > 0.0:
-                out[yc, half + i] = math.sqrt(max(total - depth * depth * free, 0.0) / (depth * depth * tt))
-            else:
-                out[yc, half + i] = math.inf
+        _core_sums(g, p, yc, core_runs, core_soft, half, acc[4])
+        _merit_row(acc, big_n, sxx, t1, tt, out[yc, half : n - half])
+
+
+@nb.njit(cache=True, nogil=True)
+def _merit_row(acc: Any, n: float, sxx: float, t1: float, tt: float, out: Any) -> None:
+    """Merit from the sums over window and hole; inf where the depth is not positive."""
+    free = tt - t1 * t1 / n
+    s0, s1, s2, s3, core = acc[0], acc[1], acc[2], acc[3], acc[4]
+    for i in range(out.size):
+        total = s3[i] - s0[i] * s0[i] / n - (s1[i] * s1[i] + s2[i] * s2[i]) / sxx
+        depth = (t1 * s0[i] / n - core[i]) / free
+        if depth > 0.0:
+            out[i] = math.sqrt(max(total - depth * depth * free, 0.0) / tt) / depth
+        else:
+            out[i] = math.inf
+
+
+@nb.njit(cache=True, nogil=True)
+def _add_run(ahead: Any, behind: Any, factor: float, out: Any) -> None:
+    """Add a run's sums, the difference of two running sums; few arrays in one loop, so that it vectorises."""
+    for i in range(out.size):
+        out[i] += factor * (ahead[i] - behind[i])
+
+
+@nb.njit(cache=True, nogil=True)
+def _add_four(a: Any, b: Any, c: Any, d: Any, wa: float, wb: float, wc: float, wd: float, out: Any) -> None:
+    """Add a weighted sum of four shifted rows."""
+    for i in range(out.size):
+        out[i] += wa * a[i] + wb * b[i] + wc * c[i] + wd * d[i]
+
+
+@nb.njit(cache=True, nogil=True)
+def _add_squares(a: Any, b: Any, c: Any, d: Any, weight: float, out: Any) -> None:
+    """Add the weighted sum of squares of four shifted rows."""
+    for i in range(out.size):
+        e, f, u, v = float(a[i]), float(b[i]), float(c[i]), float(d[i])
+        out[i] += weight * (e * e + f * f + u * u + v * v)
 
 
 @nb.njit(cache=True, nogil=True)
 def _disc_sums(g: Any, p: Any, yc: int, runs: Any, soft: Any, half: int, acc: Any) -> None:
-    """Sums of g, x g, dy g, g^2 over the window of every pixel of row yc, into acc[0:4]."""
+    """Sums of g, dx g, dy g, g^2 over the window of every pixel of row yc, into acc[0:4]."""
     n, size = acc.shape[1], runs.size
-    s0, s1, s2, s3 = acc[0], acc[1], acc[2], acc[3]
     acc[:4] = 0.0
     for k in range(size):
-        dy, a = k - half, runs[k]
-        if a < 0:
-            continue
-        q = p[(yc + dy) % size]
-        lo, hi = half - a, half + a + 1
-        u0, v0, u1, v1, u3, v3 = (
-            q[0, hi : hi + n],
-            q[0, lo : lo + n],
-            q[1, hi : hi + n],
-            q[1, lo : lo + n],
-            q[2, hi : hi + n],
-            q[2, lo : lo + n],
-        )
-        for i in range(n):
-            d = u0[i] - v0[i]
-            s0[i] += d
-            s1[i] += u1[i] - v1[i]
-            s2[i] += dy * d
-            s3[i] += u3[i] - v3[i]
-    for k in range(soft.shape[0]):
-        dx, dy, q0 = int(soft[k, 0]), int(soft[k, 1]), soft[k, 2]
-        v = g[yc + dy, half + dx : half + dx + n]
-        for i in range(n):
-            d = q0 * v[i]
-            s0[i] += d
-            s1[i] += d * (half + dx + i)
-            s2[i] += dy * d
-            s3[i] += d * v[i]
-
-
-@nb.njit(cache=True, nogil=True)
-def _core_sums(g: Any, p: Any, yc: int, runs: Any, soft: Any, half: int, k_half: int, s: Any) -> None:
-    """Sum of g over the hole of every pixel of row yc."""
-    n, size = s.size, p.shape[0]
-    s[:] = 0.0
-    for k in range(runs.size):
         a = runs[k]
         if a < 0:
             continue
-        q = p[(yc + k - k_half) % size, 0]
-        u, v = q[half + a + 1 : half + a + 1 + n], q[half - a : half - a + n]
-        for i in range(n):
-            s[i] += u[i] - v[i]
+        q = p[(yc + k - half) % size]
+        ahead, behind = q[:, half + a + 1 : half + a + 1 + n], q[:, half - a : half - a + n]
+        _add_run(ahead[0], behind[0], 1.0, acc[0])
+        _add_run(ahead[1], behind[1], 1.0, acc[1])
+        _add_run(ahead[0], behind[0], float(k - half), acc[2])
+        _add_run(ahead[2], behind[2], 1.0, acc[3])
+    s0, s1 = acc[0], acc[1]
+    for i in range(n):
+        s1[i] -= (half + i) * s0[i]
     for k in range(soft.shape[0]):
-        dx, dy, q0 = int(soft[k, 0]), int(soft[k, 1]), soft[k, 2]
-        v = g[yc + dy, half + dx : half + dx + n]
-        for i in range(n):
-            s[i] += q0 * v[i]
+        w, wx, wy = soft[k, 2], soft[k, 2] * soft[k, 0], soft[k, 2] * soft[k, 1]
+        dx, dy = int(soft[k, 0]), int(soft[k, 1])
+        left, right, up, down = half - dx, half + dx, g[yc - dy], g[yc + dy]
+        a, b, c, d = up[left : left + n], up[right : right + n], down[left : left + n], down[right : right + n]
+        _add_four(a, b, c, d, w, w, w, w, acc[0])
+        _add_four(a, b, c, d, -wx, wx, -wx, wx, acc[1])
+        _add_four(a, b, c, d, -wy, -wy, wy, wy, acc[2])
+        _add_squares(a, b, c, d, w, acc[3])
+
+
+@nb.njit(cache=True, nogil=True)
+def _core_sums(g: Any, p: Any, yc: int, runs: Any, soft: Any, half: int, out: Any) -> None:
+    """Sum of g over the hole of every pixel of row yc."""
+    n, size = out.size, p.shape[0]
+    out[:] = 0.0
+    for k in range(runs.size):
+        a = runs[k]
+        if a >= 0:
+            q = p[(yc + k - runs.size // 2) % size, 0]
+            _add_run(q[half + a + 1 : half + a + 1 + n], q[half - a : half - a + n], 1.0, out)
+    for k in range(soft.shape[0]):
+        dx, dy, w = int(soft[k, 0]), int(soft[k, 1]), soft[k, 2]
+        left, right, up, down = half - dx, half + dx, g[yc - dy], g[yc + dy]
+        a, b, c, d = up[left : left + n], up[right : right + n], down[left : left + n], down[right : right + n]
+        _add_four(a, b, c, d, w, w, w, w, out)
 
 
 @nb.njit(cache=True, nogil=True)

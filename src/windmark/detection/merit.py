@@ -55,14 +55,18 @@ def merit_map(image: ArrayLike, radius_px: float, polarity: str = "dark") -> NDA
 
 
 def _pile(radius: float) -> tuple[NDArray[np.int64], Array, Array]:
-    """A soft-edged disc: full rows, soft pixels (dx, dy, weight), and its sums n, sum x^2, sum of squares."""
+    """A soft-edged disc: full rows, a quarter of its soft pixels, and its sums n, sum x^2, sum of squares.
+
+    Soft pixels are |dx|, |dy| and the weight of each of the four (+-dx, +-dy); on an axis those fall together.
+    """
     half = int(radius + 0.5)
     y, x = np.mgrid[-half : half + 1, -half : half + 1].astype(float)
     weight = np.clip(radius - np.hypot(x, y) + 0.5, 0.0, 1.0)
     full = weight == 1.0
     runs = np.where(full.any(axis=1), full.sum(axis=1) // 2, -1)
-    edge = (weight > 0.0) & ~full
-    soft = np.column_stack([x[edge], y[edge], weight[edge]])
+    edge = (weight > 0.0) & ~full & (x >= 0) & (y >= 0)
+    shared = np.where(x == 0, 0.5, 1.0) * np.where(y == 0, 0.5, 1.0)
+    soft = np.column_stack([x[edge], y[edge], (weight * shared)[edge]])
     return runs, soft, np.array([weight.sum(), (weight * x * x).sum(), (weight**2).sum()])
 
 
