@@ -2,7 +2,7 @@
 
 `g` is always a float32 image in which a marker is a *hole* (dark), its mean grey level near 0; NaN pixels and
 pixels outside the image have weight 0. Sums are float64. Sums may be reordered ("reassoc"): NaN never gets into them.
-The readable twin is `tests/detection/spot_twin.py`.
+The readable twin is `fit_hole` in tests/detection/conftest.py.
 """
 
 from __future__ import annotations
