@@ -102,10 +102,10 @@ def scene(seed: int, kind: str = "A", **options: float) -> Scene:
     return image_of(rng, markers, camera, pose, **options)
 
 
-def pose_error_px(result_pose: Pose, scene: Scene) -> float:
-    """Largest displacement of a visible marker between the found and the true pose, in pixels."""
+def pose_error_px(result_pose: Pose, scene: Scene, camera: Camera | None = None) -> float:
+    """Largest displacement of a visible marker between the found pose (and camera) and the true one, in pixels."""
     true, seen = visible(scene.markers, scene.camera, scene.cam_from_model)
-    found, _ = scene.camera.project(result_pose.apply(scene.markers.xyz))
+    found, _ = (camera or scene.camera).project(result_pose.apply(scene.markers.xyz))
     error = np.linalg.norm(found - true, axis=1)[seen]
     return float(np.where(np.isnan(error), np.inf, error).max())
 

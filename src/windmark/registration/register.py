@@ -191,7 +191,7 @@ def _refuse_early(xy: Array, cov: Array, markers: MarkerSet) -> tuple[str, Any] 
     width = _off_line(xy)
     if width < 0.5 + float(np.sqrt(cov.max())):
         return f"all {len(xy)} spots lie on one line (within {width:.2g} px)", "degenerate"
-    if _off_line(markers.xyz) < 1e-4 * float(np.ptp(markers.xyz, axis=0).max()):
+    if not _off_line(markers.xyz) > 1e-4 * float(np.ptp(markers.xyz, axis=0).max()):
         return f"all {len(markers)} markers lie on one line", "degenerate"
     return None
 

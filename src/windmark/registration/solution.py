@@ -162,7 +162,8 @@ def _refine_focal(task: Task, focal_px: float, pose: Pose, xyz: Array, detection
     given = task.camera.focal_px
     pinhole = Camera(task.camera.size_px, given, cx=0.0, cy=0.0)
     depth = float(pose.apply(xyz)[:, 2].mean())
-    start = Pose(pose.rotation, pose.translation + [0.0, 0.0, depth * (given / focal_px - 1)])
+    nearer = np.array([0.0, 0.0, depth * (given / focal_px - 1)])
+    start = Pose(pose.rotation, pose.translation + nearer)
     estimate = refine_pose(
         pinhole, start, xyz, to_plane(task.camera, task.xy[detection]), cov,
         free=("focal_px",), prior_sigma={"focal_px": 0.5 * float(np.log(task.focal_factors[-1])) * given},

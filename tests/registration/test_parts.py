@@ -1,0 +1,189 @@
+"""Triplets, the search plane, the pool and the evidence, each by itself."""
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+import registration_scenes as scenes
+
+from windmark.geometry import Camera, Pose
+from windmark.registration import _plane, _triplets
+from windmark.registration._hypothesis_kernels import Model
+from windmark.registration.evidence import weigh
+from windmark.registration.pool import Candidate, Pool
+from windmark.registration.task import Task
+from windmark.scene import Detections
+
+
+def candidate(score, match, angle_deg=0.0):
+    match = np.asarray(match, np.int32)
+    pose = Pose.from_rotvec([0, 0, np.radians(angle_deg)], [0, 0, 1])
+    return Candidate(pose, 1000.0, score, int((match >= 0).sum()), match)
+
+
+def task_of(scene, **more):
+    return Task(scene.markers, scene.camera, scene.detections.xy, scene.detections.cov, 6.0, **more)
+
+
+def test_interior_angles_of_known_triangles():
+    corners = np.array([[[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 0, 0], [1, 0, 0], [2, 0, 0]], [[0, 0, 0]] * 3], float)
+    angles = np.degrees(_triplets.interior_angles(corners))
+    np.testing.assert_allclose(angles[0], [90, 45, 45])
+    np.testing.assert_allclose(np.sort(angles[1]), [0, 0, 180], atol=1e-6)
+    np.testing.assert_allclose(angles[2], 0)
+
+
+def test_marker_triplets_are_all_sound_ones_once():
+    rng = np.random.default_rng(0)
+    xyz = rng.normal(size=(9, 3)) * [1, 1, 0.05]
+    model, _ = _plane.unit_model(xyz, np.full((9, 3), np.nan))
+    triplets = _triplets.marker_triplets(model, 8)
+    got = {tuple(sorted(t)) for t in triplets.tolist()}
+    assert len(got) == len(triplets)
+    expected = set()
+    for t in combinations(range(9), 3):
+        angles = np.degrees(_triplets.interior_angles(xyz[list(t)][None]))[0]
+        if angles.min() >= 10:
+            expected.add(t)
+    assert got == expected
+    assert len(expected) < 84  # the angle rule was at work
+    every = _triplets.marker_triplets(model, 8, every_corner=True)
+    assert len(every) == 3 * len(triplets)
+
+
+def test_too_few_markers_for_triplets():
+    model = Model(np.zeros((2, 3)), np.zeros((2, 3)), np.array([[1], [0]], np.int32))
+    assert len(_triplets.marker_triplets(model, 4)) == 0
+
+
+def test_turns_are_the_sign_of_the_area_in_the_image():
+    rng = np.random.default_rng(2)
+    markers = scenes.wing(rng)
+    model, _ = _plane.unit_model(markers.xyz, markers.normal)
+    triplets = _triplets.marker_triplets(model, 8)
+    turns = _triplets.turns_of(model, triplets)
+    for seed in range(5):
+        camera, pose = scenes.random_view(np.random.default_rng(seed), markers)
+        xy, _ = camera.project(pose.apply(markers.xyz))
+        u, v = (xy[triplets[:, n]] - xy[triplets[:, 0]] for n in (1, 2))
+        area = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
+        assert (area[turns != 0] * turns[turns != 0] > 0).all()
+    back = Model(model.xyz, -model.normal, model.near)
+    np.testing.assert_array_equal(_triplets.turns_of(back, triplets), -turns)
+    unknown = Model(model.xyz, np.zeros_like(model.normal), model.near)
+    assert not _triplets.turns_of(unknown, triplets).any()
+
+
+def test_spread_corners_are_compact_and_spread():
+    p = np.stack(np.meshgrid(np.arange(10.0) * 10, np.arange(8.0) * 10), axis=-1).reshape(-1, 2)
+    corners = _triplets.spread_corners(p, np.arange(80, dtype=np.int32), 5)
+    assert corners.shape == (5, 3)
+    heads = p[corners[:, 0]]
+    assert min(np.linalg.norm(a - b) for a, b in combinations(heads, 2)) > 25
+    assert max(np.ptp(p[c], axis=0).max() for c in corners) <= 20
+    line = np.stack([np.arange(9.0), np.zeros(9)], axis=1)
+    assert len(_triplets.spread_corners(line, np.arange(9, dtype=np.int32), 5)) == 0
+
+
+def test_frame_round_trips_poses():
+    rng = np.random.default_rng(0)
+    xyz = rng.normal(size=(7, 3)) * 30 + 100
+    model, frame = _plane.unit_model(xyz, np.full((7, 3), np.nan))
+    pose = Pose.from_rotvec([0.3, -0.2, 0.9], [10, 20, 300])
+    rotation, translation = frame.unit(pose)
+    np.testing.assert_allclose(frame.pose(rotation, translation).translation, pose.translation)
+    np.testing.assert_allclose(frame.scale * (model.xyz @ rotation.T + translation), pose.apply(xyz))
+    assert np.sqrt((model.xyz**2).sum(axis=1).mean()) == pytest.approx(1)
+
+
+def test_with_focal_keeps_the_distortion_in_the_image():
+    camera = Camera((1280, 800), 1000.0, k1=-0.2, k2=0.05, p1=1e-3, p2=-2e-3, k3=-0.01)
+    other = _plane.with_focal(camera, 1500.0)
+    ideal = np.random.default_rng(0).uniform(-0.5, 0.5, (20, 2)) * [1280, 800]
+    for_both = [c.project(np.column_stack([ideal, np.full(20, c.focal_px)]))[0] for c in (camera, other)]
+    np.testing.assert_allclose(*for_both, atol=1e-9)
+
+
+def test_lead_sizes_end_with_all():
+    assert _plane.lead_sizes(10) == [10]
+    assert _plane.lead_sizes(60) == [60]
+    assert _plane.lead_sizes(700) == [48, 96, 192, 384, 700]
+
+
+def test_density_is_local_and_never_below_average():
+    rng = np.random.default_rng(0)
+    cluster = rng.normal(500, 5, (20, 2))
+    sparse = rng.uniform(0, 1000, (30, 2))
+    density = _plane.local_density(np.concatenate([cluster, sparse]), Camera((1000, 1000), 1000.0))
+    assert (density >= 50 / 1e6).all()
+    assert np.median(density[:20]) > 50 * np.median(density[20:])
+
+
+def test_pool_keeps_the_best_of_alike_and_all_distinct():
+    pool = Pool(size=3)
+    assert pool.best is None
+    assert pool.add(candidate(10, [0, 1, 2, 3]))
+    assert pool.add(candidate(12, [0, 1, 2, -1], 1.0))  # alike and better: replaces
+    assert [c.score for c in pool.items] == [12]
+    assert not pool.add(candidate(11, [0, 1, 2, 3]))
+    assert pool.add(candidate(9, [0, 1, 2, 3], 40.0))  # another pose of the same labels
+    assert pool.add(candidate(8, [1, 2, 3, 0]))  # a shifted labelling
+    assert [c.score for c in pool.items] == [12, 9, 8]
+    assert pool.add(candidate(20, [3, 2, 1, 0]))
+    assert [c.score for c in pool.items] == [20, 12, 9]
+    assert not pool.add(candidate(5, [-1, 0, 3, 1]))
+
+
+def test_prior_share_of_a_narrow_prior():
+    scene = scenes.scene(1)
+    assert task_of(scene).prior_share == 1
+    with_prior = task_of(scene, prior=scene.cam_from_model, prior_max_angle_rad=np.radians(30), prior_max_scale=1.3)
+    # Haar measure of rotations up to an angle, by Monte Carlo.
+    q = np.random.default_rng(0).normal(size=(400_000, 4))
+    share = np.mean(2 * np.arccos(np.abs(q[:, 0]) / np.linalg.norm(q, axis=1)) < np.radians(30))
+    assert with_prior.prior_share == pytest.approx(share * np.log10(1.3), rel=0.05)
+    anything = task_of(scene, prior=scene.cam_from_model, prior_max_angle_rad=np.pi, prior_max_scale=10.0)
+    assert anything.prior_share == pytest.approx(1)
+
+
+def evidence_of(residual_px, matched, expected, spots=30, seed=0, **more):
+    rng = np.random.default_rng(seed)
+    base = scenes.scene(1)
+    xy = rng.uniform(0, 1000, (spots, 2))
+    scene = scenes.Scene(Detections.make(xy, sigma_px=0.2), base.markers, base.camera, base.cam_from_model, base.label)
+    residuals = rng.normal(0, residual_px, (matched, 2))
+    cov = np.broadcast_to(max(residual_px, 0.05) ** 2 * np.eye(2), (matched, 2, 2))
+    return weigh(task_of(scene, **more), np.arange(matched), residuals, cov, expected)
+
+
+def test_evidence_orders_solutions():
+    good = evidence_of(0.3, 15, 16)
+    assert good.score > evidence_of(0.3, 12, 16).score > evidence_of(0.3, 8, 16).score
+    assert good.score > evidence_of(0.3, 15, 24).score > evidence_of(3.0, 15, 24).score
+    assert good.score > evidence_of(0.3, 15, 16, spots=300).score > good.score - 25
+    assert good.log10_nfa < evidence_of(3.0, 15, 16).log10_nfa < evidence_of(30.0, 15, 16).log10_nfa
+    assert evidence_of(0.3, 3, 3).log10_nfa == np.inf
+    prior = evidence_of(0.3, 15, 16, prior=Pose.identity(), prior_max_angle_rad=0.2, prior_max_scale=1.1)
+    assert prior.log10_nfa < good.log10_nfa - 3
+
+
+def test_false_alarm_number_bounds_false_alarms():
+    """Random spots against random predictions: fewer than 1 in 1/NFA trials is as good (here without the tests)."""
+    rng = np.random.default_rng(3)
+    scene = scenes.scene(1)
+    spots, markers, trials, hits = 30, 12, 400, 0
+    for _ in range(trials):
+        xy = rng.uniform(0, 1, (spots, 2)) * scene.camera.size_px
+        drawn = rng.uniform(0, 1, (markers, 2)) * scene.camera.size_px
+        distance = np.linalg.norm(xy[None] - drawn[:, None], axis=2)
+        spot = distance.argmin(axis=1)
+        _, first = np.unique(spot, return_index=True)
+        task = Task(scene.markers, scene.camera, xy, np.broadcast_to(0.04 * np.eye(2), (spots, 2, 2)), 6.0)
+        residuals = (drawn - xy[spot])[first]
+        cov = np.broadcast_to(np.eye(2), (len(first), 2, 2))
+        # Three exact pairs stand for the ones that fixed the pose.
+        residuals[:3] = 0
+        evidence = weigh(task, spot[first], residuals, cov, markers)
+        tests = np.log10(4 * 2024 * 30 * 29 * 28)
+        hits += evidence.log10_nfa - tests < -1
+    assert hits <= 0.1 * trials

@@ -1,0 +1,398 @@
+"""The verb `register`: right where it can be, and a reasoned no where it cannot."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import registration_scenes as scenes
+
+import windmark as wm
+from windmark.registration import CAUSES, NotRegistered, Registration, register
+from windmark.scene import Detections, MarkerSet
+
+
+def flat_grid(columns=6, rows=4):
+    g = np.stack(np.meshgrid(np.arange(columns) * 1.0, np.arange(rows) * 1.0, [0.0]), axis=-1).reshape(-1, 3)
+    return MarkerSet.make([f"g{i}" for i in range(len(g))], g, normal=np.tile([0.0, 0.0, 1.0], (len(g), 1)))
+
+
+def assert_right(result, scene, missing=0):
+    """All labels right, at most so many missing, every visible marker projected to within 2 px."""
+    assert result, result.reason
+    assert scenes.wrong_labels(result.matching.detection, result.matching.marker, scene) == 0
+    assert len(result.matching) >= (scene.label >= 0).sum() - missing
+    assert scenes.pose_error_px(result.cam_from_model, scene, result.camera) < 2.0
+
+
+@pytest.mark.parametrize(
+    ("kind", "hidden", "false"),
+    [("A", 0.0, 0.0), ("A", 0.5, 1.0), ("A0", 0.25, 0.5), ("B", 0.25, 0.5), ("B", 0.5, 1.0)],
+)
+@pytest.mark.parametrize("seed", [7001, 7002, 7003])
+def test_cold_start_labels_everything_and_nothing_wrong(kind, hidden, false, seed):
+    scene = scenes.scene(seed, kind, hidden=hidden, false=false)
+    assert_right(register(scene.detections, scene.markers, scene.camera), scene)
+
+
+def test_fields_describe_the_result():
+    scene = scenes.scene(11, "A", hidden=0.25, false=0.5)
+    result = register(scene.detections, scene.markers, scene.camera, seed=4)
+    assert isinstance(result, Registration)
+    projected, _ = result.camera.project(result.cam_from_model.apply(scene.markers.xyz[result.matching.marker]))
+    residuals = projected - scene.detections.xy[result.matching.detection]
+    np.testing.assert_allclose(result.residuals, residuals, atol=1e-9)
+    np.testing.assert_allclose(result.matching.distance_px, np.linalg.norm(residuals, axis=1))
+    assert result.rms_px == pytest.approx(np.sqrt((residuals**2).sum(axis=1).mean()))
+    assert (np.diff(result.matching.marker) > 0).all()
+    assert result.n_expected >= len(result.matching)
+    assert result.log10_nfa < -9
+    assert result.score > 60
+    assert result.n_hypotheses > 0
+    assert result.report.converged
+    assert result.options["seed"] == 4
+    assert result.options["tolerance_px"] > 0
+    assert result.cov.shape == (6, 6)
+    assert wm.register is register
+
+
+def test_covariance_holds_the_truth():
+    inside, total = [], 0
+    for seed in range(40):
+        scene = scenes.scene(seed + 600, "A", hidden=0.25, false=0.25)
+        result = register(scene.detections, scene.markers, scene.camera)
+        assert result
+        delta = (scene.cam_from_model @ result.cam_from_model.inverse()).log()
+        inside.append(delta @ np.linalg.solve(result.cov, delta))
+        total += 1
+    # Chi-square with 6 degrees of freedom; the weak prior of the excess makes it a little wide on purpose.
+    assert 0.75 < np.mean(np.array(inside) < 10.64) <= 1.0
+    assert 2.0 < np.mean(inside) < 8.0
+
+
+def test_lens_distortion_and_lost_corners():
+    rng = np.random.default_rng(3)
+    markers = scenes.wing_and_body(rng)
+    camera, pose = scenes.random_view(rng, markers, fov_deg=(50, 60), k1=-0.25)
+    scene = scenes.image_of(rng, markers, camera, pose, hidden=0.25, false=0.5)
+    corners = Detections.make([[-400.0, -400.0], [1600.0, 1400.0]], sigma_px=0.2)
+    assert not np.isfinite(camera.unproject(corners.xy)).any()
+    spots = Detections.make(
+        np.concatenate([corners.xy[:1], scene.detections.xy, corners.xy[1:]]), sigma_px=0.2
+    )
+    result = register(spots, markers, camera)
+    assert result
+    np.testing.assert_array_equal(scene.label[result.matching.detection - 1], result.matching.marker)
+
+
+def test_markers_without_normals():
+    for seed in (40, 41):
+        for kind in ("A", "B"):
+            scene = scenes.scene(seed, kind, hidden=0.25, false=0.5)
+            bare = MarkerSet.make(scene.markers.name, scene.markers.xyz)
+            assert_right(register(scene.detections, bare, scene.camera), scene)
+
+
+def test_table_errors_of_pixels_are_estimated_not_refused():
+    scene = scenes.scene(303, "B", hidden=0.25, false=0.5, noise_px=1.0)
+    told_too_good = Detections.make(scene.detections.xy, sigma_px=0.05)
+    result = register(told_too_good, scene.markers, scene.camera)
+    assert_right(result, scene, missing=2)
+    assert 0.7 < result.excess_px < 1.4
+    assert np.sqrt(np.trace(result.cov[:3, :3])) > 3 * np.sqrt(
+        np.trace(register(scenes.scene(303, "B", hidden=0.25, false=0.5, noise_px=0.1).detections,
+                          scene.markers, scene.camera).cov[:3, :3])
+    )  # fmt: skip
+
+
+def test_known_marker_sigma_explains_the_misfit():
+    rng = np.random.default_rng(9)
+    markers = scenes.wing(rng)
+    camera, pose = scenes.random_view(rng, markers)
+    off = markers.xyz + rng.normal(0, 0.001, markers.xyz.shape)
+    scene = scenes.image_of(rng, MarkerSet.make(markers.name, off, normal=markers.normal), camera, pose, noise_px=0.1)
+    plain = register(scene.detections, markers, camera)
+    told = register(scene.detections, replace(markers, sigma=np.full((24, 3), 0.001)), camera)
+    assert plain.excess_px > 0.5
+    assert told.excess_px < 0.6 * plain.excess_px
+
+
+def test_doubtful_spots_behind_the_good_ones_do_no_harm():
+    scene = scenes.scene(21, "A", hidden=0.25, noise_px=0.2)
+    rng = np.random.default_rng(0)
+    clutter = rng.uniform(0, 1, (500, 2)) * scene.camera.size_px
+    spots = Detections.make(np.concatenate([scene.detections.xy, clutter]), sigma_px=0.2)
+    result = register(spots, scene.markers, scene.camera)
+    assert result
+    true = result.matching.detection < len(scene.label)
+    assert true.sum() == len(scene.label)
+    assert (scene.label[result.matching.detection[true]] == result.matching.marker[true]).all()
+    assert (~true).sum() <= 1
+
+
+# --- a reasoned no ---------------------------------------------------------------------------
+
+
+def assert_refused(result, cause):
+    assert isinstance(result, NotRegistered)
+    assert not result
+    assert result.cause == cause, result.reason
+    assert cause in CAUSES
+    assert result.reason
+
+
+@pytest.mark.parametrize("count", [0, 1, 3])
+def test_too_few_spots_or_markers(count):
+    scene = scenes.scene(1)
+    few = register(scene.detections.take(np.arange(count)), scene.markers, scene.camera)
+    assert_refused(few, "too_few")
+    assert f"{count} spots" in few.reason
+    few = register(scene.detections, scene.markers.take(np.arange(count)), scene.camera)
+    assert_refused(few, "too_few")
+    assert f"{count} markers" in few.reason
+
+
+def test_four_pairs_are_never_enough_without_a_prior():
+    rng = np.random.default_rng(0)
+    markers = scenes.wing(rng).take([0, 7, 14, 21])
+    camera, pose = scenes.random_view(rng, markers)
+    scene = scenes.image_of(rng, markers, camera, pose)
+    result = register(scene.detections, markers, camera)
+    assert not result
+    assert result.cause in ("nothing", "weak")
+
+
+def test_everything_on_one_line():
+    scene = scenes.scene(1)
+    s = np.linspace(0, 1, 20)[:, None]
+    line = Detections.make([100.0, 50.0] + s * [800.0, 600.0])
+    assert_refused(register(line, scene.markers, scene.camera), "degenerate")
+    markers = MarkerSet.make([f"m{i}" for i in range(20)], s * [1.0, 2.0, 3.0])
+    assert_refused(register(scene.detections, markers, scene.camera), "degenerate")
+
+
+def test_coincident_points():
+    scene = scenes.scene(1)
+    assert_refused(register(Detections.make(np.full((9, 2), 100.0)), scene.markers, scene.camera), "degenerate")
+    same = MarkerSet.make([f"m{i}" for i in range(9)], np.ones((9, 3)))
+    assert_refused(register(scene.detections, same, scene.camera), "degenerate")
+
+
+def test_doubled_spots_and_markers_still_work():
+    scene = scenes.scene(7, noise_px=0.2)
+    twice = Detections.make(np.concatenate([scene.detections.xy, scene.detections.xy[:4]]), sigma_px=0.2)
+    result = register(twice, scene.markers, scene.camera)
+    assert result
+    label = np.concatenate([scene.label, scene.label[:4]])
+    assert (label[result.matching.detection] == result.matching.marker).all()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_pure_clutter(seed):
+    rng = np.random.default_rng(seed)
+    scene = scenes.scene(seed)
+    clutter = Detections.make(rng.uniform(0, 1, (rng.integers(10, 60), 2)) * scene.camera.size_px, sigma_px=0.2)
+    result = register(clutter, scene.markers, scene.camera, max_hypotheses=150_000)
+    assert not result
+    assert result.cause in ("weak", "nothing", "misfit")
+    assert result.n_hypotheses > 0
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_picture_of_another_model(seed):
+    rng = np.random.default_rng(seed)
+    scene = scenes.scene(seed, "AB"[seed % 2])
+    wrong = scenes.wing(rng) if seed % 2 else scenes.wing_and_body(rng)
+    assert not register(scene.detections, wrong, scene.camera, max_hypotheses=150_000)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_mirror_image(seed):
+    scene = scenes.scene(seed, "A")
+    flipped = scene.detections.xy * [-1, 1] + [scene.camera.size_px[0] - 1, 0]
+    assert not register(Detections.make(flipped, sigma_px=0.2), scene.markers, scene.camera, max_hypotheses=150_000)
+
+
+def test_symmetric_layout_is_ambiguous_until_a_prior_decides():
+    rng = np.random.default_rng(0)
+    grid = flat_grid()
+    camera, pose = scenes.random_view(rng, grid)
+    scene = scenes.image_of(rng, grid, camera, pose, hidden=0.1, false=0.3)
+    result = register(scene.detections, grid, camera)
+    assert_refused(result, "ambiguous")
+    assert result.best_count >= 20
+    assert result.runner_up.count == result.best_count
+    assert not result.runner_up.same_labels
+    angle = np.degrees(result.best_candidate.angle_to(result.runner_up.cam_from_model))
+    assert angle == pytest.approx(180, abs=1)
+    assert_right(register(scene.detections, grid, camera, prior=pose), scene)
+
+
+def test_one_moved_marker_breaks_the_symmetry():
+    rng = np.random.default_rng(1)
+    grid = flat_grid()
+    xyz = grid.xyz.copy()
+    xyz[8, :2] += 0.4
+    markers = MarkerSet.make(grid.name, xyz, normal=grid.normal)
+    camera, pose = scenes.random_view(rng, markers)
+    scene = scenes.image_of(rng, markers, camera, pose, false=0.3)
+    result = register(scene.detections, markers, camera)
+    assert_right(result, scene)
+    assert 10 < result.score - result.runner_up.score < 60
+
+
+def test_two_poses_of_one_labelling_are_ambiguous():
+    rng = np.random.default_rng(2)
+    flat = scenes.wing(rng)
+    flat = MarkerSet.make(flat.name, flat.xyz * [1, 1, 0], normal=np.tile([0.0, 0.0, 1.0], (24, 1)))
+    camera = wm.Camera((1280, 1000), 1280 / (2 * np.tan(np.radians(0.25))))
+    pose = wm.Pose.look_at(np.array([0.45, 0.5, 0.0]) + 600 * np.array([0.5, 0.3, 0.8]), [0.45, 0.5, 0.0], [0, 1, 0])
+    scene = scenes.image_of(rng, flat, camera, pose, noise_px=0.5)
+    result = register(scene.detections, flat, camera, tolerance_px=6.0)
+    assert_refused(result, "ambiguous")
+    assert result.runner_up.same_labels
+    resolved = register(scene.detections, flat, camera, tolerance_px=6.0, prior=pose, prior_max_angle_deg=15)
+    assert resolved
+    assert (scene.label[resolved.matching.detection] == resolved.matching.marker).all()
+
+
+def test_similar_model_is_a_misfit():
+    rng = np.random.default_rng(50018)
+    pictured = scenes.wing(rng)
+    sheared = pictured.xyz * [1.05, 1.0, 1.0] + pictured.xyz[:, 1:2] ** 2 * [0.06, 0.0, 0.0]
+    camera, pose = scenes.random_view(rng, pictured, tilt_max_deg=20)
+    scene = scenes.image_of(rng, pictured, camera, pose)
+    other = MarkerSet.make(pictured.name, sheared, normal=pictured.normal)
+    result = register(scene.detections, other, camera, max_hypotheses=200_000)
+    assert_refused(result, "misfit")
+    assert "tolerance_px" in result.reason
+    loose = register(scene.detections, other, camera, tolerance_px=40.0)
+    assert (scene.label[loose.matching.detection] == loose.matching.marker).all()
+
+
+# --- priors and focal length -------------------------------------------------------------------
+
+
+def test_prior_rejects_the_truth_when_it_is_wrong():
+    scene = scenes.scene(5, "A", hidden=0.25, false=0.25)
+    pose = scene.cam_from_model
+    turned = wm.Pose.from_rotvec([0, 0, np.radians(50)], [0, 0, 0]) @ pose
+    refused = register(scene.detections, scene.markers, scene.camera, prior=turned, max_hypotheses=100_000)
+    assert not refused
+    assert_right(register(scene.detections, scene.markers, scene.camera, prior=turned, prior_max_angle_deg=60), scene)
+    far = wm.Pose(pose.rotation, pose.translation * 1.6)
+    assert not register(scene.detections, scene.markers, scene.camera, prior=far, max_hypotheses=100_000)
+    assert_right(register(scene.detections, scene.markers, scene.camera, prior=far, prior_max_scale=2.0), scene)
+
+
+def test_prior_lets_fewer_markers_suffice():
+    rng = np.random.default_rng(1)
+    markers = scenes.wing(rng).take([0, 5, 10, 15, 20])
+    camera, pose = scenes.random_view(rng, markers)
+    scene = scenes.image_of(rng, markers, camera, pose, noise_px=0.2, false=0.5)
+    alone = register(scene.detections, markers, camera)
+    near = register(scene.detections, markers, camera, prior=pose, prior_max_angle_deg=10, prior_max_scale=1.1)
+    assert not alone
+    assert_right(near, scene)
+
+
+@pytest.mark.parametrize("factor", [0.75, 1.0, 1.3])
+def test_unknown_focal_length(factor):
+    scene = scenes.scene(2, "B", hidden=0.25, false=0.5)
+    camera = replace(scene.camera, focal_px=factor * scene.camera.focal_px)
+    result = register(scene.detections, scene.markers, camera, free_focal=True)
+    assert_right(result, scene)
+    sigma = np.sqrt(result.cov[6, 6])
+    assert abs(result.camera.focal_px - scene.camera.focal_px) < 4 * sigma < 0.1 * scene.camera.focal_px
+    assert result.camera.cov[0, 0] == pytest.approx(result.cov[6, 6])
+
+
+def test_frontal_plane_does_not_fix_the_focal_length():
+    rng = np.random.default_rng(2)
+    flat = scenes.wing(rng)
+    flat = MarkerSet.make(flat.name, flat.xyz * [1, 1, 0], normal=np.tile([0.0, 0.0, 1.0], (24, 1)))
+    camera = wm.Camera((1280, 1000), 2000.0, k1=-0.1)
+    pose = wm.Pose.look_at([0.45, 0.5, 2.6], [0.45, 0.5, 0.0], [0, 1, 0])
+    scene = scenes.image_of(rng, flat, camera, pose, noise_px=0.3)
+    assert_right(register(scene.detections, flat, camera), scene)
+    result = register(scene.detections, flat, camera, free_focal=True)
+    assert_refused(result, "focal")
+    assert "focal length" in result.reason
+    assert result.best_count >= 20
+
+
+# --- options -----------------------------------------------------------------------------------
+
+
+def test_same_seed_same_result_and_other_seed_same_labels():
+    scene = scenes.scene(77, "A", hidden=0.5, false=1.0)
+    runs = [register(scene.detections, scene.markers, scene.camera, seed=s) for s in (0, 0, 1, 2)]
+    assert runs[0].n_hypotheses == runs[1].n_hypotheses
+    np.testing.assert_array_equal(runs[0].cam_from_model.translation, runs[1].cam_from_model.translation)
+    np.testing.assert_array_equal(runs[0].cov, runs[1].cov)
+    assert len({r.n_hypotheses for r in runs}) > 1
+    for other in runs[2:]:
+        np.testing.assert_array_equal(other.matching.detection, runs[0].matching.detection)
+        np.testing.assert_allclose(other.cam_from_model.translation, runs[0].cam_from_model.translation, rtol=1e-6)
+
+
+def test_limits_are_limits():
+    scene = scenes.scene(11, "A", hidden=0.25, false=0.5)
+    good = register(scene.detections, scene.markers, scene.camera)
+    for name, value in (
+        ("min_score", good.score + 1),
+        ("max_log10_nfa", good.log10_nfa - 1),
+        ("tolerance_px", 0.3),
+    ):
+        result = register(scene.detections, scene.markers, scene.camera, max_hypotheses=20_000, **{name: value})
+        assert not result, name
+    grid = flat_grid()
+    rng = np.random.default_rng(0)
+    camera, pose = scenes.random_view(rng, grid)
+    assert register(scenes.image_of(rng, grid, camera, pose).detections, grid, camera, min_margin=0.0)
+
+
+def test_time_limit_says_so():
+    scene = scenes.scene(1)
+    clutter = Detections.make(np.random.default_rng(0).uniform(0, 1000, (40, 2)), sigma_px=0.2)
+    result = register(clutter, scene.markers, scene.camera, max_time_s=1e-9)
+    assert_refused(result, "time")
+    assert "max_time_s" in result.reason
+
+
+def test_budget_is_kept():
+    scene = scenes.scene(1)
+    clutter = Detections.make(np.random.default_rng(0).uniform(0, 1000, (40, 2)), sigma_px=0.2)
+    result = register(clutter, scene.markers, scene.camera, max_hypotheses=30_000)
+    assert 30_000 <= result.n_hypotheses < 120_000  # the last batch is finished, and rivals of the best are tried
+
+
+@pytest.mark.parametrize(
+    ("options", "word"),
+    [
+        ({"method": "icp"}, "method"),
+        ({"tolerance_px": 0.0}, "tolerance_px"),
+        ({"tolerance_px": np.nan}, "tolerance_px"),
+        ({"prior_max_angle_deg": -1.0}, "prior_max_angle_deg"),
+        ({"prior_max_scale": 0.3}, "prior_max_scale"),
+        ({"focal_range": 1.0}, "focal_range"),
+        ({"max_focal_sigma": 0.0}, "max_focal_sigma"),
+        ({"max_time_s": 0.0}, "max_time_s"),
+        ({"max_hypotheses": 0}, "max_hypotheses"),
+        ({"min_margin": -1.0}, "min_margin"),
+    ],
+)
+def test_wrong_options_name_the_parameter(options, word):
+    scene = scenes.scene(1)
+    with pytest.raises(ValueError, match=word):
+        register(scene.detections, scene.markers, scene.camera, **options)
+
+
+def test_wrong_input_names_the_parameter():
+    scene = scenes.scene(1)
+    cov = scene.detections.cov.copy()
+    cov[0, 0, 0] = np.nan
+    with pytest.raises(ValueError, match="cov"):
+        register(replace(scene.detections, cov=cov), scene.markers, scene.camera)
+    poses = wm.Pose(np.stack([np.eye(3)] * 2), np.zeros((2, 3)))
+    with pytest.raises(ValueError, match="prior"):
+        register(scene.detections, scene.markers, scene.camera, prior=poses)
