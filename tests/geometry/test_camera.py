@@ -98,7 +98,7 @@ def test_parameters_go_out_and_in(camera):
 
 
 def test_shapes_are_kept(camera):
-    xyz = np.random.default_rng(0).uniform(-0.2, 0.2, (3, 4, 3)) + [0, 0, 1]
+    xyz = np.random.default_rng(0).uniform(-0.2, 0.2, (3, 4, 3)) + np.array([0, 0, 1])
     xy, valid = camera.project(xyz)
     assert xy.shape == (3, 4, 2)
     assert valid.shape == (3, 4)

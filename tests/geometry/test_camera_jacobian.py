@@ -42,7 +42,9 @@ def test_by_every_parameter_against_differences(camera):
         up, down = values.copy(), values.copy()
         up[k] += h
         down[k] -= h
-        difference = (camera.with_parameters(up).project(xyz)[0] - camera.with_parameters(down).project(xyz)[0]) / (2 * h)
+        difference = (camera.with_parameters(up).project(xyz)[0] - camera.with_parameters(down).project(xyz)[0]) / (
+            2 * h
+        )
         np.testing.assert_allclose(d_par[..., k], difference, rtol=1e-6, atol=2e-6 * max(1.0, np.abs(difference).max()))
 
 

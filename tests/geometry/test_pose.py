@@ -84,7 +84,7 @@ def test_look_at_puts_the_target_on_the_axis_and_up_up():
     pose = Pose.look_at(eye, target, [0, 0, 1])
     np.testing.assert_allclose(pose.apply(target), [0, 0, np.linalg.norm(target - eye)], atol=1e-14)
     np.testing.assert_allclose(pose.center, eye, atol=1e-14)
-    above = pose.apply(target + [0, 0, 0.1])
+    above = pose.apply(target + np.array([0, 0, 0.1]))
     assert above[1] < 0  # y is down in the image
     assert above[0] == pytest.approx(0, abs=1e-14)
 

@@ -24,7 +24,7 @@ import numba as nb
 Vec3 = tuple[float, float, float]
 Sym3 = tuple[float, float, float, float, float, float]  # (11, 12, 13, 22, 23, 33)
 
-_TANGENT = 1e-6  # a discriminant this far below zero may be a double root in rounding; the residual decides
+_TANGENT = 1e-4  # a discriminant this far below zero may be a double root in rounding; the residual decides
 _ROUNDING = 1e-15  # a discriminant below this is noise
 
 
@@ -158,7 +158,7 @@ def split(e: Sym3) -> tuple[bool, Vec3, Vec3]:
     if low == 0.0:
         x, y, z = 0.0, 0.0, 0.0
         size = abs(e[0]) + abs(e[3]) + abs(e[5])
-        if max(adj[0], adj[3], adj[5]) > 1e-10 * size * size:
+        if max(adj[0], adj[3], adj[5]) > 1e-7 * size * size:
             return False, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     elif low == adj[0]:
         r = 1.0 / math.sqrt(-low)

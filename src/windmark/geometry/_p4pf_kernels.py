@@ -12,7 +12,7 @@ from windmark.geometry._p3p_kernels import p3p_kernel
 
 Array = NDArray[np.float64]
 
-_STEPS = 60
+_STEPS = 40
 _SAME = 1e-3  # minima that agree to this (focal length, rotation, translation over depth) are one
 ORIGIN = np.zeros(3)
 
@@ -48,9 +48,9 @@ def _camera_point(r: Array, t: Array, p: Array) -> tuple[float, float, float]:
 
 
 @nb.njit(cache=True, nogil=True)
-def _continuation(g: int, k: int, h: int, rotation: Array, error: Array) -> int:
-    """Solution at grid point h that continues solution k of grid point g: the nearest in rotation; -1 for none."""
-    nearest, at = 0.5, -1  # Frobenius distance squared: beyond it the branch has ended
+def _nearest(g: int, k: int, h: int, rotation: Array, error: Array) -> int:
+    """Solution at grid point h nearest in rotation to solution k of grid point g; -1 for none at all near."""
+    nearest, at = 0.5, -1  # Frobenius distance squared
     for m in range(4):
         if error[h, m] < math.inf:
             d = 0.0
@@ -60,6 +60,13 @@ def _continuation(g: int, k: int, h: int, rotation: Array, error: Array) -> int:
             if d < nearest:
                 nearest, at = d, m
     return at
+
+
+@nb.njit(cache=True, nogil=True)
+def _continuation(g: int, k: int, h: int, rotation: Array, error: Array) -> int:
+    """Solution at grid point h that continues solution k of grid point g, each the other's nearest; -1 for none."""
+    m = _nearest(g, k, h, rotation, error)
+    return m if m >= 0 and _nearest(h, m, g, rotation, error) == k else -1
 
 
 @nb.njit(cache=True, nogil=True)
@@ -143,11 +150,11 @@ def refine(xy: Array, xyz: Array, pose: Array, focal: float, low: float, high: f
     damping = 1e-6
     for _ in range(_STEPS):
         _normal_equations(jac, res, damping, normal, step)
-        if not _cholesky_solve(normal, step):
+        if not _cholesky_solve(normal, step, 7):
             damping = 10.0 * damping
             continue
         new_focal = _move(pose, focal, step, trial)
-        new = _system(xy, xyz, trial, new_focal, jac, res)
+        new = _follow(xy, xyz, trial, new_focal, jac, res, normal, step)
         if new < cost:
             done = cost - new < 1e-12 * cost or new < 1e-28 * focal * focal
             _copy(trial, pose)
@@ -161,7 +168,7 @@ def refine(xy: Array, xyz: Array, pose: Array, focal: float, low: float, high: f
                 break
     cost = _system(xy, xyz, pose, focal, jac, res)
     _normal_equations(jac, res, 0.0, normal, step)
-    if not _cholesky_solve(normal, step):
+    if not _cholesky_solve(normal, step, 7):
         return focal, math.sqrt(0.25 * cost), math.inf
     if _predicted_gain(jac, res, step) > 1e-3 * cost and cost > 1e-20 * focal * focal:
         return focal, math.inf, math.inf  # still under way in a flat valley: not a minimum
@@ -179,6 +186,26 @@ def _predicted_gain(jac: Array, res: Array, step: Array) -> float:
             change += jac[m, i] * step[i]
         gain -= change * (2.0 * res[m] + change)
     return gain
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _follow(xy: Array, xyz: Array, pose: Array, f: float, jac: Array, res: Array, normal: Array, step: Array) -> float:
+    """Two Gauss-Newton steps of the pose alone, in place; returns the sum of squares with its system in jac, res.
+
+    Tilt and focal length make a curved valley (their product is what a flat set of points shows): without this
+    every step along it would be cut short.
+    """
+    cost = _system(xy, xyz, pose, f, jac, res)
+    for _ in range(2):
+        if not cost < math.inf:
+            break
+        _normal_equations(jac, res, 1e-12, normal, step)
+        step[6] = 0.0
+        if not _cholesky_solve(normal, step, 6):
+            break
+        _move(pose, f, step, pose)
+        cost = _system(xy, xyz, pose, f, jac, res)
+    return cost
 
 
 @nb.njit(cache=True, nogil=True)
@@ -230,9 +257,9 @@ def _normal_equations(jac: Array, res: Array, damping: float, normal: Array, rig
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _cholesky_solve(a: Array, x: Array) -> bool:
-    """Factor the lower triangle of ``a`` in place and solve for ``x`` in place; False where not positive."""
-    for i in range(7):
+def _cholesky_solve(a: Array, x: Array, n: int) -> bool:
+    """Factor the lower triangle of ``a`` (first n rows) and solve for ``x``, in place; False where not positive."""
+    for i in range(n):
         size = a[i, i]
         for j in range(i + 1):
             total = a[i, j]
@@ -244,12 +271,12 @@ def _cholesky_solve(a: Array, x: Array) -> bool:
                 a[i, i] = math.sqrt(total)
             else:
                 return False
-    for i in range(7):
+    for i in range(n):
         for k in range(i):
             x[i] -= a[i, k] * x[k]
         x[i] /= a[i, i]
-    for i in range(6, -1, -1):
-        for k in range(i + 1, 7):
+    for i in range(n - 1, -1, -1):
+        for k in range(i + 1, n):
             x[i] -= a[k, i] * x[k]
         x[i] /= a[i, i]
     return True

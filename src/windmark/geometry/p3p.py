@@ -12,7 +12,7 @@ from windmark.geometry.pose import Pose
 
 Array = NDArray[np.float64]
 
-COLLINEAR = 1e-9
+COLLINEAR = 1e-10
 """Triangles with an area below this times the longest edge squared determine no pose."""
 
 

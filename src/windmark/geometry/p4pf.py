@@ -68,7 +68,8 @@ def p4pf(
         Wrong shape or values.
     DegenerateGeometry
         The points are collinear or coincide, or they fit but do not determine the focal length: seen
-        face-on a plane looks the same with a longer lens from farther away.
+        face-on a plane looks the same with a longer lens from farther away, and so does, within its noise,
+        everything beyond some focal length.
 
     Notes
     -----
@@ -79,18 +80,21 @@ def p4pf(
     order = _best_triangle_first(points)
     center = points.mean(axis=0)
     grid = _grid(xy, focal_range_px)
-    found = _search(np.ascontiguousarray(xy[order]), np.ascontiguousarray((points - center)[order]), grid, max_rms_px)
-    exact = [s for s in found if s.rms_px <= max(1e-6, 1e-3 * max_rms_px)] or found
-    if exact and not min(s.focal_sigma_px / s.focal_px for s in exact) < _MAX_LOG_SIGMA:
+    found, fits = _search(
+        np.ascontiguousarray(xy[order]), np.ascontiguousarray((points - center)[order]), grid, max_rms_px
+    )
+    if fits and not any(s.focal_sigma_px < _MAX_LOG_SIGMA * s.focal_px for s in found):
         raise DegenerateGeometry(
-            "p4pf: the four points show no perspective (a plane seen face-on, or two points coincide)",
+            "p4pf: the four points show no perspective (a plane seen face-on, a lens too long for the noise, or two"
+            " points coincide)",
             ("focal length", "distance"),
         )
     shifted = [s._replace(pose=s.pose @ Pose(np.eye(3), -center)) for s in found]
     return sorted(shifted, key=lambda s: s.rms_px)
 
 
-def _search(xy: Array, xyz: Array, grid: Array, max_rms_px: float) -> list[FocalPose]:
+def _search(xy: Array, xyz: Array, grid: Array, max_rms_px: float) -> tuple[list[FocalPose], bool]:
+    """Minima that fit, and whether any camera of the grid does."""
     from windmark.geometry import _p4pf_kernels as kernels
 
     rotation, translation = np.empty((len(grid), 4, 3, 3)), np.empty((len(grid), 4, 3))
@@ -104,7 +108,7 @@ def _search(xy: Array, xyz: Array, grid: Array, max_rms_px: float) -> list[Focal
         if rms <= max_rms_px and grid[0] / _GRID_RATIO <= focal <= grid[-1] * _GRID_RATIO:
             matrix = np.array(pose).reshape(3, 4)
             solutions.append(FocalPose(float(focal), Pose(matrix[:, :3], matrix[:, 3]), float(rms), focal * log_sigma))
-    return solutions
+    return solutions, bool(solutions) or bool((error <= max_rms_px).any())
 
 
 def _check(xy_centered: ArrayLike, xyz: ArrayLike, max_rms_px: float) -> tuple[Array, Array]:
