@@ -177,30 +177,31 @@ def count_above(g: Any, x: float, y: float, radius: float, level: float, sign: f
 
 
 @nb.njit(cache=True, nogil=True)
-def describe(g: Any, xy: Any, r0: float, bowl: Any, fit: Any, clip: float, sign: float) -> Any:
+def describe(g: Any, xy: Any, r0: float, clip: float, sign: float) -> Any:
     """Rows of `shape.COLUMNS` for the spots at xy (K, 2)."""
-    half = int(2.0 * r0 + 0.5) + 1
-    size = 2 * half + 1
-    w, e, jac, inv, cov = (
-        np.empty((size, size)),
-        np.empty((size, size)),
-        np.empty((2, size, size)),
-        np.empty(6),
-        np.empty(3),
-    )
-    ring, plane, out = np.empty(((size + 2) ** 2, 4)), np.zeros(3), np.full((xy.shape[0], 13), math.nan)
+    size = 2 * (int(2.0 * r0 + 0.5) + 1) + 3
+    ring, plane, out = np.empty((size * size, 4)), np.zeros(3), np.full((xy.shape[0], 10), math.nan)
     for s in range(xy.shape[0]):
         x, y = xy[s, 0], xy[s, 1]
         scatter, n = ring_plane(g, x, y, r0, ring, plane)
         if not scatter >= 0.0:
             continue
-        bowl_covariance(g, x, y, r0, bowl, fit, w, e, inv, jac, cov)
-        out[s, 0:3] = cov
-        out[s, 3] = scatter
-        hole_moments(g, x, y, r0, plane, out[s, 4:11])
+        out[s, 0] = scatter
+        hole_moments(g, x, y, r0, plane, out[s, 1:8])
         outliers = 0
         for k in range(n):
-            outliers += abs(ring[k, 3]) > max(5.0 * scatter, 0.1 * abs(out[s, 4]))
-        out[s, 11] = outliers / max(n, 1)
-        out[s, 12] = count_above(g, x, y, 2.0 * r0, clip, sign)
+            outliers += abs(ring[k, 3]) > max(5.0 * scatter, 0.1 * abs(out[s, 1]))
+        out[s, 8] = outliers / max(n, 1)
+        out[s, 9] = count_above(g, x, y, 2.0 * r0, clip, sign)
+    return out
+
+
+@nb.njit(cache=True, nogil=True)
+def centre_covariances(g: Any, xy: Any, r0: float, bowl: Any, fit: Any) -> Any:
+    """Covariances (K, 3: xx, xy, yy) of the centres xy (K, 2) for white noise of variance 1."""
+    size = 2 * (int(2.0 * r0 + 0.5) + 1) + 1
+    w, e, jac = np.empty((size, size)), np.empty((size, size)), np.empty((2, size, size))
+    inv, out = np.empty(6), np.empty((xy.shape[0], 3))
+    for s in range(xy.shape[0]):
+        bowl_covariance(g, xy[s, 0], xy[s, 1], r0, bowl, fit, w, e, inv, jac, out[s])
     return out

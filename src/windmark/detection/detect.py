@@ -3,39 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from windmark.detection.image import Prepared, check_image, check_polarity, prepare
-from windmark.detection.search import MERIT_SLACK, Bowl, at_tiles, candidates, surface_noise
-from windmark.detection.shape import COLUMNS, ILL, TOUCHING, Shapes, shapes
+from windmark.detection.search import Bowl
+from windmark.detection.shape import COLUMNS, ILL, TOUCHING, Shapes, covariance, shapes
+from windmark.detection.spots import Spots, distinct, find_spots, quality
 from windmark.scene import Detections
 
 Array = NDArray[np.float64]
 
 REFINEMENTS = ("bowl",)
 QUALITY_MIN = 12.0  # see `detect`
-FULL_EVIDENCE_PX = 3.0  # fewer pixels vouch for smaller holes: their quality counts sqrt(r0 / 3)
-MERIT_FLOOR = 1e-3  # of a hole without noise
 RADIUS_RATIO = (0.7, 1.4)  # measured / reference radius
-MIN_CORE = 0.85  # share of the hole that must be inside the image
-
-
-@dataclass(frozen=True)
-class _Spots:
-    """Spots of all radii before they are measured: (K,) columns but xy (K, 2)."""
-
-    xy: Array
-    merit: Array
-    depth: Array
-    settled: NDArray[np.bool_]
-    r0: Array
-    noise: Array
-
-    def take(self, index: NDArray[np.int64] | NDArray[np.bool_]) -> _Spots:
-        return _Spots(**{f.name: getattr(self, f.name)[index] for f in fields(self)})
 
 
 def detect(
@@ -94,18 +76,16 @@ def detect(
     prepared = prepare(checked, sign) if min(checked.shape) >= 3 else None
     if prepared is None:
         return Detections.make(np.empty((0, 2)))
-    spots = _distinct(_concatenate([_spots_of_radius(prepared, r, merit_max) for r in radii]))
+    spots = Spots.join([find_spots(prepared, r, merit_max) for r in radii])
     found = _describe(prepared, spots)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        quality = found.depth / found.noise / np.maximum(spots.merit, MERIT_FLOOR)
-        quality *= np.sqrt(np.minimum(spots.r0 / FULL_EVIDENCE_PX, 1.0))
-        ratio = found.radius / spots.r0
-    good = (quality >= min_quality) & (ratio >= RADIUS_RATIO[0]) & (ratio <= RADIUS_RATIO[1])
-    good &= np.isfinite(found.cov).all(axis=(1, 2))
+    value, ratio = quality(spots, found.depth, found.noise), found.radius / spots.r0
+    good = (value >= min_quality) & (ratio >= RADIUS_RATIO[0]) & (ratio <= RADIUS_RATIO[1])
     if min_depth is not None:
         good &= found.depth >= min_depth
-    order = np.flatnonzero(good)[np.argsort(-quality[good], kind="stable")][:max_spots]
-    return _detections(spots, found, order)
+    chosen = np.flatnonzero(good)
+    chosen = chosen[distinct(spots.take(chosen))]
+    order = chosen[np.argsort(-value[chosen], kind="stable")][:max_spots]
+    return _detections(prepared, spots.take(order), found.take(order))
 
 
 def _check_options(
@@ -136,76 +116,49 @@ def _check_options(
     return [float(r) for r in radii]
 
 
-def _spots_of_radius(image: Prepared, r0: float, merit_max: float) -> _Spots:
-    """What SPOT finds with one reference radius; starts that met in one spot are still there."""
-    from windmark.detection._kernels import refine_bowl
-
-    found, noise = np.empty((0, 5)), np.ones((1, 1))
-    if min(image.g.shape) >= 2.0 * r0:
-        bowl, noise = Bowl.of_radius(r0), surface_noise(image, r0)
-        start = candidates(image, r0, merit_max, noise)
-        found = refine_bowl(image.g, start, r0, merit_max + MERIT_SLACK, MIN_CORE, bowl.positions, bowl.functionals)
-        found = found[found[:, 2] <= merit_max]
-    xy, radius = found[:, :2], np.full(len(found), r0)
-    return _Spots(xy, found[:, 2], found[:, 3], found[:, 4] > 0, radius, at_tiles(noise, xy, r0))
-
-
-def _concatenate(parts: list[_Spots]) -> _Spots:
-    return _Spots(**{f.name: np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(_Spots)})
-
-
-def _distinct(spots: _Spots) -> _Spots:
-    """Of spots nearer than 1.5 times their mean reference radius only the best, by depth / merit.
-
-    Not by merit alone: a speck at a marker's rim may fit a small top-hat well without being the marker.
-    """
-    if len(spots.xy) < 2:
-        return spots
-    from scipy.spatial import cKDTree
-
-    spots = spots.take(np.argsort(-spots.depth / np.maximum(spots.merit, MERIT_FLOOR), kind="stable"))
-    pairs = cKDTree(spots.xy).query_pairs(1.5 * spots.r0.max(), output_type="ndarray")
-    distance = np.hypot(*(spots.xy[pairs[:, 0]] - spots.xy[pairs[:, 1]]).T)
-    pairs = np.sort(pairs[distance < 0.75 * (spots.r0[pairs[:, 0]] + spots.r0[pairs[:, 1]])], axis=1)
-    alive = np.ones(len(spots.xy), dtype=bool)
-    for better, worse in pairs[np.argsort(pairs[:, 0], kind="stable")].tolist():
-        if alive[better]:
-            alive[worse] = False
-    return spots.take(alive)
-
-
-def _describe(image: Prepared, spots: _Spots) -> Shapes:
+def _describe(image: Prepared, spots: Spots) -> Shapes:
     """Measure the spots, radius by radius."""
     from windmark.detection._kernels_shape import describe
 
-    raw = np.full((len(spots.xy), len(COLUMNS)), np.nan)
+    raw = np.empty((len(spots.xy), len(COLUMNS)))
+    for r0 in np.unique(spots.r0):
+        mine = spots.r0 == r0
+        raw[mine] = describe(image.g, spots.xy[mine], float(r0), image.clip, image.sign)
+    size = image.g.shape[1], image.g.shape[0]
+    return shapes(raw, spots.xy, spots.r0, size, spots.noise)
+
+
+def _covariance(image: Prepared, spots: Spots, found: Shapes) -> Array:
+    """Covariance of the centres, radius by radius."""
+    from windmark.detection._kernels_shape import centre_covariances
+
+    unit = np.empty((len(spots.xy), 3))
     for r0 in np.unique(spots.r0):
         mine, bowl = spots.r0 == r0, Bowl.of_radius(float(r0))
-        raw[mine] = describe(
-            image.g, spots.xy[mine], float(r0), bowl.positions, bowl.functionals, image.clip, image.sign
-        )
-    size = image.g.shape[1], image.g.shape[0]
-    return shapes(raw, spots.xy, spots.r0, size, spots.noise, image.quantum)
+        unit[mine] = centre_covariances(image.g, spots.xy[mine], float(r0), bowl.positions, bowl.functionals)
+    return covariance(unit, found.scatter, spots.r0, image.quantum)
 
 
-def _detections(spots: _Spots, found: Shapes, order: NDArray[np.int64]) -> Detections:
-    """The chosen spots in the chosen order, with the flags that need the neighbours."""
-    spots, flags, radius = spots.take(order), found.flags[order].copy(), found.radius[order]
-    flags |= np.where(spots.settled, 0, ILL)
-    if len(order) > 1:
+def _detections(image: Prepared, spots: Spots, found: Shapes) -> Detections:
+    """The chosen spots with their covariance and the flags that need the neighbours."""
+    cov = _covariance(image, spots, found)
+    sure = np.asarray(np.isfinite(cov).all(axis=(1, 2)))
+    spots, found, cov = spots.take(sure), found.take(sure), cov[sure]
+    flags = found.flags | np.where(spots.settled, 0, ILL)
+    if len(flags) > 1:
         from scipy.spatial import cKDTree
 
-        pairs = cKDTree(spots.xy).query_pairs(2.0 * spots.r0.max() + radius.max(), output_type="ndarray")
+        pairs = cKDTree(spots.xy).query_pairs(2.0 * spots.r0.max() + found.radius.max(), output_type="ndarray")
         for i, j in (pairs.T, pairs.T[::-1]):
             distance = np.hypot(*(spots.xy[i] - spots.xy[j]).T)
-            flags[i[distance < 2.0 * spots.r0[i] + radius[j]]] |= TOUCHING
+            flags[i[distance < 2.0 * spots.r0[i] + found.radius[j]]] |= TOUCHING
     return Detections(
         xy=spots.xy,
-        cov=found.cov[order],
+        cov=cov,
         merit=spots.merit,
-        radius_px=radius,
-        axes_px=found.axes[order],
-        angle=found.angle[order],
-        depth=found.depth[order],
+        radius_px=found.radius,
+        axes_px=found.axes,
+        angle=found.angle,
+        depth=found.depth,
         flags=flags,
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,9 +10,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-COLUMNS = (
-    "cxx", "cxy", "cyy", "scatter", "depth", "volume", "mxx", "mxy", "myy", "pixels", "missing", "outliers", "clipped",
-)  # fmt: skip
+COLUMNS = ("scatter", "depth", "volume", "mxx", "mxy", "myy", "pixels", "missing", "outliers", "clipped")
 LATTICE = 0.025  # pixel-lattice error of the bowl: LATTICE / r0 px per axis (tests/paper/test_spot.py)
 BORDER, SATURATED, CONTAMINATED, TOUCHING, ILL = 1, 2, 4, 8, 16
 
@@ -23,15 +21,15 @@ class Shapes:
 
     Parameters
     ----------
-    cov : (K, 2, 2) covariance of the centre: white noise of the ring's scatter through the bowl plus the lattice error
-    noise : (K,) scatter of the surface, one pixel: of the ring round the spot, but not below its tile's
+    scatter : (K,) of the pixels in the ring round the spot about their plane
+    noise : (K,) scatter of the surface, one pixel: that, but not below the tile's
     depth : (K,) background less core, at the core (disc of radius r0 / 2)
     radius : (K,) radius of the disc of depth `depth` and the hole's volume; NaN where that is not positive
     axes, angle : (K, 2), (K,) ellipse of that area and the second moments' anisotropy; NaN where noise hides it
     flags : (K,) bits border, saturated, contaminated
     """
 
-    cov: Array
+    scatter: Array
     noise: Array
     depth: Array
     radius: Array
@@ -39,8 +37,12 @@ class Shapes:
     angle: Array
     flags: Ints
 
+    def take(self, index: NDArray[np.int64] | NDArray[np.bool_]) -> Shapes:
+        """The spots of a mask or of indices, in that order."""
+        return Shapes(**{f.name: getattr(self, f.name)[index] for f in fields(self)})
 
-def shapes(raw: Array, xy: Array, r0: Array, size: tuple[int, int], tile_noise: Array, quantum: float) -> Shapes:
+
+def shapes(raw: Array, xy: Array, r0: Array, size: tuple[int, int], tile_noise: Array) -> Shapes:
     """Interpret the columns of `describe` for spots at xy found with the reference radii r0.
 
     Blur adds the same to both second moments, so their difference is the sharp ellipse's:
@@ -59,13 +61,18 @@ def shapes(raw: Array, xy: Array, r0: Array, size: tuple[int, int], tile_noise: 
         clear = (error < 0.15 * ab) & (c["missing"] == 0) & (c["outliers"] < 0.25)
     axes[~clear] = np.nan
     angle = np.where(clear, 0.5 * np.arctan2(2.0 * mxy, mxx - myy), np.nan)
-    cov = np.empty((len(raw), 2, 2))
-    cov[:, 0, 0], cov[:, 1, 1] = c["cxx"], c["cyy"]
-    cov[:, 0, 1] = cov[:, 1, 0] = c["cxy"]
-    cov *= (np.maximum(c["scatter"], quantum / np.sqrt(12.0)) ** 2)[:, None, None]
-    cov += ((LATTICE / r0) ** 2)[:, None, None] * np.eye(2)
     radius = np.sqrt(ab)
-    return Shapes(cov, noise, c["depth"], radius, axes, angle, _flags(c, xy, np.fmax(radius, r0), size))
+    return Shapes(c["scatter"], noise, c["depth"], radius, axes, angle, _flags(c, xy, np.fmax(radius, r0), size))
+
+
+def covariance(unit: Array, scatter: Array, r0: Array, quantum: float) -> Array:
+    """Covariance (K, 2, 2) of the centres: white noise of the ring's scatter, plus the bowl's lattice error.
+
+    `unit` (K, 3: xx, xy, yy) is for noise of variance 1; the scatter is at least that of rounding to grey levels.
+    """
+    noise2 = np.maximum(scatter, quantum / np.sqrt(12.0)) ** 2
+    cov = noise2[:, None, None] * unit[:, [0, 1, 1, 2]].reshape(-1, 2, 2)
+    return np.asarray(cov + ((LATTICE / r0) ** 2)[:, None, None] * np.eye(2))
 
 
 def _flags(c: dict[str, Array], xy: Array, reach: Array, size: tuple[int, int]) -> Ints:
