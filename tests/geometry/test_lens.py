@@ -97,3 +97,11 @@ def test_nan_stays_nan_and_empty_stays_empty(lens):
     assert np.isnan(back[0]).any()
     assert np.isfinite(back[1]).all()
     assert undistort(np.zeros((0, 2)), *lens).shape == (0, 2)
+
+
+@pytest.mark.parametrize("lens", [(0.0, 0.0, 0.0, 0.0, 0.125), (5.0, 0.0, 0.0, 0.0, 3.0), (0.0, 1e3, 0.0, 0.0, 0.0)])
+def test_points_far_outside_a_steep_lens_are_inverted_too(lens):
+    p = np.array([[0.0, 0.0], [1e-3, 0], [0.3, 0.4], [-3, 4], [50, 80], [-1e4, 1e3]])
+    q, valid = distort(p, *lens)
+    assert valid.all()
+    np.testing.assert_allclose(undistort(q, *lens), p, rtol=1e-13)

@@ -72,8 +72,8 @@ def _undistort_radial(q: Array, k1: float, k2: float, k3: float) -> Array:
     high = np.full_like(target, np.sqrt(s_max)) if np.isfinite(s_max) else _upper_bound(target, k1, k2, k3)
     low = np.zeros_like(target)
     solvable = _radial(high, k1, k2, k3) >= target
+    high = _halve(high, target, k1, k2, k3)
     r = np.minimum(target, high)
-    tolerance = 4e-16 * np.maximum(target, 1e-3)
     for _ in range(_MAX_STEPS):
         s = r * r
         error = r * (1 + s * (k1 + s * (k2 + s * k3))) - target
@@ -82,7 +82,8 @@ def _undistort_radial(q: Array, k1: float, k2: float, k3: float) -> Array:
         step = r - error / slope
         r_new = np.where((step > low) & (step < high), step, 0.5 * (low + high))
         r_new = np.where(error == 0, r, r_new)
-        done = np.nanmax(np.where(solvable, np.abs(r_new - r) - tolerance, -1.0), initial=-1.0) <= 0
+        moved = np.where(solvable, np.abs(r_new - r) - 4e-16 * np.maximum(r_new, 1e-3), -1.0)
+        done = np.nanmax(moved, initial=-1.0) <= 0
         r = r_new
         if done:
             break
@@ -102,6 +103,16 @@ def _upper_bound(target: Array, k1: float, k2: float, k3: float) -> Array:
         if not short.any():
             break
         high = np.where(short, 2 * high, high)
+    return high
+
+
+def _halve(high: Array, target: Array, k1: float, k2: float, k3: float) -> Array:
+    """Bring an upper bound within a factor two: from far outside Newton comes down r^7 by a seventh per step."""
+    for _ in range(2 * _MAX_STEPS):
+        far = (target > 0) & (_radial(0.5 * high, k1, k2, k3) >= target)
+        if not far.any():
+            break
+        high = np.where(far, 0.5 * high, high)
     return high
 
 

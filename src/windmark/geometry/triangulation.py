@@ -66,7 +66,7 @@ def triangulate(
     -------
     Triangulation
         Where a point cannot be found the row is NaN and ``reason`` says why: fewer than two views, no baseline,
-        parallel rays, behind a camera, or outside the lens model.
+        parallel or diverging rays, behind a camera, or outside the lens model.
 
     Raises
     ------
@@ -220,7 +220,7 @@ def _refine(
         active[i] = ~small & (damping[i] < 1e8)
     _mark(reason, ~np.isfinite(cost), "behind a camera or outside the lens model")
     eigenvalues = np.linalg.eigvalsh(np.where(np.isfinite(cost)[:, None, None], info, np.eye(3)))
-    _mark(reason, ~(eigenvalues[:, 0] > 1e-15 * eigenvalues[:, 2]), "parallel rays")
+    _mark(reason, ~(eigenvalues[:, 0] > 1e-15 * eigenvalues[:, 2]), "rays diverge: the best depth is infinite")
     return xyz, info, rms, reason
 
 
