@@ -15,8 +15,11 @@ _HOME = {
     "geometry": ("Camera", "DegenerateGeometry", "Pose", "PoV"),
     "scene": ("Detections", "MarkerSet", "Matching", "Mesh", "Observations", "Tracks", "View"),
     "detection": ("detect",),
-    "registration": ("NotRegistered", "Registration", "register"),
-    "resection": ("PixelMap", "map_pixels", "sample", "virtual_image"),
+    "registration": ("NotRegistered", "Registration", "pose_from_labels", "register"),
+    "resection": (
+        "NodeView", "PixelMap", "map_pixels", "node_values", "orient_outward", "sample", "sample_line", "section",
+        "see_nodes", "virtual_image",
+    ),
     "io": (
         "FileError", "read_camera", "read_image", "read_markers", "read_mesh",
         "write_camera", "write_image", "write_markers", "write_mesh",
@@ -41,8 +44,19 @@ if TYPE_CHECKING:
         write_markers,
         write_mesh,
     )
-    from windmark.registration import NotRegistered, Registration, register
-    from windmark.resection import PixelMap, map_pixels, sample, virtual_image
+    from windmark.registration import NotRegistered, Registration, pose_from_labels, register
+    from windmark.resection import (
+        NodeView,
+        PixelMap,
+        map_pixels,
+        node_values,
+        orient_outward,
+        sample,
+        sample_line,
+        section,
+        see_nodes,
+        virtual_image,
+    )
     from windmark.scene import Detections, MarkerSet, Matching, Mesh, Observations, Tracks, View
 
 

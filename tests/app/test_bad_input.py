@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from windmark import io
+from windmark.geometry import Pose
 
 
 @pytest.fixture
@@ -195,3 +196,20 @@ def test_help_names_every_verb_and_an_example(windmark):
     for verb in ("demo", "simulate", "detect", "register", "resect", "align", "run"):
         assert verb in help_text
         assert f"Example: windmark {verb}" in windmark(verb, "--help").out
+
+
+def test_prior_without_a_pose_and_a_wrong_prior(windmark, job):
+    """The camera file has no pose; a prior from the other side excludes the right solution."""
+    project = job / "project.toml"
+    text = project.read_text()
+    project.write_text(text + '[register]\nprior = "camera.json"\n')
+    done = run(windmark, job)
+    assert done.code == 2
+    assert "no pose" in done.err
+    camera, _ = io.read_camera(job / "camera.json")
+    behind = Pose.look_at((100.0, 300.0, -1500.0), (100.0, 300.0, 0.0), (0.0, 1.0, 0.0))
+    io.write_camera(job / "prior.json", camera, behind, unit="mm")
+    project.write_text(text + '[register]\nprior = "prior.json"\n')
+    done = run(windmark, job)
+    assert done.code == 1
+    assert "not registered" in done.err

@@ -6,6 +6,7 @@ import os
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +33,7 @@ class _Inputs:
     markers: MarkerSet | None
     mesh: Mesh | None
     cameras: Mapping[str, tuple[Camera, Pose | None]]
+    prior: Pose | None
 
 
 def run_project(project: Project, *, progress: Progress = silent, workers: int | None = None) -> RunResult:
@@ -52,6 +54,7 @@ def run_project(project: Project, *, progress: Progress = silent, workers: int |
             io.read_markers(project.markers.file, roles=project.markers.roles) if project.markers else None,
             read_grid(project.grid) if project.grid else None,
             {c.name: io.read_camera(c.file) for c in project.camera},
+            _read_prior(project.register_.prior),
         )
     if inputs.mesh is not None and not inputs.mesh.blocks and "plot3d" in (project.output.nodes or ()):
         raise io.FileError(project.path, "plot3d needs a grid of structured blocks, this one has none", "output.nodes")
@@ -67,6 +70,15 @@ def run_project(project: Project, *, progress: Progress = silent, workers: int |
         with clock("align"):
             images = _align(images, inputs)
     return RunResult(project, inputs.markers, inputs.mesh, tuple(images), clock.seconds)
+
+
+def _read_prior(path: Path | None) -> Pose | None:
+    if path is None:
+        return None
+    pose = io.read_camera(path)[1]
+    if pose is None:
+        raise io.FileError(path, "has no pose; expected one, as register.prior")
+    return pose
 
 
 def _process(entry: ImageEntry, inputs: _Inputs, progress: Progress) -> ImageResult:
@@ -108,6 +120,9 @@ def _register(result: ImageResult, image: NDArray[np.generic], inputs: _Inputs, 
             found,
             inputs.markers,
             result.camera,
+            prior=inputs.prior,
+            prior_max_angle_deg=wanted.prior_max_angle_deg,
+            prior_max_scale=wanted.prior_max_scale,
             tolerance_px=wanted.tolerance_px,
             free_focal=wanted.free_focal,
             max_time_s=wanted.max_time_s,

@@ -82,8 +82,11 @@ class DetectOptions(_Strict):
 
 
 class RegisterOptions(_Strict):
-    """Options of `windmark.register`."""
+    """Options of `windmark.register`. ``prior``: a camera file whose pose the solution must be near to."""
 
+    prior: Path | None = None
+    prior_max_angle_deg: Annotated[float, Field(gt=0, le=180)] = 30.0
+    prior_max_scale: Annotated[float, Field(gt=1)] = 1.3
     tolerance_px: Positive | None = None
     free_focal: bool = False
     seed: int = 0
@@ -219,6 +222,10 @@ def _with_absolute_paths(project: Project) -> Project:
             raise FileError(project.path, f"there is no file {full}; expected an existing file", key)
         return full
 
+    register = project.register_
+    if register.prior is not None:
+        register = register.model_copy(update={"prior": existing("register.prior", register.prior)})
+
     def moved(key: str, entry: _Strict) -> _Strict:
         return entry.model_copy(update={"file": existing(f"{key}.file", entry.file)})  # type: ignore[attr-defined]
 
@@ -228,6 +235,7 @@ def _with_absolute_paths(project: Project) -> Project:
             "image": tuple(moved(f"image[{i}]", c) for i, c in enumerate(project.image)),
             "markers": moved("markers", project.markers) if project.markers else None,
             "grid": moved("grid", project.grid) if project.grid else None,
+            "register_": register,
             "output": project.output.model_copy(update={"folder": (base / project.output.folder).resolve()}),
         }
     )
