@@ -108,6 +108,9 @@ def register(
     merit_max: MeritMax = 0.7,
     tolerance_px: Annotated[float | None, typer.Option(help="Largest distance of a spot to its marker.")] = None,
     free_focal: Annotated[bool, typer.Option(help="The focal length is only roughly known: find it too.")] = False,
+    prior: Annotated[
+        Path | None, typer.Option(help="Camera file with a pose: solutions over 30 deg or 1.3 times away are rejected.")
+    ] = None,
     seed: Seed = 0,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="Folder of the results. [default: IMAGE-registration]")
@@ -125,7 +128,7 @@ def register(
             "image": [{"file": image}],
             "markers": {"file": markers},
             "detect": {"radius_px": tuple(radius), "polarity": polarity, "merit_max": merit_max},
-            "register": {"tolerance_px": tolerance_px, "free_focal": free_focal, "seed": seed},
+            "register": {"tolerance_px": tolerance_px, "free_focal": free_focal, "seed": seed, "prior": prior},
             "output": {"folder": output or Path(f"{image.stem}-registration"), "nodes": ()},
         }
         verbs.run_settings(settings, as_json)
@@ -195,6 +198,38 @@ def align(
             "output": {"folder": output, "nodes": ()},
         }
         verbs.run_settings(settings, as_json)
+
+
+@app.command(epilog="Example: windmark study --radius 3 --radius 5 --noise-percent 10 --output noisy-markers")
+def study(
+    radius: Annotated[
+        list[float] | None,
+        typer.Option("--radius", "-r", help="Reference radius in pixels; give it several times. [default: 2 3 4 5]"),
+    ] = None,
+    span_px: Annotated[float, typer.Option(help="Real radii lie so far below and above the reference radius.")] = 0.5,
+    steps: Annotated[int, typer.Option(help="Real radii per reference radius.")] = 11,
+    markers: Annotated[int, typer.Option(help="Random markers per real radius, rounded up to full rows.")] = 144,
+    max_tilt_deg: Annotated[float, typer.Option(help="Viewing angles are random from 0 to this.")] = 60,
+    blur_passes: Annotated[int, typer.Option(help="How often the image is averaged over 3 x 3 pixels.")] = 1,
+    noise_percent: Annotated[float, typer.Option(help="Noise (1 sigma) in percent of the markers' depth.")] = 3,
+    depth: Annotated[float, typer.Option(help="Depth of the markers in grey levels; images have whole ones.")] = 150,
+    method: Annotated[
+        list[str] | None, typer.Option(help="Refinement of the centre; several times to compare. [default: all]")
+    ] = None,
+    seed: Seed = 0,
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder of the results.")] = Path("marker-study"),
+    as_json: Json = False,
+) -> None:
+    """The paper's uncertainty study: error of virtual markers beside the Cramer-Rao bound, table and pictures."""
+    with console.errors(as_json):
+        from windmark.app import study_verb
+        from windmark.pipeline.study import PAPER_RADII_PX, StudySettings
+
+        settings = StudySettings(
+            tuple(radius or PAPER_RADII_PX), span_px, steps, markers, max_tilt_deg, blur_passes, noise_percent, depth,
+            tuple(method or ()), seed,
+        )  # fmt: skip
+        study_verb.study(settings, output, as_json)
 
 
 @app.command(epilog="Example: windmark run project.toml")

@@ -1,0 +1,53 @@
+"""The verb `windmark study`: measure, draw, write one folder, say it in a few lines."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any
+
+from windmark import io
+from windmark.app import console
+from windmark.pipeline.study import Study, StudySettings, examples, run_study
+
+Record = dict[str, Any]
+
+
+def study(settings: StudySettings, output: Path, as_json: bool) -> None:
+    """Run the study and write table, pictures and page into ``output``, whole or not at all."""
+    start = time.perf_counter()
+    output.parent.mkdir(parents=True, exist_ok=True)
+    with console.progress() as show:
+        done = run_study(settings, show)
+        show("draw")
+        with io.atomic_folder(output) as place:
+            write_study(done, place)
+            record = {**done.record(), "seconds": time.perf_counter() - start, "folder": output}
+            io.write_json(place / "summary.json", record)
+    console.answer(record, as_json, [*map(_line, record["summary"]), f"report: {output / 'study.html'}"])
+    if (done.missed == done.markers).all():
+        console.refuse("no marker was found at these settings; nothing can be said of the error", as_json)
+
+
+def write_study(done: Study, place: Path) -> None:
+    """Table, pictures and page of a study."""
+    from windmark.app.pictures import png
+    from windmark.app.study_pictures import curves_picture, sheets_picture, study_page
+
+    sheets = png(sheets_picture(*examples(done.settings), done.settings), dpi=120)
+    curves = png(curves_picture(done), dpi=120)
+    io.write_table(place / "study.csv", done.columns())
+    (place / "markers.png").write_bytes(sheets)
+    (place / "error.png").write_bytes(curves)
+    (place / "study.html").write_text(study_page(done, sheets, curves), encoding="utf-8")
+
+
+def _line(row: Record) -> str:
+    head = f"r0 = {row['r0_px']:g} px, {row['method']}: "
+    if row["missed"] == row["markers"]:
+        return f"{head}none of {row['markers']} markers found"
+    return (
+        f"{head}2 RMS {row['two_rms_px']:.4f} px per axis (worst real radius {row['worst_two_rms_px']:.4f}),"
+        f" {row['rms_over_crlb']:.2f} times the Cramer-Rao bound; {row['missed']} of {row['markers']} not found,"
+        f" {row['false_spots']} false"
+    )
