@@ -43,7 +43,7 @@ def wing(rng: np.random.Generator, *, rows: int = 4, columns: int = 6, jitter: f
 def wing_and_body(rng: np.random.Generator) -> MarkerSet:
     """B: 60 markers, 2 x 15 on a wing of each side and 30 on the upper half of a round body."""
     half = wing(rng, rows=3, columns=5)
-    right = half.xyz + [0.3, 0.12, 0.0]
+    right = half.xyz + np.array([0.3, 0.12, 0.0])
     left = right * [1, -1, 1] + rng.normal(0, 0.004, right.shape)
     n_right, n_left = half.normal, half.normal * [1, -1, 1]
     along, turn = np.meshgrid(np.linspace(-0.3, 1.3, 10), np.radians([-60.0, 0.0, 60.0]), indexing="ij")

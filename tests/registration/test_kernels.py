@@ -145,7 +145,9 @@ def test_prior_rejects_by_angle_and_by_scale(case):
     turns, anchors = np.zeros(len(triplets), np.int8), np.arange(len(picture.p), dtype=np.int32)
 
     def count(angle_deg, scale):
-        turned = np.ascontiguousarray(rotation @ scenes.Pose.from_rotvec([0, np.radians(angle_deg), 0], [0, 0, 0]).rotation)
+        turned = np.ascontiguousarray(
+            rotation @ scenes.Pose.from_rotvec([0, np.radians(angle_deg), 0], [0, 0, 0]).rotation
+        )
         depth = scale * (model.xyz @ rotation.T + translation)[:, 2] / focal
         rules = RULES._replace(
             prior_rotation=turned, prior_cosine=float(np.cos(np.radians(20))), prior_depth=depth, prior_scale=1.2

@@ -105,9 +105,10 @@ def test_with_focal_keeps_the_distortion_in_the_image():
 
 
 def test_lead_sizes_end_with_all():
-    assert _plane.lead_sizes(10) == [10]
-    assert _plane.lead_sizes(60) == [60]
-    assert _plane.lead_sizes(700) == [48, 96, 192, 384, 700]
+    assert _plane.lead_sizes(10, 24) == [10]
+    assert _plane.lead_sizes(50, 24) == [50]
+    assert _plane.lead_sizes(700, 24) == [40, 80, 160, 320, 700]
+    assert _plane.lead_sizes(700, 480) == [700]
 
 
 def test_density_is_local_and_never_below_average():

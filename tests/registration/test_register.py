@@ -76,9 +76,7 @@ def test_lens_distortion_and_lost_corners():
     scene = scenes.image_of(rng, markers, camera, pose, hidden=0.25, false=0.5)
     corners = Detections.make([[-400.0, -400.0], [1600.0, 1400.0]], sigma_px=0.2)
     assert not np.isfinite(camera.unproject(corners.xy)).any()
-    spots = Detections.make(
-        np.concatenate([corners.xy[:1], scene.detections.xy, corners.xy[1:]]), sigma_px=0.2
-    )
+    spots = Detections.make(np.concatenate([corners.xy[:1], scene.detections.xy, corners.xy[1:]]), sigma_px=0.2)
     result = register(spots, markers, camera)
     assert result
     np.testing.assert_array_equal(scene.label[result.matching.detection - 1], result.matching.marker)

@@ -19,8 +19,8 @@ from windmark.registration._hypothesis_kernels import EMPTY, OUT, Model, Picture
 Array = NDArray[np.float64]
 
 NEIGHBOURS = 48  # markers looked at in the neighbourhood test
-FIRST_SPOTS = 48
-"""Spots come best first: this many are searched, then twice as many, ..."""
+FIRST_SPOTS, PER_MARKER = 40, 1.25
+"""Spots come best first: so many at least, and so many per marker, are searched, then twice as many, ..."""
 _CELLS = 512  # raster cells along the longer side at most
 _COARSE = 4  # raster cells per cell of the image mask
 
@@ -105,9 +105,9 @@ def local_density(xy: Array, camera: Camera) -> Array:
     return np.maximum(average, k / (np.pi * np.maximum(distance, 1e-3) ** 2))
 
 
-def lead_sizes(spots: int) -> list[int]:
+def lead_sizes(spots: int, markers: int) -> list[int]:
     """Numbers of best spots to look at: some, twice as many, ..., all."""
-    sizes, n = [], FIRST_SPOTS
+    sizes, n = [], max(FIRST_SPOTS, int(np.ceil(PER_MARKER * markers)))
     while 1.3 * n < spots:
         sizes.append(n)
         n *= 2

@@ -61,6 +61,8 @@ def interior_angles(corners: Array) -> Array:
 
 def spread_corners(p: Array, spots: Ints, count: int) -> Ints:
     """Up to ``count`` compact triplets (C, 3) of the given spots, spread over the image, with sound angles."""
+    if len(spots) < 3:
+        return np.zeros((0, 3), dtype=np.int32)
     q = p[spots]
     chosen: list[int] = [int(np.argmin(((q - q.mean(axis=0)) ** 2).sum(axis=1)))]
     far = np.full(len(q), np.inf)

@@ -48,7 +48,7 @@ def weigh(task: Task, detection: Ints, residuals: Array, cov: Array, expected: i
     cov : (K, 2, 2) covariance of the residuals if the labelling is right
     expected : markers that should be seen, matched ones included
     """
-    leads = lead_sizes(len(task.xy))
+    leads = lead_sizes(len(task.xy), len(task.markers))
     best = [_weigh_prefix(task, n, detection, residuals, cov, expected) for n in leads]
     return Evidence(
         max(score for score, _ in best) - float(np.log(len(leads))),

@@ -30,8 +30,8 @@ Ints = NDArray[np.int32]
 
 STAGES = ((4, 4), (4, 6), (6, 8), (8, 12), (14, 20), (24, 32))
 """Neighbours that a marker triplet and a spot triplet are taken from, stage by stage."""
-RIVAL_CORNERS, RIVAL_REACH = 6, 10
-"""Spot triplets that are relabelled, and the neighbourhood of the marker triplets they are linked to."""
+RIVAL_CORNERS, OTHER_CORNERS, RIVAL_REACH = 6, 3, 10
+"""Explained and other spot triplets that are relabelled, and the neighbourhood of the marker triplets for them."""
 FOCAL_SLACK = 1.3
 """How far beyond the starting values a growing solution may take the focal length."""
 BATCH, LONGEST_BATCH = 2_000, 40_000
@@ -91,7 +91,7 @@ class Search:
         """Stages and numbers of best spots, cheapest first; those that would only repeat another are left out."""
         spots, markers = len(self.task.xy), len(self.model.xyz)
         cost: dict[tuple[tuple[int, int], int], int] = {}
-        for lead in _plane.lead_sizes(spots):
+        for lead in _plane.lead_sizes(spots, markers):
             for near_markers, near_spots in STAGES:
                 cost[(near_markers, near_spots), lead] = near_markers**2 * near_spots**2 * lead
                 if near_markers >= markers - 1 and near_spots >= lead - 1:
@@ -104,10 +104,16 @@ class Search:
         A shifted, turned or mirrored labelling uses mostly the same spots. So a few compact triplets of them,
         spread over the image, are linked to *all* compact marker triplets (all four poses of each): a better
         solution is found here even if the random search missed it, an equally good one shows the ambiguity.
+        A solution that takes every n-th spot of a lattice leaves most of them, so some triplets are taken from
+        the spots that the candidate does not explain.
         """
         spots = candidate.match[candidate.match >= 0]
-        picture = self.picture(next(n for n in _plane.lead_sizes(len(self.task.xy)) if n > spots.max()))
-        corners = spread_corners(picture.p, spots, RIVAL_CORNERS)
+        leads = _plane.lead_sizes(len(self.task.xy), len(self.task.markers))
+        picture = self.picture(next(n for n in leads if n > spots.max()))
+        others = np.setdiff1d(np.arange(len(picture.p), dtype=np.int32), spots)
+        corners = np.concatenate(
+            [spread_corners(picture.p, spots, RIVAL_CORNERS), spread_corners(picture.p, others, OTHER_CORNERS)]
+        )
         if not len(corners):
             return
         near = np.zeros((len(picture.p), 2), dtype=np.int32)

@@ -105,9 +105,10 @@ class Judge:
             )
         if MISFIT * best.misfit_px > self._task.tolerance_px:
             return "misfit", (
-                f"the best solution matches {best.count} of {best.expected} markers in view, but with "
-                f"{best.misfit_px:.1f} px (1 sigma per coordinate) it does not fit within tolerance_px = {self._task.tolerance_px:.1f}: "
-                "another or a deformed model, wrong camera parameters, or a tolerance that is too small"
+                f"the best solution matches {best.count} of {best.expected} markers in view, but with a misfit of "
+                f"{best.misfit_px:.1f} px (1 sigma per coordinate) it is too loose for tolerance_px = "
+                f"{self._task.tolerance_px:.1f}: another or a deformed model, wrong camera parameters, or too small "
+                "a tolerance"
             )
         if runner_up is not None and evidence.score - runner_up.score < limits.margin:
             return "ambiguous", _ambiguity(best, runner_up)
