@@ -40,7 +40,11 @@ class Light:
         """Lamps and two shadow edges of 1.5 to 4 % per pixel; the brightest place has about 0.85 of full scale."""
         scale, span = np.array(size, dtype=float), float(np.hypot(*size))
         lamps = np.column_stack(
-            [rng.uniform(0, 1, (4, 2)) * scale, span * rng.uniform(0.06, 0.25, 4), rng.uniform(-0.4, 0.5, 4)]
+            [
+                rng.uniform(0, 1, (4, 2)) * scale,
+                np.maximum(span * rng.uniform(0.06, 0.25, 4), 120.0),
+                rng.uniform(-0.4, 0.5, 4),
+            ]
         )
         step, steepest = 0.5 * np.log(rng.uniform(1.4, 2.2, 2)), rng.uniform(0.015, 0.04, 2)
         turn = rng.uniform(0, 2 * np.pi, 2)
@@ -68,7 +72,7 @@ class Light:
             spot = strength / width**2 * np.exp(-0.5 * ((x - cx) ** 2 + (y - cy) ** 2) / width**2)
             gx, gy = gx - spot * (x - cx), gy - spot * (y - cy)
         for cx, cy, c, s, width, step in self.edges:
-            steep = step / width / np.cosh((c * (x - cx) + s * (y - cy)) / width) ** 2
+            steep = step / width * (1 - np.tanh((c * (x - cx) + s * (y - cy)) / width) ** 2)
             gx, gy = gx + c * steep, gy + s * steep
         return np.stack([gx, gy], axis=-1)
 

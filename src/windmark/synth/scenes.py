@@ -44,6 +44,7 @@ class Scene:
     contrast : (N,) share of the light that the marker takes away (infrared: adds)
     depth, noise : (N,) grey levels: that light, and the standard deviation of one pixel of the surface round the
         marker (sensor, rounding and fixed pattern; not the texture of the paint)
+    texture : (N,) grey levels, standard deviation of the paint's texture, which is correlated over some 1.5 px
     slope : (N, 2) relative slope of the light at the marker, 1/px
     contaminated : (N,) bool, clutter touches the marker or its border up to `TOUCH_PX`
     border : (N,) bool, the image's border cuts the marker
@@ -61,6 +62,7 @@ class Scene:
     contrast: Array
     depth: Array
     noise: Array
+    texture: Array
     slope: Array
     contaminated: Mask
     border: Mask
@@ -98,10 +100,11 @@ def marker_scene(
     Parameters
     ----------
     seed : of everything random
-    kind : "clean": dark markers on textured paint in uneven light (lamps, shadow edges of 1.5 to 4 % per pixel);
+    kind : "clean": dark markers, at least 10 times as deep as the noise, on textured paint in uneven light (lamps,
+        shadow edges of 1.5 to 4 % per pixel);
         "cluttered": the same with lines, scratches, fittings, text, tape, 500 specks and a black block, and lines
-        or scratches through 6 % of the markers; "infrared": warm markers of 8 to 25 times the noise on a smooth
-        background with warm streaks, with fixed-pattern noise and a few bad pixels
+        or scratches through 6 % of the markers; "infrared": warm markers of 10 to 29 times the noise on a smooth
+        background with warm spots and an edge, with fixed-pattern noise and a few bad pixels
     size_px : (width, height), by default (2048, 2048), infrared (640, 512)
     markers : how many, by default 150 (infrared 60) at the default size and as many per area at others
     radius_px, max_tilt_deg : ranges of the discs' radii and of their viewing angles (from 0), uniform
@@ -169,13 +172,22 @@ def _painted(
         touched[k] = len(near) > 0
         _add(base, -contrast[k], *_seen(discs, k, light.level, near))
     base *= 1 + _texture(rng, base.shape, grain, 1.2) + _texture(rng, base.shape, 0.5 * grain, 8.0)
-    wells, read = np.exp(rng.uniform(np.log(1.5e3), np.log(9e3))), rng.uniform(8.0, 25.0)
-    seen = base + np.sqrt(np.maximum(base, 0) * wells + read**2) / wells * _normal(rng, base.shape)
     here = light.level(*discs.xy.T)
-    noise = np.sqrt((here * wells + read**2) / wells**2 * (2**bits - 1) ** 2 + 1 / 12)
-    return _scene(
-        quantise(seen, bits), kind, discs, contrast, contrast * here * (2**bits - 1), noise, light, touched, size
-    )
+    shot, read = _sensor(rng, contrast * here, here)
+    seen = base + np.sqrt(shot * np.maximum(base, 0) + read) * _normal(rng, base.shape)
+    noise = np.sqrt((shot * here + read) * (2**bits - 1) ** 2 + 1 / 12)
+    levels = here * (2**bits - 1)
+    columns = (contrast, contrast * levels, noise, np.hypot(grain, 0.5 * grain) * levels)
+    return _scene(quantise(seen, bits), kind, discs, columns, light.slope(*discs.xy.T), touched)
+
+
+def _sensor(rng: Rng, depth: Array, light: Array) -> tuple[float, float]:
+    """Variance per light (shot noise) and constant variance: depth / noise has a median of 15 to 40, but is >= 10."""
+    part = rng.uniform(0.5, 0.95)  # of the variance at the median light that is shot noise
+    shape = part * light / np.median(light) + 1 - part
+    ratio = depth / np.sqrt(shape)
+    variance = min(np.median(ratio) / rng.uniform(15, 40), ratio.min() / 10) ** 2
+    return float(part * variance / np.median(light)), float((1 - part) * variance)
 
 
 def _infrared(rng: Rng, discs: _Discs, size: tuple[int, int], bits: int) -> Scene:
@@ -183,34 +195,39 @@ def _infrared(rng: Rng, discs: _Discs, size: tuple[int, int], bits: int) -> Scen
     top, n = float(2**bits - 1), len(discs.xy)
     background, light = warm_background(rng, size)
     sigma = rng.uniform(0.0008, 0.002)  # of full scale, one pixel, in time
-    depth = sigma * rng.uniform(8, 25) * rng.uniform(0.85, 1.15, n)
+    pixel_rms, column_rms = 0.5 * sigma, 0.3 * sigma
+    total = np.sqrt(sigma**2 + pixel_rms**2 + column_rms**2)
+    depth = total * rng.uniform(12, 25) * rng.uniform(0.85, 1.15, n)
     image = gaussian_blur(background, float(np.median(discs.blur_px)))
     for k in range(n):
         _add(image, depth[k], *_seen(discs, k, lambda u, v: np.ones((len(v), u.size)), join([])))
-    pixels, columns = 0.5 * sigma, 0.3 * sigma
-    image += pixels * _normal(rng, image.shape) + columns * rng.standard_normal(size[0])
+    image += pixel_rms * _normal(rng, image.shape) + column_rms * rng.standard_normal(size[0])
     image += sigma * _normal(rng, image.shape)
     bad = rng.uniform(0, 1, (8, 2)) * size
     image[bad[:, 1].astype(int), bad[:, 0].astype(int)] += sigma * rng.uniform(-40, 40, len(bad))
     wrong = Marks.make(np.floor(bad), outer=0.5, contrast=1.0)
     touched = np.array([len(_touching(wrong, discs, k)) > 0 for k in range(n)])
-    noise = np.full(n, np.sqrt(sigma**2 + pixels**2 + columns**2) * top)
-    contrast = depth / light.level(*discs.xy.T)
-    return _scene(quantise(image, bits), "infrared", discs, contrast, depth * top, noise, light, touched, size)
+    columns = (depth / light.level(*discs.xy.T), depth * top, np.full(n, total * top), np.zeros(n))
+    return _scene(quantise(image, bits), "infrared", discs, columns, light.slope(*discs.xy.T), touched)
 
 
 def _scene(
-    image: NDArray[np.uint8] | NDArray[np.uint16], kind: str, discs: _Discs, contrast: Array, depth: Array,
-    noise: Array, light: Light, touched: Mask, size: tuple[int, int],
-) -> Scene:  # fmt: skip
-    """Put the columns together; half the extents of an ellipse say whether the border cuts it."""
+    image: NDArray[np.uint8] | NDArray[np.uint16],
+    kind: str,
+    discs: _Discs,
+    columns: tuple[Array, Array, Array, Array],
+    slope: Array,
+    touched: Mask,
+) -> Scene:
+    """Put the columns (contrast, depth, noise, texture) together; the extents of the ellipses tell what is cut."""
     c, s = np.cos(discs.angle), np.sin(discs.angle)
     a, b = discs.axes_px.T
     extent = np.stack([np.hypot(a * c, b * s), np.hypot(a * s, b * c)], axis=1)
-    cut = ((discs.xy - extent < -0.5) | (discs.xy + extent > np.array(size) - 0.5)).any(axis=1)
+    size = np.array(image.shape[::-1])
+    cut = ((discs.xy - extent < -0.5) | (discs.xy + extent > size - 0.5)).any(axis=1)
     return Scene(
         image, kind, "bright" if kind == "infrared" else "dark", discs.xy, discs.axes_px, discs.angle, discs.radius_px,
-        discs.tilt_deg, discs.blur_px, contrast, depth, noise, light.slope(*discs.xy.T), touched, cut,
+        discs.tilt_deg, discs.blur_px, *columns, slope, touched, cut,
     )  # fmt: skip
 
 
