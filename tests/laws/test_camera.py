@@ -47,7 +47,7 @@ def test_every_pixel_with_a_ray_is_hit_by_it_at_any_depth(camera, seed, depth):
     seen = np.isfinite(rays).all(axis=-1)
     back, valid = camera.project(depth * rays[seen])
     # A ray on the very fold may land on either side of it by rounding; its pixel then has no other.
-    assert valid.mean() > 0.95 or not seen.any()
+    assert valid.sum() >= 0.95 * seen.sum()
     np.testing.assert_allclose(back[valid], xy[seen][valid], atol=1e-6)
 
 

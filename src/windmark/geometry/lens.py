@@ -67,12 +67,9 @@ def undistort(q: Array, k1: float, k2: float, p1: float, p2: float, k3: float) -
 
 def _undistort_radial(q: Array, k1: float, k2: float, k3: float) -> Array:
     """Scalar inverse of the radial polynomial: Newton kept inside a bracket, so it cannot leave the branch."""
-    s_max = max_radius2(k1, k2, k3)
     target = np.hypot(q[:, 0], q[:, 1])
-    high = np.full_like(target, np.sqrt(s_max)) if np.isfinite(s_max) else _upper_bound(target, k1, k2, k3)
-    low = np.zeros_like(target)
+    low, high = np.zeros_like(target), _upper_bound(target, k1, k2, k3)
     solvable = _radial(high, k1, k2, k3) >= target
-    high = _halve(high, target, k1, k2, k3)
     r = np.minimum(target, high)
     for _ in range(_MAX_STEPS):
         s = r * r
@@ -97,18 +94,16 @@ def _radial(r: Array, k1: float, k2: float, k3: float) -> Array:
 
 
 def _upper_bound(target: Array, k1: float, k2: float, k3: float) -> Array:
-    high = np.maximum(target, 1e-3)
+    """Radii whose images reach the target, within a factor two, or the radius at which the lens folds."""
+    fold = np.sqrt(max_radius2(k1, k2, k3))
+    high = np.minimum(np.maximum(target, 1e-3), fold)
     for _ in range(_MAX_STEPS):
-        short = _radial(high, k1, k2, k3) < target
+        short = (_radial(high, k1, k2, k3) < target) & (high < fold)
         if not short.any():
             break
-        high = np.where(short, 2 * high, high)
-    return high
-
-
-def _halve(high: Array, target: Array, k1: float, k2: float, k3: float) -> Array:
-    """Bring an upper bound within a factor two: from far outside Newton comes down r^7 by a seventh per step."""
-    for _ in range(2 * _MAX_STEPS):
+        high = np.where(short, np.minimum(2 * high, fold), high)
+    # From far outside Newton would come down r^7 by only a seventh per step.
+    for _ in range(4 * _MAX_STEPS):
         far = (target > 0) & (_radial(0.5 * high, k1, k2, k3) >= target)
         if not far.any():
             break

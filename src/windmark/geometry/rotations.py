@@ -117,7 +117,7 @@ def to_xyz_angles(rotation: ArrayLike) -> tuple[Array, Array, Array]:
     r = np.asarray(rotation, dtype=float)
     cos_ry = np.hypot(r[..., 2, 1], r[..., 2, 2])
     ry = np.arctan2(-r[..., 2, 0], cos_ry)
-    locked = cos_ry < 1e-12
+    locked = cos_ry < 1e-14
     rx = np.where(locked, 0.0, np.arctan2(r[..., 2, 1], r[..., 2, 2]))
     # Rx(-rx) applied on the right leaves Rz Ry, whose middle column is (-sin rz, cos rz, 0).
     c, s = np.cos(rx), np.sin(rx)
