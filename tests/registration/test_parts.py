@@ -11,7 +11,7 @@ from windmark.registration import _plane, _triplets
 from windmark.registration._hypothesis_kernels import Model
 from windmark.registration.evidence import weigh
 from windmark.registration.pool import Candidate, Pool
-from windmark.registration.task import Task
+from windmark.registration.task import Task, with_focal
 from windmark.scene import Detections
 
 
@@ -98,7 +98,7 @@ def test_frame_round_trips_poses():
 
 def test_with_focal_keeps_the_distortion_in_the_image():
     camera = Camera((1280, 800), 1000.0, k1=-0.2, k2=0.05, p1=1e-3, p2=-2e-3, k3=-0.01)
-    other = _plane.with_focal(camera, 1500.0)
+    other = with_focal(camera, 1500.0)
     ideal = np.random.default_rng(0).uniform(-0.5, 0.5, (20, 2)) * [1280, 800]
     for_both = [c.project(np.column_stack([ideal, np.full(20, c.focal_px)]))[0] for c in (camera, other)]
     np.testing.assert_allclose(*for_both, atol=1e-9)

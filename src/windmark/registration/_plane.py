@@ -7,7 +7,7 @@ depends on the length unit.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,13 +54,6 @@ def unit_model(xyz: Array, normal: Array) -> tuple[Model, Frame]:
 def to_plane(camera: Camera, xy: Array) -> Array:
     """Ideal pixels (M, 2) of image points: principal point at the origin, square; NaN where the lens has no inverse."""
     return camera.focal_px * camera.unproject(xy)[:, :2]
-
-
-def with_focal(camera: Camera, focal_px: float) -> Camera:
-    """The camera with another focal length and the same distortion in the image (sensor tilts are kept)."""
-    q = focal_px / camera.focal_px
-    k1, k2, k3, p1, p2 = camera.k1 * q**2, camera.k2 * q**4, camera.k3 * q**6, camera.p1 * q, camera.p2 * q
-    return replace(camera, focal_px=focal_px, k1=k1, k2=k2, k3=k3, p1=p1, p2=p2)
 
 
 def picture(camera: Camera, xy: Array, reach_px: float) -> Picture:

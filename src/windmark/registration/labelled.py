@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from windmark.adjust import PoseEstimate, refine_pose
 from windmark.geometry import Camera, DegenerateGeometry, Pose, p3p
-from windmark.registration._plane import with_focal
+from windmark.registration.task import with_focal
 
 Array = NDArray[np.float64]
 

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import time
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from windmark.geometry import Camera, Pose
 from windmark.registration.result import NotRegistered, Registration
-from windmark.registration.task import Task
-from windmark.registration.verdict import Judge, Limits, Verdict
+from windmark.registration.task import Limits, Task
 from windmark.scene import Detections, MarkerSet, Matching
+
+if TYPE_CHECKING:
+    from windmark.registration.verdict import Verdict
 
 Array = NDArray[np.float64]
 
@@ -68,7 +69,7 @@ def register(
     method : "ransac" is the paper's search with the changes listed in `registration.search`
     max_hypotheses : links of three markers to three spots to try before giving up
     max_time_s : last resort against pathological input; the result depends on the machine only if it strikes
-    max_log10_nfa, min_score, min_margin : limits of acceptance, see `registration.verdict.Limits`
+    max_log10_nfa, min_score, min_margin : limits of acceptance, see `registration.task.Limits`
     seed : of the random triplets
 
     Returns
@@ -105,8 +106,9 @@ def register(
 
 def _solve(task: Task, limits: Limits, seed: int, max_links: int, max_time_s: float) -> tuple[Verdict, int, bool]:
     """Search and judge; the verdict, the links tried, and whether the time limit struck."""
-    # The kernels are compiled on first use; importing the verb should cost nothing.
+    # These bring numba; importing the verb should cost nothing.
     from windmark.registration.search import Search
+    from windmark.registration.verdict import Judge
 
     search = Search(task, np.random.default_rng(seed))
     judge = Judge(task, search, limits)
@@ -204,5 +206,7 @@ def _off_line(points: Array) -> float:
 
 def _default_tolerance(xy: Array, camera: Camera) -> float:
     """Neighbourhood for table errors and a rough pose, small enough to tell neighbouring spots apart."""
+    from scipy.spatial import cKDTree
+
     spacing = float(np.median(cKDTree(xy).query(xy, k=2)[0][:, 1]))
     return max(0.5, min(DEFAULT_TOLERANCE * float(np.hypot(*camera.size_px)), MAX_SPACING * spacing))

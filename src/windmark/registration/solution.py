@@ -17,10 +17,12 @@ from scipy.spatial import cKDTree
 from windmark.adjust import PoseEstimate, refine_pose
 from windmark.geometry import Camera, DegenerateGeometry, Pose
 from windmark.geometry.rotations import hat
-from windmark.registration._plane import local_density, to_plane, with_focal
+from windmark.registration._growth_kernels import PRIOR_WORTH
+from windmark.registration._hypothesis_kernels import GRAZING
+from windmark.registration._plane import local_density, to_plane
 from windmark.registration.evidence import Evidence, weigh
 from windmark.registration.pool import Candidate
-from windmark.registration.task import Task
+from windmark.registration.task import Task, with_focal
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -28,8 +30,6 @@ Mask = NDArray[np.bool_]
 
 GATE = 13.8
 """Squared Mahalanobis distance of a match (99.9 % of right ones)."""
-GRAZING = 0.17
-"""Cosine of the angle of view (80 degrees) below which a marker may be seen but need not."""
 MAX_FOREIGN = 0.5
 """A marker whose gate holds more foreign spots than this, by the density of spots, is not matched."""
 MIN_MATCHES = 4
@@ -38,8 +38,6 @@ OPEN_ROUNDS, ROUNDS = 8, 20
 TRIM = 0.8
 TRIMMED_MEAN = (1 - (1 - TRIM) * (1 - np.log(1 - TRIM))) / TRIM
 """Mean of the smallest four fifths of an exponential variable, which squared lengths of residuals are."""
-PRIOR_WORTH = 4.0
-"""How many coordinates the expected misfit counts for in the estimate of the misfit."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,3 +66,28 @@ class Task:
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio = np.median(depth / expected) * self.camera.focal_px / focal_px
         return bool(1 / self.prior_max_scale < ratio < self.prior_max_scale)
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Thresholds of acceptance; all must be passed.
+
+    Parameters
+    ----------
+    log10_nfa : largest false-alarm number
+    score : smallest log-likelihood ratio in nats, without a prior; a prior lowers it by what it rules out
+    margin : smallest lead in nats over the best distinct solution
+    focal_sigma : largest relative 1 sigma of a free focal length
+    """
+
+    log10_nfa: float
+    score: float
+    margin: float
+    focal_sigma: float
+
+
+def with_focal(camera: Camera, focal_px: float) -> Camera:
+    """The camera with another focal length and the same distortion in the image (sensor tilts are kept)."""
+    q = focal_px / camera.focal_px
+    k1, k2, k3, p1, p2 = camera.k1 * q**2, camera.k2 * q**4, camera.k3 * q**6, camera.p1 * q, camera.p2 * q
+    return replace(camera, focal_px=focal_px, k1=k1, k2=k2, k3=k3, p1=p1, p2=p2)

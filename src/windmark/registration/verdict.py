@@ -14,7 +14,7 @@ from windmark.registration.pool import Candidate
 from windmark.registration.result import Cause, RunnerUp
 from windmark.registration.search import Search
 from windmark.registration.solution import Solution, settle
-from windmark.registration.task import Task
+from windmark.registration.task import Limits, Task
 
 SETTLED = 5
 """Candidates that are refined with the full camera model, best first."""
@@ -23,24 +23,6 @@ MISFIT = 3.5
 matched completely, well beyond chance and without a rival; only the misfit tells."""
 WORTH_A_LOOK = 60.0
 """Candidates whose search score is this much (nats) below the best are no rivals."""
-
-
-@dataclass(frozen=True)
-class Limits:
-    """Thresholds of acceptance; all must be passed.
-
-    Parameters
-    ----------
-    log10_nfa : largest false-alarm number
-    score : smallest log-likelihood ratio in nats, without a prior; a prior lowers it by what it rules out
-    margin : smallest lead in nats over the best distinct solution
-    focal_sigma : largest relative 1 sigma of a free focal length
-    """
-
-    log10_nfa: float
-    score: float
-    margin: float
-    focal_sigma: float
 
 
 @dataclass(frozen=True, eq=False)
