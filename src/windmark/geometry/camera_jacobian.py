@@ -16,11 +16,12 @@ def project_jacobian(parameters: Array, xyz: Array) -> tuple[Array, NDArray[np.b
     ``parameters``: the eleven in the order of `camera.PARAMETERS`.
     """
     focal_px, aspect, cx, cy, *lens = parameters[:9].tolist()
+    tilt_x, tilt_y = parameters[9:].tolist()
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         z = xyz[..., 2]
         ideal = xyz[..., :2] / z[..., None]
         distorted, valid = distort(ideal, *lens)
-        tilted, d_tilted, d_angles = _tilt(*parameters[9:].tolist(), distorted)
+        tilted, d_tilted, d_angles = _tilt(tilt_x, tilt_y, distorted)
         focal = np.array([focal_px, focal_px * aspect])
         xy = tilted * focal + np.array([cx, cy])
         valid &= (z > 0) & np.isfinite(xy).all(axis=-1)
