@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -101,6 +102,10 @@ def register(
         tuple(np.geomspace(1 / focal_range, focal_range, FOCAL_STEPS)) if free_focal else (1.0,),
     )  # fmt: skip
     verdict, tried, late = _solve(task, limits, seed, max_hypotheses, max_time_s)
+    if verdict.cause is None and verdict.best is not None:
+        from windmark.registration.solution import accepted
+
+        verdict = replace(verdict, best=accepted(task, verdict.best))
     return _result(verdict, tried, late, np.flatnonzero(usable), options)
 
 
@@ -123,7 +128,7 @@ def _solve(task: Task, limits: Limits, seed: int, max_links: int, max_time_s: fl
             judged = search.pool.best
             if verdict.cause == "focal":
                 return verdict, search.links, False
-            if verdict.cause in ("ambiguous", "misfit"):
+            if verdict.cause == "ambiguous":
                 # Of two equally good solutions both may be wrong: search on, but not for long.
                 max_links = min(max_links, 3 * links + 50_000)
         late = time.monotonic() > end

@@ -35,6 +35,7 @@ MAX_FOREIGN = 0.5
 MIN_MATCHES = 4
 OPEN_ROUNDS, ROUNDS = 8, 20
 """Rounds in which pairs may come and go; after them they may only go, so that no cycle remains."""
+FINAL_ROUNDS = 3
 TRIM = 0.8
 TRIMMED_MEAN = (1 - (1 - TRIM) * (1 - np.log(1 - TRIM))) / TRIM
 """Mean of the smallest four fifths of an exponential variable, which squared lengths of residuals are."""
@@ -96,7 +97,7 @@ def settle(task: Task, candidate: Candidate) -> Solution | None:
         if estimate is None:
             return None
         camera, pose = estimate.camera, estimate.cam_from_model
-        before, excess2 = excess2, _excess(task, estimate, detection, marker)
+        before, excess2 = excess2, _excess(task, estimate, detection, marker, (task.tolerance_px / 16) ** 2)
         look = _predict(task, estimate)
         held = dict(zip(marker.tolist(), detection.tolist(), strict=True))
         labels = _assign(task, look, excess2, density, held)
@@ -181,18 +182,34 @@ def _known(task: Task, detection: Ints) -> Array:
     return 0.5 * np.trace(task.cov[detection], axis1=1, axis2=2)
 
 
-def _excess(task: Task, estimate: PoseEstimate, detection: Ints, marker: Ints) -> float:
+def accepted(task: Task, solution: Solution) -> Solution:
+    """The solution as it is reported: its excess by the residuals alone.
+
+    While labels may still be wrong, the gates are kept a little open. Once they are accepted that doubt has
+    no place in the covariance.
+    """
+    estimate, excess2 = solution.estimate, solution.excess_px**2
+    for _ in range(FINAL_ROUNDS):
+        excess2 = _excess(task, estimate, solution.detection, solution.marker, 0.0)
+        again = _refine(task, estimate.camera, estimate.cam_from_model, solution.detection, solution.marker, excess2)
+        if again is None:
+            return solution
+        estimate = again
+    return replace(solution, estimate=estimate, excess_px=float(np.sqrt(excess2)))
+
+
+def _excess(task: Task, estimate: PoseEstimate, detection: Ints, marker: Ints, doubt2: float) -> float:
     """Variance per coordinate beyond the given covariances.
 
     From the smaller four fifths of the squared residuals, so that one false spot in a gate does not open the
-    gate for itself; a weak prior steadies few pairs.
+    gate for itself; a weak prior, the given covariances and ``doubt2`` beyond them, steadies few pairs.
     """
     table = _table(task, estimate.camera, estimate.cam_from_model)[marker]
     known = _known(task, detection).mean() + 0.5 * np.trace(table, axis1=1, axis2=2).mean()
     redundancy = max(2 * len(marker) - len(estimate.names), 0)
     squares = np.sort((estimate.residuals_px**2).sum(axis=1))[: int(np.ceil(TRIM * len(marker)))]
     variance = squares.mean() / (2 * TRIMMED_MEAN) * 2 * len(marker) / max(redundancy, 1)
-    expected = known + (task.tolerance_px / 16) ** 2
+    expected = known + doubt2
     pooled = (PRIOR_WORTH * expected + redundancy * variance) / (PRIOR_WORTH + redundancy)
     return max(0.0, float(pooled - known))
 
