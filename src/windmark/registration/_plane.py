@@ -78,11 +78,12 @@ def spot_spacing(p: Array) -> float:
 
 
 def _nearest(points: Array, k: int) -> NDArray[np.int32]:
-    """(N, k) indices of the k nearest other points, nearest first; equal distances in order of index."""
-    d2 = ((points[:, None, :] - points[None, :, :]) ** 2).sum(axis=-1)
-    np.fill_diagonal(d2, -1.0)
-    order = np.argsort(d2, axis=1, kind="stable")
-    return np.ascontiguousarray(order[:, 1 : k + 1], dtype=np.int32)
+    """(N, k) indices of the k nearest other points, nearest first."""
+    index = cKDTree(points).query(points, k=k + 1)[1].reshape(len(points), k + 1)
+    # The point itself comes first, but for coincident points; where it is missing, the farthest goes.
+    other = index != np.arange(len(points))[:, None]
+    other[other.all(axis=1), -1] = False
+    return np.ascontiguousarray(index[other].reshape(len(points), k), dtype=np.int32)
 
 
 def local_density(xy: Array, camera: Camera) -> Array:

@@ -32,6 +32,8 @@ STAGES = ((4, 4), (4, 6), (6, 8), (8, 12), (14, 20), (24, 32))
 """Neighbours that a marker triplet and a spot triplet are taken from, stage by stage."""
 RIVAL_CORNERS, OTHER_CORNERS, RIVAL_REACH = 6, 3, 10
 """Explained and other spot triplets that are relabelled, and the neighbourhood of the marker triplets for them."""
+MOST_RIVALS = 20_000
+"""Marker triplets tried for rivals; with more than some 440 markers a random part of them."""
 FOCAL_SLACK = 1.3
 """How far beyond the starting values a growing solution may take the focal length."""
 BATCH, LONGEST_BATCH = 2_000, 40_000
@@ -71,7 +73,11 @@ class Search:
         self._pictures: dict[int, Picture] = {}
 
     def batches(self) -> Iterator[int]:
-        """Steps 1 to 6, batch by batch; yields the number of links tried so far. The caller looks at the pool."""
+        """Steps 1 to 6, batch by batch; yields the links tried so far, without those for rivals.
+
+        The caller looks at the pool after each batch.
+        """
+        searched = 0
         for stage, lead in self._schedule():
             picture = self.picture(lead)
             triplets = marker_triplets(self.model, stage[0])
@@ -83,8 +89,8 @@ class Search:
             start, size = 0, BATCH
             while start < len(order):
                 chosen = order[start : start + max(1, size // per_triplet)]
-                self._try(_Batch(picture, triplets[chosen], turns[chosen], anchors, reach))
-                yield self.links
+                searched += self._try(_Batch(picture, triplets[chosen], turns[chosen], anchors, reach))
+                yield searched
                 start, size = start + len(chosen), min(2 * size, LONGEST_BATCH)
 
     def _schedule(self) -> list[tuple[tuple[int, int], int]]:
@@ -119,6 +125,8 @@ class Search:
         near = np.zeros((len(picture.p), 2), dtype=np.int32)
         near[corners[:, 0]] = corners[:, 1:]
         triplets = marker_triplets(self.model, RIVAL_REACH, every_corner=True)
+        if len(triplets) > MOST_RIVALS:
+            triplets = triplets[self._rng.permutation(len(triplets))[:MOST_RIVALS]]
         anchors = np.ascontiguousarray(corners[:, 0])
         self._try(_Batch(picture._replace(near=near), triplets, turns_of(self.model, triplets), anchors, 2))
 
@@ -140,8 +148,8 @@ class Search:
             np.ascontiguousarray(rotation), cosine, np.ascontiguousarray(depth), task.prior_max_scale,
         )  # fmt: skip
 
-    def _try(self, batch: _Batch) -> None:
-        """One batch: link, screen, grow, pool."""
+    def _try(self, batch: _Batch) -> int:
+        """One batch: link, screen, grow, pool; the number of links."""
         found, links = hypotheses_kernel(
             self.model, batch.picture, self._rules, self._hypotheses,
             batch.triplets, batch.turns, batch.anchors, batch.reach, self._focals,
@@ -158,3 +166,4 @@ class Search:
             if self.task.allows(pose, focal):
                 match = grown.match[n].copy()
                 self.pool.add(Candidate(pose, focal, float(grown.score[n]), int(grown.matched[n]), match))
+        return int(links)
