@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +13,7 @@ from windmark.geometry.pose import Pose
 
 Array = NDArray[np.float64]
 
+_ORDERS = np.array([[0, 1, 2, 3], [0, 1, 3, 2], [0, 2, 3, 1], [1, 2, 3, 0]])
 _GRID_RATIO = 1.12
 _MAX_LOG_SIGMA = 1e6  # at 1e-6 px of noise the focal length would be unknown to a factor e: it is not determined
 
@@ -78,25 +78,22 @@ def p4pf(
     """
     xy, points = _check(xy_centered, xyz, max_rms_px)
     order = _best_triangle_first(points)
-    center = points.mean(axis=0)
-    grid = _grid(xy, focal_range_px)
-    found, fits = _search(
-        np.ascontiguousarray(xy[order]), np.ascontiguousarray((points - center)[order]), grid, max_rms_px
-    )
+    found, fits = _search(xy[order], points[order], _grid(xy, focal_range_px), max_rms_px)
     if fits and not any(s.focal_sigma_px < _MAX_LOG_SIGMA * s.focal_px for s in found):
         raise DegenerateGeometry(
             "p4pf: the four points show no perspective (a plane seen face-on, a lens too long for the noise, or two"
             " points coincide)",
             ("focal length", "distance"),
         )
-    shifted = [s._replace(pose=s.pose @ Pose(np.eye(3), -center)) for s in found]
-    return sorted(shifted, key=lambda s: s.rms_px)
+    return sorted(found, key=lambda s: s.rms_px)
 
 
 def _search(xy: Array, xyz: Array, grid: Array, max_rms_px: float) -> tuple[list[FocalPose], bool]:
     """Minima that fit, and whether any camera of the grid does."""
     from windmark.geometry import _p4pf_kernels as kernels
 
+    center = xyz.mean(axis=0)
+    xyz = xyz - center
     rotation, translation = np.empty((len(grid), 4, 3, 3)), np.empty((len(grid), 4, 3))
     error, chosen = np.empty((len(grid), 4)), np.zeros((len(grid), 4), dtype=np.bool_)
     kernels.scan(xy, xyz, grid, rotation, translation, error)
@@ -104,10 +101,11 @@ def _search(xy: Array, xyz: Array, grid: Array, max_rms_px: float) -> tuple[list
     found = np.empty((4 * len(grid), 15))
     n = kernels.refine_all(xy, xyz, grid, rotation, translation, chosen, found)
     solutions = []
-    for focal, rms, log_sigma, *pose in found[:n]:
+    for focal, rms, log_sigma, *pose in found[:n].tolist():
         if rms <= max_rms_px and grid[0] / _GRID_RATIO <= focal <= grid[-1] * _GRID_RATIO:
             matrix = np.array(pose).reshape(3, 4)
-            solutions.append(FocalPose(float(focal), Pose(matrix[:, :3], matrix[:, 3]), float(rms), focal * log_sigma))
+            cam_from_model = Pose(matrix[:, :3], matrix[:, 3] - matrix[:, :3] @ center)
+            solutions.append(FocalPose(focal, cam_from_model, rms, focal * log_sigma))
     return solutions, bool(solutions) or bool((error <= max_rms_px).any())
 
 
@@ -121,21 +119,22 @@ def _check(xy_centered: ArrayLike, xyz: ArrayLike, max_rms_px: float) -> tuple[A
     return xy, points
 
 
-def _best_triangle_first(xyz: Array) -> list[int]:
+def _best_triangle_first(xyz: Array) -> NDArray[np.intp]:
     """Order of the points in which the first three make the best-shaped triangle."""
-
-    def quality(triple: tuple[int, ...]) -> float:
-        a, b, c = xyz[list(triple)]
-        edges = [float(e @ e) for e in (b - a, c - a, c - b)]
-        longest = max(edges)
-        return float(np.linalg.norm(np.cross(b - a, c - a))) / longest if longest > 0 else 0.0
-
-    best = max(combinations(range(4), 3), key=quality)
-    if not quality(best) > 2 * COLLINEAR:
+    a, b, c = xyz[_ORDERS[:, 0]], xyz[_ORDERS[:, 1]], xyz[_ORDERS[:, 2]]
+    normal = np.cross(b - a, c - a)
+    longest2 = np.maximum(np.maximum(_dot(b - a, b - a), _dot(c - a, c - a)), _dot(c - b, c - b))
+    height2 = _dot(normal, normal) / np.maximum(longest2**2, np.finfo(float).tiny)
+    best = int(np.argmax(height2))
+    if not height2[best] > (2 * COLLINEAR) ** 2:
         raise DegenerateGeometry(
             "p4pf: the four points are collinear or coincide", ("rotation about the line of the points", "focal length")
         )
-    return [*best, *(set(range(4)) - set(best))]
+    return _ORDERS[best]
+
+
+def _dot(a: Array, b: Array) -> Array:
+    return np.asarray(np.sum(a * b, axis=-1))
 
 
 def _grid(xy: Array, focal_range_px: tuple[float, float] | None) -> Array:
