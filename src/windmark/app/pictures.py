@@ -187,7 +187,7 @@ def view_picture(view: ViewImage, length_unit: str) -> Figure:
     figure, axes = image_axes(view.image)
     axes.set_facecolor("#dde6f0")
     height, width = view.image.shape
-    length = _round_length(0.2 * width * view.units_per_px)
+    length = round_length(0.2 * width * view.units_per_px)
     pixels = length / view.units_per_px
     x0, y0 = _empty_corner(view.valid, pixels)
     axes.plot([x0, x0 + pixels], [y0, y0], color="#ffea00", lw=3, path_effects=_OUTLINE)
@@ -243,10 +243,10 @@ def _rms(residual: Array) -> float:
 def _magnification(residual: Array, width: int) -> float:
     """A round factor (1, 2, 5, 10, ...) that makes the RMS residual about 3 % of the image's width."""
     rms = _rms(residual)
-    return 1.0 if not rms > 0 else max(1.0, _round_length(0.03 * width / rms))
+    return 1.0 if not rms > 0 else max(1.0, round_length(0.03 * width / rms))
 
 
-def _round_length(value: float) -> float:
+def round_length(value: float) -> float:
     """The largest of 1, 2, 5 times a power of ten that is not above ``value``."""
     power = 10.0 ** np.floor(np.log10(value))
     return float(max(m for m in (1, 2, 5) if m <= value / power * (1 + 1e-12)) * power)

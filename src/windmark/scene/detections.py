@@ -88,6 +88,8 @@ class Detections:
     def take(self, index: ArrayLike) -> Detections:
         """The spots of a boolean mask or an index array, in that order."""
         i = np.asarray(index)
+        if not i.size and i.dtype != bool:
+            i = i.astype(np.int64)  # an empty list is made of floats
         return Detections(**{f.name: getattr(self, f.name)[i] for f in fields(self)})
 
 

@@ -89,6 +89,8 @@ class MarkerSet:
     def take(self, index: ArrayLike) -> MarkerSet:
         """The markers of a boolean mask or an index array, in that order."""
         i = np.asarray(index)
+        if not i.size and i.dtype != bool:
+            i = i.astype(np.int64)  # an empty list is made of floats
         return MarkerSet(**{f.name: getattr(self, f.name)[i] for f in fields(self)})
 
     def with_role(self, *roles: str) -> MarkerSet:

@@ -1,0 +1,37 @@
+"""The report's parts: nothing of the data is taken for HTML, nothing comes from elsewhere."""
+
+import numpy as np
+import pytest
+
+from windmark.app import pictures
+from windmark.app.report import Report, cell
+
+
+def test_text_is_escaped_everywhere():
+    report = Report("<b>title</b>", "a & b")
+    report.heading("<i>")
+    report.text("1 < 2")
+    report.table(["<th>"], [["<td>"]])
+    page = report.html()
+    for raw in ("<b>title", "<i>", "<td><td>", "<th><th>"):
+        assert raw not in page
+    assert "1 &lt; 2" in page
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(None, "–"), (float("nan"), "–"), (True, "yes"), (3, "3"), (0.123456, "0.1235"), (123456.7, "123457"), ("x", "x")],
+)
+def test_cells(value, text):
+    assert cell(value) == text
+
+
+def test_pictures_are_png_whatever_the_image():
+    for image in (np.zeros((5, 7), np.uint8), np.full((5, 7), np.nan), np.arange(35.0).reshape(5, 7)):
+        figure, _ = pictures.image_axes(image)
+        assert pictures.png(figure, dpi=30).startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(("value", "round_"), [(1.0, 1), (1.99, 1), (2.0, 2), (7.0, 5), (0.034, 0.02), (1234.0, 1000)])
+def test_scale_bars_have_round_lengths(value, round_):
+    assert pictures.round_length(value) == pytest.approx(round_)
