@@ -86,7 +86,7 @@ def test_sigma_predicts_the_scatter_of_the_focal_length():
 
 
 def test_near_flat_markers_say_that_they_are_weak():
-    """Half of all near-planar views with 0.2 px of noise miss the focal length by 5 %; sigma tells which."""
+    """A third of near-planar views with 0.2 px of noise miss the focal length by 5 %; sigma tells which."""
     rng = np.random.default_rng(9)
     strong, weak = [], []
     for _ in range(200):
