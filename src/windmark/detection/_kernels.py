@@ -10,8 +10,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numba as nb
 import numpy as np
+
+from windmark.geometry._jit import nb
 
 # Measured in tests/paper/test_spot.py: with these the bowl's centre has no visible pixel steps.
 BOWL_EDGE_PX = 2.0  # edge width of the template that locates

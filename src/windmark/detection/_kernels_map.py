@@ -8,10 +8,10 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numba as nb
 import numpy as np
 
 from windmark.detection._kernels import merit_at
+from windmark.geometry._jit import nb
 
 
 @nb.njit(cache=True, nogil=True)

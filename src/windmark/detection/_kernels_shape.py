@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numba as nb
 import numpy as np
 
 from windmark.detection._kernels import BOWL_EDGE_PX, bowl_quadratic, plane_window, soft_disc
+from windmark.geometry._jit import nb
 
 RING_INNER, RING_OUTER = 1.5, 2.0  # of r0: where the background round the spot is measured (+ 0.5 px outside)
 

@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import math
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
+
+from windmark.geometry._jit import nb
 
 Array = NDArray[np.float64]
 

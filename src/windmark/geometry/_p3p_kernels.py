@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import math
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.geometry._jit import nb
 from windmark.geometry._p3p_pencil import (
     Vec3,
     adjugate,

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import math
 
-import numba as nb
+from windmark.geometry._jit import nb
 
 Vec3 = tuple[float, float, float]
 Sym3 = tuple[float, float, float, float, float, float]  # (11, 12, 13, 22, 23, 33)

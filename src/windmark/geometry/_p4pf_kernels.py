@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.geometry._jit import nb
 from windmark.geometry._p3p_kernels import p3p_kernel
 
 Array = NDArray[np.float64]

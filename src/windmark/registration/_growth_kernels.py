@@ -11,10 +11,10 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.geometry._jit import nb
 from windmark.geometry._kernels import to_camera
 from windmark.registration._hypothesis_kernels import GRAZING, OUT, Hypotheses, Model, Picture, _towards, lookup
 

@@ -12,10 +12,10 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.geometry._jit import nb
 from windmark.geometry._kernels import to_camera
 from windmark.geometry._p3p_kernels import p3p_kernel
 

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import math
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.geometry._jit import nb
 from windmark.geometry._kernels import project_point, to_camera
 from windmark.resection.reasons import LENS, OUTSIDE, VISIBLE
 
