@@ -303,6 +303,18 @@ def test_unknown_focal_length(factor):
     assert result.camera.cov[0, 0] == pytest.approx(result.cov[6, 6])
 
 
+@pytest.mark.parametrize("seed", [9045, 9088])
+def test_unknown_focal_length_meets_candidates_with_markers_beside_the_camera(seed):
+    scene = scenes.scene(seed, "A0", hidden=0.5, false=1.0)
+    factor = np.exp(np.random.default_rng(seed).uniform(-0.3, 0.3))
+    camera = replace(scene.camera, focal_px=factor * scene.camera.focal_px)
+    result = register(scene.detections, scene.markers, camera, free_focal=True)
+    if result:
+        assert_right(result, scene, missing=1)
+    else:
+        assert result.cause in ("weak", "focal", "ambiguous")
+
+
 def test_frontal_plane_does_not_fix_the_focal_length():
     rng = np.random.default_rng(2)
     flat = scenes.wing(rng)

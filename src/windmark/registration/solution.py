@@ -144,10 +144,12 @@ def _refine(
     cov = task.cov[detection] + table + excess2 * np.eye(2)
     try:
         if task.free_focal:
-            return _refine_focal(task, camera.focal_px, pose, xyz, detection, cov)
-        return refine_pose(camera, pose, xyz, task.xy[detection], cov)
+            estimate = _refine_focal(task, camera.focal_px, pose, xyz, detection, cov)
+        else:
+            estimate = refine_pose(camera, pose, xyz, task.xy[detection], cov)
     except DegenerateGeometry:
         return None
+    return estimate if np.isfinite(estimate.rms_px) else None
 
 
 def _refine_focal(task: Task, focal_px: float, pose: Pose, xyz: Array, detection: Ints, cov: Array) -> PoseEstimate:
@@ -158,14 +160,17 @@ def _refine_focal(task: Task, focal_px: float, pose: Pose, xyz: Array, detection
     focal lengths is a prior (2 sigma), centred on the given one: without it the focal length of a frontal view of
     a flat model runs away; with it, it stays and its sigma tells.
     """
-    given = task.camera.focal_px
-    pinhole = Camera(task.camera.size_px, given, cx=0.0, cy=0.0)
-    depth = float(pose.apply(xyz)[:, 2].mean())
-    nearer = np.array([0.0, 0.0, depth * (given / focal_px - 1)])
-    start = Pose(pose.rotation, pose.translation + nearer)
+    start_focal = task.camera.focal_px
+    depth = pose.apply(xyz)[:, 2]
+    nearer = float(depth.mean()) * (start_focal / focal_px - 1)
+    if depth.min() + nearer <= 0.1 * depth.min():
+        # So strong a perspective fixes the focal length; where the prior is centred hardly matters.
+        start_focal, nearer = focal_px, 0.0
+    pinhole = Camera(task.camera.size_px, start_focal, cx=0.0, cy=0.0)
+    start = Pose(pose.rotation, pose.translation + np.array([0.0, 0.0, nearer]))
     estimate = refine_pose(
         pinhole, start, xyz, to_plane(task.camera, task.xy[detection]), cov,
-        free=("focal_px",), prior_sigma={"focal_px": 0.5 * float(np.log(task.focal_factors[-1])) * given},
+        free=("focal_px",), prior_sigma={"focal_px": 0.5 * float(np.log(task.focal_factors[-1])) * start_focal},
     )  # fmt: skip
     camera = with_focal(task.camera, estimate.camera.focal_px)
     residuals = camera.project(estimate.cam_from_model.apply(xyz))[0] - task.xy[detection]
