@@ -79,23 +79,40 @@ def simulate(
         verbs.simulate(folder, seed, as_json)
 
 
-@app.command(epilog="Example: windmark detect run12.tif --radius 3 --picture spots.png")
+@app.command(epilog="Example: windmark detect run12.tif --radius 3 --picture spots.png --explain rejected.csv")
 def detect(
     images: Annotated[list[Path], typer.Argument(help="Images.")],
-    radius: Radius,
+    radius: Annotated[
+        list[float] | None,
+        typer.Option(
+            "--radius", "-r", help="Marker radius in pixels; several times for a range. [default: found in the image]"
+        ),
+    ] = None,
     polarity: Polarity = "dark",
     merit_max: MeritMax = 0.7,
+    mask: Annotated[Path | None, typer.Option(help="Picture of the image's size; only pixels not 0 are used.")] = None,
+    roi: Annotated[
+        str | None, typer.Option(help="x0,y0,x1,y1: first and last column and row that are used; else all.")
+    ] = None,
     output: Annotated[Path, typer.Option("--output", "-o", help="Table of the spots, CSV.")] = Path("detections.csv"),
     picture: Annotated[
         Path | None, typer.Option(help="Also draw the spots (PNG); several images get a number each.")
     ] = None,
+    explain: Annotated[
+        Path | None, typer.Option(help="Table of the rejected candidates with the reason; --picture draws them too.")
+    ] = None,
+    merit_map: Annotated[Path | None, typer.Option(help="Also draw the merit of every pixel (PNG).")] = None,
     as_json: Json = False,
 ) -> None:
     """Find markers in images: centres, covariances, merit."""
-    from windmark.app import verbs
-
     with console.errors(as_json):
-        verbs.detect(images, radius, polarity, merit_max, output, picture, as_json)
+        from windmark.app import detect_verb
+
+        wishes = detect_verb.Wishes(
+            {"polarity": polarity, "merit_max": merit_max}, tuple(radius or ()), mask, detect_verb.parse_roi(roi),
+            output, picture, explain, merit_map,
+        )  # fmt: skip
+        detect_verb.detect(images, wishes, as_json)
 
 
 @app.command(epilog="Example: windmark register run12.tif -m markers.csv -c camera.json -r 3 --unit mm")

@@ -113,7 +113,7 @@ def matching_picture(
     _name_points(axes, xy, names, "white", image.shape)
     _name_points(axes, missing_xy, missing_names, MISSING, image.shape)
     axes.set_title(f"{title}: {len(xy)} markers matched, reprojection RMS {_rms(residual):.3f} px")
-    _legend(axes, [
+    draw_legend(axes, [
         (MATCHED, "o", f"matched spot ({len(xy)})"),
         (SPARE, "o", f"spot of no marker ({int((~matched).sum())})"),
         (MISSING, "D", f"marker expected, no spot ({len(missing_xy)})"),
@@ -275,7 +275,8 @@ def _name_points(axes: Axes, xy: Array, names: Sequence[str], colour: str, shape
         )  # fmt: skip
 
 
-def _legend(axes: Axes, entries: list[tuple[str, str, str]]) -> None:
+def draw_legend(axes: Axes, entries: list[tuple[str, str, str]]) -> None:
+    """Legend below the picture, in rows of four; entries are colour, mark ("-" for a line), words."""
     from matplotlib.lines import Line2D
 
     handles: list[Any] = [
@@ -283,5 +284,6 @@ def _legend(axes: Axes, entries: list[tuple[str, str, str]]) -> None:
         else Line2D([], [], ls="", marker=mark, mfc="none", mec=c, ms=8, mew=1.4, label=text)
         for c, mark, text in entries
     ]  # fmt: skip
-    axes.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.07), ncols=len(handles), fontsize=8,
+    columns = min(len(handles), 4)
+    axes.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.07), ncols=columns, fontsize=8,
                 frameon=False)  # fmt: skip

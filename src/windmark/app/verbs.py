@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from windmark import detection, io
+from windmark import io
 from windmark.app import console
 from windmark.pipeline import outputs
 from windmark.pipeline.clock import Clock
@@ -17,40 +17,6 @@ from windmark.pipeline.results import ImageResult, RunResult
 from windmark.pipeline.truth import Comparison
 
 Record = dict[str, Any]
-
-
-def detect(
-    images: list[Path],
-    radius: list[float],
-    polarity: str,
-    merit_max: float,
-    output: Path,
-    picture: Path | None,
-    as_json: bool,
-) -> None:
-    """Detect in each image; one table for all."""
-    found = {}
-    with console.progress() as show:
-        for path in images:
-            show(f"detect {path.name}")
-            image = io.read_grey(path)
-            found[path.name] = image, detection.detect(
-                image, radius_px=radius, polarity=polarity, merit_max=merit_max
-            )  # fmt: skip
-    io.write_detections(output, {name: spots for name, (_, spots) in found.items()})
-    if picture is not None:
-        from windmark.app.pictures import png, spots_picture
-
-        for k, (name, (image, spots)) in enumerate(found.items()):
-            place = picture if len(found) == 1 else picture.with_stem(f"{picture.stem}-{k + 1}")
-            with io.atomic_write(place, "wb") as stream:
-                stream.write(png(spots_picture(image, spots, name)))
-    record = {"images": {name: {"spots": len(s), "xy": s.xy, "merit": s.merit} for name, (_, s) in found.items()},
-              "output": str(output)}  # fmt: skip
-    lines = [f"{name}: {len(spots)} spots" for name, (_, spots) in found.items()]
-    console.answer(record, as_json, [*lines, f"written: {output}"])
-    if not any(len(spots) for _, spots in found.values()):
-        console.refuse(f"no marker of radius {radius} px ({polarity}) was found", as_json)
 
 
 def run(path: Path, output: Path | None, as_json: bool) -> None:

@@ -3,30 +3,34 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from windmark.detection.decide import describe_spots, judge, rejected_places
 from windmark.detection.image import Prepared, check_image, check_polarity, prepare
-from windmark.detection.search import Bowl
-from windmark.detection.shape import COLUMNS, ILL, TOUCHING, Shapes, covariance, shapes
-from windmark.detection.spots import Spots, distinct, find_spots, quality
+from windmark.detection.options import QUALITY_MIN, REFINEMENTS, Options, check_radii
+from windmark.detection.radius import prevailing
+from windmark.detection.rejected import ACCEPTED, SURPLUS, UNCERTAIN, Rejected
+from windmark.detection.search import MERIT_SLACK, Bowl
+from windmark.detection.shape import ILL, TOUCHING, Shapes, covariance
+from windmark.detection.spots import Spots, distinct, find_spots
 from windmark.scene import Detections
 
-Array = NDArray[np.float64]
+__all__ = ["QUALITY_MIN", "REFINEMENTS", "detect", "explain"]
 
-REFINEMENTS = ("bowl",)
-QUALITY_MIN = 12.0  # see `detect`
-RADIUS_RATIO = (0.7, 1.4)  # measured / reference radius
+Array = NDArray[np.float64]
 
 
 def detect(
     image: ArrayLike,
     *,
-    radius_px: float | Sequence[float],
+    radius_px: float | Sequence[float] | None = None,
     polarity: str = "dark",
     merit_max: float = 0.7,
     refine: str = "bowl",
+    mask: ArrayLike | None = None,
     max_spots: int | None = None,
     min_depth: float | None = None,
     min_quality: float = QUALITY_MIN,
@@ -42,10 +46,12 @@ def detect(
     ----------
     image : (H, W) grey levels, any real type; pixels that are not finite are left out
     radius_px : radius r0 of the markers in pixels, at least 1; or several radii, of which the best wins at each spot.
-        One radius finds discs of about 0.8 ... 1.2 r0; rather take it a little too large than too small (paper, II.C)
+        One radius finds discs of about 0.8 ... 1.2 r0; rather take it a little too large than too small (paper, II.C).
+        None takes what `estimate_radius` says; an image in which no size prevails has no spots
     polarity : "dark" or "bright" markers on their surface
     merit_max : largest merit of a spot; the paper's 0.7 is a correlation of 0.778 with the top-hat
     refine : "bowl", the paper's centre
+    mask : (H, W), only pixels where it is true (not 0) are used; a marker needs 85 % of its disc in them
     max_spots : keep only so many, the best
     min_depth : smallest depth in grey levels; None leaves it to `min_quality`
     min_quality : smallest depth / noise / merit. The noise is the scatter of one pixel of the surface round the spot,
@@ -63,69 +69,76 @@ def detect(
         volume / depth at the core, blur-free anisotropy), `depth` is the contrast at the core. Flags: border (cut by
         the image's edge), saturated (over 2 % of the window; integer images only), contaminated (dead pixels, or over
         10 % of the ring stands out), touching (another spot reaches into the window), ill-conditioned (the bowl did
-        not settle). A constant image, or one smaller than the marker, has no spots.
+        not settle). Pixels that stand out alone are taken as dead. A constant image, or one smaller than the marker,
+        has no spots.
 
     Raises
     ------
     ValueError
         An image that is not (H, W) real numbers, a radius below 1, an unknown polarity or refinement.
     """
-    sign = check_polarity(polarity)
-    radii = _check_options(radius_px, merit_max, refine, max_spots, min_depth, min_quality)
+    options = Options(radius_px, polarity, merit_max, refine, mask, max_spots, min_depth, min_quality)
+    return _examine(image, options, why=False)[0]
+
+
+def explain(image: ArrayLike, **options: Any) -> tuple[Detections, Rejected]:
+    """What `detect` finds with the same options, and what it looked at but did not take, each with the reason.
+
+    Candidates whose merit is up to 0.5 above `merit_max` are listed, one per place; what is next to an accepted marker
+    is not (its rim and the other reference radii are no news).
+
+    Parameters
+    ----------
+    image, **options : see `detect`
+
+    Returns
+    -------
+    found, rejected : `found` is exactly what `detect` returns
+    """
+    return _examine(image, Options(**options), why=True)
+
+
+def _examine(image: ArrayLike, options: Options, *, why: bool) -> tuple[Detections, Rejected]:
+    """Find, measure, decide; the rejected are only collected if asked for."""
+    nothing = Detections.make(np.empty((0, 2))), Rejected.none()
     checked = check_image(image)
-    prepared = prepare(checked, sign) if min(checked.shape) >= 3 else None
+    prepared = prepare(checked, check_polarity(options.polarity), options.mask) if min(checked.shape) >= 3 else None
     if prepared is None:
-        return Detections.make(np.empty((0, 2)))
-    spots = Spots.join([find_spots(prepared, r, merit_max) for r in radii])
-    found = _describe(prepared, spots)
-    value, ratio = quality(spots, found.depth, found.noise), found.radius / spots.r0
-    good = (value >= min_quality) & (ratio >= RADIUS_RATIO[0]) & (ratio <= RADIUS_RATIO[1])
-    if min_depth is not None:
-        good &= found.depth >= min_depth
-    chosen = np.flatnonzero(good)
+        return nothing
+    radii = prevailing(prepared).radii_px if options.radius_px is None else check_radii(options.radius_px)
+    if not len(radii):
+        return nothing
+    spots = Spots.join([find_spots(prepared, r, options.merit_max) for r in radii])
+    found = describe_spots(prepared, spots)
+    value, reason = judge(spots, found, options)
+    chosen = np.flatnonzero(reason == ACCEPTED)
     chosen = chosen[distinct(spots.take(chosen))]
-    order = chosen[np.argsort(-value[chosen], kind="stable")][:max_spots]
-    return _detections(prepared, spots.take(order), found.take(order))
+    order = chosen[np.argsort(-value[chosen], kind="stable")]
+    cov = _covariance(prepared, spots.take(order), found.take(order))
+    sure = np.asarray(np.isfinite(cov).all(axis=(1, 2)))
+    reason[order[~sure]] = UNCERTAIN
+    order, cov = order[sure], cov[sure]
+    reason[order[options.max_spots :] if options.max_spots is not None else []] = SURPLUS
+    order, cov = order[: options.max_spots], cov[: options.max_spots]
+    result = _detections(spots.take(order), found.take(order), cov)
+    return result, _rejected(
+        prepared, options, radii, spots.r0[order], result, spots, reason
+    ) if why else Rejected.none()
 
 
-def _check_options(
-    radius_px: float | Sequence[float],
-    merit_max: float,
-    refine: str,
-    max_spots: int | None,
-    min_depth: float | None,
-    min_quality: float,
-) -> list[float]:
-    """The radii, largest last, after all options have been looked at."""
-    try:
-        radii = np.unique(np.asarray(radius_px, dtype=float).ravel())
-    except (TypeError, ValueError):
-        radii = np.empty(0)
-    if radii.size == 0 or not (np.isfinite(radii).all() and radii[0] >= 1.0):
-        raise ValueError(f"radius_px must be one radius or several, each at least 1 px, got {radius_px!r}")
-    if not (np.isfinite(merit_max) and merit_max > 0):
-        raise ValueError(f"merit_max must be a positive number, got {merit_max!r}")
-    if refine not in REFINEMENTS:
-        raise ValueError(f"refine must be one of {', '.join(REFINEMENTS)}, got {refine!r}")
-    if max_spots is not None and not (max_spots >= 0 and int(max_spots) == max_spots):
-        raise ValueError(f"max_spots must be None or a whole number from 0, got {max_spots!r}")
-    if min_depth is not None and not np.isfinite(min_depth):
-        raise ValueError(f"min_depth must be None or a number of grey levels, got {min_depth!r}")
-    if not (np.isfinite(min_quality) and min_quality >= 0):
-        raise ValueError(f"min_quality must be a number from 0, got {min_quality!r}")
-    return [float(r) for r in radii]
-
-
-def _describe(image: Prepared, spots: Spots) -> Shapes:
-    """Measure the spots, radius by radius."""
-    from windmark.detection._kernels_shape import describe
-
-    raw = np.empty((len(spots.xy), len(COLUMNS)))
-    for r0 in np.unique(spots.r0):
-        mine = spots.r0 == r0
-        raw[mine] = describe(image.g, spots.xy[mine], float(r0), image.clip, image.sign)
-    size = image.g.shape[1], image.g.shape[0]
-    return shapes(raw, spots.xy, spots.r0, size, spots.noise)
+def _rejected(
+    image: Prepared, options: Options, radii: Sequence[float], r0: Array, result: Detections, spots: Spots, reason: Any
+) -> Rejected:
+    """The spots that were not taken, and candidates beyond the limit of the merit."""
+    near = spots.take(reason != ACCEPTED)
+    bad = [find_spots(image, r, options.merit_max + MERIT_SLACK) for r in radii]
+    far = Spots.join(bad)
+    far = far.take(far.merit > options.merit_max)
+    every = Spots.join([near, far])
+    found = describe_spots(image, every)
+    value, why = judge(every, found, options)
+    why[: len(near.xy)] = reason[reason != ACCEPTED]
+    return rejected_places(every, found, value, why, result.xy, np.fmax(result.radius_px, r0))
 
 
 def _covariance(image: Prepared, spots: Spots, found: Shapes) -> Array:
@@ -139,11 +152,8 @@ def _covariance(image: Prepared, spots: Spots, found: Shapes) -> Array:
     return covariance(unit, found.scatter, spots.r0, image.quantum)
 
 
-def _detections(image: Prepared, spots: Spots, found: Shapes) -> Detections:
-    """The chosen spots with their covariance and the flags that need the neighbours."""
-    cov = _covariance(image, spots, found)
-    sure = np.asarray(np.isfinite(cov).all(axis=(1, 2)))
-    spots, found, cov = spots.take(sure), found.take(sure), cov[sure]
+def _detections(spots: Spots, found: Shapes, cov: Array) -> Detections:
+    """The chosen spots and the flags that need the neighbours."""
     flags = found.flags | np.where(spots.settled, 0, ILL)
     if len(flags) > 1:
         from scipy.spatial import cKDTree

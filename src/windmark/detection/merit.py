@@ -12,7 +12,9 @@ Array = NDArray[np.float64]
 MIN_CORE = 0.8
 
 
-def merit_map(image: ArrayLike, radius_px: float, polarity: str = "dark") -> NDArray[np.float32]:
+def merit_map(
+    image: ArrayLike, radius_px: float, polarity: str = "dark", *, mask: ArrayLike | None = None
+) -> NDArray[np.float32]:
     """Merit m of an inverse top-hat centred on every pixel (AIAA 2005-5007, section II.B).
 
     With the slope-removed correlation rho of window and top-hat, m^2 = kappa (1 / rho^2 - 1), kappa = |t'|^2 / |t|^2
@@ -23,6 +25,7 @@ def merit_map(image: ArrayLike, radius_px: float, polarity: str = "dark") -> NDA
     image : (H, W) grey levels, any real type; pixels that are not finite are left out
     radius_px : reference radius r0, at least 1
     polarity : "dark" or "bright" markers
+    mask : (H, W), only pixels where it is true (not 0) are used
 
     Returns
     -------
@@ -36,7 +39,7 @@ def merit_map(image: ArrayLike, radius_px: float, polarity: str = "dark") -> NDA
     if not (np.isfinite(r0) and r0 >= 1.0):
         raise ValueError(f"radius_px must be a radius of at least 1 px, got {radius_px!r}")
     checked = check_image(image)
-    prepared = prepare(checked, sign)
+    prepared = prepare(checked, sign, mask)
     if prepared is None:
         return np.full(checked.shape, np.inf if np.isfinite(checked).any() else np.nan, dtype=np.float32)
     out = np.full(checked.shape, np.nan, dtype=np.float32)

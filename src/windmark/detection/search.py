@@ -62,7 +62,8 @@ def noise_tiles(g: Pixels, tile: int, lag: int) -> Array:
 
     Second differences over `lag` pixels along 4 rows of each tile: slopes drop out, and texture that is correlated over
     less than the lag counts in full (neighbouring pixels of a blurred texture differ too little). Their lower
-    quartile is taken, so that markers and edges may cover half of a tile.
+    quartile is taken, so that markers and edges may cover half of a tile. Missing pixels (NaN) do not count; a tile
+    without any other has the noise of the median tile.
     """
     h, w = g.shape
     across, down = -(-w // tile), -(-h // tile)
@@ -71,13 +72,20 @@ def noise_tiles(g: Pixels, tile: int, lag: int) -> Array:
     strip = g[rows]
     bend = np.abs(strip[:, cols - lag] - 2.0 * strip[:, cols] + strip[:, np.minimum(cols + lag, w - 1)])
     tiles = bend.reshape(down, 4, across, 64).transpose(0, 2, 1, 3).reshape(down, across, 256)
-    return np.asarray(np.partition(tiles, 64, axis=2)[:, :, 64] / (0.3186 * np.sqrt(6.0)), dtype=np.float64)
+    seen = np.isfinite(tiles).sum(axis=2)
+    if (seen == 256).all():
+        quartile = np.partition(tiles, 64, axis=2)[:, :, 64]
+    else:
+        quartile = np.take_along_axis(np.sort(tiles, axis=2), (seen // 4)[:, :, None], axis=2)[:, :, 0]
+        known = seen >= 16
+        quartile = np.where(known, quartile, np.median(quartile[known]) if known.any() else 0.0)
+    return np.asarray(quartile / (0.3186 * np.sqrt(6.0)), dtype=np.float64)
 
 
 def surface_noise(image: Prepared, radius_px: float) -> Array:
     """The tiles' noise for markers of a radius: the lag is the radius, 6 px at most; at least one grey-level step."""
     lag = min(round(radius_px), MAX_LAG_PX)
-    return np.maximum(noise_tiles(image.filled, TILE * bin_factor(radius_px), lag), image.quantum)
+    return np.maximum(noise_tiles(image.g, TILE * bin_factor(radius_px), lag), image.quantum)
 
 
 def at_tiles(noise: Array, xy: Array, radius_px: float) -> Array:

@@ -1,0 +1,190 @@
+"""The verb `windmark detect`: read, detect, write table and pictures, say it in a few lines."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark import detection, io
+from windmark.app import console
+from windmark.detection import RadiusEstimate, Rejected
+from windmark.scene import Detections
+
+Record = dict[str, Any]
+Image = NDArray[np.generic]
+
+
+@dataclass(frozen=True)
+class Wishes:
+    """What is wanted of `windmark detect`; `options` go to `windmark.detect`."""
+
+    options: Record
+    radius_px: tuple[float, ...]
+    mask: Path | None = None
+    roi: tuple[int, int, int, int] | None = None
+    output: Path = Path("detections.csv")
+    picture: Path | None = None
+    explain: Path | None = None
+    merit_map: Path | None = None
+
+
+@dataclass(frozen=True)
+class _Found:
+    """One image and what was found in it."""
+
+    image: Image
+    mask: NDArray[np.bool_] | None
+    radii_px: Sequence[float]
+    estimate: RadiusEstimate | None
+    spots: Detections
+    rejected: Rejected | None
+
+
+def detect(images: list[Path], wishes: Wishes, as_json: bool) -> None:
+    """Detect in each image; one table for all."""
+    found: dict[str, _Found] = {}
+    with console.progress() as show:
+        for path in images:
+            show(f"detect {path.name}")
+            found[path.name] = _detect_one(io.read_grey(path), wishes)
+        show("write")
+        io.write_detections(wishes.output, {name: one.spots for name, one in found.items()})
+        if wishes.explain is not None:
+            io.write_table(wishes.explain, _rejected_columns(found))
+        _draw(found, wishes)
+    written = [p for p in (wishes.output, wishes.explain, wishes.picture, wishes.merit_map) if p is not None]
+    lines = [_line(name, one) for name, one in found.items()]
+    console.answer(
+        {"images": {name: _record(one) for name, one in found.items()}, "output": str(wishes.output)},
+        as_json,
+        [*lines, f"written: {', '.join(map(str, written))}"],
+    )
+    if not any(len(one.spots) for one in found.values()):
+        console.refuse(_why_none(found, wishes), as_json)
+
+
+def parse_roi(text: str | None) -> tuple[int, int, int, int] | None:
+    """``x0,y0,x1,y1``: the first and the last column and row that are used."""
+    if text is None:
+        return None
+    try:
+        x0, y0, x1, y1 = (int(part) for part in text.split(","))
+    except ValueError:
+        raise ValueError(f"--roi must be x0,y0,x1,y1 in whole pixels, got {text!r}") from None
+    if not (x1 > x0 >= 0 and y1 > y0 >= 0):
+        raise ValueError(f"--roi must be x0,y0,x1,y1 with 0 <= x0 < x1 and 0 <= y0 < y1, got {text!r}")
+    return x0, y0, x1, y1
+
+
+def used_pixels(image: Image, mask: Path | None, roi: tuple[int, int, int, int] | None) -> NDArray[np.bool_] | None:
+    """The mask picture (not 0: use) and the region of interest together; None where all pixels are used."""
+    use = None
+    if mask is not None:
+        picture = io.read_grey(mask)
+        if picture.shape != image.shape:
+            raise io.FileError(
+                mask, f"is {picture.shape[1]} x {picture.shape[0]} pixels, the image {image.shape[1]} x"
+                f" {image.shape[0]}; expected a mask of the image's size"
+            )  # fmt: skip
+        use = picture != 0
+    if roi is not None:
+        x0, y0, x1, y1 = roi
+        if x0 >= image.shape[1] or y0 >= image.shape[0]:
+            raise ValueError(f"--roi {roi} lies outside the image of {image.shape[1]} x {image.shape[0]} pixels")
+        inside = np.zeros(image.shape, dtype=bool)
+        inside[y0 : y1 + 1, x0 : x1 + 1] = True
+        use = inside if use is None else use & inside
+    return use
+
+
+def _detect_one(image: Image, wishes: Wishes) -> _Found:
+    mask = used_pixels(image, wishes.mask, wishes.roi)
+    radii: Sequence[float] = wishes.radius_px
+    estimate = None
+    if not radii:
+        estimate = detection.estimate_radius(image, wishes.options["polarity"], mask=mask)
+        radii = estimate.radii_px
+    if not radii:
+        return _Found(image, mask, radii, estimate, Detections.make(np.empty((0, 2))), None)
+    options = {**wishes.options, "radius_px": radii, "mask": mask}
+    if wishes.explain is None:
+        return _Found(image, mask, radii, estimate, detection.detect(image, **options), None)
+    return _Found(image, mask, radii, estimate, *detection.explain(image, **options))
+
+
+def _rejected_columns(found: dict[str, _Found]) -> dict[str, Any]:
+    """Table of the rejected candidates of all images."""
+    parts = [(name, one.rejected) for name, one in found.items() if one.rejected is not None]
+    columns: dict[str, list[Any]] = {
+        key: [] for key in ("image", "x", "y", "radius", "merit", "depth", "quality", "reason")
+    }
+    for name, some in parts:
+        values = ([name] * len(some), *some.xy.T, some.radius_px, some.merit, some.depth, some.quality, some.words)
+        for key, value in zip(columns, values, strict=True):
+            columns[key].extend(value)
+    return columns
+
+
+def _draw(found: dict[str, _Found], wishes: Wishes) -> None:
+    """The pictures that are wanted; several images get a number each."""
+    if wishes.picture is None and wishes.merit_map is None:
+        return
+    from windmark.app.detect_pictures import explained_picture, merit_picture
+    from windmark.app.pictures import png, spots_picture
+
+    for k, (name, one) in enumerate(found.items()):
+        number = k + 1 if len(found) > 1 else None
+        if wishes.picture is not None:
+            if one.rejected is not None:
+                figure = explained_picture(one.image, one.spots, one.rejected, name)
+            else:
+                figure = spots_picture(one.image, one.spots, name)
+            _write(wishes.picture, number, png(figure))
+        if wishes.merit_map is not None and one.radii_px:
+            best, words = _best_merit(one, wishes.options["polarity"])
+            _write(wishes.merit_map, number, png(merit_picture(best, wishes.options["merit_max"], f"{name}: {words}")))
+
+
+def _best_merit(one: _Found, polarity: str) -> tuple[NDArray[np.float32], str]:
+    """The best merit over the radii for each pixel, and what it is."""
+    maps = [detection.merit_map(one.image, r, polarity, mask=one.mask) for r in one.radii_px]
+    radii = ", ".join(f"{r:g}" for r in one.radii_px)
+    words = f"merit for the radius {radii} px" if len(maps) == 1 else f"best merit over the radii {radii} px"
+    return np.fmin.reduce(maps), words
+
+
+def _write(path: Path, number: int | None, data: bytes) -> None:
+    place = path if number is None else path.with_stem(f"{path.stem}-{number}")
+    with io.atomic_write(place, "wb") as stream:
+        stream.write(data)
+
+
+def _record(one: _Found) -> Record:
+    record = {"spots": len(one.spots), "xy": one.spots.xy, "merit": one.spots.merit, "radius_px": list(one.radii_px)}
+    if one.estimate is not None:
+        record["radius_estimate"] = one.estimate.reason
+    if one.rejected is not None:
+        record["rejected"] = len(one.rejected)
+    return record
+
+
+def _line(name: str, one: _Found) -> str:
+    parts = [f"{len(one.spots)} spots"]
+    if one.rejected is not None:
+        parts.append(f"{len(one.rejected)} candidates rejected")
+    if one.estimate is not None:
+        parts.append(one.estimate.reason)
+    return f"{name}: {'; '.join(parts)}"
+
+
+def _why_none(found: dict[str, _Found], wishes: Wishes) -> str:
+    polarity = wishes.options["polarity"]
+    first = next(iter(found.values()))
+    if first.estimate is not None and not first.estimate:
+        return f"no marker ({polarity}) was found: {first.estimate.reason}"
+    return f"no marker of radius {', '.join(f'{r:g}' for r in first.radii_px)} px ({polarity}) was found"

@@ -1,0 +1,60 @@
+"""What `detect` and `explain` can be asked for, checked before any work starts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from windmark.detection.image import check_polarity
+
+REFINEMENTS = ("bowl",)
+QUALITY_MIN = 12.0  # see `detect`
+
+
+@dataclass(frozen=True)
+class Options:
+    """Keywords of `detect`, with its defaults.
+
+    Raises
+    ------
+    ValueError
+        Names the option that is wrong, what was expected and what came.
+    """
+
+    radius_px: float | Sequence[float] | None = None
+    polarity: str = "dark"
+    merit_max: float = 0.7
+    refine: str = "bowl"
+    mask: ArrayLike | None = None
+    max_spots: int | None = None
+    min_depth: float | None = None
+    min_quality: float = QUALITY_MIN
+
+    def __post_init__(self) -> None:
+        check_polarity(self.polarity)
+        if self.radius_px is not None:
+            check_radii(self.radius_px)
+        if not (np.isfinite(self.merit_max) and self.merit_max > 0):
+            raise ValueError(f"merit_max must be a positive number, got {self.merit_max!r}")
+        if self.refine not in REFINEMENTS:
+            raise ValueError(f"refine must be one of {', '.join(REFINEMENTS)}, got {self.refine!r}")
+        if self.max_spots is not None and not (self.max_spots >= 0 and int(self.max_spots) == self.max_spots):
+            raise ValueError(f"max_spots must be None or a whole number from 0, got {self.max_spots!r}")
+        if self.min_depth is not None and not np.isfinite(self.min_depth):
+            raise ValueError(f"min_depth must be None or a number of grey levels, got {self.min_depth!r}")
+        if not (np.isfinite(self.min_quality) and self.min_quality >= 0):
+            raise ValueError(f"min_quality must be a number from 0, got {self.min_quality!r}")
+
+
+def check_radii(radius_px: float | Sequence[float]) -> list[float]:
+    """One radius or several as a list, smallest first."""
+    try:
+        radii = np.unique(np.asarray(radius_px, dtype=float).ravel())
+    except (TypeError, ValueError):
+        radii = np.empty(0)
+    if radii.size == 0 or not (np.isfinite(radii).all() and radii[0] >= 1.0):
+        raise ValueError(f"radius_px must be one radius or several, each at least 1 px, got {radius_px!r}")
+    return [float(r) for r in radii]
