@@ -1,5 +1,7 @@
 """`windmark detect`: the options beyond the radius."""
 
+import shutil
+
 import numpy as np
 import pytest
 
@@ -76,3 +78,25 @@ def test_a_mask_of_another_size_is_named(windmark, shot, tmp_path):
     done = windmark("detect", shot, "-r", 4, "-o", tmp_path / "d.csv", "--mask", tmp_path / "mask.png")
     assert done.code == 2
     assert "12 x 10" in done.err
+
+
+def test_the_mask_of_a_project(windmark, virtual_test, tmp_path):
+    """Markers outside the mask of [detect] are not detected; a mask that is absent is named."""
+    source, _ = virtual_test
+    for name in ("camera.json", "markers.csv", "wind-off.tif"):
+        shutil.copy(source / name, tmp_path / name)
+    mask = np.ones(io.read_grey(source / "wind-off.tif").shape, np.uint8)
+    mask[:, : mask.shape[1] // 3] = 0
+    io.write_image(tmp_path / "mask.png", mask)
+    (tmp_path / "project.toml").write_text(
+        'title = "t"\nlength_unit = "mm"\n[[camera]]\nfile = "camera.json"\n[[image]]\nfile = "wind-off.tif"\n'
+        '[markers]\nfile = "markers.csv"\n[detect]\nradius_px = 4\nmask = "mask.png"\n'
+    )
+    assert windmark("run", tmp_path / "project.toml").code == 0
+    found = spots(tmp_path / "results" / "wind-off" / "detections.csv")
+    assert len(found) >= 6
+    assert found[:, 0].min() > mask.shape[1] // 3 - 2
+    (tmp_path / "mask.png").unlink()
+    done = windmark("run", tmp_path / "project.toml")
+    assert done.code == 2
+    assert "detect.mask" in done.err

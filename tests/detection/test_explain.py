@@ -5,7 +5,7 @@ import pytest
 
 import windmark as wm
 from windmark.detection import REASONS, estimate_radius, explain, merit_map
-from windmark.detection.rejected import FAINT, LARGE, SHALLOW, SHAPE, SMALL, SURPLUS
+from windmark.detection.rejected import FAINT, SHALLOW, SHAPE, SMALL, SURPLUS
 from windmark.scene import FLAGS
 
 CONTAMINATED = next(bit for bit, name in FLAGS.items() if name == "contaminated")
@@ -13,11 +13,11 @@ CONTAMINATED = next(bit for bit, name in FLAGS.items() if name == "contaminated"
 
 @pytest.fixture
 def wall(draw):
-    """A marker at (30, 30), a tap, a large disc, a faint disc and a short thick line; noise 1.5."""
+    """A marker at (30, 30), a tap, a large disc, a faint disc; noise 1.5."""
     rng = np.random.default_rng(0)
     shape = (100, 240)
     image = draw(shape, [(30, 30, 3.0), (70, 30, 1.1), (120, 40, 4.6)], blur=1)
-    image += draw(shape, [(160, 30, 3.0)], depth=6) - 100 + draw(shape, [(200, 60, 6.5, 1.6, 0.4)], blur=1) - 100
+    image += draw(shape, [(160, 30, 3.0)], depth=6) - 100
     return image + rng.normal(0, 1.5, shape)
 
 
@@ -33,11 +33,8 @@ def test_every_reject_has_its_reason(wall):
     np.testing.assert_allclose(found.xy, [[30, 30]], atol=0.1)
     assert rejected.reason[at(rejected, 70, 30)] == SMALL
     assert rejected.reason[at(rejected, 120, 40)] == SHAPE
-    loose = explain(wall, radius_px=3.0, merit_max=1.0)[1]
-    assert loose.reason[at(loose, 120, 40)] == LARGE
     assert rejected.reason[at(rejected, 160, 30)] == FAINT
-    assert rejected.reason[at(rejected, 200, 60)] in (SHAPE, SMALL)
-    assert rejected.radius_px[at(rejected, 120, 40)] == pytest.approx(4.6, rel=0.1)
+    assert rejected.merit[at(rejected, 120, 40)] > 0.7
     assert rejected.words[at(rejected, 160, 30)] == REASONS[FAINT]
     assert np.hypot(*(rejected.xy - [30, 30]).T).min() > 4.5  # no news of the marker itself
 

@@ -83,15 +83,7 @@ def parse_roi(text: str | None) -> tuple[int, int, int, int] | None:
 
 def used_pixels(image: Image, mask: Path | None, roi: tuple[int, int, int, int] | None) -> NDArray[np.bool_] | None:
     """The mask picture (not 0: use) and the region of interest together; None where all pixels are used."""
-    use = None
-    if mask is not None:
-        picture = io.read_grey(mask)
-        if picture.shape != image.shape:
-            raise io.FileError(
-                mask, f"is {picture.shape[1]} x {picture.shape[0]} pixels, the image {image.shape[1]} x"
-                f" {image.shape[0]}; expected a mask of the image's size"
-            )  # fmt: skip
-        use = picture != 0
+    use = None if mask is None else io.read_mask(mask, image.shape)
     if roi is not None:
         x0, y0, x1, y1 = roi
         if x0 >= image.shape[1] or y0 >= image.shape[0]:

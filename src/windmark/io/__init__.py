@@ -4,7 +4,16 @@ from windmark.io.atomic import atomic_folder, atomic_path, atomic_write
 from windmark.io.cameras import LENGTH_UNITS, CameraFile, read_camera, read_camera_file, write_camera
 from windmark.io.csvtable import read_table, write_table
 from windmark.io.errors import FileError
-from windmark.io.images import page_count, read_grey, read_image, read_images, to_grey, write_image, write_images
+from windmark.io.images import (
+    page_count,
+    read_grey,
+    read_image,
+    read_images,
+    read_mask,
+    to_grey,
+    write_image,
+    write_images,
+)
 from windmark.io.markers import read_markers, write_markers
 from windmark.io.mesh import read_mesh, write_mesh
 from windmark.io.netcdf import read_nodes_netcdf, write_nodes_netcdf
@@ -24,6 +33,7 @@ __all__ = [
     "Plot3dLayout", "detect_plot3d", "read_mesh", "read_nodes_netcdf", "read_plot3d", "read_plot3d_function",
     "read_tecplot", "write_mesh", "write_nodes_csv", "write_nodes_netcdf", "write_nodes_vtk", "write_plot3d",
     "write_plot3d_function", "write_tecplot",
-    "page_count", "read_grey", "read_image", "read_images", "to_grey", "to_json", "write_image", "write_images",
+    "page_count", "read_grey", "read_image", "read_images", "read_mask", "to_grey", "to_json",
+    "write_image", "write_images",
     "write_camera", "write_detections", "write_json", "write_markers", "write_matches", "write_table",
 ]  # fmt: skip

@@ -113,7 +113,11 @@ def _register(result: ImageResult, image: NDArray[np.generic], inputs: _Inputs, 
     assert inputs.markers is not None
     with clock("detect"):
         found = detection.detect(
-            image, radius_px=options.radius_px, polarity=options.polarity, merit_max=options.merit_max
+            image,
+            radius_px=options.radius_px,
+            polarity=options.polarity,
+            merit_max=options.merit_max,
+            mask=None if options.mask is None else io.read_mask(options.mask, image.shape[:2]),
         )
     with clock("register"):
         answer = registration.register(

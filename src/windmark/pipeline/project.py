@@ -74,11 +74,12 @@ class GridEntry(_Strict):
 
 
 class DetectOptions(_Strict):
-    """Options of `windmark.detect`."""
+    """Options of `windmark.detect`. ``mask``: a picture of the images' size; only pixels that are not 0 are used."""
 
     radius_px: Positive | tuple[Positive, ...]
     polarity: Literal["dark", "bright"] = "dark"
     merit_max: Positive = 0.7
+    mask: Path | None = None
 
 
 class RegisterOptions(_Strict):
@@ -226,6 +227,10 @@ def _with_absolute_paths(project: Project) -> Project:
     if register.prior is not None:
         register = register.model_copy(update={"prior": existing("register.prior", register.prior)})
 
+    detect = project.detect
+    if detect is not None and detect.mask is not None:
+        detect = detect.model_copy(update={"mask": existing("detect.mask", detect.mask)})
+
     def moved(key: str, entry: _Strict) -> _Strict:
         return entry.model_copy(update={"file": existing(f"{key}.file", entry.file)})  # type: ignore[attr-defined]
 
@@ -236,6 +241,7 @@ def _with_absolute_paths(project: Project) -> Project:
             "markers": moved("markers", project.markers) if project.markers else None,
             "grid": moved("grid", project.grid) if project.grid else None,
             "register_": register,
+            "detect": detect,
             "output": project.output.model_copy(update={"folder": (base / project.output.folder).resolve()}),
         }
     )
