@@ -51,7 +51,7 @@ class View:
 
 @dataclass(frozen=True)
 class RealSet:
-    """A set of images: what the user would give as the radius, where it comes from, and the views (lazily)."""
+    """A set of images: what the user would give as the radius (steps of 1.3), how the truth was made, and the views."""
 
     folder: str
     radius_px: tuple[float, ...]
@@ -245,10 +245,10 @@ def sway(folder: Path) -> Iterator[View]:
 SETS = {
     "NASA camera 5": RealSet("nasa-upsp-cam5", (3.0,), "table projected, plain ellipse fit", nasa, 1),
     "DICe discs": RealSet("dice-stereo-dots", (46.0,), "regions on one lattice, soft centroid", dice, 4),
-    "DBAT sheet": RealSet("dbat-camcal", (9.0, 13.0, 18.0, 24.0), "published marks - 0.5 px", dbat, 3),
-    "CSP dot wall": RealSet("opencsp-dotwall-5view", (2.0, 2.8), "published dots projected", dotwall, 2),
+    "DBAT sheet": RealSet("dbat-camcal", (10.0, 13.0, 17.5, 23.0), "published marks - 0.5 px", dbat, 3),
+    "CSP dot wall": RealSet("opencsp-dotwall-5view", (1.7, 2.2, 2.9), "published dots projected", dotwall, 2),
     "PIV-E plate": RealSet("piv-challenge-e-calib", (19.0, 27.0), "round regions, soft centroid", piv_plate, 4),
-    "V-block": RealSet("openptv-vblock-4view", (3.0, 4.5, 9.0), "regions, centroid", vblock, 4),
-    "MyPTV ridge": RealSet("myptv-ridge-3cam", (1.2, 1.7, 2.4), "published labelled points", ridge, 3),
+    "V-block": RealSet("openptv-vblock-4view", (2.7, 3.5, 4.5, 9.0), "regions, centroid", vblock, 4),
+    "MyPTV ridge": RealSet("myptv-ridge-3cam", (1.2, 1.5, 2.0, 2.6), "published labelled points", ridge, 3),
     "Frame sway": RealSet("frame-sway-1cam", (10.0,), "correlation, soft centroid", sway, 2),
 }

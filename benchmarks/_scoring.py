@@ -1,4 +1,4 @@
-"""How detectors are judged: pairs with the truth, the Cramer-Rao bound, and the peers with their settings."""
+"""How detectors are judged: pairs with the truth, and the peers with their settings."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from windmark.detection import detect
-from windmark.synth import disc_image
 
 Array = NDArray[np.float64]
 Detector = Callable[[NDArray, str], tuple[Array, Array | None]]  # image, polarity -> xy, flags
@@ -51,38 +50,6 @@ def _one_to_one(f: NDArray[np.int64], t: NDArray[np.int64]) -> tuple[NDArray[np.
             used_t.add(j)
             keep.append(k)
     return f[keep], t[keep]
-
-
-def crlb_sigma(axes: Array, angle: float, blur: float, depth: float, noise: float) -> float:
-    """Cramer-Rao bound of a disc's centre, sqrt of the mean of both variances, in pixels.
-
-    Unknown are centre, ellipse (its symmetric matrix), blur, depth, background and its slope; the noise is white. The
-    window is a disc of radius r + 4.5 blur + 1: a larger one gains a few per cent, through the slope alone.
-    Derivatives of the exact image by central differences; the phase of the centre on the pixels is (0.2, 0.3).
-    """
-    reach = axes[0] + 4.5 * blur + 1
-    half = int(np.ceil(reach))
-    shape = (2 * half + 1, 2 * half + 1)
-    c, s = np.cos(angle), np.sin(angle)
-    turn = np.array([[c, -s], [s, c]])
-    matrix = turn @ np.diag(np.square(axes)) @ turn.T
-    y, x = np.indices(shape) - half
-    inside = np.hypot(x, y) <= reach
-    start = np.array([half + 0.2, half + 0.3, matrix[0, 0], matrix[0, 1], matrix[1, 1], blur])
-
-    def image(p: Array) -> Array:
-        value, vector = np.linalg.eigh([[p[2], p[3]], [p[3], p[4]]])
-        turned = float(np.arctan2(vector[1, 1], vector[0, 1]))
-        half_axes = np.sqrt(value[::-1])
-        return disc_image(shape, p[:2], half_axes, turned, level=0.0, depth=depth, blur_px=p[5], subpixels=5)[inside]
-
-    steps = np.array([0.02, 0.02, *(0.02 * matrix[0, 0],) * 3, 0.02])
-    columns = [(image(start + h) - image(start - h)) / (2 * h.max()) for h in np.diag(steps)]
-    columns += [image(start), np.ones(inside.sum()), x[inside], y[inside]]
-    design = np.column_stack(columns)
-    design[:, 2:] /= np.linalg.norm(design[:, 2:], axis=0)
-    cov = np.linalg.inv(design.T @ design)[:2, :2]
-    return noise * float(np.sqrt(0.5 * np.trace(cov)))
 
 
 # --- detectors --------------------------------------------------------------------------------
@@ -151,7 +118,7 @@ def trackpy_detector(radius_px: float, count: int) -> Detector | None:
     trackpy.quiet()
 
     def run(image: NDArray, polarity: str) -> tuple[Array, Array | None]:
-        size = 2 * int(np.ceil(radius_px)) + 1
+        size = 2 * int(np.ceil(radius_px + 1)) + 1  # a mask that holds the blurred disc
         table = trackpy.locate(image, size, invert=polarity == "dark", topn=count, engine="python")
         return table[["x", "y"]].to_numpy(), None
 
@@ -168,12 +135,12 @@ def photutils_detector(radius_px: float, count: int) -> Detector | None:
     def run(image: NDArray, polarity: str) -> tuple[Array, Array | None]:
         sign = -1.0 if polarity == "dark" else 1.0
         values = sign * (image - np.median(image))
-        finder = DAOStarFinder(threshold=float(values.std()), fwhm=2 * radius_px, brightest=count)
-        table = finder(values)
+        table = DAOStarFinder(threshold=float(values.std()), fwhm=2 * radius_px)(values)
         if table is None:
             return np.zeros((0, 2)), None
-        names = ("xcentroid", "ycentroid") if "xcentroid" in table.colnames else ("x_centroid", "y_centroid")
-        return np.column_stack([np.asarray(table[n], dtype=float) for n in names]), None
+        brightest = np.argsort(-np.asarray(table["flux"], dtype=float))[:count]
+        names = ("x_centroid", "y_centroid") if "x_centroid" in table.colnames else ("xcentroid", "ycentroid")
+        return np.column_stack([np.asarray(table[n], dtype=float) for n in names])[brightest], None
 
     return run
 

@@ -14,7 +14,6 @@ import numpy as np
 
 from _scoring import (
     Detector,
-    crlb_sigma,
     pair,
     photutils_detector,
     refinements,
@@ -23,6 +22,7 @@ from _scoring import (
     trackpy_detector,
     windmark_detector,
 )
+from windmark.detection.crlb import centre_bound
 from windmark.synth import Scene, marker_scene
 
 KINDS = ("clean", "cluttered", "infrared")
@@ -103,7 +103,7 @@ def detectors(scene: Scene) -> dict[str, Detector]:
     }
     some["SimpleBlob tuned"] = simple_blob((RADII_PX[0], RADII_PX[-1]))
     some["SimpleBlob defaults"] = simple_blob(None)
-    some["trackpy (count given)"] = trackpy_detector(RADII_PX[1], count)
+    some["trackpy (count given)"] = trackpy_detector(RADII_PX[-1], count)
     some["photutils (count given)"] = photutils_detector(RADII_PX[1], count)
     return {name: detector for name, detector in some.items() if detector is not None}
 
@@ -111,12 +111,17 @@ def detectors(scene: Scene) -> dict[str, Detector]:
 def bounds(scene: Scene) -> np.ndarray:
     """(N,) Cramer-Rao bound per axis; sensor noise and paint texture together as if they were white."""
     noise = np.hypot(scene.noise, scene.texture)
-    return np.array(
-        [
-            crlb_sigma(scene.axes_px[k], scene.angle[k], scene.blur_px[k], scene.depth[k], noise[k])
-            for k in range(len(scene))
-        ]
-    )
+    photometry = "additive" if scene.kind == "infrared" else "multiplicative"
+    slope = np.zeros((len(scene), 2)) if scene.kind == "infrared" else scene.slope
+    cov = [
+        centre_bound(
+            scene.axes_px[k], scene.angle[k], blur_px=scene.blur_px[k], depth=scene.depth[k], noise=noise[k],
+            background=scene.depth[k] / scene.contrast[k], slope=tuple(slope[k]), xy=scene.xy[k] - np.rint(scene.xy[k]),
+            photometry=photometry,
+        )
+        for k in range(len(scene))
+    ]  # fmt: skip
+    return np.sqrt(0.5 * np.trace(np.array(cov), axis1=1, axis2=2))
 
 
 def main(quick: bool = False) -> dict[str, object]:
