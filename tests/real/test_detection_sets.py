@@ -29,7 +29,7 @@ CASES = [
     ("NASA camera 5", 0, 1.0, 0, 0.05),
     ("DICe discs", 4, 1.0, 0, 0.4),
     ("DBAT sheet", 0, 1.0, 8, 0.4),
-    ("CSP dot wall", 0, 1.0, 3, 0.1),
+    ("CSP dot wall", 0, 1.0, 12, 0.1),
     ("PIV-E plate", 0, 1.0, 1, 0.4),
     ("V-block", 0, 1.0, 0, 0.1),
     ("MyPTV ridge", 0, 0.97, 8, 0.2),
