@@ -10,7 +10,7 @@ from windmark.geometry._jit import nb
 
 
 @nb.njit(cache=True, nogil=True)
-def _row_peaks(left: Any, here: Any, right: Any, limit: Any) -> int:
+def _row_peaks(left: Any, here: Any, right: Any, limit: Any) -> Any:
     """Number of pixels that leave both neighbours of their row by more than the limit; vectorises."""
     count = np.int32(0)
     for i in range(here.size):
