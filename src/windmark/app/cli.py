@@ -90,6 +90,12 @@ def detect(
     ] = None,
     polarity: Polarity = "dark",
     merit_max: MeritMax = 0.7,
+    refine: Annotated[
+        str, typer.Option(help="bowl (the paper's centre) or template (fit of a blurred ellipse).")
+    ] = "bowl",
+    photometry: Annotated[
+        str | None, typer.Option(help="Of the template: multiplicative or additive. [default: by polarity]")
+    ] = None,
     mask: Annotated[Path | None, typer.Option(help="Picture of the image's size; only pixels not 0 are used.")] = None,
     roi: Annotated[
         str | None, typer.Option(help="x0,y0,x1,y1: first and last column and row that are used; else all.")
@@ -108,10 +114,10 @@ def detect(
     with console.errors(as_json):
         from windmark.app import detect_verb
 
+        options = {"polarity": polarity, "merit_max": merit_max, "refine": refine, "photometry": photometry}
         wishes = detect_verb.Wishes(
-            {"polarity": polarity, "merit_max": merit_max}, tuple(radius or ()), mask, detect_verb.parse_roi(roi),
-            output, picture, explain, merit_map,
-        )  # fmt: skip
+            options, tuple(radius or ()), mask, detect_verb.parse_roi(roi), output, picture, explain, merit_map
+        )
         detect_verb.detect(images, wishes, as_json)
 
 

@@ -12,6 +12,7 @@ from windmark.detection.decide import describe_spots, judge, rejected_places
 from windmark.detection.image import Prepared, check_image, check_polarity, prepare
 from windmark.detection.options import QUALITY_MIN, REFINEMENTS, Options, check_radii
 from windmark.detection.radius import prevailing
+from windmark.detection.refined import FIT_SLACK, refined, worth_fitting
 from windmark.detection.rejected import ACCEPTED, SURPLUS, UNCERTAIN, Rejected
 from windmark.detection.search import MERIT_SLACK, Bowl
 from windmark.detection.shape import ILL, TOUCHING, Shapes, covariance
@@ -30,6 +31,7 @@ def detect(
     polarity: str = "dark",
     merit_max: float = 0.7,
     refine: str = "bowl",
+    photometry: str | None = None,
     mask: ArrayLike | None = None,
     max_spots: int | None = None,
     min_depth: float | None = None,
@@ -50,7 +52,11 @@ def detect(
         None takes what `estimate_radius` says; an image in which no size prevails has no spots
     polarity : "dark" or "bright" markers on their surface
     merit_max : largest merit of a spot; the paper's 0.7 is a correlation of 0.778 with the top-hat
-    refine : "bowl", the paper's centre
+    refine : "bowl", the paper's centre and decision; or "template", a fit of the blurred ellipse to every candidate
+        (`template.refine_template`), also those whose merit is up to 0.3 above `merit_max`. The fit decides: radius,
+        shape, blur and contrast against the frame's own
+    photometry : of the template, "multiplicative" where paint scales the light or "additive" (infrared); None takes the
+        first for dark and the second for bright markers
     mask : (H, W), only pixels where it is true (not 0) are used; a marker needs 85 % of its disc in them
     max_spots : keep only so many, the best
     min_depth : smallest depth in grey levels; None leaves it to `min_quality`
@@ -77,7 +83,7 @@ def detect(
     ValueError
         An image that is not (H, W) real numbers, a radius below 1, an unknown polarity or refinement.
     """
-    options = Options(radius_px, polarity, merit_max, refine, mask, max_spots, min_depth, min_quality)
+    options = Options(radius_px, polarity, merit_max, refine, photometry, mask, max_spots, min_depth, min_quality)
     return _examine(image, options, why=False)[0]
 
 
@@ -108,37 +114,46 @@ def _examine(image: ArrayLike, options: Options, *, why: bool) -> tuple[Detectio
     radii = prevailing(prepared).radii_px if options.radius_px is None else check_radii(options.radius_px)
     if not len(radii):
         return nothing
-    spots = Spots.join([find_spots(prepared, r, options.merit_max) for r in radii])
+    template = options.refine == "template"
+    limit = options.merit_max + (FIT_SLACK if template else 0.0)
+    spots = Spots.join([find_spots(prepared, r, limit) for r in radii])
     found = describe_spots(prepared, spots)
     value, reason = judge(spots, found, options)
     chosen = np.flatnonzero(reason == ACCEPTED)
     chosen = chosen[distinct(spots.take(chosen))]
     order = chosen[np.argsort(-value[chosen], kind="stable")]
-    cov = _covariance(prepared, spots.take(order), found.take(order))
-    sure = np.asarray(np.isfinite(cov).all(axis=(1, 2)))
-    reason[order[~sure]] = UNCERTAIN
-    order, cov = order[sure], cov[sure]
+    if template:
+        taken = len(order)
+        order = worth_fitting(value, spots, order, options)
+        result, verdict = refined(checked, prepared, spots.take(order), found.take(order), radii, taken, options)
+    else:
+        result, verdict = _bowls(prepared, spots.take(order), found.take(order))
+    reason[order] = verdict
+    order = order[verdict == ACCEPTED]
     reason[order[options.max_spots :] if options.max_spots is not None else []] = SURPLUS
-    order, cov = order[: options.max_spots], cov[: options.max_spots]
-    result = _detections(spots.take(order), found.take(order), cov)
-    return result, _rejected(
-        prepared, options, radii, spots.r0[order], result, spots, reason
-    ) if why else Rejected.none()
+    keep = np.arange(len(order))[: options.max_spots]
+    result, r0 = result.take(keep), spots.r0[order[keep]]
+    return result, _rejected(prepared, options, radii, r0, result, spots, reason) if why else Rejected.none()
 
 
 def _rejected(
     image: Prepared, options: Options, radii: Sequence[float], r0: Array, result: Detections, spots: Spots, reason: Any
 ) -> Rejected:
     """The spots that were not taken, and candidates beyond the limit of the merit."""
-    near = spots.take(reason != ACCEPTED)
-    bad = [find_spots(image, r, options.merit_max + MERIT_SLACK) for r in radii]
-    far = Spots.join(bad)
-    far = far.take(far.merit > options.merit_max)
-    every = Spots.join([near, far])
+    near = np.flatnonzero(reason != ACCEPTED)
+    far = Spots.join([find_spots(image, r, options.merit_max + MERIT_SLACK) for r in radii])
+    every = Spots.join([spots.take(near), far.take(far.merit > options.merit_max)])
     found = describe_spots(image, every)
     value, why = judge(every, found, options)
-    why[: len(near.xy)] = reason[reason != ACCEPTED]
+    why[: len(near)] = reason[near]
     return rejected_places(every, found, value, why, result.xy, np.fmax(result.radius_px, r0))
+
+
+def _bowls(image: Prepared, spots: Spots, found: Shapes) -> tuple[Detections, NDArray[np.int64]]:
+    """Detections with the bowl's centres, and for each spot ACCEPTED or UNCERTAIN."""
+    cov = _covariance(image, spots, found)
+    sure = np.asarray(np.isfinite(cov).all(axis=(1, 2)))
+    return _detections(spots.take(sure), found.take(sure), cov[sure]), np.where(sure, ACCEPTED, UNCERTAIN)
 
 
 def _covariance(image: Prepared, spots: Spots, found: Shapes) -> Array:

@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike
 
 from windmark.detection.image import check_polarity
 
-REFINEMENTS = ("bowl",)
+REFINEMENTS = ("bowl", "template")
+PHOTOMETRIES = ("multiplicative", "additive")
 QUALITY_MIN = 12.0  # see `detect`
 
 
@@ -28,6 +29,7 @@ class Options:
     polarity: str = "dark"
     merit_max: float = 0.7
     refine: str = "bowl"
+    photometry: str | None = None
     mask: ArrayLike | None = None
     max_spots: int | None = None
     min_depth: float | None = None
@@ -41,12 +43,19 @@ class Options:
             raise ValueError(f"merit_max must be a positive number, got {self.merit_max!r}")
         if self.refine not in REFINEMENTS:
             raise ValueError(f"refine must be one of {', '.join(REFINEMENTS)}, got {self.refine!r}")
+        if self.photometry is not None and self.photometry not in PHOTOMETRIES:
+            raise ValueError(f"photometry must be None or one of {', '.join(PHOTOMETRIES)}, got {self.photometry!r}")
         if self.max_spots is not None and not (self.max_spots >= 0 and int(self.max_spots) == self.max_spots):
             raise ValueError(f"max_spots must be None or a whole number from 0, got {self.max_spots!r}")
         if self.min_depth is not None and not np.isfinite(self.min_depth):
             raise ValueError(f"min_depth must be None or a number of grey levels, got {self.min_depth!r}")
         if not (np.isfinite(self.min_quality) and self.min_quality >= 0):
             raise ValueError(f"min_quality must be a number from 0, got {self.min_quality!r}")
+
+    @property
+    def light(self) -> str:
+        """The photometry: paint scales the light, infrared adds to it."""
+        return self.photometry or ("multiplicative" if self.polarity == "dark" else "additive")
 
 
 def check_radii(radius_px: float | Sequence[float]) -> list[float]:

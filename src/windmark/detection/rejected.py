@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-ACCEPTED, SHAPE, FAINT, SHALLOW, SMALL, LARGE, FORMLESS, UNCERTAIN, SURPLUS = range(9)
+ACCEPTED, SHAPE, FAINT, SHALLOW, SMALL, LARGE, FORMLESS, UNCERTAIN, SURPLUS, MISFIT, BLURRED, SAME, PALE = range(13)
 REASONS = {
     SHAPE: "no disc of this size: the merit is above the limit",
     FAINT: "too faint for its shape: depth / noise / merit is below the limit",
@@ -20,6 +20,10 @@ REASONS = {
     FORMLESS: "no radius can be measured: no hole of positive depth and volume",
     UNCERTAIN: "its place cannot be determined",
     SURPLUS: "more spots than asked for, and others are better",
+    MISFIT: "no blurred disc: the fitted template explains too little of what is there",
+    PALE: "paler than the image's markers: less than half of their contrast",
+    SAME: "a better marker lies there",
+    BLURRED: "sharper or more blurred than the image's markers",
 }
 """Meaning of the codes of `Rejected.reason`."""
 

@@ -117,6 +117,8 @@ def _register(result: ImageResult, image: NDArray[np.generic], inputs: _Inputs, 
             radius_px=options.radius_px,
             polarity=options.polarity,
             merit_max=options.merit_max,
+            refine=options.refine,
+            photometry=options.photometry,
             mask=None if options.mask is None else io.read_mask(options.mask, image.shape[:2]),
         )
     with clock("register"):

@@ -79,6 +79,8 @@ class DetectOptions(_Strict):
     radius_px: Positive | tuple[Positive, ...]
     polarity: Literal["dark", "bright"] = "dark"
     merit_max: Positive = 0.7
+    refine: Literal["bowl", "template"] = "bowl"
+    photometry: Literal["multiplicative", "additive"] | None = None
     mask: Path | None = None
 
 
