@@ -7,7 +7,13 @@ from pathlib import Path
 for _name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
+import hypothesis  # noqa: E402
 import pytest  # noqa: E402
+
+# The same examples every time, so that a red run means a change; `--hypothesis-profile=explore` draws new ones.
+hypothesis.settings.register_profile("windmark", derandomize=True)
+hypothesis.settings.register_profile("explore", derandomize=False)
+hypothesis.settings.load_profile("windmark")
 
 
 @pytest.fixture(scope="session")

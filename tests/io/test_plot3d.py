@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from windmark.io import FileError, Plot3dLayout, detect_plot3d, read_mesh, read_plot3d, write_plot3d
@@ -110,6 +110,7 @@ def surface_shapes(most=7):
     layout=st.sampled_from([x for x in LAYOUTS if x.multi_block and not x.text]),
 )
 def test_any_surface_in_any_layout_comes_back(tmp_path_factory, make_mesh, shapes, layout):
+    assume(shapes != [(1, 1, 1)])  # a file of one node says too little to tell its layout
     path = tmp_path_factory.mktemp("any") / "grid.x"
     mesh = make_mesh(shapes, blanked=layout.iblank, single=layout.real_bytes == 4)
     write_plot3d(path, mesh, layout=layout)
