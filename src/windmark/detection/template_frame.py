@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from windmark.detection.disc_model import patch_model
 from windmark.detection.template_fit import TUKEY, Batch, Fitted, Neighbours, Request, Scene, fit_batches
-from windmark.detection.template_noise import SAMPLE, FrameNoise, frame_noise
+from windmark.detection.template_noise import FrameNoise, frame_noise
 from windmark.detection.template_result import CONTAMINATED, TOUCHING, Frame, TemplateFits, columns
 
 Array = NDArray[np.float64]
@@ -18,10 +18,11 @@ Bools = NDArray[np.bool_]
 
 BLUR_START, BLUR_SPREAD = 0.8, 0.8  # px, blur and its spread where nothing better is known
 LEAST_SPREAD = 0.1  # px, least spread of a frame's blur: optics differ over the frame
+SAMPLE = 48  # markers that are enough to know a frame
 CLEAN = 5  # clean markers needed to say something about the frame
-OUTVOTED = 2.5  # residual variance over the median of the sample, beyond which a marker is not clean
-WORSE, FAR = 1.6, 5.5  # contaminated: residual variance over the expected one; largest residual in standard deviations
-UNUSUAL = 4.0  # the same, in robust standard deviations of the logarithm over the frame
+OUTVOTED = 2.5  # a marker is not clean if its residuals exceed the sample's by so many robust standard deviations
+WORSE, FAR = 1.4, 4.9  # contaminated: residual variance over the expected one; largest residual in standard deviations
+UNUSUAL = 3.2  # the same, in robust standard deviations of the logarithm over the frame
 NOTHING = Frame(BLUR_START, BLUR_SPREAD, None)
 
 
@@ -29,8 +30,7 @@ def frame_blur(fits: TemplateFits) -> tuple[float, float] | None:
     """Blur of a frame and how much it differs over it, from the markers that are clean.
 
     Weighted median; the weights are the fits' own, without the prior they were made with. None where fewer than five
-    markers
-    are clean and know their blur.
+    markers are clean and know their blur.
     """
     prior = (2.0 * fits.frame.blur_px * fits.frame.blur_spread_px) ** -2.0  # information on blur^2
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -62,7 +62,8 @@ def learn_frame(scene: Scene, request: Request, *, blur: bool, noise: bool) -> t
     )
     clean = fits.converged & (fits.flags == 0) & (fits.depth > 0.0)
     if clean.any():
-        clean &= fits.noise < np.sqrt(OUTVOTED) * np.median(fits.noise[clean])
+        logs = np.log(fits.noise, out=np.full(len(sample), np.inf), where=fits.noise > 0)
+        clean &= logs - np.median(logs[clean]) < OUTVOTED * max(_scatter(logs[clean]), 0.05)
     found = frame_blur(fits.take(clean)) if blur else None
     if found is not None:
         frame = replace(frame, blur_px=found[0], blur_spread_px=found[1])
@@ -102,9 +103,10 @@ def _learn_noise(scene: Scene, batches: list[Batch], clean: Bools) -> FrameNoise
     lattice = np.arange(size) - size // 2
     photometry = "multiplicative" if scene.multiplicative else "additive"
     _, jacobian = patch_model(lattice, lattice, params[typical], photometry=photometry)
-    noise = frame_noise(images, jacobian * (images[0, 3] != 0), scene.multiplicative)
-    noise2 = np.concatenate([f.column("noise2") for f in fitted])
-    return replace(noise, kept=float(np.median(noise2 / np.concatenate([noise.variance(s) for s in stack]))))
+    variance = np.concatenate([f.column("noise2") for f in fitted])
+    variance[[0, typical]] = variance[[typical, 0]]
+    level = np.abs(images[:, 3]).max((1, 2))
+    return frame_noise(images, jacobian * (images[0, 3] != 0), variance, level, scene.multiplicative)
 
 
 def fit_markers(scene: Scene, request: Request, frame: Frame, *, robust: bool) -> TemplateFits:
@@ -142,19 +144,17 @@ def _trust(noise: FrameNoise | None, done: Fitted, batches: list[Batch]) -> tupl
     """Covariance of the centres and the residual variance that the frame's noise lets expect.
 
     White noise: least squares' own covariance. Else that of the frame's noise, scaled by the marker's own residuals;
-    where
-    weights are used those say nothing, and the frame's noise counts alone.
+    where weights are used those say nothing, and the frame's noise counts alone.
     """
-    cov, expected = done.cov[:, :2, :2].copy(), np.full(len(done.cov), np.nan)
+    cov = done.cov[:, :2, :2].copy()
     if noise is None:
-        return cov, expected
-    expected[:] = noise.constant[0] * noise.kept
-    if noise.is_white:
-        return cov, expected
-    for b in batches:
-        expected[b.index] = noise.kept * noise.variance(b.images)
-        own = np.where(b.weighted, 1.0, b.fitted.column("noise2") / expected[b.index])
-        cov[b.index] = noise.covariance(b.images) * own[:, None, None]
+        return cov, np.full(len(cov), np.nan)
+    p = done.params
+    expected = noise.variance(np.fmax(np.abs(p[:, 7]), np.abs(p[:, 7] - p[:, 6])))
+    if not noise.is_white:
+        for b in batches:
+            variance = np.where(b.weighted, expected[b.index], b.fitted.column("noise2"))
+            cov[b.index] = noise.covariance(b.images, variance)
     return cov, expected
 
 
@@ -164,18 +164,14 @@ def _contaminated(chi2: Array, done: Fitted, expected: Array, flags: Ints) -> Bo
     limit = WORSE
     if usual.sum() >= 4 * CLEAN:
         logs = np.log(chi2[usual])
-        limit = max(
-            limit, float(np.exp(np.median(logs) + UNUSUAL * 1.4826 * np.median(np.abs(logs - np.median(logs)))))
-        )
+        limit = max(limit, float(np.exp(np.median(logs) + UNUSUAL * _scatter(logs))))
     return (chi2 > limit) | (done.column("largest") > FAR * np.sqrt(expected))
 
 
 def _fit_robustly(
     scene: Scene, request: Request, plain: Fitted, others: Neighbours, noise: Array, images: bool
 ) -> tuple[Fitted, list[Batch]]:
-    """Fits with Tukey's weights for a given noise, the better of two starts: the plain fit, and a round disc as
-    given.
-    """
+    """Fits with Tukey's weights for a given noise, the better of two starts: the plain fit, and a round disc."""
     wide = np.maximum(0.5 * plain.column("largest") / (TUKEY * noise), 1.0)
     weighted = replace(request, scale=noise)
     best, batches = _narrowed(scene, replace(weighted, states=plain.states), others, wide, images)
@@ -201,6 +197,11 @@ def _narrowed(
         request = replace(request, states=np.where((done.column("status") >= 0)[:, None], done.states, request.states))
         wide = np.maximum(0.5 * wide, 1.0)
     return _fit(scene, request, others, images=images)
+
+
+def _scatter(values: Array) -> float:
+    """Robust standard deviation."""
+    return float(1.4826 * np.median(np.abs(values - np.median(values))))
 
 
 def _median(values: Array, weight: Array) -> float:

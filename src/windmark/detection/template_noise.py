@@ -1,19 +1,18 @@
 """Noise of a frame from the residuals of its template fits, and the covariance of centres in it.
 
-Paint is not smooth: what is left after a fit is correlated from pixel to pixel, and where paint multiplies the light
-its
-texture fades in a dark marker. Least squares stays unbiased, but its usual covariance is too small, up to five times.
+How strong: sensor noise, shot noise and the paint's own texture make a residual variance that grows with the light as
+c0 + c1 v + c2 v^2 (the photon transfer curve); its three numbers come from markers in light and shade.
 
-The noise is modelled as a sum of a few covariances with unknown strengths c >= 0: white noise; white noise and Gaussian
-correlations of several lengths proportional to the image's brightness (paint); or Gaussian correlations of constant
-strength (sensor, or infrared). The strengths come from quadratic forms of the residuals. A fit takes ten degrees of
-freedom
-out of a window of 150 to 500 pixels, and from correlated noise the more the longer it is correlated; the expectation
-of each
-form is computed with the projection Q = 1 - U U^T that the fit applies, E[e^T Q S Q e] = sum_b c_b tr(S Q C_b Q), so
-the
-strengths are unbiased (estimation of variance components: Rao's MINQUE; C. R. Rao, J. Multivariate Anal. 1, 1971).
-The covariance of a centre is then a^T C a with a the influence of each pixel on it.
+How correlated: paint is not smooth, and sensors have columns. What is left after a fit is correlated from pixel to
+pixel, and where paint multiplies the light its texture fades in a dark marker. Least squares stays unbiased, but its
+usual covariance is too small, up to five times. The noise of a marker is modelled as a sum of covariances of unknown
+strengths >= 0: white noise, columns and rows, and noise correlated over several lengths, either in proportion to the
+image's brightness (paint) or of constant strength (infrared, sensor). The strengths come from quadratic forms of the
+residuals. A fit takes ten degrees of freedom out of a window of 150 to 500 pixels, and from correlated noise the more
+the longer it is correlated; the expectation of each form is computed with the projection Q = 1 - U U^T that the fit
+applies, E[e^T Q S Q e] = sum_b c_b tr(S Q C_b Q), so the strengths are unbiased (variance components by quadratic
+forms: C. R. Rao, J. Multivariate Analysis 1, 1971). The covariance of a centre is then a^T C a with a the influence of
+each pixel on it.
 
 All correlations are products of one over rows and one over columns, so that C f is two small matrix products.
 """
@@ -23,129 +22,152 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
 LENGTHS_PX = (0.5, 0.8, 1.2, 1.8, 2.7)  # standard deviations of filters on white noise: correlation exp(-d^2 / (4 l^2))
+PARTS = 3 + len(LENGTHS_PX)  # white, columns, rows, lengths
 EVIDENCE = 0.7  # constant correlations are believed where they leave less than this of the misfit of proportional ones
+OUTVOTED = 3.0  # a marker's residuals count at most so many times the median: a line or a bent background is no noise
 SAME = 0.08  # noise is called white where that changes the variance of a centre by less
-SAMPLE = 48  # markers that are enough for the noise of a frame
 
 
 @dataclass(frozen=True)
 class FrameNoise:
-    """Noise of a frame: strengths of its parts, in grey levels squared.
+    """Noise of a frame.
 
     Parameters
     ----------
-    constant : (6,) variance of white noise and of noise correlated over each of `LENGTHS_PX`
-    paint : (6,) the same of noise proportional to brightness, where the brightness is `scale`
-    scale : grey level
-    kept : share of the variance that is left in the residuals; fits take the slowly varying part of a texture for light
+    curve : (3,) residual variance of a fit by the largest grey level v in its window: curve . (1, v, v^2)
+    constant : (8,) relative strengths of white noise, columns, rows, and noise correlated over each of `LENGTHS_PX`
+    paint : (8,) the same of noise in proportion to the brightness, relative to the window's brightest place
+    kept : part of such noise's variance that a typical fit leaves in its residuals
     """
 
+    curve: Array
     constant: Array
     paint: Array
-    scale: float
-    kept: float = 1.0
+    kept: float
 
     @staticmethod
     def white(sigma: float) -> FrameNoise:
-        """White noise of a standard deviation."""
-        return FrameNoise(np.array([sigma**2, 0.0, 0.0, 0.0, 0.0, 0.0]), np.zeros(6), 1.0)
+        """White noise of a standard deviation in grey levels."""
+        return FrameNoise(np.array([sigma**2, 0.0, 0.0]), np.eye(PARTS)[0], np.zeros(PARTS), 1.0)
 
     @property
     def is_white(self) -> bool:
         """Whether the usual covariance of least squares holds."""
         return not (self.constant[1:].any() or self.paint.any())
 
-    @property
-    def sigma(self) -> float:
-        """Standard deviation of one pixel on the paint."""
-        return float(np.sqrt(self.constant.sum() + self.paint.sum()))
+    def variance(self, level: ArrayLike) -> Array:
+        """Residual variance to be expected at grey levels."""
+        v = np.abs(np.asarray(level, dtype=float))
+        return np.asarray(self.curve[0] + v * (self.curve[1] + v * self.curve[2]))
 
-    def variance(self, images: Array) -> Array:
-        """Mean variance (B,) of the pixels that were used in fits with `Batch.images`."""
-        model, n = images[:, 3], np.maximum((images[:, 3] != 0).sum((1, 2)), 1)
-        return np.asarray(self.constant.sum() + self.paint.sum() * (model**2).sum((1, 2)) / n / self.scale**2)
-
-    def covariance(self, images: Array) -> Array:
-        """Covariance (B, 2, 2) of the centres of fits with `Batch.images`."""
-        influence, brightness = images[:, :2], images[:, 3:] / self.scale
+    def covariance(self, images: Array, variance: Array) -> Array:
+        """Covariance (B, 2, 2) of the centres of fits with images `Batch.images` and residual variances (B,)."""
+        influence, bright = images[:, :2], brightness(images)
+        pixels = np.maximum((bright != 0).sum((1, 2)), 1)
+        total = self.constant.sum() + self.paint.sum() * (bright**2).sum((1, 2)) / pixels
         cov = np.zeros((len(images), 2, 2))
-        for strengths, weighted in ((self.constant, influence), (self.paint, influence * brightness)):
-            for strength, table in zip(strengths, _tables(images.shape[-1]), strict=True):
+        for strengths, weighted in ((self.constant, influence), (self.paint, influence * bright[:, None])):
+            for strength, (rows, columns) in zip(strengths, _tables(images.shape[-1]), strict=True):
                 if strength > 0.0:
-                    cov += strength * np.einsum("kiab,kjab->kij", weighted, _filtered(table, weighted))
-        return cov
+                    cov += strength * np.einsum("kiab,kjab->kij", weighted, rows @ weighted @ columns)
+        return np.asarray(cov * (variance / (self.kept * total))[:, None, None])
 
 
-def frame_noise(images: Array, jacobian: Array, multiplicative: bool) -> FrameNoise:
+def brightness(images: Array) -> Array:
+    """Model images (B, S, S) relative to the brightest place of their window, 0 where a pixel was not used."""
+    model = images[:, 3]
+    return np.asarray(model / np.maximum(np.abs(model).max((1, 2), keepdims=True), 1e-300))
+
+
+def frame_noise(images: Array, jacobian: Array, variance: Array, level: Array, multiplicative: bool) -> FrameNoise:
     """Noise of a frame from some of its clean markers.
 
     Parameters
     ----------
     images : (B, 4, S, S), `Batch.images` of the markers; the first must be a typical one
     jacobian : (10, S, S) derivatives of the model of the first marker, 0 where its pixels were not used
+    variance, level : (B,) residual variance of the fits, largest grey level of the windows
     multiplicative : whether paint multiplies the light, so that its texture is proportional to the brightness
     """
     from scipy.optimize import nnls
 
-    residual, used = images[:, 2], (images[:, 3] != 0).astype(float)
-    scale = float(np.abs(images[0, 3]).max())
-    brightness = images[:, 3] / scale
-    edge = np.abs(np.sign(images[:, 3].sum((1, 2)))[:, None, None] * used - brightness)  # large in the marker
-    weights, tables = (used, brightness, edge), _tables(images.shape[-1])
+    curve = _transfer(variance, level)
+    residual = images[:, 2] / np.sqrt(variance)[:, None, None]
+    used, bright = (images[:, 3] != 0).astype(float), brightness(images)
+    contrast = np.abs(np.sign(images[:, 3]) - bright)
+    weights, tables = (used, bright, contrast), _tables(images.shape[-1])
     pixels = used.sum((1, 2))
-    forms = np.array([
-        (np.einsum("kab,kab->k", residual * w, _filtered(t, residual * w)) / pixels).mean() for w in weights for t in
-        tables
+    each = np.array([
+        np.einsum("kab,kab->k", residual * w, rows @ (residual * w) @ columns) / pixels
+        for w in weights for rows, columns in tables
     ])  # fmt: skip
+    forms = np.minimum(each, OUTVOTED * np.median(each, axis=1, keepdims=True)).mean(axis=1)
     expected, size = _expectations([w[0] for w in weights], tables, jacobian, float(pixels[0]))
-    scaled, forms = expected / size[:, None], forms / size
+    scaled, target = expected / size[:, None], forms / size
     unit = np.linalg.norm(scaled, axis=0)
-    n = len(tables)
-    paint = [0, *range(n, 2 * n)] if multiplicative else list(range(n))
-    best, misfit = np.zeros(2 * n), np.inf
-    for family, trust in ((paint, 1.0), (list(range(n)), EVIDENCE)):
-        strengths = np.zeros(2 * n)
-        strengths[family], left = nnls((scaled / unit)[:, family], forms)
+    lengths, best, misfit = list(range(3, PARTS)), np.zeros(2 * PARTS), np.inf
+    paint = [0, 1, 2, PARTS, *(PARTS + k for k in lengths)] if multiplicative else list(range(PARTS))
+    for family, trust in ((paint, 1.0), (list(range(PARTS)), EVIDENCE)):
+        strengths = np.zeros(2 * PARTS)
+        strengths[family], left = nnls((scaled / unit)[:, family], target)
         if left < trust * misfit:
             best, misfit = strengths / unit, left
-    found = FrameNoise(best[:n], best[n:], scale)
-    plain = FrameNoise.white(float(np.sqrt(found.variance(images[:1])[0])))
-    change = np.trace(found.covariance(images[:1])[0]) / np.trace(plain.covariance(images[:1])[0])
-    return plain if abs(change - 1.0) < SAME else found
+    total = best[:PARTS].sum() + best[PARTS:].sum() * float((bright[0] ** 2).sum() / pixels[0])
+    kept = float(expected[0] @ best) * pixels[0] / (pixels[0] - len(jacobian)) / total
+    found = FrameNoise(curve, best[:PARTS], best[PARTS:], kept)
+    plain = FrameNoise(curve, np.eye(PARTS)[0], np.zeros(PARTS), 1.0)
+    size_of = [np.trace(noise.covariance(images[:1], variance[:1])[0]) for noise in (found, plain)]
+    return plain if abs(size_of[0] - size_of[1]) < SAME * size_of[1] else found
 
 
-def _tables(size: int) -> list[Array]:
-    """Correlations along a row of pixels, (S, S) each: white, then `LENGTHS_PX`."""
+def _transfer(variance: Array, level: Array) -> Array:
+    """Coefficients >= 0 of variance = c0 + c1 v + c2 v^2, by relative errors, without markers far above it."""
+    from scipy.optimize import nnls
+
+    design = np.abs(level)[:, None] ** np.arange(3)
+    good, curve = np.ones(len(variance), dtype=bool), np.array([np.median(variance), 0.0, 0.0])
+    for _ in range(3):
+        weight = 1.0 / np.maximum(design @ curve, 1e-300)
+        scale = np.maximum(np.abs(design[good] * weight[good, None]).max(axis=0), 1e-300)
+        curve = nnls(design[good] * weight[good, None] / scale, variance[good] * weight[good])[0] / scale
+        ratio = variance / np.maximum(design @ curve, 1e-300)
+        good = ratio < 2.0 * max(1.0, float(np.median(ratio[good])))
+    return np.asarray(curve)
+
+
+def _tables(size: int) -> list[tuple[Array, Array]]:
+    """Correlations (S, S) along columns and along rows of pixels: white, columns, rows, then `LENGTHS_PX`."""
     gap2 = (np.arange(size)[:, None] - np.arange(size)[None, :]) ** 2
-    return [np.eye(size), *(np.exp(-gap2 / (4.0 * length**2)) for length in LENGTHS_PX)]
+    alone, together = np.eye(size), np.ones((size, size))
+    lengths = [np.exp(-gap2 / (4.0 * length**2)) for length in LENGTHS_PX]
+    return [(alone, alone), (together, alone), (alone, together), *((t, t) for t in lengths)]
 
 
-def _filtered(table: Array, images: Array) -> Array:
-    """The correlation applied to images (..., S, S)."""
-    return np.asarray(table @ images @ table)
-
-
-def _expectations(weights: list[Array], tables: list[Array], jacobian: Array, pixels: float) -> tuple[Array, Array]:
+def _expectations(
+    weights: list[Array], tables: list[tuple[Array, Array]], jacobian: Array, pixels: float
+) -> tuple[Array, Array]:
     """Expectations (forms, parts) of the forms per pixel for each part of strength 1, and the forms' own size.
 
     With S = w T w and C = v T' v: tr(S Q C Q) = tr(S C) - 2 tr(U^T S C U) + tr(U^T S U U^T C U), and
-    tr(S C) = (w v)^T (T * T') (w v) because T * T' is again a correlation of rows times one of columns.
+    tr(S C) = (w v)^T (T * T') (w v) because T * T' is again a correlation along columns times one along rows.
     """
     shape = jacobian.shape
     basis = np.linalg.qr(jacobian.reshape(shape[0], -1).T)[0].T.reshape(shape)
-    sandwiches = [w * _filtered(t, w * basis) for w in weights for t in tables]
-    inner = [np.einsum("iab,jab->ij", basis, s) for s in sandwiches]
-    forms = [(w, t) for w in weights for t in tables]
-    out = np.empty((len(forms), 2 * len(tables)))
-    for f, (w, t) in enumerate(forms):
-        for p, (v, u) in enumerate(forms[: 2 * len(tables)]):
-            both = w * v
-            total = (both * _filtered(t * u, both)).sum() - 2.0 * (sandwiches[f] * sandwiches[p]).sum()
-            out[f, p] = total + (inner[f] * inner[p].T).sum()
-    size = np.array([np.sqrt((w**2 * _filtered(t * t, w**2)).sum()) for w, t in forms])
+    rows, columns = np.array([r for r, _ in tables]), np.array([c for _, c in tables])
+    parts = 2 * PARTS
+    sandwich = np.concatenate([w * (rows[:, None] @ (w * basis) @ columns[:, None]) for w in weights])
+    inner = np.einsum("iab,fjab->fij", basis, sandwich, optimize=True)
+    flat = sandwich.reshape(len(sandwich), -1)
+    out = np.tensordot(inner, inner[:parts].swapaxes(1, 2), axes=((1, 2), (1, 2))) - 2.0 * flat @ flat[:parts].T
+    both_rows, both_columns = rows[:, None] * rows, columns[:, None] * columns
+    for i, w in enumerate(weights):
+        for j, v in enumerate(weights[:2]):
+            block = ((w * v) * (both_rows @ (w * v) @ both_columns)).sum((2, 3))
+            out[i * PARTS : (i + 1) * PARTS, j * PARTS : (j + 1) * PARTS] += block
+    size = np.concatenate([np.sqrt((w**2 * (rows**2 @ w**2 @ columns**2)).sum((1, 2))) for w in weights])
     return out / pixels, size / pixels
