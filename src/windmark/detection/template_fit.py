@@ -52,6 +52,7 @@ class Request:
     shape : (K, 3) L_xx, L_xy, L_yy to be held together with the blur, or None where the shape is fitted
     scale : (K,) noise for Tukey's weights, inf for least squares
     states : (K, 10) states to start from, relative to `xy`; NaN where the start is taken from the image's moments
+    window : (K,) radius of the windows, None for what disc and blur need
     """
 
     xy: Array
@@ -61,6 +62,7 @@ class Request:
     shape: Array | None
     scale: Array
     states: Array
+    window: Array | None = None
 
     def take(self, index: Ints | Flags) -> Request:
         """The markers of an index."""
@@ -70,7 +72,7 @@ class Request:
 
     def reach(self) -> Array:
         """Radius of the windows (K,)."""
-        return window_radius(self.radius, self.blur, WINDOW_BLURS)
+        return self.window if self.window is not None else window_radius(self.radius, self.blur, WINDOW_BLURS)
 
 
 @dataclass(frozen=True)

@@ -7,10 +7,20 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.detection.crlb import window_radius
 from windmark.detection.disc_model import patch_model
-from windmark.detection.template_fit import TUKEY, Batch, Fitted, Neighbours, Request, Scene, fit_batches
+from windmark.detection.template_fit import (
+    TUKEY,
+    WINDOW_BLURS,
+    Batch,
+    Fitted,
+    Neighbours,
+    Request,
+    Scene,
+    fit_batches,
+)
 from windmark.detection.template_noise import FrameNoise, frame_noise
-from windmark.detection.template_result import CONTAMINATED, TOUCHING, Frame, TemplateFits, columns
+from windmark.detection.template_result import CONTAMINATED, TOUCHING, Frame, TemplateFits, columns, ellipses
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -18,6 +28,15 @@ Bools = NDArray[np.bool_]
 
 BLUR_START, BLUR_SPREAD = 0.8, 0.8  # px, blur and its spread where nothing better is known
 LEAST_SPREAD = 0.1  # px, least spread of a frame's blur: optics differ over the frame
+LEAST_BLUR = 0.25  # px, as in the fits
+LEAST_SHARE = 0.01  # of what is known of a marker's blur that must come from the marker itself
+MEDIAN_VARIANCE = np.pi / 2.0  # of a median over that of a mean
+BLUR_PASSES, SAME_BLUR = 4, 0.03  # the frame's blur is found when it moves by less, px
+WEAK_BLUR = 0.2  # px, uncertainty of a marker's blur beyond which the markers are asked together
+BLURS = np.array([0.3, 0.4, 0.52, 0.66, 0.82, 1.0, 1.2, 1.43, 1.7, 2.0])  # px
+HELD_SPREAD = 0.02  # px, of a blur that is tried
+NARROW, MOST_LONGER = 1.04, 1.6  # a window is made again if it is so much too small; an ellipse may be so much longer
+OUTVOICED = 9.0  # chi^2 by which one marker can speak against a blur
 SAMPLE = 48  # markers that are enough to know a frame
 CLEAN = 5  # clean markers needed to say something about the frame
 OUTVOTED = 2.5  # a marker is not clean if its residuals exceed the sample's by so many robust standard deviations
@@ -29,52 +48,101 @@ NOTHING = Frame(BLUR_START, BLUR_SPREAD, None)
 def frame_blur(fits: TemplateFits) -> tuple[float, float] | None:
     """Blur of a frame and how much it differs over it, from the markers that are clean.
 
-    Weighted median; the weights are the fits' own, without the prior they were made with. None where fewer than five
-    markers are clean and know their blur.
+    Weighted median of the squared blurs that the markers show by themselves, without the prior they were fitted with;
+    also such squares may be negative, to leave them out would make the blur larger. None where fewer than five markers
+    are clean and know their blur.
     """
     prior = (2.0 * fits.frame.blur_px * fits.frame.blur_spread_px) ** -2.0  # information on blur^2
     with np.errstate(divide="ignore", invalid="ignore"):
         known = (2.0 * fits.blur_px * fits.blur_sigma_px) ** -2.0
         own = known - prior
         square = (known * fits.blur_px**2 - prior * fits.frame.blur_px**2) / own
-    good = fits.converged & (fits.flags == 0) & np.isfinite(square) & (own > 0.05 * known) & (square > 0.0)
+    good = fits.converged & (fits.flags == 0) & np.isfinite(square) & (own > LEAST_SHARE * known)
     if good.sum() < CLEAN:
         return None
-    blur, sigma = np.sqrt(square[good]), np.sqrt(1.0 / own[good]) / (2.0 * np.sqrt(square[good]))
-    weight = 1.0 / (sigma**2 + LEAST_SPREAD**2)
-    middle = _median(blur, weight)
-    spread = 1.4826 * _median(np.abs(blur - middle), weight)
-    return middle, float(np.hypot(np.sqrt(max(spread**2 - _median(sigma**2, weight), 0.0)), LEAST_SPREAD))
+    square, variance = square[good], 1.0 / own[good]
+    weight = 1.0 / (variance + (2.0 * fits.frame.blur_px * LEAST_SPREAD) ** 2)
+    middle = _median(square, weight)
+    blur = np.sqrt(max(middle, LEAST_BLUR**2))
+    scatter = (1.4826 * _median(np.abs(square - middle), weight)) ** 2 - _median(variance, weight)
+    unsure = MEDIAN_VARIANCE / weight.sum()
+    return float(blur), float(np.hypot(np.sqrt(max(scatter, 0.0) + unsure) / (2.0 * blur), LEAST_SPREAD))
 
 
 def learn_frame(scene: Scene, request: Request, *, blur: bool, noise: bool) -> tuple[Frame, Request]:
-    """Blur and noise of a frame (those asked for) from a first fit of its first markers, and the request with them.
+    """Blur and noise of a frame (those asked for) from fits of its first markers, and the request with them.
 
-    Markers that were fitted start where that fit ended.
+    The fits are done again with the frame's blur until it stays the same: where size, blur and depth are confused, a
+    fit that does not know the blur is biased. Markers that were fitted start where the last of the fits ended.
     """
     sample = np.arange(min(len(request.xy), SAMPLE))
-    first = request.take(sample)
     frame = Frame(float(request.blur[0]), float(request.blur_spread[0]), None)
-    done, batches = _fit(scene, first, Neighbours.find(first), images=noise)
-    unknown = np.full(len(sample), np.nan)
-    fits = columns(
-        scene, first.xy, done, cov=done.cov[:, :2, :2], chi2=unknown, flags=np.zeros(len(sample), np.int64), frame=frame
-    )
-    clean = fits.converged & (fits.flags == 0) & (fits.depth > 0.0)
-    if clean.any():
-        logs = np.log(fits.noise, out=np.full(len(sample), np.inf), where=fits.noise > 0)
-        clean &= logs - np.median(logs[clean]) < OUTVOTED * max(_scatter(logs[clean]), 0.05)
-    found = frame_blur(fits.take(clean)) if blur else None
-    if found is not None:
+    left = BLUR_PASSES if blur else 0
+    while True:
+        done, batches, fits = _fit_sample(scene, request.take(sample), frame, images=noise)
+        clean, good = _clean(fits), fits.converged
+        request = _continue(request, sample[good], done.take(good), fits.take(good))
+        found = frame_blur(fits.take(clean)) if left else None
+        if left and clean.sum() >= CLEAN and (found is None or np.median(fits.blur_sigma_px[clean]) > WEAK_BLUR):
+            found, left = joint_blur(scene, request.take(sample[clean]), fits.noise[clean]), 1
+        if found is None:
+            break
+        left = 0 if abs(found[0] - frame.blur_px) < SAME_BLUR else left - 1
         frame = replace(frame, blur_px=found[0], blur_spread_px=found[1])
+        request = _with_blur(request, frame)
     if noise and clean.sum() >= CLEAN:
         frame = replace(frame, noise=_learn_noise(scene, batches, clean))
-    new = replace(
-        request,
-        blur=np.full_like(request.blur, frame.blur_px),
-        blur_spread=np.full_like(request.blur, frame.blur_spread_px),
-    )
-    return frame, _continue(new, sample[fits.converged], done.take(fits.converged), fits.take(fits.converged))
+    return frame, request
+
+
+def _fit_sample(
+    scene: Scene, first: Request, frame: Frame, *, images: bool
+) -> tuple[Fitted, list[Batch], TemplateFits]:
+    """Fits that know the frame's blur but not its noise."""
+    done, batches = _fit(scene, first, Neighbours.find(first), images=images)
+    count = len(first.xy)
+    fits = columns(
+        scene, first.xy, done, cov=done.cov[:, :2, :2], chi2=np.full(count, np.nan), flags=np.zeros(count, np.int64),
+        frame=frame,
+    )  # fmt: skip
+    return done, batches, fits
+
+
+def joint_blur(scene: Scene, request: Request, noise: Array) -> tuple[float, float] | None:
+    """Blur and its uncertainty for markers none of which knows it well: the blur that suits all of them best.
+
+    Maximum likelihood of one blur for all, by fits with each of `BLURS`; a marker's say is limited. None where the
+    best is the last of those.
+    """
+    others = Neighbours.find(request)
+    request = replace(request, states=np.full_like(request.states, np.nan), window=request.reach())
+    cost = np.empty((len(BLURS), len(request.xy)))
+    for k, blur in enumerate(BLURS):
+        frame = Frame(blur, HELD_SPREAD, None)
+        cost[k] = _fit(scene, _with_blur(request, frame), others, images=False)[0].column("cost")
+    good = np.isfinite(cost).all(axis=0)
+    rise = np.minimum((cost - cost.min(axis=0))[:, good] / noise[good] ** 2, OUTVOICED).sum(axis=1)
+    k = int(rise.argmin())
+    if not 0 < k < len(BLURS) - 1:
+        return None
+    curve = np.polyfit(BLURS[k - 1 : k + 2], rise[k - 1 : k + 2], 2)
+    if not curve[0] > 0.0:
+        return None
+    return float(-0.5 * curve[1] / curve[0]), float(np.hypot(1.0 / np.sqrt(curve[0]), LEAST_SPREAD))
+
+
+def _with_blur(request: Request, frame: Frame) -> Request:
+    blur, spread = np.full_like(request.blur, frame.blur_px), np.full_like(request.blur, frame.blur_spread_px)
+    return replace(request, blur=blur, blur_spread=spread)
+
+
+def _clean(fits: TemplateFits) -> Bools:
+    """Markers whose residuals are not much larger than those of most."""
+    clean = fits.converged & (fits.flags == 0) & (fits.depth > 0.0)
+    if clean.any():
+        logs = np.log(fits.noise, out=np.full(len(fits), np.inf), where=fits.noise > 0)
+        clean &= logs - np.median(logs[clean]) < OUTVOTED * max(_scatter(logs[clean]), 0.05)
+    return clean
 
 
 def _continue(request: Request, index: Ints, done: Fitted, fits: TemplateFits) -> Request:
@@ -105,8 +173,8 @@ def _learn_noise(scene: Scene, batches: list[Batch], clean: Bools) -> FrameNoise
     _, jacobian = patch_model(lattice, lattice, params[typical], photometry=photometry)
     variance = np.concatenate([f.column("noise2") for f in fitted])
     variance[[0, typical]] = variance[[typical, 0]]
-    level = np.abs(images[:, 3]).max((1, 2))
-    return frame_noise(images, jacobian * (images[0, 3] != 0), variance, level, scene.multiplicative)
+    params[[0, typical]] = params[[typical, 0]]
+    return frame_noise(images, jacobian * (images[0, 3] != 0), variance, _level(params), scene.multiplicative)
 
 
 def fit_markers(scene: Scene, request: Request, frame: Frame, *, robust: bool) -> TemplateFits:
@@ -115,6 +183,13 @@ def fit_markers(scene: Scene, request: Request, frame: Frame, *, robust: bool) -
     coloured = frame.noise is not None and not frame.noise.is_white
     done, batches = _fit(scene, request, others, images=coloured)
     cov, expected = _trust(frame.noise, done, batches)
+    if request.shape is None and request.window is None:
+        request, index = _widened(request, done)
+        if index.size:
+            others = Neighbours.find(request)
+            wider, batches = _fit(scene, request.take(index), others.take(index), images=coloured)
+            done.put(index, wider)
+            cov[index], expected[index] = _trust(frame.noise, wider, batches)
     chi2 = done.column("noise2") / expected
     flags = np.where(others.touching(), TOUCHING, 0)
     if frame.noise is not None:
@@ -129,6 +204,16 @@ def fit_markers(scene: Scene, request: Request, frame: Frame, *, robust: bool) -
             done.put(index[better], again[0].take(better))
             cov[index[better]] = _trust(frame.noise, again[0], again[1])[0][better]
     return columns(scene, request.xy, done, cov=cov, chi2=chi2, flags=flags, frame=frame)
+
+
+def _widened(request: Request, done: Fitted) -> tuple[Request, Ints]:
+    """The request with the windows that the fitted ellipses need, and which markers (L,) had clearly smaller ones."""
+    axes, _ = ellipses(done.params[:, 2:5])
+    need = window_radius(np.minimum(axes[:, 0], MOST_LONGER * request.radius), request.blur, WINDOW_BLURS)
+    small = (done.column("status") >= 0) & (need > NARROW * request.reach())
+    radius, states = request.radius.copy(), request.states.copy()
+    radius[small], states[small] = np.minimum(axes[small, 0], MOST_LONGER * radius[small]), done.states[small]
+    return replace(request, radius=radius, states=states), np.flatnonzero(small)
 
 
 def _fit(scene: Scene, request: Request, others: Neighbours, *, images: bool) -> tuple[Fitted, list[Batch]]:
@@ -149,13 +234,17 @@ def _trust(noise: FrameNoise | None, done: Fitted, batches: list[Batch]) -> tupl
     cov = done.cov[:, :2, :2].copy()
     if noise is None:
         return cov, np.full(len(cov), np.nan)
-    p = done.params
-    expected = noise.variance(np.fmax(np.abs(p[:, 7]), np.abs(p[:, 7] - p[:, 6])))
+    expected = noise.variance(_level(done.params))
     if not noise.is_white:
         for b in batches:
             variance = np.where(b.weighted, expected[b.index], b.fitted.column("noise2"))
             cov[b.index] = noise.covariance(b.images, variance)
     return cov, expected
+
+
+def _level(params: Array) -> Array:
+    """Grey level of the brighter of marker and background (K,)."""
+    return np.asarray(np.fmax(np.abs(params[:, 7]), np.abs(params[:, 7] - params[:, 6])))
 
 
 def _contaminated(chi2: Array, done: Fitted, expected: Array, flags: Ints) -> Bools:

@@ -30,7 +30,9 @@ LENGTHS_PX = (0.5, 0.8, 1.2, 1.8, 2.7)  # standard deviations of filters on whit
 PARTS = 3 + len(LENGTHS_PX)  # white, columns, rows, lengths
 EVIDENCE = 0.7  # constant correlations are believed where they leave less than this of the misfit of proportional ones
 OUTVOTED = 3.0  # a marker's residuals count at most so many times the median: a line or a bent background is no noise
-SAME = 0.08  # noise is called white where that changes the variance of a centre by less
+TESTED = slice(1, 6)  # forms that hardly depend on the marker's shape: columns, rows, the shorter lengths
+UNLIKELY = 4.0  # noise is called white unless one of them differs by so many standard deviations
+SAME = 0.08  # ... or where that changes the variance of a centre by less
 
 
 @dataclass(frozen=True)
@@ -106,8 +108,13 @@ def frame_noise(images: Array, jacobian: Array, variance: Array, level: Array, m
         np.einsum("kab,kab->k", residual * w, rows @ (residual * w) @ columns) / pixels
         for w in weights for rows, columns in tables
     ])  # fmt: skip
-    forms = np.minimum(each, OUTVOTED * np.median(each, axis=1, keepdims=True)).mean(axis=1)
+    each = np.minimum(each, OUTVOTED * np.median(each, axis=1, keepdims=True))
+    forms = each.mean(axis=1)
     expected, size = _expectations([w[0] for w in weights], tables, jacobian, float(pixels[0]))
+    plain = FrameNoise(curve, np.eye(PARTS)[0], np.zeros(PARTS), 1.0)
+    unlike = np.abs(forms - expected[:, 0] * forms[0] / expected[0, 0])[TESTED]
+    if (unlike < UNLIKELY * each[TESTED].std(axis=1) / np.sqrt(len(images))).all():
+        return plain
     scaled, target = expected / size[:, None], forms / size
     unit = np.linalg.norm(scaled, axis=0)
     lengths, best, misfit = list(range(3, PARTS)), np.zeros(2 * PARTS), np.inf
@@ -120,7 +127,6 @@ def frame_noise(images: Array, jacobian: Array, variance: Array, level: Array, m
     total = best[:PARTS].sum() + best[PARTS:].sum() * float((bright[0] ** 2).sum() / pixels[0])
     kept = float(expected[0] @ best) * pixels[0] / (pixels[0] - len(jacobian)) / total
     found = FrameNoise(curve, best[:PARTS], best[PARTS:], kept)
-    plain = FrameNoise(curve, np.eye(PARTS)[0], np.zeros(PARTS), 1.0)
     size_of = [np.trace(noise.covariance(images[:1], variance[:1])[0]) for noise in (found, plain)]
     return plain if abs(size_of[0] - size_of[1]) < SAME * size_of[1] else found
 
