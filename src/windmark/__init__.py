@@ -14,7 +14,7 @@ __version__ = "0.1.0"
 _HOME = {
     "geometry": ("Camera", "DegenerateGeometry", "Pose", "PoV"),
     "scene": ("Detections", "MarkerSet", "Matching", "Mesh", "Observations", "Tracks", "View"),
-    "detection": ("detect",),
+    "detection": ("detect", "detect_at"),
     "registration": ("NotRegistered", "Registration", "pose_from_labels", "register"),
     "resection": (
         "NodeView", "PixelMap", "map_pixels", "node_values", "orient_outward", "sample", "sample_line", "section",
@@ -31,7 +31,7 @@ __all__ = ["__version__", "synth", *_WHERE]
 
 if TYPE_CHECKING:
     from windmark import synth
-    from windmark.detection import detect
+    from windmark.detection import detect, detect_at
     from windmark.geometry import Camera, DegenerateGeometry, Pose, PoV
     from windmark.io import (
         FileError,

@@ -1,8 +1,12 @@
 """Find markers in an image: the paper's SPOT detector."""
 
 from windmark.detection.detect import detect, explain
+from windmark.detection.guided import ANSWERS, Guided, detect_at
 from windmark.detection.merit import merit_map
 from windmark.detection.radius import RadiusEstimate, estimate_radius
 from windmark.detection.rejected import REASONS, Rejected
 
-__all__ = ["REASONS", "RadiusEstimate", "Rejected", "detect", "estimate_radius", "explain", "merit_map"]
+__all__ = [
+    "ANSWERS", "REASONS", "Guided", "RadiusEstimate", "Rejected", "detect", "detect_at", "estimate_radius", "explain",
+    "merit_map",
+]  # fmt: skip

@@ -22,6 +22,7 @@ AXIS_MIN = 0.5  # px
 MAX_EVALUATIONS = 60
 TOLERANCE = 3e-3  # chi^2 of the last step: 5 % of a standard deviation, and Gauss-Newton squares what is left
 STILL = 1e-4  # the same, where the step is taken without another evaluation
+STILL_KNOWN = 0.05  # of a known shape: its steps shrink to a few per cent of the one before, so 1 % of a sigma is left
 SAME_CHI2 = 2e-3  # increase of chi^2 let pass: the derivatives are not exact in the square of the light's slope
 JUMP = 1e-3  # increase of chi^2 per depth / noise let pass where the number of points on the ellipse has changed
 NOISE_PER_CUT = 1.0 / 4.685**2  # cut = 1 / (4.685 noise)^2: Tukey's weights with 95 % efficiency
@@ -245,6 +246,8 @@ def fit_disc(
     p, rhs, step, trial, row = vectors[0], vectors[1], vectors[2], vectors[3], vectors[4]
     status, evaluations, points, damping, least, noise2, last = 0, 0, 0, 1e-2, 0.0, 0.0, False
     cost = math.inf
+    if fixed[2]:  # nearly linear: damping would only cost an evaluation
+        damping = 1e-5
     for k in range(10):
         trial[k] = u[k]
     while status == 0 and evaluations < MAX_EVALUATIONS and damping < 1e8 and n > 0.0:
@@ -284,7 +287,7 @@ def fit_disc(
             status = -1
         moved = quadratic(matrix, trial, u) * (1.0 + damping) ** 2
         last = moved < TOLERANCE * noise2
-        if status == 0 and moved < STILL * noise2:
+        if status == 0 and moved < (STILL_KNOWN if fixed[2] else STILL) * noise2:
             status = 1
             for k in range(10):
                 u[k] = trial[k]

@@ -1,86 +1,204 @@
-"""Exhaustive search for a disc of known shape round a predicted place. Private."""
+"""Exhaustive search for a disc of known shape round a predicted place, and the same filter where no marker is. Private.
+
+A window is the least-squares fit of plane and disc image to the pixels round a place. Where all of them can be used the
+disc image less its plane is the same for every place, and a window costs one pass; where some are missing (border,
+mask, saturation) each window has its own plane.
+"""
 
 from __future__ import annotations
 
 import math
 from typing import Any
 
-import numba as nb
 import numpy as np
 
 from windmark.detection._kernels_template_model import disc_sums, points_needed
+from windmark.geometry._jit import nb
 
-FOUND = ("x", "y", "correlation", "depth", "background")  # columns of `search_discs`
+FOUND = ("x", "y", "correlation", "depth", "background", "usable", "misfit")  # columns of `search_discs`
+WINDOW = ("correlation", "depth", "mean", "misfit", "usable")  # columns of `ring_windows`
+LEAST_KNOWN = 0.5  # share of a window's pixels that must be usable
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def flat_template(p: Any, reach: float, table: Any, g: Any, inside: Any, template: Any) -> tuple[float, float, float]:
-    """Disc image less its plane over a round window (S, S); returns its square sum, pixels and sum of x^2 of the
-    window.
-    """
+def square_of(size: int) -> Any:
+    """Scratch."""
+    return np.empty((size, size), np.float32)
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def cut(image: Any, usable: Any, sign: float, saturation: float, x0: int, y0: int, patch: Any, known: Any) -> Any:
+    """Patch from (x0, y0) as a hole on a mean of 0, `known` 1 or 0; returns the mean and the number of known pixels."""
+    height, width = image.shape
+    total, count = 0.0, 0
+    for j in range(patch.shape[0]):
+        y = y0 + j
+        for i in range(patch.shape[1]):
+            x = x0 + i
+            good = 0 <= x < width and 0 <= y < height
+            if good and usable.shape[0] > 0:
+                good = usable[y, x]
+            if good:
+                v = float(image[y, x])
+                good = math.isfinite(v) and v < saturation
+                total += v if good else 0.0
+            known[j, i] = 1.0 if good else 0.0
+            count += good
+    mean = total / max(count, 1)
+    for j in range(patch.shape[0]):
+        for i in range(patch.shape[1]):
+            patch[j, i] = sign * (float(image[y0 + j, x0 + i]) - mean) if known[j, i] > 0.0 else 0.0
+    return sign * mean, count
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def templates(
+    p: Any, reach: float, table: Any, g: Any, inside: Any, disc: Any, flat: Any
+) -> tuple[float, float, float]:
+    """Window, disc image and disc image less its plane (S, S); returns square sum of the last, pixels, sum of x^2."""
     disc_sums(p, points_needed(p), False, table, g)
-    half, n, xx, t0, tx, ty, tt = template.shape[0] // 2, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for j in range(template.shape[0]):
-        for i in range(template.shape[0]):
+    half, n, xx, t0, tx, ty, tt = disc.shape[0] // 2, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for j in range(disc.shape[0]):
+        for i in range(disc.shape[0]):
             x, y = float(i - half), float(j - half)
             w = 1.0 if x * x + y * y <= reach * reach else 0.0
             t = w * g[6, j, i]
-            inside[j, i], n, xx = w, n + w, xx + w * x * x
+            inside[j, i], disc[j, i], n, xx = w, t, n + w, xx + w * x * x
             t0, tx, ty = t0 + t, tx + t * x, ty + t * y
-    for j in range(template.shape[0]):
-        for i in range(template.shape[0]):
+    for j in range(disc.shape[0]):
+        for i in range(disc.shape[0]):
             plane = t0 / n + (tx * (i - half) + ty * (j - half)) / xx
-            template[j, i] = inside[j, i] * (g[6, j, i] - plane)
-            tt += template[j, i] * template[j, i]
+            t = inside[j, i] * (disc[j, i] - plane)
+            flat[j, i] = t
+            tt += t * t
     return tt, n, xx
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract"})
-def window_match(
-    patch: Any, dx: int, dy: int, inside: Any, template: Any, n: float, xx: float
-) -> tuple[float, float, float]:
-    """Sum of template times window, square sum of the window without its plane, mean: window at (dx, dy) in the
-    patch.
-    """
-    half, g0, gx, gy, gg, gt = template.shape[0] // 2, 0.0, 0.0, 0.0, 0.0, 0.0
-    for j in range(template.shape[0]):
-        row, w, t = patch[dy + j, dx : dx + template.shape[0]], inside[j], template[j]
-        r0 = rx = rr = rt = 0.0
-        for i in range(template.shape[0]):
+def whole_window(
+    patch: Any, dx: int, dy: int, inside: Any, flat: Any, tt: float, n: float, xx: float
+) -> tuple[float, float, float, float]:
+    """Correlation, depth, mean and misfit (residual variance of plane and disc) at (dx, dy) in a patch without gaps."""
+    size = flat.shape[0]
+    zero: Any = np.float32(0.0)
+    half, g0, gx, gy, gg, gt = size // 2, 0.0, 0.0, 0.0, 0.0, 0.0
+    for j in range(size):
+        row, w, t = patch[dy + j, dx : dx + size], inside[j], flat[j]
+        r0 = rx = rr = rt = zero
+        for i in range(size):
             v = w[i] * row[i]
             r0 += v
-            rx += v * (i - half)
+            rx += v * np.float32(i)
             rr += v * row[i]
             rt += t[i] * row[i]
         g0, gx, gy, gg, gt = g0 + r0, gx + rx, gy + r0 * (j - half), gg + rr, gt + rt
-    return gt, gg - g0 * g0 / n - (gx * gx + gy * gy) / xx, g0 / n
+    gx -= half * g0
+    square = gg - g0 * g0 / n - (gx * gx + gy * gy) / xx
+    return verdict(gt, tt, square, g0 / n, n)
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def verdict(gt: float, tt: float, square: float, mean: float, n: float) -> tuple[float, float, float, float]:
+    """`WINDOW` from sums of squares without their planes: disc times window, disc, window."""
+    if not (square > 0.0 and tt > 0.0):
+        return 0.0, 0.0, mean, 0.0
+    return -gt / math.sqrt(tt * square), -gt / tt, mean, max(square - gt * gt / tt, 0.0) / max(n - 4.0, 1.0)
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def search_discs(patches: Any, discs: Any, reach: Any, search: int, out: Any) -> None:
-    """Best place of each disc within +-search pixels: rows of `FOUND`, relative to the middle of the patch.
+def gappy_window(
+    patch: Any, known: Any, dx: int, dy: int, inside: Any, disc: Any, total: float
+) -> tuple[float, float, float, float]:
+    """The same with missing pixels: NaN where more than half are. The plane is fitted to what is there."""
+    size = disc.shape[0]
+    half = size // 2
+    n = sx = sy = sxx = sxy = syy = v0 = vx = vy = vv = t0 = tx = ty = tt = tv = 0.0
+    for j in range(size):
+        y = float(j - half)
+        for i in range(size):
+            w, x = inside[j, i] * known[dy + j, dx + i], float(i - half)
+            v, t = w * patch[dy + j, dx + i], w * disc[j, i]
+            n, sx, sy, sxx, sxy, syy = n + w, sx + w * x, sy + w * y, sxx + w * x * x, sxy + w * x * y, syy + w * y * y
+            v0, vx, vy, vv = v0 + v, vx + v * x, vy + v * y, vv + v * v
+            t0, tx, ty, tt, tv = t0 + t, tx + t * x, ty + t * y, tt + t * t, tv + t * v
+    if n < LEAST_KNOWN * total:
+        return math.nan, math.nan, math.nan, math.nan
+    a, b, c = sxx - sx * sx / n, sxy - sx * sy / n, syy - sy * sy / n
+    det = a * c - b * b
+    if not det > 1e-9 * a * c:
+        return math.nan, math.nan, math.nan, math.nan
+    px, py, qx, qy = tx - sx * t0 / n, ty - sy * t0 / n, vx - sx * v0 / n, vy - sy * v0 / n
+    tt -= t0 * t0 / n + (c * px * px - 2.0 * b * px * py + a * py * py) / det
+    vv -= v0 * v0 / n + (c * qx * qx - 2.0 * b * qx * qy + a * qy * qy) / det
+    tv -= t0 * v0 / n + (c * px * qx - b * (px * qy + py * qx) + a * py * qy) / det
+    return verdict(tv, tt, vv, v0 / n, n)
 
-    `patches` (M, P, P) with P = S + 2 search, holes on a mean of 0; `discs` (M, 6) as in `disc_sums`, within half a
-    pixel of the
-    middle. The best window has the largest correlation; a parabola through its neighbours places it within the pixel.
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def search_discs(
+    image: Any, usable: Any, sign: float, saturation: float, pixel: Any, discs: Any, reach: Any, search: int, out: Any
+) -> None:
+    """Best place of each disc within +-search pixels: rows of `FOUND`, positions relative to the pixel.
+
+    `usable` (H, W) or (0, 0); `pixel` (M, 2); `discs` (M, 6) as in `disc_sums`, within half a pixel of the pixel. The
+    best window has the largest correlation; a parabola through its neighbours places it within the pixel.
     """
-    size, steps = patches.shape[1] - 2 * search, 2 * search + 1
-    g, table = np.empty((10, size, size)), np.empty((8, size + 6))
-    inside, template, rho = np.empty((size, size)), np.empty((size, size)), np.empty((steps, steps))
-    for k in range(patches.shape[0]):
-        tt, n, xx = flat_template(discs[k], reach[k], table, g, inside, template)
-        best, bx, by = -2.0, 0, 0
+    steps, size = 2 * search + 1, 0
+    rho = np.empty((steps, steps))
+    for k in range(len(pixel)):
+        half = int(math.ceil(reach[k]))
+        if size != 2 * half + 1:
+            size = 2 * half + 1
+            g, table = np.empty((10, size, size)), np.empty((8, size + 6))
+            inside, disc, flat = square_of(size), square_of(size), square_of(size)
+            patch, known = square_of(size + 2 * search), square_of(size + 2 * search)
+        tt, n, xx = templates(discs[k], reach[k], table, g, inside, disc, flat)
+        x0, y0 = pixel[k, 0] - half - search, pixel[k, 1] - half - search
+        level, count = cut(image, usable, sign, saturation, x0, y0, patch, known)
+        best, bx, by = -2.0, search, search
+        out[k, 2:5] = math.nan
         for j in range(steps):
             for i in range(steps):
-                match, square, mean = window_match(patches[k], i, j, inside, template, n, xx)
-                rho[j, i] = -match / math.sqrt(tt * square) if square > 0.0 else 0.0
-                if rho[j, i] > best:
-                    best, bx, by = rho[j, i], i, j
-                    out[k, 3], out[k, 4] = -match / tt, mean
-        out[k, 0], out[k, 1], out[k, 2] = bx - search + discs[k, 0], by - search + discs[k, 1], best
+                if count == patch.size:
+                    r, depth, mean, misfit = whole_window(patch, i, j, inside, flat, tt, n, xx)
+                else:
+                    r, depth, mean, misfit = gappy_window(patch, known, i, j, inside, disc, n)
+                rho[j, i] = r
+                if r > best:
+                    best, bx, by = r, i, j
+                    out[k, 2], out[k, 3], out[k, 4], out[k, 6] = r, depth, level + mean, misfit
+        out[k, 0], out[k, 1], out[k, 5] = bx - search + discs[k, 0], by - search + discs[k, 1], count / patch.size
         if 0 < bx < steps - 1:
-            bend = rho[by, bx - 1] - 2.0 * best + rho[by, bx + 1]
-            out[k, 0] += 0.5 * (rho[by, bx - 1] - rho[by, bx + 1]) / bend if bend < 0.0 else 0.0
+            out[k, 0] += vertex(rho[by, bx - 1], rho[by, bx], rho[by, bx + 1])
         if 0 < by < steps - 1:
-            bend = rho[by - 1, bx] - 2.0 * best + rho[by + 1, bx]
-            out[k, 1] += 0.5 * (rho[by - 1, bx] - rho[by + 1, bx]) / bend if bend < 0.0 else 0.0
+            out[k, 1] += vertex(rho[by - 1, bx], rho[by, bx], rho[by + 1, bx])
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def vertex(before: float, best: float, after: float) -> float:
+    """Place of the top of a parabola through three values, the middle one the largest."""
+    bend = before - 2.0 * best + after
+    return 0.5 * (before - after) / bend if bend < 0.0 else 0.0
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def ring_windows(
+    image: Any, usable: Any, sign: float, saturation: float, pixel: Any, disc_row: Any, reach: float, out: Any
+) -> None:
+    """What the disc's window says at the pixels (K, 2): rows of `WINDOW`, NaN where half of its pixels are missing."""
+    size = 2 * int(math.ceil(reach)) + 1
+    g, table = np.empty((10, size, size)), np.empty((8, size + 6))
+    inside, disc, flat, patch, known = (
+        square_of(size),
+        square_of(size),
+        square_of(size),
+        square_of(size),
+        square_of(size),
+    )
+    _, n, _ = templates(disc_row, reach, table, g, inside, disc, flat)
+    for k in range(len(pixel)):
+        level, count = cut(
+            image, usable, sign, saturation, pixel[k, 0] - size // 2, pixel[k, 1] - size // 2, patch, known
+        )
+        rho, depth, mean, misfit = gappy_window(patch, known, 0, 0, inside, disc, n)
+        out[k, 0], out[k, 1], out[k, 2], out[k, 3], out[k, 4] = rho, depth, level + mean, misfit, count / patch.size

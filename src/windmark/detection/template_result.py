@@ -49,6 +49,7 @@ class TemplateFits:
     blur_px, blur_sigma_px : (M,) blur and the standard deviation of that estimate
     depth : (M,) grey levels that the marker takes away at its centre (adds, if bright): positive for the chosen
         polarity
+    depth_sigma : (M,) standard deviation of that estimate in white noise
     background : (M,) grey level at the centre without marker
     slope : (M, 2) of the background: relative per pixel if multiplicative, else grey levels per pixel
     noise : (M,) standard deviation of the residuals, grey levels
@@ -67,6 +68,7 @@ class TemplateFits:
     blur_px: Array
     blur_sigma_px: Array
     depth: Array
+    depth_sigma: Array
     background: Array
     slope: Array
     noise: Array
@@ -126,6 +128,7 @@ def columns(
         blur_px=p[:, 5].copy(),
         blur_sigma_px=np.sqrt(done.cov[:, 5, 5]),
         depth=p[:, 6] * (light if scene.multiplicative else 1.0),
+        depth_sigma=np.sqrt(done.cov[:, 6, 6]) * (np.abs(light) if scene.multiplicative else 1.0),
         background=scene.sign * ramp,
         slope=slope,
         noise=np.sqrt(done.column("noise2")),

@@ -1,44 +1,93 @@
-"""Where the markers of a prediction are: exhaustive search round each place, shape known."""
+"""Where the markers of a prediction are: exhaustive search round each place, shape known; and what is round them."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.detection.template_fit import BATCH_PIXELS, Request, Scene, cut_patches
+from windmark.detection.template_fit import Request, Scene
 
 Array = NDArray[np.float64]
 
+RING = 12, 16  # windows of the inner and the outer ring round a marker
+LEAST_RING = 8  # windows that say something about the surface
+NO_MASK = np.zeros((0, 0), dtype=bool)
 
-def search(scene: Scene, request: Request, search_px: int) -> Request:
-    """The request placed where its discs correlate best, with states to start the fit from."""
+
+@dataclass(frozen=True)
+class Surroundings:
+    """The disc's filter on the surface round K places, where no marker is.
+
+    Parameters
+    ----------
+    depth, spread : (K,) median and robust standard deviation of the depth that the filter finds there; NaN where
+        fewer than 8 windows lie in the image
+    variance : (K,) median residual variance of a window
+    count : (K,) number of windows
+    """
+
+    depth: Array
+    spread: Array
+    variance: Array
+    count: Array
+
+
+def search(scene: Scene, request: Request, search_px: int) -> tuple[Request, Array]:
+    """The request placed where its discs correlate best, with states to start the fit from.
+
+    Returns
+    -------
+    request : placed
+    found : (K, 7) columns `_kernels_template_search.FOUND`; NaN where more than half of all windows is missing
+    """
+    from windmark.detection._kernels_template_search import FOUND, search_discs
+
     assert request.shape is not None
-    found = np.zeros((len(request.xy), 5))
-    half = np.ceil(request.reach()).astype(np.int64)
-    for size in np.unique(half):
-        mine = np.flatnonzero(half == size)
-        count = -(-mine.size * (2 * int(size + search_px) + 1) ** 2 // BATCH_PIXELS)
-        for index in np.array_split(mine, count):
-            found[index] = _search_batch(scene, request.take(index), int(size), search_px)
+    found = np.zeros((len(request.xy), len(FOUND)))
+    pixel = np.rint(request.xy).astype(np.int64)
+    search_discs(*_pixels(scene), pixel, _discs(request, pixel), request.reach(), search_px, found)
+    found[:, :2] += pixel
     states = np.zeros((len(found), 10))
     xx, xy, yy = request.shape.T
     states[:, 6], states[:, 7] = found[:, 3] * (xx * yy - xy * xy), found[:, 4]
-    return replace(request, xy=found[:, :2], states=states)
+    return replace(request, xy=found[:, :2].copy(), states=np.where(np.isfinite(found[:, 2:3]), states, np.nan)), found
 
 
-def _search_batch(scene: Scene, request: Request, half: int, search_px: int) -> Array:
-    from windmark.detection._kernels_template_search import search_discs
+def surroundings(scene: Scene, request: Request) -> Surroundings:
+    """The filter of each disc in two rings of windows round it, none of which sees the disc itself."""
+    from windmark.detection._kernels_template_search import WINDOW, ring_windows
 
     assert request.shape is not None
-    pixel = np.rint(request.xy).astype(np.int64)
-    patches, weights, _, _ = cut_patches(scene, pixel, half + search_px)
-    level = patches.sum((1, 2)) / np.maximum(weights.sum((1, 2)), 1.0)
-    patches = np.where(weights > 0, patches - level[:, None, None], 0.0)
-    discs = np.column_stack([request.xy - pixel, request.shape, request.blur])
-    out = np.zeros((len(pixel), 5))
-    search_discs(patches, discs, request.reach(), search_px, out)
-    out[:, :2] += pixel
-    out[:, 4] += level
-    return out
+    pixels = _pixels(scene)
+    out = np.full((4, len(request.xy)), np.nan)
+    turns = [2.0 * np.pi * np.arange(n) / n for n in RING]
+    ways = [np.column_stack([np.cos(t), np.sin(t)]) for t in turns]
+    for k in range(len(request.xy)):
+        one = request.take(np.array([k]))
+        reach, size = float(one.reach()[0]), float(one.radius[0])
+        far = reach + size + 3.0 * float(one.blur[0])
+        places = np.rint(one.xy + np.concatenate([ways[0] * far, ways[1] * (far + 2.0 * size)])).astype(np.int64)
+        rows = np.empty((len(places), len(WINDOW)))
+        ring_windows(*pixels, places, _discs(one, np.rint(one.xy).astype(np.int64))[0], reach, rows)
+        rows = rows[np.isfinite(rows[:, 1])]
+        out[3, k] = len(rows)
+        if len(rows) >= LEAST_RING:
+            out[0, k] = np.median(rows[:, 1])
+            out[1, k] = 1.4826 * np.median(np.abs(rows[:, 1] - out[0, k]))
+            out[2, k] = np.median(rows[:, 3])
+    return Surroundings(*out)
+
+
+def _pixels(scene: Scene) -> tuple[NDArray[np.generic], NDArray[np.bool_], float, float]:
+    """What the kernels want to know of the image."""
+    image = scene.image if scene.image.dtype.isnative else scene.image.astype(scene.image.dtype.newbyteorder("="))
+    usable = NO_MASK if scene.usable is None else scene.usable
+    return image, usable, scene.sign, scene.saturation
+
+
+def _discs(request: Request, pixel: NDArray[np.int64]) -> Array:
+    """Discs relative to their pixels, as the kernels want them (K, 6)."""
+    assert request.shape is not None
+    return np.column_stack([request.xy - pixel, request.shape, request.blur])

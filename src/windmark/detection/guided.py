@@ -1,0 +1,347 @@
+"""The verb `detect_at`: markers whose place, size and shape are roughly known, as in tracking.
+
+Where a camera's pose is known nearly, or a frame before was seen, nothing has to be searched for in the whole image
+and no shape has to be found: the disc is known, its place is not. That finds markers too faint for `detect`, and it is
+fast. What has to be decided is whether the marker is there at all, and that is decided marker by marker.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from windmark.detection.image import check_polarity
+from windmark.detection.options import PHOTOMETRIES
+from windmark.detection.template import LEAST_AXIS, check_places, fresh_request, known_blur, make_scene
+from windmark.detection.template_fit import Request, Scene
+from windmark.detection.template_frame import BLUR_SPREAD, BLUR_START, fit_markers, learn_frame
+from windmark.detection.template_result import CONTAMINATED, Frame, TemplateFits
+from windmark.detection.template_search import search, surroundings
+from windmark.scene import Detections
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+FALSE_ALARMS = 1e-3  # see `detect_at`
+SHAPE_MIN = 0.75  # correlation of disc and window but for noise: discs have 0.88 half a pixel off, an edge 0.52
+CLEAR, CLEAR_SHAPE = (
+    25.0,
+    0.85,
+)  # depth over its sigma and correlation of markers that nobody has to ask the surface for
+LEARN = 10.0, 0.85  # the same, of markers that speak for a frame
+BEYOND_PX = 1.0  # a fit may end so far outside the searched square
+
+FOUND, UNSEEN, CHANCE, OTHER, LOST, SAME = range(6)
+ANSWERS = {
+    FOUND: "found",
+    UNSEEN: "out of sight: outside the image, masked or saturated",
+    CHANCE: "nothing there: the surface round it looks the same as often",
+    OTHER: "something else there: no disc of this shape",
+    LOST: "no place: the fit did not settle within the searched square",
+    SAME: "the same marker as another prediction that is nearer to it",
+}
+"""Meaning of the codes of `Guided.answer`."""
+
+
+@dataclass(frozen=True)
+class Guided:
+    """M predictions and what was found there, in the order of the predictions.
+
+    Parameters
+    ----------
+    xy : (M, 2) centres of the imaged ellipses; NaN where not found
+    cov : (M, 2, 2) covariance of xy in px^2; NaN where not found
+    axes_px, angle : (M, 2), (M,) half axes and direction of the ellipse: the predicted one, or the fitted one
+    depth, depth_sigma : (M,) contrast in grey levels, positive for the chosen polarity, and its standard deviation: of
+        the fit, and where that decides no smaller than that of the same filter on the surface round the marker
+    correlation : (M,) of disc and window, both without their slope
+    log10_nfa : (M,) false-alarm number: in how many predictions of this kind the surface alone would show such a depth
+    flags : (M,) bits of `scene.FLAGS`
+    answer : (M,) a code of `ANSWERS`; 0 is found
+    frame : blur and noise of the frame, to be handed on to the next one
+    """
+
+    xy: Array
+    cov: Array
+    axes_px: Array
+    angle: Array
+    depth: Array
+    depth_sigma: Array
+    correlation: Array
+    log10_nfa: Array
+    flags: Ints
+    answer: Ints
+    frame: Frame
+
+    def __len__(self) -> int:
+        return len(self.xy)
+
+    @property
+    def found(self) -> Bools:
+        """Which predictions (M,) were met by a marker."""
+        return np.asarray(self.answer == FOUND)
+
+    @property
+    def words(self) -> list[str]:
+        """The answers in words."""
+        return [ANSWERS[a] for a in self.answer.tolist()]
+
+    @property
+    def detections(self) -> Detections:
+        """The markers that were found, in the order of the predictions; they have no merit (NaN)."""
+        i = self.found
+        return Detections.make(
+            self.xy[i], cov=self.cov[i], radius_px=np.sqrt(self.axes_px[i].prod(axis=1)), axes_px=self.axes_px[i],
+            angle=self.angle[i], depth=self.depth[i], flags=self.flags[i],
+        )  # fmt: skip
+
+
+def detect_at(
+    image: ArrayLike,
+    xy: ArrayLike,
+    *,
+    radius_px: ArrayLike | None = None,
+    axes_px: ArrayLike | None = None,
+    angle: ArrayLike = 0.0,
+    search_px: float = 2.5,
+    polarity: str = "dark",
+    photometry: str | None = None,
+    blur_px: float | None = None,
+    frame: Frame | None = None,
+    fit_shape: bool = False,
+    false_alarms: float = FALSE_ALARMS,
+    mask: ArrayLike | None = None,
+    saturation: float | None = None,
+) -> Guided:
+    """Find markers near predicted places.
+
+    All places within `search_px` are tried with the predicted disc, blurred as the frame is, and the best correlated
+    one is taken. Then centre, depth, background and slope are fitted, shape and blur held: six unknowns. A shape that
+    is wrong by a tenth does not move the centre, by symmetry. Clear markers that do not look as predicted (by the
+    frame's noise) are fitted again with all ten unknowns, robustly: the shape was wrong, or something lies on them.
+
+    A marker is there if the surface alone would not show such a depth, and if what is there has the disc's shape. How
+    deep the surface alone looks is measured with the same disc at 28 places round the marker, so paint, texture and
+    dark blocks have their own scale; discs that stand out by 25 standard deviations need no such proof.
+
+    Parameters
+    ----------
+    image : (H, W) grey levels, any real type, linear in light; pixels that are not finite are left out
+    xy : (M, 2) predicted centres; they may lie outside the image
+    radius_px : radius, one or (M,); or
+    axes_px, angle : (M, 2) or (2,) half axes of the predicted ellipses and (M,) or one direction of the first from x
+        towards y, radians, as `geometry.imaged_ellipse` gives them from camera, pose, normal and radius
+    search_px : how far the predictions may be off along each axis, 0 to 64
+    polarity, photometry : see `detect`
+    blur_px : blur of the frame; None takes the given frame's, or else finds it from the markers that stand out
+    frame : `Guided.frame` of a frame before: its blur and noise are taken and nothing is learnt
+    fit_shape : all clear markers are fitted with ten unknowns
+    false_alarms : how many false markers per prediction are let pass where only the surface is
+    mask, saturation : see `template.refine_template`
+
+    Returns
+    -------
+    Guided
+        In the order of the predictions, each with its answer.
+
+    Raises
+    ------
+    ValueError
+        An image that is not (H, W) real numbers, predictions that do not fit each other, an unknown option.
+    """
+    if photometry is not None and photometry not in PHOTOMETRIES:
+        raise ValueError(f"photometry must be None or one of {', '.join(PHOTOMETRIES)}, got {photometry!r}")
+    if not 0 <= search_px <= 64:
+        raise ValueError(f"search_px must be a number of pixels from 0 to 64, got {search_px!r}")
+    if not 0 < false_alarms < np.inf:
+        raise ValueError(f"false_alarms must be a positive number, got {false_alarms!r}")
+    light = photometry or ("multiplicative" if check_polarity(polarity) > 0 else "additive")
+    scene = make_scene(image, polarity, light, mask, saturation)
+    places, shape, radius = _predictions(xy, radius_px, axes_px, angle)
+    steps = int(np.ceil(search_px))
+    start = frame if frame is not None else Frame(BLUR_START, BLUR_SPREAD, None)
+    if blur_px is not None:
+        start = replace(start, blur_px=known_blur(blur_px)[0], blur_spread_px=known_blur(blur_px)[1])
+    request = replace(fresh_request(places, radius, start), shape=shape)
+    inside = _in_sight(scene, request, steps)
+    request = request.take(inside)
+    placed, found = search(scene, request, steps)
+    if frame is None and len(placed.xy):
+        start = _learn(scene, placed, found, start, blur=blur_px is None)
+        known = replace(request, blur=np.full_like(request.blur, start.blur_px))
+        placed, found = search(scene, known, steps)
+    fits = fit_markers(scene, placed, start, robust=False)  # weights would take a wrong shape for contamination
+    verdict = _judge(scene, request, placed, found, fits, steps, false_alarms)
+    fits = _reshaped(scene, placed, fits, start, verdict, every=fit_shape)
+    return _answers(places, np.flatnonzero(inside), fits, *verdict, start)
+
+
+def _predictions(
+    xy: ArrayLike, radius_px: ArrayLike | None, axes_px: ArrayLike | None, angle: ArrayLike
+) -> tuple[Array, Array, Array]:
+    """Places (M, 2), shapes (M, 3) and largest radii (M,) of the predictions."""
+    from windmark.detection.disc_model import shape_matrix
+
+    if (radius_px is None) == (axes_px is None):
+        raise ValueError("detect_at: give either radius_px or axes_px")
+    count = np.asarray(xy, dtype=float).size // 2
+    given = np.asarray(radius_px if axes_px is None else axes_px, dtype=float)
+    if axes_px is None and given.shape == (count,):
+        given = given[:, None]
+    try:
+        axes = np.array(np.broadcast_to(given, (count, 2)))
+        turn = np.broadcast_to(np.asarray(angle, dtype=float), count)
+    except ValueError:
+        raise ValueError(
+            f"detect_at: expected radii, half axes and angles of {count} predictions, got {given.shape} and"
+            f" {np.shape(angle)}"
+        ) from None
+    if not (np.isfinite(axes).all() and (axes >= LEAST_AXIS).all() and np.isfinite(turn).all()):
+        raise ValueError(f"detect_at: half axes must be finite and at least {LEAST_AXIS} px, angles finite")
+    places, radius = check_places(xy, axes.max(axis=1))
+    matrix = shape_matrix(axes, turn)
+    return places, np.column_stack([matrix[:, 0, 0], matrix[:, 0, 1], matrix[:, 1, 1]]), radius
+
+
+def _in_sight(scene: Scene, request: Request, steps: int) -> Bools:
+    """Predictions (M,) whose searched square touches the image."""
+    height, width = scene.image.shape
+    x, y = request.xy.T
+    return np.asarray((x > -1 - steps) & (y > -1 - steps) & (x < width + steps) & (y < height + steps))
+
+
+def _learn(scene: Scene, placed: Request, found: Array, start: Frame, *, blur: bool) -> Frame:
+    """Blur and noise of the frame from the markers that stand out; `start` where too few do."""
+    rho = found[:, 2]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        z = rho * np.sqrt(np.pi) * placed.reach() / np.sqrt(1.0 - rho**2)
+    good = np.flatnonzero((rho > LEARN[1]) & (z > LEARN[0]))
+    good = good[np.argsort(-z[good], kind="stable")]
+    if not good.size:
+        return start
+    free = replace(placed.take(good), shape=None, states=np.full((len(good), 10), np.nan))
+    learnt, _ = learn_frame(scene, free, blur=blur, noise=True)
+    return learnt
+
+
+def _judge(
+    scene: Scene, asked: Request, placed: Request, found: Array, fits: TemplateFits, steps: int, false_alarms: float
+) -> tuple[Ints, Array, Array]:
+    """Answers (K,), standard deviations of the depth and log10 of the false-alarm number."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        z = fits.depth / fits.depth_sigma
+    sigma, nfa = fits.depth_sigma.copy(), _log10_tail(z, np.inf)
+    # Steep light times disc is an edge, so the fit's own correlation does not tell edges from discs.
+    shape = np.fmin(fits.correlation, found[:, 2])
+    doubt = np.flatnonzero(~((z >= CLEAR) & (shape >= CLEAR_SHAPE)) & np.isfinite(found[:, 2]))
+    if doubt.size:
+        settled = np.isfinite(fits.xy[doubt])
+        there = surroundings(scene, replace(placed.take(doubt), xy=np.where(settled, fits.xy[doubt], placed.xy[doubt])))
+        known = np.isfinite(there.spread)
+        sigma[doubt] = np.where(known, np.fmax(sigma[doubt], there.spread), sigma[doubt])
+        # The median of n scatters of a normal law is known as well as the variance of 0.37 n of its values.
+        freedom = np.where(known, 0.37 * there.count, np.inf)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            above = (fits.depth[doubt] - np.where(known, there.depth, 0.0)) / sigma[doubt]
+            noise2 = np.where(known, there.variance, np.nan_to_num(fits.noise[doubt] ** 2 / fits.chi2[doubt]))
+        shape[doubt] = np.fmin(
+            _but_for_noise(found[doubt, 2], found[doubt, 6], noise2),
+            _but_for_noise(fits.correlation[doubt], fits.noise[doubt] ** 2, noise2),
+        )
+        nfa[doubt] = _log10_tail(above, freedom)
+    nfa += 2.0 * np.log10(2 * steps + 1)
+    away = np.abs(fits.xy - asked.xy).max(axis=1)
+    answer = np.full(len(z), FOUND, dtype=np.int64)
+    with np.errstate(invalid="ignore"):
+        answer[~(shape >= SHAPE_MIN)] = OTHER
+        answer[~fits.converged | ~np.isfinite(fits.cov).all(axis=(1, 2)) | ~(away <= steps + BEYOND_PX)] = LOST
+        answer[~(nfa <= np.log10(false_alarms)) | ~(fits.depth > 0.0)] = CHANCE
+        answer[~np.isfinite(found[:, 2])] = UNSEEN
+    _same(answer, fits, asked)
+    return answer, sigma, nfa
+
+
+def _but_for_noise(correlation: Array, misfit: Array, noise2: Array) -> Array:
+    """Correlation of disc and window if the window had no noise; `misfit` is the residual variance with noise."""
+    r2 = np.clip(correlation, 0.0, 1.0) ** 2
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.asarray(np.sqrt(r2 / (r2 + np.clip(1.0 - noise2 / misfit, 0.0, 1.0) * (1.0 - r2))))
+
+
+def _log10_tail(z: Array, freedom: Array | float) -> Array:
+    """Log10 of the probability that Student's t exceeds z; normal where the degrees of freedom are infinite."""
+    from scipy.special import log_ndtr, stdtr
+
+    normal = log_ndtr(-np.nan_to_num(z, nan=0.0)) / np.log(10.0)
+    few = np.isfinite(freedom) & np.ones(z.shape, dtype=bool)
+    with np.errstate(divide="ignore"):
+        student = np.log10(stdtr(np.where(few, freedom, 1.0), -np.nan_to_num(z, nan=0.0)))
+    return np.asarray(np.where(few, student, normal))
+
+
+def _same(answer: Ints, fits: TemplateFits, asked: Request) -> None:
+    """Where two predictions found one marker the nearer one has it."""
+    index = np.flatnonzero(answer == FOUND)
+    if len(index) < 2:
+        return
+    from scipy.spatial import cKDTree
+
+    pairs = cKDTree(fits.xy[index]).query_pairs(float(asked.radius[index].max()), output_type="ndarray")
+    away = np.hypot(*(fits.xy - asked.xy).T)
+    for i, j in index[pairs].tolist():
+        if np.hypot(*(fits.xy[i] - fits.xy[j])) < min(asked.radius[i], asked.radius[j]):
+            answer[i if away[i] > away[j] else j] = SAME
+
+
+def _reshaped(
+    scene: Scene, placed: Request, fits: TemplateFits, frame: Frame, verdict: tuple[Ints, Array, Array], *, every: bool
+) -> TemplateFits:
+    """Markers that stand out fitted again with all ten unknowns and weights: contaminated ones, or every one.
+
+    Where that fails the first fit stays.
+    """
+    again = (verdict[0] == FOUND) & (fits.depth >= CLEAR * verdict[1])
+    clear = np.flatnonzero(again & (every | ((fits.flags & CONTAMINATED) > 0)))
+    if not clear.size:
+        return fits
+    free = replace(
+        placed.take(clear), xy=fits.xy[clear], shape=None, states=np.full((len(clear), 10), np.nan),
+        blur=np.full(len(clear), frame.blur_px), blur_spread=np.full(len(clear), frame.blur_spread_px),
+    )  # fmt: skip
+    new = fit_markers(scene, free, frame, robust=True)
+    good = new.converged & (np.hypot(*(new.xy - fits.xy[clear]).T) < placed.radius[clear])
+    out = {f.name: np.array(getattr(fits, f.name)) for f in fields(fits) if f.name != "frame"}
+    for name, column in out.items():
+        column[clear[good]] = getattr(new, name)[good]
+    return TemplateFits(**out, frame=fits.frame)
+
+
+def _answers(
+    places: Array, index: Ints, fits: TemplateFits, answer: Ints, sigma: Array, nfa: Array, frame: Frame
+) -> Guided:
+    """Columns for all M predictions; `index` (K,) are those in sight."""
+    count, hit = len(places), answer == FOUND
+
+    def column(values: Array, shape: tuple[int, ...] = ()) -> Array:
+        out = np.full((count, *shape), np.nan)
+        out[index] = values
+        return out
+
+    answers, flags = np.full(count, UNSEEN, dtype=np.int64), np.zeros(count, dtype=np.int64)
+    answers[index], flags[index] = answer, fits.flags
+    return Guided(
+        xy=column(np.where(hit[:, None], fits.xy, np.nan), (2,)),
+        cov=column(np.where(hit[:, None, None], fits.cov, np.nan), (2, 2)),
+        axes_px=column(fits.axes_px, (2,)),
+        angle=column(fits.angle),
+        depth=column(fits.depth),
+        depth_sigma=column(sigma),
+        correlation=column(fits.correlation),
+        log10_nfa=column(nfa),
+        flags=flags,
+        answer=answers,
+        frame=frame,
+    )
