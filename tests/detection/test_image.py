@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from windmark.detection.image import check_image, prepare
+from windmark.detection.image import check_image, grey_rows, levels_of, prepare, usable_sample
 
 
 @pytest.mark.parametrize(
@@ -14,7 +14,7 @@ def test_grey_levels_survive(dtype):
     for sign in (1.0, -1.0):
         got = prepare(image, sign)
         assert got.g.dtype == np.float32
-        assert got.filled is got.g
+        assert not got.missing
         np.testing.assert_array_equal(np.diff(got.g, axis=1), sign * np.diff(image.astype(float), axis=1))
         assert got.quantum == 1.0
 
@@ -46,13 +46,35 @@ def test_saturation_level():
     assert prepare(image.astype(float), 1.0).clip == np.inf
 
 
-def test_dead_pixels_are_nan_and_filled_along_the_row():
+def test_missing_and_dead_pixels_are_nan():
     image = np.tile(np.arange(20.0), (10, 1))
-    image[3, 5], image[4, 7], image[5, 9] = np.nan, np.inf, -np.inf
+    image[3, 5], image[4, 7], image[5, 9], image[7, 12] = np.nan, np.inf, -np.inf, 1e6
     got = prepare(image, 1.0)
-    assert np.isnan(got.g[[3, 4, 5], [5, 7, 9]]).all()
-    assert np.isfinite(got.filled).all()
-    np.testing.assert_allclose(got.filled - got.filled[0], 0, atol=1e-5)
+    assert got.missing
+    np.testing.assert_array_equal(np.argwhere(np.isnan(got.g)), [[3, 5], [4, 7], [5, 9], [7, 12]])
+    assert got.quantum == 1.0
+
+
+def test_dead_pixels_do_not_make_the_range_of_an_image_without_steps():
+    image = np.random.default_rng(0).normal(size=(50, 50))
+    image[20, 30] = 1e6
+    assert prepare(image, 1.0).quantum < 1e-3
+
+
+@pytest.mark.parametrize("kind", [np.uint8, np.uint16, np.float32, np.float64])
+def test_rows_are_the_same_whichever_are_asked_for(kind):
+    rng = np.random.default_rng(1)
+    image = rng.integers(100, 110, (90, 40)).astype(kind)
+    image[rng.integers(0, 90, 30), rng.integers(0, 40, 30)] = 255
+    use = np.ones(image.shape, dtype=bool)
+    use[50:60, 5:9] = False
+    levels = levels_of(image, -1.0, use, usable_sample(image, use))
+    whole, missing = grey_rows(image, use, levels, 0, 90)
+    assert missing
+    assert 45 < np.isnan(whole).sum() <= 70
+    for size in (1, 7, 33):
+        parts = [grey_rows(image, use, levels, y, min(y + size, 90))[0] for y in range(0, 90, size)]
+        np.testing.assert_array_equal(np.concatenate(parts), whole)
 
 
 def test_nothing_to_find():

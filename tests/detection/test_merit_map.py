@@ -6,6 +6,7 @@ from scipy import ndimage
 
 import windmark.detection as wd
 from windmark.detection._kernels import refine_bowl
+from windmark.detection._kernels_merit import merit_pixels
 from windmark.detection.search import Bowl
 
 
@@ -29,6 +30,23 @@ def test_map_is_the_twin_s_everywhere(r0, polarity, fit_hole):
             assert depth < 0
     assert np.isfinite(got).mean() > 0.3
     assert np.isinf(got).any()
+
+
+@pytest.mark.parametrize("r0", [1.0, 2.6, 4.0])
+def test_map_is_that_of_single_pixels(r0):
+    """Sums along rows give what the general way gives, also at the border, and however the image is cut into blocks."""
+    rng = np.random.default_rng(2)
+    y, x = np.mgrid[:300, :600]
+    image = np.round(1e4 + 4.0 * y - 2.0 * x + rng.normal(0, 40, x.shape)).astype(np.uint16)
+    image[100, 300] = 0
+    got, want = wd.merit_map(image, r0), np.full(image.shape, np.nan, np.float32)
+    g = image - np.float32(1e4)
+    g[100, 300] = np.nan
+    merit_pixels(g, np.argwhere(np.ones(g.shape, bool)), 0, r0, 0.8, want)
+    np.testing.assert_array_equal(np.isnan(got), np.isnan(want))
+    deep = want < 4
+    np.testing.assert_allclose(got[deep], want[deep], rtol=1e-3)
+    assert (np.isinf(got) == np.isinf(want)).mean() > 0.999
 
 
 def test_map_needs_enough_of_hole_and_window():

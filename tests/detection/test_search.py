@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from windmark.detection._kernels_map import bin_mean, depth_peaks, fill_rows
+from windmark.detection._kernels_map import bin_mean, depth_peaks, fill_rows, smallest
 from windmark.detection.image import prepare
 from windmark.detection.search import TILE, at_tiles, bin_factor, box_sizes, noise_tiles, surface_noise
 
@@ -28,6 +28,40 @@ def test_depth_peaks_are_the_local_maxima_of_the_box_depth(core, window):
     got[tuple(xy.astype(int).T[::-1])] = True
     np.testing.assert_array_equal(got, peaks)
     np.testing.assert_allclose(depth, want[tuple(xy.astype(int).T[::-1])], atol=1e-3)
+
+
+def test_depth_peaks_and_bins_see_missing_pixels_filled():
+    image = np.random.default_rng(0).integers(0, 256, (70, 93)).astype(np.float32)
+    image[np.random.default_rng(1).random(image.shape) < 0.05] = np.nan
+    image[30] = np.nan
+    gate = np.full((2, 2), 5.0, np.float32)
+    found = depth_peaks(image, 2, 5, gate, 64), depth_peaks(fill_rows(image), 2, 5, gate, 64)
+    for got, want in zip(*found, strict=True):
+        np.testing.assert_array_equal(got, want)
+    np.testing.assert_array_equal(bin_mean(image, 3), bin_mean(fill_rows(image), 3))
+
+
+def test_smallest_by_bisection_is_that_of_a_sort():
+    rng = np.random.default_rng(0)
+    for values in (rng.exponential(size=256), rng.integers(0, 4, 77), np.zeros(16), 1e-38 * rng.random(20)):
+        values = values.astype(np.float32)
+        for k in (0, len(values) // 4, len(values) - 1):
+            assert smallest(values, k) == np.sort(values)[k]
+
+
+def test_noise_of_tiles_with_missing_pixels(draw):
+    image = np.random.default_rng(0).normal(0, 3.0, (200, 200)).astype(np.float32)
+    image[:, 70:120] = np.nan
+    image[130:, :60] = np.nan
+    noise = noise_tiles(image, 64, 2)
+    rows, cols = (np.arange(4) + 0.5).astype(int) * 16 + 8, np.arange(64)
+    bend = np.abs(image[rows][:, np.maximum(cols, 2) - 2] - 2 * image[rows][:, np.maximum(cols, 2)]
+                  + image[rows][:, np.maximum(cols, 2) + 2])  # fmt: skip
+    bend = np.sort(bend[np.isfinite(bend)])
+    assert noise[0, 0] == pytest.approx(bend[len(bend) // 4] / (0.3186 * np.sqrt(6)), rel=1e-6)
+    known = np.isfinite(image[2::64][:4][:, 2::64]).sum()  # a tile without pixels has the median's
+    assert known < 16
+    assert noise[2, 0] == pytest.approx(np.median(noise), rel=0.2)
 
 
 def test_a_plateau_is_one_peak():
@@ -63,8 +97,7 @@ def test_bin_mean(factor):
 def test_fill_rows_draws_straight_lines():
     nan = np.nan
     rows = np.array([[nan, 1, nan, nan, 4, nan], [nan] * 6, [1, 2, 3, 4, 5, 6]], dtype=np.float32)
-    fill_rows(rows)
-    np.testing.assert_allclose(rows, [[1, 1, 2, 3, 4, 4], [0] * 6, [1, 2, 3, 4, 5, 6]], atol=1e-6)
+    np.testing.assert_allclose(fill_rows(rows), [[1, 1, 2, 3, 4, 4], [0] * 6, [1, 2, 3, 4, 5, 6]], atol=1e-6)
 
 
 @pytest.mark.parametrize("sigma", [0.7, 5.0])

@@ -1,32 +1,73 @@
-"""Whole-image passes: the coarse depth filter and the merit map. Private; arrays in, arrays out.
+"""Whole-image passes of the search: noise tiles, binning, the coarse depth. Private; arrays in, arrays out.
 
-Loops run along rows on contiguous views, so that they vectorise.
+Loops run along rows on contiguous views, each over few arrays, so that they vectorise. Twins in
+tests/detection/test_search.py.
 """
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
 
-from windmark.detection._kernels import merit_at
 from windmark.geometry._jit import nb
 
 
 @nb.njit(cache=True, nogil=True)
+def _count_missing(row: Any) -> Any:
+    count = np.int32(0)
+    for i in range(row.size):
+        count += np.int32(row[i] != row[i])
+    return count
+
+
+@nb.njit(cache=True, nogil=True)
+def fill_row(row: Any, out: Any) -> None:
+    """Copy a row; NaN becomes the straight line between the finite neighbours (0 in a row without any)."""
+    n = row.size
+    for i in range(n):
+        out[i] = row[i]
+    if _count_missing(row) == 0:
+        return
+    left = -1
+    for x in range(n + 1):
+        if x < n and row[x] != row[x]:
+            continue
+        if x - left > 1:
+            a = row[left] if left >= 0 else (row[x] if x < n else np.float32(0.0))
+            b = row[x] if x < n else a
+            for i in range(left + 1, x):
+                out[i] = a + (b - a) * np.float32((i - left) / (x - left))
+        left = x
+
+
+@nb.njit(cache=True, nogil=True)
+def fill_rows(g: Any) -> Any:
+    """`fill_row` for all rows."""
+    out = np.empty_like(g)
+    for y in range(g.shape[0]):
+        fill_row(g[y], out[y])
+    return out
+
+
+@nb.njit(cache=True, nogil=True)
+def _add(row: Any, out: Any) -> None:
+    for i in range(out.size):
+        out[i] += row[i]
+
+
+@nb.njit(cache=True, nogil=True)
 def bin_mean(g: Any, factor: int) -> Any:
-    """Mean over factor x factor blocks; the remainder at right and bottom is left out."""
+    """Mean over factor x factor blocks of the filled image; the remainder at right and bottom is left out."""
     h, w = g.shape[0] // factor, g.shape[1] // factor
     out = np.empty((h, w), np.float32)
-    col = np.empty(w * factor, np.float32)
+    row, col = np.empty(g.shape[1], np.float32), np.empty(g.shape[1], np.float32)
     scale = np.float32(1.0 / factor**2)
     for y in range(h):
-        col[:] = np.float32(0.0)
-        for k in range(factor):
-            row = g[y * factor + k]
-            for i in range(col.size):
-                col[i] += row[i]
+        fill_row(g[y * factor], col)
+        for k in range(1, factor):
+            fill_row(g[y * factor + k], row)
+            _add(row, col)
         for x in range(w):
             s = np.float32(0.0)
             for k in range(factor):
@@ -36,56 +77,76 @@ def bin_mean(g: Any, factor: int) -> Any:
 
 
 @nb.njit(cache=True, nogil=True)
-def _add_shifts(col: Any, first: int, count: int, weight: Any, out: Any) -> None:
-    """Add weight * (col[first:] + ... + col[first + count - 1:]) to out; count is odd."""
-    n = out.size
-    v = col[first : first + n]
-    for i in range(n):
-        out[i] += weight * v[i]
-    for k in range(first + 1, first + count, 2):
-        v, u = col[k : k + n], col[k + 1 : k + 1 + n]
+def _count_up_to(bits: Any, limit: Any) -> Any:
+    count = np.int32(0)
+    for i in range(bits.size):
+        count += np.int32(bits[i] <= limit)
+    return count
+
+
+@nb.njit(cache=True, nogil=True)
+def smallest(values: Any, k: int) -> Any:
+    """The k-th smallest (from 0) of float32 numbers, none negative: bisection over their bits, sorted as they are."""
+    bits = values.view(np.int32)
+    low, high = np.int32(-1), np.int32(0x7F800000)
+    while high - low > 1:
+        middle = np.int32(low + (high - low) // 2)
+        if _count_up_to(bits, middle) > k:
+            high = middle
+        else:
+            low = middle
+    return np.array([high], np.int32).view(np.float32)[0]
+
+
+@nb.njit(cache=True, nogil=True)
+def bend_quartiles(g: Any, rows: Any, cols: Any, lag: int, least: int, out: Any) -> None:
+    """Lower quartile of |g[x - lag] - 2 g[x] + g[x + lag]| over the pixels of each tile; NaN below `least` of them.
+
+    Parameters
+    ----------
+    rows : (down, R) rows of the tiles' pixels
+    cols : (across, C) their columns
+    out : (down, across)
+    """
+    bend, last = np.empty(rows.shape[1] * cols.shape[1], np.float32), g.shape[1] - 1
+    for j in range(rows.shape[0]):
+        for i in range(cols.shape[0]):
+            n = 0
+            for k in range(rows.shape[1]):
+                row = g[rows[j, k]]
+                for m in range(cols.shape[1]):
+                    x = cols[i, m]
+                    bend[n] = abs(row[x - lag] - np.float32(2.0) * row[x] + row[min(x + lag, last)])
+                    n += bend[n] == bend[n]
+            out[j, i] = smallest(bend[:n], n // 4) if n >= least else np.nan
+
+
+@nb.njit(cache=True, nogil=True)
+def _next_sums(new: Any, old: Any, sums: Any) -> None:
+    for i in range(sums.size):
+        sums[i] += new[i] - old[i]
+
+
+@nb.njit(cache=True, nogil=True)
+def _both(win: Any, core: Any, a: Any, b: Any, out: Any) -> None:
+    for i in range(out.size):
+        out[i] = a * win[i] - b * core[i]
+
+
+@nb.njit(cache=True, nogil=True)
+def _shifts(col: Any, first: int, count: int, weight: Any, out: Any) -> None:
+    """Add weight * (col[first:] + ... + col[first + count - 1:]) to out."""
+    n, k = out.size, first
+    while k + 4 <= first + count:
+        a, b, c, d = col[k : k + n], col[k + 1 : k + 1 + n], col[k + 2 : k + 2 + n], col[k + 3 : k + 3 + n]
         for i in range(n):
-            out[i] += weight * (v[i] + u[i])
-
-
-@nb.njit(cache=True, nogil=True)
-def _box_depth(core: Any, win: Any, c: int, h: int, out: Any) -> None:
-    """Depth of one row: mean of the outer box less the inner one, minus the mean of the inner box."""
-    n_core, n_win = (2 * c + 1) ** 2, (2 * h + 1) ** 2
-    out[:] = np.float32(0.0)
-    _add_shifts(win, 0, 2 * h + 1, np.float32(1.0 / (n_win - n_core)), out)
-    _add_shifts(core, h - c, 2 * c + 1, np.float32(-1.0 / n_core - 1.0 / (n_win - n_core)), out)
-
-
-@nb.njit(cache=True, nogil=True)
-def _pad(col: Any, h: int) -> None:
-    """Repeat the first and last entry over the margins of width h."""
-    n = col.size
-    col[:h] = col[h]
-    col[n - h :] = col[n - h - 1]
-
-
-@nb.njit(cache=True, nogil=True)
-def _fresh_columns(g: Any, y: int, half: int, h: int, col: Any) -> None:
-    """Sums over rows y - half ... y + half (the border row repeated)."""
-    rows, n = g.shape
-    inner = col[h : h + n]
-    inner[:] = np.float32(0.0)
-    for k in range(-half, half + 1):
-        row = g[min(max(y + k, 0), rows - 1)]
+            out[i] += weight * ((a[i] + b[i]) + (c[i] + d[i]))
+        k += 4
+    while k < first + count:
+        a = col[k : k + n]
         for i in range(n):
-            inner[i] += row[i]
-    _pad(col, h)
-
-
-@nb.njit(cache=True, nogil=True)
-def _next_columns(g: Any, y: int, half: int, h: int, col: Any) -> None:
-    """Column sums of row y from those of row y - 1."""
-    rows, n = g.shape
-    inner, new, old = col[h : h + n], g[min(y + half, rows - 1)], g[max(y - half - 1, 0)]
-    for i in range(n):
-        inner[i] += new[i] - old[i]
-    _pad(col, h)
+            out[i] += weight * a[i]
+        k += 1
 
 
 @nb.njit(cache=True, nogil=True)
@@ -93,7 +154,11 @@ def _row_peaks(above: Any, here: Any, below: Any, limit: Any, tile: int, out: An
     """Columns of the local maxima (3 x 3) of one row above the limit of their tile; rows have a margin of 1."""
     n, count = here.size - 2, 0
     for t in range(limit.size):
-        floor = limit[t]
+        floor, part, high = limit[t], here[t * tile + 1 : min((t + 1) * tile, n) + 1], np.int32(0)
+        for i in range(part.size):
+            high += np.int32(part[i] > floor)
+        if high == 0:
+            continue
         for i in range(t * tile + 1, min((t + 1) * tile, n) + 1):
             v = here[i]
             if v > floor:
@@ -105,167 +170,57 @@ def _row_peaks(above: Any, here: Any, below: Any, limit: Any, tile: int, out: An
 
 
 @nb.njit(cache=True, nogil=True)
+def _padded_row(g: Any, y: int, h: int, out: Any) -> None:
+    """Row y, filled, its ends repeated over margins of width h; beyond the image the border row."""
+    n = g.shape[1]
+    fill_row(g[min(max(y, 0), g.shape[0] - 1)], out[h : h + n])
+    out[:h] = out[h]
+    out[h + n :] = out[h + n - 1]
+
+
+@nb.njit(cache=True, nogil=True)
 def depth_peaks(g: Any, c: int, h: int, gate: Any, tile: int) -> tuple[Any, Any]:
-    """Local maxima (3 x 3) of the box depth above the gate of their tile: positions (K, 2) and depths (K,)."""
+    """Local maxima (3 x 3) of the box depth above the gate of their tile: positions (K, 2) and depths (K,).
+
+    The box depth is the mean of the box of half width h less the inner one (half width c < h), minus the mean of the
+    inner box. Column sums go from row to row; their rows of the last 2 h + 2 are kept, filled and padded. The depth is
+    taken times the numbers of both means' pixels: sums of 8-bit grey levels stay whole numbers.
+    """
     rows, n = g.shape
-    core, win = np.empty(n + 2 * h, np.float32), np.empty(n + 2 * h, np.float32)
-    d = np.full((3, n + 2), np.float32(-np.inf))
-    found = np.empty(n, np.int64)
+    n_core, n_ring = (2 * c + 1) ** 2, (2 * h + 1) ** 2 - (2 * c + 1) ** 2
+    scale, wide, size = 1.0 / (n_core * n_ring), n + 2 * h, 2 * h + 2
+    ring = np.empty((size, wide), np.float32)
+    core, win, both = np.zeros(wide, np.float32), np.zeros(wide, np.float32), np.empty(wide, np.float32)
+    d, found = np.full((3, n + 2), np.float32(-np.inf)), np.empty(n, np.int64)
     xy, depth, count = np.empty((1024, 2)), np.empty(1024), 0
+    limit = gate * np.float32(n_core * n_ring)
+    for k in range(-h, h):
+        _padded_row(g, k, h, ring[k % size])
+        _add(ring[k % size], win)
+        if -c - 1 <= k < c:
+            _add(ring[k % size], core)
+    ring[h + 1] = np.float32(0.0)  # taken off in row 0, where nothing has to go
     for y in range(rows + 1):
         below = d[(y + 1) % 3]
-        if y == 0:
-            _fresh_columns(g, 0, c, h, core)
-            _fresh_columns(g, 0, h, h, win)
-        elif y < rows:
-            _next_columns(g, y, c, h, core)
-            _next_columns(g, y, h, h, win)
         if y < rows:
-            _box_depth(core, win, c, h, below[1 : n + 1])
+            _padded_row(g, y + h, h, ring[(y + h) % size])
+            _next_sums(ring[(y + h) % size], ring[(y - h - 1) % size], win)
+            _next_sums(ring[(y + c) % size], ring[(y - c - 1) % size], core)
+            _both(win, core, np.float32(n_core), np.float32(n_core + n_ring), both)
+            inner = below[1 : n + 1]
+            inner[:] = np.float32(0.0)
+            _shifts(win, 0, h - c, np.float32(n_core), inner)
+            _shifts(both, h - c, 2 * c + 1, np.float32(1.0), inner)
+            _shifts(win, h + c + 1, h - c, np.float32(n_core), inner)
         else:
             below[:] = np.float32(-np.inf)
         if y > 0:
             here = d[y % 3]
-            k = _row_peaks(d[(y - 1) % 3], here, below, gate[(y - 1) // tile], tile, found)
+            k = _row_peaks(d[(y - 1) % 3], here, below, limit[(y - 1) // tile], tile, found)
             while count + k > depth.size:
                 xy = np.concatenate((xy, np.empty_like(xy)))
                 depth = np.concatenate((depth, np.empty_like(depth)))
             for i in range(k):
-                xy[count + i, 0], xy[count + i, 1], depth[count + i] = found[i], y - 1, here[found[i] + 1]
+                xy[count + i, 0], xy[count + i, 1], depth[count + i] = found[i], y - 1, here[found[i] + 1] * scale
             count += k
     return xy[:count], depth[:count]
-
-
-@nb.njit(cache=True, nogil=True)
-def fill_rows(g: Any) -> None:
-    """Replace NaN by the straight line between the finite neighbours of its row (0 in a row without any)."""
-    rows, n = g.shape
-    for y in range(rows):
-        left = -1
-        for x in range(n + 1):
-            if x < n and g[y, x] != g[y, x]:
-                continue
-            if x - left > 1:
-                a = g[y, left] if left >= 0 else (g[y, x] if x < n else np.float32(0.0))
-                b = g[y, x] if x < n else a
-                for i in range(left + 1, x):
-                    g[y, i] = a + (b - a) * np.float32((i - left) / (x - left))
-            left = x
-
-
-@nb.njit(cache=True, nogil=True)
-def merit_rows(g: Any, runs: Any, soft: Any, core_runs: Any, core_soft: Any, sums: Any, out: Any) -> None:
-    """Merit of every pixel whose window lies inside the image; the others are left as they are.
-
-    A disc is a pile of rows of full pixels (`runs`: half width per row, -1 for none), summed from running sums, and
-    of soft edge pixels (`soft`: columns |dx|, |dy|, weight of each of the four (+-dx, +-dy)). `sums` = (n, sxx, t1, tt)
-    of the window and the hole.
-    """
-    rows, n = g.shape
-    half, size = runs.size // 2, runs.size
-    p = np.zeros((size, 3, n + 1))
-    acc = np.empty((5, n - 2 * half))
-    big_n, sxx, t1, tt = sums
-    for y in range(rows):
-        q0, q1, q2, row = p[y % size, 0], p[y % size, 1], p[y % size, 2], g[y]
-        for i in range(n):
-            v = float(row[i])
-            q0[i + 1], q1[i + 1], q2[i + 1] = q0[i] + v, q1[i] + v * i, q2[i] + v * v
-        if y < size - 1:
-            continue
-        yc = y - half
-        _disc_sums(g, p, yc, runs, soft, half, acc)
-        _core_sums(g, p, yc, core_runs, core_soft, half, acc[4])
-        _merit_row(acc, big_n, sxx, t1, tt, out[yc, half : n - half])
-
-
-@nb.njit(cache=True, nogil=True)
-def _merit_row(acc: Any, n: float, sxx: float, t1: float, tt: float, out: Any) -> None:
-    """Merit from the sums over window and hole; inf where the depth is not positive."""
-    free = tt - t1 * t1 / n
-    s0, s1, s2, s3, core = acc[0], acc[1], acc[2], acc[3], acc[4]
-    for i in range(out.size):
-        total = s3[i] - s0[i] * s0[i] / n - (s1[i] * s1[i] + s2[i] * s2[i]) / sxx
-        depth = (t1 * s0[i] / n - core[i]) / free
-        if depth > 0.0:
-            out[i] = math.sqrt(max(total - depth * depth * free, 0.0) / tt) / depth
-        else:
-            out[i] = math.inf
-
-
-@nb.njit(cache=True, nogil=True)
-def _add_run(ahead: Any, behind: Any, factor: float, out: Any) -> None:
-    """Add a run's sums, the difference of two running sums; few arrays in one loop, so that it vectorises."""
-    for i in range(out.size):
-        out[i] += factor * (ahead[i] - behind[i])
-
-
-@nb.njit(cache=True, nogil=True)
-def _add_four(a: Any, b: Any, c: Any, d: Any, wa: float, wb: float, wc: float, wd: float, out: Any) -> None:
-    """Add a weighted sum of four shifted rows."""
-    for i in range(out.size):
-        out[i] += wa * a[i] + wb * b[i] + wc * c[i] + wd * d[i]
-
-
-@nb.njit(cache=True, nogil=True)
-def _add_squares(a: Any, b: Any, c: Any, d: Any, weight: float, out: Any) -> None:
-    """Add the weighted sum of squares of four shifted rows."""
-    for i in range(out.size):
-        e, f, u, v = float(a[i]), float(b[i]), float(c[i]), float(d[i])
-        out[i] += weight * (e * e + f * f + u * u + v * v)
-
-
-@nb.njit(cache=True, nogil=True)
-def _disc_sums(g: Any, p: Any, yc: int, runs: Any, soft: Any, half: int, acc: Any) -> None:
-    """Sums of g, dx g, dy g, g^2 over the window of every pixel of row yc, into acc[0:4]."""
-    n, size = acc.shape[1], runs.size
-    acc[:4] = 0.0
-    for k in range(size):
-        a = runs[k]
-        if a < 0:
-            continue
-        q = p[(yc + k - half) % size]
-        ahead, behind = q[:, half + a + 1 : half + a + 1 + n], q[:, half - a : half - a + n]
-        _add_run(ahead[0], behind[0], 1.0, acc[0])
-        _add_run(ahead[1], behind[1], 1.0, acc[1])
-        _add_run(ahead[0], behind[0], float(k - half), acc[2])
-        _add_run(ahead[2], behind[2], 1.0, acc[3])
-    s0, s1 = acc[0], acc[1]
-    for i in range(n):
-        s1[i] -= (half + i) * s0[i]
-    for k in range(soft.shape[0]):
-        w, wx, wy = soft[k, 2], soft[k, 2] * soft[k, 0], soft[k, 2] * soft[k, 1]
-        dx, dy = int(soft[k, 0]), int(soft[k, 1])
-        left, right, up, down = half - dx, half + dx, g[yc - dy], g[yc + dy]
-        a, b, c, d = up[left : left + n], up[right : right + n], down[left : left + n], down[right : right + n]
-        _add_four(a, b, c, d, w, w, w, w, acc[0])
-        _add_four(a, b, c, d, -wx, wx, -wx, wx, acc[1])
-        _add_four(a, b, c, d, -wy, -wy, wy, wy, acc[2])
-        _add_squares(a, b, c, d, w, acc[3])
-
-
-@nb.njit(cache=True, nogil=True)
-def _core_sums(g: Any, p: Any, yc: int, runs: Any, soft: Any, half: int, out: Any) -> None:
-    """Sum of g over the hole of every pixel of row yc."""
-    n, size = out.size, p.shape[0]
-    out[:] = 0.0
-    for k in range(runs.size):
-        a = runs[k]
-        if a >= 0:
-            q = p[(yc + k - runs.size // 2) % size, 0]
-            _add_run(q[half + a + 1 : half + a + 1 + n], q[half - a : half - a + n], 1.0, out)
-    for k in range(soft.shape[0]):
-        dx, dy, w = int(soft[k, 0]), int(soft[k, 1]), soft[k, 2]
-        left, right, up, down = half - dx, half + dx, g[yc - dy], g[yc + dy]
-        a, b, c, d = up[left : left + n], up[right : right + n], down[left : left + n], down[right : right + n]
-        _add_four(a, b, c, d, w, w, w, w, out)
-
-
-@nb.njit(cache=True, nogil=True)
-def merit_pixels(g: Any, where: Any, r0: float, min_core: float, out: Any) -> None:
-    """Merit of single pixels (K, 2: row, column) by the general way: partial windows and dead pixels."""
-    half = int(2.0 * r0 + 0.5) + 1
-    w, e, inv = np.empty((2 * half + 1, 2 * half + 1)), np.empty((2 * half + 1, 2 * half + 1)), np.empty(6)
-    for k in range(where.shape[0]):
-        y, x = where[k, 0], where[k, 1]
-        out[y, x] = merit_at(g, float(x), float(y), r0, min_core, w, e, inv)[0]

@@ -8,9 +8,28 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 POLARITIES = ("dark", "bright")
+BLOCK_ROWS = 32  # converted at a time: they stay in the cache
 DEAD_NOISE = 10.0  # a dead pixel leaves the range of its neighbours by so many times the noise
 DEAD_RATIO = 5.0  # and by so many times that range: the smallest disc, blurred by 0.4 px, does so 2.8 times
 Pixels = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Levels:
+    """How an image's grey levels become the detector's: sign * (image - offset).
+
+    Parameters
+    ----------
+    sign : 1 for dark markers, -1 for bright ones
+    offset : the image's median
+    step : smallest step between grey levels, 0 for images without steps
+    dead : a pixel that leaves the range of its neighbours by less is not dead
+    """
+
+    sign: float
+    offset: float
+    step: float
+    dead: float
 
 
 @dataclass(frozen=True)
@@ -19,15 +38,15 @@ class Prepared:
 
     Parameters
     ----------
-    g : (H, W) float32, sign * (image - offset); NaN where the image is not finite
-    filled : (H, W) float32, `g` with the NaN pixels interpolated along their row (the same array if there are none)
+    g : (H, W) float32, sign * (image - offset); NaN where a pixel is not finite, masked out or dead
+    missing : whether there are such pixels
     sign : 1 for dark markers, -1 for bright ones
     quantum : smallest step between grey levels; for images without steps 2^-16 of their range
     clip : saturation level in units of sign * g (inf where it is not known: floating-point images)
     """
 
     g: Pixels
-    filled: Pixels
+    missing: bool
     sign: float
     quantum: float
     clip: float
@@ -70,30 +89,21 @@ def prepare(image: NDArray[np.generic], sign: float, mask: ArrayLike | None = No
     Pixels outside the mask become NaN, and so do dead ones: single pixels far above or below all their neighbours.
     """
     use = check_mask(mask, image.shape)
-    sample = _sample(image, use)
+    sample = usable_sample(image, use)
     if sample.size == 0:
         return None
-    offset = float(np.median(sample))
-    wide = image.dtype.itemsize > 2 and image.dtype != np.float32
-    with np.errstate(over="ignore", invalid="ignore"):
-        g = np.empty(image.shape, np.float32)
-        np.subtract(image, offset, out=g, dtype=np.float64 if wide else np.float32, casting="unsafe")
-    if sign < 0:
-        np.negative(g, out=g)
-    quantum = _quantum(sample)
-    filled = g
-    if _mark_missing(g, use, quantum):
-        from windmark.detection._kernels_map import fill_rows
-
-        filled = g.copy()
-        fill_rows(filled)
-    low, high = float(filled.min()), float(filled.max())
-    if not high > low:
-        return None
-    return Prepared(g, filled, sign, quantum or (high - low) * 2.0**-16, _clip_level(image) - offset)
+    levels = levels_of(image, sign, use, sample)
+    g, missing = grey_rows(image, use, levels, 0, len(image))
+    quantum = levels.step
+    if quantum == 0.0 or not np.ptp(sample) > 0.0:
+        low, high = float(np.fmin.reduce(g, axis=None)), float(np.fmax.reduce(g, axis=None))
+        if not high > low:
+            return None
+        quantum = quantum or (high - low) * 2.0**-16
+    return Prepared(g, missing, sign, quantum, _clip_level(image) - levels.offset)
 
 
-def _sample(image: NDArray[np.generic], use: NDArray[np.bool_] | None) -> NDArray[np.float64]:
+def usable_sample(image: NDArray[np.generic], use: NDArray[np.bool_] | None) -> NDArray[np.float64]:
     """Finite pixels on a coarse lattice, all if there are none of them on it."""
     step = max(1, int(np.sqrt(image.size / 60_000)))
     for s in (step, 1):
@@ -105,30 +115,66 @@ def _sample(image: NDArray[np.generic], use: NDArray[np.bool_] | None) -> NDArra
     return values
 
 
-def _mark_missing(g: Pixels, use: NDArray[np.bool_] | None, quantum: float) -> bool:
-    """NaN where `g` is not finite, masked out or dead; whether there is such a pixel."""
+def levels_of(
+    image: NDArray[np.generic], sign: float, use: NDArray[np.bool_] | None, sample: NDArray[np.float64]
+) -> Levels:
+    """The levels of an image, given its `usable_sample`."""
+    offset, step = float(np.median(sample)), _step(sample)
+    every = max(1, len(image) // 32)
+    rows, _ = _shifted(image[::every], None if use is None else use[::every], sign, offset)
+    return Levels(sign, offset, step, max(DEAD_NOISE * _noise(rows), 3.0 * step))
+
+
+def grey_rows(
+    image: NDArray[np.generic], use: NDArray[np.bool_] | None, levels: Levels, first: int, last: int
+) -> tuple[Pixels, bool]:
+    """Rows first ... last - 1 as the detector wants them, NaN where missing or dead, and whether there is such a pixel.
+
+    What a row gives does not depend on which rows are asked for.
+    """
     from windmark.detection._kernels_dead import dead_pixels
 
-    missing = not np.isfinite(g.min() + g.max())
-    if missing:
-        g[~np.isfinite(g)] = np.nan
-    if use is not None and not use.all():
-        g[~use] = np.nan
-        missing = True
-    row, column = dead_pixels(g, max(DEAD_NOISE * _noise(g), 3.0 * quantum), DEAD_RATIO)
+    top, bottom = max(first - 1, 0), min(last + 1, len(image))
+    part = None if use is None else use[top:bottom]
+    g, missing = _shifted(image[top:bottom], part, levels.sign, levels.offset)
+    row, column = dead_pixels(g, levels.dead, DEAD_RATIO)
     g[row, column] = np.nan
-    return bool(missing or len(row))
+    return g[first - top : last - top], missing or bool(len(row))
 
 
-def _noise(g: Pixels) -> float:
+def _shifted(
+    image: NDArray[np.generic], use: NDArray[np.bool_] | None, sign: float, offset: float
+) -> tuple[Pixels, bool]:
+    """The image as float32 sign * (image - offset), NaN where not finite or not used, and whether there is a NaN."""
+    g, missing = np.empty(image.shape, np.float32), False
+    wide = image.dtype.itemsize > 2 and image.dtype != np.float32
+    for y in range(0, len(g), BLOCK_ROWS):
+        out, part = g[y : y + BLOCK_ROWS], image[y : y + BLOCK_ROWS]
+        with np.errstate(over="ignore", invalid="ignore"):
+            if wide:
+                np.subtract(part, offset, out=out, dtype=np.float64, casting="unsafe")
+            else:
+                out[...] = part
+                out -= np.float32(offset)
+            if sign < 0:
+                np.negative(out, out=out)
+            if image.dtype.kind == "f" and not np.isfinite(out.min() + out.max()):
+                out[~np.isfinite(out)] = np.nan
+                missing = True
+        if use is not None and not use[y : y + BLOCK_ROWS].all():
+            out[~use[y : y + BLOCK_ROWS]] = np.nan
+            missing = True
+    return g, missing
+
+
+def _noise(rows: Pixels) -> float:
     """Scatter of neighbouring pixels of a row about their trend: the median, which markers do not reach."""
-    rows = g[:: max(1, g.shape[0] // 64)]
     bend = np.abs(rows[:, :-2] - 2.0 * rows[:, 1:-1] + rows[:, 2:])
     bend = bend[np.isfinite(bend)]
     return float(np.median(bend)) / (0.6745 * np.sqrt(6.0)) if bend.size else 0.0
 
 
-def _quantum(sample: NDArray[np.float64]) -> float:
+def _step(sample: NDArray[np.float64]) -> float:
     """Step between grey levels, 0 if there is none: integers come in steps of 16 or 257, floats may hold integers."""
     if (sample == np.round(sample)).all() and np.ptp(sample) < 2**53:
         step = int(np.gcd.reduce((sample - sample[0]).astype(np.int64)))

@@ -61,7 +61,7 @@ def refined(
     """
     from windmark.detection.template import refine_template
 
-    usable = np.isfinite(prepared.g) if prepared.filled is not prepared.g else None
+    usable = np.isfinite(prepared.g) if prepared.missing else None
     radius = np.clip(np.nan_to_num(found.radius, nan=0.0), 0.75 * spots.r0, 1.3 * spots.r0)
     fits = refine_template(
         image, spots.xy, radius, polarity=options.polarity, photometry=options.light, mask=usable

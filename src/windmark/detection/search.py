@@ -65,21 +65,17 @@ def noise_tiles(g: Pixels, tile: int, lag: int) -> Array:
     quartile is taken, so that markers and edges may cover half of a tile. Missing pixels (NaN) do not count; a tile
     without any other has the noise of the median tile.
     """
+    from windmark.detection._kernels_map import bend_quartiles
+
     h, w = g.shape
     across, down = -(-w // tile), -(-h // tile)
     rows = np.minimum((np.arange(4 * down) + 0.5) * (tile / 4.0), h - 1).astype(np.int64)
     cols = np.clip((np.arange(64 * across) + 0.5) * (tile / 64.0), lag, max(lag, w - 1 - lag)).astype(np.int64)
-    strip = g[rows]
-    bend = np.abs(strip[:, cols - lag] - 2.0 * strip[:, cols] + strip[:, np.minimum(cols + lag, w - 1)])
-    tiles = bend.reshape(down, 4, across, 64).transpose(0, 2, 1, 3).reshape(down, across, 256)
-    seen = np.isfinite(tiles).sum(axis=2)
-    if (seen == 256).all():
-        quartile = np.partition(tiles, 64, axis=2)[:, :, 64]
-    else:
-        quartile = np.take_along_axis(np.sort(tiles, axis=2), (seen // 4)[:, :, None], axis=2)[:, :, 0]
-        known = seen >= 16
-        quartile = np.where(known, quartile, np.median(quartile[known]) if known.any() else 0.0)
-    return np.asarray(quartile / (0.3186 * np.sqrt(6.0)), dtype=np.float64)
+    quartile = np.empty((down, across))
+    bend_quartiles(g, rows.reshape(down, 4), cols.reshape(across, 64), lag, 16, quartile)
+    known = np.isfinite(quartile)
+    quartile[~known] = np.median(quartile[known]) if known.any() else 0.0
+    return quartile / (0.3186 * np.sqrt(6.0))
 
 
 def surface_noise(image: Prepared, radius_px: float) -> Array:
@@ -100,7 +96,7 @@ def candidates(image: Prepared, radius_px: float, merit_max: float, noise: Array
     from windmark.detection._kernels_map import bin_mean, depth_peaks
 
     factor = bin_factor(radius_px)
-    small, r = image.filled if factor == 1 else bin_mean(image.filled, factor), radius_px / factor
+    small, r = image.g if factor == 1 else bin_mean(image.g, factor), radius_px / factor
     gate = (GATE_SIGMA * noise).astype(np.float32)
     core, window = box_sizes(r)
     start, _ = depth_peaks(small, core, window, gate, TILE)
