@@ -31,9 +31,9 @@ FITS = ("cost", "noise2", "evaluations", "status", "pixels", "largest", "signal"
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def solve(matrix: Any, rhs: Any, damping: float, held: Any, work: Any, step: Any) -> bool:
-    """Solve (matrix + damping diag(matrix)) step = rhs without the held unknowns, by Cholesky; False where singular."""
-    n = rhs.size
+def factor(matrix: Any, damping: float, held: Any, work: Any) -> bool:
+    """Cholesky factor of matrix + damping diag(matrix) without the held unknowns; False where singular."""
+    n = held.size
     for i in range(n):
         for j in range(i + 1):
             s = 0.0 if held[i] or held[j] else matrix[i, j]
@@ -48,6 +48,13 @@ def solve(matrix: Any, rhs: Any, damping: float, held: Any, work: Any, step: Any
                 work[i, i] = math.sqrt(s)
             else:
                 work[i, j] = s / work[j, j]
+    return True
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def substitute(work: Any, rhs: Any, held: Any, step: Any) -> None:
+    """Solve with the factor; 0 for the held unknowns."""
+    n = rhs.size
     for i in range(n):
         s = 0.0 if held[i] else rhs[i]
         for k in range(i):
@@ -58,6 +65,14 @@ def solve(matrix: Any, rhs: Any, damping: float, held: Any, work: Any, step: Any
         for k in range(i + 1, n):
             s -= work[k, i] * step[k]
         step[i] = s / work[i, i]
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def solve(matrix: Any, rhs: Any, damping: float, held: Any, work: Any, step: Any) -> bool:
+    """Solve (matrix + damping diag(matrix)) step = rhs without the held unknowns, by Cholesky; False where singular."""
+    if not factor(matrix, damping, held, work):
+        return False
+    substitute(work, rhs, held, step)
     return True
 
 
@@ -361,10 +376,11 @@ def fit_discs(
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def inverse(matrix: Any, held: Any, scale: float, work: Any, unit: Any, column: Any, out: Any) -> None:
     """Scale / matrix without the held unknowns, whose rows and columns become 0."""
+    factor(matrix, 0.0, held, work)
     for m in range(10):
         for i in range(10):
             unit[i] = 1.0 if i == m else 0.0
-        solve(matrix, unit, 0.0, held, work, column)
+        substitute(work, unit, held, column)
         for i in range(10):
             out[i, m] = 0.0 if held[m] or held[i] else scale * column[i]
 

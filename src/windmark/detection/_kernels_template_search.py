@@ -16,7 +16,7 @@ from windmark.detection._kernels_template_model import disc_sums, points_needed
 from windmark.geometry._jit import nb
 
 FOUND = ("x", "y", "correlation", "depth", "background", "usable", "misfit")  # columns of `search_discs`
-WINDOW = ("correlation", "depth", "mean", "misfit", "usable")  # columns of `ring_windows`
+WINDOW = ("correlation", "depth", "background", "misfit", "usable")  # columns of `ring_windows`
 LEAST_KNOWN = 0.5  # share of a window's pixels that must be usable
 
 
@@ -54,8 +54,8 @@ def cut(image: Any, usable: Any, sign: float, saturation: float, x0: int, y0: in
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def templates(
     p: Any, reach: float, table: Any, g: Any, inside: Any, disc: Any, flat: Any
-) -> tuple[float, float, float]:
-    """Window, disc image and disc image less its plane (S, S); returns square sum of the last, pixels, sum of x^2."""
+) -> tuple[float, float, float, float]:
+    """Window, disc image, disc image less its plane (S, S); square sum of the last, pixels, sum of x^2, disc's mean."""
     disc_sums(p, points_needed(p), False, table, g)
     half, n, xx, t0, tx, ty, tt = disc.shape[0] // 2, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for j in range(disc.shape[0]):
@@ -71,14 +71,18 @@ def templates(
             t = inside[j, i] * (disc[j, i] - plane)
             flat[j, i] = t
             tt += t * t
-    return tt, n, xx
+    return tt, n, xx, t0 / n
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract"})
 def whole_window(
-    patch: Any, dx: int, dy: int, inside: Any, flat: Any, tt: float, n: float, xx: float
+    patch: Any, dx: int, dy: int, inside: Any, flat: Any, sums: tuple[float, float, float, float]
 ) -> tuple[float, float, float, float]:
-    """Correlation, depth, mean and misfit (residual variance of plane and disc) at (dx, dy) in a patch without gaps."""
+    """Correlation, depth, background and misfit (residual variance of plane and disc) at (dx, dy), patch without gaps.
+
+    `sums` as `templates` returns them.
+    """
+    tt, n, xx, cover = sums
     size = flat.shape[0]
     zero: Any = np.float32(0.0)
     half, g0, gx, gy, gg, gt = size // 2, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -94,15 +98,18 @@ def whole_window(
         g0, gx, gy, gg, gt = g0 + r0, gx + rx, gy + r0 * (j - half), gg + rr, gt + rt
     gx -= half * g0
     square = gg - g0 * g0 / n - (gx * gx + gy * gy) / xx
-    return verdict(gt, tt, square, g0 / n, n)
+    return verdict(gt, tt, square, g0 / n, cover, n)
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def verdict(gt: float, tt: float, square: float, mean: float, n: float) -> tuple[float, float, float, float]:
-    """`WINDOW` from sums of squares without their planes: disc times window, disc, window."""
+def verdict(
+    gt: float, tt: float, square: float, mean: float, cover: float, n: float
+) -> tuple[float, float, float, float]:
+    """`WINDOW` from sums of squares without their planes (disc times window, disc, window) and the two means."""
     if not (square > 0.0 and tt > 0.0):
         return 0.0, 0.0, mean, 0.0
-    return -gt / math.sqrt(tt * square), -gt / tt, mean, max(square - gt * gt / tt, 0.0) / max(n - 4.0, 1.0)
+    misfit = max(square - gt * gt / tt, 0.0) / max(n - 4.0, 1.0)
+    return -gt / math.sqrt(tt * square), -gt / tt, mean - gt / tt * cover, misfit
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
@@ -131,7 +138,7 @@ def gappy_window(
     tt -= t0 * t0 / n + (c * px * px - 2.0 * b * px * py + a * py * py) / det
     vv -= v0 * v0 / n + (c * qx * qx - 2.0 * b * qx * qy + a * qy * qy) / det
     tv -= t0 * v0 / n + (c * px * qx - b * (px * qy + py * qx) + a * py * qy) / det
-    return verdict(tv, tt, vv, v0 / n, n)
+    return verdict(tv, tt, vv, v0 / n, t0 / n, n)
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
@@ -140,8 +147,9 @@ def search_discs(
 ) -> None:
     """Best place of each disc within +-search pixels: rows of `FOUND`, positions relative to the pixel.
 
-    `usable` (H, W) or (0, 0); `pixel` (M, 2); `discs` (M, 6) as in `disc_sums`, within half a pixel of the pixel. The
-    best window has the largest correlation; a parabola through its neighbours places it within the pixel.
+    `usable` (H, W) or (0, 0); `pixel` (M, 2); `discs` (M, 6) as in `disc_sums`, centred on the pixel, so that equal
+    discs share their template. The best window has the largest correlation; a parabola through its neighbours places it
+    within the pixel.
     """
     steps, size = 2 * search + 1, 0
     rho = np.empty((steps, steps))
@@ -152,7 +160,8 @@ def search_discs(
             g, table = np.empty((10, size, size)), np.empty((8, size + 6))
             inside, disc, flat = square_of(size), square_of(size), square_of(size)
             patch, known = square_of(size + 2 * search), square_of(size + 2 * search)
-        tt, n, xx = templates(discs[k], reach[k], table, g, inside, disc, flat)
+        if k == 0 or reach[k] != reach[k - 1] or (discs[k] != discs[k - 1]).any():
+            sums = templates(discs[k], reach[k], table, g, inside, disc, flat)
         x0, y0 = pixel[k, 0] - half - search, pixel[k, 1] - half - search
         level, count = cut(image, usable, sign, saturation, x0, y0, patch, known)
         best, bx, by = -2.0, search, search
@@ -160,14 +169,14 @@ def search_discs(
         for j in range(steps):
             for i in range(steps):
                 if count == patch.size:
-                    r, depth, mean, misfit = whole_window(patch, i, j, inside, flat, tt, n, xx)
+                    r, depth, light, misfit = whole_window(patch, i, j, inside, flat, sums)
                 else:
-                    r, depth, mean, misfit = gappy_window(patch, known, i, j, inside, disc, n)
+                    r, depth, light, misfit = gappy_window(patch, known, i, j, inside, disc, sums[1])
                 rho[j, i] = r
                 if r > best:
                     best, bx, by = r, i, j
-                    out[k, 2], out[k, 3], out[k, 4], out[k, 6] = r, depth, level + mean, misfit
-        out[k, 0], out[k, 1], out[k, 5] = bx - search + discs[k, 0], by - search + discs[k, 1], count / patch.size
+                    out[k, 2], out[k, 3], out[k, 4], out[k, 6] = r, depth, level + light, misfit
+        out[k, 0], out[k, 1], out[k, 5] = bx - search, by - search, count / patch.size
         if 0 < bx < steps - 1:
             out[k, 0] += vertex(rho[by, bx - 1], rho[by, bx], rho[by, bx + 1])
         if 0 < by < steps - 1:
@@ -195,10 +204,10 @@ def ring_windows(
         square_of(size),
         square_of(size),
     )
-    _, n, _ = templates(disc_row, reach, table, g, inside, disc, flat)
+    sums = templates(disc_row, reach, table, g, inside, disc, flat)
     for k in range(len(pixel)):
         level, count = cut(
             image, usable, sign, saturation, pixel[k, 0] - size // 2, pixel[k, 1] - size // 2, patch, known
         )
-        rho, depth, mean, misfit = gappy_window(patch, known, 0, 0, inside, disc, n)
-        out[k, 0], out[k, 1], out[k, 2], out[k, 3], out[k, 4] = rho, depth, level + mean, misfit, count / patch.size
+        rho, depth, light, misfit = gappy_window(patch, known, 0, 0, inside, disc, sums[1])
+        out[k, 0], out[k, 1], out[k, 2], out[k, 3], out[k, 4] = rho, depth, level + light, misfit, count / patch.size

@@ -47,7 +47,7 @@ def search(scene: Scene, request: Request, search_px: int) -> tuple[Request, Arr
     assert request.shape is not None
     found = np.zeros((len(request.xy), len(FOUND)))
     pixel = np.rint(request.xy).astype(np.int64)
-    search_discs(*_pixels(scene), pixel, _discs(request, pixel), request.reach(), search_px, found)
+    search_discs(*_pixels(scene), pixel, _discs(request), request.reach(), search_px, found)
     found[:, :2] += pixel
     states = np.zeros((len(found), 10))
     xx, xy, yy = request.shape.T
@@ -70,7 +70,7 @@ def surroundings(scene: Scene, request: Request) -> Surroundings:
         far = reach + size + 3.0 * float(one.blur[0])
         places = np.rint(one.xy + np.concatenate([ways[0] * far, ways[1] * (far + 2.0 * size)])).astype(np.int64)
         rows = np.empty((len(places), len(WINDOW)))
-        ring_windows(*pixels, places, _discs(one, np.rint(one.xy).astype(np.int64))[0], reach, rows)
+        ring_windows(*pixels, places, _discs(one)[0], reach, rows)
         rows = rows[np.isfinite(rows[:, 1])]
         out[3, k] = len(rows)
         if len(rows) >= LEAST_RING:
@@ -87,7 +87,7 @@ def _pixels(scene: Scene) -> tuple[NDArray[np.generic], NDArray[np.bool_], float
     return image, usable, scene.sign, scene.saturation
 
 
-def _discs(request: Request, pixel: NDArray[np.int64]) -> Array:
-    """Discs relative to their pixels, as the kernels want them (K, 6)."""
+def _discs(request: Request) -> Array:
+    """Discs centred on a pixel, as the kernels want them (K, 6)."""
     assert request.shape is not None
-    return np.column_stack([request.xy - pixel, request.shape, request.blur])
+    return np.column_stack([np.zeros_like(request.xy), request.shape, request.blur])
