@@ -8,7 +8,6 @@ import pytest
 from windmark.geometry import Camera, Pose
 from windmark.scene import MarkerSet
 from windmark.synth import marker_truth
-from windmark.synth.truth import disc_images
 
 
 def test_truth_projects_the_markers(small_test):
@@ -21,54 +20,6 @@ def test_truth_projects_the_markers(small_test):
         wall, _ = small_test.cameras["cam1"].project(shot.perfect.cam_from_tunnel.apply(small_test.markers.xyz))
         np.testing.assert_allclose(t.xy[~model], wall[~model], atol=1e-8)
         assert np.isfinite(t.xy).all()
-
-
-def test_ellipse_is_the_outline_s(lens):
-    """Moments against a polygon of 20,000 outline points, shoelace formulas; tilted discs, distorted corners."""
-    center = np.array([[0.0, 0, 50], [4, 3, 50], [-5, 3.5, 55]])
-    normal = np.array([[0, 0, -1.0], [0.5, 0.2, -0.8], [-0.3, 0.6, -0.5]])
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    radius = np.array([0.2, 0.3, 0.25])
-    xy, axes, angle = disc_images(lens, center, normal, radius)
-    theta = np.linspace(0, 2 * np.pi, 20_001)
-    for k in range(3):
-        a = np.cross(normal[k], [0.1, 0.9, 0.3])
-        a /= np.linalg.norm(a)
-        b = np.cross(normal[k], a)
-        p, _ = lens.project(center[k] + radius[k] * (np.cos(theta)[:, None] * a + np.sin(theta)[:, None] * b))
-        x, y = p.T
-        cross = x[:-1] * y[1:] - x[1:] * y[:-1]
-        area = cross.sum() / 2
-        cx = ((x[:-1] + x[1:]) * cross).sum() / (6 * area)
-        cy = ((y[:-1] + y[1:]) * cross).sum() / (6 * area)
-        np.testing.assert_allclose(xy[k], [cx, cy], atol=1e-6)
-        assert np.pi * axes[k].prod() == pytest.approx(abs(area), rel=1e-5)
-        along = (x - cx) * np.cos(angle[k]) + (y - cy) * np.sin(angle[k])
-        assert along.max() == pytest.approx(axes[k, 0], rel=2e-3)
-
-
-def test_facing_disc_has_no_eccentricity():
-    camera = Camera((100, 100), 500.0)
-    xy, axes, _ = disc_images(camera, np.array([[1.0, 2, 100]]), np.array([[0, 0, -1.0]]), np.array([2.0]))
-    np.testing.assert_allclose(xy[0], camera.project([1.0, 2, 100])[0], atol=1e-10)
-    np.testing.assert_allclose(axes[0], 10.0, rtol=1e-7)
-
-
-@pytest.mark.parametrize("tilt_deg", [20, 45, 60])
-def test_centre_of_the_ellipse_is_not_the_disc_s_centre(tilt_deg):
-    """They differ by r^2 sin(2 tilt) / (2 f), on the side that is nearer to the camera (docs/conventions.md)."""
-    camera = Camera((2000, 2000), 1500.0)
-    a = np.radians(tilt_deg)
-    center, normal = np.array([[0, 0, 300.0]]), np.array([[np.sin(a), 0, -np.cos(a)]])
-    xy, axes, _ = disc_images(camera, center, normal, np.array([1.0]))
-    r = 1500 / 300
-    assert axes[0, 0] == pytest.approx(r, rel=1e-4)
-    assert axes[0, 1] == pytest.approx(r * np.cos(a), rel=1e-3)
-    shift = xy[0] - camera.project(center[0])[0]
-    assert np.linalg.norm(shift) == pytest.approx(r**2 * np.sin(2 * a) / (2 * 1500), rel=2e-3)
-    near_end = np.array([-np.cos(a), 0, -np.sin(a)])  # the direction in the disc's plane that comes nearer
-    assert normal[0] @ near_end == pytest.approx(0)
-    assert shift[0] * near_end[0] > 0
 
 
 def test_flags_without_a_mesh():

@@ -1,6 +1,7 @@
 """Pure maths on arrays: rotations, poses, cameras and the solvers built from them. Knows no marker."""
 
 from windmark.geometry.camera import PARAMETERS, Camera
+from windmark.geometry.discs import ImagedEllipse, imaged_ellipse
 from windmark.geometry.errors import DegenerateGeometry
 from windmark.geometry.p3p import P3PSolutions, p3p
 from windmark.geometry.p4pf import FocalPose, p4pf
@@ -13,12 +14,14 @@ __all__ = [
     "Camera",
     "DegenerateGeometry",
     "FocalPose",
+    "ImagedEllipse",
     "P3PSolutions",
     "PoV",
     "Pose",
     "Similarity",
     "Triangulation",
     "align",
+    "imaged_ellipse",
     "p3p",
     "p4pf",
     "triangulate",

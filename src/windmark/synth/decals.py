@@ -8,6 +8,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from windmark.geometry.discs import tangent
 from windmark.scene import MarkerSet
 from windmark.synth.marks import Marks
 
@@ -77,11 +78,3 @@ class Decals:
     def reach(self) -> Array:
         """(K,) radius of the sphere round the centre that holds the shape."""
         return np.hypot(self.half[:, 0], self.half[:, 1]) + self.outer
-
-
-def tangent(normal: Array) -> Array:
-    """(N, 3) a unit vector at right angles to each normal: the x axis laid into the plane, or y."""
-    n = np.asarray(normal, dtype=float)
-    reference = np.where(np.abs(n[..., :1]) < 0.9, np.array([1.0, 0, 0]), np.array([0, 1.0, 0]))
-    a = reference - (reference * n).sum(axis=-1, keepdims=True) * n
-    return a / np.linalg.norm(a, axis=-1, keepdims=True)

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.geometry import Camera, Pose
+from windmark.geometry import Camera, Pose, imaged_ellipse
+from windmark.geometry.discs import tangent
 from windmark.scene import MarkerSet, Mesh
-from windmark.synth.decals import tangent
 from windmark.synth.screen import Rays, Screen, sample_offsets
 
 Array = NDArray[np.float64]
@@ -22,7 +22,6 @@ OWN_SURFACE = 1.5
 """A hit on the marker's volume within this many radii of its centre is the surface that carries it."""
 
 _SAMPLES = 91
-_OUTLINE = 48
 
 
 @dataclass(frozen=True)
@@ -76,51 +75,12 @@ def marker_truth(
     tilt = np.arccos(np.clip(toward, -1, 1))
     facing = ~(toward <= 0) & (center[:, 2] > 0)
     in_image = camera.in_image(xy)
-    ellipse_xy, axes, angle = disc_images(camera, center, normal, markers.radius)
+    seen = imaged_ellipse(camera, center, normal, markers.radius)
     if mesh is not None and screen is None:
         screen = Screen.of(mesh, camera, cam_from_markers, Rays.of(camera).bend)
     fraction = _fractions(markers, camera, center, normal, facing, screen)
     visible = facing & in_image & (fraction >= VISIBLE_FRACTION)
-    return MarkerTruth(xy, ellipse_xy, axes, angle, center[:, 2], tilt, facing, in_image, fraction, visible)
-
-
-def disc_images(camera: Camera, center: Array, normal: Array, radius: Array) -> tuple[Array, Array, Array]:
-    """Centroid, half axes and direction of the images of flat discs.
-
-    Parameters
-    ----------
-    center, normal : (N, 3) camera frame; radius : (N,)
-
-    Returns
-    -------
-    xy, axes, angle : (N, 2), (N, 2), (N,); NaN where a part of the outline has no image
-
-    Area, first and second moments are integrals along the outline (Green's theorem) with the
-    projection's exact derivative; the periodic trapezoid rule makes them exact to rounding for an
-    ellipse and nearly so under a lens. Seen edge-on the small axis goes to zero and the centroid is NaN.
-    """
-    theta = 2 * np.pi * np.arange(_OUTLINE) / _OUTLINE
-    cos, sin = np.cos(theta)[:, None], np.sin(theta)[:, None]
-    a = tangent(normal)
-    b = np.cross(normal, a)
-    r = radius[:, None, None]
-    outline = center[:, None] + r * (cos * a[:, None] + sin * b[:, None])
-    along = r * (cos * b[:, None] - sin * a[:, None])
-    p, _, d_xyz, _ = camera.project_jacobian(outline)
-    d = (d_xyz @ along[..., None])[..., 0] * (2 * np.pi / _OUTLINE)
-    origin = p.mean(axis=1)
-    x, y = (p - origin[:, None])[..., 0], (p - origin[:, None])[..., 1]
-    dx, dy = d[..., 0], d[..., 1]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        area = 0.5 * (x * dy - y * dx).sum(axis=1)
-        first = np.stack([(x * x * dy).sum(axis=1), -(y * y * dx).sum(axis=1)], axis=1) / (2 * area[:, None])
-        xx = (x**3 * dy).sum(axis=1) / (3 * area) - first[:, 0] ** 2
-        yy = -(y**3 * dx).sum(axis=1) / (3 * area) - first[:, 1] ** 2
-        xy = 0.5 * (x * x * y * dy - x * y * y * dx).sum(axis=1) / (2 * area) - first[:, 0] * first[:, 1]
-        # A uniform ellipse has the second moments axis^2 / 4.
-        middle, spread = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
-        axes = 2 * np.sqrt(np.maximum(np.stack([middle + spread, middle - spread], axis=1), 0))
-    return origin + first, axes, 0.5 * np.arctan2(2 * xy, xx - yy)
+    return MarkerTruth(xy, seen.xy, seen.axes_px, seen.angle, center[:, 2], tilt, facing, in_image, fraction, visible)
 
 
 def _fractions(

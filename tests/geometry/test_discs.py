@@ -1,0 +1,109 @@
+"""The image of a disc beside the closed form of the conic and a dense polygon."""
+
+import numpy as np
+import pytest
+
+from windmark.geometry import Camera, imaged_ellipse
+
+
+@pytest.fixture
+def lens():
+    return Camera((1280, 800), 1400.0, k1=-0.12, k2=0.05, p1=4e-4, p2=-3e-4)
+
+
+def conic_ellipse(camera, center, normal, radius):
+    """Centre and half axes of the conic H^-T diag(1, 1, -1) H^-1, H the homography from the unit disc to the image."""
+    a = np.cross(normal, [0.3, 0.5, 0.8])
+    a /= np.linalg.norm(a)
+    h = camera.matrix @ np.column_stack([radius * a, radius * np.cross(normal, a), center])
+    inverse = np.linalg.inv(h)
+    c = inverse.T @ np.diag([1.0, 1.0, -1.0]) @ inverse
+    xy = -np.linalg.solve(c[:2, :2], c[:2, 2])
+    level = -(c[2, 2] + c[:2, 2] @ xy)
+    return xy, np.sqrt(level / np.linalg.eigvalsh(c[:2, :2]))
+
+
+def test_pinhole_image_is_the_conic():
+    """Up to discs of a fifth of their distance: a hundred random ones."""
+    rng = np.random.default_rng(4)
+    camera = Camera((1280, 800), 1100.0, aspect=1.01, cx=610.0, cy=420.0)
+    center = np.column_stack([rng.uniform(-3, 3, (100, 2)), rng.uniform(9, 12, 100)])
+    normal = rng.normal(size=(100, 3)) - [0, 0, 1.5]
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    facing = -(normal * center).sum(axis=1) / np.linalg.norm(center, axis=1) > 0.15
+    radius = rng.uniform(0.01, 2.0, 100)
+    seen = imaged_ellipse(camera, center[facing], 3.0 * normal[facing], radius[facing])
+    for k, j in enumerate(np.flatnonzero(facing)):
+        xy, axes = conic_ellipse(camera, center[j], normal[j], radius[j])
+        np.testing.assert_allclose(seen.xy[k], xy, atol=1e-7)
+        np.testing.assert_allclose(seen.axes_px[k], axes, rtol=1e-8)
+        np.testing.assert_allclose(seen.center_xy[k], camera.project(center[j])[0])
+
+
+def test_detector_finds_the_ellipse_and_not_the_disc():
+    """The number a detector is blamed for: 0.08 px at r = 16, f = 1500, 45 degrees."""
+    camera, s = Camera((400, 400), 1500.0), np.sqrt(0.5)
+    seen = imaged_ellipse(camera, [[0.0, 0.0, 100.0]], [[s, 0.0, -s]], 16 / 15)
+    assert seen.eccentricity_px[0, 0] == pytest.approx(-(16**2) / (2 * 1500), rel=5e-3)
+
+
+def test_wrong_shapes_and_discs_without_an_image():
+    camera = Camera((100, 100), 100.0)
+    with pytest.raises(ValueError, match="normal_cam"):
+        imaged_ellipse(camera, [[0, 0, 1.0]], [0, 0, 1.0], 1.0)
+    with pytest.raises(ValueError, match="radius"):
+        imaged_ellipse(camera, [[0, 0, 1.0]], [[0, 0, 1.0]], [1.0, 2.0])
+    nowhere = imaged_ellipse(camera, [[0, 0, -5.0], [0, 0, 5.0]], [[0, 0, -1.0], [np.nan] * 3], 1.0)
+    assert np.isnan(nowhere.xy).all()
+    assert np.isfinite(nowhere.center_xy[1]).all()
+    assert len(imaged_ellipse(camera, np.empty((0, 3)), np.empty((0, 3)), 1.0)) == 0
+
+
+def test_ellipse_is_the_outline_s(lens):
+    """Moments against a polygon of 20,000 outline points, shoelace formulas; tilted discs, distorted corners."""
+    center = np.array([[0.0, 0, 50], [4, 3, 50], [-5, 3.5, 55]])
+    normal = np.array([[0, 0, -1.0], [0.5, 0.2, -0.8], [-0.3, 0.6, -0.5]])
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    radius = np.array([0.2, 0.3, 0.25])
+    seen = imaged_ellipse(lens, center, normal, radius)
+    xy, axes, angle = seen.xy, seen.axes_px, seen.angle
+    theta = np.linspace(0, 2 * np.pi, 20_001)
+    for k in range(3):
+        a = np.cross(normal[k], [0.1, 0.9, 0.3])
+        a /= np.linalg.norm(a)
+        b = np.cross(normal[k], a)
+        p, _ = lens.project(center[k] + radius[k] * (np.cos(theta)[:, None] * a + np.sin(theta)[:, None] * b))
+        x, y = p.T
+        cross = x[:-1] * y[1:] - x[1:] * y[:-1]
+        area = cross.sum() / 2
+        cx = ((x[:-1] + x[1:]) * cross).sum() / (6 * area)
+        cy = ((y[:-1] + y[1:]) * cross).sum() / (6 * area)
+        np.testing.assert_allclose(xy[k], [cx, cy], atol=1e-6)
+        assert np.pi * axes[k].prod() == pytest.approx(abs(area), rel=1e-5)
+        along = (x - cx) * np.cos(angle[k]) + (y - cy) * np.sin(angle[k])
+        assert along.max() == pytest.approx(axes[k, 0], rel=2e-3)
+
+
+def test_facing_disc_has_no_eccentricity():
+    camera = Camera((100, 100), 500.0)
+    seen = imaged_ellipse(camera, [[1.0, 2, 100]], [[0, 0, -1.0]], 2.0)
+    np.testing.assert_allclose(seen.eccentricity_px, 0.0, atol=1e-10)
+    np.testing.assert_allclose(seen.axes_px[0], 10.0, rtol=1e-7)
+
+
+@pytest.mark.parametrize("tilt_deg", [20, 45, 60])
+def test_centre_of_the_ellipse_is_not_the_disc_s_centre(tilt_deg):
+    """They differ by r^2 sin(2 tilt) / (2 f), on the side that is nearer to the camera (docs/conventions.md)."""
+    camera = Camera((2000, 2000), 1500.0)
+    a = np.radians(tilt_deg)
+    center, normal = np.array([[0, 0, 300.0]]), np.array([[np.sin(a), 0, -np.cos(a)]])
+    seen = imaged_ellipse(camera, center, normal, 1.0)
+    axes = seen.axes_px
+    r = 1500 / 300
+    assert axes[0, 0] == pytest.approx(r, rel=1e-4)
+    assert axes[0, 1] == pytest.approx(r * np.cos(a), rel=1e-3)
+    shift = seen.eccentricity_px[0]
+    assert np.linalg.norm(shift) == pytest.approx(r**2 * np.sin(2 * a) / (2 * 1500), rel=2e-3)
+    near_end = np.array([-np.cos(a), 0, -np.sin(a)])  # the direction in the disc's plane that comes nearer
+    assert normal[0] @ near_end == pytest.approx(0)
+    assert shift[0] * near_end[0] > 0
