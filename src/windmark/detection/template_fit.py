@@ -17,6 +17,7 @@ Flags = NDArray[np.bool_]
 WINDOW_BLURS = 4.5  # the window reaches so many blurs beyond the disc
 BATCH_PIXELS = 200_000  # of the patches of one batch: they stay in the cache
 SHAPE_SPREAD = 0.6  # prior of the second moments, relative to those of a round disc of the given radius
+MOSTLY = 0.5  # share of saturated pixels from which on they are used
 TUKEY = 4.685  # cut of Tukey's weights in units of the noise: 95 % efficient on Gaussian noise
 
 
@@ -85,7 +86,7 @@ class Fitted:
     params, cov : (K, 10), (K, 10, 10) parameters and their covariance in white noise; NaN where the fit failed
     states : (K, 10) to start another fit from, relative to the request's xy
     table : (K, 8) columns `_kernels_template.FITS`
-    usable : (K,) share of the disc's pixels within the image that could be used
+    usable : (K,) share of the disc's pixels within the image, but for saturated ones, that could be used
     saturated : (K,) share of the window's pixels that are saturated
     """
 
@@ -166,7 +167,7 @@ def _fit_batch(scene: Scene, request: Request, others: Neighbours, index: Ints, 
     distance = _distances(lattice, start)
     window = distance <= request.reach()[:, None, None]
     weights *= window
-    disc = (distance <= (request.radius + request.blur)[:, None, None]) & known
+    disc = (distance <= (request.radius + request.blur)[:, None, None]) & known & ~saturated
     done.usable[:] = _share(disc & (weights > 0), disc)
     done.saturated[:] = _share(saturated & window, known & window)
     others.blank(weights, distance - request.radius[:, None, None], done.pixel, lattice)
@@ -186,8 +187,9 @@ def _fit_batch(scene: Scene, request: Request, others: Neighbours, index: Ints, 
 
 
 def cut_patches(scene: Scene, pixel: Ints, half: int) -> tuple[Array, Array, Flags, Flags]:
-    """Patches (K, S, S) round pixels as float64 holes, their weights 0 or 1, what is inside the image, what is
-    saturated.
+    """Patches (K, S, S) round pixels as float64 holes, their weights 0 or 1, what is known, what is saturated.
+
+    Where most of a patch is saturated, that is the level of the paint (white drawings, clipped light): all is used.
     """
     height, width = scene.image.shape
     lattice = np.arange(-half, half + 1)
@@ -196,7 +198,8 @@ def cut_patches(scene: Scene, pixel: Ints, half: int) -> tuple[Array, Array, Fla
     at = np.clip(y, 0, height - 1)[:, :, None], np.clip(x, 0, width - 1)[:, None, :]
     patches = scene.image[at].astype(np.float64)
     saturated = known & (patches >= scene.saturation)
-    use = known & ~saturated & np.isfinite(patches)
+    most = saturated.sum((1, 2)) > MOSTLY * known.sum((1, 2))
+    use = known & ~(saturated & ~most[:, None, None]) & np.isfinite(patches)
     if scene.usable is not None:
         use &= scene.usable[at]
     return np.where(use, scene.sign * patches, 0.0), use.astype(np.float64), known, saturated

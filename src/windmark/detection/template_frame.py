@@ -26,16 +26,16 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
-BLUR_START, BLUR_SPREAD = 0.8, 0.8  # px, blur and its spread where nothing better is known
+BLUR_START, BLUR_SPREAD = 0.8, 0.5  # px, blur and its spread where nothing better is known
 LEAST_SPREAD = 0.1  # px, least spread of a frame's blur: optics differ over the frame
 LEAST_BLUR = 0.25  # px, as in the fits
 LEAST_SHARE = 0.01  # of what is known of a marker's blur that must come from the marker itself
 MEDIAN_VARIANCE = np.pi / 2.0  # of a median over that of a mean
 BLUR_PASSES, SAME_BLUR = 4, 0.03  # the frame's blur is found when it moves by less, px
-WEAK_BLUR = 0.2  # px, uncertainty of a marker's blur beyond which the markers are asked together
+SURE_BLUR, WEAK_BLUR = 0.1, 0.14  # px, typical uncertainty of a marker's blur: one pass is enough; ask all together
 BLURS = np.array([0.3, 0.4, 0.52, 0.66, 0.82, 1.0, 1.2, 1.43, 1.7, 2.0])  # px
 HELD_SPREAD = 0.02  # px, of a blur that is tried
-NARROW, MOST_LONGER = 1.04, 1.6  # a window is made again if it is so much too small; an ellipse may be so much longer
+NARROW, MOST_LONGER = 1.1, 1.6  # a window is made again if it is so much too small; an ellipse may be so much longer
 OUTVOICED = 9.0  # chi^2 by which one marker can speak against a blur
 SAMPLE = 48  # markers that are enough to know a frame
 CLEAN = 5  # clean markers needed to say something about the frame
@@ -82,14 +82,16 @@ def learn_frame(scene: Scene, request: Request, *, blur: bool, noise: bool) -> t
         done, batches, fits = _fit_sample(scene, request.take(sample), frame, images=noise)
         clean, good = _clean(fits), fits.converged
         request = _continue(request, sample[good], done.take(good), fits.take(good))
-        found = frame_blur(fits.take(clean)) if left else None
-        if left and clean.sum() >= CLEAN and (found is None or np.median(fits.blur_sigma_px[clean]) > WEAK_BLUR):
+        found, unsure = (frame_blur(fits.take(clean)), _unsure(fits.take(clean))) if left else (None, 0.0)
+        if left and clean.sum() >= CLEAN and unsure > WEAK_BLUR:
             found, left = joint_blur(scene, request.take(sample[clean]), fits.noise[clean]), 1
         if found is None:
             break
-        left = 0 if abs(found[0] - frame.blur_px) < SAME_BLUR else left - 1
+        left = 0 if unsure < SURE_BLUR or abs(found[0] - frame.blur_px) < SAME_BLUR else left - 1
         frame = replace(frame, blur_px=found[0], blur_spread_px=found[1])
         request = _with_blur(request, frame)
+        if not left and unsure < WEAK_BLUR:
+            break
     if noise and clean.sum() >= CLEAN:
         frame = replace(frame, noise=_learn_noise(scene, batches, clean))
     return frame, request
@@ -129,6 +131,14 @@ def joint_blur(scene: Scene, request: Request, noise: Array) -> tuple[float, flo
     if not curve[0] > 0.0:
         return None
     return float(-0.5 * curve[1] / curve[0]), float(np.hypot(1.0 / np.sqrt(curve[0]), LEAST_SPREAD))
+
+
+def _unsure(fits: TemplateFits) -> float:
+    """Typical uncertainty of the blur of a marker that is not told the frame's, in pixels."""
+    prior = (2.0 * fits.frame.blur_px * fits.frame.blur_spread_px) ** -2.0
+    with np.errstate(divide="ignore", invalid="ignore"):
+        own = np.maximum((2.0 * fits.blur_px * fits.blur_sigma_px) ** -2.0 - prior, 0.0)
+        return float(np.median(0.5 / (np.sqrt(own) * fits.blur_px))) if len(fits) else np.inf
 
 
 def _with_blur(request: Request, frame: Frame) -> Request:
