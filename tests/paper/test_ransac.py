@@ -6,6 +6,7 @@ import registration_scenes as scenes
 
 from windmark.geometry import Pose
 from windmark.registration import register
+from windmark.registration._plane import Plane
 from windmark.registration._triplets import interior_angles, marker_triplets
 from windmark.registration.search import Search
 from windmark.registration.task import Task
@@ -18,7 +19,7 @@ def task_of(scene):
 def test_interior_angles_are_within_90_plus_minus_80_degrees():
     """'the interior angles of the triangles [...] must be in a range of 90 +- 80 degrees'"""
     scene = scenes.scene(3)
-    search = Search(task_of(scene), np.random.default_rng(0))
+    search = Search(Plane(task_of(scene)), np.random.default_rng(0))
     triplets = marker_triplets(search.model, 23)
     angles = np.degrees(interior_angles(scene.markers.xyz[triplets]))
     assert angles.min() >= 10
@@ -32,7 +33,7 @@ def test_ninety_per_cent_seen_means_73_per_cent_of_triplets_are_right():
     share = []
     for seed in range(200):
         scene = scenes.scene(seed, hidden=0.1)
-        search = Search(task_of(scene), rng)
+        search = Search(Plane(task_of(scene)), rng)
         seen = np.isin(np.arange(24), scene.label)
         triplets = marker_triplets(search.model, 4)
         share.append(seen[triplets].all(axis=1).mean() / seen.mean() ** 3)
@@ -46,7 +47,7 @@ def test_fast_when_all_markers_are_visible_longer_when_not():
         counts = []
         for seed in range(12):
             scene = scenes.scene(seed, "B", hidden=hidden)
-            search = Search(task_of(scene), np.random.default_rng(0))
+            search = Search(Plane(task_of(scene)), np.random.default_rng(0))
             for tried in search.batches():
                 if search.pool.best is not None and search.pool.best.score > 60:
                     counts.append(tried)
@@ -110,7 +111,7 @@ def test_all_matched_is_not_the_exact_solution():
     misleading = 0
     for seed in range(30):
         scene = scenes.scene(seed, "A0", hidden=0.5, false=0.5)
-        search = Search(task_of(scene), np.random.default_rng(seed))
+        search = Search(Plane(task_of(scene)), np.random.default_rng(seed))
         for _ in search.batches():
             best = search.pool.best
             # The paper's rule with half of the markers hidden: as many matched as can be.

@@ -1,4 +1,4 @@
-"""Virtual images with known labels: a wing, a wing with a body, hidden markers, false spots.
+"""Virtual images with known labels: a wing, a wing with a body, both in a tunnel; hidden markers, false spots.
 
 The tests of the registration room and its benchmark share them; nothing here uses the code under test
 except the nouns (cameras, poses, tables).
@@ -55,6 +55,21 @@ def wing_and_body(rng: np.random.Generator) -> MarkerSet:
     return MarkerSet.make([f"b{i:02d}" for i in range(len(xyz))], xyz, normal=normal)
 
 
+def wind_tunnel(rng: np.random.Generator) -> MarkerSet:
+    """C: 150 markers, B in a test section: 60 on the floor behind it and 15 on each of two side walls."""
+    model = wing_and_body(rng)
+    x, y = np.meshgrid(np.linspace(-0.6, 1.8, 10), np.linspace(-1.4, 1.4, 6), indexing="ij")
+    floor = np.stack([x, y, np.full_like(x, -0.5)], axis=-1).reshape(-1, 3)
+    x, z = np.meshgrid(np.linspace(-0.6, 1.8, 5), np.linspace(-0.3, 0.7, 3), indexing="ij")
+    wall = np.stack([x, np.full_like(x, 1.6), z], axis=-1).reshape(-1, 3)
+    xyz = np.concatenate([floor, wall, wall * [1, -1, 1]])
+    normal = np.repeat([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [0.0, 1.0, 0.0]], [60, 15, 15], axis=0)
+    # Within the wall's plane.
+    xyz += rng.normal(0, 0.06, xyz.shape) * (normal == 0)
+    xyz, normal = np.concatenate([model.xyz, xyz]), np.concatenate([model.normal, normal])
+    return MarkerSet.make([f"c{i:03d}" for i in range(len(xyz))], xyz, normal=normal)
+
+
 def random_view(rng: np.random.Generator, markers: MarkerSet, *, fov_deg: tuple[float, float] = (10, 60),
                 tilt_max_deg: float = 60, size_px: tuple[int, int] = (1280, 1000), k1: float = 0.0,
                 ) -> tuple[Camera, Pose]:  # fmt: skip
@@ -95,9 +110,12 @@ def image_of(rng: np.random.Generator, markers: MarkerSet, camera: Camera, pose:
 
 
 def scene(seed: int, kind: str = "A", **options: float) -> Scene:
-    """A random image of kind A, A0 or B."""
+    """A random image of kind A, A0, B or C."""
     rng = np.random.default_rng(seed)
-    markers = wing_and_body(rng) if kind == "B" else wing(rng, jitter=0.0 if kind == "A0" else 0.04)
+    if kind in ("B", "C"):
+        markers = wing_and_body(rng) if kind == "B" else wind_tunnel(rng)
+    else:
+        markers = wing(rng, jitter=0.0 if kind == "A0" else 0.04)
     camera, pose = random_view(rng, markers)
     return image_of(rng, markers, camera, pose, **options)
 

@@ -10,6 +10,7 @@ from windmark.geometry import Camera, Pose
 from windmark.registration import _plane, _triplets
 from windmark.registration._hypothesis_kernels import Model
 from windmark.registration.evidence import weigh
+from windmark.registration.layout import unit_model
 from windmark.registration.pool import Candidate, Pool
 from windmark.registration.task import Task, with_focal
 from windmark.scene import Detections
@@ -36,7 +37,7 @@ def test_interior_angles_of_known_triangles():
 def test_marker_triplets_are_all_sound_ones_once():
     rng = np.random.default_rng(0)
     xyz = rng.normal(size=(9, 3)) * [1, 1, 0.05]
-    model, _ = _plane.unit_model(xyz, np.full((9, 3), np.nan))
+    model, _ = unit_model(xyz, np.full((9, 3), np.nan))
     triplets = _triplets.marker_triplets(model, 8)
     got = {tuple(sorted(t)) for t in triplets.tolist()}
     assert len(got) == len(triplets)
@@ -59,7 +60,7 @@ def test_too_few_markers_for_triplets():
 def test_turns_are_the_sign_of_the_area_in_the_image():
     rng = np.random.default_rng(2)
     markers = scenes.wing(rng)
-    model, _ = _plane.unit_model(markers.xyz, markers.normal)
+    model, _ = unit_model(markers.xyz, markers.normal)
     triplets = _triplets.marker_triplets(model, 8)
     turns = _triplets.turns_of(model, triplets)
     for seed in range(5):
@@ -88,7 +89,7 @@ def test_spread_corners_are_compact_and_spread():
 def test_frame_round_trips_poses():
     rng = np.random.default_rng(0)
     xyz = rng.normal(size=(7, 3)) * 30 + 100
-    model, frame = _plane.unit_model(xyz, np.full((7, 3), np.nan))
+    model, frame = unit_model(xyz, np.full((7, 3), np.nan))
     pose = Pose.from_rotvec([0.3, -0.2, 0.9], [10, 20, 300])
     rotation, translation = frame.unit(pose)
     np.testing.assert_allclose(frame.pose(rotation, translation).translation, pose.translation)
@@ -115,7 +116,7 @@ def test_density_is_local_and_never_below_average():
     rng = np.random.default_rng(0)
     cluster = rng.normal(500, 5, (20, 2))
     sparse = rng.uniform(0, 1000, (30, 2))
-    density = _plane.local_density(np.concatenate([cluster, sparse]), Camera((1000, 1000), 1000.0))
+    density = _plane.picture(Camera((1000, 1000), 1000.0), np.concatenate([cluster, sparse]), 5.0).density
     assert (density >= 50 / 1e6).all()
     assert np.median(density[:20]) > 50 * np.median(density[20:])
 
@@ -153,8 +154,8 @@ def evidence_of(residual_px, matched, expected, spots=30, seed=0, **more):
     xy = rng.uniform(0, 1000, (spots, 2))
     scene = scenes.Scene(Detections.make(xy, sigma_px=0.2), base.markers, base.camera, base.cam_from_model, base.label)
     residuals = rng.normal(0, residual_px, (matched, 2))
-    cov = np.broadcast_to(max(residual_px, 0.05) ** 2 * np.eye(2), (matched, 2, 2))
-    return weigh(task_of(scene, **more), np.arange(matched), residuals, cov, expected)
+    spread = np.tile(max(residual_px, 0.05) ** 2 * np.array([1.0, 0.0, 1.0]), (matched, 1))
+    return weigh(_plane.Plane(task_of(scene, **more)), np.arange(matched), residuals, spread, expected)
 
 
 def test_evidence_orders_solutions():
@@ -181,10 +182,10 @@ def test_false_alarm_number_bounds_false_alarms():
         _, first = np.unique(spot, return_index=True)
         task = Task(scene.markers, scene.camera, xy, np.broadcast_to(0.04 * np.eye(2), (spots, 2, 2)), 6.0)
         residuals = (drawn - xy[spot])[first]
-        cov = np.broadcast_to(np.eye(2), (len(first), 2, 2))
+        spread = np.tile([1.0, 0.0, 1.0], (len(first), 1))
         # Three exact pairs stand for the ones that fixed the pose.
         residuals[:3] = 0
-        evidence = weigh(task, spot[first], residuals, cov, markers)
+        evidence = weigh(_plane.Plane(task), spot[first], residuals, spread, markers)
         tests = np.log10(4 * 2024 * 30 * 29 * 28)
         hits += evidence.log10_nfa - tests < -1
     assert hits <= 0.1 * trials

@@ -59,12 +59,9 @@ def room_for(size: int, markers: int) -> Grown:
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def growth_kernel(model: Model, picture: Picture, gates: Gates, hypotheses: Hypotheses, found: int, out: Grown) -> None:
     """Grow the first ``found`` hypotheses."""
-    markers, spots = model.xyz.shape[0], picture.p.shape[0]
-    last, owner, best = np.empty(markers, np.int32), np.empty(spots, np.int32), np.empty(spots)
-    factor, step = np.empty((7, 7)), np.empty(7)
     for n in range(found):
         match, r, t = out.match[n], out.rotation[n], out.translation[n]
-        for m in range(markers):
+        for m in range(match.shape[0]):
             match[m] = -1
         for k in range(hypotheses.pairs[n]):
             match[hypotheses.marker[n, k]] = hypotheses.spot[n, k]
@@ -72,28 +69,37 @@ def growth_kernel(model: Model, picture: Picture, gates: Gates, hypotheses: Hypo
             for j in range(3):
                 r[i, j] = hypotheses.rotation[n, i, j]
             t[i] = hypotheses.translation[n, i]
-        f, count, score = hypotheses.focal[n], hypotheses.pairs[n], -math.inf
-        variance = gates.sigma**2
-        for round_ in range(STEPS):
-            size = 7 if gates.focal_high > gates.focal_low and count >= 6 else 6
-            score = -math.inf
-            good, f = _refine(model.xyz, picture.p, match, r, t, f, factor, step, size, variance)
-            if not good or (size == 7 and not gates.focal_low < f < gates.focal_high):
-                break
-            for m in range(markers):
-                last[m] = match[m]
-            count, expected, squares = _assign(
-                model, picture, gates, r, t, f, factor, size, variance, match, owner, best
-            )
-            if count < 5 or count < 0.2 * expected:
-                break
-            # The expected misfit takes part, so that few markers do not fake precision.
-            variance = (PRIOR_WORTH * gates.sigma**2 + squares) / (PRIOR_WORTH + max(2 * count - size, 0))
-            score = likelihood(picture.density, match, count, expected, squares, variance)
-            if _same(match, last) or (round_ > 0 and score < gates.min_score):
-                break
-        out.focal[n], out.matched[n] = f, count
-        out.score[n] = score if score >= gates.min_score else -math.inf
+        out.score[n], out.focal[n], out.matched[n] = grow(
+            model, picture, gates, match, r, t, hypotheses.focal[n], hypotheses.pairs[n]
+        )
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def grow(
+    model: Model, picture: Picture, gates: Gates, match: Ints, r: Array, t: Array, f: float, count: int
+) -> tuple[float, float, int]:
+    """Grow one hypothesis of ``count`` pairs in place; its score (-inf: given up), focal length and pairs."""
+    markers, spots = model.xyz.shape[0], picture.p.shape[0]
+    last, owner, best = np.empty(markers, np.int32), np.empty(spots, np.int32), np.empty(spots)
+    factor, step = np.empty((7, 7)), np.empty(7)
+    score, variance = -math.inf, gates.sigma**2
+    for round_ in range(STEPS):
+        size = 7 if gates.focal_high > gates.focal_low and count >= 6 else 6
+        score = -math.inf
+        good, f = _refine(model.xyz, picture.p, match, r, t, f, factor, step, size, variance)
+        if not good or (size == 7 and not gates.focal_low < f < gates.focal_high):
+            break
+        for m in range(markers):
+            last[m] = match[m]
+        count, expected, squares = _assign(model, picture, gates, r, t, f, factor, size, variance, match, owner, best)
+        if count < 5 or count < 0.2 * expected:
+            break
+        # The expected misfit takes part, so that few markers do not fake precision.
+        variance = (PRIOR_WORTH * gates.sigma**2 + squares) / (PRIOR_WORTH + max(2 * count - size, 0))
+        score = likelihood(picture.density, match, count, expected, squares, variance)
+        if _same(match, last) or (round_ > 0 and score < gates.min_score):
+            break
+    return (score if score >= gates.min_score else -math.inf), f, count
 
 
 @nb.njit(cache=True, nogil=True)

@@ -1,4 +1,4 @@
-"""The search plane: spots and markers as the hypothesis kernels want them.
+"""The search plane: spots and markers as the kernels want them.
 
 Lens distortion and aspect are undone once, for the spots; from there on a marker at (X, Y, Z) in the
 camera frame is seen at f (X, Y) / Z. Markers are centred and scaled to unit size, so that no constant
@@ -7,48 +7,55 @@ depends on the length unit.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
-from windmark.geometry import Camera, Pose
-from windmark.registration._hypothesis_kernels import EMPTY, OUT, Model, Picture
+from windmark.geometry import Camera
+from windmark.registration._fit_kernels import Fit, Markers, Spots
+from windmark.registration._hypothesis_kernels import Picture
+from windmark.registration._near import nearest
+from windmark.registration._raster_kernels import plane_covariance_kernel, raster_kernel
+from windmark.registration.layout import Layout
+from windmark.registration.task import Task
 
 Array = NDArray[np.float64]
 
-NEIGHBOURS = 48  # markers looked at in the neighbourhood test
+SPOT_NEIGHBOURS = 33  # the search looks at no farther ones
 FIRST_SPOTS, PER_MARKER = 40, 1.25
 """Spots come best first: so many at least, and so many per marker, are searched, then twice as many, ..."""
 _CELLS = 512  # raster cells along the longer side at most
-_COARSE = 4  # raster cells per cell of the image mask
 
 
-@dataclass(frozen=True)
-class Frame:
-    """Centre and size of the marker set: ``xyz = centre + scale * unit``."""
+class Plane:
+    """A task in its search plane: what the search, the fit and the evidence share.
 
-    centre: Array
-    scale: float
+    ``layout``, ``model`` and ``frame`` are the markers, ``markers``, ``spots`` and ``fit`` the same for the fit;
+    ``picture(n)`` the best n spots for the search.
+    """
 
-    def pose(self, rotation: Array, translation: Array) -> Pose:
-        """cam_from_model of a pose of the unit model."""
-        return Pose(rotation, self.scale * translation - rotation @ self.centre)
+    def __init__(self, task: Task, layout: Layout | None = None) -> None:
+        self.task, self.layout = task, layout or Layout(task.markers)
+        self.model, self.frame = self.layout.model, self.layout.frame
+        sigma = np.where(np.isfinite(task.markers.sigma), task.markers.sigma, 0.0) / self.frame.scale
+        self.markers = Markers(self.model.xyz, self.model.normal, sigma)
+        self._packed = task.camera.packed()
+        self._size = np.array(task.camera.size_px, dtype=float)
+        self._p = np.ascontiguousarray(to_plane(task.camera, task.xy))
+        self._bounds = _bounds(task.camera, self._p)
+        self._pictures: dict[int, Picture] = {}
+        self.leads = lead_sizes(len(task.xy), len(task.markers))
+        cov = plane_covariance_kernel(self._packed, self._p, np.ascontiguousarray(task.cov))
+        density = self.picture(len(task.xy)).density
+        self.spots = Spots(self._p, cov, density, self._packed, self._size)
+        known = 0.5 * float(np.log(task.focal_factors[-1])) if task.free_focal else np.inf
+        self.fit = Fit(task.tolerance_px, task.camera.focal_px, known**-2)
 
-    def unit(self, pose: Pose) -> tuple[Array, Array]:
-        """Rotation and translation of a pose for the unit model."""
-        return pose.rotation, pose.apply(self.centre) / self.scale
-
-
-def unit_model(xyz: Array, normal: Array) -> tuple[Model, Frame]:
-    """Markers for the kernels, (N, 3) and (N, 3) with NaN where unknown; N >= 2."""
-    centre = xyz.mean(axis=0)
-    scale = float(np.sqrt(((xyz - centre) ** 2).sum(axis=1).mean()))
-    unit = (xyz - centre) / scale
-    known = np.where(np.isfinite(normal).all(axis=1, keepdims=True), normal, 0.0)
-    near = _nearest(unit, min(NEIGHBOURS, len(xyz) - 1))
-    return Model(unit, np.ascontiguousarray(known), near), Frame(centre, scale)
+    def picture(self, lead: int) -> Picture:
+        """The best ``lead`` spots for the kernels."""
+        if lead not in self._pictures:
+            reach = 3 * self.task.tolerance_px
+            self._pictures[lead] = _picture(self._packed, self._size, self._p[:lead], self._bounds, reach)
+        return self._pictures[lead]
 
 
 def to_plane(camera: Camera, xy: Array) -> Array:
@@ -62,41 +69,29 @@ def picture(camera: Camera, xy: Array, reach_px: float) -> Picture:
     Spots must have a finite `to_plane`.
     """
     p = np.ascontiguousarray(to_plane(camera, xy))
-    low, high = _bounds(camera, p)
+    return _picture(camera.packed(), np.array(camera.size_px, dtype=float), p, _bounds(camera, p), reach_px)
+
+
+def _picture(packed: Array, size: Array, p: Array, bounds: tuple[Array, Array], reach: float) -> Picture:
+    low, high = bounds
     cell = max(float((high - low).max()) / _CELLS, 0.25)
-    shape = np.maximum(1, np.ceil((high - low) / (cell * _COARSE)).astype(int))
-    mask = _image_mask(camera, low, cell * _COARSE, shape)
-    raster = np.repeat(np.repeat(mask, _COARSE, axis=0), _COARSE, axis=1)
-    _splat(raster, p, low, cell, reach_px)
-    near = _nearest(p, min(len(p) - 1, 64))
-    return Picture(p, local_density(p, camera), near, raster, float(low[0]), float(low[1]), 1 / cell)
+    columns, rows = np.maximum(1, np.ceil((high - low) / cell).astype(int)).tolist()
+    raster = raster_kernel(packed, size, p, low, cell, columns, rows, reach)
+    near, distance = nearest(p, min(len(p) - 1, SPOT_NEIGHBOURS))
+    return Picture(p, _density(distance, size), near, raster, float(low[0]), float(low[1]), 1 / cell)
 
 
-def spot_spacing(p: Array) -> float:
-    """Median distance to the nearest other spot."""
-    return float(np.median(cKDTree(p).query(p, k=2)[0][:, 1]))
-
-
-def _nearest(points: Array, k: int) -> NDArray[np.int32]:
-    """(N, k) indices of the k nearest other points, nearest first."""
-    index = cKDTree(points).query(points, k=k + 1)[1].reshape(len(points), k + 1)
-    # The point itself comes first, but for coincident points; where it is missing, the farthest goes.
-    other = index != np.arange(len(points))[:, None]
-    other[other.all(axis=1), -1] = False
-    return np.ascontiguousarray(index[other].reshape(len(points), k), dtype=np.int32)
-
-
-def local_density(xy: Array, camera: Camera) -> Array:
+def _density(distance: Array, size: Array) -> Array:
     """(M,) spots per px^2: round each spot (four neighbours) or on average, whichever is more.
 
-    Dust and rivet rows come in clusters; with the average alone they would pass for evidence.
+    Dust and rivet rows come in clusters; with the average alone they would pass for evidence. From the distances
+    of `nearest`.
     """
-    average = len(xy) / (camera.size_px[0] * camera.size_px[1])
-    k = min(4, len(xy) - 1)
+    average = len(distance) / (size[0] * size[1])
+    k = min(4, distance.shape[1])
     if k < 1:
-        return np.full(len(xy), average)
-    distance = cKDTree(xy).query(xy, k=k + 1)[0][:, k]
-    return np.maximum(average, k / (np.pi * np.maximum(distance, 1e-3) ** 2))
+        return np.full(len(distance), average)
+    return np.maximum(average, k / (np.pi * np.maximum(distance[:, k - 1], 1e-3) ** 2))
 
 
 def lead_sizes(spots: int, markers: int) -> list[int]:
@@ -123,32 +118,3 @@ def _bounds(camera: Camera, p: Array) -> tuple[Array, Array]:
     low2 = np.maximum(seen.min(axis=0), np.minimum(p.min(axis=0), -frame))
     high2 = np.minimum(seen.max(axis=0), np.maximum(p.max(axis=0), frame))
     return low2 - 1.0, high2 + 1.0
-
-
-def _image_mask(camera: Camera, low: Array, cell: float, shape: NDArray[np.int64]) -> NDArray[np.int32]:
-    """EMPTY for the cells that are wholly in the image (all four corners), else OUT."""
-    columns, rows = int(shape[0]), int(shape[1])
-    x, y = low[0] + cell * np.arange(columns + 1), low[1] + cell * np.arange(rows + 1)
-    corners = np.stack([*np.meshgrid(x, y), np.full((rows + 1, columns + 1), camera.focal_px)], axis=-1)
-    xy, valid = camera.project(corners)
-    inside = valid & camera.in_image(xy)
-    inside = inside[:-1, :-1] & inside[1:, :-1] & inside[:-1, 1:] & inside[1:, 1:]
-    return np.where(inside, EMPTY, OUT).astype(np.int32)
-
-
-def _splat(raster: NDArray[np.int32], p: Array, low: Array, cell: float, reach: float) -> None:
-    """Write the index of the nearest spot into every cell within reach of one."""
-    rows, columns = raster.shape
-    best = np.full(raster.shape, reach * reach)
-    for j, (u, v) in enumerate(p):
-        c0, r0 = (int(np.floor((w - reach - o) / cell)) for w, o in ((u, low[0]), (v, low[1])))
-        n = int(np.ceil(2 * reach / cell)) + 2
-        c = np.arange(max(c0, 0), min(c0 + n, columns))
-        r = np.arange(max(r0, 0), min(r0 + n, rows))
-        if not (c.size and r.size):
-            continue
-        d2 = (low[0] + (c + 0.5) * cell - u) ** 2 + ((low[1] + (r + 0.5) * cell - v) ** 2)[:, None]
-        box = np.s_[r[0] : r[-1] + 1, c[0] : c[-1] + 1]
-        closer = d2 < best[box]
-        best[box][closer] = d2[closer]
-        raster[box][closer] = j

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import time
-from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,18 +10,13 @@ from numpy.typing import NDArray
 from windmark.geometry import Camera, Pose
 from windmark.registration.result import NotRegistered, Registration
 from windmark.registration.task import Limits, Task
-from windmark.scene import Detections, MarkerSet, Matching
-
-if TYPE_CHECKING:
-    from windmark.registration.verdict import Verdict
+from windmark.scene import Detections, MarkerSet
 
 Array = NDArray[np.float64]
 
-METHODS = ("ransac",)
+METHODS = ("hash", "ransac")
 MIN_COUNT = 4
 """Three pairs fix a pose, a fourth is needed to check it."""
-STOP_AT = 45.0
-"""Search score (nats) from which a candidate is worth a verdict."""
 FOCAL_STEPS = 5
 DEFAULT_TOLERANCE, MAX_SPACING = 0.004, 0.2
 """Neighbourhood: part of the image's diagonal, and at most this part of the spots' spacing."""
@@ -101,71 +94,9 @@ def register(
         markers, camera, xy, cov, tolerance_px, prior, float(np.radians(prior_max_angle_deg)), prior_max_scale,
         tuple(np.geomspace(1 / focal_range, focal_range, FOCAL_STEPS)) if free_focal else (1.0,),
     )  # fmt: skip
-    verdict, tried, late = _solve(task, limits, seed, max_hypotheses, max_time_s)
-    if verdict.cause is None and verdict.best is not None:
-        from windmark.registration.solution import accepted
+    from windmark.registration.solve import solve  # this brings numba; importing the verb should cost nothing
 
-        verdict = replace(verdict, best=accepted(task, verdict.best))
-    return _result(verdict, tried, late, np.flatnonzero(usable), options)
-
-
-def _solve(task: Task, limits: Limits, seed: int, max_links: int, max_time_s: float) -> tuple[Verdict, int, bool]:
-    """Search and judge; the verdict, the links tried, and whether the time limit struck."""
-    # These bring numba; importing the verb should cost nothing.
-    from windmark.registration.search import Search
-    from windmark.registration.verdict import Judge
-
-    search = Search(task, np.random.default_rng(seed))
-    judge = Judge(task, search, limits)
-    end = time.monotonic() + max_time_s
-    judged, late = None, False
-    for links in search.batches():
-        best = search.pool.best
-        if best is not None and best.score > STOP_AT and best is not judged:
-            verdict = judge.verdict()
-            if verdict.cause is None:
-                return verdict, search.links, False
-            judged = search.pool.best
-            if verdict.cause == "focal":
-                return verdict, search.links, False
-            if verdict.cause == "ambiguous":
-                # Of two equally good solutions both may be wrong: search on, but not for long.
-                max_links = min(max_links, 3 * links + 50_000)
-        late = time.monotonic() > end
-        if links >= max_links or late:
-            break
-    return judge.verdict(), search.links, late
-
-
-def _result(
-    verdict: Verdict, tried: int, late: bool, index: NDArray[np.int64], options: dict[str, Any]
-) -> Registration | NotRegistered:
-    best = verdict.best
-    if verdict.cause is not None or best is None:
-        cause, reason = verdict.cause or "nothing", verdict.reason
-        if late:
-            cause, reason = "time", f"stopped after max_time_s = {options['max_time_s']:g} s; so far: {reason}"
-        if best is None:
-            return NotRegistered(reason, cause, n_hypotheses=tried, options=options)
-        return NotRegistered(reason, cause, best.count, best.cam_from_model, verdict.runner_up, tried, options)
-    estimate = best.estimate
-    distance = np.linalg.norm(estimate.residuals_px, axis=1)
-    return Registration(
-        cam_from_model=estimate.cam_from_model,
-        camera=estimate.camera,
-        matching=Matching(index[best.detection], best.marker, distance),
-        rms_px=estimate.rms_px,
-        residuals=estimate.residuals_px,
-        cov=estimate.cov,
-        excess_px=best.excess_px,
-        score=best.evidence.score,
-        log10_nfa=best.evidence.log10_nfa,
-        runner_up=verdict.runner_up,
-        n_expected=best.expected,
-        n_hypotheses=tried,
-        report=estimate.report,
-        options=options,
-    )
+    return solve(task, limits, np.flatnonzero(usable), options)
 
 
 def _check_options(options: dict[str, Any], prior: Pose | None) -> None:

@@ -17,13 +17,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.registration import _plane
 from windmark.registration._growth_kernels import Gates, growth_kernel
 from windmark.registration._growth_kernels import room_for as room_to_grow
 from windmark.registration._hypothesis_kernels import Picture, Rules, hypotheses_kernel, room_for
+from windmark.registration._plane import Plane
 from windmark.registration._triplets import marker_triplets, spread_corners, turns_of
 from windmark.registration.pool import Candidate, Pool
-from windmark.registration.task import Task
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int32]
@@ -57,20 +56,25 @@ class _Batch:
 class Search:
     """The state of one search: the kernels' view of the task, the pool, the number of links tried."""
 
-    def __init__(self, task: Task, rng: np.random.Generator) -> None:
-        self.task = task
+    def __init__(self, plane: Plane, rng: np.random.Generator) -> None:
+        self.plane, self.task, self.model = plane, plane.task, plane.model
         self.pool = Pool()
         self.links = 0
         self._rng = rng
-        self.model, self.frame = _plane.unit_model(task.markers.xyz, task.markers.normal)
-        self._focals = task.camera.focal_px * np.array(task.focal_factors)
-        sigma = max(float(np.median(task.sigma_px)), task.tolerance_px / 8)
-        low, high = (float(self._focals.min() / FOCAL_SLACK), float(self._focals.max() * FOCAL_SLACK))
-        self._gates = Gates(task.tolerance_px, sigma, MIN_SCORE, low, high if task.free_focal else low)
-        self._rules = self._make_rules()
+        self._focals = plane.task.camera.focal_px * np.array(plane.task.focal_factors)
+        self._rules, self._gates = make_rules(plane), make_gates(plane)
         self._hypotheses = room_for(ROOM)
-        self._grown = room_to_grow(ROOM, len(task.markers))
-        self._pictures: dict[int, Picture] = {}
+        self._grown = room_to_grow(ROOM, len(plane.task.markers))
+
+    @property
+    def items(self) -> list[Candidate]:
+        """The best distinct candidates, best first."""
+        return self.pool.items
+
+    @property
+    def best(self) -> Candidate | None:
+        """The best candidate, None if there is none."""
+        return self.pool.best
 
     def batches(self) -> Iterator[int]:
         """Steps 1 to 6, batch by batch; yields the links tried so far, without those for rivals.
@@ -79,7 +83,7 @@ class Search:
         """
         searched = 0
         for stage, lead in self._schedule():
-            picture = self.picture(lead)
+            picture = self.plane.picture(lead)
             triplets = marker_triplets(self.model, stage[0])
             turns = turns_of(self.model, triplets)
             anchors = np.arange(lead, dtype=np.int32)
@@ -95,9 +99,9 @@ class Search:
 
     def _schedule(self) -> list[tuple[tuple[int, int], int]]:
         """Stages and numbers of best spots, cheapest first; those that would only repeat another are left out."""
-        spots, markers = len(self.task.xy), len(self.model.xyz)
+        markers = len(self.model.xyz)
         cost: dict[tuple[tuple[int, int], int], int] = {}
-        for lead in _plane.lead_sizes(spots, markers):
+        for lead in self.plane.leads:
             for near_markers, near_spots in STAGES:
                 cost[(near_markers, near_spots), lead] = near_markers**2 * near_spots**2 * lead
                 if near_markers >= markers - 1 and near_spots >= lead - 1:
@@ -114,8 +118,7 @@ class Search:
         the spots that the candidate does not explain.
         """
         spots = candidate.match[candidate.match >= 0]
-        leads = _plane.lead_sizes(len(self.task.xy), len(self.task.markers))
-        picture = self.picture(next(n for n in leads if n > spots.max()))
+        picture = self.plane.picture(next(n for n in self.plane.leads if n > spots.max()))
         others = np.setdiff1d(np.arange(len(picture.p), dtype=np.int32), spots)
         corners = np.concatenate(
             [spread_corners(picture.p, spots, RIVAL_CORNERS), spread_corners(picture.p, others, OTHER_CORNERS)]
@@ -130,24 +133,6 @@ class Search:
         anchors = np.ascontiguousarray(corners[:, 0])
         self._try(_Batch(picture._replace(near=near), triplets, turns_of(self.model, triplets), anchors, 2))
 
-    def picture(self, lead: int) -> Picture:
-        """The best ``lead`` spots for the kernels."""
-        if lead not in self._pictures:
-            self._pictures[lead] = _plane.picture(self.task.camera, self.task.xy[:lead], 3 * self.task.tolerance_px)
-        return self._pictures[lead]
-
-    def _make_rules(self) -> Rules:
-        task, n = self.task, len(self.model.xyz)
-        rotation, cosine, depth = np.zeros((3, 3)), -2.0, np.ones(n)
-        if task.prior is not None:
-            rotation, translation = self.frame.unit(task.prior)
-            cosine = float(np.cos(task.prior_max_angle_rad))
-            depth = (self.model.xyz @ rotation.T + translation)[:, 2] / task.camera.focal_px
-        return Rules(
-            task.tolerance_px, P_SEEN, REJECT_AT, GROW_AT,
-            np.ascontiguousarray(rotation), cosine, np.ascontiguousarray(depth), task.prior_max_scale,
-        )  # fmt: skip
-
     def _try(self, batch: _Batch) -> int:
         """One batch: link, screen, grow, pool; the number of links."""
         found, links = hypotheses_kernel(
@@ -161,9 +146,33 @@ class Search:
         for n in np.argsort(-grown.score[:found], kind="stable"):
             if grown.score[n] == -np.inf:
                 break
-            pose = self.frame.pose(grown.rotation[n].copy(), grown.translation[n].copy())
+            pose = self.plane.frame.pose(grown.rotation[n].copy(), grown.translation[n].copy())
             focal = float(grown.focal[n])
             if self.task.allows(pose, focal):
                 match = grown.match[n].copy()
                 self.pool.add(Candidate(pose, focal, float(grown.score[n]), int(grown.matched[n]), match))
         return int(links)
+
+
+def make_rules(plane: Plane) -> Rules:
+    """Constants of the search."""
+    task, n = plane.task, len(plane.model.xyz)
+    rotation, cosine, depth = np.zeros((3, 3)), -2.0, np.ones(n)
+    if task.prior is not None:
+        rotation, translation = plane.frame.unit(task.prior)
+        cosine = float(np.cos(task.prior_max_angle_rad))
+        depth = (plane.model.xyz @ rotation.T + translation)[:, 2] / task.camera.focal_px
+    return Rules(
+        task.tolerance_px, P_SEEN, REJECT_AT, GROW_AT,
+        np.ascontiguousarray(rotation), cosine, np.ascontiguousarray(depth), task.prior_max_scale,
+    )  # fmt: skip
+
+
+def make_gates(plane: Plane) -> Gates:
+    """Constants of growth."""
+    task = plane.task
+    sigma = max(float(np.median(task.sigma_px)), task.tolerance_px / 8)
+    low, high = (
+        task.camera.focal_px * f for f in (task.focal_factors[0] / FOCAL_SLACK, task.focal_factors[-1] * FOCAL_SLACK)
+    )
+    return Gates(task.tolerance_px, sigma, MIN_SCORE, low, high if task.free_focal else low)

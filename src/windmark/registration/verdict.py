@@ -11,10 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from windmark.registration.pool import Candidate
+from windmark.registration.quad_search import QuadSearch
 from windmark.registration.result import Cause, RunnerUp
 from windmark.registration.search import Search
-from windmark.registration.solution import Solution, settle
-from windmark.registration.task import Limits, Task
+from windmark.registration.solution import SAME_SHARE, Solution, settle
+from windmark.registration.task import Limits
 
 SETTLED = 5
 """Candidates that are refined with the full camera model, best first."""
@@ -38,8 +39,9 @@ class Verdict:
 class Judge:
     """Weighs the candidates of a search; refined solutions are kept, so asking again costs little."""
 
-    def __init__(self, task: Task, search: Search, limits: Limits) -> None:
-        self._task, self._search, self._limits = task, search, limits
+    def __init__(self, search: Search | QuadSearch, limits: Limits) -> None:
+        self._search, self._limits = search, limits
+        self._plane, self._task = search.plane, search.plane.task
         self._settled: dict[Candidate, Solution | None] = {}
         self._challenged: list[Candidate] = []
 
@@ -56,7 +58,7 @@ class Judge:
 
     def _challenge(self) -> None:
         """Look for rivals until the best candidate has none better."""
-        while (best := self._search.pool.best) is not None:
+        while (best := self._search.best) is not None:
             if any(best.like(old) for old in self._challenged):
                 return
             self._challenged.append(best)
@@ -64,11 +66,11 @@ class Judge:
 
     def _solutions(self) -> list[Solution]:
         """Distinct refined solutions, best first."""
-        candidates = self._search.pool.items
+        candidates = self._search.items
         close = [c for c in candidates[:SETTLED] if c.score > candidates[0].score - WORTH_A_LOOK]
         for candidate in close:
             if candidate not in self._settled:
-                self._settled[candidate] = settle(self._task, candidate)
+                self._settled[candidate] = settle(self._plane, candidate)
         found = [s for c in close if (s := self._settled[c]) is not None]
         distinct: list[Solution] = []
         for solution in sorted(found, key=lambda s: -s.evidence.score):
@@ -95,7 +97,7 @@ class Judge:
         if runner_up is not None and evidence.score - runner_up.score < limits.margin:
             return "ambiguous", _ambiguity(best, runner_up)
         if self._task.free_focal:
-            sigma = best.estimate.sigma("focal_px") / best.estimate.camera.focal_px
+            sigma = best.focal_sigma
             if sigma > limits.focal_sigma:
                 return "focal", (
                     f"the labelling is clear, but this view fixes the focal length only to {100 * sigma:.0f} % "
@@ -106,10 +108,7 @@ class Judge:
 
 
 def _runner_up(best: Solution, other: Solution) -> RunnerUp:
-    mine = set(zip(best.marker.tolist(), best.detection.tolist(), strict=True))
-    theirs = set(zip(other.marker.tolist(), other.detection.tolist(), strict=True))
-    same = len(mine & theirs) > 0.6 * min(best.count, other.count)
-    return RunnerUp(other.evidence.score, other.cam_from_model, other.count, same)
+    return RunnerUp(other.evidence.score, other.cam_from_model, other.count, best.shared(other) > SAME_SHARE)
 
 
 def _ambiguity(best: Solution, other: RunnerUp) -> str:

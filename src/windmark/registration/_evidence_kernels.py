@@ -1,0 +1,61 @@
+"""The worth of a labelling as numba kernels; `evidence` has the meaning. Twin: tests/registration/test_parts.py."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.geometry._jit import nb
+
+Array = NDArray[np.float64]
+
+MIN_RADIUS_PX = 0.1
+"""Residuals below this are luck, not evidence."""
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def likelihood_ratio(residual: Array, spread: Array, density: Array, expected: int) -> float:
+    """Gaussian misfit against local density, and the missing markers; the chance to see one is the solution's own.
+
+    residual (K, 2), spread (K, 3) its covariance xx, xy, yy, density (K,).
+    """
+    count = residual.shape[0]
+    p_seen = min(0.95, max(0.25, (count + 1.0) / (expected + 2.0)))
+    total = (expected - count) * math.log(1.0 - p_seen)
+    for k in range(count):
+        xx, xy, yy, u, v = spread[k, 0], spread[k, 1], spread[k, 2], residual[k, 0], residual[k, 1]
+        det = xx * yy - xy * xy
+        total += math.log(p_seen / (2.0 * math.pi * math.sqrt(det) * density[k]))
+        total -= 0.5 * (yy * u * u - 2.0 * xy * u * v + xx * v * v) / det
+    return total
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def log10_nfa(
+    residual: Array, density: Array, expected: int, markers: int, spots: int, fixed: int, log_share: float
+) -> float:
+    """A-contrario false-alarm number, base 10; ``fixed`` pairs determine the pose, ``log_share`` is the prior's.
+
+    residual (K, 2) and density (K,) of the matched ones among so many spots.
+    """
+    count = residual.shape[0]
+    if count <= fixed or spots < fixed:
+        return math.inf
+    chance = np.empty(count)
+    for k in range(count):
+        distance = max(math.hypot(residual[k, 0], residual[k, 1]), MIN_RADIUS_PX)
+        chance[k] = math.log(min(1.0, math.pi * distance * distance * density[k]))
+    chance = np.sort(chance)
+    tests = math.log(4.0) + _log_choose(markers, fixed) + log_share + math.log(expected)
+    tests += math.lgamma(spots + 1.0) - math.lgamma(spots - fixed + 1.0)
+    best = math.inf
+    for k in range(fixed + 1, count + 1):
+        best = min(best, tests + _log_choose(expected - fixed, k - fixed) + (k - fixed) * chance[k - 1])
+    return best / math.log(10.0)
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _log_choose(n: int, k: int) -> float:
+    return math.lgamma(n + 1.0) - math.lgamma(k + 1.0) - math.lgamma(n - k + 1.0)

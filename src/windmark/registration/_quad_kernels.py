@@ -1,0 +1,266 @@
+"""Local quads: four neighbouring markers, four neighbouring spots, and a key that both share.
+
+Private to the registration room. Seen from afar, four markers are mapped to the image by an affine map, so the
+barycentric coordinates of one (the anchor) in the triangle of the other three are the same in the image, whatever
+the roll, the scale and, for markers in a plane, the direction. The anchor is the one whose opposite triangle is the
+largest, so the coordinates lie between -1 and 1; they are the key. The model's keys, from all sides and with some
+perspective, are tabled once; four spots look theirs up. Readable twin: tests/registration/test_quads.py.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.geometry._jit import nb
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int32]
+
+CELLS = 40
+"""Cells of the table along each of the two coordinates."""
+REACH = 1.1
+"""The table holds coordinates from -REACH to REACH; beyond 1 another corner is the anchor, but for noise."""
+BLUR = 0.02
+"""Every key of the model is entered this far round it: noise, and directions between the tabled ones."""
+FACING = 0.2
+"""Cosine of the angle of view from which a marker counts for the table."""
+FLATTEST = 0.04
+"""Area of a triangle, in units of its longest edge squared, below which a quad tells nothing."""
+
+
+class Table(NamedTuple):
+    """Quads of markers by key: those of cell c are ``quad[first[c]:first[c + 1]]``."""
+
+    first: Ints  # (CELLS^2 + 1,)
+    quad: Ints  # (E, 4) anchor and the triangle's corners in the order in which the image shows them, clockwise
+
+
+@nb.njit(cache=True, nogil=True, inline="always")
+def cell_of(u: float, v: float) -> int:
+    """Cell of a key; -1 outside of the table."""
+    k = CELLS / (2.0 * REACH)
+    i, j = int((u + REACH) * k), int((v + REACH) * k)
+    if u < -REACH or v < -REACH or i >= CELLS or j >= CELLS:
+        return -1
+    return i * CELLS + j
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def barycentric(
+    ax: float, ay: float, bx: float, by: float, cx: float, cy: float, dx: float, dy: float
+) -> tuple[float, float, float]:
+    """Coordinates of a along b and c in the triangle b, c, d, and twice the triangle's area (positive: clockwise)."""
+    bx, by, cx, cy, dx, dy = bx - ax, by - ay, cx - ax, cy - ay, dx - ax, dy - ay
+    u, v, w = cx * dy - cy * dx, dx * by - dy * bx, bx * cy - by * cx
+    area = u + v + w
+    return u / area, v / area, area
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _views(xyz: Array, directions: Array, strengths: Array) -> Array:
+    """(D, S, N, 2) the markers seen from directions (D, 3), with perspective: 1 / strength is the distance."""
+    out = np.empty((directions.shape[0], strengths.shape[0], xyz.shape[0], 2))
+    for k in range(directions.shape[0]):
+        nx, ny, nz = directions[k, 0], directions[k, 1], directions[k, 2]
+        # Camera axes: x right, y down, z away from the camera's place at +n.
+        if abs(nz) < 0.9:
+            h = 1.0 / math.sqrt(nx * nx + ny * ny)
+            ex, ey, ez = -ny * h, nx * h, 0.0
+        else:
+            h = 1.0 / math.sqrt(ny * ny + nz * nz)
+            ex, ey, ez = 0.0, -nz * h, ny * h
+        gx, gy, gz = ny * ez - nz * ey, nz * ex - nx * ez, nx * ey - ny * ex
+        for s in range(strengths.shape[0]):
+            for m in range(xyz.shape[0]):
+                x, y, z = xyz[m, 0], xyz[m, 1], xyz[m, 2]
+                depth = max(1.0 - strengths[s] * (nx * x + ny * y + nz * z), 0.2)
+                out[k, s, m, 0] = (ex * x + ey * y + ez * z) / depth
+                # e, -g, -n is right-handed: y points down where e points right.
+                out[k, s, m, 1] = -(gx * x + gy * y + gz * z) / depth
+    return out
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def table_kernel(xyz: Array, normal: Array, near: Ints, reach: int, directions: Array, strengths: Array) -> Table:
+    """Table of all quads of a marker and three of its ``reach`` nearest ones.
+
+    Parameters
+    ----------
+    xyz, normal, near : as in `Model`, scaled to unit size
+    directions : (D, 3) from the model to the cameras, unit; at most 64
+    strengths : (S,) of perspective: the model's size over the distance
+    """
+    n = xyz.shape[0]
+    views = _views(xyz, directions, strengths)
+    facing = np.zeros(n, np.uint64)
+    for m in range(n):
+        for k in range(directions.shape[0]):
+            c = normal[m, 0] * directions[k, 0] + normal[m, 1] * directions[k, 1] + normal[m, 2] * directions[k, 2]
+            if c > FACING or (normal[m, 0] == 0.0 and normal[m, 1] == 0.0 and normal[m, 2] == 0.0):
+                facing[m] |= np.uint64(1) << np.uint64(k)
+    room = 64 * n * reach
+    cell, quad = np.empty(room, np.int32), np.empty((room, 4), np.int32)
+    stamp = np.full(6 * CELLS * CELLS, -1, np.int32)
+    used, serial = 0, 0
+    for a in range(n):
+        for i in range(reach - 2):
+            for j in range(i + 1, reach - 1):
+                for k in range(j + 1, reach):
+                    b, c, d = near[a, i], near[a, j], near[a, k]
+                    seen = facing[a] & facing[b] & facing[c] & facing[d]
+                    step = _step(xyz, a, b, c, d)
+                    if seen == 0 or step == 0:
+                        continue
+                    if used + 6 * CELLS * CELLS > room:
+                        room *= 2
+                        cell, quad = _grown(cell, room), _grown2(quad, room)
+                    used = _enter(a, b, c, d, views, seen, step, stamp, serial, cell, quad, used)
+                    serial += 1
+    return _by_cell(cell[:used], quad[:used])
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _step(xyz: Array, a: int, b: int, c: int, d: int) -> int:
+    """Every how many-th direction four markers need: the flatter the fewer; 0 where a is never the anchor."""
+    e1x, e1y, e1z = xyz[c, 0] - xyz[b, 0], xyz[c, 1] - xyz[b, 1], xyz[c, 2] - xyz[b, 2]
+    e2x, e2y, e2z = xyz[d, 0] - xyz[b, 0], xyz[d, 1] - xyz[b, 1], xyz[d, 2] - xyz[b, 2]
+    e3x, e3y, e3z = xyz[a, 0] - xyz[b, 0], xyz[a, 1] - xyz[b, 1], xyz[a, 2] - xyz[b, 2]
+    nx, ny, nz = e1y * e2z - e1z * e2y, e1z * e2x - e1x * e2z, e1x * e2y - e1y * e2x
+    det = nx * nx + ny * ny + nz * nz
+    g11, g12, g22 = e1x * e1x + e1y * e1y + e1z * e1z, e1x * e2x + e1y * e2y + e1z * e2z, e2x**2 + e2y**2 + e2z**2
+    longest = max(g11, g22, g11 + g22 - 2.0 * g12)
+    if det < (2.0 * FLATTEST * longest) ** 2:
+        return 0
+    height2 = (nx * e3x + ny * e3y + nz * e3z) ** 2 / (det * longest)
+    if height2 > 0.06**2:
+        return 1
+    h1, h2 = e1x * e3x + e1y * e3y + e1z * e3z, e2x * e3x + e2y * e3y + e2z * e3z
+    u, v = (h1 * g22 - h2 * g12) / det, (h2 * g11 - h1 * g12) / det
+    # Three times the height is what it can shift the anchor at the steepest view.
+    reach = REACH + 3.0 * math.sqrt(height2 * longest * longest / det)
+    if abs(u) > reach or abs(v) > reach or abs(1.0 - u - v) > reach:
+        return 0
+    return 3 if height2 > 0.02**2 else 7
+
+
+@nb.njit(cache=True, nogil=True)
+def _grown(old: Ints, room: int) -> Ints:
+    new = np.empty(room, np.int32)
+    new[: old.shape[0]] = old
+    return new
+
+
+@nb.njit(cache=True, nogil=True)
+def _grown2(old: Ints, room: int) -> Ints:
+    new = np.empty((room, 4), np.int32)
+    new[: old.shape[0]] = old
+    return new
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _enter(
+    a: int, b: int, c: int, d: int, views: Array, seen: int, step: int, stamp: Ints, serial: int,
+    cell: Ints, quad: Ints, used: int,
+) -> int:  # fmt: skip
+    """Enter one quad into the cells of all its keys, each once; the number of entries used so far."""
+    size = CELLS * CELLS
+    k = CELLS / (2.0 * REACH)
+    for view in range(serial % step, views.shape[0], step):
+        if (seen >> np.uint64(view)) & np.uint64(1) == 0:
+            continue
+        for s in range(views.shape[1]):
+            p = views[view, s]
+            u, v, area = barycentric(
+                p[a, 0], p[a, 1], p[b, 0], p[b, 1], p[c, 0], p[c, 1], p[d, 0], p[d, 1]
+            )  # fmt: skip
+            w = 1.0 - u - v
+            if not (abs(u) < REACH and abs(v) < REACH and abs(w) < REACH):
+                continue
+            turned = area < 0.0
+            for r in range(3):
+                # The three ways to begin the triangle, in the order in which it is seen clockwise.
+                if turned:
+                    x, y = ((u, w), (w, v), (v, u))[r]
+                    q = ((b, d, c), (d, c, b), (c, b, d))[r]
+                else:
+                    x, y = ((u, v), (v, w), (w, u))[r]
+                    q = ((b, c, d), (c, d, b), (d, b, c))[r]
+                kind = (3 if turned else 0) + r
+                for i in range(int((x - BLUR + REACH) * k), int((x + BLUR + REACH) * k) + 1):
+                    for j in range(int((y - BLUR + REACH) * k), int((y + BLUR + REACH) * k) + 1):
+                        if i < 0 or j < 0 or i >= CELLS or j >= CELLS:
+                            continue
+                        at = i * CELLS + j
+                        if stamp[kind * size + at] == serial:
+                            continue
+                        stamp[kind * size + at] = serial
+                        cell[used] = at
+                        quad[used, 0], quad[used, 1], quad[used, 2], quad[used, 3] = a, q[0], q[1], q[2]
+                        used += 1
+    return used
+
+
+@nb.njit(cache=True, nogil=True)
+def _by_cell(cell: Ints, quad: Ints) -> Table:
+    first = np.zeros(CELLS * CELLS + 1, np.int32)
+    for e in range(cell.shape[0]):
+        first[cell[e] + 1] += 1
+    for c in range(CELLS * CELLS):
+        first[c + 1] += first[c]
+    at, out = first[:-1].copy(), np.empty((cell.shape[0], 4), np.int32)
+    for e in range(cell.shape[0]):
+        out[at[cell[e]]] = quad[e]
+        at[cell[e]] += 1
+    return Table(first, out)
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def spot_quads_kernel(p: Array, near: Ints, low: int, high: int, first: Ints) -> tuple[Ints, Ints]:
+    """Quads of a spot and three of its ``high`` nearest ones, not all among the ``low`` nearest, rarest key first.
+
+    Returns
+    -------
+    (Q, 4) spots and (Q,) cells; quads whose cell is empty are left out.
+    """
+    n = p.shape[0]
+    room = n * (high * (high - 1) * (high - 2) // 6)
+    quad, cell = np.empty((room, 4), np.int32), np.empty(room, np.int32)
+    used = 0
+    for a in range(n):
+        for k in range(max(low, 2), high):
+            for i in range(k - 1):
+                for j in range(i + 1, k):
+                    b, c, d = near[a, i], near[a, j], near[a, k]
+                    u, v, area = barycentric(
+                        p[a, 0], p[a, 1], p[b, 0], p[b, 1], p[c, 0], p[c, 1], p[d, 0], p[d, 1]
+                    )  # fmt: skip
+                    w = 1.0 - u - v
+                    if not (abs(u) <= 1.0 and abs(v) <= 1.0 and abs(w) <= 1.0):
+                        continue
+                    if abs(area) < 2.0 * FLATTEST * _longest2(p, b, c, d):
+                        continue
+                    if area < 0.0:
+                        c, d, v = d, c, w
+                    at = cell_of(u, v)
+                    if at >= 0 and first[at + 1] > first[at]:
+                        quad[used, 0], quad[used, 1], quad[used, 2], quad[used, 3] = a, b, c, d
+                        cell[used] = at
+                        used += 1
+    count = np.empty(used, np.int32)
+    for q in range(used):
+        count[q] = first[cell[q] + 1] - first[cell[q]]
+    order = np.argsort(count, kind="mergesort")
+    return quad[:used][order], cell[:used][order]
+
+
+@nb.njit(cache=True, nogil=True)
+def _longest2(p: Array, b: int, c: int, d: int) -> float:
+    return max(
+        (p[b, 0] - p[c, 0]) ** 2 + (p[b, 1] - p[c, 1]) ** 2,
+        (p[c, 0] - p[d, 0]) ** 2 + (p[c, 1] - p[d, 1]) ** 2,
+        (p[d, 0] - p[b, 0]) ** 2 + (p[d, 1] - p[b, 1]) ** 2,
+    )

@@ -1,0 +1,113 @@
+"""The fast search: local quads of spots meet the quads of markers that look like them (`_quad_kernels`).
+
+Quads of near spots come first, and among them those whose key few quads of markers share. The search goes on after
+a good solution as long as the caller asks: "stop at the first good pose" is the trap of regular layouts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.registration._match_kernels import room_for_best, search_kernel
+from windmark.registration._near import nearest
+from windmark.registration._plane import Plane
+from windmark.registration._quad_kernels import spot_quads_kernel
+from windmark.registration.layout import REACHES
+from windmark.registration.pool import Candidate
+from windmark.registration.search import make_gates, make_rules
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int32]
+
+STAGES = ((REACHES[0], 0, 5), (REACHES[0], 5, 8), (REACHES[1], 0, 8), (REACHES[1], 8, 12))
+"""Table, and the neighbours of a spot that its quads are taken from (not all of them among the first number)."""
+POOL = 12
+WORK = 20_000
+"""Links after which the caller is asked whether to go on."""
+RIVAL_NEAR, RIVAL_QUADS = 6, 24
+
+
+class QuadSearch:
+    """The state of one search: the kernels' view of the task, the best solutions, the number of links tried."""
+
+    def __init__(self, plane: Plane, stop_at: float) -> None:
+        task = plane.task
+        self.plane, self.links = plane, 0
+        self._stop_at = stop_at
+        self._focals = task.camera.focal_px * np.array(task.focal_factors)
+        self._rules, self._gates = make_rules(plane), make_gates(plane)
+        self._best = room_for_best(POOL, len(task.markers))
+        self._candidates: dict[int, Candidate] = {}
+
+    @property
+    def items(self) -> list[Candidate]:
+        """The best distinct candidates, best first."""
+        best = self._best
+        order = [n for n in np.argsort(-best.score, kind="stable") if best.score[n] > -np.inf]
+        return [self._candidate(int(n)) for n in order]
+
+    @property
+    def best(self) -> Candidate | None:
+        """The best candidate, None if there is none."""
+        n = int(np.argmax(self._best.score))
+        return self._candidate(n) if self._best.score[n] > -np.inf else None
+
+    def batches(self) -> Iterator[int]:
+        """Yields the links tried so far; the caller looks at the candidates after each batch."""
+        for (reach, low, high), lead in self._schedule():
+            picture = self.plane.picture(lead)
+            high = min(high, picture.near.shape[1])
+            table = self.plane.layout.table(reach)
+            quads, cells = spot_quads_kernel(picture.p, picture.near, low, high, table.first)
+            start = 0
+            while start < len(quads):
+                start, links = search_kernel(
+                    self.plane.model, picture, self._rules, self._gates, table, self._focals,
+                    quads, cells, start, WORK, self._stop_at, self._best,
+                )  # fmt: skip
+                self.links += int(links)
+                yield self.links
+
+    def _schedule(self) -> list[tuple[tuple[int, int, int], int]]:
+        """Stages and numbers of best spots, cheapest first."""
+        cost = {(stage, lead): stage[0] ** 3 * stage[2] ** 3 * lead for lead in self.plane.leads for stage in STAGES}
+        return sorted(cost, key=lambda key: cost[key])
+
+    def rivals(self, candidate: Candidate) -> None:
+        """Look for other solutions: of the spots that a candidate explains, and of those that it does not.
+
+        A shifted, turned or mirrored labelling uses mostly the same spots, so it has a quad among the explained ones,
+        where no false spot and hardly a hidden marker disturbs. One that takes every n-th spot of a lattice leaves most
+        of the spots, so quads of the others are tried, too.
+        """
+        spots = candidate.match[candidate.match >= 0]
+        picture = self.plane.picture(next(n for n in self.plane.leads if n > spots.max()))
+        others = np.setdiff1d(np.arange(len(picture.p), dtype=np.int32), spots)
+        table = self.plane.layout.table(REACHES[1])
+        for some, most in ((spots, RIVAL_QUADS), (others, RIVAL_QUADS // 2)):
+            if len(some) < 4:
+                continue
+            p = picture.p[some]
+            near = nearest(p, min(RIVAL_NEAR, len(p) - 1))[0]
+            quads, cells = spot_quads_kernel(p, near, 0, near.shape[1], table.first)
+            chosen = np.sort(np.unique(quads[:, 0], return_index=True)[1])[:most]
+            quads, cells = np.ascontiguousarray(some[quads[chosen]]), np.ascontiguousarray(cells[chosen])
+            _, links = search_kernel(
+                self.plane.model, picture, self._rules, self._gates, table, self._focals,
+                quads, cells, 0, 1 << 40, np.inf, self._best,
+            )  # fmt: skip
+            self.links += int(links)
+
+    def _candidate(self, n: int) -> Candidate:
+        """One object for each solution kept."""
+        best = self._best
+        serial = int(best.serial[n])
+        if serial not in self._candidates:
+            pose = self.plane.frame.pose(best.rotation[n].copy(), best.translation[n].copy())
+            self._candidates[serial] = Candidate(
+                pose, float(best.focal[n]), float(best.score[n]), int(best.matched[n]), best.match[n].copy()
+            )
+        return self._candidates[serial]
