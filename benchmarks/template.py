@@ -1,4 +1,4 @@
-"""The template refinement against the Cramer-Rao bound, beside SPOT's bowl, a thresholded centroid and SimpleBlobDetector.
+"""The template against the Cramer-Rao bound, beside SPOT's bowl, a thresholded centroid and SimpleBlobDetector.
 
     python benchmarks/template.py [--quick]
 
@@ -58,7 +58,7 @@ class Sheet:
     def places(self, repeat: int) -> Array:
         """Centres in that image."""
         down = len(self.tiles) // COLUMNS * self.tiles.shape[1]
-        return np.concatenate([self.xy + [0.0, k * down] for k in range(repeat)])
+        return np.concatenate([self.xy + np.array([0.0, k * down]) for k in range(repeat)])
 
 
 COLUMNS = 10  # markers side by side

@@ -18,8 +18,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numba as nb
 import numpy as np
+
+from windmark.geometry._jit import nb
 
 CUT = 4.25  # standard deviations after which a Gaussian is over: 2e-5 of its mass; a multiple of 1/32
 POINTS, MIN_POINTS = 4.2, 8.0  # points on the ellipse: MIN_POINTS + POINTS * half axis / blur

@@ -20,7 +20,7 @@ from windmark.detection.template_fit import (
     fit_batches,
 )
 from windmark.detection.template_noise import FrameNoise, frame_noise
-from windmark.detection.template_result import CONTAMINATED, TOUCHING, Frame, TemplateFits, columns, ellipses
+from windmark.detection.template_result import CONTAMINATED, SATURATED, TOUCHING, Frame, TemplateFits, columns, ellipses
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -57,7 +57,7 @@ def frame_blur(fits: TemplateFits) -> tuple[float, float] | None:
         known = (2.0 * fits.blur_px * fits.blur_sigma_px) ** -2.0
         own = known - prior
         square = (known * fits.blur_px**2 - prior * fits.frame.blur_px**2) / own
-    good = fits.converged & (fits.flags == 0) & np.isfinite(square) & (own > LEAST_SHARE * known)
+    good = fits.converged & (fits.flags & ~SATURATED == 0) & np.isfinite(square) & (own > LEAST_SHARE * known)
     if good.sum() < CLEAN:
         return None
     square, variance = square[good], 1.0 / own[good]
@@ -148,7 +148,7 @@ def _with_blur(request: Request, frame: Frame) -> Request:
 
 def _clean(fits: TemplateFits) -> Bools:
     """Markers whose residuals are not much larger than those of most."""
-    clean = fits.converged & (fits.flags == 0) & (fits.depth > 0.0)
+    clean = fits.converged & (fits.flags & ~SATURATED == 0) & (fits.depth > 0.0)
     if clean.any():
         logs = np.log(fits.noise, out=np.full(len(fits), np.inf), where=fits.noise > 0)
         clean &= logs - np.median(logs[clean]) < OUTVOTED * max(_scatter(logs[clean]), 0.05)
