@@ -134,19 +134,31 @@ def _both(win: Any, core: Any, a: Any, b: Any, out: Any) -> None:
 
 
 @nb.njit(cache=True, nogil=True)
-def _shifts(col: Any, first: int, count: int, weight: Any, out: Any) -> None:
-    """Add weight * (col[first:] + ... + col[first + count - 1:]) to out."""
-    n, k = out.size, first
-    while k + 4 <= first + count:
-        a, b, c, d = col[k : k + n], col[k + 1 : k + 1 + n], col[k + 2 : k + 2 + n], col[k + 3 : k + 3 + n]
-        for i in range(n):
-            out[i] += weight * ((a[i] + b[i]) + (c[i] + d[i]))
-        k += 4
-    while k < first + count:
-        a = col[k : k + n]
-        for i in range(n):
-            out[i] += weight * a[i]
-        k += 1
+def _three(a: Any, b: Any, c: Any, out: Any) -> None:
+    for i in range(out.size):
+        out[i] = a[i] + (b[i] + c[i])
+
+
+@nb.njit(cache=True, nogil=True)
+def _add_pairs(a: Any, b: Any, wa: Any, c: Any, d: Any, wc: Any, out: Any) -> None:
+    for i in range(out.size):
+        out[i] += wa * (a[i] + b[i]) + wc * (c[i] + d[i])
+
+
+@nb.njit(cache=True, nogil=True)
+def _box_depth(win: Any, both: Any, c: int, h: int, weight: Any, out: Any) -> None:
+    """Sum over the box less the inner one of weight * win, plus the sum over the inner one of both; out starts at h."""
+    n = out.size
+    _three(both[h : h + n], both[h - 1 : h - 1 + n], both[h + 1 : h + 1 + n], out)
+    for k in range(2, h + 1, 2):
+        one, a = np.float32(1.0), both if k <= c else win
+        m = min(k + 1, h)
+        b = both if m <= c else win
+        wb = np.float32(0.0) if m == k else (one if m <= c else weight)
+        _add_pairs(
+            a[h - k : h - k + n], a[h + k : h + k + n], one if k <= c else weight,
+            b[h - m : h - m + n], b[h + m : h + m + n], wb, out,
+        )  # fmt: skip
 
 
 @nb.njit(cache=True, nogil=True)
@@ -207,11 +219,7 @@ def depth_peaks(g: Any, c: int, h: int, gate: Any, tile: int) -> tuple[Any, Any]
             _next_sums(ring[(y + h) % size], ring[(y - h - 1) % size], win)
             _next_sums(ring[(y + c) % size], ring[(y - c - 1) % size], core)
             _both(win, core, np.float32(n_core), np.float32(n_core + n_ring), both)
-            inner = below[1 : n + 1]
-            inner[:] = np.float32(0.0)
-            _shifts(win, 0, h - c, np.float32(n_core), inner)
-            _shifts(both, h - c, 2 * c + 1, np.float32(1.0), inner)
-            _shifts(win, h + c + 1, h - c, np.float32(n_core), inner)
+            _box_depth(win, both, c, h, np.float32(n_core), below[1 : n + 1])
         else:
             below[:] = np.float32(-np.inf)
         if y > 0:

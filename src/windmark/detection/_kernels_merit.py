@@ -16,7 +16,7 @@ import numpy as np
 from windmark.detection._kernels import merit_at
 from windmark.geometry._jit import nb
 
-BLOCK_ROWS, BLOCK_COLUMNS = 64, 512  # handled at a time: they stay in the cache, with a mean of their own
+BLOCK_ROWS, BLOCK_COLUMNS = 64, 1024  # handled at a time: they stay in the cache, with a mean of their own
 ROUNDING = 2e-6  # of a sum in float32
 
 

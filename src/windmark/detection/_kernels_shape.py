@@ -13,7 +13,7 @@ from windmark.geometry._jit import nb
 RING_INNER, RING_OUTER = 1.5, 2.0  # of r0: where the background round the spot is measured (+ 0.5 px outside)
 
 
-@nb.njit(cache=True, nogil=True)
+@nb.njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
 def bowl_covariance(
     g: Any, x: float, y: float, r0: float, bowl: Any, fit: Any, w: Any, e: Any, inv: Any, jac: Any, cov: Any
 ) -> None:
@@ -46,26 +46,29 @@ def bowl_covariance(
         i0, i1 = max(-half, math.ceil(u - reach)), min(half, math.floor(u + reach))
         t1 = tx = ty = tt = te = 0.0
         for j in range(j0, j1 + 1):
+            wr, er, r1 = w[j + half], e[j + half], 0.0
             for i in range(i0, i1 + 1):
                 t = soft_disc(r0, math.sqrt((i - u) ** 2 + (j - v) ** 2), BOWL_EDGE_PX)
-                q = w[j + half, i + half] * t
-                t1, tx, ty, tt = t1 + q, tx + q * i, ty + q * j, tt + q * t
-                te += e[j + half, i + half] * t
+                q = wr[i + half] * t
+                r1, tx, tt, te = r1 + q, tx + q * i, tt + q * t, te + er[i + half] * t
+            t1, ty = t1 + r1, ty + j * r1
         a = inv[0] * t1 + inv[1] * tx + inv[2] * ty
         b = inv[1] * t1 + inv[3] * tx + inv[4] * ty
         c = inv[2] * t1 + inv[4] * tx + inv[5] * ty
         free = tt - a * t1 - b * tx - c * ty
         if not free > 1e-3 * tt:
             continue
-        for m in range(2):
-            s = 2.0 * te / free * fit[m, k]
+        s0, s1 = 2.0 * te / free * fit[0, k], 2.0 * te / free * fit[1, k]
+        for m, s in ((0, s0), (1, s1)):
             slope[m, 0] -= s * a
             slope[m, 1] -= s * b
             slope[m, 2] -= s * c
-            for j in range(j0, j1 + 1):
-                for i in range(i0, i1 + 1):
-                    t = soft_disc(r0, math.sqrt((i - u) ** 2 + (j - v) ** 2), BOWL_EDGE_PX)
-                    jac[m, j + half, i + half] += s * t
+        for j in range(j0, j1 + 1):
+            jx, jy = jac[0, j + half], jac[1, j + half]
+            for i in range(i0, i1 + 1):
+                t = soft_disc(r0, math.sqrt((i - u) ** 2 + (j - v) ** 2), BOWL_EDGE_PX)
+                jx[i + half] += s0 * t
+                jy[i + half] += s1 * t
     _outer_sum(w, jac, slope, slopes / det, cov)
 
 

@@ -54,10 +54,10 @@ def merit_map(
     if sample.size == 0:
         return np.full(checked.shape, np.nan, dtype=np.float32)
     levels, discs = levels_of(checked, sign, use, sample), _Discs.of_radius(r0)
-    out, varies = np.full(checked.shape, np.nan, dtype=np.float32), False
+    out = np.full(checked.shape, np.nan, dtype=np.float32)
     for first in range(0, len(out), BAND_ROWS):
-        varies |= _band(checked, use, levels, discs, first, out[first : first + BAND_ROWS])
-    if not varies and len({float(v) for v in sample}) == 1:
+        _band(checked, use, levels, discs, first, out[first : first + BAND_ROWS])
+    if not np.ptp(sample) > 0.0 and not np.isfinite(out).any():
         out[:] = np.inf
     return out
 
@@ -86,62 +86,66 @@ class _Discs:
         window, hole = (np.clip(r - np.hypot(x, y) + 0.5, 0.0, 1.0) for r in (2.0 * r0, r0))
         return _Discs(r0, window, hole, _steps(window), _steps(hole))
 
-    def form(self, above: int, below: int) -> Array:
-        """Numbers of `_merit_row` where so many rows lie in the image above and below; NaN where that is too few."""
-        half = len(self.window) // 2
-        dy, dx = np.mgrid[-half : half + 1, -half : half + 1]
-        seen = (dy >= -above) & (dy <= below)
-        q, t = np.where(seen, self.window, 0.0), np.where(seen, self.hole, 0.0)
-        n, sy, syy, sxx = q.sum(), (q * dy).sum(), (q * dy * dy).sum(), (q * dx * dx).sum()
-        t1, ty, tt = t.sum(), (t * dy).sum(), (t * t).sum()
-        area = np.pi * self.r0**2
-        if n < MIN_WINDOW * 4.0 * area or t1 < MIN_CORE * area:
-            return np.full(8, np.nan)
-        aa, ac, cc = np.array([syy, -sy, n]) / (n * syy - sy * sy)
-        free = tt - (aa * t1 * t1 + 2.0 * ac * t1 * ty + cc * ty * ty)
-        return np.array([aa, ac, cc, 1.0 / sxx, t1, ty, tt, free])
-
     def forms(self, first: int, last: int, rows: int) -> Pixels:
-        """`form` of the rows first ... last - 1 of an image of so many rows."""
+        """Numbers of `_kernels_merit._merit_row` for rows first ... last - 1 of so many; NaN where too few are seen."""
         half = len(self.window) // 2
-        inside = [(min(y, half), min(rows - 1 - y, half)) for y in range(first, last)]
-        known = {key: self.form(*key) for key in set(inside)}
-        return np.array([known[key] for key in inside], dtype=np.float32).reshape(-1, 8)
+        d = np.arange(-half, half + 1.0)
+        w, t = self.window.sum(axis=1), self.hole.sum(axis=1)
+        table = np.stack([w, w * d, w * d * d, self.window @ (d * d), t, t * d, (self.hole**2).sum(axis=1)], axis=1)
+        y = np.arange(first, last)[:, None] + d
+        n, sy, syy, sxx, t1, ty, tt = (((y >= 0) & (y < rows)).astype(float) @ table).T
+        det, area = n * syy - sy * sy, np.pi * self.r0**2
+        aa, ac, cc = syy / det, -sy / det, n / det
+        free = tt - (aa * t1 * t1 + 2.0 * ac * t1 * ty + cc * ty * ty)
+        forms = np.stack([aa, ac, cc, 1.0 / sxx, t1, ty, tt, free], axis=1).astype(np.float32)
+        forms[(n < MIN_WINDOW * 4.0 * area) | (t1 < MIN_CORE * area)] = np.nan
+        return forms
 
 
 def _band(
     image: NDArray[np.generic], use: NDArray[np.bool_] | None, levels: Levels, discs: _Discs, first: int, out: Pixels
-) -> bool:
-    """Merit of the rows from `first` on into `out`; whether the grey levels there differ."""
+) -> None:
+    """Merit of the rows from `first` on into `out`."""
     from windmark.detection._kernels_map import fill_rows
-    from windmark.detection._kernels_merit import merit_pixels, merit_rows
+    from windmark.detection._kernels_merit import merit_pixels
 
-    (rows, columns), half = image.shape, len(discs.window) // 2
+    rows, half = len(image), len(discs.window) // 2
     last, top, bottom = first + len(out), max(first - half, 0), min(first + len(out) + half, rows)
     g, missing = grey_rows(image, use, levels, top, bottom)
-    filled = fill_rows(g) if missing else np.ascontiguousarray(g)
     general = np.ones(out.shape, dtype=bool)
-    if min(rows, columns) > 2 * half:
-        steps = half, discs.window_steps, discs.hole_steps
-        merit_rows(filled, *steps, discs.forms(first, last, rows), first - top, out)
+    if min(image.shape) > 2 * half:
         a, b = max(first, half), min(last, rows - half)  # rows whose window the image's height holds
-        inner = slice(a - first, b - first)
-        if b > a:
-            for x, start in ((0, 0), (columns - half, half)):
-                strip = filled[a - half - top : b + half - top, x - start : x - start + 2 * half]
-                strip = np.ascontiguousarray(strip.T)
-                side = np.empty((half, strip.shape[1]), dtype=np.float32)
-                merit_rows(strip, *steps, discs.forms(x, x + half, columns), start, side)
-                out[inner, x : x + half] = side[:, half:-half].T
-            general[inner] = False
+        _by_rows(fill_rows(g) if missing else g, discs, rows, (first, a, b, top), out)
         general[:, half:-half] = False
+        general[a - first : max(b - first, 0)] = False
         if missing:
             from scipy.ndimage import maximum_filter
 
             near = maximum_filter(np.isnan(g).view(np.uint8), 2 * half + 1, mode="constant")
             general |= near[first - top : last - top].view(np.bool_)
-    merit_pixels(g, np.argwhere(general), first - top, discs.r0, MIN_CORE, out)
-    return bool(np.fmin.reduce(g, axis=None) < np.fmax.reduce(g, axis=None))
+    where = np.column_stack(np.divmod(np.flatnonzero(general), out.shape[1]))
+    merit_pixels(g, where, first - top, discs.r0, MIN_CORE, out)
+
+
+def _by_rows(g: Pixels, discs: _Discs, rows: int, band: tuple[int, int, int, int], out: Pixels) -> None:
+    """Merit of all pixels of a band but those in the image's corners, which lie near two borders.
+
+    `g` starts in row `top` of the image, `out` in row `first`; from row a to b the window is inside. Left and right of
+    the image are above and below of its transpose.
+    """
+    from windmark.detection._kernels_merit import merit_rows
+
+    first, a, b, top = band
+    half, columns, steps = len(discs.window) // 2, out.shape[1], (discs.window_steps, discs.hole_steps)
+    merit_rows(g, half, *steps, discs.forms(first, first + len(out), rows), first - top, out)
+    if b <= a:
+        return
+    forms = discs.forms(0, 2 * half, 2 * half)  # of a strip along one border
+    for x, mine in ((0, slice(0, half)), (columns - 2 * half, slice(half, 2 * half))):
+        strip = np.ascontiguousarray(g[a - half - top : b + half - top, x : x + 2 * half].T)
+        side = np.empty((half, strip.shape[1]), dtype=np.float32)
+        merit_rows(strip, half, *steps, forms[mine], mine.start, side)
+        out[a - first : b - first, x + mine.start : x + mine.stop] = side[:, half:-half].T
 
 
 def _steps(weight: Array) -> Pixels:
