@@ -79,7 +79,11 @@ def simulate(
         verbs.simulate(folder, seed, as_json)
 
 
-@app.command(epilog="Example: windmark detect run12.tif --radius 3 --picture spots.png --explain rejected.csv")
+@app.command(
+    epilog="Example: windmark detect run12.tif --radius 3 --picture spots.png --explain rejected.csv."
+    " Tracking: windmark detect run13.tif --near detections.csv -o run13.csv, or"
+    " windmark detect run13.tif --camera run12-registration/run12/camera.json --markers markers.csv"
+)
 def detect(
     images: Annotated[list[Path], typer.Argument(help="Images.")],
     radius: Annotated[
@@ -108,17 +112,45 @@ def detect(
         Path | None, typer.Option(help="Table of the rejected candidates with the reason; --picture draws them too.")
     ] = None,
     merit_map: Annotated[Path | None, typer.Option(help="Also draw the merit of every pixel (PNG).")] = None,
+    channel: Annotated[
+        str, typer.Option(help="Of colour pictures: grey (0.3 R + 0.6 G + 0.1 B), red, green, blue.")
+    ] = ("grey"),
+    bayer: Annotated[
+        str | None, typer.Option(help="The picture is a colour sensor's raw mosaic: RGGB, BGGR, GRBG or GBRG.")
+    ] = None,
+    near: Annotated[
+        Path | None,
+        typer.Option(
+            help="Detections of a frame before: look only near them, with their ellipses; finds faint markers."
+        ),
+    ] = None,
+    camera: Annotated[
+        Path | None, typer.Option("--camera", "-c", help="Camera with a pose: look only where it shows the --markers.")
+    ] = None,
+    markers: Annotated[
+        Path | None, typer.Option("--markers", "-m", help="Marker table, with the camera's length unit and frame.")
+    ] = None,
+    search_px: Annotated[float, typer.Option(help="How far off the expected places may be, along each axis.")] = 2.5,
     as_json: Json = False,
 ) -> None:
-    """Find markers in images: centres, covariances, merit."""
+    """Find markers in images: centres, covariances, merit.
+
+    Anywhere; or near expected places (--near, or --camera with --markers), where the predicted ellipse is fitted and
+    each marker is decided by its own false-alarm number: --merit-max and --refine do not matter then.
+    """
     with console.errors(as_json):
-        from windmark.app import detect_verb
+        from windmark.app import detect_verb, guided_verb
 
         options = {"polarity": polarity, "merit_max": merit_max, "refine": refine, "photometry": photometry}
         wishes = detect_verb.Wishes(
-            options, tuple(radius or ()), mask, detect_verb.parse_roi(roi), output, picture, explain, merit_map
-        )
-        detect_verb.detect(images, wishes, as_json)
+            options, tuple(radius or ()), mask, detect_verb.parse_roi(roi), output, picture, explain, merit_map,
+            channel, bayer,
+        )  # fmt: skip
+        guide = guided_verb.Guide(near, camera, markers, search_px)
+        if guide:
+            guided_verb.detect(images, wishes, guide, as_json)
+        else:
+            detect_verb.detect(images, wishes, as_json)
 
 
 @app.command(epilog="Example: windmark register run12.tif -m markers.csv -c camera.json -r 3 --unit mm")

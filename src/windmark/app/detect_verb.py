@@ -31,6 +31,8 @@ class Wishes:
     picture: Path | None = None
     explain: Path | None = None
     merit_map: Path | None = None
+    channel: str = "grey"
+    bayer: str | None = None
 
 
 @dataclass(frozen=True)
@@ -51,7 +53,7 @@ def detect(images: list[Path], wishes: Wishes, as_json: bool) -> None:
     with console.progress() as show:
         for path in images:
             show(f"detect {path.name}")
-            found[path.name] = _detect_one(io.read_grey(path), wishes)
+            found[path.name] = _detect_one(read_wished(path, wishes), wishes)
         show("write")
         io.write_detections(wishes.output, {name: one.spots for name, one in found.items()})
         if wishes.explain is not None:
@@ -92,6 +94,11 @@ def used_pixels(image: Image, mask: Path | None, roi: tuple[int, int, int, int] 
         inside[y0 : y1 + 1, x0 : x1 + 1] = True
         use = inside if use is None else use & inside
     return use
+
+
+def read_wished(path: Path, wishes: Wishes) -> Image:
+    """An image, its colours reduced as asked for."""
+    return io.read_grey(path, channel=wishes.channel, bayer=wishes.bayer)
 
 
 def _detect_one(image: Image, wishes: Wishes) -> _Found:
@@ -136,10 +143,12 @@ def _draw(found: dict[str, _Found], wishes: Wishes) -> None:
                 figure = explained_picture(one.image, one.spots, one.rejected, name)
             else:
                 figure = spots_picture(one.image, one.spots, name)
-            _write(wishes.picture, number, png(figure))
+            write_picture(wishes.picture, number, png(figure))
         if wishes.merit_map is not None and one.radii_px:
             best, words = _best_merit(one, wishes.options["polarity"])
-            _write(wishes.merit_map, number, png(merit_picture(best, wishes.options["merit_max"], f"{name}: {words}")))
+            write_picture(
+                wishes.merit_map, number, png(merit_picture(best, wishes.options["merit_max"], f"{name}: {words}"))
+            )
 
 
 def _best_merit(one: _Found, polarity: str) -> tuple[NDArray[np.float32], str]:
@@ -150,7 +159,8 @@ def _best_merit(one: _Found, polarity: str) -> tuple[NDArray[np.float32], str]:
     return np.fmin.reduce(maps), words
 
 
-def _write(path: Path, number: int | None, data: bytes) -> None:
+def write_picture(path: Path, number: int | None, data: bytes) -> None:
+    """A picture; several images get a number each."""
     place = path if number is None else path.with_stem(f"{path.stem}-{number}")
     with io.atomic_write(place, "wb") as stream:
         stream.write(data)

@@ -2,6 +2,7 @@
 
 from windmark.io.atomic import atomic_folder, atomic_path, atomic_write
 from windmark.io.cameras import LENGTH_UNITS, CameraFile, read_camera, read_camera_file, write_camera
+from windmark.io.colour import CHANNELS, MOSAICS, from_mosaic, to_grey
 from windmark.io.csvtable import read_table, write_table
 from windmark.io.errors import FileError
 from windmark.io.images import (
@@ -10,7 +11,6 @@ from windmark.io.images import (
     read_image,
     read_images,
     read_mask,
-    to_grey,
     write_image,
     write_images,
 )
@@ -21,14 +21,22 @@ from windmark.io.nodes_csv import write_nodes_csv
 from windmark.io.plot3d import detect_plot3d, read_plot3d, write_plot3d
 from windmark.io.plot3d_function import read_plot3d_function, write_plot3d_function
 from windmark.io.plot3d_layout import Plot3dLayout
-from windmark.io.tables import MatchTable, read_detections, read_matches, write_detections, write_matches
+from windmark.io.tables import (
+    MatchTable,
+    read_detection_names,
+    read_detections,
+    read_matches,
+    write_detections,
+    write_matches,
+)
 from windmark.io.tecplot import write_tecplot
 from windmark.io.tecplot_read import read_tecplot
 from windmark.io.text import read_json, to_json, write_json
 from windmark.io.vtk_write import write_nodes_vtk
 
 __all__ = [
-    "LENGTH_UNITS", "CameraFile", "FileError", "MatchTable", "atomic_folder", "atomic_path", "atomic_write",
+    "CHANNELS", "LENGTH_UNITS", "MOSAICS", "CameraFile", "FileError", "MatchTable", "atomic_folder", "atomic_path",
+    "atomic_write", "from_mosaic", "read_detection_names",
     "read_camera", "read_camera_file", "read_detections", "read_json", "read_markers", "read_matches", "read_table",
     "Plot3dLayout", "detect_plot3d", "read_mesh", "read_nodes_netcdf", "read_plot3d", "read_plot3d_function",
     "read_tecplot", "write_mesh", "write_nodes_csv", "write_nodes_netcdf", "write_nodes_vtk", "write_plot3d",

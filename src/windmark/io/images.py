@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from windmark.io import _pillow
 from windmark.io._tiff import open_tiff
 from windmark.io.atomic import atomic_path, atomic_write
+from windmark.io.colour import check_channel, check_mosaic, from_mosaic, to_grey
 from windmark.io.errors import FileError, reading
 from windmark.io.text import Pathlike
 
@@ -32,9 +33,6 @@ _MAGIC = {
     b"II*\0": "TIFF", b"MM\0*": "TIFF", b"II+\0": "TIFF", b"MM\0+": "TIFF",
 }  # fmt: skip
 _EXTENSIONS = {".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG", ".bmp": "BMP", ".tif": "TIFF", ".tiff": "TIFF"}
-
-RED, GREEN, BLUE = 0.299, 0.587, 0.114
-"""Weights of `to_grey` (ITU-R BT.601, as OpenCV and Pillow have them)."""
 
 
 def read_image(path: Pathlike, *, page: int | None = 0) -> Image:
@@ -81,9 +79,29 @@ def page_count(path: Pathlike) -> int:
             return stack.count
 
 
-def read_grey(path: Pathlike, *, page: int = 0) -> Image:
-    """`read_image` and `to_grey` in one: (H, W)."""
-    return to_grey(read_image(path, page=page))
+def read_grey(path: Pathlike, *, page: int = 0, channel: str = "grey", bayer: str | None = None) -> Image:
+    """Read an image as one grey level per pixel: (H, W), linear in what the file says.
+
+    Parameters
+    ----------
+    path, page : see `read_image`
+    channel : "grey", "red", "green" or "blue", see `to_grey`
+    bayer : pattern of a raw colour mosaic, "RGGB" and its like, see `from_mosaic`; None where the file is none
+
+    Raises
+    ------
+    FileError
+        As `read_image`; also where the file has not the colours that are asked for.
+    """
+    check_channel(channel)
+    if bayer is not None:
+        check_mosaic(bayer)
+    picture = read_image(path, page=page)
+    if bayer is not None and (picture.ndim != 2 or min(picture.shape) < 2):
+        raise FileError(path, f"the shape is {picture.shape}; expected (H, W), the mosaic of a colour sensor, as bayer")
+    if channel != "grey" and bayer is None and (picture.ndim == 2 or picture.shape[2] < 3):
+        raise FileError(path, f"a picture without colours; expected colours to take {channel} from")
+    return to_grey(picture, channel=channel) if bayer is None else from_mosaic(picture, bayer, channel=channel)
 
 
 def read_mask(path: Pathlike, shape: tuple[int, ...]) -> NDArray[np.bool_]:
@@ -99,29 +117,6 @@ def read_mask(path: Pathlike, shape: tuple[int, ...]) -> NDArray[np.bool_]:
         (h, w), (height, width) = picture.shape, shape
         raise FileError(path, f"is {w} x {h} pixels, the image {width} x {height}; expected a mask of the image's size")
     return np.asarray(picture != 0)
-
-
-def to_grey(image: ArrayLike) -> Image:
-    """Grey levels of an image: (H, W).
-
-    (H, W) is returned as it is. Of (H, W, 2) and (H, W, 4) the alpha is dropped. Colours become
-    0.299 R + 0.587 G + 0.114 B (ITU-R BT.601, on the stored values), not rounded: float32, or float64 for 64-bit types.
-
-    Raises
-    ------
-    ValueError
-        For another shape.
-    """
-    values: NDArray[Any] = np.asarray(image)
-    if values.ndim == 2:
-        return values
-    if values.ndim != 3 or not 1 <= values.shape[2] <= 4:
-        raise ValueError(f"to_grey: image must be (H, W) or (H, W, 1 to 4), got {values.shape}")
-    if values.shape[2] < 3:
-        return np.ascontiguousarray(values[..., 0])
-    kind = np.float64 if values.dtype.itemsize > 4 else np.float32
-    red, green, blue = np.moveaxis(values[..., :3].astype(kind), -1, 0)
-    return green + RED * (red - green) + BLUE * (blue - green)  # exact where red = green = blue
 
 
 def _pictures(path: Pathlike, page: int | None) -> Generator[Image, None, None]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,11 +21,20 @@ DETECTION_COLUMNS = (
 )  # fmt: skip
 """Pixels, but for rho (correlation of x and y), merit, angle_deg, depth (grey levels), flags (`scene.FLAGS`)."""
 
+NAMES = "name"
+"""Last column of a table of detections that were told who they are; every other program may leave it out."""
+
 MATCH_COLUMNS = ("image", "name", "x", "y", "dx", "dy", "distance_px")
 """x, y: detected; dx, dy: projected - detected; all in pixels."""
 
 
-def write_detections(path: Pathlike, detections: Detections | Mapping[str, Detections], *, image: str = "") -> None:
+def write_detections(
+    path: Pathlike,
+    detections: Detections | Mapping[str, Detections],
+    *,
+    image: str = "",
+    names: Mapping[str, Sequence[str]] | None = None,
+) -> None:
     """Write the spots of one image, or of many in one table, as CSV, whole or not at all.
 
     ``image,x,y,sigma_x,sigma_y,rho,radius,merit,axis_major,axis_minor,angle_deg,depth,flags``; empty
@@ -37,6 +46,7 @@ def write_detections(path: Pathlike, detections: Detections | Mapping[str, Detec
     path : the file
     detections : of one image, or a mapping of image names to detections
     image : the image's name, for detections of one image
+    names : image name to the marker's name of each spot: a last column ``name``
 
     Raises
     ------
@@ -46,7 +56,10 @@ def write_detections(path: Pathlike, detections: Detections | Mapping[str, Detec
     sets = {image: detections} if isinstance(detections, Detections) else detections
     parts = [_detection_columns(name, spots) for name, spots in sets.items()]
     empty = _detection_columns("", Detections.make(np.zeros((0, 2))))
-    write_table(path, {column: np.concatenate([part[column] for part in [empty, *parts]]) for column in empty})
+    columns = {column: np.concatenate([part[column] for part in [empty, *parts]]) for column in empty}
+    if names is not None:
+        columns[NAMES] = np.array([name for key in sets for name in names[key]], dtype=np.str_)
+    write_table(path, columns)
 
 
 def _detection_columns(image: str, spots: Detections) -> dict[str, NDArray]:
@@ -83,7 +96,7 @@ def read_detections(path: Pathlike, *, sigma_px: float = 0.1) -> dict[str, Detec
     FileError
         Names the line: unknown column, no number, sigma not > 0, rho outside -1 to 1.
     """
-    table = read_table(path, required=("x", "y"), known=DETECTION_COLUMNS)
+    table = read_table(path, required=("x", "y"), known=(*DETECTION_COLUMNS, NAMES))
     spots = Detections.make(
         np.stack([table.numbers("x"), table.numbers("y")], axis=1),
         cov=_covariance(table, sigma_px),
@@ -96,6 +109,17 @@ def read_detections(path: Pathlike, *, sigma_px: float = 0.1) -> dict[str, Detec
     )
     images = np.array(table.text("image") if "image" in table else [""] * len(table), dtype=np.str_)
     return {name: spots.take(images == name) for name in dict.fromkeys(images.tolist())}
+
+
+def read_detection_names(path: Pathlike) -> dict[str, list[str]]:
+    """The markers' names of `read_detections`: image name to one name per spot, "" where it has none."""
+    table = read_table(path, required=("x", "y"), known=(*DETECTION_COLUMNS, NAMES))
+    images = table.text("image") if "image" in table else [""] * len(table)
+    names = table.text(NAMES) if NAMES in table else [""] * len(table)
+    out: dict[str, list[str]] = {image: [] for image in images}
+    for image, name in zip(images, names, strict=True):
+        out[image].append(name)
+    return out
 
 
 def _optional(table: Table, column: str) -> Array:

@@ -1,0 +1,145 @@
+"""The verb `windmark detect` where the markers' places are known nearly: --near, or --camera with --markers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark import io
+from windmark.app import console
+from windmark.app.detect_verb import Wishes, read_wished, used_pixels, write_picture
+from windmark.detection import Guided
+from windmark.pipeline.predictions import Predictions, from_camera, from_detections, look
+
+Record = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Guide:
+    """Where the markers are expected: a table of detections, or a camera with a pose and a table of markers."""
+
+    near: Path | None = None
+    camera: Path | None = None
+    markers: Path | None = None
+    search_px: float = 2.5
+
+    def __bool__(self) -> bool:
+        return any(path is not None for path in (self.near, self.camera, self.markers))
+
+    def __post_init__(self) -> None:
+        if self.near is not None and (self.camera is not None or self.markers is not None):
+            raise ValueError("give either --near or --camera with --markers")
+        if (self.camera is None) != (self.markers is None):
+            raise ValueError("--camera and --markers belong together: the camera's pose says where the markers are")
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """One image, what was expected and what was found."""
+
+    image: NDArray[np.generic]
+    expected: Predictions
+    got: Guided
+
+
+def detect(images: list[Path], wishes: Wishes, guide: Guide, as_json: bool) -> None:
+    """Look for the expected markers in each image; one table for all."""
+    if len(wishes.radius_px) > 1 or wishes.merit_map is not None:
+        raise ValueError("markers near predictions: give one --radius at most, and no --merit-map")
+    seen: dict[str, _Seen] = {}
+    options = {"search_px": guide.search_px, "polarity": wishes.options["polarity"],
+               "photometry": wishes.options["photometry"]}  # fmt: skip
+    with console.progress() as show:
+        for path in images:
+            show(f"detect {path.name}")
+            image = read_wished(path, wishes)
+            expected = _expected(guide, path.name, wishes.radius_px[0] if wishes.radius_px else None)
+            mask = used_pixels(image, wishes.mask, wishes.roi)
+            seen[path.name] = _Seen(image, expected, look(image, expected, mask=mask, **options))
+        show("write")
+        io.write_detections(
+            wishes.output,
+            {name: one.got.detections for name, one in seen.items()},
+            names={name: _names(one, one.got.found) for name, one in seen.items()},
+        )
+        if wishes.explain is not None:
+            io.write_table(wishes.explain, _missing(seen))
+        _draw(seen, wishes)
+    lines = [f"{name}: {one.got.found.sum()} of {len(one.expected)} expected markers{_why(one)}"
+             for name, one in seen.items()]  # fmt: skip
+    written = [p for p in (wishes.output, wishes.explain, wishes.picture) if p is not None]
+    console.answer(
+        {"images": {name: _record(one) for name, one in seen.items()}, "output": str(wishes.output)},
+        as_json,
+        [*lines, f"written: {', '.join(map(str, written))}"],
+    )
+    if not any(one.got.found.any() for one in seen.values()):
+        console.refuse(f"none of the expected markers was found{_why(next(iter(seen.values())))}", as_json)
+
+
+def _expected(guide: Guide, image: str, radius_px: float | None) -> Predictions:
+    """Predictions for an image. A table of one other image is the frame before."""
+    if guide.near is not None:
+        table, names = io.read_detections(guide.near), io.read_detection_names(guide.near)
+        key = image if image in table else next(iter(table)) if len(table) == 1 else None
+        if key is None:
+            raise io.FileError(guide.near, f"holds {len(table)} images; expected {image} among them, or only one")
+        return from_detections(table[key], names[key], radius_px)
+    assert guide.camera is not None
+    assert guide.markers is not None
+    camera, pose = io.read_camera(guide.camera)
+    if pose is None:
+        raise io.FileError(guide.camera, "has no pose; expected one, to know where the markers are")
+    return from_camera(camera, pose, io.read_markers(guide.markers), radius_px)
+
+
+def _names(one: _Seen, which: NDArray[np.bool_]) -> list[str]:
+    return [one.expected.name[k] for k in np.flatnonzero(which)]
+
+
+def _missing(seen: dict[str, _Seen]) -> dict[str, Any]:
+    """Table of the expected markers that were not found, with the reason."""
+    columns: dict[str, list[Any]] = {
+        key: [] for key in ("image", "name", "x", "y", "depth", "depth_sigma", "correlation", "log10_nfa", "reason")
+    }
+    for name, one in seen.items():
+        got, k = one.got, np.flatnonzero(~one.got.found)
+        values = ([name] * len(k), _names(one, ~got.found), *one.expected.xy[k].T, got.depth[k], got.depth_sigma[k],
+                  got.correlation[k], got.log10_nfa[k], [got.words[i] for i in k])  # fmt: skip
+        for key, value in zip(columns, values, strict=True):
+            columns[key].extend(value)
+    return columns
+
+
+def _draw(seen: dict[str, _Seen], wishes: Wishes) -> None:
+    if wishes.picture is None:
+        return
+    from windmark.app.pictures import matching_picture, png
+
+    for k, (name, one) in enumerate(seen.items()):
+        found = one.got.found
+        spots = one.got.detections
+        figure = matching_picture(
+            one.image, spots, np.arange(len(spots)), _names(one, found), one.expected.xy[found],
+            one.expected.xy[~found], _names(one, ~found), name,
+        )  # fmt: skip
+        write_picture(wishes.picture, k + 1 if len(seen) > 1 else None, png(figure))
+
+
+def _why(one: _Seen) -> str:
+    """How many were missed for which reason."""
+    missed = [words.split(":")[0] for words, found in zip(one.got.words, one.got.found, strict=True) if not found]
+    parts = [f"{missed.count(words)} {words}" for words in dict.fromkeys(missed)]
+    return f" ({', '.join(parts)})" if parts else ""
+
+
+def _record(one: _Seen) -> Record:
+    got = one.got
+    return {
+        "expected": len(one.expected), "found": int(got.found.sum()), "name": list(one.expected.name), "xy": got.xy,
+        "log10_nfa": got.log10_nfa, "answer": got.words, "blur_px": got.frame.blur_px,
+    }  # fmt: skip
