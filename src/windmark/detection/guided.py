@@ -16,7 +16,7 @@ from windmark.detection.image import check_polarity
 from windmark.detection.options import PHOTOMETRIES
 from windmark.detection.template import LEAST_AXIS, check_places, fresh_request, known_blur, make_scene
 from windmark.detection.template_fit import Request, Scene
-from windmark.detection.template_frame import BLUR_SPREAD, BLUR_START, fit_markers, learn_frame
+from windmark.detection.template_frame import BLUR_SPREAD, BLUR_START, CLEAN, WORSE, fit_markers, learn_frame
 from windmark.detection.template_result import CONTAMINATED, Frame, TemplateFits
 from windmark.detection.template_search import search, surroundings
 from windmark.scene import Detections
@@ -137,7 +137,7 @@ def detect_at(
     search_px : how far the predictions may be off along each axis, 0 to 64
     polarity, photometry : see `detect`
     blur_px : blur of the frame; None takes the given frame's, or else finds it from the markers that stand out
-    frame : `Guided.frame` of a frame before: its blur and noise are taken and nothing is learnt
+    frame : `Guided.frame` of a frame before: its blur is taken, and its noise unless this frame's is another
     fit_shape : all clear markers are fitted with ten unknowns
     false_alarms : how many false markers per prediction are let pass where only the surface is
     mask, saturation : see `template.refine_template`
@@ -174,6 +174,9 @@ def detect_at(
         known = replace(request, blur=np.full_like(request.blur, start.blur_px))
         placed, found = search(scene, known, steps)
     fits = fit_markers(scene, placed, start, robust=False)  # weights would take a wrong shape for contamination
+    if frame is not None and _outdated(fits):
+        start = replace(start, noise=_learn(scene, placed, found, start, blur=False).noise)
+        fits = fit_markers(scene, placed, start, robust=False)
     verdict = _judge(scene, request, placed, found, fits, steps, false_alarms)
     fits = _reshaped(scene, placed, fits, start, verdict, every=fit_shape)
     return _answers(places, np.flatnonzero(inside), fits, *verdict, start)
@@ -227,6 +230,12 @@ def _learn(scene: Scene, placed: Request, found: Array, start: Frame, *, blur: b
     return learnt
 
 
+def _outdated(fits: TemplateFits) -> bool:
+    """Whether the noise that was handed on is not this frame's (or shapes are wrong: then learning says the same)."""
+    chi2 = fits.chi2[np.isfinite(fits.chi2) & (fits.depth > LEARN[0] * fits.depth_sigma)]
+    return len(chi2) >= CLEAN and not 1.0 / WORSE < float(np.median(chi2)) < WORSE
+
+
 def _judge(
     scene: Scene, asked: Request, placed: Request, found: Array, fits: TemplateFits, steps: int, false_alarms: float
 ) -> tuple[Ints, Array, Array]:
@@ -275,11 +284,11 @@ def _log10_tail(z: Array, freedom: Array | float) -> Array:
     """Log10 of the probability that Student's t exceeds z; normal where the degrees of freedom are infinite."""
     from scipy.special import log_ndtr, stdtr
 
-    normal = log_ndtr(-np.nan_to_num(z, nan=0.0)) / np.log(10.0)
-    few = np.isfinite(freedom) & np.ones(z.shape, dtype=bool)
+    above = np.nan_to_num(np.asarray(z, dtype=float), nan=0.0)
+    if not np.isfinite(freedom).any():
+        return np.asarray(log_ndtr(-above) / np.log(10.0))
     with np.errstate(divide="ignore"):
-        student = np.log10(stdtr(np.where(few, freedom, 1.0), -np.nan_to_num(z, nan=0.0)))
-    return np.asarray(np.where(few, student, normal))
+        return np.asarray(np.log10(stdtr(np.where(np.isfinite(freedom), freedom, 1e9), -above)))
 
 
 def _same(answer: Ints, fits: TemplateFits, asked: Request) -> None:
