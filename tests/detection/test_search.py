@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from windmark.detection._kernels_map import bin_mean, depth_peaks, fill_rows, smallest
+from windmark.detection._kernels import smallest
+from windmark.detection._kernels_map import bin_mean, depth_peaks, fill_rows, ranked
+from windmark.detection._kernels_shape import median
 from windmark.detection.image import prepare
 from windmark.detection.search import TILE, at_tiles, bin_factor, box_sizes, noise_tiles, surface_noise
 
@@ -23,11 +25,12 @@ def test_depth_peaks_are_the_local_maxima_of_the_box_depth(core, window):
     tile, gate = 32, np.linspace(2, 30, 9).reshape(3, 3).astype(np.float32)
     limit = np.kron(gate, np.ones((tile, tile)))[:70, :93]
     peaks = (want == ndimage.maximum_filter(want, 3, mode="constant", cval=-np.inf)) & (want > limit)
-    xy, depth = depth_peaks(image, core, window, gate, tile)
+    x, y, depth = depth_peaks(image, core, window, gate, tile).T
+    index = y.astype(int), x.astype(int)
     got = np.zeros_like(peaks)
-    got[tuple(xy.astype(int).T[::-1])] = True
+    got[index] = True
     np.testing.assert_array_equal(got, peaks)
-    np.testing.assert_allclose(depth, want[tuple(xy.astype(int).T[::-1])], atol=1e-3)
+    np.testing.assert_allclose(depth, want[index], atol=1e-3)
 
 
 def test_depth_peaks_and_bins_see_missing_pixels_filled():
@@ -35,18 +38,27 @@ def test_depth_peaks_and_bins_see_missing_pixels_filled():
     image[np.random.default_rng(1).random(image.shape) < 0.05] = np.nan
     image[30] = np.nan
     gate = np.full((2, 2), 5.0, np.float32)
-    found = depth_peaks(image, 2, 5, gate, 64), depth_peaks(fill_rows(image), 2, 5, gate, 64)
-    for got, want in zip(*found, strict=True):
-        np.testing.assert_array_equal(got, want)
+    found = depth_peaks(image, 2, 5, gate, 64)
+    np.testing.assert_array_equal(found, depth_peaks(fill_rows(image), 2, 5, gate, 64))
     np.testing.assert_array_equal(bin_mean(image, 3), bin_mean(fill_rows(image), 3))
 
 
-def test_smallest_by_bisection_is_that_of_a_sort():
+def test_smallest_and_median_are_those_of_a_sort():
+    rng = np.random.default_rng(0)
+    for values in (rng.normal(size=256), rng.integers(0, 4, 77).astype(np.float32), np.zeros(16), np.arange(9.0)):
+        n = len(values) - 1
+        for k in (0, n // 4, n - 1):
+            assert smallest(values.copy(), n, k) == np.sort(values[:n])[k]
+        assert median(values.copy(), n) == np.median(values[:n])
+        assert median(values.copy(), n - 1) == np.median(values[: n - 1])
+
+
+def test_ranked_by_bisection_is_that_of_a_sort():
     rng = np.random.default_rng(0)
     for values in (rng.exponential(size=256), rng.integers(0, 4, 77), np.zeros(16), 1e-38 * rng.random(20)):
         values = values.astype(np.float32)
         for k in (0, len(values) // 4, len(values) - 1):
-            assert smallest(values, k) == np.sort(values)[k]
+            assert ranked(values.copy(), k) == np.sort(values)[k]
 
 
 def test_noise_of_tiles_with_missing_pixels(draw):
@@ -67,8 +79,7 @@ def test_noise_of_tiles_with_missing_pixels(draw):
 def test_a_plateau_is_one_peak():
     image = np.zeros((40, 40), np.float32)
     image[20:22, 20:22] = -10
-    xy, _ = depth_peaks(image, 1, 3, np.zeros((1, 1), np.float32), 64)
-    assert len(xy) == 1
+    assert len(depth_peaks(image, 1, 3, np.zeros((1, 1), np.float32), 64)) == 1
 
 
 def test_boxes_have_the_discs_areas():

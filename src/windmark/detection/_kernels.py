@@ -28,6 +28,39 @@ def soft_disc(radius: float, distance: float, edge: float) -> float:
     return min(max((radius - distance) / edge + 0.5, 0.0), 1.0)
 
 
+@nb.njit(cache=True, nogil=True)
+def smallest(a: Any, n: int, k: int) -> Any:
+    """The k-th smallest (from 0) of a[:n], which is reordered: none below it stands behind it (Hoare's selection)."""
+    low, high = 0, n - 1
+    while low < high:
+        pivot, i, j = a[(low + high) // 2], low, high
+        while i <= j:
+            while a[i] < pivot:
+                i += 1
+            while pivot < a[j]:
+                j -= 1
+            if i <= j:
+                a[i], a[j] = a[j], a[i]
+                i, j = i + 1, j - 1
+        if k <= j:
+            high = j
+        elif k >= i:
+            low = i
+        else:
+            break
+    return a[k]
+
+
+@nb.njit(cache=True, nogil=True)
+def grown(a: Any) -> Any:
+    """A table (N, M) with room for as many rows again."""
+    out = np.empty((2 * a.shape[0], a.shape[1]), a.dtype)
+    for i in range(a.shape[0]):
+        for j in range(a.shape[1]):
+            out[i, j] = a[i, j]
+    return out
+
+
 @nb.njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
 def plane_window(g: Any, x: float, y: float, r0: float, w: Any, e: Any, inv: Any) -> tuple[float, float]:
     """Take the slope (a + b x + c y) out of the disc of radius 2 r0 round (x, y).

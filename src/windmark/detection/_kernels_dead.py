@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from windmark.detection._kernels import grown
 from windmark.geometry._jit import nb
 
 
@@ -35,13 +36,13 @@ def _is_dead(g: Any, y: int, x: int, least: float, ratio: float) -> bool:
 
 
 @nb.njit(cache=True, nogil=True)
-def dead_pixels(g: Any, least: float, ratio: float) -> tuple[Any, Any]:
-    """Rows and columns of the pixels that leave the range of their 8 neighbours by `least` and by `ratio` times it.
+def dead_pixels(g: Any, least: float, ratio: float) -> Any:
+    """Pixels (K, 2: row, column) that leave the range of their 8 neighbours by `least` and by `ratio` times it.
 
     Nothing that an optic has imaged does that. Pixels of the border, and next to a NaN, are left alone.
     """
     rows, n = g.shape
-    out, count = np.empty((2, 64), np.int64), 0
+    out, count = np.empty((64, 2), np.int64), 0
     limit = np.float32(least)
     for y in range(1, rows - 1):
         here = g[y]
@@ -52,9 +53,9 @@ def dead_pixels(g: Any, least: float, ratio: float) -> tuple[Any, Any]:
             if (a > limit and b > limit) or (a < -limit and b < -limit):
                 left -= 1
                 if _is_dead(g, y, x, least, ratio):
-                    if count == out.shape[1]:
-                        out = np.concatenate((out, np.empty_like(out)), axis=1)
-                    out[0, count], out[1, count] = y, x
+                    if count == out.shape[0]:
+                        out = grown(out)
+                    out[count, 0], out[count, 1] = y, x
                     count += 1
             x += 1
-    return out[0, :count], out[1, :count]
+    return out[:count]

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from windmark.detection._kernels import BOWL_EDGE_PX, bowl_quadratic, plane_window, soft_disc
+from windmark.detection._kernels import BOWL_EDGE_PX, bowl_quadratic, plane_window, smallest, soft_disc
 from windmark.geometry._jit import nb
 
 RING_INNER, RING_OUTER = 1.5, 2.0  # of r0: where the background round the spot is measured (+ 0.5 px outside)
@@ -89,11 +89,44 @@ def _outer_sum(w: Any, jac: Any, slope: Any, a: Any, cov: Any) -> None:
 
 
 @nb.njit(cache=True, nogil=True)
+def median(a: Any, n: int) -> Any:
+    """Median of a[:n], which is reordered; n is at least 1."""
+    middle = smallest(a, n, n // 2)
+    if n % 2 == 1:
+        return middle
+    below = a[0]
+    for i in range(1, n // 2):
+        below = max(below, a[i])
+    return 0.5 * (below + middle)
+
+
+@nb.njit(cache=True, nogil=True)
+def _ring_fit(ring: Any, n: int, limit: float, plane: Any) -> bool:
+    """Least-squares plane through the ring's pixels whose residual is within the limit; False if there is none."""
+    m = sx = sy = sxx = sxy = syy = sg = sgx = sgy = 0.0
+    for k in range(n):
+        if abs(ring[k, 3]) <= limit:
+            u, v, value = ring[k, 0], ring[k, 1], ring[k, 2]
+            m, sx, sy, sg = m + 1.0, sx + u, sy + v, sg + value
+            sxx, sxy, syy = sxx + u * u, sxy + u * v, syy + v * v
+            sgx, sgy = sgx + value * u, sgy + value * v
+    c00, c01, c02 = sxx * syy - sxy * sxy, sxy * sy - sx * syy, sx * sxy - sxx * sy
+    det = m * c00 + sx * c01 + sy * c02
+    if not det > 1e-6 * m * sxx * syy:
+        return False
+    c11, c12, c22 = m * syy - sy * sy, sx * sy - m * sxy, m * sxx - sx * sx
+    plane[0] = (c00 * sg + c01 * sgx + c02 * sgy) / det
+    plane[1] = (c01 * sg + c11 * sgx + c12 * sgy) / det
+    plane[2] = (c02 * sg + c12 * sgx + c22 * sgy) / det
+    return True
+
+
+@nb.njit(cache=True, nogil=True)
 def ring_plane(g: Any, x: float, y: float, r0: float, ring: Any, plane: Any) -> tuple[float, int]:
     """Robust plane through the ring round the spot: (a, b, c) of a + b (x' - x) + c (y' - y) into `plane`.
 
     Returns the scatter about it (1.4826 x median of the absolute residuals) and the number of ring pixels,
-    which lie in `ring` with their residual in the last column. Three passes, each without the pixels beyond
+    which lie in `ring` with their residual in the fourth column. Three passes, each without the pixels beyond
     2.5 scatters of the pass before: a neighbour or a line in the ring does not tilt the plane.
     """
     cx, cy, n = math.floor(x + 0.5), math.floor(y + 0.5), 0
@@ -109,27 +142,14 @@ def ring_plane(g: Any, x: float, y: float, r0: float, ring: Any, plane: Any) -> 
                 ring[n, 0], ring[n, 1], ring[n, 2], ring[n, 3] = u, v, value, 0.0
                 n += 1
     limit, scatter = math.inf, math.nan
+    size = ring[:, 4]
     for _ in range(3):
-        m, rhs = np.zeros((3, 3)), np.zeros(3)
-        for k in range(n):
-            if abs(ring[k, 3]) <= limit:
-                u, v, value = ring[k, 0], ring[k, 1], ring[k, 2]
-                m[0, 0] += 1.0
-                m[0, 1] += u
-                m[0, 2] += v
-                m[1, 1] += u * u
-                m[1, 2] += u * v
-                m[2, 2] += v * v
-                rhs[0] += value
-                rhs[1] += value * u
-                rhs[2] += value * v
-        m[1, 0], m[2, 0], m[2, 1] = m[0, 1], m[0, 2], m[1, 2]
-        if not np.linalg.det(m) > 1e-6 * m[0, 0] * m[1, 1] * m[2, 2]:
+        if not _ring_fit(ring, n, limit, plane):
             return math.nan, n
-        plane[:] = np.linalg.solve(m, rhs)
         for k in range(n):
             ring[k, 3] = ring[k, 2] - plane[0] - plane[1] * ring[k, 0] - plane[2] * ring[k, 1]
-        scatter = 1.4826 * np.median(np.abs(ring[:n, 3]))
+            size[k] = abs(ring[k, 3])
+        scatter = 1.4826 * median(size, n)
         limit = max(2.5 * scatter, 1e-6 * abs(plane[0]) + 1e-30)
     return scatter, n
 
@@ -183,7 +203,7 @@ def count_above(g: Any, x: float, y: float, radius: float, level: float, sign: f
 def describe(g: Any, xy: Any, r0: float, clip: float, sign: float) -> Any:
     """Rows of `shape.COLUMNS` for the spots at xy (K, 2)."""
     size = 2 * (int(2.0 * r0 + 0.5) + 1) + 3
-    ring, plane, out = np.empty((size * size, 4)), np.zeros(3), np.full((xy.shape[0], 10), math.nan)
+    ring, plane, out = np.empty((size * size, 5)), np.zeros(3), np.full((xy.shape[0], 10), math.nan)
     for s in range(xy.shape[0]):
         x, y = xy[s, 0], xy[s, 1]
         scatter, n = ring_plane(g, x, y, r0, ring, plane)

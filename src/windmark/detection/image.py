@@ -137,9 +137,9 @@ def grey_rows(
     top, bottom = max(first - 1, 0), min(last + 1, len(image))
     part = None if use is None else use[top:bottom]
     g, missing = _shifted(image[top:bottom], part, levels.sign, levels.offset)
-    row, column = dead_pixels(g, levels.dead, DEAD_RATIO)
-    g[row, column] = np.nan
-    return g[first - top : last - top], missing or bool(len(row))
+    dead = dead_pixels(g, levels.dead, DEAD_RATIO)
+    g[dead[:, 0], dead[:, 1]] = np.nan
+    return g[first - top : last - top], missing or bool(len(dead))
 
 
 def _shifted(

@@ -99,9 +99,9 @@ def candidates(image: Prepared, radius_px: float, merit_max: float, noise: Array
     small, r = image.g if factor == 1 else bin_mean(image.g, factor), radius_px / factor
     gate = (GATE_SIGMA * noise).astype(np.float32)
     core, window = box_sizes(r)
-    start, _ = depth_peaks(small, core, window, gate, TILE)
+    start = np.ascontiguousarray(depth_peaks(small, core, window, gate, TILE)[:, :2])
     if factor == 1:
-        return np.asarray(start)
+        return start
     bowl = Bowl.of_radius(r)
     found = refine_bowl(small, start, r, merit_max + MERIT_SLACK, 0.7, bowl.positions, bowl.functionals)
     found = found[found[:, 2] < merit_max + 0.2]
