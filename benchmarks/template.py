@@ -68,7 +68,7 @@ def main(quick: bool = False) -> dict[str, object]:
     """Measure, print one table, return its figures."""
     results: dict[str, object] = {}
     _grid(results, geometries=50 if quick else 100, repeat=2 if quick else 10, quick=quick)
-    _bias(results, geometries=50 if quick else 200)
+    _bias(results, geometries=50 if quick else 100)
     _scenes(results, 2 if quick else 12)
     _peers(results, geometries=50 if quick else 100, repeat=2 if quick else 5)
     print(f"\n{'template':<74}value")
@@ -158,6 +158,11 @@ def _grid(results: dict[str, object], geometries: int, repeat: int, quick: bool)
     results["white noise: z-std of centres, median cell"] = float(np.median(spread))
     results["white noise: z-std, least cell"] = float(np.min(spread))
     results["white noise: z-std, largest cell"] = float(np.max(spread))
+    results["white noise: cells with z-std in 0.95-1.05 [%]"] = 100.0 * float(
+        np.mean(np.abs(np.array(spread) - 1) <= 0.05)
+    )
+    for k in np.argsort(spread)[::-1][:3]:
+        results[f"  z-std in {names[k]}"] = spread[k]
     results["white noise: cells whose noise was taken for white [%]"] = 100.0 * float(np.mean(white))
     results["white noise: markers flagged contaminated [%]"] = 100.0 * float(np.mean(flagged))
 
@@ -166,7 +171,7 @@ def _bias(results: dict[str, object], geometries: int) -> None:
     """Mean error along the slope, and RMS of all errors per axis, with practically no noise (depth / 10,000)."""
     for slope in BIAS_SLOPES:
         along, rms = [0.0], [0.0]
-        for radius, tilt, blur in product(RADII_PX, (0.0, 45.0), BLURS_PX):
+        for radius, tilt, blur in product(RADII_PX, (0.0, 45.0), (BLURS_PX[0], BLURS_PX[-1])):
             if slope * window_radius(radius, blur, BLURS_SEEN) > 0.95:  # the light would end in the window
                 continue
             drawn = sheet(3, geometries, radius, tilt, blur, slope)

@@ -41,12 +41,14 @@ def fit_disc(
     """
     p, rhs, step, trial, row = vectors[0], vectors[1], vectors[2], vectors[3], vectors[4]
     status, evaluations, points, damping, least, noise2, last = 0, 0, 0, 1e-2, 0.0, 0.0, False
+    if not n > 0.0:
+        status = -1
     cost = math.inf
     if fixed[2]:  # nearly linear: damping would only cost an evaluation
         damping = 1e-5
     for k in range(10):
         trial[k] = u[k]
-    while status == 0 and evaluations < MAX_EVALUATIONS and damping < 1e8 and n > 0.0:
+    while status == 0 and evaluations < MAX_EVALUATIONS and damping < 1e8:
         evaluations += 1
         shape_of(trial, p, t)
         need, before = points_needed(p), points

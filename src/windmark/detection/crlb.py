@@ -19,6 +19,25 @@ def window_radius(radius_px: ArrayLike, blur_px: ArrayLike, blurs: float = 4.0) 
     return np.maximum(2.0 * radius, radius + blurs * np.asarray(blur_px, dtype=float) + 1.0)
 
 
+def covariance_bound(jacobian: ArrayLike, noise: float = 1.0) -> Array:
+    """Smallest covariance of unbiased estimates in white noise: the inverse of the Fisher information J J^T / noise^2.
+
+    Parameters
+    ----------
+    jacobian : (..., U, P) derivatives of P pixels by U unknowns
+    noise : standard deviation of a pixel
+
+    Returns
+    -------
+    (..., U, U)
+    """
+    rows = np.asarray(jacobian, dtype=float)
+    scale = np.linalg.norm(rows, axis=-1)  # the unknowns have different units: scale before inverting
+    rows = rows / scale[..., None]
+    cov = np.linalg.inv(rows @ np.swapaxes(rows, -1, -2)) / (scale[..., None, :] * scale[..., :, None])
+    return np.asarray(cov * noise**2)
+
+
 def centre_bound(
     axes_px: ArrayLike,
     angle: float = 0.0,
@@ -69,11 +88,7 @@ def centre_bound(
     _, jac = patch_model(lattice, lattice, params, photometry=photometry)
     inside = np.hypot(lattice[None, :] - center[0], lattice[:, None] - center[1]) <= reach
     free = np.setdiff1d(np.arange(10), np.asarray(known, dtype=int))
-    rows = jac[free][:, inside]
-    scale = np.linalg.norm(rows, axis=1)  # the unknowns have different units: scale before inverting
-    rows = rows / scale[:, None]
-    cov = np.linalg.inv(rows @ rows.T) / np.outer(scale, scale)
-    return np.asarray(cov[:2, :2] * noise**2)
+    return covariance_bound(jac[free][:, inside], noise)[:2, :2]
 
 
 def bound_factor(radius_px: float, tilt_deg: float, blur_px: float, *, samples: int = 64, **options: object) -> float:

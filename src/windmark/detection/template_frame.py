@@ -200,7 +200,8 @@ def fit_markers(scene: Scene, request: Request, frame: Frame, *, robust: bool) -
             wider, batches = _fit(scene, request.take(index), others.take(index), images=coloured)
             done.put(index, wider)
             cov[index], expected[index] = _trust(frame.noise, wider, batches)
-    chi2 = done.column("noise2") / expected
+    with np.errstate(invalid="ignore"):
+        chi2 = done.column("noise2") / expected
     flags = np.where(others.touching(), TOUCHING, 0)
     if frame.noise is not None:
         worse = _contaminated(chi2, done, expected, flags)

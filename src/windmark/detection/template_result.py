@@ -16,6 +16,8 @@ Bools = NDArray[np.bool_]
 
 BORDER, SATURATED, CONTAMINATED, TOUCHING, ILL = 1, 2, 4, 8, 16  # bits of scene.detections.FLAGS
 MANY_SATURATED = 0.02  # share of the window
+LEAST_SIGNAL = 16.0  # chi^2 that a disc must explain to be one
+ROUNDING = 1e-6  # of the level: no depth
 LEAST_AXIS_PX, LEAST_BLUR_PX = 0.51, 0.2501  # just above the bounds of the fit
 BLURS_TO_EDGE = 1.0  # blurs that an ellipse keeps from the image's edge if it is not cut
 
@@ -111,16 +113,18 @@ def columns(
     signal, cost = done.column("signal"), done.column("cost")
     depth = p[:, 6] * (light if scene.multiplicative else 1.0)
     bound = (axes[:, 1] < LEAST_AXIS_PX) | (p[:, 5] < LEAST_BLUR_PX)
+    flat = ~(np.abs(depth) > ROUNDING * np.abs(ramp))
+    nothing = flat | ~(signal > LEAST_SIGNAL * done.column("noise2"))
     if scene.multiplicative and scene.sign > 0:
         # Paint takes away no more light than there is: where noise says so, the disc is larger and takes the same.
         excess = np.where((depth > ramp) & (ramp > 0.0), depth / np.maximum(ramp, 1e-300), 1.0)
         depth, axes = depth / excess, axes * np.sqrt(excess)[:, None]
     with np.errstate(divide="ignore", invalid="ignore"):
         slope = p[:, 8:] / light[:, None] if scene.multiplicative else scene.sign * p[:, 8:]
-        correlation = np.sign(p[:, 6]) * np.sqrt(signal / (signal + cost))
+        correlation = np.where(flat, 0.0, np.sign(p[:, 6]) * np.sqrt(signal / (signal + cost)))
     xy = np.where(fitted[:, None], done.pixel + p[:, :2], start)
     converged = fitted & (done.column("status") == 1)
-    bits = flags | np.where(_cut(scene, xy, p), BORDER, 0) | np.where(~converged | bound, ILL, 0)
+    bits = flags | np.where(_cut(scene, xy, p), BORDER, 0) | np.where(~converged | bound | nothing, ILL, 0)
     bits |= np.where(done.saturated > MANY_SATURATED, SATURATED, 0) | np.where(done.usable < 1.0, CONTAMINATED, 0)
     return TemplateFits(
         xy=xy,

@@ -1,6 +1,7 @@
 """The Cramer-Rao bound of the study's own images: an ellipse, pixels, averages over 3 x 3 pixels, white noise.
 
-The bound belongs to the images, not to a method, so nothing of the detector is used. By Green's theorem a pixel's
+The bound belongs to the images, not to a method: the derivatives are those of the study's images, not of the detector's
+model; only the inverse of the information is `windmark.detection.crlb`'s. By Green's theorem a pixel's
 share of an ellipse, and the share's derivatives by the centre, are sums over the boundary (u, v)(t):
 
     d share / dx = integral w(u, v) dv,   d share / dy = -integral w(u, v) du,   share = integral left(u, v) dv
@@ -14,6 +15,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.detection.crlb import covariance_bound
 from windmark.synth import SheetTruth
 
 Array = NDArray[np.float64]
@@ -53,8 +55,7 @@ def variance_bound(truth: SheetTruth, *, blur_passes: int, level: float, noise: 
     side = slice(margin, margin + 2 * half + 1)
     jacobian = np.stack([_averaged(image, blur_passes)[:, side, side] for image in images], axis=1)
     jacobian = jacobian.reshape(len(truth), len(images), -1)
-    inverse = np.linalg.inv(np.einsum("nkp,nlp->nkl", jacobian, jacobian))
-    return noise**2 * np.einsum("nkk->nk", inverse)[:, :2]
+    return np.einsum("nkk->nk", covariance_bound(jacobian, noise))[:, :2]
 
 
 def _disc(truth: SheetTruth, half: int) -> tuple[Array, Array, Array]:
