@@ -20,10 +20,12 @@ from windmark.registration.task import Task
 
 Array = NDArray[np.float64]
 
-SPOT_NEIGHBOURS = 33  # the search looks at no farther ones
+SPOT_NEIGHBOURS = 33
+"""Neighbours of a spot that the search may look at."""
 FIRST_SPOTS, PER_MARKER = 40, 1.25
 """Spots come best first: so many at least, and so many per marker, are searched, then twice as many, ..."""
-_CELLS = 512  # raster cells along the longer side at most
+_FINEST, _COARSEST = 1024, 128
+"""Raster cells along the longer side at most and at least; between them a cell is as wide as the tolerance."""
 
 
 class Plane:
@@ -74,7 +76,8 @@ def picture(camera: Camera, xy: Array, reach_px: float) -> Picture:
 
 def _picture(packed: Array, size: Array, p: Array, bounds: tuple[Array, Array], reach: float) -> Picture:
     low, high = bounds
-    cell = max(float((high - low).max()) / _CELLS, 0.25)
+    longest = float((high - low).max())
+    cell = min(max(0.25 * reach, longest / _FINEST), longest / _COARSEST)
     columns, rows = np.maximum(1, np.ceil((high - low) / cell).astype(int)).tolist()
     raster = raster_kernel(packed, size, p, low, cell, columns, rows, reach)
     near, distance = nearest(p, min(len(p) - 1, SPOT_NEIGHBOURS))

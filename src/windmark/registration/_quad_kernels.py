@@ -28,6 +28,8 @@ BLUR = 0.02
 """Every key of the model is entered this far round it: noise, and directions between the tabled ones."""
 FACING = 0.2
 """Cosine of the angle of view from which a marker counts for the table."""
+TIES = 4
+"""Most neighbours taken beyond the wanted number, because they are as far as the last one."""
 FLATTEST = 0.04
 """Area of a triangle, in units of its longest edge squared, below which a quad tells nothing."""
 
@@ -86,7 +88,7 @@ def _views(xyz: Array, directions: Array, strengths: Array) -> Array:
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def table_kernel(xyz: Array, normal: Array, near: Ints, reach: int, directions: Array, strengths: Array) -> Table:
-    """Table of all quads of a marker and three of its ``reach`` nearest ones.
+    """Table of all quads of a marker and three of its ``reach`` nearest ones (a few more where they are as far).
 
     Parameters
     ----------
@@ -107,9 +109,10 @@ def table_kernel(xyz: Array, normal: Array, near: Ints, reach: int, directions: 
     stamp = np.full(6 * CELLS * CELLS, -1, np.int32)
     used, serial = 0, 0
     for a in range(n):
-        for i in range(reach - 2):
-            for j in range(i + 1, reach - 1):
-                for k in range(j + 1, reach):
+        around = _around(xyz, near, a, reach)
+        for i in range(around - 2):
+            for j in range(i + 1, around - 1):
+                for k in range(j + 1, around):
                     b, c, d = near[a, i], near[a, j], near[a, k]
                     seen = facing[a] & facing[b] & facing[c] & facing[d]
                     step = _step(xyz, a, b, c, d)
@@ -121,6 +124,25 @@ def table_kernel(xyz: Array, normal: Array, near: Ints, reach: int, directions: 
                     used = _enter(a, b, c, d, views, seen, step, stamp, serial, cell, quad, used)
                     serial += 1
     return _by_cell(cell[:used], quad[:used])
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _around(xyz: Array, near: Ints, a: int, reach: int) -> int:
+    """Number of neighbours to take: ``reach``, and those about as far as the last one.
+
+    Else chance would choose among the equally far ones of a regular layout, and the table would hold one of two
+    equally good answers.
+    """
+    count, limit2 = 0, 0.0
+    for k in range(min(near.shape[1], reach + TIES)):
+        m = near[a, k]
+        d2 = (xyz[m, 0] - xyz[a, 0]) ** 2 + (xyz[m, 1] - xyz[a, 1]) ** 2 + (xyz[m, 2] - xyz[a, 2]) ** 2
+        if k < reach:
+            limit2 = 1.02 * d2
+        elif d2 > limit2:
+            break
+        count += 1
+    return count
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
@@ -169,7 +191,7 @@ def _enter(
     """Enter one quad into the cells of all its keys, each once; the number of entries used so far."""
     size = CELLS * CELLS
     k = CELLS / (2.0 * REACH)
-    for view in range(serial % step, views.shape[0], step):
+    for view in range(0, views.shape[0], step):
         if (seen >> np.uint64(view)) & np.uint64(1) == 0:
             continue
         for s in range(views.shape[1]):

@@ -17,7 +17,7 @@ from windmark.registration._hypothesis_kernels import EMPTY, OUT
 Array = NDArray[np.float64]
 Ints = NDArray[np.int32]
 
-COARSE = 8
+COARSE = 4
 """Raster cells along each side of a cell of the image mask."""
 
 
@@ -35,7 +35,7 @@ def raster_kernel(
     """
     raster = np.full((rows, columns), OUT, np.int32)
     _mask(raster, camera, size, low, cell)
-    best = np.full((rows, columns), reach * reach)
+    best = np.full((rows, columns), np.float32(reach * reach))
     for j in range(p.shape[0]):
         u, v = (p[j, 0] - low[0]) / cell, (p[j, 1] - low[1]) / cell
         n = reach / cell

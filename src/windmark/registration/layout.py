@@ -12,9 +12,12 @@ from windmark.geometry import Pose
 from windmark.registration._hypothesis_kernels import Model
 from windmark.registration._near import nearest
 from windmark.registration._quad_kernels import Table, table_kernel
+from windmark.registration._symmetry_kernels import symmetries_kernel
+from windmark.registration._triplets import spread_corners
 from windmark.scene import MarkerSet
 
 Array = NDArray[np.float64]
+Ints = NDArray[np.int32]
 
 NEIGHBOURS = 48
 """Markers looked at in the neighbourhood test."""
@@ -22,6 +25,10 @@ REACHES = (7, 10)
 """Neighbours that a marker's quads are taken from: the small table is tried first, the large one after it."""
 DIRECTIONS = 60
 """Directions, all round, from which the quads are tabled."""
+SYMMETRIES, LEAST_BROUGHT = 24, 0.35
+"""Near-symmetries kept at most, and the part of the markers that each must bring onto others."""
+SEEDS = 6
+"""Triangles whose like is looked for; a near-symmetry that takes all of them off the model is of no use."""
 PERSPECTIVE = (0.0,)
 """Strengths of perspective (size of the model over distance) with which they are tabled; the cells forgive the rest."""
 
@@ -54,6 +61,14 @@ class Layout:
         self.markers = markers
         self.model, self.frame = unit_model(markers.xyz, markers.normal)
 
+    def is_of(self, markers: MarkerSet) -> bool:
+        """Whether it was prepared from these markers."""
+        mine = self.markers
+        if mine is markers:
+            return True
+        same = ((mine.xyz, markers.xyz), (mine.normal, markers.normal))
+        return all(np.array_equal(a, b, equal_nan=True) for a, b in same)
+
     def table(self, reach: int) -> Table:
         """Quads by key; ``reach`` is one of `REACHES`."""
         return self._small if reach == REACHES[0] else self._large
@@ -65,6 +80,16 @@ class Layout:
     @cached_property
     def _large(self) -> Table:
         return self._tabled(REACHES[1])
+
+    @cached_property
+    def symmetries(self) -> tuple[Ints, Array, Array]:
+        """Near-symmetries: (S, N) the marker onto which each one is brought or -1, rotations and translations.
+
+        Of the unit model. The identity is not among them.
+        """
+        spread = spread_corners(self.model.xyz, np.arange(len(self.model.xyz), dtype=np.int32), SEEDS)
+        least = max(5, int(np.ceil(LEAST_BROUGHT * len(self.model.xyz))))
+        return symmetries_kernel(self.model, spread, least, SYMMETRIES)
 
     def _tabled(self, reach: int) -> Table:
         reach = min(reach, self.model.near.shape[1])

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.registration._match_kernels import room_for_best, search_kernel
+from windmark.registration._match_kernels import rivals_kernel, room_for_best, search_kernel
 from windmark.registration._near import nearest
 from windmark.registration._plane import Plane
 from windmark.registration._quad_kernels import spot_quads_kernel
@@ -43,17 +43,14 @@ class QuadSearch:
         self._candidates: dict[int, Candidate] = {}
 
     @property
-    def items(self) -> list[Candidate]:
-        """The best distinct candidates, best first."""
-        best = self._best
-        order = [n for n in np.argsort(-best.score, kind="stable") if best.score[n] > -np.inf]
-        return [self._candidate(int(n)) for n in order]
-
-    @property
     def best(self) -> Candidate | None:
         """The best candidate, None if there is none."""
-        n = int(np.argmax(self._best.score))
-        return self._candidate(n) if self._best.score[n] > -np.inf else None
+        return next(iter(self.top(1)), None)
+
+    def top(self, count: int) -> list[Candidate]:
+        """The best distinct candidates, best first."""
+        score = self._best.score
+        return [self._candidate(n) for n in np.argsort(-score, kind="stable")[:count].tolist() if score[n] > -np.inf]
 
     def batches(self) -> Iterator[int]:
         """Yields the links tried so far; the caller looks at the candidates after each batch."""
@@ -81,11 +78,14 @@ class QuadSearch:
 
         A shifted, turned or mirrored labelling uses mostly the same spots, so it has a quad among the explained ones,
         where no false spot and hardly a hidden marker disturbs. One that takes every n-th spot of a lattice leaves most
-        of the spots, so quads of the others are tried, too.
+        of the spots, so quads of the others are tried, too. What the near-symmetries of the model make of the candidate
+        is tried in any case.
         """
         spots = candidate.match[candidate.match >= 0]
         picture = self.plane.picture(next(n for n in self.plane.leads if n > spots.max()))
-        others = np.setdiff1d(np.arange(len(picture.p), dtype=np.int32), spots)
+        free = np.ones(len(picture.p), dtype=bool)
+        free[spots] = False
+        others = np.flatnonzero(free).astype(np.int32)
         table = self.plane.layout.table(REACHES[1])
         for some, most in ((spots, RIVAL_QUADS), (others, RIVAL_QUADS // 2)):
             if len(some) < 4:
@@ -93,13 +93,21 @@ class QuadSearch:
             p = picture.p[some]
             near = nearest(p, min(RIVAL_NEAR, len(p) - 1))[0]
             quads, cells = spot_quads_kernel(p, near, 0, near.shape[1], table.first)
-            chosen = np.sort(np.unique(quads[:, 0], return_index=True)[1])[:most]
+            # One for each anchor, its rarest.
+            first = np.full(len(p), len(quads))
+            np.minimum.at(first, quads[:, 0], np.arange(len(quads)))
+            chosen = np.sort(first[first < len(quads)])[:most]
             quads, cells = np.ascontiguousarray(some[quads[chosen]]), np.ascontiguousarray(cells[chosen])
             _, links = search_kernel(
                 self.plane.model, picture, self._rules, self._gates, table, self._focals,
                 quads, cells, 0, 1 << 40, np.inf, self._best,
             )  # fmt: skip
             self.links += int(links)
+        rotation, translation = self.plane.frame.unit(candidate.cam_from_model)
+        rivals_kernel(
+            self.plane.model, picture, self._gates, self._best, self.plane.layout.symmetries,
+            rotation, translation, candidate.focal_px, candidate.match,
+        )  # fmt: skip
 
     def _candidate(self, n: int) -> Candidate:
         """One object for each solution kept."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,9 @@ from windmark.geometry import Camera, Pose
 from windmark.registration.result import NotRegistered, Registration
 from windmark.registration.task import Limits, Task
 from windmark.scene import Detections, MarkerSet
+
+if TYPE_CHECKING:
+    from windmark.registration.layout import Layout
 
 Array = NDArray[np.float64]
 
@@ -35,6 +38,7 @@ def register(
     max_focal_sigma: float = 0.05,
     tolerance_px: float | None = None,
     method: str = "ransac",
+    layout: Layout | None = None,
     max_hypotheses: int = 1_000_000,
     max_time_s: float = 20.0,
     max_log10_nfa: float = -9.0,
@@ -60,7 +64,9 @@ def register(
     max_focal_sigma : largest relative 1 sigma at which a free focal length counts as determined
     tolerance_px : neighbourhood in which a projected marker looks for its spot during the search; None takes
         0.4 % of the image's diagonal, less where the spots are dense. The final gates follow the residuals
-    method : "ransac" is the paper's search with the changes listed in `registration.search`
+    method : "hash" looks local quads of spots up in a table of local quads of markers (`registration.quad_search`);
+        "ransac" is the paper's search with the changes listed in `registration.search`
+    layout : `prepare(markers)`, to save its milliseconds when many images are registered with the same markers
     max_hypotheses : links of three markers to three spots to try before giving up
     max_time_s : last resort against pathological input; the result depends on the machine only if it strikes
     max_log10_nfa, min_score, min_margin : limits of acceptance, see `registration.task.Limits`
@@ -83,6 +89,8 @@ def register(
         "max_log10_nfa": max_log10_nfa, "min_score": min_score, "min_margin": min_margin, "seed": seed,
     }  # fmt: skip
     _check_options(options, prior)
+    if layout is not None and not layout.is_of(markers):
+        raise ValueError("register: layout must be prepared from the same markers; their coordinates or normals differ")
     options["prior"] = prior
     usable = np.isfinite(camera.unproject(detections.xy)).all(axis=1)
     xy, cov = detections.xy[usable], detections.cov[usable]
@@ -96,7 +104,14 @@ def register(
     )  # fmt: skip
     from windmark.registration.solve import solve  # this brings numba; importing the verb should cost nothing
 
-    return solve(task, limits, np.flatnonzero(usable), options)
+    return solve(task, layout, limits, np.flatnonzero(usable), options)
+
+
+def prepare(markers: MarkerSet) -> Layout:
+    """What the search with ``method="hash"`` needs to know of a set of markers, to use it for many images."""
+    from windmark.registration.layout import Layout  # this brings numba
+
+    return Layout(markers)
 
 
 def _check_options(options: dict[str, Any], prior: Pose | None) -> None:

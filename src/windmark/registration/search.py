@@ -67,14 +67,13 @@ class Search:
         self._grown = room_to_grow(ROOM, len(plane.task.markers))
 
     @property
-    def items(self) -> list[Candidate]:
-        """The best distinct candidates, best first."""
-        return self.pool.items
-
-    @property
     def best(self) -> Candidate | None:
         """The best candidate, None if there is none."""
         return self.pool.best
+
+    def top(self, count: int) -> list[Candidate]:
+        """The best distinct candidates, best first."""
+        return self.pool.items[:count]
 
     def batches(self) -> Iterator[int]:
         """Steps 1 to 6, batch by batch; yields the links tried so far, without those for rivals.

@@ -7,7 +7,7 @@ markers count, and the gates, weights and covariances are as wide as the data sa
 from __future__ import annotations
 
 import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -114,7 +114,14 @@ def accepted(plane: Plane, solution: Solution) -> Solution:
     state = copy.deepcopy(solution.state)
     if not accept_kernel(plane.markers, plane.spots, plane.fit, state):
         return solution
-    return _solution(plane, state)
+    return replace(
+        solution,
+        cam_from_model=plane.frame.pose(state.rotation, state.translation),
+        focal_px=float(state.numbers[FOCAL]),
+        cov=_covariance(plane, state),
+        excess_px=float(np.sqrt(state.numbers[EXCESS])),
+        state=state,
+    )
 
 
 def _solution(plane: Plane, state: State) -> Solution:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from windmark.geometry import PARAMETERS, Camera
 from windmark.registration._plane import Plane
+from windmark.registration.layout import Layout
 from windmark.registration.quad_search import QuadSearch
 from windmark.registration.result import NotRegistered, Registration
 from windmark.registration.search import Search
@@ -25,11 +26,14 @@ STOP_AT = 45.0
 
 
 def solve(
-    task: Task, limits: Limits, index: NDArray[np.int64], options: dict[str, Any]
+    task: Task, layout: Layout | None, limits: Limits, index: NDArray[np.int64], options: dict[str, Any]
 ) -> Registration | NotRegistered:
-    """Register a task; ``index`` names its spots, ``options`` are those of `register`, all checked."""
+    """Register a task.
+
+    ``layout`` is of its markers, ``index`` names its spots, ``options`` are those of `register`, all checked.
+    """
     end = time.monotonic() + options["max_time_s"]
-    plane = Plane(task)
+    plane = Plane(task, layout)
     if options["method"] == "hash":
         search: Search | QuadSearch = QuadSearch(plane, STOP_AT)
     else:

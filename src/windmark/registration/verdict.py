@@ -66,8 +66,8 @@ class Judge:
 
     def _solutions(self) -> list[Solution]:
         """Distinct refined solutions, best first."""
-        candidates = self._search.items
-        close = [c for c in candidates[:SETTLED] if c.score > candidates[0].score - WORTH_A_LOOK]
+        candidates = self._search.top(SETTLED)
+        close = [c for c in candidates if c.score > candidates[0].score - WORTH_A_LOOK]
         for candidate in close:
             if candidate not in self._settled:
                 self._settled[candidate] = settle(self._plane, candidate)
