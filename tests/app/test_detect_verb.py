@@ -34,6 +34,18 @@ def test_no_radius_prevails(windmark, tmp_path):
     assert "no radius prevails" in done.err
 
 
+def test_an_image_without_markers_has_a_reason(windmark, tmp_path):
+    io.write_image(tmp_path / "flat.png", np.full((40, 40), 9, np.uint8))
+    done = windmark("detect", tmp_path / "flat.png", "-r", 3, "-o", tmp_path / "d.csv")
+    assert done.code == 1
+    assert "no marker of radius 3 px (dark) was found: all pixels that can be used are equal" in done.err
+    noise = np.random.default_rng(0).integers(90, 110, (80, 80)).astype(np.uint8)
+    io.write_image(tmp_path / "noise.png", noise)
+    done = windmark("detect", tmp_path / "noise.png", "-r", 2, "-o", tmp_path / "d.csv", "--json")
+    assert done.code == 1
+    assert done.json["images"]["noise.png"]["why_none"]
+
+
 def test_explain_picture_and_merit_map(windmark, shot, tmp_path):
     done = windmark(
         "detect", shot, "-r", 4, "-o", tmp_path / "d.csv", "--explain", tmp_path / "e.csv",

@@ -45,6 +45,7 @@ class _Found:
     estimate: RadiusEstimate | None
     spots: Detections
     rejected: Rejected | None
+    why_none: str = ""
 
 
 def detect(images: list[Path], wishes: Wishes, as_json: bool) -> None:
@@ -61,13 +62,14 @@ def detect(images: list[Path], wishes: Wishes, as_json: bool) -> None:
         _draw(found, wishes)
     written = [p for p in (wishes.output, wishes.explain, wishes.picture, wishes.merit_map) if p is not None]
     lines = [_line(name, one) for name, one in found.items()]
-    console.answer(
-        {"images": {name: _record(one) for name, one in found.items()}, "output": str(wishes.output)},
-        as_json,
-        [*lines, f"written: {', '.join(map(str, written))}"],
-    )
-    if not any(len(one.spots) for one in found.values()):
-        console.refuse(_why_none(found, wishes), as_json)
+    record = {"images": {name: _record(one) for name, one in found.items()}, "output": str(wishes.output)}
+    lines.append(f"written: {', '.join(map(str, written))}")
+    if any(len(one.spots) for one in found.values()):
+        console.answer(record, as_json, lines)
+        return
+    if not as_json:
+        console.answer(record, False, lines)
+    console.refuse(_why_none(found, wishes), as_json, record)
 
 
 def parse_roi(text: str | None) -> tuple[int, int, int, int] | None:
@@ -108,12 +110,16 @@ def _detect_one(image: Image, wishes: Wishes) -> _Found:
     if not radii:
         estimate = detection.estimate_radius(image, wishes.options["polarity"], mask=mask)
         radii = estimate.radii_px
-    if not radii:
-        return _Found(image, mask, radii, estimate, Detections.make(np.empty((0, 2))), None)
+    if estimate is not None and not estimate:
+        return _Found(image, mask, radii, estimate, Detections.make(np.empty((0, 2))), None, estimate.reason)
     options = {**wishes.options, "radius_px": radii, "mask": mask}
+    rejected = None
     if wishes.explain is None:
-        return _Found(image, mask, radii, estimate, detection.detect(image, **options), None)
-    return _Found(image, mask, radii, estimate, *detection.explain(image, **options))
+        spots = detection.detect(image, **options)
+    else:
+        spots, rejected = detection.explain(image, **options)
+    why = "" if len(spots) else detection.why_none(image, **options)
+    return _Found(image, mask, radii, estimate, spots, rejected, why)
 
 
 def _rejected_columns(found: dict[str, _Found]) -> dict[str, Any]:
@@ -172,6 +178,8 @@ def _record(one: _Found) -> Record:
         record["radius_estimate"] = one.estimate.reason
     if one.rejected is not None:
         record["rejected"] = len(one.rejected)
+    if one.why_none:
+        record["why_none"] = one.why_none
     return record
 
 
@@ -181,12 +189,12 @@ def _line(name: str, one: _Found) -> str:
         parts.append(f"{len(one.rejected)} candidates rejected")
     if one.estimate is not None:
         parts.append(one.estimate.reason)
+    if one.why_none and one.radii_px:
+        parts.append(one.why_none)
     return f"{name}: {'; '.join(parts)}"
 
 
 def _why_none(found: dict[str, _Found], wishes: Wishes) -> str:
-    polarity = wishes.options["polarity"]
-    first = next(iter(found.values()))
-    if first.estimate is not None and not first.estimate:
-        return f"no marker ({polarity}) was found: {first.estimate.reason}"
-    return f"no marker of radius {', '.join(f'{r:g}' for r in first.radii_px)} px ({polarity}) was found"
+    polarity, first = wishes.options["polarity"], next(iter(found.values()))
+    size = f" of radius {', '.join(f'{r:g}' for r in first.radii_px)} px" if first.radii_px else ""
+    return f"no marker{size} ({polarity}) was found: {first.why_none}"

@@ -5,8 +5,9 @@ from windmark.detection.guided import ANSWERS, Guided, detect_at
 from windmark.detection.merit import merit_map
 from windmark.detection.radius import RadiusEstimate, estimate_radius
 from windmark.detection.rejected import REASONS, Rejected
+from windmark.detection.why_none import why_none
 
 __all__ = [
     "ANSWERS", "REASONS", "Guided", "RadiusEstimate", "Rejected", "detect", "detect_at", "estimate_radius", "explain",
-    "merit_map",
+    "merit_map", "why_none",
 ]  # fmt: skip

@@ -1,0 +1,53 @@
+"""Why an image has no markers."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from windmark.detection.detect import explain
+from windmark.detection.image import check_image, check_mask, check_polarity, prepare, usable_sample
+from windmark.detection.options import Options, check_radii
+from windmark.detection.radius import prevailing
+from windmark.detection.rejected import REASONS
+
+
+def why_none(image: ArrayLike, **options: Any) -> str:
+    """Why `detect` finds nothing in an image, in one sentence; "" where it does find markers.
+
+    Parameters
+    ----------
+    image, **options : see `detect`
+
+    Returns
+    -------
+    str
+        What is wrong with the image or the radius; else how many candidates were rejected, with the reasons, or that
+        nothing of this size rises out of the noise.
+    """
+    asked, grey = Options(**options), check_image(image)
+    height, width = grey.shape
+    if usable_sample(grey, check_mask(asked.mask, grey.shape)).size == 0:
+        return "no pixel can be used: all are masked out or not finite"
+    prepared = prepare(grey, check_polarity(asked.polarity), asked.mask) if min(grey.shape) >= 3 else None
+    if prepared is None:
+        return "the image is smaller than 3 x 3 px" if min(grey.shape) < 3 else "all pixels that can be used are equal"
+    if asked.radius_px is None:
+        estimate = prevailing(prepared)
+        if not estimate:
+            return estimate.reason
+        options["radius_px"] = estimate.radii_px
+    radii = check_radii(options["radius_px"])
+    if min(grey.shape) < 2.0 * radii[0]:
+        return f"the image of {width} x {height} px is smaller than a marker of radius {radii[0]:g} px"
+    found, rejected = explain(image, **options)
+    if len(found):
+        return ""
+    if not len(rejected):
+        return f"nothing {asked.polarity} of this size rises out of the noise"
+    codes, counts = np.unique(rejected.reason, return_counts=True)
+    order = np.argsort(-counts, kind="stable")
+    words = "; ".join(f"{counts[k]} {REASONS[int(codes[k])]}" for k in order)
+    return f"{len(rejected)} candidate{'s were' if len(rejected) > 1 else ' was'} rejected: {words}"
