@@ -1,4 +1,4 @@
-"""Which marker radius an image itself prefers: the size that the best, clean spots of all sizes share."""
+"""Which marker radius an image itself prefers: the size that the strongest clear spots of all sizes share."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from windmark.detection.decide import describe_spots, judge
 from windmark.detection.image import Prepared, check_image, check_polarity, prepare
 from windmark.detection.options import Options
 from windmark.detection.rejected import ACCEPTED
-from windmark.detection.spots import Spots, distinct, find_spots
+from windmark.detection.spots import MERIT_FLOOR, Spots, distinct, find_spots
 
 Array = NDArray[np.float64]
 
@@ -23,6 +23,9 @@ EDGE = 0.1  # the range ends where the density is below this share of its peak
 VALLEY = 0.5  # or at a minimum below this share of it
 SEARCH_STEP = 1.4  # between radii to search with: one finds 0.8 ... 1.2 of its own
 LEAST_SPOTS = 3
+SHALLOW = 0.2  # of the median depth of a size: shallower spots of this size are dust
+RIVAL = 0.5  # another size with this share of the evidence is named
+UNFIT = 1 | 16  # flags of spots that do not know their size: border, ill-conditioned
 
 
 @dataclass(frozen=True)
@@ -33,8 +36,8 @@ class RadiusEstimate:
     ----------
     radius_px : mode of the measured radii, NaN if none
     radii_px : radii to search with, smallest first: one where the sizes are alike; empty if none
-    spots : number of clean spots in the range
-    others : number of clean spots of other sizes
+    spots : number of spots in the range
+    others : number of spots of other sizes
     reason : what was taken and why, or why nothing was
     """
 
@@ -52,11 +55,14 @@ def estimate_radius(image: ArrayLike, polarity: str = "dark", *, mask: ArrayLike
     """Estimate the radius of the markers in an image.
 
     Radii from 1.2 to 64 px (at most an eighth of the shorter side) are tried in steps of 1.3; every spot has the
-    measured radius of the trial that suits it best. The mode of their density over log radius is taken, each weighted
-    by the root of its quality (see `detect`) and by its radius (more pixels vouch for it, and dust is small), with all
-    that belongs to its peak: down to a tenth of it, or to a valley of less than half of it.
+    measured radius of the trial that suits it best. Each counts with its radius times its depth over its merit: the
+    root of what it explains in its window (more pixels vouch for large ones, and dust is small and pale), more for a
+    better shape. Not with the noise at its place: where a camera has cut off black or white there is none, and one grey
+    level would outweigh all markers. The mode of the density over log radius is taken, with all that belongs to its
+    peak: down to a tenth of it, or to a valley of less than half of it.
 
-    Where other round things outnumber the markers, it is their size that is found: give the radius then.
+    Where other round things outweigh the markers, it is their size that is found; the reason names a size that has at
+    least half as much evidence. Give the radius then.
 
     Parameters
     ----------
@@ -65,7 +71,7 @@ def estimate_radius(image: ArrayLike, polarity: str = "dark", *, mask: ArrayLike
     Returns
     -------
     RadiusEstimate
-        False where fewer than 3 clean spots share a size.
+        False where fewer than 3 spots share a size.
     """
     sign = check_polarity(polarity)
     checked = check_image(image)
@@ -75,43 +81,58 @@ def estimate_radius(image: ArrayLike, polarity: str = "dark", *, mask: ArrayLike
 
 def prevailing(image: Prepared) -> RadiusEstimate:
     """`estimate_radius` of a prepared image."""
-    radius, quality = clean_radii(image)
+    radius, depth, evidence = clear_spots(image)
     if len(radius) < LEAST_SPOTS:
-        return _none(f"only {len(radius)} clean spots of any size")
-    log, weight = np.log(radius), radius * np.sqrt(quality)
+        return _none(f"only {len(radius)} clear spots of any size")
+    log = np.log(radius)
     at = np.arange(log.min() - WIDTH, log.max() + WIDTH, 0.02)
-    density = np.exp(-0.5 * ((at[:, None] - log) / WIDTH) ** 2) @ weight
+    density = np.exp(-0.5 * ((at[:, None] - log) / WIDTH) ** 2) @ evidence
     peak = int(density.argmax())
-    end = density < EDGE * density[peak]
-    inner = density[1:-1]
-    end[1:-1] |= (inner < VALLEY * density[peak]) & (inner <= density[:-2]) & (inner <= density[2:])
-    low, high = np.flatnonzero(end[: peak + 1]), np.flatnonzero(end[peak:])
-    first = at[low[-1]] if len(low) else -np.inf
-    last = at[peak + high[0]] if len(high) else np.inf
-    mine = np.sort(radius[(log > first) & (log < last)])
-    if len(mine) < LEAST_SPOTS:
-        return _none(f"no size is shared by {LEAST_SPOTS} clean spots")
+    first, last = _foot(at, density, peak)
+    mine = (log > first) & (log < last)
+    mine &= depth > SHALLOW * _quantile(depth[mine], evidence[mine], 0.5)
+    if mine.sum() < LEAST_SPOTS:
+        return _none(f"no size is shared by {LEAST_SPOTS} clear spots")
     mode = float(np.exp(at[peak]))
-    radii = search_radii(float(np.quantile(mine, 0.02)), float(np.quantile(mine, 0.98)), mode)
-    taken = ", ".join(f"{r:.1f}" for r in radii)
-    others = len(radius) - len(mine)
-    words = f"radius taken: {taken} px, which {len(mine)} clean spots share ({others} are of other sizes)"
-    return RadiusEstimate(mode, radii, len(mine), others, words)
+    low, high = (_quantile(radius[mine], evidence[mine], q) for q in (0.02, 0.98))
+    radii = search_radii(low, high, mode)
+    taken, count, others = ", ".join(f"{r:.1f}" for r in radii), int(mine.sum()), int((~mine).sum())
+    words = f"radius taken: {taken} px, which {count} clear spots share ({others} are of other sizes)"
+    rest = np.where((at > first) & (at < last), 0.0, density)
+    if rest.max() > RIVAL * density[peak]:
+        words += f"; much speaks for {np.exp(at[rest.argmax()]):.1f} px too: give the radius if it is that"
+    return RadiusEstimate(mode, radii, count, others, words)
 
 
-def clean_radii(image: Prepared) -> tuple[Array, Array]:
-    """Measured radius and quality of the spots without flags, each with the trial radius that suits it best."""
+def clear_spots(image: Prepared) -> tuple[Array, Array, Array]:
+    """Measured radius, depth and evidence of the clear spots, each with the trial radius that suits it best."""
     largest = min(LARGEST_PX, min(image.g.shape) / SHARE_OF_SIDE)
     count = int(np.log(max(largest / SMALLEST_PX, 1.0)) / np.log(STEP))
     trials = SMALLEST_PX * STEP ** np.arange(count + 1)
     options = Options(merit_max=MERIT_MAX)
     spots = Spots.join([find_spots(image, float(r), MERIT_MAX) for r in trials])
     found = describe_spots(image, spots)
-    value, reason = judge(spots, found, options)
-    good = np.flatnonzero(reason == ACCEPTED)
+    good = np.flatnonzero(judge(spots, found, options)[1] == ACCEPTED)
     good = good[distinct(spots.take(good))]
-    good = good[found.flags[good] == 0]
-    return found.radius[good], value[good]
+    good = good[(found.flags[good] & UNFIT) == 0]
+    radius, depth = found.radius[good], found.depth[good]
+    return radius, depth, radius * depth / np.maximum(spots.merit[good], MERIT_FLOOR)
+
+
+def _foot(at: Array, density: Array, peak: int) -> tuple[float, float]:
+    """Where a peak of the density ends on both sides."""
+    end = density < EDGE * density[peak]
+    inner = density[1:-1]
+    end[1:-1] |= (inner < VALLEY * density[peak]) & (inner <= density[:-2]) & (inner <= density[2:])
+    low, high = np.flatnonzero(end[: peak + 1]), np.flatnonzero(end[peak:])
+    return float(at[low[-1]]) if len(low) else -np.inf, float(at[peak + high[0]]) if len(high) else np.inf
+
+
+def _quantile(values: Array, weight: Array, share: float) -> float:
+    """Weighted quantile."""
+    order = np.argsort(values)
+    total = np.cumsum(weight[order])
+    return float(values[order][np.searchsorted(total, share * total[-1])])
 
 
 def search_radii(low: float, high: float, mode: float) -> tuple[float, ...]:
