@@ -1,4 +1,4 @@
-"""Detection: speed, centres and recall beside OpenCV's blob detector, in one run, on one thread.
+"""Detection: centres and recall beside OpenCV's blob detector, in one run, on one thread (speed: `detection_speed`).
 
 Scenes are synthetic with known truth (discs averaged over 11 x 11 sub-pixels, blurred, with noise); NASA's open test
 frame is used too where it lies beside the checkout.
@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 import windmark as wm
-from windmark.detection import merit_map
 
 Array = NDArray[np.float64]
 SUB = (np.arange(11) - 5) / 11.0
@@ -24,7 +23,6 @@ RADII = [2.7, 3.6, 4.6]  # for markers of 2.5 ... 5 px seen under up to 60 degre
 def main(quick: bool = False) -> dict[str, float]:
     """Measure, print one table, return its numbers (ms per megapixel, px, per cent as named)."""
     results: dict[str, float] = {}
-    _speed(results, 1000 if quick else 2048, repeat=2 if quick else 7)
     _centres(results, count=60 if quick else 400)
     for seed in range(1 if quick else 3):
         _clutter(results, 1000 if quick else 2048, seed)
@@ -124,24 +122,6 @@ def blob_detector(radius: tuple[float, float] | None = None) -> Callable[[NDArra
         p.minDistBetweenBlobs, p.minInertiaRatio, p.minConvexity = 3.0, 0.05, 0.8
     detector = cv2.SimpleBlobDetector.create(p)
     return lambda image: np.array([k.pt for k in detector.detect(image)]).reshape(-1, 2)
-
-
-def _speed(results: dict[str, float], n: int, repeat: int) -> None:
-    image, _ = tunnel(n, 0, clutter=False)
-    area = image.size / 1e6
-    for r0 in (3.0, 5.0, 20.0):
-        results[f"detect, one radius {r0:g} [ms/Mpx]"] = best(lambda r=r0: wm.detect(image, radius_px=r), repeat) / area
-    results["detect, three radii [ms/Mpx]"] = best(lambda: wm.detect(image, radius_px=RADII), repeat) / area
-    deep = image.astype(np.uint16) * 16
-    results["detect, one radius 3, 16 bit [ms/Mpx]"] = best(lambda: wm.detect(deep, radius_px=3.0), repeat) / area
-    for r0 in (3.0, 5.0):
-        results[f"merit_map, radius {r0:g} [ms/Mpx]"] = best(lambda r=r0: merit_map(image, r), repeat) / area
-    try:
-        plain, tuned = blob_detector(), blob_detector((2.0, 5.0))
-    except ImportError:
-        return
-    results["  cv2.SimpleBlobDetector, defaults [ms/Mpx]"] = best(lambda: plain(image), repeat) / area
-    results["  cv2.SimpleBlobDetector, tuned [ms/Mpx]"] = best(lambda: tuned(image), repeat) / area
 
 
 def _centres(results: dict[str, float], count: int) -> None:

@@ -177,7 +177,8 @@ def merit_rows(g: Any, half: int, window: Any, hole: Any, forms: Any, first: int
     forms : (rows of out, 8) float32, see `_merit_row`; NaN for a row of which too little is visible
     """
     n = g.shape[1] - 2 * half
-    wide = min(n, BLOCK_COLUMNS)
+    blocks = (n + BLOCK_COLUMNS - 1) // BLOCK_COLUMNS
+    wide = (n + blocks - 1) // blocks
     v = np.empty((BLOCK_ROWS + 2 * half, wide + 2 * half), np.float32)
     q = np.empty_like(v)
     pairs, p = np.empty((half + 1, v.shape[1]), np.float32), np.empty((half + 2, v.shape[1]), np.float32)

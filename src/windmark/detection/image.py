@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 POLARITIES = ("dark", "bright")
+SAMPLE = 20_000  # pixels that say what an image's levels and noise are, to about 1 %
 BLOCK_ROWS = 32  # converted at a time: they stay in the cache
 DEAD_NOISE = 10.0  # a dead pixel leaves the range of its neighbours by so many times the noise
 DEAD_RATIO = 5.0  # and by so many times that range: the smallest disc, blurred by 0.4 px, does so 2.8 times
@@ -105,7 +106,7 @@ def prepare(image: NDArray[np.generic], sign: float, mask: ArrayLike | None = No
 
 def usable_sample(image: NDArray[np.generic], use: NDArray[np.bool_] | None) -> NDArray[np.float64]:
     """Finite pixels on a coarse lattice, all if there are none of them on it."""
-    step = max(1, int(np.sqrt(image.size / 60_000)))
+    step = max(1, int(np.sqrt(image.size / SAMPLE)))
     for s in (step, 1):
         part = image[::s, ::s]
         values = (part if use is None else part[use[::s, ::s]]).astype(np.float64).ravel()
@@ -120,7 +121,7 @@ def levels_of(
 ) -> Levels:
     """The levels of an image, given its `usable_sample`."""
     offset, step = float(np.median(sample)), _step(sample)
-    every = max(1, len(image) // 32)
+    every = max(1, image.size // SAMPLE)
     rows, _ = _shifted(image[::every], None if use is None else use[::every], sign, offset)
     return Levels(sign, offset, step, max(DEAD_NOISE * _noise(rows), 3.0 * step))
 
