@@ -26,6 +26,8 @@ Ints = NDArray[np.int32]
 
 CHECK = 0.5
 """The anchor must lie within this part of the tolerance."""
+GROWTH = 100
+"""Links that one growth takes as much time as."""
 ALIKE_TRACE = 1.0 + 2.0 * math.cos(math.radians(3.0))
 ALIKE_SHARE = 0.6
 
@@ -56,7 +58,7 @@ def search_kernel(
     model: Model, picture: Picture, rules: Rules, gates: Gates, table: Table, focals: Array,
     quads: Ints, cells: Ints, start: int, work: int, stop_at: float, best: Best,
 ) -> tuple[int, int]:  # fmt: skip
-    """Try quads of spots from number ``start`` on, until so many links are tried or a better solution is met.
+    """Try quads of spots from number ``start`` on, until so much work is done (in links) or a better solution is met.
 
     Returns
     -------
@@ -74,9 +76,9 @@ def search_kernel(
     r, t = np.empty((4, 3, 3)), np.empty((4, 3))
     marker, spot = np.empty(PAIRS, np.int32), np.empty(PAIRS, np.int32)
     match = np.empty(xyz.shape[0], np.int32)
-    links = 0
+    links, grown = 0, 0
     for q in range(start, quads.shape[0]):
-        if links >= work:
+        if links + GROWTH * grown >= work:
             return q, links
         a, b, c, d = quads[q, 0], quads[q, 1], quads[q, 2], quads[q, 3]
         met = False
@@ -107,6 +109,7 @@ def search_kernel(
                     )  # fmt: skip
                     if pairs == 0:
                         continue
+                    grown += 1
                     match[:] = -1
                     for n in range(pairs):
                         match[marker[n]] = spot[n]

@@ -17,7 +17,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-METHODS = ("hash", "ransac")
+DEFAULT_TIME_S = {"hash": 0.2, "ransac": 20.0}
+"""The methods, and the CPU time that each may take by default."""
 MIN_COUNT = 4
 """Three pairs fix a pose, a fourth is needed to check it."""
 FOCAL_STEPS = 5
@@ -37,10 +38,10 @@ def register(
     focal_range: float = 1.5,
     max_focal_sigma: float = 0.05,
     tolerance_px: float | None = None,
-    method: str = "ransac",
+    method: str = "hash",
     layout: Layout | None = None,
     max_hypotheses: int = 1_000_000,
-    max_time_s: float = 20.0,
+    max_time_s: float | None = None,
     max_log10_nfa: float = -9.0,
     min_score: float = 60.0,
     min_margin: float = 10.0,
@@ -68,7 +69,8 @@ def register(
         "ransac" is the paper's search with the changes listed in `registration.search`
     layout : `prepare(markers)`, to save its milliseconds when many images are registered with the same markers
     max_hypotheses : links of three markers to three spots to try before giving up
-    max_time_s : last resort against pathological input; the result depends on the machine only if it strikes
+    max_time_s : CPU time after which the search gives up; None takes 0.2 s for "hash" and 20 s for "ransac". The
+        result depends on the machine only if it strikes
     max_log10_nfa, min_score, min_margin : limits of acceptance, see `registration.task.Limits`
     seed : of the random triplets
 
@@ -81,6 +83,8 @@ def register(
     ValueError
         For options out of range.
     """
+    if max_time_s is None:
+        max_time_s = DEFAULT_TIME_S.get(method, 0.2)
     limits = Limits(max_log10_nfa, min_score, min_margin, max_focal_sigma)
     options: dict[str, Any] = {
         "prior_max_angle_deg": prior_max_angle_deg, "prior_max_scale": prior_max_scale, "free_focal": free_focal,
@@ -115,8 +119,8 @@ def prepare(markers: MarkerSet) -> Layout:
 
 
 def _check_options(options: dict[str, Any], prior: Pose | None) -> None:
-    if options["method"] not in METHODS:
-        raise ValueError(f"register: method must be one of {', '.join(METHODS)}, got {options['method']!r}")
+    if options["method"] not in DEFAULT_TIME_S:
+        raise ValueError(f"register: method must be one of {', '.join(DEFAULT_TIME_S)}, got {options['method']!r}")
     if prior is not None and prior.rotation.ndim != 2:
         raise ValueError(f"register: prior must be a single pose, got a batch {prior.rotation.shape[:-2]}")
     positive = ("prior_max_angle_deg", "max_focal_sigma", "max_hypotheses", "max_time_s")

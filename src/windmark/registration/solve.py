@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from typing import Any
 
 import numpy as np
@@ -10,6 +9,7 @@ from numpy.typing import NDArray
 
 from windmark.geometry import PARAMETERS, Camera
 from windmark.registration._plane import Plane
+from windmark.registration.budget import Budget
 from windmark.registration.layout import Layout
 from windmark.registration.quad_search import QuadSearch
 from windmark.registration.result import NotRegistered, Registration
@@ -32,24 +32,24 @@ def solve(
 
     ``layout`` is of its markers, ``index`` names its spots, ``options`` are those of `register`, all checked.
     """
-    end = time.monotonic() + options["max_time_s"]
+    budget = Budget(options["max_time_s"])
     plane = Plane(task, layout)
     if options["method"] == "hash":
         search: Search | QuadSearch = QuadSearch(plane, STOP_AT)
     else:
         search = Search(plane, np.random.default_rng(options["seed"]))
-    verdict, late = _judge(search, limits, options["max_hypotheses"], end)
+    verdict, late = _judge(search, limits, options["max_hypotheses"], budget)
     if verdict.cause is None and verdict.best is not None:
         return _registration(plane, accepted(plane, verdict.best), verdict, search.links, index, options)
     cause, reason, best = verdict.cause or "nothing", verdict.reason, verdict.best
-    if late:
+    if late and cause not in ("ambiguous", "focal"):
         cause, reason = "time", f"stopped after max_time_s = {options['max_time_s']:g} s; so far: {reason}"
     if best is None:
         return NotRegistered(reason, cause, n_hypotheses=search.links, options=options)
     return NotRegistered(reason, cause, best.count, best.cam_from_model, verdict.runner_up, search.links, options)
 
 
-def _judge(search: Search | QuadSearch, limits: Limits, max_links: int, end: float) -> tuple[Verdict, bool]:
+def _judge(search: Search | QuadSearch, limits: Limits, max_links: int, budget: Budget) -> tuple[Verdict, bool]:
     """Search until the verdict is clear; the verdict, and whether the time limit struck."""
     judge = Judge(search, limits)
     judged, late = None, False
@@ -65,7 +65,7 @@ def _judge(search: Search | QuadSearch, limits: Limits, max_links: int, end: flo
             if verdict.cause == "ambiguous":
                 # Of two equally good solutions both may be wrong: search on, but not for long.
                 max_links = min(max_links, 3 * links + 50_000)
-        late = time.monotonic() > end
+        late = budget.over
         if links >= max_links or late:
             break
     return judge.verdict(), late

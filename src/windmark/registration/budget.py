@@ -1,0 +1,42 @@
+"""The time that a search may take."""
+
+from __future__ import annotations
+
+import time
+
+from windmark.registration._evidence_kernels import likelihood_ratio, log10_nfa
+from windmark.registration._growth_kernels import growth_kernel
+from windmark.registration._hypothesis_kernels import hypotheses_kernel
+from windmark.registration._match_kernels import rivals_kernel, search_kernel
+from windmark.registration._quad_kernels import spot_quads_kernel, table_kernel
+from windmark.registration._settle_kernels import settle_kernel
+from windmark.registration._symmetry_kernels import symmetries_kernel
+
+_KERNELS = (
+    likelihood_ratio, log10_nfa, growth_kernel, hypotheses_kernel, rivals_kernel, search_kernel, spot_quads_kernel,
+    table_kernel, settle_kernel, symmetries_kernel,
+)  # fmt: skip
+
+
+class Budget:
+    """CPU time of this thread, so that other work on the machine changes no result.
+
+    When numba has compiled a kernel, or read it from its cache, the clock starts again: the first call of a process
+    shall not be refused for that.
+    """
+
+    def __init__(self, seconds: float) -> None:
+        self._seconds = seconds
+        self._start, self._compiled = time.thread_time(), _compiled()
+
+    @property
+    def over(self) -> bool:
+        """Whether the time is spent."""
+        now, compiled = time.thread_time(), _compiled()
+        if compiled != self._compiled:
+            self._start, self._compiled = now, compiled
+        return now - self._start > self._seconds
+
+
+def _compiled() -> int:
+    return sum(len(kernel.signatures) for kernel in _KERNELS)
