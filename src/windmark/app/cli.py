@@ -22,7 +22,10 @@ app = typer.Typer(
 
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON, for machines.")]
 Radius = Annotated[
-    list[float], typer.Option("--radius", "-r", help="Marker radius in pixels; give it several times for a range.")
+    list[float] | None,
+    typer.Option(
+        "--radius", "-r", help="Marker radius in pixels; several times for a range. [default: found in the image]"
+    ),
 ]
 Polarity = Annotated[str, typer.Option(help="dark (markers on paint) or bright (infrared).")]
 MeritMax = Annotated[float, typer.Option(help="Largest merit of a marker; 0 is a perfect inverse top-hat.")]
@@ -86,12 +89,7 @@ def simulate(
 )
 def detect(
     images: Annotated[list[Path], typer.Argument(help="Images.")],
-    radius: Annotated[
-        list[float] | None,
-        typer.Option(
-            "--radius", "-r", help="Marker radius in pixels; several times for a range. [default: found in the image]"
-        ),
-    ] = None,
+    radius: Radius = None,
     polarity: Polarity = "dark",
     merit_max: MeritMax = 0.7,
     refine: Annotated[
@@ -158,8 +156,8 @@ def register(
     image: Annotated[Path, typer.Argument(help="The image.")],
     markers: Markers,
     camera: CameraFile,
-    radius: Radius,
     unit: Unit,
+    radius: Radius = None,
     polarity: Polarity = "dark",
     merit_max: MeritMax = 0.7,
     tolerance_px: Annotated[float | None, typer.Option(help="Largest distance of a spot to its marker.")] = None,
@@ -183,7 +181,7 @@ def register(
             "camera": [{"file": camera}],
             "image": [{"file": image}],
             "markers": {"file": markers},
-            "detect": {"radius_px": tuple(radius), "polarity": polarity, "merit_max": merit_max},
+            "detect": {"radius_px": tuple(radius) if radius else None, "polarity": polarity, "merit_max": merit_max},
             "register": {"tolerance_px": tolerance_px, "free_focal": free_focal, "seed": seed, "prior": prior},
             "output": {"folder": output or Path(f"{image.stem}-registration"), "nodes": ()},
         }
@@ -230,8 +228,8 @@ def align(
     markers: Markers,
     camera: CameraFile,
     grid: GridFile,
-    radius: Radius,
     unit: Unit,
+    radius: Radius = None,
     polarity: Polarity = "dark",
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder of the results.")] = Path("aligned"),
     seed: Seed = 0,
@@ -248,7 +246,7 @@ def align(
             "image": [{"file": path} for path in images],
             "markers": {"file": markers},
             "grid": {"file": grid},
-            "detect": {"radius_px": tuple(radius), "polarity": polarity},
+            "detect": {"radius_px": tuple(radius) if radius else None, "polarity": polarity},
             "register": {"seed": seed},
             "align": {"reference": reference},
             "output": {"folder": output, "nodes": ()},

@@ -106,6 +106,8 @@ def _image(report: Report, item: ImageResult, result: RunResult) -> None:
     report.heading(f"Image {item.name}")
     if item.problem:
         report.text(item.problem, "bad")
+    if item.radius:
+        report.text(item.radius.reason, "soft")
     if item.registered is not None and result.markers is not None:
         _registration(report, item, item.registered, result.markers, result.project.length_unit)
     elif item.image is not None and item.detections is not None:

@@ -71,9 +71,9 @@ def finish(result: RunResult, record: Record, as_json: bool) -> None:
 
 def image_line(item: ImageResult, result: RunResult) -> str:
     """One image in one line."""
+    parts = [] if item.radius is None else [item.radius.reason]
     if item.problem:
-        return f"{item.name}: {item.problem}"
-    parts = []
+        return f"{item.name}: {'; '.join(dict.fromkeys([*parts, item.problem]))}"
     answer = item.registered
     if answer is not None:
         parts.append(

@@ -90,7 +90,7 @@ def _process(entry: ImageEntry, inputs: _Inputs, progress: Progress) -> ImageRes
     result = ImageResult(entry.label, None, camera)
     try:
         with clock("read image"):
-            image = io.read_grey(entry.file, page=entry.page)
+            image = io.read_grey(entry.file, page=entry.page, channel=entry.channel, bayer=entry.bayer)
         result = replace(result, image=image)
         _check_size(image, camera, entry)
         if source.pose == "known":
@@ -111,15 +111,24 @@ def _register(result: ImageResult, image: NDArray[np.generic], inputs: _Inputs, 
     options, wanted = inputs.project.detect, inputs.project.register_
     assert options is not None
     assert inputs.markers is not None
+    mask = None if options.mask is None else io.read_mask(options.mask, image.shape[:2])
+    radius_px = options.radius_px
+    if radius_px is None:
+        with clock("estimate the radius"):
+            result = replace(result, radius=detection.estimate_radius(image, options.polarity, mask=mask))
+        assert result.radius is not None
+        if not result.radius:
+            return replace(result, problem=result.radius.reason)
+        radius_px = result.radius.radii_px
     with clock("detect"):
         found = detection.detect(
             image,
-            radius_px=options.radius_px,
+            radius_px=radius_px,
             polarity=options.polarity,
             merit_max=options.merit_max,
             refine=options.refine,
             photometry=options.photometry,
-            mask=None if options.mask is None else io.read_mask(options.mask, image.shape[:2]),
+            mask=mask,
         )
     with clock("register"):
         answer = registration.register(

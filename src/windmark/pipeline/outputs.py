@@ -114,6 +114,8 @@ def summary(result: RunResult, clock: Clock) -> Record:
 def image_summary(item: ImageResult, result: RunResult) -> Record:
     """One image in figures."""
     record: Record = {"name": item.name, "problem": item.problem, "seconds": item.seconds}
+    if item.radius is not None:
+        record["radius_estimate"] = item.radius.reason
     if item.detections is not None:
         record["spots"] = len(item.detections)
     answer = item.registered

@@ -38,12 +38,17 @@ class CameraEntry(_Strict):
 
 
 class ImageEntry(_Strict):
-    """One image (or one page of a multipage TIFF)."""
+    """One image (or one page of a multipage TIFF).
+
+    ``channel``: of a colour picture; grey is a weighted sum. ``bayer``: the file is a colour sensor's raw mosaic.
+    """
 
     file: Path
     name: str | None = None
     camera: str | None = None
     page: Annotated[int, Field(ge=0)] = 0
+    channel: Literal["grey", "red", "green", "blue"] = "grey"
+    bayer: Literal["RGGB", "BGGR", "GRBG", "GBRG"] | None = None
 
     @property
     def label(self) -> str:
@@ -74,9 +79,13 @@ class GridEntry(_Strict):
 
 
 class DetectOptions(_Strict):
-    """Options of `windmark.detect`. ``mask``: a picture of the images' size; only pixels that are not 0 are used."""
+    """Options of `windmark.detect`.
 
-    radius_px: Positive | tuple[Positive, ...]
+    ``radius_px``: without it each image's own estimate is taken, and said. ``mask``: a picture of the images' size;
+    only pixels that are not 0 are used.
+    """
+
+    radius_px: Positive | Annotated[tuple[Positive, ...], Field(min_length=1)] | None = None
     polarity: Literal["dark", "bright"] = "dark"
     merit_max: Positive = 0.7
     refine: Literal["bowl", "template"] = "bowl"

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.detection import RadiusEstimate
 from windmark.geometry import Camera, Pose
 from windmark.pipeline.project import Project
 from windmark.registration import NotRegistered, Registration
@@ -45,6 +46,7 @@ class ImageResult:
 
     ``camera`` and ``cam_from_model`` are the final ones; ``published`` is the pose that the camera's
     file carried, for comparison; ``expected`` are the markers that must be in view from the pose found.
+    ``radius`` is the estimate that detection used where the project gives none.
     ``problem`` says in words why it went no further; None when all is well.
     """
 
@@ -53,6 +55,7 @@ class ImageResult:
     camera: Camera
     cam_from_model: Pose | None = None
     published: Pose | None = None
+    radius: RadiusEstimate | None = None
     detections: Detections | None = None
     registration: Registration | NotRegistered | None = None
     expected: NDArray[np.int64] | None = None

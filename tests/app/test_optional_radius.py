@@ -1,0 +1,51 @@
+"""Jobs without a marker radius: it is found in the image, said, and written down."""
+
+import json
+
+import numpy as np
+import pytest
+
+from windmark import io
+
+
+@pytest.fixture(scope="module")
+def job(virtual_test, tmp_path_factory):
+    """A project without [detect] radius_px, in a folder of its own."""
+    source, _ = virtual_test
+    folder = tmp_path_factory.mktemp("job")
+    for name in ("wind-off.tif", "camera.json", "markers.csv"):
+        (folder / name).write_bytes((source / name).read_bytes())
+    (folder / "project.toml").write_text(
+        'title = "t"\nlength_unit = "in"\n[[camera]]\nfile = "camera.json"\n[[image]]\nfile = "wind-off.tif"\n'
+        '[markers]\nfile = "markers.csv"\n[detect]\npolarity = "dark"\n'
+    )
+    return folder
+
+
+def test_a_project_need_not_give_the_radius(windmark, job):
+    done = windmark("run", job / "project.toml", "-o", job / "results")
+    assert done.code == 0, done.err
+    assert "radius taken" in done.out
+    summary = json.loads((job / "results" / "summary.json").read_text())
+    assert "radius taken" in summary["images"][0]["radius_estimate"]
+    assert summary["images"][0]["registration"]["registered"]
+    assert "radius taken" in (job / "results" / "report.html").read_text()
+
+
+def test_register_need_not_either_and_says_where_none_prevails(windmark, job):
+    arguments = ("-m", job / "markers.csv", "-c", job / "camera.json", "--unit", "in", "-o", job / "registered")
+    assert "radius taken" in windmark("register", job / "wind-off.tif", *arguments).out
+    io.write_image(job / "flat.png", np.full(io.read_grey(job / "wind-off.tif").shape, 9, np.uint8))
+    done = windmark("register", job / "flat.png", *arguments)
+    assert done.code == 1
+    assert done.out.count("no radius prevails") == 1
+
+
+def test_colours_in_a_project(windmark, job):
+    """A channel that is not there is that image's problem; an unknown one is the project's."""
+    text = (job / "project.toml").read_text()
+    for line, code, word in (('channel = "red"', 1, "without colours"), ('bayer = "RGB"', 2, "bayer")):
+        (job / "colour.toml").write_text(text.replace('"wind-off.tif"\n', f'"wind-off.tif"\n{line}\n'))
+        done = windmark("run", job / "colour.toml", "-o", job / "none")
+        assert done.code == code
+        assert word in done.err
