@@ -56,9 +56,11 @@ def room_for_best(size: int, markers: int) -> Best:
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def search_kernel(
     model: Model, picture: Picture, rules: Rules, gates: Gates, table: Table, focals: Array,
-    quads: Ints, cells: Ints, start: int, work: int, stop_at: float, best: Best,
+    quads: Ints, cells: Ints, start: int, work: int, stop_at: float, best: Best, known: Ints,
 ) -> tuple[int, int]:  # fmt: skip
     """Try quads of spots from number ``start`` on, until so much work is done (in links) or a better solution is met.
+
+    Pairs that a solution in ``known`` (matches, as in `Best`) has already are not tried again.
 
     Returns
     -------
@@ -70,7 +72,7 @@ def search_kernel(
     grid = (picture.x0, picture.y0, picture.per_px)
     limits = (rules.tolerance, math.log(rules.p_seen), math.log(1.0 - rules.p_seen), rules.reject_at, rules.grow_at)
     prior = (rules.prior_cosine, rules.prior_scale)
-    first, entry, known = table.first, table.quad, best.match
+    first, entry = table.first, table.quad
     check = CHECK * rules.tolerance
     rays, points = np.empty((3, 3)), np.empty((3, 3))
     r, t = np.empty((4, 3, 3)), np.empty((4, 3))

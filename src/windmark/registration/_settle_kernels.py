@@ -31,10 +31,10 @@ from windmark.registration._hypothesis_kernels import GRAZING, _towards
 Array = NDArray[np.float64]
 Ints = NDArray[np.int32]
 
-GATE = 13.8
-"""Squared Mahalanobis distance of a match (99.9 % of right ones)."""
-MAX_FOREIGN = 0.5
-"""A marker whose gate holds more foreign spots than this, by the density of spots, is not matched."""
+GATE = 23.0
+"""Largest squared Mahalanobis distance of a match (99.999 % of right ones)."""
+P_SEEN = 0.5
+"""A match must be likelier than a marker that is hidden, beside a foreign spot by the density of spots."""
 OPEN_ROUNDS, ROUNDS = 8, 20
 """Rounds in which pairs may come and go; after them they may only go, so that no cycle remains."""
 FINAL_ROUNDS = 3
@@ -131,7 +131,8 @@ def _label(
                 table[m, 2] + state.numbers[EXCESS] + spots.cov[s, 2],
             )  # fmt: skip
             distance2, root_det = _distance2(du, dv, noise, (xx, xy, yy), match[m] == s)
-            if distance2 < GATE and math.pi * GATE * root_det * spots.density[s] < MAX_FOREIGN:
+            likely = 2.0 * math.log(P_SEEN / ((1.0 - P_SEEN) * 2.0 * math.pi * root_det * spots.density[s]))
+            if distance2 < min(GATE, likely):
                 if used == pair_d.shape[0]:
                     pair_m, pair_s = np.append(pair_m, pair_m), np.append(pair_s, pair_s)
                     pair_d = np.append(pair_d, pair_d)

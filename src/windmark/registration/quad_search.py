@@ -11,10 +11,11 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.registration._hypothesis_kernels import Picture
 from windmark.registration._match_kernels import rivals_kernel, room_for_best, search_kernel
 from windmark.registration._near import nearest
 from windmark.registration._plane import Plane
-from windmark.registration._quad_kernels import spot_quads_kernel
+from windmark.registration._quad_kernels import Table, spot_quads_kernel
 from windmark.registration.layout import REACHES
 from windmark.registration.pool import Candidate
 from windmark.registration.search import make_gates, make_rules
@@ -27,7 +28,8 @@ STAGES = ((REACHES[0], 0, 5), (REACHES[0], 5, 8), (REACHES[1], 0, 8), (REACHES[1
 POOL = 12
 WORK = 20_000
 """Links after which the caller is asked whether to go on."""
-RIVAL_NEAR, RIVAL_QUADS = 6, 24
+RIVAL_NEAR, RIVAL_QUADS, AGAIN = 6, 24, 8
+"""Neighbours and number of the quads that rivals are looked for with; from so many the candidate is grown again."""
 
 
 class QuadSearch:
@@ -63,7 +65,7 @@ class QuadSearch:
             while start < len(quads):
                 start, links = search_kernel(
                     self.plane.model, picture, self._rules, self._gates, table, self._focals,
-                    quads, cells, start, WORK, self._stop_at, self._best,
+                    quads, cells, start, WORK, self._stop_at, self._best, self._best.match,
                 )  # fmt: skip
                 self.links += int(links)
                 yield self.links
@@ -87,27 +89,34 @@ class QuadSearch:
         free[spots] = False
         others = np.flatnonzero(free).astype(np.int32)
         table = self.plane.layout.table(REACHES[1])
+        others_known = np.where((self._best.match == candidate.match).all(axis=1)[:, None], -1, self._best.match)
         for some, most in ((spots, RIVAL_QUADS), (others, RIVAL_QUADS // 2)):
             if len(some) < 4:
                 continue
-            p = picture.p[some]
-            near = nearest(p, min(RIVAL_NEAR, len(p) - 1))[0]
-            quads, cells = spot_quads_kernel(p, near, 0, near.shape[1], table.first)
-            # One for each anchor, its rarest.
-            first = np.full(len(p), len(quads))
-            np.minimum.at(first, quads[:, 0], np.arange(len(quads)))
-            chosen = np.sort(first[first < len(quads)])[:most]
-            quads, cells = np.ascontiguousarray(some[quads[chosen]]), np.ascontiguousarray(cells[chosen])
-            _, links = search_kernel(
-                self.plane.model, picture, self._rules, self._gates, table, self._focals,
-                quads, cells, 0, 1 << 40, np.inf, self._best,
-            )  # fmt: skip
-            self.links += int(links)
+            quads, cells = self._compact_quads(picture, some, most, table)
+            # The candidate itself may have grown from a bad start: it is grown again from some of its quads.
+            for known, part in ((others_known, np.s_[:AGAIN]), (self._best.match, np.s_[AGAIN:])):
+                _, links = search_kernel(
+                    self.plane.model, picture, self._rules, self._gates, table, self._focals,
+                    quads[part], cells[part], 0, 1 << 40, np.inf, self._best, known,
+                )  # fmt: skip
+                self.links += int(links)
         rotation, translation = self.plane.frame.unit(candidate.cam_from_model)
         rivals_kernel(
             self.plane.model, picture, self._gates, self._best, self.plane.layout.symmetries,
             rotation, translation, candidate.focal_px, candidate.match,
         )  # fmt: skip
+
+    @staticmethod
+    def _compact_quads(picture: Picture, spots: Ints, most: int, table: Table) -> tuple[Ints, Ints]:
+        """Quads among some spots, and their cells: for each anchor the one with the rarest key."""
+        p = picture.p[spots]
+        near = nearest(p, min(RIVAL_NEAR, len(p) - 1))[0]
+        quads, cells = spot_quads_kernel(p, near, 0, near.shape[1], table.first)
+        first = np.full(len(p), len(quads))
+        np.minimum.at(first, quads[:, 0], np.arange(len(quads)))
+        chosen = np.sort(first[first < len(quads)])[:most]
+        return np.ascontiguousarray(spots[quads[chosen]]), np.ascontiguousarray(cells[chosen])
 
     def _candidate(self, n: int) -> Candidate:
         """One object for each solution kept."""
