@@ -5,6 +5,9 @@ axis, exact images (analytic disc, blur 0.7 px) with white noise. RMS is per axi
 and blur known. Speed is of the whole call (100 markers), one thread, in CPU time: median and
 best of repeated calls.
 
+Then scenes with truth (`windmark.synth.marker_scene`, one default setting): recall, false markers at the predictions
+and at random places without a marker, z-scores, contaminated markers.
+
     python benchmarks/tracking.py [--quick]
 """
 
@@ -21,6 +24,7 @@ from numpy.typing import NDArray
 import windmark as wm
 from windmark.detection.crlb import centre_bound
 from windmark.detection.disc_model import patch_model, shape_matrix
+from windmark.synth import marker_scene
 
 Array = NDArray[np.float64]
 RADIUS, BLUR, LIGHT, DEPTH, AWAY, SIDE = 3.0, 0.7, 120.0, 72.0, 2.5, 10
@@ -156,6 +160,43 @@ def judge(case: Case, tracker: Tracker, repeat: int, seeds: range) -> dict[str, 
     }  # fmt: skip
 
 
+def scenes(kind: str, seeds: range) -> dict[str, float]:
+    """Every marker of a scene looked for near its true place, and nothing looked for at random places."""
+    found = wrong = total = nowhere = false = 0
+    clean: list[Array] = []
+    z: list[Array] = []
+    dirty: list[Array] = []
+    flagged: list[NDArray[np.bool_]] = []
+    for seed in seeds:
+        scene, rng = marker_scene(seed, kind), np.random.default_rng(seed)
+        whole = ~scene.border
+        got = wm.detect_at(
+            scene.image, scene.xy + rng.uniform(-AWAY, AWAY, scene.xy.shape), axes_px=scene.axes_px, angle=scene.angle,
+            polarity=scene.polarity,
+        )  # fmt: skip
+        error = got.xy - scene.xy
+        near = got.found & (np.hypot(*error.T) < 1.5)
+        found, total, wrong = found + (near & whole).sum(), total + whole.sum(), wrong + (got.found & ~near).sum()
+        good, bad = near & whole & ~scene.contaminated, near & whole & scene.contaminated
+        clean.append(error[good])
+        z.append((error / np.sqrt(np.diagonal(got.cov, axis1=1, axis2=2)))[good])
+        dirty.append(np.hypot(*error[bad].T))
+        flagged.append((got.flags[bad] & 4) > 0)
+        height, width = scene.image.shape
+        places = rng.uniform([12, 12], [width - 12, height - 12], (2000, 2))
+        places = places[np.hypot(*(places[:, None] - scene.xy).transpose(2, 0, 1)).min(axis=1) > 16]
+        at_random = wm.detect_at(scene.image, places, radius_px=3.5, polarity=scene.polarity, frame=got.frame)
+        nowhere, false = nowhere + len(places), false + at_random.found.sum()
+    spoilt = np.concatenate(dirty)
+    return {
+        "recall %": 100.0 * found / total, "markers": float(total), "wrong": float(wrong), "false": float(false),
+        "of random": float(nowhere), "RMS px": float(np.sqrt(np.mean(np.concatenate(clean) ** 2))),
+        "z-std": float(np.std(np.concatenate(z))),
+        "dirty px": float(np.median(spoilt)) if spoilt.size else float("nan"),
+        "flagged %": 100.0 * float(np.mean(np.concatenate(flagged))) if spoilt.size else float("nan"),
+    }  # fmt: skip
+
+
 def main(quick: bool = False) -> dict[str, dict[str, float]]:
     """Measure all, print one table, return its numbers."""
     results: dict[str, dict[str, float]] = {}
@@ -181,6 +222,10 @@ def main(quick: bool = False) -> dict[str, dict[str, float]]:
             row = judge(case, tracker, 2 if quick else 10, seeds)
             results[f"{case.name}, {name}"] = row
             print(f"  {name:26s}" + "".join(f"{key} {value:<9.4g} " for key, value in row.items()), flush=True)
+    for kind in ("clean", "cluttered", "infrared"):
+        row = scenes(kind, SEEDS[:1] if quick else SEEDS)
+        results[f"scenes, {kind}"] = row
+        print(f"scenes, {kind:10s}" + "".join(f"{key} {value:<8.4g} " for key, value in row.items()), flush=True)
     return results
 
 
