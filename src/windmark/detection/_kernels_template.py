@@ -28,7 +28,7 @@ MODEL_ERROR = 2e-5  # of the depth; no fit is better than the model
 FITS = ("cost", "noise2", "evaluations", "status", "pixels", "largest", "signal", "rejected")  # columns of `fit_discs`
 
 
-@nb.njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@nb.njit(cache=True, nogil=True, error_model="numpy")
 def fit_disc(
     patch: Any, weight: Any, u: Any, prior: Any, stiff: Any, fixed: Any, cut: float, multiplicative: float, n: float,
     jac: Any, res: Any, table: Any, matrix: Any, work: Any, t: Any, vectors: Any, held: Any,
@@ -92,7 +92,7 @@ def fit_disc(
     return cost, noise2, evaluations, status
 
 
-@nb.njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@nb.njit(cache=True, nogil=True, error_model="numpy")
 def damped(gain: float, damping: float, least: float) -> tuple[float, float]:
     """Next damping from the gain, the decrease of the cost over the predicted one.
 

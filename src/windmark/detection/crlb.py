@@ -80,9 +80,7 @@ def centre_bound(
     if not (axes.min() > 0 and blur_px > 0 and reach > 0 and noise > 0 and depth != 0):
         raise ValueError("centre_bound: axes_px, blur_px, window_px, noise must be > 0 and depth not 0")
     shape = shape_matrix(axes, angle)
-    params = np.array(
-        [*center, shape[0, 0], shape[0, 1], shape[1, 1], blur_px, depth, background, *slope], dtype=float
-    )
+    params = np.array([*center, shape[0, 0], shape[0, 1], shape[1, 1], blur_px, depth, background, *slope], dtype=float)
     half = int(np.ceil(reach + np.abs(center).max()))
     lattice = np.arange(-half, half + 1.0)
     _, jac = patch_model(lattice, lattice, params, photometry=photometry)

@@ -16,7 +16,7 @@ from windmark.detection.image import check_polarity
 from windmark.detection.options import PHOTOMETRIES
 from windmark.detection.template import LEAST_AXIS, check_places, fresh_request, known_blur, make_scene
 from windmark.detection.template_fit import Request, Scene
-from windmark.detection.template_frame import BLUR_SPREAD, BLUR_START, CLEAN, WORSE, fit_markers, learn_frame
+from windmark.detection.template_frame import BLUR_SPREAD, BLUR_START, fit_markers, learn_frame
 from windmark.detection.template_result import CONTAMINATED, Frame, TemplateFits
 from windmark.detection.template_search import search, surroundings
 from windmark.scene import Detections
@@ -27,11 +27,10 @@ Bools = NDArray[np.bool_]
 
 FALSE_ALARMS = 1e-3  # see `detect_at`
 SHAPE_MIN = 0.75  # correlation of disc and window but for noise: discs have 0.88 half a pixel off, an edge 0.52
-CLEAR, CLEAR_SHAPE = (
-    25.0,
-    0.85,
-)  # depth over its sigma and correlation of markers that nobody has to ask the surface for
+CLEAR, CLEAR_SHAPE = 25.0, 0.85  # depth over its sigma and correlation: such markers need no proof by the surface
 LEARN = 10.0, 0.85  # the same, of markers that speak for a frame
+OUTDATED = 1.4  # median residual variance over the expected one: the noise is not the one that was handed on
+ENOUGH = 5  # clear markers that can say so
 BEYOND_PX = 1.0  # a fit may end so far outside the searched square
 
 FOUND, UNSEEN, CHANCE, OTHER, LOST, SAME = range(6)
@@ -185,9 +184,7 @@ def detect_at(
 def _predictions(
     xy: ArrayLike, radius_px: ArrayLike | None, axes_px: ArrayLike | None, angle: ArrayLike
 ) -> tuple[Array, Array, Array]:
-    """Places (M, 2), shapes (M, 3) and largest radii (M,) of the predictions."""
-    from windmark.detection.disc_model import shape_matrix
-
+    """Places (M, 2), shapes (M, 3) as L_xx, L_xy, L_yy of `disc_model.shape_matrix`, largest radii (M,)."""
     if (radius_px is None) == (axes_px is None):
         raise ValueError("detect_at: give either radius_px or axes_px")
     count = np.asarray(xy, dtype=float).size // 2
@@ -205,8 +202,8 @@ def _predictions(
     if not (np.isfinite(axes).all() and (axes >= LEAST_AXIS).all() and np.isfinite(turn).all()):
         raise ValueError(f"detect_at: half axes must be finite and at least {LEAST_AXIS} px, angles finite")
     places, radius = check_places(xy, axes.max(axis=1))
-    matrix = shape_matrix(axes, turn)
-    return places, np.column_stack([matrix[:, 0, 0], matrix[:, 0, 1], matrix[:, 1, 1]]), radius
+    c, s, (a, b) = np.cos(turn), np.sin(turn), axes.T
+    return places, np.column_stack([a * c * c + b * s * s, (a - b) * c * s, a * s * s + b * c * c]), radius
 
 
 def _in_sight(scene: Scene, request: Request, steps: int) -> Bools:
@@ -233,7 +230,7 @@ def _learn(scene: Scene, placed: Request, found: Array, start: Frame, *, blur: b
 def _outdated(fits: TemplateFits) -> bool:
     """Whether the noise that was handed on is not this frame's (or shapes are wrong: then learning says the same)."""
     chi2 = fits.chi2[np.isfinite(fits.chi2) & (fits.depth > LEARN[0] * fits.depth_sigma)]
-    return len(chi2) >= CLEAN and not 1.0 / WORSE < float(np.median(chi2)) < WORSE
+    return len(chi2) >= ENOUGH and not 1.0 / OUTDATED < float(np.median(chi2)) < OUTDATED
 
 
 def _judge(

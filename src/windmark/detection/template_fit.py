@@ -160,17 +160,7 @@ def fit_batches(scene: Scene, request: Request, others: Neighbours, *, images: b
 def _fit_batch(scene: Scene, request: Request, others: Neighbours, index: Ints, half: int, images: bool) -> Batch:
     from windmark.detection._kernels_template import fit_discs
 
-    done = replace(Fitted.empty(len(index)), pixel=np.rint(request.xy).astype(np.int64), states=request.states.copy())
-    start = request.xy - done.pixel
-    patches, weights, known, saturated = cut_patches(scene, done.pixel, half)
-    lattice = np.arange(-half, half + 1.0)
-    distance = _distances(lattice, start)
-    window = distance <= request.reach()[:, None, None]
-    weights *= window
-    disc = (distance <= (request.radius + request.blur)[:, None, None]) & known & ~saturated
-    done.usable[:] = _share(disc & (weights > 0), disc)
-    done.saturated[:] = _share(saturated & window, known & window)
-    others.blank(weights, distance - request.radius[:, None, None], done.pixel, lattice)
+    done, start, patches, weights = windows(scene, request, others, half)
     priors, stiff, fixed = _priors(request)
     done.states[:, :2] += start
     if request.shape is not None:
@@ -184,6 +174,24 @@ def _fit_batch(scene: Scene, request: Request, others: Neighbours, index: Ints, 
     )  # fmt: skip
     done.states[:, :2] -= start
     return Batch(index, done, out, np.isfinite(request.scale))
+
+
+def windows(scene: Scene, request: Request, others: Neighbours, half: int) -> tuple[Fitted, Array, Array, Array]:
+    """What a fit starts from: columns to be filled, places (K, 2) in the patches, patches and weights (K, S, S)."""
+    done = replace(
+        Fitted.empty(len(request.xy)), pixel=np.rint(request.xy).astype(np.int64), states=request.states.copy()
+    )
+    start = request.xy - done.pixel
+    patches, weights, known, saturated = cut_patches(scene, done.pixel, half)
+    lattice = np.arange(-half, half + 1.0)
+    distance = _distances(lattice, start)
+    window = distance <= request.reach()[:, None, None]
+    weights *= window
+    disc = (distance <= (request.radius + request.blur)[:, None, None]) & known & ~saturated
+    done.usable[:] = _share(disc & (weights > 0), disc)
+    done.saturated[:] = _share(saturated & window, known & window)
+    others.blank(weights, distance - request.radius[:, None, None], done.pixel, lattice)
+    return done, start, patches, weights
 
 
 def cut_patches(scene: Scene, pixel: Ints, half: int) -> tuple[Array, Array, Flags, Flags]:

@@ -9,18 +9,19 @@ from numpy.typing import NDArray
 
 from windmark.detection.crlb import window_radius
 from windmark.detection.disc_model import patch_model
-from windmark.detection.template_fit import (
-    TUKEY,
-    WINDOW_BLURS,
-    Batch,
-    Fitted,
-    Neighbours,
-    Request,
-    Scene,
-    fit_batches,
-)
+from windmark.detection.template_fit import WINDOW_BLURS, Batch, Fitted, Neighbours, Request, Scene
 from windmark.detection.template_noise import FrameNoise, frame_noise
 from windmark.detection.template_result import CONTAMINATED, SATURATED, TOUCHING, Frame, TemplateFits, columns, ellipses
+from windmark.detection.template_robust import (
+    CLEAN,
+    contaminated,
+    decontaminated,
+    fit_all,
+    level,
+    median_contrast,
+    scatter,
+    trust,
+)
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -38,11 +39,7 @@ HELD_SPREAD = 0.02  # px, of a blur that is tried
 NARROW, MOST_LONGER = 1.1, 1.6  # a window is made again if it is so much too small; an ellipse may be so much longer
 OUTVOICED = 9.0  # chi^2 by which one marker can speak against a blur
 SAMPLE = 48  # markers that are enough to know a frame
-CLEAN = 5  # clean markers needed to say something about the frame
 OUTVOTED = 2.5  # a marker is not clean if its residuals exceed the sample's by so many robust standard deviations
-WORSE, FAR = 1.4, 4.9  # contaminated: residual variance over the expected one; largest residual in standard deviations
-UNUSUAL = 3.2  # the same, in robust standard deviations of the logarithm over the frame
-NOTHING = Frame(BLUR_START, BLUR_SPREAD, None)
 
 
 def frame_blur(fits: TemplateFits) -> tuple[float, float] | None:
@@ -73,15 +70,15 @@ def learn_frame(scene: Scene, request: Request, *, blur: bool, noise: bool) -> t
     """Blur and noise of a frame (those asked for) from fits of its first markers, and the request with them.
 
     The fits are done again with the frame's blur until it stays the same: where size, blur and depth are confused, a
-    fit that does not know the blur is biased. Markers that were fitted start where the last of the fits ended.
+    fit that does not know the blur is biased. Clean markers start where the last of the fits ended.
     """
     sample = np.arange(min(len(request.xy), SAMPLE))
     frame = Frame(float(request.blur[0]), float(request.blur_spread[0]), None)
     left = BLUR_PASSES if blur else 0
     while True:
         done, batches, fits = _fit_sample(scene, request.take(sample), frame, images=noise)
-        clean, good = _clean(fits), fits.converged
-        request = _continue(request, sample[good], done.take(good), fits.take(good))
+        clean = _clean(fits)
+        request = _continue(request, sample[clean], done.take(clean), fits.take(clean))
         found, unsure = (frame_blur(fits.take(clean)), _unsure(fits.take(clean))) if left else (None, 0.0)
         if left and clean.sum() >= CLEAN and unsure > WEAK_BLUR:
             found, left = joint_blur(scene, request.take(sample[clean]), fits.noise[clean]), 1
@@ -101,7 +98,7 @@ def _fit_sample(
     scene: Scene, first: Request, frame: Frame, *, images: bool
 ) -> tuple[Fitted, list[Batch], TemplateFits]:
     """Fits that know the frame's blur but not its noise."""
-    done, batches = _fit(scene, first, Neighbours.find(first), images=images)
+    done, batches = fit_all(scene, first, Neighbours.find(first), images=images)
     count = len(first.xy)
     fits = columns(
         scene, first.xy, done, cov=done.cov[:, :2, :2], chi2=np.full(count, np.nan), flags=np.zeros(count, np.int64),
@@ -121,7 +118,7 @@ def joint_blur(scene: Scene, request: Request, noise: Array) -> tuple[float, flo
     cost = np.empty((len(BLURS), len(request.xy)))
     for k, blur in enumerate(BLURS):
         frame = Frame(blur, HELD_SPREAD, None)
-        cost[k] = _fit(scene, _with_blur(request, frame), others, images=False)[0].column("cost")
+        cost[k] = fit_all(scene, _with_blur(request, frame), others, images=False)[0].column("cost")
     good = np.isfinite(cost).all(axis=0)
     rise = np.minimum((cost - cost.min(axis=0))[:, good] / noise[good] ** 2, OUTVOICED).sum(axis=1)
     k = int(rise.argmin())
@@ -151,7 +148,7 @@ def _clean(fits: TemplateFits) -> Bools:
     clean = fits.converged & (fits.flags & ~SATURATED == 0) & (fits.depth > 0.0)
     if clean.any():
         logs = np.log(fits.noise, out=np.full(len(fits), np.inf), where=fits.noise > 0)
-        clean &= logs - np.median(logs[clean]) < OUTVOTED * max(_scatter(logs[clean]), 0.05)
+        clean &= logs - np.median(logs[clean]) < OUTVOTED * max(scatter(logs[clean]), 0.05)
     return clean
 
 
@@ -184,36 +181,45 @@ def _learn_noise(scene: Scene, batches: list[Batch], clean: Bools) -> FrameNoise
     variance = np.concatenate([f.column("noise2") for f in fitted])
     variance[[0, typical]] = variance[[typical, 0]]
     params[[0, typical]] = params[[typical, 0]]
-    return frame_noise(images, jacobian * (images[0, 3] != 0), variance, _level(params), scene.multiplicative)
+    return frame_noise(images, jacobian * (images[0, 3] != 0), variance, level(params), scene.multiplicative)
 
 
 def fit_markers(scene: Scene, request: Request, frame: Frame, *, robust: bool) -> TemplateFits:
     """Fit all markers with what is known of the frame; contaminated ones again with weights."""
     others = Neighbours.find(request)
     coloured = frame.noise is not None and not frame.noise.is_white
-    done, batches = _fit(scene, request, others, images=coloured)
-    cov, expected = _trust(frame.noise, done, batches)
+    done, batches = fit_all(scene, request, others, images=coloured)
+    cov, expected = trust(frame.noise, done, batches)
+    radius = request.radius
     if request.shape is None and request.window is None:
         request, index = _widened(request, done)
         if index.size:
             others = Neighbours.find(request)
-            wider, batches = _fit(scene, request.take(index), others.take(index), images=coloured)
+            wider, batches = fit_all(scene, request.take(index), others.take(index), images=coloured)
             done.put(index, wider)
-            cov[index], expected[index] = _trust(frame.noise, wider, batches)
+            cov[index], expected[index] = trust(frame.noise, wider, batches)
     with np.errstate(invalid="ignore"):
         chi2 = done.column("noise2") / expected
     flags = np.where(others.touching(), TOUCHING, 0)
     if frame.noise is not None:
-        worse = _contaminated(chi2, done, expected, flags)
+        worse = contaminated(chi2, done, expected, flags)
+        contrast = median_contrast(done, worse)
         flags |= np.where(worse, CONTAMINATED, 0)
         index = np.flatnonzero(worse & (done.column("status") >= 0))
         if robust and index.size:
-            again = _fit_robustly(
-                scene, request.take(index), done.take(index), others.take(index), np.sqrt(expected[index]), coloured
+            again, trusted = decontaminated(
+                scene,
+                request.take(index),
+                done.take(index),
+                others.take(index),
+                expected[index],
+                frame.noise,
+                contrast,
+                radius[index],
             )
-            better = again[0].column("status") == 1
-            done.put(index[better], again[0].take(better))
-            cov[index[better]] = _trust(frame.noise, again[0], again[1])[0][better]
+            better = again.column("status") == 1
+            done.put(index[better], again.take(better))
+            cov[index[better]] = trusted[better]
     return columns(scene, request.xy, done, cov=cov, chi2=chi2, flags=flags, frame=frame)
 
 
@@ -225,83 +231,6 @@ def _widened(request: Request, done: Fitted) -> tuple[Request, Ints]:
     radius, states = request.radius.copy(), request.states.copy()
     radius[small], states[small] = np.minimum(axes[small, 0], MOST_LONGER * radius[small]), done.states[small]
     return replace(request, radius=radius, states=states), np.flatnonzero(small)
-
-
-def _fit(scene: Scene, request: Request, others: Neighbours, *, images: bool) -> tuple[Fitted, list[Batch]]:
-    """Fits in the order of the request, and their batches."""
-    batches = fit_batches(scene, request, others, images=images)
-    done = Fitted.empty(len(request.xy))
-    for b in batches:
-        done.put(b.index, b.fitted)
-    return done, batches
-
-
-def _trust(noise: FrameNoise | None, done: Fitted, batches: list[Batch]) -> tuple[Array, Array]:
-    """Covariance of the centres and the residual variance that the frame's noise lets expect.
-
-    White noise: least squares' own covariance. Else that of the frame's noise, scaled by the marker's own residuals;
-    where weights are used those say nothing, and the frame's noise counts alone.
-    """
-    cov = done.cov[:, :2, :2].copy()
-    if noise is None:
-        return cov, np.full(len(cov), np.nan)
-    expected = noise.variance(_level(done.params))
-    if not noise.is_white:
-        for b in batches:
-            variance = np.where(b.weighted, expected[b.index], b.fitted.column("noise2"))
-            cov[b.index] = noise.covariance(b.images, variance)
-    return cov, expected
-
-
-def _level(params: Array) -> Array:
-    """Grey level of the brighter of marker and background (K,)."""
-    return np.asarray(np.fmax(np.abs(params[:, 7]), np.abs(params[:, 7] - params[:, 6])))
-
-
-def _contaminated(chi2: Array, done: Fitted, expected: Array, flags: Ints) -> Bools:
-    """Markers whose residuals are not the frame's noise."""
-    usual = np.isfinite(chi2) & (flags == 0) & (done.column("status") == 1)
-    limit = WORSE
-    if usual.sum() >= 4 * CLEAN:
-        logs = np.log(chi2[usual])
-        limit = max(limit, float(np.exp(np.median(logs) + UNUSUAL * _scatter(logs))))
-    return (chi2 > limit) | (done.column("largest") > FAR * np.sqrt(expected))
-
-
-def _fit_robustly(
-    scene: Scene, request: Request, plain: Fitted, others: Neighbours, noise: Array, images: bool
-) -> tuple[Fitted, list[Batch]]:
-    """Fits with Tukey's weights for a given noise, the better of two starts: the plain fit, and a round disc."""
-    wide = np.maximum(0.5 * plain.column("largest") / (TUKEY * noise), 1.0)
-    weighted = replace(request, scale=noise)
-    best, batches = _narrowed(scene, replace(weighted, states=plain.states), others, wide, images)
-    if request.shape is None:
-        usual = np.zeros_like(plain.states)
-        usual[:, 2] = usual[:, 4] = 0.25 * request.radius**2 + request.blur**2
-        usual[:, 5], usual[:, 6] = request.blur**2, plain.params[:, 6] * request.radius**2
-        usual[:, 7] = plain.states[:, 7]
-        second, _ = _narrowed(scene, replace(weighted, states=usual), others, wide, False)
-        better = (second.column("status") == 1) & ~(best.column("cost") <= second.column("cost"))
-        if better.any():
-            states = np.where(better[:, None], second.states, best.states)
-            best, batches = _fit(scene, replace(weighted, states=states), others, images=images)
-    return best, batches
-
-
-def _narrowed(
-    scene: Scene, request: Request, others: Neighbours, wide: Array, images: bool
-) -> tuple[Fitted, list[Batch]]:
-    """Fits with weights that start `wide` times as wide and are halved until they are as asked for."""
-    while (wide > 1.0).any():
-        done, _ = _fit(scene, replace(request, scale=request.scale * wide), others, images=False)
-        request = replace(request, states=np.where((done.column("status") >= 0)[:, None], done.states, request.states))
-        wide = np.maximum(0.5 * wide, 1.0)
-    return _fit(scene, request, others, images=images)
-
-
-def _scatter(values: Array) -> float:
-    """Robust standard deviation."""
-    return float(1.4826 * np.median(np.abs(values - np.median(values))))
 
 
 def _median(values: Array, weight: Array) -> float:

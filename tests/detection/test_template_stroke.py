@@ -1,0 +1,100 @@
+"""Lines across markers: fitted with the disc, so that they do not move its centre."""
+
+import numpy as np
+import pytest
+
+from windmark.detection.disc_model import shape_matrix
+from windmark.detection.template import refine_template
+from windmark.detection.template_result import CONTAMINATED
+from windmark.detection.template_stroke import _centred, _Window, stroke
+
+GRID = np.stack(np.meshgrid(np.arange(8), np.arange(5)), axis=-1).reshape(-1, 2)
+PITCH, SUB, BLUR = 40, 9, 0.8
+
+
+def crossed(seed, *, lines, photometry="multiplicative", radius=3.5, noise=3.0):
+    """40 markers; the first `lines` have a line of 1 to 2.5 px across. Image, centres; all drawn on sub-pixels."""
+    from scipy.special import ndtr
+
+    rng = np.random.default_rng(seed)
+    image, xy = np.empty((5 * PITCH, 8 * PITCH)), PITCH * GRID + PITCH // 2 + rng.uniform(-0.5, 0.5, (40, 2))
+    fine = (np.arange(SUB * PITCH) + 0.5) / SUB - 0.5
+    d = fine - np.arange(PITCH)[:, None]
+    weight = (ndtr((d + 0.5) / BLUR) - ndtr((d - 0.5) / BLUR)) / SUB
+    weight /= weight.sum(axis=1, keepdims=True)
+    for k, (i, j) in enumerate(GRID):
+        x, y = np.meshgrid(fine - (xy[k, 0] - PITCH * i), fine - (xy[k, 1] - PITCH * j))
+        matrix = shape_matrix(radius * np.array([1.0, rng.uniform(0.6, 1.0)]), rng.uniform(0, np.pi))
+        inside = (np.linalg.solve(matrix, np.stack([x, y]).reshape(2, -1)) ** 2).sum(0).reshape(x.shape) <= 1.0
+        turn, offset, wide = rng.uniform(0, np.pi), rng.uniform(-0.8, 0.8) * radius, rng.uniform(0.5, 1.25)
+        strength = rng.uniform(0.2, 0.6) if k < lines else 0.0
+        on = np.abs(np.cos(turn) * x + np.sin(turn) * y - offset) < wide
+        if photometry == "multiplicative":
+            paint = 200.0 * (1.0 - 0.7 * inside) * (1.0 - strength * on)
+        else:
+            paint = 100.0 + 100.0 * inside + 60.0 * strength * on
+        image[PITCH * j : PITCH * (j + 1), PITCH * i : PITCH * (i + 1)] = weight @ paint @ weight.T
+    return image + rng.normal(0, noise, image.shape), xy
+
+
+@pytest.mark.parametrize("photometry", ["multiplicative", "additive"])
+def test_centres_of_crossed_markers_are_as_good_as_their_covariance(photometry):
+    """Weights alone leave 0.1 to 0.2 px; all of them are flagged, and the covariance says how good they are."""
+    error, z, plain_error = [], [], []
+    polarity = "dark" if photometry == "multiplicative" else "bright"
+    for seed in range(5):
+        image, xy = crossed(seed, lines=8, photometry=photometry)
+        options = {"photometry": photometry, "polarity": polarity}
+        fits, plain = (refine_template(image, xy[::-1], 3.2, robust=r, **options) for r in (True, False))
+        found = (fits.flags[::-1] & CONTAMINATED > 0)[:8]
+        assert found.mean() > 0.6
+        e = (fits.xy[::-1] - xy)[:8][found]
+        error += np.hypot(*e.T).tolist()
+        z += (e / np.sqrt(fits.cov[::-1][:8][found][:, [0, 1], [0, 1]])).ravel().tolist()
+        plain_error += np.hypot(*(plain.xy[::-1] - xy)[:8][found].T).tolist()
+    assert np.median(error) < 0.06
+    assert np.median(error) < 0.5 * np.median(plain_error)
+    assert 0.4 < 1.4826 * np.median(np.abs(z)) < 1.6
+
+
+def test_markers_without_line_are_left_alone():
+    image, xy = crossed(9, lines=0)
+    robust, plain = (refine_template(image, xy, 3.2, robust=r) for r in (True, False))
+    clean = plain.flags == 0
+    assert clean.mean() > 0.9
+    np.testing.assert_array_equal(robust.xy[clean], plain.xy[clean])
+
+
+@pytest.mark.parametrize("multiplicative", [True, False])
+def test_derivatives_are_differences(multiplicative):
+    """Of the fourteen unknowns; the kernel's derivatives by the slope are right to a per cent."""
+    rng = np.random.default_rng(2)
+    window = _Window(rng.normal(100, 1, (25, 25)), np.ones((25, 25)), 0.8, 0.1, 2.0, 60.0, multiplicative)
+    v = np.array([0.2, -0.1, 3.0, 0.3, 2.5, 0.8, 60.0, 100.0, 0.01, -0.005, 0.7, 1.2, 0.4, np.log(0.9)])
+    _, jac = window.model(v)
+    steps = np.array([1e-3] * 6 + [0.1, 0.1, 1e-5, 1e-5] + [1e-4] * 4)
+    for k, h in enumerate(steps):
+        high, low = (window.model(v + s * h * np.eye(14)[k])[0] for s in (1, -1))
+        slack = 0.02 if k < 10 else 2e-4
+        assert np.abs(jac[k] - (high - low) / (2 * h)).max() < slack * np.abs(jac[k]).max() + 1e-6, k
+
+
+def test_a_wide_stroke_takes_away_all_and_its_rims_are_blurred():
+    image, _ = stroke(41, 0.0, 3.0, np.log(8.0), 0.5)
+    assert image[20, 23] == pytest.approx(1.0)
+    assert image[20, 31] == pytest.approx(0.5, abs=0.01)
+    assert image[20, 5] < 1e-6
+    turned, _ = stroke(41, np.pi / 2, 3.0, np.log(8.0), 0.5)
+    np.testing.assert_allclose(turned, image.T, atol=1e-12)
+
+
+def test_the_discs_own_centre_comes_back():
+    """On a slope the kernel's centre is (blur^2 + 1/12) slope off."""
+
+    class Paint:
+        multiplicative = True
+
+    v = np.array([0.0, 0.0, 3.0, 0.0, 3.0, 0.8, 60.0, 100.0, 0.02, 0.0, 0.0, 0.0, 0.0, 0.0])
+    params, cov = _centred(v, np.eye(14), Paint())
+    assert params[0] == pytest.approx((0.64 + 1 / 12) * 0.02)
+    assert cov.shape == (10, 10)
