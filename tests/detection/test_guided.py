@@ -7,7 +7,7 @@ import windmark as wm
 from windmark.detection import ANSWERS
 from windmark.detection.crlb import centre_bound
 from windmark.detection.disc_model import patch_model, shape_matrix
-from windmark.detection.guided import CHANCE, FOUND, OTHER, SAME, UNSEEN
+from windmark.detection.guided_judge import CHANCE, FOUND, LOST, OTHER, SAME, UNSEEN
 
 BLUR = 0.7
 
@@ -106,7 +106,7 @@ def test_edges_lines_and_spots_of_light_are_something_else_or_nothing():
     for blur in (0.5, 1.0):
         got = wm.detect_at(image, predicted, radius_px=3.0, blur_px=blur)
         assert not got.found.any()
-        assert set(got.answer) <= {CHANCE, OTHER, 4}
+        assert set(got.answer) <= {CHANCE, OTHER, LOST}
 
 
 def test_what_cannot_be_seen_is_said():

@@ -1,7 +1,8 @@
 """Find markers in an image: the paper's SPOT detector."""
 
 from windmark.detection.detect import detect, explain
-from windmark.detection.guided import ANSWERS, Guided, detect_at
+from windmark.detection.guided import Guided, detect_at
+from windmark.detection.guided_judge import ANSWERS
 from windmark.detection.merit import merit_map
 from windmark.detection.radius import RadiusEstimate, estimate_radius
 from windmark.detection.rejected import REASONS, Rejected
