@@ -183,32 +183,41 @@ def _bias(results: dict[str, object], geometries: int) -> None:
 
 
 def _scenes(results: dict[str, object], seeds: int) -> None:
-    """Covariances on textured paint and in infrared scenes, at known places."""
-    for kind, photometry, many in (("clean", "multiplicative", 1), ("infrared", "additive", 2)):
-        z, flagged, lost = [], [], 0
+    """Covariances on textured paint and in infrared scenes, and crossed markers in clutter, at known places."""
+    for kind, photometry, many in (
+        ("clean", "multiplicative", 1),
+        ("infrared", "additive", 2),
+        ("cluttered", "multiplicative", 1),
+    ):
+        z, flagged, lost, dirty, noticed = [], [], 0, [], []
         for seed in range(FIRST_SCENE, FIRST_SCENE + many * seeds):
             scene = marker_scene(seed, kind)
             rng = np.random.default_rng([seed, 5])
-            whole = ~scene.border & ~scene.contaminated
             radius = np.sqrt(scene.axes_px.prod(axis=1)) * rng.uniform(1 - RADIUS_ERROR, 1 + RADIUS_ERROR, len(scene))
             fits = refine_template(
                 scene.image, scene.xy + rng.normal(0.0, START_ERROR_PX, scene.xy.shape), radius,
                 polarity=scene.polarity, photometry=photometry,
             )  # fmt: skip
-            contaminated = fits.flags & 4 > 0
-            lost += int((whole & ~fits.converged).sum())
+            contaminated, error = fits.flags & 4 > 0, fits.xy - scene.xy
+            whole, touched = ~scene.border & ~scene.contaminated, ~scene.border & scene.contaminated
+            lost += int((~scene.border & ~fits.converged).sum())
             flagged += contaminated[whole].tolist()
-            good = whole & ~contaminated & fits.converged
-            z.append(((fits.xy - scene.xy) / np.sqrt(fits.cov[:, [0, 1], [0, 1]]))[good])
+            dirty += np.hypot(*error[touched].T).tolist()
+            noticed += contaminated[touched].tolist()
+            z.append((error / np.sqrt(fits.cov[:, [0, 1], [0, 1]]))[whole & ~contaminated & fits.converged])
         values = np.concatenate(z)
-        results[f"{kind} scenes: markers"] = len(flagged)
+        results[f"{kind} scenes: markers"] = len(flagged) + len(dirty)
         results[f"{kind} scenes: z-std of centres"] = float(values.std())
-        results[f"{kind} scenes: z-std of the worst scene"] = max(
-            (float(v.std()) for v in z), key=lambda s: abs(np.log(s))
-        )
+        worst = max((float(v.std()) for v in z), key=lambda s: abs(np.log(s)))
+        results[f"{kind} scenes: z-std of the worst scene"] = worst
         results[f"{kind} scenes: largest |z|"] = float(np.abs(values).max())
         results[f"{kind} scenes: not converged"] = lost
         results[f"{kind} scenes: clean markers flagged contaminated [%]"] = 100.0 * float(np.mean(flagged))
+        if kind == "cluttered":
+            results["cluttered scenes: contaminated markers"] = len(dirty)
+            results["cluttered scenes: their median error (2-D) [px]"] = float(np.median(dirty))
+            results["cluttered scenes: their 90 % error [px]"] = float(np.quantile(dirty, 0.9))
+            results["cluttered scenes: of them flagged [%]"] = 100.0 * float(np.mean(noticed))
 
 
 def _peers(results: dict[str, object], geometries: int, repeat: int) -> None:

@@ -35,10 +35,10 @@ def test_error_falls_with_the_radius(figure_4, method):
 
 @pytest.mark.parametrize("method", REFINEMENTS)
 def test_no_method_beats_the_bound_and_each_is_near_it(figure_4, method):
-    """11 x 144 markers: the ratio itself is known to 2 %."""
+    """11 x 144 markers: the ratio itself is known to 2 %. The template takes the 3 x 3 averages for a Gaussian."""
     for row in figure_4.summary():
         if row["method"] == method:
-            assert 0.95 < row["rms_over_crlb"] < 1.6, row
+            assert 0.95 < row["rms_over_crlb"] < (1.12 if method == "template" else 1.6), row
 
 
 def test_detection_is_unbiased(figure_4):

@@ -36,8 +36,8 @@ def fit_disc(
     """Levenberg-Marquardt from the state `u` (overwritten), with the prior (u - prior)^2 stiff in units of the noise.
 
     Returns (cost, noise variance, evaluations, status): 1 converged, 0 not, -1 too few pixels or singular. `n`
-    degrees of
-    freedom. `jac`, `res` are left as of the last evaluation, `matrix` as the normal matrix of u with the prior.
+    degrees of freedom. `jac`, `res` are left as of the last evaluation, `matrix` as the normal matrix of u with the
+    prior.
     """
     p, rhs, step, trial, row = vectors[0], vectors[1], vectors[2], vectors[3], vectors[4]
     status, evaluations, points, damping, least, noise2, last = 0, 0, 0, 1e-2, 0.0, 0.0, False
@@ -116,10 +116,8 @@ def fit_discs(
 
     `starts` (M, 4): x, y, radius, blur; `states` (M, 10) overwritten by the result, used as start where states[k, 0] is
     finite. `out` (M, 8): `FITS`. `params` (M, 10) and `cov` (M, 10, 10): model parameters and their covariance, zero
-    rows
-    for what was held, NaN where the fit failed. `influence` (M, 4, S, S) or empty: what one grey level in a pixel
-    does to
-    the centre's x and y, the residual, and the model's image; 0 where the pixel has no weight.
+    rows for what was held, NaN where the fit failed. `influence` (M, 4, S, S) or empty: what one grey level in a pixel
+    does to the centre's x and y, the residual, and the model's image; 0 where the pixel has no weight.
     """
     size = patches.shape[1]
     jac, res, table, t = np.empty((10, size, size)), np.empty((size, size)), np.empty((8, size + 6)), np.empty((5, 5))

@@ -6,8 +6,7 @@ A patch is (S, S) with S odd; positions are relative to its middle pixel. Marker
     2-4   L_xx, L_xy, L_yy            6  depth      7  background at the middle pixel
 
 `disc_model.patch_model` is the readable twin; formulas and sources are there. One thing differs: the centre of p is
-where
-a disc without coupling to the slope would sit, c' = c - (blur^2 + 1/12) slope / light(c) (see `evaluate`).
+where a disc without coupling to the slope would sit, c' = c - (blur^2 + 1/12) slope / light(c) (see `evaluate`).
 
 Indices that are sums are unsigned: a negative index would wrap around, and the check for it keeps loops from being
 vectorised. Assignments to slices are avoided: numba compiles seconds of text handling for their error messages.

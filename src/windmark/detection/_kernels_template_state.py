@@ -88,8 +88,7 @@ def moments(patch: Any, weight: Any, start: Any, u: Any) -> None:
     """State from the moments of the hole within 1.5 px + blur of the rim, below the plane of what lies outside.
 
     `start`: x, y, radius, blur. The plane has its slope from the window's halves: first moments over second moments.
-    Moments
-    that are far from those of such a disc are replaced by them.
+    Moments that are far from those of such a disc are replaced by them.
     """
     half, x, y, blur = patch.shape[0] // 2, start[0], start[1], start[3]
     rim2 = (start[2] + 1.5 + blur) ** 2

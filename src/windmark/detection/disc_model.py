@@ -1,8 +1,7 @@
 """The image of a small disc, exact: ellipse, Gaussian blur, square pixels, uneven light.
 
 With K_i(u) = Phi((i + 1/2 - u) / s) - Phi((i - 1/2 - u) / s), the Gaussian of standard deviation s seen through pixel
-i,
-the blurred image of an ellipse E is H(i, j) = integral over E of K_i(u) K_j(v) du dv. By Green's theorem
+i, the blurred image of an ellipse E is H(i, j) = integral over E of K_i(u) K_j(v) du dv. By Green's theorem
 
     H = closed integral of A_i(u) K_j(v) dv,   A_i' = K_i,   and for any parameter p of the outline
     dH/dp = closed integral of K_i(u) K_j(v) (u_p dv - v_p du).
@@ -10,12 +9,10 @@ the blurred image of an ellipse E is H(i, j) = integral over E of K_i(u) K_j(v) 
 The outline is (u, v) = c + L (cos t, sin t) with L symmetric, which stays regular at circles; the trapezoid rule over t
 converges exponentially. The blur obeys the heat equation: dH/ds = s (H_xx + H_yy).
 
-Light that falls off linearly, g = (g_x, g_y) per pixel, is taken away by paint in proportion: I = G * box * [light (1
-- c E)].
-Because (u - i) K_i(u) = -(s^2 + 1/12) dK_i/du up to the difference between box and Gaussian, this is
-I = light - c (light H - (s^2 + 1/12) g . grad_c H). The pixels' and the blur's coupling with the slope is what a
-template
-that only multiplies gets wrong (0.03 px at 8 %/px).
+Light that falls off linearly, g = (g_x, g_y) per pixel, is taken away by paint in proportion:
+I = G * box * [light (1 - c E)]. Because (u - i) K_i(u) = -(s^2 + 1/12) dK_i/du up to the difference between box and
+Gaussian, this is I = light - c (light H - (s^2 + 1/12) g . grad_c H). The pixels' and the blur's coupling with the
+slope is what a template that only multiplies gets wrong (0.03 px at 8 %/px).
 
 This file is the readable twin of `_kernels_template`, with all derivatives exact.
 """
@@ -109,8 +106,8 @@ def patch_model(
 ) -> tuple[Array, Array]:
     """Image of one marker and its derivatives by all ten unknowns.
 
-    multiplicative : I = light (background - depth H) + depth (blur^2 + 1/12) slope . grad_c H,  light = 1 + slope
-        . (x, y)
+    multiplicative : I = light (background - depth H) + depth (blur^2 + 1/12) slope . grad_c H,
+        light = 1 + slope . (x, y)
     additive : I = background + slope . (x, y) - depth H
 
     Parameters

@@ -2,10 +2,8 @@
 
 The image of a small disc is an ellipse, blurred and seen through square pixels, on light that is not even
 (`disc_model`). All ten unknowns of a marker are fitted to its window by least squares. What a single marker cannot
-know well
-is taken from the frame: the blur (small or faint discs confuse size, blur and depth) and the noise (its strength
-decides
-what is a contamination; its correlation decides how far a centre can be trusted).
+know well is taken from the frame: the blur (small or faint discs confuse size, blur and depth) and the noise (its
+strength decides what is a contamination; its correlation decides how far a centre can be trusted).
 """
 
 from __future__ import annotations
@@ -53,18 +51,18 @@ def refine_template(
     ----------
     image : (H, W) grey levels, any real type, linear in light; pixels that are not finite are left out
     xy : (M, 2) centres to start from, good to about half a radius; best first, as `detect` gives them: the first
-        48 speak
-        for the frame
+        48 speak for the frame
     radius_px : (M,) or one number: radius of the discs, good to about 30 %
     polarity : "dark" or "bright" markers
     photometry : "multiplicative" where paint scales the light that falls on it (black must be 0), "additive"
-        where a marker
-        adds a constant (infrared)
+        where a marker adds a constant (infrared)
     blur_px : blur of the frame, or blur and its spread; None finds both from the clean markers
     noise : noise of the frame; None finds it from the clean markers
     mask : (H, W), only pixels where it is true are used
-    saturation : grey level from which on a pixel is left out; None takes the largest number of an integer type
-    robust : contaminated markers are fitted again with Tukey's weights for the frame's noise
+    saturation : grey level from which on a pixel is left out, unless most of a window is; None takes the largest number
+        of an integer type
+    robust : contaminated markers are fitted again: with a line across them if there is one, else with Tukey's weights
+        for the frame's noise
 
     Returns
     -------
