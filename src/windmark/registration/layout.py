@@ -69,6 +69,13 @@ class Layout:
         same = ((mine.xyz, markers.xyz), (mine.normal, markers.normal))
         return all(np.array_equal(a, b, equal_nan=True) for a, b in same)
 
+    def ready(self) -> Layout:
+        """Build all tables now."""
+        for reach in REACHES:
+            self.table(reach)
+        _ = self.symmetries
+        return self
+
     def table(self, reach: int) -> Table:
         """Quads by key; ``reach`` is one of `REACHES`."""
         return self._small if reach == REACHES[0] else self._large

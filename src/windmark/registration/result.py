@@ -23,10 +23,11 @@ CAUSES = {
     "misfit": "the best solution does not fit within the tolerance",
     "ambiguous": "two different solutions explain the spots about equally well",
     "focal": "the focal length is not determined by this view",
+    "wrong_focal": "the given focal length does not fit",
     "time": "the time limit came first",
 }
 """Every cause of a `NotRegistered`, in words."""
-Cause = Literal["too_few", "degenerate", "nothing", "weak", "misfit", "ambiguous", "focal", "time"]
+Cause = Literal["too_few", "degenerate", "nothing", "weak", "misfit", "ambiguous", "focal", "wrong_focal", "time"]
 
 
 @dataclass(frozen=True)

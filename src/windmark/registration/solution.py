@@ -23,6 +23,7 @@ from windmark.registration._fit_kernels import (
     FOCAL,
     ITERATIONS,
     MISFIT,
+    Fit,
     State,
     state_of,
 )
@@ -36,6 +37,9 @@ Ints = NDArray[np.int64]
 
 SAME_SHARE, SAME_DISTANCE2 = 0.6, 36.0
 """Two solutions are one if more than this share of the pairs is, and the poses agree within six sigma."""
+
+FREED_SIGMA = 0.3
+"""Relative 1 sigma of a given focal length that is doubted."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,8 +105,15 @@ def settle(plane: Plane, candidate: Candidate) -> Solution | None:
     state = state_of(rotation, translation, candidate.focal_px, candidate.match)
     if settle_kernel(plane.markers, plane.spots, plane.fit, state) != STEADY:
         return None
-    solution = _solution(plane, state)
+    solution = _solution(plane, state, plane.fit)
     return solution if plane.task.allows(solution.cam_from_model, solution.focal_px) else None
+
+
+def with_free_focal(plane: Plane, solution: Solution) -> Solution | None:
+    """The solution as it would be with an unknown focal length; None where it falls apart."""
+    fit = plane.fit._replace(focal_weight=FREED_SIGMA**-2)
+    state = copy.deepcopy(solution.state)
+    return _solution(plane, state, fit) if settle_kernel(plane.markers, plane.spots, fit, state) == STEADY else None
 
 
 def accepted(plane: Plane, solution: Solution) -> Solution:
@@ -118,13 +129,13 @@ def accepted(plane: Plane, solution: Solution) -> Solution:
         solution,
         cam_from_model=plane.frame.pose(state.rotation, state.translation),
         focal_px=float(state.numbers[FOCAL]),
-        cov=_covariance(plane, state),
+        cov=_covariance(plane, state, plane.fit),
         excess_px=float(np.sqrt(state.numbers[EXCESS])),
         state=state,
     )
 
 
-def _solution(plane: Plane, state: State) -> Solution:
+def _solution(plane: Plane, state: State, fit: Fit) -> Solution:
     numbers = state.numbers
     marker = np.flatnonzero(state.match >= 0)
     detection = state.match[marker].astype(np.int64)
@@ -132,7 +143,7 @@ def _solution(plane: Plane, state: State) -> Solution:
     return Solution(
         cam_from_model=plane.frame.pose(state.rotation, state.translation),
         focal_px=float(numbers[FOCAL]),
-        cov=_covariance(plane, state),
+        cov=_covariance(plane, state, fit),
         detection=detection,
         marker=marker,
         expected=expected,
@@ -143,9 +154,9 @@ def _solution(plane: Plane, state: State) -> Solution:
     )
 
 
-def _covariance(plane: Plane, state: State) -> Array:
+def _covariance(plane: Plane, state: State, fit: Fit) -> Array:
     """From the unit model, turned about its centre, to the model and ``exp(delta) @ pose``."""
-    size = 7 if plane.task.free_focal else 6
+    size = 7 if fit.focal_weight > 0 else 6
     root = np.linalg.inv(np.tril(state.factor[:size, :size]))
     # The model's centre, seen from the camera, stays where it is when the unit model is turned.
     change = np.eye(size)

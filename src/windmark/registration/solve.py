@@ -42,7 +42,7 @@ def solve(
     if verdict.cause is None and verdict.best is not None:
         return _registration(plane, accepted(plane, verdict.best), verdict, search.links, index, options)
     cause, reason, best = verdict.cause or "nothing", verdict.reason, verdict.best
-    if late and cause not in ("ambiguous", "focal"):
+    if late and cause not in ("ambiguous", "focal", "wrong_focal"):
         cause, reason = "time", f"stopped after max_time_s = {options['max_time_s']:g} s; so far: {reason}"
     if best is None:
         return NotRegistered(reason, cause, n_hypotheses=search.links, options=options)
@@ -60,7 +60,7 @@ def _judge(search: Search | QuadSearch, limits: Limits, max_links: int, budget: 
             if verdict.cause is None:
                 return verdict, False
             judged = search.best
-            if verdict.cause == "focal":
+            if verdict.cause in ("focal", "wrong_focal"):
                 return verdict, False
             if verdict.cause == "ambiguous":
                 # Of two equally good solutions both may be wrong: search on, but not for long.

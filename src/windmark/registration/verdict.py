@@ -14,7 +14,7 @@ from windmark.registration.pool import Candidate
 from windmark.registration.quad_search import QuadSearch
 from windmark.registration.result import Cause, RunnerUp
 from windmark.registration.search import Search
-from windmark.registration.solution import SAME_SHARE, Solution, settle
+from windmark.registration.solution import SAME_SHARE, Solution, settle, with_free_focal
 from windmark.registration.task import Limits
 
 SETTLED = 5
@@ -22,6 +22,10 @@ SETTLED = 5
 MISFIT = 3.5
 """The residuals' sigma times this must fit into the neighbourhood of the search. A picture of a *similar* model is
 matched completely, well beyond chance and without a rival; only the misfit tells."""
+SUSPICIOUS = 1.5
+"""An excess of so many sigma of the spots makes the given focal length doubtful."""
+CLEARLY_BETTER, FOCAL_OFF = 20.0, 0.05
+"""It is refused when another one is better by so much (nats), and away from it by this (relative) and by 5 sigma."""
 WORTH_A_LOOK = 60.0
 """Candidates whose search score is this much (nats) below the best are no rivals."""
 
@@ -104,7 +108,23 @@ class Judge:
                     f"(1 sigma; limit {100 * limits.focal_sigma:.0f} %): give the focal length, or a view that is "
                     "less frontal or of a less flat set of markers"
                 )
+        elif self._doubtful_focal(best):
+            freed = with_free_focal(self._plane, best)
+            if freed is not None and freed.evidence.score > best.evidence.score + CLEARLY_BETTER:
+                given, sigma = self._task.camera.focal_px, freed.focal_sigma
+                change = abs(float(np.log(freed.focal_px / given)))
+                if change > max(FOCAL_OFF, 5 * sigma):
+                    return "wrong_focal", (
+                        f"the given focal length of {given:.5g} px does not fit: with {freed.focal_px:.5g} px (1 sigma "
+                        f"{100 * sigma:.1f} %) the misfit falls from {best.misfit_px:.2g} to {freed.misfit_px:.2g} px; "
+                        "correct it, or set free_focal"
+                    )
         return None, ""
+
+    def _doubtful_focal(self, best: Solution) -> bool:
+        """Whether the misfit is more than the covariances say, or most markers are missing."""
+        loose = best.excess_px > SUSPICIOUS * float(np.median(self._task.sigma_px))
+        return loose or 2 * best.count < best.expected
 
 
 def _runner_up(best: Solution, other: Solution) -> RunnerUp:
