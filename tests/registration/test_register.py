@@ -405,3 +405,44 @@ def test_wrong_input_names_the_parameter():
     poses = wm.Pose(np.stack([np.eye(3)] * 2), np.zeros((2, 3)))
     with pytest.raises(ValueError, match="prior"):
         register(scene.detections, scene.markers, scene.camera, prior=poses)
+
+
+@pytest.mark.parametrize("factor", [0.8, 1.2])
+def test_wrong_focal_length_is_named(factor):
+    scene = scenes.scene(61, "B", hidden=0.25, false=0.5)
+    wrong = replace(scene.camera, focal_px=factor * scene.camera.focal_px)
+    result = register(scene.detections, scene.markers, wrong)
+    assert_refused(result, "wrong_focal")
+    assert "free_focal" in result.reason
+    assert_right(register(scene.detections, scene.markers, wrong, free_focal=True), scene)
+
+
+@pytest.mark.parametrize("kind", ["A", "C"])
+def test_both_methods_agree(kind):
+    scene = scenes.scene(62, kind, hidden=0.25, false=0.5)
+    fast, slow = (register(scene.detections, scene.markers, scene.camera, method=m) for m in ("hash", "ransac"))
+    assert_right(fast, scene, missing=1)
+    np.testing.assert_array_equal(fast.matching.detection, slow.matching.detection)
+    assert fast.cam_from_model.angle_to(slow.cam_from_model) < 1e-6
+
+
+def test_time_limit_is_an_honest_refusal():
+    rng = np.random.default_rng(0)
+    scene = scenes.scene(63, "C")
+    clutter = Detections.make(rng.uniform(0, 1, (300, 2)) * scene.camera.size_px, sigma_px=0.2)
+    result = register(clutter, scene.markers, scene.camera, max_time_s=0.01)
+    assert_refused(result, "time")
+    assert "max_time_s" in result.reason
+
+
+def test_five_hundred_markers_and_two_thousand_spots():
+    rng = np.random.default_rng(4)
+    xy = np.stack(np.meshgrid(np.arange(25.0), np.arange(20.0)), axis=-1).reshape(-1, 2)
+    xyz = np.column_stack([xy + rng.uniform(-0.35, 0.35, xy.shape), rng.normal(0, 0.2, 500)])
+    markers = MarkerSet.make([f"m{i}" for i in range(500)], xyz, normal=np.tile([0.0, 0.0, 1.0], (500, 1)))
+    camera, pose = scenes.random_view(rng, markers, size_px=(2560, 2000), tilt_max_deg=40)
+    scene = scenes.image_of(rng, markers, camera, pose, hidden=0.3, false=4.0, ranked=True, noise_px=0.2)
+    result = register(scene.detections, markers, camera)
+    assert result, result.reason
+    assert scenes.pose_error_px(result.cam_from_model, scene) < 2
+    assert len(result.matching) >= 0.99 * (scene.label >= 0).sum()

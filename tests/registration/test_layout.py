@@ -1,0 +1,102 @@
+"""Near-symmetries of a set of markers, and what `prepare` makes of it."""
+
+import numpy as np
+import pytest
+import registration_scenes as scenes
+
+from windmark.registration import NotRegistered, prepare, register
+from windmark.registration.layout import Layout
+from windmark.scene import MarkerSet
+
+
+def grid(columns, rows, normals=True):
+    xyz = np.stack(np.meshgrid(np.arange(columns) * 1.0, np.arange(rows) * 1.0, [0.0]), axis=-1).reshape(-1, 3)
+    normal = np.tile([0.0, 0.0, 1.0], (len(xyz), 1)) if normals else None
+    return MarkerSet.make([f"g{i}" for i in range(len(xyz))], xyz, normal=normal)
+
+
+def brought(onto):
+    return [int((row >= 0).sum()) for row in onto]
+
+
+def assert_motions(layout):
+    """Every motion is a rotation and brings the markers that it says, to within a third of their spacing."""
+    onto, rotation, translation = layout.symmetries
+    xyz = layout.model.xyz
+    spacing = np.linalg.norm(xyz - xyz[layout.model.near[:, 0]], axis=1)
+    for row, r, t in zip(onto, rotation, translation, strict=True):
+        np.testing.assert_allclose(r @ r.T, np.eye(3), atol=1e-9)
+        assert np.linalg.det(r) == pytest.approx(1)
+        m = np.flatnonzero(row >= 0)
+        assert len(set(row[m].tolist())) == len(m)
+        moved = xyz[m] @ r.T + t
+        assert (np.linalg.norm(moved - xyz[row[m]], axis=1) < 0.3 * spacing[m]).all()
+
+
+def test_symmetries_of_a_grid():
+    """Half a turn, and the shifts by one step: 6 x 4 markers less a row or a column."""
+    layout = Layout(grid(6, 4))
+    onto, _, _ = layout.symmetries
+    assert_motions(layout)
+    assert onto[0].tolist() == list(range(23, -1, -1))
+    right = [i + 1 if i % 6 < 5 else -1 for i in range(24)]
+    down = [i + 6 if i < 18 else -1 for i in range(24)]
+    rows = onto.tolist()
+    assert right in rows
+    assert down in rows
+    assert brought(onto) == sorted(brought(onto), reverse=True)
+    assert not any((row == np.arange(24)).sum() > 12 for row in onto)
+
+
+def test_quarter_turns_of_a_square_grid():
+    onto, _, _ = Layout(grid(5, 5)).symmetries
+    assert brought(onto)[:4] == [25, 25, 25, 20]
+
+
+def test_a_flat_grid_without_normals_can_be_turned_over():
+    with_normals, _, _ = Layout(grid(6, 4)).symmetries
+    without, _, _ = Layout(grid(6, 4, normals=False)).symmetries
+    assert brought(with_normals)[:2] == [24, 20]
+    assert brought(without)[:4] == [24, 24, 24, 20]
+
+
+def test_rows_are_nearly_symmetric_and_random_points_are_not():
+    layout = Layout(scenes.scene(1, "A0").markers)
+    assert_motions(layout)
+    assert max(brought(layout.symmetries[0])) >= 18
+    rng = np.random.default_rng(0)
+    scattered = MarkerSet.make([f"m{i}" for i in range(30)], rng.normal(size=(30, 3)))
+    assert len(Layout(scattered).symmetries[0]) == 0
+
+
+@pytest.mark.parametrize("count", [4, 5, 7])
+def test_few_markers_can_be_prepared(count):
+    layout = prepare(grid(3, 3).take(np.arange(count))).ready()
+    assert layout.table(7).first[-1] > 0
+
+
+def test_prepared_markers_change_nothing():
+    scene = scenes.scene(31, "A", hidden=0.25, false=0.5)
+    layout = prepare(scene.markers)
+    plain, prepared = (register(scene.detections, scene.markers, scene.camera, layout=w) for w in (None, layout))
+    np.testing.assert_array_equal(plain.cam_from_model.rotation, prepared.cam_from_model.rotation)
+    np.testing.assert_array_equal(plain.matching.marker, prepared.matching.marker)
+    assert plain.n_hypotheses == prepared.n_hypotheses
+    with pytest.raises(ValueError, match="layout"):
+        register(scene.detections, scenes.scene(32, "A").markers, scene.camera, layout=layout)
+
+
+def test_the_moved_marker_of_a_grid_hidden_is_ambiguous():
+    """Without the marker that breaks the symmetry, and its counterpart, half a turn explains the picture as well."""
+    rng = np.random.default_rng(3)
+    markers = grid(6, 4)
+    markers.xyz[8, :2] += [0.3, 0.12]
+    camera, pose = scenes.random_view(rng, markers)
+    scene = scenes.image_of(rng, markers, camera, pose, noise_px=0.2)
+    seen = register(scene.detections, markers, camera)
+    assert seen
+    assert scenes.pose_error_px(seen.cam_from_model, scene) < 2
+    hidden = register(scene.detections.take((scene.label != 8) & (scene.label != 15)), markers, camera)
+    assert isinstance(hidden, NotRegistered)
+    assert hidden.cause == "ambiguous"
+    assert np.degrees(hidden.best_candidate.angle_to(hidden.runner_up.cam_from_model)) > 100

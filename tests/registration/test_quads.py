@@ -1,0 +1,166 @@
+"""The quad search against slow, readable twins."""
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+import registration_scenes as scenes
+
+from windmark.geometry import Pose, p3p
+from windmark.registration import _match_kernels as match
+from windmark.registration import _quad_kernels as quads
+from windmark.registration._plane import Plane
+from windmark.registration.layout import DIRECTIONS, Layout, sphere
+from windmark.registration.quad_search import QuadSearch
+from windmark.registration.task import Task
+
+
+def plane_of(scene, **more):
+    return Plane(Task(scene.markers, scene.camera, scene.detections.xy, scene.detections.cov, 6.0, **more))
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return scenes.scene(5, "B", hidden=0.2, false=0.3, noise_px=0.2)
+
+
+def coordinates(a, b, c, d):
+    """Barycentric coordinates of a in the triangle b, c, d, by linear equations; and twice its signed area."""
+    system = np.array([[b[0], c[0], d[0]], [b[1], c[1], d[1]], [1.0, 1.0, 1.0]])
+    return np.linalg.solve(system, [a[0], a[1], 1.0]), np.linalg.det(system)
+
+
+def test_barycentric_coordinates_do_not_change_under_affine_maps():
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        points = rng.normal(size=(4, 2))
+        (u, v, _), area = coordinates(*points)
+        got = quads.barycentric(*points.ravel())
+        np.testing.assert_allclose(got, [u, v, area], rtol=1e-6)
+        affine = rng.normal(size=(2, 2))
+        moved = quads.barycentric(*(points @ affine.T + [3.0, -1.0]).ravel())
+        np.testing.assert_allclose(moved[:2], got[:2], rtol=1e-6)
+        assert moved[2] == pytest.approx(got[2] * np.linalg.det(affine))
+
+
+def test_cells_tile_the_keys():
+    assert quads.cell_of(-1.2, 0.0) == quads.cell_of(0.0, 1.2) == -1
+    side = 2 * quads.REACH / quads.CELLS
+    centres = -quads.REACH + side * (np.arange(quads.CELLS) + 0.5)
+    cells = [quads.cell_of(u, v) for u in centres for v in centres]
+    assert cells == list(range(quads.CELLS**2))
+
+
+def seen_from(xyz, direction):
+    """Orthographic image, y down, of markers seen by a camera in the given direction."""
+    pose = Pose.look_at(np.zeros(3) + direction, np.zeros(3), [0.3, 0.5, 0.8])
+    return (xyz @ pose.rotation.T)[:, :2]
+
+
+def test_table_holds_every_quad_seen_from_a_tabled_direction(scene):
+    layout = Layout(scene.markers)
+    table, model = layout.table(7), layout.model
+    entries = [
+        {tuple(q) for q in table.quad[table.first[c] : table.first[c + 1]].tolist()} for c in range(quads.CELLS**2)
+    ]
+    checked = 0
+    for direction in sphere(DIRECTIONS)[3:30:6]:
+        xy = seen_from(model.xyz, direction)
+        for a in range(0, len(xy), 7):
+            for b, c, d in combinations(model.near[a, :7].tolist(), 3):
+                if not (model.normal[[a, b, c, d]] @ direction > quads.FACING).all():
+                    continue
+                (u, v, w), area = coordinates(xy[a], xy[b], xy[c], xy[d])
+                corners = xy[[b, c, d]]
+                longest2 = max(((corners[i] - corners[i - 1]) ** 2).sum() for i in range(3))
+                if max(abs(u), abs(v), abs(w)) > 1 or abs(area) < 0.3 * longest2:
+                    continue
+                if area < 0:
+                    c, d, v = d, c, w
+                checked += 1
+                assert (a, b, c, d) in entries[quads.cell_of(u, v)]
+    assert checked > 30
+
+
+def test_table_of_a_symmetric_layout_is_symmetric():
+    xyz = np.stack(np.meshgrid(np.arange(5.0), np.arange(4.0), [0.0]), axis=-1).reshape(-1, 3)
+    markers = scenes.MarkerSet.make([f"g{i}" for i in range(20)], xyz, normal=np.tile([0, 0, 1.0], (20, 1)))
+    table = Layout(markers).table(7)
+    cell = np.repeat(np.arange(quads.CELLS**2), np.diff(table.first))
+    entries = {(int(c), *q) for c, q in zip(cell, table.quad.tolist(), strict=True)}
+    # Half a turn of the grid brings marker i to 19 - i.
+    assert {(c, *(19 - m for m in q)) for c, *q in entries} == entries
+
+
+def test_spot_quads_are_all_sound_ones_rarest_first(scene):
+    plane = plane_of(scene)
+    picture, table = plane.picture(30), plane.layout.table(7)
+    got, cells = quads.spot_quads_kernel(picture.p, picture.near, 4, 7, table.first)
+    count = np.diff(table.first)[cells]
+    assert (np.diff(count) >= 0).all()
+    assert count.min() > 0
+    expected = set()
+    for a in range(30):
+        for b, c, d in combinations(picture.near[a, :7].tolist(), 3):
+            if {b, c, d} <= set(picture.near[a, :4].tolist()):
+                continue
+            (u, v, w), area = coordinates(*picture.p[[a, b, c, d]])
+            corners = picture.p[[b, c, d]]
+            longest2 = max(((corners[i] - corners[i - 1]) ** 2).sum() for i in range(3))
+            if max(abs(u), abs(v), abs(w)) > 1 or abs(area) < 2 * quads.FLATTEST * longest2:
+                continue
+            if area < 0:
+                c, d, v = d, c, w
+            if table.first[quads.cell_of(u, v) + 1] > table.first[quads.cell_of(u, v)]:
+                expected.add((a, b, c, d))
+    assert {tuple(q) for q in got.tolist()} == expected
+    assert len(got) == len(expected)
+
+
+def test_screen_passes_what_p3p_confirms_and_little_else(scene):
+    """Of right quads nearly all pass; of random links few, and those that P3P confirms nearly all."""
+    model, frame = Layout(scene.markers).model, Layout(scene.markers).frame
+    rotation, translation = frame.unit(scene.cam_from_model)
+    focal, rng = scene.camera.focal_px, np.random.default_rng(1)
+    seen = model.xyz @ rotation.T + translation
+    p = np.ascontiguousarray(focal * seen[:, :2] / seen[:, 2:] + rng.normal(0, 0.2, (len(seen), 2)))
+    right, passed, confirmed, kept, tried = [], 0, 0, 0, 0
+    for a in range(60):
+        spots = [a, *model.near[a, :3].tolist()]
+        if abs(np.linalg.det(p[spots[2:]] - p[spots[1]])) < 1000:
+            continue
+        sight = match._sight(p, *spots, focal)
+        right.append(match._fits(model.xyz, *spots, sight, 3.0 / focal))
+        for _ in range(20):
+            other = rng.integers(60)
+            markers = [other, *rng.permutation(model.near[other, :6])[:3].tolist()]
+            rays = np.column_stack([p[spots[1:]], np.full(3, focal)])
+            anchors = [pose.apply(model.xyz[markers[0]]) for pose in p3p(rays, model.xyz[markers[1:]]).poses()]
+            good = any(np.linalg.norm(focal * x[:2] / x[2] - p[a]) < 3.0 for x in anchors)
+            fits = match._fits(model.xyz, *markers, sight, 3.0 / focal)
+            tried, confirmed, kept, passed = tried + 1, confirmed + good, kept + (good and fits), passed + fits
+    assert np.mean(right) > 0.9
+    assert confirmed > 5
+    assert kept >= 0.9 * confirmed
+    assert passed < 0.25 * tried
+
+
+def test_search_finds_the_pose_and_the_planes_mirror_image():
+    """Seen from far, a flat wing has two poses; both come out of one search."""
+    rng = np.random.default_rng(2)
+    flat = scenes.wing(rng)
+    flat = scenes.MarkerSet.make(flat.name, flat.xyz * [1, 1, 0], normal=np.tile([0.0, 0.0, 1.0], (24, 1)))
+    camera = scenes.Camera((1280, 1000), 1280 / (2 * np.tan(np.radians(0.25))))
+    pose = Pose.look_at(np.array([0.45, 0.5, 0.0]) + 600 * np.array([0.5, 0.3, 0.8]), [0.45, 0.5, 0.0], [0, 1, 0])
+    scene = scenes.image_of(rng, flat, camera, pose, noise_px=0.2)
+    search = QuadSearch(plane_of(scene), 45.0)
+    for _ in search.batches():
+        if search.best is not None and search.best.score > 45.0:
+            break
+    search.rivals(search.best)
+    first, second = search.top(2)
+    assert first.count == second.count == 24
+    np.testing.assert_array_equal(first.match, second.match)
+    angles = sorted(float(np.degrees(c.cam_from_model.angle_to(pose))) for c in (first, second))
+    assert angles[0] < 3
+    assert angles[1] > 20

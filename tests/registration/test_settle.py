@@ -1,0 +1,171 @@
+"""The fit and the labelling against slow, readable twins."""
+
+import numpy as np
+import pytest
+import registration_scenes as scenes
+
+from windmark.adjust import refine_pose
+from windmark.geometry import Camera
+from windmark.registration import _fit_kernels as fits
+from windmark.registration import _settle_kernels as settling
+from windmark.registration._plane import Plane, to_plane
+from windmark.registration._raster_kernels import plane_covariance_kernel
+from windmark.registration.pool import Candidate
+from windmark.registration.solution import accepted, settle, with_free_focal
+from windmark.registration.task import Task, with_focal
+from windmark.scene import Detections
+
+
+def curved_scene(seed, **options):
+    """A wing and body under a curved lens with oblong pixels; every spot with noise of its own covariance."""
+    rng = np.random.default_rng(seed)
+    markers = scenes.wing_and_body(rng)
+    camera, pose = scenes.random_view(rng, markers, fov_deg=(40, 50))
+    camera = Camera(camera.size_px, camera.focal_px, aspect=1.05, k1=-0.1, p1=1e-3)
+    scene = scenes.image_of(rng, markers, camera, pose, noise_px=0.0, **options)
+    root = rng.normal(0, 0.05, (len(scene.detections), 2, 2)) + 0.2 * np.eye(2)
+    noise = (root @ rng.normal(size=(len(root), 2, 1)))[..., 0]
+    detections = Detections.make(scene.detections.xy + noise, cov=root @ np.swapaxes(root, 1, 2))
+    return scenes.Scene(detections, markers, camera, pose, scene.label)
+
+
+def plane_of(scene, **more):
+    return Plane(Task(scene.markers, scene.camera, scene.detections.xy, scene.detections.cov, 6.0, **more))
+
+
+def candidate_of(scene, focal=1.0, keep=lambda m: True):
+    """The true pose, a little off, with the true labels of some markers."""
+    match = np.full(len(scene.markers), -1, np.int32)
+    for spot, marker in enumerate(scene.label):
+        if marker >= 0 and keep(marker):
+            match[marker] = spot
+    pose = scenes.Pose.from_rotvec([0.002, -0.001, 0.002], [0.0, 0.0, 0.0]) @ scene.cam_from_model
+    return Candidate(pose, focal * scene.camera.focal_px, 0.0, int((match >= 0).sum()), match)
+
+
+def test_covariance_in_the_plane_is_that_of_scattered_spots():
+    scene, rng = curved_scene(1), np.random.default_rng(0)
+    camera, xy, cov = scene.camera, scene.detections.xy[:6], scene.detections.cov[:6]
+    got = plane_covariance_kernel(camera.packed(), np.ascontiguousarray(to_plane(camera, xy)), cov)
+    for k in range(6):
+        scattered = to_plane(camera, rng.multivariate_normal(xy[k], cov[k], 20_000))
+        expected = np.cov(scattered.T)
+        np.testing.assert_allclose(got[k], [expected[0, 0], expected[0, 1], expected[1, 1]], atol=0.03 * expected.max())
+
+
+@pytest.mark.parametrize("free_focal", [False, True])
+def test_fit_is_that_of_the_adjustment(free_focal):
+    """Pose and covariance of `refine_pose` with the full camera, the same weights and the same labels."""
+    scene = curved_scene(2)
+    plane = plane_of(scene, **({"focal_factors": (0.6, 1.0, 1.6)} if free_focal else {}))
+    solution = settle(plane, candidate_of(scene))
+    assert (scene.label[solution.detection] == solution.marker).all()
+    assert solution.count == (scene.label >= 0).sum()
+    task, markers = plane.task, solution.marker
+    cov = task.cov[solution.detection] + solution.state.numbers[fits.EXCESS] * np.eye(2)
+    free = ("focal_px",) if free_focal else ()
+    camera = scene.camera
+    if free_focal:
+        # The lens is held in the image, so the adjustment is asked about a camera that has none.
+        camera = Camera(camera.size_px, camera.focal_px, cx=0.0, cy=0.0)
+        xy, cov = plane.spots.p[solution.detection], solution.state.spread[markers][:, [0, 1, 1, 2]].reshape(-1, 2, 2)
+    else:
+        xy = task.xy[solution.detection]
+    expected = refine_pose(camera, scene.cam_from_model, scene.markers.xyz[markers], xy, cov, free=free)
+    delta = (expected.cam_from_model @ solution.cam_from_model.inverse()).log()
+    sigma = np.sqrt(np.diag(expected.cov))
+    # The focal length's prior of 47 % moves nothing noticeable; the excess is of the round before.
+    assert (np.abs(delta) < 0.03 * sigma[:6]).all()
+    np.testing.assert_allclose(np.sqrt(np.diag(solution.cov)), sigma, rtol=0.03)
+    correlation = solution.cov / np.sqrt(np.outer(np.diag(solution.cov), np.diag(solution.cov)))
+    np.testing.assert_allclose(correlation, expected.cov / np.outer(sigma, sigma), atol=0.03)
+
+
+def test_labels_grow_from_a_few_and_shrink_from_wrong_ones():
+    scene = curved_scene(3, hidden=0.25, false=0.5)
+    few = settle(plane_of(scene), candidate_of(scene, keep=lambda m: m % 4 == 0))
+    assert few.count >= (scene.label >= 0).sum() - 1
+    assert (scene.label[few.detection] == few.marker).all()
+    wrong = candidate_of(scene)
+    a, b = np.flatnonzero(wrong.match >= 0)[[3, 4]]
+    wrong.match[[a, b]] = wrong.match[[b, a]]
+    healed = settle(plane_of(scene), wrong)
+    assert (scene.label[healed.detection] == healed.marker).all()
+
+
+def test_too_few_or_singular_pairs_are_lost():
+    scene = curved_scene(4)
+    first = set(scene.label[:3].tolist())
+    assert settle(plane_of(scene), candidate_of(scene, keep=lambda m: m in first)) is None
+
+
+def slow_label(plane, solution):
+    """Twin of `_label`: pairs of a settled solution, from dense matrices."""
+    state, markers, spots = solution.state, plane.markers, plane.spots
+    factor = np.tril(state.factor[:6, :6])
+    focal, excess = state.numbers[fits.FOCAL], state.numbers[fits.EXCESS]
+    eye = -state.rotation.T @ state.translation
+    facing = ((eye - markers.xyz) * markers.normal).sum(axis=1) > 0
+    points = markers.xyz @ state.rotation.T + state.translation
+    pairs = []
+    for m in np.flatnonzero(facing & (points[:, 2] > 0)):
+        turned, step = points[m] - state.translation, 1e-6
+
+        def project(delta, turned=turned):
+            p = scenes.Pose.from_rotvec(delta[:3], [0, 0, 0]).apply(turned) + state.translation + delta[3:]
+            return focal * p[:2] / p[2]
+
+        j = np.stack([(project(step * e) - project(-step * e)) / (2 * step) for e in np.eye(6)], axis=1)
+        half = np.linalg.solve(factor, j.T)
+        by_pose, seen = half.T @ half, project(np.zeros(6))
+        for s in range(len(spots.p)):
+            noise = np.array([[spots.cov[s, 0], spots.cov[s, 1]], [spots.cov[s, 1], spots.cov[s, 2]]])
+            noise = noise + excess * np.eye(2)
+            sign = -1 if state.match[m] == s else 1
+            value, vector = np.linalg.eigh(noise + sign * by_pose)
+            gate = (vector * np.maximum(value, 0.05 * np.trace(noise) if sign < 0 else 0)) @ vector.T
+            offset = seen - spots.p[s]
+            d2 = offset @ np.linalg.solve(gate, offset)
+            likely = 2 * np.log(1 / (2 * np.pi * np.sqrt(np.linalg.det(gate)) * spots.density[s]))
+            if d2 < min(settling.GATE, likely):
+                pairs.append((d2, m, s))
+    chosen, taken = {}, set()
+    for _, m, s in sorted(pairs):
+        if m not in chosen and s not in taken:
+            chosen[m] = s
+            taken.add(s)
+    return chosen
+
+
+def test_settled_labels_are_those_of_the_slow_twin():
+    scene = curved_scene(5, hidden=0.3, false=1.0)
+    plane = plane_of(scene)
+    solution = settle(plane, candidate_of(scene))
+    twin = slow_label(plane, solution)
+    assert dict(zip(solution.marker.tolist(), solution.detection.tolist(), strict=True)) == twin
+
+
+def test_accepted_excess_is_by_the_residuals_alone():
+    scene = curved_scene(6)
+    plane = plane_of(scene)
+    solution = settle(plane, candidate_of(scene))
+    final = accepted(plane, solution)
+    assert final.excess_px <= solution.excess_px
+    assert (np.diag(final.cov) <= np.diag(solution.cov) * (1 + 1e-9)).all()
+    np.testing.assert_array_equal(final.state.match, solution.state.match)
+
+
+def test_freed_focal_length_is_the_true_one():
+    rng = np.random.default_rng(8)
+    markers = scenes.wing_and_body(rng)
+    camera, pose = scenes.random_view(rng, markers, fov_deg=(50, 50), tilt_max_deg=30)
+    scene = scenes.image_of(rng, markers, camera, pose, noise_px=0.2)
+    true = camera.focal_px
+    wrong = scenes.Scene(scene.detections, markers, with_focal(camera, 1.15 * true), pose, scene.label)
+    plane, start = plane_of(wrong), candidate_of(wrong)
+    moved = scenes.Pose(pose.rotation, pose.translation + 0.15 * pose.apply(markers.xyz.mean(axis=0)))
+    solution = settle(plane, Candidate(moved, start.focal_px, 0.0, start.count, start.match))
+    freed = with_free_focal(plane, solution)
+    assert freed.focal_px == pytest.approx(true, abs=4 * freed.focal_sigma * true)
+    assert freed.focal_sigma < 0.02
+    assert freed.evidence.score > solution.evidence.score + 20
