@@ -9,6 +9,7 @@ import registration_scenes as scenes
 from windmark.geometry import Camera, Pose
 from windmark.registration import _plane, _triplets
 from windmark.registration._hypothesis_kernels import Model
+from windmark.registration._near import nearest
 from windmark.registration.evidence import weigh
 from windmark.registration.layout import unit_model
 from windmark.registration.pool import Candidate, Pool
@@ -189,3 +190,16 @@ def test_false_alarm_number_bounds_false_alarms():
         tests = np.log10(4 * 2024 * 30 * 29 * 28)
         hits += evidence.log10_nfa - tests < -1
     assert hits <= 0.1 * trials
+
+
+@pytest.mark.parametrize("count", [5, 40, 301])
+def test_nearest_neighbours(count):
+    rng = np.random.default_rng(count)
+    points = rng.normal(size=(count, 3))
+    points[3] = points[1]
+    index, distance = nearest(points, 4)
+    full = np.linalg.norm(points[:, None] - points[None], axis=2)
+    np.fill_diagonal(full, np.inf)
+    np.testing.assert_allclose(distance, np.sort(full, axis=1)[:, :4], atol=1e-12)
+    np.testing.assert_allclose(full[np.arange(count)[:, None], index], distance, atol=1e-12)
+    assert nearest(points[:1], 0)[0].shape == (1, 0)

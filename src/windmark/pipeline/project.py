@@ -102,7 +102,7 @@ class RegisterOptions(_Strict):
     tolerance_px: Positive | None = None
     free_focal: bool = False
     seed: int = 0
-    max_time_s: Positive = 20.0
+    max_time_s: Positive | None = None
 
 
 class ResectOptions(_Strict):

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import copy
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,18 +50,17 @@ class Solution:
     Parameters
     ----------
     cam_from_model, focal_px : pose and focal length
-    cov : (6, 6) of [rotation, translation] for ``exp(delta) @ pose``; (7, 7) with the focal length if that is free
     detection, marker : (K,) the pairs, in order of markers
     expected : number of markers that should be seen
     excess_px : 1 sigma per coordinate of the misfit that the given covariances do not explain
     misfit_px : 1 sigma per coordinate of the residuals, by the redundancy
     evidence : how much it is worth
-    state : the kernels' view of it
+    state, change : the kernels' view of it, and (6, 6) or (7, 7) derivative of [rotation, translation, focal length]
+        by the kernels' parameters
     """
 
     cam_from_model: Pose
     focal_px: float
-    cov: Array
     detection: Ints
     marker: Ints
     expected: int
@@ -68,11 +68,19 @@ class Solution:
     misfit_px: float
     evidence: Evidence
     state: State
+    change: Array
 
     @property
     def count(self) -> int:
         """Matched markers."""
         return len(self.marker)
+
+    @cached_property
+    def cov(self) -> Array:
+        """(6, 6) of [rotation, translation] for ``exp(delta) @ pose``; (7, 7) with the focal length if that is free."""
+        size = len(self.change)
+        half = self.change @ np.linalg.inv(np.tril(self.state.factor[:size, :size])).T
+        return np.asarray(half @ half.T)
 
     @property
     def focal_sigma(self) -> float:
@@ -129,9 +137,9 @@ def accepted(plane: Plane, solution: Solution) -> Solution:
         solution,
         cam_from_model=plane.frame.pose(state.rotation, state.translation),
         focal_px=float(state.numbers[FOCAL]),
-        cov=_covariance(plane, state, plane.fit),
         excess_px=float(np.sqrt(state.numbers[EXCESS])),
         state=state,
+        change=_change(plane, state, plane.fit),
     )
 
 
@@ -143,7 +151,6 @@ def _solution(plane: Plane, state: State, fit: Fit) -> Solution:
     return Solution(
         cam_from_model=plane.frame.pose(state.rotation, state.translation),
         focal_px=float(numbers[FOCAL]),
-        cov=_covariance(plane, state, fit),
         detection=detection,
         marker=marker,
         expected=expected,
@@ -151,18 +158,17 @@ def _solution(plane: Plane, state: State, fit: Fit) -> Solution:
         misfit_px=float(np.sqrt(numbers[MISFIT])),
         evidence=weigh(plane, detection, state.residual[marker], state.spread[marker], expected),
         state=state,
+        change=_change(plane, state, fit),
     )
 
 
-def _covariance(plane: Plane, state: State, fit: Fit) -> Array:
+def _change(plane: Plane, state: State, fit: Fit) -> Array:
     """From the unit model, turned about its centre, to the model and ``exp(delta) @ pose``."""
     size = 7 if fit.focal_weight > 0 else 6
-    root = np.linalg.inv(np.tril(state.factor[:size, :size]))
     # The model's centre, seen from the camera, stays where it is when the unit model is turned.
     change = np.eye(size)
     change[3:6, :3] = plane.frame.scale * hat(state.translation)
     change[3:6, 3:6] *= plane.frame.scale
     if size == 7:
         change[6, 6] = state.numbers[FOCAL]
-    half = change @ root.T
-    return half @ half.T
+    return change
