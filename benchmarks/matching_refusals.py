@@ -9,9 +9,10 @@ markers and 2,000 spots the right pose may be found, or refused, but no other ac
 from __future__ import annotations
 
 import sys
+from functools import partial
 
 import _matching_cases as cases
-from registration import header, row
+from registration import header, rows
 
 KINDS = {
     "clutter": cases.clutter,
@@ -32,10 +33,10 @@ def main(quick: bool = False, count: int = 1000) -> dict[str, dict[str, float]]:
     figures: dict[str, dict[str, float]] = {}
     header()
     for name, case in KINDS.items():
-        row(figures, name, case, range(800_000, 800_000 + count))
+        rows(figures, {name: case}, range(800_000, 800_000 + count))
     for ranked in (True, False):
         name = f"500 markers 2000 spots {'ranked' if ranked else 'unranked'}"
-        row(figures, name, lambda seed, r=ranked: cases.large(seed, r), range(800_000, 800_000 + max(count // 50, 3)))
+        rows(figures, {name: partial(cases.large, ranked=ranked)}, range(800_000, 800_000 + max(count // 50, 3)))
     return figures
 
 

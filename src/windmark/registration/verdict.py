@@ -26,6 +26,8 @@ SUSPICIOUS = 1.5
 """An excess of so many sigma of the spots makes the given focal length doubtful."""
 CLEARLY_BETTER, FOCAL_OFF = 20.0, 0.05
 """It is refused when another one is better by so much (nats), and away from it by this (relative) and by 5 sigma."""
+FEW_SPOTS, FEW_PART, CLUTTERED = 8, 0.2, 6.0
+"""Fewer spots than so many, or than this part of the markers, are few; more than this times the markers are clutter."""
 WORTH_A_LOOK = 60.0
 """Candidates whose search score is this much (nats) below the best are no rivals."""
 
@@ -54,7 +56,9 @@ class Judge:
         self._challenge()
         solutions = self._solutions()
         if not solutions:
-            return Verdict(None, None, "nothing", "no pose explains the neighbourhood of any three markers")
+            return Verdict(
+                None, None, "nothing", f"no pose explains the neighbourhood of any three markers{self._hint()}"
+            )
         best, others = solutions[0], solutions[1:]
         runner_up = _runner_up(best, others[0]) if others else None
         cause, reason = self._refusal(best, runner_up)
@@ -89,7 +93,7 @@ class Judge:
             return "weak", (
                 f"the best solution matches {best.count} of {best.expected} markers in view, which could be chance: "
                 f"false-alarm number 1e{evidence.log10_nfa:+.1f} (limit 1e{limits.log10_nfa:+.1f}), "
-                f"evidence {evidence.score:.0f} nats (at least {least:.0f})"
+                f"evidence {evidence.score:.0f} nats (at least {least:.0f}){self._hint()}"
             )
         if MISFIT * best.misfit_px > self._task.tolerance_px:
             return "misfit", (
@@ -120,6 +124,23 @@ class Judge:
                         "correct it, or set free_focal"
                     )
         return None, ""
+
+    def _hint(self) -> str:
+        """What the likely reason is that nothing was found."""
+        spots, markers = len(self._task.xy), len(self._task.markers)
+        likely = []
+        if spots < max(FEW_SPOTS, FEW_PART * markers):
+            likely.append(f"too few spots ({spots} for {markers} markers)")
+        elif spots > CLUTTERED * markers:
+            likely.append(
+                f"too much clutter ({spots} spots for {markers} markers; detect with a stricter limit, best spots first)"
+            )
+        if self._task.prior is not None:
+            likely.append("a prior that is too far away")
+        if not self._task.free_focal:
+            likely.append("a wrong focal length (try free_focal)")
+        likely.append("another model, or its table in another shape")
+        return "; likely " + ", or ".join(likely)
 
     def _doubtful_focal(self, best: Solution) -> bool:
         """Whether the misfit is more than the covariances say, or most markers are missing."""
