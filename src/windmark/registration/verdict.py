@@ -133,7 +133,7 @@ class Judge:
             likely.append(f"too few spots ({spots} for {markers} markers)")
         elif spots > CLUTTERED * markers:
             likely.append(
-                f"too much clutter ({spots} spots for {markers} markers; detect with a stricter limit, best spots first)"
+                f"too much clutter ({spots} spots for {markers} markers: be stricter, put the best spots first)"
             )
         if self._task.prior is not None:
             likely.append("a prior that is too far away")
