@@ -70,14 +70,16 @@ def test_a_marker_is_where_it_is_in_every_type(scene):
         np.testing.assert_allclose(got.cov, want.cov, rtol=1e-3)
 
 
-def test_black_on_white_at_the_ends_of_the_scale(draw):
+@pytest.mark.parametrize("refine", ["bowl", "template"])
+def test_black_on_white_at_the_ends_of_the_scale(draw, refine):
+    """Saturated paper may be brighter than it looks: the template leaves it open."""
     image = np.clip(np.round(draw((60, 60), [(30.3, 29.8, 4.0)], background=255, depth=255)), 0, 255).astype(np.uint8)
     for picture, polarity in ((image, "dark"), (255 - image, "bright")):
-        found = wm.detect(picture, radius_px=4.0, polarity=polarity)
+        found = wm.detect(picture, radius_px=4.0, polarity=polarity, refine=refine)
         np.testing.assert_allclose(found.xy, [[30.3, 29.8]], atol=0.03)
         assert has(found, "saturated").all()
-        assert found.depth[0] == pytest.approx(255, rel=0.01)
-    assert len(wm.detect(image, radius_px=4.0, polarity="bright")) == 0
+        assert 252 < found.depth[0] < (258 if refine == "bowl" else 320)
+    assert len(wm.detect(image, radius_px=4.0, polarity="bright", refine=refine)) == 0
 
 
 def test_border(draw):

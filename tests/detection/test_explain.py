@@ -29,7 +29,7 @@ def at(rejected, x, y):
 
 
 def test_every_reject_has_its_reason(wall):
-    found, rejected = explain(wall, radius_px=3.0)
+    found, rejected = explain(wall, radius_px=3.0, refine="bowl")
     np.testing.assert_allclose(found.xy, [[30, 30]], atol=0.1)
     assert rejected.reason[at(rejected, 70, 30)] == SMALL
     assert rejected.reason[at(rejected, 120, 40)] == SHAPE
@@ -70,7 +70,7 @@ def test_mask(scene):
         assert found.xy[:, 0].min() > 58
         inside = every.xy[every.xy[:, 0] > 60 + 8]
         nearest = np.hypot(*(found.xy[:, None] - inside).transpose(2, 0, 1)).min(axis=0)
-        assert nearest.max() < 1e-3
+        assert nearest.max() < 0.01  # blur and noise are learnt from fewer markers
         assert len(found) - len(inside) == (found.xy[:, 0] <= 68).sum()
     assert len(wm.detect(image, radius_px=3.0, mask=np.zeros(image.shape))) == 0
     everywhere = wm.detect(image, radius_px=3.0, mask=np.full(image.shape, 255))

@@ -84,7 +84,7 @@ def test_search_finds_what_the_map_shows(dtype, scene):
     bowl = Bowl.of_radius(3.0)
     start = np.array(lowest, dtype=float)[:, ::-1].copy()
     paper = refine_bowl((image - 100.0).astype(np.float32), start, 3.0, 2.0, 0.85, bowl.positions, bowl.functionals)
-    fast = wd.detect(image, radius_px=3.0)
+    fast = wd.detect(image, radius_px=3.0, refine="bowl")
     assert len(fast) == len(centres) == count
     order = np.lexsort(np.round(fast.xy).T)
     want = paper[np.lexsort(np.round(paper[:, :2]).T)]

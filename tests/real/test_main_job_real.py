@@ -37,7 +37,7 @@ def test_all_fifteen_dots_are_labelled_and_none_wrong(finished, shared_data):
 
 def test_residual_and_pose_are_the_data_s_optimum(finished):
     registration = finished[0]["images"][0]["registration"]
-    assert registration["rms_px"] == pytest.approx(1.07, abs=0.01)
+    assert registration["rms_px"] == pytest.approx(1.075, abs=0.007)  # 1.074 is the optimum for equal weights
     assert registration["published_pose"]["angle_deg"] < 0.3
     assert registration["log10_nfa"] < -9
 

@@ -94,7 +94,7 @@ def detect(
     merit_max: MeritMax = 0.7,
     refine: Annotated[
         str, typer.Option(help="bowl (the paper's centre) or template (fit of a blurred ellipse).")
-    ] = "bowl",
+    ] = "template",
     photometry: Annotated[
         str | None, typer.Option(help="Of the template: multiplicative or additive. [default: by polarity]")
     ] = None,

@@ -13,7 +13,7 @@ from windmark.detection.image import Prepared, check_image, check_polarity, prep
 from windmark.detection.options import QUALITY_MIN, REFINEMENTS, Options, check_radii
 from windmark.detection.radius import prevailing
 from windmark.detection.refined import FIT_SLACK, refined, worth_fitting
-from windmark.detection.rejected import ACCEPTED, SURPLUS, UNCERTAIN, Rejected
+from windmark.detection.rejected import ACCEPTED, FAINT, SURPLUS, UNCERTAIN, Rejected
 from windmark.detection.search import MERIT_SLACK, Bowl
 from windmark.detection.shape import ILL, TOUCHING, Shapes, covariance
 from windmark.detection.spots import Spots, distinct, find_spots
@@ -30,7 +30,7 @@ def detect(
     radius_px: float | Sequence[float] | None = None,
     polarity: str = "dark",
     merit_max: float = 0.7,
-    refine: str = "bowl",
+    refine: str = "template",
     photometry: str | None = None,
     mask: ArrayLike | None = None,
     max_spots: int | None = None,
@@ -52,11 +52,11 @@ def detect(
         None takes what `estimate_radius` says; an image in which no size prevails has no spots
     polarity : "dark" or "bright" markers on their surface
     merit_max : largest merit of a spot; the paper's 0.7 is a correlation of 0.778 with the top-hat
-    refine : "bowl", the paper's centre and decision; or "template", a fit of the blurred ellipse to every candidate
-        (`template.refine_template`), also those whose merit is up to 0.3 above `merit_max`. The fit decides: radius,
-        shape, blur and contrast against the frame's own
-    photometry : of the template, "multiplicative" where paint scales the light or "additive" (infrared); None takes the
-        first for dark and the second for bright markers
+    refine : "template", a fit of the blurred ellipse to every candidate (`template.refine_template`), also to those
+        whose merit is up to 1.43 `merit_max` or whose quality is down to half of `min_quality`; the fit decides: see
+        `decide_fits`. Or "bowl", the paper's centre and decision
+    photometry : of the template, "multiplicative" where paint scales the light (black must be 0) or "additive"
+        (infrared); None takes the first for dark markers, the second for bright ones and for images with negative light
     mask : (H, W), only pixels where it is true (not 0) are used; a marker needs 85 % of its disc in them
     max_spots : keep only so many, the best
     min_depth : smallest depth in grey levels; None leaves it to `min_quality`
@@ -69,14 +69,20 @@ def detect(
     Returns
     -------
     Detections
-        Best first (largest quality, see `min_quality`). `xy` is the centre of the imaged ellipse; `cov` is white
-        noise of the measured scatter propagated through the bowl, plus the bowl's pixel-lattice error (0.025 / r0 px
-        per axis); correlated texture and uneven light are not in it. `radius_px` and `axes_px` are measured (area =
-        volume / depth at the core, blur-free anisotropy), `depth` is the contrast at the core. Flags: border (cut by
-        the image's edge), saturated (over 2 % of the window; integer images only), contaminated (dead pixels, or over
-        10 % of the ring stands out), touching (another spot reaches into the window), ill-conditioned (the bowl did
-        not settle). Pixels that stand out alone are taken as dead. A constant image, or one smaller than the marker,
-        has no spots.
+        Best first (largest quality, see `min_quality`). `xy` is the centre of the imaged ellipse, not the image of the
+        disc's centre (`geometry.imaged_ellipse` tells the difference). A constant image, or one smaller than the
+        marker, has no spots; `why_none` says why. Pixels that stand out alone are taken as dead.
+
+        template: `cov` is the bound of least squares in the frame's own noise, texture included; `axes_px` are those of
+        the disc without blur, `depth` is that of its middle. Flags: border, saturated (over 2 % of the window; integer
+        images only), contaminated (residuals that are not the frame's noise, or pixels of the disc are missing),
+        touching (another marker reaches into the window and its pixels are left out), ill-conditioned (size or blur at
+        the bound of what pixels can show).
+
+        bowl: `cov` is white noise of the measured scatter propagated through the bowl, plus the bowl's pixel-lattice
+        error (0.025 / r0 px per axis); correlated texture and uneven light are not in it. `radius_px` and `axes_px` are
+        measured (area = volume / depth at the core, blur-free anisotropy), `depth` is the contrast at the core. Flags:
+        contaminated (dead pixels, or over 10 % of the ring stands out), ill-conditioned (the bowl did not settle).
 
     Raises
     ------
@@ -114,8 +120,9 @@ def _examine(image: ArrayLike, options: Options, *, why: bool) -> tuple[Detectio
     radii = prevailing(prepared).radii_px if options.radius_px is None else check_radii(options.radius_px)
     if not len(radii):
         return nothing
+    options = options.in_light_of(checked)
     template = options.refine == "template"
-    limit = options.merit_max + (FIT_SLACK if template else 0.0)
+    limit = options.merit_max * (FIT_SLACK if template else 1.0)
     spots = Spots.join([find_spots(prepared, r, limit) for r in radii])
     found = describe_spots(prepared, spots)
     value, reason = judge(spots, found, options)
@@ -128,7 +135,8 @@ def _examine(image: ArrayLike, options: Options, *, why: bool) -> tuple[Detectio
         result, verdict = refined(checked, prepared, spots.take(order), found.take(order), radii, taken, options)
     else:
         result, verdict = _bowls(prepared, spots.take(order), found.take(order))
-    reason[order] = verdict
+    # What SPOT holds against a weak spot says more than that the template does not fit noise.
+    reason[order] = np.where((verdict != ACCEPTED) & (reason[order] == FAINT), FAINT, verdict)
     order = order[verdict == ACCEPTED]
     reason[order[options.max_spots :] if options.max_spots is not None else []] = SURPLUS
     keep = np.arange(len(order))[: options.max_spots]

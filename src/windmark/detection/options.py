@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from windmark.detection.image import check_polarity
 
 REFINEMENTS = ("bowl", "template")
 PHOTOMETRIES = ("multiplicative", "additive")
 QUALITY_MIN = 12.0  # see `detect`
+DARKER_THAN_BLACK = 0.01  # share of the pixels; less is noise in deep shadow
 
 
 @dataclass(frozen=True)
@@ -28,7 +29,7 @@ class Options:
     radius_px: float | Sequence[float] | None = None
     polarity: str = "dark"
     merit_max: float = 0.7
-    refine: str = "bowl"
+    refine: str = "template"
     photometry: str | None = None
     mask: ArrayLike | None = None
     max_spots: int | None = None
@@ -56,6 +57,17 @@ class Options:
     def light(self) -> str:
         """The photometry: paint scales the light, infrared adds to it."""
         return self.photometry or ("multiplicative" if self.polarity == "dark" else "additive")
+
+    def in_light_of(self, image: NDArray[np.generic]) -> Options:
+        """The same; where no photometry is asked for, additive if the image has places darker than no light at all.
+
+        Nothing can take away more than all of the light: such an image has lost its zero (a background was subtracted).
+        """
+        if self.photometry is not None or image.dtype.kind == "u":
+            return self
+        step = max(1, int(np.sqrt(image.size / 60_000)))
+        below = np.mean(np.less(image[::step, ::step], 0))
+        return replace(self, photometry="additive") if below > DARKER_THAN_BLACK else self
 
 
 def check_radii(radius_px: float | Sequence[float]) -> list[float]:

@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-ACCEPTED, SHAPE, FAINT, SHALLOW, SMALL, LARGE, FORMLESS, UNCERTAIN, SURPLUS, MISFIT, BLURRED, SAME, PALE = range(13)
+ACCEPTED, SHAPE, FAINT, SHALLOW, SMALL, LARGE, FORMLESS = range(7)
+UNCERTAIN, SURPLUS, MISFIT, BLURRED, SAME, PALE, PART = range(7, 14)
 REASONS = {
     SHAPE: "no disc of this size: the merit is above the limit",
     FAINT: "too faint for its shape: depth / noise / merit is below the limit",
@@ -21,7 +22,8 @@ REASONS = {
     UNCERTAIN: "its place cannot be determined",
     SURPLUS: "more spots than asked for, and others are better",
     MISFIT: "no blurred disc: the fitted template explains too little of what is there",
-    PALE: "paler than the image's markers: less than half of their contrast",
+    PALE: "paler than the image's markers near it and elsewhere",
+    PART: "part of something else: its edge is not there all the way round",
     SAME: "a better marker lies there",
     BLURRED: "sharper or more blurred than the image's markers",
 }

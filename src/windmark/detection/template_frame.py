@@ -11,7 +11,16 @@ from windmark.detection.crlb import window_radius
 from windmark.detection.disc_model import patch_model
 from windmark.detection.template_fit import WINDOW_BLURS, Batch, Fitted, Neighbours, Request, Scene
 from windmark.detection.template_noise import FrameNoise, frame_noise
-from windmark.detection.template_result import CONTAMINATED, SATURATED, TOUCHING, Frame, TemplateFits, columns, ellipses
+from windmark.detection.template_result import (
+    CONTAMINATED,
+    MANY_SATURATED,
+    SATURATED,
+    TOUCHING,
+    Frame,
+    TemplateFits,
+    columns,
+    ellipses,
+)
 from windmark.detection.template_robust import (
     CLEAN,
     contaminated,
@@ -205,7 +214,8 @@ def fit_markers(scene: Scene, request: Request, frame: Frame, *, robust: bool) -
         worse = contaminated(chi2, done, expected, flags)
         contrast = median_contrast(done, worse)
         flags |= np.where(worse, CONTAMINATED, 0)
-        index = np.flatnonzero(worse & (done.column("status") >= 0))
+        # A saturated disc has lost its inside: what is left of it does not tell dirt from disc.
+        index = np.flatnonzero(worse & (done.column("status") >= 0) & (done.saturated <= MANY_SATURATED))
         if robust and index.size:
             again, trusted = decontaminated(
                 scene,

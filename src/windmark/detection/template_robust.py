@@ -17,6 +17,7 @@ Bools = NDArray[np.bool_]
 
 CLEAN = 5  # clean markers needed to say something about the frame
 WORSE, FAR = 1.4, 4.9  # contaminated: residual variance over the expected one; largest residual in standard deviations
+BEST, TOLERATED = 48, 0.75  # of so many markers so large a share is what the frame's markers look like
 UNUSUAL = 3.2  # the same, in robust standard deviations of the logarithm over the frame
 
 
@@ -52,13 +53,22 @@ def level(params: Array) -> Array:
 
 
 def contaminated(chi2: Array, done: Fitted, expected: Array, flags: Ints) -> Bools:
-    """Markers whose residuals are not the frame's noise."""
+    """Markers whose residuals are not the frame's noise.
+
+    What more than a quarter of the best markers shows is no dirt but the model's error (a hard rim, a sharpened or
+    compressed image): it is let pass, as weights and strokes would only fit the pixels' chance pattern.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        far = done.column("largest") / np.sqrt(expected)
+    limit, farthest = WORSE, FAR
     usual = np.isfinite(chi2) & (flags == 0) & (done.column("status") == 1)
-    limit = WORSE
     if usual.sum() >= 4 * CLEAN:
         logs = np.log(chi2[usual])
         limit = max(limit, float(np.exp(np.median(logs) + UNUSUAL * scatter(logs))))
-    return (chi2 > limit) | (done.column("largest") > FAR * np.sqrt(expected))
+        best = np.flatnonzero(usual)[:BEST]
+        limit = max(limit, float(np.quantile(chi2[best], TOLERATED)))
+        farthest = max(FAR, float(np.quantile(far[best], TOLERATED)))
+    return np.asarray((chi2 > limit) | (far > farthest))
 
 
 def median_contrast(done: Fitted, worse: Bools) -> float:

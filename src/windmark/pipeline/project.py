@@ -88,7 +88,7 @@ class DetectOptions(_Strict):
     radius_px: Positive | Annotated[tuple[Positive, ...], Field(min_length=1)] | None = None
     polarity: Literal["dark", "bright"] = "dark"
     merit_max: Positive = 0.7
-    refine: Literal["bowl", "template"] = "bowl"
+    refine: Literal["bowl", "template"] = "template"
     photometry: Literal["multiplicative", "additive"] | None = None
     mask: Path | None = None
 

@@ -1,0 +1,171 @@
+"""Which fitted templates are markers: each by itself, then beside the image's other markers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.detection.crlb import window_radius
+from windmark.detection.options import Options
+from windmark.detection.rejected import (
+    ACCEPTED,
+    BLURRED,
+    FAINT,
+    LARGE,
+    MISFIT,
+    PALE,
+    PART,
+    SHALLOW,
+    SMALL,
+    UNCERTAIN,
+)
+from windmark.detection.spots import Spots
+from windmark.detection.template_result import TemplateFits
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+CORRELATION_MIN = 0.93, 0.975  # of disc and window but for noise: of spots that SPOT takes, and of weaker ones
+SHARP_EDGE, WITH_SHARP_EDGE = 0.9, 0.8  # enough where most of the edge is beyond doubt: the rest is beside the marker
+ROUND_MIN = 0.3, 0.45  # ratio of the axes, 72 and 63 deg of tilt: for the same two
+RADIUS_RATIO = 0.7, 1.4  # larger half axis over the radii asked for
+BLUR_SIGMAS = 4.0  # a marker's blur may differ from the frame's by so many standard deviations
+SMALL_BLURS = 5.0  # discs below so many blurs may be confused with blurred specks
+EDGE_MEDIAN = 0.6  # of the edge must be there in most sectors
+SOUND_MIN = 0.5  # least contrast / the markers' * ratio of axes * exp(0.3 * worst sector)
+SOUND_EDGE, SOUND_CORRELATION = 0.6, 0.985  # worst sector, and correlation, of a marker that nothing disturbs
+DISTURBED_MIN = 0.6  # the same of one that something disturbs
+CONTRAST_CAP = 1.2  # more contrast than the markers' says nothing more
+TINY_PX = 2.0  # radius below which pixels do not show a shape: where such markers are asked for, SPOT is believed
+TILE_VARIANCE = 1.3  # a tile's noise, of 256 pixels, may be too small by so much
+TYPICAL = 8  # sound markers that say what the image's markers are like
+NEAREST = 9  # of them are those near a place
+CONTRAST_SHARE = 0.6  # of the markers' contrast
+SIZE_SHARE, SIZE_QUANTILE = 0.8, 0.2  # of the smaller of the typical markers, for those smaller than asked for
+NEAR_RADIUS = 0.85  # of the smallest radius asked for
+
+
+def judge_fits(
+    fits: TemplateFits, spots: Spots, support: Array, weak: Flags, radii: Sequence[float], options: Options
+) -> Ints:
+    """What decides about each fit (K,): ACCEPTED or a code of `rejected.REASONS`.
+
+    A disc seen at an angle keeps its radius as the larger half axis, so that one is compared with the radii asked for.
+    What a blurred disc shows is r^2 / 4 + blur^2: an error e of the blur is one of 4 blur e / r of an axis r, which is
+    allowed for. Discs much larger than the blur cannot be confused with blurred specks; for them the blur says nothing.
+
+    Parameters
+    ----------
+    support : (K, 2) of the edge, see `rim_support`
+    weak : (K,) spots that SPOT would not take: they must be better discs
+    """
+    reason = np.full(len(fits), ACCEPTED, dtype=np.int64)
+    band = weak.astype(int)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        spread = np.hypot(fits.blur_sigma_px, fits.frame.blur_spread_px)
+        away = np.hypot(*(fits.xy - spots.xy).T)
+        major, minor = fits.axes_px.T
+        doubt = 4.0 * fits.blur_px[:, None] * fits.blur_sigma_px[:, None] / np.maximum(fits.axes_px, 0.5)
+        if options.min_depth is not None:
+            reason[~(fits.depth >= options.min_depth)] = SHALLOW
+        correlation = shape_correlation(fits, expected_variance(fits, spots))
+        sharp = support[:, 1] >= SHARP_EDGE
+        reason[~(correlation >= np.where(sharp & ~weak, WITH_SHARP_EDGE, np.array(CORRELATION_MIN)[band]))] = MISFIT
+        shapely = weak | has_shape(fits, radii)
+        reason[shapely & ~(minor + doubt[:, 1] >= np.array(ROUND_MIN)[band] * major)] = MISFIT
+        reason[shapely & ~(support[:, 1] >= EDGE_MEDIAN)] = PART
+        odd = np.abs(fits.blur_px - fits.frame.blur_px) > BLUR_SIGMAS * spread
+        reason[odd & (fits.radius_px < SMALL_BLURS * fits.blur_px)] = BLURRED
+        reason[~(fits.depth > 0.0)] = FAINT
+        reason[major - doubt[:, 0] > RADIUS_RATIO[1] * max(radii)] = LARGE
+        reason[major + doubt[:, 0] < RADIUS_RATIO[0] * min(radii)] = SMALL
+        reason[~fits.converged | ~np.isfinite(fits.cov).all(axis=(1, 2)) | (away > spots.r0)] = UNCERTAIN
+        sound = (support[:, 0] >= SOUND_EDGE) & (correlation >= SOUND_CORRELATION)
+        _beside_the_others(reason, fits, support[:, 0], doubt[:, 1], sound, weak, radii, options)
+    return reason
+
+
+def _beside_the_others(
+    reason: Ints,
+    fits: TemplateFits,
+    edge: Array,
+    doubt: Array,
+    sound: Flags,
+    weak: Flags,
+    radii: Sequence[float],
+    options: Options,
+) -> None:
+    """Reject what differs from the image's typical markers.
+
+    Markers are of one paint, so that their contrast to the light, or in infrared their depth, varies little and only
+    from place to place (haze, another black level). A blurred speck is a good disc, but smaller; specks may be many, so
+    each counts by its area. Contrast, roundness and edge count together: pieces of letters, rings and scratches lack
+    some of each.
+    """
+    typical = (reason == ACCEPTED) & sound & ~weak
+    shapely = weak | has_shape(fits, radii)
+    share, major, minor = np.ones(len(fits)), *fits.axes_px.T
+    if typical.sum() >= TYPICAL:
+        paint = options.light == "multiplicative"
+        weight = (major * fits.depth / fits.noise) ** 2  # specks and noise say little
+        share = relative_contrast(fits.xy, fits.contrast if paint else fits.depth, typical, weight)
+        if paint:
+            reason[(reason == ACCEPTED) & ~(share >= CONTRAST_SHARE)] = PALE
+        size = size_at_blur(fits, fits.frame.blur_px)
+        least = SIZE_SHARE * weighted_quantile(size[typical], size[typical] ** 2, SIZE_QUANTILE)
+        if min(radii) >= TINY_PX:
+            reason[(reason == ACCEPTED) & (size < min(float(least), NEAR_RADIUS * min(radii)))] = SMALL
+    else:  # no frame tells size from blur
+        minor = np.minimum(minor + doubt, major)
+    whole = np.minimum(share, CONTRAST_CAP) * minor / major * np.exp(0.3 * edge)
+    reason[(reason == ACCEPTED) & shapely & ~(whole >= np.where(sound, SOUND_MIN, DISTURBED_MIN))] = PART
+
+
+def weighted_quantile(values: Array, weight: Array, share: float) -> Any:
+    """Smallest of the values (..., K) up to which lies at least `share` of the weight (..., K): (...)."""
+    order = np.argsort(values, axis=-1)
+    sums = np.cumsum(np.take_along_axis(weight, order, -1), axis=-1)
+    first = (sums >= share * sums[..., -1:]).argmax(axis=-1)
+    return np.take_along_axis(values, np.take_along_axis(order, first[..., None], -1), -1)[..., 0]
+
+
+def relative_contrast(xy: Array, contrast: Array, typical: Flags, weight: Array) -> Array:
+    """Contrast (K,) over the median of the typical markers: of all, or of those near, whichever is kinder."""
+    from scipy.spatial import cKDTree
+
+    known, counts = np.abs(contrast[typical]), weight[typical]
+    near = cKDTree(xy[typical]).query(np.nan_to_num(xy), k=min(NEAREST, int(typical.sum())))[1]
+    least = np.minimum(weighted_quantile(known, counts, 0.5), weighted_quantile(known[near], counts[near], 0.5))
+    return np.asarray(np.abs(contrast) / least)
+
+
+def size_at_blur(fits: TemplateFits, blur_px: float) -> Array:
+    """Larger half axis (K,) that a marker would have with the frame's blur: small discs leave the two open."""
+    return np.sqrt(np.maximum(fits.axes_px[:, 0] ** 2 + 4.0 * (fits.blur_px**2 - blur_px**2), 0.0))
+
+
+def has_shape(fits: TemplateFits, radii: Sequence[float]) -> Flags:
+    """Fits (K,) large enough for the pixels to show a shape, or larger than the markers need to be."""
+    return (fits.radius_px >= TINY_PX) | (min(radii) >= TINY_PX)
+
+
+def expected_variance(fits: TemplateFits, spots: Spots) -> Array:
+    """Variance (K,) of a pixel's noise: the frame's, or where too few markers are clean, the surface's at the spot."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.where(np.isfinite(fits.chi2), fits.noise**2 / fits.chi2, TILE_VARIANCE * spots.noise**2)
+
+
+def shape_correlation(fits: TemplateFits, variance: Array) -> Array:
+    """Correlation (K,) of disc and window that would be left without noise of that variance (K,).
+
+    1 - rho^2 is the share of the window's variance that the disc does not explain. Noise explains part of it, by chance
+    up to two standard deviations more than on average.
+    """
+    pixels = np.pi * window_radius(fits.radius_px, fits.blur_px) ** 2
+    with np.errstate(invalid="ignore", divide="ignore"):
+        share = 1.0 - np.clip(variance * (1.0 + 2.0 * np.sqrt(2.0 / pixels)) / fits.noise**2, 0.0, 1.0)
+    return np.sqrt(1.0 - share * (1.0 - np.clip(fits.correlation, 0.0, 1.0) ** 2)) * np.sign(fits.correlation)
