@@ -103,7 +103,7 @@ def dbat(folder: Path) -> Iterator[View]:
     """The 2074 published marks less half a pixel; discs that the table leaves out are found through a bundle."""
     marks = np.loadtxt(folder / "markpts.txt", delimiter=",", comments="#")
     size = (2272, 1704)
-    points = _photomodeler_points(folder / "photomodeler_3dpts.txt")
+    points = photomodeler_points(folder / "photomodeler_3dpts.txt")
     for image_id, path in enumerate(sorted((folder / "images").iterdir()), start=1):
         mine = marks[marks[:, 0] == image_id]
         true = mine[:, 2:4] - 0.5
@@ -112,7 +112,7 @@ def dbat(folder: Path) -> Iterator[View]:
         yield View(path.stem, read_grey(path), "dark", true, other, 3.0, 15.0)
 
 
-def _photomodeler_points(path: Path) -> dict[int, Array]:
+def photomodeler_points(path: Path) -> dict[int, Array]:
     with path.open(encoding="latin-1", newline="") as file:
         rows = [row for row in csv.reader(file) if row and row[0].strip().isdigit()]
     return {int(row[0]): np.array(row[3:6], dtype=float) for row in rows}
