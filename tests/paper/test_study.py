@@ -20,8 +20,7 @@ def test_uncertainty_is_below_a_tenth_of_a_pixel_from_radius_3(figure_4, r0, met
     rows = figure_4.curve(r0, method)
     assert len(rows) == 11
     assert figure_4.two_rms_px[rows].max() < 0.075
-    # Recall is claimed for the paper's SPOT. The template still drops up to a fifth of the smallest markers here.
-    assert (figure_4.missed[rows] <= (0.1 if method == "bowl" else 0.2) * 144).all()
+    assert (figure_4.missed[rows] <= 0.1 * 144).all()
     assert figure_4.false_spots[rows].sum() == 0
 
 

@@ -72,6 +72,7 @@ def judge_fits(
         doubt = 4.0 * fits.blur_px[:, None] * fits.blur_sigma_px[:, None] / np.maximum(fits.axes_px, 0.5)
         if options.min_depth is not None:
             reason[~(fits.depth >= options.min_depth)] = SHALLOW
+        edge = np.where(fits.crossed, support[:, 1], support[:, 0])  # the line is known: it takes no edge away
         correlation = shape_correlation(fits, expected_variance(fits, spots))
         sharp = support[:, 1] >= SHARP_EDGE
         reason[~(correlation >= np.where(sharp & ~weak, WITH_SHARP_EDGE, np.array(CORRELATION_MIN)[band]))] = MISFIT
@@ -84,8 +85,8 @@ def judge_fits(
         reason[major - doubt[:, 0] > RADIUS_RATIO[1] * max(radii)] = LARGE
         reason[major + doubt[:, 0] < RADIUS_RATIO[0] * min(radii)] = SMALL
         reason[~fits.converged | ~np.isfinite(fits.cov).all(axis=(1, 2)) | (away > spots.r0)] = UNCERTAIN
-        sound = (support[:, 0] >= SOUND_EDGE) & (correlation >= SOUND_CORRELATION)
-        _beside_the_others(reason, fits, support[:, 0], doubt[:, 1], sound, weak, radii, options)
+        sound = (edge >= SOUND_EDGE) & (correlation >= SOUND_CORRELATION)
+        _beside_the_others(reason, fits, edge, doubt[:, 1], sound, weak, radii, options)
     return reason
 
 

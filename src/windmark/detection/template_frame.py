@@ -111,7 +111,7 @@ def _fit_sample(
     count = len(first.xy)
     fits = columns(
         scene, first.xy, done, cov=done.cov[:, :2, :2], chi2=np.full(count, np.nan), flags=np.zeros(count, np.int64),
-        frame=frame,
+        crossed=np.zeros(count, dtype=bool), frame=frame,
     )  # fmt: skip
     return done, batches, fits
 
@@ -209,7 +209,7 @@ def fit_markers(scene: Scene, request: Request, frame: Frame, *, robust: bool) -
             cov[index], expected[index] = trust(frame.noise, wider, batches)
     with np.errstate(invalid="ignore"):
         chi2 = done.column("noise2") / expected
-    flags = np.where(others.touching(), TOUCHING, 0)
+    flags, crossed = np.where(others.touching(), TOUCHING, 0), np.zeros(len(done.params), dtype=bool)
     if frame.noise is not None:
         worse = contaminated(chi2, done, expected, flags)
         contrast = median_contrast(done, worse)
@@ -217,7 +217,7 @@ def fit_markers(scene: Scene, request: Request, frame: Frame, *, robust: bool) -
         # A saturated disc has lost its inside: what is left of it does not tell dirt from disc.
         index = np.flatnonzero(worse & (done.column("status") >= 0) & (done.saturated <= MANY_SATURATED))
         if robust and index.size:
-            again, trusted = decontaminated(
+            again, trusted, with_stroke = decontaminated(
                 scene,
                 request.take(index),
                 done.take(index),
@@ -230,7 +230,8 @@ def fit_markers(scene: Scene, request: Request, frame: Frame, *, robust: bool) -
             better = again.column("status") == 1
             done.put(index[better], again.take(better))
             cov[index[better]] = trusted[better]
-    return columns(scene, request.xy, done, cov=cov, chi2=chi2, flags=flags, frame=frame)
+            crossed[index[better]] = with_stroke[better]
+    return columns(scene, request.xy, done, cov=cov, chi2=chi2, flags=flags, crossed=crossed, frame=frame)
 
 
 def _widened(request: Request, done: Fitted) -> tuple[Request, Ints]:

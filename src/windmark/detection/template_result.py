@@ -59,6 +59,7 @@ class TemplateFits:
     iterations : (M,) evaluations of the model
     converged : (M,)
     flags : (M,) bits of `scene.detections.FLAGS`
+    crossed : (M,) a line across the marker was fitted with it
     frame : what all of them have in common
     """
 
@@ -78,6 +79,7 @@ class TemplateFits:
     iterations: Ints
     converged: Bools
     flags: Ints
+    crossed: Bools
     frame: Frame
 
     def __len__(self) -> int:
@@ -102,7 +104,7 @@ class TemplateFits:
 
 
 def columns(
-    scene: Scene, start: Array, done: Fitted, *, cov: Array, chi2: Array, flags: Ints, frame: Frame
+    scene: Scene, start: Array, done: Fitted, *, cov: Array, chi2: Array, flags: Ints, crossed: Bools, frame: Frame
 ) -> TemplateFits:
     """Fits as they are reported; `flags` are those that the caller knows of."""
     p = done.params
@@ -143,6 +145,7 @@ def columns(
         iterations=done.column("evaluations").astype(np.int64),
         converged=converged,
         flags=bits.astype(np.int64),
+        crossed=crossed,
         frame=frame,
     )
 

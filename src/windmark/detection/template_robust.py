@@ -88,10 +88,13 @@ def decontaminated(
     noise: FrameNoise,
     contrast: float,
     radius: Array,
-) -> tuple[Fitted, Array]:
-    """Contaminated markers again: with a stroke across them if there is one, else with weights; and the covariances."""
+) -> tuple[Fitted, Array, Bools]:
+    """Contaminated markers again: with a stroke across them if there is one, else with weights.
+
+    Returns the fits, the covariances of their centres, and which are with a stroke.
+    """
     again, batches = _fit_robustly(scene, request, plain, others, np.sqrt(variance), not noise.is_white)
-    cov = trust(noise, again, batches)[0]
+    cov, believed = trust(noise, again, batches)[0], np.zeros(len(radius), dtype=bool)
     if request.shape is None:
         crossed, believed = fit_strokes(scene, request, plain, others, np.sqrt(variance), contrast, radius)
         with np.errstate(invalid="ignore"):  # as much larger in this noise as without stroke
@@ -99,7 +102,7 @@ def decontaminated(
         again.put(np.flatnonzero(believed), crossed.take(believed))
         coloured = np.where(np.isfinite(coloured), coloured, 1.0)[believed, None, None]
         cov[believed] = crossed.cov[believed, :2, :2] * coloured
-    return again, cov
+    return again, cov, believed
 
 
 def _fit_robustly(
