@@ -1,22 +1,40 @@
-"""Draw the guide's pictures with windmark itself: ``python docs/make_pictures.py`` (a minute)."""
+"""Draw the guide's pictures with windmark itself: ``python docs/make_pictures.py`` (two minutes)."""
 
 from __future__ import annotations
 
+import io
 import tempfile
 from pathlib import Path
 
-from windmark.app import pictures
+import numpy as np
+from matplotlib.figure import Figure
+from PIL import Image
+
+import windmark as wm
+from windmark import detection
+from windmark.app import pictures, study_pictures
+from windmark.app.detect_pictures import explained_picture, merit_picture
 from windmark.app.figures import alignment_figure, matching_figure, surface_figure, wireframe_figure
 from windmark.pipeline.job import run_project
 from windmark.pipeline.project import read_project
 from windmark.pipeline.simulate import simulate
+from windmark.pipeline.study import StudySettings, examples, run_study
+from windmark.synth import marker_scene, marker_sheet
 
 HERE = Path(__file__).parent / "pictures"
+SHADES = 32  # of each colour: camera noise in all 256 would take three times the bytes
 
 
 def main() -> None:
-    """Run the virtual test and save its pictures."""
+    """Save all pictures."""
     HERE.mkdir(exist_ok=True)
+    for part in (job_pictures, detection_pictures, faint_pictures, marker_study_pictures):
+        for name, figure in part().items():
+            (HERE / f"{name}.png").write_bytes(_small(pictures.png(figure, dpi=80)))
+
+
+def job_pictures() -> dict[str, Figure]:
+    """The main job on the virtual wind tunnel."""
     with tempfile.TemporaryDirectory() as folder:
         simulate(Path(folder), seed=1)
         result = run_project(read_project(Path(folder) / "project.toml"))
@@ -29,8 +47,63 @@ def main() -> None:
         "section": pictures.section_picture(item.sections[0], "mm"),
         "alignment": alignment_figure(item, result),
     }
-    for name, figure in drawn.items():
-        (HERE / f"{name}.png").write_bytes(pictures.png(figure, dpi=80))
+    return {name: figure for name, figure in drawn.items() if figure is not None}
+
+
+def detection_pictures() -> dict[str, Figure]:
+    """Markers among clutter: what ``--explain --picture`` and ``--merit-map`` draw."""
+    scene, radii = marker_scene(1, "cluttered", size_px=(640, 400), markers=24), (2.5, 3.5, 5.0)
+    found, rejected = detection.explain(scene.image, radius_px=radii)
+    merit = np.fmin.reduce([detection.merit_map(scene.image, r) for r in radii])
+    words = ", ".join(f"{r:g}" for r in radii)
+    return {
+        "detect-explain": explained_picture(scene.image, found, rejected, "cluttered.tif"),
+        "detect-merit": merit_picture(merit, 0.7, f"cluttered.tif: best merit over the radii {words} px"),
+    }
+
+
+def faint_pictures() -> dict[str, Figure]:
+    """The same markers 20 and 3 times as deep as the noise; the faint ones with and without the frame before."""
+
+    def frame(noise: float) -> tuple[np.ndarray, np.ndarray]:
+        image, truth = marker_sheet(
+            np.random.default_rng(5), radius_px=3.0, grid=(6, 6), pitch_px=34, max_tilt_deg=45.0, blur_passes=1,
+            noise=noise, level=120.0, depth=24.0,
+        )  # fmt: skip
+        return np.clip(np.rint(image), 0, 255).astype(np.uint8), truth.xy
+
+    (clear, true_xy), (faint, _) = frame(1 / 20), frame(1 / 3)
+    before = wm.detect(clear, radius_px=3)
+    alone = wm.detect(faint, radius_px=3)
+    near = detection.detect_at(faint, before.xy, axes_px=before.axes_px, angle=before.angle).detections
+    figure = Figure(figsize=(pictures.WIDTH_IN, 4.3), layout="constrained")
+    shown = (
+        (clear, before, "depth 20 times the noise, detect"), (faint, alone, "depth 3 times the noise, detect"),
+        (faint, near, "the same, --near the first"),
+    )  # fmt: skip
+    for axes, (image, spots, words) in zip(figure.subplots(1, 3), shown, strict=True):
+        axes.imshow(pictures.stretched(image), cmap="gray", interpolation="nearest")
+        pictures.draw_spots(axes, spots)
+        axes.set(title=f"{words}: {len(spots)} of {len(true_xy)}", xlabel="x, px", ylabel="y, px")
+        axes.title.set_fontsize(10)
+    return {"detect-near": figure}
+
+
+def marker_study_pictures() -> dict[str, Figure]:
+    """What ``windmark study`` draws by default: the paper's Figures 3 and 4."""
+    settings = StudySettings()
+    return {
+        "study-markers": study_pictures.sheets_picture(*examples(settings), settings),
+        "study-error": study_pictures.curves_picture(run_study(settings)),
+    }
+
+
+def _small(data: bytes) -> bytes:
+    """The picture in fewer shades."""
+    shades = np.asarray(Image.open(io.BytesIO(data)).convert("RGB")) * ((SHADES - 1) / 255)
+    stream = io.BytesIO()
+    Image.fromarray(np.rint(np.rint(shades) * (255 / (SHADES - 1))).astype(np.uint8)).save(stream, "png", optimize=True)
+    return stream.getvalue()
 
 
 if __name__ == "__main__":

@@ -36,7 +36,7 @@ def explained_picture(image: NDArray[np.generic], spots: Detections, rejected: R
         axes.add_collection(
             EllipseCollection(
                 size, size, np.zeros(len(some)), units="xy", offsets=some.xy, offset_transform=axes.transData,
-                facecolors="none", edgecolors=colour, linewidths=0.8, linestyles=":",
+                facecolors="none", edgecolors=colour, linewidths=1.6, linestyles=":",
             )
         )  # fmt: skip
         entries.append((colour, "o", f"{words.split(':')[0]} ({len(some)})"))
