@@ -45,6 +45,8 @@ class Spots(NamedTuple):
     p: Array  # (M, 2)
     cov: Array  # (M, 3) xx, xy, yy
     density: Array  # (M,) spots per px^2 round the spot
+    by_x: NDArray[np.int64]  # (M,) spots in order of their first coordinate
+    x: Array  # (M,) that coordinate, in this order
     camera: Array  # (12,) packed
     size: Array  # (2,) of the image
 

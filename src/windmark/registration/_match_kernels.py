@@ -26,8 +26,12 @@ Ints = NDArray[np.int32]
 
 CHECK = 0.5
 """The anchor must lie within this part of the tolerance."""
-GROWTH = 100
-"""Links that one growth takes as much time as."""
+GROWTH = 4
+"""Links that one growth takes as much time as, per marker."""
+MOST_GROWN = 24
+"""A quad of a lattice fits everywhere; after so many grown solutions its turn is over."""
+SEEN = 64
+"""So many of the last grown solutions are remembered, good or bad, and not grown again."""
 ALIKE_TRACE = 1.0 + 2.0 * math.cos(math.radians(3.0))
 ALIKE_SHARE = 0.6
 
@@ -41,7 +45,8 @@ class Best(NamedTuple):
     score: Array  # (P,) log-likelihood ratio
     matched: Ints  # (P,)
     match: Ints  # (P, N) spot of every marker or -1
-    serial: NDArray[np.int64]  # (P + 1,) tells solutions apart; the last counts them
+    seen: Ints  # (SEEN, N) the same of the last solutions grown
+    serial: NDArray[np.int64]  # (P + 2,) tells solutions apart; then how many were kept, and grown
 
 
 def room_for_best(size: int, markers: int) -> Best:
@@ -49,7 +54,7 @@ def room_for_best(size: int, markers: int) -> Best:
     return Best(
         np.zeros((size, 3, 3)), np.zeros((size, 3)), np.zeros(size),
         np.full(size, -np.inf), np.zeros(size, np.int32), np.full((size, markers), -1, np.int32),
-        np.zeros(size + 1, np.int64),
+        np.full((SEEN, markers), -1, np.int32), np.zeros(size + 2, np.int64),
     )  # fmt: skip
 
 
@@ -72,7 +77,7 @@ def search_kernel(
     grid = (picture.x0, picture.y0, picture.per_px)
     limits = (rules.tolerance, math.log(rules.p_seen), math.log(1.0 - rules.p_seen), rules.reject_at, rules.grow_at)
     prior = (rules.prior_cosine, rules.prior_scale)
-    first, entry = table.first, table.quad
+    first, entry, seen, size = table.first, table.quad, best.seen, best.score.shape[0]
     check = CHECK * rules.tolerance
     rays, points = np.empty((3, 3)), np.empty((3, 3))
     r, t = np.empty((4, 3, 3)), np.empty((4, 3))
@@ -80,10 +85,10 @@ def search_kernel(
     match = np.empty(xyz.shape[0], np.int32)
     links, grown = 0, 0
     for q in range(start, quads.shape[0]):
-        if links + GROWTH * grown >= work:
+        if links + GROWTH * xyz.shape[0] * grown >= work:
             return q, links
         a, b, c, d = quads[q, 0], quads[q, 1], quads[q, 2], quads[q, 3]
-        met = False
+        met, before = False, grown
         for f in focals:
             _ray(rays, 0, p[b, 0], p[b, 1], f)
             _ray(rays, 1, p[c, 0], p[c, 1], f)
@@ -93,7 +98,11 @@ def search_kernel(
             for e in range(first[cells[q]], first[cells[q] + 1]):
                 i, j, k, m = entry[e, 0], entry[e, 1], entry[e, 2], entry[e, 3]
                 links += 1
+                if grown - before >= MOST_GROWN:
+                    break
                 if not _fits(xyz, i, j, k, m, sight, slack) or _known(known, i, j, k, m, a, b, c, d):
+                    continue
+                if _known(seen, i, j, k, m, a, b, c, d):
                     continue
                 for axis in range(3):
                     points[0, axis], points[1, axis], points[2, axis] = xyz[j, axis], xyz[k, axis], xyz[m, axis]
@@ -116,6 +125,8 @@ def search_kernel(
                     for n in range(pairs):
                         match[marker[n]] = spot[n]
                     score, focal, count = grow(model, picture, gates, match, r[s], t[s], f, pairs)
+                    seen[best.serial[size + 1] % SEEN] = match
+                    best.serial[size + 1] += 1
                     if score > -math.inf and keep(best, r[s], t[s], focal, score, count, match):
                         met = met or score > stop_at
         if met:

@@ -48,7 +48,8 @@ class Plane:
         self.leads = lead_sizes(len(task.xy), len(task.markers))
         cov = plane_covariance_kernel(self._packed, self._p, np.ascontiguousarray(task.cov))
         density = self.picture(len(task.xy)).density
-        self.spots = Spots(self._p, cov, density, self._packed, self._size)
+        by_x = np.argsort(self._p[:, 0], kind="stable")
+        self.spots = Spots(self._p, cov, density, by_x, self._p[by_x, 0], self._packed, self._size)
         known = 0.5 * float(np.log(task.focal_factors[-1])) if task.free_focal else np.inf
         self.fit = Fit(task.tolerance_px, task.camera.focal_px, known**-2)
 

@@ -122,8 +122,12 @@ def _label(
         must[m] = inside and facing > GRAZING and (xx + yy) * GATE < 4.0 * fit.tolerance**2
         wide = xx + yy + table[m, 0] + table[m, 2] + 2.0 * state.numbers[EXCESS]
         reach2 = min(GATE * (wide + largest), 9.0 * fit.tolerance**2)
-        for s in range(spots.p.shape[0]):
+        reach = math.sqrt(reach2)
+        for place in range(np.searchsorted(spots.x, x - reach), spots.x.shape[0]):
+            s = spots.by_x[place]
             du, dv = x - spots.p[s, 0], y - spots.p[s, 1]
+            if du < -reach:
+                break
             if du * du + dv * dv > reach2 or (shut and match[m] != s):
                 continue
             noise = (

@@ -45,6 +45,8 @@ def symmetries_kernel(model: Model, triangles: Ints, least: int, most: int) -> t
     image, count = np.full((most, n), -1, np.int32), np.zeros(most, np.int64)
     rotation, translation = np.zeros((most, 3, 3)), np.zeros((most, 3))
     r, t, onto = np.empty((3, 3)), np.empty(3), np.empty(n, np.int32)
+    by_x = np.argsort(model.xyz[:, 0], kind="mergesort")
+    along = model.xyz[by_x, 0]
     for q in range(triangles.shape[0]):
         i, j, k = triangles[q, 0], triangles[q, 1], triangles[q, 2]
         for a in range(n):
@@ -57,9 +59,9 @@ def symmetries_kernel(model: Model, triangles: Ints, least: int, most: int) -> t
                     if y == x or not (_alike(model.xyz, i, k, a, c) and _alike(model.xyz, j, k, b, c)):
                         continue
                     _motion(model.xyz, i, j, k, a, b, c, r, t)
-                    if not _agrees(model, i, a, r, t, reach):
+                    if not _agrees(model, by_x, along, i, a, r, t, reach):
                         continue
-                    brought = _bring(model, r, t, onto)
+                    brought = _bring(model, by_x, along, r, t, onto, max(least, count[most - 1]))
                     if brought >= least:
                         _keep(onto, brought, r, t, image, count, rotation, translation)
     used = 0
@@ -113,7 +115,7 @@ def _motion(xyz: Array, i: int, j: int, k: int, a: int, b: int, c: int, r: Array
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _onto(model: Model, m: int, r: Array, t: Array) -> int:
+def _onto(model: Model, by_x: NDArray[np.int64], along: Array, m: int, r: Array, t: Array) -> int:
     """The marker onto which marker m is brought; -1 if there is none or it faces another way."""
     xyz, normal = model.xyz, model.normal
     x = r[0, 0] * xyz[m, 0] + r[0, 1] * xyz[m, 1] + r[0, 2] * xyz[m, 2] + t[0]
@@ -122,7 +124,11 @@ def _onto(model: Model, m: int, r: Array, t: Array) -> int:
     first = model.near[m, 0]
     best = (xyz[m, 0] - xyz[first, 0]) ** 2 + (xyz[m, 1] - xyz[first, 1]) ** 2 + (xyz[m, 2] - xyz[first, 2]) ** 2
     best, found = NEAR**2 * best, -1
-    for o in range(xyz.shape[0]):
+    reach = math.sqrt(best)
+    for place in range(np.searchsorted(along, x - reach), along.shape[0]):
+        o = by_x[place]
+        if along[place] > x + reach:
+            break
         d2 = (x - xyz[o, 0]) ** 2 + (y - xyz[o, 1]) ** 2 + (z - xyz[o, 2]) ** 2
         if d2 < best:
             best, found = d2, o
@@ -139,28 +145,32 @@ def _onto(model: Model, m: int, r: Array, t: Array) -> int:
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _agrees(model: Model, i: int, a: int, r: Array, t: Array, reach: int) -> bool:
+def _agrees(
+    model: Model, by_x: NDArray[np.int64], along: Array, i: int, a: int, r: Array, t: Array, reach: int
+) -> bool:
     """Whether the motion is none of the identity's and brings half of the neighbours onto others."""
-    if i == a and _onto(model, model.near[i, 0], r, t) == model.near[i, 0]:
+    if i == a and _onto(model, by_x, along, model.near[i, 0], r, t) == model.near[i, 0]:
         return False
     good = 0
     for x in range(reach):
-        good += _onto(model, model.near[i, x], r, t) >= 0
+        good += _onto(model, by_x, along, model.near[i, x], r, t) >= 0
     return 2 * good >= reach
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _bring(model: Model, r: Array, t: Array, onto: Ints) -> int:
-    """Where every marker is brought, one to one; how many are."""
+def _bring(model: Model, by_x: NDArray[np.int64], along: Array, r: Array, t: Array, onto: Ints, least: int) -> int:
+    """Where every marker is brought, one to one; how many are, 0 if fewer than ``least``."""
     taken, count, same = np.zeros(onto.shape[0], np.bool_), 0, 0
     for m in range(onto.shape[0]):
-        onto[m] = _onto(model, m, r, t)
+        onto[m] = _onto(model, by_x, along, m, r, t)
         if onto[m] >= 0 and taken[onto[m]]:
             onto[m] = -1
         if onto[m] >= 0:
             taken[onto[m]] = True
             count += 1
             same += onto[m] == m
+        elif count + onto.shape[0] - 1 - m < least:
+            return 0
     return count if 2 * same < count else 0
 
 

@@ -28,6 +28,8 @@ STAGES = ((REACHES[0], 0, 5), (REACHES[0], 5, 8), (REACHES[1], 0, 8), (REACHES[1
 POOL = 12
 WORK = 20_000
 """Links after which the caller is asked whether to go on."""
+RIVAL_WORK = 50_000
+"""Links after which no more rivals are looked for; the near-symmetries have made the likely ones before."""
 RIVAL_NEAR, RIVAL_QUADS, AGAIN = 6, 24, 8
 """Neighbours and number of the quads that rivals are looked for with; from so many the candidate is grown again."""
 
@@ -89,6 +91,11 @@ class QuadSearch:
         free[spots] = False
         others = np.flatnonzero(free).astype(np.int32)
         table = self.plane.layout.table(REACHES[1])
+        rotation, translation = self.plane.frame.unit(candidate.cam_from_model)
+        rivals_kernel(
+            self.plane.model, picture, self._gates, self._best, self.plane.layout.symmetries,
+            rotation, translation, candidate.focal_px, candidate.match,
+        )  # fmt: skip
         others_known = np.where((self._best.match == candidate.match).all(axis=1)[:, None], -1, self._best.match)
         for some, most in ((spots, RIVAL_QUADS), (others, RIVAL_QUADS // 2)):
             if len(some) < 4:
@@ -98,14 +105,9 @@ class QuadSearch:
             for known, part in ((others_known, np.s_[:AGAIN]), (self._best.match, np.s_[AGAIN:])):
                 _, links = search_kernel(
                     self.plane.model, picture, self._rules, self._gates, table, self._focals,
-                    quads[part], cells[part], 0, 1 << 40, np.inf, self._best, known,
+                    quads[part], cells[part], 0, RIVAL_WORK, np.inf, self._best, known,
                 )  # fmt: skip
                 self.links += int(links)
-        rotation, translation = self.plane.frame.unit(candidate.cam_from_model)
-        rivals_kernel(
-            self.plane.model, picture, self._gates, self._best, self.plane.layout.symmetries,
-            rotation, translation, candidate.focal_px, candidate.match,
-        )  # fmt: skip
 
     @staticmethod
     def _compact_quads(picture: Picture, spots: Ints, most: int, table: Table) -> tuple[Ints, Ints]:

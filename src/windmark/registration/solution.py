@@ -36,8 +36,8 @@ from windmark.registration.pool import Candidate
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-SAME_SHARE, SAME_DISTANCE2 = 0.6, 36.0
-"""Two solutions are one if more than this share of the pairs is, and the poses agree within six sigma."""
+SAME_SHARE, SAME_ANGLE, SAME_DISTANCE2 = 0.6, float(np.radians(3.0)), 36.0
+"""Two solutions are one if more than this share of the pairs is, and the poses agree."""
 
 FREED_SIGMA = 0.3
 """Relative 1 sigma of a given focal length that is doubted."""
@@ -100,9 +100,11 @@ class Solution:
         return float(same.sum()) / min(self.count, other.count)
 
     def same_as(self, other: Solution) -> bool:
-        """Mostly the same pairs, and poses that agree within six sigma of the less certain one."""
+        """Mostly the same pairs, and poses that agree within three degrees or six sigma of the less certain one."""
         if self.shared(other) <= SAME_SHARE:
             return False
+        if self.cam_from_model.angle_to(other.cam_from_model) < SAME_ANGLE:
+            return True
         delta = (self.cam_from_model @ other.cam_from_model.inverse()).log()
         return bool(min(delta @ np.linalg.solve(s.cov[:6, :6], delta) for s in (self, other)) < SAME_DISTANCE2)
 
