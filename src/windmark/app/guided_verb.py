@@ -125,7 +125,7 @@ def _draw(seen: dict[str, _Seen], wishes: Wishes) -> None:
         spots = one.got.detections
         figure = matching_picture(
             one.image, spots, np.arange(len(spots)), _names(one, found), one.expected.xy[found],
-            one.expected.xy[~found], _names(one, ~found), name,
+            one.expected.xy[~found], _names(one, ~found), name, guided=True,
         )  # fmt: skip
         write_picture(wishes.picture, k + 1 if len(seen) > 1 else None, png(figure))
 

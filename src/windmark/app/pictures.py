@@ -90,6 +90,8 @@ def matching_picture(
     missing_xy: Array,
     missing_names: Sequence[str],
     title: str,
+    *,
+    guided: bool = False,
 ) -> Figure:
     """Which spot is which marker: names, residual vectors magnified, spare spots, markers not found.
 
@@ -97,8 +99,12 @@ def matching_picture(
     ----------
     detection, names, projected : per matched marker its spot, its name and its projected place (K, 2)
     missing_xy, missing_names : markers that should be in view but have no spot
+    guided : projected places are only where the markers were expected, so the vectors are no residuals
     """
     figure, axes = image_axes(image)
+    rms, vector = (
+        ("RMS distance to the expected places", "expected − found") if guided else ("reprojection RMS", "residual")
+    )
     matched = np.zeros(len(spots), dtype=bool)
     matched[detection] = True
     draw_spots(axes, spots, matched, MATCHED)
@@ -112,12 +118,12 @@ def matching_picture(
         axes.plot(missing_xy[:, 0], missing_xy[:, 1], "D", mfc="none", mec=MISSING, ms=9, mew=1.3)
     _name_points(axes, xy, names, "white", image.shape)
     _name_points(axes, missing_xy, missing_names, MISSING, image.shape)
-    axes.set_title(f"{title}: {len(xy)} markers matched, reprojection RMS {_rms(residual):.3f} px")
+    axes.set_title(f"{title}: {len(xy)} markers {'found' if guided else 'matched'}, {rms} {_rms(residual):.3f} px")
     draw_legend(axes, [
-        (MATCHED, "o", f"matched spot ({len(xy)})"),
+        (MATCHED, "o", f"{'marker found' if guided else 'matched spot'} ({len(xy)})"),
         (SPARE, "o", f"spot of no marker ({int((~matched).sum())})"),
         (MISSING, "D", f"marker expected, no spot ({len(missing_xy)})"),
-        ("#ffea00", "-", f"residual × {factor:g}"),
+        ("#ffea00", "-", f"{vector} × {factor:g}"),
     ])  # fmt: skip
     return figure
 
