@@ -19,11 +19,14 @@ from windmark.registration.task import Limits
 
 SETTLED = 5
 """Candidates that are refined with the full camera model, best first."""
-MISFIT = 3.5
+MISFIT = 4.0
 """The residuals' sigma times this must fit into the neighbourhood of the search. A picture of a *similar* model is
 matched completely, well beyond chance and without a rival; only the misfit tells."""
 SUSPICIOUS = 1.5
 """An excess of so many sigma of the spots makes the given focal length doubtful."""
+LOOSE_AND_SPARSE = 40.0
+"""More evidence (nats) that such a misfit needs where most markers are missing: a labelling that is right in parts
+only, or by chance, explains them so."""
 CLEARLY_BETTER, FOCAL_OFF = 20.0, 0.05
 """It is refused when another one is better by so much (nats), and away from it by this (relative) and by 5 sigma."""
 FEW_SPOTS, FEW_PART, CLUTTERED = 8, 0.2, 6.0
@@ -89,6 +92,8 @@ class Judge:
     def _refusal(self, best: Solution, runner_up: RunnerUp | None) -> tuple[Cause | None, str]:
         limits, evidence = self._limits, best.evidence
         least = limits.score + float(np.log(self._task.prior_share))
+        if self._loose(best) and 2 * best.count < best.expected:
+            least += LOOSE_AND_SPARSE
         if not (evidence.log10_nfa < limits.log10_nfa and evidence.score > least):
             return "weak", (
                 f"the best solution matches {best.count} of {best.expected} markers in view, which could be chance: "
@@ -144,8 +149,10 @@ class Judge:
 
     def _doubtful_focal(self, best: Solution) -> bool:
         """Whether the misfit is more than the covariances say, or most markers are missing."""
-        loose = best.excess_px > SUSPICIOUS * float(np.median(self._task.sigma_px))
-        return loose or 2 * best.count < best.expected
+        return self._loose(best) or 2 * best.count < best.expected
+
+    def _loose(self, best: Solution) -> bool:
+        return best.excess_px > SUSPICIOUS * float(np.median(self._task.sigma_px))
 
 
 def _runner_up(best: Solution, other: Solution) -> RunnerUp:
