@@ -16,7 +16,9 @@ from windmark.app import pictures, study_pictures
 from windmark.app.detect_pictures import explained_picture, merit_picture
 from windmark.app.figures import alignment_figure, matching_figure, surface_figure, wireframe_figure
 from windmark.pipeline.job import run_project
+from windmark.pipeline.predictions import from_camera, look
 from windmark.pipeline.project import read_project
+from windmark.pipeline.results import ImageResult
 from windmark.pipeline.simulate import simulate
 from windmark.pipeline.study import StudySettings, examples, run_study
 from windmark.synth import marker_scene, marker_sheet
@@ -38,7 +40,8 @@ def job_pictures() -> dict[str, Figure]:
     with tempfile.TemporaryDirectory() as folder:
         simulate(Path(folder), seed=1)
         result = run_project(read_project(Path(folder) / "project.toml"))
-    item = result.images[-1]
+        markers = wm.read_markers(Path(folder) / "markers.csv")
+    before, item = result.images[0], result.images[-1]
     drawn = {
         "matching": matching_figure(item, result.markers),
         "wireframe": wireframe_figure(item, result.mesh),
@@ -46,8 +49,22 @@ def job_pictures() -> dict[str, Figure]:
         "view-top": pictures.view_picture(item.views[0], "mm"),
         "section": pictures.section_picture(item.sections[0], "mm"),
         "alignment": alignment_figure(item, result),
+        "guided": guided_figure(item, before, markers),
     }
     return {name: figure for name, figure in drawn.items() if figure is not None}
+
+
+def guided_figure(item: ImageResult, before: ImageResult, markers: wm.MarkerSet) -> Figure:
+    """What ``--camera --markers --picture`` draws: markers looked for where the pose of the image before shows them."""
+    assert item.image is not None
+    assert before.registered is not None
+    expected = from_camera(before.registered.camera, before.registered.cam_from_model, markers)
+    got = look(item.image, expected)
+    names, found = np.array(expected.name), got.found
+    return pictures.matching_picture(
+        item.image, got.detections, np.arange(found.sum()), names[found].tolist(), expected.xy[found],
+        expected.xy[~found], names[~found].tolist(), item.name, guided=True,
+    )  # fmt: skip
 
 
 def detection_pictures() -> dict[str, Figure]:
@@ -76,7 +93,7 @@ def faint_pictures() -> dict[str, Figure]:
     before = wm.detect(clear, radius_px=3)
     alone = wm.detect(faint, radius_px=3)
     near = detection.detect_at(faint, before.xy, axes_px=before.axes_px, angle=before.angle).detections
-    figure = Figure(figsize=(pictures.WIDTH_IN, 4.3), layout="constrained")
+    figure = Figure(figsize=(pictures.WIDTH_IN, 3.9), layout="constrained")
     shown = (
         (clear, before, "depth 20 times the noise, detect"), (faint, alone, "depth 3 times the noise, detect"),
         (faint, near, "the same, --near the first"),
@@ -85,7 +102,7 @@ def faint_pictures() -> dict[str, Figure]:
         axes.imshow(pictures.stretched(image), cmap="gray", interpolation="nearest")
         pictures.draw_spots(axes, spots)
         axes.set(title=f"{words}: {len(spots)} of {len(true_xy)}", xlabel="x, px", ylabel="y, px")
-        axes.title.set_fontsize(10)
+        axes.title.set_fontsize(9.5)
     return {"detect-near": figure}
 
 
