@@ -22,8 +22,8 @@ SETTLED = 5
 MISFIT = 4.0
 """The residuals' sigma times this must fit into the neighbourhood of the search. A picture of a *similar* model is
 matched completely, well beyond chance and without a rival; only the misfit tells."""
-SUSPICIOUS = 1.5
-"""An excess of so many sigma of the spots makes the given focal length doubtful."""
+SUSPICIOUS = 1.8
+"""A misfit of so many sigma of the spots makes the given focal length doubtful."""
 LOOSE_AND_SPARSE = 40.0
 """More evidence (nats) that such a misfit needs where most markers are missing: a labelling that is right in parts
 only, or by chance, explains them so."""
@@ -152,7 +152,9 @@ class Judge:
         return self._loose(best) or 2 * best.count < best.expected
 
     def _loose(self, best: Solution) -> bool:
-        return best.excess_px > SUSPICIOUS * float(np.median(self._task.sigma_px))
+        """Whether the residuals are larger than the spots' covariances say, and the markers' do not explain it."""
+        sigma = float(np.median(self._task.sigma_px))
+        return best.misfit_px > SUSPICIOUS * sigma and best.excess_px > sigma
 
 
 def _runner_up(best: Solution, other: Solution) -> RunnerUp:
