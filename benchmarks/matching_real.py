@@ -2,14 +2,11 @@
 
 The data lie beside the checkout (`../shared/data`). NASA camera 5 with the usual and with loose detection limits; the
 three views of a regular ridge block (480 equal dots; interior parameters fitted to the labels) without a prior and with
-one; five views of a wall of 4,094 equal dots, with a prior 2 degrees and 2 % off (without one a regular wall has no
-answer).
+one.
 """
 
 from __future__ import annotations
 
-import csv
-import json
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -69,31 +66,6 @@ def ridge() -> Iterator[RealCase]:
         near = Pose(turn, fit.cam_from_model.apply(centre) - turn @ centre)
         for prior, word in ((None, ""), (near, ", prior")):
             yield RealCase(f"MyPTV ridge {view}{word}", spots, markers, fit.camera, xy, 3.0, prior)
-
-
-def wall() -> Iterator[RealCase]:
-    """OpenCSP's dots, 7 to 14 px apart."""
-    folder = DATA / "opencsp-dotwall-5view"
-    with (folder / "dots_expected.csv").open() as file:
-        rows = list(csv.DictReader(file))
-    xyz = np.array([[float(r["x_m"]), float(r["y_m"]), float(r["z_m"])] for r in rows])
-    markers = MarkerSet.make([f"{r['ix']}/{r['iy']}" for r in rows], xyz)
-    given = json.loads((folder / "camera.json").read_text())
-    camera = wall_camera(given)
-    views = json.loads((folder / "derived_view_poses.json").read_text())["views"]
-    for view in views:
-        pose = Pose.from_rotvec(np.array(view["rvec"]), np.array(view["tvec_m"]))
-        spots = detect(read_image(folder / "images" / view["image"]), radius_px=(1.7, 2.2, 2.9))
-        turn = Pose.from_rotvec(np.radians([1.2, -1.2, 1.2]), np.zeros(3)).rotation @ pose.rotation
-        prior = Pose(turn, 1.02 * pose.apply(np.zeros(3)))
-        true = camera.project(pose.apply(xyz))[0]
-        yield RealCase(f"CSP wall {view['image'][-8:-4]}, prior", spots, markers, camera, true, 2.0, prior)
-
-
-def wall_camera(given: dict) -> Camera:
-    """The published camera."""
-    k, (k1, k2, p1, p2) = np.array(given["K"]), given["dist_k1_k2_p1_p2"]
-    return Camera((2160, 1440), k[0, 0], aspect=k[1, 1] / k[0, 0], cx=k[0, 2], cy=k[1, 2], k1=k1, k2=k2, p1=p1, p2=p2)
 
 
 def main(quick: bool = False) -> dict[str, dict[str, float]]:
