@@ -1,4 +1,4 @@
-"""Draw the guide's pictures with windmark itself: ``python docs/make_pictures.py`` (two minutes)."""
+"""Draw the guide's pictures with windmark itself: ``python docs/make_pictures.py`` (half a minute once the kernels are compiled)."""
 
 from __future__ import annotations
 
