@@ -1,4 +1,4 @@
-"""Draw the guide's pictures with windmark itself: ``python docs/make_pictures.py`` (half a minute once the kernels are compiled)."""
+"""Draw the guide's pictures with windmark itself: ``python docs/make_pictures.py`` (half a minute)."""
 
 from __future__ import annotations
 
