@@ -38,7 +38,8 @@ SMALL_BLURS = 5.0  # discs below so many blurs may be confused with blurred spec
 EDGE_MEDIAN = 0.6  # of the edge must be there in most sectors
 SOUND_MIN = 0.5  # least contrast / the markers' * ratio of axes * exp(0.3 * worst sector)
 SOUND_EDGE, SOUND_CORRELATION = 0.6, 0.985  # worst sector, and correlation, of a marker that nothing disturbs
-DISTURBED_MIN = 0.6  # the same of one that something disturbs
+DISTURBED_MIN = 0.65  # the same of one that something disturbs
+CROSSED_MIN = 0.53  # the same without the edge of one that a line crosses
 CONTRAST_CAP = 1.2  # more contrast than the markers' says nothing more
 TINY_PX = 2.0  # radius below which pixels do not show a shape: where such markers are asked for, SPOT is believed
 TILE_VARIANCE = 1.3  # a tile's noise, of 256 pixels, may be too small by so much
@@ -46,7 +47,7 @@ TYPICAL = 8  # sound markers that say what the image's markers are like
 NEAREST = 9  # of them are those near a place
 CONTRAST_SHARE = 0.6  # of the markers' contrast
 SIZE_SHARE, SIZE_QUANTILE = 0.8, 0.2  # of the smaller of the typical markers, for those smaller than asked for
-NEAR_RADIUS = 0.85  # of the smallest radius asked for
+NEAR_RADIUS = 0.88  # of the smallest radius asked for
 
 
 def judge_fits(
@@ -72,20 +73,21 @@ def judge_fits(
         doubt = 4.0 * fits.blur_px[:, None] * fits.blur_sigma_px[:, None] / np.maximum(fits.axes_px, 0.5)
         if options.min_depth is not None:
             reason[~(fits.depth >= options.min_depth)] = SHALLOW
-        edge = np.where(fits.crossed, support[:, 1], support[:, 0])  # the line is known: it takes no edge away
+        # Where a line was fitted too, the edge it hides says nothing: contrast and roundness decide.
+        edge = np.where(fits.crossed, 0.0, support[:, 0])
         correlation = shape_correlation(fits, expected_variance(fits, spots))
         sharp = support[:, 1] >= SHARP_EDGE
         reason[~(correlation >= np.where(sharp & ~weak, WITH_SHARP_EDGE, np.array(CORRELATION_MIN)[band]))] = MISFIT
         shapely = weak | has_shape(fits, radii)
         reason[shapely & ~(minor + doubt[:, 1] >= np.array(ROUND_MIN)[band] * major)] = MISFIT
-        reason[shapely & ~(support[:, 1] >= EDGE_MEDIAN)] = PART
+        reason[shapely & ~fits.crossed & ~(support[:, 1] >= EDGE_MEDIAN)] = PART
         odd = np.abs(fits.blur_px - fits.frame.blur_px) > BLUR_SIGMAS * spread
         reason[odd & (fits.radius_px < SMALL_BLURS * fits.blur_px)] = BLURRED
         reason[~(fits.depth > 0.0)] = FAINT
         reason[major - doubt[:, 0] > RADIUS_RATIO[1] * max(radii)] = LARGE
         reason[major + doubt[:, 0] < RADIUS_RATIO[0] * min(radii)] = SMALL
         reason[~fits.converged | ~np.isfinite(fits.cov).all(axis=(1, 2)) | (away > spots.r0)] = UNCERTAIN
-        sound = (edge >= SOUND_EDGE) & (correlation >= SOUND_CORRELATION)
+        sound = (edge >= SOUND_EDGE) & (correlation >= SOUND_CORRELATION) | fits.crossed
         _beside_the_others(reason, fits, edge, doubt[:, 1], sound, weak, radii, options)
     return reason
 
@@ -107,7 +109,7 @@ def _beside_the_others(
     each counts by its area. Contrast, roundness and edge count together: pieces of letters, rings and scratches lack
     some of each.
     """
-    typical = (reason == ACCEPTED) & sound & ~weak
+    typical = (reason == ACCEPTED) & sound & ~weak & ~fits.crossed
     shapely = weak | has_shape(fits, radii)
     share, major, minor = np.ones(len(fits)), *fits.axes_px.T
     if typical.sum() >= TYPICAL:
@@ -123,7 +125,11 @@ def _beside_the_others(
     else:  # no frame tells size from blur
         minor = np.minimum(minor + doubt, major)
     whole = np.minimum(share, CONTRAST_CAP) * minor / major * np.exp(0.3 * edge)
-    reason[(reason == ACCEPTED) & shapely & ~(whole >= np.where(sound, SOUND_MIN, DISTURBED_MIN))] = PART
+    reason[
+        (reason == ACCEPTED)
+        & shapely
+        & ~(whole >= np.select([fits.crossed, sound], [CROSSED_MIN, SOUND_MIN], DISTURBED_MIN))
+    ] = PART
 
 
 def weighted_quantile(values: Array, weight: Array, share: float) -> Any:
