@@ -98,7 +98,10 @@ def detect(
     photometry: Annotated[
         str | None, typer.Option(help="Of the template: multiplicative or additive. [default: by polarity]")
     ] = None,
-    mask: Annotated[Path | None, typer.Option(help="Picture of the image's size; only pixels not 0 are used.")] = None,
+    mask: Annotated[
+        Path | None,
+        typer.Option(help="Pixels that are used: a picture (not 0), or a table of a polygon's corners, x,y."),
+    ] = None,
     roi: Annotated[
         str | None, typer.Option(help="x0,y0,x1,y1: first and last column and row that are used; else all.")
     ] = None,

@@ -22,7 +22,7 @@ REASONS = {
     UNCERTAIN: "its place cannot be determined",
     SURPLUS: "more spots than asked for, and others are better",
     MISFIT: "no blurred disc: the fitted template explains too little of what is there",
-    PALE: "paler than the image's markers near it and elsewhere",
+    PALE: "paler than the image's markers: less contrast than those near it and the others",
     PART: "part of something else: its edge is not there all the way round",
     SAME: "a better marker lies there",
     BLURRED: "sharper or more blurred than the image's markers",

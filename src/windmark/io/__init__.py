@@ -10,11 +10,11 @@ from windmark.io.images import (
     read_grey,
     read_image,
     read_images,
-    read_mask,
     write_image,
     write_images,
 )
 from windmark.io.markers import read_markers, write_markers
+from windmark.io.masks import read_mask
 from windmark.io.mesh import read_mesh, write_mesh
 from windmark.io.netcdf import read_nodes_netcdf, write_nodes_netcdf
 from windmark.io.nodes_csv import write_nodes_csv

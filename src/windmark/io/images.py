@@ -104,21 +104,6 @@ def read_grey(path: Pathlike, *, page: int = 0, channel: str = "grey", bayer: st
     return to_grey(picture, channel=channel) if bayer is None else from_mosaic(picture, bayer, channel=channel)
 
 
-def read_mask(path: Pathlike, shape: tuple[int, ...]) -> NDArray[np.bool_]:
-    """Pixels to be used, (H, W): those of a picture that are not 0.
-
-    Raises
-    ------
-    FileError
-        Also where the picture has not the given shape (H, W).
-    """
-    picture = read_grey(path)
-    if picture.shape != tuple(shape):
-        (h, w), (height, width) = picture.shape, shape
-        raise FileError(path, f"is {w} x {h} pixels, the image {width} x {height}; expected a mask of the image's size")
-    return np.asarray(picture != 0)
-
-
 def _pictures(path: Pathlike, page: int | None) -> Generator[Image, None, None]:
     """The chosen picture, or all."""
     with _decoding(path):

@@ -81,8 +81,8 @@ class GridEntry(_Strict):
 class DetectOptions(_Strict):
     """Options of `windmark.detect`.
 
-    ``radius_px``: without it each image's own estimate is taken, and said. ``mask``: a picture of the images' size;
-    only pixels that are not 0 are used.
+    ``radius_px``: without it each image's own estimate is taken, and said. ``mask``: a picture of the images' size, of
+    which only pixels that are not 0 are used, or a table of polygons (see `io.read_mask`).
     """
 
     radius_px: Positive | Annotated[tuple[Positive, ...], Field(min_length=1)] | None = None
