@@ -27,6 +27,7 @@ LEAST_AXIS, LEAST_BLUR = 0.5, 0.25  # px
 BESIDE = 1.3  # radii from the centre, from where on only the stroke is seen
 INEXACT = 0.03  # px, what is left because a product of blurred images is not the blurred product
 LEAST_PIXELS = 42  # three times the unknowns
+WIDEST = 61  # px, of a window: beside larger discs a line is narrow and weights do
 EVALUATIONS, HOPE = 25, 8  # at most; after so many it must be near a good fit, or it is given up
 TOLERANCE = 1e-2  # chi^2 of the last step
 BETTER, GOOD = (
@@ -129,7 +130,7 @@ def fit_strokes(
         pixels = float(weights[0].sum())
         with np.errstate(divide="ignore", invalid="ignore"):
             like = plain.params[k, 6] / np.abs(plain.params[k, 7]) / contrast
-        if pixels < LEAST_PIXELS or not LIKE[0] < like < LIKE[1]:
+        if pixels < LEAST_PIXELS or len(patches[0]) > WIDEST or not LIKE[0] < like < LIKE[1]:
             continue
         size = len(patches[0])
         if size not in tried:
