@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from windmark.detection._kernels_template_model import disc_sums, evaluate, points_needed
+from windmark.detection._kernels_template_model import SHAPE, disc_sums, evaluate, points_needed
 from windmark.detection._kernels_template_state import shape_of
 from windmark.detection.disc_model import UNKNOWNS, disc, patch_model, shape_matrix
 from windmark.detection.template_result import ellipses
@@ -135,7 +135,7 @@ def test_a_patch_that_the_disc_leaves_on_any_side():
     for centre in ((-13.0, 0.0), (13.0, 1.0), (0.0, -12.5), (2.0, 12.0), (-30.0, 0.0), (0.0, 40.0), (11.0, -11.0)):
         p = unknowns((3.0, 2.0), 0.4, 0.7, centre)
         g = np.zeros((10, size, size))
-        disc_sums(p, 200, True, table, g)
+        disc_sums(p, 200, SHAPE, table, g)
         image, derivatives = disc(LATTICE, LATTICE, p)
         assert np.abs(g[6] - image).max() < 1e-4
         assert np.abs(g[:6] - derivatives).max() < 4e-4

@@ -61,9 +61,11 @@ def inverse(matrix: Any, held: Any, scale: float, work: Any, unit: Any, column: 
     for m in range(10):
         for i in range(10):
             unit[i] = 1.0 if i == m else 0.0
-        substitute(work, unit, held, column)
-        for i in range(10):
-            out[i, m] = 0.0 if held[m] or held[i] else scale * column[i]
+            out[i, m] = 0.0
+        if not held[m]:
+            substitute(work, unit, held, column)
+            for i in range(10):
+                out[i, m] = 0.0 if held[i] else scale * column[i]
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")

@@ -12,12 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from windmark.detection._kernels_template_model import disc_sums, points_needed
+from windmark.detection._kernels_template_model import IMAGE, disc_sums, points_needed
 from windmark.geometry._jit import nb
 
 FOUND = ("x", "y", "correlation", "depth", "background", "usable", "misfit")  # columns of `search_discs`
 WINDOW = ("correlation", "depth", "background", "misfit", "usable")  # columns of `ring_windows`
 LEAST_KNOWN = 0.5  # share of a window's pixels that must be usable
+BLOCK = 7  # windows beside each other that share a strip of the patch
+LANES = 32  # rows of pixels are so many long, or a multiple: a vector unit's work without a rest
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
@@ -30,10 +32,16 @@ def square_of(size: int) -> Any:
 def cut(image: Any, usable: Any, sign: float, saturation: float, x0: int, y0: int, patch: Any, known: Any) -> Any:
     """Patch from (x0, y0) as a hole on a mean of 0, `known` 1 or 0; returns the mean and the number of known pixels."""
     height, width = image.shape
+    side = patch.shape[0]
+    if usable.shape[0] == 0 and 0 <= x0 <= width - side and 0 <= y0 <= height - side:
+        mean, whole = cut_whole(image, sign, saturation, x0, y0, patch)
+        if whole:
+            known[:] = 1.0
+            return sign * mean, patch.size
     total, count = 0.0, 0
-    for j in range(patch.shape[0]):
+    for j in range(side):
         y = y0 + j
-        for i in range(patch.shape[1]):
+        for i in range(side):
             x = x0 + i
             good = 0 <= x < width and 0 <= y < height
             if good and usable.shape[0] > 0:
@@ -45,10 +53,28 @@ def cut(image: Any, usable: Any, sign: float, saturation: float, x0: int, y0: in
             known[j, i] = 1.0 if good else 0.0
             count += good
     mean = total / max(count, 1)
-    for j in range(patch.shape[0]):
-        for i in range(patch.shape[1]):
+    for j in range(side):
+        for i in range(side):
             patch[j, i] = sign * (float(image[y0 + j, x0 + i]) - mean) if known[j, i] > 0.0 else 0.0
     return sign * mean, count
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract"})
+def cut_whole(image: Any, sign: float, saturation: float, x0: int, y0: int, patch: Any) -> tuple[float, bool]:
+    """The same for a patch within the image without a mask: its mean, and whether all of its pixels are known."""
+    total, unknown, side = 0.0, 0, patch.shape[0]
+    for j in range(side):
+        row = image[y0 + j, x0 : x0 + side]
+        for i in range(side):
+            v = float(row[i])
+            total += v
+            unknown += not (-math.inf < v < saturation)
+    mean = total / patch.size
+    for j in range(side):
+        row, into = image[y0 + j, x0 : x0 + side], patch[j]
+        for i in range(side):
+            into[i] = sign * (float(row[i]) - mean)
+    return mean, unknown == 0
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
@@ -56,7 +82,7 @@ def templates(
     p: Any, reach: float, table: Any, g: Any, inside: Any, disc: Any, flat: Any
 ) -> tuple[float, float, float, float]:
     """Window, disc image, disc image less its plane (S, S); square sum of the last, pixels, sum of x^2, disc's mean."""
-    disc_sums(p, points_needed(p), False, table, g)
+    disc_sums(p, points_needed(p), IMAGE, table, g)
     half, n, xx, t0, tx, ty, tt = disc.shape[0] // 2, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for j in range(disc.shape[0]):
         for i in range(disc.shape[0]):
@@ -74,31 +100,59 @@ def templates(
     return tt, n, xx, t0 / n
 
 
-@nb.njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract"})
-def whole_window(
-    patch: Any, dx: int, dy: int, inside: Any, flat: Any, sums: tuple[float, float, float, float]
-) -> tuple[float, float, float, float]:
-    """Correlation, depth, background and misfit (residual variance of plane and disc) at (dx, dy), patch without gaps.
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def flattened(inside: Any, flat: Any, stride: int, rows: Any) -> None:
+    """Window, window * x, window * y and the disc image less its plane in rows of so many pixels: `rows` (4, N)."""
+    half = flat.shape[0] // 2
+    for m in range(4):
+        for i in range(rows.shape[1]):
+            rows[m, i] = 0.0
+    for j in range(flat.shape[0]):
+        for i in range(flat.shape[0]):
+            w, at = inside[j, i], j * stride + i
+            rows[0, at], rows[1, at], rows[2, at], rows[3, at] = w, w * (i - half), w * (j - half), flat[j, i]
 
-    `sums` as `templates` returns them.
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def whole_windows(
+    patch: Any, size: int, rows: Any, strip: Any, sums: tuple[float, float, float, float], rho: Any
+) -> None:
+    """Correlations (steps, steps) of all windows of a patch without gaps.
+
+    A strip of the patch is so wide that BLOCK windows fit beside each other. In it a window is one row of pixels, with
+    zeros in `rows` between those that count, and long rows are what is fast. `rows` as `flattened` leaves them, `sums`
+    as `templates` returns them.
     """
-    tt, n, xx, cover = sums
-    size = flat.shape[0]
+    stride, n = size + BLOCK - 1, rows.shape[1]
+    for left in range(0, rho.shape[1], BLOCK):
+        wide = min(stride, patch.shape[1] - left)
+        for j in range(patch.shape[0]):
+            for i in range(wide):
+                strip[j * stride + i] = patch[j, left + i]
+        for i in range(left, min(left + BLOCK, rho.shape[1])):
+            for j in range(rho.shape[0]):
+                at = j * stride + i - left
+                rho[j, i] = correlation(strip[at : at + n], rows, sums)
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract"})
+def correlation(pixels: Any, rows: Any, sums: tuple[float, float, float, float]) -> float:
+    """Correlation of disc and window, both less their planes, from one row of pixels."""
+    tt, n, xx, _ = sums
     zero: Any = np.float32(0.0)
-    half, g0, gx, gy, gg, gt = size // 2, 0.0, 0.0, 0.0, 0.0, 0.0
-    for j in range(size):
-        row, w, t = patch[dy + j, dx : dx + size], inside[j], flat[j]
-        r0 = rx = rr = rt = zero
-        for i in range(size):
-            v = w[i] * row[i]
-            r0 += v
-            rx += v * np.float32(i)
-            rr += v * row[i]
-            rt += t[i] * row[i]
-        g0, gx, gy, gg, gt = g0 + r0, gx + rx, gy + r0 * (j - half), gg + rr, gt + rt
-    gx -= half * g0
-    square = gg - g0 * g0 / n - (gx * gx + gy * gy) / xx
-    return verdict(gt, tt, square, g0 / n, cover, n)
+    w, x, y, t = rows[0], rows[1], rows[2], rows[3]
+    g0 = gx = gy = gg = gt = zero
+    for i in range(w.size):
+        v = pixels[i]
+        u = w[i] * v
+        g0 += u
+        gg += u * v
+        gx += x[i] * v
+        gy += y[i] * v
+        gt += t[i] * v
+    a, b, c = float(g0), float(gx), float(gy)
+    square = gg - a * a / n - (b * b + c * c) / xx
+    return -gt / math.sqrt(tt * square) if square > 0.0 and tt > 0.0 else 0.0
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy", inline="always")
@@ -112,19 +166,20 @@ def verdict(
     return -gt / math.sqrt(tt * square), -gt / tt, mean - gt / tt * cover, misfit
 
 
-@nb.njit(cache=True, nogil=True, error_model="numpy")
+@nb.njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract"})
 def gappy_window(
     patch: Any, known: Any, dx: int, dy: int, inside: Any, disc: Any, total: float
 ) -> tuple[float, float, float, float]:
-    """The same with missing pixels: NaN where more than half are. The plane is fitted to what is there."""
+    """`WINDOW` but for `usable` at (dx, dy); NaN where more than half is missing. The plane fits what is there."""
     size = disc.shape[0]
     half = size // 2
     n = sx = sy = sxx = sxy = syy = v0 = vx = vy = vv = t0 = tx = ty = tt = tv = 0.0
     for j in range(size):
-        y = float(j - half)
+        y, window, image = float(j - half), inside[j], disc[j]
+        row, there = patch[dy + j, dx : dx + size], known[dy + j, dx : dx + size]
         for i in range(size):
-            w, x = inside[j, i] * known[dy + j, dx + i], float(i - half)
-            v, t = w * patch[dy + j, dx + i], w * disc[j, i]
+            w, x = float(window[i] * there[i]), float(i - half)
+            v, t = w * row[i], w * image[i]
             n, sx, sy, sxx, sxy, syy = n + w, sx + w * x, sy + w * y, sxx + w * x * x, sxy + w * x * y, syy + w * y * y
             v0, vx, vy, vv = v0 + v, vx + v * x, vy + v * y, vv + v * v
             t0, tx, ty, tt, tv = t0 + t, tx + t * x, ty + t * y, tt + t * t, tv + t * v
@@ -155,27 +210,33 @@ def search_discs(
     rho = np.empty((steps, steps))
     for k in range(len(pixel)):
         half = int(math.ceil(reach[k]))
-        if size != 2 * half + 1:
+        fresh = size != 2 * half + 1
+        if fresh:
             size = 2 * half + 1
+            stride, side = size + BLOCK - 1, size + 2 * search
             g, table = np.empty((10, size, size)), np.empty((8, size + 6))
             inside, disc, flat = square_of(size), square_of(size), square_of(size)
-            patch, known = square_of(size + 2 * search), square_of(size + 2 * search)
-        if k == 0 or reach[k] != reach[k - 1] or (discs[k] != discs[k - 1]).any():
+            patch, known = square_of(side), square_of(side)
+            rows = np.empty((4, -(-size * stride // LANES) * LANES), np.float32)
+            strip = np.zeros(side * stride + rows.shape[1], np.float32)
+        if fresh or reach[k] != reach[k - 1] or (discs[k] != discs[k - 1]).any():
             sums = templates(discs[k], reach[k], table, g, inside, disc, flat)
+            flattened(inside, flat, stride, rows)
         x0, y0 = pixel[k, 0] - half - search, pixel[k, 1] - half - search
         level, count = cut(image, usable, sign, saturation, x0, y0, patch, known)
+        if count == patch.size:
+            whole_windows(patch, size, rows, strip, sums, rho)
+        else:
+            for j in range(steps):
+                for i in range(steps):
+                    rho[j, i] = gappy_window(patch, known, i, j, inside, disc, sums[1])[0]
         best, bx, by = -2.0, search, search
-        out[k, 2:5] = math.nan
         for j in range(steps):
             for i in range(steps):
-                if count == patch.size:
-                    r, depth, light, misfit = whole_window(patch, i, j, inside, flat, sums)
-                else:
-                    r, depth, light, misfit = gappy_window(patch, known, i, j, inside, disc, sums[1])
-                rho[j, i] = r
-                if r > best:
-                    best, bx, by = r, i, j
-                    out[k, 2], out[k, 3], out[k, 4], out[k, 6] = r, depth, level + light, misfit
+                if rho[j, i] > best:
+                    best, bx, by = rho[j, i], i, j
+        r, depth, light, misfit = gappy_window(patch, known, bx, by, inside, disc, sums[1])
+        out[k, 2], out[k, 3], out[k, 4], out[k, 6] = r, depth, level + light, misfit
         out[k, 0], out[k, 1], out[k, 5] = bx - search, by - search, count / patch.size
         if 0 < bx < steps - 1:
             out[k, 0] += vertex(rho[by, bx - 1], rho[by, bx], rho[by, bx + 1])

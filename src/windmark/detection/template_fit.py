@@ -16,8 +16,8 @@ Flags = NDArray[np.bool_]
 
 WINDOW_BLURS = 4.5  # the window reaches so many blurs beyond the disc
 BATCH_PIXELS = 200_000  # of the patches of one batch: they stay in the cache
+NO_MASK = np.zeros((0, 0), dtype=bool)
 SHAPE_SPREAD = 0.6  # prior of the second moments, relative to those of a round disc of the given radius
-MOSTLY = 0.5  # share of saturated pixels from which on they are used
 TUKEY = 4.685  # cut of Tukey's weights in units of the noise: 95 % efficient on Gaussian noise
 
 
@@ -39,6 +39,15 @@ class Scene:
     sign: float
     saturation: float
     multiplicative: bool
+
+    def pixels(self) -> tuple[NDArray[np.generic], Flags, float, float]:
+        """What the kernels want to know of the image."""
+        dtype, image = self.image.dtype, self.image
+        if dtype.kind == "f" and dtype.itemsize not in (4, 8):
+            image = image.astype(np.float64)
+        elif not dtype.isnative:
+            image = image.astype(dtype.newbyteorder("="))
+        return image, NO_MASK if self.usable is None else self.usable, self.sign, self.saturation
 
 
 @dataclass(frozen=True)
@@ -178,49 +187,30 @@ def _fit_batch(scene: Scene, request: Request, others: Neighbours, index: Ints, 
 
 def windows(scene: Scene, request: Request, others: Neighbours, half: int) -> tuple[Fitted, Array, Array, Array]:
     """What a fit starts from: columns to be filled, places (K, 2) in the patches, patches and weights (K, S, S)."""
+    from windmark.detection._kernels_template_cut import cut_windows
+
     done = replace(
         Fitted.empty(len(request.xy)), pixel=np.rint(request.xy).astype(np.int64), states=request.states.copy()
     )
     start = request.xy - done.pixel
-    patches, weights, known, saturated = cut_patches(scene, done.pixel, half)
-    lattice = np.arange(-half, half + 1.0)
-    distance = _distances(lattice, start)
-    window = distance <= request.reach()[:, None, None]
-    weights *= window
-    disc = (distance <= (request.radius + request.blur)[:, None, None]) & known & ~saturated
-    done.usable[:] = _share(disc & (weights > 0), disc)
-    done.saturated[:] = _share(saturated & window, known & window)
-    others.blank(weights, distance - request.radius[:, None, None], done.pixel, lattice)
+    size = 2 * half + 1
+    patches, weights = np.empty((len(start), size, size)), np.empty((len(start), size, size))
+    share = np.empty((len(start), 2))
+    cut_windows(
+        *scene.pixels(), done.pixel, start, request.radius, request.blur, request.reach(), others.xy, others.radius,
+        others.margin, others.index, patches, weights, share,
+    )  # fmt: skip
+    done.usable[:], done.saturated[:] = share.T
     return done, start, patches, weights
 
 
-def cut_patches(scene: Scene, pixel: Ints, half: int) -> tuple[Array, Array, Flags, Flags]:
-    """Patches (K, S, S) round pixels as float64 holes, their weights 0 or 1, what is known, what is saturated.
+def cut_patches(scene: Scene, pixel: Ints, half: int) -> tuple[Array, Array]:
+    """Patches (K, S, S) round pixels as float64 holes and their weights 0 or 1, as `cut_patch` makes them."""
+    from windmark.detection._kernels_template_cut import cut_all
 
-    Where most of a patch is saturated, that is the level of the paint (white drawings, clipped light): all is used.
-    """
-    height, width = scene.image.shape
-    lattice = np.arange(-half, half + 1)
-    x, y = pixel[:, 0, None] + lattice, pixel[:, 1, None] + lattice
-    known = ((y >= 0) & (y < height))[:, :, None] & ((x >= 0) & (x < width))[:, None, :]
-    at = np.clip(y, 0, height - 1)[:, :, None], np.clip(x, 0, width - 1)[:, None, :]
-    patches = scene.image[at].astype(np.float64)
-    saturated = known & (patches >= scene.saturation)
-    most = saturated.sum((1, 2)) > MOSTLY * known.sum((1, 2))
-    use = known & ~(saturated & ~most[:, None, None]) & np.isfinite(patches)
-    if scene.usable is not None:
-        use &= scene.usable[at]
-    return np.where(use, scene.sign * patches, 0.0), use.astype(np.float64), known, saturated
-
-
-def _distances(lattice: Array, at: Array) -> Array:
-    """Distances (K, S, S) of a patch's pixels from places (K, 2)."""
-    dx, dy = lattice[None, None, :] - at[:, 0, None, None], lattice[None, :, None] - at[:, 1, None, None]
-    return np.asarray(np.sqrt(dx * dx + dy * dy))
-
-
-def _share(part: Flags, whole: Flags) -> Array:
-    return np.asarray(part.sum((1, 2)) / np.maximum(whole.sum((1, 2)), 1))
+    patches, weights = np.empty((2, len(pixel), 2 * half + 1, 2 * half + 1))
+    cut_all(*scene.pixels(), pixel, patches, weights)
+    return patches, weights
 
 
 def _priors(request: Request) -> tuple[Array, Array, Flags]:
@@ -283,17 +273,6 @@ class Neighbours:
     def take(self, index: Ints) -> Neighbours:
         """The neighbours of some markers."""
         return replace(self, index=self.index[index])
-
-    def blank(self, weights: Array, outside: Array, pixel: Ints, lattice: Array) -> None:
-        """Weight 0 for pixels (K, S, S) that a neighbour's disc reaches and that are nearer to its rim than to the own.
-
-        `outside` (K, S, S): distance from the own rim, positive outside.
-        """
-        for column in self.index.T:
-            mine = np.flatnonzero(column >= 0)
-            other = column[mine]
-            rim = _distances(lattice, self.xy[other] - pixel[mine]) - self.radius[other, None, None]
-            weights[mine] *= ~((rim < self.margin[other, None, None]) & (rim < outside[mine]))
 
     def touching(self) -> Flags:
         """Markers (K,) into whose window another one reaches."""

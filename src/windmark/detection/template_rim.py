@@ -43,7 +43,7 @@ def _support(scene: Scene, fits: TemplateFits, variance: Array, half: int) -> Ar
     from windmark.detection._kernels_template_rim import SECTORS, rim_shares
 
     pixel = np.rint(fits.xy).astype(np.int64)
-    patches, weights, _, _ = cut_patches(scene, pixel, half)
+    patches, weights = cut_patches(scene, pixel, half)
     shares = np.empty((len(fits), SECTORS))
     rim_shares(patches, weights, _parameters(scene, fits, pixel), variance, float(scene.multiplicative), shares)
     shares = np.clip(shares, -1.0, 1.0)

@@ -13,7 +13,6 @@ Array = NDArray[np.float64]
 
 RING = 12, 16  # windows of the inner and the outer ring round a marker
 LEAST_RING = 8  # windows that say something about the surface
-NO_MASK = np.zeros((0, 0), dtype=bool)
 
 
 @dataclass(frozen=True)
@@ -47,7 +46,7 @@ def search(scene: Scene, request: Request, search_px: int) -> tuple[Request, Arr
     assert request.shape is not None
     found = np.zeros((len(request.xy), len(FOUND)))
     pixel = np.rint(request.xy).astype(np.int64)
-    search_discs(*_pixels(scene), pixel, _discs(request), request.reach(), search_px, found)
+    search_discs(*scene.pixels(), pixel, _discs(request), request.reach(), search_px, found)
     found[:, :2] += pixel
     states = np.zeros((len(found), 10))
     xx, xy, yy = request.shape.T
@@ -60,7 +59,7 @@ def surroundings(scene: Scene, request: Request) -> Surroundings:
     from windmark.detection._kernels_template_search import WINDOW, ring_windows
 
     assert request.shape is not None
-    pixels = _pixels(scene)
+    pixels = scene.pixels()
     out = np.full((4, len(request.xy)), np.nan)
     turns = [2.0 * np.pi * np.arange(n) / n for n in RING]
     ways = [np.column_stack([np.cos(t), np.sin(t)]) for t in turns]
@@ -78,13 +77,6 @@ def surroundings(scene: Scene, request: Request) -> Surroundings:
             out[1, k] = 1.4826 * np.median(np.abs(rows[:, 1] - out[0, k]))
             out[2, k] = np.median(rows[:, 3])
     return Surroundings(*out)
-
-
-def _pixels(scene: Scene) -> tuple[NDArray[np.generic], NDArray[np.bool_], float, float]:
-    """What the kernels want to know of the image."""
-    image = scene.image if scene.image.dtype.isnative else scene.image.astype(scene.image.dtype.newbyteorder("="))
-    usable = NO_MASK if scene.usable is None else scene.usable
-    return image, usable, scene.sign, scene.saturation
 
 
 def _discs(request: Request) -> Array:

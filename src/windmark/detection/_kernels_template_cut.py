@@ -1,0 +1,95 @@
+"""Windows of the template fits, cut from the image: pixels, weights, what is missing. Private."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from windmark.geometry._jit import nb
+
+MOSTLY = 0.5  # share of saturated pixels from which on they are used
+UNKNOWN, KNOWN, SATURATED = 0, 1, 2  # kinds of pixels
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def cut_patch(
+    image: Any, usable: Any, sign: float, saturation: float, x0: int, y0: int, patch: Any, weight: Any, kind: Any
+) -> None:
+    """Patch from (x0, y0) as a hole, weights 0 or 1, kinds of pixels.
+
+    `usable` (H, W) or (0, 0). Where most of a patch is saturated, that is the level of the paint (white drawings,
+    clipped light): all is used.
+    """
+    height, width = image.shape
+    known = saturated = 0
+    for j in range(patch.shape[0]):
+        y = y0 + j
+        for i in range(patch.shape[1]):
+            x = x0 + i
+            kind[j, i], patch[j, i] = UNKNOWN, 0.0
+            if 0 <= x < width and 0 <= y < height:
+                v = float(image[y, x])
+                over = v >= saturation
+                kind[j, i], patch[j, i] = SATURATED if over else KNOWN, v
+                known += 1
+                saturated += over
+    most = saturated > MOSTLY * known
+    for j in range(patch.shape[0]):
+        for i in range(patch.shape[1]):
+            use = (kind[j, i] == KNOWN or (most and kind[j, i] == SATURATED)) and math.isfinite(patch[j, i])
+            if use and usable.shape[0] > 0:
+                use = usable[y0 + j, x0 + i]
+            weight[j, i] = 1.0 if use else 0.0
+            patch[j, i] = sign * patch[j, i] if use else 0.0
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def cut_all(image: Any, usable: Any, sign: float, saturation: float, pixel: Any, patches: Any, weights: Any) -> None:
+    """Patches (K, S, S) round pixels (K, 2) and their weights, as `cut_patch` makes them."""
+    size = patches.shape[1]
+    kind = np.empty((size, size), np.uint8)
+    for k in range(len(pixel)):
+        x0, y0 = pixel[k, 0] - size // 2, pixel[k, 1] - size // 2
+        cut_patch(image, usable, sign, saturation, x0, y0, patches[k], weights[k], kind)
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def cut_windows(
+    image: Any, usable: Any, sign: float, saturation: float, pixel: Any, start: Any, radius: Any, blur: Any,
+    reach: Any, xy: Any, radii: Any, margin: Any, others: Any, patches: Any, weights: Any, share: Any,
+) -> None:  # fmt: skip
+    """Patches (K, S, S) round pixels (K, 2), weights 1 within `reach` of the places `start` in the patches.
+
+    Weight 0 have pixels that a neighbour's disc reaches and that are nearer to its rim than to the own: `xy` (N, 2),
+    `radii`, `margin` (N,) are all markers, `others` (K, L) indices into them, -1 for none. `share` (K, 2): of the
+    disc's pixels that are known and not saturated those that could be used; of the window's those that are saturated.
+    """
+    size = patches.shape[1]
+    kind = np.empty((size, size), np.uint8)
+    for k in range(len(pixel)):
+        patch, weight = patches[k], weights[k]
+        x0, y0 = pixel[k, 0] - size // 2, pixel[k, 1] - size // 2
+        cut_patch(image, usable, sign, saturation, x0, y0, patch, weight, kind)
+        cx, cy = start[k, 0] + size // 2, start[k, 1] + size // 2
+        reach2, disc2 = reach[k] ** 2, (radius[k] + blur[k]) ** 2
+        disc = used = seen = over = 0
+        for j in range(size):
+            for i in range(size):
+                d2 = (i - cx) ** 2 + (j - cy) ** 2
+                within, good = d2 <= reach2, d2 <= disc2 and kind[j, i] == KNOWN
+                weight[j, i] = weight[j, i] if within else 0.0
+                disc += good
+                used += good and weight[j, i] > 0.0
+                seen += within and kind[j, i] != UNKNOWN
+                over += within and kind[j, i] == SATURATED
+        share[k, 0], share[k, 1] = used / max(disc, 1), over / max(seen, 1)
+        for n in others[k]:
+            if n >= 0:
+                near_x, near_y = xy[n, 0] - x0, xy[n, 1] - y0
+                for j in range(size):
+                    for i in range(size):
+                        rim = math.hypot(i - near_x, j - near_y) - radii[n]
+                        if rim < margin[n] and rim < math.hypot(i - cx, j - cy) - radius[k]:
+                            weight[j, i] = 0.0
