@@ -7,8 +7,8 @@ import pytest
 import registration_scenes as scenes
 
 from windmark.geometry import Pose, p3p
-from windmark.registration import _match_kernels as match
 from windmark.registration import _quad_kernels as quads
+from windmark.registration import _screen_kernels as screen
 from windmark.registration._plane import Plane
 from windmark.registration.layout import DIRECTIONS, Layout, sphere
 from windmark.registration.quad_search import QuadSearch
@@ -129,15 +129,15 @@ def test_screen_passes_what_p3p_confirms_and_little_else(scene):
         spots = [a, *model.near[a, :3].tolist()]
         if abs(np.linalg.det(p[spots[2:]] - p[spots[1]])) < 1000:
             continue
-        sight = match._sight(p, *spots, focal)
-        right.append(match._fits(model.xyz, *spots, sight, 3.0 / focal))
+        sight = screen.sight_of(p, *spots, focal)
+        right.append(screen.fits(model.xyz, *spots, sight, 3.0 / focal))
         for _ in range(20):
             other = rng.integers(60)
             markers = [other, *rng.permutation(model.near[other, :6])[:3].tolist()]
             rays = np.column_stack([p[spots[1:]], np.full(3, focal)])
             anchors = [pose.apply(model.xyz[markers[0]]) for pose in p3p(rays, model.xyz[markers[1:]]).poses()]
             good = any(np.linalg.norm(focal * x[:2] / x[2] - p[a]) < 3.0 for x in anchors)
-            fits = match._fits(model.xyz, *markers, sight, 3.0 / focal)
+            fits = screen.fits(model.xyz, *markers, sight, 3.0 / focal)
             tried, confirmed, kept, passed = tried + 1, confirmed + good, kept + (good and fits), passed + fits
     assert np.mean(right) > 0.9
     assert confirmed > 5
@@ -157,7 +157,7 @@ def test_search_finds_the_pose_and_the_planes_mirror_image():
     for _ in search.batches():
         if search.best is not None and search.best.score > 45.0:
             break
-    search.rivals(search.best)
+    assert search.rivals(search.best, lambda: False)
     first, second = search.top(2)
     assert first.count == second.count == 24
     np.testing.assert_array_equal(first.match, second.match)

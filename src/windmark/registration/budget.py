@@ -7,8 +7,9 @@ import time
 from windmark.registration._evidence_kernels import likelihood_ratio, log10_nfa
 from windmark.registration._growth_kernels import growth_kernel
 from windmark.registration._hypothesis_kernels import hypotheses_kernel
-from windmark.registration._match_kernels import rivals_kernel, search_kernel
+from windmark.registration._match_kernels import search_kernel
 from windmark.registration._quad_kernels import spot_quads_kernel, table_kernel
+from windmark.registration._rival_kernels import rivals_kernel
 from windmark.registration._settle_kernels import settle_kernel
 from windmark.registration._symmetry_kernels import symmetries_kernel
 

@@ -6,16 +6,18 @@ a good solution as long as the caller asks: "stop at the first good pose" is the
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.registration._best_kernels import room_for_best
 from windmark.registration._hypothesis_kernels import Picture
-from windmark.registration._match_kernels import rivals_kernel, room_for_best, search_kernel
+from windmark.registration._match_kernels import search_kernel
 from windmark.registration._near import nearest
 from windmark.registration._plane import Plane
 from windmark.registration._quad_kernels import Table, spot_quads_kernel
+from windmark.registration._rival_kernels import rivals_kernel
 from windmark.registration.layout import REACHES
 from windmark.registration.pool import Candidate
 from windmark.registration.search import make_gates, make_rules
@@ -28,8 +30,8 @@ STAGES = ((REACHES[0], 0, 5), (REACHES[0], 5, 8), (REACHES[1], 0, 8), (REACHES[1
 POOL = 12
 WORK = 20_000
 """Links after which the caller is asked whether to go on."""
-RIVAL_WORK = 50_000
-"""Links after which no more rivals are looked for; the near-symmetries have made the likely ones before."""
+RIVAL_TURNS = 3
+"""After so many times this work no more rivals are looked for; the near-symmetries have made the likely ones before."""
 RIVAL_NEAR, RIVAL_QUADS, AGAIN = 6, 24, 8
 """Neighbours and number of the quads that rivals are looked for with; from so many the candidate is grown again."""
 
@@ -77,13 +79,13 @@ class QuadSearch:
         cost = {(stage, lead): stage[0] ** 3 * stage[2] ** 3 * lead for lead in self.plane.leads for stage in STAGES}
         return sorted(cost, key=lambda key: cost[key])
 
-    def rivals(self, candidate: Candidate) -> None:
+    def rivals(self, candidate: Candidate, over: Callable[[], bool]) -> bool:
         """Look for other solutions: of the spots that a candidate explains, and of those that it does not.
 
         A shifted, turned or mirrored labelling uses mostly the same spots, so it has a quad among the explained ones,
         where no false spot and hardly a hidden marker disturbs. One that takes every n-th spot of a lattice leaves most
         of the spots, so quads of the others are tried, too. What the near-symmetries of the model make of the candidate
-        is tried in any case.
+        is tried in any case. False if the time was ``over`` before all of this was done.
         """
         spots = candidate.match[candidate.match >= 0]
         picture = self.plane.picture(next(n for n in self.plane.leads if n > spots.max()))
@@ -103,11 +105,18 @@ class QuadSearch:
             quads, cells = self._compact_quads(picture, some, most, table)
             # The candidate itself may have grown from a bad start: it is grown again from some of its quads.
             for known, part in ((others_known, np.s_[:AGAIN]), (self._best.match, np.s_[AGAIN:])):
-                _, links = search_kernel(
-                    self.plane.model, picture, self._rules, self._gates, table, self._focals,
-                    quads[part], cells[part], 0, RIVAL_WORK, np.inf, self._best, known,
-                )  # fmt: skip
-                self.links += int(links)
+                start = 0
+                for _ in range(RIVAL_TURNS):
+                    if over():
+                        return False
+                    start, links = search_kernel(
+                        self.plane.model, picture, self._rules, self._gates, table, self._focals,
+                        quads[part], cells[part], start, WORK, np.inf, self._best, known,
+                    )  # fmt: skip
+                    self.links += int(links)
+                    if start == len(quads[part]):
+                        break
+        return True
 
     @staticmethod
     def _compact_quads(picture: Picture, spots: Ints, most: int, table: Table) -> tuple[Ints, Ints]:

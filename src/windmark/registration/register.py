@@ -69,8 +69,8 @@ def register(
         "ransac" is the paper's search with the changes listed in `registration.search`
     layout : `prepare(markers)`, to save its milliseconds when many images are registered with the same markers
     max_hypotheses : links of three markers to three spots to try before giving up
-    max_time_s : CPU time after which the search gives up; None takes 0.2 s for "hash" and 20 s for "ransac". The
-        result depends on the machine only if it strikes
+    max_time_s : CPU time after which the search gives up, without that for the ``layout``; None takes 0.2 s for "hash"
+        and 20 s for "ransac". The result depends on the machine only if it strikes
     max_log10_nfa, min_score, min_margin : limits of acceptance, see `registration.task.Limits`
     seed : of the random triplets
 

@@ -11,7 +11,7 @@ AIAA 2005-5007 section III.C, steps 1 to 9, with these differences, each for a r
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -107,14 +107,14 @@ class Search:
                     break
         return sorted(cost, key=lambda key: cost[key])
 
-    def rivals(self, candidate: Candidate) -> None:
+    def rivals(self, candidate: Candidate, over: Callable[[], bool]) -> bool:
         """Look for other solutions of the spots that a candidate explains.
 
         A shifted, turned or mirrored labelling uses mostly the same spots. So a few compact triplets of them,
         spread over the image, are linked to *all* compact marker triplets (all four poses of each): a better
         solution is found here even if the random search missed it, an equally good one shows the ambiguity.
         A solution that takes every n-th spot of a lattice leaves most of them, so some triplets are taken from
-        the spots that the candidate does not explain.
+        the spots that the candidate does not explain. False if the time is ``over`` after it.
         """
         spots = candidate.match[candidate.match >= 0]
         picture = self.plane.picture(next(n for n in self.plane.leads if n > spots.max()))
@@ -123,7 +123,7 @@ class Search:
             [spread_corners(picture.p, spots, RIVAL_CORNERS), spread_corners(picture.p, others, OTHER_CORNERS)]
         )
         if not len(corners):
-            return
+            return True
         near = np.zeros((len(picture.p), 2), dtype=np.int32)
         near[corners[:, 0]] = corners[:, 1:]
         triplets = marker_triplets(self.model, RIVAL_REACH, every_corner=True)
@@ -131,6 +131,7 @@ class Search:
             triplets = triplets[self._rng.permutation(len(triplets))[:MOST_RIVALS]]
         anchors = np.ascontiguousarray(corners[:, 0])
         self._try(_Batch(picture._replace(near=near), triplets, turns_of(self.model, triplets), anchors, 2))
+        return not over()
 
     def _try(self, batch: _Batch) -> int:
         """One batch: link, screen, grow, pool; the number of links."""

@@ -32,6 +32,9 @@ def solve(
 
     ``layout`` is of its markers, ``index`` names its spots, ``options`` are those of `register`, all checked.
     """
+    layout = layout or Layout(task.markers)
+    if options["method"] == "hash":
+        layout.ready()
     budget = Budget(options["max_time_s"])
     plane = Plane(task, layout)
     if options["method"] == "hash":
@@ -42,7 +45,7 @@ def solve(
     if verdict.cause is None and verdict.best is not None:
         return _registration(plane, accepted(plane, verdict.best), verdict, search.links, index, options)
     cause, reason, best = verdict.cause or "nothing", verdict.reason, verdict.best
-    if late and cause not in ("ambiguous", "focal", "wrong_focal"):
+    if cause == "time" or (late and cause not in ("ambiguous", "focal", "wrong_focal")):
         cause, reason = "time", f"stopped after max_time_s = {options['max_time_s']:g} s; so far: {reason}"
     if best is None:
         return NotRegistered(reason, cause, n_hypotheses=search.links, options=options)
@@ -51,7 +54,7 @@ def solve(
 
 def _judge(search: Search | QuadSearch, limits: Limits, max_links: int, budget: Budget) -> tuple[Verdict, bool]:
     """Search until the verdict is clear; the verdict, and whether the time limit struck."""
-    judge = Judge(search, limits)
+    judge = Judge(search, limits, budget)
     judged, late = None, False
     for links in search.batches():
         best = search.best

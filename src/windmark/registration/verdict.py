@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from windmark.registration.budget import Budget
 from windmark.registration.pool import Candidate
 from windmark.registration.quad_search import QuadSearch
 from windmark.registration.result import Cause, RunnerUp
@@ -48,11 +49,12 @@ class Verdict:
 class Judge:
     """Weighs the candidates of a search; refined solutions are kept, so asking again costs little."""
 
-    def __init__(self, search: Search | QuadSearch, limits: Limits) -> None:
-        self._search, self._limits = search, limits
+    def __init__(self, search: Search | QuadSearch, limits: Limits, budget: Budget) -> None:
+        self._search, self._limits, self._budget = search, limits, budget
         self._plane, self._task = search.plane, search.plane.task
         self._settled: dict[Candidate, Solution | None] = {}
         self._challenged: list[Candidate] = []
+        self._unchallenged = False  # the time was over before all rivals had been looked for
 
     def verdict(self) -> Verdict:
         """Look for rivals of the best candidate, refine the best few, and decide."""
@@ -65,15 +67,18 @@ class Judge:
         best, others = solutions[0], solutions[1:]
         runner_up = _runner_up(best, others[0]) if others else None
         cause, reason = self._refusal(best, runner_up)
+        if cause is None and self._unchallenged:
+            cause = "time"
+            reason = f"whether another solution is as good as one of {best.count} of {best.expected} markers is unknown"
         return Verdict(best, runner_up, cause, reason)
 
     def _challenge(self) -> None:
-        """Look for rivals until the best candidate has none better."""
-        while (best := self._search.best) is not None:
+        """Look for rivals until the best candidate has none better, or the time is over."""
+        while (best := self._search.best) is not None and not self._unchallenged:
             if any(best.like(old) for old in self._challenged):
                 return
             self._challenged.append(best)
-            self._search.rivals(best)
+            self._unchallenged = not self._search.rivals(best, lambda: self._budget.over)
 
     def _solutions(self) -> list[Solution]:
         """Distinct refined solutions, best first."""
