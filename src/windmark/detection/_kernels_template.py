@@ -144,11 +144,12 @@ def fit_discs(
                 back[i, m] = t[m, i]
         congruence(cov[k], back, vectors[4])
         center_map(params[k], multiplicative, centre, cov[k], rows)
-        out[k, 5] = out[k, 7] = 0.0
+        largest, rejected = 0.0, 0
         for j in range(size):
             for i in range(size):
-                out[k, 5] = max(out[k, 5], abs(res[j, i]))
-                out[k, 7] += weight[j, i] > 0.0 and jac[7, j, i] == 0.0
+                largest = max(largest, abs(res[j, i]))
+                rejected += weight[j, i] > 0.0 and jac[7, j, i] == 0.0
+        out[k, 5], out[k, 7] = largest, rejected
         if influence.shape[1] > 0:
             influences(patch, params[k], multiplicative, jac, res, rows, noise2, influence[k])
         params[k, 0], params[k, 1] = params[k, 0] + centre[0, 0], params[k, 1] + centre[1, 0]

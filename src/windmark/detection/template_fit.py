@@ -258,6 +258,8 @@ class Neighbours:
         from scipy.spatial import cKDTree
 
         pairs = cKDTree(xy).query_pairs(float((reach + (radius + margin).max()).max()), output_type="ndarray")
+        if not len(pairs):
+            return Neighbours(xy, radius, np.empty((count, 0), np.int64), margin)
         pairs = np.concatenate([pairs, pairs[:, ::-1]])
         i, j = pairs.T
         distance = np.hypot(*(xy[i] - xy[j]).T)

@@ -24,6 +24,8 @@ UNUSUAL = 3.2  # the same, in robust standard deviations of the logarithm over t
 def fit_all(scene: Scene, request: Request, others: Neighbours, *, images: bool) -> tuple[Fitted, list[Batch]]:
     """Fits in the order of the request, and their batches."""
     batches = fit_batches(scene, request, others, images=images)
+    if len(batches) == 1:
+        return batches[0].fitted, batches
     done = Fitted.empty(len(request.xy))
     for b in batches:
         done.put(b.index, b.fitted)
@@ -66,8 +68,8 @@ def contaminated(chi2: Array, done: Fitted, expected: Array, flags: Ints) -> Boo
         logs = np.log(chi2[usual])
         limit = max(limit, float(np.exp(np.median(logs) + UNUSUAL * scatter(logs))))
         best = np.flatnonzero(usual)[:BEST]
-        limit = max(limit, float(np.quantile(chi2[best], TOLERATED)))
-        farthest = max(FAR, float(np.quantile(far[best], TOLERATED)))
+        of_chi2, of_far = np.quantile(np.stack([chi2[best], far[best]]), TOLERATED, axis=1).tolist()
+        limit, farthest = max(limit, of_chi2), max(FAR, of_far)
     return np.asarray((chi2 > limit) | (far > farthest))
 
 
