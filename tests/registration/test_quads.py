@@ -5,8 +5,12 @@ from itertools import combinations
 import numpy as np
 import pytest
 import registration_scenes as scenes
+from slow_twins import RULES, TOLERANCE, kernel_case, slow_growth, slow_neighbourhood
 
 from windmark.geometry import Pose, p3p
+from windmark.registration import _best_kernels as kept
+from windmark.registration import _growth_kernels as growth
+from windmark.registration import _match_kernels as match
 from windmark.registration import _quad_kernels as quads
 from windmark.registration import _screen_kernels as screen
 from windmark.registration._plane import Plane
@@ -143,6 +147,53 @@ def test_screen_passes_what_p3p_confirms_and_little_else(scene):
     assert confirmed > 5
     assert kept >= 0.9 * confirmed
     assert passed < 0.25 * tried
+
+
+def slow_search(model, picture, gates, table, focal, tried, cells):
+    """Twin of `search_kernel`: (match, score) of everything that the quads let grow, in order."""
+    outcomes = []
+    for (a, b, c, d), cell in zip(tried.tolist(), cells.tolist(), strict=True):
+        rays = np.column_stack([picture.p[[b, c, d]], np.full(3, focal)])
+        for i, j, k, m in table.quad[table.first[cell] : table.first[cell + 1]].tolist():
+            if not screen.fits(
+                model.xyz, i, j, k, m, screen.sight_of(picture.p, a, b, c, d, focal), match.CHECK * TOLERANCE / focal
+            ):
+                continue
+            for pose in p3p(rays, model.xyz[[j, k, m]]).poses():
+                anchor = pose.apply(model.xyz[i])
+                if np.linalg.norm(focal * anchor[:2] / anchor[2] - picture.p[a]) >= match.CHECK * TOLERANCE:
+                    continue
+                pairs = slow_neighbourhood(
+                    model, picture, pose.rotation, pose.translation, focal, (i, j, k), (a, b, c)
+                )  # fmt: skip
+                if pairs is not None:
+                    outcomes.append(slow_growth(model, picture, gates, pose.rotation, pose.translation, focal, pairs))
+    return outcomes
+
+
+def test_search_grows_what_its_slow_twin_grows():
+    model, picture, _, focal, scene = kernel_case()
+    gates = growth.Gates(TOLERANCE, 0.75, 8.0, 0.5 * focal, 0.5 * focal)
+    table = Layout(scene.markers).table(7)
+    tried, cells = quads.spot_quads_kernel(picture.p, picture.near, 0, 7, table.first)
+    tried, cells = tried[:400], cells[:400]
+    best, none = kept.room_for_best(60, 24), np.full((1, 24), -1, np.int32)
+    got, links = match.search_kernel(
+        model, picture, RULES, gates, table, np.array([focal]), tried, cells, 0, 10**6, np.inf, best, none
+    )
+    assert got == len(tried)
+    assert links == np.diff(table.first)[cells].sum()
+    outcomes = slow_search(model, picture, gates, table, focal, tried, cells)
+    # Solutions seen before are not grown again.
+    assert 3 < best.serial[-1] <= len(outcomes)
+    right = [o for o in outcomes if o is not None]
+    for n in np.flatnonzero(best.score > -np.inf):
+        assert any((best.match[n] == m).all() and best.score[n] == pytest.approx(s, abs=1e-3) for m, s in right)
+    first, most = np.argmax(best.score), max(right, key=lambda o: o[1])
+    assert best.score[first] == pytest.approx(most[1], abs=1e-3)
+    np.testing.assert_array_equal(best.match[first], most[0])
+    seen = most[0] >= 0
+    assert (scene.label[most[0][seen]] == np.flatnonzero(seen)).all()
 
 
 def test_search_finds_the_pose_and_the_planes_mirror_image():

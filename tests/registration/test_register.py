@@ -262,8 +262,33 @@ def test_similar_model_is_a_misfit():
     result = register(scene.detections, other, camera, max_hypotheses=200_000)
     assert_refused(result, "misfit")
     assert "tolerance_px" in result.reason
-    loose = register(scene.detections, other, camera, tolerance_px=40.0)
+    loose = register(scene.detections, other, camera, tolerance_px=40.0, max_table_error=0.5)
     assert (scene.label[loose.matching.detection] == loose.matching.marker).all()
+
+
+def test_another_model_of_the_same_design_is_a_misfit_unless_its_table_may_be_that_wrong():
+    """Rows that differ by a few percent of the markers' distance; all find their spots."""
+    rng = np.random.default_rng(3)
+    pictured, other = scenes.wing(rng), scenes.wing(rng)
+    camera, pose = scenes.random_view(rng, pictured, tilt_max_deg=20)
+    scene = scenes.image_of(rng, pictured, camera, pose, noise_px=0.2)
+    result = register(scene.detections, other, camera, tolerance_px=60.0, max_hypotheses=50_000, max_time_s=20.0)
+    assert_refused(result, "misfit")
+    assert "same design" in result.reason
+    told = replace(other, sigma=np.full((24, 3), 0.012))
+    for markers, allowed in ((other, 0.2), (told, 0.025)):
+        result = register(scene.detections, markers, camera, tolerance_px=60.0, max_table_error=allowed)
+        assert result, result.reason
+        assert (scene.label[result.matching.detection] == result.matching.marker).all()
+
+
+@pytest.mark.parametrize("kind", ["A", "B"])
+def test_table_errors_of_one_percent_of_the_spacing_are_no_misfit(kind):
+    scene, rng = scenes.scene(11, kind, hidden=0.25), np.random.default_rng(11)
+    xyz = scene.markers.xyz
+    apart = np.linalg.norm(xyz[:, None] - xyz[None], axis=2) + 1e9 * np.eye(len(xyz))
+    markers = replace(scene.markers, xyz=xyz + rng.normal(0, 0.01 * np.median(apart.min(axis=1)), xyz.shape))
+    assert_right(register(scene.detections, markers, scene.camera), scene)
 
 
 # --- priors and focal length -------------------------------------------------------------------
@@ -388,6 +413,7 @@ def test_budget_is_kept():
         ({"max_time_s": 0.0}, "max_time_s"),
         ({"max_hypotheses": 0}, "max_hypotheses"),
         ({"min_margin": -1.0}, "min_margin"),
+        ({"max_table_error": 0.0}, "max_table_error"),
     ],
 )
 def test_wrong_options_name_the_parameter(options, word):

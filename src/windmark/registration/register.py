@@ -45,6 +45,7 @@ def register(
     max_log10_nfa: float = -9.0,
     min_score: float = 60.0,
     min_margin: float = 10.0,
+    max_table_error: float = 0.025,
     seed: int = 0,
 ) -> Registration | NotRegistered:
     """Find which spot is which marker and where the camera was.
@@ -72,6 +73,8 @@ def register(
     max_time_s : CPU time after which the search gives up, without that for the ``layout``; None takes 0.2 s for "hash"
         and 20 s for "ransac". The result depends on the machine only if it strikes
     max_log10_nfa, min_score, min_margin : limits of acceptance, see `registration.task.Limits`
+    max_table_error : markers that are farther off their table (1 sigma per coordinate beyond its sigma, as part of the
+        distance to the nearest other marker) are those of another model of the same design. Larger for a deformed model
     seed : of the random triplets
 
     Returns
@@ -85,12 +88,13 @@ def register(
     """
     if max_time_s is None:
         max_time_s = DEFAULT_TIME_S.get(method, 0.2)
-    limits = Limits(max_log10_nfa, min_score, min_margin, max_focal_sigma)
+    limits = Limits(max_log10_nfa, min_score, min_margin, max_focal_sigma, max_table_error)
     options: dict[str, Any] = {
         "prior_max_angle_deg": prior_max_angle_deg, "prior_max_scale": prior_max_scale, "free_focal": free_focal,
         "focal_range": focal_range, "max_focal_sigma": max_focal_sigma, "tolerance_px": tolerance_px,
         "method": method, "max_hypotheses": max_hypotheses, "max_time_s": max_time_s,
-        "max_log10_nfa": max_log10_nfa, "min_score": min_score, "min_margin": min_margin, "seed": seed,
+        "max_log10_nfa": max_log10_nfa, "min_score": min_score, "min_margin": min_margin,
+        "max_table_error": max_table_error, "seed": seed,
     }  # fmt: skip
     _check_options(options, prior)
     if layout is not None and not layout.is_of(markers):
@@ -123,7 +127,7 @@ def _check_options(options: dict[str, Any], prior: Pose | None) -> None:
         raise ValueError(f"register: method must be one of {', '.join(DEFAULT_TIME_S)}, got {options['method']!r}")
     if prior is not None and prior.rotation.ndim != 2:
         raise ValueError(f"register: prior must be a single pose, got a batch {prior.rotation.shape[:-2]}")
-    positive = ("prior_max_angle_deg", "max_focal_sigma", "max_hypotheses", "max_time_s")
+    positive = ("prior_max_angle_deg", "max_focal_sigma", "max_hypotheses", "max_time_s", "max_table_error")
     above_one = ("prior_max_scale", "focal_range")
     for name in positive:
         if not options[name] > 0:

@@ -78,12 +78,15 @@ class Limits:
     score : smallest log-likelihood ratio in nats, without a prior; a prior lowers it by what it rules out
     margin : smallest lead in nats over the best distinct solution
     focal_sigma : largest relative 1 sigma of a free focal length
+    table_error : largest 1 sigma per coordinate by which markers may be off their table beyond its sigma, as part of
+        the distance to the nearest other marker
     """
 
     log10_nfa: float
     score: float
     margin: float
     focal_sigma: float
+    table_error: float
 
 
 def with_focal(camera: Camera, focal_px: float) -> Camera:

@@ -21,8 +21,9 @@ from windmark.registration.task import Limits
 SETTLED = 5
 """Candidates that are refined with the full camera model, best first."""
 MISFIT = 4.0
-"""The residuals' sigma times this must fit into the neighbourhood of the search. A picture of a *similar* model is
-matched completely, well beyond chance and without a rival; only the misfit tells."""
+"""The residuals' sigma times this must fit into the neighbourhood of the search."""
+TWICE = 3.0**0.5
+"""An excess of so many sigma doubles the sigma of the spots."""
 SUSPICIOUS = 1.8
 """A misfit of so many sigma of the spots makes the given focal length doubtful."""
 LOOSE_AND_SPARSE = 40.0
@@ -105,13 +106,8 @@ class Judge:
                 f"false-alarm number 1e{evidence.log10_nfa:+.1f} (limit 1e{limits.log10_nfa:+.1f}), "
                 f"evidence {evidence.score:.0f} nats (at least {least:.0f}){self._hint()}"
             )
-        if MISFIT * best.misfit_px > self._task.tolerance_px:
-            return "misfit", (
-                f"the best solution matches {best.count} of {best.expected} markers in view, but with a misfit of "
-                f"{best.misfit_px:.1f} px (1 sigma per coordinate) it is too loose for tolerance_px = "
-                f"{self._task.tolerance_px:.1f}: another or a deformed model, wrong camera parameters, or too small "
-                "a tolerance"
-            )
+        if misfit := self._misfit(best):
+            return "misfit", f"the best solution matches {best.count} of {best.expected} markers in view, but {misfit}"
         if runner_up is not None and evidence.score - runner_up.score < limits.margin:
             return "ambiguous", _ambiguity(best, runner_up)
         if self._task.free_focal:
@@ -134,6 +130,32 @@ class Judge:
                         "correct it, or set free_focal"
                     )
         return None, ""
+
+    def _misfit(self, best: Solution) -> str:
+        """Why the residuals are too large for the markers' own picture; empty if they are not.
+
+        Another model of the same design is matched completely, well beyond chance and without a rival: chance and
+        rivals say nothing against it, only what one expects of the table. The few pairs of a part of it may agree by
+        luck, so the excess counts with its own sigma on top. The spots may be twice as bad as they say.
+        """
+        if MISFIT * best.misfit_px > self._task.tolerance_px:
+            return (
+                f"with a misfit of {best.misfit_px:.1f} px (1 sigma per coordinate) it is too loose for tolerance_px = "
+                f"{self._task.tolerance_px:.1f}: another or a deformed model, wrong camera parameters, or too small "
+                "a tolerance"
+            )
+        xyz, depth = self._task.markers.xyz, best.cam_from_model.apply(self._task.markers.xyz)[:, 2]
+        nearest = np.linalg.norm(xyz - xyz[self._plane.model.near[:, 0]], axis=1)
+        spacing = float(np.median((nearest * best.focal_px / depth)[best.marker]))
+        allowed = float(np.hypot(self._limits.table_error * spacing, TWICE * np.median(self._task.sigma_px)))
+        excess = best.excess_px * (1 + 1 / np.sqrt(2 * max(2 * best.count - len(best.change), 1)))
+        if excess <= allowed:
+            return ""
+        return (
+            f"the markers are off their table by {excess:.2g} px (1 sigma per coordinate; limit {allowed:.2g} "
+            f"px with max_table_error = {100 * self._limits.table_error:.3g} % of their spacing): another model of the "
+            "same design, a deformed model, wrong camera parameters, or a table that needs its sigma"
+        )
 
     def _hint(self) -> str:
         """What the likely reason is that nothing was found."""
