@@ -26,11 +26,11 @@ TWICE = 3.0**0.5
 """An excess of so many sigma doubles the sigma of the spots."""
 SUSPICIOUS = 1.8
 """A misfit of so many sigma of the spots makes the given focal length doubtful."""
-LOOSE_AND_SPARSE = 40.0
-"""More evidence (nats) that such a misfit needs where most markers are missing: a labelling that is right in parts
-only, or by chance, explains them so."""
 MISSED = float(np.log(5.0))
-"""And at least so much for each missing marker, as if four of five were seen: a part of a large model has much."""
+"""More evidence (nats) that such a misfit needs for each missing marker, as if four of five were seen: a labelling that
+is right in parts only, or by chance, explains them so, and a part of a large model has much evidence ..."""
+LOOSE_AND_SPARSE = 40.0
+"""... and at least so much where most markers are missing."""
 CLEARLY_BETTER, FOCAL_OFF = 20.0, 0.05
 """It is refused when another one is better by so much (nats), and away from it by this (relative) and by 5 sigma."""
 FEW_SPOTS, FEW_PART, CLUTTERED = 8, 0.2, 6.0
@@ -100,8 +100,9 @@ class Judge:
     def _refusal(self, best: Solution, runner_up: RunnerUp | None) -> tuple[Cause | None, str]:
         limits, evidence = self._limits, best.evidence
         least = limits.score + float(np.log(self._task.prior_share))
-        if self._loose(best) and 2 * best.count < best.expected:
-            least += max(LOOSE_AND_SPARSE, MISSED * (best.expected - best.count))
+        if self._loose(best):
+            sparse = 2 * best.count < best.expected
+            least += max(LOOSE_AND_SPARSE if sparse else 0.0, MISSED * (best.expected - best.count))
         if not (evidence.log10_nfa < limits.log10_nfa and evidence.score > least):
             return "weak", (
                 f"the best solution matches {best.count} of {best.expected} markers in view, which could be chance: "
