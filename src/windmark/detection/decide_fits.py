@@ -23,7 +23,7 @@ from windmark.detection.rejected import (
     UNCERTAIN,
 )
 from windmark.detection.spots import Spots
-from windmark.detection.template_result import TemplateFits
+from windmark.detection.template_result import SATURATED, TemplateFits
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -47,7 +47,7 @@ TYPICAL = 8  # sound markers that say what the image's markers are like
 NEAREST = 9  # of them are those near a place
 CONTRAST_SHARE = 0.6  # of the markers' contrast
 SIZE_SHARE, SIZE_QUANTILE = 0.8, 0.2  # of the smaller of the typical markers, for those smaller than asked for
-NEAR_RADIUS = 0.88  # of the smallest radius asked for
+NEAR_RADIUS = 0.86  # of the smallest radius asked for
 
 
 def judge_fits(
@@ -87,7 +87,8 @@ def judge_fits(
         reason[major - doubt[:, 0] > RADIUS_RATIO[1] * max(radii)] = LARGE
         reason[major + doubt[:, 0] < RADIUS_RATIO[0] * min(radii)] = SMALL
         reason[~fits.converged | ~np.isfinite(fits.cov).all(axis=(1, 2)) | (away > spots.r0)] = UNCERTAIN
-        sound = (edge >= SOUND_EDGE) & (correlation >= SOUND_CORRELATION) | fits.crossed
+        sound = (edge >= SOUND_EDGE) & (correlation >= SOUND_CORRELATION)
+        sound |= fits.crossed | ((fits.flags & SATURATED) > 0)  # saturated: too little is left of it to look disturbed
         _beside_the_others(reason, fits, edge, doubt[:, 1], sound, weak, radii, options)
     return reason
 
@@ -104,20 +105,21 @@ def _beside_the_others(
 ) -> None:
     """Reject what differs from the image's typical markers.
 
-    Markers are of one paint, so that their contrast to the light, or in infrared their depth, varies little and only
-    from place to place (haze, another black level). A blurred speck is a good disc, but smaller; specks may be many, so
-    each counts by its area. Contrast, roundness and edge count together: pieces of letters, rings and scratches lack
-    some of each.
+    Markers are of one paint, so that their contrast to the light varies little and only from place to place (haze,
+    another black level); what adds to the light varies more. A blurred speck is a good disc, but smaller; specks may be
+    many, so each counts by its area. Contrast, roundness and edge count together: pieces of letters, rings and
+    scratches lack some of each.
     """
     typical = (reason == ACCEPTED) & sound & ~weak & ~fits.crossed
     shapely = weak | has_shape(fits, radii)
     share, major, minor = np.ones(len(fits)), *fits.axes_px.T
     if typical.sum() >= TYPICAL:
-        paint = options.light == "multiplicative"
         weight = (major * fits.depth / fits.noise) ** 2  # specks and noise say little
-        share = relative_contrast(fits.xy, fits.contrast if paint else fits.depth, typical, weight)
-        if paint:
+        if options.light == "multiplicative":
+            share = relative_contrast(fits.xy, fits.contrast, typical, weight)
             reason[(reason == ACCEPTED) & ~(share >= CONTRAST_SHARE)] = PALE
+        else:
+            share = np.sqrt(relative_contrast(fits.xy, fits.depth, typical, weight))
         size = size_at_blur(fits, fits.frame.blur_px)
         least = SIZE_SHARE * weighted_quantile(size[typical], size[typical] ** 2, SIZE_QUANTILE)
         if min(radii) >= TINY_PX:

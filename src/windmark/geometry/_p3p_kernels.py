@@ -25,7 +25,7 @@ from windmark.geometry._p3p_pencil import (
     split,
     times,
 )
-from windmark.geometry.p3p import COLLINEAR
+from windmark.geometry.errors import COLLINEAR
 
 Array = NDArray[np.float64]
 Frame = tuple[Vec3, Vec3, Vec3]

@@ -1,6 +1,9 @@
-"""Errors that pure geometry can raise."""
+"""Errors that pure geometry can raise, and what counts as degenerate."""
 
 from __future__ import annotations
+
+COLLINEAR = 1e-10
+"""Triangles with an area below this times the longest edge squared determine no pose."""
 
 
 class DegenerateGeometry(ValueError):

@@ -7,13 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from windmark.geometry.errors import DegenerateGeometry
+from windmark.geometry.errors import COLLINEAR, DegenerateGeometry
 from windmark.geometry.pose import Pose
 
 Array = NDArray[np.float64]
-
-COLLINEAR = 1e-10
-"""Triangles with an area below this times the longest edge squared determine no pose."""
 
 
 @dataclass(frozen=True)

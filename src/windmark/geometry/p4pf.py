@@ -7,8 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from windmark.geometry.errors import DegenerateGeometry
-from windmark.geometry.p3p import COLLINEAR
+from windmark.geometry.errors import COLLINEAR, DegenerateGeometry
 from windmark.geometry.pose import Pose
 
 Array = NDArray[np.float64]
