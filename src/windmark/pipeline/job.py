@@ -141,6 +141,7 @@ def _register(result: ImageResult, image: NDArray[np.generic], inputs: _Inputs, 
             tolerance_px=wanted.tolerance_px,
             free_focal=wanted.free_focal,
             max_time_s=wanted.max_time_s,
+            max_table_error=wanted.max_table_error,
             seed=wanted.seed,
         )
     result = replace(result, detections=found, registration=answer)

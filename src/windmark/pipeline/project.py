@@ -94,7 +94,10 @@ class DetectOptions(_Strict):
 
 
 class RegisterOptions(_Strict):
-    """Options of `windmark.register`. ``prior``: a camera file whose pose the solution must be near to."""
+    """Options of `windmark.register`. ``prior``: a camera file whose pose the solution must be near to.
+
+    ``max_table_error``: as part of the distance between markers; larger for a deformed model or a rough table.
+    """
 
     prior: Path | None = None
     prior_max_angle_deg: Annotated[float, Field(gt=0, le=180)] = 30.0
@@ -103,6 +106,7 @@ class RegisterOptions(_Strict):
     free_focal: bool = False
     seed: int = 0
     max_time_s: Positive | None = None
+    max_table_error: Positive = 0.025
 
 
 class ResectOptions(_Strict):
