@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from windmark.geometry._jit import nb
 from windmark.geometry._kernels import to_camera
-from windmark.registration._growth_kernels import PRIOR_WORTH, _derivative, _move, _solve
+from windmark.registration._cholesky_kernels import cholesky, solve_factored
+from windmark.registration._growth_kernels import PRIOR_WORTH, _derivative, _move
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int32]
@@ -120,7 +121,7 @@ def refine(xyz: Array, spots: Spots, fit: Fit, state: State, table: Array) -> bo
                 cu, cv = wuu * row_u[i] + wuv * row_v[i], wuv * row_u[i] + wvv * row_v[i]
                 for j in range(i + 1):
                     a[i, j] += cu * row_u[j] + cv * row_v[j]
-        if not _cholesky(a, size):
+        if not cholesky(a, size, 1e-12):
             return False
         if numbers[ITERATIONS] == 0.0:
             numbers[COST_START] = cost
@@ -128,7 +129,7 @@ def refine(xyz: Array, spots: Spots, fit: Fit, state: State, table: Array) -> bo
         numbers[COST_END] = cost
         decrease = 0.0
         step[:] = g
-        _solve(a, step, size)
+        solve_factored(a, step, size)
         for i in range(size):
             decrease += g[i] * step[i]
         if step[0] ** 2 + step[1] ** 2 + step[2] ** 2 > 1.0:
@@ -141,24 +142,6 @@ def refine(xyz: Array, spots: Spots, fit: Fit, state: State, table: Array) -> bo
             numbers[FOCAL] = f * math.exp(min(0.3, max(-0.3, step[6])))
     _residuals(xyz, p, state)
     return decrease < 1e-6
-
-
-@nb.njit(cache=True, nogil=True, error_model="numpy")
-def _cholesky(a: Array, size: int) -> bool:
-    """Lower Cholesky factor in place; False if a column adds nothing new."""
-    for i in range(size):
-        floor = 1e-12 * a[i, i]
-        for j in range(i + 1):
-            s = a[i, j]
-            for k in range(j):
-                s -= a[i, k] * a[j, k]
-            if i == j:
-                if not s > floor:
-                    return False
-                a[i, i] = math.sqrt(s)
-            else:
-                a[i, j] = s / a[j, j]
-    return True
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from windmark.geometry._jit import nb
 from windmark.geometry._kernels import to_camera
+from windmark.registration._cholesky_kernels import cholesky, solve_factored
 from windmark.registration._hypothesis_kernels import GRAZING, OUT, Hypotheses, Model, Picture, _towards, lookup
 
 Array = NDArray[np.float64]
@@ -119,7 +120,7 @@ def _refine(
     for _ in range(2):
         if not _normal_equations(xyz, p, match, r, t, f, factor, step, size, 10.0 * variance):
             return False, f
-        _solve(factor, step, size)
+        solve_factored(factor, step, size)
         if step[0] ** 2 + step[1] ** 2 + step[2] ** 2 > 1.0:
             return False, f
         _move(r, t, step)
@@ -170,32 +171,7 @@ def _normal_equations(
             g[i] += u_row[i] * du + v_row[i] * dv
             for j in range(i + 1):
                 a[i, j] += u_row[i] * u_row[j] + v_row[i] * v_row[j]
-    for i in range(size):
-        floor = 1e-9 * a[i, i]
-        for j in range(i + 1):
-            s = a[i, j]
-            for k in range(j):
-                s -= a[i, k] * a[j, k]
-            if i == j:
-                if not s > floor:
-                    return False
-                a[i, i] = math.sqrt(s)
-            else:
-                a[i, j] = s / a[j, j]
-    return True
-
-
-@nb.njit(cache=True, nogil=True, error_model="numpy")
-def _solve(a: Array, g: Array, size: int) -> None:
-    """Replace g by the solution of ``a a' x = g``."""
-    for i in range(size):
-        for k in range(i):
-            g[i] -= a[i, k] * g[k]
-        g[i] /= a[i, i]
-    for i in range(size - 1, -1, -1):
-        for k in range(i + 1, size):
-            g[i] -= a[k, i] * g[k]
-        g[i] /= a[i, i]
+    return cholesky(a, size, 1e-9)
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")

@@ -1,0 +1,43 @@
+"""Small symmetric systems: one factorisation for all fits of the matcher."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.geometry._jit import nb
+
+Array = NDArray[np.float64]
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def cholesky(a: Array, size: int, least: float) -> bool:
+    """Lower Cholesky factor in place; False if a column adds less than `least` of itself to those before."""
+    for i in range(size):
+        floor = least * a[i, i]
+        for j in range(i + 1):
+            s = a[i, j]
+            for k in range(j):
+                s -= a[i, k] * a[j, k]
+            if i == j:
+                if not s > floor:
+                    return False
+                a[i, i] = math.sqrt(s)
+            else:
+                a[i, j] = s / a[j, j]
+    return True
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def solve_factored(a: Array, g: Array, size: int) -> None:
+    """Replace g by the solution of ``a a' x = g``."""
+    for i in range(size):
+        for k in range(i):
+            g[i] -= a[i, k] * g[k]
+        g[i] /= a[i, i]
+    for i in range(size - 1, -1, -1):
+        for k in range(i + 1, size):
+            g[i] -= a[k, i] * g[k]
+        g[i] /= a[i, i]
