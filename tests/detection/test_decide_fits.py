@@ -5,7 +5,8 @@ import pytest
 
 import windmark as wm
 from windmark.detection import explain
-from windmark.detection.decide_fits import relative_contrast, weighted_quantile
+from windmark.detection.decide_fits import relative_contrast
+from windmark.detection.quantile import weighted_quantile
 from windmark.detection.rejected import LARGE, MISFIT, PALE, PART, SHAPE, SMALL
 
 COLUMNS, ROWS = np.arange(30, 330, 50.0), np.arange(30, 200, 50.0)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from windmark.detection.crlb import window_radius
 from windmark.detection.options import Options
+from windmark.detection.quantile import weighted_quantile
 from windmark.detection.rejected import (
     ACCEPTED,
     BLURRED,
@@ -132,14 +132,6 @@ def _beside_the_others(
         & shapely
         & ~(whole >= np.select([fits.crossed, sound], [CROSSED_MIN, SOUND_MIN], DISTURBED_MIN))
     ] = PART
-
-
-def weighted_quantile(values: Array, weight: Array, share: float) -> Any:
-    """Smallest of the values (..., K) up to which lies at least `share` of the weight (..., K): (...)."""
-    order = np.argsort(values, axis=-1)
-    sums = np.cumsum(np.take_along_axis(weight, order, -1), axis=-1)
-    first = (sums >= share * sums[..., -1:]).argmax(axis=-1)
-    return np.take_along_axis(values, np.take_along_axis(order, first[..., None], -1), -1)[..., 0]
 
 
 def relative_contrast(xy: Array, contrast: Array, typical: Flags, weight: Array) -> Array:

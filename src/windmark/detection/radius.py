@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from windmark.detection.decide import describe_spots, judge
 from windmark.detection.image import Prepared, check_image, check_polarity, prepare
 from windmark.detection.options import Options
+from windmark.detection.quantile import weighted_quantile
 from windmark.detection.rejected import ACCEPTED
 from windmark.detection.spots import MERIT_FLOOR, Spots, distinct, find_spots
 
@@ -90,11 +91,11 @@ def prevailing(image: Prepared) -> RadiusEstimate:
     peak = int(density.argmax())
     first, last = _foot(at, density, peak)
     mine = (log > first) & (log < last)
-    mine &= depth > SHALLOW * _quantile(depth[mine], evidence[mine], 0.5)
+    mine &= depth > SHALLOW * float(weighted_quantile(depth[mine], evidence[mine], 0.5))
     if mine.sum() < LEAST_SPOTS:
         return _none(f"no size is shared by {LEAST_SPOTS} clear spots")
     mode = float(np.exp(at[peak]))
-    low, high = (_quantile(radius[mine], evidence[mine], q) for q in (0.02, 0.98))
+    low, high = (float(weighted_quantile(radius[mine], evidence[mine], q)) for q in (0.02, 0.98))
     radii = search_radii(low, high, mode)
     taken, count, others = ", ".join(f"{r:.1f}" for r in radii), int(mine.sum()), int((~mine).sum())
     words = f"radius taken: {taken} px, which {count} clear spots share ({others} are of other sizes)"
@@ -126,13 +127,6 @@ def _foot(at: Array, density: Array, peak: int) -> tuple[float, float]:
     end[1:-1] |= (inner < VALLEY * density[peak]) & (inner <= density[:-2]) & (inner <= density[2:])
     low, high = np.flatnonzero(end[: peak + 1]), np.flatnonzero(end[peak:])
     return float(at[low[-1]]) if len(low) else -np.inf, float(at[peak + high[0]]) if len(high) else np.inf
-
-
-def _quantile(values: Array, weight: Array, share: float) -> float:
-    """Weighted quantile."""
-    order = np.argsort(values)
-    total = np.cumsum(weight[order])
-    return float(values[order][np.searchsorted(total, share * total[-1])])
 
 
 def search_radii(low: float, high: float, mode: float) -> tuple[float, ...]:

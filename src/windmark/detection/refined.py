@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,9 +66,7 @@ def refined(
     weak = np.arange(len(fits)) >= taken
     reason = judge_fits(fits, spots, support, weak, radii, options)
     good = np.flatnonzero(reason == ACCEPTED)
-    moved = Spots(fits.xy[good], spots.merit[good], spots.depth[good], spots.settled[good], spots.r0[good],
-                  spots.noise[good])  # fmt: skip
-    once = np.sort(good[distinct(moved)])
+    once = np.sort(good[distinct(replace(spots.take(good), xy=fits.xy[good]))])
     reason[np.setdiff1d(good, once)] = SAME
     fits = fits.take(once)
     return Detections(

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from windmark.detection.crlb import window_radius
 from windmark.detection.disc_model import patch_model
+from windmark.detection.quantile import weighted_quantile
 from windmark.detection.template_fit import WINDOW_BLURS, Batch, Fitted, Neighbours, Request, Scene
 from windmark.detection.template_noise import FrameNoise, frame_noise
 from windmark.detection.template_result import (
@@ -68,9 +69,10 @@ def frame_blur(fits: TemplateFits) -> tuple[float, float] | None:
         return None
     square, variance = square[good], 1.0 / own[good]
     weight = 1.0 / (variance + (2.0 * fits.frame.blur_px * LEAST_SPREAD) ** 2)
-    middle = _median(square, weight)
+    middle = float(weighted_quantile(square, weight, 0.5))
     blur = np.sqrt(max(middle, LEAST_BLUR**2))
-    scatter = (1.4826 * _median(np.abs(square - middle), weight)) ** 2 - _median(variance, weight)
+    width = 1.4826 * float(weighted_quantile(np.abs(square - middle), weight, 0.5))
+    scatter = width**2 - float(weighted_quantile(variance, weight, 0.5))
     unsure = MEDIAN_VARIANCE / weight.sum()
     return float(blur), float(np.hypot(np.sqrt(max(scatter, 0.0) + unsure) / (2.0 * blur), LEAST_SPREAD))
 
@@ -242,10 +244,3 @@ def _widened(request: Request, done: Fitted) -> tuple[Request, Ints]:
     radius, states = request.radius.copy(), request.states.copy()
     radius[small], states[small] = np.minimum(axes[small, 0], MOST_LONGER * radius[small]), done.states[small]
     return replace(request, radius=radius, states=states), np.flatnonzero(small)
-
-
-def _median(values: Array, weight: Array) -> float:
-    """Weighted median."""
-    order = np.argsort(values)
-    total = np.cumsum(weight[order])
-    return float(values[order][np.searchsorted(total, 0.5 * total[-1])])
