@@ -28,7 +28,7 @@ from _real_truth import DATA, SETS, photomodeler_points
 from _reference import soft_centroid
 from _scoring import pair
 from windmark.detection import detect
-from windmark.detection.template import refine_template
+from windmark.detection.template.refine import refine_template
 from windmark.io import read_grey
 
 Array = NDArray[np.float64]

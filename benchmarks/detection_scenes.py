@@ -22,7 +22,7 @@ from _scoring import (
     trackpy_detector,
     windmark_detector,
 )
-from windmark.detection.crlb import centre_bound
+from windmark.detection.template.crlb import centre_bound
 from windmark.synth import Scene, marker_scene
 
 KINDS = ("clean", "cluttered", "infrared")

@@ -27,9 +27,7 @@ def main(quick: bool = False) -> dict[str, object]:
     if not DATA.is_dir():
         print("skipped: the real data are not beside the checkout (shared/data)")
         return {"skipped": "no data"}
-    print(
-        f"{'view':12s}{'free':18s}{'points':>7s}{'RMS px':>9s}{'focal px':>10s}{'sigma':>8s}   angles deg; distances"
-    )
+    print(f"{'view':12s}{'free':18s}{'points':>7s}{'RMS px':>9s}{'focal px':>10s}{'sigma':>8s}   angles deg; distances")
     figures: dict[str, object] = {}
     for name, (xy, xyz) in labelled_sets().items():
         for words, free in MODELS.items():

@@ -26,7 +26,7 @@ import _matching_cases as cases
 from windmark.registration import Registration, prepare, register
 
 if TYPE_CHECKING:
-    from windmark.registration.layout import Layout
+    from windmark.registration.search.layout import Layout
 
 CELLS = (
     ("A", 0.0, 0.0), ("A", 0.25, 0.5), ("A", 0.5, 1.0), ("A0", 0.0, 0.0), ("A0", 0.5, 1.0),

@@ -22,8 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from _scoring import pair, refinements, simple_blob, windmark_detector
-from windmark.detection.crlb import centre_bound, window_radius
-from windmark.detection.template import TemplateFits, refine_template
+from windmark.detection.template.crlb import centre_bound, window_radius
+from windmark.detection.template.refine import TemplateFits, refine_template
 from windmark.synth import disc_image, marker_scene
 
 Array = NDArray[np.float64]

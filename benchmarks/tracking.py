@@ -22,8 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import windmark as wm
-from windmark.detection.crlb import centre_bound
-from windmark.detection.disc_model import patch_model, shape_matrix
+from windmark.detection.template.crlb import centre_bound
+from windmark.detection.template.disc_model import patch_model, shape_matrix
 from windmark.synth import marker_scene
 
 Array = NDArray[np.float64]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from windmark.detection.crlb import bound_factor, centre_bound, covariance_bound, window_radius
+from windmark.detection.template.crlb import bound_factor, centre_bound, covariance_bound, window_radius
 from windmark.synth import disc_image
 
 COLUMNS = [(0, 0.4), (0, 0.7), (0, 1.0), (0, 1.5), (45, 0.7), (45, 1.0), (60, 0.7), (60, 1.0)]  # tilt, blur

@@ -5,9 +5,9 @@ import pytest
 
 import windmark as wm
 from windmark.detection import ANSWERS
-from windmark.detection.crlb import centre_bound
-from windmark.detection.disc_model import patch_model, shape_matrix
 from windmark.detection.guided_judge import CHANCE, FOUND, LOST, OTHER, SAME, UNSEEN
+from windmark.detection.template.crlb import centre_bound
+from windmark.detection.template.disc_model import patch_model, shape_matrix
 
 BLUR = 0.7
 
@@ -193,7 +193,7 @@ def slow_window(image, known, x, y, params, reach):
     half = int(np.ceil(reach))
     cols, rows = np.arange(x - half, x + half + 1), np.arange(y - half, y + half + 1)
     cols, rows = cols[(cols >= 0) & (cols < image.shape[1])], rows[(rows >= 0) & (rows < image.shape[0])]
-    from windmark.detection.disc_model import disc
+    from windmark.detection.template.disc_model import disc
 
     gx, gy = np.meshgrid(cols - x, rows - y)
     use = (gx**2 + gy**2 <= reach**2) & known[np.ix_(rows, cols)]
@@ -211,7 +211,7 @@ def slow_window(image, known, x, y, params, reach):
 
 @pytest.mark.parametrize("gaps", [False, True])
 def test_search_is_the_best_of_all_windows(gaps):
-    from windmark.detection._kernels_template_search import search_discs
+    from windmark.detection.template._kernels.search import search_discs
 
     rng = np.random.default_rng(11)
     image = np.full((40, 50), 90.0)
@@ -234,7 +234,7 @@ def test_search_is_the_best_of_all_windows(gaps):
 
 
 def test_ring_windows_are_such_windows():
-    from windmark.detection._kernels_template_search import ring_windows
+    from windmark.detection.template._kernels.search import ring_windows
 
     rng = np.random.default_rng(12)
     image = rng.normal(50, 3, (40, 40))

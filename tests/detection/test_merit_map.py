@@ -5,8 +5,8 @@ import pytest
 from scipy import ndimage
 
 import windmark.detection as wd
-from windmark.detection._kernels import refine_bowl
-from windmark.detection._kernels_merit import merit_pixels
+from windmark.detection._kernels.merit import merit_pixels
+from windmark.detection._kernels.spot import refine_bowl
 from windmark.detection.search import Bowl
 
 

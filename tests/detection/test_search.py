@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from windmark.detection._kernels import smallest
-from windmark.detection._kernels_map import bin_mean, depth_peaks, fill_rows, ranked
-from windmark.detection._kernels_shape import median
+from windmark.detection._kernels.map import bin_mean, depth_peaks, fill_rows, ranked
+from windmark.detection._kernels.shape import median
+from windmark.detection._kernels.spot import smallest
 from windmark.detection.image import prepare
 from windmark.detection.search import TILE, at_tiles, bin_factor, box_sizes, noise_tiles, surface_noise
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from windmark.detection._kernels import merit_at, refine_bowl, settle
+from windmark.detection._kernels.spot import merit_at, refine_bowl, settle
 from windmark.detection.search import Bowl
 
 

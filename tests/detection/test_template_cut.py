@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from windmark.detection.template_fit import Neighbours, Request, Scene, cut_patches, windows
+from windmark.detection.template.fit import Neighbours, Request, Scene, cut_patches, windows
 
 HALF = 8
 

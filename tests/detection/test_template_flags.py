@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from windmark.detection.template import FrameNoise, refine_template
-from windmark.detection.template_result import BORDER, CONTAMINATED, ILL, SATURATED, TOUCHING
+from windmark.detection.template.refine import FrameNoise, refine_template
+from windmark.detection.template.result import BORDER, CONTAMINATED, ILL, SATURATED, TOUCHING
 from windmark.synth import disc_image
 
 GRID = np.stack(np.meshgrid(np.arange(6), np.arange(6)), axis=-1).reshape(-1, 2)

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from windmark.detection.crlb import centre_bound, window_radius
-from windmark.detection.template import FrameNoise, frame_blur, refine_template
+from windmark.detection.template.crlb import centre_bound, window_radius
+from windmark.detection.template.refine import FrameNoise, frame_blur, refine_template
 from windmark.synth import disc_image, marker_scene, marker_sheet
 
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from windmark.detection._kernels_template_model import SHAPE, disc_sums, evaluate, points_needed
-from windmark.detection._kernels_template_state import shape_of
-from windmark.detection.disc_model import UNKNOWNS, disc, patch_model, shape_matrix
-from windmark.detection.template_result import ellipses
+from windmark.detection.template._kernels.model import SHAPE, disc_sums, evaluate, points_needed
+from windmark.detection.template._kernels.state import shape_of
+from windmark.detection.template.disc_model import UNKNOWNS, disc, patch_model, shape_matrix
+from windmark.detection.template.result import ellipses
 
 HALF = 12
 LATTICE = np.arange(-HALF, HALF + 1.0)

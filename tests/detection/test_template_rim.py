@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from windmark.detection.disc_model import patch_model
-from windmark.detection.template import make_scene, refine_template
-from windmark.detection.template_rim import rim_support
+from windmark.detection.template.disc_model import patch_model
+from windmark.detection.template.refine import make_scene, refine_template
+from windmark.detection.template.rim import rim_support
 
 NOISE = 1.0
 

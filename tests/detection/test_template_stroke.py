@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from windmark.detection.disc_model import shape_matrix
-from windmark.detection.template import refine_template
-from windmark.detection.template_result import CONTAMINATED
-from windmark.detection.template_stroke import _centred, _Window, stroke
+from windmark.detection.template.disc_model import shape_matrix
+from windmark.detection.template.refine import refine_template
+from windmark.detection.template.result import CONTAMINATED
+from windmark.detection.template.stroke import _centred, _Window, stroke
 
 GRID = np.stack(np.meshgrid(np.arange(8), np.arange(5)), axis=-1).reshape(-1, 2)
 PITCH, SUB, BLUR = 40, 9, 0.8

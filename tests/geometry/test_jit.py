@@ -32,6 +32,17 @@ def test_a_changed_kernel_drops_the_cache_once(package):
     assert "new.nbi" not in names(package)
 
 
+def test_kernels_in_a_private_folder_count(package):
+    inner = package / "room" / "part" / "_kernels"
+    (inner / "__pycache__").mkdir(parents=True)
+    (inner / "fit.py").write_text("a = 1\n")
+    drop_stale_cache(package)
+    (inner / "__pycache__" / "fit.f-1.py311.nbi").touch()
+    (inner / "fit.py").write_text("a = 2\n")
+    assert drop_stale_cache(package)
+    assert not any((inner / "__pycache__").iterdir())
+
+
 def test_other_sources_do_not_count(package):
     before = fingerprint(package)
     (package / "room" / "verb.py").write_text("b = 2\n")

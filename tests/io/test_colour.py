@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from windmark.detection.template import refine_template
+from windmark.detection.template.refine import refine_template
 from windmark.io import MOSAICS, FileError, from_mosaic, read_grey, to_grey, write_image
 
 RNG = np.random.default_rng(3)

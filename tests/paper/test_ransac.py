@@ -6,9 +6,9 @@ import registration_scenes as scenes
 
 from windmark.geometry import Pose
 from windmark.registration import register
-from windmark.registration._plane import Plane
-from windmark.registration._triplets import interior_angles, marker_triplets
-from windmark.registration.search import Search
+from windmark.registration.search.plane import Plane
+from windmark.registration.search.ransac import Search
+from windmark.registration.search.triplets import interior_angles, marker_triplets
 from windmark.registration.task import Task
 
 

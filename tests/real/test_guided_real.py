@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from windmark.detection import detect, detect_at
-from windmark.detection.disc_model import patch_model
+from windmark.detection.template.disc_model import patch_model
 from windmark.geometry import Camera, Pose, imaged_ellipse
 from windmark.io import read_camera, read_grey, read_markers
 

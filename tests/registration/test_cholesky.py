@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from windmark.registration._cholesky_kernels import cholesky, solve_factored
+from windmark.registration._kernels.cholesky import cholesky, solve_factored
 
 
 @pytest.mark.parametrize("size", [1, 6, 7])

@@ -7,8 +7,8 @@ from scipy.spatial import cKDTree
 from slow_twins import RULES, TOLERANCE, kernel_case, slow_growth, slow_neighbourhood
 
 from windmark.geometry import p3p
-from windmark.registration import _growth_kernels as growth
-from windmark.registration import _hypothesis_kernels as hypo
+from windmark.registration._kernels import growth as growth
+from windmark.registration._kernels import hypothesis as hypo
 
 
 @pytest.fixture(scope="module")
@@ -69,7 +69,7 @@ def test_hypotheses_equal_the_slow_twin(case):
 
 def test_turn_sign_only_removes_links_seen_from_behind(case):
     model, picture, _, focal, _ = case
-    from windmark.registration._triplets import marker_triplets, turns_of
+    from windmark.registration.search.triplets import marker_triplets, turns_of
 
     triplets = marker_triplets(model, 4)[:20]
     turns = turns_of(model, triplets)
@@ -110,7 +110,7 @@ def test_prior_rejects_by_angle_and_by_scale(case):
 
 def test_full_room_counts_on(case):
     model, picture, _, focal, _ = case
-    from windmark.registration._triplets import marker_triplets
+    from windmark.registration.search.triplets import marker_triplets
 
     triplets = marker_triplets(model, 4)
     turns, anchors = np.zeros(len(triplets), np.int8), np.arange(len(picture.p), dtype=np.int32)
@@ -126,7 +126,7 @@ def test_full_room_counts_on(case):
 @pytest.mark.parametrize("free_focal", [False, True])
 def test_growth_equals_the_slow_twin(case, free_focal):
     model, picture, _, focal, scene = case
-    from windmark.registration._triplets import marker_triplets
+    from windmark.registration.search.triplets import marker_triplets
 
     gates = growth.Gates(TOLERANCE, 0.75, 8.0, 0.5 * focal, (2.0 if free_focal else 0.5) * focal)
     out = hypo.room_for(500)

@@ -5,7 +5,7 @@ import pytest
 import registration_scenes as scenes
 
 from windmark.registration import NotRegistered, prepare, register
-from windmark.registration.layout import Layout
+from windmark.registration.search.layout import Layout
 from windmark.scene import MarkerSet
 
 

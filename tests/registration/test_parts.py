@@ -7,12 +7,12 @@ import pytest
 import registration_scenes as scenes
 
 from windmark.geometry import Camera, Pose
-from windmark.registration import _plane, _triplets
-from windmark.registration._hypothesis_kernels import Model
-from windmark.registration._near import nearest
+from windmark.registration._kernels.hypothesis import Model
 from windmark.registration.evidence import weigh
-from windmark.registration.layout import unit_model
-from windmark.registration.pool import Candidate, Pool
+from windmark.registration.search import plane, triplets
+from windmark.registration.search.layout import unit_model
+from windmark.registration.search.near import nearest
+from windmark.registration.search.pool import Candidate, Pool
 from windmark.registration.task import Task, with_focal
 from windmark.scene import Detections
 
@@ -29,7 +29,7 @@ def task_of(scene, **more):
 
 def test_interior_angles_of_known_triangles():
     corners = np.array([[[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 0, 0], [1, 0, 0], [2, 0, 0]], [[0, 0, 0]] * 3], float)
-    angles = np.degrees(_triplets.interior_angles(corners))
+    angles = np.degrees(triplets.interior_angles(corners))
     np.testing.assert_allclose(angles[0], [90, 45, 45])
     np.testing.assert_allclose(np.sort(angles[1]), [0, 0, 180], atol=1e-6)
     np.testing.assert_allclose(angles[2], 0)
@@ -39,52 +39,52 @@ def test_marker_triplets_are_all_sound_ones_once():
     rng = np.random.default_rng(0)
     xyz = rng.normal(size=(9, 3)) * [1, 1, 0.05]
     model, _ = unit_model(xyz, np.full((9, 3), np.nan))
-    triplets = _triplets.marker_triplets(model, 8)
-    got = {tuple(sorted(t)) for t in triplets.tolist()}
-    assert len(got) == len(triplets)
+    chosen = triplets.marker_triplets(model, 8)
+    got = {tuple(sorted(t)) for t in chosen.tolist()}
+    assert len(got) == len(chosen)
     expected = set()
     for t in combinations(range(9), 3):
-        angles = np.degrees(_triplets.interior_angles(xyz[list(t)][None]))[0]
+        angles = np.degrees(triplets.interior_angles(xyz[list(t)][None]))[0]
         if angles.min() >= 10:
             expected.add(t)
     assert got == expected
     assert len(expected) < 84  # the angle rule was at work
-    every = _triplets.marker_triplets(model, 8, every_corner=True)
-    assert len(every) == 3 * len(triplets)
+    every = triplets.marker_triplets(model, 8, every_corner=True)
+    assert len(every) == 3 * len(chosen)
 
 
 def test_too_few_markers_for_triplets():
     model = Model(np.zeros((2, 3)), np.zeros((2, 3)), np.array([[1], [0]], np.int32))
-    assert len(_triplets.marker_triplets(model, 4)) == 0
+    assert len(triplets.marker_triplets(model, 4)) == 0
 
 
 def test_turns_are_the_sign_of_the_area_in_the_image():
     rng = np.random.default_rng(2)
     markers = scenes.wing(rng)
     model, _ = unit_model(markers.xyz, markers.normal)
-    triplets = _triplets.marker_triplets(model, 8)
-    turns = _triplets.turns_of(model, triplets)
+    chosen = triplets.marker_triplets(model, 8)
+    turns = triplets.turns_of(model, chosen)
     for seed in range(5):
         camera, pose = scenes.random_view(np.random.default_rng(seed), markers)
         xy, _ = camera.project(pose.apply(markers.xyz))
-        u, v = (xy[triplets[:, n]] - xy[triplets[:, 0]] for n in (1, 2))
+        u, v = (xy[chosen[:, n]] - xy[chosen[:, 0]] for n in (1, 2))
         area = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
         assert (area[turns != 0] * turns[turns != 0] > 0).all()
     back = Model(model.xyz, -model.normal, model.near)
-    np.testing.assert_array_equal(_triplets.turns_of(back, triplets), -turns)
+    np.testing.assert_array_equal(triplets.turns_of(back, chosen), -turns)
     unknown = Model(model.xyz, np.zeros_like(model.normal), model.near)
-    assert not _triplets.turns_of(unknown, triplets).any()
+    assert not triplets.turns_of(unknown, chosen).any()
 
 
 def test_spread_corners_are_compact_and_spread():
     p = np.stack(np.meshgrid(np.arange(10.0) * 10, np.arange(8.0) * 10), axis=-1).reshape(-1, 2)
-    corners = _triplets.spread_corners(p, np.arange(80, dtype=np.int32), 5)
+    corners = triplets.spread_corners(p, np.arange(80, dtype=np.int32), 5)
     assert corners.shape == (5, 3)
     heads = p[corners[:, 0]]
     assert min(np.linalg.norm(a - b) for a, b in combinations(heads, 2)) > 25
     assert max(np.ptp(p[c], axis=0).max() for c in corners) <= 20
     line = np.stack([np.arange(9.0), np.zeros(9)], axis=1)
-    assert len(_triplets.spread_corners(line, np.arange(9, dtype=np.int32), 5)) == 0
+    assert len(triplets.spread_corners(line, np.arange(9, dtype=np.int32), 5)) == 0
 
 
 def test_frame_round_trips_poses():
@@ -107,17 +107,17 @@ def test_with_focal_keeps_the_distortion_in_the_image():
 
 
 def test_lead_sizes_end_with_all():
-    assert _plane.lead_sizes(10, 24) == [10]
-    assert _plane.lead_sizes(50, 24) == [50]
-    assert _plane.lead_sizes(700, 24) == [40, 80, 160, 320, 700]
-    assert _plane.lead_sizes(700, 480) == [700]
+    assert plane.lead_sizes(10, 24) == [10]
+    assert plane.lead_sizes(50, 24) == [50]
+    assert plane.lead_sizes(700, 24) == [40, 80, 160, 320, 700]
+    assert plane.lead_sizes(700, 480) == [700]
 
 
 def test_density_is_local_and_never_below_average():
     rng = np.random.default_rng(0)
     cluster = rng.normal(500, 5, (20, 2))
     sparse = rng.uniform(0, 1000, (30, 2))
-    density = _plane.picture(Camera((1000, 1000), 1000.0), np.concatenate([cluster, sparse]), 5.0).density
+    density = plane.picture(Camera((1000, 1000), 1000.0), np.concatenate([cluster, sparse]), 5.0).density
     assert (density >= 50 / 1e6).all()
     assert np.median(density[:20]) > 50 * np.median(density[20:])
 
@@ -156,7 +156,7 @@ def evidence_of(residual_px, matched, expected, spots=30, seed=0, **more):
     scene = scenes.Scene(Detections.make(xy, sigma_px=0.2), base.markers, base.camera, base.cam_from_model, base.label)
     residuals = rng.normal(0, residual_px, (matched, 2))
     spread = np.tile(max(residual_px, 0.05) ** 2 * np.array([1.0, 0.0, 1.0]), (matched, 1))
-    return weigh(_plane.Plane(task_of(scene, **more)), np.arange(matched), residuals, spread, expected)
+    return weigh(plane.Plane(task_of(scene, **more)), np.arange(matched), residuals, spread, expected)
 
 
 def test_evidence_orders_solutions():
@@ -186,7 +186,7 @@ def test_false_alarm_number_bounds_false_alarms():
         spread = np.tile([1.0, 0.0, 1.0], (len(first), 1))
         # Three exact pairs stand for the ones that fixed the pose.
         residuals[:3] = 0
-        evidence = weigh(_plane.Plane(task), spot[first], residuals, spread, markers)
+        evidence = weigh(plane.Plane(task), spot[first], residuals, spread, markers)
         tests = np.log10(4 * 2024 * 30 * 29 * 28)
         hits += evidence.log10_nfa - tests < -1
     assert hits <= 0.1 * trials

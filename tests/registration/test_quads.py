@@ -8,14 +8,14 @@ import registration_scenes as scenes
 from slow_twins import RULES, TOLERANCE, kernel_case, slow_growth, slow_neighbourhood
 
 from windmark.geometry import Pose, p3p
-from windmark.registration import _best_kernels as kept
-from windmark.registration import _growth_kernels as growth
-from windmark.registration import _match_kernels as match
-from windmark.registration import _quad_kernels as quads
-from windmark.registration import _screen_kernels as screen
-from windmark.registration._plane import Plane
-from windmark.registration.layout import DIRECTIONS, Layout, sphere
-from windmark.registration.quad_search import QuadSearch
+from windmark.registration._kernels import best as kept
+from windmark.registration._kernels import growth as growth
+from windmark.registration._kernels import match as match
+from windmark.registration._kernels import quad as quads
+from windmark.registration._kernels import screen as screen
+from windmark.registration.search.layout import DIRECTIONS, Layout, sphere
+from windmark.registration.search.plane import Plane
+from windmark.registration.search.quads import QuadSearch
 from windmark.registration.task import Task
 
 

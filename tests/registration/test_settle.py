@@ -6,11 +6,11 @@ import registration_scenes as scenes
 
 from windmark.adjust import refine_pose
 from windmark.geometry import Camera
-from windmark.registration import _fit_kernels as fits
-from windmark.registration import _settle_kernels as settling
-from windmark.registration._plane import Plane, to_plane
-from windmark.registration._raster_kernels import plane_covariance_kernel
-from windmark.registration.pool import Candidate
+from windmark.registration._kernels import fit as fits
+from windmark.registration._kernels import settle as settling
+from windmark.registration._kernels.raster import plane_covariance_kernel
+from windmark.registration.search.plane import Plane, to_plane
+from windmark.registration.search.pool import Candidate
 from windmark.registration.solution import accepted, settle, with_free_focal
 from windmark.registration.task import Task, with_focal
 from windmark.scene import Detections

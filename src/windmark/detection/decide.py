@@ -19,7 +19,7 @@ RADIUS_RATIO = (0.7, 1.4)  # measured / reference radius
 
 def describe_spots(image: Prepared, spots: Spots) -> Shapes:
     """Measure the spots, radius by radius."""
-    from windmark.detection._kernels_shape import describe
+    from windmark.detection._kernels.shape import describe
 
     raw = np.empty((len(spots.xy), len(COLUMNS)))
     for r0 in np.unique(spots.r0):

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.detection.crlb import window_radius
 from windmark.detection.options import Options
 from windmark.detection.quantile import weighted_quantile
 from windmark.detection.rejected import (
@@ -23,7 +22,8 @@ from windmark.detection.rejected import (
     UNCERTAIN,
 )
 from windmark.detection.spots import Spots
-from windmark.detection.template_result import SATURATED, TemplateFits
+from windmark.detection.template.crlb import window_radius
+from windmark.detection.template.result import SATURATED, TemplateFits
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -166,7 +166,7 @@ def _bowls(image: Prepared, spots: Spots, found: Shapes) -> tuple[Detections, ND
 
 def _covariance(image: Prepared, spots: Spots, found: Shapes) -> Array:
     """Covariance of the centres, radius by radius."""
-    from windmark.detection._kernels_shape import centre_covariances
+    from windmark.detection._kernels.shape import centre_covariances
 
     unit = np.empty((len(spots.xy), 3))
     for r0 in np.unique(spots.r0):

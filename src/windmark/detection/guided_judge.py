@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.detection.template_fit import Request, Scene
-from windmark.detection.template_result import TemplateFits
-from windmark.detection.template_search import surroundings
+from windmark.detection.template.fit import Request, Scene
+from windmark.detection.template.result import TemplateFits
+from windmark.detection.template.search import surroundings
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -133,7 +133,7 @@ def grey_rows(
 
     What a row gives does not depend on which rows are asked for.
     """
-    from windmark.detection._kernels_dead import dead_pixels
+    from windmark.detection._kernels.dead import dead_pixels
 
     top, bottom = max(first - 1, 0), min(last + 1, len(image))
     part = None if use is None else use[top:bottom]

@@ -70,7 +70,7 @@ class _Discs:
     ----------
     r0 : radius of the hole
     window, hole : (2 h + 1, 2 h + 1) weights
-    window_steps, hole_steps : (T, 5) float32, for `_kernels_merit.merit_rows`
+    window_steps, hole_steps : (T, 5) float32, for `_kernels.merit.merit_rows`
     """
 
     r0: float
@@ -87,7 +87,7 @@ class _Discs:
         return _Discs(r0, window, hole, _steps(window), _steps(hole))
 
     def forms(self, first: int, last: int, rows: int) -> Pixels:
-        """Numbers of `_kernels_merit._merit_row` for rows first ... last - 1 of so many; NaN where too few are seen."""
+        """Numbers of `_kernels.merit._merit_row` for rows first ... last - 1 of so many; NaN where too few are seen."""
         half = len(self.window) // 2
         d = np.arange(-half, half + 1.0)
         w, t = self.window.sum(axis=1), self.hole.sum(axis=1)
@@ -106,8 +106,8 @@ def _band(
     image: NDArray[np.generic], use: NDArray[np.bool_] | None, levels: Levels, discs: _Discs, first: int, out: Pixels
 ) -> None:
     """Merit of the rows from `first` on into `out`."""
-    from windmark.detection._kernels_map import fill_rows
-    from windmark.detection._kernels_merit import merit_pixels
+    from windmark.detection._kernels.map import fill_rows
+    from windmark.detection._kernels.merit import merit_pixels
 
     rows, half = len(image), len(discs.window) // 2
     last, top, bottom = first + len(out), max(first - half, 0), min(first + len(out) + half, rows)
@@ -133,7 +133,7 @@ def _by_rows(g: Pixels, discs: _Discs, rows: int, band: tuple[int, int, int, int
     `g` starts in row `top` of the image, `out` in row `first`; from row a to b the window is inside. Left and right of
     the image are above and below of its transpose.
     """
-    from windmark.detection._kernels_merit import merit_rows
+    from windmark.detection._kernels.merit import merit_rows
 
     first, a, b, top = band
     half, columns, steps = len(discs.window) // 2, out.shape[1], (discs.window_steps, discs.hole_steps)
@@ -149,7 +149,7 @@ def _by_rows(g: Pixels, discs: _Discs, rows: int, band: tuple[int, int, int, int
 
 
 def _steps(weight: Array) -> Pixels:
-    """Steps (T, 5) of `_kernels_merit` for a symmetric table of weights: |dx|, |dy|, weight, second |dy|, weight."""
+    """Steps (T, 5) of `_kernels.merit` for a symmetric table of weights: |dx|, |dy|, weight, second |dy|, weight."""
     half = len(weight) // 2
     quarter = weight[half:, half:]
     reach = int(np.flatnonzero(quarter[0])[-1])

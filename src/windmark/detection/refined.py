@@ -53,8 +53,8 @@ def refined(
     markers : the accepted ones, in the order of the spots
     reason : (K,) what decided, ACCEPTED or a code of `rejected.REASONS`
     """
-    from windmark.detection.template import make_scene, refine_template
-    from windmark.detection.template_rim import rim_support
+    from windmark.detection.template.refine import make_scene, refine_template
+    from windmark.detection.template.rim import rim_support
 
     usable = np.isfinite(prepared.g) if prepared.missing else None
     radius = np.clip(np.nan_to_num(found.radius, nan=0.0), 0.75 * spots.r0, 1.3 * spots.r0)

@@ -65,7 +65,7 @@ def noise_tiles(g: Pixels, tile: int, lag: int) -> Array:
     quartile is taken, so that markers and edges may cover half of a tile. Missing pixels (NaN) do not count; a tile
     without any other has the noise of the median tile.
     """
-    from windmark.detection._kernels_map import bend_quartiles
+    from windmark.detection._kernels.map import bend_quartiles
 
     h, w = g.shape
     across, down = -(-w // tile), -(-h // tile)
@@ -92,8 +92,8 @@ def at_tiles(noise: Array, xy: Array, radius_px: float) -> Array:
 
 def candidates(image: Prepared, radius_px: float, merit_max: float, noise: Array) -> Array:
     """Starting positions (K, 2) in full-resolution pixels for one radius, given its `surface_noise`."""
-    from windmark.detection._kernels import refine_bowl
-    from windmark.detection._kernels_map import bin_mean, depth_peaks
+    from windmark.detection._kernels.map import bin_mean, depth_peaks
+    from windmark.detection._kernels.spot import refine_bowl
 
     factor = bin_factor(radius_px)
     small, r = image.g if factor == 1 else bin_mean(image.g, factor), radius_px / factor

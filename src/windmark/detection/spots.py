@@ -50,7 +50,7 @@ class Spots:
 
 def find_spots(image: Prepared, r0: float, merit_max: float) -> Spots:
     """What SPOT finds with one reference radius, each once."""
-    from windmark.detection._kernels import refine_bowl
+    from windmark.detection._kernels.spot import refine_bowl
 
     found, noise = np.empty((0, 5)), np.ones((1, 1))
     if min(image.g.shape) >= 2.0 * r0:

@@ -19,10 +19,10 @@ _PACKAGE = Path(__file__).resolve().parents[1]
 
 
 def fingerprint(package: Path) -> str:
-    """Hash over the sources of all private modules (all kernels are private) and numba's version."""
+    """Hash over the sources of all private modules and folders (all kernels are private) and numba's version."""
     digest = hashlib.sha256(nb.__version__.encode())
-    for path in sorted(package.glob("*/_*.py")):
-        digest.update(path.name.encode() + path.read_bytes())
+    for path in sorted([*package.rglob("_*.py"), *package.rglob("_*/[!_]*.py")]):
+        digest.update(path.relative_to(package).as_posix().encode() + path.read_bytes())
     return digest.hexdigest()
 
 
@@ -37,7 +37,7 @@ def drop_stale_cache(package: Path) -> bool:
         if mark.is_file() and mark.read_text() == now:
             return False
     with suppress(OSError):
-        for path in package.glob("*/__pycache__/*.nb[ic]"):
+        for path in package.rglob("__pycache__/*.nb[ic]"):
             path.unlink(missing_ok=True)
         mark.parent.mkdir(exist_ok=True)
         mark.write_text(now)

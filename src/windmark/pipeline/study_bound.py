@@ -1,7 +1,7 @@
 """The Cramer-Rao bound of the study's own images: an ellipse, pixels, averages over 3 x 3 pixels, white noise.
 
 The bound belongs to the images, not to a method: the derivatives are those of the study's images, not of the detector's
-model; only the inverse of the information is `windmark.detection.crlb`'s. By Green's theorem a pixel's
+model; only the inverse of the information is `windmark.detection.template.crlb`'s. By Green's theorem a pixel's
 share of an ellipse, and the share's derivatives by the centre, are sums over the boundary (u, v)(t):
 
     d share / dx = integral w(u, v) dv,   d share / dy = -integral w(u, v) du,   share = integral left(u, v) dv
@@ -15,7 +15,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.detection.crlb import covariance_bound
+from windmark.detection.template.crlb import covariance_bound
 from windmark.synth import SheetTruth
 
 Array = NDArray[np.float64]

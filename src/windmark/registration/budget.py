@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import time
 
-from windmark.registration._evidence_kernels import likelihood_ratio, log10_nfa
-from windmark.registration._growth_kernels import growth_kernel
-from windmark.registration._hypothesis_kernels import hypotheses_kernel
-from windmark.registration._match_kernels import search_kernel
-from windmark.registration._quad_kernels import spot_quads_kernel, table_kernel
-from windmark.registration._rival_kernels import rivals_kernel
-from windmark.registration._settle_kernels import settle_kernel
-from windmark.registration._symmetry_kernels import symmetries_kernel
+from windmark.registration._kernels.evidence import likelihood_ratio, log10_nfa
+from windmark.registration._kernels.growth import growth_kernel
+from windmark.registration._kernels.hypothesis import hypotheses_kernel
+from windmark.registration._kernels.match import search_kernel
+from windmark.registration._kernels.quad import spot_quads_kernel, table_kernel
+from windmark.registration._kernels.rival import rivals_kernel
+from windmark.registration._kernels.settle import settle_kernel
+from windmark.registration._kernels.symmetry import symmetries_kernel
 
 _KERNELS = (
     likelihood_ratio, log10_nfa, growth_kernel, hypotheses_kernel, rivals_kernel, search_kernel, spot_quads_kernel,

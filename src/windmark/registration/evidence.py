@@ -18,8 +18,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.registration._evidence_kernels import likelihood_ratio, log10_nfa
-from windmark.registration._plane import Plane
+from windmark.registration._kernels.evidence import likelihood_ratio, log10_nfa
+from windmark.registration.search.plane import Plane
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.integer]

@@ -13,7 +13,7 @@ from windmark.registration.task import Limits, Task
 from windmark.scene import Detections, MarkerSet
 
 if TYPE_CHECKING:
-    from windmark.registration.layout import Layout
+    from windmark.registration.search.layout import Layout
 
 Array = NDArray[np.float64]
 
@@ -66,8 +66,8 @@ def register(
     max_focal_sigma : largest relative 1 sigma at which a free focal length counts as determined
     tolerance_px : neighbourhood in which a projected marker looks for its spot during the search; None takes
         0.4 % of the image's diagonal, less where the spots are dense. The final gates follow the residuals
-    method : "hash" looks local quads of spots up in a table of local quads of markers (`registration.quad_search`);
-        "ransac" is the paper's search with the changes listed in `registration.search`
+    method : "hash" looks local quads of spots up in a table of local quads of markers (`registration.search.quads`);
+        "ransac" is the paper's search with the changes listed in `registration.search.ransac`
     layout : `prepare(markers)`, to save its milliseconds when many images are registered with the same markers
     max_hypotheses : links of three markers to three spots to try before giving up
     max_time_s : CPU time after which the search gives up, without that for the ``layout``; None takes 0.2 s for "hash"
@@ -117,7 +117,7 @@ def register(
 
 def prepare(markers: MarkerSet) -> Layout:
     """What the search with ``method="hash"`` needs to know of a set of markers, to use it for many images."""
-    from windmark.registration.layout import Layout  # this brings numba
+    from windmark.registration.search.layout import Layout  # this brings numba
 
     return Layout(markers)
 

@@ -1,7 +1,7 @@
 """From a candidate to a solution: labels and pose that agree with each other, and what they are worth.
 
 The search works with one tolerance and with some of the spots. Here all spots, their covariances and those of the
-markers count, and the gates, weights and covariances are as wide as the data say (`_fit_kernels`).
+markers count, and the gates, weights and covariances are as wide as the data say (`_kernels.fit`).
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from windmark.adjust import SolveReport
 from windmark.geometry import Pose
 from windmark.geometry.rotations import hat
-from windmark.registration._fit_kernels import (
+from windmark.registration._kernels.fit import (
     COST_END,
     COST_START,
     EXCESS,
@@ -28,10 +28,10 @@ from windmark.registration._fit_kernels import (
     State,
     state_of,
 )
-from windmark.registration._plane import Plane
-from windmark.registration._settle_kernels import STEADY, accept_kernel, settle_kernel
+from windmark.registration._kernels.settle import STEADY, accept_kernel, settle_kernel
 from windmark.registration.evidence import Evidence, weigh
-from windmark.registration.pool import Candidate
+from windmark.registration.search.plane import Plane
+from windmark.registration.search.pool import Candidate
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.geometry import PARAMETERS, Camera
-from windmark.registration._plane import Plane
 from windmark.registration.budget import Budget
-from windmark.registration.layout import Layout
-from windmark.registration.quad_search import QuadSearch
 from windmark.registration.result import NotRegistered, Registration
-from windmark.registration.search import Search
+from windmark.registration.search.layout import Layout
+from windmark.registration.search.plane import Plane
+from windmark.registration.search.quads import QuadSearch
+from windmark.registration.search.ransac import Search
 from windmark.registration.solution import Solution, accepted
 from windmark.registration.task import Limits, Task, with_focal
 from windmark.registration.verdict import Judge, Verdict

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from windmark.registration.budget import Budget
-from windmark.registration.pool import Candidate
-from windmark.registration.quad_search import QuadSearch
 from windmark.registration.result import Cause, RunnerUp
-from windmark.registration.search import Search
+from windmark.registration.search.pool import Candidate
+from windmark.registration.search.quads import QuadSearch
+from windmark.registration.search.ransac import Search
 from windmark.registration.solution import SAME_SHARE, Solution, settle, with_free_focal
 from windmark.registration.task import Limits
 

@@ -1,0 +1,281 @@
+"""One pass of template fits over the markers of an image: windows, weights, priors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.detection.template.crlb import window_radius
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+WINDOW_BLURS = 4.5  # the window reaches so many blurs beyond the disc
+BATCH_PIXELS = 200_000  # of the patches of one batch: they stay in the cache
+NO_MASK = np.zeros((0, 0), dtype=bool)
+SHAPE_SPREAD = 0.6  # prior of the second moments, relative to those of a round disc of the given radius
+TUKEY = 4.685  # cut of Tukey's weights in units of the noise: 95 % efficient on Gaussian noise
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What the fits of one image have in common.
+
+    Parameters
+    ----------
+    image : (H, W) grey levels, any real type
+    usable : (H, W) or None: pixels that may be used
+    sign : 1 for dark markers, -1 for bright ones
+    saturation : grey level from which on a pixel says nothing
+    multiplicative : True where paint multiplies the light
+    """
+
+    image: NDArray[np.generic]
+    usable: Flags | None
+    sign: float
+    saturation: float
+    multiplicative: bool
+
+    def pixels(self) -> tuple[NDArray[np.generic], Flags, float, float]:
+        """What the kernels want to know of the image."""
+        dtype, image = self.image.dtype, self.image
+        if dtype.kind == "f" and dtype.itemsize not in (4, 8):
+            image = image.astype(np.float64)
+        elif not dtype.isnative:
+            image = image.astype(dtype.newbyteorder("="))
+        return image, NO_MASK if self.usable is None else self.usable, self.sign, self.saturation
+
+
+@dataclass(frozen=True)
+class Request:
+    """K markers to be fitted; positions in pixels of the image.
+
+    Parameters
+    ----------
+    xy : (K, 2) start of the centre
+    radius : (K,) radius of the disc, for the window and the prior of the shape
+    blur, blur_spread : (K,) prior of the blur and its standard deviation
+    shape : (K, 3) L_xx, L_xy, L_yy to be held together with the blur, or None where the shape is fitted
+    scale : (K,) noise for Tukey's weights, inf for least squares
+    states : (K, 10) states to start from, relative to `xy`; NaN where the start is taken from the image's moments
+    window : (K,) radius of the windows, None for what disc and blur need
+    """
+
+    xy: Array
+    radius: Array
+    blur: Array
+    blur_spread: Array
+    shape: Array | None
+    scale: Array
+    states: Array
+    window: Array | None = None
+
+    def take(self, index: Ints | Flags) -> Request:
+        """The markers of an index."""
+        columns: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self)}
+        taken: dict[str, Any] = {name: None if value is None else value[index] for name, value in columns.items()}
+        return Request(**taken)
+
+    def reach(self) -> Array:
+        """Radius of the windows (K,)."""
+        return self.window if self.window is not None else window_radius(self.radius, self.blur, WINDOW_BLURS)
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """K fits as columns; grey levels times the scene's sign; `params` as in `disc_model`, relative to `pixel`.
+
+    Parameters
+    ----------
+    pixel : (K, 2) middle of the patches
+    params, cov : (K, 10), (K, 10, 10) parameters and their covariance in white noise; NaN where the fit failed
+    states : (K, 10) to start another fit from, relative to the request's xy
+    table : (K, 8) columns `_kernels.fit.FITS`
+    usable : (K,) share of the disc's pixels within the image, but for saturated ones, that could be used
+    saturated : (K,) share of the window's pixels that are saturated
+    """
+
+    pixel: Ints
+    params: Array
+    cov: Array
+    states: Array
+    table: Array
+    usable: Array
+    saturated: Array
+
+    @staticmethod
+    def empty(count: int) -> Fitted:
+        """Columns for so many markers, all NaN or zero."""
+        from windmark.detection.template._kernels.fit import FITS
+
+        nan = np.full
+        return Fitted(
+            np.zeros((count, 2), np.int64), nan((count, 10), np.nan), nan((count, 10, 10), np.nan),
+            nan((count, 10), np.nan), nan((count, len(FITS)), np.nan), np.zeros(count), np.zeros(count),
+        )  # fmt: skip
+
+    def take(self, index: Ints | Flags) -> Fitted:
+        """The fits of an index."""
+        return Fitted(**{f.name: getattr(self, f.name)[index] for f in fields(self)})
+
+    def put(self, index: Ints | Flags, other: Fitted) -> None:
+        """Overwrite the fits at an index."""
+        for f in fields(self):
+            getattr(self, f.name)[index] = getattr(other, f.name)
+
+    def column(self, name: str) -> Array:
+        """A column of the table by its name."""
+        from windmark.detection.template._kernels.fit import FITS
+
+        return np.asarray(self.table[:, FITS.index(name)])
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Fits of markers whose patches have one size, with the images that the noise model needs.
+
+    Parameters
+    ----------
+    index : (B,) of the markers in the request
+    fitted : their fits
+    images : (B, 4, S, S) influence of a pixel on x and on y, residual, model; 0 where a pixel was not used
+    weighted : (B,) fitted with Tukey's weights
+    """
+
+    index: Ints
+    fitted: Fitted
+    images: Array
+    weighted: Flags
+
+
+def fit_batches(scene: Scene, request: Request, others: Neighbours, *, images: bool) -> list[Batch]:
+    """Fit all markers of a request, in batches; `images` are empty unless asked for."""
+    half = np.ceil(request.reach() + 0.5).astype(np.int64)
+    batches = []
+    for size in np.unique(half):
+        mine = np.flatnonzero(half == size)
+        count = -(-mine.size * (2 * int(size) + 1) ** 2 // BATCH_PIXELS)
+        batches += [
+            _fit_batch(scene, request.take(b), others.take(b), b, int(size), images)
+            for b in np.array_split(mine, count)
+        ]
+    return batches
+
+
+def _fit_batch(scene: Scene, request: Request, others: Neighbours, index: Ints, half: int, images: bool) -> Batch:
+    from windmark.detection.template._kernels.fit import fit_discs
+
+    done, start, patches, weights = windows(scene, request, others, half)
+    priors, stiff, fixed = _priors(request)
+    done.states[:, :2] += start
+    if request.shape is not None:
+        done.states[:, 2:6] = priors[:, 2:6]
+    cut = 1.0 / (TUKEY * request.scale) ** 2
+    starts = np.column_stack([start, request.radius, request.blur])
+    out = np.zeros((len(index), 4 if images else 0, *patches.shape[1:]))
+    fit_discs(
+        patches, weights, starts, done.states, priors, stiff, fixed, cut, float(scene.multiplicative), done.table,
+        done.params, done.cov, out,
+    )  # fmt: skip
+    done.states[:, :2] -= start
+    return Batch(index, done, out, np.isfinite(request.scale))
+
+
+def windows(scene: Scene, request: Request, others: Neighbours, half: int) -> tuple[Fitted, Array, Array, Array]:
+    """What a fit starts from: columns to be filled, places (K, 2) in the patches, patches and weights (K, S, S)."""
+    from windmark.detection.template._kernels.cut import cut_windows
+
+    done = replace(
+        Fitted.empty(len(request.xy)), pixel=np.rint(request.xy).astype(np.int64), states=request.states.copy()
+    )
+    start = request.xy - done.pixel
+    size = 2 * half + 1
+    patches, weights = np.empty((len(start), size, size)), np.empty((len(start), size, size))
+    share = np.empty((len(start), 2))
+    cut_windows(
+        *scene.pixels(), done.pixel, start, request.radius, request.blur, request.reach(), others.xy, others.radius,
+        others.margin, others.index, patches, weights, share,
+    )  # fmt: skip
+    done.usable[:], done.saturated[:] = share.T
+    return done, start, patches, weights
+
+
+def cut_patches(scene: Scene, pixel: Ints, half: int) -> tuple[Array, Array]:
+    """Patches (K, S, S) round pixels as float64 holes and their weights 0 or 1, as `cut_patch` makes them."""
+    from windmark.detection.template._kernels.cut import cut_all
+
+    patches, weights = np.empty((2, len(pixel), 2 * half + 1, 2 * half + 1))
+    cut_all(*scene.pixels(), pixel, patches, weights)
+    return patches, weights
+
+
+def _priors(request: Request) -> tuple[Array, Array, Flags]:
+    """Prior states (K, 10), their inverse variances, and which unknowns are held."""
+    mean, stiff, fixed = np.zeros((len(request.xy), 10)), np.zeros((len(request.xy), 10)), np.zeros(10, dtype=bool)
+    blur2 = request.blur**2
+    usual = 0.25 * request.radius**2 + blur2
+    mean[:, 2], mean[:, 4], mean[:, 5] = usual, usual, blur2
+    stiff[:, 2:5] = (SHAPE_SPREAD * usual[:, None]) ** -2.0
+    stiff[:, 5] = (2.0 * request.blur * request.blur_spread) ** -2.0
+    if request.shape is not None:
+        xx, xy, yy = request.shape.T
+        mean[:, 2], mean[:, 3], mean[:, 4] = (
+            0.25 * (xx**2 + xy**2) + blur2,
+            0.25 * xy * (xx + yy),
+            0.25 * (xy**2 + yy**2) + blur2,
+        )
+        fixed[2:6] = True
+    return mean, stiff, fixed
+
+
+@dataclass(frozen=True)
+class Neighbours:
+    """For K markers the places and radii of those near them: their pixels are not used.
+
+    Parameters
+    ----------
+    xy, radius : (N, 2), (N,) all markers
+    index : (K, L) into them, -1 where there are fewer than L
+    margin : (N,) how far beyond its radius a neighbour is seen
+    """
+
+    xy: Array
+    radius: Array
+    index: Ints
+    margin: Array
+
+    @staticmethod
+    def find(request: Request) -> Neighbours:
+        """Neighbours of all markers whose discs come into their windows; the same marker found twice is none."""
+        xy, radius, reach = request.xy, request.radius, request.reach()
+        count, margin = len(xy), 3.0 * request.blur + 0.5
+        if count < 2:
+            return Neighbours(xy, radius, np.empty((count, 0), np.int64), margin)
+        from scipy.spatial import cKDTree
+
+        pairs = cKDTree(xy).query_pairs(float((reach + (radius + margin).max()).max()), output_type="ndarray")
+        if not len(pairs):
+            return Neighbours(xy, radius, np.empty((count, 0), np.int64), margin)
+        pairs = np.concatenate([pairs, pairs[:, ::-1]])
+        i, j = pairs.T
+        distance = np.hypot(*(xy[i] - xy[j]).T)
+        near = (distance < reach[i] + radius[j] + margin[j]) & (distance > 0.5 * np.minimum(radius[i], radius[j]))
+        i, j = i[near], j[near]
+        order = np.lexsort((distance[near], i))
+        i, j = i[order], j[order]
+        many = np.bincount(i, minlength=count)
+        index = np.full((count, int(many.max(initial=0))), -1, dtype=np.int64)
+        index[i, np.arange(i.size) - np.repeat(np.cumsum(many) - many, many)] = j
+        return Neighbours(xy, radius, index, margin)
+
+    def take(self, index: Ints) -> Neighbours:
+        """The neighbours of some markers."""
+        return replace(self, index=self.index[index])
+
+    def touching(self) -> Flags:
+        """Markers (K,) into whose window another one reaches."""
+        return np.asarray((self.index >= 0).any(axis=1))

@@ -1,0 +1,143 @@
+"""Markers that do not look like the frame's noise: which they are, and how they are fitted again."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.detection.template.fit import TUKEY, Batch, Fitted, Neighbours, Request, Scene, fit_batches
+from windmark.detection.template.noise import FrameNoise
+from windmark.detection.template.stroke import fit_strokes
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+CLEAN = 5  # clean markers needed to say something about the frame
+WORSE, FAR = 1.4, 4.9  # contaminated: residual variance over the expected one; largest residual in standard deviations
+BEST, TOLERATED = 48, 0.75  # of so many markers so large a share is what the frame's markers look like
+UNUSUAL = 3.2  # the same, in robust standard deviations of the logarithm over the frame
+
+
+def fit_all(scene: Scene, request: Request, others: Neighbours, *, images: bool) -> tuple[Fitted, list[Batch]]:
+    """Fits in the order of the request, and their batches."""
+    batches = fit_batches(scene, request, others, images=images)
+    if len(batches) == 1:
+        return batches[0].fitted, batches
+    done = Fitted.empty(len(request.xy))
+    for b in batches:
+        done.put(b.index, b.fitted)
+    return done, batches
+
+
+def trust(noise: FrameNoise | None, done: Fitted, batches: list[Batch]) -> tuple[Array, Array]:
+    """Covariance of the centres and the residual variance that the frame's noise lets expect.
+
+    White noise: least squares' own covariance. Else that of the frame's noise, scaled by the marker's own residuals;
+    where weights are used those say nothing, and the frame's noise counts alone.
+    """
+    cov = done.cov[:, :2, :2].copy()
+    if noise is None:
+        return cov, np.full(len(cov), np.nan)
+    expected = noise.variance(level(done.params))
+    if not noise.is_white:
+        for b in batches:
+            variance = np.where(b.weighted, expected[b.index], b.fitted.column("noise2"))
+            cov[b.index] = noise.covariance(b.images, variance)
+    return cov, expected
+
+
+def level(params: Array) -> Array:
+    """Grey level of the brighter of marker and background (K,)."""
+    return np.asarray(np.fmax(np.abs(params[:, 7]), np.abs(params[:, 7] - params[:, 6])))
+
+
+def contaminated(chi2: Array, done: Fitted, expected: Array, flags: Ints) -> Bools:
+    """Markers whose residuals are not the frame's noise.
+
+    What more than a quarter of the best markers shows is no dirt but the model's error (a hard rim, a sharpened or
+    compressed image): it is let pass, as weights and strokes would only fit the pixels' chance pattern.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        far = done.column("largest") / np.sqrt(expected)
+    limit, farthest = WORSE, FAR
+    usual = np.isfinite(chi2) & (flags == 0) & (done.column("status") == 1)
+    if usual.sum() >= 4 * CLEAN:
+        logs = np.log(chi2[usual])
+        limit = max(limit, float(np.exp(np.median(logs) + UNUSUAL * scatter(logs))))
+        best = np.flatnonzero(usual)[:BEST]
+        of_chi2, of_far = np.quantile(np.stack([chi2[best], far[best]]), TOLERATED, axis=1).tolist()
+        limit, farthest = max(limit, of_chi2), max(FAR, of_far)
+    return np.asarray((chi2 > limit) | (far > farthest))
+
+
+def median_contrast(done: Fitted, worse: Bools) -> float:
+    """Depth over background of the clean markers."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        contrast = done.params[:, 6] / np.abs(done.params[:, 7])
+    good = ~worse & (done.column("status") == 1) & np.isfinite(contrast)
+    return float(np.median(contrast[good])) if good.any() else 0.5
+
+
+def decontaminated(
+    scene: Scene,
+    request: Request,
+    plain: Fitted,
+    others: Neighbours,
+    variance: Array,
+    noise: FrameNoise,
+    contrast: float,
+    radius: Array,
+) -> tuple[Fitted, Array, Bools]:
+    """Contaminated markers again: with a stroke across them if there is one, else with weights.
+
+    Returns the fits, the covariances of their centres, and which are with a stroke.
+    """
+    again, batches = _fit_robustly(scene, request, plain, others, np.sqrt(variance), not noise.is_white)
+    cov, believed = trust(noise, again, batches)[0], np.zeros(len(radius), dtype=bool)
+    if request.shape is None:
+        crossed, believed = fit_strokes(scene, request, plain, others, np.sqrt(variance), contrast, radius)
+        with np.errstate(invalid="ignore"):  # as much larger in this noise as without stroke
+            coloured = np.trace(cov, axis1=1, axis2=2) / np.trace(again.cov[:, :2, :2], axis1=1, axis2=2)
+        again.put(np.flatnonzero(believed), crossed.take(believed))
+        coloured = np.where(np.isfinite(coloured), coloured, 1.0)[believed, None, None]
+        cov[believed] = crossed.cov[believed, :2, :2] * coloured
+    return again, cov, believed
+
+
+def _fit_robustly(
+    scene: Scene, request: Request, plain: Fitted, others: Neighbours, noise: Array, images: bool
+) -> tuple[Fitted, list[Batch]]:
+    """Fits with Tukey's weights for a given noise, the better of two starts: the plain fit, and a round disc."""
+    wide = np.maximum(0.5 * plain.column("largest") / (TUKEY * noise), 1.0)
+    weighted = replace(request, scale=noise)
+    best, batches = _narrowed(scene, replace(weighted, states=plain.states), others, wide, images)
+    if request.shape is None:
+        usual = np.zeros_like(plain.states)
+        usual[:, 2] = usual[:, 4] = 0.25 * request.radius**2 + request.blur**2
+        usual[:, 5], usual[:, 6] = request.blur**2, plain.params[:, 6] * request.radius**2
+        usual[:, 7] = plain.states[:, 7]
+        second, _ = _narrowed(scene, replace(weighted, states=usual), others, wide, False)
+        better = (second.column("status") == 1) & ~(best.column("cost") <= second.column("cost"))
+        if better.any():
+            states = np.where(better[:, None], second.states, best.states)
+            best, batches = fit_all(scene, replace(weighted, states=states), others, images=images)
+    return best, batches
+
+
+def _narrowed(
+    scene: Scene, request: Request, others: Neighbours, wide: Array, images: bool
+) -> tuple[Fitted, list[Batch]]:
+    """Fits with weights that start `wide` times as wide and are halved until they are as asked for."""
+    while (wide > 1.0).any():
+        done, _ = fit_all(scene, replace(request, scale=request.scale * wide), others, images=False)
+        request = replace(request, states=np.where((done.column("status") >= 0)[:, None], done.states, request.states))
+        wide = np.maximum(0.5 * wide, 1.0)
+    return fit_all(scene, request, others, images=images)
+
+
+def scatter(values: Array) -> float:
+    """Robust standard deviation."""
+    return float(1.4826 * np.median(np.abs(values - np.median(values))))

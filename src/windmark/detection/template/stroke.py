@@ -1,0 +1,236 @@
+"""A line across a marker: pen strokes, scratches and joints are fitted together with the disc.
+
+A line that crosses a disc moves the centre of a least-squares fit by tenths of a pixel, and weights that leave out what
+does not fit help only half: where the line meets the rim it looks like rim. Fitted as what it is, a straight stroke of
+some width that takes away a part of the light (or adds a constant), it does no harm: the centre is again as good as
+its covariance. Unknown are the stroke's direction, place, strength and width beside the ten of the disc. It is searched
+through all directions and places in what a plain round disc leaves over, then all fourteen are fitted.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.detection.template.fit import Fitted, Neighbours, Request, Scene, windows
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+DIRECTIONS = 12  # that are tried, and all places in steps of a pixel
+HALF_WIDTH, WIDTH_SPREAD = 0.8, 0.5  # px, and standard deviation of its logarithm
+PIXEL = 0.29  # px, standard deviation of a pixel's box
+LEAST_AXIS, LEAST_BLUR = 0.5, 0.25  # px
+BESIDE = 1.3  # radii from the centre, from where on only the stroke is seen
+INEXACT = 0.03  # px, what is left because a product of blurred images is not the blurred product
+LEAST_PIXELS = 42  # three times the unknowns
+WIDEST = 61  # px, of a window: beside larger discs a line is narrow and weights do
+EVALUATIONS, HOPE = 25, 8  # at most; after so many it must be near a good fit, or it is given up
+TOLERANCE = 1e-2  # chi^2 of the last step
+BETTER, GOOD = (
+    0.6,
+    2.0,
+)  # a stroke is believed if it leaves that part of the residual variance, and so much over the noise's
+HOPELESS = 3.0  # times what is good
+LIKE = 0.5, 2.0  # contrast over that of clean markers: others are none
+MOVED = 0.5  # radii by which it may move the centre
+
+
+@dataclass(frozen=True)
+class _Window:
+    """One marker: patch, weights (S, S), what is known of blur and noise, grey level of a stroke of strength 1."""
+
+    patch: Array
+    weight: Array
+    blur: float
+    blur_spread: float
+    noise: float
+    scale: float
+    multiplicative: bool
+
+    def model(self, v: Array) -> tuple[Array, Array]:
+        """Image (S, S) of disc and stroke, and its derivatives (14, S, S)."""
+        from windmark.detection.template._kernels.model import evaluate, points_needed
+
+        size = len(self.patch)
+        jac, image, table = np.empty((14, size, size)), np.empty((size, size)), np.empty((8, size + 6))
+        p = v[:10].copy()
+        ones, zeros = np.ones((size, size)), np.zeros((size, size))
+        evaluate(zeros, ones, p, points_needed(p), True, 0.0, float(self.multiplicative), table, jac[:10], image)
+        disc = -image
+        covered, derivatives = stroke(size, v[10], v[11], v[13], self.blur)
+        carrier = disc if self.multiplicative else np.full_like(disc, self.scale)
+        jac[10:12], jac[12], jac[13] = (
+            -v[12] * carrier * derivatives[:2],
+            -carrier * covered,
+            -v[12] * carrier * derivatives[2],
+        )
+        if self.multiplicative:
+            jac[:10] *= 1.0 - v[12] * covered
+        return disc - v[12] * carrier * covered, jac
+
+    def equations(self, v: Array) -> tuple[float, Array, Array]:
+        """Cost, normal matrix and right side in units of the noise, with what is known of blur and width."""
+        image, jac = self.model(v)
+        rows = (jac * (self.weight / self.noise)).reshape(14, -1)
+        residual = ((self.patch - image) * self.weight / self.noise).ravel()
+        matrix, rhs, cost = rows @ rows.T, rows @ residual, float(residual @ residual)
+        for k, value, spread in ((5, self.blur, self.blur_spread), (13, np.log(HALF_WIDTH), WIDTH_SPREAD)):
+            matrix[k, k] += spread**-2.0
+            rhs[k] += (value - v[k]) * spread**-2.0
+            cost += ((value - v[k]) / spread) ** 2
+        return cost, matrix, rhs
+
+
+def stroke(size: int, direction: float, place: float, log_half_width: float, blur: float) -> tuple[Array, Array]:
+    """A blurred stroke (S, S), 1 in its middle if it is wide, and its derivatives (3, S, S) by the three unknowns.
+
+    `direction` is that of its normal, `place` its distance from the middle of the patch along it.
+    """
+    from scipy.special import ndtr
+
+    x = np.arange(size) - size // 2
+    c, s, half, sigma = np.cos(direction), np.sin(direction), np.exp(log_half_width), np.hypot(blur, PIXEL)
+    distance = c * x[None, :] + s * x[:, None] - place
+    high, low = (distance + half) / sigma, (distance - half) / sigma
+    g_high, g_low = (np.exp(-0.5 * t * t) / (np.sqrt(2.0 * np.pi) * sigma) for t in (high, low))
+    across = g_high - g_low
+    turned = across * (c * x[:, None] - s * x[None, :])
+    return ndtr(high) - ndtr(low), np.stack([turned, -across, (g_high + g_low) * half])
+
+
+def fit_strokes(
+    scene: Scene, request: Request, plain: Fitted, others: Neighbours, noise: Array, contrast: float, radius: Array
+) -> tuple[Fitted, Bools]:
+    """Fits of disc and stroke, and for which markers (K,) they are to be believed.
+
+    Parameters
+    ----------
+    plain : fits without stroke, by least squares
+    noise : (K,) standard deviation that the frame lets expect
+    contrast : depth over background of the frame's clean markers
+    radius : (K,) radii to start from; those of the request may follow a line
+    """
+    from windmark.detection.template._kernels.fit import FITS
+
+    out, believed = plain.take(np.arange(len(noise))), np.zeros(len(noise), dtype=bool)
+    tried: dict[int, tuple[Array, Array, Array]] = {}
+    for k in range(len(noise)):
+        one = request.take(np.array([k]))
+        done, start, patches, weights = windows(
+            scene, one, others.take(np.array([k])), int(np.ceil(one.reach()[0] + 0.5))
+        )
+        window = _Window(
+            patches[0], weights[0], float(one.blur[0]), float(one.blur_spread[0]), float(noise[k]),
+            abs(float(plain.params[k, 6])), scene.multiplicative,
+        )  # fmt: skip
+        pixels = float(weights[0].sum())
+        with np.errstate(divide="ignore", invalid="ignore"):
+            like = plain.params[k, 6] / np.abs(plain.params[k, 7]) / contrast
+        if pixels < LEAST_PIXELS or len(patches[0]) > WIDEST or not LIKE[0] < like < LIKE[1]:
+            continue
+        size = len(patches[0])
+        if size not in tried:
+            tried[size] = _candidates(size, window.blur)
+        first = _start(window, start[0], float(radius[k]), contrast, tried[size])
+        found = None if first is None else _fit(window, first)
+        if found is None:
+            continue
+        v, matrix, cost = found
+        chi2 = cost / (pixels - 14.0)
+        before = plain.column("noise2")[k] / noise[k] ** 2
+        moved = np.hypot(*(done.pixel[0] + v[:2] - request.xy[k]))
+        believed[k] = chi2 < min(BETTER * before, GOOD) and moved < MOVED * radius[k]
+        if believed[k]:
+            done.params[0], done.cov[0] = _centred(v, np.linalg.inv(matrix) * max(chi2, 1.0), scene)
+            done.cov[0, [0, 1], [0, 1]] += INEXACT**2
+            done.table[0] = plain.table[k]
+            done.table[0, [FITS.index("cost"), FITS.index("status")]] = cost * noise[k] ** 2, 1.0
+            out.put(np.array([k]), done)
+    return out, believed
+
+
+def _start(
+    window: _Window, place: Array, radius: float, contrast: float, candidates: tuple[Array, Array, Array]
+) -> Array | None:
+    """A round disc as given, and the stroke that explains most of what is beside it; None if there is none."""
+    size = len(window.patch)
+    x = np.arange(size) - size // 2
+    used = window.weight > 0
+    outside = used & (np.hypot(x[None, :] - place[0], x[:, None] - place[1]) > BESIDE * radius)
+    if not outside.any():
+        return None
+    level = float(np.median(window.patch[outside]))
+    v = np.zeros(14)
+    v[:2], v[2], v[4], v[5], v[6], v[7] = place, radius, radius, window.blur, abs(level) * contrast, level
+    v[13] = np.log(HALF_WIDTH)
+    disc, _ = window.model(v)
+    carrier = (disc if window.multiplicative else np.full_like(disc, window.scale)) * outside
+    left = (disc - window.patch) * outside
+    (directions, offsets, lines), weight = candidates, carrier.ravel()
+    along, power = lines @ (weight * left.ravel()), np.square(lines) @ np.square(weight)
+    gain = np.sign(along) * along**2 / np.maximum(power, 1e-300)
+    k = int(gain.argmax())
+    v[10:13] = directions[k], offsets[k], min(along[k] / max(power[k], 1e-300), 0.9)
+    return v if gain[k] > 0.0 else None
+
+
+def _candidates(size: int, blur: float) -> tuple[Array, Array, Array]:
+    """Directions and places (N,) of strokes across a patch, and their images (N, S S) with rims that fall linearly."""
+    x = np.arange(size) - size // 2
+    directions, offsets = np.meshgrid(
+        np.arange(DIRECTIONS) * np.pi / DIRECTIONS, np.arange(1.5 - size // 2, size // 2 - 1.0), indexing="ij"
+    )
+    directions, offsets = directions.ravel(), offsets.ravel()
+    along_x, along_y = np.cos(directions)[:, None, None] * x, np.sin(directions)[:, None, None] * x[:, None]
+    distance = np.abs(along_x + along_y - offsets[:, None, None])
+    lines = np.clip(0.5 + (HALF_WIDTH - distance) / (np.sqrt(2.0 * np.pi) * np.hypot(blur, PIXEL)), 0.0, 1.0)
+    return directions, offsets, lines.reshape(len(lines), -1)
+
+
+def _fit(window: _Window, v: Array) -> tuple[Array, Array, float] | None:
+    """Levenberg and Marquardt: unknowns (14,), normal matrix, cost; None if it does not converge."""
+    cost, matrix, rhs = window.equations(v)
+    damping = 1e-2
+    for k in range(EVALUATIONS):
+        if k == HOPE and cost > HOPELESS * GOOD * window.weight.sum():
+            return None
+        try:
+            step = np.linalg.solve(matrix + damping * np.diag(np.diag(matrix)), rhs)
+        except np.linalg.LinAlgError:
+            return None
+        trial = v + step
+        if _possible(trial, len(window.patch) // 2):
+            new = window.equations(trial)
+            if new[0] <= cost:
+                small = float(step @ matrix @ step) < TOLERANCE
+                v, (cost, matrix, rhs), damping = trial, new, max(0.2 * damping, 1e-7)
+                if small:
+                    return v, matrix, cost
+                continue
+        damping *= 8.0
+        if damping > 1e8:
+            return None
+    return None
+
+
+def _possible(v: Array, half: int) -> bool:
+    """Inside the bounds: an ellipse and a blur that pixels can show, a stroke in the window."""
+    middle, gap = 0.5 * (v[2] + v[4]), np.hypot(0.5 * (v[2] - v[4]), v[3])
+    return bool(
+        middle - gap > LEAST_AXIS and middle + gap < half and v[5] > LEAST_BLUR and np.abs(v[:2]).max() < half
+        and abs(v[12]) < 1.0 and abs(v[11]) < 1.5 * half and abs(v[13]) < 2.0
+    )  # fmt: skip
+
+
+def _centred(v: Array, cov: Any, scene: Scene) -> tuple[Array, Array]:
+    """Parameters (10,) and covariance (10, 10) of the disc, with its own centre."""
+    from windmark.detection.template._kernels.centre import center_map
+
+    params, block, shift, rows = v[:10].copy(), np.ascontiguousarray(cov[:10, :10]), np.empty((2, 1)), np.empty((2, 10))
+    center_map(params, float(scene.multiplicative), shift, block, rows)
+    params[:2] += shift[:, 0]
+    return params, block

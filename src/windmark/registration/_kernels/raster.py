@@ -1,0 +1,86 @@
+"""The raster of the search plane and the lens' derivative at spots, as numba kernels.
+
+Private to the registration room; see `_plane`. Readable twin: tests/registration/test_kernels.py.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.geometry._jit import nb
+from windmark.geometry._kernels import project_point
+from windmark.registration._kernels.hypothesis import EMPTY, OUT
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int32]
+
+COARSE = 4
+"""Raster cells along each side of a cell of the image mask."""
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def raster_kernel(
+    camera: Array, size: Array, p: Array, low: Array, cell: float, columns: int, rows: int, reach: float
+) -> Ints:
+    """(rows, columns) nearest spot of every cell within ``reach``, else EMPTY in the image and OUT outside.
+
+    Parameters
+    ----------
+    camera, size : packed camera and (width, height)
+    p : (M, 2) spots in the plane
+    low, cell : the raster's corner and the side of a cell
+    """
+    raster = np.full((rows, columns), OUT, np.int32)
+    _mask(raster, camera, size, low, cell)
+    best = np.full((rows, columns), np.float32(reach * reach))
+    for j in range(p.shape[0]):
+        u, v = (p[j, 0] - low[0]) / cell, (p[j, 1] - low[1]) / cell
+        n = reach / cell
+        for row in range(max(int(v - n), 0), min(int(v + n) + 1, rows)):
+            for column in range(max(int(u - n), 0), min(int(u + n) + 1, columns)):
+                d2 = cell * cell * ((column + 0.5 - u) ** 2 + (row + 0.5 - v) ** 2)
+                if d2 < best[row, column]:
+                    best[row, column], raster[row, column] = d2, j
+    return raster
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _mask(raster: Ints, camera: Array, size: Array, low: Array, cell: float) -> None:
+    """EMPTY for the coarse cells that are wholly in the image (all four corners)."""
+    rows, columns = raster.shape
+    above = np.zeros(columns // COARSE + 2, np.bool_)
+    for i in range(rows // COARSE + 2):
+        left_above, left = False, False
+        for j in range(columns // COARSE + 2):
+            u, v = (low[0] + j * COARSE * cell) / camera[0], (low[1] + i * COARSE * cell) / camera[0]
+            x, y, valid = project_point(camera, u, v, 1.0)
+            here = valid and -0.5 <= x <= size[0] - 0.5 and -0.5 <= y <= size[1] - 0.5
+            if here and left and above[j] and left_above and i > 0 and j > 0:
+                raster[(i - 1) * COARSE : i * COARSE, (j - 1) * COARSE : j * COARSE] = EMPTY
+            left_above, left, above[j] = above[j], here, here
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def plane_covariance_kernel(camera: Array, p: Array, cov: Array) -> Array:
+    """(M, 3) xx, xy, yy of covariances (M, 2, 2) of image points, brought to the plane points (M, 2)."""
+    out, f, h = np.empty((p.shape[0], 3)), camera[0], 0.5 / camera[0]
+    for j in range(p.shape[0]):
+        u, v = p[j, 0] / f, p[j, 1] / f
+        x1, y1, _ = project_point(camera, u + h, v, 1.0)
+        x0, y0, _ = project_point(camera, u - h, v, 1.0)
+        x3, y3, _ = project_point(camera, u, v + h, 1.0)
+        x2, y2, _ = project_point(camera, u, v - h, 1.0)
+        a, b, c, d = x1 - x0, x3 - x2, y1 - y0, y3 - y2
+        k = 1.0 / (a * d - b * c)
+        a, b, c, d = k * d, -k * b, -k * c, k * a
+        if not math.isfinite(k):
+            # At the last point that the lens model can invert; spots are not blown up there.
+            a, b, c, d = 1.0, 0.0, 0.0, 1.0
+        xx, xy, yy = cov[j, 0, 0], cov[j, 0, 1], cov[j, 1, 1]
+        out[j, 0] = a * a * xx + 2.0 * a * b * xy + b * b * yy
+        out[j, 1] = a * c * xx + (a * d + b * c) * xy + b * d * yy
+        out[j, 2] = c * c * xx + 2.0 * c * d * xy + d * d * yy
+    return out

@@ -1,0 +1,101 @@
+"""Rivals of a solution as numba kernels: by the model's near-symmetries, and mirrored in a plane.
+
+Private to the registration room. Readable twin: tests/registration/test_quads.py.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.geometry._jit import nb
+from windmark.registration._kernels.best import Best, keep
+from windmark.registration._kernels.growth import Gates, grow
+from windmark.registration._kernels.hypothesis import Model, Picture
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int32]
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def rivals_kernel(
+    model: Model, picture: Picture, gates: Gates, best: Best, symmetries: tuple[Ints, Array, Array],
+    rotation: Array, translation: Array, focal: float, match: Ints,
+) -> None:  # fmt: skip
+    """Grow what the near-symmetries of the model make of a solution, and its mirror image in a plane."""
+    onto, turn, shift = symmetries
+    n = match.shape[0]
+    r, t, new = np.empty((3, 3)), np.empty(3), np.empty(n, np.int32)
+    for s in range(onto.shape[0]):
+        # The spot of marker m is taken for that of marker onto[m], so the camera sees the model moved back.
+        new[:] = -1
+        pairs = 0
+        for m in range(n):
+            if match[m] >= 0 and onto[s, m] >= 0:
+                new[onto[s, m]] = match[m]
+                pairs += 1
+        for i in range(3):
+            for j in range(3):
+                r[i, j] = 0.0
+                for k in range(3):
+                    r[i, j] += rotation[i, k] * turn[s, j, k]
+        for i in range(3):
+            t[i] = translation[i]
+            for j in range(3):
+                t[i] -= r[i, j] * shift[s, j]
+        _regrow(model, picture, gates, best, r, t, focal, new, pairs)
+    pairs = _mirrored(model.xyz, match, rotation, translation, r, t)
+    new[:] = match
+    _regrow(model, picture, gates, best, r, t, focal, new, pairs)
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _regrow(
+    model: Model, picture: Picture, gates: Gates, best: Best, r: Array, t: Array, f: float, match: Ints, pairs: int
+) -> None:
+    if pairs < 4:
+        return
+    score, focal, count = grow(model, picture, gates, match, r, t, f, pairs)
+    if score > -math.inf:
+        keep(best, r, t, focal, score, count, match)
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _mirrored(xyz: Array, match: Ints, rotation: Array, translation: Array, r: Array, t: Array) -> int:
+    """The other pose that sees nearly flat markers almost the same; the number of markers matched.
+
+    The model is mirrored in the plane of its matched markers and in the one across the line of sight.
+    """
+    count, centre = 0, np.zeros(3)
+    for m in range(match.shape[0]):
+        if match[m] >= 0:
+            count += 1
+            centre += xyz[m]
+    centre /= max(count, 1)
+    moments = np.zeros((3, 3))
+    for m in range(match.shape[0]):
+        if match[m] >= 0:
+            for i in range(3):
+                for j in range(3):
+                    moments[i, j] += (xyz[m, i] - centre[i]) * (xyz[m, j] - centre[j])
+    normal = np.linalg.eigh(moments)[1][:, 0]
+    sight = translation.copy()
+    for i in range(3):
+        for j in range(3):
+            sight[i] += rotation[i, j] * centre[j]
+    across = sight / math.sqrt(sight[0] ** 2 + sight[1] ** 2 + sight[2] ** 2)
+    for i in range(3):
+        for j in range(3):
+            r[i, j] = 0.0
+            for k in range(3):
+                for q in range(3):
+                    a = (1.0 if i == k else 0.0) - 2.0 * across[i] * across[k]
+                    b = (1.0 if q == j else 0.0) - 2.0 * normal[q] * normal[j]
+                    r[i, j] += a * rotation[k, q] * b
+    for i in range(3):
+        t[i] = sight[i]
+        for j in range(3):
+            t[i] -= r[i, j] * centre[j]
+    return count

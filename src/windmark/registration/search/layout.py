@@ -1,0 +1,122 @@
+"""What the search needs to know of a set of markers, found once and used for every image."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.geometry import Pose
+from windmark.registration._kernels.hypothesis import Model
+from windmark.registration._kernels.quad import Table, table_kernel
+from windmark.registration._kernels.symmetry import symmetries_kernel
+from windmark.registration.search.near import nearest
+from windmark.registration.search.triplets import spread_corners
+from windmark.scene import MarkerSet
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int32]
+
+NEIGHBOURS = 48
+"""Markers looked at in the neighbourhood test."""
+REACHES = (7, 10)
+"""Neighbours that a marker's quads are taken from: the small table is tried first, the large one after it."""
+DIRECTIONS = 60
+"""Directions, all round, from which the quads are tabled."""
+SYMMETRIES, LEAST_BROUGHT = 24, 0.35
+"""Near-symmetries kept at most, and the part of the markers that each must bring onto others."""
+SEEDS = 6
+"""Triangles whose like is looked for; a near-symmetry that takes all of them off the model is of no use."""
+PERSPECTIVE = (0.0,)
+"""Strengths of perspective (size of the model over distance) with which they are tabled; the cells forgive the rest."""
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Centre and size of the marker set: ``xyz = centre + scale * unit``."""
+
+    centre: Array
+    scale: float
+
+    def pose(self, rotation: Array, translation: Array) -> Pose:
+        """cam_from_model of a pose of the unit model."""
+        return Pose(rotation, self.scale * translation - rotation @ self.centre)
+
+    def unit(self, pose: Pose) -> tuple[Array, Array]:
+        """Rotation and translation of a pose for the unit model."""
+        return pose.rotation, pose.apply(self.centre) / self.scale
+
+
+class Layout:
+    """A set of markers, prepared for `register`; the tables are built when they are first needed.
+
+    Parameters
+    ----------
+    markers : the table of markers that `register` will be given
+    """
+
+    def __init__(self, markers: MarkerSet) -> None:
+        self.markers = markers
+        self.model, self.frame = unit_model(markers.xyz, markers.normal)
+
+    def is_of(self, markers: MarkerSet) -> bool:
+        """Whether it was prepared from these markers."""
+        mine = self.markers
+        if mine is markers:
+            return True
+        same = ((mine.xyz, markers.xyz), (mine.normal, markers.normal))
+        return all(np.array_equal(a, b, equal_nan=True) for a, b in same)
+
+    def ready(self) -> Layout:
+        """Build all tables now."""
+        for reach in REACHES:
+            self.table(reach)
+        _ = self.symmetries
+        return self
+
+    def table(self, reach: int) -> Table:
+        """Quads by key; ``reach`` is one of `REACHES`."""
+        return self._small if reach == REACHES[0] else self._large
+
+    @cached_property
+    def _small(self) -> Table:
+        return self._tabled(REACHES[0])
+
+    @cached_property
+    def _large(self) -> Table:
+        return self._tabled(REACHES[1])
+
+    @cached_property
+    def symmetries(self) -> tuple[Ints, Array, Array]:
+        """Near-symmetries: (S, N) the marker onto which each one is brought or -1, rotations and translations.
+
+        Of the unit model. The identity is not among them.
+        """
+        spread = spread_corners(self.model.xyz, np.arange(len(self.model.xyz), dtype=np.int32), SEEDS)
+        least = max(5, int(np.ceil(LEAST_BROUGHT * len(self.model.xyz))))
+        return symmetries_kernel(self.model, spread, least, SYMMETRIES)
+
+    def _tabled(self, reach: int) -> Table:
+        reach = min(reach, self.model.near.shape[1])
+        model = self.model
+        return table_kernel(model.xyz, model.normal, model.near, reach, sphere(DIRECTIONS), np.array(PERSPECTIVE))
+
+
+def unit_model(xyz: Array, normal: Array) -> tuple[Model, Frame]:
+    """Markers for the kernels, (N, 3) and (N, 3) with NaN where unknown; N >= 2."""
+    centre = xyz.mean(axis=0)
+    scale = float(np.sqrt(((xyz - centre) ** 2).sum(axis=1).mean()))
+    unit = (xyz - centre) / scale
+    known = np.where(np.isfinite(normal).all(axis=1, keepdims=True), normal, 0.0)
+    near = nearest(unit, min(NEIGHBOURS, len(xyz) - 1))[0]
+    return Model(unit, np.ascontiguousarray(known), near), Frame(centre, scale)
+
+
+def sphere(n: int) -> Array:
+    """(n, 3) unit vectors spread evenly over the sphere (Fibonacci's spiral)."""
+    i = np.arange(n) + 0.5
+    z, turn = 1 - 2 * i / n, np.pi * (1 + np.sqrt(5)) * i
+    r = np.sqrt(1 - z * z)
+    return np.stack([r * np.cos(turn), r * np.sin(turn), z], axis=-1)

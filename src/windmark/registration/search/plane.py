@@ -1,0 +1,124 @@
+"""The search plane: spots and markers as the kernels want them.
+
+Lens distortion and aspect are undone once, for the spots; from there on a marker at (X, Y, Z) in the
+camera frame is seen at f (X, Y) / Z. Markers are centred and scaled to unit size, so that no constant
+depends on the length unit.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.geometry import Camera
+from windmark.registration._kernels.fit import Fit, Markers, Spots
+from windmark.registration._kernels.hypothesis import Picture
+from windmark.registration._kernels.raster import plane_covariance_kernel, raster_kernel
+from windmark.registration.search.layout import Layout
+from windmark.registration.search.near import nearest
+from windmark.registration.task import Task
+
+Array = NDArray[np.float64]
+
+SPOT_NEIGHBOURS = 33
+"""Neighbours of a spot that the search may look at."""
+FIRST_SPOTS, PER_MARKER = 40, 1.25
+"""Spots come best first: so many at least, and so many per marker, are searched, then twice as many, ..."""
+_FINEST, _COARSEST = 1024, 128
+"""Raster cells along the longer side at most and at least; between them a cell is as wide as the tolerance."""
+
+
+class Plane:
+    """A task in its search plane: what the search, the fit and the evidence share.
+
+    ``layout``, ``model`` and ``frame`` are the markers, ``markers``, ``spots`` and ``fit`` the same for the fit;
+    ``picture(n)`` the best n spots for the search.
+    """
+
+    def __init__(self, task: Task, layout: Layout | None = None) -> None:
+        self.task, self.layout = task, layout or Layout(task.markers)
+        self.model, self.frame = self.layout.model, self.layout.frame
+        sigma = np.where(np.isfinite(task.markers.sigma), task.markers.sigma, 0.0) / self.frame.scale
+        self.markers = Markers(self.model.xyz, self.model.normal, sigma)
+        self._packed = task.camera.packed()
+        self._size = np.array(task.camera.size_px, dtype=float)
+        self._p = np.ascontiguousarray(to_plane(task.camera, task.xy))
+        self._bounds = _bounds(task.camera, self._p)
+        self._pictures: dict[int, Picture] = {}
+        self.leads = lead_sizes(len(task.xy), len(task.markers))
+        cov = plane_covariance_kernel(self._packed, self._p, np.ascontiguousarray(task.cov))
+        density = self.picture(len(task.xy)).density
+        by_x = np.argsort(self._p[:, 0], kind="stable")
+        self.spots = Spots(self._p, cov, density, by_x, self._p[by_x, 0], self._packed, self._size)
+        known = 0.5 * float(np.log(task.focal_factors[-1])) if task.free_focal else np.inf
+        self.fit = Fit(task.tolerance_px, task.camera.focal_px, known**-2)
+
+    def picture(self, lead: int) -> Picture:
+        """The best ``lead`` spots for the kernels."""
+        if lead not in self._pictures:
+            reach = 3 * self.task.tolerance_px
+            self._pictures[lead] = _picture(self._packed, self._size, self._p[:lead], self._bounds, reach)
+        return self._pictures[lead]
+
+
+def to_plane(camera: Camera, xy: Array) -> Array:
+    """Ideal pixels (M, 2) of image points: principal point at the origin, square; NaN where the lens has no inverse."""
+    return camera.focal_px * camera.unproject(xy)[:, :2]
+
+
+def picture(camera: Camera, xy: Array, reach_px: float) -> Picture:
+    """Spots (M, 2) of an image for the kernels; the raster knows the nearest spot up to ``reach_px`` away.
+
+    Spots must have a finite `to_plane`.
+    """
+    p = np.ascontiguousarray(to_plane(camera, xy))
+    return _picture(camera.packed(), np.array(camera.size_px, dtype=float), p, _bounds(camera, p), reach_px)
+
+
+def _picture(packed: Array, size: Array, p: Array, bounds: tuple[Array, Array], reach: float) -> Picture:
+    low, high = bounds
+    longest = float((high - low).max())
+    cell = min(max(0.25 * reach, longest / _FINEST), longest / _COARSEST)
+    columns, rows = np.maximum(1, np.ceil((high - low) / cell).astype(int)).tolist()
+    raster = raster_kernel(packed, size, p, low, cell, columns, rows, reach)
+    near, distance = nearest(p, min(len(p) - 1, SPOT_NEIGHBOURS))
+    return Picture(p, _density(distance, size), near, raster, float(low[0]), float(low[1]), 1 / cell)
+
+
+def _density(distance: Array, size: Array) -> Array:
+    """(M,) spots per px^2: round each spot (four neighbours) or on average, whichever is more.
+
+    Dust and rivet rows come in clusters; with the average alone they would pass for evidence. From the distances
+    of `nearest`.
+    """
+    average = len(distance) / (size[0] * size[1])
+    k = min(4, distance.shape[1])
+    if k < 1:
+        return np.full(len(distance), average)
+    return np.maximum(average, k / (np.pi * np.maximum(distance[:, k - 1], 1e-3) ** 2))
+
+
+def lead_sizes(spots: int, markers: int) -> list[int]:
+    """Numbers of best spots to look at: some, twice as many, ..., all."""
+    sizes, n = [], max(FIRST_SPOTS, int(np.ceil(PER_MARKER * markers)))
+    while 1.3 * n < spots:
+        sizes.append(n)
+        n *= 2
+    return [*sizes, spots]
+
+
+def _bounds(camera: Camera, p: Array) -> tuple[Array, Array]:
+    """Rectangle of the plane that holds the image's border and all spots."""
+    w, h = camera.size_px
+    x, y = np.linspace(-0.5, w - 0.5, 33), np.linspace(-0.5, h - 0.5, 33)
+    low, high = np.full(33, -0.5), np.full(33, 1.0)
+    border = np.concatenate(
+        [np.stack(side, axis=-1) for side in ((x, low), (x, high * (h - 0.5)), (low, y), (high * (w - 0.5), y))]
+    )
+    seen = np.concatenate([to_plane(camera, border), p])
+    seen = seen[np.isfinite(seen).all(axis=1)]
+    # A border where the lens model ends maps far out; the spots and a generous frame bound it.
+    frame = 1.5 * np.array([w, h])
+    low2 = np.maximum(seen.min(axis=0), np.minimum(p.min(axis=0), -frame))
+    high2 = np.minimum(seen.max(axis=0), np.maximum(p.max(axis=0), frame))
+    return low2 - 1.0, high2 + 1.0

@@ -1,0 +1,141 @@
+"""The fast search: local quads of spots meet the quads of markers that look like them (`_kernels.quad`).
+
+Quads of near spots come first, and among them those whose key few quads of markers share. The search goes on after
+a good solution as long as the caller asks: "stop at the first good pose" is the trap of regular layouts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.registration._kernels.best import room_for_best
+from windmark.registration._kernels.hypothesis import Picture
+from windmark.registration._kernels.match import search_kernel
+from windmark.registration._kernels.quad import Table, spot_quads_kernel
+from windmark.registration._kernels.rival import rivals_kernel
+from windmark.registration.search.layout import REACHES
+from windmark.registration.search.near import nearest
+from windmark.registration.search.plane import Plane
+from windmark.registration.search.pool import Candidate
+from windmark.registration.search.ransac import make_gates, make_rules
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int32]
+
+STAGES = ((REACHES[0], 0, 5), (REACHES[0], 5, 8), (REACHES[1], 0, 8), (REACHES[1], 8, 12))
+"""Table, and the neighbours of a spot that its quads are taken from (not all of them among the first number)."""
+POOL = 12
+WORK = 20_000
+"""Links after which the caller is asked whether to go on."""
+RIVAL_TURNS = 3
+"""After so many times this work no more rivals are looked for; the near-symmetries have made the likely ones before."""
+RIVAL_NEAR, RIVAL_QUADS, AGAIN = 6, 24, 8
+"""Neighbours and number of the quads that rivals are looked for with; from so many the candidate is grown again."""
+
+
+class QuadSearch:
+    """The state of one search: the kernels' view of the task, the best solutions, the number of links tried."""
+
+    def __init__(self, plane: Plane, stop_at: float) -> None:
+        task = plane.task
+        self.plane, self.links = plane, 0
+        self._stop_at = stop_at
+        self._focals = task.camera.focal_px * np.array(task.focal_factors)
+        self._rules, self._gates = make_rules(plane), make_gates(plane)
+        self._best = room_for_best(POOL, len(task.markers))
+        self._candidates: dict[int, Candidate] = {}
+
+    @property
+    def best(self) -> Candidate | None:
+        """The best candidate, None if there is none."""
+        return next(iter(self.top(1)), None)
+
+    def top(self, count: int) -> list[Candidate]:
+        """The best distinct candidates, best first."""
+        score = self._best.score
+        return [self._candidate(n) for n in np.argsort(-score, kind="stable")[:count].tolist() if score[n] > -np.inf]
+
+    def batches(self) -> Iterator[int]:
+        """Yields the links tried so far; the caller looks at the candidates after each batch."""
+        for (reach, low, high), lead in self._schedule():
+            picture = self.plane.picture(lead)
+            high = min(high, picture.near.shape[1])
+            table = self.plane.layout.table(reach)
+            quads, cells = spot_quads_kernel(picture.p, picture.near, low, high, table.first)
+            start = 0
+            while start < len(quads):
+                start, links = search_kernel(
+                    self.plane.model, picture, self._rules, self._gates, table, self._focals,
+                    quads, cells, start, WORK, self._stop_at, self._best, self._best.match,
+                )  # fmt: skip
+                self.links += int(links)
+                yield self.links
+
+    def _schedule(self) -> list[tuple[tuple[int, int, int], int]]:
+        """Stages and numbers of best spots, cheapest first."""
+        cost = {(stage, lead): stage[0] ** 3 * stage[2] ** 3 * lead for lead in self.plane.leads for stage in STAGES}
+        return sorted(cost, key=lambda key: cost[key])
+
+    def rivals(self, candidate: Candidate, over: Callable[[], bool]) -> bool:
+        """Look for other solutions: of the spots that a candidate explains, and of those that it does not.
+
+        A shifted, turned or mirrored labelling uses mostly the same spots, so it has a quad among the explained ones,
+        where no false spot and hardly a hidden marker disturbs. One that takes every n-th spot of a lattice leaves most
+        of the spots, so quads of the others are tried, too. What the near-symmetries of the model make of the candidate
+        is tried in any case. False if the time was ``over`` before all of this was done.
+        """
+        spots = candidate.match[candidate.match >= 0]
+        picture = self.plane.picture(next(n for n in self.plane.leads if n > spots.max()))
+        free = np.ones(len(picture.p), dtype=bool)
+        free[spots] = False
+        others = np.flatnonzero(free).astype(np.int32)
+        table = self.plane.layout.table(REACHES[1])
+        rotation, translation = self.plane.frame.unit(candidate.cam_from_model)
+        rivals_kernel(
+            self.plane.model, picture, self._gates, self._best, self.plane.layout.symmetries,
+            rotation, translation, candidate.focal_px, candidate.match,
+        )  # fmt: skip
+        others_known = np.where((self._best.match == candidate.match).all(axis=1)[:, None], -1, self._best.match)
+        for some, most in ((spots, RIVAL_QUADS), (others, RIVAL_QUADS // 2)):
+            if len(some) < 4:
+                continue
+            quads, cells = self._compact_quads(picture, some, most, table)
+            # The candidate itself may have grown from a bad start: it is grown again from some of its quads.
+            for known, part in ((others_known, np.s_[:AGAIN]), (self._best.match, np.s_[AGAIN:])):
+                start = 0
+                for _ in range(RIVAL_TURNS):
+                    if over():
+                        return False
+                    start, links = search_kernel(
+                        self.plane.model, picture, self._rules, self._gates, table, self._focals,
+                        quads[part], cells[part], start, WORK, np.inf, self._best, known,
+                    )  # fmt: skip
+                    self.links += int(links)
+                    if start == len(quads[part]):
+                        break
+        return True
+
+    @staticmethod
+    def _compact_quads(picture: Picture, spots: Ints, most: int, table: Table) -> tuple[Ints, Ints]:
+        """Quads among some spots, and their cells: for each anchor the one with the rarest key."""
+        p = picture.p[spots]
+        near = nearest(p, min(RIVAL_NEAR, len(p) - 1))[0]
+        quads, cells = spot_quads_kernel(p, near, 0, near.shape[1], table.first)
+        first = np.full(len(p), len(quads))
+        np.minimum.at(first, quads[:, 0], np.arange(len(quads)))
+        chosen = np.sort(first[first < len(quads)])[:most]
+        return np.ascontiguousarray(spots[quads[chosen]]), np.ascontiguousarray(cells[chosen])
+
+    def _candidate(self, n: int) -> Candidate:
+        """One object for each solution kept."""
+        best = self._best
+        serial = int(best.serial[n])
+        if serial not in self._candidates:
+            pose = self.plane.frame.pose(best.rotation[n].copy(), best.translation[n].copy())
+            self._candidates[serial] = Candidate(
+                pose, float(best.focal[n]), float(best.score[n]), int(best.matched[n]), best.match[n].copy()
+            )
+        return self._candidates[serial]
