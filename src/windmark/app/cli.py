@@ -9,6 +9,17 @@ from typing import Annotated, Any
 import typer
 
 from windmark.app import console
+from windmark.app.matching_options import (
+    ROLES_ALIGN,
+    Mask,
+    MaxTime,
+    Prior,
+    PriorMaxAngle,
+    PriorMaxScale,
+    Roles,
+    markers_settings,
+    register_settings,
+)
 
 app = typer.Typer(
     name="windmark",
@@ -98,10 +109,7 @@ def detect(
     photometry: Annotated[
         str | None, typer.Option(help="Of the template: multiplicative or additive. [default: by polarity]")
     ] = None,
-    mask: Annotated[
-        Path | None,
-        typer.Option(help="Pixels that are used: a picture (not 0), or a table of a polygon's corners, x,y."),
-    ] = None,
+    mask: Mask = None,
     roi: Annotated[
         str | None, typer.Option(help="x0,y0,x1,y1: first and last column and row that are used; else all.")
     ] = None,
@@ -165,9 +173,12 @@ def register(
     merit_max: MeritMax = 0.7,
     tolerance_px: Annotated[float | None, typer.Option(help="Largest distance of a spot to its marker.")] = None,
     free_focal: Annotated[bool, typer.Option(help="The focal length is only roughly known: find it too.")] = False,
-    prior: Annotated[
-        Path | None, typer.Option(help="Camera file with a pose: solutions over 30 deg or 1.3 times away are rejected.")
-    ] = None,
+    prior: Prior = None,
+    prior_max_angle: PriorMaxAngle = 30.0,
+    prior_max_scale: PriorMaxScale = 1.3,
+    roles: Roles = None,
+    max_time: MaxTime = None,
+    mask: Mask = None,
     seed: Seed = 0,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="Folder of the results. [default: IMAGE-registration]")
@@ -183,9 +194,22 @@ def register(
             "length_unit": unit,
             "camera": [{"file": camera}],
             "image": [{"file": image}],
-            "markers": {"file": markers},
-            "detect": {"radius_px": tuple(radius) if radius else None, "polarity": polarity, "merit_max": merit_max},
-            "register": {"tolerance_px": tolerance_px, "free_focal": free_focal, "seed": seed, "prior": prior},
+            "markers": markers_settings(markers, roles),
+            "detect": {
+                "radius_px": tuple(radius) if radius else None,
+                "polarity": polarity,
+                "merit_max": merit_max,
+                "mask": mask,
+            },
+            "register": register_settings(
+                seed,
+                max_time,
+                prior,
+                prior_max_angle,
+                prior_max_scale,
+                tolerance_px=tolerance_px,
+                free_focal=free_focal,
+            ),
             "output": {"folder": output or Path(f"{image.stem}-registration"), "nodes": ()},
         }
         verbs.run_settings(settings, as_json)
@@ -234,11 +258,20 @@ def align(
     unit: Unit,
     radius: Radius = None,
     polarity: Polarity = "dark",
+    prior: Prior = None,
+    prior_max_angle: PriorMaxAngle = 30.0,
+    prior_max_scale: PriorMaxScale = 1.3,
+    roles: Roles = None,
+    max_time: MaxTime = None,
+    mask: Mask = None,
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder of the results.")] = Path("aligned"),
     seed: Seed = 0,
     as_json: Json = False,
 ) -> None:
-    """3D alignment: recompute images as if all had been taken from the reference image's pose."""
+    """3D alignment: recompute images as if all had been taken from the reference image's pose.
+
+    Markers on the walls take no part unless --roles names them: they do not move with the model.
+    """
     from windmark.app import verbs
 
     with console.errors(as_json):
@@ -247,10 +280,10 @@ def align(
             "length_unit": unit,
             "camera": [{"file": camera}],
             "image": [{"file": path} for path in images],
-            "markers": {"file": markers},
+            "markers": markers_settings(markers, roles or ROLES_ALIGN),
             "grid": {"file": grid},
-            "detect": {"radius_px": tuple(radius) if radius else None, "polarity": polarity},
-            "register": {"seed": seed},
+            "detect": {"radius_px": tuple(radius) if radius else None, "polarity": polarity, "mask": mask},
+            "register": register_settings(seed, max_time, prior, prior_max_angle, prior_max_scale),
             "align": {"reference": reference},
             "output": {"folder": output, "nodes": ()},
         }
@@ -293,13 +326,15 @@ def study(
 def run(
     project: Annotated[Path, typer.Argument(help="Project file (TOML).")],
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Folder instead of the project's own.")] = None,
+    max_time: MaxTime = None,
+    roles: Roles = None,
     as_json: Json = False,
 ) -> None:
     """The main job: from images to values on the grid, with pictures and one HTML report."""
     from windmark.app import verbs
 
     with console.errors(as_json):
-        verbs.run(project, output, as_json)
+        verbs.run(project, output, as_json, max_time_s=max_time, roles=tuple(roles or ()))
 
 
 def main() -> None:

@@ -19,12 +19,18 @@ from windmark.pipeline.truth import Comparison
 Record = dict[str, Any]
 
 
-def run(path: Path, output: Path | None, as_json: bool) -> None:
-    """The main job from a project file."""
-    project = read_project(path)
+def run(
+    path: Path, output: Path | None, as_json: bool, *, max_time_s: float | None = None, roles: tuple[str, ...] = ()
+) -> None:
+    """The main job from a project file; what is given besides replaces the file's own."""
+    given: dict[str, dict[str, Any]] = {}
     if output is not None:
-        changed = project.output.model_copy(update={"folder": output.resolve()})
-        project = project.model_copy(update={"output": changed})
+        given["output"] = {"folder": output.resolve()}
+    if max_time_s is not None:
+        given["register"] = {"max_time_s": max_time_s}
+    if roles:
+        given["markers"] = {"roles": roles}
+    project = read_project(path, given)
     finish(*carry_out(project), as_json)
 
 
@@ -64,9 +70,12 @@ def finish(result: RunResult, record: Record, as_json: bool) -> None:
     """One line per image, where the report is, and the exit code."""
     folder = result.project.output.folder
     lines = [image_line(item, result) for item in result.images]
-    console.answer(record, as_json, [*lines, f"report: {folder / 'report.html'}"])
-    if result.failed and len(result.failed) == len(result.images):
-        console.refuse(f"no image could be used; {result.failed[0].name}: {result.failed[0].problem}", as_json)
+    nothing = bool(result.failed) and len(result.failed) == len(result.images)
+    if not (nothing and as_json):  # a refusal brings the record with it: one document
+        console.answer(record, as_json, [*lines, f"report: {folder / 'report.html'}"])
+    if nothing:
+        why = f"no image could be used; {result.failed[0].name}: {result.failed[0].problem}"
+        console.refuse(why, as_json, record)
 
 
 def image_line(item: ImageResult, result: RunResult) -> str:

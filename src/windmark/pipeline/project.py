@@ -18,6 +18,7 @@ from windmark.io.errors import FileError, reading
 Vector = tuple[float, float, float]
 Unit = Literal["in", "ft", "mm", "cm", "m"]
 NodeFormat = Literal["vtk", "tecplot", "plot3d", "csv", "netcdf"]
+Role = Literal["model", "wall", "primary", "secondary", "tap", "virtual", "fiducial"]
 Positive = Annotated[float, Field(gt=0)]
 
 
@@ -57,10 +58,10 @@ class ImageEntry(_Strict):
 
 
 class MarkersEntry(_Strict):
-    """The markers' table; only the given roles are matched."""
+    """The markers' table; only the given roles are matched. Where the model moved, leave the walls out."""
 
     file: Path
-    roles: tuple[str, ...] = ("model", "wall", "primary", "secondary")
+    roles: Annotated[tuple[Role, ...], Field(min_length=1)] = ("model", "wall", "primary", "secondary")
 
 
 class GridEntry(_Strict):
@@ -201,8 +202,13 @@ class Project(_Strict):
         return next(c for c in self.camera if image.camera in (None, c.name))
 
 
-def read_project(path: str | Path) -> Project:
+def read_project(path: str | Path, given: Mapping[str, Mapping[str, Any]] | None = None) -> Project:
     """Read and check a project file.
+
+    Parameters
+    ----------
+    path : the TOML file
+    given : tables whose keys replace those of the file
 
     Raises
     ------
@@ -217,6 +223,9 @@ def read_project(path: str | Path) -> Project:
         raise FileError(path, f"is not valid TOML ({error}); expected a windmark project file") from None
     if "path" in data:
         raise FileError(path, f"unknown key; expected {_known_keys(Project)}", "path")
+    for table, keys in (given or {}).items():
+        if isinstance(data.setdefault(table, {}), dict):
+            data[table] |= keys
     return make_project(path, data)
 
 

@@ -199,8 +199,10 @@ def _ambiguity(best: Solution, other: RunnerUp) -> str:
             f"two poses {angle:.1f} degrees apart explain the same labels about equally well (lead {lead:.1f} nats), "
             "as a flat set of markers far away does: give a prior pose"
         )
+    missing = best.expected - best.count
+    more = f"make more of the {missing} missing markers visible" if missing else "add a marker that breaks the symmetry"
     return (
         f"two labellings are about equally good: {best.count} and {other.count} markers matched, poses {angle:.1f} "
         f"degrees apart, lead {lead:.1f} nats; the layout is (nearly) symmetric or regular: give a prior pose, or "
-        "make more of the markers visible"
+        f"{more}"
     )

@@ -1,0 +1,76 @@
+"""What the user may say about the matching: time, roles, prior, pixels that are used."""
+
+import json
+
+import pytest
+
+from windmark import io
+from windmark.geometry import Pose
+
+
+@pytest.fixture
+def arguments(virtual_test):
+    """``arguments("register", "wind-off.tif", ...)``: with the table, the camera and the radius of the virtual test."""
+    folder, _ = virtual_test
+
+    def given(verb, *images):
+        files = [folder / name for name in images]
+        return [verb, *files, "-m", folder / "markers.csv", "-c", folder / "camera.json", "-r", 4, "--unit", "mm"]
+
+    return given
+
+
+def test_align_leaves_the_walls_out_unless_told(windmark, arguments, virtual_test, tmp_path):
+    folder, _ = virtual_test
+    call = [*arguments("align", "wind-off.tif", "wind-on.tif"), "--reference", "wind-off", "-g", folder / "model.grid"]
+    plain = windmark(*call, "-o", tmp_path / "plain", "--json")
+    assert plain.code == 0
+    assert plain.json["options"]["markers"]["roles"] == ["model", "primary", "secondary"]
+    assert plain.json["images"][1]["registration"]["rms_px"] < 0.03
+    walls = windmark(*call, "-o", tmp_path / "walls", "--roles", "model", "--roles", "wall", "--json")
+    assert walls.json["markers"] > plain.json["markers"]
+    assert walls.json["images"][1]["registration"]["rms_px"] > 0.1
+
+
+def test_roles_and_time_of_register_and_run(windmark, arguments, virtual_test, tmp_path):
+    folder, _ = virtual_test
+    call = [*arguments("register", "wind-off.tif"), "-o", tmp_path / "out"]
+    wall = windmark(*call, "--roles", "wall", "--json")
+    assert wall.code == 1
+    assert "no image could be used" in wall.json["error"]
+    assert wall.json["options"]["markers"]["roles"] == ["wall"]
+    nobody = windmark(*call, "--roles", "secondary")
+    assert nobody.code == 2
+    assert "secondary" in nobody.err
+    late = windmark(*call, "--max-time", "1e-6", "--json")
+    assert late.code == 1
+    assert "max_time_s = 1e-06" in late.json["images"][0]["registration"]["reason"]
+    late = windmark("run", folder / "project.toml", "-o", tmp_path / "run", "--max-time", "1e-6", "--roles", "model")
+    assert late.code == 1
+    assert "max_time_s = 1e-06" in late.err
+    assert windmark(*call, "--max-time", "0").code == 2
+    assert "markers.roles" in windmark(*call, "--roles", "wing").err
+
+
+def test_prior_with_its_limits(windmark, arguments, tmp_path):
+    done = windmark(*arguments("register", "wind-off.tif"), "-o", tmp_path / "cold", "--json")
+    camera, pose = io.read_camera(tmp_path / "cold" / "wind-off" / "camera.json")
+    turned = Pose.from_rotvec([0, 0, 0.35], [0, 0, 0]) @ pose
+    io.write_camera(tmp_path / "prior.json", camera, turned, unit="mm")
+    call = [*arguments("register", "wind-off.tif"), "--prior", tmp_path / "prior.json"]
+    near = windmark(*call, "-o", tmp_path / "near", "--json")
+    assert near.json["images"][0]["registration"]["matched"] == done.json["images"][0]["registration"]["matched"]
+    far = windmark(*call, "--prior-max-angle", 10, "-o", tmp_path / "far", "--json")
+    assert far.code == 1
+    assert "prior" in far.json["images"][0]["registration"]["reason"]
+    assert windmark(*call, "--prior-max-scale", 1, "-o", tmp_path / "no").code == 2
+    record = json.loads((tmp_path / "near" / "summary.json").read_text())
+    assert record["options"]["register"]["prior_max_scale"] == 1.3
+
+
+def test_masked_spots_are_not_used(windmark, arguments, tmp_path):
+    table = tmp_path / "left.csv"
+    table.write_text("x,y\n-0.5,-0.5\n640,-0.5\n640,800\n-0.5,800\n")
+    done = windmark(*arguments("register", "wind-off.tif"), "--mask", table, "-o", tmp_path / "out", "--json")
+    whole = windmark(*arguments("register", "wind-off.tif"), "-o", tmp_path / "all", "--json")
+    assert 0 < done.json["images"][0]["spots"] < whole.json["images"][0]["spots"]
