@@ -26,8 +26,9 @@ MIN_MATCHES = 4
 STEPS = 20
 """Most Gauss-Newton steps of a fit."""
 TRIM = 0.8
-TRIMMED_MEAN = (1 - (1 - TRIM) * (1 - math.log(1 - TRIM))) / TRIM
-"""Mean of the smallest four fifths of an exponential variable, which squared lengths of residuals are."""
+"""The smallest squared lengths of residuals, which are exponential variables, that tell the misfit's variance."""
+TRIM_COST = 1.2
+"""Its sigma is so much larger for that."""
 FOCAL, EXCESS, MISFIT, EXPECTED, ITERATIONS, COST_START, COST_END = range(7)
 """Places in `State.numbers`: focal length, excess and misfit variance, markers expected, steps, cost."""
 
@@ -162,11 +163,12 @@ def weigh_residuals(spots: Spots, fit: Fit, state: State, table: Array) -> None:
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def excess_of(spots: Spots, fit: Fit, state: State, table: Array, doubt2: float) -> tuple[float, float]:
+def excess_of(spots: Spots, fit: Fit, state: State, table: Array, doubt2: float, luck: float) -> tuple[float, float]:
     """Variance per coordinate beyond the given covariances, and the mean of those of the spots.
 
     From the smaller four fifths of the squared residuals, so that one false spot in a gate does not open the
-    gate for itself; a weak prior, the given covariances and ``doubt2`` beyond them, steadies few pairs.
+    gate for itself; a weak prior, the given covariances and ``doubt2`` beyond them, steadies few pairs. So many sigma
+    of the estimate as ``luck`` says are no excess: without it the mean of ``max(0, ...)`` would be one of its own.
     """
     squares, count, known, noise = np.empty(table.shape[0]), 0, 0.0, 0.0
     for m in range(table.shape[0]):
@@ -180,11 +182,16 @@ def excess_of(spots: Spots, fit: Fit, state: State, table: Array, doubt2: float)
     known = known / count + noise
     kept = math.ceil(TRIM * count)
     squares = np.sort(squares[:count])
+    # The j-th smallest of n unit exponentials has the mean 1 / n + 1 / (n - 1) + ... + 1 / (n - j + 1).
+    expected = 0.0
+    for j in range(kept):
+        expected += (kept - j) / (count - j)
     size = 7 if fit.focal_weight > 0.0 else 6
     redundancy = max(2 * count - size, 0)
-    variance = squares[:kept].mean() / (2 * TRIMMED_MEAN) * 2 * count / max(redundancy, 1)
+    variance = 0.5 * squares[:kept].sum() / expected * 2 * count / max(redundancy, 1)
     pooled = (PRIOR_WORTH * (known + doubt2) + redundancy * variance) / (PRIOR_WORTH + redundancy)
-    return max(0.0, pooled - known), noise
+    chance = luck * TRIM_COST * math.sqrt(2.0 * redundancy) / (PRIOR_WORTH + redundancy)
+    return max(0.0, pooled - known * (1.0 + chance)), noise
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")

@@ -38,6 +38,8 @@ P_SEEN = 0.5
 OPEN_ROUNDS, ROUNDS = 8, 20
 """Rounds in which pairs may come and go; after them they may only go, so that no cycle remains."""
 FINAL_ROUNDS = 3
+LUCK = 1.0
+"""Sigma by which the misfit of an accepted solution may be above the given covariances before it counts as excess."""
 BORDER_LOW, BORDER_HIGH = 2.0, 3.0
 """A marker this near to the image's border (left and top, right and bottom) may be cut and need not be seen."""
 LOST, STEADY = -1, 1
@@ -56,7 +58,7 @@ def settle_kernel(markers: Markers, spots: Spots, fit: Fit, state: State) -> int
             return LOST
         table_spread(markers, state, table)
         before = numbers[EXCESS]
-        numbers[EXCESS], known = excess_of(spots, fit, state, table, doubt2)
+        numbers[EXCESS], known = excess_of(spots, fit, state, table, doubt2, 0.0)
         _label(markers, spots, fit, state, table, must, new, round_ >= OPEN_ROUNDS)
         same = True
         for m in range(n):
@@ -77,7 +79,7 @@ def accept_kernel(markers: Markers, spots: Spots, fit: Fit, state: State) -> boo
     table = np.zeros((markers.xyz.shape[0], 3))
     for _ in range(FINAL_ROUNDS):
         table_spread(markers, state, table)
-        state.numbers[EXCESS] = excess_of(spots, fit, state, table, 0.0)[0]
+        state.numbers[EXCESS] = excess_of(spots, fit, state, table, 0.0, LUCK)[0]
         if not refine(markers.xyz, spots, fit, state, table):
             return False
     weigh_residuals(spots, fit, state, table)
