@@ -74,3 +74,44 @@ def test_masked_spots_are_not_used(windmark, arguments, tmp_path):
     done = windmark(*arguments("register", "wind-off.tif"), "--mask", table, "-o", tmp_path / "out", "--json")
     whole = windmark(*arguments("register", "wind-off.tif"), "-o", tmp_path / "all", "--json")
     assert 0 < done.json["images"][0]["spots"] < whole.json["images"][0]["spots"]
+
+
+def test_labels_and_exclusions_by_place(windmark, arguments, tmp_path):
+    call = [*arguments("register", "wind-off.tif"), "-o", tmp_path / "out"]
+    assert windmark(*call).code == 0
+    matches = io.read_matches(tmp_path / "out" / "wind-off" / "matches.csv")
+    names, xy = matches.name.tolist(), matches.xy
+    right = [part for k in (0, 1, 2) for part in ("--label", f"{names[k]}={xy[k, 0] + 2:.1f},{xy[k, 1]:.1f}")]
+    away = ["--exclude", f"{xy[5, 0]:.1f},{xy[5, 1]:.1f}"]
+    done = windmark(*call, *right, *away, "--json")
+    labels = done.json["images"][0]["registration"]["labels"]
+    assert set(names[:3]) <= set(labels)
+    assert names[5] not in labels
+
+    wrong = windmark(*call, "--label", f"{names[0]}={xy[1, 0]:.1f},{xy[1, 1]:.1f}")
+    assert wrong.code == 1
+    assert f"takes the spot for {names[1]}" in wrong.err
+    none = windmark(*call, "--label", f"{names[0]}=1,1")
+    assert none.code == 1
+    assert "no spot within 10 px of (1, 1); the nearest is" in none.err
+    for option, words in (
+        (["--label", "x"], "NAME=x,y"),
+        (["--label", "nobody=1,2"], "nobody"),
+        (["--label", f"{names[0]}=1"], "NAME=x,y"),
+        (["--label", "a=1,2", "--label", "a=3,4"], "twice"),
+        (["--exclude", "1;2"], "x,y"),
+    ):
+        bad = windmark(*call, *option)
+        assert bad.code == 2
+        assert words in bad.err
+
+
+def test_labels_of_a_project(windmark, virtual_test, tmp_path):
+    folder, _ = virtual_test
+    text = (folder / "project.toml").read_text().replace('file = "', f'file = "{folder}/')
+    changed = text.replace("[[image]]", "[[image]]\nlabels = { nobody = [10, 20] }\nexclude = [[3, 4]]", 1)
+    assert changed != text
+    (tmp_path / "project.toml").write_text(changed)
+    done = windmark("run", tmp_path / "project.toml")
+    assert done.code == 2
+    assert "image[0].labels.nobody" in done.err

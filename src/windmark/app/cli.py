@@ -11,12 +11,15 @@ import typer
 from windmark.app import console
 from windmark.app.matching_options import (
     ROLES_ALIGN,
+    Exclude,
+    Label,
     Mask,
     MaxTime,
     Prior,
     PriorMaxAngle,
     PriorMaxScale,
     Roles,
+    image_settings,
     markers_settings,
     register_settings,
 )
@@ -176,6 +179,8 @@ def register(
     prior: Prior = None,
     prior_max_angle: PriorMaxAngle = 30.0,
     prior_max_scale: PriorMaxScale = 1.3,
+    label: Label = None,
+    exclude: Exclude = None,
     roles: Roles = None,
     max_time: MaxTime = None,
     mask: Mask = None,
@@ -193,7 +198,7 @@ def register(
             "title": f"Registration of {image.name}",
             "length_unit": unit,
             "camera": [{"file": camera}],
-            "image": [{"file": image}],
+            "image": [image_settings(image, label, exclude)],
             "markers": markers_settings(markers, roles),
             "detect": {
                 "radius_px": tuple(radius) if radius else None,

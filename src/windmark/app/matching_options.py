@@ -24,6 +24,14 @@ Mask = Annotated[
     Path | None,
     typer.Option(help="Pixels that are used: a picture (not 0), or a table of a polygon's corners, x,y."),
 ]
+Label = Annotated[
+    list[str] | None,
+    typer.Option("--label", help="NAME=x,y: the spot there (within 10 px) is this marker; several times for several."),
+]
+Exclude = Annotated[
+    list[str] | None,
+    typer.Option("--exclude", help="x,y: the spot there (within 10 px) takes no part; several times for several."),
+]
 
 ROLES_ALIGN = ("model", "primary", "secondary")
 """What moves with the model."""
@@ -42,3 +50,30 @@ def register_settings(
 def markers_settings(file: Path, roles: list[str] | tuple[str, ...] | None) -> dict[str, Any]:
     """Table [markers] of a project; without roles its default."""
     return {"file": file} | ({"roles": tuple(roles)} if roles else {})
+
+
+def image_settings(file: Path, labels: list[str] | None, exclude: list[str] | None) -> dict[str, Any]:
+    """Table [[image]] of a project.
+
+    Raises
+    ------
+    ValueError
+        For a label that is not NAME=x,y, a place that is not x,y, or a name that comes twice.
+    """
+    places: dict[str, tuple[float, float]] = {}
+    for text in labels or ():
+        name, sign, place = text.rpartition("=")
+        if not (name and sign):
+            raise ValueError(f"--label: expected NAME=x,y, got {text!r}")
+        if name in places:
+            raise ValueError(f"--label: {name} is given twice; a marker has one place")
+        places[name] = _place(place, "--label", "NAME=x,y", text)
+    return {"file": file, "labels": places, "exclude": tuple(_place(t, "--exclude", "x,y", t) for t in exclude or ())}
+
+
+def _place(text: str, option: str, form: str, whole: str) -> tuple[float, float]:
+    try:
+        x, y = (float(part) for part in text.split(","))
+    except ValueError:
+        raise ValueError(f"{option}: expected {form} with x and y in pixels, got {whole!r}") from None
+    return x, y

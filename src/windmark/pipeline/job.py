@@ -15,6 +15,7 @@ from windmark import detection, io, registration, resection
 from windmark.geometry import Camera, Pose
 from windmark.pipeline.clock import Clock, Progress, silent
 from windmark.pipeline.grid import read_grid
+from windmark.pipeline.labels import excluded_spots, fixed_spots
 from windmark.pipeline.project import ImageEntry, Project, ResectOptions, SectionEntry, ViewEntry
 from windmark.pipeline.results import ImageResult, RunResult, SectionValues, ViewImage
 from windmark.pipeline.views import frame_view, units_per_px
@@ -56,6 +57,7 @@ def run_project(project: Project, *, progress: Progress = silent, workers: int |
             {c.name: io.read_camera(c.file) for c in project.camera},
             _read_prior(project.register_.prior),
         )
+    _check_labels(inputs)
     if inputs.mesh is not None and not inputs.mesh.blocks and "plot3d" in (project.output.nodes or ()):
         raise io.FileError(project.path, "plot3d needs a grid of structured blocks, this one has none", "output.nodes")
     threads = min(len(project.image), workers or os.cpu_count() or 1)
@@ -81,6 +83,16 @@ def _read_prior(path: Path | None) -> Pose | None:
     return pose
 
 
+def _check_labels(inputs: _Inputs) -> None:
+    """Every label must be the name of a marker that takes part."""
+    for n, entry in enumerate(inputs.project.image):
+        names = set() if inputs.markers is None else set(inputs.markers.name.tolist())
+        for name in entry.labels:
+            if name not in names:
+                key = f"image[{n}].labels.{name}"
+                raise io.FileError(inputs.project.path, "is no marker of the table with the roles that take part", key)
+
+
 def _process(entry: ImageEntry, inputs: _Inputs, progress: Progress) -> ImageResult:
     """One image, from file to values. A failure that the data cause becomes ``problem``."""
     project = inputs.project
@@ -98,7 +110,7 @@ def _process(entry: ImageEntry, inputs: _Inputs, progress: Progress) -> ImageRes
                 raise io.FileError(source.file, 'has no pose; expected one, or pose = "find"')
             result = replace(result, cam_from_model=pose)
         else:
-            result = _register(replace(result, published=pose), image, inputs, clock)
+            result = _register(replace(result, published=pose), entry, image, inputs, clock)
         if result.cam_from_model is not None and inputs.mesh is not None:
             result = _map(result, image, inputs.mesh, project, clock)
     except ValueError as error:
@@ -106,7 +118,9 @@ def _process(entry: ImageEntry, inputs: _Inputs, progress: Progress) -> ImageRes
     return replace(result, seconds=clock.seconds)
 
 
-def _register(result: ImageResult, image: NDArray[np.generic], inputs: _Inputs, clock: Clock) -> ImageResult:
+def _register(
+    result: ImageResult, entry: ImageEntry, image: NDArray[np.generic], inputs: _Inputs, clock: Clock
+) -> ImageResult:
     """Detect and register one image."""
     options, wanted = inputs.project.detect, inputs.project.register_
     assert options is not None
@@ -130,6 +144,9 @@ def _register(result: ImageResult, image: NDArray[np.generic], inputs: _Inputs, 
             photometry=options.photometry,
             mask=mask,
         )
+    result = replace(result, detections=found)
+    fixed = fixed_spots(found, entry.labels, wanted.label_distance_px)
+    excluded = excluded_spots(found, entry.exclude, wanted.label_distance_px)
     with clock("register"):
         answer = registration.register(
             found,
@@ -138,13 +155,15 @@ def _register(result: ImageResult, image: NDArray[np.generic], inputs: _Inputs, 
             prior=inputs.prior,
             prior_max_angle_deg=wanted.prior_max_angle_deg,
             prior_max_scale=wanted.prior_max_scale,
+            fixed=fixed,
+            excluded=excluded,
             tolerance_px=wanted.tolerance_px,
             free_focal=wanted.free_focal,
             max_time_s=wanted.max_time_s,
             max_table_error=wanted.max_table_error,
             seed=wanted.seed,
         )
-    result = replace(result, detections=found, registration=answer)
+    result = replace(result, registration=answer)
     if not isinstance(answer, Registration):
         return replace(result, problem=f"not registered: {answer.reason}")
     result = replace(result, camera=answer.camera, cam_from_model=answer.cam_from_model)

@@ -16,6 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from windmark.io.errors import FileError, reading
 
 Vector = tuple[float, float, float]
+Place = tuple[float, float]
 Unit = Literal["in", "ft", "mm", "cm", "m"]
 NodeFormat = Literal["vtk", "tecplot", "plot3d", "csv", "netcdf"]
 Role = Literal["model", "wall", "primary", "secondary", "tap", "virtual", "fiducial"]
@@ -42,6 +43,8 @@ class ImageEntry(_Strict):
     """One image (or one page of a multipage TIFF).
 
     ``channel``: of a colour picture; grey is a weighted sum. ``bayer``: the file is a colour sensor's raw mosaic.
+    ``labels``: marker name -> (x, y) of its spot, which the registration must keep; ``exclude``: (x, y) of spots that
+    take no part. The spot nearest to such a place is meant, at most ``register.label_distance_px`` away.
     """
 
     file: Path
@@ -50,6 +53,8 @@ class ImageEntry(_Strict):
     page: Annotated[int, Field(ge=0)] = 0
     channel: Literal["grey", "red", "green", "blue"] = "grey"
     bayer: Literal["RGGB", "BGGR", "GRBG", "GBRG"] | None = None
+    labels: dict[str, Place] = Field(default_factory=dict)
+    exclude: tuple[Place, ...] = ()
 
     @property
     def label(self) -> str:
@@ -108,6 +113,7 @@ class RegisterOptions(_Strict):
     seed: int = 0
     max_time_s: Positive | None = None
     max_table_error: Positive = 0.025
+    label_distance_px: Positive = 10.0
 
 
 class ResectOptions(_Strict):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 
+from windmark.geometry._p3p_kernels import p3p_batch_kernel
 from windmark.registration._kernels.evidence import likelihood_ratio, log10_nfa
 from windmark.registration._kernels.growth import growth_kernel
 from windmark.registration._kernels.hypothesis import hypotheses_kernel
@@ -14,8 +15,8 @@ from windmark.registration._kernels.settle import settle_kernel
 from windmark.registration._kernels.symmetry import symmetries_kernel
 
 _KERNELS = (
-    likelihood_ratio, log10_nfa, growth_kernel, hypotheses_kernel, rivals_kernel, search_kernel, spot_quads_kernel,
-    table_kernel, settle_kernel, symmetries_kernel,
+    likelihood_ratio, log10_nfa, growth_kernel, hypotheses_kernel, p3p_batch_kernel, rivals_kernel, search_kernel,
+    spot_quads_kernel, table_kernel, settle_kernel, symmetries_kernel,
 )  # fmt: skip
 
 

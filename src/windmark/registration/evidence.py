@@ -58,5 +58,6 @@ def weigh(plane: Plane, detection: Ints, residual: Array, spread: Array, expecte
             continue
         r, density = residual[used], plane.picture(lead).density[detection[used]]
         score = max(score, likelihood_ratio(r, spread[used], density, expected))
-        nfa = min(nfa, log10_nfa(r, density, expected, len(plane.task.markers), lead, fixed, log_share))
+        share = log_share + plane.task.log_label_share(lead, fixed)
+        nfa = min(nfa, log10_nfa(r, density, expected, len(plane.task.markers), lead, fixed, share))
     return Evidence(score - float(np.log(len(plane.leads))), nfa + float(np.log10(len(plane.leads))))

@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from windmark.geometry import Camera, Pose
+from windmark.registration.labels import Fixed, fixed_pairs, used_spots
 from windmark.registration.result import NotRegistered, Registration
 from windmark.registration.task import Limits, Task
 from windmark.scene import Detections, MarkerSet
@@ -34,6 +35,8 @@ def register(
     prior: Pose | None = None,
     prior_max_angle_deg: float = 30.0,
     prior_max_scale: float = 1.3,
+    fixed: Fixed | None = None,
+    excluded: ArrayLike | None = None,
     free_focal: bool = False,
     focal_range: float = 1.5,
     max_focal_sigma: float = 0.05,
@@ -61,6 +64,9 @@ def register(
     prior : expected pose; solutions too far from it are rejected (AIAA 2005-5007, section III.C)
     prior_max_angle_deg : largest angle between the solution and the prior
     prior_max_scale : largest ratio of the scales of solution and prior, either way; > 1
+    fixed : labels that are known: spot index -> name or index of its marker. Every solution must have them; they decide
+        between solutions that are about equally good. Where the spots clearly say otherwise the result is a refusal
+    excluded : spots that take no part: indices, or a mask (M,)
     free_focal : solve for the focal length too. On flat markers seen frontally it is not determined: refused
     focal_range : with free_focal, focal lengths from 1 / focal_range to focal_range times the camera's are started
     max_focal_sigma : largest relative 1 sigma at which a free focal length counts as determined
@@ -100,7 +106,10 @@ def register(
     if layout is not None and not layout.is_of(markers):
         raise ValueError("register: layout must be prepared from the same markers; their coordinates or normals differ")
     options["prior"] = prior
-    usable = np.isfinite(camera.unproject(detections.xy)).all(axis=1)
+    usable = used_spots(np.asarray(np.isfinite(camera.unproject(detections.xy)).all(axis=1)), excluded)
+    pairs = fixed_pairs(fixed, detections, markers, usable)
+    options["fixed"] = {int(np.flatnonzero(usable)[s]): str(markers.name[m]) for s, m in pairs}
+    options["excluded"] = np.flatnonzero(~usable)
     xy, cov = detections.xy[usable], detections.cov[usable]
     refusal = _refuse_early(xy, cov, markers)
     if refusal is not None:
@@ -108,7 +117,7 @@ def register(
     options["tolerance_px"] = tolerance_px = tolerance_px or _default_tolerance(xy, camera)
     task = Task(
         markers, camera, xy, cov, tolerance_px, prior, float(np.radians(prior_max_angle_deg)), prior_max_scale,
-        tuple(np.geomspace(1 / focal_range, focal_range, FOCAL_STEPS)) if free_focal else (1.0,),
+        tuple(np.geomspace(1 / focal_range, focal_range, FOCAL_STEPS)) if free_focal else (1.0,), pairs,
     )  # fmt: skip
     from windmark.registration.solve import solve  # this brings numba; importing the verb should cost nothing
 

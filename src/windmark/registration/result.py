@@ -24,10 +24,13 @@ CAUSES = {
     "ambiguous": "two different solutions explain the spots about equally well",
     "focal": "the focal length is not determined by this view",
     "wrong_focal": "the given focal length does not fit",
+    "labels": "a fixed label contradicts what the spots show",
     "time": "the time limit came first",
 }
 """Every cause of a `NotRegistered`, in words."""
-Cause = Literal["too_few", "degenerate", "nothing", "weak", "misfit", "ambiguous", "focal", "wrong_focal", "time"]
+Cause = Literal[
+    "too_few", "degenerate", "nothing", "weak", "misfit", "ambiguous", "focal", "wrong_focal", "labels", "time"
+]  # fmt: skip
 
 
 @dataclass(frozen=True)

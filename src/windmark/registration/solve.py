@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from windmark.geometry import PARAMETERS, Camera
 from windmark.registration.budget import Budget
 from windmark.registration.result import NotRegistered, Registration
+from windmark.registration.search.fixed import FixedSearch
 from windmark.registration.search.layout import Layout
 from windmark.registration.search.plane import Plane
 from windmark.registration.search.quads import QuadSearch
@@ -37,15 +38,17 @@ def solve(
         layout.ready()
     budget = Budget(options["max_time_s"])
     plane = Plane(task, layout)
-    if options["method"] == "hash":
-        search: Search | QuadSearch = QuadSearch(plane, STOP_AT)
+    if task.fixed:
+        search: Search | QuadSearch = FixedSearch(plane, np.random.default_rng(options["seed"]), STOP_AT)
+    elif options["method"] == "hash":
+        search = QuadSearch(plane, STOP_AT)
     else:
         search = Search(plane, np.random.default_rng(options["seed"]))
     verdict, late = _judge(search, limits, options["max_hypotheses"], budget)
     if verdict.cause is None and verdict.best is not None:
         return _registration(plane, accepted(plane, verdict.best), verdict, search.links, index, options)
     cause, reason, best = verdict.cause or "nothing", verdict.reason, verdict.best
-    if cause == "time" or (late and cause not in ("ambiguous", "focal", "wrong_focal")):
+    if cause == "time" or (late and cause not in ("ambiguous", "focal", "wrong_focal", "labels")):
         cause, reason = "time", f"stopped after max_time_s = {options['max_time_s']:g} s; so far: {reason}"
     if best is None:
         return NotRegistered(reason, cause, n_hypotheses=search.links, options=options)
@@ -63,7 +66,7 @@ def _judge(search: Search | QuadSearch, limits: Limits, max_links: int, budget: 
             if verdict.cause is None:
                 return verdict, False
             judged = search.best
-            if verdict.cause in ("focal", "wrong_focal"):
+            if verdict.cause in ("focal", "wrong_focal", "labels"):
                 return verdict, False
             if verdict.cause == "ambiguous":
                 # Of two equally good solutions both may be wrong: search on, but not for long.

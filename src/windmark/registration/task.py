@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from math import lgamma
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,7 @@ class Task:
     prior_max_angle_rad : largest angle between a solution and the prior
     prior_max_scale : largest ratio (> 1) between the scale of a solution and of the prior
     focal_factors : focal lengths to try, relative to the camera's; more than one frees the focal length
+    fixed : pairs (spot, marker) that a solution must contain
     """
 
     markers: MarkerSet
@@ -37,6 +39,7 @@ class Task:
     prior_max_angle_rad: float = np.pi
     prior_max_scale: float = np.inf
     focal_factors: tuple[float, ...] = (1.0,)
+    fixed: tuple[tuple[int, int], ...] = ()
 
     @property
     def free_focal(self) -> bool:
@@ -55,6 +58,17 @@ class Task:
             return 1.0
         angle = min(self.prior_max_angle_rad, np.pi)
         return float((angle - np.sin(angle)) / np.pi * min(1.0, np.log10(self.prior_max_scale)))
+
+    def log_label_share(self, spots: int, pairs: int) -> float:
+        """Logarithm of the share of all ways to choose ``pairs`` pairs of markers and spots that the fixed ones leave."""
+        known = min(len(self.fixed), pairs)
+        return _log_choices(len(self.markers) - known, spots - known, pairs - known) - _log_choices(
+            len(self.markers), spots, pairs
+        )
+
+    def keeps(self, match: NDArray[np.int32]) -> bool:
+        """Whether (N,) spots of the markers contain all fixed pairs."""
+        return all(match[marker] == spot for spot, marker in self.fixed)
 
     def allows(self, pose: Pose, focal_px: float) -> bool:
         """Whether a pose is near enough to the prior in angle and scale (AIAA 2005-5007, section III.C)."""
@@ -87,6 +101,14 @@ class Limits:
     margin: float
     focal_sigma: float
     table_error: float
+
+
+def _log_choices(markers: int, spots: int, pairs: int) -> float:
+    """Logarithm of the number of ways to pair some of the markers with spots."""
+    if markers < pairs or spots < pairs:
+        return 0.0
+    ways = lgamma(markers + 1.0) - lgamma(markers - pairs + 1.0) - lgamma(pairs + 1.0)
+    return ways + lgamma(spots + 1.0) - lgamma(spots - pairs + 1.0)
 
 
 def with_focal(camera: Camera, focal_px: float) -> Camera:

@@ -11,7 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from windmark.registration.budget import Budget
+from windmark.registration.labels import contradiction
 from windmark.registration.result import Cause, RunnerUp
+from windmark.registration.search.fixed import FixedSearch
 from windmark.registration.search.pool import Candidate
 from windmark.registration.search.quads import QuadSearch
 from windmark.registration.search.ransac import Search
@@ -62,7 +64,9 @@ class Judge:
     def verdict(self) -> Verdict:
         """Look for rivals of the best candidate, refine the best few, and decide."""
         self._challenge()
-        solutions = self._solutions()
+        solutions = self._solutions(self._search.top(SETTLED))
+        if isinstance(self._search, FixedSearch) and (labels := self._contradicted(self._search, solutions)):
+            return labels
         if not solutions:
             return Verdict(
                 None, None, "nothing", f"no pose explains the neighbourhood of any three markers{self._hint()}"
@@ -83,23 +87,46 @@ class Judge:
             self._challenged.append(best)
             self._unchallenged = not self._search.rivals(best, lambda: self._budget.over)
 
-    def _solutions(self) -> list[Solution]:
-        """Distinct refined solutions, best first."""
-        candidates = self._search.top(SETTLED)
-        close = [c for c in candidates if c.score > candidates[0].score - WORTH_A_LOOK]
+    def _solutions(self, candidates: list[Candidate], *, labelled: bool = True) -> list[Solution]:
+        """Distinct refined solutions, best first; with the fixed labels, or (if not ``labelled``) any."""
+        close = [c for c in candidates if c.score > max(c.score for c in candidates) - WORTH_A_LOOK]
         for candidate in close:
             if candidate not in self._settled:
                 self._settled[candidate] = settle(self._plane, candidate)
-        found = [s for c in close if (s := self._settled[c]) is not None]
+        settled = [s for c in close if (s := self._settled[c]) is not None]
+        found = [s for s in settled if not labelled or self._task.keeps(s.state.match)]
         distinct: list[Solution] = []
         for solution in sorted(found, key=lambda s: -s.evidence.score):
             if not any(solution.same_as(better) for better in distinct):
                 distinct.append(solution)
         return distinct
 
+    def _contradicted(self, search: FixedSearch, kept: list[Solution]) -> Verdict | None:
+        """The verdict where a solution without the labels is clearly better than the best with them.
+
+        One that is about equally good is what labels are there to rule out.
+        """
+        candidates = [*search.top(SETTLED), *search.contradictions(SETTLED)]
+        others = [s for s in self._solutions(candidates, labelled=False) if not self._task.keeps(s.state.match)]
+        if not others:
+            return None
+        best, score = others[0], kept[0].evidence.score if kept else -np.inf
+        if best.evidence.score < score + self._limits.margin or not self._beyond_chance(best):
+            return None
+        having = f"{kept[0].count} of {kept[0].expected}" if kept else "no solution"
+        return Verdict(best, _runner_up(best, kept[0]) if kept else None, "labels", (
+            f"fixed labels contradict the spots: {best.count} of {best.expected} markers in view are matched without "
+            f"them, {having} with them; {contradiction(self._task, best)}"
+        ))  # fmt: skip
+
+    def _beyond_chance(self, best: Solution) -> bool:
+        return best.evidence.log10_nfa < self._limits.log10_nfa and best.evidence.score > self._limits.score
+
     def _refusal(self, best: Solution, runner_up: RunnerUp | None) -> tuple[Cause | None, str]:
         limits, evidence = self._limits, best.evidence
-        least = limits.score + float(np.log(self._task.prior_share))
+        # A label rules out all markers but one.
+        known = len(self._task.fixed) * float(np.log(len(self._task.markers)))
+        least = limits.score + float(np.log(self._task.prior_share)) - known
         if self._loose(best):
             sparse = 2 * best.count < best.expected
             least += max(LOOSE_AND_SPARSE if sparse else 0.0, MISSED * (best.expected - best.count))
@@ -172,6 +199,8 @@ class Judge:
             )
         if self._task.prior is not None:
             likely.append("a prior that is too far away")
+        if self._task.fixed:
+            likely.append("a wrong label")
         if not self._task.free_focal:
             likely.append("a wrong focal length (try free_focal)")
         likely.append("another model, or its table in another shape")
@@ -203,6 +232,6 @@ def _ambiguity(best: Solution, other: RunnerUp) -> str:
     more = f"make more of the {missing} missing markers visible" if missing else "add a marker that breaks the symmetry"
     return (
         f"two labellings are about equally good: {best.count} and {other.count} markers matched, poses {angle:.1f} "
-        f"degrees apart, lead {lead:.1f} nats; the layout is (nearly) symmetric or regular: give a prior pose, or "
-        f"{more}"
+        f"degrees apart, lead {lead:.1f} nats; the layout is (nearly) symmetric or regular: give a prior pose "
+        f"or the label of a spot, or {more}"
     )

@@ -140,8 +140,13 @@ class Search:
             batch.triplets, batch.turns, batch.anchors, batch.reach, self._focals,
         )  # fmt: skip
         self.links += int(links)
-        found, grown = min(int(found), ROOM), self._grown
-        growth_kernel(self.model, batch.picture, self._gates, self._hypotheses, found, grown)
+        self._grow(batch.picture, min(int(found), ROOM))
+        return int(links)
+
+    def _grow(self, picture: Picture, found: int) -> None:
+        """Grow the first ``found`` hypotheses and pool what becomes of them."""
+        grown = self._grown
+        growth_kernel(self.model, picture, self._gates, self._hypotheses, found, grown)
         # Best first, so that the many copies of one solution meet the best of them in the pool.
         for n in np.argsort(-grown.score[:found], kind="stable"):
             if grown.score[n] == -np.inf:
@@ -151,7 +156,6 @@ class Search:
             if self.task.allows(pose, focal):
                 match = grown.match[n].copy()
                 self.pool.add(Candidate(pose, focal, float(grown.score[n]), int(grown.matched[n]), match))
-        return int(links)
 
 
 def make_rules(plane: Plane) -> Rules:
