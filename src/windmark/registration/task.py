@@ -60,7 +60,7 @@ class Task:
         return float((angle - np.sin(angle)) / np.pi * min(1.0, np.log10(self.prior_max_scale)))
 
     def log_label_share(self, spots: int, pairs: int) -> float:
-        """Logarithm of the share of all ways to choose ``pairs`` pairs of markers and spots that the fixed ones leave."""
+        """Logarithm of the share of all ways to pair so many markers and spots that the fixed pairs leave."""
         known = min(len(self.fixed), pairs)
         return _log_choices(len(self.markers) - known, spots - known, pairs - known) - _log_choices(
             len(self.markers), spots, pairs
