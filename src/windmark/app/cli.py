@@ -15,6 +15,7 @@ from windmark.app.matching_options import (
     Label,
     Mask,
     MaxTime,
+    NoOcclusion,
     Prior,
     PriorMaxAngle,
     PriorMaxScale,
@@ -267,6 +268,7 @@ def align(
     prior_max_angle: PriorMaxAngle = 30.0,
     prior_max_scale: PriorMaxScale = 1.3,
     roles: Roles = None,
+    no_occlusion: NoOcclusion = False,
     max_time: MaxTime = None,
     mask: Mask = None,
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder of the results.")] = Path("aligned"),
@@ -288,7 +290,9 @@ def align(
             "markers": markers_settings(markers, roles or ROLES_ALIGN),
             "grid": {"file": grid},
             "detect": {"radius_px": tuple(radius) if radius else None, "polarity": polarity, "mask": mask},
-            "register": register_settings(seed, max_time, prior, prior_max_angle, prior_max_scale),
+            "register": register_settings(
+                seed, max_time, prior, prior_max_angle, prior_max_scale, occlusion=not no_occlusion
+            ),
             "align": {"reference": reference},
             "output": {"folder": output, "nodes": ()},
         }
@@ -333,13 +337,14 @@ def run(
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Folder instead of the project's own.")] = None,
     max_time: MaxTime = None,
     roles: Roles = None,
+    no_occlusion: NoOcclusion = False,
     as_json: Json = False,
 ) -> None:
     """The main job: from images to values on the grid, with pictures and one HTML report."""
     from windmark.app import verbs
 
     with console.errors(as_json):
-        verbs.run(project, output, as_json, max_time_s=max_time, roles=tuple(roles or ()))
+        verbs.run(project, output, as_json, max_time_s=max_time, roles=tuple(roles or ()), no_occlusion=no_occlusion)
 
 
 def main() -> None:

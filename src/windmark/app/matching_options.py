@@ -32,6 +32,9 @@ Exclude = Annotated[
     list[str] | None,
     typer.Option("--exclude", help="x,y: the spot there (within 10 px) takes no part; several times for several."),
 ]
+NoOcclusion = Annotated[
+    bool, typer.Option("--no-occlusion", help="Markers that the grid hides are expected and matched all the same.")
+]
 
 ROLES_ALIGN = ("model", "primary", "secondary")
 """What moves with the model."""

@@ -20,14 +20,22 @@ Record = dict[str, Any]
 
 
 def run(
-    path: Path, output: Path | None, as_json: bool, *, max_time_s: float | None = None, roles: tuple[str, ...] = ()
+    path: Path,
+    output: Path | None,
+    as_json: bool,
+    *,
+    max_time_s: float | None = None,
+    roles: tuple[str, ...] = (),
+    no_occlusion: bool = False,
 ) -> None:
     """The main job from a project file; what is given besides replaces the file's own."""
-    given: dict[str, dict[str, Any]] = {}
+    given: dict[str, dict[str, Any]] = {"register": {}}
     if output is not None:
         given["output"] = {"folder": output.resolve()}
     if max_time_s is not None:
-        given["register"] = {"max_time_s": max_time_s}
+        given["register"]["max_time_s"] = max_time_s
+    if no_occlusion:
+        given["register"]["occlusion"] = False
     if roles:
         given["markers"] = {"roles": roles}
     project = read_project(path, given)

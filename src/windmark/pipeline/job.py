@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -24,6 +24,10 @@ from windmark.resection import PixelMap
 from windmark.scene import MarkerSet, Mesh
 
 Array = NDArray[np.float64]
+
+UNDER_GRID = 2e-3
+"""A marker's table place may lie so far under the grid's flat triangles (of its diagonal); that does not hide it."""
+HIDDEN = resection.REASONS.index("hidden")
 
 
 @dataclass(frozen=True)
@@ -157,6 +161,7 @@ def _register(
             prior_max_scale=wanted.prior_max_scale,
             fixed=fixed,
             excluded=excluded,
+            visible=_sight(inputs.markers, inputs.mesh) if wanted.occlusion else None,
             tolerance_px=wanted.tolerance_px,
             free_focal=wanted.free_focal,
             max_time_s=wanted.max_time_s,
@@ -170,10 +175,23 @@ def _register(
     return replace(result, expected=_expected(inputs.markers, answer, inputs.mesh))
 
 
+def _sight(markers: MarkerSet, mesh: Mesh | None) -> Callable[[Pose, Camera], NDArray[np.bool_]] | None:
+    """What registration asks: which markers the grid does not hide."""
+    if mesh is None:
+        return None
+
+    def visible(cam_from_model: Pose, camera: Camera) -> NDArray[np.bool_]:
+        seen = resection.see_points(
+            markers.xyz, camera, cam_from_model, mesh=mesh, tolerance=UNDER_GRID * mesh.diagonal
+        )
+        return np.asarray(seen.reason != HIDDEN)
+
+    return visible
+
+
 def _expected(markers: MarkerSet, answer: Registration, mesh: Mesh | None) -> NDArray[np.int64]:
     """Markers that the camera must see: in the picture, facing it where the normal is known, not hidden by the grid."""
-    # A marker's table place may lie a little under the grid's flat triangles; that does not hide it.
-    tolerance = None if mesh is None else 2e-3 * mesh.diagonal
+    tolerance = None if mesh is None else UNDER_GRID * mesh.diagonal
     seen = resection.see_points(markers.xyz, answer.camera, answer.cam_from_model, mesh=mesh, tolerance=tolerance)
     sight = answer.cam_from_model.center - markers.xyz
     away = np.sum(sight * markers.normal, axis=1) <= 0

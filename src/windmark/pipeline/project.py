@@ -102,6 +102,7 @@ class DetectOptions(_Strict):
 class RegisterOptions(_Strict):
     """Options of `windmark.register`. ``prior``: a camera file whose pose the solution must be near to.
 
+    ``occlusion``: markers that the grid hides are neither expected nor matched.
     ``max_table_error``: as part of the distance between markers; larger for a deformed model or a rough table.
     """
 
@@ -114,6 +115,7 @@ class RegisterOptions(_Strict):
     max_time_s: Positive | None = None
     max_table_error: Positive = 0.025
     label_distance_px: Positive = 10.0
+    occlusion: bool = True
 
 
 class ResectOptions(_Strict):

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from windmark.geometry import Camera, Pose
 from windmark.registration.labels import Fixed, fixed_pairs, used_spots
 from windmark.registration.result import NotRegistered, Registration
-from windmark.registration.task import Limits, Task
+from windmark.registration.task import Limits, Task, Visible
 from windmark.scene import Detections, MarkerSet
 
 if TYPE_CHECKING:
@@ -37,6 +37,7 @@ def register(
     prior_max_scale: float = 1.3,
     fixed: Fixed | None = None,
     excluded: ArrayLike | None = None,
+    visible: Visible | None = None,
     free_focal: bool = False,
     focal_range: float = 1.5,
     max_focal_sigma: float = 0.05,
@@ -67,6 +68,8 @@ def register(
     fixed : labels that are known: spot index -> name or index of its marker. Every solution must have them; they decide
         between solutions that are about equally good. Where the spots clearly say otherwise the result is a refusal
     excluded : spots that take no part: indices, or a mask (M,)
+    visible : ``visible(cam_from_model, camera)`` says which markers nothing hides, (N,) bool, as a ray cast against the
+        model's mesh does. Hidden markers are not expected and cannot be matched
     free_focal : solve for the focal length too. On flat markers seen frontally it is not determined: refused
     focal_range : with free_focal, focal lengths from 1 / focal_range to focal_range times the camera's are started
     max_focal_sigma : largest relative 1 sigma at which a free focal length counts as determined
@@ -76,8 +79,8 @@ def register(
         "ransac" is the paper's search with the changes listed in `registration.search.ransac`
     layout : `prepare(markers)`, to save its milliseconds when many images are registered with the same markers
     max_hypotheses : links of three markers to three spots to try before giving up
-    max_time_s : CPU time after which the search gives up, without that for the ``layout``; None takes 0.2 s for "hash"
-        and 20 s for "ransac". The result depends on the machine only if it strikes
+    max_time_s : CPU time after which the search gives up, without that for the ``layout`` and ``visible``; None takes
+        0.2 s for "hash" and 20 s for "ransac". The result depends on the machine only if it strikes
     max_log10_nfa, min_score, min_margin : limits of acceptance, see `registration.task.Limits`
     max_table_error : markers that are farther off their table (1 sigma per coordinate beyond its sigma, as part of the
         distance to the nearest other marker) are those of another model of the same design. Larger for a deformed model
@@ -105,7 +108,7 @@ def register(
     _check_options(options, prior)
     if layout is not None and not layout.is_of(markers):
         raise ValueError("register: layout must be prepared from the same markers; their coordinates or normals differ")
-    options["prior"] = prior
+    options["prior"], options["occlusion"] = prior, visible is not None
     usable = used_spots(np.asarray(np.isfinite(camera.unproject(detections.xy)).all(axis=1)), excluded)
     pairs = fixed_pairs(fixed, detections, markers, usable)
     options["fixed"] = {int(np.flatnonzero(usable)[s]): str(markers.name[m]) for s, m in pairs}
@@ -118,6 +121,7 @@ def register(
     task = Task(
         markers, camera, xy, cov, tolerance_px, prior, float(np.radians(prior_max_angle_deg)), prior_max_scale,
         tuple(np.geomspace(1 / focal_range, focal_range, FOCAL_STEPS)) if free_focal else (1.0,), pairs,
+        visible,
     )  # fmt: skip
     from windmark.registration.solve import solve  # this brings numba; importing the verb should cost nothing
 

@@ -25,6 +25,7 @@ from windmark.registration._kernels.fit import (
     ITERATIONS,
     MISFIT,
     Fit,
+    Markers,
     State,
     state_of,
 )
@@ -39,6 +40,8 @@ Ints = NDArray[np.int64]
 SAME_SHARE, SAME_ANGLE, SAME_DISTANCE2 = 0.6, float(np.radians(3.0)), 36.0
 """Two solutions are one if more than this share of the pairs is, and the poses agree."""
 
+HIDING_ROUNDS = 3
+"""How often what hides what is asked again from a better pose."""
 FREED_SIGMA = 0.3
 """Relative 1 sigma of a given focal length that is doubted."""
 
@@ -55,8 +58,9 @@ class Solution:
     excess_px : 1 sigma per coordinate of the misfit that the given covariances do not explain
     misfit_px : 1 sigma per coordinate of the residuals, by the redundancy
     evidence : how much it is worth
-    state, change : the kernels' view of it, and (6, 6) or (7, 7) derivative of [rotation, translation, focal length]
-        by the kernels' parameters
+    markers : the kernels' view of the markers; those that something hides are turned away from the camera
+    state, change : the kernels' view of the solution, and (6, 6) or (7, 7) derivative of [rotation, translation, focal
+        length] by the kernels' parameters
     """
 
     cam_from_model: Pose
@@ -67,6 +71,7 @@ class Solution:
     excess_px: float
     misfit_px: float
     evidence: Evidence
+    markers: Markers
     state: State
     change: Array
 
@@ -113,17 +118,44 @@ def settle(plane: Plane, candidate: Candidate) -> Solution | None:
     """Refine a candidate to a fixed point of labelling; None where it falls apart or leaves the prior."""
     rotation, translation = plane.frame.unit(candidate.cam_from_model)
     state = state_of(rotation, translation, candidate.focal_px, candidate.match)
-    if settle_kernel(plane.markers, plane.spots, plane.fit, state) != STEADY:
+    markers = _settled(plane, plane.fit, state)
+    if markers is None:
         return None
-    solution = _solution(plane, state, plane.fit)
+    solution = _solution(plane, markers, state, plane.fit)
     return solution if plane.task.allows(solution.cam_from_model, solution.focal_px) else None
+
+
+def _settled(plane: Plane, fit: Fit, state: State) -> Markers | None:
+    """Settle a state, with what hides what; the markers as they were seen, None where it falls apart.
+
+    What is hidden depends on the pose and the pose on what is matched; it comes to rest at once but for markers
+    on a silhouette, which stay as the last pose has them.
+    """
+    if settle_kernel(plane.markers, plane.spots, fit, state) != STEADY:
+        return None
+    markers, before = plane.markers, np.zeros(len(state.match), dtype=bool)
+    for _ in range(HIDING_ROUNDS):
+        pose = plane.frame.pose(state.rotation.copy(), state.translation.copy())
+        hidden = plane.task.hidden(pose, float(state.numbers[FOCAL]))
+        if (hidden == before).all():
+            break
+        before = hidden
+        # A marker that faces away is neither matched nor missed, and that is what hidden means.
+        from_eye = plane.markers.xyz + state.rotation.T @ state.translation
+        normal = np.where(hidden[:, None], from_eye, plane.markers.normal)
+        markers = plane.markers._replace(normal=np.ascontiguousarray(normal))
+        state.match[hidden] = -1
+        if settle_kernel(markers, plane.spots, fit, state) != STEADY:
+            return None
+    return markers
 
 
 def with_free_focal(plane: Plane, solution: Solution) -> Solution | None:
     """The solution as it would be with an unknown focal length; None where it falls apart."""
     fit = plane.fit._replace(focal_weight=FREED_SIGMA**-2)
     state = copy.deepcopy(solution.state)
-    return _solution(plane, state, fit) if settle_kernel(plane.markers, plane.spots, fit, state) == STEADY else None
+    markers = _settled(plane, fit, state)
+    return None if markers is None else _solution(plane, markers, state, fit)
 
 
 def accepted(plane: Plane, solution: Solution) -> Solution:
@@ -145,7 +177,7 @@ def accepted(plane: Plane, solution: Solution) -> Solution:
     )
 
 
-def _solution(plane: Plane, state: State, fit: Fit) -> Solution:
+def _solution(plane: Plane, markers: Markers, state: State, fit: Fit) -> Solution:
     numbers = state.numbers
     marker = np.flatnonzero(state.match >= 0)
     detection = state.match[marker].astype(np.int64)
@@ -159,6 +191,7 @@ def _solution(plane: Plane, state: State, fit: Fit) -> Solution:
         excess_px=float(np.sqrt(numbers[EXCESS])),
         misfit_px=float(np.sqrt(numbers[MISFIT])),
         evidence=weigh(plane, detection, state.residual[marker], state.spread[marker], expected),
+        markers=markers,
         state=state,
         change=_change(plane, state, fit),
     )

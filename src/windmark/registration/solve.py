@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -37,6 +38,7 @@ def solve(
     if options["method"] == "hash":
         layout.ready()
     budget = Budget(options["max_time_s"])
+    task = replace(task, visible=budget.without(task.visible))
     plane = Plane(task, layout)
     if task.fixed:
         search: Search | QuadSearch = FixedSearch(plane, np.random.default_rng(options["seed"]), STOP_AT)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import lgamma
 
@@ -12,6 +13,13 @@ from windmark.geometry import Camera, Pose
 from windmark.scene import MarkerSet
 
 Array = NDArray[np.float64]
+
+
+Visible = Callable[[Pose, Camera], NDArray[np.bool_]]
+"""``visible(cam_from_model, camera)`` says which of the N markers nothing hides from there: (N,) bool.
+
+It need not know about the image's border or about normals. It is asked for few poses, those of the best solutions.
+"""
 
 
 @dataclass(frozen=True)
@@ -28,6 +36,7 @@ class Task:
     prior_max_scale : largest ratio (> 1) between the scale of a solution and of the prior
     focal_factors : focal lengths to try, relative to the camera's; more than one frees the focal length
     fixed : pairs (spot, marker) that a solution must contain
+    visible : what hides what, or None
     """
 
     markers: MarkerSet
@@ -40,6 +49,7 @@ class Task:
     prior_max_scale: float = np.inf
     focal_factors: tuple[float, ...] = (1.0,)
     fixed: tuple[tuple[int, int], ...] = ()
+    visible: Visible | None = None
 
     @property
     def free_focal(self) -> bool:
@@ -69,6 +79,17 @@ class Task:
     def keeps(self, match: NDArray[np.int32]) -> bool:
         """Whether (N,) spots of the markers contain all fixed pairs."""
         return all(match[marker] == spot for spot, marker in self.fixed)
+
+    def hidden(self, pose: Pose, focal_px: float) -> NDArray[np.bool_]:
+        """(N,) markers that something hides."""
+        if self.visible is None:
+            return np.zeros(len(self.markers), dtype=bool)
+        seen = np.asarray(self.visible(pose, with_focal(self.camera, focal_px)))
+        if seen.dtype != bool or seen.shape != (len(self.markers),):
+            raise ValueError(
+                f"register: visible must return ({len(self.markers)},) bool, got {seen.dtype} {seen.shape}"
+            )
+        return ~seen
 
     def allows(self, pose: Pose, focal_px: float) -> bool:
         """Whether a pose is near enough to the prior in angle and scale (AIAA 2005-5007, section III.C)."""

@@ -201,6 +201,8 @@ class Judge:
             likely.append("a prior that is too far away")
         if self._task.fixed:
             likely.append("a wrong label")
+        if self._task.visible is not None:
+            likely.append("a grid that does not fit the markers and hides them (try without occlusion)")
         if not self._task.free_focal:
             likely.append("a wrong focal length (try free_focal)")
         likely.append("another model, or its table in another shape")

@@ -112,7 +112,7 @@ class FixedSearch(Search):
             self._take(*start)
 
     def _take(self, pose: Pose, focal: float) -> None:
-        """The labels alone as a candidate worth a verdict: growth gives up where few of the markers in view are seen."""
+        """The labels alone as a candidate worth a verdict: growth gives up where most markers are missing."""
         match = np.full(len(self.model.xyz), -1, dtype=np.int32)
         match[self._markers] = self._spots
         whole = self.plane.frame.pose(pose.rotation, pose.translation)
