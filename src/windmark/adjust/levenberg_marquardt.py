@@ -19,6 +19,8 @@ from windmark.adjust.report import SolveReport
 Array = NDArray[np.float64]
 
 _MAX_DAMPING = 1e12
+_DOUBT = 100.0
+"""A damped step so many times the smallest one may stand for an undamped one that is smaller still."""
 
 
 class System(Protocol):
@@ -86,13 +88,11 @@ def minimise(problem: Solvable, start: Any, options: SolveOptions | None = None)
     damping, growth = options.initial_damping, 2.0
     reason, iteration, evaluations = "max_iterations", 0, 1
     while iteration < options.max_iterations:
-        newton = system.solve(0.0)
-        at_minimum = _at_minimum(newton, options)
-        if at_minimum:
+        step = system.solve(damping)
+        if at_minimum := _at_minimum(system, step, options):
             reason = at_minimum
             break
         iteration += 1
-        step = system.solve(damping)
         trial_values = None if step is None else problem.retract(values, step.delta)
         trial = None if trial_values is None else problem.linearise(trial_values)
         evaluations += trial_values is not None
@@ -124,10 +124,22 @@ def minimise(problem: Solvable, start: Any, options: SolveOptions | None = None)
     return values, system, report
 
 
-def _at_minimum(newton: Step | None, options: SolveOptions) -> str:
-    """The reason to stop here, or an empty text. Judged on the undamped step: damping hides weak directions."""
+def _at_minimum(system: System, step: Step | None, options: SolveOptions) -> str:
+    """The reason to stop here, or an empty text.
+
+    Judged on the undamped step: damping hides weak directions. It promises at least the decrease of the damped one,
+    so it is asked for only where that is small.
+    """
+    if step is not None and _decrement(step) > options.gradient_tol and step.size > _DOUBT * options.step_tol:
+        return ""
+    newton = system.solve(0.0)
     if newton is None:
         return ""
-    if np.sqrt(max(2 * newton.decrease, 0.0)) <= options.gradient_tol:
+    if _decrement(newton) <= options.gradient_tol:
         return "converged_gradient"
     return "converged_step" if newton.size <= options.step_tol else ""
+
+
+def _decrement(step: Step) -> float:
+    """Newton's decrement: the distance of the minimum in units of the estimate's sigma."""
+    return float(np.sqrt(max(2 * step.decrease, 0.0)))

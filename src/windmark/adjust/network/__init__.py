@@ -1,0 +1,7 @@
+"""Many views adjusted at once: shared cameras, poses, rigs, free points; solved with a Schur complement."""
+
+from windmark.adjust.network.model import Bars, Network
+from windmark.adjust.network.problem import NetworkProblem
+from windmark.adjust.network.state import NetworkState
+
+__all__ = ["Bars", "Network", "NetworkProblem", "NetworkState"]

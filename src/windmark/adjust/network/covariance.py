@@ -1,0 +1,83 @@
+"""Covariances of an adjusted network, marginal over everything else, in any datum.
+
+With the factors of the Schur complement, Cov_dd = S^-1 and Cov_ee = L^-T (1 + Y Y^T) L^-1 with Y = W L_S^-T: all points
+for one triangular solve. The free motions are held by the dense parameters there; another datum is another choice of
+what does not move, and covariances go over by an S-transformation (Baarda 1973; Teunissen 1985).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import blas, lapack
+
+from windmark.adjust.network.linear import single_thread
+from windmark.geometry import DegenerateGeometry
+
+if TYPE_CHECKING:
+    from windmark.adjust.network.equations import NetworkEquations
+    from windmark.adjust.network.layout import Layout
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class NetworkCovariance:
+    """Covariance of the natural parameters of a network, the free motions held in some datum.
+
+    Parameters
+    ----------
+    dense : (D, D) of the dense parameters
+    blocks : (E, b, b) of the eliminated ones
+    own : (E, b, b) H_ee^-1, what remains of that when the dense parameters are known
+    half : (E b, D) H_ee^-1 H_ed: minus the derivative of the eliminated parameters by the dense ones
+    motions : (D + E b, g) the free motions
+    layout : numbering of the parameters
+    """
+
+    dense: Array
+    blocks: Array
+    own: Array
+    half: Array
+    motions: Array
+    layout: Layout
+
+    def product(self, vectors: Array) -> Array:
+        """Covariance times (D + E b, k)."""
+        d, (e, b) = len(self.dense), self.blocks.shape[:2]
+        top, low = vectors[:d], vectors[d:]
+        upper = self.dense @ (top - self.half.T @ low)
+        inner = (self.own @ low.reshape(e, b, -1)).reshape(e * b, -1)
+        return np.concatenate([upper, inner - self.half @ upper])
+
+
+def network_covariance(system: NetworkEquations, layout: Layout) -> NetworkCovariance:
+    """Covariance at the minimum.
+
+    Raises
+    ------
+    DegenerateGeometry
+        When a direction other than the free motions is not determined at all.
+    """
+    with single_thread(len(system.g_d)):
+        factored = system.factor(0.0)
+        if factored is None:
+            raise DegenerateGeometry("the observations do not determine all free parameters", ())
+        lower, w, _, s = factored
+        e, b = lower.shape[:2]
+        # The factor is column-major and lower: Y^T = L_S^-1 W^T.
+        y = blas.dtrsm(1.0, s, w.T, side=0, lower=1) if w.size else w.T
+        dense = lapack.dpotri(s, lower=1)[0] if s.size else s
+    dense = np.tril(dense) + np.tril(dense, -1).T
+    inverse = np.linalg.inv(np.tril(lower))
+    rows = np.ascontiguousarray(y.T).reshape(e, b, -1)
+    inner = np.eye(b) + rows @ rows.transpose(0, 2, 1)
+    blocks = inverse.transpose(0, 2, 1) @ inner @ inverse
+    half = (inverse.transpose(0, 2, 1) @ w.reshape(e, b, -1)).reshape(e * b, -1)
+    motions = np.concatenate([system.gauge.dense, system.gauge.blocks])
+    own = inverse.transpose(0, 2, 1) @ inverse
+    return NetworkCovariance(np.asarray(dense), blocks, own, half, motions, layout)

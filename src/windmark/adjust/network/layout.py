@@ -1,0 +1,125 @@
+"""Where the free parameters of a network stand: dense columns, eliminated blocks, natural units."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.adjust.blocks import POSE_PARAMETERS, CameraBlock
+from windmark.adjust.network._arrays import Columns, Units
+from windmark.adjust.network.model import Network
+from windmark.adjust.network.state import NetworkState
+from windmark.geometry import PARAMETERS
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Numbering of the free parameters.
+
+    Parameters
+    ----------
+    columns : dense columns and eliminated blocks
+    dense : number of dense columns D
+    blocks, size : number and size of the eliminated blocks
+    names : (D,) names of the dense parameters
+    center, unit : (3,), float: centroid of the points and their root mean square distance from it
+    """
+
+    columns: Columns
+    dense: int
+    blocks: int
+    size: int
+    names: tuple[str, ...]
+    center: Array
+    unit: float
+
+    @property
+    def points_eliminated(self) -> bool:
+        """Whether the eliminated blocks are points (or frames)."""
+        return self.size == 3
+
+
+_EVERY = CameraBlock(PARAMETERS)
+
+
+def make_layout(network: Network, state: NetworkState) -> Layout:
+    """Number the parameters; what nothing observes and nothing else holds gets no number."""
+    barred = np.zeros(len(network.held), bool)
+    barred[network.bars.first] = barred[network.bars.second] = True
+    point = network.used_point & ~network.held.all(axis=1)
+    frame = network.used_frame & network.free_frame
+    away = network.eliminate
+    if away == "auto":
+        away = "points" if 3 * int((point & ~barred).sum()) >= 6 * int(frame.sum()) else "frames"
+    count, names = 0, []
+    camera = np.full((len(network.free_camera), 11), -1)
+    for c, free in enumerate(network.free_camera):
+        for name in (p for p in PARAMETERS if p in free):
+            camera[c, PARAMETERS.index(name)] = count
+            names.append(f"camera {c} {name}")
+            count += 1
+
+    def number(free: NDArray[np.bool_], what: str, parts: tuple[str, ...]) -> Ints:
+        nonlocal count
+        out = np.full(len(free), -1)
+        for i in np.flatnonzero(free):
+            out[i] = count
+            names.extend(f"{what} {i} {part}" for part in parts)
+            count += len(parts)
+        return out
+
+    offset = number(network.free_offset, "offset", POSE_PARAMETERS)
+    dense_frame = frame if away == "points" else np.zeros_like(frame)
+    dense_point = point & barred if away == "points" else point
+    frame_column = number(dense_frame, "frame", POSE_PARAMETERS)
+    focal = number(_both(network.free_focal, network.used_view), "focal", ("change",))
+    point_column = number(dense_point, "point", ("x", "y", "z"))
+    columns = Columns(
+        camera, offset, frame_column, focal, point_column,
+        _blocks(frame & ~dense_frame), _blocks(point & ~dense_point), np.ascontiguousarray(network.held),
+    )  # fmt: skip
+    blocks, size = (point & ~dense_point, 3) if away == "points" else (frame & ~dense_frame, 6)
+    used = state.points[network.used_point]
+    center = used.mean(axis=0)
+    unit = float(np.sqrt(((used - center) ** 2).sum(axis=1).mean())) or 1.0
+    return Layout(columns, count, int(blocks.sum()), size, tuple(names), center, unit)
+
+
+def _both(free: NDArray[np.bool_] | None, used: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    return np.zeros_like(used) if free is None else free & used
+
+
+def _blocks(free: NDArray[np.bool_]) -> Ints:
+    return np.where(free, np.cumsum(free) - 1, -1)
+
+
+def natural_units(network: Network, layout: Layout, state: NetworkState) -> Units:
+    """Natural units at a state: see `blocks`; a rotation of a frame turns about the points' centroid."""
+    camera = np.stack([np.diagonal(_EVERY.natural(c)) for c in state.cameras])
+    frame_pivot = state.frames.rotation @ layout.center + state.frames.translation
+    if state.offsets is None:
+        offset_pivot = np.zeros((0, 3))
+    else:
+        # A member sees the scene from many frames: the mean place of the centroid.
+        offset_pivot = np.stack(
+            [
+                state.offsets.rotation[a] @ frame_pivot[network.view_frame[network.view_offset == a]].mean(axis=0)
+                + state.offsets.translation[a]
+                if (network.view_offset == a).any()
+                else state.offsets.translation[a]
+                for a in range(len(state.offsets.translation))
+            ]
+        )
+    return Units(
+        camera, frame_pivot, _length(frame_pivot, layout.unit), offset_pivot, _length(offset_pivot, layout.unit),
+        layout.unit,
+    )  # fmt: skip
+
+
+def _length(vectors: Array, least: float) -> Array:
+    return np.maximum(np.sqrt((vectors**2).sum(axis=1)), least)

@@ -1,0 +1,32 @@
+"""The values of a network: cameras, poses, points."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.geometry import Camera, Pose
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class NetworkState:
+    """One point of the parameter space; also what an adjusted network is.
+
+    Parameters
+    ----------
+    cameras : C cameras
+    frames : batch of F poses, ``rig_from_model`` (``cam_from_model`` where there is no rig)
+    points : (N, 3)
+    offsets : batch of A poses ``cam_from_rig``; None without a rig
+    focal_change : (V,) relative change of the focal length of each view, or None for none
+    """
+
+    cameras: tuple[Camera, ...]
+    frames: Pose
+    points: Array
+    offsets: Pose | None = None
+    focal_change: Array | None = None

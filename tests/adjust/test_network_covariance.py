@@ -1,0 +1,145 @@
+"""Covariances of networks: against the whole matrix, between datums, and against the scatter of many solutions."""
+
+from dataclasses import replace
+
+import networks
+import numpy as np
+import pytest
+
+from windmark.adjust.levenberg_marquardt import minimise
+from windmark.adjust.network import NetworkProblem
+from windmark.adjust.network.covariance import network_covariance
+from windmark.adjust.network.datum import in_datum
+from windmark.geometry import DegenerateGeometry, Pose
+from windmark.geometry.similarity import align
+
+
+def solved(case):
+    problem = NetworkProblem(case.network, case.start)
+    values, system, report = minimise(problem, case.start)
+    assert report.converged
+    return problem, values, system
+
+
+def whole(system):
+    """The information matrix and the free motions of all parameters."""
+    d = len(system.g_d)
+    out = np.zeros((d + len(system.g_e),) * 2)
+    out[:d, :d] = np.triu(system.h_dd) + np.triu(system.h_dd, 1).T
+    out[d:, :d], out[:d, d:] = system.h_ed, system.h_ed.T
+    size = system.h_ee.shape[1]
+    for e, block in enumerate(system.h_ee):
+        s = slice(d + e * size, d + (e + 1) * size)
+        out[s, s] = block
+    return out, np.concatenate([system.gauge.dense, system.gauge.blocks])
+
+
+def inner(information, motions, condition):
+    """Covariance under condition^T dx = 0, by the bordered matrix."""
+    n, g = motions.shape
+    border = np.zeros((n + g, n + g))
+    border[:n, :n], border[:n, n:], border[n:, :n] = information, condition, condition.T
+    return np.linalg.inv(border)[:n, :n]
+
+
+@pytest.mark.parametrize("away", ["points", "frames"])
+def test_any_datum_is_that_of_the_bordered_matrix(away):
+    case = networks.make(11, points=15, eliminate=away)
+    problem, _, system = solved(case)
+    cov = network_covariance(system, problem.layout)
+    information, motions = whole(system)
+    lay = problem.layout
+    for points in (None, np.arange(15) % 3 == 0):
+        datum = in_datum(cov, points)
+        condition = np.zeros_like(motions)
+        for p in range(15) if points is None else np.flatnonzero(points):
+            at = lay.dense + 3 * lay.columns.point_block[p] if away == "points" else lay.columns.point[p]
+            condition[at : at + 3] = motions[at : at + 3]
+        expected = inner(information, motions, condition)
+        got = datum.points()
+        for p in range(15):
+            at = lay.dense + 3 * lay.columns.point_block[p] if away == "points" else lay.columns.point[p]
+            want = expected[at : at + 3, at : at + 3] * lay.unit**2
+            np.testing.assert_allclose(got[p], want, rtol=2e-4, atol=1e-6 * np.abs(want).max())
+        d = lay.dense
+        np.testing.assert_allclose(datum.dense(), expected[:d, :d], rtol=1e-3, atol=1e-6 * np.abs(expected).max())
+
+
+def test_interior_parameters_are_the_same_in_every_datum():
+    case = networks.make(12)
+    problem, _, system = solved(case)
+    cov = network_covariance(system, problem.layout)
+    some = in_datum(cov, np.arange(25) < 6).dense()[:8, :8]
+    np.testing.assert_allclose(in_datum(cov).dense()[:8, :8], some, rtol=1e-6)
+    np.testing.assert_allclose(cov.dense[:8, :8], some, rtol=1e-6)
+
+
+def test_points_of_the_datum_are_the_best_known():
+    case = networks.make(13)
+    problem, _, system = solved(case)
+    cov = network_covariance(system, problem.layout)
+    every, few = in_datum(cov).points(), in_datum(cov, np.arange(25) < 4).points()
+    trace = [np.trace(c, axis1=1, axis2=2).sum() for c in (every, few)]
+    assert trace[0] < trace[1]
+    assert np.trace(few[:4], axis1=1, axis2=2).sum() < np.trace(every[:4], axis1=1, axis2=2).sum()
+
+
+def test_held_coordinates_have_no_variance_and_the_others_all():
+    case = networks.make(14)
+    held = np.zeros((25, 3), bool)
+    held[:3], held[3, 2] = True, True
+    network = replace(case.network, held=held)
+    start = replace(case.start, points=np.where(held, case.truth.points, case.start.points))
+    problem, values, system = solved(networks.Case(network, case.truth, start))
+    assert (values.points[held] == case.truth.points[held]).all()
+    cov = in_datum(network_covariance(system, problem.layout)).points()
+    sigma = np.sqrt(np.diagonal(cov, axis1=1, axis2=2))
+    assert (sigma[held] == 0).all()
+    assert (sigma[~held] > 0).all()
+
+
+@pytest.mark.parametrize("away", ["points", "frames"])
+def test_scatter_of_many_solutions_is_the_covariance(away):
+    """Aligned to the truth (inner constraints over all points), 150 solutions; chi-square per point and interior."""
+    case = networks.make(15, points=20, views=8, noise=0.1, eliminate=away)
+    net, rng = case.network, np.random.default_rng(0)
+    exact, _ = networks.project(case.truth, net.view_frame, net.view_offset, net.view_camera, net.view, net.point)
+    at_points, at_lens = [], []
+    for _ in range(150):
+        noisy = replace(net, xy=exact + rng.normal(0, 0.1, exact.shape))
+        problem = NetworkProblem(noisy, case.truth)
+        values, system, _ = minimise(problem, case.truth)
+        cov = network_covariance(system, problem.layout)
+        moved = align(values.points, case.truth.points).apply(values.points) - case.truth.points
+        at_points.append(np.einsum("ni,nij,nj->n", moved, np.linalg.inv(in_datum(cov).points()), moved))
+        units = problem.units(values).camera[0][:8]
+        change = (values.cameras[0].parameters() - case.truth.cameras[0].parameters())[:8] / units
+        at_lens.append(change @ np.linalg.solve(cov.dense[:8, :8], change))
+    assert np.mean(at_points) == pytest.approx(3.0, rel=0.07)
+    assert np.mean(at_lens) == pytest.approx(8.0, rel=0.09)
+
+
+def test_pictures_from_one_place_are_refused():
+    case = networks.make(16)
+    rotation = case.truth.frames.rotation
+    place = np.broadcast_to(np.array([0.0, 0.0, 1300.0]), (8, 3))
+    turned = Pose(rotation, -(rotation @ place[..., None])[..., 0])
+    truth = replace(case.truth, frames=turned)
+    net = case.network
+    v, p = np.divmod(np.arange(8 * 25), 25)
+    xy, inside = networks.project(truth, net.view_frame, net.view_offset, net.view_camera, v, p)
+    network = replace(
+        net, view=v[inside], point=p[inside], xy=xy[inside],
+        cov=np.broadcast_to(0.01 * np.eye(2), (int(inside.sum()), 2, 2)).copy(), free_camera=(("focal_px",),),
+    )  # fmt: skip
+    problem = NetworkProblem(network, truth)
+    system = problem.linearise(truth)
+    with pytest.raises(DegenerateGeometry):
+        network_covariance(system, problem.layout)
+
+
+def test_a_datum_on_a_line_is_refused():
+    case = networks.make(17)
+    problem, _, system = solved(case)
+    with pytest.raises(DegenerateGeometry, match="three"):
+        in_datum(network_covariance(system, problem.layout), np.arange(25) < 2)
