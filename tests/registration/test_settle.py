@@ -149,7 +149,7 @@ def test_accepted_excess_is_by_the_residuals_alone():
     scene = curved_scene(6)
     plane = plane_of(scene)
     solution = settle(plane, candidate_of(scene))
-    final = accepted(plane, solution)
+    final = accepted(plane, solution, plane.spots)
     assert final.excess_px <= solution.excess_px
     assert (np.diag(final.cov) <= np.diag(solution.cov) * (1 + 1e-9)).all()
     np.testing.assert_array_equal(final.state.match, solution.state.match)

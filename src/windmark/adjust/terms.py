@@ -145,6 +145,44 @@ class Prior:
         return Linearised(residual, {self.name: (derivative[rows] * weight[:, None])[:, None, :]})
 
 
+@dataclass(frozen=True)
+class JointPrior:
+    """Gaussian knowledge of several parameters of one block, with their correlations.
+
+    Parameters
+    ----------
+    name : the block's name
+    block : the block
+    reference : value about which the prior is centred
+    rows : (m,) which of the block's parameters
+    whitener : (m, m) with ``whitener^T whitener = cov^-1``
+    """
+
+    name: str
+    block: Block
+    reference: Any
+    rows: Sequence[int]
+    whitener: Array
+    loss: Loss = field(default=NO_LOSS, init=False)
+
+    @property
+    def blocks(self) -> tuple[str, ...]:
+        """See `Term`."""
+        return (self.name,)
+
+    def residual(self, values: Values) -> Array:
+        """See `Term`; (m, 1)."""
+        return self.linearise(values).residual
+
+    def linearise(self, values: Values) -> Linearised:
+        """See `Term`."""
+        difference, derivative = self.block.difference(values[self.name], self.reference)
+        rows = list(self.rows)
+        return Linearised(
+            (self.whitener @ difference[rows])[:, None], {self.name: (self.whitener @ derivative[rows])[:, None, :]}
+        )
+
+
 def whitener(cov: ArrayLike, n: int) -> Array:
     """(n, 2, 2) inverse Cholesky factors of observation covariances.
 

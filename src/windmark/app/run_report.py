@@ -168,6 +168,11 @@ def _pose_table(report: Report, item: ImageResult, answer: Registration, unit: s
         f" {answer.report.iterations} iterations, stopped: {answer.report.reason}.",
         "soft",
     )
+    for weak in answer.weak:
+        report.text(
+            f"Weakly determined: {weak.words(unit)}. The markers may move {weak.ratio:.0f} times as far this way as"
+            " across the image before their spots tell."
+        )
     if item.published is not None:
         off = pose_difference(answer.cam_from_model, item.published)
         report.text(

@@ -97,6 +97,7 @@ def image_line(item: ImageResult, result: RunResult) -> str:
             f"{len(answer.matching)} of {len(item.detections or ())} spots are markers,"
             f" RMS {answer.rms_px:.3f} px, log10(NFA) {answer.log10_nfa:.0f}"
         )
+        parts.extend(f"weak {weak.words(result.project.length_unit)}" for weak in answer.weak)
     if item.values is not None and result.mesh is not None:
         parts.append(f"values on {int((item.values == item.values).sum())} of {len(item.values)} nodes")
     return f"{item.name}: " + "; ".join(parts)

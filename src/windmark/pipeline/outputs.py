@@ -14,7 +14,7 @@ from windmark import io
 from windmark.geometry import Pose
 from windmark.pipeline.clock import Clock
 from windmark.pipeline.results import ImageResult, RunResult
-from windmark.registration import NotRegistered, Registration
+from windmark.registration import NotRegistered, Registration, WeakDirection
 from windmark.scene import MarkerSet
 
 Record = dict[str, Any]
@@ -120,9 +120,14 @@ def image_summary(item: ImageResult, result: RunResult) -> Record:
         record["spots"] = len(item.detections)
     answer = item.registered
     if answer is not None and result.markers is not None:
-        record["registration"] = registration_summary(answer, result.markers.name, item.published)
+        unit = result.project.length_unit
+        record["registration"] = registration_summary(answer, result.markers.name, item.published, unit)
     elif isinstance(item.registration, NotRegistered):
-        record["registration"] = {"registered": False, "reason": item.registration.reason}
+        no = item.registration
+        record["registration"] = {
+            "registered": False, "reason": no.reason, "cause": no.cause,
+            "weak": [weak_record(w, result.project.length_unit) for w in no.weak],
+        }  # fmt: skip
     if item.nodes is not None and item.values is not None:
         record["nodes_visible"] = int(item.nodes.visible.sum())
         record["nodes_with_value"] = int(np.isfinite(item.values).sum())
@@ -130,7 +135,12 @@ def image_summary(item: ImageResult, result: RunResult) -> Record:
     return record
 
 
-def registration_summary(answer: Registration, names: NDArray[np.str_], published: Pose | None) -> Record:
+def weak_record(weak: WeakDirection, unit: str) -> Record:
+    """A weak direction in figures and in words."""
+    return {**vars(weak), "words": weak.words(unit)}
+
+
+def registration_summary(answer: Registration, names: NDArray[np.str_], published: Pose | None, unit: str) -> Record:
     """A registration in figures: labels, residual, pose with its sigma, confidence."""
     pov = answer.cam_from_model.to_pov(answer.camera.focal_px, answer.camera.size_px[0])
     record: Record = {
@@ -143,6 +153,7 @@ def registration_summary(answer: Registration, names: NDArray[np.str_], publishe
         "camera_station": answer.cam_from_model.center,
         "focal_px": answer.camera.focal_px,
         "cov": answer.cov,
+        "weak": [weak_record(w, unit) for w in answer.weak],
     }
     if published is not None:
         record["published_pose"] = pose_difference(answer.cam_from_model, published)

@@ -1,7 +1,17 @@
 """Which spot is which marker and where the camera was, from unlabelled or labelled spots."""
 
+from windmark.registration.directions import WeakDirection
 from windmark.registration.labelled import pose_from_labels
 from windmark.registration.register import prepare, register
 from windmark.registration.result import CAUSES, NotRegistered, Registration, RunnerUp
 
-__all__ = ["register", "prepare", "pose_from_labels", "Registration", "NotRegistered", "RunnerUp", "CAUSES"]
+__all__ = [
+    "register",
+    "prepare",
+    "pose_from_labels",
+    "Registration",
+    "NotRegistered",
+    "RunnerUp",
+    "WeakDirection",
+    "CAUSES",
+]

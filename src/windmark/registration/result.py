@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from windmark.adjust import SolveReport
 from windmark.geometry import Camera, Pose
+from windmark.registration.directions import WeakDirection
 from windmark.scene import Matching
 
 Array = NDArray[np.float64]
@@ -58,12 +59,15 @@ class Registration:
     Parameters
     ----------
     cam_from_model : the pose
-    camera : the camera; with ``free_focal`` the focal length found, and its variance in ``camera.cov``
+    camera : the camera; with ``free_focal`` the focal length found, the other parameters as given (moved within
+        ``camera.cov`` if that was given), and their covariance
     matching : the pairs, in order of markers
     rms_px : root mean square length of the residuals
-    residuals : (K, 2) projected - detected, pixels, in the order of the matching
+    residuals : (K, 2) projected - detected, pixels, in the order of the matching. Projected is the centre of the imaged
+        disc where a marker's normal and radius are known, else the image of its centre
     cov : (6, 6) covariance of [rotation, translation] for ``exp(delta) @ cam_from_model``; with ``free_focal``
-        (7, 7), the focal length last. It includes the excess
+        (7, 7), the focal length last. It includes the excess. Distance and focal length grow together: where they are
+        known to some percent only, their errors are normal as logarithms
     excess_px : 1 sigma per coordinate of the misfit beyond the covariances of detections and markers:
         table errors, lens, bending
     score : log-likelihood ratio in nats against "the spots are where they are by chance"
@@ -72,6 +76,7 @@ class Registration:
     n_expected : markers that should be seen from there (in the image, facing the camera), matched ones included
     n_hypotheses : links of three markers to three spots that were tried
     report : why the last adjustment stopped
+    weak : directions that the spots hardly determine, weakest first
     options : everything the registration was made with, by name
     """
 
@@ -88,6 +93,7 @@ class Registration:
     n_expected: int
     n_hypotheses: int
     report: SolveReport
+    weak: tuple[WeakDirection, ...] = ()
     options: Mapping[str, Any] = field(default_factory=dict)
 
     def __bool__(self) -> bool:
@@ -106,6 +112,7 @@ class NotRegistered:
     best_candidate : its pose, not to be trusted; None without one
     runner_up : the solution it could not be told from, if any
     n_hypotheses : links of three markers to three spots that were tried
+    weak : with the cause "focal", the directions that the spots hardly determine, weakest first
     options : everything the attempt was made with, by name
     """
 
@@ -115,6 +122,7 @@ class NotRegistered:
     best_candidate: Pose | None = None
     runner_up: RunnerUp | None = None
     n_hypotheses: int = 0
+    weak: tuple[WeakDirection, ...] = ()
     options: Mapping[str, Any] = field(default_factory=dict)
 
     def __bool__(self) -> bool:

@@ -26,6 +26,7 @@ from windmark.registration._kernels.fit import (
     MISFIT,
     Fit,
     Markers,
+    Spots,
     State,
     state_of,
 )
@@ -158,14 +159,14 @@ def with_free_focal(plane: Plane, solution: Solution) -> Solution | None:
     return None if markers is None else _solution(plane, markers, state, fit)
 
 
-def accepted(plane: Plane, solution: Solution) -> Solution:
-    """The solution as it is reported: its excess by the residuals alone.
+def accepted(plane: Plane, solution: Solution, spots: Spots) -> Solution:
+    """The solution as it is reported: its excess by the residuals alone, with the given places of the spots.
 
     While labels may still be wrong, the gates are kept a little open. Once they are accepted that doubt has
     no place in the covariance.
     """
     state = copy.deepcopy(solution.state)
-    if not accept_kernel(plane.markers, plane.spots, plane.fit, state):
+    if not accept_kernel(solution.markers, spots, plane.fit, state):
         return solution
     return replace(
         solution,

@@ -8,16 +8,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.geometry import PARAMETERS, Camera
 from windmark.registration.budget import Budget
+from windmark.registration.directions import WeakDirection, weak_directions
+from windmark.registration.final import Final, finish, is_bent
 from windmark.registration.result import NotRegistered, Registration
 from windmark.registration.search.fixed import FixedSearch
 from windmark.registration.search.layout import Layout
 from windmark.registration.search.plane import Plane
 from windmark.registration.search.quads import QuadSearch
 from windmark.registration.search.ransac import Search
-from windmark.registration.solution import Solution, accepted
-from windmark.registration.task import Limits, Task, with_focal
+from windmark.registration.task import Limits, Task
 from windmark.registration.verdict import Judge, Verdict
 from windmark.scene import Matching
 
@@ -25,6 +25,8 @@ Array = NDArray[np.float64]
 
 STOP_AT = 45.0
 """Search score (nats) from which a candidate is worth a verdict."""
+LENS_STARTS, OTHER_FOCAL = 4, 0.005
+"""How often a search is begun with the lens at another focal length, and how much (relative) that must differ."""
 
 
 def solve(
@@ -39,22 +41,48 @@ def solve(
         layout.ready()
     budget = Budget(options["max_time_s"])
     task = replace(task, visible=budget.without(task.visible))
-    plane = Plane(task, layout)
-    if task.fixed:
-        search: Search | QuadSearch = FixedSearch(plane, np.random.default_rng(options["seed"]), STOP_AT)
-    elif options["method"] == "hash":
-        search = QuadSearch(plane, STOP_AT)
-    else:
-        search = Search(plane, np.random.default_rng(options["seed"]))
-    verdict, late = _judge(search, limits, options["max_hypotheses"], budget)
+    tried = 0
+    for _ in range(LENS_STARTS):
+        plane = Plane(task, layout)
+        search = _search(plane, options)
+        verdict, late = _judge(search, limits, options["max_hypotheses"], budget)
+        tried += search.links
+        moved = None if late else _with_other_lens(task, verdict)
+        if moved is None:
+            break
+        task = moved
     if verdict.cause is None and verdict.best is not None:
-        return _registration(plane, accepted(plane, verdict.best), verdict, search.links, index, options)
+        return _registration(plane, finish(plane, verdict.best), verdict, tried, index, options)
     cause, reason, best = verdict.cause or "nothing", verdict.reason, verdict.best
     if cause == "time" or (late and cause not in ("ambiguous", "focal", "wrong_focal", "labels")):
         cause, reason = "time", f"stopped after max_time_s = {options['max_time_s']:g} s; so far: {reason}"
     if best is None:
-        return NotRegistered(reason, cause, n_hypotheses=search.links, options=options)
-    return NotRegistered(reason, cause, best.count, best.cam_from_model, verdict.runner_up, search.links, options)
+        return NotRegistered(reason, cause, n_hypotheses=tried, options=options)
+    weak: tuple[WeakDirection, ...] = ()
+    if cause == "focal":
+        weak = weak_directions(best.cam_from_model, best.focal_px, best.cov, task.markers.xyz[best.marker])
+    return NotRegistered(reason, cause, best.count, best.cam_from_model, verdict.runner_up, tried, weak, options)
+
+
+def _search(plane: Plane, options: dict[str, Any]) -> Search | QuadSearch:
+    rng = np.random.default_rng(options["seed"])
+    if plane.task.fixed:
+        return FixedSearch(plane, rng, STOP_AT)
+    return QuadSearch(plane, STOP_AT) if options["method"] == "hash" else Search(plane, rng)
+
+
+def _with_other_lens(task: Task, verdict: Verdict) -> Task | None:
+    """The task with the lens at the focal length of a refused solution; None where that is not the trouble.
+
+    The search straightens the spots with the camera as given. A strong lens at a wrong focal length does not fit.
+    """
+    best = verdict.best
+    if not (task.free_focal and is_bent(task.camera) and verdict.cause in ("weak", "misfit")) or best is None:
+        return None
+    if abs(np.log(best.focal_px / task.camera.focal_px)) < OTHER_FOCAL:
+        return None
+    camera = replace(task.camera, focal_px=best.focal_px)
+    return replace(task, camera=camera) if np.isfinite(camera.unproject(task.xy)).all() else None
 
 
 def _judge(search: Search | QuadSearch, limits: Limits, max_links: int, budget: Budget) -> tuple[Verdict, bool]:
@@ -80,37 +108,26 @@ def _judge(search: Search | QuadSearch, limits: Limits, max_links: int, budget: 
 
 
 def _registration(
-    plane: Plane, best: Solution, verdict: Verdict, tried: int, index: NDArray[np.int64], options: dict[str, Any]
+    plane: Plane, final: Final, verdict: Verdict, tried: int, index: NDArray[np.int64], options: dict[str, Any]
 ) -> Registration:
-    task = plane.task
-    camera = _camera(task.camera, best)
-    seen = camera.project(best.cam_from_model.apply(task.markers.xyz[best.marker]))[0]
-    residuals = seen - task.xy[best.detection]
+    best, markers = final.solution, plane.task.markers.xyz[final.solution.marker]
+    seen = final.camera.project(final.cam_from_model.apply(markers))[0]
+    residuals = seen + final.eccentricity_px - plane.task.xy[best.detection]
     distance = np.linalg.norm(residuals, axis=1)
     return Registration(
-        cam_from_model=best.cam_from_model,
-        camera=camera,
+        cam_from_model=final.cam_from_model,
+        camera=final.camera,
         matching=Matching(index[best.detection], best.marker, distance),
         rms_px=float(np.sqrt((distance**2).mean())),
         residuals=residuals,
-        cov=best.cov,
+        cov=final.cov,
         excess_px=best.excess_px,
         score=best.evidence.score,
         log10_nfa=best.evidence.log10_nfa,
         runner_up=verdict.runner_up,
         n_expected=best.expected,
         n_hypotheses=tried,
-        report=best.report,
+        report=final.report,
+        weak=weak_directions(final.cam_from_model, final.camera.focal_px, final.cov, markers),
         options=options,
     )
-
-
-def _camera(camera: Camera, best: Solution) -> Camera:
-    """The camera, with the focal length found and its variance if that was free."""
-    if len(best.cov) == 6:
-        return camera
-    cov = np.zeros((len(PARAMETERS),) * 2) if camera.cov is None else np.array(camera.cov)
-    cov[0, :], cov[:, 0] = 0.0, 0.0
-    cov[0, 0] = best.cov[6, 6]
-    found = with_focal(camera, best.focal_px)
-    return found.with_parameters(found.parameters(), cov)

@@ -61,6 +61,11 @@ class Plane:
         return self._pictures[lead]
 
 
+def spots_at(plane: Plane, xy: Array) -> Spots:
+    """The spots of a plane with their places in the image moved a little to (M, 2)."""
+    return plane.spots._replace(p=np.ascontiguousarray(to_plane(plane.task.camera, xy)))
+
+
 def to_plane(camera: Camera, xy: Array) -> Array:
     """Ideal pixels (M, 2) of image points: principal point at the origin, square; NaN where the lens has no inverse."""
     return camera.focal_px * camera.unproject(xy)[:, :2]
