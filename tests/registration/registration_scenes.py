@@ -1,7 +1,7 @@
 """Virtual images with known labels: a wing, a wing with a body, both in a tunnel; hidden markers, false spots.
 
 The tests of the registration room and its benchmark share them; nothing here uses the code under test
-except the nouns (cameras, poses, tables).
+except the nouns (cameras, poses, tables, results).
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.geometry import Camera, Pose
+from windmark.registration import Registration
 from windmark.scene import Detections, MarkerSet
 
 Array = NDArray[np.float64]
@@ -131,3 +132,26 @@ def pose_error_px(result_pose: Pose, scene: Scene, camera: Camera | None = None)
 def wrong_labels(matching_detection: Array, matching_marker: Array, scene: Scene) -> int:
     """How many pairs of a matching are not the truth."""
     return int((scene.label[matching_detection.astype(int)] != matching_marker).sum())
+
+
+def whitened_error(found: Registration, scene: Scene) -> Array:
+    """Error of pose (and focal length, if that was free) in units of its covariance: (6,) or (7,) of sigma 1.
+
+    Distance and focal length grow together; where they are known to some percent only, their product with the small
+    rest is far from linear. So the error is taken as rotation, direction of the model's centre, and logarithms of its
+    depth and of the focal length, and the covariance is brought to them.
+    """
+    middle = scene.markers.xyz.mean(axis=0)
+    pose, true = found.cam_from_model, scene.cam_from_model
+    here, there = pose.apply(middle), true.apply(middle)
+    x, y, z = here
+    direction = np.array([[1 / z, 0, -x / z**2], [0, 1 / z, -y / z**2], [0, 0, 1 / z]])
+    change = np.eye(len(found.cov))
+    change[3:6, :3] = direction @ -np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    change[3:6, 3:6] = direction
+    error = [*(true @ pose.inverse()).log()[:3], *(there / there[2] - here / z)[:2], np.log(there[2] / z)]
+    if len(found.cov) == 7:
+        change[6, 6] = 1 / found.camera.focal_px
+        error.append(np.log(scene.camera.focal_px / found.camera.focal_px))
+    root = np.linalg.cholesky(change @ found.cov @ change.T)
+    return np.asarray(np.linalg.solve(root, error))
