@@ -1,4 +1,4 @@
-"""Draw the guide's pictures with windmark itself: ``python docs/make_pictures.py`` (half a minute)."""
+"""Draw the guide's pictures with windmark itself: ``python docs/make_pictures.py`` (a minute)."""
 
 from __future__ import annotations
 
@@ -12,10 +12,11 @@ from PIL import Image
 
 import windmark as wm
 from windmark import detection
-from windmark.app import pictures, study_pictures
+from windmark.app import markers_pictures, pictures, study_pictures
 from windmark.app.detect_pictures import explained_picture, merit_picture
 from windmark.app.figures import alignment_figure, matching_figure, surface_figure, wireframe_figure
 from windmark.pipeline.job import run_project
+from windmark.pipeline.marker_check import CheckSettings, check_markers
 from windmark.pipeline.predictions import from_camera, look
 from windmark.pipeline.project import read_project
 from windmark.pipeline.results import ImageResult
@@ -30,7 +31,7 @@ SHADES = 32  # of each colour: camera noise in all 256 would take three times th
 def main() -> None:
     """Save all pictures."""
     HERE.mkdir(exist_ok=True)
-    for part in (job_pictures, detection_pictures, faint_pictures, marker_study_pictures):
+    for part in (job_pictures, detection_pictures, faint_pictures, marker_study_pictures, marker_check_pictures):
         for name, figure in part().items():
             (HERE / f"{name}.png").write_bytes(_small(pictures.png(figure, dpi=80)))
 
@@ -112,6 +113,20 @@ def marker_study_pictures() -> dict[str, Figure]:
     return {
         "study-markers": study_pictures.sheets_picture(*examples(settings), settings),
         "study-error": study_pictures.curves_picture(run_study(settings)),
+    }
+
+
+def marker_check_pictures() -> dict[str, Figure]:
+    """What ``windmark markers check plate.csv --unit mm --view-from 0,90 --within 50`` draws for a regular plate."""
+    xyz = np.stack(np.meshgrid(np.arange(6) * 50.0, np.arange(4) * 50.0, [0.0]), axis=-1).reshape(-1, 3)
+    plate = wm.MarkerSet.make(
+        [f"P{i + 1:02d}" for i in range(len(xyz))], xyz, normal=np.tile([0.0, 0.0, 1.0], (len(xyz), 1)), radius=3.0
+    )
+    check = check_markers(plate, "mm", settings=CheckSettings(view_from=(0, 90), within_deg=50))
+    print("\n".join(check.lines()))
+    return {
+        "markers-directions": markers_pictures.directions_picture(check),
+        "markers-layout": markers_pictures.layout_picture(check),
     }
 
 

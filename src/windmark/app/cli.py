@@ -331,6 +331,61 @@ def study(
         study_verb.study(settings, output, as_json)
 
 
+markers_app = typer.Typer(help="Work on marker tables.", no_args_is_help=True, rich_markup_mode=None)
+app.add_typer(markers_app, name="markers")
+
+
+@markers_app.command(
+    "check", epilog="Example: windmark markers check markers.csv --unit mm -c camera.json --view-from 0,90 --within 50"
+)
+def markers_check(
+    file: Annotated[Path, typer.Argument(help="Marker table: CSV or .tgts.")],
+    unit: Unit,
+    camera: Annotated[
+        Path | None,
+        typer.Option("--camera", "-c", help="Interior parameters. [default: 2048 x 1536 px, 30 deg field of view]"),
+    ] = None,
+    grid: Annotated[
+        Path | None, typer.Option("--grid", "-g", help="Surface of the model: it hides markers; new places lie on it.")
+    ] = None,
+    role: Annotated[
+        list[str] | None, typer.Option(help="Only markers of this role; several times. [default: all painted ones]")
+    ] = None,
+    view_from: Annotated[
+        str | None,
+        typer.Option(
+            help="AZIMUTH,ELEVATION in degrees where the camera may stand, seen from the model: from x towards y,"
+            " from the x-y plane towards z. [default: wherever two thirds as many markers are in sight as from the"
+            " best direction]"
+        ),
+    ] = None,
+    within: Annotated[float, typer.Option(help="Half angle of that region, degrees.")] = 40,
+    views: Annotated[int, typer.Option(help="Virtual views in the first round, all round, three per direction.")] = 360,
+    quick: Annotated[bool, typer.Option("--quick", help="120 views, whatever --views says.")] = False,
+    hidden: Annotated[float, typer.Option(help="Percent of the markers in view that are not detected.")] = 30,
+    false: Annotated[float, typer.Option("--false", help="False spots, percent of the markers in view.")] = 50,
+    noise_px: Annotated[float, typer.Option(help="1 sigma per coordinate of a spot.")] = 0.2,
+    advice: Annotated[
+        bool, typer.Option("--advice/--no-advice", help="Look for markers to move or add where it is needed.")
+    ] = True,
+    seed: Seed = 0,
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder of the results.")] = Path("marker-check"),
+    as_json: Json = False,
+) -> None:
+    """Before the test: can the layout be identified from anywhere, what would help, where will the pose be weak."""
+    with console.errors(as_json):
+        from windmark.app import markers_verb
+        from windmark.pipeline.marker_check import CheckSettings
+
+        settings = CheckSettings(
+            view_from=markers_verb.view_from(view_from), within_deg=within,
+            views=markers_verb.QUICK_VIEWS if quick else views, hidden_percent=hidden, false_percent=false,
+            noise_px=noise_px, advise=advice, seed=seed,
+        )  # fmt: skip
+        files = markers_verb.Files(file, camera, grid, unit, tuple(role or ()), output)
+        markers_verb.check(files, settings, as_json)
+
+
 @app.command(epilog="Example: windmark run project.toml")
 def run(
     project: Annotated[Path, typer.Argument(help="Project file (TOML).")],

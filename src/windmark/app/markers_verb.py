@@ -1,0 +1,99 @@
+"""The verb `windmark markers check`: read, check, draw, write one folder, say it in a few lines."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from windmark import io
+from windmark.app import console
+from windmark.pipeline.marker_check import CheckSettings, MarkerCheck, check_markers
+
+Record = dict[str, Any]
+
+QUICK_VIEWS = 120
+
+
+@dataclass(frozen=True)
+class Files:
+    """What is read and written.
+
+    Parameters
+    ----------
+    markers, camera, grid : the files; camera and grid may be None
+    unit : length unit of markers and grid
+    roles : roles that are checked; empty takes all painted markers
+    output : folder of the results
+    """
+
+    markers: Path
+    camera: Path | None
+    grid: Path | None
+    unit: str
+    roles: tuple[str, ...]
+    output: Path
+
+
+def check(files: Files, settings: CheckSettings, as_json: bool) -> None:
+    """Check a layout and write table, pictures and page into a folder, whole or not at all."""
+    start = time.perf_counter()
+    if files.unit not in io.LENGTH_UNITS:
+        raise ValueError(f"--unit must be one of {', '.join(io.LENGTH_UNITS)}, got {files.unit!r}")
+    markers = io.read_markers(files.markers, **({"roles": files.roles} if files.roles else {}))
+    camera = io.read_camera(files.camera)[0] if files.camera else None
+    mesh = None
+    if files.grid:
+        from windmark.pipeline.grid import read_grid
+        from windmark.pipeline.project import GridEntry
+
+        mesh = read_grid(GridEntry(file=files.grid))
+    with console.progress() as show:
+        done = check_markers(markers, files.unit, camera=camera, mesh=mesh, settings=settings, progress=show)
+        show("draw")
+        files.output.parent.mkdir(parents=True, exist_ok=True)
+        with io.atomic_folder(files.output) as place:
+            record: Record = {"file": files.markers, **done.record(), "camera_file": files.camera,
+                              "grid_file": files.grid, "seconds": time.perf_counter() - start,
+                              "folder": files.output}  # fmt: skip
+            write_check(done, place, files.markers.name)
+            io.write_json(place / "summary.json", record)
+    head, *lines = done.lines()
+    page = files.output / "check.html"
+    console.answer(
+        record, as_json, [f"{files.markers.name}: {len(markers)} markers, {head}", *lines, f"report: {page}"]
+    )
+    if not done.identifiable:
+        # With --json the record is out already; the reason is in it.
+        console.refuse(f"{files.markers}: {done.reason()}", False)
+
+
+def write_check(done: MarkerCheck, place: Path, name: str) -> None:
+    """Table of directions, the changed layout, pictures and page."""
+    from windmark.app.markers_pictures import check_page, draw
+
+    io.write_table(place / "directions.csv", done.columns())
+    if done.proposals:
+        io.write_markers(place / "markers-proposed.csv", done.proposals[0].stage.markers)
+    drawn = draw(done)
+    for key, png in drawn.items():
+        (place / f"{key}.png").write_bytes(png)
+    (place / "check.html").write_text(check_page(done, drawn, name), encoding="utf-8")
+
+
+def view_from(text: str | None) -> tuple[float, float] | None:
+    """``azimuth,elevation`` in degrees.
+
+    Raises
+    ------
+    ValueError
+        When the text is not two numbers.
+    """
+    if text is None:
+        return None
+    try:
+        azimuth, elevation = (float(part) for part in text.split(","))
+    except ValueError:
+        raise ValueError(f"--view-from: expected azimuth,elevation in degrees, such as 0,90, got {text!r}") from None
+    return azimuth, elevation
