@@ -38,7 +38,8 @@ def main(quick: bool = False, count: int = 1000) -> dict[str, dict[str, float]]:
     """Measure, print one table, return its rows."""
     count = 30 if quick else count
     figures: dict[str, dict[str, float]] = {}
-    print(f"{'pictures of':20s} {'pictures':>8s} " + " ".join(f"{'below 1e%+d' % t:>14s}" for t in LIMITS) + "    lowest")
+    heads = " ".join(f"{f'below 1e{t:+d}':>14s}" for t in LIMITS)
+    print(f"{'pictures of':20s} {'pictures':>8s} {heads}    lowest")
     for kind in KINDS:
         start = time.perf_counter()
         found = numbers(kind, count)

@@ -64,6 +64,7 @@ class Network:
     focal_sigma : (V,) 1 sigma of the relative focal changes round 0; inf where nothing is known
     bars : known distances
     loss : on the length of each observation's whitened residual
+    weight : (O,) factors on the observations' part of the cost, 0 for those that are left out; None is 1
     eliminate : "points" or "frames" leave the system of equations first; "auto" takes the larger group
     """
 
@@ -86,6 +87,7 @@ class Network:
     focal_sigma: Array | None = None
     bars: Bars = NO_BARS
     loss: Loss = field(default_factory=Loss)
+    weight: Array | None = None
     eliminate: str = "auto"
 
     def __post_init__(self) -> None:
@@ -93,6 +95,7 @@ class Network:
         shapes = {
             "view": (o,), "point": (o,), "xy": (o, 2), "cov": (o, 2, 2), "view_frame": (v,), "view_offset": (v,),
             "held": (n, 3), "free_focal": (v,), "point_value": (n, 3), "point_sigma": (n, 3), "focal_sigma": (v,),
+            "weight": (o,),
         }  # fmt: skip
         for name, shape in shapes.items():
             value = getattr(self, name)

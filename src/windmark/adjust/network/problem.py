@@ -39,6 +39,8 @@ class NetworkProblem:
         self.layout: Layout = make_layout(network, start)
         self._last: tuple[NetworkState, Units] | None = None
         self.order = np.lexsort((network.point, network.view))
+        self._weight = None if network.weight is None else network.weight[self.order]
+        self._weighted = network.loss.name != "none" or self._weight is not None
         white = whitener(network.cov, len(network.xy))[self.order]
         shift = np.zeros_like(network.xy) if shift is None else shift
         self.marks = Marks(
@@ -80,17 +82,17 @@ class NetworkProblem:
 
     def linearise(self, state: NetworkState) -> NetworkEquations | None:
         """Cost, gradient and information; None where a point has no image."""
-        scene, loss = self.scene(state), self.network.loss
+        scene = self.scene(state)
         residual = np.empty((len(self.order), 2))
         if not linear.residuals(self.marks, scene, residual):
             return None
-        rho, weight = loss.evaluate(np.einsum("ij,ij->i", residual, residual))
+        rho, weight = self._losses(residual)
         lay, units = self.layout, self.units(state)
         h_dd, h_ed = np.zeros((lay.dense, lay.dense)), np.zeros((lay.blocks * lay.size, lay.dense))
         h_ee = np.zeros((lay.blocks, lay.size, lay.size))
         g_d, g_e = np.zeros(lay.dense), np.zeros(lay.blocks * lay.size)
         linear.accumulate(
-            self.marks, scene, units, lay.columns, residual, weight, loss.name != "none",
+            self.marks, scene, units, lay.columns, residual, weight, self._weighted,
             Equations(h_dd, h_ed, h_ee, g_d, g_e),
         )  # fmt: skip
         cost = 0.5 * float(rho.sum()) + self._priors(state, units, (h_dd, h_ee, g_d, g_e))
@@ -99,6 +101,11 @@ class NetworkProblem:
         self._hold(h_ee)
         gauge = free_motions(self.network, lay, state, units)
         return NetworkEquations(cost, (h_dd, h_ed, h_ee), (g_d, g_e), gauge)
+
+    def _losses(self, residual: Array) -> tuple[Array, Array]:
+        """Each observation's part of twice the cost, and its weight."""
+        rho, weight = self.network.loss.evaluate(np.einsum("ij,ij->i", residual, residual))
+        return (rho, weight) if self._weight is None else (rho * self._weight, weight * self._weight)
 
     def cost(self, state: NetworkState) -> float:
         """Half the sum of the losses; inf where a point has no image."""
@@ -110,8 +117,7 @@ class NetworkProblem:
             np.zeros((lay.dense, lay.dense)), np.zeros((lay.blocks, lay.size, lay.size)),
             np.zeros(lay.dense), np.zeros(lay.blocks * lay.size),
         )  # fmt: skip
-        rho = self.network.loss.evaluate(np.einsum("ij,ij->i", residual, residual))[0]
-        return 0.5 * float(rho.sum()) + self._priors(state, units, scratch)
+        return 0.5 * float(self._losses(residual)[0].sum()) + self._priors(state, units, scratch)
 
     def retract(self, state: NetworkState, delta: Array) -> NetworkState | None:
         """The values after a step (D + E b,) in natural units; None where a camera would be impossible."""

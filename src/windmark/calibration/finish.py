@@ -1,0 +1,183 @@
+"""From an adjusted network to a `Calibration`: datum, covariances, names."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.adjust.network import NetworkState
+from windmark.adjust.network.covariance import network_covariance
+from windmark.adjust.network.datum import DatumCovariance, in_datum
+from windmark.adjust.network.problem import camera_columns
+from windmark.calibration.datum import Free
+from windmark.calibration.result import Calibration
+from windmark.calibration.setup import Job, frames_of, views_of
+from windmark.calibration.solve import Solved
+from windmark.calibration.swaps import swapped
+from windmark.geometry import PARAMETERS, DegenerateGeometry, Pose
+from windmark.geometry.rotations import hat
+from windmark.geometry.similarity import Similarity, align
+from windmark.scene import Observations
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+WEAK, WEAK_UNFINISHED = 0.5, 0.1
+"""1 sigma in natural units (the focal length itself, the size of the model) above which nothing is determined; the
+second one where the adjustment found no minimum: the valley is long because of it."""
+
+
+def calibration(job: Job, solved: Solved, dropped: dict[str, str], options: dict[str, Any]) -> Calibration:
+    """Put an adjusted network into its datum and name everything.
+
+    What is not determined must have been refused before (`refuse_weak`).
+    """
+    motions = solved.covariance.motions.shape[1]
+    chosen = _datum_points(job)
+    obs = job.observations
+    seen = np.zeros(len(job.markers), dtype=np.bool_)
+    seen[obs.point[solved.taken]] = True
+    state = solved.state if chosen is None else _aligned(job, solved.state, chosen & seen, motions == 7)
+    system = solved.problem.linearise(state)
+    assert system is not None
+    solved = replace(solved, state=state, covariance=network_covariance(system, solved.problem.layout))
+    covariance = in_datum(solved.covariance, chosen)
+    scale = solved.sigma0**2
+    marker_cov = covariance.points()[seen] * scale
+    sigma = np.sqrt(np.maximum(np.diagonal(marker_cov, axis1=1, axis2=2), 0.0))
+    markers = replace(job.markers.take(seen), xyz=state.points[seen], sigma=sigma)
+    view_seen = np.zeros(len(job.views), dtype=np.bool_)
+    view_seen[obs.view[solved.taken]] = True
+    at = views_of(job, state)
+    views = tuple(replace(job.views[v], cam_from_model=at[v][1]) for v in np.flatnonzero(view_seen))
+    return Calibration(
+        cameras=_cameras(job, solved, covariance, scale),
+        views=views,
+        markers=markers,
+        marker_cov=marker_cov,
+        pose_cov=np.stack([_pose_cov(job, solved, covariance, int(v)) for v in np.flatnonzero(view_seen)]) * scale,
+        observations=Observations(
+            (np.cumsum(view_seen) - 1)[obs.view[solved.taken]], (np.cumsum(seen) - 1)[obs.point[solved.taken]],
+            obs.xy[solved.taken], obs.cov[solved.taken],
+        ),
+        residuals=_pixels(solved, obs.cov[solved.taken]),
+        test=solved.test,
+        used=solved.used,
+        sigma0=solved.sigma0,
+        redundancy=solved.redundancy,
+        rms_px=float(np.sqrt((_pixels(solved, obs.cov[solved.taken])[solved.used] ** 2).sum(axis=1).mean())),
+        focal_change=(np.zeros(len(job.views)) if state.focal_change is None else state.focal_change)[view_seen],
+        dropped=dropped,
+        swapped=swapped(job, solved, at),
+        report=solved.report,
+        options=options,
+    )  # fmt: skip
+
+
+def _datum_points(job: Job) -> Mask | None:
+    """(N,) markers that hold a free network; None where the datum is in the network itself."""
+    return job.chosen(job.datum.markers, "datum") if isinstance(job.datum, Free) else None
+
+
+def refuse_weak(job: Job, solved: Solved) -> None:
+    """Nothing undetermined is returned as if it were known.
+
+    Raises
+    ------
+    DegenerateGeometry
+        Naming what the pictures, or the datum, do not determine.
+    """
+    motions = solved.covariance.motions.shape[1]
+    if motions and not isinstance(job.datum, Free):
+        raise DegenerateGeometry(
+            f"the datum leaves {motions} of seven motions free; it needs three markers that are not on a line",
+            ("datum",),
+        )
+    covariance = in_datum(solved.covariance, _datum_points(job))
+    lay = solved.problem.layout
+    limit = WEAK if solved.report.converged else WEAK_UNFINISHED
+    sigma = np.sqrt(np.maximum(np.diagonal(covariance.dense()), 0.0)) * solved.sigma0
+    names = list(job.cameras)
+    weak = [
+        parameter if len(names) == 1 else f"{names[c]} {parameter}"
+        for c, parameter, column in camera_columns(lay)
+        if not sigma[column] < limit
+    ]
+    spread = np.sqrt(np.nanmax(np.diagonal(covariance.points(), axis1=1, axis2=2), axis=1, initial=0.0))
+    loose = np.flatnonzero(spread * solved.sigma0 > limit * lay.unit)
+    weak += [f"marker {name}" for name in job.markers.name[loose][:10]]
+    if weak:
+        raise DegenerateGeometry("the pictures do not determine everything that is free", tuple(weak))
+
+
+def _aligned(job: Job, state: NetworkState, chosen: Mask, scale: bool) -> NetworkState:
+    """The network fitted to the table's coordinates of the datum's markers."""
+    fit = align(state.points[chosen], job.markers.xyz[chosen], scale=scale)
+    return transformed(state, fit)
+
+
+def transformed(state: NetworkState, fit: Similarity) -> NetworkState:
+    """A network seen in another frame: the same pictures."""
+    turn, offsets = fit.rotation.T, state.offsets
+    if offsets is not None:
+        offsets = Pose(offsets.rotation, fit.scale * offsets.translation)
+    rotation = state.frames.rotation @ turn
+    translation = fit.scale * state.frames.translation - rotation @ fit.translation
+    return replace(state, frames=Pose(rotation, translation), points=fit.apply(state.points), offsets=offsets)
+
+
+def _cameras(job: Job, solved: Solved, covariance: DatumCovariance, scale: float) -> dict[str, Any]:
+    """The cameras with the covariance of their free parameters."""
+    units = solved.problem.units(solved.state)
+    out, dense, columns = {}, covariance.dense(), solved.problem.layout.columns.camera
+    for c, name in enumerate(job.cameras):
+        own = np.flatnonzero(columns[c] >= 0)
+        index, step = columns[c][own], units.camera[c][own]
+        cov = np.zeros((len(PARAMETERS),) * 2)
+        cov[np.ix_(own, own)] = dense[np.ix_(index, index)] * np.outer(step, step) * scale
+        out[name] = replace(solved.state.cameras[c], cov=cov if len(own) else None)
+    return out
+
+
+def _pose_cov(job: Job, solved: Solved, covariance: DatumCovariance, view: int) -> Array:
+    """(6, 6) of ``exp(delta) @ cam_from_model`` in units of the marks' covariances."""
+    lay, units = solved.problem.layout, solved.problem.units(solved.state)
+    columns, network = lay.columns, solved.covariance
+    frame, member = int(frames_of(job)[1][view]), list(job.cameras).index(job.views[view].camera)
+    eliminated = columns.frame[frame] < 0
+    start = lay.dense + 6 * columns.frame_block[frame] if eliminated else columns.frame[frame]
+    index = start + np.arange(6)
+    change = _tangent(units.frame_pivot[frame], units.frame_scale[frame])
+    if solved.state.offsets is not None:
+        pose = Pose(solved.state.offsets.rotation[member], solved.state.offsets.translation[member])
+        change = adjoint(pose) @ change
+        if columns.offset[member] >= 0:
+            index = np.concatenate([columns.offset[member] + np.arange(6), index])
+            change = np.concatenate([_tangent(units.offset_pivot[member], units.offset_scale[member]), change], axis=1)
+    pick = np.zeros((lay.dense + lay.blocks * lay.size, len(index)))
+    pick[index, np.arange(len(index))] = 1.0
+    cov = covariance.between(index, index, network.product(pick)[index])
+    return np.asarray(change @ cov @ change.T)
+
+
+def _tangent(pivot: Array, scale: float) -> Array:
+    """Natural steps (a turn about the pivot, a shift in parts of the scale) as [rotation, translation]."""
+    out = np.eye(6)
+    out[3:, :3], out[3:, 3:] = hat(pivot), scale * np.eye(3)
+    return out
+
+
+def adjoint(pose: Pose) -> Array:
+    """(6, 6): ``pose @ exp(delta) = exp(adjoint delta) @ pose``."""
+    out = np.zeros((6, 6))
+    out[:3, :3] = out[3:, 3:] = pose.rotation
+    out[3:, :3] = hat(pose.translation) @ pose.rotation
+    return out
+
+
+def _pixels(solved: Solved, cov: Array) -> Array:
+    """Residuals in pixels from the whitened ones."""
+    return np.asarray((np.linalg.cholesky(cov) @ solved.residual[..., None])[..., 0])

@@ -1,0 +1,112 @@
+"""What a self-calibration gives back."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.adjust import SolveReport
+from windmark.geometry import Camera, Pose
+from windmark.scene import MarkerSet, Observations, View
+
+Array = NDArray[np.float64]
+
+CAUSES = {
+    "too_few": "too few marks, pictures or markers",
+    "degenerate": "the pictures do not determine what was asked for",
+    "misfit": "the marks do not fit any solution that was found",
+    "not_converged": "the adjustment did not reach a minimum",
+}
+"""Every cause of a `NotCalibrated`, in words."""
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Cameras, poses and marker coordinates from one adjustment, with their uncertainties.
+
+    Parameters
+    ----------
+    cameras : by name, with ``cov`` over their free parameters
+    views : the views that took part, with their poses
+    markers : the markers that took part; ``sigma`` from this adjustment, times ``sigma0``
+    marker_cov : (N, 3, 3) their covariances in the datum, times ``sigma0**2``
+    pose_cov : (V, 6, 6) of ``exp(delta) @ cam_from_model``, times ``sigma0**2``
+    observations : the marks that took part: ``view`` and ``point`` are those of this result
+    residuals : (O, 2) projected - observed in pixels
+    test : (O,) squared residual in units of its own standard deviation; 13.8 is exceeded once in a thousand
+    used : (O,) False for gross errors, which were left out of the adjustment
+    sigma0 : standard deviation of unit weight: 1 where the residuals are as large as the covariances of the marks say
+    redundancy : observations minus unknowns
+    rms_px : root mean square length of the residuals of the used marks
+    focal_change : (V,) relative change of the focal length of each view; zero where it is that of its camera
+    dropped : why views or markers did not take part, by their name
+    swapped : (first, second, view) names of markers whose marks were exchanged
+    report : why the adjustment stopped
+    options : everything it was made with, by name
+    """
+
+    cameras: Mapping[str, Camera]
+    views: tuple[View, ...]
+    markers: MarkerSet
+    marker_cov: Array
+    pose_cov: Array
+    observations: Observations
+    residuals: Array
+    test: Array
+    used: NDArray[np.bool_]
+    sigma0: float
+    redundancy: int
+    rms_px: float
+    focal_change: Array
+    dropped: Mapping[str, str]
+    swapped: tuple[tuple[str, str, str], ...]
+    report: SolveReport
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    def __bool__(self) -> bool:
+        return True
+
+    def pose(self, view: str) -> Pose:
+        """``cam_from_model`` of a view by name."""
+        for v in self.views:
+            if v.name == view and v.cam_from_model is not None:
+                return v.cam_from_model
+        raise ValueError(f"pose: no view {view!r}; there are {', '.join(v.name for v in self.views[:10])}")
+
+    def sigma(self, camera: str, parameter: str) -> float:
+        """Standard deviation of an interior parameter by name; 0 if it was not free."""
+        from windmark.geometry import PARAMETERS
+
+        if camera not in self.cameras or parameter not in PARAMETERS:
+            raise ValueError(f"sigma: unknown camera {camera!r} or parameter {parameter!r}")
+        cov, k = self.cameras[camera].cov, PARAMETERS.index(parameter)
+        return 0.0 if cov is None else float(np.sqrt(cov[k, k]))
+
+
+@dataclass(frozen=True)
+class NotCalibrated:
+    """The data says no. Falsy.
+
+    Parameters
+    ----------
+    reason : why, in words for the user
+    cause : key of `CAUSES`
+    weak : names of what is not determined
+    dropped : why views or markers could not take part, by name
+    sigma0 : of the best solution met, NaN without one
+    options : everything the attempt was made with
+    """
+
+    reason: str
+    cause: str
+    weak: tuple[str, ...] = ()
+    dropped: Mapping[str, str] = field(default_factory=dict)
+    sigma0: float = float("nan")
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    def __bool__(self) -> bool:
+        return False

@@ -1,0 +1,196 @@
+"""The verb `self_calibrate`: interior parameters, poses and marker coordinates from pictures alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.adjust.network import NetworkState
+from windmark.calibration.datum import Datum, Distance
+from windmark.calibration.finish import calibration, refuse_weak
+from windmark.calibration.normals import local_normals
+from windmark.calibration.result import Calibration, NotCalibrated
+from windmark.calibration.setup import Job, first_state, taking_part, views_of
+from windmark.calibration.solve import ECCENTRIC_PX, Solved, eccentricities, solve
+from windmark.calibration.start import start_poses
+from windmark.geometry import Camera, DegenerateGeometry, Pose
+from windmark.scene import MarkerSet, Observations, View
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+FREE = ("focal_px", "aspect", "cx", "cy", "k1", "k2", "p1", "p2")
+"""Free by default: the paper's set (AIAA 2005-5007, section IV.A)."""
+MAX_SIGMA0 = 5.0
+"""Residuals so many times larger than the marks' covariances say are no solution."""
+RETRY_FOCAL = (0.6, 0.8, 1.25, 1.6)
+"""Focal lengths started from when the given one leads to no solution."""
+ECCENTRIC_ROUNDS = 3
+ECCENTRICITY = ("auto", "table", "off")
+
+
+def self_calibrate(
+    observations: Observations,
+    markers: MarkerSet,
+    cameras: Mapping[str, Camera],
+    views: Sequence[View],
+    *,
+    datum: Datum,
+    free: Sequence[str] = FREE,
+    distances: Sequence[Distance] = (),
+    rig: bool = False,
+    free_focal: Sequence[str] = (),
+    prior_sigma: Mapping[str, float] | None = None,
+    eccentricity: str = "auto",
+    max_sigma0: float = MAX_SIGMA0,
+    seed: int = 0,
+) -> Calibration | NotCalibrated:
+    """Calibrate cameras and markers together, in place (AIAA 2005-5007, section IV).
+
+    Parameters
+    ----------
+    observations : matched marks; ``view`` and ``point`` are indices into ``views`` and ``markers``
+    markers : rough coordinates (some per cent of the model), with radius and normal where known
+    cameras : start values by name; a focal length within a factor of two, distortion zero, will do
+    views : each with the name of its camera; a pose is found where ``cam_from_model`` is None
+    datum : `Fixed`, `Weighted` or `Free`; no default
+    free : interior parameters to find, of `geometry.PARAMETERS`; all cameras alike
+    distances : known distances, which give a free network its scale
+    rig : views with the same ``frame`` were taken at once by cameras that do not move against each other
+    free_focal : views whose focal length may differ from that of their camera, as the focus distance did (Fig. 6)
+    prior_sigma : 1 sigma of free parameters round the start values, by name
+    eccentricity : the image of a disc's centre is not the centre of its image. "auto" corrects with the table's
+        normals, or those of the neighbouring markers where these lie in a plane; "table" only with the table's
+    max_sigma0 : residuals larger than this, in units of the marks' covariances, are no solution
+    seed : of the choice of triplets for the first poses
+
+    Returns
+    -------
+    A `Calibration`, or a falsy `NotCalibrated` with its reason.
+
+    Raises
+    ------
+    ValueError
+        For wrong indices, names, options, or a marker observed twice in one view.
+    """
+    if eccentricity not in ECCENTRICITY:
+        raise ValueError(f"self_calibrate: eccentricity must be one of {', '.join(ECCENTRICITY)}, got {eccentricity!r}")
+    options: dict[str, Any] = {
+        "datum": datum, "free": tuple(free), "distances": tuple(distances), "rig": rig,
+        "free_focal": tuple(free_focal), "prior_sigma": dict(prior_sigma or {}), "eccentricity": eccentricity,
+        "max_sigma0": max_sigma0, "seed": seed,
+    }  # fmt: skip
+    job = Job(
+        observations, markers, tuple(views), _in_use(cameras, views), tuple(free), datum, tuple(distances), rig,
+        tuple(free_focal), dict(prior_sigma or {}),
+    )  # fmt: skip
+    every = np.ones(len(observations), dtype=np.bool_)
+    if not taking_part(job, every)[0].any():
+        dropped = taking_part(job, every)[1]
+        reason = "no view has four marks of markers that are seen at least twice"
+        return NotCalibrated(reason, "too_few", dropped=dropped, options=options)
+    return _best_of_starts(job, options)
+
+
+def _in_use(cameras: Mapping[str, Camera], views: Sequence[View]) -> dict[str, Camera]:
+    """The cameras of the views, in their own order; unknown names are found by `Job`."""
+    used = {v.camera for v in views}
+    return {name: camera for name, camera in cameras.items() if name in used}
+
+
+def _best_of_starts(job: Job, options: dict[str, Any]) -> Calibration | NotCalibrated:
+    """From the given focal length, and from others where that leads to no solution."""
+    refusal: NotCalibrated | None = None
+    factors = (1.0, *RETRY_FOCAL) if "focal_px" in job.free else (1.0,)
+    for factor in factors:
+        cameras = {n: replace(c, focal_px=c.focal_px * factor) for n, c in job.cameras.items()}
+        outcome = _attempt(job, cameras, options)
+        if isinstance(outcome, Calibration):
+            return outcome
+        if refusal is None or outcome.sigma0 < refusal.sigma0:
+            refusal = outcome
+        if outcome.cause == "degenerate":
+            break
+    assert refusal is not None
+    return refusal
+
+
+def _attempt(job: Job, cameras: Mapping[str, Camera], options: dict[str, Any]) -> Calibration | NotCalibrated:
+    good, state, dropped = _start(job, cameras, options["seed"])
+
+    def refused(cause: str, reason: str, weak: tuple[str, ...] = (), sigma0: float = np.nan) -> NotCalibrated:
+        return NotCalibrated(reason, cause, weak, dropped, sigma0, options)
+
+    if state is None:
+        return refused("too_few", "no view has a pose: fewer than four marks, or markers on one line")
+    try:
+        solved = _with_eccentricity(job, state, good, options["eccentricity"])
+        dropped = solved.dropped | dropped
+        if solved.redundancy <= 0:
+            return refused("too_few", f"{2 * int(solved.used.sum())} observations for as many unknowns or more")
+        # First: where something is not determined, the search has no end.
+        refuse_weak(job, solved)
+        if not solved.report.converged:
+            return refused("not_converged", f"the adjustment ended without a minimum: {solved.report.reason}")
+        if solved.sigma0 > options["max_sigma0"]:
+            return refused(
+                "misfit",
+                f"residuals are {solved.sigma0:.3g} times what the marks' covariances say (limit "
+                f"{options['max_sigma0']:g}): wrong labels, a start too far away, or a lens beyond the model",
+                sigma0=solved.sigma0,
+            )
+        return calibration(job, solved, dropped, options)
+    except DegenerateGeometry as error:
+        return refused("degenerate", str(error), error.weak)
+
+
+def _start(job: Job, cameras: Mapping[str, Camera], seed: int) -> tuple[Mask, NetworkState | None, dict[str, str]]:
+    """Marks of views with a pose, first values, and the views without one."""
+    obs, rng = job.observations, np.random.default_rng(seed)
+    good = np.ones(len(obs), dtype=np.bool_)
+    poses: list[Pose | None] = [v.cam_from_model for v in job.views]
+    found = dict(cameras)
+    dropped: dict[str, str] = {}
+    for name, camera in cameras.items():
+        mine = [v for v, view in enumerate(job.views) if view.camera == name and poses[v] is None]
+        if not mine:
+            continue
+        marks = [(obs.xy[obs.view == v], job.markers.xyz[obs.point[obs.view == v]]) for v in mine]
+        found[name], new, _ = start_poses(camera, marks, scan_focal="focal_px" in job.free, rng=rng)
+        for v, pose in zip(mine, new, strict=True):
+            poses[v] = pose
+            if pose is None:
+                good[obs.view == v] = False
+                count = int((obs.view == v).sum())
+                dropped[job.views[v].name] = f"view without a pose: {count} marks (four are needed, not on one line)"
+    if not taking_part(job, good)[0].any():
+        return good, None, dropped
+    usable = next(p for p in poses if p is not None)
+    return good, first_state(job, found, [p or usable for p in poses]), dropped
+
+
+def _with_eccentricity(job: Job, state: NetworkState, good: Mask, how: str) -> Solved:
+    """Adjust; then with the eccentricity of the imaged discs, until that changes no more."""
+    shift = np.zeros((len(job.observations), 2))
+    solved = solve(job, state, good, shift)
+    if how == "off" or not np.isfinite(job.markers.radius).any():
+        return solved
+    for _ in range(ECCENTRIC_ROUNDS):
+        normal = job.markers.normal
+        if how == "auto":
+            normal = local_normals(solved.state.points, normal, centers(job, solved.state))
+        new = eccentricities(job, solved.state, normal)
+        if np.abs(new - shift).max(initial=0.0) < ECCENTRIC_PX:
+            break
+        shift = new
+        solved = solve(job, solved.state, good, shift)
+    return solved
+
+
+def centers(job: Job, state: NetworkState) -> Array:
+    """(V, 3) places of the cameras in the model's frame."""
+    return np.stack([pose.center for _, pose in views_of(job, state)])

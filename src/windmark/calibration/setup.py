@@ -1,0 +1,232 @@
+"""From marks, markers, cameras and views to a network; what cannot take part is left out and named."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.adjust.network import Bars, Network, NetworkState
+from windmark.calibration.datum import Datum, Distance, Fixed, Free, Weighted
+from windmark.geometry import PARAMETERS, Camera, Pose
+from windmark.scene import MarkerSet, Observations, View
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+LEAST_MARKS, LEAST_VIEWS = 4, 2
+"""Marks a view needs, and views a free marker needs."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """A calibration, checked, before anything is solved.
+
+    Parameters
+    ----------
+    observations, markers, views : as given; marks carry the index of view and marker
+    cameras : by name, in order of first use
+    free : free interior parameters
+    datum, distances : as given
+    rig : views of one frame share a pose of the rig
+    free_focal : names of views with a focal length of their own
+    """
+
+    observations: Observations
+    markers: MarkerSet
+    views: tuple[View, ...]
+    cameras: Mapping[str, Camera]
+    free: tuple[str, ...]
+    datum: Datum
+    distances: tuple[Distance, ...]
+    rig: bool
+    free_focal: tuple[str, ...]
+    prior_sigma: Mapping[str, float]
+
+    def __post_init__(self) -> None:
+        obs, markers, views = self.observations, self.markers, self.views
+        for name, index, size in (("view", obs.view, len(views)), ("point", obs.point, len(markers))):
+            if len(index) and not (index.min() >= 0 and index.max() < size):
+                raise ValueError(
+                    f"self_calibrate: observations.{name} must be 0 ... {size - 1}, got {index.min()} ... {index.max()}"
+                )
+        names = [v.name for v in views]
+        if len(set(names)) != len(names):
+            twice = sorted({n for n in names if names.count(n) > 1})
+            raise ValueError(f"self_calibrate: names of views must be unique, more than once: {', '.join(twice[:5])}")
+        unknown = sorted({v.camera for v in views} - set(self.cameras))
+        if unknown:
+            raise ValueError(f"self_calibrate: views use unknown cameras {', '.join(unknown)}")
+        both = obs.view.astype(np.int64) * max(len(markers), 1) + obs.point
+        _, first, count = np.unique(both, return_index=True, return_counts=True)
+        if (count > 1).any():
+            o = first[count > 1][0]
+            raise ValueError(
+                f"self_calibrate: marker {markers.name[obs.point[o]]} is observed more than once in view "
+                f"{views[int(obs.view[o])].name}; {int((count > 1).sum())} such pairs"
+            )
+        wrong = [p for p in (*self.free, *self.prior_sigma) if p not in PARAMETERS]
+        if wrong:
+            raise ValueError(f"self_calibrate: free: {wrong[0]!r} is none of {', '.join(PARAMETERS)}")
+        missing = sorted(set(self.free_focal) - set(names))
+        if missing:
+            raise ValueError(f"self_calibrate: free_focal names unknown views {', '.join(missing[:5])}")
+        if not isinstance(self.datum, Fixed | Weighted | Free):
+            raise ValueError(
+                "self_calibrate: datum must be calibration.Fixed, Weighted or Free: what fixes position, direction and "
+                f"size is never guessed; got {type(self.datum).__name__}"
+            )
+
+    def marker(self, name: str, what: str) -> int:
+        """Index of a marker by name."""
+        found = np.flatnonzero(self.markers.name == name)
+        if not len(found):
+            raise ValueError(f"self_calibrate: {what} names the unknown marker {name!r}")
+        return int(found[0])
+
+    def chosen(self, names: Sequence[str] | None, what: str) -> Mask:
+        """(N,) markers by name; None takes all."""
+        out = np.zeros(len(self.markers), dtype=np.bool_)
+        if names is None:
+            return ~out
+        out[[self.marker(name, what) for name in names]] = True
+        return out
+
+    @property
+    def held(self) -> Mask:
+        """(N,) markers that do not move."""
+        if isinstance(self.datum, Fixed):
+            return self.chosen(self.datum.markers, "datum")
+        return np.zeros(len(self.markers), dtype=np.bool_)
+
+
+def taking_part(job: Job, used: Mask) -> tuple[Mask, dict[str, str]]:
+    """Marks that can take part, (O,), and why views and markers cannot, by name.
+
+    A view needs four marks, a free marker two views; leaving one out may leave others with too few.
+    """
+    obs, held = job.observations, job.held
+    known = held.copy()
+    if isinstance(job.datum, Weighted):
+        known |= job.chosen(job.datum.markers, "datum")
+    alive, dropped = used.copy(), {}
+    while True:
+        per_view = np.bincount(obs.view[alive], minlength=len(job.views))
+        per_point = np.bincount(obs.point[alive], minlength=len(job.markers))
+        poor_view = (per_view > 0) & (per_view < LEAST_MARKS)
+        poor_point = (per_point > 0) & (per_point < LEAST_VIEWS) & ~known
+        if not (poor_view.any() or poor_point.any()):
+            break
+        for v in np.flatnonzero(poor_view):
+            dropped[job.views[v].name] = f"view with {per_view[v]} marks; {LEAST_MARKS} are needed"
+        for p in np.flatnonzero(poor_point):
+            dropped[str(job.markers.name[p])] = "marker seen in one view only"
+        alive &= ~poor_view[obs.view] & ~poor_point[obs.point]
+    for v in np.flatnonzero((per_view == 0) & ~np.isin([w.name for w in job.views], list(dropped))):
+        dropped[job.views[v].name] = "view without marks"
+    return alive, dropped
+
+
+def make_network(job: Job, taken: Mask, weight: Array | None = None) -> Network:
+    """The network of the marks that take part."""
+    obs, markers, views = job.observations, job.markers, job.views
+    names = list(job.cameras)
+    camera = np.array([names.index(v.camera) for v in views], dtype=np.int64)
+    frames, frame = frames_of(job)
+    held = np.repeat(job.held[:, None], 3, axis=1)
+    value = sigma = None
+    if isinstance(job.datum, Weighted):
+        value, sigma = markers.xyz, _weights(job)
+    free_offset = np.arange(len(names)) > 0 if job.rig else np.zeros(0, dtype=np.bool_)
+    priors = {k: v for k, v in job.prior_sigma.items() if k in job.free}
+    return Network(
+        view=obs.view[taken], point=obs.point[taken], xy=obs.xy[taken], cov=obs.cov[taken],
+        view_camera=camera, view_frame=frame, view_offset=camera if job.rig else np.full(len(views), -1),
+        free_camera=(job.free,) * len(names), free_frame=np.ones(len(frames), dtype=np.bool_), held=held,
+        free_offset=free_offset, free_focal=np.array([v.name in job.free_focal for v in views], dtype=np.bool_),
+        point_value=value, point_sigma=sigma, bars=_bars(job), weight=None if weight is None else weight[taken],
+        camera_value=[{k: float(getattr(c, k)) for k in priors} for c in job.cameras.values()] if priors else (),
+        camera_sigma=[priors] * len(names) if priors else (),
+    )  # fmt: skip
+
+
+def frames_of(job: Job) -> tuple[list[str], Ints]:
+    """Names of the frames, and (V,) the frame of each view: the rig's instants, or every view by itself."""
+    keys = [v.frame if job.rig else v.name for v in job.views]
+    names = list(dict.fromkeys(keys))
+    return names, np.array([names.index(k) for k in keys], dtype=np.int64)
+
+
+def _weights(job: Job) -> Array:
+    datum = job.datum
+    assert isinstance(datum, Weighted)
+    given = job.markers.sigma if datum.sigma is None else np.full((len(job.markers), 3), datum.sigma)
+    chosen = job.chosen(datum.markers, "datum")[:, None] & np.isfinite(given)
+    if not (given[chosen] > 0).all():
+        raise ValueError("self_calibrate: datum Weighted: sigma must be > 0; hold markers with Fixed")
+    if chosen.any(axis=1).sum() < 3:
+        raise ValueError("self_calibrate: datum Weighted needs at least three markers with a sigma")
+    return np.where(chosen, given, np.inf)
+
+
+def _bars(job: Job) -> Bars:
+    ends = [(job.marker(d.first, "distances"), job.marker(d.second, "distances")) for d in job.distances]
+    first, second = (np.array([e[n] for e in ends], dtype=np.int64) for n in (0, 1))
+    return Bars(first, second, np.array([d.length for d in job.distances], dtype=float),
+                np.array([d.sigma for d in job.distances], dtype=float))  # fmt: skip
+
+
+def first_state(job: Job, cameras: Mapping[str, Camera], poses: Sequence[Pose]) -> NetworkState:
+    """Values from cameras and a pose of every view."""
+    names = list(job.cameras)
+    keys, frame = frames_of(job)
+    focal = np.zeros(len(job.views)) if job.free_focal else None
+    values = tuple(replace(cameras[n], cov=None) for n in names)
+    if not job.rig:
+        return NetworkState(values, _stack(list(poses)), job.markers.xyz.copy(), None, focal)
+    camera = np.array([names.index(v.camera) for v in job.views])
+    offsets = [Pose.identity()]
+    for c in range(1, len(names)):
+        pairs = [
+            poses[int(b)] @ poses[int(a)].inverse()
+            for a in np.flatnonzero(camera == 0)
+            for b in np.flatnonzero((camera == c) & (frame == frame[a]))
+        ]
+        if not pairs:
+            raise ValueError(f"self_calibrate: rig: camera {names[c]} shares no frame with {names[0]}")
+        offsets.append(_middle(pairs))
+    frames = []
+    for f in range(len(keys)):
+        v = int(np.flatnonzero(frame == f)[0])
+        frames.append(offsets[camera[v]].inverse() @ poses[v])
+    return NetworkState(values, _stack(frames), job.markers.xyz.copy(), _stack(offsets), focal)
+
+
+def _stack(poses: list[Pose]) -> Pose:
+    return Pose(np.stack([p.rotation for p in poses]), np.stack([p.translation for p in poses]))
+
+
+def _middle(poses: list[Pose]) -> Pose:
+    """The pose with the smallest sum of distances to all others: wrong ones do no harm."""
+    logs = np.array([[(a @ b.inverse()).log() for b in poses] for a in poses])
+    scale = np.array([1.0, 1.0, 1.0, *(np.full(3, 1 / max(float(np.linalg.norm(poses[0].translation)), 1e-9)))])
+    return poses[int(np.linalg.norm(logs * scale, axis=2).sum(axis=1).argmin())]
+
+
+def views_of(job: Job, state: NetworkState) -> list[tuple[Camera, Pose]]:
+    """Camera (with the view's own focal length) and ``cam_from_model`` of every view."""
+    names, (_, frame) = list(job.cameras), frames_of(job)
+    out = []
+    for v, view in enumerate(job.views):
+        c = names.index(view.camera)
+        camera = state.cameras[c]
+        if state.focal_change is not None and state.focal_change[v]:
+            camera = replace(camera, focal_px=camera.focal_px * float(1 + state.focal_change[v]))
+        pose = Pose(state.frames.rotation[frame[v]], state.frames.translation[frame[v]])
+        if state.offsets is not None:
+            pose = Pose(state.offsets.rotation[c], state.offsets.translation[c]) @ pose
+        out.append((camera, pose))
+    return out

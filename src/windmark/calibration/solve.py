@@ -1,0 +1,224 @@
+"""From a rough start to the minimum, gross errors found on the way.
+
+1. Graduated Cauchy weights: the scale follows the median residual down, so neither a rough start nor a third of wrong
+   marks leads astray.
+2. Least squares of the marks that fit, each tested (`snooping`); marks come and go until nothing changes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.adjust import SolveReport
+from windmark.adjust.levenberg_marquardt import SolveOptions, minimise
+from windmark.adjust.loss import DEFAULT_SCALE, Loss
+from windmark.adjust.network import NetworkProblem, NetworkState
+from windmark.adjust.network.covariance import NetworkCovariance, network_covariance
+from windmark.calibration.setup import LEAST_MARKS, Job, frames_of, make_network, taking_part, views_of
+from windmark.calibration.snooping import LIMIT, influence, statistic
+from windmark.calibration.start import start_poses
+from windmark.geometry import Pose, imaged_ellipse
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+RAYLEIGH = float(np.sqrt(2 * np.log(2.0)))
+"""Median length of a residual with unit sigma per coordinate."""
+STAGES, STAGE_STEPS = 15, 8
+"""Robust stages at most, and steps in each."""
+SETTLED = 0.95
+"""A stage that lowers the median residual by less than this factor is the last one."""
+ROUNDS = 12
+"""Rounds of leaving out and taking back."""
+RESCUES, MOST_LEFT, RESCUE_PX = 2, 0.6, 5.0
+"""Times that views with at most this share of marks left are given a new pose; it must explain them within so much."""
+FINAL = SolveOptions(max_iterations=60, gradient_tol=1e-4)
+ECCENTRIC_PX = 1e-3
+"""Change of the discs' eccentricity that asks for another adjustment."""
+
+
+@dataclass(frozen=True)
+class Solved:
+    """An adjusted network with the test of every mark that took part.
+
+    ``taken`` (O,) are the marks of the job in the problem's network, ``used`` of those (K,) not left out.
+    """
+
+    problem: NetworkProblem
+    state: NetworkState
+    covariance: NetworkCovariance
+    report: SolveReport
+    taken: Mask
+    used: Mask
+    residual: Array
+    test: Array
+    sigma0: float
+    redundancy: int
+    dropped: dict[str, str]
+
+
+def solve(job: Job, start: NetworkState, allowed: Mask, shift: Array) -> Solved:
+    """Adjust the ``allowed`` (O,) marks of a job from a start; ``shift`` (O, 2) is the eccentricity of each.
+
+    Raises
+    ------
+    DegenerateGeometry
+        When something is not determined at all.
+    ValueError
+        When the start has no image of a marker.
+    """
+    good = allowed.copy()
+    taken, _ = taking_part(job, good)
+    state, good[taken] = _robust(job, start, taken, shift)
+    solved, good = _tested(job, state, allowed, good, shift)
+    for _ in range(RESCUES):
+        state, again = _rescued(job, solved, allowed, good)
+        if again is None:
+            break
+        solved, good = _tested(job, state, allowed, again, shift)
+    return solved
+
+
+def _tested(job: Job, state: NetworkState, allowed: Mask, good: Mask, shift: Array) -> tuple[Solved, Mask]:
+    """Least squares, and marks left out and taken back, until nothing changes."""
+    seen: set[bytes] = set()
+    for _ in range(ROUNDS):
+        taken, dropped = taking_part(job, good)
+        left_out = allowed & _predictable(job, taken, good)
+        solved = _adjusted(job, state, taken, left_out, good, shift, dropped)
+        state = solved.state
+        fits = good.copy()
+        fits[solved.taken] = solved.test <= LIMIT
+        fits = _one_by_one(job, good, fits, solved)
+        if (fits == good).all() or fits.tobytes() in seen:
+            break
+        seen.add(fits.tobytes())
+        good = fits
+    return solved, good
+
+
+def _rescued(job: Job, solved: Solved, allowed: Mask, good: Mask) -> tuple[NetworkState, Mask | None]:
+    """Views that lost most of their marks get a new pose from the markers as they are now known.
+
+    The first poses come from rough coordinates; a wrong one makes all marks of its view look like gross errors.
+    None where no view can be helped.
+    """
+    obs, state, out = job.observations, solved.state, good.copy()
+    known = np.zeros(len(job.markers), dtype=np.bool_)
+    known[obs.point[solved.taken]] = True
+    usable = allowed & known[obs.point]
+    frames, helped = frames_of(job)[1], False
+    if state.offsets is not None:
+        return state, None
+    rotation, translation = state.frames.rotation.copy(), state.frames.translation.copy()
+    for v, (camera, _) in enumerate(views_of(job, state)):
+        mine = np.flatnonzero(usable & (obs.view == v))
+        if len(mine) < LEAST_MARKS or good[mine].mean() > MOST_LEFT:
+            continue
+        marks = [(obs.xy[mine], state.points[obs.point[mine]])]
+        _, poses, _ = start_poses(camera, marks, scan_focal=False, rng=np.random.default_rng(v))
+        if poses[0] is None:
+            continue
+        seen, valid = camera.project(poses[0].apply(marks[0][1]))
+        near = valid & (np.linalg.norm(seen - marks[0][0], axis=1) < RESCUE_PX)
+        if near.mean() > max(good[mine].mean(), 0.5):
+            out[mine], helped = near, True
+            rotation[frames[v]], translation[frames[v]] = poses[0].rotation, poses[0].translation
+    return replace(state, frames=Pose(rotation, translation)), out if helped else None
+
+
+def _robust(job: Job, state: NetworkState, taken: Mask, shift: Array) -> tuple[NetworkState, Mask]:
+    """Values that a third of wrong marks does not pull, and which of the marks fit them."""
+    network = make_network(job, taken)
+    scale = np.inf
+    for _ in range(STAGES):
+        problem = NetworkProblem(network, state, shift[taken])
+        residual = problem.residual(state)
+        if residual is None:
+            raise ValueError("self_calibrate: the start has a marker behind a camera or beyond its lens")
+        now = max(float(np.median(np.linalg.norm(residual, axis=1))) / RAYLEIGH, 1e-12)
+        if now > SETTLED * scale:
+            break
+        scale = now
+        problem = NetworkProblem(
+            replace(network, loss=Loss("cauchy", DEFAULT_SCALE["cauchy"] * scale)), state, shift[taken]
+        )
+        state = minimise(problem, state, SolveOptions(max_iterations=STAGE_STEPS, gradient_tol=1e-2))[0]
+    residual = problem.residual(state)
+    assert residual is not None
+    fits = np.empty(len(residual), dtype=np.bool_)
+    fits[problem.order] = (residual**2).sum(axis=1) < LIMIT * scale**2
+    return state, fits
+
+
+def _adjusted(
+    job: Job, state: NetworkState, taken: Mask, left_out: Mask, good: Mask, shift: Array, dropped: dict[str, str]
+) -> Solved:
+    """Least squares of the good marks among those that take part; all of them are tested.
+
+    Marks that were left out stay in the network with no weight, so that their test is a prediction.
+    """
+    every = taken | left_out
+    network = make_network(job, every, good.astype(float))
+    problem = NetworkProblem(network, state, shift[every])
+    state, system, report = minimise(problem, state, FINAL)
+    covariance = network_covariance(system, problem.layout)
+    residual = problem.residual(state)
+    assert residual is not None
+    used = good[every][problem.order]
+    lay = problem.layout
+    unknowns = lay.dense + lay.blocks * lay.size
+    known = 0 if network.point_sigma is None else int(np.isfinite(network.point_sigma).sum())
+    redundancy = 2 * int(used.sum()) + known + len(network.bars.length) + covariance.motions.shape[1] - unknowns
+    squares = 2 * report.final_cost
+    sigma0 = float(np.sqrt(squares / redundancy)) if redundancy > 0 else float("nan")
+    test = statistic(residual, influence(problem, state, covariance), used)
+    test = test / sigma0**2 if redundancy > 0 and sigma0 > 0 else test
+    back = np.argsort(problem.order)
+    return Solved(
+        problem, state, covariance, report, every, used[back], residual[back], test[back], sigma0, redundancy, dropped
+    )
+
+
+def _predictable(job: Job, taken: Mask, good: Mask) -> Mask:
+    """Left-out marks of views and markers that take part."""
+    obs = job.observations
+    view, point = np.zeros(len(job.views), dtype=np.bool_), job.held.copy()
+    view[obs.view[taken]], point[obs.point[taken]] = True, True
+    return np.asarray(~good & view[obs.view] & point[obs.point])
+
+
+def _one_by_one(job: Job, good: Mask, fits: Mask, solved: Solved) -> Mask:
+    """Of the marks that newly fail, only those that are the worst of their view or of their marker are left out now.
+
+    A gross error pulls its neighbours; they may fit once it is gone.
+    """
+    fails = np.flatnonzero(good & ~fits)
+    if not len(fails):
+        return fits
+    test = np.zeros(len(good))
+    test[solved.taken] = solved.test
+    obs = job.observations
+    worst_view, worst_point = np.zeros(len(job.views)), np.zeros(len(job.markers))
+    np.maximum.at(worst_view, obs.view[fails], test[fails])
+    np.maximum.at(worst_point, obs.point[fails], test[fails])
+    now = (test[fails] >= worst_view[obs.view[fails]]) | (test[fails] >= worst_point[obs.point[fails]])
+    out = fits.copy()
+    out[fails[~now]] = True
+    return out
+
+
+def eccentricities(job: Job, state: NetworkState, normal: Array) -> Array:
+    """(O, 2) centre of each imaged disc less the image of its centre; zero where normal or radius is unknown."""
+    obs, out = job.observations, np.zeros((len(job.observations), 2))
+    for v, (camera, pose) in enumerate(views_of(job, state)):
+        mine = np.flatnonzero(obs.view == v)
+        p = obs.point[mine]
+        known = np.isfinite(normal[p]).all(axis=1) & np.isfinite(job.markers.radius[p])
+        mine, p = mine[known], p[known]
+        seen = imaged_ellipse(camera, pose.apply(state.points[p]), pose.rotate(normal[p]), job.markers.radius[p])
+        out[mine] = np.where(np.isfinite(seen.eccentricity_px), seen.eccentricity_px, 0.0)
+    return out

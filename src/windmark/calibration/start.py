@@ -1,0 +1,87 @@
+"""Where every picture was taken from, found from rough marker coordinates: the start of a calibration.
+
+P3P on wide triplets of markers gives poses; a pose is judged by the median residual of all its marks, so rough
+coordinates, an uncorrected lens and a third of wrong labels do no harm. An unknown focal length is scanned: the one
+that serves all pictures of a camera best.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.geometry import Camera, Pose, p3p
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+TRIPLETS, DRAWN = 24, 200
+"""Triplets tried per picture, the widest of so many drawn at random."""
+FACTORS = tuple(np.geomspace(0.5, 2.0, 13))
+"""Focal lengths tried, relative to the given one; 1 is among them."""
+LEAST = 4
+"""Marks that a picture needs: three give up to four poses."""
+
+
+def start_poses(
+    camera: Camera, marks: list[tuple[Array, Array]], *, scan_focal: bool, rng: np.random.Generator
+) -> tuple[Camera, list[Pose | None], Array]:
+    """A pose of every picture of one camera.
+
+    Parameters
+    ----------
+    camera : start values
+    marks : for each picture (xy (K, 2), xyz (K, 3)), rough coordinates
+    scan_focal : try other focal lengths, too
+    rng : for the choice of triplets
+
+    Returns
+    -------
+    camera : with the best focal length of those tried
+    poses : a pose for each picture, None where there is none
+    median_px : median residual of each picture, inf without a pose
+    """
+    chosen = [_wide_triplets(xy, xyz, rng) if len(xy) >= LEAST else None for xy, xyz in marks]
+    best: tuple[float, Camera, list[Pose | None], Array] | None = None
+    for factor in FACTORS if scan_focal else (1.0,):
+        trial = replace(camera, focal_px=camera.focal_px * float(factor))
+        found = [_best_pose(trial, *m, t) for m, t in zip(marks, chosen, strict=True)]
+        median = np.array([f[0] for f in found])
+        finite = np.isfinite(median)
+        # Relative to the focal length a longer one would not gain by shrinking the picture of errors.
+        total = float(np.median(median[finite])) if finite.any() else np.inf
+        if best is None or total < best[0]:
+            best = total, trial, [f[1] for f in found], median
+    assert best is not None
+    return best[1], best[2], best[3]
+
+
+def _wide_triplets(xy: Array, xyz: Array, rng: np.random.Generator) -> Ints:
+    """(T, 3) triplets that are wide both in the picture and on the model."""
+    k = len(xy)
+    drawn = np.sort(np.argsort(rng.random((DRAWN, k)), axis=1)[:, :3], axis=1)
+    u, v = (xy[drawn[:, n]] - xy[drawn[:, 0]] for n in (1, 2))
+    a, b = (xyz[drawn[:, n]] - xyz[drawn[:, 0]] for n in (1, 2))
+    area = np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
+    width = np.sqrt(area) * np.linalg.norm(np.cross(a, b), axis=1)
+    return drawn[np.argsort(-width, kind="stable")[: 2 * TRIPLETS : 2]]
+
+
+def _best_pose(camera: Camera, xy: Array, xyz: Array, triplets: Ints | None) -> tuple[float, Pose | None]:
+    """The pose of the smallest median residual among those of all triplets."""
+    if triplets is None:
+        return np.inf, None
+    rays = camera.unproject(xy)
+    rays = np.where(np.isfinite(rays), rays, replace(camera, k1=0, k2=0, k3=0, p1=0, p2=0).unproject(xy))
+    solutions = p3p(rays[triplets], xyz[triplets])
+    there = solutions.valid
+    rotation, translation = solutions.rotation[there], solutions.translation[there]
+    if not len(rotation):
+        return np.inf, None
+    seen, valid = camera.project(xyz @ rotation.transpose(0, 2, 1) + translation[:, None])
+    distance = np.where(valid, np.linalg.norm(seen - xy, axis=2), np.inf)
+    median = np.median(distance, axis=1)
+    n = int(median.argmin())
+    return float(median[n]), Pose(rotation[n], translation[n]) if np.isfinite(median[n]) else None
