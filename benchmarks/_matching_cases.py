@@ -14,7 +14,7 @@ import registration_scenes as scenes
 
 from windmark.geometry import Camera, Pose
 from windmark.registration import Registration
-from windmark.scene import Detections, MarkerSet
+from windmark.scene import Detections, MarkerSet, Matching
 
 WRONG_PX = 5.0
 """A pose that displaces a visible marker by more is wrong."""
@@ -36,14 +36,14 @@ class Case:
             return False
         return scenes.pose_error_px(result.cam_from_model, self.truth, result.camera) < WRONG_PX
 
-    def labels(self, result: Registration) -> tuple[int, int]:
+    def labels(self, match: Matching) -> tuple[int, int]:
         """Wrong labels and missing ones.
 
         A spot within three sigma of where its marker is, though it is another's or nobody's, is truly ambiguous;
         neither it nor the marker's own spot is then counted.
         """
         assert self.truth is not None
-        label, match = self.truth.label, result.matching
+        label = self.truth.label
         seen, _ = self.truth.camera.project(self.truth.cam_from_model.apply(self.markers.xyz))
         offset = np.linalg.norm(self.detections.xy[match.detection] - seen[match.marker], axis=1)
         sigma = np.sqrt(self.detections.cov[match.detection, 0, 0])

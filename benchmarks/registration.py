@@ -62,7 +62,7 @@ class Tally:
         self.seconds.append(seconds)
         self.wrong += not case.pose_right(result)
         if case.truth is not None:
-            wrong, missing = case.labels(result)
+            wrong, missing = case.labels(result.matching)
             self.labelled += wrong == 0 and missing == 0
             self.false_labels += wrong > 0
 

@@ -15,7 +15,9 @@ _HOME = {
     "geometry": ("Camera", "DegenerateGeometry", "Pose", "PoV"),
     "scene": ("Detections", "MarkerSet", "Matching", "Mesh", "Observations", "Tracks", "View"),
     "detection": ("detect", "detect_at"),
-    "registration": ("NotRegistered", "Registration", "pose_from_labels", "register"),
+    "registration": (
+        "NotRegistered", "Registration", "RigRegistration", "pose_from_labels", "register", "register_rig",
+    ),
     "resection": (
         "NodeView", "PixelMap", "map_pixels", "node_values", "orient_outward", "sample", "sample_line", "section",
         "see_nodes", "virtual_image",
@@ -44,7 +46,14 @@ if TYPE_CHECKING:
         write_markers,
         write_mesh,
     )
-    from windmark.registration import NotRegistered, Registration, pose_from_labels, register
+    from windmark.registration import (
+        NotRegistered,
+        Registration,
+        RigRegistration,
+        pose_from_labels,
+        register,
+        register_rig,
+    )
     from windmark.resection import (
         NodeView,
         PixelMap,

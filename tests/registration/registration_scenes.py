@@ -155,3 +155,36 @@ def whitened_error(found: Registration, scene: Scene) -> Array:
         error.append(np.log(scene.camera.focal_px / found.camera.focal_px))
     root = np.linalg.cholesky(change @ found.cov @ change.T)
     return np.asarray(np.linalg.solve(root, error))
+
+
+@dataclass(frozen=True)
+class RigScene:
+    """Images of several cameras at once, and where the cameras and the model are in the frame of the rig."""
+
+    views: tuple[Scene, ...]
+    cam_from_rig: tuple[Pose, ...]
+    rig_from_model: Pose
+
+    def arguments(self) -> tuple[list[Detections], MarkerSet, list[Camera], list[Pose]]:
+        """What `register_rig` is given."""
+        spots, cameras = [v.detections for v in self.views], [v.camera for v in self.views]
+        return spots, self.views[0].markers, cameras, list(self.cam_from_rig)
+
+
+def rig_scene(seed: int, kind: str = "A", cameras: int = 3, apart_deg: tuple[float, float] = (20, 60),
+              **options: float) -> RigScene:  # fmt: skip
+    """Random images of kind A, B or C by cameras that see the model from directions so far apart, any lens."""
+    rng = np.random.default_rng(seed)
+    markers = {"A": wing, "B": wing_and_body, "C": wind_tunnel}[kind](rng)
+    middle = 0.5 * (markers.xyz.min(axis=0) + markers.xyz.max(axis=0))
+    chosen: list[tuple[Camera, Pose]] = []
+    directions: list[Array] = []
+    while len(chosen) < cameras:
+        camera, pose = random_view(rng, markers)
+        towards = (pose.center - middle) / np.linalg.norm(pose.center - middle)
+        if all(apart_deg[0] < np.degrees(np.arccos(towards @ other)) < apart_deg[1] for other in directions):
+            chosen.append((camera, pose))
+            directions.append(towards)
+    rig_from_model = Pose.from_rotvec(rng.normal(size=3), rng.normal(size=3))
+    views = tuple(image_of(rng, markers, camera, pose, **options) for camera, pose in chosen)
+    return RigScene(views, tuple(pose @ rig_from_model.inverse() for _, pose in chosen), rig_from_model)

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 import registration_scenes as scenes
+from slow_twins import slow_label
 
 from windmark.adjust import refine_pose
 from windmark.geometry import Camera
 from windmark.registration._kernels import fit as fits
-from windmark.registration._kernels import settle as settling
 from windmark.registration._kernels.raster import plane_covariance_kernel
 from windmark.registration.search.plane import Plane, to_plane
 from windmark.registration.search.pool import Candidate
@@ -97,44 +97,6 @@ def test_too_few_or_singular_pairs_are_lost():
     scene = curved_scene(4)
     first = set(scene.label[:3].tolist())
     assert settle(plane_of(scene), candidate_of(scene, keep=lambda m: m in first)) is None
-
-
-def slow_label(plane, solution):
-    """Twin of `_label`: pairs of a settled solution, from dense matrices."""
-    state, markers, spots = solution.state, plane.markers, plane.spots
-    factor = np.tril(state.factor[:6, :6])
-    focal, excess = state.numbers[fits.FOCAL], state.numbers[fits.EXCESS]
-    eye = -state.rotation.T @ state.translation
-    facing = ((eye - markers.xyz) * markers.normal).sum(axis=1) > 0
-    points = markers.xyz @ state.rotation.T + state.translation
-    pairs = []
-    for m in np.flatnonzero(facing & (points[:, 2] > 0)):
-        turned, step = points[m] - state.translation, 1e-6
-
-        def project(delta, turned=turned):
-            p = scenes.Pose.from_rotvec(delta[:3], [0, 0, 0]).apply(turned) + state.translation + delta[3:]
-            return focal * p[:2] / p[2]
-
-        j = np.stack([(project(step * e) - project(-step * e)) / (2 * step) for e in np.eye(6)], axis=1)
-        half = np.linalg.solve(factor, j.T)
-        by_pose, seen = half.T @ half, project(np.zeros(6))
-        for s in range(len(spots.p)):
-            noise = np.array([[spots.cov[s, 0], spots.cov[s, 1]], [spots.cov[s, 1], spots.cov[s, 2]]])
-            noise = noise + excess * np.eye(2)
-            sign = -1 if state.match[m] == s else 1
-            value, vector = np.linalg.eigh(noise + sign * by_pose)
-            gate = (vector * np.maximum(value, 0.05 * np.trace(noise) if sign < 0 else 0)) @ vector.T
-            offset = seen - spots.p[s]
-            d2 = offset @ np.linalg.solve(gate, offset)
-            likely = 2 * np.log(1 / (2 * np.pi * np.sqrt(np.linalg.det(gate)) * spots.density[s]))
-            if d2 < min(settling.GATE, likely):
-                pairs.append((d2, m, s))
-    chosen, taken = {}, set()
-    for _, m, s in sorted(pairs):
-        if m not in chosen and s not in taken:
-            chosen[m] = s
-            taken.add(s)
-    return chosen
 
 
 def test_settled_labels_are_those_of_the_slow_twin():

@@ -4,12 +4,15 @@ from windmark.registration.directions import WeakDirection
 from windmark.registration.labelled import pose_from_labels
 from windmark.registration.register import prepare, register
 from windmark.registration.result import CAUSES, NotRegistered, Registration, RunnerUp
+from windmark.registration.rig import RigRegistration, register_rig
 
 __all__ = [
     "register",
+    "register_rig",
     "prepare",
     "pose_from_labels",
     "Registration",
+    "RigRegistration",
     "NotRegistered",
     "RunnerUp",
     "WeakDirection",

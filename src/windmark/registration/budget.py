@@ -14,6 +14,7 @@ from windmark.registration._kernels.growth import growth_kernel
 from windmark.registration._kernels.hypothesis import hypotheses_kernel
 from windmark.registration._kernels.match import search_kernel
 from windmark.registration._kernels.quad import spot_quads_kernel, table_kernel
+from windmark.registration._kernels.rig import accept_rig_kernel, settle_rig_kernel
 from windmark.registration._kernels.rival import rivals_kernel
 from windmark.registration._kernels.settle import settle_kernel
 from windmark.registration._kernels.symmetry import symmetries_kernel
@@ -21,7 +22,7 @@ from windmark.registration.task import Visible
 
 _KERNELS = (
     likelihood_ratio, log10_nfa, growth_kernel, hypotheses_kernel, p3p_batch_kernel, rivals_kernel, search_kernel,
-    spot_quads_kernel, table_kernel, settle_kernel, symmetries_kernel,
+    spot_quads_kernel, table_kernel, settle_kernel, symmetries_kernel, settle_rig_kernel, accept_rig_kernel,
 )  # fmt: skip
 
 

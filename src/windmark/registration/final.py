@@ -58,11 +58,9 @@ def finish(plane: Plane, best: Solution) -> Final:
         plane, best = _with_its_lens(plane, best)
     best = accepted(plane, best, plane.spots)
     off = np.zeros((best.count, 2))
-    markers = plane.task.markers.take(best.marker)
-    discs = np.isfinite(markers.radius) & np.isfinite(markers.normal).all(axis=1)
-    for _ in range(DISC_ROUNDS if discs.any() else 0):
-        off[discs] = _eccentricity(plane, best, discs)
-        best = accepted(plane, best, _moved(plane, best, off))
+    for _ in range(DISC_ROUNDS if are_discs(plane).any() else 0):
+        off = eccentricity(plane, best)
+        best = accepted(plane, best, moved(plane, best, off))
     if plane.task.free_focal and (bent or given.cov is not None):
         full = _with_full_camera(plane, best, off)
         if full is not None:
@@ -83,11 +81,11 @@ def _with_its_lens(plane: Plane, best: Solution) -> tuple[Plane, Solution]:
             break
         if not np.isfinite(camera.unproject(plane.task.xy)).all():
             break
-        moved = Plane(replace(plane.task, camera=camera), plane.layout)
-        again = settle(moved, Candidate(best.cam_from_model, best.focal_px, 0.0, best.count, best.state.match))
+        other = Plane(replace(plane.task, camera=camera), plane.layout)
+        again = settle(other, Candidate(best.cam_from_model, best.focal_px, 0.0, best.count, best.state.match))
         if again is None:
             break
-        plane, best = moved, again
+        plane, best = other, again
     return plane, best
 
 
@@ -100,15 +98,23 @@ def _camera(plane: Plane, best: Solution) -> Camera:
     return replace(plane.task.camera, focal_px=best.focal_px, cov=cov)
 
 
-def _eccentricity(plane: Plane, best: Solution, which: NDArray[np.bool_]) -> Array:
-    """(D, 2) of the given markers, 0 where a part of the outline has no image."""
-    markers = plane.task.markers.take(best.marker[which])
+def are_discs(plane: Plane) -> NDArray[np.bool_]:
+    """(N,) markers whose normal and radius are known."""
+    markers = plane.task.markers
+    return np.isfinite(markers.radius) & np.isfinite(markers.normal).all(axis=1)
+
+
+def eccentricity(plane: Plane, best: Solution) -> Array:
+    """(K, 2) of the matched markers, 0 where they are no discs or a part of the outline has no image."""
+    off, discs = np.zeros((best.count, 2)), are_discs(plane)[best.marker]
+    markers = plane.task.markers.take(best.marker[discs])
     pose, camera = best.cam_from_model, replace(plane.task.camera, focal_px=best.focal_px)
     seen = imaged_ellipse(camera, pose.apply(markers.xyz), pose.rotate(markers.normal), markers.radius)
-    return np.nan_to_num(seen.eccentricity_px)
+    off[discs] = np.nan_to_num(seen.eccentricity_px)
+    return off
 
 
-def _moved(plane: Plane, best: Solution, off: Array) -> Spots:
+def moved(plane: Plane, best: Solution, off: Array) -> Spots:
     """The spots with those of matched discs moved to the images of the discs' centres."""
     xy = plane.task.xy.copy()
     xy[best.detection] -= off

@@ -117,7 +117,7 @@ def register(
     refusal = _refuse_early(xy, cov, markers)
     if refusal is not None:
         return NotRegistered(*refusal, options=options)
-    options["tolerance_px"] = tolerance_px = tolerance_px or _default_tolerance(xy, camera)
+    options["tolerance_px"] = tolerance_px = tolerance_px or default_tolerance(xy, camera)
     task = Task(
         markers, camera, xy, cov, tolerance_px, prior, float(np.radians(prior_max_angle_deg)), prior_max_scale,
         tuple(np.geomspace(1 / focal_range, focal_range, FOCAL_STEPS)) if free_focal else (1.0,), pairs,
@@ -138,21 +138,26 @@ def prepare(markers: MarkerSet) -> Layout:
 def _check_options(options: dict[str, Any], prior: Pose | None) -> None:
     if options["method"] not in DEFAULT_TIME_S:
         raise ValueError(f"register: method must be one of {', '.join(DEFAULT_TIME_S)}, got {options['method']!r}")
+    check_ranges("register", options, prior)
+
+
+def check_ranges(verb: str, options: dict[str, Any], prior: Pose | None) -> None:
+    """Raise for a prior that is a batch, and for numbers out of range among the options that a verb has."""
     if prior is not None and prior.rotation.ndim != 2:
-        raise ValueError(f"register: prior must be a single pose, got a batch {prior.rotation.shape[:-2]}")
+        raise ValueError(f"{verb}: prior must be a single pose, got a batch {prior.rotation.shape[:-2]}")
     positive = ("prior_max_angle_deg", "max_focal_sigma", "max_hypotheses", "max_time_s", "max_table_error")
     above_one = ("prior_max_scale", "focal_range")
     for name in positive:
-        if not options[name] > 0:
-            raise ValueError(f"register: {name} must be > 0, got {options[name]}")
+        if name in options and not options[name] > 0:
+            raise ValueError(f"{verb}: {name} must be > 0, got {options[name]}")
     for name in above_one:
-        if not options[name] > 1:
-            raise ValueError(f"register: {name} is a ratio and must be > 1, got {options[name]}")
+        if name in options and not options[name] > 1:
+            raise ValueError(f"{verb}: {name} is a ratio and must be > 1, got {options[name]}")
     tolerance = options["tolerance_px"]
     if tolerance is not None and not (np.isfinite(tolerance) and tolerance > 0):
-        raise ValueError(f"register: tolerance_px must be > 0 and finite, or None, got {tolerance}")
+        raise ValueError(f"{verb}: tolerance_px must be > 0 and finite, or None, got {tolerance}")
     if options["min_margin"] < 0:
-        raise ValueError(f"register: min_margin must be >= 0, got {options['min_margin']}")
+        raise ValueError(f"{verb}: min_margin must be >= 0, got {options['min_margin']}")
 
 
 def _refuse_early(xy: Array, cov: Array, markers: MarkerSet) -> tuple[str, Any] | None:
@@ -162,23 +167,23 @@ def _refuse_early(xy: Array, cov: Array, markers: MarkerSet) -> tuple[str, Any] 
     for count, what in ((len(xy), "spots"), (len(markers), "markers")):
         if count < MIN_COUNT:
             return f"{count} {what}: three pairs fix a pose and a fourth is needed to check it", "too_few"
-    width = _off_line(xy)
+    width = off_line(xy)
     if width < 0.5 + float(np.sqrt(cov.max())):
         return f"all {len(xy)} spots lie on one line (within {width:.2g} px)", "degenerate"
-    if not _off_line(markers.xyz) > 1e-4 * float(np.ptp(markers.xyz, axis=0).max()):
+    if not off_line(markers.xyz) > 1e-4 * float(np.ptp(markers.xyz, axis=0).max()):
         return f"all {len(markers)} markers lie on one line", "degenerate"
     return None
 
 
-def _off_line(points: Array) -> float:
+def off_line(points: Array) -> float:
     """Root mean square distance of points from their best line."""
     size = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     return float(np.sqrt((size[1:] ** 2).sum() / len(points)))
 
 
-def _default_tolerance(xy: Array, camera: Camera) -> float:
+def default_tolerance(xy: Array, camera: Camera) -> float:
     """Neighbourhood for table errors and a rough pose, small enough to tell neighbouring spots apart."""
     from scipy.spatial import cKDTree
 
-    spacing = float(np.median(cKDTree(xy).query(xy, k=2)[0][:, 1]))
+    spacing = float(np.median(cKDTree(xy).query(xy, k=2)[0][:, 1])) if len(xy) > 1 else np.inf
     return max(0.5, min(DEFAULT_TOLERANCE * float(np.hypot(*camera.size_px)), MAX_SPACING * spacing))

@@ -32,6 +32,7 @@ from windmark.registration._kernels.fit import (
 )
 from windmark.registration._kernels.settle import STEADY, accept_kernel, settle_kernel
 from windmark.registration.evidence import Evidence, weigh
+from windmark.registration.search.layout import Frame
 from windmark.registration.search.plane import Plane
 from windmark.registration.search.pool import Candidate
 
@@ -122,7 +123,7 @@ def settle(plane: Plane, candidate: Candidate) -> Solution | None:
     markers = _settled(plane, plane.fit, state)
     if markers is None:
         return None
-    solution = _solution(plane, markers, state, plane.fit)
+    solution = solution_of(plane, markers, state, plane.fit)
     return solution if plane.task.allows(solution.cam_from_model, solution.focal_px) else None
 
 
@@ -156,7 +157,7 @@ def with_free_focal(plane: Plane, solution: Solution) -> Solution | None:
     fit = plane.fit._replace(focal_weight=FREED_SIGMA**-2)
     state = copy.deepcopy(solution.state)
     markers = _settled(plane, fit, state)
-    return None if markers is None else _solution(plane, markers, state, fit)
+    return None if markers is None else solution_of(plane, markers, state, fit)
 
 
 def accepted(plane: Plane, solution: Solution, spots: Spots) -> Solution:
@@ -178,7 +179,8 @@ def accepted(plane: Plane, solution: Solution, spots: Spots) -> Solution:
     )
 
 
-def _solution(plane: Plane, markers: Markers, state: State, fit: Fit) -> Solution:
+def solution_of(plane: Plane, markers: Markers, state: State, fit: Fit) -> Solution:
+    """The solution that a settled state is, with the markers as they were seen."""
     numbers = state.numbers
     marker = np.flatnonzero(state.match >= 0)
     detection = state.match[marker].astype(np.int64)
@@ -198,13 +200,19 @@ def _solution(plane: Plane, markers: Markers, state: State, fit: Fit) -> Solutio
     )
 
 
+def about_centre(frame: Frame, translation: Array) -> Array:
+    """(6, 6) from the unit model, turned about its centre, to the model and ``exp(delta) @ pose``."""
+    # The model's centre stays where it is when the unit model is turned.
+    change = np.eye(6)
+    change[3:, :3] = frame.scale * hat(translation)
+    change[3:, 3:] *= frame.scale
+    return change
+
+
 def _change(plane: Plane, state: State, fit: Fit) -> Array:
-    """From the unit model, turned about its centre, to the model and ``exp(delta) @ pose``."""
     size = 7 if fit.focal_weight > 0 else 6
-    # The model's centre, seen from the camera, stays where it is when the unit model is turned.
     change = np.eye(size)
-    change[3:6, :3] = plane.frame.scale * hat(state.translation)
-    change[3:6, 3:6] *= plane.frame.scale
+    change[:6, :6] = about_centre(plane.frame, state.translation)
     if size == 7:
         change[6, 6] = state.numbers[FOCAL]
     return change

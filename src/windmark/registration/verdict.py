@@ -7,13 +7,17 @@ in view, so a solution is accepted only when others were looked for on purpose a
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
+from windmark.geometry import Pose
 from windmark.registration.budget import Budget
+from windmark.registration.evidence import Evidence
 from windmark.registration.labels import contradiction
 from windmark.registration.result import Cause, RunnerUp
 from windmark.registration.search.fixed import FixedSearch
+from windmark.registration.search.plane import Plane
 from windmark.registration.search.pool import Candidate
 from windmark.registration.search.quads import QuadSearch
 from windmark.registration.search.ransac import Search
@@ -127,7 +131,7 @@ class Judge:
         # A label rules out all markers but one.
         known = len(self._task.fixed) * float(np.log(len(self._task.markers)))
         least = limits.score + float(np.log(self._task.prior_share)) - known
-        if self._loose(best):
+        if is_loose(self._plane, best):
             sparse = 2 * best.count < best.expected
             least += max(LOOSE_AND_SPARSE if sparse else 0.0, MISSED * (best.expected - best.count))
         if not (evidence.log10_nfa < limits.log10_nfa and evidence.score > least):
@@ -136,10 +140,10 @@ class Judge:
                 f"false-alarm number 1e{evidence.log10_nfa:+.1f} (limit 1e{limits.log10_nfa:+.1f}), "
                 f"evidence {evidence.score:.0f} nats (at least {least:.0f}){self._hint()}"
             )
-        if misfit := self._misfit(best):
+        if misfit := misfit_of(self._plane, limits, best):
             return "misfit", f"the best solution matches {best.count} of {best.expected} markers in view, but {misfit}"
         if runner_up is not None and evidence.score - runner_up.score < limits.margin:
-            return "ambiguous", _ambiguity(best, runner_up)
+            return "ambiguous", ambiguity(best, runner_up)
         if self._task.free_focal:
             sigma = best.focal_sigma
             if sigma > limits.focal_sigma:
@@ -148,44 +152,9 @@ class Judge:
                     f"(1 sigma; limit {100 * limits.focal_sigma:.0f} %): give the focal length, or a view that is "
                     "less frontal or of a less flat set of markers"
                 )
-        elif self._doubtful_focal(best):
-            freed = with_free_focal(self._plane, best)
-            if freed is not None and freed.evidence.score > best.evidence.score + CLEARLY_BETTER:
-                given, sigma = self._task.camera.focal_px, freed.focal_sigma
-                change = abs(float(np.log(freed.focal_px / given)))
-                if change > max(FOCAL_OFF, 5 * sigma):
-                    return "wrong_focal", (
-                        f"the given focal length of {given:.5g} px does not fit: with {freed.focal_px:.5g} px (1 sigma "
-                        f"{100 * sigma:.1f} %) the misfit falls from {best.misfit_px:.2g} to {freed.misfit_px:.2g} px; "
-                        "correct it, or set free_focal"
-                    )
+        elif wrong := wrong_focal(self._plane, best):
+            return "wrong_focal", f"{wrong}; correct it, or set free_focal"
         return None, ""
-
-    def _misfit(self, best: Solution) -> str:
-        """Why the residuals are too large for the markers' own picture; empty if they are not.
-
-        Another model of the same design is matched completely, well beyond chance and without a rival: chance and
-        rivals say nothing against it, only what one expects of the table. The few pairs of a part of it may agree by
-        luck, so the excess counts with its own sigma on top. The spots may be twice as bad as they say.
-        """
-        if MISFIT * best.misfit_px > self._task.tolerance_px:
-            return (
-                f"with a misfit of {best.misfit_px:.1f} px (1 sigma per coordinate) it is too loose for tolerance_px = "
-                f"{self._task.tolerance_px:.1f}: another or a deformed model, wrong camera parameters, or too small "
-                "a tolerance"
-            )
-        xyz, depth = self._task.markers.xyz, best.cam_from_model.apply(self._task.markers.xyz)[:, 2]
-        nearest = np.linalg.norm(xyz - xyz[self._plane.model.near[:, 0]], axis=1)
-        spacing = float(np.median((nearest * best.focal_px / depth)[best.marker]))
-        allowed = float(np.hypot(self._limits.table_error * spacing, TWICE * np.median(self._task.sigma_px)))
-        excess = best.excess_px * (1 + 1 / np.sqrt(2 * max(2 * best.count - len(best.change), 1)))
-        if excess <= allowed:
-            return ""
-        return (
-            f"the markers are off their table by {excess:.2g} px (1 sigma per coordinate; limit {allowed:.2g} "
-            f"px with max_table_error = {100 * self._limits.table_error:.3g} % of their spacing): another model of the "
-            "same design, a deformed model, wrong camera parameters, or a table that needs its sigma"
-        )
 
     def _hint(self) -> str:
         """What the likely reason is that nothing was found."""
@@ -208,21 +177,84 @@ class Judge:
         likely.append("another model, or its table in another shape")
         return "; likely " + ", or ".join(likely)
 
-    def _doubtful_focal(self, best: Solution) -> bool:
-        """Whether the misfit is more than the covariances say, or most markers are missing."""
-        return self._loose(best) or 2 * best.count < best.expected
 
-    def _loose(self, best: Solution) -> bool:
-        """Whether the residuals are larger than the spots' covariances say, and the markers' do not explain it."""
-        sigma = float(np.median(self._task.sigma_px))
-        return best.misfit_px > SUSPICIOUS * sigma and best.excess_px > sigma
+def misfit_of(plane: Plane, limits: Limits, best: Solution, taken: float | None = None) -> str:
+    """Why the residuals are too large for the markers' own picture; empty if they are not.
+
+    Another model of the same design is matched completely, well beyond chance and without a rival: chance and
+    rivals say nothing against it, only what one expects of the table. The few pairs of a part of it may agree by
+    luck, so the excess counts with its own sigma on top. The spots may be twice as bad as they say. ``taken`` so many
+    coordinates are taken by the fit, all its unknowns by default.
+    """
+    task = plane.task
+    if MISFIT * best.misfit_px > task.tolerance_px:
+        return (
+            f"with a misfit of {best.misfit_px:.1f} px (1 sigma per coordinate) it is too loose for tolerance_px = "
+            f"{task.tolerance_px:.1f}: another or a deformed model, wrong camera parameters, or too small a tolerance"
+        )
+    xyz, depth = task.markers.xyz, best.cam_from_model.apply(task.markers.xyz)[:, 2]
+    nearest = np.linalg.norm(xyz - xyz[plane.model.near[:, 0]], axis=1)
+    spacing = float(np.median((nearest * best.focal_px / depth)[best.marker]))
+    allowed = float(np.hypot(limits.table_error * spacing, TWICE * np.median(task.sigma_px)))
+    redundancy = max(2 * best.count - (len(best.change) if taken is None else taken), 1.0)
+    excess = best.excess_px * (1 + 1 / np.sqrt(2 * redundancy))
+    if excess <= allowed:
+        return ""
+    return (
+        f"the markers are off their table by {excess:.2g} px (1 sigma per coordinate; limit {allowed:.2g} "
+        f"px with max_table_error = {100 * limits.table_error:.3g} % of their spacing): another model of the "
+        "same design, a deformed model, wrong camera parameters, or a table that needs its sigma"
+    )
+
+
+def wrong_focal(plane: Plane, best: Solution) -> str:
+    """How another focal length fits much better where the given one is doubtful; empty if none does."""
+    if not is_loose(plane, best) and 2 * best.count >= best.expected:
+        return ""
+    freed = with_free_focal(plane, best)
+    if freed is None or not freed.evidence.score > best.evidence.score + CLEARLY_BETTER:
+        return ""
+    given, sigma = plane.task.camera.focal_px, freed.focal_sigma
+    if not abs(float(np.log(freed.focal_px / given))) > max(FOCAL_OFF, 5 * sigma):
+        return ""
+    return (
+        f"the given focal length of {given:.5g} px does not fit: with {freed.focal_px:.5g} px (1 sigma "
+        f"{100 * sigma:.1f} %) the misfit falls from {best.misfit_px:.2g} to {freed.misfit_px:.2g} px"
+    )
+
+
+def is_loose(plane: Plane, best: Solution) -> bool:
+    """Whether the residuals are larger than the spots' covariances say, and the markers' do not explain it."""
+    sigma = float(np.median(plane.task.sigma_px))
+    return best.misfit_px > SUSPICIOUS * sigma and best.excess_px > sigma
 
 
 def _runner_up(best: Solution, other: Solution) -> RunnerUp:
     return RunnerUp(other.evidence.score, other.cam_from_model, other.count, best.shared(other) > SAME_SHARE)
 
 
-def _ambiguity(best: Solution, other: RunnerUp) -> str:
+class Weighed(Protocol):
+    """A solution of one or of several cameras."""
+
+    @property
+    def cam_from_model(self) -> Pose:
+        """Its pose, as the (first) camera sees it."""
+
+    @property
+    def count(self) -> int:
+        """Matched markers."""
+
+    @property
+    def expected(self) -> int:
+        """Markers that should be seen."""
+
+    @property
+    def evidence(self) -> Evidence:
+        """How much it is worth."""
+
+
+def ambiguity(best: Weighed, other: RunnerUp, decides: str = "a prior pose or the label of a spot") -> str:
+    """Why a solution is no answer beside another one, and what would decide."""
     angle = float(np.degrees(best.cam_from_model.angle_to(other.cam_from_model)))
     lead = best.evidence.score - other.score
     if other.same_labels:
@@ -234,6 +266,6 @@ def _ambiguity(best: Solution, other: RunnerUp) -> str:
     more = f"make more of the {missing} missing markers visible" if missing else "add a marker that breaks the symmetry"
     return (
         f"two labellings are about equally good: {best.count} and {other.count} markers matched, poses {angle:.1f} "
-        f"degrees apart, lead {lead:.1f} nats; the layout is (nearly) symmetric or regular: give a prior pose "
-        f"or the label of a spot, or {more}"
+        f"degrees apart, lead {lead:.1f} nats; the layout is (nearly) symmetric or regular: give {decides}, "
+        f"or {more}"
     )

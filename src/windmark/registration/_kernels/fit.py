@@ -86,11 +86,9 @@ def state_of(rotation: Array, translation: Array, focal: float, match: Ints) -> 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def refine(xyz: Array, spots: Spots, fit: Fit, state: State, table: Array) -> bool:
     """Weighted least squares of the matched markers by Gauss-Newton; False if it is singular or runs away."""
-    r, t, a, numbers, match, p, cov = (
-        state.rotation, state.translation, state.factor, state.numbers, state.match, spots.p, spots.cov,
-    )  # fmt: skip
+    r, t, a, numbers, match = state.rotation, state.translation, state.factor, state.numbers, state.match
     size = 7 if fit.focal_weight > 0.0 else 6
-    g, step, row_u, row_v = np.empty(7), np.empty(7), np.empty(7), np.empty(7)
+    g, step = np.empty(7), np.empty(7)
     count = 0
     for m in range(xyz.shape[0]):
         count += match[m] >= 0
@@ -103,25 +101,7 @@ def refine(xyz: Array, spots: Spots, fit: Fit, state: State, table: Array) -> bo
         if size == 7:
             off = math.log(fit.focal_start / f)
             a[6, 6], g[6], cost = fit.focal_weight, fit.focal_weight * off, 0.5 * fit.focal_weight * off * off
-        for m in range(xyz.shape[0]):
-            s = match[m]
-            if s < 0:
-                continue
-            _derivative(r, t, f, xyz[m, 0], xyz[m, 1], xyz[m, 2], row_u, row_v)
-            du, dv = p[s, 0] - row_u[6], p[s, 1] - row_v[6]
-            xx, xy, yy = (
-                cov[s, 0] + table[m, 0] + numbers[EXCESS], cov[s, 1] + table[m, 1],
-                cov[s, 2] + table[m, 2] + numbers[EXCESS],
-            )  # fmt: skip
-            k = 1.0 / (xx * yy - xy * xy)
-            wuu, wuv, wvv = k * yy, -k * xy, k * xx
-            bu, bv = wuu * du + wuv * dv, wuv * du + wvv * dv
-            cost += 0.5 * (bu * du + bv * dv)
-            for i in range(size):
-                g[i] += row_u[i] * bu + row_v[i] * bv
-                cu, cv = wuu * row_u[i] + wuv * row_v[i], wuv * row_u[i] + wvv * row_v[i]
-                for j in range(i + 1):
-                    a[i, j] += cu * row_u[j] + cv * row_v[j]
+        cost += add_normal_equations(xyz, spots, state, table, size, a, g)
         if not cholesky(a, size, 1e-12):
             return False
         if numbers[ITERATIONS] == 0.0:
@@ -141,13 +121,39 @@ def refine(xyz: Array, spots: Spots, fit: Fit, state: State, table: Array) -> bo
         _move(r, t, step)
         if size == 7:
             numbers[FOCAL] = f * math.exp(min(0.3, max(-0.3, step[6])))
-    _residuals(xyz, p, state)
+    residuals(xyz, spots.p, state)
     return decrease < 1e-6
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def weigh_residuals(spots: Spots, fit: Fit, state: State, table: Array) -> None:
-    """Covariance of the residuals, and their variance per coordinate by the redundancy."""
+def add_normal_equations(xyz: Array, spots: Spots, state: State, table: Array, size: int, a: Array, g: Array) -> float:
+    """Add J'WJ (lower half) to ``a`` and J'W(seen - projected) to ``g``; the cost of the matched markers."""
+    r, t, f, match, p, cov = (
+        state.rotation, state.translation, state.numbers[FOCAL], state.match, spots.p, spots.cov,
+    )  # fmt: skip
+    excess, cost, row_u, row_v = state.numbers[EXCESS], 0.0, np.empty(7), np.empty(7)
+    for m in range(xyz.shape[0]):
+        s = match[m]
+        if s < 0:
+            continue
+        _derivative(r, t, f, xyz[m, 0], xyz[m, 1], xyz[m, 2], row_u, row_v)
+        du, dv = p[s, 0] - row_u[6], p[s, 1] - row_v[6]
+        xx, xy, yy = cov[s, 0] + table[m, 0] + excess, cov[s, 1] + table[m, 1], cov[s, 2] + table[m, 2] + excess
+        k = 1.0 / (xx * yy - xy * xy)
+        wuu, wuv, wvv = k * yy, -k * xy, k * xx
+        bu, bv = wuu * du + wuv * dv, wuv * du + wvv * dv
+        cost += 0.5 * (bu * du + bv * dv)
+        for i in range(size):
+            g[i] += row_u[i] * bu + row_v[i] * bv
+            cu, cv = wuu * row_u[i] + wuv * row_v[i], wuv * row_u[i] + wvv * row_v[i]
+            for j in range(i + 1):
+                a[i, j] += cu * row_u[j] + cv * row_v[j]
+    return cost
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def weigh_residuals(spots: Spots, state: State, table: Array, taken: float) -> None:
+    """Covariance of the residuals, and their variance by the redundancy: coordinates less those the fit has taken."""
     squares, count, excess = 0.0, 0, state.numbers[EXCESS]
     for m in range(table.shape[0]):
         s = state.match[m]
@@ -158,17 +164,19 @@ def weigh_residuals(spots: Spots, fit: Fit, state: State, table: Array) -> None:
         state.spread[m, 0] = spots.cov[s, 0] + table[m, 0] + excess
         state.spread[m, 1] = spots.cov[s, 1] + table[m, 1]
         state.spread[m, 2] = spots.cov[s, 2] + table[m, 2] + excess
-    size = 7 if fit.focal_weight > 0.0 else 6
-    state.numbers[MISFIT] = squares / max(2 * count - size, 1)
+    state.numbers[MISFIT] = squares / max(2 * count - taken, 1.0)
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def excess_of(spots: Spots, fit: Fit, state: State, table: Array, doubt2: float, luck: float) -> tuple[float, float]:
+def excess_of(
+    spots: Spots, state: State, table: Array, doubt2: float, luck: float, taken: float
+) -> tuple[float, float]:
     """Variance per coordinate beyond the given covariances, and the mean of those of the spots.
 
     From the smaller four fifths of the squared residuals, so that one false spot in a gate does not open the
     gate for itself; a weak prior, the given covariances and ``doubt2`` beyond them, steadies few pairs. So many sigma
-    of the estimate as ``luck`` says are no excess: without it the mean of ``max(0, ...)`` would be one of its own.
+    of the estimate as ``luck`` says are no excess: without it the mean of ``max(0, ...)`` would be one of its own. The
+    fit has ``taken`` so many coordinates.
     """
     squares, count, known, noise = np.empty(table.shape[0]), 0, 0.0, 0.0
     for m in range(table.shape[0]):
@@ -186,9 +194,8 @@ def excess_of(spots: Spots, fit: Fit, state: State, table: Array, doubt2: float,
     expected = 0.0
     for j in range(kept):
         expected += (kept - j) / (count - j)
-    size = 7 if fit.focal_weight > 0.0 else 6
-    redundancy = max(2 * count - size, 0)
-    variance = 0.5 * squares[:kept].sum() / expected * 2 * count / max(redundancy, 1)
+    redundancy = max(2 * count - taken, 0.0)
+    variance = 0.5 * squares[:kept].sum() / expected * 2 * count / max(redundancy, 1.0)
     pooled = (PRIOR_WORTH * (known + doubt2) + redundancy * variance) / (PRIOR_WORTH + redundancy)
     chance = luck * TRIM_COST * math.sqrt(2.0 * redundancy) / (PRIOR_WORTH + redundancy)
     return max(0.0, pooled - known * (1.0 + chance)), noise
@@ -214,7 +221,7 @@ def table_spread(markers: Markers, state: State, out: Array) -> None:
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _residuals(xyz: Array, p: Array, state: State) -> None:
+def residuals(xyz: Array, p: Array, state: State) -> None:
     """Projected - seen of the matched markers."""
     r, t, f = state.rotation, state.translation, state.numbers[FOCAL]
     for m in range(xyz.shape[0]):

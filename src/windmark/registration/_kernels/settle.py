@@ -52,14 +52,15 @@ def settle_kernel(markers: Markers, spots: Spots, fit: Fit, state: State) -> int
     numbers[EXCESS] = (fit.tolerance / 8.0) ** 2
     doubt2 = (fit.tolerance / 16.0) ** 2
     new, table, must = np.empty(n, np.int32), np.zeros((n, 3)), np.empty(n, np.bool_)
+    taken = 7.0 if fit.focal_weight > 0.0 else 6.0
     table_spread(markers, state, table)
     for round_ in range(ROUNDS):
         if not refine(markers.xyz, spots, fit, state, table):
             return LOST
         table_spread(markers, state, table)
         before = numbers[EXCESS]
-        numbers[EXCESS], known = excess_of(spots, fit, state, table, doubt2, 0.0)
-        _label(markers, spots, fit, state, table, must, new, round_ >= OPEN_ROUNDS)
+        numbers[EXCESS], known = excess_of(spots, state, table, doubt2, 0.0, taken)
+        label(markers, spots, fit, state, table, must, new, round_ >= OPEN_ROUNDS)
         same = True
         for m in range(n):
             same = same and new[m] == match[m]
@@ -67,7 +68,7 @@ def settle_kernel(markers: Markers, spots: Spots, fit: Fit, state: State) -> int
             numbers[EXPECTED] = 0.0
             for m in range(n):
                 numbers[EXPECTED] += must[m] or match[m] >= 0
-            weigh_residuals(spots, fit, state, table)
+            weigh_residuals(spots, state, table, taken)
             return STEADY
         match[:] = new
     return LOST
@@ -76,18 +77,18 @@ def settle_kernel(markers: Markers, spots: Spots, fit: Fit, state: State) -> int
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def accept_kernel(markers: Markers, spots: Spots, fit: Fit, state: State) -> bool:
     """The excess by the residuals alone, once the labels are accepted and the doubt about them has no place."""
-    table = np.zeros((markers.xyz.shape[0], 3))
+    table, taken = np.zeros((markers.xyz.shape[0], 3)), 7.0 if fit.focal_weight > 0.0 else 6.0
     for _ in range(FINAL_ROUNDS):
         table_spread(markers, state, table)
-        state.numbers[EXCESS] = excess_of(spots, fit, state, table, 0.0, LUCK)[0]
+        state.numbers[EXCESS] = excess_of(spots, state, table, 0.0, LUCK, taken)[0]
         if not refine(markers.xyz, spots, fit, state, table):
             return False
-    weigh_residuals(spots, fit, state, table)
+    weigh_residuals(spots, state, table, taken)
     return True
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _label(
+def label(
     markers: Markers, spots: Spots, fit: Fit, state: State, table: Array, must: NDArray[np.bool_], new: Ints, shut: bool
 ) -> None:
     """Pairs: closest first, one to one, each within its gate; and which markers must be seen.

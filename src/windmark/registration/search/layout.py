@@ -60,6 +60,7 @@ class Layout:
     def __init__(self, markers: MarkerSet) -> None:
         self.markers = markers
         self.model, self.frame = unit_model(markers.xyz, markers.normal)
+        self._tables: dict[int, Table] = {}
 
     def is_of(self, markers: MarkerSet) -> bool:
         """Whether it was prepared from these markers."""
@@ -77,16 +78,10 @@ class Layout:
         return self
 
     def table(self, reach: int) -> Table:
-        """Quads by key; ``reach`` is one of `REACHES`."""
-        return self._small if reach == REACHES[0] else self._large
-
-    @cached_property
-    def _small(self) -> Table:
-        return self._tabled(REACHES[0])
-
-    @cached_property
-    def _large(self) -> Table:
-        return self._tabled(REACHES[1])
+        """Quads by key, from so many neighbours of each marker; one of `REACHES`, or more for rigs."""
+        if reach not in self._tables:
+            self._tables[reach] = self._tabled(reach)
+        return self._tables[reach]
 
     @cached_property
     def symmetries(self) -> tuple[Ints, Array, Array]:

@@ -36,11 +36,14 @@ class Candidate:
 
         Two poses of one labelling, as mirrored in a plane, are *not* alike; nor is a shift along a row.
         """
-        trace = float((self.cam_from_model.rotation * other.cam_from_model.rotation).sum())
-        if trace < 1 + 2 * ALIKE_COSINE:
+        return self.is_like(other.cam_from_model.rotation, other.match, other.count)
+
+    def is_like(self, rotation: NDArray[np.float64], match: NDArray[np.int32], count: int) -> bool:
+        """The same with the parts of the other one that matter."""
+        if float((self.cam_from_model.rotation * rotation).sum()) < 1 + 2 * ALIKE_COSINE:
             return False
-        shared = int(((self.match == other.match) & (self.match >= 0)).sum())
-        return shared > ALIKE_SHARE * min(self.count, other.count)
+        shared = int(((self.match == match) & (self.match >= 0)).sum())
+        return shared > ALIKE_SHARE * min(self.count, count)
 
 
 @dataclass

@@ -6,13 +6,13 @@ a good solution as long as the caller asks: "stop at the first good pose" is the
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from windmark.registration._kernels.best import room_for_best
-from windmark.registration._kernels.hypothesis import Picture
+from windmark.registration._kernels.hypothesis import Picture, Rules
 from windmark.registration._kernels.match import search_kernel
 from windmark.registration._kernels.quad import Table, spot_quads_kernel
 from windmark.registration._kernels.rival import rivals_kernel
@@ -39,12 +39,14 @@ RIVAL_NEAR, RIVAL_QUADS, AGAIN = 6, 24, 8
 class QuadSearch:
     """The state of one search: the kernels' view of the task, the best solutions, the number of links tried."""
 
-    def __init__(self, plane: Plane, stop_at: float) -> None:
+    def __init__(
+        self, plane: Plane, stop_at: float, rules: Rules | None = None, stages: Sequence[tuple[int, int, int]] = STAGES
+    ) -> None:
         task = plane.task
         self.plane, self.links = plane, 0
-        self._stop_at = stop_at
+        self._stop_at, self._stages = stop_at, stages
         self._focals = task.camera.focal_px * np.array(task.focal_factors)
-        self._rules, self._gates = make_rules(plane), make_gates(plane)
+        self._rules, self._gates = rules or make_rules(plane), make_gates(plane)
         self._best = room_for_best(POOL, len(task.markers))
         self._candidates: dict[int, Candidate] = {}
 
@@ -76,7 +78,9 @@ class QuadSearch:
 
     def _schedule(self) -> list[tuple[tuple[int, int, int], int]]:
         """Stages and numbers of best spots, cheapest first."""
-        cost = {(stage, lead): stage[0] ** 3 * stage[2] ** 3 * lead for lead in self.plane.leads for stage in STAGES}
+        cost = {
+            (stage, lead): stage[0] ** 3 * stage[2] ** 3 * lead for lead in self.plane.leads for stage in self._stages
+        }
         return sorted(cost, key=lambda key: cost[key])
 
     def rivals(self, candidate: Candidate, over: Callable[[], bool]) -> bool:
