@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from windmark.geometry import PARAMETERS, Camera, Pose
 from windmark.io import FileError, atomic, read_camera, read_camera_file, write_camera
-from windmark.io.opencv_text import parse_yaml
+from windmark.io.cameras.opencv_text import parse_yaml
 
 CAMERA = Camera(
     (1280, 800), 1370.4, 1.0001, 643.8, 373.8, k1=-0.08, k2=0.011, p1=1e-4, p2=-2e-5, k3=1e-3, tilt_x=0.01, tilt_y=-0.02
@@ -79,8 +79,10 @@ def test_writing_is_explicit(tmp_path):
         write_camera(tmp_path / "c.json", CAMERA, POSE)
     with pytest.raises(ValueError, match="unit must be one of in, ft, mm, cm, m, got 'inch'"):
         write_camera(tmp_path / "c.json", CAMERA, POSE, unit="inch")
-    with pytest.raises(ValueError, match=r"must end in \.json \(windmark\) or \.yml \(OpenCV\)"):
-        write_camera(tmp_path / "c.xml", CAMERA)
+    with pytest.raises(ValueError, match=r"must end in \.json \(windmark\), \.yml \(opencv\).*; got .*c\.cam"):
+        write_camera(tmp_path / "c.cam", CAMERA)
+    with pytest.raises(ValueError, match=r"format must be one of windmark, opencv, colmap, .*, got 'nasa'"):
+        write_camera(tmp_path / "c.json", CAMERA, format="nasa")
     with pytest.raises(ValueError, match=r"single one, got a batch \(2,\)"):
         write_camera(tmp_path / "c.json", CAMERA, Pose.exp(np.zeros((2, 6))), unit="in")
     assert not list(tmp_path.iterdir())

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from windmark.app import console
+from windmark.app import camera_commands, console
 from windmark.app.matching_options import (
     ROLES_ALIGN,
     Exclude,
@@ -45,7 +45,10 @@ Radius = Annotated[
 Polarity = Annotated[str, typer.Option(help="dark (markers on paint) or bright (infrared).")]
 MeritMax = Annotated[float, typer.Option(help="Largest merit of a marker; 0 is a perfect inverse top-hat.")]
 Markers = Annotated[Path, typer.Option("--markers", "-m", help="Marker table: CSV or .tgts.")]
-CameraFile = Annotated[Path, typer.Option("--camera", "-c", help="Camera: windmark, OpenCV or NASA tunnel JSON/YAML.")]
+CameraFile = Annotated[
+    Path,
+    typer.Option("--camera", "-c", help="Camera: windmark, OpenCV, NASA, COLMAP, mrcal, Metashape ... (see convert)."),
+]
 GridFile = Annotated[Path, typer.Option("--grid", "-g", help="Surface grid: PLOT3D, STL, OBJ, PLY, VTK.")]
 Unit = Annotated[str, typer.Option("--unit", help="Length unit of markers and grid: in, ft, mm, cm, m.")]
 Seed = Annotated[int, typer.Option(help="Seed of every random choice: same seed, same result.")]
@@ -400,6 +403,9 @@ def run(
 
     with console.errors(as_json):
         verbs.run(project, output, as_json, max_time_s=max_time, roles=tuple(roles or ()), no_occlusion=no_occlusion)
+
+
+camera_commands.add(app)
 
 
 def main() -> None:

@@ -1,7 +1,18 @@
 """Files: images, markers, cameras, grids and results. The only place where conventions are converted."""
 
 from windmark.io.atomic import atomic_folder, atomic_path, atomic_write
-from windmark.io.cameras import LENGTH_UNITS, CameraFile, read_camera, read_camera_file, write_camera
+from windmark.io.cameras import (
+    CAMERA_FORMATS,
+    LENGTH_UNITS,
+    CameraFile,
+    ColmapModel,
+    read_camera,
+    read_camera_file,
+    read_colmap,
+    write_camera,
+    write_colmap,
+    written_camera_format,
+)
 from windmark.io.colour import CHANNELS, MOSAICS, from_mosaic, to_grey
 from windmark.io.csvtable import read_table, write_table
 from windmark.io.errors import FileError
@@ -35,9 +46,10 @@ from windmark.io.text import read_json, to_json, write_json
 from windmark.io.vtk_write import write_nodes_vtk
 
 __all__ = [
-    "CHANNELS", "LENGTH_UNITS", "MOSAICS", "CameraFile", "FileError", "MatchTable", "atomic_folder", "atomic_path",
-    "atomic_write", "from_mosaic", "read_detection_names",
-    "read_camera", "read_camera_file", "read_detections", "read_json", "read_markers", "read_matches", "read_table",
+    "CAMERA_FORMATS", "CHANNELS", "LENGTH_UNITS", "MOSAICS", "CameraFile", "ColmapModel", "FileError", "MatchTable",
+    "atomic_folder", "atomic_path", "atomic_write", "from_mosaic", "read_detection_names",
+    "read_camera", "read_camera_file", "read_colmap", "write_colmap", "written_camera_format",
+    "read_detections", "read_json", "read_markers", "read_matches", "read_table",
     "Plot3dLayout", "detect_plot3d", "read_mesh", "read_nodes_netcdf", "read_plot3d", "read_plot3d_function",
     "read_tecplot", "write_mesh", "write_nodes_csv", "write_nodes_netcdf", "write_nodes_vtk", "write_plot3d",
     "write_plot3d_function", "write_tecplot",

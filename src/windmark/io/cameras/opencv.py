@@ -1,20 +1,22 @@
 """Cameras as OpenCV and ROS write them: YAML, XML, JSON.
 
-OpenCV's pixel origin is windmark's: the centre of the top-left pixel.
+OpenCV's pixel origin is windmark's: the centre of the top-left pixel. Of its distortion coefficients (4, 5, 8, 12
+or 14) windmark's camera holds k1 k2 p1 p2 k3 and tau_x, tau_y; the rational and thin-prism ones must be zero.
 """
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from windmark.geometry import Camera, Pose
-from windmark.io import camera_record as record
 from windmark.io.atomic import atomic_write
+from windmark.io.cameras import record
 from windmark.io.errors import FileError
-from windmark.io.text import Pathlike
+from windmark.io.text import Pathlike, to_json
 
 MATRIX_KEYS = ("camera_matrix", "cameraMatrix", "Camera_Matrix", "K", "M", "mtx", "intrinsic_matrix")
 LENS_KEYS = (
@@ -54,25 +56,35 @@ def parse_opencv(path: Pathlike, content: dict[str, Any], size_px: tuple[int, in
     return record.CameraFile(camera, _pose(path, content), unit, "opencv")
 
 
-def write_opencv_yaml(path: Pathlike, camera: Camera, pose: Pose | None, unit: str | None) -> None:
-    """Write OpenCV's YAML (camera_matrix, distortion_coefficients, rvec, tvec); the covariance is not in it."""
+def write_opencv(path: Pathlike, camera: Camera, pose: Pose | None, unit: str | None) -> None:
+    """Write what OpenCV's FileStorage reads: JSON where the name ends in .json, else YAML; no covariance."""
     d = [camera.k1, camera.k2, camera.p1, camera.p2, camera.k3]
     if camera.tilt_x or camera.tilt_y:
         d += [0.0] * 7 + [camera.tilt_x, camera.tilt_y]
-    width, height = camera.size_px
-    parts = [f"%YAML:1.0\n---\nimage_width: {width}\nimage_height: {height}\n"]
-    parts += [_matrix("camera_matrix", camera.matrix), _matrix("distortion_coefficients", np.array([d]))]
+    matrices = {"camera_matrix": camera.matrix, "distortion_coefficients": np.array([d])}
     if pose is not None:
-        parts += [_matrix("rvec", pose.rotvec.reshape(3, 1)), _matrix("tvec", pose.translation.reshape(3, 1))]
-        parts += [f'length_unit: "{unit}"\n']
+        matrices |= {"rvec": pose.rotvec.reshape(3, 1), "tvec": pose.translation.reshape(3, 1)}
+    text = (_json if Path(path).suffix.lower() == ".json" else _yaml)(camera.size_px, matrices, unit)
     with atomic_write(path) as stream:
-        stream.write("".join(parts))
+        stream.write(text)
 
 
-def _matrix(key: str, values: NDArray[np.float64]) -> str:
-    rows, cols = values.shape
-    data = ", ".join(map(repr, values.ravel().tolist()))
-    return f"{key}: !!opencv-matrix\n   rows: {rows}\n   cols: {cols}\n   dt: d\n   data: [ {data} ]\n"
+def _yaml(size_px: tuple[int, int], matrices: dict[str, NDArray[np.float64]], unit: str | None) -> str:
+    parts = [f"%YAML:1.0\n---\nimage_width: {size_px[0]}\nimage_height: {size_px[1]}\n"]
+    for key, values in matrices.items():
+        rows, cols = values.shape
+        data = ", ".join(map(repr, values.ravel().tolist()))
+        parts.append(f"{key}: !!opencv-matrix\n   rows: {rows}\n   cols: {cols}\n   dt: d\n   data: [ {data} ]\n")
+    return "".join(parts) + (f'length_unit: "{unit}"\n' if unit else "")
+
+
+def _json(size_px: tuple[int, int], matrices: dict[str, NDArray[np.float64]], unit: str | None) -> str:
+    content: dict[str, Any] = {"image_width": size_px[0], "image_height": size_px[1]}
+    for key, values in matrices.items():
+        rows, cols = values.shape
+        shape = {"type_id": "opencv-matrix", "rows": rows, "cols": cols, "dt": "d"}
+        content[key] = {**shape, "data": values.ravel().tolist()}
+    return to_json(content | ({"length_unit": unit} if unit else {})) + "\n"
 
 
 def _first(content: dict[str, Any], keys: tuple[str, ...]) -> str | None:

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from windmark.io import camera_record as record
+from windmark.io.cameras import record
 from windmark.io.errors import FileError
 from windmark.io.text import Pathlike
 

@@ -31,13 +31,15 @@ class CameraFile:
     camera : the interior parameters
     cam_from_model : the pose, None where the file has none
     length_unit : of the pose, None where the file does not say
-    format : "windmark", "opencv" or "nasa"
+    format : one of `CAMERA_FORMATS`
+    note : what had to be done to read it, empty where nothing had to be
     """
 
     camera: Camera
     cam_from_model: Pose | None
     length_unit: str | None
     format: str
+    note: str = ""
 
 
 def key_error(path: Pathlike, key: str, what: str) -> FileError:
@@ -142,3 +144,10 @@ def pose(path: Pathlike, key: str, rotation: Array, translation: Array, *, mend:
         return Pose(rotation, translation)
     except ValueError as problem:
         raise key_error(path, key, str(problem)) from problem
+
+
+def refuse_tilt(who: str, camera: Camera) -> None:
+    """`ValueError` for a tilted sensor, which only OpenCV's and windmark's own files can hold."""
+    if camera.tilt_x or camera.tilt_y:
+        tilts = f"tilt_x {camera.tilt_x:g}, tilt_y {camera.tilt_y:g}"
+        raise ValueError(f"write_camera: {who} cannot hold sensor tilts; expected zeros, got {tilts}")

@@ -1,122 +1,27 @@
-"""Camera files: windmark's own JSON, OpenCV's YAML/XML/JSON, NASA's tunnel JSON, told apart by content."""
+"""windmark's own camera file: JSON with named fields and units; gives back every bit."""
 
 from __future__ import annotations
 
 import math
-import re
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from windmark.geometry import PARAMETERS, Camera, Pose, PoV
-from windmark.io import camera_record as record
-from windmark.io.camera_record import LENGTH_UNITS, CameraFile
-from windmark.io.errors import FileError
-from windmark.io.nasa import MATRIX as NASA_MATRIX
-from windmark.io.nasa import parse_nasa
-from windmark.io.opencv_files import has_camera_matrix, parse_opencv, write_opencv_yaml
-from windmark.io.opencv_text import parse_xml, parse_yaml
-from windmark.io.text import Pathlike, parse_json, read_text, write_json
+from windmark.io.cameras import record
+from windmark.io.cameras.record import LENGTH_UNITS, CameraFile
+from windmark.io.text import Pathlike
 
 VERSION = 1
 
 _FILE_NAMES = {"cx": "cx_px", "cy": "cy_px", "tilt_x": "tilt_x_rad", "tilt_y": "tilt_y_rad"}
 _PARAMETER_KEYS = {_FILE_NAMES.get(name, name): name for name in PARAMETERS}
 _KEYS = ("windmark", "version", "size_px", *_PARAMETER_KEYS, "covariance", "cam_from_model", "length_unit", "note")
-_COMMENT = re.compile(r"^[ \t]*//.*$", re.MULTILINE)
-"""OpenCV puts comment lines into its JSON. No JSON text can span lines, so these are comments indeed."""
-
 _POV_KEYS = ("rx_deg", "ry_deg", "rz_deg", "dx", "dy", "dz", "fov_deg")
 
 
-def read_camera(
-    path: Pathlike, *, unit: str | None = None, size_px: tuple[int, int] | None = None
-) -> tuple[Camera, Pose | None]:
-    """Read a camera and, where the file has one, its pose (cam_from_model).
-
-    The format is told by the content: windmark's own JSON (see `write_camera`); OpenCV's or ROS's
-    YAML, XML or JSON (camera_matrix, distortion_coefficients, image_width, image_height and perhaps
-    rvec, tvec); NASA's tunnel JSON (uPSP_cameraMatrix).
-
-    Parameters
-    ----------
-    path : the file
-    unit : the length unit expected of the pose; a file that says another one is refused
-    size_px : (width, height) for files that do not say; a file that says another size is refused
-
-    Raises
-    ------
-    FileError
-        Names the key or line: not a known format, missing or unknown key, skew, a lens with other
-        terms than k1 k2 p1 p2 k3 and tilts, a matrix that is no rotation, another unit or size.
-    """
-    if unit is not None and unit not in LENGTH_UNITS:
-        raise ValueError(f"read_camera: unit must be one of {', '.join(LENGTH_UNITS)}, got {unit!r}")
-    content = read_camera_file(path, size_px=size_px)
-    if unit is not None and content.length_unit not in (None, unit):
-        raise record.key_error(path, "length_unit", f"{content.length_unit!r}; expected {unit!r}")
-    if size_px is not None and content.camera.size_px != tuple(size_px):
-        raise FileError(path, f"a camera of {content.camera.size_px} px; expected {tuple(size_px)}")
-    return content.camera, content.cam_from_model
-
-
-def read_camera_file(path: Pathlike, *, size_px: tuple[int, int] | None = None) -> CameraFile:
-    """As `read_camera`, with the file's format and length unit."""
-    text = read_text(path)
-    start = text.lstrip()[:1]
-    if start == "<":
-        return parse_opencv(path, parse_xml(path, text), size_px)
-    content = parse_json(path, _COMMENT.sub("", text)) if start in "{[/" else parse_yaml(path, text)
-    if isinstance(content, dict):
-        if "windmark" in content:
-            return _parse_own(path, content)
-        if NASA_MATRIX in content:
-            return parse_nasa(path, content, size_px)
-        if has_camera_matrix(content):
-            return parse_opencv(path, content, size_px)
-    keys = ", ".join(list(content)[:8]) if isinstance(content, dict) else "no keys"
-    what = (
-        f'not a camera file: it has {keys}; expected windmark\'s own JSON ("windmark": "camera"), '
-        f"OpenCV's (camera_matrix) or NASA's ({NASA_MATRIX})"
-    )
-    raise FileError(path, what)
-
-
-def write_camera(path: Pathlike, camera: Camera, pose: Pose | None = None, *, unit: str | None = None) -> None:
-    """Write a camera and perhaps its pose, whole or not at all.
-
-    Parameters
-    ----------
-    path : ``.json``: windmark's own format, which gives back every bit; ``.yml`` or ``.yaml``:
-        OpenCV's, without the covariance
-    camera : the interior parameters
-    pose : cam_from_model, a single one
-    unit : length unit of the pose: in, ft, mm, cm or m; needed with a pose
-
-    Raises
-    ------
-    ValueError
-        For another extension, a missing or unknown unit, a batch of poses.
-    FileError
-        When the file cannot be written.
-    """
-    if unit is not None and unit not in LENGTH_UNITS:
-        raise ValueError(f"write_camera: unit must be one of {', '.join(LENGTH_UNITS)}, got {unit!r}")
-    if pose is not None and unit is None:
-        raise ValueError("write_camera: unit must say the length unit of the pose, got None")
-    if pose is not None and pose.rotation.ndim != 2:
-        raise ValueError(f"write_camera: pose must be a single one, got a batch {pose.rotation.shape[:-2]}")
-    suffix = Path(path).suffix.lower()
-    if suffix in (".yml", ".yaml"):
-        write_opencv_yaml(path, camera, pose, unit)
-    elif suffix == ".json":
-        write_json(path, _own_content(camera, pose, unit))
-    else:
-        raise ValueError(f"write_camera: path must end in .json (windmark) or .yml (OpenCV), got {path}")
-
-
-def _own_content(camera: Camera, pose: Pose | None, unit: str | None) -> dict[str, Any]:
+def own_content(camera: Camera, pose: Pose | None, unit: str | None) -> dict[str, Any]:
+    """What is written as JSON."""
     content: dict[str, Any] = {"windmark": "camera", "version": VERSION, "size_px": camera.size_px}
     content |= {key: getattr(camera, name) for key, name in _PARAMETER_KEYS.items()}
     if camera.cov is not None:
@@ -128,7 +33,8 @@ def _own_content(camera: Camera, pose: Pose | None, unit: str | None) -> dict[st
     return content
 
 
-def _parse_own(path: Pathlike, content: dict[str, Any]) -> CameraFile:
+def parse_own(path: Pathlike, content: dict[str, Any]) -> CameraFile:
+    """The camera, and the pose where the file has one, of a parsed file."""
     kind = content["windmark"]
     if kind != "camera":
         raise record.key_error(path, "windmark", f"{kind!r}; expected 'camera'")

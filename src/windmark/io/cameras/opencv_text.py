@@ -211,8 +211,8 @@ def _without_comment(line: str) -> str:
     return found[0][1:] if found else line
 
 
-def parse_xml(path: Pathlike, text: str) -> dict[str, Any]:
-    """The mapping of an OpenCV XML file (``<opencv_storage>``).
+def parse_xml(path: Pathlike, text: str) -> Any:
+    """The root element of an XML text.
 
     Raises
     ------
@@ -222,11 +222,13 @@ def parse_xml(path: Pathlike, text: str) -> dict[str, Any]:
     from xml.etree import ElementTree
 
     try:
-        root = ElementTree.fromstring(text)
+        return ElementTree.fromstring(text)
     except ElementTree.ParseError as error:
         raise FileError(path, f"not XML: {error.msg}", error.position[0]) from error
-    if root.tag != "opencv_storage":
-        raise FileError(path, f"the XML's root is <{root.tag}>; expected OpenCV's <opencv_storage>")
+
+
+def xml_content(root: Any) -> dict[str, Any]:
+    """The mapping of an OpenCV XML file (``<opencv_storage>``)."""
     content = _xml_value(root)
     return content if isinstance(content, dict) else {}
 
