@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import sqrt
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,9 +20,16 @@ def max_radius2(k1: float, k2: float, k3: float) -> float:
     """
     # The derivative 1 + 3 k1 s + 5 k2 s^2 + 7 k3 s^3 is a cubic in s = r^2; its smallest positive root ends the useful
     # range. In 1/s it is monic, so coefficients however small do no harm.
-    roots = np.roots(np.array([1.0, 3 * k1, 5 * k2, 7 * k3]))
-    real = roots.real[np.abs(roots.imag) <= 1e-9 * np.abs(roots)]
-    largest = float(real.max(initial=0.0))
+    if k3 == 0.0:
+        root = 2.25 * k1 * k1 - 5 * k2
+        largest = -1.5 * k1 + sqrt(root) if root >= 0 else 0.0
+        if k1 > 0 and root >= 0:
+            # The same without the difference of nearly equal numbers.
+            largest = -5 * k2 / (1.5 * k1 + sqrt(root))
+    else:
+        roots = np.roots(np.array([1.0, 3 * k1, 5 * k2, 7 * k3]))
+        real = roots.real[np.abs(roots.imag) <= 1e-9 * np.abs(roots)]
+        largest = float(real.max(initial=0.0))
     return 1 / largest if largest > 1e-300 else float("inf")
 
 

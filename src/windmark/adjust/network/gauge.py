@@ -86,7 +86,7 @@ def _free(
     """(7, g) combinations of the seven motions that nothing but the pictures could see."""
     point, frame, offset = motions
     rows = [np.sqrt(HELD) * point[network.held & network.used_point[:, None]]]
-    rows += [np.sqrt(HELD) * m[fixed].reshape(-1, 7) for m, fixed in _fixed(network, frame, offset)]
+    rows += [np.sqrt(HELD) * m[fixed].reshape(-1, 7) for m, fixed in _fixed(network, frame, offset) if fixed.any()]
     if network.point_sigma is not None:
         known = np.isfinite(network.point_sigma) & ~network.held
         rows.append(point[known] * (units.point / network.point_sigma[known])[:, None])
@@ -97,6 +97,8 @@ def _free(
         change = np.einsum("bi,big->bg", arm, point[bars.first] - point[bars.second])
         rows.append(change * (units.point / bars.sigma)[:, None])
     stack = np.concatenate(rows)
+    if not len(stack):
+        return np.eye(7)
     value, vector = np.linalg.eigh(stack.T @ stack)
     return np.asarray(vector[:, value < NONE])
 
