@@ -25,9 +25,9 @@ from windmark.scene import Observations
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-WEAK, WEAK_UNFINISHED = 0.5, 0.1
-"""1 sigma in natural units (the focal length itself, the size of the model) above which nothing is determined; the
-second one where the adjustment found no minimum: the valley is long because of it."""
+WEAK = 0.1
+"""1 sigma in natural units (the focal length itself, the size of the model, the corner's distance from the image's
+centre) above which something counts as not determined."""
 
 
 def calibration(job: Job, solved: Solved, dropped: dict[str, str], options: dict[str, Any]) -> Calibration:
@@ -98,16 +98,15 @@ def refuse_weak(job: Job, solved: Solved) -> None:
         )
     covariance = in_datum(solved.covariance, _datum_points(job))
     lay = solved.problem.layout
-    limit = WEAK if solved.report.converged else WEAK_UNFINISHED
     sigma = np.sqrt(np.maximum(np.diagonal(covariance.dense()), 0.0)) * solved.sigma0
     names = list(job.cameras)
     weak = [
         parameter if len(names) == 1 else f"{names[c]} {parameter}"
         for c, parameter, column in camera_columns(lay)
-        if not sigma[column] < limit
+        if not sigma[column] < WEAK
     ]
     spread = np.sqrt(np.nanmax(np.diagonal(covariance.points(), axis1=1, axis2=2), axis=1, initial=0.0))
-    loose = np.flatnonzero(spread * solved.sigma0 > limit * lay.unit)
+    loose = np.flatnonzero(spread * solved.sigma0 > WEAK * lay.unit)
     weak += [f"marker {name}" for name in job.markers.name[loose][:10]]
     if weak:
         raise DegenerateGeometry("the pictures do not determine everything that is free", tuple(weak))

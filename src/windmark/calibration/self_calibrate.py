@@ -27,6 +27,8 @@ FREE = ("focal_px", "aspect", "cx", "cy", "k1", "k2", "p1", "p2")
 """Free by default: the paper's set (AIAA 2005-5007, section IV.A)."""
 MAX_SIGMA0 = 5.0
 """Residuals so many times larger than the marks' covariances say are no solution."""
+LEAST_USED = 0.6
+"""Share of the marks that must fit: where more are gross errors, they are none."""
 RETRY_FOCAL = (0.6, 0.8, 1.25, 1.6)
 """Focal lengths started from when the given one leads to no solution."""
 ECCENTRIC_ROUNDS = 3
@@ -141,6 +143,13 @@ def _attempt(job: Job, cameras: Mapping[str, Camera], options: dict[str, Any]) -
                 "misfit",
                 f"residuals are {solved.sigma0:.3g} times what the marks' covariances say (limit "
                 f"{options['max_sigma0']:g}): wrong labels, a start too far away, or a lens beyond the model",
+                sigma0=solved.sigma0,
+            )
+        if (share := float(solved.used.sum() / good.sum())) < LEAST_USED:
+            return refused(
+                "misfit",
+                f"only {100 * share:.0f} % of the marks fit one solution: wrong labels, a start too far away, or a "
+                "lens beyond the model (free more parameters)",
                 sigma0=solved.sigma0,
             )
         return calibration(job, solved, dropped, options)

@@ -35,7 +35,7 @@ ROUNDS = 12
 """Rounds of leaving out and taking back."""
 RESCUES, MOST_LEFT, RESCUE_PX = 2, 0.6, 5.0
 """Times that views with at most this share of marks left are given a new pose; it must explain them within so much."""
-FINAL = SolveOptions(max_iterations=60, gradient_tol=1e-4)
+FINAL = SolveOptions(max_iterations=200, gradient_tol=1e-4)
 ECCENTRIC_PX = 1e-3
 """Change of the discs' eccentricity that asks for another adjustment."""
 

@@ -1,0 +1,114 @@
+"""Residual maps, projection uncertainty, and halves of the pictures against each other."""
+
+from dataclasses import replace
+
+import networks
+import numpy as np
+import pytest
+
+from windmark.calibration import Free, self_calibrate
+from windmark.calibration.quality import compare, projection_sigma, residual_map, split_half
+from windmark.geometry import Camera
+from windmark.scene import MarkerSet, Observations, View
+
+
+def calibrated(seed, views=14, **options):
+    case = networks.make(seed, points=40, views=views)
+    net = case.network
+    markers = MarkerSet.make([f"m{i:02d}" for i in range(40)], case.start.points)
+    result = self_calibrate(
+        Observations(net.view, net.point, net.xy, net.cov), markers, {"cam": Camera((1500, 1000), 1600.0)},
+        [View(f"v{v:02d}", "cam") for v in range(views)], datum=Free(), **options,
+    )  # fmt: skip
+    assert result
+    return result
+
+
+def test_right_models_leave_no_pattern():
+    result = calibrated(51)
+    seen = residual_map(result, "cam", columns=6)
+    assert seen.count.sum() == result.used.sum()
+    assert 0.6 < seen.excess < 1.4
+    assert seen.radial.shape == (4, 6)
+
+
+def test_radial_and_tangential_have_their_signs():
+    result = calibrated(53)
+    camera = result.cameras["cam"]
+    arm = result.observations.xy - [camera.cx, camera.cy]
+    out = residual_map(replace(result, residuals=0.01 * arm), "cam", columns=6)
+    filled = out.count > 0
+    assert (out.radial[filled] > 0).all()
+    np.testing.assert_allclose(out.tangential[filled], 0, atol=1e-12)
+    turned = residual_map(replace(result, residuals=0.01 * np.stack([-arm[:, 1], arm[:, 0]], axis=1)), "cam", columns=6)
+    assert (turned.tangential[filled] > 0).all()
+
+
+def test_projection_sigma_is_that_of_sampled_cameras():
+    camera = calibrated(54).cameras["cam"]
+    x, y, sigma = projection_sigma(camera, columns=10)
+    assert sigma.shape == (len(y), len(x))
+    rng = np.random.default_rng(0)
+    ray = camera.unproject(np.stack(np.meshgrid(x, y), axis=-1))
+    xy, _, d_xyz, _ = camera.project_jacobian(ray)
+    turn = np.cross(ray[..., None, :], d_xyz).reshape(-1, 3)
+    squares = np.zeros(sigma.size)
+    for _ in range(400):
+        other = camera.with_parameters(rng.multivariate_normal(camera.parameters(), camera.cov))
+        moved = (other.project(ray)[0] - xy).reshape(-1)
+        left = moved - turn @ np.linalg.lstsq(turn, moved, rcond=None)[0]
+        squares += (left.reshape(-1, 2) ** 2).mean(axis=1)
+    np.testing.assert_allclose(np.sqrt(squares / 400), sigma.ravel(), rtol=0.2)
+    with pytest.raises(ValueError, match="covariance"):
+        projection_sigma(replace(camera, cov=None))
+
+
+def test_halves_agree_within_their_sigma():
+    half = split_half(calibrated(55, views=24))
+    assert half
+    assert 0.8 < half.comparison.ratio < 1.25
+    z = [d / s for d, s in half.change["cam"].values()]
+    assert np.abs(z).max() < 4
+    assert half.comparison.difference.shape == (40, 3)
+
+
+def test_a_lens_far_beyond_the_model_is_refused():
+    case = networks.make(60, points=40, views=14)
+    net = case.network
+    bent = net.xy + 8 * np.sin((net.xy - [752, 495])[:, ::-1] / 60)
+    markers = MarkerSet.make([f"m{i:02d}" for i in range(40)], case.start.points)
+    result = self_calibrate(
+        Observations(net.view, net.point, bent, net.cov), markers, {"cam": Camera((1500, 1000), 1600.0)},
+        [View(f"v{v:02d}", "cam") for v in range(14)], datum=Free(),
+    )  # fmt: skip
+    assert not result
+    assert result.cause == "misfit"
+
+
+def test_a_lens_beyond_the_model_makes_halves_disagree():
+    case = networks.make(56, points=40, views=24)
+    net = case.network
+    arm = (net.xy - [752, 495]) / 500
+    bent = net.xy + 0.25 * np.sin(4 * arm[:, ::-1] + 2 * arm)
+    markers = MarkerSet.make([f"m{i:02d}" for i in range(40)], case.start.points)
+    result = self_calibrate(
+        Observations(net.view, net.point, bent, net.cov * 9), markers, {"cam": Camera((1500, 1000), 1600.0)},
+        [View(f"v{v:02d}", "cam") for v in range(24)], datum=Free(),
+    )  # fmt: skip
+    assert result
+    half = split_half(result)
+    assert half
+    assert half.comparison.ratio > 1.0
+    assert residual_map(result, "cam", columns=6).excess > 1.5
+
+
+def test_too_few_pictures_cannot_be_halved():
+    half = split_half(calibrated(57, views=4))
+    assert not half or half.comparison.ratio > 0
+
+
+def test_calibrations_without_common_markers_are_refused():
+    a, b = calibrated(58), calibrated(59)
+    other = replace(b, markers=replace(b.markers, name=np.array([f"n{i}" for i in range(40)])))
+    with pytest.raises(ValueError, match="common"):
+        compare(a, other)
