@@ -1,11 +1,15 @@
 """Weak directions are named, and only they."""
 
+import json
+
 import numpy as np
 import pytest
 import registration_scenes as scenes
 
+from windmark import io
 from windmark.adjust import refine_pose
 from windmark.geometry import Camera, Pose
+from windmark.pipeline.outputs import registration_summary
 from windmark.registration import register
 from windmark.registration.directions import WEAK, weak_directions
 from windmark.scene import MarkerSet
@@ -92,3 +96,15 @@ def test_registrations_and_refusals_carry_them():
     refused = register(scenes.image_of(rng, flat, camera, pose).detections, flat, camera, free_focal=True)
     assert refused.cause == "focal"
     assert "focal length" in refused.weak[0].motions
+
+
+def test_results_say_them_in_figures_and_words():
+    rng = np.random.default_rng(3)
+    markers = scenes.wing_and_body(rng)
+    camera, pose = scenes.random_view(rng, markers, fov_deg=(10, 10))
+    found = register(scenes.image_of(rng, markers, camera, pose).detections, markers, camera)
+    record = json.loads(io.to_json(registration_summary(found, markers.name, None, "mm")))["weak"][0]
+    assert record["motions"] == ["along the viewing direction"]
+    assert record["words"].endswith("% of the distance")
+    assert f"{found.weak[0].sigma[0]:.3g} mm" in record["words"]
+    assert len(record["step"]) == 6
