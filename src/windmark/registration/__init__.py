@@ -3,7 +3,7 @@
 from windmark.registration.directions import WeakDirection
 from windmark.registration.labelled import pose_from_labels
 from windmark.registration.register import prepare, register
-from windmark.registration.result import CAUSES, NotRegistered, Registration, RunnerUp
+from windmark.registration.result import CAUSES, Deformation, NotRegistered, Registration, RunnerUp
 from windmark.registration.rig import RigRegistration, register_rig
 
 __all__ = [
@@ -13,6 +13,7 @@ __all__ = [
     "pose_from_labels",
     "Registration",
     "RigRegistration",
+    "Deformation",
     "NotRegistered",
     "RunnerUp",
     "WeakDirection",

@@ -34,16 +34,21 @@ class Budget:
     """
 
     def __init__(self, seconds: float) -> None:
-        self._seconds = seconds
+        self.seconds = seconds
         self._start, self._compiled = time.thread_time(), _compiled()
+
+    @property
+    def spent(self) -> float:
+        """Seconds so far."""
+        now, compiled = time.thread_time(), _compiled()
+        if compiled != self._compiled:
+            self._start, self._compiled = now, compiled
+        return now - self._start
 
     @property
     def over(self) -> bool:
         """Whether the time is spent."""
-        now, compiled = time.thread_time(), _compiled()
-        if compiled != self._compiled:
-            self._start, self._compiled = now, compiled
-        return now - self._start > self._seconds
+        return self.spent > self.seconds
 
     def without(self, function: Visible | None) -> Visible | None:
         """The function, its own time not counted."""

@@ -19,6 +19,8 @@ from numpy.typing import NDArray
 from windmark.adjust import SolveReport, refine_pose
 from windmark.geometry import PARAMETERS, Camera, DegenerateGeometry, Pose, imaged_ellipse
 from windmark.registration._kernels.fit import Spots
+from windmark.registration.bent.solution import BentSolution, accepted_bent
+from windmark.registration.result import Deformation
 from windmark.registration.search.plane import Plane, spots_at
 from windmark.registration.search.pool import Candidate
 from windmark.registration.solution import Solution, accepted, settle
@@ -40,6 +42,7 @@ class Final:
     solution : labels, evidence, expected markers, excess
     cam_from_model, camera, cov, report : of the last adjustment; see `Registration`
     eccentricity_px : (K, 2) ellipse's centre less image of the disc's centre; 0 where normal or radius is unknown
+    deformation : of the model, or None
     """
 
     solution: Solution
@@ -48,6 +51,7 @@ class Final:
     cov: Array
     report: SolveReport
     eccentricity_px: Array
+    deformation: Deformation | None = None
 
 
 def finish(plane: Plane, best: Solution) -> Final:
@@ -56,16 +60,22 @@ def finish(plane: Plane, best: Solution) -> Final:
     bent = is_bent(given)
     if plane.task.free_focal and bent:
         plane, best = _with_its_lens(plane, best)
-    best = accepted(plane, best, plane.spots)
+    best = _accepted(plane, best, plane.spots)
     off = np.zeros((best.count, 2))
     for _ in range(DISC_ROUNDS if are_discs(plane).any() else 0):
         off = eccentricity(plane, best)
-        best = accepted(plane, best, moved(plane, best, off))
+        best = _accepted(plane, best, moved(plane, best, off))
     if plane.task.free_focal and (bent or given.cov is not None):
         full = _with_full_camera(plane, best, off)
         if full is not None:
             return full
-    return Final(best, best.cam_from_model, _camera(plane, best), best.cov, best.report, off)
+    camera = _camera(plane, best)
+    deformation = best.deformation(plane, camera) if isinstance(best, BentSolution) else None
+    return Final(best, best.cam_from_model, camera, best.cov, best.report, off, deformation)
+
+
+def _accepted(plane: Plane, best: Solution, spots: Spots) -> Solution:
+    return accepted_bent(plane, best, spots) if isinstance(best, BentSolution) else accepted(plane, best, spots)
 
 
 def is_bent(camera: Camera) -> bool:

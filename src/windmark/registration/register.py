@@ -23,6 +23,7 @@ DEFAULT_TIME_S = {"hash": 0.2, "ransac": 20.0}
 MIN_COUNT = 4
 """Three pairs fix a pose, a fourth is needed to check it."""
 FOCAL_STEPS = 5
+MOST_DEFORMATION = 0.1
 DEFAULT_TOLERANCE, MAX_SPACING = 0.004, 0.2
 """Neighbourhood: part of the image's diagonal, and at most this part of the spots' spacing."""
 
@@ -50,6 +51,7 @@ def register(
     min_score: float = 60.0,
     min_margin: float = 10.0,
     max_table_error: float = 0.025,
+    max_deformation: float = 0.05,
     seed: int = 0,
 ) -> Registration | NotRegistered:
     """Find which spot is which marker and where the camera was.
@@ -83,7 +85,9 @@ def register(
         0.2 s for "hash" and 20 s for "ransac". The result depends on the machine only if it strikes
     max_log10_nfa, min_score, min_margin : limits of acceptance, see `registration.task.Limits`
     max_table_error : markers that are farther off their table (1 sigma per coordinate beyond its sigma, as part of the
-        distance to the nearest other marker) are those of another model of the same design. Larger for a deformed model
+        distance to the nearest other marker) are those of another model of the same design
+    max_deformation : a model whose residuals show that it is bent or twisted may differ from its table by a smooth
+        displacement of so much, as part of its largest extent; see `Deformation`. 0: it is rigid
     seed : of the random triplets
 
     Returns
@@ -97,17 +101,19 @@ def register(
     """
     if max_time_s is None:
         max_time_s = DEFAULT_TIME_S.get(method, 0.2)
-    limits = Limits(max_log10_nfa, min_score, min_margin, max_focal_sigma, max_table_error)
+    limits = Limits(max_log10_nfa, min_score, min_margin, max_focal_sigma, max_table_error, max_deformation)
     options: dict[str, Any] = {
         "prior_max_angle_deg": prior_max_angle_deg, "prior_max_scale": prior_max_scale, "free_focal": free_focal,
         "focal_range": focal_range, "max_focal_sigma": max_focal_sigma, "tolerance_px": tolerance_px,
         "method": method, "max_hypotheses": max_hypotheses, "max_time_s": max_time_s,
         "max_log10_nfa": max_log10_nfa, "min_score": min_score, "min_margin": min_margin,
-        "max_table_error": max_table_error, "seed": seed,
+        "max_table_error": max_table_error, "max_deformation": max_deformation, "seed": seed,
     }  # fmt: skip
     _check_options(options, prior)
     if layout is not None and not layout.is_of(markers):
-        raise ValueError("register: layout must be prepared from the same markers; their coordinates or normals differ")
+        raise ValueError(
+            "register: layout must be prepared from the same markers; their coordinates, normals or walls differ"
+        )
     options["prior"], options["occlusion"] = prior, visible is not None
     usable = used_spots(np.asarray(np.isfinite(camera.unproject(detections.xy)).all(axis=1)), excluded)
     pairs = fixed_pairs(fixed, detections, markers, usable)
@@ -156,6 +162,11 @@ def check_ranges(verb: str, options: dict[str, Any], prior: Pose | None) -> None
     tolerance = options["tolerance_px"]
     if tolerance is not None and not (np.isfinite(tolerance) and tolerance > 0):
         raise ValueError(f"{verb}: tolerance_px must be > 0 and finite, or None, got {tolerance}")
+    if not 0 <= options.get("max_deformation", 0.0) <= MOST_DEFORMATION:
+        raise ValueError(
+            f"{verb}: max_deformation must be from 0 to {MOST_DEFORMATION} of the model's size, "
+            f"got {options['max_deformation']}"
+        )
     if options["min_margin"] < 0:
         raise ValueError(f"{verb}: min_margin must be >= 0, got {options['min_margin']}")
 

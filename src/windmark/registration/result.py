@@ -53,6 +53,31 @@ class RunnerUp:
 
 
 @dataclass(frozen=True)
+class Deformation:
+    """How a model differs from its table: a smooth displacement of all markers, found together with the pose.
+
+    A rigid motion is no deformation; of all ways to share the motion between the two, the pose takes what makes the
+    deformation likeliest (about: smallest). A displacement along the line of sight can hardly be seen by one camera:
+    there the sigma is that of what was expected.
+
+    Parameters
+    ----------
+    displacement : (N, 3) of every marker from its place in the table, in the model's frame and unit; of markers that
+        were not seen it is a prediction
+    sigma : (N, 3) 1 sigma of it
+    shift_px : (N, 2) what it does in the image
+    largest : largest displacement of a matched marker, as part of the model's largest extent
+    parameters : how many parameters of it this view determines
+    """
+
+    displacement: Array
+    sigma: Array
+    shift_px: Array
+    largest: float
+    parameters: float
+
+
+@dataclass(frozen=True)
 class Registration:
     """Which spot is which marker, and where the camera was.
 
@@ -66,10 +91,11 @@ class Registration:
     residuals : (K, 2) projected - detected, pixels, in the order of the matching. Projected is the centre of the imaged
         disc where a marker's normal and radius are known, else the image of its centre
     cov : (6, 6) covariance of [rotation, translation] for ``exp(delta) @ cam_from_model``; with ``free_focal``
-        (7, 7), the focal length last. It includes the excess. Distance and focal length grow together: where they are
+        (7, 7), the focal length last. It includes the excess, and that the deformation is
+        uncertain, if there is one. Distance and focal length grow together: where they are
         known to some percent only, their errors are normal as logarithms
     excess_px : 1 sigma per coordinate of the misfit beyond the covariances of detections and markers:
-        table errors, lens, bending
+        table errors, lens, and what is left of a deformation
     score : log-likelihood ratio in nats against "the spots are where they are by chance"
     log10_nfa : decimal logarithm of the false-alarm number: how many labellings this good chance would give
     runner_up : the best distinct other solution, None if the search met none
@@ -77,6 +103,7 @@ class Registration:
     n_hypotheses : links of three markers to three spots that were tried
     report : why the last adjustment stopped
     weak : directions that the spots hardly determine, weakest first
+    deformation : None if the rigid model explains the spots. Otherwise the residuals are those of the deformed one
     options : everything the registration was made with, by name
     """
 
@@ -94,6 +121,7 @@ class Registration:
     n_hypotheses: int
     report: SolveReport
     weak: tuple[WeakDirection, ...] = ()
+    deformation: Deformation | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
 
     def __bool__(self) -> bool:

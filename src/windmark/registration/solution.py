@@ -82,6 +82,11 @@ class Solution:
         """Matched markers."""
         return len(self.marker)
 
+    @property
+    def parameters(self) -> float:
+        """Parameters that the pairs determine."""
+        return float(len(self.change))
+
     @cached_property
     def cov(self) -> Array:
         """(6, 6) of [rotation, translation] for ``exp(delta) @ pose``; (7, 7) with the focal length if that is free."""
@@ -141,15 +146,21 @@ def _settled(plane: Plane, fit: Fit, state: State) -> Markers | None:
         hidden = plane.task.hidden(pose, float(state.numbers[FOCAL]))
         if (hidden == before).all():
             break
-        before = hidden
-        # A marker that faces away is neither matched nor missed, and that is what hidden means.
-        from_eye = plane.markers.xyz + state.rotation.T @ state.translation
-        normal = np.where(hidden[:, None], from_eye, plane.markers.normal)
-        markers = plane.markers._replace(normal=np.ascontiguousarray(normal))
+        before, markers = hidden, without_hidden(plane, hidden, state.rotation, state.translation)
         state.match[hidden] = -1
         if settle_kernel(markers, plane.spots, fit, state) != STEADY:
             return None
     return markers
+
+
+def without_hidden(plane: Plane, hidden: NDArray[np.bool_], rotation: Array, translation: Array) -> Markers:
+    """The markers with those that something hides (N,) turned away from a camera with this pose of the unit model.
+
+    A marker that faces away is neither matched nor missed, and that is what hidden means.
+    """
+    from_eye = plane.markers.xyz + rotation.T @ translation
+    normal = np.where(hidden[:, None], from_eye, plane.markers.normal)
+    return plane.markers._replace(normal=np.ascontiguousarray(normal))
 
 
 def with_free_focal(plane: Plane, solution: Solution) -> Solution | None:
@@ -175,7 +186,7 @@ def accepted(plane: Plane, solution: Solution, spots: Spots) -> Solution:
         focal_px=float(state.numbers[FOCAL]),
         excess_px=float(np.sqrt(state.numbers[EXCESS])),
         state=state,
-        change=_change(plane, state, plane.fit),
+        change=change_of(plane, state, len(solution.change)),
     )
 
 
@@ -196,7 +207,7 @@ def solution_of(plane: Plane, markers: Markers, state: State, fit: Fit) -> Solut
         evidence=weigh(plane, detection, state.residual[marker], state.spread[marker], expected),
         markers=markers,
         state=state,
-        change=_change(plane, state, fit),
+        change=change_of(plane, state, 7 if fit.focal_weight > 0 else 6),
     )
 
 
@@ -209,8 +220,8 @@ def about_centre(frame: Frame, translation: Array) -> Array:
     return change
 
 
-def _change(plane: Plane, state: State, fit: Fit) -> Array:
-    size = 7 if fit.focal_weight > 0 else 6
+def change_of(plane: Plane, state: State, size: int) -> Array:
+    """(size, size) as `about_centre`, with a free focal length (size 7) last."""
     change = np.eye(size)
     change[:6, :6] = about_centre(plane.frame, state.translation)
     if size == 7:

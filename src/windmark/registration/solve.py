@@ -110,7 +110,10 @@ def _judge(search: Search | QuadSearch, limits: Limits, max_links: int, budget: 
 def _registration(
     plane: Plane, final: Final, verdict: Verdict, tried: int, index: NDArray[np.int64], options: dict[str, Any]
 ) -> Registration:
-    best, markers = final.solution, plane.task.markers.xyz[final.solution.marker]
+    best, xyz = final.solution, plane.task.markers.xyz
+    if final.deformation is not None:
+        xyz = xyz + final.deformation.displacement
+    markers = xyz[best.marker]
     seen = final.camera.project(final.cam_from_model.apply(markers))[0]
     residuals = seen + final.eccentricity_px - plane.task.xy[best.detection]
     distance = np.linalg.norm(residuals, axis=1)
@@ -129,5 +132,6 @@ def _registration(
         n_hypotheses=tried,
         report=final.report,
         weak=weak_directions(final.cam_from_model, final.camera.focal_px, final.cov, markers),
+        deformation=final.deformation,
         options=options,
     )

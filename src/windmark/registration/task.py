@@ -115,6 +115,7 @@ class Limits:
     focal_sigma : largest relative 1 sigma of a free focal length
     table_error : largest 1 sigma per coordinate by which markers may be off their table beyond its sigma, as part of
         the distance to the nearest other marker
+    deformation : largest displacement of a marker by a deformation, as part of the model's size; 0: it is rigid
     """
 
     log10_nfa: float
@@ -122,6 +123,7 @@ class Limits:
     margin: float
     focal_sigma: float
     table_error: float
+    deformation: float = 0.0
 
 
 def _log_choices(markers: int, spots: int, pairs: int) -> float:

@@ -12,8 +12,10 @@ from typing import Protocol
 import numpy as np
 
 from windmark.geometry import Pose
+from windmark.registration.bent.solution import Bender
 from windmark.registration.budget import Budget
 from windmark.registration.evidence import Evidence
+from windmark.registration.final import is_bent
 from windmark.registration.labels import contradiction
 from windmark.registration.result import Cause, RunnerUp
 from windmark.registration.search.fixed import FixedSearch
@@ -43,6 +45,10 @@ FEW_SPOTS, FEW_PART, CLUTTERED = 8, 0.2, 6.0
 """Fewer spots than so many, or than this part of the markers, are few; more than this times the markers are clutter."""
 WORTH_A_LOOK = 60.0
 """Candidates whose search score is this much (nats) below the best are no rivals."""
+BENT = 5
+"""Candidates from which a deformed model is grown."""
+BENT_LEAD = 5.0
+"""How much better (nats) it must be than a rigid solution that is accepted."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,12 +68,24 @@ class Judge:
         self._search, self._limits, self._budget = search, limits, budget
         self._plane, self._task = search.plane, search.plane.task
         self._settled: dict[Candidate, Solution | None] = {}
+        # A lens that must be moved with a free focal length is not refined together with a deformation.
+        moving = self._task.free_focal and (is_bent(self._task.camera) or self._task.camera.cov is not None)
+        self._bender = None if moving or not limits.deformation > 0 else Bender(self._plane, limits.deformation, budget)
         self._challenged: list[Candidate] = []
         self._unchallenged = False  # the time was over before all rivals had been looked for
 
     def verdict(self) -> Verdict:
         """Look for rivals of the best candidate, refine the best few, and decide."""
         self._challenge()
+        rigid = self._rigid()
+        if self._bender is None or rigid.cause == "labels":
+            return rigid
+        if rigid.cause is None and rigid.best is not None and not self._bender.signs(rigid.best):
+            return rigid
+        return self._deformed(rigid, self._bender)
+
+    def _rigid(self) -> Verdict:
+        """The verdict on the rigid model."""
         solutions = self._solutions(self._search.top(SETTLED))
         if isinstance(self._search, FixedSearch) and (labels := self._contradicted(self._search, solutions)):
             return labels
@@ -83,6 +101,27 @@ class Judge:
             reason = f"whether another solution is as good as one of {best.count} of {best.expected} markers is unknown"
         return Verdict(best, runner_up, cause, reason)
 
+    def _deformed(self, rigid: Verdict, bender: Bender) -> Verdict:
+        """The verdict on a deformed model if that explains the spots clearly better, otherwise the rigid one.
+
+        A wrong focal length looks like a smooth deformation, too: the simpler explanation goes first.
+        """
+        found = bender.solutions(_close(self._search.top(BENT)))
+        if not found or self._budget.over:
+            return rigid
+        best, lead = found[0], 0.0 if rigid.cause else BENT_LEAD
+        if rigid.best is not None and best.evidence.score < rigid.best.evidence.score + lead:
+            return rigid
+        others = [s for s in (*found[1:], *self._solutions(self._search.top(SETTLED))) if not s.same_as(best)]
+        other = max(others, key=lambda s: s.evidence.score, default=None)
+        runner_up = None if other is None else _runner_up(best, other)
+        if bender.largest(best) > self._limits.deformation or self._refusal(best, runner_up)[0] is not None:
+            return rigid
+        freed = None if self._task.free_focal else with_free_focal(self._plane, best)
+        if freed is not None and freed.evidence.score > best.evidence.score:
+            return rigid
+        return Verdict(best, runner_up, None, "")
+
     def _challenge(self) -> None:
         """Look for rivals until the best candidate has none better, or the time is over."""
         while (best := self._search.best) is not None and not self._unchallenged:
@@ -93,7 +132,7 @@ class Judge:
 
     def _solutions(self, candidates: list[Candidate], *, labelled: bool = True) -> list[Solution]:
         """Distinct refined solutions, best first; with the fixed labels, or (if not ``labelled``) any."""
-        close = [c for c in candidates if c.score > max(c.score for c in candidates) - WORTH_A_LOOK]
+        close = _close(candidates)
         for candidate in close:
             if candidate not in self._settled:
                 self._settled[candidate] = settle(self._plane, candidate)
@@ -196,7 +235,7 @@ def misfit_of(plane: Plane, limits: Limits, best: Solution, taken: float | None 
     nearest = np.linalg.norm(xyz - xyz[plane.model.near[:, 0]], axis=1)
     spacing = float(np.median((nearest * best.focal_px / depth)[best.marker]))
     allowed = float(np.hypot(limits.table_error * spacing, TWICE * np.median(task.sigma_px)))
-    redundancy = max(2 * best.count - (len(best.change) if taken is None else taken), 1.0)
+    redundancy = max(2 * best.count - (best.parameters if taken is None else taken), 1.0)
     excess = best.excess_px * (1 + 1 / np.sqrt(2 * redundancy))
     if excess <= allowed:
         return ""
@@ -227,6 +266,11 @@ def is_loose(plane: Plane, best: Solution) -> bool:
     """Whether the residuals are larger than the spots' covariances say, and the markers' do not explain it."""
     sigma = float(np.median(plane.task.sigma_px))
     return best.misfit_px > SUSPICIOUS * sigma and best.excess_px > sigma
+
+
+def _close(candidates: list[Candidate]) -> list[Candidate]:
+    """Those that are worth a look beside the best."""
+    return [c for c in candidates if c.score > max(c.score for c in candidates) - WORTH_A_LOOK]
 
 
 def _runner_up(best: Solution, other: Solution) -> RunnerUp:

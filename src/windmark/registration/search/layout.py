@@ -12,6 +12,7 @@ from windmark.geometry import Pose
 from windmark.registration._kernels.hypothesis import Model
 from windmark.registration._kernels.quad import Table, table_kernel
 from windmark.registration._kernels.symmetry import symmetries_kernel
+from windmark.registration.bent.field import extents, modes_of
 from windmark.registration.search.near import nearest
 from windmark.registration.search.triplets import spread_corners
 from windmark.scene import MarkerSet
@@ -68,13 +69,14 @@ class Layout:
         if mine is markers:
             return True
         same = ((mine.xyz, markers.xyz), (mine.normal, markers.normal))
-        return all(np.array_equal(a, b, equal_nan=True) for a, b in same)
+        walls = np.array_equal(mine.role == "wall", markers.role == "wall")
+        return walls and all(np.array_equal(a, b, equal_nan=True) for a, b in same)
 
     def ready(self) -> Layout:
         """Build all tables now."""
         for reach in REACHES:
             self.table(reach)
-        _ = self.symmetries
+        _ = self.symmetries, self.size
         return self
 
     def table(self, reach: int) -> Table:
@@ -92,6 +94,16 @@ class Layout:
         spread = spread_corners(self.model.xyz, np.arange(len(self.model.xyz), dtype=np.int32), SEEDS)
         least = max(5, int(np.ceil(LEAST_BROUGHT * len(self.model.xyz))))
         return symmetries_kernel(self.model, spread, least, SYMMETRIES)
+
+    @cached_property
+    def size(self) -> float:
+        """Largest extent of the unit model along a principal axis."""
+        return float(extents(self.model.xyz)[1].max())
+
+    @cached_property
+    def modes(self) -> Array:
+        """(K, N, 3) how the markers may be displaced if the model is deformed; walls are not."""
+        return modes_of(self.model.xyz, self.markers.role == "wall")
 
     def _tabled(self, reach: int) -> Table:
         reach = min(reach, self.model.near.shape[1])
