@@ -98,6 +98,9 @@ def image_line(item: ImageResult, result: RunResult) -> str:
             f" RMS {answer.rms_px:.3f} px, log10(NFA) {answer.log10_nfa:.0f}"
         )
         parts.extend(f"weak {weak.words(result.project.length_unit)}" for weak in answer.weak)
+        if answer.deformation is not None:
+            bent = answer.deformation
+            parts.append(f"model deformed by {100 * bent.largest:.2g} % of its size, up to {bent.largest_px:.1f} px")
     if item.values is not None and result.mesh is not None:
         parts.append(f"values on {int((item.values == item.values).sum())} of {len(item.values)} nodes")
     return f"{item.name}: " + "; ".join(parts)

@@ -166,6 +166,7 @@ def _register(
             free_focal=wanted.free_focal,
             max_time_s=wanted.max_time_s,
             max_table_error=wanted.max_table_error,
+            max_deformation=wanted.max_deformation,
             seed=wanted.seed,
         )
     result = replace(result, registration=answer)

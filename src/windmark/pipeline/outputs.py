@@ -56,9 +56,9 @@ def _write_image(item: ImageResult, result: RunResult, place: Path) -> None:
 
 
 def projected_xy(answer: Registration, markers: MarkerSet) -> NDArray[np.float64]:
-    """(K, 2) projected positions of the matched markers."""
-    xyz = markers.xyz[answer.matching.marker]
-    return answer.camera.project(answer.cam_from_model.apply(xyz))[0]
+    """(K, 2) projected positions of the matched markers, of the deformed model if it is."""
+    xyz = markers.xyz if answer.deformation is None else markers.xyz + answer.deformation.displacement
+    return answer.camera.project(answer.cam_from_model.apply(xyz[answer.matching.marker]))[0]
 
 
 def _write_nodes(item: ImageResult, result: RunResult, place: Path, clock: Clock) -> None:
@@ -155,6 +155,12 @@ def registration_summary(answer: Registration, names: NDArray[np.str_], publishe
         "cov": answer.cov,
         "weak": [weak_record(w, unit) for w in answer.weak],
     }
+    if answer.deformation is not None:
+        bent = answer.deformation
+        record["deformation"] = {
+            "largest": bent.largest, "parameters": bent.parameters, "displacement": bent.displacement,
+            "sigma": bent.sigma, "shift_px": bent.shift_px, "largest_px": bent.largest_px,
+        }  # fmt: skip
     if published is not None:
         record["published_pose"] = pose_difference(answer.cam_from_model, published)
     return record

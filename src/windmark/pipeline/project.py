@@ -103,7 +103,8 @@ class RegisterOptions(_Strict):
     """Options of `windmark.register`. ``prior``: a camera file whose pose the solution must be near to.
 
     ``occlusion``: markers that the grid hides are neither expected nor matched.
-    ``max_table_error``: as part of the distance between markers; larger for a deformed model or a rough table.
+    ``max_table_error``: as part of the distance between markers; larger for a rough table. ``max_deformation``: as part
+    of the model's size.
     """
 
     prior: Path | None = None
@@ -114,6 +115,7 @@ class RegisterOptions(_Strict):
     seed: int = 0
     max_time_s: Positive | None = None
     max_table_error: Positive = 0.025
+    max_deformation: Annotated[float, Field(ge=0, le=0.1)] = 0.05
     label_distance_px: Positive = 10.0
     occlusion: bool = True
 

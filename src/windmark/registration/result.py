@@ -76,6 +76,11 @@ class Deformation:
     largest: float
     parameters: float
 
+    @property
+    def largest_px(self) -> float:
+        """Largest shift of a marker in the image."""
+        return float(np.linalg.norm(self.shift_px, axis=1).max())
+
 
 @dataclass(frozen=True)
 class Registration:

@@ -1,0 +1,220 @@
+"""Deformed models: labels, the deformation itself, and that nothing else is taken for one."""
+
+from dataclasses import replace
+
+import bent_scenes
+import numpy as np
+import pytest
+import registration_scenes as scenes
+from bent_scenes import Bend
+
+from windmark.geometry.rotations import exp_so3
+from windmark.registration import Deformation, prepare, register
+from windmark.registration.bent import field, fit, grow
+from windmark.registration.search.plane import Plane
+from windmark.registration.task import Task
+from windmark.scene import MarkerSet
+
+
+def shares(result, scene):
+    """Right and wrong labels, as part of the visible markers."""
+    right = scene.label[result.matching.detection] == result.matching.marker
+    visible = (scene.label >= 0).sum()
+    return right.sum() / visible, (~right).sum() / visible
+
+
+@pytest.mark.parametrize("kind", ["A", "B"])
+@pytest.mark.parametrize("tip", [0.01, -0.02])
+@pytest.mark.parametrize(("hidden", "false", "rivets"), [(0.0, 0.0, False), (0.25, 0.5, False), (0.25, 0.25, True)])
+def test_bent_and_twisted_wings_are_labelled(kind, tip, hidden, false, rivets):
+    bend = Bend(tip, "cantilever" if tip > 0 else "quadratic", twist_deg=1.0)
+    found = []
+    for seed in (7101, 7102, 7103):
+        scene, _ = bent_scenes.scene(seed, kind, bend, hidden=hidden, false=false, rivets=rivets)
+        result = register(scene.detections, scene.markers, scene.camera, max_time_s=5.0)
+        assert result, result.reason
+        found.append(shares(result, scene))
+    right, wrong = np.mean(found, axis=0)
+    assert right > 0.97
+    assert wrong == 0
+
+
+def test_the_deformed_model_is_where_the_bent_one_is():
+    scene, xyz = bent_scenes.scene(7110, "B", Bend(0.02), hidden=0.25, false=0.25)
+    result = register(scene.detections, scene.markers, scene.camera)
+    bent = result.deformation
+    assert isinstance(bent, Deformation)
+    assert bent.displacement.shape == bent.sigma.shape == (60, 3)
+    assert 1.0 < bent.parameters < 40.0
+    matched = result.matching.marker
+    projected, _ = result.camera.project(result.cam_from_model.apply(scene.markers.xyz + bent.displacement))
+    np.testing.assert_allclose(
+        result.residuals, projected[matched] - scene.detections.xy[result.matching.detection], atol=1e-9
+    )
+    true, seen = scenes.visible(replace(scene.markers, xyz=xyz), scene.camera, scene.cam_from_model)
+    off = np.linalg.norm(projected - true, axis=1)[seen]
+    assert off.max() < 1.5
+    undeformed, _ = result.camera.project(result.cam_from_model.apply(scene.markers.xyz))
+    np.testing.assert_allclose(bent.shift_px, projected - undeformed, atol=1e-9)
+    assert bent.largest_px == np.linalg.norm(bent.shift_px, axis=1).max() > 3.0
+    extent = field.extents(scene.markers.xyz)[1].max()
+    assert bent.largest == pytest.approx(np.linalg.norm(bent.displacement[matched], axis=1).max() / extent)
+    assert result.rms_px < 0.6
+    assert result.excess_px < 0.3
+
+
+def test_across_the_sight_the_markers_are_where_they_are():
+    scene, xyz = bent_scenes.scene(7110, "A", Bend(0.02, twist_deg=1.0))
+    result = register(scene.detections, scene.markers, scene.camera)
+    bent = result.deformation
+    found = result.cam_from_model.apply(scene.markers.xyz + bent.displacement)
+    error = found - scene.cam_from_model.apply(xyz)
+    assert np.abs(error[:, :2]).max() < 0.002
+    assert np.abs(error[:, 2]).max() < 0.03
+    assert (bent.sigma > 0).all()
+    # The tip has moved by 0.02; a single camera knows it better than the prior (0.3 of 5 % of the size).
+    assert bent.sigma[:, 2].max() < 0.3 * 0.05 * 1.2
+
+
+def test_a_rigid_model_stays_rigid_and_the_same():
+    for seed in range(7120, 7132):
+        scene = scenes.scene(seed, "AB"[seed % 2], hidden=0.25, false=0.5)
+        layout = prepare(scene.markers)
+        free = register(scene.detections, scene.markers, scene.camera, layout=layout)
+        held = register(scene.detections, scene.markers, scene.camera, layout=layout, max_deformation=0.0)
+        assert free.deformation is None
+        np.testing.assert_array_equal(free.matching.marker, held.matching.marker)
+        np.testing.assert_array_equal(free.cov, held.cov)
+
+
+def test_without_deformation_a_bent_wing_loses_its_markers():
+    scene, _ = bent_scenes.scene(7140, "B", Bend(0.02))
+    held = register(scene.detections, scene.markers, scene.camera, max_deformation=0.0)
+    free = register(scene.detections, scene.markers, scene.camera)
+    assert shares(free, scene)[0] == 1.0
+    assert not held or shares(held, scene)[0] < 0.9
+
+
+@pytest.mark.parametrize("seed", range(7150, 7158))
+def test_another_and_a_mirrored_wing_are_no_deformed_ones(seed):
+    scene = scenes.scene(seed, "A", hidden=0.0 if seed % 2 else 0.25)
+    flip = np.array([-1.0, 1.0, 1.0])
+    mirrored = replace(scene.markers, xyz=scene.markers.xyz * flip, normal=scene.markers.normal * flip)
+    for markers in (scenes.wing(np.random.default_rng(seed + 5000)), mirrored):
+        assert not register(scene.detections, markers, scene.camera)
+
+
+def test_a_deformation_beyond_the_limit_is_none():
+    scene, _ = bent_scenes.scene(7160, "A", Bend(0.04))
+    result = register(scene.detections, scene.markers, scene.camera)
+    assert result.deformation.largest > 0.004
+    tight = register(scene.detections, scene.markers, scene.camera, max_deformation=0.004)
+    assert not tight or tight.deformation is None or tight.deformation.largest <= 0.004
+
+
+@pytest.mark.parametrize("value", [-0.01, 0.2, np.nan])
+def test_a_limit_out_of_range_is_named(value):
+    scene = scenes.scene(1, "A")
+    with pytest.raises(ValueError, match="max_deformation"):
+        register(scene.detections, scene.markers, scene.camera, max_deformation=value)
+
+
+# --- parts -------------------------------------------------------------------------------------
+
+
+def test_modes_are_the_prior_and_walls_stay():
+    xyz = scenes.wing_and_body(np.random.default_rng(1)).xyz
+    xyz = (xyz - xyz.mean(axis=0)) / np.sqrt(((xyz - xyz.mean(axis=0)) ** 2).sum(axis=1).mean())
+    rigid = np.zeros(60, dtype=bool)
+    rigid[:7] = True
+    modes = field.modes_of(xyz, rigid)
+    assert (modes[:, rigid] == 0).all()
+    thin = field.extents(xyz)[0][2]
+    got = np.einsum("knc,c,kmd,d->nm", modes, thin, modes, thin)[7:, 7:]
+    apart2 = ((xyz[7:, None] - xyz[None, 7:]) ** 2).sum(axis=2)
+    np.testing.assert_allclose(got, np.exp(-0.5 * apart2 / field.REACH**2), atol=0.01)
+
+
+def prepared(seed, kind="A"):
+    """A plane, what a fit needs, and a deformed start near the truth with all true labels."""
+    scene, _ = bent_scenes.scene(seed, kind, Bend(0.02))
+    plane = Plane(Task(scene.markers, scene.camera, scene.detections.xy, scene.detections.cov, 5.0))
+    xyz = plane.model.xyz
+    setting = fit.Setting(xyz, np.full_like(xyz, 1e-4), 0.03 * plane.layout.modes, scene.camera.focal_px, 1.0)
+    rotation, translation = plane.frame.unit(scene.cam_from_model)
+    rng = np.random.default_rng(seed)
+    q = rng.normal(0, 0.3, len(setting.modes))
+    return scene, plane, setting, fit.Bent(rotation, translation, scene.camera.focal_px, q, np.zeros((0, 0)))
+
+
+def test_derivatives_are_those_of_the_projection():
+    _, _, setting, bent = prepared(7170)
+    marker, h = np.arange(5, 15), 1e-6
+    seen = fit.project(setting, bent, marker)
+    for k in range(seen.by_all.shape[2]):
+        moved = replace(bent, q=bent.q.copy(), translation=bent.translation.copy())
+        if k < 3:
+            moved.rotation = exp_so3(h * np.eye(3)[k]) @ bent.rotation
+        elif k < 6:
+            moved.translation[k - 3] += h
+        elif k == 6:
+            moved.focal *= np.exp(h)
+        else:
+            moved.q[k - 7] += h
+        slope = (fit.project(setting, moved, marker).uv - seen.uv) / h
+        np.testing.assert_allclose(seen.by_all[:, :, k], slope, rtol=1e-4, atol=1e-2)
+
+
+def test_prediction_by_the_other_pairs_is_that_of_a_fit_without_the_pair():
+    scene, plane, setting, bent = prepared(7171)
+    match = np.full(24, -1, np.int32)
+    for spot in np.flatnonzero(scene.label >= 0):
+        match[scene.label[spot]] = spot
+    state = grow._fitted(plane, setting, bent, match, 0.05, 0.0, 0.0)
+    assert state is not None
+    seen, spread, now = state
+    now = replace(now, spread=plane.spots.cov[match[match >= 0]] + seen.table[match >= 0] + [0.05, 0.0, 0.05])
+    place, loose = grow._by_others(plane, seen, spread, now)
+    for left in np.flatnonzero(match >= 0)[::5]:
+        kept = np.flatnonzero((match >= 0) & (np.arange(24) != left))
+        alone = replace(bent, q=bent.q.copy())
+        cov = plane.spots.cov[match[kept]] + [0.05, 0.0, 0.05]
+        assert fit.fit(setting, alone, kept, plane.spots.p[match[kept]], cov)
+        without = fit.project(setting, alone, np.array([left]))
+        np.testing.assert_allclose(place[left], without.uv[0], atol=0.05)
+        np.testing.assert_allclose(loose[left], fit.spread_of(alone, without.by_all)[0], rtol=0.03, atol=1e-3)
+
+
+def test_only_clear_pairs_lead():
+    marker, spot = np.array([0, 0, 1, 2, 3]), np.array([0, 1, 1, 2, 2])
+    lead = grow._lead(marker, spot, np.array([1.0, 12.0, 2.0, 3.0, 5.0]))
+    np.testing.assert_array_equal(lead, [11.0, -np.inf, 10.0, 2.0, -np.inf])
+
+
+def test_hidden_markers_of_a_bent_model_are_neither_expected_nor_matched():
+    scene, _ = bent_scenes.scene(7180, "B", Bend(0.02))
+    hidden = np.zeros(60, dtype=bool)
+    hidden[[4, 5, 20, 40]] = True
+    result = register(scene.detections, scene.markers, scene.camera, visible=lambda pose, camera: ~hidden)
+    assert result.deformation is not None
+    assert not hidden[result.matching.marker].any()
+    whole = register(scene.detections, scene.markers, scene.camera)
+    assert result.n_expected < whole.n_expected
+
+
+def test_fixed_labels_are_kept_on_a_bent_model():
+    scene, _ = bent_scenes.scene(7181, "B", Bend(0.02), hidden=0.25, false=0.5)
+    spots = np.flatnonzero(scene.label >= 0)[:2]
+    fixed = {int(s): int(scene.label[s]) for s in spots}
+    result = register(scene.detections, scene.markers, scene.camera, fixed=fixed)
+    labels = dict(zip(result.matching.detection.tolist(), result.matching.marker.tolist(), strict=True))
+    assert all(labels[s] == m for s, m in fixed.items())
+
+
+def test_layout_of_other_walls_is_refused():
+    scene = scenes.scene(2, "A")
+    walls = MarkerSet.make(
+        scene.markers.name, scene.markers.xyz, normal=scene.markers.normal, role=["wall"] * 4 + ["model"] * 20
+    )
+    with pytest.raises(ValueError, match="walls"):
+        register(scene.detections, walls, scene.camera, layout=prepare(scene.markers))
