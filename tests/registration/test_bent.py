@@ -170,7 +170,7 @@ def test_prediction_by_the_other_pairs_is_that_of_a_fit_without_the_pair():
     match = np.full(24, -1, np.int32)
     for spot in np.flatnonzero(scene.label >= 0):
         match[scene.label[spot]] = spot
-    state = grow._fitted(plane, setting, bent, match, 0.05, 0.0, 0.0)
+    state = grow._fitted(plane.spots, setting, bent, match, 0.05, 0.0, 0.0)
     assert state is not None
     seen, spread, now = state
     now = replace(now, spread=plane.spots.cov[match[match >= 0]] + seen.table[match >= 0] + [0.05, 0.0, 0.05])
