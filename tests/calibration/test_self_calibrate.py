@@ -229,3 +229,14 @@ def test_a_view_with_a_focal_length_of_its_own():
     assert result
     assert result.focal_change[4] == pytest.approx(0.012, abs=1e-3)
     assert (np.delete(result.focal_change, 4) == 0).all()
+
+
+def test_a_held_marker_in_the_wrong_place_is_suspected():
+    case = networks.make(45, points=40, views=10)
+    held = [0, 1, 2, 3, 4]
+    start = case.start.points.copy()
+    start[held] = case.truth.points[held]
+    start[2] += [0, 0, 8.0]
+    result = run(case, datum=Fixed([f"m{i:02d}" for i in held]), given={"start": start})
+    assert result
+    assert result.suspect == ("m02",)

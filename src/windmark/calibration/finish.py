@@ -71,6 +71,7 @@ def calibration(job: Job, solved: Solved, dropped: dict[str, str], options: dict
         rms_px=float(np.sqrt((_pixels(solved, obs.cov[solved.taken])[solved.used] ** 2).sum(axis=1).mean())),
         focal_change=(np.zeros(len(job.views)) if state.focal_change is None else state.focal_change)[view_seen],
         dropped=dropped,
+        suspect=_suspect(job, solved),
         swapped=swapped(job, solved, at),
         report=solved.report,
         options=options,
@@ -110,6 +111,17 @@ def refuse_weak(job: Job, solved: Solved) -> None:
     weak += [f"marker {name}" for name in job.markers.name[loose][:10]]
     if weak:
         raise DegenerateGeometry("the pictures do not determine everything that is free", tuple(weak))
+
+
+def _suspect(job: Job, solved: Solved) -> tuple[str, ...]:
+    """Markers and views that lost more than half of their marks."""
+    obs, bad = job.observations, ~solved.used
+    out: list[str] = []
+    for index, names in ((obs.point, job.markers.name.tolist()), (obs.view, [v.name for v in job.views])):
+        lost = np.bincount(index[solved.taken][bad], minlength=len(names))
+        every = np.bincount(index[solved.taken], minlength=len(names))
+        out += [str(names[n]) for n in np.flatnonzero(2 * lost > every)]
+    return tuple(out)
 
 
 def _aligned(job: Job, state: NetworkState, chosen: Mask, scale: bool) -> NetworkState:

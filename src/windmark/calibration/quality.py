@@ -194,7 +194,7 @@ def _calibrate_again(result: Calibration, keep: NDArray[np.bool_]) -> Calibratio
         {n: replace(c, cov=None) for n, c in result.cameras.items()}, views, datum=Free(), free=options["free"],
         rig=options["rig"], eccentricity=options["eccentricity"], prior_sigma=options["prior_sigma"],
         free_focal=[n for n in options["free_focal"] if n in {v.name for v in views}],
-        max_sigma0=options["max_sigma0"],
+        reject=options["reject"], max_sigma0=options["max_sigma0"],
     )  # fmt: skip
 
 

@@ -44,6 +44,8 @@ class Calibration:
     rms_px : root mean square length of the residuals of the used marks
     focal_change : (V,) relative change of the focal length of each view; zero where it is that of its camera
     dropped : why views or markers did not take part, by their name
+    suspect : names of markers and views most of whose marks were left out: a held marker that is not where its table
+        says, a picture out of focus, a marker that moved
     swapped : (first, second, view) names of markers whose marks were exchanged
     report : why the adjustment stopped
     options : everything it was made with, by name
@@ -63,6 +65,7 @@ class Calibration:
     rms_px: float
     focal_change: Array
     dropped: Mapping[str, str]
+    suspect: tuple[str, ...]
     swapped: tuple[tuple[str, str, str], ...]
     report: SolveReport
     options: Mapping[str, Any] = field(default_factory=dict)

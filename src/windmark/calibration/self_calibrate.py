@@ -48,6 +48,7 @@ def self_calibrate(
     free_focal: Sequence[str] = (),
     prior_sigma: Mapping[str, float] | None = None,
     eccentricity: str = "auto",
+    reject: bool = True,
     max_sigma0: float = MAX_SIGMA0,
     seed: int = 0,
 ) -> Calibration | NotCalibrated:
@@ -67,6 +68,7 @@ def self_calibrate(
     prior_sigma : 1 sigma of free parameters round the start values, by name
     eccentricity : the image of a disc's centre is not the centre of its image. "auto" corrects with the table's
         normals, or those of the neighbouring markers where these lie in a plane; "table" only with the table's
+    reject : leave gross errors out; without, all marks take part with full weight, and are only tested
     max_sigma0 : residuals larger than this, in units of the marks' covariances, are no solution
     seed : of the choice of triplets for the first poses
 
@@ -84,7 +86,7 @@ def self_calibrate(
     options: dict[str, Any] = {
         "datum": datum, "free": tuple(free), "distances": tuple(distances), "rig": rig,
         "free_focal": tuple(free_focal), "prior_sigma": dict(prior_sigma or {}), "eccentricity": eccentricity,
-        "max_sigma0": max_sigma0, "seed": seed,
+        "reject": reject, "max_sigma0": max_sigma0, "seed": seed,
     }  # fmt: skip
     job = Job(
         observations, markers, tuple(views), _in_use(cameras, views), tuple(free), datum, tuple(distances), rig,
@@ -130,7 +132,7 @@ def _attempt(job: Job, cameras: Mapping[str, Camera], options: dict[str, Any]) -
     if state is None:
         return refused("too_few", "no view has a pose: fewer than four marks, or markers on one line")
     try:
-        solved = _with_eccentricity(job, state, good, options["eccentricity"])
+        solved = _with_eccentricity(job, state, good, options)
         dropped = solved.dropped | dropped
         if solved.redundancy <= 0:
             return refused("too_few", f"{2 * int(solved.used.sum())} observations for as many unknowns or more")
@@ -182,10 +184,11 @@ def _start(job: Job, cameras: Mapping[str, Camera], seed: int) -> tuple[Mask, Ne
     return good, first_state(job, found, [p or usable for p in poses]), dropped
 
 
-def _with_eccentricity(job: Job, state: NetworkState, good: Mask, how: str) -> Solved:
+def _with_eccentricity(job: Job, state: NetworkState, good: Mask, options: dict[str, Any]) -> Solved:
     """Adjust; then with the eccentricity of the imaged discs, until that changes no more."""
+    how, reject = options["eccentricity"], options["reject"]
     shift = np.zeros((len(job.observations), 2))
-    solved = solve(job, state, good, shift)
+    solved = solve(job, state, good, shift, reject)
     if how == "off" or not np.isfinite(job.markers.radius).any():
         return solved
     for _ in range(ECCENTRIC_ROUNDS):
@@ -196,7 +199,7 @@ def _with_eccentricity(job: Job, state: NetworkState, good: Mask, how: str) -> S
         if np.abs(new - shift).max(initial=0.0) < ECCENTRIC_PX:
             break
         shift = new
-        solved = solve(job, solved.state, good, shift)
+        solved = solve(job, solved.state, good, shift, reject)
     return solved
 
 

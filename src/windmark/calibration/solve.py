@@ -60,8 +60,10 @@ class Solved:
     dropped: dict[str, str]
 
 
-def solve(job: Job, start: NetworkState, allowed: Mask, shift: Array) -> Solved:
+def solve(job: Job, start: NetworkState, allowed: Mask, shift: Array, reject: bool) -> Solved:
     """Adjust the ``allowed`` (O,) marks of a job from a start; ``shift`` (O, 2) is the eccentricity of each.
+
+    With ``reject`` gross errors are left out.
 
     Raises
     ------
@@ -72,7 +74,11 @@ def solve(job: Job, start: NetworkState, allowed: Mask, shift: Array) -> Solved:
     """
     good = allowed.copy()
     taken, _ = taking_part(job, good)
-    state, good[taken] = _robust(job, start, taken, shift)
+    state, fits = _robust(job, start, taken, shift)
+    if not reject:
+        taken, dropped = taking_part(job, allowed)
+        return _adjusted(job, state, taken, np.zeros_like(taken), allowed, shift, dropped)
+    good[taken] = fits
     solved, good = _tested(job, state, allowed, good, shift)
     for _ in range(RESCUES):
         state, again = _rescued(job, solved, allowed, good)
