@@ -16,7 +16,8 @@ _HOME = {
     "scene": ("Detections", "MarkerSet", "Matching", "Mesh", "Observations", "Tracks", "View"),
     "detection": ("detect", "detect_at"),
     "registration": (
-        "NotRegistered", "Registration", "RigRegistration", "pose_from_labels", "register", "register_rig",
+        "NotRegistered", "Registration", "RigRegistration", "TrackState", "pose_from_labels", "register",
+        "register_rig", "track",
     ),
     "resection": (
         "NodeView", "PixelMap", "map_pixels", "node_values", "orient_outward", "sample", "sample_line", "section",
@@ -50,9 +51,11 @@ if TYPE_CHECKING:
         NotRegistered,
         Registration,
         RigRegistration,
+        TrackState,
         pose_from_labels,
         register,
         register_rig,
+        track,
     )
     from windmark.resection import (
         NodeView,

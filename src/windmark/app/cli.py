@@ -302,6 +302,47 @@ def align(
         verbs.run_settings(settings, as_json)
 
 
+@app.command(epilog="Example: windmark track run12-*.tif -m markers.csv -c camera.json -r 3 --unit mm -o run12-track")
+def track(
+    images: Annotated[list[Path], typer.Argument(help="Images of one camera, in the order in which they were taken.")],
+    markers: Markers,
+    camera: CameraFile,
+    unit: Unit,
+    radius: Radius = None,
+    polarity: Polarity = "dark",
+    merit_max: MeritMax = 0.7,
+    channel: Annotated[str, typer.Option(help="Of colour pictures: grey, red, green, blue.")] = "grey",
+    mask: Mask = None,
+    roles: Roles = None,
+    prior: Annotated[
+        Path | None, typer.Option("--prior", help="Camera file with a pose: the first one is near it (30 deg, 1.3).")
+    ] = None,
+    frames: Annotated[
+        Path | None, typer.Option(help="Table image,frame: the number of every image where frames were dropped.")
+    ] = None,
+    change_deg: Annotated[float, typer.Option(help="How much the rotation per frame changes from frame to frame.")] = (
+        0.3
+    ),
+    change_percent: Annotated[
+        float, typer.Option(help="How much the shift per frame changes, in percent of the markers' distance.")
+    ] = 0.3,
+    max_time: MaxTime = None,
+    seed: Seed = 0,
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder of the results.")] = Path("track"),
+    as_json: Json = False,
+) -> None:
+    """Follow the model through images: pose and labels in each; bad images are flagged and stop nothing."""
+    with console.errors(as_json):
+        from windmark.app import track_verb
+
+        wishes = track_verb.Wishes(images, markers, camera, unit, roles, prior, frames, mask, output)
+        options = {
+            "radius_px": tuple(radius) if radius else None, "polarity": polarity, "merit_max": merit_max,
+            "channel": channel, "max_time_s": max_time, "seed": seed,
+        }  # fmt: skip
+        track_verb.follow_files(wishes, options, (change_deg, change_percent), as_json)
+
+
 @app.command(epilog="Example: windmark study --radius 3 --radius 5 --noise-percent 10 --output noisy-markers")
 def study(
     radius: Annotated[

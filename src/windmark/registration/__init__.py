@@ -5,17 +5,9 @@ from windmark.registration.labelled import pose_from_labels
 from windmark.registration.register import prepare, register
 from windmark.registration.result import CAUSES, Deformation, NotRegistered, Registration, RunnerUp
 from windmark.registration.rig import RigRegistration, register_rig
+from windmark.registration.track import Motion, TrackState, predict, track
 
 __all__ = [
-    "register",
-    "register_rig",
-    "prepare",
-    "pose_from_labels",
-    "Registration",
-    "RigRegistration",
-    "Deformation",
-    "NotRegistered",
-    "RunnerUp",
-    "WeakDirection",
-    "CAUSES",
-]
+    "register", "register_rig", "prepare", "pose_from_labels", "Registration", "RigRegistration", "Deformation",
+    "NotRegistered", "RunnerUp", "WeakDirection", "CAUSES", "track", "predict", "TrackState", "Motion",
+]  # fmt: skip

@@ -6,6 +6,7 @@ in view, so a solution is accepted only when others were looked for on purpose a
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -169,10 +170,8 @@ class Judge:
         limits, evidence = self._limits, best.evidence
         # A label rules out all markers but one.
         known = len(self._task.fixed) * float(np.log(len(self._task.markers)))
-        least = limits.score + float(np.log(self._task.prior_share)) - known
-        if is_loose(self._plane, best):
-            sparse = 2 * best.count < best.expected
-            least += max(LOOSE_AND_SPARSE if sparse else 0.0, MISSED * (best.expected - best.count))
+        loose = is_loose(self._plane, best)
+        least = least_evidence(limits, self._task.prior_share, best.count, best.expected, loose) - known
         if not (evidence.log10_nfa < limits.log10_nfa and evidence.score > least):
             return "weak", (
                 f"the best solution matches {best.count} of {best.expected} markers in view, which could be chance: "
@@ -234,9 +233,8 @@ def misfit_of(plane: Plane, limits: Limits, best: Solution, taken: float | None 
     xyz, depth = task.markers.xyz, best.cam_from_model.apply(task.markers.xyz)[:, 2]
     nearest = np.linalg.norm(xyz - xyz[plane.model.near[:, 0]], axis=1)
     spacing = float(np.median((nearest * best.focal_px / depth)[best.marker]))
-    allowed = float(np.hypot(limits.table_error * spacing, TWICE * np.median(task.sigma_px)))
-    redundancy = max(2 * best.count - (best.parameters if taken is None else taken), 1.0)
-    excess = best.excess_px * (1 + 1 / np.sqrt(2 * redundancy))
+    redundancy = 2 * best.count - (best.parameters if taken is None else taken)
+    excess, allowed = table_excess(limits, best.excess_px, redundancy, spacing, float(np.median(task.sigma_px)))
     if excess <= allowed:
         return ""
     return (
@@ -264,8 +262,28 @@ def wrong_focal(plane: Plane, best: Solution) -> str:
 
 def is_loose(plane: Plane, best: Solution) -> bool:
     """Whether the residuals are larger than the spots' covariances say, and the markers' do not explain it."""
-    sigma = float(np.median(plane.task.sigma_px))
-    return best.misfit_px > SUSPICIOUS * sigma and best.excess_px > sigma
+    return too_large(best.misfit_px, best.excess_px, float(np.median(plane.task.sigma_px)))
+
+
+def too_large(misfit_px: float, excess_px: float, sigma_px: float) -> bool:
+    """`is_loose` by the numbers alone."""
+    return misfit_px > SUSPICIOUS * sigma_px and excess_px > sigma_px
+
+
+def least_evidence(limits: Limits, share: float, count: int, expected: int, loose: bool) -> float:
+    """Evidence (nats) that a solution needs; ``share`` is what a prior leaves of all poses."""
+    least = limits.score + float(np.log(share))
+    if loose:
+        least += max(LOOSE_AND_SPARSE if 2 * count < expected else 0.0, MISSED * (expected - count))
+    return least
+
+
+def table_excess(
+    limits: Limits, excess_px: float, redundancy: float, spacing_px: float, sigma_px: float
+) -> tuple[float, float]:
+    """By how much the markers are off their table (1 sigma, with its own uncertainty on top), and the limit."""
+    allowed = math.hypot(limits.table_error * spacing_px, TWICE * sigma_px)
+    return excess_px * (1 + 1 / math.sqrt(2 * max(redundancy, 1.0))), allowed
 
 
 def _close(candidates: list[Candidate]) -> list[Candidate]:

@@ -115,7 +115,8 @@ class Matching:
     def __post_init__(self) -> None:
         if not (np.shape(self.detection) == np.shape(self.marker) == np.shape(self.distance_px)):
             raise ValueError("Matching: detection, marker and distance_px must have the same length")
-        if len(np.unique(self.detection)) != len(self.detection) or len(np.unique(self.marker)) != len(self.marker):
+        # Sets are several times faster than np.unique on the few entries of one image.
+        if any(len(set(np.asarray(c).tolist())) != len(c) for c in (self.detection, self.marker)):
             raise ValueError("Matching: every detection and every marker may appear only once")
 
     def __len__(self) -> int:

@@ -17,6 +17,7 @@ from windmark.synth.patch import Patch, assemble
 from windmark.synth.render import Rendering, render
 from windmark.synth.scenes import Scene, marker_scene
 from windmark.synth.screen import Rays
+from windmark.synth.sequence import swinging, tunnel_sequence
 from windmark.synth.truth import MarkerTruth, marker_truth
 from windmark.synth.tunnel import WIND_OFF, WIND_ON, Shot, TunnelTest, default_stations, wind_tunnel
 from windmark.synth.wing import HalfModel
@@ -26,5 +27,5 @@ __all__ = [
     "WIND_OFF", "WIND_ON", "Clutter", "Decals", "Flow", "HalfModel", "MarkerTruth", "Marks", "Paint", "Patch",
     "Rays", "Rendering", "Scene", "Sensor", "SheetTruth", "Shot", "TransonicFlow", "TunnelTest", "World", "assemble",
     "bend", "default_stations", "degrade", "disc_image", "marker_scene", "marker_sheet", "marker_truth",
-    "random_poses", "render", "rows_layout", "wind_tunnel",
+    "random_poses", "render", "rows_layout", "swinging", "tunnel_sequence", "wind_tunnel",
 ]  # fmt: skip

@@ -1,0 +1,175 @@
+"""The verb `windmark track`: follow a model through images; tables, picture and page in one folder."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import windmark
+from windmark import io
+from windmark.app import console
+from windmark.app.report import Report
+from windmark.geometry import Camera
+from windmark.pipeline.track import FollowedFrame, FollowOptions, follow
+from windmark.pipeline.track_results import (
+    POV,
+    PoseRow,
+    match_columns,
+    pose_columns,
+    sequence_summary,
+)
+from windmark.registration import Motion
+from windmark.scene import MarkerSet
+
+Record = dict[str, Any]
+
+WORDS = {
+    "cold": "registered without help",
+    "tracked": "from the prediction",
+    "reacquired": "searched for and found again",
+    "lost": "no pose",
+}
+MODEL_ROLES = ("model", "primary", "secondary")
+"""What moves with the model, where no roles are given."""
+
+
+@dataclass(frozen=True)
+class Wishes:
+    """Files of `windmark track`, its length unit and the roles that take part."""
+
+    images: list[Path]
+    markers: Path
+    camera: Path
+    unit: str
+    roles: list[str] | None
+    prior: Path | None
+    frames: Path | None
+    mask: Path | None
+    output: Path
+
+
+def follow_files(wishes: Wishes, options: Record, change: tuple[float, float], as_json: bool) -> None:
+    """Follow the images in the given order and write everything into the output folder, whole or not at all.
+
+    ``options`` go to `FollowOptions`; ``change`` is that of the motion, in degrees and percent.
+    """
+    unit = wishes.unit
+    if unit not in io.LENGTH_UNITS:
+        raise ValueError(f"--unit must be one of {', '.join(io.LENGTH_UNITS)}, got {unit!r}")
+    for name, value in zip(("--change-deg", "--change-percent"), change, strict=True):
+        if not (np.isfinite(value) and value > 0):
+            raise ValueError(f"{name} must be > 0, got {value:g}")
+    roles = tuple(wishes.roles) if wishes.roles else MODEL_ROLES
+    markers, (camera, _) = io.read_markers(wishes.markers, roles=roles), io.read_camera(wishes.camera)
+    prior = None if wishes.prior is None else io.read_camera(wishes.prior)[1]
+    if wishes.prior is not None and prior is None:
+        raise io.FileError(wishes.prior, "has no pose; expected one, as --prior")
+    mask = None if wishes.mask is None else io.read_mask(wishes.mask, camera.size_px[::-1])
+    motion = Motion(float(np.radians(change[0])), change[1] / 100)
+    how = FollowOptions(**options, motion=motion, prior=prior, mask=mask)
+    instants = None if wishes.frames is None else read_instants(wishes.frames, wishes.images)
+    start, last = time.perf_counter(), None
+    rows: list[PoseRow] = []
+    wishes.output.parent.mkdir(parents=True, exist_ok=True)
+    with console.progress(len(wishes.images)) as show:
+        for frame in follow(wishes.images, markers, camera, options=how, instants=instants):
+            show(f"{frame.name}: {frame.status}")
+            rows.append(PoseRow.of(frame))
+            last = frame if frame.registered is not None else last
+        show("write")
+        with io.atomic_folder(wishes.output) as place:
+            seconds = time.perf_counter() - start
+            record = {**sequence_summary(rows, camera, unit), "seconds": seconds, "folder": wishes.output}
+            _write(place, rows, markers, camera, unit, record, last)
+    if last is None:
+        console.refuse(f"no image gave a pose; the first: {rows[0].reason}", as_json, record)
+    console.answer(record, as_json, [*_lines(rows), f"report: {wishes.output / 'report.html'}"])
+
+
+def read_instants(path: Path, images: list[Path]) -> list[float]:
+    """The instants of the images from a table ``image,frame``; the number of a frame need not be whole."""
+    table = io.read_table(path, required=("image", "frame"), known=("image", "frame"))
+    known = dict(zip(table.text("image"), table.numbers("frame").tolist(), strict=True))
+    for image in images:
+        if image.name not in known and image.stem not in known:
+            raise io.FileError(path, f"has no line for {image.name}; expected one for every image")
+    return [known.get(image.name, known.get(image.stem, np.nan)) for image in images]
+
+
+def _write(
+    place: Path, rows: list[PoseRow], markers: MarkerSet, camera: Camera, unit: str, record: Record,
+    last: FollowedFrame | None,
+) -> None:  # fmt: skip
+    from windmark.app.pictures import png
+    from windmark.app.track_pictures import motion_picture
+
+    picture = png(motion_picture(rows, unit), dpi=110)
+    io.write_table(place / "poses.csv", pose_columns(rows))
+    io.write_table(place / "matches.csv", match_columns(rows, markers))
+    io.write_json(place / "summary.json", record)
+    (place / "motion.png").write_bytes(picture)
+    if last is not None and last.registered is not None:  # a start for the images that come later
+        io.write_camera(place / "camera.json", camera, last.registered.cam_from_model, unit=unit)
+    (place / "report.html").write_text(_page(rows, record, unit, picture), encoding="utf-8")
+
+
+def _page(rows: list[PoseRow], record: Record, unit: str, picture: bytes) -> str:
+    when = datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
+    report = Report("A model followed through images", f"windmark {windmark.__version__}, {when}, length unit: {unit}")
+    report.table(
+        ["status", "images", "meaning"], [[key, record[key], words] for key, words in WORDS.items()]
+    )  # fmt: skip
+    report.text(
+        f"Median: {record['median_matched']:.0f} markers matched, RMS {record['median_rms_px']:.3g} px (2-D), "
+        f"{1e3 * record['median_seconds']:.0f} ms per image, reading included. In {record['guided']} images the "
+        "markers were looked for near their predicted places only."
+    )
+    for row in rows:
+        if row.status == "lost":
+            report.text(f"{row.name}: {row.reason}", "bad")
+    report.heading("Motion")
+    report.picture(
+        picture, "Point of view (AIAA 2005-5007, Fig. 5) against the frame, less that of the first pose; bands: 1 sigma"
+    )
+    report.heading("Every image")
+    columns = ["frame", "image", "status", "matched", "expected", "RMS px", *_headings(unit), "time ms", "reason"]
+    report.table(columns, [_row(row) for row in rows], scroll=True)
+    report.heading("Files beside this report")
+    report.table(["file", "content"], [
+        ["poses.csv", "point of view of every image with its 1 sigma, station of the camera, status"],
+        ["matches.csv", "which spot is which marker in every image, residual"],
+        ["camera.json", "camera with the pose of the last good image"],
+        ["motion.png, summary.json", "the picture above, the figures above"],
+    ])  # fmt: skip
+    return report.html()
+
+
+def _headings(unit: str) -> list[str]:
+    return [name.replace("_deg", " °") if "deg" in name else f"{name} {unit}" for name in POV]
+
+
+def _row(row: PoseRow) -> list[Any]:
+    return [
+        row.index, row.name, row.status, row.matched, row.expected, row.rms_px, *(f"{v:.4f}" for v in row.pov),
+        1e3 * row.seconds, row.reason,
+    ]  # fmt: skip
+
+
+def _lines(rows: list[PoseRow]) -> list[str]:
+    """Counts, and one line for every image that was not simply tracked."""
+    count: Callable[[str], int] = [row.status for row in rows].count
+    said = [f"{count(key)} {words}" for key, words in WORDS.items() if count(key)]
+    lines = [f"{len(rows)} images: {', '.join(said)}"]
+    lines.extend(f"  {row.name}: {row.status}: {row.reason}" for row in rows if row.reason)
+    good = [row for row in rows if row.cam_from_model is not None]
+    if good:
+        rms, matched = (float(np.median([getattr(row, key) for row in good])) for key in ("rms_px", "matched"))
+        ms = 1e3 * float(np.median([row.seconds for row in rows]))
+        lines.append(f"median: {matched:.0f} markers, RMS {rms:.3f} px, {ms:.0f} ms per image")
+    return lines

@@ -1,0 +1,245 @@
+"""A model followed through a sequence of images: predict, look where the markers must be, label, and start again."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark import detection, io
+from windmark.detection.template.result import Frame
+from windmark.geometry import Camera, Pose
+from windmark.geometry.rotations import hat
+from windmark.pipeline.predictions import from_camera, look
+from windmark.registration import Motion, NotRegistered, Registration, TrackState, predict, track
+from windmark.scene import Detections, MarkerSet
+
+Array = NDArray[np.float64]
+Image = NDArray[np.generic]
+
+SIGMAS, LEAST_PX, MOST_PX = 3.5, 1.5, 10.0
+"""Markers are looked for within so many sigma of the prediction, at least and at most so far; beyond that anywhere."""
+FEWER = 0.6
+"""A guided frame with less than this part of the markers of the frame before is looked at again as a whole."""
+
+
+@dataclass(frozen=True)
+class FollowOptions:
+    """How to follow; every option has its meaning from the verb that it goes to.
+
+    Parameters
+    ----------
+    radius_px : of `detect`; None finds it in the first image that shows one
+    polarity, merit_max, photometry : of `detect`
+    channel, bayer : of `io.read_grey`
+    mask : (H, W) pixels that are used; None for all
+    motion, prior : of `registration.track.track`
+    tolerance_px, max_time_s, max_table_error, seed : of `register`
+    """
+
+    radius_px: tuple[float, ...] | None = None
+    polarity: str = "dark"
+    merit_max: float = 0.7
+    photometry: str | None = None
+    channel: str = "grey"
+    bayer: str | None = None
+    mask: NDArray[np.bool_] | None = None
+    motion: Motion = field(default_factory=Motion)
+    prior: Pose | None = None
+    tolerance_px: float | None = None
+    max_time_s: float | None = None
+    max_table_error: float = 0.025
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class FollowedFrame:
+    """What became of one image.
+
+    Parameters
+    ----------
+    index, name : its place in the sequence, from 0, and its name
+    instant : when it was taken, in frames
+    status : "cold", "tracked", "reacquired" or "lost", see `TrackState`
+    reason : why it is lost, or had to be searched for
+    guided : its spots were looked for near the prediction only
+    detections, registration : the spots, and what they gave; None for an image that cannot be read
+    seconds : wall time, reading included
+    """
+
+    index: int
+    name: str
+    instant: float
+    status: str
+    reason: str
+    guided: bool = False
+    detections: Detections | None = None
+    registration: Registration | NotRegistered | None = None
+    seconds: float = 0.0
+
+    @property
+    def registered(self) -> Registration | None:
+        """The registration if there is one."""
+        return self.registration if isinstance(self.registration, Registration) else None
+
+
+def follow(
+    images: Iterable[Path | tuple[str, Image]],
+    markers: MarkerSet,
+    camera: Camera,
+    *,
+    options: FollowOptions | None = None,
+    instants: Sequence[float] | None = None,
+) -> Iterator[FollowedFrame]:
+    """Pose and labels in every image of a sequence, one after the other; memory does not grow with its length.
+
+    The first image is registered without help. From then on the pose is predicted; where the prediction is sharp
+    enough the markers are looked for near their predicted ellipses (`detect_at`), else in the whole image. A frame
+    that cannot be followed that way is detected as a whole and registered. An image that cannot be read, that has
+    another size, or that gives no pose is flagged and changes nothing for the others.
+
+    Parameters
+    ----------
+    images : paths, or names with grey images
+    markers : those that move with the model (or those that stand still): one rigid body
+    camera : interior parameters
+    options : see `FollowOptions`
+    instants : when each image was taken, in frames, strictly increasing; None means one frame apart
+
+    Raises
+    ------
+    ValueError
+        For options out of range, instants that do not increase or do not fit the images.
+    """
+    follower = _Follower(markers, camera, options or FollowOptions())
+    last = -np.inf
+    for index, item in enumerate(images):
+        if instants is not None and index >= len(instants):
+            raise ValueError(f"follow: instants must be given for every image, got {len(instants)} for more images")
+        instant = float(index) if instants is None else float(instants[index])
+        if not (np.isfinite(instant) and instant > last):
+            raise ValueError(f"follow: instants must increase strictly, number {index} is {instant:g} after {last:g}")
+        yield follower.frame(index, item, instant, 1.0 if index == 0 else instant - last)
+        last = instant
+
+
+class _Follower:
+    """What goes from image to image."""
+
+    def __init__(self, markers: MarkerSet, camera: Camera, options: FollowOptions) -> None:
+        self._markers, self._camera, self._options = markers, camera, options
+        self._state: TrackState | None = None
+        self._look: Frame | None = None  # blur and noise of the last image
+        self._radius: tuple[float, ...] | None = options.radius_px
+        self._last: tuple[int, float] = (0, np.nan)  # markers and their radius in the last good image
+
+    def frame(self, index: int, item: Path | tuple[str, Image], instant: float, dt: float) -> FollowedFrame:
+        """Follow one image."""
+        start = time.perf_counter()
+        name = item.name if isinstance(item, Path) else item[0]
+        try:
+            image = self._read(item)
+        except io.FileError as error:
+            return self._lost(index, name, instant, dt, str(error), start)
+        before = self._state
+        if (guided := self._guided(image, dt)) is not None and guided[0]:
+            spots, (answer, self._state), near = guided[0], guided[1], True
+        else:
+            everything, near = self._everything(image), False
+            if everything is None:
+                return self._lost(index, name, instant, dt, "no radius prevails among the spots", start)
+            spots = everything
+            answer, self._state = self._track(before, spots, dt)
+        if isinstance(answer, Registration):
+            self._last = len(answer.matching), float(np.median(spots.radius_px[answer.matching.detection]))
+        state = self._state
+        return FollowedFrame(
+            index, name, instant, state.status, state.reason, near, spots, answer, time.perf_counter() - start
+        )  # fmt: skip
+
+    def _read(self, item: Path | tuple[str, Image]) -> Image:
+        options = self._options
+        if isinstance(item, Path):
+            image = io.read_grey(item, channel=options.channel, bayer=options.bayer)
+        else:
+            image = item[1]
+        height, width = image.shape[:2]
+        if (width, height) != self._camera.size_px:
+            expected = "{} x {}".format(*self._camera.size_px)
+            name = item if isinstance(item, Path) else item[0]
+            raise io.FileError(name, f"is {width} x {height} pixels but the camera is {expected}")
+        return image
+
+    def _lost(self, index: int, name: str, instant: float, dt: float, reason: str, start: float) -> FollowedFrame:
+        if self._state is not None:
+            self._state = self._state.without(reason, dt)
+        return FollowedFrame(index, name, instant, "lost", reason, seconds=time.perf_counter() - start)
+
+    def _guided(
+        self, image: Image, dt: float
+    ) -> tuple[Detections, tuple[Registration | NotRegistered, TrackState]] | None:
+        """Spots near the prediction, and what they give; None where that is of no use or does not hold."""
+        state = self._state
+        if state is None or state.estimate is None:
+            return None
+        pose, cov = predict(state, dt)
+        reach = SIGMAS * _prediction_sigma_px(self._camera, pose, cov, self._markers)
+        if not reach < MOST_PX:
+            return None
+        expected = from_camera(self._camera, pose, self._markers, self._last[1])
+        if not len(expected):
+            return None
+        reach, options = max(reach, LEAST_PX), self._options
+        found = look(
+            image, expected, search_px=reach, polarity=options.polarity, photometry=options.photometry,
+            frame=self._look, mask=options.mask,
+        )  # fmt: skip
+        spots = found.detections
+        if len(spots) < FEWER * self._last[0]:
+            return None
+        answer = self._track(state, spots, dt, area=(2 * reach + 1) ** 2)
+        if not isinstance(answer[0], Registration) or len(answer[0].matching) < FEWER * self._last[0]:
+            return None
+        self._look = found.frame
+        return spots, answer
+
+    def _everything(self, image: Image) -> Detections | None:
+        """All spots of an image; None where their size is not known and cannot be found."""
+        options = self._options
+        if self._radius is None:
+            estimate = detection.estimate_radius(image, options.polarity, mask=options.mask)
+            if not estimate:
+                return None
+            self._radius = tuple(estimate.radii_px)
+        return detection.detect(
+            image, radius_px=self._radius, polarity=options.polarity, merit_max=options.merit_max,
+            photometry=options.photometry, mask=options.mask,
+        )  # fmt: skip
+
+    def _track(
+        self, state: TrackState | None, spots: Detections, dt: float, area: float | None = None
+    ) -> tuple[Registration | NotRegistered, TrackState]:
+        """`track`; with ``area`` (px^2 looked through for each marker) from guided spots, without a search."""
+        options = self._options
+        return track(
+            state, spots, self._markers, self._camera, dt=dt, motion=options.motion, prior=options.prior,
+            tolerance_px=options.tolerance_px, least_density=0.0 if area is None else 1 / area, search=area is None,
+            max_time_s=options.max_time_s, max_table_error=options.max_table_error, seed=options.seed,
+        )  # fmt: skip
+
+
+def _prediction_sigma_px(camera: Camera, pose: Pose, cov: Array, markers: MarkerSet) -> float:
+    """1 sigma per coordinate of the predicted places in the image, that of the worst tenth of the markers in view."""
+    places = pose.apply(markers.xyz)
+    xy, valid, by_place, _ = camera.project_jacobian(places)
+    seen = valid & camera.in_image(xy)
+    if not seen.any():
+        return np.inf
+    by_pose = np.concatenate([-hat(places[seen]), np.broadcast_to(np.eye(3), (int(seen.sum()), 3, 3))], axis=2)
+    j = by_place[seen] @ by_pose
+    variance = np.diagonal(j @ cov @ np.swapaxes(j, 1, 2), axis1=1, axis2=2).max(axis=1)
+    return float(np.sqrt(np.quantile(variance, 0.9)))

@@ -1,0 +1,1 @@
+"""Numba kernels of pose tracking; private to the registration room."""

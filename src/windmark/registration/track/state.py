@@ -1,0 +1,111 @@
+"""What one frame hands on to the next: pose, motion, their covariance, and how the following went."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.geometry import Pose
+
+if TYPE_CHECKING:
+    from windmark.registration.track._kernels.motion import Estimate
+    from windmark.registration.track.prepared import Prepared
+
+Array = NDArray[np.float64]
+Status = Literal["cold", "tracked", "reacquired", "lost"]
+
+
+@dataclass(frozen=True)
+class Motion:
+    """How the motion is expected to change from frame to frame (1 sigma per axis); only a start, it is adapted.
+
+    Parameters
+    ----------
+    rotation_rad : change of the rotation per frame, radians
+    translation : change of the translation per frame, as part of the markers' distance from the camera
+    first : the motion itself, before any of it was seen, is so many times as large as its change
+    """
+
+    rotation_rad: float = 0.005
+    translation: float = 0.003
+    first: float = 6.0
+
+    def __post_init__(self) -> None:
+        for name in ("rotation_rad", "translation", "first"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value > 0):
+                raise ValueError(f"Motion: {name} must be > 0 and finite, got {value}")
+
+    @property
+    def change(self) -> Array:
+        """(2,) the changes of rotation and translation."""
+        return np.array([self.rotation_rad, self.translation])
+
+
+@dataclass(frozen=True, eq=False)
+class TrackState:
+    """What is known after a frame. Hand it on to the next one.
+
+    Parameters
+    ----------
+    status : "cold" (registered without help), "tracked" (from the prediction), "reacquired" (registered again after a
+        jump or a loss) or "lost"
+    reason : why it is lost or had to be registered again; "" otherwise
+    estimate : pose and motion in the matcher's own units; None before the first good frame
+    change : (2,) how much the motion changes per frame, as seen lately; see `Motion`
+    marker : (K,) markers that were matched in the last good frame
+    n_frames : good frames since the last (re)start
+    missed : frames (or time, in units of ``dt``) since the last good one
+    prepared : markers and camera
+    """
+
+    status: Status
+    reason: str
+    estimate: Estimate | None = field(repr=False)
+    change: Array
+    marker: NDArray[np.int64]
+    n_frames: int
+    missed: float
+    prepared: Prepared = field(repr=False)
+
+    @property
+    def lost(self) -> bool:
+        """Whether the last frame gave no pose."""
+        return self.status == "lost"
+
+    @property
+    def cam_from_model(self) -> Pose | None:
+        """Pose by this frame and those before (Kalman); while lost that of the last good frame."""
+        if self.estimate is None:
+            return None
+        return self.prepared.layout.frame.pose(self.estimate.rotation, self.estimate.translation)
+
+    @property
+    def velocity(self) -> Array:
+        """(6,) change per frame.
+
+        Rotation vector of the model about the markers' centre, in radians along the camera's axes, and translation of
+        that centre in length units; zero before the first good frame.
+        """
+        if self.estimate is None:
+            return np.zeros(6)
+        return self.estimate.velocity * _units(self.prepared)[:6]
+
+    @property
+    def cov(self) -> Array:
+        """(12, 12) covariance of [rotation, translation, velocity], in the coordinates of the velocity."""
+        if self.estimate is None:
+            return np.full((12, 12), np.nan)
+        units = _units(self.prepared)
+        return self.estimate.cov * (units[:, None] * units)
+
+    def without(self, reason: str, dt: float) -> TrackState:
+        """The state after a frame that gave no pose: what was known stays, only time goes on."""
+        return replace(self, status="lost", reason=reason, missed=self.missed + dt)
+
+
+def _units(prepared: Prepared) -> Array:
+    return np.tile([1.0, 1.0, 1.0, *[prepared.layout.frame.scale] * 3], 2)

@@ -1,0 +1,228 @@
+"""One frame from the motion so far: call the kernel, judge its answer, and move the state on."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.adjust import SolveReport
+from windmark.geometry import Pose
+from windmark.geometry.rotations import hat
+from windmark.registration.register import MIN_COUNT
+from windmark.registration.result import Cause, NotRegistered, Registration, RunnerUp
+from windmark.registration.task import Limits
+from windmark.registration.track._kernels.motion import MOST_CHANGE, Estimate, difference, predict_kernel
+from windmark.registration.track._kernels.spots import to_plane_kernel
+from windmark.registration.track._kernels.step import (
+    COUNT,
+    DISTANCE2,
+    EXCESS_PX,
+    FIRST_COST,
+    LABELLED,
+    LAST_COST,
+    LEAD,
+    LOG10_NFA,
+    LOST,
+    MISFIT_PX,
+    OUTCOME,
+    RIVAL_COUNT,
+    RIVAL_SHARED,
+    RMS_PX,
+    SEEN,
+    SHARE,
+    SIGMA,
+    SPACING,
+    STEPS,
+    SUPPOSED,
+    TOLERANCE,
+    UNSURE,
+    WORTH,
+    step_kernel,
+)  # fmt: skip
+from windmark.registration.track.prepared import Prepared
+from windmark.registration.track.state import Motion, Status, TrackState
+from windmark.registration.verdict import MISFIT, least_evidence, table_excess, too_large
+from windmark.scene import Detections, Matching
+
+Array = NDArray[np.float64]
+
+ABRUPT = 40.0
+"""A squared Mahalanobis distance (six degrees of freedom) beyond which the motion was no continuation (1e-6)."""
+FEWER, LEAST_SEEN = 0.75, 0.35
+"""Where single pairs had to be supposed, a labelling with less than this part of the markers matched before, or of
+those in view, may be right in parts only: a search must confirm it."""
+OUTCOMES = {UNSURE: "too long without a pose to predict one", LOST: "no labelling near the prediction holds"}
+
+
+class Stepped(NamedTuple):
+    """What became of a frame, see `step_kernel`; of the solution and its rival only where it was labelled."""
+
+    numbers: Array  # see the kernel's `OUTCOME` and the names beside it
+    rotation: Array  # (3, 3) of the unit model
+    translation: Array  # (3,)
+    cov: Array  # (6, 6) of [rotation, translation] for exp(delta) @ pose, of the model
+    marker: NDArray[np.int64]  # (K,)
+    spot: NDArray[np.int64]  # (K,)
+    residual: Array  # (K, 2) projected - seen in the image
+    distance: Array  # (K,) their length
+    rival_rotation: Array  # there is a rival if the lead over it is finite
+    rival_translation: Array
+    new_rotation: Array  # `Estimate` after this frame
+    new_translation: Array
+    new_velocity: Array
+    new_cov: Array
+    change: Array  # (2,) of the motion, adapted
+
+
+def step(
+    state: TrackState, detections: Detections, dt: float, motion: Motion, limits: Limits, options: dict[str, Any],
+    least_density: float,
+) -> tuple[Registration | NotRegistered, TrackState]:  # fmt: skip
+    """Follow one frame; a falsy answer, and the state as it was, where the prediction does not lead to a labelling."""
+    prepared, layout = state.prepared, state.prepared.layout
+    xy, cov, index = np.ascontiguousarray(detections.xy), np.ascontiguousarray(detections.cov), None
+    if not math.isfinite(float(cov.sum())):
+        raise ValueError("track: detections.cov must be finite")
+    plane = to_plane_kernel(prepared.packed, prepared.size, xy)
+    if math.isnan(float(plane.sum())):
+        index = np.flatnonzero(np.isfinite(plane[:, 0]))
+        plane, xy, cov = plane[index], xy[index], cov[index]
+    if len(xy) < MIN_COUNT:
+        return NotRegistered(f"{len(xy)} spots: too few", "too_few", options=options), state
+    done = Stepped(*step_kernel(
+        prepared.markers, layout.model.near, layout.symmetries, prepared.packed, prepared.size, layout.frame.scale,
+        plane, xy, cov, state.estimate, state.change, motion.change, dt + state.missed,
+        options["tolerance_px"] or 0.0, least_density, limits.margin,
+    ))  # fmt: skip
+    n = done.numbers.tolist()  # plain floats are faster
+    if n[OUTCOME] != LABELLED:
+        return NotRegistered(OUTCOMES[n[OUTCOME]], "nothing", options=options), state
+    if (refusal := _refusal(n, done, prepared, limits, len(state.marker))) is not None:
+        return replace(refusal, options=options), state
+    answer = _registration(prepared, done, n, index, {**options, "dt": dt})
+    estimate = Estimate(done.new_rotation, done.new_translation, done.new_velocity, done.new_cov)
+    new = TrackState("tracked", "", estimate, done.change, done.marker, state.n_frames + 1, 0.0, prepared)
+    return answer, new
+
+
+def _refusal(n: list[float], done: Stepped, prepared: Prepared, limits: Limits, before: int) -> NotRegistered | None:
+    """Why the labelling is not accepted: the tests of `verdict.Judge`, and the motion; None if it is.
+
+    ``before`` markers were matched in the last good frame.
+    """
+    count, expected = int(n[COUNT]), int(n[SEEN])
+    loose = too_large(n[MISFIT_PX], n[EXCESS_PX], n[SIGMA])
+    least = least_evidence(limits, n[SHARE], count, expected, loose)
+    excess, allowed = table_excess(limits, n[EXCESS_PX], 2 * count - 6, n[SPACING], n[SIGMA])
+    cause: Cause
+    if not (n[LOG10_NFA] < limits.log10_nfa and n[WORTH] > least):
+        cause, but = "weak", (
+            f"which could be chance: false-alarm number 1e{n[LOG10_NFA]:+.1f}, evidence {n[WORTH]:.0f} nats (at least "
+            f"{least:.0f})"
+        )  # fmt: skip
+    elif MISFIT * n[MISFIT_PX] > n[TOLERANCE] or excess > allowed:
+        cause, but = "misfit", f"but with a misfit of {n[MISFIT_PX]:.2g} px (1 sigma per coordinate)"
+    elif n[DISTANCE2] > ABRUPT:
+        cause, but = "nothing", f"but the motion was abrupt ({n[DISTANCE2] ** 0.5:.0f} sigma)"
+    elif n[SUPPOSED] and (count < FEWER * before or count < LEAST_SEEN * expected):
+        cause, but = "weak", "too few for a prediction that is not sharp enough to choose the labels"
+    elif n[LEAD] < limits.margin:
+        cause, but = (
+            "ambiguous",
+            (f"but a labelling of {n[RIVAL_COUNT]:.0f} is about as good (lead {n[LEAD]:.1f} nats, with the motion)"),
+        )
+    else:
+        return None
+    reason = f"the prediction matches {count} of {expected} markers in view, {but}"
+    return NotRegistered(reason, cause, count, runner_up=_runner_up(n, done, prepared))
+
+
+def _runner_up(n: list[float], done: Stepped, prepared: Prepared) -> RunnerUp | None:
+    if not math.isfinite(n[LEAD]):
+        return None
+    pose = prepared.layout.frame.pose(done.rival_rotation, done.rival_translation)
+    shared = 2 * n[RIVAL_SHARED] > n[RIVAL_COUNT]
+    return RunnerUp(n[WORTH] - n[LEAD], pose, int(n[RIVAL_COUNT]), shared)
+
+
+def _registration(
+    prepared: Prepared, done: Stepped, n: list[float], index: NDArray[np.int64] | None, options: dict[str, Any]
+) -> Registration:
+    steps = int(n[STEPS])
+    return Registration(
+        cam_from_model=prepared.layout.frame.pose(done.rotation, done.translation),
+        camera=prepared.camera,
+        matching=Matching(done.spot if index is None else index[done.spot], done.marker, done.distance),
+        rms_px=n[RMS_PX],
+        residuals=done.residual,
+        cov=done.cov,
+        excess_px=n[EXCESS_PX],
+        score=n[WORTH],
+        log10_nfa=n[LOG10_NFA],
+        runner_up=_runner_up(n, done, prepared),
+        n_expected=int(n[SEEN]),
+        n_hypotheses=1,
+        report=SolveReport("converged_gradient", True, steps, steps, n[FIRST_COST], n[LAST_COST]),
+        options=options,
+    )
+
+
+def restart(
+    state: TrackState, answer: Registration, dt: float, motion: Motion, status: Status, reason: str
+) -> TrackState:
+    """The state after a frame that was searched for: its pose, and a motion that is as good as unknown.
+
+    The velocity before stays the best guess after a single jump. Where the frame before had to be searched for, too,
+    the motion is too fast for what was known of it: then the difference of the two poses is the better guess.
+    """
+    frame, cov, velocity = state.prepared.layout.frame, np.zeros((12, 12)), np.zeros(6)
+    rotation, translation = (np.ascontiguousarray(v) for v in frame.unit(answer.cam_from_model))
+    back = np.linalg.inv(_change(frame.scale, translation))
+    cov[:6, :6] = back @ answer.cov @ back.T
+    first = np.repeat(motion.change * motion.first, 3) ** 2
+    first[3:] *= translation @ translation
+    cov[6:, 6:] = np.diag(first)
+    if state.estimate is not None:
+        velocity = state.estimate.velocity
+        if state.n_frames == 1 and state.missed == 0:
+            velocity = np.empty(6)
+            difference(rotation, translation, state.estimate.rotation, state.estimate.translation, velocity)
+            velocity /= dt
+    change = np.clip(state.change, motion.change, MOST_CHANGE * motion.change)
+    estimate = Estimate(rotation, translation, velocity, cov)
+    return TrackState(status, reason, estimate, change, answer.matching.marker, 1, 0.0, state.prepared)
+
+
+def carried_over(state: TrackState, prepared: Prepared) -> TrackState:
+    """The state for another table or camera: the motion is that of the markers' centre, which may be elsewhere."""
+    if state.estimate is None:
+        return replace(state, prepared=prepared)
+    old, new = state.prepared.layout.frame, prepared.layout.frame
+    r, t, velocity, cov = state.estimate
+    lever = r @ (new.centre - old.centre)
+    change = np.eye(6)
+    change[3:, :3] = -hat(lever) / new.scale
+    change[3:, 3:] *= old.scale / new.scale
+    both = np.kron(np.eye(2), change)
+    estimate = Estimate(r, (old.scale * t + lever) / new.scale, change @ velocity, both @ cov @ both.T)
+    return replace(state, estimate=estimate, prepared=prepared)
+
+
+def predicted_pose(state: TrackState, dt: float) -> tuple[Pose, Array]:
+    """See `track.predict`."""
+    frame = state.prepared.layout.frame
+    then = predict_kernel(state.estimate, state.change, dt + state.missed)
+    change = _change(frame.scale, then.translation)
+    return frame.pose(then.rotation, then.translation), change @ then.cov[:6, :6] @ change.T
+
+
+def _change(scale: float, translation: Array) -> Array:
+    """(6, 6) from the unit model, turned about its centre, to the model and ``exp(delta) @ pose``."""
+    change = np.eye(6)
+    change[3:, :3] = scale * hat(translation)
+    change[3:, 3:] *= scale
+    return change

@@ -1,0 +1,89 @@
+"""`windmark track`: tables, picture, page; bad images; refusals."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+
+from windmark import io, synth
+
+FRAMES = 6
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    place = tmp_path_factory.mktemp("sequence")
+    test = synth.wind_tunnel(4, size_px=(800, 640), nodes=8_000, sensor=None)
+    io.write_camera(place / "camera.json", test.cameras["cam1"])
+    io.write_markers(place / "markers.csv", test.markers)
+    for k, (image, _) in enumerate(synth.tunnel_sequence(test, synth.swinging(FRAMES), seed=4)):
+        io.write_image(place / f"f{k}.tif", np.zeros_like(image) if k == 3 else image)
+    return place
+
+
+def asked(folder, *more):
+    images = [folder / f"f{k}.tif" for k in range(FRAMES)]
+    return (
+        "track",
+        *images,
+        "-m",
+        folder / "markers.csv",
+        "-c",
+        folder / "camera.json",
+        "--unit",
+        "mm",
+        "-r",
+        2.5,
+        *more,
+    )
+
+
+def test_a_sequence_becomes_tables_a_picture_and_a_page(windmark, folder, tmp_path):
+    out = tmp_path / "out"
+    done = windmark(*asked(folder, "-o", out, "--json"))
+    assert done.code == 0
+    assert done.json["lost"] == 1
+    assert list(done.json["lost_images"]) == ["f3.tif"]
+    assert {p.name for p in out.iterdir()} == {
+        "poses.csv", "matches.csv", "motion.png", "report.html", "summary.json", "camera.json",
+    }  # fmt: skip
+    rows = list(csv.DictReader((out / "poses.csv").read_text().splitlines()))
+    assert rows[0]["status"] == "cold"
+    assert [row["image"] for row in rows] == [f"f{k}.tif" for k in range(FRAMES)]
+    assert rows[3]["dx"] == ""
+    assert float(rows[0]["sigma_rx_deg"]) < 0.1
+    matches = io.read_matches(out / "matches.csv")
+    assert len(matches) == sum(int(row["matched"]) for row in rows)
+    assert json.loads((out / "summary.json").read_text())["images"] == FRAMES
+    assert io.read_camera(out / "camera.json")[1] is not None
+    assert "f3.tif" in (out / "report.html").read_text()
+
+
+def test_numbers_of_frames_come_from_a_table(windmark, folder, tmp_path):
+    io.write_table(tmp_path / "n.csv", {"image": [f"f{k}" for k in range(FRAMES)], "frame": [0, 1, 2, 3, 4, 7]})
+    done = windmark(*asked(folder, "-o", tmp_path / "out", "--frames", tmp_path / "n.csv"))
+    assert done.code == 0
+    rows = list(csv.DictReader((tmp_path / "out" / "poses.csv").read_text().splitlines()))
+    assert float(rows[-1]["instant"]) == 7
+    io.write_table(tmp_path / "short.csv", {"image": ["f0"], "frame": [0]})
+    done = windmark(*asked(folder, "-o", tmp_path / "other", "--frames", tmp_path / "short.csv"))
+    assert done.code == 2
+    assert "f1.tif" in done.err
+    assert not (tmp_path / "other").exists()
+
+
+def test_no_pose_at_all_is_said(windmark, folder, tmp_path):
+    done = windmark(
+        "track", folder / "f3.tif", "-m", folder / "markers.csv", "-c", folder / "camera.json", "--unit", "mm",
+        "-r", 2.5, "-o", tmp_path / "out",
+    )  # fmt: skip
+    assert done.code == 1
+    assert "no image gave a pose" in done.err
+
+
+@pytest.mark.parametrize(("more", "word"), [(("--unit", "furlong"), "--unit"), (("--change-deg", 0), "--change-deg")])
+def test_wrong_usage_is_named(windmark, folder, tmp_path, more, word):
+    done = windmark(*asked(folder, "-o", tmp_path / "out", *more))
+    assert done.code == 2
+    assert word in done.err
