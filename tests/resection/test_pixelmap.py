@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from windmark.geometry import Camera, Pose
-from windmark.resection import PixelMap, casting, map_pixels
+from windmark.geometry import Camera, Pose, rays
+from windmark.resection import PixelMap, map_pixels
 from windmark.scene import Mesh
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -165,8 +165,8 @@ def test_large_images_are_mapped_in_bands(monkeypatch):
 )
 def test_rays_of_pixels_are_those_of_the_camera(camera):
     want = camera.unproject(pixel_grid(camera))[..., :2]
-    np.testing.assert_allclose(casting.pixel_rays(camera, 0, camera.size_px[1]), want, rtol=0, atol=1e-13)
-    np.testing.assert_allclose(casting.pixel_rays(camera, 5, 2), want[5:7], rtol=0, atol=1e-13)
+    np.testing.assert_allclose(rays.pixel_rays(camera, 0, camera.size_px[1]), want, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(rays.pixel_rays(camera, 5, 2), want[5:7], rtol=0, atol=1e-13)
 
 
 def test_node_and_triangle_values_on_pixels():

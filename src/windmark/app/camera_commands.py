@@ -15,6 +15,7 @@ Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON, fo
 def add(app: typer.Typer) -> None:
     """Add these commands to ``app``."""
     app.command(epilog="Example: windmark convert camera.xml camera.json")(convert)
+    app.command(epilog="Example: windmark undistort run12.tif -c camera.json --magnify 3 --field")(undistort)
 
 
 def convert(
@@ -54,3 +55,26 @@ def convert(
             from_format, to_format, convert_verb.parse_size(size), unit, tuple(pixel_mm or ()), which, no_pose
         )
         convert_verb.convert(source, target, wishes, as_json)
+
+
+def undistort(
+    images: Annotated[list[Path], typer.Argument(help="Images of one camera; stacks page by page.")],
+    camera: Annotated[Path, typer.Option("--camera", "-c", help="Camera with its lens, of any format of convert.")],
+    keep: Annotated[
+        str,
+        typer.Option(
+            help="size (of the original), all (as large as it takes to hold every pixel), filled (no empty pixels)."
+        ),
+    ] = "size",
+    magnify: Annotated[
+        float | None, typer.Option(help="Also draw the images with so many times their distortion.")
+    ] = None,
+    field: Annotated[bool, typer.Option("--field", help="Also draw the distortion over the sensor.")] = False,
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder of the results.")] = Path("undistorted"),
+    as_json: Json = False,
+) -> None:
+    """Undo the lens: corrected images, and the camera without distortion that fits them."""
+    with console.errors(as_json):
+        from windmark.app import undistort_verb
+
+        undistort_verb.undistort(images, camera, undistort_verb.Wishes(keep, magnify, field, output), as_json)

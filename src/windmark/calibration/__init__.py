@@ -3,5 +3,18 @@
 from windmark.calibration.datum import Distance, Fixed, Free, Weighted
 from windmark.calibration.result import CAUSES, Calibration, NotCalibrated
 from windmark.calibration.self_calibrate import self_calibrate
+from windmark.calibration.undistort import (
+    KEEP,
+    CorrectedImage,
+    corrected_camera,
+    magnified_camera,
+    magnify_distortion,
+    redraw,
+    undistort,
+)
 
-__all__ = ["CAUSES", "Calibration", "Distance", "Fixed", "Free", "NotCalibrated", "Weighted", "self_calibrate"]
+__all__ = [
+    "CAUSES", "KEEP", "Calibration", "CorrectedImage", "Distance", "Fixed", "Free", "NotCalibrated",
+    "Weighted", "corrected_camera", "magnified_camera", "magnify_distortion", "redraw",
+    "self_calibrate", "undistort",
+]  # fmt: skip

@@ -1,8 +1,8 @@
-"""Numba kernels of the ray caster: rays of pixels, binning of rays, first hits.
+"""Numba kernels of the ray caster: binning of rays, first hits.
 
 Everything happens in the ideal image plane of the camera (u = X/Z, v = Y/Z), where the lens has
 no say: triangles have straight edges there whatever the distortion, and a ray is a point.
-Readable twins: `Camera.unproject`, and `brute_first_hits` in tests/resection/resection_shapes.py.
+Readable twin: `brute_first_hits` in tests/resection/resection_shapes.py.
 """
 
 from __future__ import annotations
@@ -21,63 +21,6 @@ Floats3 = tuple[float, float, float]
 # Rays this close to an edge (relative to the size of the products that are subtracted) count as
 # on it, so that no ray slips through a vertex or a seam by rounding.
 _SLACK = 4e-15
-
-
-@nb.njit(cache=True, nogil=True)
-def pixel_rays(from_pixels: Array, lens: Array, max_s: float, plain: bool, first_row: int, rays: Array) -> None:
-    """Ideal coordinates of the pixel centres of consecutive rows, (rows, width, 2).
-
-    Newton's method from the parabola through the three pixels above, so that one step is mostly
-    enough (above and not to the left: neighbours in a row can then be computed together); NaN where
-    it does not reach a point at which the lens is one to one (the caller asks `Camera.unproject`
-    there). ``from_pixels`` is the homography from pixels to distorted coordinates, ``lens`` holds k1,
-    k2, p1, p2, k3 (all zero where ``plain``).
-    """
-    h = from_pixels
-    for i in range(rays.shape[0]):
-        y = first_row + i
-        row = rays[i]
-        for j in range(rays.shape[1]):
-            w = 1.0 / (h[2, 0] * j + h[2, 1] * y + h[2, 2])
-            q = (h[0, 0] * j + h[0, 1] * y + h[0, 2]) * w
-            r = (h[1, 0] * j + h[1, 1] * y + h[1, 2]) * w
-            if plain:
-                row[j, 0], row[j, 1] = q, r
-                continue
-            u, v = q, r
-            if i > 2 and not math.isnan(rays[i - 3, j, 0] + rays[i - 2, j, 0] + rays[i - 1, j, 0]):
-                u = 3.0 * (rays[i - 1, j, 0] - rays[i - 2, j, 0]) + rays[i - 3, j, 0]
-                v = 3.0 * (rays[i - 1, j, 1] - rays[i - 2, j, 1]) + rays[i - 3, j, 1]
-            row[j, 0], row[j, 1] = _undistort(lens, max_s, q, r, u, v)
-
-
-@nb.njit(cache=True, nogil=True)
-def _undistort(lens: Array, max_s: float, q: float, r: float, u: float, v: float) -> tuple[float, float]:
-    """The ideal point of the distorted point (q, r), started at (u, v); NaN where not found."""
-    k1, k2, p1, p2, k3 = lens[0], lens[1], lens[2], lens[3], lens[4]
-    for _ in range(20):
-        s = u * u + v * v
-        radial = 1.0 + s * (k1 + s * (k2 + s * k3))
-        slope2 = 2.0 * (k1 + s * (2.0 * k2 + s * 3.0 * k3))
-        jxx = radial + slope2 * u * u + 2.0 * p1 * v + 6.0 * p2 * u
-        jyy = radial + slope2 * v * v + 6.0 * p1 * v + 2.0 * p2 * u
-        jxy = slope2 * u * v + 2.0 * p1 * u + 2.0 * p2 * v
-        det = jxx * jyy - jxy * jxy
-        if not (s < max_s and det > 0.0):
-            return math.nan, math.nan
-        eu = u * radial + 2.0 * p1 * u * v + p2 * (s + 2.0 * u * u) - q
-        ev = v * radial + p1 * (s + 2.0 * v * v) + 2.0 * p2 * u * v - r
-        inverse = 1.0 / det
-        du = (jyy * eu - jxy * ev) * inverse
-        dv = (jxx * ev - jxy * eu) * inverse
-        u -= du
-        v -= dv
-        # The step after one of 1e-9 would be about its square: below rounding.
-        if abs(du) + abs(dv) < 1e-9:
-            if u * u + v * v < max_s:
-                return u, v
-            return math.nan, math.nan
-    return math.nan, math.nan
 
 
 @nb.njit(cache=True, nogil=True)

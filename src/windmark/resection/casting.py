@@ -14,8 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.geometry import Camera, Pose
-from windmark.geometry.lens import tilt_homography
+from windmark.geometry import Pose
 
 Array = NDArray[np.float64]
 
@@ -138,25 +137,6 @@ def to_camera_frame(cam_from_model: Pose, points: Array) -> Array:
     out = np.empty((len(points), 3))
     _points.transform(cam_from_model.rotation, cam_from_model.translation, np.ascontiguousarray(points, float), out)
     return out
-
-
-def pixel_rays(camera: Camera, first_row: int, rows: int) -> Array:
-    """Rays (rows, width, 2) through the pixel centres of some rows; NaN where the lens model has no inverse.
-
-    The same as the first two columns of `Camera.unproject`, but found from neighbour to neighbour.
-    """
-    from windmark.resection import _kernels
-
-    f, c = camera.focal_px, camera
-    matrix = np.array([[f, 0, c.cx], [0, f * c.aspect, c.cy], [0, 0, 1.0]]) @ tilt_homography(c.tilt_x, c.tilt_y)
-    packed = camera.packed()
-    lens, max_s = packed[4:9], packed[11]
-    rays = np.empty((rows, camera.size_px[0], 2))
-    _kernels.pixel_rays(np.linalg.inv(matrix), lens, max_s, not lens.any(), first_row, rays)
-    lost = np.argwhere(np.isnan(rays[..., 0]))
-    if len(lost):
-        rays[lost[:, 0], lost[:, 1]] = camera.unproject(lost[:, ::-1] + np.array([0, first_row]))[:, :2]
-    return rays
 
 
 def single_pose(cam_from_model: Pose, verb: str) -> Pose:

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from windmark.geometry import Camera, Pose
-from windmark.resection.casting import RAYS_AT_ONCE, Hits, cast, for_kernels, pixel_rays, single_pose, to_camera_frame
+from windmark.geometry.rays import pixel_rays
+from windmark.resection.casting import RAYS_AT_ONCE, Hits, cast, for_kernels, single_pose, to_camera_frame
 from windmark.scene import Mesh
 
 Array = NDArray[np.float64]

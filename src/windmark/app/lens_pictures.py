@@ -1,0 +1,113 @@
+"""Pictures of a lens: its distortion field, its effect magnified, and what its model misses."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from windmark.app.pictures import WIDTH_IN, round_length, stretched
+from windmark.calibration import CorrectedImage, corrected_camera
+from windmark.geometry import Camera
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from windmark.calibration.quality import ResidualMap
+
+Array = NDArray[np.float64]
+
+_FIELD, _ARROWS = 161, 21  # samples across the sensor
+_SURE = 3.0
+
+
+def distortion_picture(camera: Camera, title: str = "Distortion") -> Figure:
+    """Where the lens moves the picture: distorted − ideal, in pixels, over the sensor.
+
+    Colours and contour lines are its length, arrows (magnified as the title says) its direction; the cross is
+    the principal point. White is where the lens model has no inverse.
+    """
+    x, y, field = _displacement(camera, _FIELD)
+    length = np.linalg.norm(field, axis=-1)
+    width, height = camera.size_px
+    figure = Figure(figsize=(WIDTH_IN * 0.8, WIDTH_IN * 0.8 * 0.86 * height / width + 0.9), layout="constrained")
+    axes = figure.add_subplot()
+    top = float(np.nanmax(length, initial=0.0))
+    step = round_length(max(top, 1e-9) / 5)
+    levels = np.arange(0, top + step, step / 4)
+    shown = axes.contourf(x, y, length, levels=levels, cmap="YlGnBu")
+    lines = axes.contour(x, y, length, levels=np.arange(step, top, step), colors="0.25", linewidths=0.7)
+    axes.clabel(lines, fmt=lambda v: f"{v:g}", fontsize=8)
+    figure.colorbar(shown, ax=axes, label="length of the displacement, px", ticks=np.arange(0, top + step, step))
+    ax, ay, arrows = _displacement(camera, _ARROWS)
+    factor = round_length(1.2 * width / _ARROWS / max(top, 1e-9))
+    axes.quiver(ax, ay, *np.moveaxis(arrows * factor, -1, 0), angles="xy", scale_units="xy", scale=1, width=0.0018,
+                color="#b71c1c")  # fmt: skip
+    axes.plot(camera.cx, camera.cy, "+", color="black", ms=12, mew=1.5)
+    axes.set_title(f"{title}: up to {top:.3g} px, distorted − ideal; arrows × {factor:g}")
+    _sensor_axes(axes, camera.size_px)
+    return figure
+
+
+def correction_picture(
+    image: NDArray[np.generic], corrected: CorrectedImage, magnified: CorrectedImage, factor: float, title: str = ""
+) -> Figure:
+    """As taken, corrected, and with the distortion magnified: the paper's Fig. 9, side by side."""
+    height, width = image.shape[:2]
+    figure = Figure(figsize=(WIDTH_IN * 1.2, WIDTH_IN * 0.4 * height / width + 0.9), layout="constrained")
+    shown = (
+        (image, None, "as taken"), (corrected.image, corrected.valid, "lens undone"),
+        (magnified.image, magnified.valid, f"distortion × {factor:g}"),
+    )  # fmt: skip
+    for axes, (values, valid, words) in zip(figure.subplots(1, 3), shown, strict=True):
+        grey = stretched(values)
+        if valid is not None:
+            grey = np.where(valid if grey.ndim == 2 else valid[..., None], grey, 1.0)
+        axes.imshow(grey, cmap="gray", vmin=0, vmax=1, interpolation="antialiased")
+        axes.set(title=f"{title}: {words}" if title else words, xlabel="x, px", ylabel="y, px")
+    return figure
+
+
+def residual_map_picture(seen: ResidualMap, title: str = "Residuals over the sensor") -> Figure:
+    """Mean residuals in cells of the sensor, radial and tangential, one scale for both.
+
+    Dots mark cells whose mean is more than three of its sigma away from zero: one in 370 if the lens model is
+    right, patterns of them if it is not. Grey cells hold fewer than two marks.
+    """
+    width, height = seen.x[-1] - seen.x[0], seen.y[-1] - seen.y[0]
+    figure = Figure(figsize=(WIDTH_IN, WIDTH_IN * 0.42 * height / width + 1.1), layout="constrained")
+    panels = figure.subplots(1, 2, sharex=True, sharey=True)
+    known = np.isfinite(seen.sigma)
+    values = np.abs(np.stack([seen.radial, seen.tangential])[:, known])
+    top = float(values.max(initial=0.0)) or 1e-9
+    middle = np.meshgrid((seen.x[1:] + seen.x[:-1]) / 2, (seen.y[1:] + seen.y[:-1]) / 2)
+    names = ("radial (outwards)", "tangential (clockwise)")
+    for axes, mean, words in zip(panels, (seen.radial, seen.tangential), names, strict=True):
+        shown = axes.pcolormesh(seen.x, seen.y, np.where(known, mean, np.nan), cmap="RdBu_r", vmin=-top, vmax=top)
+        with np.errstate(invalid="ignore"):
+            sure = known & (np.abs(mean) > _SURE * seen.sigma)
+        axes.plot(middle[0][sure], middle[1][sure], "o", color="black", ms=3)
+        axes.set_facecolor("0.8")
+        axes.set_title(f"{words}: {int(sure.sum())} of {int(known.sum())} cells beyond 3 sigma", fontsize=10)
+        _sensor_axes(axes, (int(width), int(height)))
+    panels[1].set_ylabel("")
+    figure.colorbar(shown, ax=list(panels), label="mean residual, projected − detected, px")
+    figure.suptitle(title)
+    return figure
+
+
+def _displacement(camera: Camera, columns: int) -> tuple[Array, Array, Array]:
+    """Distorted − ideal pixels at a grid of pixels: x (C), y (R), (R, C, 2)."""
+    width, height = camera.size_px
+    rows = max(3, round(columns * height / width))
+    x, y = np.linspace(0, width - 1, columns), np.linspace(0, height - 1, rows)
+    pixels = np.stack(np.meshgrid(x, y), axis=-1)
+    return x, y, pixels - corrected_camera(camera).project(camera.unproject(pixels))[0]
+
+
+def _sensor_axes(axes: Axes, size_px: Sequence[int]) -> None:
+    axes.set(xlabel="x, px", ylabel="y, px", xlim=(-0.5, size_px[0] - 0.5), ylim=(size_px[1] - 0.5, -0.5),
+             aspect="equal")  # fmt: skip

@@ -1,0 +1,100 @@
+"""The verb `windmark undistort`: corrected images, the camera that fits them, the lens' effect magnified."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark import io
+from windmark.app import console
+from windmark.calibration import KEEP, corrected_camera, magnified_camera, redraw
+from windmark.geometry import Camera
+
+_LOSSLESS = {".png": ".png", ".tif": ".tif", ".tiff": ".tiff"}
+Image = NDArray[np.generic]
+
+
+@dataclass(frozen=True)
+class Wishes:
+    """What is wanted of `windmark undistort`; see its options."""
+
+    keep: str = "size"
+    magnify: float | None = None
+    field: bool = False
+    output: Path = Path("undistorted")
+
+
+def undistort(images: list[Path], camera_file: Path, wishes: Wishes, as_json: bool) -> None:
+    """Correct each image, write all into one folder, say it."""
+    if wishes.keep not in KEEP:
+        raise ValueError(f"--keep must be one of {', '.join(KEEP)}, got {wishes.keep!r}")
+    names = [path.stem for path in images]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise ValueError(f"images: {twice[0]} is there twice; the results are named after the images")
+    content = io.read_camera_file(camera_file)
+    camera = content.camera
+    target = corrected_camera(camera, keep=wishes.keep)
+    magnified = None if wishes.magnify is None else magnified_camera(camera, wishes.magnify)
+    written: dict[str, list[str]] = {}
+    with console.progress() as show, io.atomic_folder(wishes.output) as place:
+        for path in images:
+            show(f"undistort {path.name}")
+            written[path.name] = _one(path, place, camera, target, magnified, wishes)
+        # An image of ones shows which pixels have a value; files have no word for "none" but 0.
+        valid = redraw(np.ones(camera.size_px[::-1], np.uint8), camera, target).valid
+        io.write_image(place / "valid.png", valid)
+        pose = content.cam_from_model if content.length_unit else None
+        io.write_camera(place / "camera.json", target, pose, unit=content.length_unit)
+        if wishes.field:
+            _draw_field(place / "distortion.png", camera, camera_file.name)
+    filled = 100 * float(valid.mean())
+    width, height = target.size_px
+    record = {
+        "folder": wishes.output, "images": written, "camera": "camera.json", "size_px": target.size_px,
+        "filled_percent": filled,
+    }  # fmt: skip
+    lines = [f"{name}: {', '.join(files)}" for name, files in written.items()]
+    lines.append(f"{width} x {height} px, {filled:.1f} % of them filled (valid.png)")
+    if content.cam_from_model is not None and content.length_unit is None:
+        lines.append(f"{camera_file} does not say the length unit of its pose: the pose is left out")
+    lines.append(f"{wishes.output / 'camera.json'} fits the corrected images: it has no distortion")
+    console.answer(record, as_json, lines)
+
+
+def _one(path: Path, place: Path, camera: Camera, target: Camera, magnified: Camera | None, wishes: Wishes
+         ) -> list[str]:  # fmt: skip
+    """Correct one file, a stack page by page; the names written."""
+    suffix = _LOSSLESS.get(path.suffix.lower(), ".png")
+    names = [_write(path, place / f"{path.stem}{suffix}", lambda page: redraw(page, camera, target).image)]
+    if magnified is not None:
+        name = f"{path.stem}-x{wishes.magnify:g}{suffix}"
+        names.append(_write(path, place / name, lambda page: redraw(page, camera, magnified).image))
+    return names
+
+
+def _write(source: Path, target: Path, change: Callable[[Image], Image]) -> str:
+    def pages() -> Iterator[Image]:
+        for page in io.read_images(source):
+            try:
+                yield change(page)
+            except ValueError as error:
+                raise io.FileError(source, str(error)) from error
+
+    if io.page_count(source) > 1:
+        io.write_images(target, pages())
+    else:
+        io.write_image(target, next(pages()))
+    return target.name
+
+
+def _draw_field(path: Path, camera: Camera, name: str) -> None:
+    from windmark.app.lens_pictures import distortion_picture
+    from windmark.app.pictures import png
+
+    with io.atomic_write(path, "wb") as stream:
+        stream.write(png(distortion_picture(camera, name)))

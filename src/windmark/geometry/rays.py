@@ -1,0 +1,30 @@
+"""The rays of all pixels of a camera, quickly."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.geometry.camera import Camera
+from windmark.geometry.lens import tilt_homography
+
+Array = NDArray[np.float64]
+
+
+def pixel_rays(camera: Camera, first_row: int, rows: int) -> Array:
+    """Rays (rows, width, 2) through the pixel centres of some rows; NaN where the lens model has no inverse.
+
+    The same as the first two columns of `Camera.unproject`, but found from neighbour to neighbour.
+    """
+    from windmark.geometry import _ray_kernels
+
+    f, c = camera.focal_px, camera
+    matrix = np.array([[f, 0, c.cx], [0, f * c.aspect, c.cy], [0, 0, 1.0]]) @ tilt_homography(c.tilt_x, c.tilt_y)
+    packed = camera.packed()
+    lens, max_s = packed[4:9], packed[11]
+    rays = np.empty((rows, camera.size_px[0], 2))
+    _ray_kernels.pixel_rays(np.linalg.inv(matrix), lens, max_s, not lens.any(), first_row, rays)
+    lost = np.argwhere(np.isnan(rays[..., 0]))
+    if len(lost):
+        rays[lost[:, 0], lost[:, 1]] = camera.unproject(lost[:, ::-1] + np.array([0, first_row]))[:, :2]
+    return rays

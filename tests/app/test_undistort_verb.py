@@ -1,0 +1,92 @@
+"""`windmark undistort`: corrected images as files."""
+
+import numpy as np
+import pytest
+
+from windmark.app import lens_pictures
+from windmark.calibration import magnify_distortion, undistort
+from windmark.calibration.quality import ResidualMap
+from windmark.geometry import Camera, Pose
+from windmark.io import page_count, read_camera_file, read_image, write_camera, write_image, write_images
+
+LENS = Camera((160, 120), 150.0, 1.0, 80.0, 58.0, k1=-0.15, p1=1e-3)
+IMAGE = np.random.default_rng(0).integers(0, 4096, (120, 160)).astype(np.uint16)
+
+
+@pytest.fixture
+def files(tmp_path):
+    write_camera(tmp_path / "c.json", LENS, Pose.from_rotvec([0, 0, 1], [1, 2, 3]), unit="mm")
+    write_image(tmp_path / "a.tif", IMAGE)
+    write_image(tmp_path / "b.jpg", (IMAGE >> 4).astype(np.uint8))
+    write_images(tmp_path / "stack.tif", [IMAGE, IMAGE[::-1]])
+    return tmp_path
+
+
+def test_images_camera_and_mask(windmark, files):
+    out = files / "out"
+    done = windmark(
+        "undistort", files / "a.tif", files / "b.jpg", files / "stack.tif", "-c", files / "c.json", "--magnify", 3,
+        "--field", "-o", out,
+    )  # fmt: skip
+    assert done.code == 0
+    names = {"a.tif", "a-x3.tif", "b.png", "b-x3.png", "stack.tif", "stack-x3.tif", "valid.png", "camera.json"}
+    assert {p.name for p in out.iterdir()} == names | {"distortion.png"}
+    corrected = undistort(IMAGE, LENS)
+    np.testing.assert_array_equal(read_image(out / "a.tif"), corrected.image)
+    np.testing.assert_array_equal(read_image(out / "a-x3.tif"), magnify_distortion(IMAGE, LENS, 3).image)
+    np.testing.assert_array_equal(read_image(out / "valid.png") > 0, corrected.valid)
+    assert page_count(out / "stack.tif") == 2
+    np.testing.assert_array_equal(read_image(out / "stack.tif", page=1), undistort(IMAGE[::-1], LENS).image)
+    again = read_camera_file(out / "camera.json")
+    np.testing.assert_array_equal(again.camera.parameters(), corrected.camera.parameters())
+    np.testing.assert_array_equal(again.cam_from_model.translation, [1, 2, 3])
+    assert f"{100 * corrected.valid.mean():.1f} % of them filled" in done.out
+
+
+def test_keep_and_json(windmark, files):
+    done = windmark("undistort", files / "a.tif", "-c", files / "c.json", "--keep", "all", "-o", files / "o", "--json")
+    assert done.json["size_px"] == list(undistort(IMAGE, LENS, keep="all").camera.size_px)
+    assert read_image(files / "o" / "a.tif").shape == tuple(done.json["size_px"][::-1])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["a.tif", "--keep", "some"], "--keep must be one of size, all, filled, got 'some'"),
+        (["a.tif", "a.tif"], "images: a is there twice"),
+        (["c.json"], "c.json"),
+        (["small.png"], "small.png: undistort: image must be 160 x 120 as its camera says"),
+        (["a.tif", "--magnify", "nan"], "factor must be a finite number"),
+    ],
+)
+def test_refusals_write_nothing(windmark, files, arguments, message):
+    write_image(files / "small.png", np.zeros((12, 16), np.uint8))
+    arguments = [files / a if "." in a else a for a in arguments]
+    done = windmark("undistort", *arguments, "-c", files / "c.json", "-o", files / "out")
+    assert done.code == 2
+    assert message in done.err
+    assert not (files / "out").exists()
+
+
+def test_a_pose_without_a_unit_is_left_out(windmark, files):
+    write_camera(files / "c.cameramodel", LENS, Pose.from_rotvec([0, 0, 1], [1, 2, 3]), unit="mm")
+    done = windmark("undistort", files / "a.tif", "-c", files / "c.cameramodel", "-o", files / "out")
+    assert "does not say the length unit of its pose: the pose is left out" in done.out
+    assert read_camera_file(files / "out" / "camera.json").cam_from_model is None
+
+
+@pytest.mark.parametrize("camera", [LENS, Camera((160, 120), 150.0), Camera((160, 120), 60.0, k1=-0.6)])
+def test_distortion_is_drawn_for_any_lens(camera):
+    """A usual one, none at all, one that has no inverse in the corners."""
+    figure = lens_pictures.distortion_picture(camera)
+    assert "arrows ×" in figure.axes[0].get_title()
+    figure.canvas.draw()
+
+
+def test_cells_beyond_three_sigma_are_counted():
+    mean = np.array([[0.05, 0.01], [np.nan, -0.04]])
+    edges, sigma = np.array([-0.5, 9.5, 19.5]), np.array([[0.01, 0.01], [np.nan, 0.01]])
+    seen = ResidualMap(edges, edges, mean, 0 * mean, sigma, np.array([[9, 9], [0, 9]]))
+    radial, tangential = lens_pictures.residual_map_picture(seen).axes[:2]
+    assert radial.get_title() == "radial (outwards): 2 of 3 cells beyond 3 sigma"
+    assert tangential.get_title() == "tangential (clockwise): 0 of 3 cells beyond 3 sigma"
