@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 import windmark as wm
-from windmark import detection
-from windmark.app import markers_pictures, pictures, study_pictures
+from windmark import calibration, detection
+from windmark.app import lens_pictures, markers_pictures, pictures, study_pictures
 from windmark.app.detect_pictures import explained_picture, merit_picture
 from windmark.app.figures import alignment_figure, matching_figure, surface_figure, wireframe_figure
 from windmark.pipeline.job import run_project
@@ -31,7 +31,14 @@ SHADES = 32  # of each colour: camera noise in all 256 would take three times th
 def main() -> None:
     """Save all pictures."""
     HERE.mkdir(exist_ok=True)
-    for part in (job_pictures, detection_pictures, faint_pictures, marker_study_pictures, marker_check_pictures):
+    for part in (
+        job_pictures,
+        detection_pictures,
+        faint_pictures,
+        lens_pictures_drawn,
+        marker_study_pictures,
+        marker_check_pictures,
+    ):
         for name, figure in part().items():
             (HERE / f"{name}.png").write_bytes(_small(pictures.png(figure, dpi=80)))
 
@@ -105,6 +112,20 @@ def faint_pictures() -> dict[str, Figure]:
         axes.set(title=f"{words}: {len(spots)} of {len(true_xy)}", xlabel="x, px", ylabel="y, px")
         axes.title.set_fontsize(9.5)
     return {"detect-near": figure}
+
+
+def lens_pictures_drawn() -> dict[str, Figure]:
+    """What the lens does, on the virtual wind tunnel with a strong one: the paper's Fig. 9."""
+    camera = wm.Camera((960, 768), 1500.0, 1.0, 484.0, 377.0, k1=-0.28, k2=0.12, p1=1e-3, p2=-6e-4)
+    test = wm.synth.wind_tunnel(1, size_px=camera.size_px, nodes=20_000)
+    shot = wm.synth.wind_tunnel(
+        1, size_px=camera.size_px, stations=[(camera, test.cam_from_tunnel["cam1"])], nodes=20_000
+    ).shot()
+    shown = calibration.undistort(shot.image, camera), calibration.magnify_distortion(shot.image, camera, 3)
+    return {
+        "undistort": lens_pictures.correction_picture(shot.image, camera, *shown, 3),
+        "distortion": lens_pictures.distortion_picture(camera),
+    }
 
 
 def marker_study_pictures() -> dict[str, Figure]:

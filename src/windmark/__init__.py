@@ -19,6 +19,7 @@ _HOME = {
         "NotRegistered", "Registration", "RigRegistration", "TrackState", "pose_from_labels", "register",
         "register_rig", "track",
     ),
+    "calibration": ("magnify_distortion", "undistort"),
     "resection": (
         "NodeView", "PixelMap", "map_pixels", "node_values", "orient_outward", "sample", "sample_line", "section",
         "see_nodes", "virtual_image",
@@ -34,6 +35,7 @@ __all__ = ["__version__", "synth", *_WHERE]
 
 if TYPE_CHECKING:
     from windmark import synth
+    from windmark.calibration import magnify_distortion, undistort
     from windmark.detection import detect, detect_at
     from windmark.geometry import Camera, DegenerateGeometry, Pose, PoV
     from windmark.io import (

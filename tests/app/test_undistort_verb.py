@@ -26,11 +26,13 @@ def test_images_camera_and_mask(windmark, files):
     out = files / "out"
     done = windmark(
         "undistort", files / "a.tif", files / "b.jpg", files / "stack.tif", "-c", files / "c.json", "--magnify", 3,
-        "--field", "-o", out,
+        "--field", "--picture", "-o", out,
     )  # fmt: skip
     assert done.code == 0
     names = {"a.tif", "a-x3.tif", "b.png", "b-x3.png", "stack.tif", "stack-x3.tif", "valid.png", "camera.json"}
-    assert {p.name for p in out.iterdir()} == names | {"distortion.png"}
+    drawn = {"distortion.png", "a-picture.png", "b-picture.png", "stack-picture.png"}
+    assert {p.name for p in out.iterdir()} == names | drawn
+    assert all(min(read_image(out / name).shape[:2]) > 200 for name in drawn)
     corrected = undistort(IMAGE, LENS)
     np.testing.assert_array_equal(read_image(out / "a.tif"), corrected.image)
     np.testing.assert_array_equal(read_image(out / "a-x3.tif"), magnify_distortion(IMAGE, LENS, 3).image)

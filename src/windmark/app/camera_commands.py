@@ -15,7 +15,7 @@ Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON, fo
 def add(app: typer.Typer) -> None:
     """Add these commands to ``app``."""
     app.command(epilog="Example: windmark convert camera.xml camera.json")(convert)
-    app.command(epilog="Example: windmark undistort run12.tif -c camera.json --magnify 3 --field")(undistort)
+    app.command(epilog="Example: windmark undistort run12.tif -c camera.json --magnify 3 --field --picture")(undistort)
 
 
 def convert(
@@ -70,6 +70,9 @@ def undistort(
         float | None, typer.Option(help="Also draw the images with so many times their distortion.")
     ] = None,
     field: Annotated[bool, typer.Option("--field", help="Also draw the distortion over the sensor.")] = False,
+    picture: Annotated[
+        bool, typer.Option("--picture", help="Also draw each image as taken, corrected and magnified, side by side.")
+    ] = False,
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder of the results.")] = Path("undistorted"),
     as_json: Json = False,
 ) -> None:
@@ -77,4 +80,5 @@ def undistort(
     with console.errors(as_json):
         from windmark.app import undistort_verb
 
-        undistort_verb.undistort(images, camera, undistort_verb.Wishes(keep, magnify, field, output), as_json)
+        wishes = undistort_verb.Wishes(keep, magnify, field, picture, output)
+        undistort_verb.undistort(images, camera, wishes, as_json)

@@ -33,7 +33,7 @@ def distortion_picture(camera: Camera, title: str = "Distortion") -> Figure:
     x, y, field = _displacement(camera, _FIELD)
     length = np.linalg.norm(field, axis=-1)
     width, height = camera.size_px
-    figure = Figure(figsize=(WIDTH_IN * 0.8, WIDTH_IN * 0.8 * 0.86 * height / width + 0.9), layout="constrained")
+    figure = Figure(figsize=(WIDTH_IN * 0.8, WIDTH_IN * 0.8 * 0.78 * height / width + 0.9), layout="constrained")
     axes = figure.add_subplot()
     top = float(np.nanmax(length, initial=0.0))
     step = round_length(max(top, 1e-9) / 5)
@@ -43,7 +43,7 @@ def distortion_picture(camera: Camera, title: str = "Distortion") -> Figure:
     axes.clabel(lines, fmt=lambda v: f"{v:g}", fontsize=8)
     figure.colorbar(shown, ax=axes, label="length of the displacement, px", ticks=np.arange(0, top + step, step))
     ax, ay, arrows = _displacement(camera, _ARROWS)
-    factor = round_length(1.2 * width / _ARROWS / max(top, 1e-9))
+    factor = round_length(2.5 * width / _ARROWS / max(top, 1e-9))
     axes.quiver(ax, ay, *np.moveaxis(arrows * factor, -1, 0), angles="xy", scale_units="xy", scale=1, width=0.0018,
                 color="#b71c1c")  # fmt: skip
     axes.plot(camera.cx, camera.cy, "+", color="black", ms=12, mew=1.5)
@@ -53,21 +53,37 @@ def distortion_picture(camera: Camera, title: str = "Distortion") -> Figure:
 
 
 def correction_picture(
-    image: NDArray[np.generic], corrected: CorrectedImage, magnified: CorrectedImage, factor: float, title: str = ""
+    image: NDArray[np.generic],
+    camera: Camera,
+    corrected: CorrectedImage,
+    magnified: CorrectedImage,
+    factor: float,
 ) -> Figure:
-    """As taken, corrected, and with the distortion magnified: the paper's Fig. 9, side by side."""
+    """As taken, corrected, and with the distortion magnified: the paper's Fig. 9, side by side.
+
+    The thin lines are straight in space; dashed ones join their ends, so that the bend can be seen.
+    """
     height, width = image.shape[:2]
-    figure = Figure(figsize=(WIDTH_IN * 1.2, WIDTH_IN * 0.4 * height / width + 0.9), layout="constrained")
+    panel = WIDTH_IN * 0.4
+    figure = Figure(figsize=(3 * panel, panel * 0.93 * height / width + 0.8), layout="constrained")
+    everywhere = np.ones((height, width), dtype=bool)
     shown = (
-        (image, None, "as taken"), (corrected.image, corrected.valid, "lens undone"),
-        (magnified.image, magnified.valid, f"distortion × {factor:g}"),
+        (CorrectedImage(image, camera, everywhere), "as taken"), (corrected, "lens undone"),
+        (magnified, f"distortion × {factor:g}"),
     )  # fmt: skip
-    for axes, (values, valid, words) in zip(figure.subplots(1, 3), shown, strict=True):
-        grey = stretched(values)
-        if valid is not None:
-            grey = np.where(valid if grey.ndim == 2 else valid[..., None], grey, 1.0)
-        axes.imshow(grey, cmap="gray", vmin=0, vmax=1, interpolation="antialiased")
-        axes.set(title=f"{title}: {words}" if title else words, xlabel="x, px", ylabel="y, px")
+    lines = _straight_rays(camera)
+    for axes, (one, words) in zip(figure.subplots(1, 3, sharey=True), shown, strict=True):
+        grey = stretched(one.image)
+        axes.imshow(np.where(one.valid if grey.ndim == 2 else one.valid[..., None], grey, 1.0), cmap="gray", vmin=0,
+                    vmax=1, interpolation="antialiased")  # fmt: skip
+        for rays in lines:
+            xy, seen = one.camera.project(rays)
+            axes.plot(*xy.T, color="#00e5ff", lw=0.9)
+            if seen.all():
+                axes.plot(*xy[[0, -1]].T, color="#ffea00", lw=0.8, ls=(0, (5, 4)))
+        axes.set_title(words)
+        _sensor_axes(axes, one.camera.size_px)
+        axes.label_outer()
     return figure
 
 
@@ -75,10 +91,10 @@ def residual_map_picture(seen: ResidualMap, title: str = "Residuals over the sen
     """Mean residuals in cells of the sensor, radial and tangential, one scale for both.
 
     Dots mark cells whose mean is more than three of its sigma away from zero: one in 370 if the lens model is
-    right, patterns of them if it is not. Grey cells hold fewer than two marks.
+    right and cells hold many marks, patterns of them if it is not. Grey cells hold fewer than two marks.
     """
     width, height = seen.x[-1] - seen.x[0], seen.y[-1] - seen.y[0]
-    figure = Figure(figsize=(WIDTH_IN, WIDTH_IN * 0.42 * height / width + 1.1), layout="constrained")
+    figure = Figure(figsize=(WIDTH_IN, WIDTH_IN * 0.385 * height / width + 1.0), layout="constrained")
     panels = figure.subplots(1, 2, sharex=True, sharey=True)
     known = np.isfinite(seen.sigma)
     values = np.abs(np.stack([seen.radial, seen.tangential])[:, known])
@@ -97,6 +113,17 @@ def residual_map_picture(seen: ResidualMap, title: str = "Residuals over the sen
     figure.colorbar(shown, ax=list(panels), label="mean residual, projected − detected, px")
     figure.suptitle(title)
     return figure
+
+
+def _straight_rays(camera: Camera) -> list[Array]:
+    """Straight lines through the scene that run near the borders of the corrected picture and through its middle."""
+    width, height = camera.size_px
+    plain = corrected_camera(camera)
+    x, y = (np.array([0.06, 0.5, 0.94]) * side for side in (width, height))
+    t = np.linspace(0, 1, _FIELD)
+    across = [np.stack([x[0] + t * (x[2] - x[0]), np.full_like(t, value)], axis=1) for value in y]
+    down = [np.stack([np.full_like(t, value), y[0] + t * (y[2] - y[0])], axis=1) for value in x]
+    return [plain.unproject(line) for line in (*across, *down)]
 
 
 def _displacement(camera: Camera, columns: int) -> tuple[Array, Array, Array]:

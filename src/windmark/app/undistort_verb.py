@@ -11,9 +11,11 @@ from numpy.typing import NDArray
 
 from windmark import io
 from windmark.app import console
-from windmark.calibration import KEEP, corrected_camera, magnified_camera, redraw
+from windmark.calibration import KEEP, corrected_camera, magnified_camera, magnify_distortion, redraw
+from windmark.calibration import undistort as correct
 from windmark.geometry import Camera
 
+_SHOWN = 3.0  # the paper's factor
 _LOSSLESS = {".png": ".png", ".tif": ".tif", ".tiff": ".tiff"}
 Image = NDArray[np.generic]
 
@@ -25,6 +27,7 @@ class Wishes:
     keep: str = "size"
     magnify: float | None = None
     field: bool = False
+    picture: bool = False
     output: Path = Path("undistorted")
 
 
@@ -50,8 +53,7 @@ def undistort(images: list[Path], camera_file: Path, wishes: Wishes, as_json: bo
         io.write_image(place / "valid.png", valid)
         pose = content.cam_from_model if content.length_unit else None
         io.write_camera(place / "camera.json", target, pose, unit=content.length_unit)
-        if wishes.field:
-            _draw_field(place / "distortion.png", camera, camera_file.name)
+        _draw(images, camera, camera_file.name, place, wishes)
     filled = 100 * float(valid.mean())
     width, height = target.size_px
     record = {
@@ -92,9 +94,19 @@ def _write(source: Path, target: Path, change: Callable[[Image], Image]) -> str:
     return target.name
 
 
-def _draw_field(path: Path, camera: Camera, name: str) -> None:
-    from windmark.app.lens_pictures import distortion_picture
+def _draw(images: list[Path], camera: Camera, name: str, place: Path, wishes: Wishes) -> None:
+    """The pictures that are wanted."""
+    if not (wishes.field or wishes.picture):
+        return
+    from windmark.app.lens_pictures import correction_picture, distortion_picture
     from windmark.app.pictures import png
 
-    with io.atomic_write(path, "wb") as stream:
-        stream.write(png(distortion_picture(camera, name)))
+    if wishes.field:
+        (place / "distortion.png").write_bytes(png(distortion_picture(camera, name)))
+    if wishes.picture:
+        factor = _SHOWN if wishes.magnify is None else wishes.magnify
+        for path in images:
+            image = io.read_image(path)
+            shown = correct(image, camera), magnify_distortion(image, camera, factor)
+            figure = correction_picture(image, camera, *shown, factor)
+            (place / f"{path.stem}-picture.png").write_bytes(png(figure))

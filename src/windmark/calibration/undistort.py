@@ -1,4 +1,4 @@
-"""The corrected image (lens undone) and the correction magnified: AIAA 2005-5007, section IV.C, Fig. 9."""
+"""The corrected image (lens undone) and the correction magnified: AIAA 2005-5007, section IV.B, Fig. 9."""
 
 from __future__ import annotations
 
