@@ -105,13 +105,17 @@ class Judge:
     def _deformed(self, rigid: Verdict, bender: Bender) -> Verdict:
         """The verdict on a deformed model if that explains the spots clearly better, otherwise the rigid one.
 
-        A wrong focal length looks like a smooth deformation, too: the simpler explanation goes first.
+        A wrong focal length looks like a smooth deformation, too: the simpler explanation goes first. And where a
+        rigid model is accepted, a deformed one must label more markers: smooth errors of the table or of the lens
+        could be had as a deformation as well, and would take the pose with them.
         """
         found = bender.solutions(_close(self._search.top(BENT)))
         if not found or self._budget.over:
             return rigid
         best, lead = found[0], 0.0 if rigid.cause else BENT_LEAD
         if rigid.best is not None and best.evidence.score < rigid.best.evidence.score + lead:
+            return rigid
+        if rigid.cause is None and rigid.best is not None and best.count <= rigid.best.count:
             return rigid
         others = [s for s in (*found[1:], *self._solutions(self._search.top(SETTLED))) if not s.same_as(best)]
         other = max(others, key=lambda s: s.evidence.score, default=None)
