@@ -6,6 +6,7 @@ marker study. Everything random takes a generator or a seed: same seed, same byt
 """
 
 from windmark.synth import degrade
+from windmark.synth.boards import BoardSpots, board_spots
 from windmark.synth.decals import Decals
 from windmark.synth.degrade import Sensor
 from windmark.synth.discs import SheetTruth, disc_image, marker_sheet
@@ -24,8 +25,8 @@ from windmark.synth.wing import HalfModel
 from windmark.synth.world import World
 
 __all__ = [
-    "WIND_OFF", "WIND_ON", "Clutter", "Decals", "Flow", "HalfModel", "MarkerTruth", "Marks", "Paint", "Patch",
-    "Rays", "Rendering", "Scene", "Sensor", "SheetTruth", "Shot", "TransonicFlow", "TunnelTest", "World", "assemble",
-    "bend", "default_stations", "degrade", "disc_image", "marker_scene", "marker_sheet", "marker_truth",
-    "random_poses", "render", "rows_layout", "swinging", "tunnel_sequence", "wind_tunnel",
+    "WIND_OFF", "WIND_ON", "BoardSpots", "Clutter", "Decals", "Flow", "HalfModel", "MarkerTruth", "Marks", "Paint",
+    "Patch", "Rays", "Rendering", "Scene", "Sensor", "SheetTruth", "Shot", "TransonicFlow", "TunnelTest", "World",
+    "assemble", "bend", "board_spots", "default_stations", "degrade", "disc_image", "marker_scene", "marker_sheet",
+    "marker_truth", "random_poses", "render", "rows_layout", "swinging", "tunnel_sequence", "wind_tunnel",
 ]  # fmt: skip
