@@ -338,3 +338,30 @@ def test_empty_files(tmp_path, name):
     (tmp_path / name).write_text("\n")
     with pytest.raises(FileError, match="the file is empty"):
         read_camera(tmp_path / name)
+
+
+def test_a_folder_without_a_model(tmp_path):
+    with pytest.raises(FileError, match=r"a folder without cameras\.txt; expected .* \(binary models: colmap"):
+        read_camera(tmp_path)
+
+
+TEXTS = {"c.yml": {}, "cv.json": {"format": "opencv"}, "c.cameramodel": {}, "c.xml": {}, "m": {},
+         "c.txt": {"pixel_mm": 0.0074}}  # fmt: skip
+JUNK = ("nan", "inf", "-1", "0", "1e400", "1e300", '"x"', "[", "]", "{", "}", ",", "\n", "<a>", "#", "'", "9" * 40, ":")
+
+
+@pytest.mark.parametrize("name", TEXTS)
+def test_damaged_files_are_read_or_refused_but_never_crash(tmp_path, name):
+    write_camera(tmp_path / name, CAMERA, **TEXTS[name])
+    file = tmp_path / "m" / "cameras.txt" if name == "m" else tmp_path / name
+    text, rng = file.read_text(), np.random.default_rng(4)
+    refused = 0
+    for _ in range(60):
+        first, length = rng.integers(len(text)), rng.integers(12)
+        junk = JUNK[rng.integers(len(JUNK))]
+        file.write_text(text[:first] + junk + text[first + length :])
+        try:
+            read_camera(tmp_path / name)
+        except FileError as error:
+            refused += str(file.parent) in str(error)
+    assert refused > 15

@@ -146,3 +146,12 @@ def test_what_cannot_be_written_as_a_correction(tmp_path):
     with pytest.raises(ValueError, match="holds no pose"):
         write_camera(tmp_path / "c.txt", Camera(SIZE, 3070.0), Pose.from_rotvec([0, 0, 0], [0, 0, 1]), unit="m")
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("line", ["YP 258184869", "YP 1e300", "K1 1e300", "C 1e-300", "P1 -1e155", "XP 1e160"])
+def test_absurd_numbers_are_refused(tmp_path, line):
+    key = line.split()[0]
+    lines = [row for row in TEXT.splitlines() if row.split()[0] != key]
+    (tmp_path / "c.txt").write_text("\n".join([*lines, line, "K2 1e-9"]))
+    with pytest.raises(FileError, match=r"no lens with k1 k2 p1 p2 k3|is off: RMS"):
+        read_camera(tmp_path / "c.txt")

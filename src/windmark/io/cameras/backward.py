@@ -27,6 +27,7 @@ Array = NDArray[np.float64]
 
 _GRID = (41, 31)
 _STEPS = 50
+_ABSURD = 1e100  # squares of larger numbers overflow
 _FREE = slice(0, 9)  # of `PARAMETERS`: all but the tilts
 
 
@@ -84,28 +85,37 @@ def forward_camera(backward: BackwardCamera) -> tuple[Camera, Refit]:
     ValueError
         Where no forward lens shows all the sensor's rays.
     """
-    xy = _grid(backward.size_px)
-    rays = backward.unproject(xy)
     width, height = backward.size_px
     focal = backward.c / (backward.pixel_mm[0] * (1 + backward.b1))
     aspect = backward.pixel_mm[0] / backward.pixel_mm[1] * (1 + backward.b1)
     cx = (width - 1) / 2 + backward.xp / backward.pixel_mm[0]
     cy = (height - 1) / 2 - backward.yp / backward.pixel_mm[1]
-    camera = Camera(backward.size_px, focal, aspect, cx, cy)
-    if not any((backward.k1, backward.k2, backward.k3, backward.p1, backward.p2)):
-        return camera, _misfit(camera.project(rays)[0] - xy)
+    start = Camera(backward.size_px, focal, aspect, cx, cy)
+    xy = _grid(backward.size_px)
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # absurd numbers end as not finite
+        rays = backward.unproject(xy)
+        distorted = any((backward.k1, backward.k2, backward.k3, backward.p1, backward.p2))
+        camera = _fit(start, rays, xy) if distorted else start
+        refit = None if camera is None else _misfit(camera.project(rays)[0] - xy)
+    if camera is None or refit is None or not np.isfinite(refit.rms_px):
+        raise ValueError("no lens with k1 k2 p1 p2 k3 shows all rays of the sensor: is the lens one to one there?")
+    return camera, refit
+
+
+def _fit(camera: Camera, rays: Array, xy: Array) -> Camera | None:
+    """Gauss-Newton from a camera without distortion; None where it does not converge."""
     for _ in range(_STEPS):
         seen, valid, _, jacobian = camera.project_jacobian(rays)
-        if not valid.all():
-            break
+        if not (valid.all() and np.abs(jacobian).max() < _ABSURD):
+            return None
         step = _solve(jacobian[..., _FREE].reshape(-1, 9), (xy - seen).reshape(-1))
         values = camera.parameters() + np.append(step, [0.0, 0.0])
         if values[0] <= 0 or values[1] <= 0:
-            break
+            return None
         camera = camera.with_parameters(values)
         if np.abs(jacobian[..., _FREE] @ step).max() < 1e-9:
-            return camera, _misfit(camera.project(rays)[0] - xy)
-    raise ValueError("no lens with k1 k2 p1 p2 k3 shows all rays of the sensor: is the lens one to one there?")
+            return camera
+    return None
 
 
 def backward_camera(camera: Camera, pixel_mm: tuple[float, float]) -> tuple[BackwardCamera, Refit]:

@@ -10,6 +10,7 @@ Source: COLMAP's documentation, "Output Format" and "Camera Models".
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -200,7 +201,7 @@ def _check_points(path: Path, number: int, line: str) -> None:
 
 def _pose(path: Path, line: int, values: list[float]) -> Pose:
     q = np.array(values[:4])
-    size = float(np.linalg.norm(q))
+    size = math.hypot(*values[:4])  # no overflow, whatever the file says
     if abs(size - 1) > 1e-3:
         raise FileError(path, f"the quaternion has length {size:.4g}; expected 1", line)
     w, v = q[0] / size, q[1:] / size

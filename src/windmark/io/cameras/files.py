@@ -68,7 +68,10 @@ def read_camera(
 
 def read_camera_file(path: Pathlike, *, size_px: tuple[int, int] | None = None, which: str | None = None) -> CameraFile:
     """As `read_camera`, with the file's format and length unit and what had to be done to read it."""
-    if (Path(path) / colmap.CAMERAS).is_file():
+    if Path(path).is_dir():
+        if not (Path(path) / colmap.CAMERAS).is_file():
+            what = f"a folder without {colmap.CAMERAS}; expected a camera file or COLMAP's model as text"
+            raise FileError(path, f"{what} (binary models: colmap model_converter --output_type TXT)")
         return colmap.choose(path, colmap.read_colmap(path), which)
     text = read_text(path)
     if colmap.is_colmap(text):

@@ -115,6 +115,6 @@ def _pov(path: Pathlike, content: Any) -> PoV:
 
 
 def _agree(a: Pose, b: Pose) -> bool:
-    size = max(1.0, float(np.linalg.norm(a.translation)))
-    apart = np.linalg.norm(a.translation - b.translation) / size
+    size = max(1.0, math.hypot(*a.translation))
+    apart = math.hypot(*(a.translation - b.translation)) / size
     return bool(np.allclose(a.rotation, b.rotation, rtol=0, atol=1e-6) and apart < 1e-6)
