@@ -58,9 +58,10 @@ def undistort(images: list[Path], camera_file: Path, wishes: Wishes, as_json: bo
     width, height = target.size_px
     record = {
         "folder": wishes.output, "images": written, "camera": "camera.json", "size_px": target.size_px,
-        "filled_percent": filled,
+        "filled_percent": filled, "note": content.note,
     }  # fmt: skip
-    lines = [f"{name}: {', '.join(files)}" for name, files in written.items()]
+    lines = [content.note] if content.note else []
+    lines += [f"{name}: {', '.join(files)}" for name, files in written.items()]
     lines.append(f"{width} x {height} px, {filled:.1f} % of them filled (valid.png)")
     if content.cam_from_model is not None and content.length_unit is None:
         lines.append(f"{camera_file} does not say the length unit of its pose: the pose is left out")
