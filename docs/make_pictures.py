@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
 from PIL import Image
 
 import windmark as wm
@@ -38,6 +39,7 @@ def main() -> None:
         lens_pictures_drawn,
         marker_study_pictures,
         marker_check_pictures,
+        board_pictures,
     ):
         for name, figure in part().items():
             (HERE / f"{name}.png").write_bytes(_small(pictures.png(figure, dpi=80)))
@@ -149,6 +151,68 @@ def marker_check_pictures() -> dict[str, Figure]:
         "markers-directions": markers_pictures.directions_picture(check),
         "markers-layout": markers_pictures.layout_picture(check),
     }
+
+
+def board_pictures() -> dict[str, Figure]:
+    """A tilted dot board among other spots, some dots missing; the lattice that `find_board` lays through it."""
+    marks = ((2, 2), (8, 2), (2, 5))
+    image = board_image(np.random.default_rng(3), (13, 9), marks)
+    spots = wm.detect(image)
+    view = calibration.find_board(spots, marks=marks, mark_spots="large", size_px=(800, 530))
+    assert isinstance(view, calibration.BoardView)
+    figure, axes = pictures.image_axes(image)
+    other = np.ones(len(spots), dtype=bool)
+    other[view.spot] = False
+    pictures.draw_spots(axes, spots, other, colour="tab:orange")
+    place = {(int(c), int(r)): xy for c, r, xy in zip(view.column, view.row, view.xy(spots), strict=True)}
+    for (c, r), xy in place.items():
+        for step, colour in (((1, 0), "tab:red"), ((0, 1), "tab:blue")):
+            if (c + step[0], r + step[1]) in place:
+                axes.plot(*zip(xy, place[c + step[0], r + step[1]], strict=True), color=colour, lw=1.3)
+        if (c, r) in marks or (c + r) % 4 == 0:
+            bold = "bold" if (c, r) in marks else "normal"
+            axes.annotate(
+                f"{c}, {r}",
+                xy,
+                (9, 8),
+                textcoords="offset points",
+                fontsize=8.5,
+                weight=bold,
+                color="darkgreen",
+                path_effects=[withStroke(linewidth=2.5, foreground="white")],
+            )
+    axes.set_title(
+        f"{len(view)} of {len(spots)} spots are dots of the board: column, row; {len(marks)} larger dots fix the origin"
+    )
+    return {"board": figure}
+
+
+def board_image(rng: np.random.Generator, size: tuple[int, int], marks: tuple[tuple[int, int], ...]) -> np.ndarray:
+    """Grey picture of a white board with black dots before a grey wall with other dots, 4 x 4 sub-pixels."""
+    columns, rows = size
+    camera = wm.Camera((800, 530), 750.0, k1=-0.18)
+    pose = wm.Pose.from_rotvec([0.0, 0.0, 0.15], np.zeros(3))
+    lean = wm.Pose.from_rotvec([0.55, -0.45, 0.0], np.array([0.2, 0.1, 13.5]))
+    board = lean @ pose
+    step = (np.arange(4) + 0.5) / 4 - 0.5
+    x, y = (np.arange(n)[:, None] + step for n in camera.size_px)
+    rays = camera.unproject(np.stack(np.meshgrid(x.ravel(), y.ravel()), axis=-1))
+    # Where each ray meets the board: column and row, (0, 0) is the first dot.
+    normal, away = board.rotation[:, 2], board.translation
+    at = (rays * (away @ normal / (rays @ normal))[..., None] - away) @ board.rotation[:, :2] + (np.array(size) - 1) / 2
+    cell = np.rint(at)
+    inside = ((cell >= 0) & (cell < [columns, rows])).all(axis=-1)
+    paper = (np.abs(at - (np.array(size) - 1) / 2) < np.array(size) / 2 + 0.4).all(axis=-1)
+    radius, there = np.full(size, 0.2), rng.random(size) > 0.12
+    for mark in marks:
+        radius[mark], there[mark] = 0.3, True
+    i, j = np.where(inside[..., None], cell, 0).astype(int).transpose(2, 0, 1)
+    dot = inside & there[i, j] & (np.hypot(*(at - cell).transpose(2, 0, 1)) < radius[i, j])
+    light = np.where(paper, 205.0, 120.0) * np.where(dot, 0.2, 1.0)
+    for place, r in zip(rng.uniform(0, camera.size_px, (30, 2)), rng.uniform(3, 8, 30), strict=True):
+        light[np.hypot(x.ravel()[None] - place[0], y.ravel()[:, None] - place[1]) < r] *= 0.45
+    grey = light.reshape(530, 4, 800, 4).mean(axis=(1, 3)) * np.linspace(0.8, 1.1, 800)
+    return np.clip(np.rint(grey + rng.normal(0, 2.0, grey.shape)), 0, 255).astype(np.uint8)
 
 
 def _small(data: bytes) -> bytes:

@@ -26,6 +26,7 @@ Ints = NDArray[np.int64]
 MIN_DOTS = 9
 MAX_LOG10_NFA = -3.0
 _CHUNK = 150  # spots looked at for seeds at a time
+_LOOK = 1200  # spots looked at in all: a board of a hundredth of all spots still has some seeds among them
 _TRIES = 10  # seeds grown per chunk
 _MIRROR = np.diag([1, -1])
 
@@ -163,7 +164,7 @@ def _largest(xy: Array, tree: cKDTree, radius: Array | None) -> Lattice | None:
     best: Lattice | None = None
     # Spots from all over the list: a detector's order may have the dots of one place together.
     order = np.argsort((np.arange(len(xy)) * 0.6180339887) % 1.0)
-    for begin in range(0, len(order), _CHUNK):
+    for begin in range(0, min(len(order), _LOOK), _CHUNK):
         chunk = order[begin : begin + _CHUNK]
         if best is not None:
             chunk = chunk[best.cell[chunk, 0] < 0]

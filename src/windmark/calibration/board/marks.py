@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 _NEAR = 0.25  # cells: a mark is on its cell
-_SIZE = 0.12  # of the logarithm of the radius: larger or smaller than the dots round it
+_SIZE = 0.15  # of the logarithm of radius by cell: larger or smaller than most
 
 
 def mark_cells(lattice: Lattice, xy: Array) -> tuple[Ints, Ints]:
@@ -32,16 +32,20 @@ def mark_cells(lattice: Lattice, xy: Array) -> tuple[Ints, Ints]:
 
 
 def odd_sized(lattice: Lattice, radius: Array, kind: str) -> Ints:
-    """Spots on or beside the lattice that are larger ("large") or smaller ("small") than the dots round them."""
+    """Spots on or beside the lattice that are larger ("large") or smaller ("small") for their cell than most."""
     cells, spots = mark_cells(lattice, lattice.xy)
-    near = lattice.neighbours(cells)
-    with np.errstate(invalid="ignore"):
-        around = np.where(near >= 0, np.log(radius)[near], np.nan)
-        known = np.isfinite(around).sum(axis=1) >= 3
-        middle = np.full(len(cells), np.nan)
-        middle[known] = np.nanmedian(around[known], axis=1)
-        ratio = (np.log(radius)[spots] - middle) * (1 if kind == "large" else -1)
-    return spots[ratio > _SIZE]
+    dots = lattice.spots
+    ratio = _relative(lattice, cells, radius[spots]) - np.nanmedian(
+        _relative(lattice, lattice.cell[dots], radius[dots])
+    )
+    return spots[(ratio if kind == "large" else -ratio) > _SIZE]
+
+
+def _relative(lattice: Lattice, cells: Ints, radius: Array) -> Array:
+    """Logarithm of radii by the size of their cells: perspective shrinks both alike."""
+    area = np.abs(np.linalg.det(lattice.predict(cells).steps))
+    with np.errstate(divide="ignore"):
+        return np.asarray(np.log(radius) - 0.5 * np.log(area))
 
 
 def placements(cells: Ints, turns: Sequence[Ints], marks: Ints) -> list[tuple[Ints, Ints]]:
