@@ -50,6 +50,9 @@ BENT = 5
 """Candidates from which a deformed model is grown."""
 BENT_LEAD = 5.0
 """How much better (nats) it must be than a rigid solution that is accepted."""
+FREED_LEAD = 10.0
+"""A wrong focal length must explain the spots better than a deformation by so much (nats): one that is off by 20 % leads
+by 20 and more, while a slight bending is explained by both about equally well."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,7 +126,7 @@ class Judge:
         if bender.largest(best) > self._limits.deformation or self._refusal(best, runner_up)[0] is not None:
             return rigid
         freed = None if self._task.free_focal else with_free_focal(self._plane, best)
-        if freed is not None and freed.evidence.score > best.evidence.score:
+        if freed is not None and freed.evidence.score > best.evidence.score + FREED_LEAD:
             return rigid
         return Verdict(best, runner_up, None, "")
 

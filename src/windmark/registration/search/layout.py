@@ -26,7 +26,7 @@ REACHES = (7, 10)
 """Neighbours that a marker's quads are taken from: the small table is tried first, the large one after it."""
 DIRECTIONS = 60
 """Directions, all round, from which the quads are tabled."""
-SYMMETRIES, LEAST_BROUGHT = 24, 0.35
+SYMMETRIES, LEAST_BROUGHT = 200, 0.2
 """Near-symmetries kept at most, and the part of the markers that each must bring onto others."""
 SEEDS = 6
 """Triangles whose like is looked for; a near-symmetry that takes all of them off the model is of no use."""

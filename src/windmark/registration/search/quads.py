@@ -32,6 +32,8 @@ WORK = 20_000
 """Links after which the caller is asked whether to go on."""
 RIVAL_TURNS = 3
 """After so many times this work no more rivals are looked for; the near-symmetries have made the likely ones before."""
+PRIOR_SLACK = float(np.radians(5.0))
+"""Rivals that start so far beyond the prior's angle may grow into it."""
 RIVAL_NEAR, RIVAL_QUADS, AGAIN = 6, 24, 8
 """Neighbours and number of the quads that rivals are looked for with; from so many the candidate is grown again."""
 
@@ -99,7 +101,7 @@ class QuadSearch:
         table = self.plane.layout.table(REACHES[1])
         rotation, translation = self.plane.frame.unit(candidate.cam_from_model)
         rivals_kernel(
-            self.plane.model, picture, self._gates, self._best, self.plane.layout.symmetries,
+            self.plane.model, picture, self._gates, self._best, self._symmetries(rotation),
             rotation, translation, candidate.focal_px, candidate.match,
         )  # fmt: skip
         others_known = np.where((self._best.match == candidate.match).all(axis=1)[:, None], -1, self._best.match)
@@ -121,6 +123,20 @@ class QuadSearch:
                     if start == len(quads[part]):
                         break
         return True
+
+    def _symmetries(self, rotation: Array) -> tuple[Ints, Array, Array]:
+        """The model's near-symmetries; with a prior only those that lead to a pose it allows.
+
+        A regular grid has many, and the others would take all the places that are kept for rivals.
+        """
+        onto, turn, shift = self.plane.layout.symmetries
+        task = self.plane.task
+        if task.prior is None:
+            return onto, turn, shift
+        # Of R turn^T against the prior's rotation; growth may change it a little.
+        cosine = (np.einsum("ij,skj,ik->s", rotation, turn, task.prior.rotation) - 1) / 2
+        allowed = cosine > np.cos(min(task.prior_max_angle_rad + PRIOR_SLACK, np.pi)) - 1e-9
+        return onto[allowed], turn[allowed], shift[allowed]
 
     @staticmethod
     def _compact_quads(picture: Picture, spots: Ints, most: int, table: Table) -> tuple[Ints, Ints]:
