@@ -28,6 +28,7 @@ Ints = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 _SCAN = tuple(np.geomspace(0.4, 25.0, 19))  # picture widths
+_FEW = 120  # marks of a picture that the search uses
 _STARTS = 4  # adjusted, the best of the scan
 _LENS_PX = 0.01  # of the picture's diagonal: how far distortion moves a point before it is called wrong
 _FLAT = 0.01  # thickness by second extent: flat markers
@@ -128,9 +129,10 @@ def start_focal(
     blank = Camera(size_px, float(size_px[0]))
     if not any(len(xy) > LEAST for xy, _ in marks):
         return FocalNotDetermined(f"no picture has more than {LEAST} marks", "too_few")
+    few = _thinned(marks, seed)
     best: Fit | None = None
-    for camera in _starts(blank, marks, seed):
-        fit = adjusted(camera, marks, seed)
+    for camera in _starts(blank, few, seed):
+        fit = adjusted(camera, few, seed)
         if fit is not None and (best is None or fit.cost < best.cost):
             best = fit
     if best is None:
@@ -164,6 +166,13 @@ def _checked(k: int, xyz: ArrayLike, xy: ArrayLike) -> tuple[Array, Array]:
     if not (np.isfinite(x).all() and np.isfinite(p).all()):
         raise ValueError(f"start_focal: views[{k}] must be finite")
     return p, x
+
+
+def _thinned(marks: list[Mark], seed: int) -> list[Mark]:
+    """At most so many marks of each picture, drawn at random: enough to find the start; all judge it."""
+    rng = np.random.default_rng(seed)
+    chosen = [rng.permutation(len(xy))[:_FEW] for xy, _ in marks]
+    return [(xy[k], xyz[k]) for (xy, xyz), k in zip(marks, chosen, strict=True)]
 
 
 def _starts(blank: Camera, marks: list[Mark], seed: int) -> list[Camera]:
