@@ -19,7 +19,10 @@ _HOME = {
         "NotRegistered", "Registration", "RigRegistration", "TrackState", "pose_from_labels", "register",
         "register_rig", "track",
     ),
-    "calibration": ("magnify_distortion", "undistort"),
+    "calibration": (
+        "Calibration", "Distance", "Fixed", "Free", "NotCalibrated", "Weighted", "magnify_distortion",
+        "self_calibrate", "undistort",
+    ),
     "resection": (
         "NodeView", "PixelMap", "map_pixels", "node_values", "orient_outward", "sample", "sample_line", "section",
         "see_nodes", "virtual_image",
@@ -35,7 +38,17 @@ __all__ = ["__version__", "synth", *_WHERE]
 
 if TYPE_CHECKING:
     from windmark import synth
-    from windmark.calibration import magnify_distortion, undistort
+    from windmark.calibration import (
+        Calibration,
+        Distance,
+        Fixed,
+        Free,
+        NotCalibrated,
+        Weighted,
+        magnify_distortion,
+        self_calibrate,
+        undistort,
+    )
     from windmark.detection import detect, detect_at
     from windmark.geometry import Camera, DegenerateGeometry, Pose, PoV
     from windmark.io import (

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from windmark.app import console
+from windmark.app import calibrate_command, console
 
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON, for machines.")]
 
@@ -15,6 +15,10 @@ Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON, fo
 def add(app: typer.Typer) -> None:
     """Add these commands to ``app``."""
     app.command(epilog="Example: windmark convert camera.xml camera.json")(convert)
+    app.command(
+        epilog="Examples: windmark calibrate matches.csv -m rough.csv --size 3004x2000 --datum free --unit mm;"
+        " windmark calibrate photos/*.jpg -m rough.csv -r 3 --datum fixed:A,B,C,D --unit mm"
+    )(calibrate_command.calibrate)
     app.command(epilog="Example: windmark undistort run12.tif -c camera.json --magnify 3 --field --picture")(undistort)
 
 

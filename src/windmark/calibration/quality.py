@@ -16,7 +16,7 @@ from windmark.calibration.result import Calibration, NotCalibrated
 from windmark.calibration.self_calibrate import self_calibrate
 from windmark.geometry import PARAMETERS, Camera
 from windmark.geometry.similarity import align
-from windmark.scene import Observations
+from windmark.scene import MarkerSet, Observations
 
 Array = NDArray[np.float64]
 
@@ -123,7 +123,21 @@ class Comparison:
     rms: float
 
 
-def compare(first: Calibration, second: Calibration) -> Comparison:
+@dataclass(frozen=True)
+class KnownMarkers:
+    """Coordinates and their covariances: all that `compare` needs of a calibration.
+
+    Parameters
+    ----------
+    markers : N of them
+    marker_cov : (N, 3, 3)
+    """
+
+    markers: MarkerSet
+    marker_cov: Array
+
+
+def compare(first: Calibration | KnownMarkers, second: Calibration | KnownMarkers) -> Comparison:
     """The paper's cross-check: markers of two sets of pictures beside each other (AIAA 2005-5007, section IV.D).
 
     Seven of the differences are taken up by the fit; the ratio allows for that.

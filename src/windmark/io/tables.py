@@ -27,6 +27,9 @@ NAMES = "name"
 MATCH_COLUMNS = ("image", "name", "x", "y", "dx", "dy", "distance_px")
 """x, y: detected; dx, dy: projected - detected; all in pixels."""
 
+MATCH_EXTRAS = ("sigma_x", "sigma_y", "rho", "camera", "frame")
+"""What a table of matches may also have: covariance of the mark, which camera took the image, and at which instant."""
+
 
 def write_detections(
     path: Pathlike,
@@ -153,12 +156,17 @@ class MatchTable:
     name : (K,) str, the marker
     xy : (K, 2) detected position, pixels
     residual : (K, 2) projected - detected, pixels
+    cov : (K, 2, 2) px^2, NaN where the table has no sigma
+    camera, frame : (K,) str, "" where the table does not say
     """
 
     image: Text
     name: Text
     xy: Array
     residual: Array
+    cov: Array
+    camera: Text
+    frame: Text
 
     def __len__(self) -> int:
         return len(self.name)
@@ -204,12 +212,15 @@ def write_matches(
 def read_matches(path: Pathlike) -> MatchTable:
     """Read a table of matches; dx, dy may be missing or empty (NaN): matches given by hand have none.
 
+    Columns ``image,name,x,y[,dx,dy][,distance_px][,sigma_x,sigma_y][,rho][,camera][,frame]`` in any order.
+
     Raises
     ------
     FileError
-        Names the line: no number, empty name, a name twice in one image.
+        Names the line: no number, sigma not > 0, empty name, a name twice in one image, an image of two cameras or
+        instants.
     """
-    table = read_table(path, required=("name", "x", "y"), known=MATCH_COLUMNS)
+    table = read_table(path, required=("name", "x", "y"), known=(*MATCH_COLUMNS, *MATCH_EXTRAS))
     images = table.text("image") if "image" in table else [""] * len(table)
     names = table.text("name")
     seen: dict[tuple[str, str], int] = {}
@@ -220,9 +231,17 @@ def read_matches(path: Pathlike) -> MatchTable:
             table.fail(row, f"the marker {names[row]!r} is already on line {table.lines[seen[key]]} for this image")
         seen[key] = row
     residual = table.together("dx", "dy")
+    camera, frame = (table.text(column) if column in table else [""] * len(table) for column in ("camera", "frame"))
+    of_image: dict[str, tuple[str, str]] = {}
+    for row, (image, *who) in enumerate(zip(images, camera, frame, strict=True)):
+        if of_image.setdefault(image, (who[0], who[1])) != tuple(who):
+            table.fail(row, f"image {image!r} has another camera or frame than in the lines above; expected the same")
     return MatchTable(
         np.array(images, dtype=np.str_),
         np.array(names, dtype=np.str_),
         np.stack([table.numbers("x"), table.numbers("y")], axis=1),
         np.full((len(table), 2), np.nan) if residual is None else residual,
+        _covariance(table, np.nan),
+        np.array(camera, dtype=np.str_),
+        np.array(frame, dtype=np.str_),
     )

@@ -1,0 +1,145 @@
+"""What is typed for `windmark calibrate`, as settings: datum, lens, distances, cameras, labels."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from windmark import io
+from windmark.calibration import Distance, Fixed, Free, Weighted
+from windmark.calibration.datum import Datum
+from windmark.calibration.self_calibrate import FREE
+from windmark.geometry import PARAMETERS, Camera
+
+LENSES = {"pinhole": FREE[:4], "radial": FREE[:6], "brown": FREE}
+MORE = {"k3": ("k3",), "tilts": ("tilt_x", "tilt_y")}
+
+DATUM_HELP = (
+    "--datum is needed; what fixes position, direction and size is never guessed. "
+    "free: the markers neither shift, turn nor grow on average against the table (best where nothing is known better); "
+    "free:A,B,C only these hold it. "
+    "fixed:A,B,C,D: these markers are exactly where the table has them. "
+    "weighted: all markers with a sigma in the table are known so well; weighted:A,B,C these; weighted:A,B,C=0.1 or "
+    "weighted=0.1 with this sigma"
+)
+
+
+def parse_datum(text: str | None) -> Datum:
+    """``free[:names]``, ``fixed:names`` or ``weighted[:names][=sigma]``.
+
+    Raises
+    ------
+    ValueError
+        Explains the choices.
+    """
+    if not text:
+        raise ValueError(DATUM_HELP)
+    head, equals, end = text.partition("=") if text.startswith("weighted") else (text, "", "")
+    kind, colon, listed = head.partition(":")
+    names = tuple(n.strip() for n in listed.split(",") if n.strip())
+    if kind not in ("free", "fixed", "weighted") or (colon and not names):
+        raise ValueError(f"--datum: {text!r} is none of the choices. {DATUM_HELP}")
+    twice = sorted({n for n in names if names.count(n) > 1})
+    if twice:
+        raise ValueError(f"--datum: {twice[0]} is named twice")
+    if kind == "fixed":
+        if len(names) < 3:
+            raise ValueError(f"--datum fixed: expected at least three markers, not on a line, got {len(names)}")
+        return Fixed(names)
+    if kind == "free":
+        if names and len(names) < 3:
+            raise ValueError(f"--datum free: expected at least three markers, or none for all, got {len(names)}")
+        return Free(names or None)
+    sigma = _number(end, "--datum weighted", "a sigma behind =") if equals else None
+    if sigma is not None and not sigma > 0:
+        raise ValueError(f"--datum weighted: sigma must be > 0, got {sigma:g}")
+    return Weighted(names or None, sigma)
+
+
+def parse_free(lens: str | None, free: str | None) -> tuple[str, ...]:
+    """Parameters that are free: of a lens such as brown, +k3 or radial+tilts, or named one by one."""
+    if free is not None:
+        if lens is not None:
+            raise ValueError("--lens and --free both say which parameters are free: give one of them")
+        names = tuple(n.strip() for n in free.split(",") if n.strip())
+        wrong = [n for n in names if n not in PARAMETERS]
+        if wrong:
+            raise ValueError(f"--free: {wrong[0]!r} is none of {', '.join(PARAMETERS)}")
+        return names
+    base, *more = (lens or "brown").split("+")
+    wrong = [m for m in more if m not in MORE]
+    if (base and base not in LENSES) or wrong:
+        raise ValueError(
+            f"--lens: expected {', '.join(LENSES)}, followed by {' or '.join('+' + m for m in MORE)}, got {lens!r}"
+        )
+    return (*LENSES[base or "brown"], *(p for m in dict.fromkeys(more) for p in MORE[m]))
+
+
+def parse_distances(texts: Sequence[str]) -> tuple[Distance, ...]:
+    """``A,B,length,sigma`` each."""
+    out = []
+    for text in texts:
+        parts = [p.strip() for p in text.split(",")]
+        if len(parts) != 4:
+            raise ValueError(f"--distance: expected A,B,length,sigma, got {text!r}")
+        length, sigma = (_number(p, "--distance", "A,B,length,sigma") for p in parts[2:])
+        if not (length > 0 and sigma > 0) or parts[0] == parts[1]:
+            raise ValueError(f"--distance: expected two markers, length > 0 and sigma > 0, got {text!r}")
+        out.append(Distance(parts[0], parts[1], length, sigma))
+    return tuple(out)
+
+
+def parse_priors(texts: Sequence[str]) -> dict[str, float]:
+    """``parameter=sigma`` each."""
+    out = {}
+    for text in texts:
+        name, _, end = text.partition("=")
+        if name not in PARAMETERS:
+            raise ValueError(f"--prior-sigma: {name!r} is none of {', '.join(PARAMETERS)}")
+        out[name] = _number(end, "--prior-sigma", "PARAMETER=sigma")
+        if not out[name] > 0:
+            raise ValueError(f"--prior-sigma: sigma must be > 0, got {text!r}")
+    return out
+
+
+def read_cameras(texts: Sequence[str]) -> dict[str, Camera]:
+    """Start values from files, named ``NAME=FILE`` or, where there are several, by the file's stem."""
+    out: dict[str, Camera] = {}
+    for text in texts:
+        name, equals, file = text.partition("=")
+        path = Path(file if equals else text)
+        key = name if equals else path.stem if len(texts) > 1 else "camera"
+        if key in out:
+            raise ValueError(f"--camera: two cameras have the name {key}; give NAME=FILE")
+        out[key] = io.read_camera(path)[0]
+    return out
+
+
+def parse_labels(texts: Sequence[str], table: Path | None) -> dict[str, dict[str, tuple[float, float]]]:
+    """``IMAGE:NAME=x,y`` each, and a table ``image,name,x,y``."""
+    out: dict[str, dict[str, tuple[float, float]]] = {}
+    if table is not None:
+        known = io.read_matches(table)
+        for image, name, (x, y) in zip(known.image, known.name, known.xy, strict=True):
+            out.setdefault(str(image), {})[str(name)] = (float(x), float(y))
+    for text in texts:
+        who, _, place = text.rpartition("=")
+        image, colon, name = who.partition(":")
+        xy = place.split(",")
+        if not (image and colon and name) or len(xy) != 2:
+            raise ValueError(f"--label: expected IMAGE:NAME=x,y, got {text!r}")
+        x, y = (_number(p, "--label", "IMAGE:NAME=x,y") for p in xy)
+        if name in out.setdefault(image, {}):
+            raise ValueError(f"--label: {name} is given twice in {image}; a marker has one place")
+        out[image][name] = (x, y)
+    return out
+
+
+def _number(text: str, option: str, form: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        raise ValueError(f"{option}: expected {form}, a number, got {text!r}") from None
+    if value != value or value in (float("inf"), float("-inf")):
+        raise ValueError(f"{option}: expected {form}, a finite number, got {text!r}")
+    return value

@@ -1,0 +1,227 @@
+"""The report of a calibration: what came out, how sure it is, what does not fit."""
+
+from __future__ import annotations
+
+from datetime import datetime
+
+import numpy as np
+
+import windmark
+from windmark.app import calibrate_pictures as drawn
+from windmark.app.lens_pictures import distortion_picture, residual_map_picture
+from windmark.app.pictures import png
+from windmark.app.report import Report
+from windmark.calibration import Calibration, NotCalibrated
+from windmark.calibration.quality import Comparison, SplitHalf, residual_map
+from windmark.calibration.snooping import LIMIT
+from windmark.geometry import PARAMETERS
+from windmark.pipeline.calibrate import Calibrated, MatchedPicture
+from windmark.pipeline.calibrate.outputs import STRONG, correlations, datum_words, pose_columns, sigma_rms, views_seen
+from windmark.pipeline.clock import Clock
+
+TESTED = ("k1", "k2", "k3", "p1", "p2", "tilt_x", "tilt_y")
+SIGNIFICANT = 3.0
+UNITS = {"focal_px": "px", "cx": "px", "cy": "px", "tilt_x": "rad", "tilt_y": "rad"}
+WORST = 25
+OPTIMISTIC = 1.3
+"""Ratio of halves above which the covariances are called optimistic."""
+
+FILES = (
+    ("camera.json (camera-NAME.json for several)", "interior parameters with their covariance"),
+    ("markers.csv", "coordinates with sigma: a marker table for every other verb"),
+    ("markers-covariance.csv", "3 x 3 covariance of each marker; --against of another calibration reads it"),
+    ("poses.csv, poses.json", "station and direction of each view with sigma; the whole covariances"),
+    ("views/NAME.json", "camera with the pose of that view: resect, detect --camera and others take it"),
+    ("residuals.csv", "every mark: residual, test value, used or left out"),
+    ("matches.csv", "from pictures: the matched marks; calibrate takes it instead of the pictures"),
+)
+
+
+def calibration_report(
+    done: Calibrated,
+    unit: str,
+    matched: tuple[MatchedPicture, ...] | None,
+    against: Comparison | None,
+    other: str,
+    clock: Clock,
+) -> str:
+    """The whole report as HTML."""
+    when = datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
+    report = Report("Calibration", f"windmark {windmark.__version__}, {when}, length unit: {unit}")
+    result = done.result
+    _overview(report, done, unit)
+    report.heading("Datum")
+    for words in datum_words(result):
+        report.text(words)
+    for name in result.cameras:
+        _camera(report, result, name)
+    _halves(report, done.halves, unit)
+    if against is not None:
+        _against(report, against, unit, other)
+    _errors(report, result)
+    if matched is not None:
+        _matched(report, matched)
+    _space(report, result, unit)
+    report.heading("Files beside this report")
+    report.table(["file", "content"], FILES)
+    report.heading("Options and times")
+    report.table(["option", "value"], [(k, str(v)) for k, v in result.options.items()])
+    report.table(["stage", "s"], list(clock.seconds.items()))
+    report.side_by_side(2)
+    return report.html()
+
+
+def _overview(report: Report, done: Calibrated, unit: str) -> None:
+    result = done.result
+    sigma = sigma_rms(result.markers)
+    rows: list[tuple[str, object]] = [
+        ("views", len(result.views)), ("markers", len(result.markers)), ("marks", len(result.observations)),
+        ("left out as gross errors", int((~result.used).sum())), ("redundancy", result.redundancy),
+        ("sigma0 (1: residuals as large as the marks' sigmas say)", result.sigma0),
+        ("RMS length of the residuals, px", result.rms_px),
+        *((f"markers, RMS of 1 sigma along {axis}, {unit}", float(s)) for axis, s in zip("xyz", sigma, strict=True)),
+    ]  # fmt: skip
+    if isinstance(done.halves, SplitHalf):
+        rows.append(("two halves of the pictures, difference / sigma", done.halves.comparison.ratio))
+    rows.append(("adjustment", f"{result.report.reason}, {result.report.iterations} iterations"))
+    report.table(["", "value"], rows)
+    for name in result.suspect:
+        report.text(f"{name} lost more than half of its marks: a held marker that is not where its table says, a "
+                    "picture out of focus, wrong labels, or a marker that moved.", "bad")  # fmt: skip
+
+
+def _camera(report: Report, result: Calibration, name: str) -> None:
+    camera = result.cameras[name]
+    report.heading(f"Camera {name}" if len(result.cameras) > 1 else "Camera")
+    rows = []
+    for p in PARAMETERS:
+        value, sigma = float(getattr(camera, p)), result.sigma(name, p)
+        t = abs(value) / sigma if sigma > 0 and p in TESTED else None
+        verdict = "" if t is None else "significant" if t > SIGNIFICANT else "not significant"
+        state = verdict if sigma > 0 else "not free"
+        shown = f"{value:.3f}" if p in ("focal_px", "cx", "cy") else f"{value:.6g}"
+        rows.append((p, UNITS.get(p, "–"), shown, sigma if sigma > 0 else None, t, state))
+    report.table(["parameter", "unit", "value", "1 sigma", "|value| / sigma", ""], rows)
+    report.text(f"Image {camera.size_px[0]} x {camera.size_px[1]} px, horizontal field of view "
+                f"{camera.fov_deg:.3f} deg.",
+                "soft")  # fmt: skip
+    strong = correlations(result, name)
+    if strong:
+        pairs = ", ".join(f"{a} with {b} ({r:+.3f})" for a, b, r in strong)
+        report.text(f"Correlated beyond {STRONG:g}: {pairs}. Use the whole covariance of the camera's file, "
+                    "never one of "
+                    "these sigmas alone.")  # fmt: skip
+    report.picture(png(distortion_picture(camera), dpi=88), "What the lens does.")
+    seen = residual_map(result, name)
+    report.picture(png(residual_map_picture(seen), dpi=88), "What the lens model misses.")
+    report.text(f"The cell means are {seen.excess:.2f} times what the scatter within the cells gives; 1 where the lens "
+                "model misses nothing.", "soft")  # fmt: skip
+    report.picture(png(drawn.residual_vectors_picture(result, name), dpi=88), "Every residual at its place.")
+    if camera.cov is not None:
+        report.picture(
+            png(drawn.projection_sigma_picture(result, name), dpi=88),
+            "What the covariance of the interior parameters means in the image; a turn of the whole camera is left out."
+            " Beyond the marks it grows fast.",
+        )
+
+
+def _halves(report: Report, halves: SplitHalf | NotCalibrated, unit: str) -> None:
+    report.heading("Half of the pictures against the other half")
+    if isinstance(halves, NotCalibrated):
+        report.text(f"Not done: {halves.reason}", "soft")
+        return
+    found = halves.comparison
+    words = (
+        f"{len(found.name)} markers differ by {found.rms:.3g} {unit} RMS, {found.ratio:.2f} times what the covariances"
+    )
+    optimistic = found.ratio > OPTIMISTIC
+    report.text(words + (" say: the sigmas in this report are too small by about this factor, as they are where "
+                         "the lens "
+                         "model misses something, or the model moved." if optimistic else " say."),
+                "bad" if optimistic else "good")  # fmt: skip
+    rows = [
+        (name, p, float(d), float(s), float(abs(d) / s) if s > 0 else None)
+        for name, change in halves.change.items()
+        for p, (d, s) in change.items()
+    ]
+    report.table(["camera", "parameter", "change", "1 sigma of it", "|change| / sigma"], rows)
+
+
+def _against(report: Report, found: Comparison, unit: str, other: str) -> None:
+    report.heading("Against another set of pictures")
+    report.text(f"The same markers from {other}, fitted to these (turn, shift, scale): {len(found.name)} "
+                "markers differ by "
+                f"{found.rms:.3g} {unit} RMS, {found.ratio:.2f} times what both covariances say.",
+                "good" if found.ratio < OPTIMISTIC else "bad")  # fmt: skip
+    report.picture(png(drawn.comparison_picture(found, unit, "Difference of the two sets"), dpi=88),
+                   "The paper's cross-check (AIAA 2005-5007, section IV.D).")  # fmt: skip
+
+
+def _errors(report: Report, result: Calibration) -> None:
+    report.heading("Gross errors")
+    bad = np.flatnonzero(~result.used)
+    report.text(f"{len(bad)} of {len(result.used)} marks were left out: their residual, predicted from all others, is "
+                f"beyond the limit of {LIMIT:.1f} in units of its own variance.")  # fmt: skip
+    for a, b, view in result.swapped:
+        report.text(f"{a} and {b} are exchanged in {view}.", "bad")
+    worst = bad[np.argsort(-result.test[bad], kind="stable")][:WORST]
+    if len(worst):
+        obs = result.observations
+        report.table(
+            ["image", "marker", "x px", "y px", "dx px", "dy px", "test"],
+            [
+                (result.views[obs.view[o]].name, str(result.markers.name[obs.point[o]]),
+                 *(f"{v:.2f}" for v in (*obs.xy[o], *result.residuals[o])), float(result.test[o]))
+                for o in worst
+            ],
+            scroll=True,
+        )  # fmt: skip
+    report.picture(png(drawn.tests_picture(result), dpi=88), "Test values of all marks.")
+    if result.dropped:
+        report.heading("What did not take part", 3)
+        report.table(["view or marker", "why"], list(result.dropped.items()), scroll=True)
+
+
+def _matched(report: Report, matched: tuple[MatchedPicture, ...]) -> None:
+    report.heading("Matching of the pictures")
+    good = sum(m.registration is not None for m in matched)
+    report.text(f"{good} of {len(matched)} pictures matched. Round: the first one in which a picture was certain; from "
+                "the second on, camera and markers are those of the calibration of the round before. All are matched "
+                f"again in each. The residuals ask for {matched[0].excess_px:.3f} px (1 sigma per coordinate) "
+                "beyond the "
+                "detector's own noise; it was added to all marks.")  # fmt: skip
+    report.table(
+        ["picture", "spots", "matched", "RMS px", "log10 of the false-alarm number", "round", "why not"],
+        [
+            (m.name, len(m.detections), m.count, m.registration.rms_px if m.registration else None,
+             f"{m.registration.log10_nfa:.0f}" if m.registration else None, m.round or None, m.problem)
+            for m in matched
+        ],
+    )  # fmt: skip
+
+
+def _space(report: Report, result: Calibration, unit: str) -> None:
+    report.heading("Stations and markers")
+    report.picture(png(drawn.stations_picture(result, unit), dpi=88), "From above and from two sides.")
+    report.picture(png(drawn.markers_picture(result, unit), dpi=88), "How sure the markers are.")
+    table, seen = result.markers, views_seen(result)
+    report.table(
+        ["marker", f"x, {unit}", "y", "z", f"sigma x, {unit}", "sigma y", "sigma z", "views"],
+        [
+            (str(table.name[k]), *(f"{v:.4f}" for v in table.xyz[k]), *(float(s) for s in table.sigma[k]), int(seen[k]))
+            for k in range(len(table))
+        ],
+        scroll=True,
+    )  # fmt: skip
+    columns = pose_columns(result)
+    keys = [k for k in columns if k not in ("camera", "frame") or len(set(columns[k].tolist())) > 1]
+    names = {**{a: f"{a}, {unit}" for a in "xyz"}, **{f"sigma_{a}": f"sigma {a}" for a in "xyz"},
+             **{f"sigma_cam_{a}_deg": f"sigma r{a}, deg" for a in "xyz"}, "left_out": "left out",
+             "rms_px": "RMS px", "focal_change": "focal change"}  # fmt: skip
+    keys = [k for k in keys if k not in ("focal_change", "frame", "rx_deg", "ry_deg", "rz_deg")
+            or (k == "focal_change" and result.focal_change.any())]  # fmt: skip
+    rows = zip(*(columns[k].tolist() for k in keys), strict=True)
+    report.table([names.get(k, k) for k in keys], rows, scroll=True)
+    report.text("Sigma of x, y, z: of the station in the model's frame; of rx, ry, rz: of a turn about the "
+                "camera's own "
+                "axes.", "soft")  # fmt: skip

@@ -1,0 +1,117 @@
+"""Matched marks of all pictures, by name, and which camera took which picture."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.geometry import Camera, Pose
+from windmark.io import MatchTable
+from windmark.scene import MarkerSet, Observations, View
+
+FIELD = 1.0
+"""Focal length, in widths of the image, from which the search starts where nothing is known: 53 degrees. Focal lengths
+of half to twice as much are tried."""
+
+
+@dataclass(frozen=True)
+class Marks:
+    """What a calibration starts from.
+
+    Parameters
+    ----------
+    observations : ``view`` and ``point`` are indices into ``views`` and ``markers``
+    markers : rough coordinates
+    cameras : start values by name
+    views : each with the name of its camera, poses where known
+    """
+
+    observations: Observations
+    markers: MarkerSet
+    cameras: Mapping[str, Camera]
+    views: tuple[View, ...]
+
+
+def start_camera(size_px: tuple[int, int], focal_px: float | None) -> Camera:
+    """A camera of which only the image's size is known, and perhaps the focal length."""
+    return Camera(size_px, focal_px or FIELD * max(size_px))
+
+
+def cameras_of(images: Sequence[str], cameras: Sequence[str], given: Sequence[str] | None = None) -> list[str]:
+    """The camera of each image: the given one, the only one, or the one whose name the image's name begins with.
+
+    Raises
+    ------
+    ValueError
+        For an unknown camera, or an image whose name fits none, or two.
+    """
+    out = []
+    for image, name in zip(images, given or [""] * len(images), strict=True):
+        if name:
+            if name not in cameras:
+                raise ValueError(f"image {image}: its camera is {name!r}; there are {', '.join(cameras)}")
+            out.append(name)
+            continue
+        fits = [c for c in cameras if len(cameras) == 1 or image.startswith(c)]
+        longest = [c for c in fits if len(c) == max(map(len, fits))]
+        if len(longest) != 1:
+            raise ValueError(
+                f"image {image}: which camera took it? Its name begins with none of {', '.join(cameras)}; rename it, "
+                "or give a column camera in the table of matches"
+            )
+        out.append(longest[0])
+    return out
+
+
+def frame_of(image: str, camera: str, count: int) -> str:
+    """The instant of an image: its name without that of the camera, where there are several cameras."""
+    return image if count == 1 else image[len(camera) :].lstrip("/_-. ") if image.startswith(camera) else image
+
+
+def from_table(
+    table: MatchTable,
+    markers: MarkerSet,
+    cameras: Mapping[str, Camera],
+    *,
+    sigma_px: float,
+    poses: Mapping[str, Pose] | None = None,
+) -> Marks:
+    """Marks of a table of matches.
+
+    Parameters
+    ----------
+    table : image, marker's name, place; camera and frame where there are several
+    markers : rough coordinates
+    cameras : start values by name
+    sigma_px : standard deviation per coordinate of marks without one
+    poses : start values of poses by image; elsewhere they are found
+
+    Raises
+    ------
+    ValueError
+        For names that the table of markers does not have; names a few.
+    """
+    place = {str(name): n for n, name in enumerate(markers.name)}
+    unknown = sorted(set(table.name.tolist()) - set(place))
+    if unknown:
+        raise ValueError(
+            f"the matches name {len(unknown)} markers that are not in the table of markers: {', '.join(unknown[:5])}"
+        )
+    names, first, view = np.unique(table.image, return_index=True, return_inverse=True)
+    who = cameras_of(names.tolist(), list(cameras), table.camera[first].tolist())
+    views = tuple(
+        View(str(n), c, str(table.frame[k]) or frame_of(str(n), c, len(cameras)), (poses or {}).get(str(n)))
+        for n, c, k in zip(names, who, first, strict=True)
+    )
+    cov = with_sigma(table.cov, sigma_px)
+    point = np.array([place[str(n)] for n in table.name], dtype=np.int64)
+    return Marks(Observations(view.astype(np.int64), point, table.xy, cov), markers, cameras, views)
+
+
+def with_sigma(cov: NDArray[np.float64], sigma_px: float) -> NDArray[np.float64]:
+    """Covariances, those that are not known from the sigma given."""
+    known = np.asarray(np.isfinite(cov).all(axis=(1, 2), keepdims=True))
+    return np.where(known, cov, sigma_px**2 * np.eye(2))

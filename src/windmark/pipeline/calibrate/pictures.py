@@ -1,0 +1,300 @@
+"""From pictures and rough markers to matched marks.
+
+Rough coordinates and an unknown camera leave some pictures without a certain labelling. So: match with generous
+gates, calibrate from the pictures that are certain, match all of them again with the calibrated camera and the refined
+markers, and so on until no more pictures come in.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from windmark import detection, io, registration
+from windmark.calibration import Calibration, Free, NotCalibrated
+from windmark.geometry import Camera
+from windmark.pipeline.calibrate.marks import Marks, cameras_of, frame_of, start_camera, with_sigma
+from windmark.pipeline.calibrate.run import Calibrated, CalibrateSettings, adjusted, calibrate_marks, explained
+from windmark.pipeline.clock import Clock
+from windmark.pipeline.labels import fixed_spots
+from windmark.registration import Registration
+from windmark.scene import Detections, MarkerSet, Observations, View
+
+LABEL_PX = 10.0
+"""A label means the spot within so many pixels of its place."""
+ROUGH_SPACING = 0.3
+"""Neighbourhood in which a rough marker looks for its spot, as part of the spots' spacing."""
+ROUGH_TABLE = 0.2
+"""How far rough markers may be off (1 sigma), as part of the distance to the next one."""
+ROUGH_FOCAL, KNOWN_FOCAL = 10.0, 1.1
+"""Relative sigma of the focal length up to which a labelling counts: the labels matter here, not the focal length.
+It is free in all rounds, within this ratio from the second on: lens and focus must not cost a picture its labels."""
+LEAD = 4.0
+"""Lead over the next best labelling in the first round, in sigma of what chance gives. Two labellings whose misfits are
+both the markers' rough coordinates differ by chance: N markers have 2 N residuals, and N log of the ratio of two
+variances that are estimated from them scatters by sqrt(2 N)."""
+ROUNDS, LEAST_PICTURES = 6, 3
+FEWER = (("focal_px", "cx", "cy", "k1", "k2"), ("focal_px", "k1"))
+"""Parameters for a first calibration from too few pictures for all that were asked for."""
+
+
+@dataclass(frozen=True)
+class MatchOptions:
+    """How pictures are read, and their markers found and matched.
+
+    Parameters
+    ----------
+    radius_px : of the markers; empty takes what each picture itself says
+    polarity, merit_max : see `windmark.detect`
+    channel, bayer : of colour pictures
+    mask : picture of the pixels that are used
+    labels : image name -> marker's name -> its place in the picture, where the labelling would be ambiguous
+    tolerance_px : neighbourhood of the first round; None takes 0.3 of the spots' spacing
+    max_time_s : CPU time per picture and round
+    seed : of the matching
+    """
+
+    radius_px: tuple[float, ...] = ()
+    polarity: str = "dark"
+    merit_max: float = 0.7
+    channel: str = "grey"
+    bayer: str | None = None
+    mask: Path | None = None
+    labels: Mapping[str, Mapping[str, tuple[float, float]]] = field(default_factory=dict)
+    tolerance_px: float | None = None
+    max_time_s: float = 2.0
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class MatchedPicture:
+    """One picture: its spots, and which marker each is.
+
+    Parameters
+    ----------
+    name, camera : of the picture
+    size_px : (width, height)
+    detections : its spots
+    fixed : spot -> marker's name, as told by labels
+    registration : the accepted matching, None if there is none
+    problem : why there is none
+    round : in which it was accepted for the first time, 0 if never
+    excess_px : 1 sigma per coordinate that was added to the detector's, as the residuals of all pictures ask for
+    """
+
+    name: str
+    camera: str
+    size_px: tuple[int, int]
+    detections: Detections
+    fixed: Mapping[int, str]
+    registration: Registration | None = None
+    problem: str = ""
+    round: int = 0
+    excess_px: float = 0.0
+
+    @property
+    def count(self) -> int:
+        """Matched markers."""
+        return 0 if self.registration is None else len(self.registration.matching)
+
+
+def calibrate_pictures(
+    paths: Sequence[Path],
+    markers: MarkerSet,
+    cameras: Mapping[str, Camera | None],
+    options: MatchOptions,
+    settings: CalibrateSettings,
+    clock: Clock,
+    focal_px: float | None = None,
+) -> tuple[Calibrated | NotCalibrated, tuple[MatchedPicture, ...]]:
+    """Detect, match and calibrate.
+
+    Parameters
+    ----------
+    paths : the pictures
+    markers : rough coordinates
+    cameras : by name; None for a camera of which nothing is known
+    options, settings : of matching and of calibrating
+    clock : of the stages
+    focal_px : rough focal length of unknown cameras
+
+    Returns
+    -------
+    The calibration, or why there is none; and what became of each picture.
+
+    Raises
+    ------
+    ValueError
+        For unreadable pictures, sizes that differ, labels of no picture or of no spot.
+    """
+    pictures, found = _read(paths, markers, cameras, options, clock, focal_px)
+    known, how, excess, done = markers, _rough_options(markers), 0.0, 0
+    for n in range(1, ROUNDS + 1):
+        with clock("match"):
+            pictures = [_match(p, known, found[p.camera], options, how, n) for p in pictures]
+        matched = sum(p.registration is not None for p in pictures)
+        if matched < LEAST_PICTURES:
+            return _too_few(pictures, n), tuple(pictures)
+        if n > 2 and matched <= done:
+            break
+        with clock("calibrate"):
+            marks = _marks(pictures, markers, found, excess)
+            calibration = _first(marks, settings)
+        if isinstance(calibration, NotCalibrated):
+            return explained(calibration, marks), tuple(pictures)
+        found = {**found, **{k: replace(c, cov=None) for k, c in calibration.cameras.items()}}
+        known, how, excess, done = _refined(markers, calibration), {}, _excess(calibration, excess), matched
+    marks = _marks(pictures, markers, found, excess)
+    return calibrate_marks(marks, settings, clock), tuple(replace(p, excess_px=excess) for p in pictures)
+
+
+def _too_few(pictures: Sequence[MatchedPicture], n: int) -> NotCalibrated:
+    good = sum(p.registration is not None for p in pictures)
+    one = next(p for p in pictures if p.problem)
+    how = "to the rough markers" if n == 1 else "again"
+    reason = (
+        f"{good} of {len(pictures)} pictures were matched with certainty {how}; {LEAST_PICTURES} are needed to go on "
+        f"from. {one.name}: {one.problem}. The label of a marker in some pictures tells labellings apart"
+    )
+    return NotCalibrated(reason, "too_few", dropped={p.name: p.problem for p in pictures if p.problem})
+
+
+def _excess(result: Calibration, before: float) -> float:
+    """1 sigma per coordinate of the residuals beyond the marks' own noise: what lens, discs and light leave.
+
+    From the medians, so that gross errors do not count.
+    """
+    seen = float(np.median((result.residuals[result.used] ** 2).sum(axis=1)) / (2 * np.log(2.0)))
+    noise = float(np.median(np.trace(result.observations.cov, axis1=1, axis2=2)) / 2) - before**2
+    return float(np.sqrt(max(seen - noise, 0.0)))
+
+
+def _read(
+    paths: Sequence[Path],
+    markers: MarkerSet,
+    cameras: Mapping[str, Camera | None],
+    options: MatchOptions,
+    clock: Clock,
+    focal_px: float | None,
+) -> tuple[list[MatchedPicture], dict[str, Camera]]:
+    """Spots of all pictures, and the cameras with their sizes."""
+    names = _names(paths)
+    who = cameras_of(names, list(cameras))
+    unknown = sorted(set(options.labels) - set(names))
+    if unknown:
+        raise ValueError(f"a label is for the picture {unknown[0]!r}; there are {', '.join(names[:5])}")
+    table = set(markers.name.tolist())
+    wrong = sorted({n for labels in options.labels.values() for n in labels} - table)
+    if wrong:
+        raise ValueError(f"a label names the marker {wrong[0]!r}, which is not in the table of markers")
+    with clock("detect"), ThreadPoolExecutor(max_workers=min(len(paths), os.cpu_count() or 1)) as pool:
+        jobs = [pool.submit(_detect, *p, options, clock) for p in zip(paths, names, who, strict=True)]
+        pictures = [job.result() for job in jobs]
+    sized: dict[str, Camera] = {}
+    for p in pictures:
+        camera = sized.setdefault(p.camera, cameras[p.camera] or start_camera(p.size_px, focal_px))
+        if camera.size_px != p.size_px:
+            raise ValueError(f"picture {p.name} has {p.size_px} px; expected {camera.size_px}, as its camera")
+    return pictures, sized
+
+
+def _names(paths: Sequence[Path]) -> list[str]:
+    """Stems of the files; with the folder's name where stems come twice."""
+    names = [p.stem for p in paths]
+    if len(set(names)) < len(names):
+        names = [f"{p.parent.name}/{p.stem}" for p in paths]
+    twice = sorted({n for n in names if names.count(n) > 1})
+    if twice:
+        raise ValueError(f"two pictures have the name {twice[0]}; names must differ")
+    return names
+
+
+def _detect(path: Path, name: str, camera: str, options: MatchOptions, clock: Clock) -> MatchedPicture:
+    image = io.read_grey(path, channel=options.channel, bayer=options.bayer)
+    clock.progress(f"detect {name}")
+    mask = None if options.mask is None else io.read_mask(options.mask, image.shape)
+    spots = detection.detect(
+        image, radius_px=options.radius_px or None, polarity=options.polarity, merit_max=options.merit_max, mask=mask
+    )
+    try:
+        fixed = fixed_spots(spots, options.labels.get(name, {}), LABEL_PX)
+    except ValueError as error:
+        raise ValueError(f"picture {name}: {error}") from None
+    size = (int(image.shape[1]), int(image.shape[0]))
+    return MatchedPicture(name, camera, size, spots, fixed)
+
+
+def _rough_options(markers: MarkerSet) -> dict[str, Any]:
+    """Options of `registration.register` for rough coordinates and an unknown focal length."""
+    return {"max_table_error": ROUGH_TABLE, "min_margin": LEAD * float(np.sqrt(2 * len(markers)))}
+
+
+def _match(
+    picture: MatchedPicture, markers: MarkerSet, camera: Camera, options: MatchOptions, how: dict[str, Any], n: int
+) -> MatchedPicture:
+    """Match one picture; ``how`` is empty where camera and markers are known."""
+    xy = picture.detections.xy
+    tolerance = options.tolerance_px
+    if how and tolerance is None and len(xy) > 1:
+        distance = np.linalg.norm(xy[:, None] - xy[None], axis=2)
+        np.fill_diagonal(distance, np.inf)
+        tolerance = ROUGH_SPACING * float(np.median(distance.min(axis=1)))
+    # Labels from the second round on were found with good coordinates; those of the first are put to the test again.
+    last = picture.registration if n > 2 else None
+    answer = registration.register(
+        picture.detections, markers, camera, fixed=picture.fixed, prior=last.cam_from_model if last else None,
+        tolerance_px=tolerance if how else None, free_focal=True, focal_range=1.5 if how else KNOWN_FOCAL,
+        max_focal_sigma=ROUGH_FOCAL, max_deformation=0.0, max_time_s=options.max_time_s, seed=options.seed, **how,
+    )  # fmt: skip
+    if isinstance(answer, Registration):
+        return replace(picture, registration=answer, problem="", round=picture.round or n)
+    return replace(picture, registration=None, problem=answer.reason)
+
+
+def _marks(
+    pictures: Sequence[MatchedPicture], markers: MarkerSet, cameras: Mapping[str, Camera], excess_px: float
+) -> Marks:
+    """The marks of all matched pictures, with so much noise beyond the detector's."""
+    good = [p for p in pictures if p.registration is not None]
+    view, point, xy, cov, views = [], [], [], [], []
+    for v, p in enumerate(good):
+        assert p.registration is not None
+        pairs = p.registration.matching
+        view.append(np.full(len(pairs), v, dtype=np.int64))
+        point.append(pairs.marker.astype(np.int64))
+        xy.append(p.detections.xy[pairs.detection])
+        cov.append(with_sigma(p.detections.cov[pairs.detection], 0.1) + excess_px**2 * np.eye(2))
+        # No pose: that of the matching has a focal length of its own.
+        views.append(View(p.name, p.camera, frame_of(p.name, p.camera, len(cameras))))
+    observations = Observations(np.concatenate(view), np.concatenate(point), np.concatenate(xy), np.concatenate(cov))
+    return Marks(observations, markers, {k: cameras[k] for k in cameras}, tuple(views))
+
+
+def _first(marks: Marks, settings: CalibrateSettings) -> Calibration | NotCalibrated:
+    """A calibration from the pictures so far, with fewer parameters where there are few; a free network."""
+    settings = replace(settings, max_sigma0=np.inf)
+    result = adjusted(marks, settings, Free())
+    for fewer in FEWER:
+        if isinstance(result, Calibration):
+            break
+        free = tuple(p for p in fewer if p in settings.free)
+        again = adjusted(marks, replace(settings, free=free), Free()) if free else result
+        result = again if isinstance(again, Calibration) else result
+    return result
+
+
+def _refined(rough: MarkerSet, result: Calibration) -> MarkerSet:
+    """The table with the coordinates that the calibration found; the others are as rough as these were."""
+    place = {str(n): k for k, n in enumerate(rough.name)}
+    index = np.array([place[str(n)] for n in result.markers.name])
+    xyz = rough.xyz.copy()
+    xyz[index] = result.markers.xyz
+    sigma = np.full_like(xyz, float(np.sqrt(((xyz - rough.xyz)[index] ** 2).mean())))
+    sigma[index] = result.markers.sigma
+    return replace(rough, xyz=xyz, sigma=sigma)

@@ -1,0 +1,89 @@
+"""A calibration and all that says how good it is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+from windmark.calibration import Calibration, Distance, NotCalibrated, self_calibrate
+from windmark.calibration.datum import Datum
+from windmark.calibration.quality import SplitHalf, split_half
+from windmark.calibration.self_calibrate import FREE, MAX_SIGMA0
+from windmark.pipeline.calibrate.diagnose import diagnosis
+from windmark.pipeline.calibrate.marks import Marks
+from windmark.pipeline.clock import Clock
+
+
+@dataclass(frozen=True)
+class CalibrateSettings:
+    """Options of `calibration.self_calibrate`; see there."""
+
+    datum: Datum
+    free: tuple[str, ...] = FREE
+    distances: tuple[Distance, ...] = ()
+    rig: bool = False
+    free_focal: tuple[str, ...] = ()
+    prior_sigma: dict[str, float] = field(default_factory=dict)
+    eccentricity: str = "auto"
+    reject: bool = True
+    max_sigma0: float = MAX_SIGMA0
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class Calibrated:
+    """A calibration, what it started from, and its halves.
+
+    Parameters
+    ----------
+    result : the calibration
+    marks : what it started from
+    halves : every second picture against the others, or why that could not be done
+    """
+
+    result: Calibration
+    marks: Marks
+    halves: SplitHalf | NotCalibrated
+
+
+def calibrate_marks(marks: Marks, settings: CalibrateSettings, clock: Clock) -> Calibrated | NotCalibrated:
+    """Calibrate, then check with halves of the pictures."""
+    with clock("calibrate"):
+        result = adjusted(marks, settings)
+    if isinstance(result, NotCalibrated):
+        return explained(result, marks)
+    with clock("halves of the pictures"):
+        halves = _halves(result, settings.seed)
+    return Calibrated(result, marks, halves)
+
+
+def explained(refusal: NotCalibrated, marks: Marks) -> NotCalibrated:
+    """The refusal with what strikes about the pictures."""
+    if refusal.cause == "misfit":
+        return refusal
+    return replace(refusal, reason="; ".join([refusal.reason, *diagnosis(marks)]))
+
+
+def adjusted(marks: Marks, settings: CalibrateSettings, datum: Datum | None = None) -> Calibration | NotCalibrated:
+    """The adjustment alone, perhaps in another datum."""
+    used = {v.name for v in marks.views}
+    return self_calibrate(
+        marks.observations, marks.markers, marks.cameras, marks.views, datum=datum or settings.datum,
+        free=settings.free, distances=_known(settings.distances, marks) if datum else settings.distances,
+        rig=settings.rig, free_focal=[n for n in settings.free_focal if n in used] if datum else settings.free_focal,
+        prior_sigma=settings.prior_sigma, eccentricity=settings.eccentricity, reject=settings.reject,
+        max_sigma0=settings.max_sigma0, seed=settings.seed,
+    )  # fmt: skip
+
+
+def _known(distances: Sequence[Distance], marks: Marks) -> tuple[Distance, ...]:
+    """Distances whose ends are among the markers that are seen."""
+    seen = set(marks.markers.name[marks.observations.point].tolist())
+    return tuple(d for d in distances if {d.first, d.second} <= seen)
+
+
+def _halves(result: Calibration, seed: int) -> SplitHalf | NotCalibrated:
+    try:
+        return split_half(result, seed=seed)
+    except ValueError as error:  # a half in which a rig's camera has no picture, or too few markers in common
+        return NotCalibrated(str(error), "too_few")

@@ -1,0 +1,228 @@
+"""`windmark calibrate` as a user types it: results, refusals, wrong usage."""
+
+import networks
+import numpy as np
+import pytest
+
+from windmark import io
+from windmark.geometry import Camera, Pose
+from windmark.scene import MarkerSet
+
+SIZE = "1500x1000"
+
+
+def write_matches(path, view, point, xy):
+    io.write_table(path, {
+        "image": np.array([f"v{v:02d}" for v in view]), "name": np.array([f"m{p:02d}" for p in point]),
+        "x": xy[:, 0], "y": xy[:, 1],
+    })  # fmt: skip
+
+
+@pytest.fixture
+def plate(tmp_path):
+    """Rough markers and matches of 14 pictures, six of them wrong; the network they come from."""
+    case = networks.make(71, points=40, views=14)
+    net, rng = case.network, np.random.default_rng(1)
+    xy = net.xy.copy()
+    bad = rng.choice(len(xy), 6, replace=False)
+    xy[bad] += rng.choice([-20, 20], (6, 2))
+    io.write_markers(tmp_path / "rough.csv", MarkerSet.make([f"m{k:02d}" for k in range(40)], case.start.points))
+    write_matches(tmp_path / "matches.csv", net.view, net.point, xy)
+    return case, bad, tmp_path
+
+
+def call(windmark, folder, *more, size=True, matches="matches.csv"):
+    sized = ("--size", SIZE) if size else ()
+    return windmark("calibrate", folder / matches, "-m", folder / "rough.csv", "--unit", "mm", *sized, "-o",
+                    folder / "out", *more)  # fmt: skip
+
+
+def test_it_writes_everything(windmark, plate):
+    case, bad, folder = plate
+    done = call(windmark, folder, "--datum", "free")
+    assert done.code == 0
+    assert "14 views, 40 markers" in done.out
+    assert "6 left out" in done.out
+    camera, _ = io.read_camera(folder / "out" / "camera.json")
+    true = case.truth.cameras[0]
+    assert abs(camera.focal_px - true.focal_px) < 4 * np.sqrt(camera.cov[0, 0])
+    table = io.read_table(
+        folder / "out" / "residuals.csv", required=(), known=("image", "name", "x", "y", "dx", "dy", "test", "used")
+    )
+    assert sorted(np.flatnonzero(table.numbers("used") == 0)) == sorted(bad)
+    page = (folder / "out" / "report.html").read_text()
+    for words in ("Free network", "sigma0", "Half of the pictures", "Gross errors", "m07", "focal_px"):
+        assert words in page
+    assert page.count("data:image/png;base64,") == 7
+    assert "http" not in page
+
+
+def test_json_and_comparison_with_another_set(windmark, plate):
+    case, _, folder = plate
+    net = case.network
+    for k in (0, 1):
+        mine = net.view % 2 == k
+        write_matches(folder / f"set{k}.csv", net.view[mine], net.point[mine], net.xy[mine])
+    assert call(windmark, folder, "--datum", "free", "-o", folder / "first", matches="set0.csv").code == 0
+    done = call(windmark, folder, "--datum", "free", "--against", folder / "first", "--json", matches="set1.csv")
+    assert done.code == 0
+    assert done.json["against"]["markers"] == 40
+    assert 0.6 < done.json["against"]["ratio"] < 1.5
+    assert done.json["cameras"]["camera"]["focal_px"]["sigma"] > 0
+    page = (folder / "out" / "report.html").read_text()
+    assert "Against another set of pictures" in page
+    assert page.count("data:image/png;base64,") == 8
+
+
+def test_datum_has_no_default(windmark, plate):
+    done = call(windmark, plate[2])
+    assert done.code == 2
+    for words in ("--datum is needed", "free:", "fixed:A,B,C,D", "weighted"):
+        assert words in done.err
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--datum", "fix"), "none of the choices"),
+        (("--datum", "fixed:m00,m01"), "at least three"),
+        (("--datum", "free:"), "none of the choices"),
+        (("--datum", "fixed:m00,m01,zz"), "unknown marker 'zz'"),
+        (("--datum", "weighted"), "at least three markers with a sigma"),
+        (("--datum", "weighted=-1"), "must be > 0"),
+        (("--datum", "weighted=x"), "a number, got 'x'"),
+        (("--datum", "free", "--lens", "fish"), "--lens: expected pinhole"),
+        (("--datum", "free", "--free", "focal"), "'focal' is none of focal_px"),
+        (("--datum", "free", "--free", "k1", "--lens", "brown"), "give one of them"),
+        (("--datum", "free", "--distance", "m00,m01,5"), "A,B,length,sigma"),
+        (("--datum", "free", "--distance", "m00,zz,5,1"), "unknown marker 'zz'"),
+        (("--datum", "free", "--prior-sigma", "k1"), "PARAMETER=sigma"),
+        (("--datum", "free", "--free-focal", "v99"), "v99"),
+        (("--datum", "free", "--sigma-px", "0"), "--sigma-px"),
+        (("--datum", "free", "--label", "v01:m00=1,2"), "for pictures"),
+        (("--datum", "free", "--eccentricity", "on"), "auto, table, off"),
+    ],
+)
+def test_wrong_usage_is_named(windmark, plate, options, words):
+    done = call(windmark, plate[2], *options)
+    assert done.code == 2
+    assert words in done.err
+    assert not (plate[2] / "out").exists()
+
+
+def test_the_size_is_needed_with_matches(windmark, plate):
+    done = call(windmark, plate[2], "--datum", "free", size=False)
+    assert done.code == 2
+    assert "--size WIDTHxHEIGHT" in done.err
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("image,name,x,y\n", "no rows"),
+        ("", "is empty"),
+        ("image,name,x,y\nv0,m00,1,nan\n", "line 2"),
+        ("image,name,x,y\nv0,m00,1,2\nv0,m00,3,4\n", "already on line 2"),
+        ("image,name,x,y\nv0,zz,1,2\n", "not in the table of markers: zz"),
+        ("image,name,x,y,camera\nv0,m00,1,2,a\nv0,m01,1,2,b\n", "another camera"),
+        ("image,name,x,y,sigma_x,sigma_y\nv0,m00,1,2,0,0\n", "must be > 0"),
+    ],
+)
+def test_wrong_tables_are_named(windmark, plate, text, words):
+    (plate[2] / "bad.csv").write_text(text)
+    done = call(windmark, plate[2], "--datum", "free", matches="bad.csv")
+    assert done.code == 2
+    assert words in done.err
+
+
+def refused(windmark, folder, poses, xyz, camera=networks.CAMERA, datum="free", flat=False):
+    """Matches of perfect marks with 0.1 px of noise from the given poses."""
+    rng = np.random.default_rng(3)
+    names = [f"m{k:02d}" for k in range(len(xyz))]
+    io.write_markers(folder / "rough.csv", MarkerSet.make(names, xyz + rng.normal(0, 2, xyz.shape)))
+    rows = []
+    for v, pose in enumerate(poses):
+        xy, _ = camera.project(pose.apply(xyz))
+        rows += [(v, p, *(xy[p] + rng.normal(0, 0.1, 2))) for p in range(len(xyz)) if camera.in_image(xy[p])]
+    rows = np.array(rows)
+    write_matches(folder / "m.csv", rows[:, 0].astype(int), rows[:, 1].astype(int), rows[:, 2:])
+    return call(windmark, folder, "--datum", datum, "--json", matches="m.csv")
+
+
+def test_pictures_from_one_place_are_refused(windmark, tmp_path):
+    rng = np.random.default_rng(8)
+    xyz = rng.uniform(-300, 300, (30, 3)) * [1, 0.8, 0.3]
+    eye = np.array([100.0, 50.0, 1300.0])
+    poses = [Pose.look_at(eye, rng.normal(0, 15, 3), [np.cos(a), np.sin(a), 0]) for a in np.linspace(0, 5, 8)]
+    done = refused(windmark, tmp_path, poses, xyz)
+    assert done.code == 1
+    assert done.json["cause"] == "degenerate"
+    assert "not calibrated" in done.err
+    assert "from about one place" in done.json["reason"]
+    assert not (tmp_path / "out").exists()
+
+
+def test_frontal_pictures_of_a_plate_do_not_tell_the_focal_length(windmark, tmp_path):
+    rng = np.random.default_rng(9)
+    xyz = rng.uniform(-300, 300, (40, 3)) * [1, 0.8, 0]
+    poses = [Pose.look_at([x, y, 1300.0], [x, y, 0.0], [0, 1, 0]) for x, y in rng.uniform(-60, 60, (10, 2))]
+    done = refused(windmark, tmp_path, poses, xyz)
+    assert done.code == 1
+    assert "focal_px" in done.json["weak"]
+    assert "all pictures face it" in done.json["reason"]
+
+
+def test_views_and_markers_that_are_too_poor_are_named(windmark, plate):
+    case, _, folder = plate
+    net = case.network
+    keep = (net.view != 13) | (np.cumsum(net.view == 13) <= 3)  # three marks in the last view
+    keep &= (net.point != 39) | (net.view == net.view[net.point == 39][0])  # the last marker is seen once
+    write_matches(folder / "poor.csv", net.view[keep], net.point[keep], net.xy[keep])
+    done = call(windmark, folder, "--datum", "free", matches="poor.csv")
+    assert done.code == 0
+    assert "left out: v13: view with" in done.out
+    assert "left out: m39: marker seen in one view" in done.out
+
+
+def test_a_distance_gives_the_scale(windmark, plate):
+    case, _, folder = plate
+    length = float(np.linalg.norm(case.truth.points[0] - case.truth.points[1]))
+    done = call(windmark, folder, "--datum", "free", "--distance", f"m00,m01,{2 * length},0.01", "--json")
+    assert done.code == 0
+    got = io.read_markers(folder / "out" / "markers.csv").xyz
+    np.testing.assert_allclose(np.linalg.norm(got[0] - got[1]), 2 * length, atol=0.05)
+
+
+def test_two_cameras_with_their_names(windmark, tmp_path):
+    case = networks.make(73, points=30, views=8, rig=True)
+    net = case.network
+    known = np.concatenate([case.truth.points[:4], case.start.points[4:]])
+    io.write_markers(tmp_path / "rough.csv", MarkerSet.make([f"m{k:02d}" for k in range(30)], known))
+    io.write_table(tmp_path / "matches.csv", {
+        "image": np.array([f"{('left', 'right')[v % 2]}_{v // 2}" for v in net.view]),
+        "name": np.array([f"m{p:02d}" for p in net.point]), "x": net.xy[:, 0], "y": net.xy[:, 1],
+    })  # fmt: skip
+    for name in ("left", "right"):
+        io.write_camera(tmp_path / f"{name}.json", Camera((1500, 1000), 1500.0))
+    cameras = [x for n in ("left", "right") for x in ("-c", f"{n}={tmp_path / n}.json")]
+    done = call(windmark, tmp_path, "--datum", "fixed:m00,m01,m02,m03", "--rig", *cameras, size=False)
+    assert done.code == 0
+    assert (tmp_path / "out" / "camera-left.json").is_file()
+    assert (tmp_path / "out" / "camera-right.json").is_file()
+
+
+def test_pictures_without_markers_are_refused(windmark, plate):
+    folder = plate[2]
+    images = []
+    for k in range(3):
+        images.append(folder / f"p{k}.png")
+        io.write_image(images[-1], np.full((60, 80), 9, np.uint8))
+    done = windmark("calibrate", *images, "-m", folder / "rough.csv", "--unit", "mm", "--datum", "free", "-r", 3, "-o",
+                    folder / "out")  # fmt: skip
+    assert done.code == 1
+    assert "0 of 3 pictures" in done.err
+    assert not (folder / "out").exists()
+    done = windmark("calibrate", *images, "-m", folder / "rough.csv", "--unit", "mm", "--datum", "free", "--label",
+                    "q:m00=1,2")  # fmt: skip
+    assert done.code == 2
+    assert "picture 'q'" in done.err

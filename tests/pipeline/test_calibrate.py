@@ -1,0 +1,202 @@
+"""From tables of matches and pictures to a calibration: marks, rounds, files."""
+
+from dataclasses import replace
+
+import networks
+import numpy as np
+import pytest
+
+from windmark import io
+from windmark.calibration import Distance, Fixed, Free, Weighted
+from windmark.calibration.quality import SplitHalf, compare
+from windmark.geometry import PARAMETERS, Camera, Pose
+from windmark.pipeline.calibrate import (
+    CalibrateSettings,
+    MatchedPicture,
+    MatchOptions,
+    calibrate_marks,
+    calibrate_pictures,
+    cameras_of,
+    from_table,
+    read_known,
+    record,
+    write_calibration,
+)
+from windmark.pipeline.calibrate import pictures as rounds
+from windmark.pipeline.calibrate.outputs import datum_words, pose_columns, stations
+from windmark.pipeline.clock import Clock
+from windmark.scene import Detections, MarkerSet
+
+
+def table_of(case):
+    net = case.network
+    n = len(net.xy)
+    blank = np.full(n, "")
+    return io.MatchTable(
+        np.array([f"v{v:02d}" for v in net.view]), np.array([f"m{p:02d}" for p in net.point]), net.xy,
+        np.full((n, 2), np.nan), np.full((n, 2, 2), np.nan), blank, blank,
+    )  # fmt: skip
+
+
+def rough(case, **columns):
+    return MarkerSet.make([f"m{k:02d}" for k in range(len(case.start.points))], case.start.points, **columns)
+
+
+@pytest.fixture(scope="module")
+def done():
+    case = networks.make(71, points=40, views=14)
+    marks = from_table(table_of(case), rough(case), {"camera": Camera((1500, 1000), 1500.0)}, sigma_px=0.1)
+    out = calibrate_marks(marks, CalibrateSettings(Free()), Clock())
+    assert out
+    return out
+
+
+def test_matches_without_sigma_take_the_given_one(done):
+    np.testing.assert_allclose(done.marks.observations.cov[:, 0, 0], 0.01)
+    assert 0.9 < done.result.sigma0 < 1.1
+    assert isinstance(done.halves, SplitHalf)
+    assert 0.7 < done.halves.comparison.ratio < 1.4
+
+
+def test_names_that_the_table_lacks_are_named():
+    case = networks.make(72, points=12, views=4)
+    with pytest.raises(ValueError, match="1 markers that are not in the table of markers: m11"):
+        from_table(table_of(case), rough(case).take(np.arange(11)), {"camera": networks.CAMERA}, sigma_px=0.1)
+
+
+def test_which_camera_took_an_image():
+    assert cameras_of(["x", "y"], ["camera"]) == ["camera", "camera"]
+    assert cameras_of(["left_01", "right/01"], ["left", "right"]) == ["left", "right"]
+    assert cameras_of(["cam1_2", "cam12_2"], ["cam1", "cam12"]) == ["cam1", "cam12"]
+    assert cameras_of(["x"], ["left", "right"], ["right"]) == ["right"]
+    with pytest.raises(ValueError, match="begins with none of left, right"):
+        cameras_of(["x"], ["left", "right"])
+    with pytest.raises(ValueError, match="'up'; there are left, right"):
+        cameras_of(["x"], ["left", "right"], ["up"])
+
+
+def test_a_rig_of_two_cameras():
+    case = networks.make(73, points=30, views=8, rig=True)
+    table = table_of(case)
+    names = np.array([f"{'ab'[v % 2]}_{v // 2}" for v in case.network.view])
+    marks = from_table(
+        replace(table, image=names), rough(case), dict(zip("ab", case.start.cameras, strict=True)), sigma_px=0.1
+    )
+    assert {v.frame for v in marks.views} == {str(k) for k in range(8)}
+    out = calibrate_marks(marks, CalibrateSettings(Free(), rig=True), Clock())
+    assert set(out.result.cameras) == {"a", "b"}
+    assert 0.9 < out.result.sigma0 < 1.1
+
+
+def test_stations_have_the_covariance_of_sampled_poses(done):
+    at, cov = stations(done.result)
+    view = done.result.views[3].name
+    pose = done.result.pose(view)
+    draws = np.random.default_rng(0).multivariate_normal(np.zeros(6), done.result.pose_cov[3], 4000)
+    centers = (Pose.exp(draws) @ pose).center
+    np.testing.assert_allclose(at[3], pose.center)
+    np.testing.assert_allclose(np.cov(centers.T), cov[3], atol=0.08 * np.abs(cov[3]).max())
+
+
+def test_files_are_read_back(done, tmp_path):
+    write_calibration(done, tmp_path, "mm")
+    assert sorted(p.name for p in tmp_path.iterdir()) == [
+        "camera.json", "markers-covariance.csv", "markers.csv", "poses.csv", "poses.json", "residuals.csv", "views",
+    ]  # fmt: skip
+    camera, none = io.read_camera(tmp_path / "camera.json")
+    assert none is None
+    np.testing.assert_array_equal(camera.parameters(), done.result.cameras["camera"].parameters())
+    np.testing.assert_array_equal(camera.cov, done.result.cameras["camera"].cov)
+    known = read_known(tmp_path)
+    np.testing.assert_allclose(known.marker_cov, done.result.marker_cov, rtol=1e-8)  # one triangle is written
+    assert compare(known, done.result).rms < 1e-9
+    _, pose = io.read_camera(tmp_path / "views" / "v03.json")
+    np.testing.assert_allclose(pose.center, done.result.pose("v03").center)
+    assert len((tmp_path / "residuals.csv").read_text().splitlines()) == len(done.result.observations) + 1
+    rows = pose_columns(done.result)
+    assert (rows["sigma_x"] > 0).all()
+    assert rows["marks"].sum() == done.result.used.sum()
+
+
+def test_tables_of_other_markers_are_refused(done, tmp_path):
+    write_calibration(done, tmp_path, "mm")
+    io.write_markers(tmp_path / "markers.csv", done.result.markers.take(np.arange(10)))
+    with pytest.raises(io.FileError, match="other markers"):
+        read_known(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("datum", "distances", "words"),
+    [
+        (Free(), (), "shift, turn nor grow"),
+        (Free(), (Distance("m00", "m01", 100.0, 0.1),), "m00 to m01, 100 with sigma 0.1"),
+        (Fixed(("m00", "m01", "m02")), (), "m00, m01, m02, held"),
+        (Weighted(None, 0.2), (), "a sigma of 0.2"),
+    ],
+)
+def test_the_datum_in_words(done, datum, distances, words):
+    result = replace(done.result, options={**done.result.options, "datum": datum, "distances": distances})
+    assert words in " ".join(datum_words(result))
+
+
+def test_the_record_has_what_a_machine_needs(done):
+    got = record(done, "mm")
+    assert set(got["cameras"]["camera"]) >= set(PARAMETERS)
+    assert got["cameras"]["camera"]["focal_px"]["sigma"] == done.result.sigma("camera", "focal_px")
+    assert got["halves"]["done"]
+    io.to_json(got)
+
+
+def spots(case, view, *, more, rng):
+    """What a detector gives of a view: spots in no order that helps, some of them false."""
+    net = case.network
+    mine = net.view == view
+    xy = np.concatenate([net.xy[mine], rng.uniform([0, 0], [1499, 999], (more, 2))])
+    order = rng.permutation(len(xy))
+    return Detections.make(xy[order], cov=np.full((len(xy), 2), 0.1**2)[:, :, None] * np.eye(2))
+
+
+def matched_pictures(case, monkeypatch, tmp_path, settings=None, broken=()):
+    rng = np.random.default_rng(5)
+    views = int(case.network.view.max()) + 1
+    found = {f"v{v:02d}": spots(case, v, more=40 if v in broken else 6, rng=rng) for v in range(views)}
+    for v in broken:
+        found[f"v{v:02d}"] = Detections.make(rng.uniform([0, 0], [1499, 999], (40, 2)))
+
+    def fake(path, name, camera, options, clock):
+        return MatchedPicture(name, camera, (1500, 1000), found[name], {})
+
+    monkeypatch.setattr(rounds, "_detect", fake)
+    return calibrate_pictures(
+        [tmp_path / f"v{v:02d}.png" for v in range(views)], rough(case), {"camera": None}, MatchOptions(),
+        settings or CalibrateSettings(Free()), Clock(),
+    )  # fmt: skip
+
+
+def test_pictures_of_unlabelled_spots(monkeypatch, tmp_path):
+    """No labels, no poses, no focal length, rough coordinates; two pictures of nothing are refused and named."""
+    case = networks.make(74, points=40, views=12)
+    out, matched = matched_pictures(case, monkeypatch, tmp_path, broken=(2, 7))
+    assert out
+    assert [m.name for m in matched if m.registration is None] == ["v02", "v07"]
+    assert all(m.problem for m in matched if m.registration is None)
+    result = out.result
+    assert len(result.views) == 10
+    true = case.truth.cameras[0]
+    for p in ("focal_px", "cx", "cy"):
+        assert abs(getattr(result.cameras["camera"], p) - getattr(true, p)) < 4 * result.sigma("camera", p)
+    from windmark.geometry.similarity import align
+
+    known = case.truth.points[[int(n[1:]) for n in result.markers.name]]
+    off = align(result.markers.xyz, known, scale=True).apply(result.markers.xyz) - known
+    assert np.sqrt((off**2).mean()) < 3 * np.sqrt((result.markers.sigma**2).mean())
+
+
+def test_too_few_pictures_say_why(monkeypatch, tmp_path):
+    case = networks.make(75, points=40, views=4)
+    out, matched = matched_pictures(case, monkeypatch, tmp_path, broken=(0, 1))
+    assert not out
+    assert out.cause == "too_few"
+    assert "2 of 4 pictures" in out.reason
+    assert set(out.dropped) == {"v00", "v01"}
+    assert len(matched) == 4
