@@ -13,7 +13,7 @@ from PIL import Image
 
 import windmark as wm
 from windmark import calibration, detection
-from windmark.app import lens_pictures, markers_pictures, pictures, study_pictures
+from windmark.app import calibrate_pictures, lens_pictures, markers_pictures, pictures, study_pictures
 from windmark.app.detect_pictures import explained_picture, merit_picture
 from windmark.app.figures import alignment_figure, matching_figure, surface_figure, wireframe_figure
 from windmark.pipeline.job import run_project
@@ -40,9 +40,42 @@ def main() -> None:
         marker_study_pictures,
         marker_check_pictures,
         board_pictures,
+        calibration_pictures,
     ):
         for name, figure in part().items():
             (HERE / f"{name}.png").write_bytes(_small(pictures.png(figure, dpi=80)))
+
+
+def calibration_pictures() -> dict[str, Figure]:
+    """A plate of 60 markers with relief, calibrated from 16 virtual pictures."""
+    rng = np.random.default_rng(4)
+    camera = wm.Camera((2048, 1536), 2300.0, 1.0005, 1030.0, 761.0, k1=-0.08, k2=0.05)
+    xyz = rng.uniform(-1, 1, (60, 3)) * [345, 200, 40]
+    names = [f"M{k:02d}" for k in range(60)]
+    views, view, point, xy = [], [], [], []
+    for v, around in enumerate(np.linspace(0, 2 * np.pi, 16, endpoint=False)):
+        up = 0.75 if v % 2 else 0.35
+        eye = 1350 * np.array([np.sin(up) * np.cos(around), np.sin(up) * np.sin(around), np.cos(up)])
+        roll = v * np.pi / 2
+        pose = wm.Pose.look_at(eye, rng.normal(0, 20, 3), np.array([np.cos(roll), np.sin(roll), 0.2]))
+        seen = camera.project(pose.apply(xyz))[0]
+        inside = np.flatnonzero(camera.in_image(seen) & (rng.random(60) < 0.85))
+        views.append(wm.View(f"P{v:02d}"))
+        view.append(np.full(len(inside), v))
+        point.append(inside)
+        xy.append(seen[inside] + rng.normal(0, 0.1, (len(inside), 2)))
+    marks = np.concatenate(xy)
+    observations = wm.Observations(
+        np.concatenate(view), np.concatenate(point), marks, np.full((len(marks), 1, 1), 0.1**2) * np.eye(2)
+    )
+    rough = wm.MarkerSet.make(names, xyz + rng.normal(0, 4, xyz.shape))
+    start = {"camera": wm.Camera((2048, 1536), 2048.0)}
+    result = wm.self_calibrate(observations, rough, start, views, datum=wm.Free())
+    assert isinstance(result, wm.Calibration)
+    return {
+        "calibration-stations": calibrate_pictures.stations_picture(result, "mm"),
+        "calibration-markers": calibrate_pictures.markers_picture(result, "mm"),
+    }
 
 
 def job_pictures() -> dict[str, Figure]:

@@ -67,10 +67,10 @@ def projection_sigma_picture(result: Calibration, camera: str) -> Figure:
 
 
 def _steps(low: float, high: float) -> list[float]:
-    """Contour levels 1, 2, 5, 10, ... from below ``low`` to above ``high``."""
+    """Contour levels 1, 1.4, 2, 3, 5, 7, 10, ... from below ``low`` to above ``high``."""
     low = max(low, 1e-3 * high)
     first = int(np.floor(np.log10(low)))
-    every = [m * 10.0**e for e in range(first, int(np.ceil(np.log10(high))) + 2) for m in (1, 2, 5)]
+    every = [m * 10.0**e for e in range(first, int(np.ceil(np.log10(high))) + 2) for m in (1, 1.4, 2, 3, 5, 7)]
     start = max(k for k, v in enumerate(every) if v <= low * (1 + 1e-12))
     end = min(k for k, v in enumerate(every) if v >= high and k > start)
     return every[start : end + 1]
