@@ -63,14 +63,20 @@ def cold(seed: int, kind: str, hidden: float, false: float, ranked: bool = False
 
 def with_prior(seed: int, kind: str, hidden: float, false: float) -> Case:
     """A prior that is wrong by up to 25 degrees and 20 %."""
-    case, rng = cold(seed, kind, hidden, false), np.random.default_rng(seed)
+    case = cold(seed, kind, hidden, false)
+    return replace(case, options={"prior": _near(case, seed, 25.0, 0.2)})
+
+
+def _near(case: Case, seed: int, angle_deg: float, scale: float) -> Pose:
+    """A pose that is off by up to an angle, about the markers' centre, and a scale."""
     assert case.truth is not None
+    rng = np.random.default_rng(seed)
     axis = rng.normal(size=3)
-    turn = Pose.from_rotvec(axis / np.linalg.norm(axis) * np.radians(rng.uniform(0, 25)), np.zeros(3)).rotation
+    turn = Pose.from_rotvec(axis / np.linalg.norm(axis) * np.radians(rng.uniform(0, angle_deg)), np.zeros(3)).rotation
     centre, pose = case.markers.xyz.mean(axis=0), case.truth.cam_from_model
     rotation = pose.rotation @ turn
-    place = pose.apply(centre) * np.exp(rng.uniform(-0.2, 0.2))
-    return replace(case, options={"prior": Pose(rotation, place - rotation @ centre)})
+    place = pose.apply(centre) * np.exp(rng.uniform(-scale, scale))
+    return Pose(rotation, place - rotation @ centre)
 
 
 def free_focal(seed: int, kind: str, hidden: float, false: float) -> Case:
@@ -136,6 +142,17 @@ def _grid(seed: int, columns: int, rows: int, moved: float = 0.0) -> Case:
 def regular_grid(seed: int) -> Case:
     """A grid of 6 x 4 or 5 x 5: any pose has an equal."""
     return replace(_grid(seed, *((6, 4), (5, 5))[seed % 2]), truth=None)
+
+
+def grid_with_prior(seed: int) -> Case:
+    """A grid of 6 x 4, up to 80 % hidden, with a prior that rules out its turns but not its shifts."""
+    case, rng = _grid(seed, 6, 4), np.random.default_rng(seed)
+    assert case.truth is not None
+    keep = rng.random(len(case.detections)) > rng.choice([0.0, 0.3, 0.6])
+    spots = case.detections.take(keep)
+    truth = replace(case.truth, detections=spots, label=case.truth.label[keep])
+    prior = {"prior": _near(case, seed, 10.0, 0.1), "prior_max_angle_deg": 20.0}
+    return replace(case, detections=spots, truth=truth, options=prior)
 
 
 def nearly_regular_grid(seed: int) -> Case:

@@ -51,8 +51,8 @@ BENT = 5
 BENT_LEAD = 5.0
 """How much better (nats) it must be than a rigid solution that is accepted."""
 FREED_LEAD = 10.0
-"""A wrong focal length must explain the spots better than a deformation by so much (nats): one that is off by 20 % leads
-by 20 and more, while a slight bending is explained by both about equally well."""
+"""A wrong focal length must explain the spots better than a deformation by so much (nats): one that is off by 20 %
+leads by 20 and more, while a slight bending is explained by both about equally well."""
 
 
 @dataclass(frozen=True, eq=False)
