@@ -9,6 +9,14 @@ import numpy as np
 from scipy.special import bdtr
 
 from windmark.registration.budget import Budget
+from windmark.registration.criteria import (
+    LOOSE_AND_SPARSE,
+    MISSED,
+    ambiguity,
+    is_loose,
+    misfit_of,
+    wrong_focal,
+)
 from windmark.registration.register import MIN_COUNT
 from windmark.registration.result import Cause, RunnerUp
 from windmark.registration.rig.joint import Joint
@@ -17,14 +25,6 @@ from windmark.registration.search.plane import Plane
 from windmark.registration.search.pool import Candidate
 from windmark.registration.solution import SAME_SHARE, Solution, settle
 from windmark.registration.task import Limits
-from windmark.registration.verdict import (
-    LOOSE_AND_SPARSE,
-    MISSED,
-    ambiguity,
-    is_loose,
-    misfit_of,
-    wrong_focal,
-)
 
 ELSEWHERE = 50.0
 """A camera that does not confirm the solution contradicts it if it has so much evidence (nats) for another one, ..."""

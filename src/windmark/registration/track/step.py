@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from windmark.adjust import SolveReport
 from windmark.geometry import Pose
 from windmark.geometry.rotations import hat
+from windmark.registration.criteria import MISFIT, least_evidence, table_excess, too_large
 from windmark.registration.register import MIN_COUNT
 from windmark.registration.result import Cause, NotRegistered, Registration, RunnerUp
 from windmark.registration.task import Limits
@@ -45,7 +46,6 @@ from windmark.registration.track._kernels.step import (
 )  # fmt: skip
 from windmark.registration.track.prepared import Prepared
 from windmark.registration.track.state import Motion, Status, TrackState
-from windmark.registration.verdict import MISFIT, least_evidence, table_excess, too_large
 from windmark.scene import Detections, Matching
 
 Array = NDArray[np.float64]

@@ -1,0 +1,137 @@
+"""What a solution must pass: evidence, misfit, focal length, and the words for what fails. `verdict` asks in order."""
+
+from __future__ import annotations
+
+import math
+from typing import Protocol
+
+import numpy as np
+
+from windmark.geometry import Pose
+from windmark.registration.evidence import Evidence
+from windmark.registration.result import RunnerUp
+from windmark.registration.search.plane import Plane
+from windmark.registration.solution import Solution, with_free_focal
+from windmark.registration.task import Limits
+
+MISFIT = 4.0
+"""The residuals' sigma times this must fit into the neighbourhood of the search."""
+TWICE = 3.0**0.5
+"""An excess of so many sigma doubles the sigma of the spots."""
+SUSPICIOUS = 1.8
+"""A misfit of so many sigma of the spots makes the given focal length doubtful."""
+MISSED = float(np.log(5.0))
+"""More evidence (nats) that such a misfit needs for each missing marker, as if four of five were seen: a labelling that
+is right in parts only, or by chance, explains them so, and a part of a large model has much evidence ..."""
+LOOSE_AND_SPARSE = 40.0
+"""... and at least so much where most markers are missing."""
+CLEARLY_BETTER, FOCAL_OFF = 20.0, 0.05
+"""It is refused when another one is better by so much (nats), and away from it by this (relative) and by 5 sigma."""
+
+
+def misfit_of(plane: Plane, limits: Limits, best: Solution, taken: float | None = None) -> str:
+    """Why the residuals are too large for the markers' own picture; empty if they are not.
+
+    Another model of the same design is matched completely, well beyond chance and without a rival: chance and
+    rivals say nothing against it, only what one expects of the table. The few pairs of a part of it may agree by
+    luck, so the excess counts with its own sigma on top. The spots may be twice as bad as they say. ``taken`` so many
+    coordinates are taken by the fit, all its unknowns by default.
+    """
+    task = plane.task
+    if MISFIT * best.misfit_px > task.tolerance_px:
+        return (
+            f"with a misfit of {best.misfit_px:.1f} px (1 sigma per coordinate) it is too loose for tolerance_px = "
+            f"{task.tolerance_px:.1f}: another or a deformed model, wrong camera parameters, or too small a tolerance"
+        )
+    xyz, depth = task.markers.xyz, best.cam_from_model.apply(task.markers.xyz)[:, 2]
+    nearest = np.linalg.norm(xyz - xyz[plane.model.near[:, 0]], axis=1)
+    spacing = float(np.median((nearest * best.focal_px / depth)[best.marker]))
+    redundancy = 2 * best.count - (best.parameters if taken is None else taken)
+    excess, allowed = table_excess(limits, best.excess_px, redundancy, spacing, float(np.median(task.sigma_px)))
+    if excess <= allowed:
+        return ""
+    return (
+        f"the markers are off their table by {excess:.2g} px (1 sigma per coordinate; limit {allowed:.2g} "
+        f"px with max_table_error = {100 * limits.table_error:.3g} % of their spacing): another model of the "
+        "same design, a deformed model, wrong camera parameters, or a table that needs its sigma"
+    )
+
+
+def wrong_focal(plane: Plane, best: Solution) -> str:
+    """How another focal length fits much better where the given one is doubtful; empty if none does."""
+    if not is_loose(plane, best) and 2 * best.count >= best.expected:
+        return ""
+    freed = with_free_focal(plane, best)
+    if freed is None or not freed.evidence.score > best.evidence.score + CLEARLY_BETTER:
+        return ""
+    given, sigma = plane.task.camera.focal_px, freed.focal_sigma
+    if not abs(float(np.log(freed.focal_px / given))) > max(FOCAL_OFF, 5 * sigma):
+        return ""
+    return (
+        f"the given focal length of {given:.5g} px does not fit: with {freed.focal_px:.5g} px (1 sigma "
+        f"{100 * sigma:.1f} %) the misfit falls from {best.misfit_px:.2g} to {freed.misfit_px:.2g} px"
+    )
+
+
+def is_loose(plane: Plane, best: Solution) -> bool:
+    """Whether the residuals are larger than the spots' covariances say, and the markers' do not explain it."""
+    return too_large(best.misfit_px, best.excess_px, float(np.median(plane.task.sigma_px)))
+
+
+def too_large(misfit_px: float, excess_px: float, sigma_px: float) -> bool:
+    """`is_loose` by the numbers alone."""
+    return misfit_px > SUSPICIOUS * sigma_px and excess_px > sigma_px
+
+
+def least_evidence(limits: Limits, share: float, count: int, expected: int, loose: bool) -> float:
+    """Evidence (nats) that a solution needs; ``share`` is what a prior leaves of all poses."""
+    least = limits.score + float(np.log(share))
+    if loose:
+        least += max(LOOSE_AND_SPARSE if 2 * count < expected else 0.0, MISSED * (expected - count))
+    return least
+
+
+def table_excess(
+    limits: Limits, excess_px: float, redundancy: float, spacing_px: float, sigma_px: float
+) -> tuple[float, float]:
+    """By how much the markers are off their table (1 sigma, with its own uncertainty on top), and the limit."""
+    allowed = math.hypot(limits.table_error * spacing_px, TWICE * sigma_px)
+    return excess_px * (1 + 1 / math.sqrt(2 * max(redundancy, 1.0))), allowed
+
+
+class Weighed(Protocol):
+    """A solution of one or of several cameras."""
+
+    @property
+    def cam_from_model(self) -> Pose:
+        """Its pose, as the (first) camera sees it."""
+
+    @property
+    def count(self) -> int:
+        """Matched markers."""
+
+    @property
+    def expected(self) -> int:
+        """Markers that should be seen."""
+
+    @property
+    def evidence(self) -> Evidence:
+        """How much it is worth."""
+
+
+def ambiguity(best: Weighed, other: RunnerUp, decides: str = "a prior pose or the label of a spot") -> str:
+    """Why a solution is no answer beside another one, and what would decide."""
+    angle = float(np.degrees(best.cam_from_model.angle_to(other.cam_from_model)))
+    lead = best.evidence.score - other.score
+    if other.same_labels:
+        return (
+            f"two poses {angle:.1f} degrees apart explain the same labels about equally well (lead {lead:.1f} nats), "
+            "as a flat set of markers far away does: give a prior pose"
+        )
+    missing = best.expected - best.count
+    more = f"make more of the {missing} missing markers visible" if missing else "add a marker that breaks the symmetry"
+    return (
+        f"two labellings are about equally good: {best.count} and {other.count} markers matched, poses {angle:.1f} "
+        f"degrees apart, lead {lead:.1f} nats; the layout is (nearly) symmetric or regular: give {decides}, "
+        f"or {more}"
+    )
