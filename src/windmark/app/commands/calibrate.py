@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from windmark.app import console
-from windmark.app.matching_options import Mask, Roles
+from windmark.app.commands.matching_options import Mask, Roles
 
 Texts = list[str] | None
 

@@ -7,9 +7,9 @@ from typing import Annotated
 
 import typer
 
-from windmark.app import calibrate_command, console
-
-Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON, for machines.")]
+from windmark.app import console
+from windmark.app.commands import calibrate as calibrate_command
+from windmark.app.commands.options import Json
 
 
 def add(app: typer.Typer) -> None:

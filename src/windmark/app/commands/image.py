@@ -1,0 +1,279 @@
+"""Commands that work on images: markers, poses, views. Heavy imports wait until a verb needs them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from windmark.app import console
+from windmark.app.commands.matching_options import (
+    ROLES_ALIGN,
+    Exclude,
+    Label,
+    Mask,
+    MaxTime,
+    NoOcclusion,
+    Prior,
+    PriorMaxAngle,
+    PriorMaxScale,
+    Roles,
+    image_settings,
+    markers_settings,
+    register_settings,
+)
+from windmark.app.commands.options import CameraFile, GridFile, Json, Markers, MeritMax, Polarity, Radius, Seed, Unit
+
+
+def add(app: typer.Typer) -> None:
+    """Add these commands to ``app``."""
+    app.command(
+        epilog="Example: windmark detect run12.tif --radius 3 --picture spots.png --explain rejected.csv."
+        " Tracking: windmark detect run13.tif --near detections.csv -o run13.csv, or"
+        " windmark detect run13.tif --camera run12-registration/run12/camera.json --markers markers.csv"
+    )(detect)
+    app.command(epilog="Example: windmark register run12.tif -m markers.csv -c camera.json -r 3 --unit mm")(register)
+    app.command(
+        epilog="Example: windmark resect run12.tif -c run12-registration/run12/camera.json -g wing.grid --unit mm"
+    )(resect)
+    app.command(
+        epilog="Example: windmark align off.tif on.tif --reference off -m markers.csv -c camera.json -g wing.grid"
+        " -r 3 --unit mm"
+    )(align)
+    app.command(
+        epilog="Example: windmark track run12-*.tif -m markers.csv -c camera.json -r 3 --unit mm -o run12-track"
+    )(track)
+
+
+def detect(
+    images: Annotated[list[Path], typer.Argument(help="Images.")],
+    radius: Radius = None,
+    polarity: Polarity = "dark",
+    merit_max: MeritMax = 0.7,
+    refine: Annotated[
+        str, typer.Option(help="bowl (the paper's centre) or template (fit of a blurred ellipse).")
+    ] = "template",
+    photometry: Annotated[
+        str | None, typer.Option(help="Of the template: multiplicative or additive. [default: by polarity]")
+    ] = None,
+    mask: Mask = None,
+    roi: Annotated[
+        str | None, typer.Option(help="x0,y0,x1,y1: first and last column and row that are used; else all.")
+    ] = None,
+    output: Annotated[Path, typer.Option("--output", "-o", help="Table of the spots, CSV.")] = Path("detections.csv"),
+    picture: Annotated[
+        Path | None, typer.Option(help="Also draw the spots (PNG); several images get a number each.")
+    ] = None,
+    explain: Annotated[
+        Path | None, typer.Option(help="Table of the rejected candidates with the reason; --picture draws them too.")
+    ] = None,
+    merit_map: Annotated[Path | None, typer.Option(help="Also draw the merit of every pixel (PNG).")] = None,
+    channel: Annotated[
+        str, typer.Option(help="Of colour pictures: grey (0.3 R + 0.6 G + 0.1 B), red, green, blue.")
+    ] = ("grey"),
+    bayer: Annotated[
+        str | None, typer.Option(help="The picture is a colour sensor's raw mosaic: RGGB, BGGR, GRBG or GBRG.")
+    ] = None,
+    near: Annotated[
+        Path | None,
+        typer.Option(
+            help="Detections of a frame before: look only near them, with their ellipses; finds faint markers."
+        ),
+    ] = None,
+    camera: Annotated[
+        Path | None, typer.Option("--camera", "-c", help="Camera with a pose: look only where it shows the --markers.")
+    ] = None,
+    markers: Annotated[
+        Path | None, typer.Option("--markers", "-m", help="Marker table, with the camera's length unit and frame.")
+    ] = None,
+    search_px: Annotated[float, typer.Option(help="How far off the expected places may be, along each axis.")] = 2.5,
+    as_json: Json = False,
+) -> None:
+    """Find markers in images: centres, covariances, merit.
+
+    Anywhere; or near expected places (--near, or --camera with --markers), where the predicted ellipse is fitted and
+    each marker is decided by its own false-alarm number: --merit-max and --refine do not matter then.
+    """
+    with console.errors(as_json):
+        from windmark.app import detect_verb, guided_verb
+
+        options = {"polarity": polarity, "merit_max": merit_max, "refine": refine, "photometry": photometry}
+        wishes = detect_verb.Wishes(
+            options, tuple(radius or ()), mask, detect_verb.parse_roi(roi), output, picture, explain, merit_map,
+            channel, bayer,
+        )  # fmt: skip
+        guide = guided_verb.Guide(near, camera, markers, search_px)
+        if guide:
+            guided_verb.detect(images, wishes, guide, as_json)
+        else:
+            detect_verb.detect(images, wishes, as_json)
+
+
+def register(
+    image: Annotated[Path, typer.Argument(help="The image.")],
+    markers: Markers,
+    camera: CameraFile,
+    unit: Unit,
+    radius: Radius = None,
+    polarity: Polarity = "dark",
+    merit_max: MeritMax = 0.7,
+    tolerance_px: Annotated[float | None, typer.Option(help="Largest distance of a spot to its marker.")] = None,
+    free_focal: Annotated[bool, typer.Option(help="The focal length is only roughly known: find it too.")] = False,
+    prior: Prior = None,
+    prior_max_angle: PriorMaxAngle = 30.0,
+    prior_max_scale: PriorMaxScale = 1.3,
+    label: Label = None,
+    exclude: Exclude = None,
+    roles: Roles = None,
+    max_time: MaxTime = None,
+    mask: Mask = None,
+    seed: Seed = 0,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Folder of the results. [default: IMAGE-registration]")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Find which spot is which marker and where the camera was; no start pose is needed."""
+    from windmark.app import verbs
+
+    with console.errors(as_json):
+        settings: dict[str, Any] = {
+            "title": f"Registration of {image.name}",
+            "length_unit": unit,
+            "camera": [{"file": camera}],
+            "image": [image_settings(image, label, exclude)],
+            "markers": markers_settings(markers, roles),
+            "detect": {
+                "radius_px": tuple(radius) if radius else None,
+                "polarity": polarity,
+                "merit_max": merit_max,
+                "mask": mask,
+            },
+            "register": register_settings(
+                seed,
+                max_time,
+                prior,
+                prior_max_angle,
+                prior_max_scale,
+                tolerance_px=tolerance_px,
+                free_focal=free_focal,
+            ),
+            "output": {"folder": output or Path(f"{image.stem}-registration"), "nodes": ()},
+        }
+        verbs.run_settings(settings, as_json)
+
+
+def resect(
+    image: Annotated[Path, typer.Argument(help="The image.")],
+    camera: Annotated[Path, typer.Option("--camera", "-c", help="Camera with a pose, as register writes it.")],
+    grid: GridFile,
+    unit: Unit,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Folder of the results. [default: IMAGE-resection]")
+    ] = None,
+    nodes: Annotated[
+        list[str] | None,
+        typer.Option(help="Formats of the node values: vtk, tecplot, plot3d, csv, netcdf. [default: all]"),
+    ] = None,
+    max_obliquity_deg: Annotated[float, typer.Option(help="Surface seen more obliquely than this gets no value.")] = 80,
+    as_json: Json = False,
+) -> None:
+    """Map a registered image onto the grid: values on nodes, pictures."""
+    from windmark.app import verbs
+
+    with console.errors(as_json):
+        settings: dict[str, Any] = {
+            "title": f"Resection of {image.name}",
+            "length_unit": unit,
+            "camera": [{"file": camera, "pose": "known"}],
+            "image": [{"file": image}],
+            "grid": {"file": grid},
+            "resect": {"max_obliquity_deg": max_obliquity_deg},
+            "output": {"folder": output or Path(f"{image.stem}-resection")} | ({"nodes": nodes} if nodes else {}),
+        }
+        verbs.run_settings(settings, as_json)
+
+
+def align(
+    images: Annotated[list[Path], typer.Argument(help="Images of one camera.")],
+    reference: Annotated[str, typer.Option(help="Name (file stem) of the image that the others are aligned to.")],
+    markers: Markers,
+    camera: CameraFile,
+    grid: GridFile,
+    unit: Unit,
+    radius: Radius = None,
+    polarity: Polarity = "dark",
+    prior: Prior = None,
+    prior_max_angle: PriorMaxAngle = 30.0,
+    prior_max_scale: PriorMaxScale = 1.3,
+    roles: Roles = None,
+    no_occlusion: NoOcclusion = False,
+    max_time: MaxTime = None,
+    mask: Mask = None,
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder of the results.")] = Path("aligned"),
+    seed: Seed = 0,
+    as_json: Json = False,
+) -> None:
+    """3D alignment: recompute images as if all had been taken from the reference image's pose.
+
+    Markers on the walls take no part unless --roles names them: they do not move with the model.
+    """
+    from windmark.app import verbs
+
+    with console.errors(as_json):
+        settings: dict[str, Any] = {
+            "title": f"Alignment to {reference}",
+            "length_unit": unit,
+            "camera": [{"file": camera}],
+            "image": [{"file": path} for path in images],
+            "markers": markers_settings(markers, roles or ROLES_ALIGN),
+            "grid": {"file": grid},
+            "detect": {"radius_px": tuple(radius) if radius else None, "polarity": polarity, "mask": mask},
+            "register": register_settings(
+                seed, max_time, prior, prior_max_angle, prior_max_scale, occlusion=not no_occlusion
+            ),
+            "align": {"reference": reference},
+            "output": {"folder": output, "nodes": ()},
+        }
+        verbs.run_settings(settings, as_json)
+
+
+def track(
+    images: Annotated[list[Path], typer.Argument(help="Images of one camera, in the order in which they were taken.")],
+    markers: Markers,
+    camera: CameraFile,
+    unit: Unit,
+    radius: Radius = None,
+    polarity: Polarity = "dark",
+    merit_max: MeritMax = 0.7,
+    channel: Annotated[str, typer.Option(help="Of colour pictures: grey, red, green, blue.")] = "grey",
+    mask: Mask = None,
+    roles: Roles = None,
+    prior: Annotated[
+        Path | None, typer.Option("--prior", help="Camera file with a pose: the first one is near it (30 deg, 1.3).")
+    ] = None,
+    frames: Annotated[
+        Path | None, typer.Option(help="Table image,frame: the number of every image where frames were dropped.")
+    ] = None,
+    change_deg: Annotated[float, typer.Option(help="How much the rotation per frame changes from frame to frame.")] = (
+        0.3
+    ),
+    change_percent: Annotated[
+        float, typer.Option(help="How much the shift per frame changes, in percent of the markers' distance.")
+    ] = 0.3,
+    max_time: MaxTime = None,
+    seed: Seed = 0,
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder of the results.")] = Path("track"),
+    as_json: Json = False,
+) -> None:
+    """Follow the model through images: pose and labels in each; bad images are flagged and stop nothing."""
+    with console.errors(as_json):
+        from windmark.app import track_verb
+
+        wishes = track_verb.Wishes(images, markers, camera, unit, roles, prior, frames, mask, output)
+        options = {
+            "radius_px": tuple(radius) if radius else None, "polarity": polarity, "merit_max": merit_max,
+            "channel": channel, "max_time_s": max_time, "seed": seed,
+        }  # fmt: skip
+        track_verb.follow_files(wishes, options, (change_deg, change_percent), as_json)

@@ -1,0 +1,101 @@
+"""Commands for planning a test: what markers give. Heavy imports wait until a verb needs them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from windmark.app import console
+from windmark.app.commands.options import Json, Seed, Unit
+
+
+def add(app: typer.Typer) -> None:
+    """Add these commands to ``app``."""
+    app.command(epilog="Example: windmark study --radius 3 --radius 5 --noise-percent 10 --output noisy-markers")(study)
+    markers = typer.Typer(help="Work on marker tables.", no_args_is_help=True, rich_markup_mode=None)
+    app.add_typer(markers, name="markers")
+    markers.command(
+        "check",
+        epilog="Example: windmark markers check markers.csv --unit mm -c camera.json --view-from 0,90 --within 50",
+    )(markers_check)
+
+
+def study(
+    radius: Annotated[
+        list[float] | None,
+        typer.Option("--radius", "-r", help="Reference radius in pixels; give it several times. [default: 2 3 4 5]"),
+    ] = None,
+    span_px: Annotated[float, typer.Option(help="Real radii lie so far below and above the reference radius.")] = 0.5,
+    steps: Annotated[int, typer.Option(help="Real radii per reference radius.")] = 11,
+    markers: Annotated[int, typer.Option(help="Random markers per real radius, rounded up to full rows.")] = 144,
+    max_tilt_deg: Annotated[float, typer.Option(help="Viewing angles are random from 0 to this.")] = 60,
+    blur_passes: Annotated[int, typer.Option(help="How often the image is averaged over 3 x 3 pixels.")] = 1,
+    noise_percent: Annotated[float, typer.Option(help="Noise (1 sigma) in percent of the markers' depth.")] = 3,
+    depth: Annotated[float, typer.Option(help="Depth of the markers in grey levels; images have whole ones.")] = 150,
+    method: Annotated[
+        list[str] | None, typer.Option(help="Refinement of the centre; several times to compare. [default: all]")
+    ] = None,
+    seed: Seed = 0,
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder of the results.")] = Path("marker-study"),
+    as_json: Json = False,
+) -> None:
+    """The paper's uncertainty study: error of virtual markers beside the Cramer-Rao bound, table and pictures."""
+    with console.errors(as_json):
+        from windmark.app import study_verb
+        from windmark.pipeline.study import PAPER_RADII_PX, StudySettings
+
+        settings = StudySettings(
+            tuple(radius or PAPER_RADII_PX), span_px, steps, markers, max_tilt_deg, blur_passes, noise_percent, depth,
+            tuple(method or ()), seed,
+        )  # fmt: skip
+        study_verb.study(settings, output, as_json)
+
+
+def markers_check(
+    file: Annotated[Path, typer.Argument(help="Marker table: CSV or .tgts.")],
+    unit: Unit,
+    camera: Annotated[
+        Path | None,
+        typer.Option("--camera", "-c", help="Interior parameters. [default: 2048 x 1536 px, 30 deg field of view]"),
+    ] = None,
+    grid: Annotated[
+        Path | None, typer.Option("--grid", "-g", help="Surface of the model: it hides markers; new places lie on it.")
+    ] = None,
+    role: Annotated[
+        list[str] | None, typer.Option(help="Only markers of this role; several times. [default: all painted ones]")
+    ] = None,
+    view_from: Annotated[
+        str | None,
+        typer.Option(
+            help="AZIMUTH,ELEVATION in degrees where the camera may stand, seen from the model: from x towards y,"
+            " from the x-y plane towards z. [default: wherever two thirds as many markers are in sight as from the"
+            " best direction]"
+        ),
+    ] = None,
+    within: Annotated[float, typer.Option(help="Half angle of that region, degrees.")] = 40,
+    views: Annotated[int, typer.Option(help="Virtual views in the first round, all round, three per direction.")] = 360,
+    quick: Annotated[bool, typer.Option("--quick", help="120 views, whatever --views says.")] = False,
+    hidden: Annotated[float, typer.Option(help="Percent of the markers in view that are not detected.")] = 30,
+    false: Annotated[float, typer.Option("--false", help="False spots, percent of the markers in view.")] = 50,
+    noise_px: Annotated[float, typer.Option(help="1 sigma per coordinate of a spot.")] = 0.2,
+    advice: Annotated[
+        bool, typer.Option("--advice/--no-advice", help="Look for markers to move or add where it is needed.")
+    ] = True,
+    seed: Seed = 0,
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder of the results.")] = Path("marker-check"),
+    as_json: Json = False,
+) -> None:
+    """Before the test: can the layout be identified from anywhere, what would help, where will the pose be weak."""
+    with console.errors(as_json):
+        from windmark.app import markers_verb
+        from windmark.pipeline.marker_check import CheckSettings
+
+        settings = CheckSettings(
+            view_from=markers_verb.view_from(view_from), within_deg=within,
+            views=markers_verb.QUICK_VIEWS if quick else views, hidden_percent=hidden, false_percent=false,
+            noise_px=noise_px, advise=advice, seed=seed,
+        )  # fmt: skip
+        files = markers_verb.Files(file, camera, grid, unit, tuple(role or ()), output)
+        markers_verb.check(files, settings, as_json)
