@@ -27,7 +27,7 @@ from windmark.adjust.network.covariance import network_covariance
 from windmark.adjust.network.datum import in_datum
 from windmark.geometry.similarity import align
 
-OPTIONS = SolveOptions(gradient_tol=1e-3)
+OPTIONS = SolveOptions(gradient_tol=1e-3, initial_damping=1e-5)
 SEEDS = 920_000
 
 

@@ -27,15 +27,16 @@ Mask = NDArray[np.bool_]
 
 RAYLEIGH = float(np.sqrt(2 * np.log(2.0)))
 """Median length of a residual with unit sigma per coordinate."""
-STAGES, STAGE_STEPS = 15, 8
-"""Robust stages at most, and steps in each."""
+STAGES = 15
+"""Robust stages at most."""
+STAGE = SolveOptions(max_iterations=8, gradient_tol=1e-2, initial_damping=1e-4)
 SETTLED = 0.95
 """A stage that lowers the median residual by less than this factor is the last one."""
 ROUNDS = 12
 """Rounds of leaving out and taking back."""
 RESCUES, MOST_LEFT, RESCUE_PX = 2, 0.6, 5.0
 """Times that views with at most this share of marks left are given a new pose; it must explain them within so much."""
-FINAL = SolveOptions(max_iterations=200, gradient_tol=1e-4)
+FINAL = SolveOptions(max_iterations=200, gradient_tol=1e-4, initial_damping=1e-5)
 ECCENTRIC_PX = 1e-3
 """Change of the discs' eccentricity that asks for another adjustment."""
 
@@ -152,7 +153,7 @@ def _robust(job: Job, state: NetworkState, taken: Mask, shift: Array) -> tuple[N
         problem = NetworkProblem(
             replace(network, loss=Loss("cauchy", DEFAULT_SCALE["cauchy"] * scale)), state, shift[taken]
         )
-        state = minimise(problem, state, SolveOptions(max_iterations=STAGE_STEPS, gradient_tol=1e-2))[0]
+        state = minimise(problem, state, STAGE)[0]
     residual = problem.residual(state)
     assert residual is not None
     fits = np.empty(len(residual), dtype=np.bool_)
