@@ -100,6 +100,7 @@ def test_datum_has_no_default(windmark, plate):
         (("--datum", "free", "--free-focal", "v99"), "v99"),
         (("--datum", "free", "--sigma-px", "0"), "--sigma-px"),
         (("--datum", "free", "--label", "v01:m00=1,2"), "for pictures"),
+        (("--datum", "free", "-r", "3"), "for pictures"),
         (("--datum", "free", "--eccentricity", "on"), "auto, table, off"),
     ],
 )
@@ -207,6 +208,7 @@ def test_two_cameras_with_their_names(windmark, tmp_path):
     cameras = [x for n in ("left", "right") for x in ("-c", f"{n}={tmp_path / n}.json")]
     done = call(windmark, tmp_path, "--datum", "fixed:m00,m01,m02,m03", "--rig", *cameras, size=False)
     assert done.code == 0
+    assert call(windmark, tmp_path, "--datum", "free", *cameras).code == 2  # --size beside --camera
     assert (tmp_path / "out" / "camera-left.json").is_file()
     assert (tmp_path / "out" / "camera-right.json").is_file()
 

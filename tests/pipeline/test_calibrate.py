@@ -23,9 +23,10 @@ from windmark.pipeline.calibrate import (
     write_calibration,
 )
 from windmark.pipeline.calibrate import pictures as rounds
+from windmark.pipeline.calibrate.marks import Marks, start_camera, with_focal
 from windmark.pipeline.calibrate.outputs import datum_words, pose_columns, stations
 from windmark.pipeline.clock import Clock
-from windmark.scene import Detections, MarkerSet
+from windmark.scene import Detections, MarkerSet, Observations, View
 
 
 def table_of(case):
@@ -145,6 +146,27 @@ def test_the_record_has_what_a_machine_needs(done):
     assert got["cameras"]["camera"]["focal_px"]["sigma"] == done.result.sigma("camera", "focal_px")
     assert got["halves"]["done"]
     io.to_json(got)
+
+
+def test_a_long_lens_is_found_from_nothing():
+    """Three widths of the image: beyond the focal lengths that the calibration tries round its start value."""
+    rng, camera = np.random.default_rng(6), Camera((1500, 1000), 4600.0, k1=-0.2)
+    xyz = rng.uniform(-300, 300, (30, 3)) * [1, 0.6, 0.3]
+    poses = [
+        Pose.look_at(3.6 * networks.view(rng).center, rng.normal(0, 10, 3), rng.normal(0, 1, 3)) for _ in range(14)
+    ]
+    seen = [camera.project(p.apply(xyz))[0] for p in poses]
+    noise = np.tile(0.01 * np.eye(2), (420, 1, 1))
+    view, point = np.repeat(np.arange(14), 30), np.tile(np.arange(30), 14)
+    marks = Marks(
+        Observations(view, point, np.concatenate(seen) + rng.normal(0, 0.1, (420, 2)), noise),
+        MarkerSet.make([f"m{k:02d}" for k in range(30)], xyz + rng.normal(0, 2, xyz.shape)),
+        {"camera": start_camera((1500, 1000), None)}, tuple(View(f"v{v:02d}") for v in range(14)),
+    )  # fmt: skip
+    started = with_focal(marks)
+    assert abs(started.cameras["camera"].focal_px / 4600 - 1) < 0.1
+    out = calibrate_marks(started, CalibrateSettings(Free()), Clock())
+    assert abs(out.result.cameras["camera"].focal_px - 4600) < 4 * out.result.sigma("camera", "focal_px")
 
 
 def spots(case, view, *, more, rng):

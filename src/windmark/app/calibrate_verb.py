@@ -24,7 +24,7 @@ from windmark.pipeline.calibrate import (
     record,
     write_calibration,
 )
-from windmark.pipeline.calibrate.marks import start_camera
+from windmark.pipeline.calibrate.marks import start_camera, with_focal
 from windmark.pipeline.clock import Clock
 from windmark.scene import MarkerSet
 
@@ -62,6 +62,8 @@ class Files:
 
 def calibrate(files: Files, settings: CalibrateSettings, match: MatchOptions, as_json: bool) -> None:
     """Calibrate and write everything into a folder, whole or not at all."""
+    if files.cameras and (files.focal_px is not None or files.size_px is not None):
+        raise ValueError("--camera has size and focal length: leave --size and --focal out")
     if files.unit not in io.LENGTH_UNITS:
         raise ValueError(f"--unit must be one of {', '.join(io.LENGTH_UNITS)}, got {files.unit!r}")
     markers = io.read_markers(files.markers, **({"roles": files.roles} if files.roles else {}))
@@ -93,15 +95,15 @@ def _solve(
     """From matches, or from pictures."""
     tables = [p for p in files.inputs if p.suffix.lower() in TABLES]
     if not tables:
-        cameras: dict[str, Camera | None] = dict(files.cameras)
-        if not cameras:
-            cameras = {"camera": start_camera(files.size_px, files.focal_px) if files.size_px else None}
+        if files.size_px is not None:
+            raise ValueError("--size is for a table of matches; pictures have their own size")
+        cameras: dict[str, Camera | None] = dict(files.cameras) or {"camera": None}
         return calibrate_pictures(files.inputs, markers, cameras, match, settings, clock, files.focal_px)
     if len(files.inputs) > 1:
         raise ValueError(f"expected one table of matches or several pictures, got {len(files.inputs)} files with "
                          f"{tables[0].name} among them")  # fmt: skip
-    if match.labels:
-        raise ValueError("--label and --labels are for pictures; a table of matches has its names already")
+    if match != MatchOptions(seed=match.seed):
+        raise ValueError("--radius, --label, --channel and the like are for pictures; a table of matches has its names")
     given = dict(files.cameras)
     if not given:
         if files.size_px is None:
@@ -112,6 +114,9 @@ def _solve(
     if not len(table):
         raise io.FileError(tables[0], "the table has no rows; expected matched marks")
     marks = from_table(table, markers, given, sigma_px=files.sigma_px)
+    if not files.cameras and files.focal_px is None:
+        with clock("focal length from nothing"):
+            marks = with_focal(marks, settings.seed)
     return calibrate_marks(marks, settings, clock), None
 
 

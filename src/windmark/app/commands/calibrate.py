@@ -38,7 +38,8 @@ def calibrate(
     ] = None,
     size: Annotated[str | None, typer.Option(help="WIDTHxHEIGHT of the pictures, where there is no --camera.")] = None,
     focal: Annotated[
-        float | None, typer.Option(help="Rough focal length in pixels. [default: found, from 0.5 to 2 image widths]")
+        float | None,
+        typer.Option(help="Rough focal length in pixels. [default: found; in pictures from 0.33 to 3 widths]"),
     ] = None,
     lens: Annotated[
         str | None,

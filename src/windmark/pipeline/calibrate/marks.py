@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.calibration import StartFocal, start_focal
 from windmark.geometry import Camera, Pose
 from windmark.io import MatchTable
 from windmark.scene import MarkerSet, Observations, View
 
 FIELD = 1.0
-"""Focal length, in widths of the image, from which the search starts where nothing is known: 53 degrees. Focal lengths
-of half to twice as much are tried."""
+"""Focal length, in widths of the image, of a camera of which nothing is known, until the marks say more."""
 
 
 @dataclass(frozen=True)
@@ -38,6 +38,18 @@ class Marks:
 def start_camera(size_px: tuple[int, int], focal_px: float | None) -> Camera:
     """A camera of which only the image's size is known, and perhaps the focal length."""
     return Camera(size_px, focal_px or FIELD * max(size_px))
+
+
+def with_focal(marks: Marks, seed: int = 0) -> Marks:
+    """The marks with focal lengths that they tell themselves (0.4 to 25 widths are tried), where they do."""
+    obs, found = marks.observations, dict(marks.cameras)
+    for name, camera in marks.cameras.items():
+        mine = [v for v, view in enumerate(marks.views) if view.camera == name]
+        pairs = [(marks.markers.xyz[obs.point[obs.view == v]], obs.xy[obs.view == v]) for v in mine]
+        told = start_focal(pairs, camera.size_px, seed=seed)
+        if isinstance(told, StartFocal):
+            found[name] = replace(camera, focal_px=told.focal_px)
+    return replace(marks, cameras=found)
 
 
 def cameras_of(images: Sequence[str], cameras: Sequence[str], given: Sequence[str] | None = None) -> list[str]:

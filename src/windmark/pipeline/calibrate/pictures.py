@@ -32,13 +32,16 @@ ROUGH_SPACING = 0.3
 """Neighbourhood in which a rough marker looks for its spot, as part of the spots' spacing."""
 ROUGH_TABLE = 0.2
 """How far rough markers may be off (1 sigma), as part of the distance to the next one."""
+ANY_FOCAL, GIVEN_FOCAL = 3.0, 1.5
+"""Ratio either way within which focal lengths are tried in the first round: where nothing is known of the camera (round
+the image's width), and where there is a start value."""
 ROUGH_FOCAL, KNOWN_FOCAL = 10.0, 1.1
 """Relative sigma of the focal length up to which a labelling counts: the labels matter here, not the focal length.
 It is free in all rounds, within this ratio from the second on: lens and focus must not cost a picture its labels."""
 LEAD = 4.0
-"""Lead over the next best labelling in the first round, in sigma of what chance gives. Two labellings whose misfits are
-both the markers' rough coordinates differ by chance: N markers have 2 N residuals, and N log of the ratio of two
-variances that are estimated from them scatters by sqrt(2 N)."""
+"""Lead over the next best labelling, in sigma of what chance gives. Two labellings whose misfits are both the markers'
+errors differ by chance: N markers have 2 N residuals, and N log of the ratio of two variances that are estimated from
+them scatters by sqrt(2 N)."""
 ROUNDS, LEAST_PICTURES = 6, 3
 FEWER = (("focal_px", "cx", "cy", "k1", "k2"), ("focal_px", "k1"))
 """Parameters for a first calibration from too few pictures for all that were asked for."""
@@ -134,14 +137,17 @@ def calibrate_pictures(
         For unreadable pictures, sizes that differ, labels of no picture or of no spot.
     """
     pictures, found = _read(paths, markers, cameras, options, clock, focal_px)
-    known, how, excess, done = markers, _rough_options(markers), 0.0, 0
+    nothing = focal_px is None and None in cameras.values()
+    known, how, excess, done = markers, _rough_options(markers, ANY_FOCAL if nothing else GIVEN_FOCAL), 0.0, 0
+    doubtful: set[str] = set()
     for n in range(1, ROUNDS + 1):
         with clock("match"):
-            pictures = [_match(p, known, found[p.camera], options, how, n) for p in pictures]
+            anew = doubtful if n > 2 else {p.name for p in pictures}
+            pictures = [_match(p, known, found[p.camera], options, how, n, p.name in anew) for p in pictures]
         matched = sum(p.registration is not None for p in pictures)
         if matched < LEAST_PICTURES:
             return _too_few(pictures, n), tuple(pictures)
-        if n > 2 and matched <= done:
+        if n > 2 and matched <= done and not doubtful:
             break
         with clock("calibrate"):
             marks = _marks(pictures, markers, found, excess)
@@ -150,8 +156,16 @@ def calibrate_pictures(
             return explained(calibration, marks), tuple(pictures)
         found = {**found, **{k: replace(c, cov=None) for k, c in calibration.cameras.items()}}
         known, how, excess, done = _refined(markers, calibration), {}, _excess(calibration, excess), matched
+        doubtful = set(calibration.suspect) & {p.name for p in pictures}
+    pictures = [_without_labels(p) if p.name in doubtful else p for p in pictures]
     marks = _marks(pictures, markers, found, excess)
     return calibrate_marks(marks, settings, clock), tuple(replace(p, excess_px=excess) for p in pictures)
+
+
+def _without_labels(picture: MatchedPicture) -> MatchedPicture:
+    """A picture that matches by itself, but most of whose marks contradict the others to the end."""
+    problem = "most of its marks contradict the other pictures: wrong labels, or the markers moved"
+    return replace(picture, registration=None, problem=problem, round=0)
 
 
 def _too_few(pictures: Sequence[MatchedPicture], n: int) -> NotCalibrated:
@@ -230,27 +244,34 @@ def _detect(path: Path, name: str, camera: str, options: MatchOptions, clock: Cl
     return MatchedPicture(name, camera, size, spots, fixed)
 
 
-def _rough_options(markers: MarkerSet) -> dict[str, Any]:
+def _rough_options(markers: MarkerSet, focal_range: float) -> dict[str, Any]:
     """Options of `registration.register` for rough coordinates and an unknown focal length."""
-    return {"max_table_error": ROUGH_TABLE, "min_margin": LEAD * float(np.sqrt(2 * len(markers)))}
+    return {"max_table_error": ROUGH_TABLE, "focal_range": focal_range}
 
 
 def _match(
-    picture: MatchedPicture, markers: MarkerSet, camera: Camera, options: MatchOptions, how: dict[str, Any], n: int
+    picture: MatchedPicture,
+    markers: MarkerSet,
+    camera: Camera,
+    options: MatchOptions,
+    how: dict[str, Any],
+    n: int,
+    anew: bool,
 ) -> MatchedPicture:
-    """Match one picture; ``how`` is empty where camera and markers are known."""
+    """Match one picture; ``how`` is empty where camera and markers are known, ``anew`` forgets the last labels."""
     xy = picture.detections.xy
     tolerance = options.tolerance_px
     if how and tolerance is None and len(xy) > 1:
         distance = np.linalg.norm(xy[:, None] - xy[None], axis=2)
         np.fill_diagonal(distance, np.inf)
         tolerance = ROUGH_SPACING * float(np.median(distance.min(axis=1)))
-    # Labels from the second round on were found with good coordinates; those of the first are put to the test again.
-    last = picture.registration if n > 2 else None
+    # Labels of the first round are put to the test again, and later ones that contradict other pictures.
+    last = None if anew else picture.registration
     answer = registration.register(
         picture.detections, markers, camera, fixed=picture.fixed, prior=last.cam_from_model if last else None,
-        tolerance_px=tolerance if how else None, free_focal=True, focal_range=1.5 if how else KNOWN_FOCAL,
-        max_focal_sigma=ROUGH_FOCAL, max_deformation=0.0, max_time_s=options.max_time_s, seed=options.seed, **how,
+        tolerance_px=tolerance if how else None, free_focal=True, max_focal_sigma=ROUGH_FOCAL, max_deformation=0.0,
+        min_margin=LEAD * float(np.sqrt(2 * len(markers))),
+        max_time_s=options.max_time_s, seed=options.seed, **(how or {"focal_range": KNOWN_FOCAL}),
     )  # fmt: skip
     if isinstance(answer, Registration):
         return replace(picture, registration=answer, problem="", round=picture.round or n)
