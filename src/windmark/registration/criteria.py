@@ -119,7 +119,13 @@ class Weighed(Protocol):
         """How much it is worth."""
 
 
-def ambiguity(best: Weighed, other: RunnerUp, decides: str = "a prior pose or the label of a spot") -> str:
+def ambiguity(
+    best: Weighed,
+    other: RunnerUp,
+    decides: str = "a prior pose or the label of a spot",
+    *,
+    by_table_errors: bool = False,
+) -> str:
     """Why a solution is no answer beside another one, and what would decide."""
     angle = float(np.degrees(best.cam_from_model.angle_to(other.cam_from_model)))
     lead = best.evidence.score - other.score
@@ -127,6 +133,12 @@ def ambiguity(best: Weighed, other: RunnerUp, decides: str = "a prior pose or th
         return (
             f"two poses {angle:.1f} degrees apart explain the same labels about equally well (lead {lead:.1f} nats), "
             "as a flat set of markers far away does: give a prior pose"
+        )
+    if by_table_errors:
+        return (
+            f"two labellings differ by no more than errors of the table: {best.count} and {other.count} markers "
+            f"matched, poses {angle:.1f} degrees apart, lead {lead:.1f} nats, but a symmetric table would fit better; "
+            f"the layout is (nearly) symmetric or regular: give {decides}, or a more accurate table"
         )
     missing = best.expected - best.count
     more = f"make more of the {missing} missing markers visible" if missing else "add a marker that breaks the symmetry"

@@ -106,6 +106,15 @@ class Solution:
         steps = int(n[ITERATIONS])
         return SolveReport("converged_gradient", True, steps, steps, float(n[COST_START]), float(n[COST_END]))
 
+    def places(self, plane: Plane) -> Array:
+        """(N, 2) where it has the markers, in the search plane."""
+        x, y, z = (self.unit_xyz(plane) @ self.state.rotation.T + self.state.translation).T
+        return self.focal_px * np.stack([x, y], axis=1) / z[:, None]
+
+    def unit_xyz(self, plane: Plane) -> Array:
+        """(N, 3) markers of the unit model as it has them."""
+        return plane.model.xyz
+
     def shared(self, other: Solution) -> float:
         """Share of the pairs that two solutions have in common, of the smaller one's."""
         same = (self.state.match == other.state.match) & (self.state.match >= 0)

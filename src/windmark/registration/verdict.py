@@ -6,11 +6,12 @@ in view, so a solution is accepted only when others were looked for on purpose a
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from windmark.registration.bent.solution import Bender
+from windmark.registration.bent.solution import Bender, BentSolution
 from windmark.registration.budget import Budget
 from windmark.registration.criteria import ambiguity, is_loose, least_evidence, misfit_of, wrong_focal
 from windmark.registration.final import is_bent
@@ -22,6 +23,7 @@ from windmark.registration.search.quads import QuadSearch
 from windmark.registration.search.ransac import Search
 from windmark.registration.solution import SAME_SHARE, Solution, settle, with_free_focal
 from windmark.registration.task import Limits
+from windmark.registration.twins import told_by_table_errors
 
 SETTLED = 5
 """Candidates that are refined with the full camera model, best first."""
@@ -82,7 +84,7 @@ class Judge:
             )
         best, others = solutions[0], solutions[1:]
         runner_up = _runner_up(best, others[0]) if others else None
-        cause, reason = self._refusal(best, runner_up)
+        cause, reason = self._refusal(best, others)
         if cause is None and self._unchallenged:
             cause = "time"
             reason = f"whether another solution is as good as one of {best.count} of {best.expected} markers is unknown"
@@ -95,7 +97,16 @@ class Judge:
         rigid model is accepted, a deformed one must label more markers: smooth errors of the table or of the lens
         could be had as a deformation as well, and would take the pose with them.
         """
-        found = bender.solutions(_close(self._search.top(BENT)))
+        candidates = _close(self._search.top(BENT))
+        verdict = self._of_deformed(rigid, bender, bender.solutions(candidates))
+        if verdict is rigid:
+            return rigid
+        # Before one is accepted, the others must have had their turn.
+        verdict = self._of_deformed(rigid, bender, bender.solutions(candidates, in_a_hurry=False))
+        return verdict if bender.all_tried(candidates) else rigid
+
+    def _of_deformed(self, rigid: Verdict, bender: Bender, found: list[BentSolution]) -> Verdict:
+        """The verdict on the best of some deformed solutions, best first; the rigid one if it is no better."""
         if not found or self._budget.over:
             return rigid
         best, lead = found[0], 0.0 if rigid.cause else BENT_LEAD
@@ -103,15 +114,14 @@ class Judge:
             return rigid
         if rigid.cause is None and rigid.best is not None and best.count <= rigid.best.count:
             return rigid
-        others = [s for s in (*found[1:], *self._solutions(self._search.top(SETTLED))) if not s.same_as(best)]
-        other = max(others, key=lambda s: s.evidence.score, default=None)
-        runner_up = None if other is None else _runner_up(best, other)
-        if bender.largest(best) > self._limits.deformation or self._refusal(best, runner_up)[0] is not None:
+        solutions = [*found[1:], *self._solutions(self._search.top(SETTLED))]
+        others = sorted((s for s in solutions if not s.same_as(best)), key=lambda s: -s.evidence.score)
+        if bender.largest(best) > self._limits.deformation or self._refusal(best, others)[0] is not None:
             return rigid
         freed = None if self._task.free_focal else with_free_focal(self._plane, best)
         if freed is not None and freed.evidence.score > best.evidence.score + FREED_LEAD:
             return rigid
-        return Verdict(best, runner_up, None, "")
+        return Verdict(best, _runner_up(best, others[0]) if others else None, None, "")
 
     def _challenge(self) -> None:
         """Look for rivals until the best candidate has none better, or the time is over."""
@@ -147,6 +157,8 @@ class Judge:
         best, score = others[0], kept[0].evidence.score if kept else -np.inf
         if best.evidence.score < score + self._limits.margin or not self._beyond_chance(best):
             return None
+        if kept and told_by_table_errors(self._plane, best, kept[0], self._limits.margin):
+            return None
         having = f"{kept[0].count} of {kept[0].expected}" if kept else "no solution"
         return Verdict(best, _runner_up(best, kept[0]) if kept else None, "labels", (
             f"fixed labels contradict the spots: {best.count} of {best.expected} markers in view are matched without "
@@ -156,7 +168,7 @@ class Judge:
     def _beyond_chance(self, best: Solution) -> bool:
         return best.evidence.log10_nfa < self._limits.log10_nfa and best.evidence.score > self._limits.score
 
-    def _refusal(self, best: Solution, runner_up: RunnerUp | None) -> tuple[Cause | None, str]:
+    def _refusal(self, best: Solution, others: Sequence[Solution]) -> tuple[Cause | None, str]:
         limits, evidence = self._limits, best.evidence
         # A label rules out all markers but one.
         known = len(self._task.fixed) * float(np.log(len(self._task.markers)))
@@ -170,8 +182,11 @@ class Judge:
             )
         if misfit := misfit_of(self._plane, limits, best):
             return "misfit", f"the best solution matches {best.count} of {best.expected} markers in view, but {misfit}"
-        if runner_up is not None and evidence.score - runner_up.score < limits.margin:
-            return "ambiguous", ambiguity(best, runner_up)
+        if others and evidence.score - others[0].evidence.score < limits.margin:
+            return "ambiguous", ambiguity(best, _runner_up(best, others[0]))
+        for other in others:
+            if told_by_table_errors(self._plane, best, other, limits.margin):
+                return "ambiguous", ambiguity(best, _runner_up(best, other), by_table_errors=True)
         if self._task.free_focal:
             sigma = best.focal_sigma
             if sigma > limits.focal_sigma:

@@ -35,6 +35,8 @@ SETTLING = 2
 """After so many rounds the excess must not be more than at first."""
 LEAST = 5
 """Fewer pairs are no core."""
+ROUNDING = 1e-10
+"""A determinant below this part of the product of the variances is lost in rounding."""
 FIRST, DOUBT = 4.0, 16.0
 """The excess to start with, and the one expected besides the covariances, are the tolerance divided by these."""
 
@@ -201,10 +203,16 @@ def _near_pairs(plane: Plane, place: Array, cov: Array, excess: float, may: NDAr
 
 
 def _compare(plane: Plane, place: Array, cov: Array, excess: float, m: Ints, s: Ints) -> tuple[Array, Array]:
-    """Squared Mahalanobis distance of pairs, and how much likelier the marker's spot is there than a foreign one."""
+    """Squared Mahalanobis distance of pairs, and how much likelier the marker's spot is there than a foreign one.
+
+    Far from the core a place may be known to thousands of pixels along one line; where rounding leaves no covariance,
+    the distance is infinite.
+    """
     xx, xy, yy = (plane.spots.cov[s] + cov[m] + excess * np.array([1.0, 0.0, 1.0])).T
     (u, v), det = (place[m] - plane.spots.p[s]).T, xx * yy - xy * xy
-    return (yy * u * u - 2 * xy * u * v + xx * v * v) / det, 1 / (2 * np.pi * np.sqrt(det) * plane.spots.density[s])
+    det = np.where(det > ROUNDING * xx * yy, det, np.nan)
+    distance2 = (yy * u * u - 2 * xy * u * v + xx * v * v) / det
+    return np.nan_to_num(distance2, nan=np.inf), 1 / (2 * np.pi * np.sqrt(det) * plane.spots.density[s])
 
 
 def _lead(m: Ints, s: Ints, distance2: Array) -> Array:

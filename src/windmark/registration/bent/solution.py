@@ -69,6 +69,10 @@ class BentSolution(Solution):
         """How many parameters of the deformation the pairs determine."""
         return float(len(self.grown.bent.q) - np.trace(self._cov_q))
 
+    def unit_xyz(self, plane: Plane) -> Array:
+        """(N, 3) markers of the unit model, displaced."""
+        return plane.model.xyz + self.unit_displacement
+
     @property
     def unit_displacement(self) -> Array:
         """(N, 3) displacement of all markers of the unit model."""
@@ -107,14 +111,18 @@ class Bender:
         self._seconds = 0.0
         self._settled: dict[Candidate, BentSolution | None] = {}
 
-    def solutions(self, candidates: list[Candidate]) -> list[BentSolution]:
-        """Distinct deformed solutions, best first; a core of one that is known already is not grown again."""
+    def solutions(self, candidates: list[Candidate], *, in_a_hurry: bool = True) -> list[BentSolution]:
+        """Distinct deformed solutions, best first; a core of one that is known already is not grown again.
+
+        ``in_a_hurry`` no more than `SHARE` of the time is taken, and some candidates may be left.
+        """
         found: list[BentSolution] = []
+        share = SHARE if in_a_hurry else 1.0
         for candidate in candidates:
             if any(_core_of(candidate, known) for known in found):
                 continue
             if candidate not in self._settled:
-                if self._budget.over or self._seconds > SHARE * self._budget.seconds:
+                if self._budget.over or self._seconds > share * self._budget.seconds:
                     break
                 start = self._budget.spent
                 self._settled[candidate] = self._settle(candidate)
@@ -123,6 +131,11 @@ class Bender:
             if solution is not None:
                 found.append(solution)
         return sorted(found, key=lambda s: -s.evidence.score)
+
+    def all_tried(self, candidates: list[Candidate]) -> bool:
+        """Whether no candidate was left for want of time."""
+        known = [s for s in self._settled.values() if s is not None]
+        return all(c in self._settled or any(_core_of(c, solution) for solution in known) for c in candidates)
 
     def _settle(self, candidate: Candidate) -> BentSolution | None:
         """Grow a candidate; None where it falls apart, leaves the prior or a fixed label."""
