@@ -147,7 +147,7 @@ def _settled(plane: Plane, fit: Fit, state: State) -> Markers | None:
     What is hidden depends on the pose and the pose on what is matched; it comes to rest at once but for markers
     on a silhouette, which stay as the last pose has them.
     """
-    if settle_kernel(plane.markers, plane.spots, fit, state) != STEADY:
+    if settle_kernel(plane.markers, plane.spots, fit, state, 0) != STEADY:
         return None
     markers, before = plane.markers, np.zeros(len(state.match), dtype=bool)
     for _ in range(HIDING_ROUNDS):
@@ -157,7 +157,7 @@ def _settled(plane: Plane, fit: Fit, state: State) -> Markers | None:
             break
         before, markers = hidden, without_hidden(plane, hidden, state.rotation, state.translation)
         state.match[hidden] = -1
-        if settle_kernel(markers, plane.spots, fit, state) != STEADY:
+        if settle_kernel(markers, plane.spots, fit, state, 0) != STEADY:
             return None
     return markers
 

@@ -46,8 +46,12 @@ LOST, STEADY = -1, 1
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def settle_kernel(markers: Markers, spots: Spots, fit: Fit, state: State) -> int:
-    """Label and refine until nothing changes: STEADY, or LOST if it falls apart or never comes to rest."""
+def settle_kernel(markers: Markers, spots: Spots, fit: Fit, state: State, trusted: int) -> int:
+    """Label and refine until nothing changes: STEADY, or LOST if it falls apart or never comes to rest.
+
+    The labels that come stay while the excess settles, for so many rounds at most as they are ``trusted``: looking
+    for labels is the larger part of a round.
+    """
     n, numbers, match = markers.xyz.shape[0], state.numbers, state.match
     numbers[EXCESS] = (fit.tolerance / 8.0) ** 2
     doubt2 = (fit.tolerance / 16.0) ** 2
@@ -60,11 +64,14 @@ def settle_kernel(markers: Markers, spots: Spots, fit: Fit, state: State) -> int
         table_spread(markers, state, table)
         before = numbers[EXCESS]
         numbers[EXCESS], known = excess_of(spots, state, table, doubt2, 0.0, taken)
+        steady = abs(math.sqrt(numbers[EXCESS]) - math.sqrt(before)) < 0.02 * math.sqrt(numbers[EXCESS] + known)
+        if round_ < trusted and not steady:
+            continue
         label(markers, spots, fit, state, table, must, new, round_ >= OPEN_ROUNDS)
         same = True
         for m in range(n):
             same = same and new[m] == match[m]
-        if same and abs(math.sqrt(numbers[EXCESS]) - math.sqrt(before)) < 0.02 * math.sqrt(numbers[EXCESS] + known):
+        if same and steady:
             numbers[EXPECTED] = 0.0
             for m in range(n):
                 numbers[EXPECTED] += must[m] or match[m] >= 0
@@ -78,9 +85,12 @@ def settle_kernel(markers: Markers, spots: Spots, fit: Fit, state: State) -> int
 def accept_kernel(markers: Markers, spots: Spots, fit: Fit, state: State) -> bool:
     """The excess by the residuals alone, once the labels are accepted and the doubt about them has no place."""
     table, taken = np.zeros((markers.xyz.shape[0], 3)), 7.0 if fit.focal_weight > 0.0 else 6.0
-    for _ in range(FINAL_ROUNDS):
+    for round_ in range(FINAL_ROUNDS):
         table_spread(markers, state, table)
+        before = state.numbers[EXCESS]
         state.numbers[EXCESS] = excess_of(spots, state, table, 0.0, LUCK, taken)[0]
+        if round_ > 0 and state.numbers[EXCESS] == before:
+            break  # mostly there is none, and the fit was made with that
         if not refine(markers.xyz, spots, fit, state, table):
             return False
     weigh_residuals(spots, state, table, taken)
@@ -100,7 +110,7 @@ def label(
     n, xyz = markers.xyz.shape[0], markers.xyz
     r, t, f, a, match = state.rotation, state.translation, state.numbers[FOCAL], state.factor, state.match
     size = 7 if fit.focal_weight > 0.0 else 6
-    u, v = np.empty(7), np.empty(7)
+    u, v, inverse = np.empty(7), np.empty(7), _inverse_factor(a, size)
     pair_m, pair_s, pair_d = np.empty(64, np.int32), np.empty(64, np.int32), np.empty(64)
     used = 0
     ex = -(r[0, 0] * t[0] + r[1, 0] * t[1] + r[2, 0] * t[2])
@@ -117,7 +127,7 @@ def label(
             continue
         _derivative(r, t, f, xyz[m, 0], xyz[m, 1], xyz[m, 2], u, v)
         x, y = u[6], v[6]
-        xx, xy, yy = _by_pose(a, u, v, size)
+        xx, xy, yy = _by_pose(inverse, u, v, size)
         px, py, valid = project_point(spots.camera, x / spots.camera[0], y / spots.camera[0], 1.0)
         if not valid:
             continue
@@ -153,20 +163,31 @@ def label(
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _by_pose(a: Array, u: Array, v: Array, size: int) -> tuple[float, float, float]:
-    """Covariance of a projection by that of the pose, from the Cholesky factor; uses up the rows."""
-    if size == 6:
-        u[6], v[6] = 0.0, 0.0
+def _inverse_factor(a: Array, size: int) -> Array:
+    """Inverse of a lower triangle."""
+    out = np.zeros((size, size))
+    for i in range(size):
+        out[i, i] = 1.0 / a[i, i]
+        for j in range(i):
+            total = 0.0
+            for k in range(j, i):
+                total += a[i, k] * out[k, j]
+            out[i, j] = -total * out[i, i]
+    return out
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _by_pose(inverse: Array, u: Array, v: Array, size: int) -> tuple[float, float, float]:
+    """Covariance of a projection by that of the pose, from the inverse of its Cholesky factor."""
     xx, xy, yy = 0.0, 0.0, 0.0
     for i in range(size):
-        for k in range(i):
-            u[i] -= a[i, k] * u[k]
-            v[i] -= a[i, k] * v[k]
-        u[i] /= a[i, i]
-        v[i] /= a[i, i]
-        xx += u[i] * u[i]
-        xy += u[i] * v[i]
-        yy += v[i] * v[i]
+        along_u, along_v = 0.0, 0.0
+        for k in range(i + 1):
+            along_u += inverse[i, k] * u[k]
+            along_v += inverse[i, k] * v[k]
+        xx += along_u * along_u
+        xy += along_u * along_v
+        yy += along_v * along_v
     return xx, xy, yy
 
 

@@ -13,11 +13,9 @@ from windmark.adjust import SolveReport
 from windmark.geometry import Pose
 from windmark.geometry.rotations import hat
 from windmark.registration.criteria import MISFIT, least_evidence, table_excess, too_large
-from windmark.registration.register import MIN_COUNT
 from windmark.registration.result import Cause, NotRegistered, Registration, RunnerUp
 from windmark.registration.task import Limits
 from windmark.registration.track._kernels.motion import MOST_CHANGE, Estimate, difference, predict_kernel
-from windmark.registration.track._kernels.spots import to_plane_kernel
 from windmark.registration.track._kernels.step import (
     COUNT,
     DISTANCE2,
@@ -29,6 +27,7 @@ from windmark.registration.track._kernels.step import (
     LOG10_NFA,
     LOST,
     MISFIT_PX,
+    NOT_FINITE,
     OUTCOME,
     RIVAL_COUNT,
     RIVAL_SHARED,
@@ -40,6 +39,7 @@ from windmark.registration.track._kernels.step import (
     STEPS,
     SUPPOSED,
     TOLERANCE,
+    TOO_FEW,
     UNSURE,
     WORTH,
     step_kernel,
@@ -62,7 +62,7 @@ class Stepped(NamedTuple):
     """What became of a frame, see `step_kernel`; of the solution and its rival only where it was labelled."""
 
     numbers: Array  # see the kernel's `OUTCOME` and the names beside it
-    rotation: Array  # (3, 3) of the unit model
+    rotation: Array  # (3, 3)
     translation: Array  # (3,)
     cov: Array  # (6, 6) of [rotation, translation] for exp(delta) @ pose, of the model
     marker: NDArray[np.int64]  # (K,)
@@ -83,33 +83,30 @@ def step(
     least_density: float,
 ) -> tuple[Registration | NotRegistered, TrackState]:  # fmt: skip
     """Follow one frame; a falsy answer, and the state as it was, where the prediction does not lead to a labelling."""
+    assert state.estimate is not None, "step: a first frame is registered"
     prepared, layout = state.prepared, state.prepared.layout
-    xy, cov, index = np.ascontiguousarray(detections.xy), np.ascontiguousarray(detections.cov), None
-    if not math.isfinite(float(cov.sum())):
-        raise ValueError("track: detections.cov must be finite")
-    plane = to_plane_kernel(prepared.packed, prepared.size, xy)
-    if math.isnan(float(plane.sum())):
-        index = np.flatnonzero(np.isfinite(plane[:, 0]))
-        plane, xy, cov = plane[index], xy[index], cov[index]
-    if len(xy) < MIN_COUNT:
-        return NotRegistered(f"{len(xy)} spots: too few", "too_few", options=options), state
+    xy, cov, frame = np.ascontiguousarray(detections.xy), np.ascontiguousarray(detections.cov), layout.frame
     done = Stepped(*step_kernel(
-        prepared.markers, layout.model.near, layout.symmetries, prepared.packed, prepared.size, layout.frame.scale,
-        plane, xy, cov, state.estimate, state.change, motion.change, dt + state.missed,
+        *prepared.markers, layout.model.near, *layout.symmetries, prepared.packed, prepared.size, frame.centre,
+        frame.scale, xy, cov, *state.estimate, state.change, motion.change, dt + state.missed,
         options["tolerance_px"] or 0.0, least_density, limits.margin,
     ))  # fmt: skip
     n = done.numbers.tolist()  # plain floats are faster
+    if n[OUTCOME] == NOT_FINITE:
+        raise ValueError("track: detections.cov must be finite")
+    if n[OUTCOME] == TOO_FEW:
+        return NotRegistered(f"{n[COUNT]:.0f} spots: too few", "too_few", options=options), state
     if n[OUTCOME] != LABELLED:
         return NotRegistered(OUTCOMES[n[OUTCOME]], "nothing", options=options), state
-    if (refusal := _refusal(n, done, prepared, limits, len(state.marker))) is not None:
+    if (refusal := _refusal(n, done, limits, len(state.marker))) is not None:
         return replace(refusal, options=options), state
-    answer = _registration(prepared, done, n, index, {**options, "dt": dt})
+    answer = _registration(prepared, done, n, {**options, "dt": dt})
     estimate = Estimate(done.new_rotation, done.new_translation, done.new_velocity, done.new_cov)
     new = TrackState("tracked", "", estimate, done.change, done.marker, state.n_frames + 1, 0.0, prepared)
     return answer, new
 
 
-def _refusal(n: list[float], done: Stepped, prepared: Prepared, limits: Limits, before: int) -> NotRegistered | None:
+def _refusal(n: list[float], done: Stepped, limits: Limits, before: int) -> NotRegistered | None:
     """Why the labelling is not accepted: the tests of `verdict.Judge`, and the motion; None if it is.
 
     ``before`` markers were matched in the last good frame.
@@ -138,32 +135,30 @@ def _refusal(n: list[float], done: Stepped, prepared: Prepared, limits: Limits, 
     else:
         return None
     reason = f"the prediction matches {count} of {expected} markers in view, {but}"
-    return NotRegistered(reason, cause, count, runner_up=_runner_up(n, done, prepared))
+    return NotRegistered(reason, cause, count, runner_up=_runner_up(n, done))
 
 
-def _runner_up(n: list[float], done: Stepped, prepared: Prepared) -> RunnerUp | None:
+def _runner_up(n: list[float], done: Stepped) -> RunnerUp | None:
     if not math.isfinite(n[LEAD]):
         return None
-    pose = prepared.layout.frame.pose(done.rival_rotation, done.rival_translation)
+    pose = Pose(done.rival_rotation, done.rival_translation)
     shared = 2 * n[RIVAL_SHARED] > n[RIVAL_COUNT]
     return RunnerUp(n[WORTH] - n[LEAD], pose, int(n[RIVAL_COUNT]), shared)
 
 
-def _registration(
-    prepared: Prepared, done: Stepped, n: list[float], index: NDArray[np.int64] | None, options: dict[str, Any]
-) -> Registration:
+def _registration(prepared: Prepared, done: Stepped, n: list[float], options: dict[str, Any]) -> Registration:
     steps = int(n[STEPS])
     return Registration(
-        cam_from_model=prepared.layout.frame.pose(done.rotation, done.translation),
+        cam_from_model=Pose(done.rotation, done.translation),
         camera=prepared.camera,
-        matching=Matching(done.spot if index is None else index[done.spot], done.marker, done.distance),
+        matching=Matching(done.spot, done.marker, done.distance),
         rms_px=n[RMS_PX],
         residuals=done.residual,
         cov=done.cov,
         excess_px=n[EXCESS_PX],
         score=n[WORTH],
         log10_nfa=n[LOG10_NFA],
-        runner_up=_runner_up(n, done, prepared),
+        runner_up=_runner_up(n, done),
         n_expected=int(n[SEEN]),
         n_hypotheses=1,
         report=SolveReport("converged_gradient", True, steps, steps, n[FIRST_COST], n[LAST_COST]),

@@ -272,7 +272,7 @@ def fit_with_prior(
         for i in range(6):
             g[i] = 0.0
             for j in range(6):
-                a[i, j] = prior[2][i, j]
+                a[i, j] = prior[2][i, j]  # the factorisation looks at the lower half only
                 g[i] += prior[2][i, j] * away[j]
         for m in range(match.shape[0]):
             s = match[m]
@@ -284,7 +284,7 @@ def fit_with_prior(
             w *= min(1.0, HUBER / math.sqrt(w * (du * du + dv * dv) + 1e-300))
             for i in range(6):
                 g[i] += w * (u[i] * du + v[i] * dv)
-                for j in range(6):
+                for j in range(i + 1):
                     a[i, j] += w * (u[i] * u[j] + v[i] * v[j])
         if not cholesky(a, 6, 1e-13):
             return False

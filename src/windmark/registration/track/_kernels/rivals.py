@@ -2,7 +2,7 @@
 
 On regular rows a labelling that has slipped by one spacing fits nearly as well. Every near-symmetry of the model makes
 such a rival of the solution; those that could come near are refined, and the better worth, of picture and motion
-together, decides. Private to the registration room. Tested as a whole: tests/registration/test_track.py.
+together, decides. Private to the registration room. Readable twin: tests/registration/test_track_rivals.py.
 """
 
 from __future__ import annotations
@@ -27,8 +27,12 @@ Ints = NDArray[np.int32]
 
 JUMP = 15.0
 """No motion is more unlikely than this (nats): the model may be knocked, so a prediction is never certain."""
+TURN, TURN_LEFT = 0.5, 0.5
+"""A rival turned by more than this (rad) keeps at least so much of it when it is refined."""
 REACH = 0.45
 """A rival's pose before its refinement is wrong by this part of the spacing at most."""
+LOOSER = 4.0
+"""The covariance of a rival's pose is taken for so many times that of the solution."""
 SAME = 0.6
 """With more than this share of the pairs in common a rival is the solution itself."""
 
@@ -72,7 +76,10 @@ def rival_kernel(
         np.zeros((7, 7)),
     )  # fmt: skip
     r, t, lead = trial.rotation, trial.translation, math.inf
-    sigma2 = _typical_variance(best)
+    gain = -np.log(2.0 * math.pi * _typical_variance(best) * spots.density)
+    slack, spread = _slack(markers.xyz, near), np.empty((6, 6))
+    invert_factored(best.factor, spread)
+    spread = predicted[2] + LOOSER * spread
     for k in range(onto.shape[0] + 1):
         trial.numbers[:] = 0.0
         trial.numbers[FOCAL] = best.numbers[FOCAL]
@@ -82,14 +89,15 @@ def rival_kernel(
             for m in range(n):
                 if onto[k, m] >= 0:
                     trial.match[onto[k, m]] = best.match[m]
-            if _most(markers, near, spots, r, t, best.numbers[FOCAL], sigma2) < worth - margin:
+            least = worth - margin + _motion_least(r, t, predicted, spread, slack)
+            if _most(markers, near, spots, r, t, best.numbers[FOCAL], gain) < least:
                 continue
         else:
             _mirrored(markers.xyz, best.match, best.rotation, best.translation, r, t)
             trial.match[:] = best.match
             if _turned_too_far(r, best.rotation, predicted[2]):
                 continue
-        if settle_kernel(markers, spots, fit, trial) != STEADY or _same(best, trial, k < onto.shape[0]):
+        if settle_kernel(markers, spots, fit, trial, 0) != STEADY or _same(best, trial, k < onto.shape[0]):
             continue
         other = worth - worth_of(spots, trial) + unlikely(trial, predicted)
         if other < lead:
@@ -114,6 +122,36 @@ def _moved_back(best: State, turn: Array, shift: Array, r: Array, t: Array) -> N
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
+def _slack(xyz: Array, near: Ints) -> float:
+    """How far the model's centre may move, at most, when a rival is refined; see `REACH`."""
+    total, n = 0.0, xyz.shape[0]
+    for m in range(n):
+        apart = 0.0
+        for i in range(3):
+            apart += (xyz[m, i] - xyz[near[m, 0], i]) ** 2
+        total += math.sqrt(apart)
+    return REACH * total / n
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _motion_least(r: Array, t: Array, predicted: tuple[Array, Array, Array], spread: Array, slack: float) -> float:
+    """The least that the motion can speak against a rival (nats) once it is refined; see `unlikely`.
+
+    A Mahalanobis distance is never less than that of a part of the coordinates: here of the centre across the line of
+    sight, less what the refinement can move it by, and of a large turn.
+    """
+    away = np.empty(6)
+    difference(r, t, predicted[0], predicted[1], away)
+    xx, xy, yy = spread[3, 3], spread[3, 4], spread[4, 4]
+    across = max(0.0, math.hypot(away[3], away[4]) - slack)
+    least = across**2 / (0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy))
+    turn = math.sqrt(away[0] ** 2 + away[1] ** 2 + away[2] ** 2)
+    if turn > TURN:
+        least = max(least, (TURN_LEFT * turn) ** 2 / (spread[0, 0] + spread[1, 1] + spread[2, 2]))
+    return min(JUMP, 0.5 * least)
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
 def _typical_variance(best: State) -> float:
     total, count = 0.0, 0
     for m in range(best.match.shape[0]):
@@ -124,13 +162,13 @@ def _typical_variance(best: State) -> float:
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _most(markers: Markers, near: Ints, spots: Spots, r: Array, t: Array, f: float, sigma2: float) -> float:
-    """The most that a rival can be worth: all spots near its markers fit without a residual."""
+def _most(markers: Markers, near: Ints, spots: Spots, r: Array, t: Array, f: float, gain: Array) -> float:
+    """The most that a rival can be worth: spots near its markers fit without a residual, worth ``gain`` (M,) each."""
     n, xyz = markers.xyz.shape[0], markers.xyz
     ex = -(r[0, 0] * t[0] + r[1, 0] * t[1] + r[2, 0] * t[2])
     ey = -(r[0, 1] * t[0] + r[1, 1] * t[1] + r[2, 1] * t[2])
     ez = -(r[0, 2] * t[0] + r[1, 2] * t[1] + r[2, 2] * t[2])
-    expected, count, gain = 0, 0, 0.0
+    expected, count, total = 0, 0, 0.0
     for m in range(n):
         facing = _towards(markers.normal, m, ex - xyz[m, 0], ey - xyz[m, 1], ez - xyz[m, 2])
         x, y, z = to_camera(r, t, xyz[m, 0], xyz[m, 1], xyz[m, 2])
@@ -150,9 +188,9 @@ def _most(markers: Markers, near: Ints, spots: Spots, r: Array, t: Array, f: flo
             if spots.p[s, 0] - u > reach:
                 break
             if (spots.p[s, 0] - u) ** 2 + (spots.p[s, 1] - v) ** 2 < reach2:
-                best = max(best, -math.log(2.0 * math.pi * sigma2 * spots.density[s]))
+                best = max(best, gain[s])
         if best > -math.inf:
-            gain += best
+            total += best
             count += 1
             expected += 1
         elif facing > GRAZING:
@@ -161,7 +199,7 @@ def _most(markers: Markers, near: Ints, spots: Spots, r: Array, t: Array, f: flo
     if count < 4:
         return -math.inf
     p_seen = min(0.95, max(0.25, (count + 1.0) / (expected + 2.0)))
-    return gain + count * math.log(p_seen) + (expected - count) * math.log(1.0 - p_seen)
+    return total + count * math.log(p_seen) + (expected - count) * math.log(1.0 - p_seen)
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")

@@ -47,7 +47,7 @@ from windmark.registration.track._kernels.motion import (
     update_kernel,
 )
 from windmark.registration.track._kernels.rivals import rival_kernel, worth_of
-from windmark.registration.track._kernels.spots import spots_of
+from windmark.registration.track._kernels.spots import spots_of, to_plane_kernel
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int32]
@@ -59,18 +59,21 @@ Ints = NDArray[np.int32]
 """Places in the numbers of a step, and how many there are."""
 ANGLE_LEAST, SCALE_LEAST, SIGMAS = math.radians(5.0), 0.05, 4.0
 """What the prediction rules out counts as that of a prior: within so many sigma, and no sharper than this."""
-FIXED = 3
-"""Pairs that determine a pose."""
+FIXED, MIN_COUNT = 3, 4
+"""Pairs that determine a pose, and that fix it and check it."""
 UNSURE_RAD, UNSURE_SCALE = 0.15, 0.08
 """A prediction with a larger sigma is not worth a trial."""
-UNSURE, LOST, LABELLED = 0, 1, 2
+TRUSTED = 4
+"""Labels from the gates stay for so many rounds at most while the excess settles, see `settle_kernel`."""
+UNSURE, LOST, LABELLED, TOO_FEW, NOT_FINITE = range(5)
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def step_kernel(
-    markers: Markers, near: Ints, symmetries: tuple[Ints, Array, Array], camera: Array, size: Array, scale: float,
-    p: Array, xy: Array, spot_cov: Array, before: Estimate, change: Array, expected_change: Array, dt: float,
-    given_tolerance: float, least_density: float, margin: float,
+    xyz: Array, normal: Array, sigma: Array, near: Ints, onto: Ints, turn: Array, shift: Array, camera: Array,
+    size: Array, centre: Array, scale: float, xy: Array, spot_cov: Array, rotation: Array, translation: Array,
+    velocity: Array, cov: Array, change: Array, expected_change: Array, dt: float, given_tolerance: float,
+    least_density: float, margin: float,
 ) -> tuple[
     Array, Array, Array, Array, NDArray[np.int64], NDArray[np.int64], Array, Array, Array, Array, Array, Array, Array,
     Array, Array,
@@ -79,9 +82,11 @@ def step_kernel(
 
     Parameters
     ----------
-    scale : size of the unit model
-    p, xy, spot_cov : (M, 2) spots in the search plane and in the image, (M, 2, 2) their covariance in the image
-    before, change, dt : see `predict_kernel`
+    xyz, normal, sigma, near, onto, turn, shift, centre, scale : the unit model, its near-symmetries, and its `Frame`;
+        one by one, since numba takes ten times as long over tuples of arrays
+    xy, spot_cov : (M, 2) spots in the image, (M, 2, 2) their covariance; those that the lens has no inverse for are
+        left out
+    rotation, translation, velocity, cov, change, dt : see `Estimate` and `predict_kernel`
     expected_change : (2,) that the adapted one stays near to
     given_tolerance : of the search; 0 takes the usual one
     margin : rivals that cannot come so near (nats) are not looked at
@@ -90,44 +95,53 @@ def step_kernel(
     -------
     The fields of `registration.track.step.Stepped`; a plain tuple, since numba is slow to give back a named one.
     """
-    predicted = predict_kernel(before, change, dt)
+    markers = Markers(xyz, normal, sigma)
+    p = to_plane_kernel(camera, size, xy)
+    index = np.flatnonzero(p[:, 0] == p[:, 0])
+    if len(index) < len(xy):
+        p, xy, spot_cov = p[index], xy[index], spot_cov[index]
+    predicted = predict_kernel(Estimate(rotation, translation, velocity, cov), change, dt)
     r0, t0, prior = predicted.rotation, predicted.translation, predicted.cov[:6, :6].copy()
     best, rival, out = _room(markers), _room(markers), np.zeros(NUMBERS)
     out[LEAD], f = math.inf, camera[0]
     distance2 = t0[0] ** 2 + t0[1] ** 2 + t0[2] ** 2
-    innovation, cov, known, spread = np.empty(6), np.eye(6), np.empty(6), np.eye(6)
-    turn = max(prior[0, 0], prior[1, 1], prior[2, 2])
-    if turn < UNSURE_RAD**2 and prior[5, 5] < UNSURE_SCALE**2 * distance2:
+    innovation, measured, known, spread = np.empty(6), np.eye(6), np.empty(6), np.eye(6)
+    if not math.isfinite(spot_cov.sum()):
+        out[OUTCOME] = NOT_FINITE
+    elif len(index) < MIN_COUNT:
+        out[OUTCOME], out[COUNT] = TOO_FEW, len(index)
+    elif max(prior[0, 0], prior[1, 1], prior[2, 2]) < UNSURE_RAD**2 and prior[5, 5] < UNSURE_SCALE**2 * distance2:
         out[OUTCOME] = LOST
         spots, tolerance = spots_of(camera, size, p, spot_cov, least_density)
         out[TOLERANCE] = tolerance = given_tolerance if given_tolerance > 0.0 else tolerance
         fit = Fit(tolerance, f, 0.0)
         if _label(markers, near, spots, f, tolerance, (r0, t0, prior), best, out):
             best.numbers[FOCAL] = f
-            if settle_kernel(markers, spots, fit, best) == STEADY:
+            if settle_kernel(markers, spots, fit, best, TRUSTED) == STEADY:
                 out[OUTCOME] = LABELLED
     if out[OUTCOME] == LABELLED:
         _weigh(markers, near, spots, xy, spot_cov, best, prior, t0, out)
         difference(best.rotation, best.translation, r0, t0, innovation)
-        invert_factored(best.factor, cov)
-        out[DISTANCE2] = distance2_of(innovation, prior, cov)
-        out[LEAD] = rival_kernel(markers, near, spots, fit, symmetries, (r0, t0, prior), best, margin, rival)
+        invert_factored(best.factor, measured)
+        out[DISTANCE2] = distance2_of(innovation, prior, measured)
+        out[LEAD] = rival_kernel(markers, near, spots, fit, (onto, turn, shift), (r0, t0, prior), best, margin, rival)
         if accept_kernel(markers, spots, fit, best):
-            invert_factored(best.factor, cov)
+            invert_factored(best.factor, measured)
             difference(best.rotation, best.translation, r0, t0, innovation)
             out[EXCESS_PX] = math.sqrt(best.numbers[EXCESS])
         for k in range(6):
-            known[k] = prior[k, k] + cov[k, k]
-        spread = _of_model(cov, best.translation, scale)
+            known[k] = prior[k, k] + measured[k, k]
+        spread = _of_model(measured, best.translation, scale)
         _compare(best, rival, out)
         change = adapted(change, expected_change, innovation, known, distance2, dt)
-        predicted = update_kernel(predicted, innovation, cov)
-    marker, spot, residual, distance = _pairs(markers, camera, xy, best)
+        predicted = update_kernel(predicted, innovation, measured)
+    marker, spot, residual, distance = _pairs(markers, camera, xy, index, best)
     if len(distance):
         out[RMS_PX] = math.sqrt((distance**2).mean())
     return (
-        out, best.rotation, best.translation, spread, marker, spot, residual, distance, rival.rotation,
-        rival.translation, predicted.rotation, predicted.translation, predicted.velocity, predicted.cov, change,
+        out, best.rotation, _of_frame(best, centre, scale), spread, marker, spot, residual, distance, rival.rotation,
+        _of_frame(rival, centre, scale), predicted.rotation, predicted.translation, predicted.velocity, predicted.cov,
+        change,
     )  # fmt: skip
 
 
@@ -153,7 +167,7 @@ def _compare(best: State, rival: State, out: Array) -> None:
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def _pairs(
-    markers: Markers, camera: Array, xy: Array, best: State
+    markers: Markers, camera: Array, xy: Array, index: NDArray[np.int64], best: State
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], Array, Array]:
     """Markers, spots, residuals in the image and their length."""
     count = 0
@@ -168,11 +182,22 @@ def _pairs(
             continue
         x, y, z = to_camera(best.rotation, best.translation, markers.xyz[m, 0], markers.xyz[m, 1], markers.xyz[m, 2])
         u, v, _ = project_point(camera, x, y, z)
-        marker[k], spot[k] = m, s
+        marker[k], spot[k] = m, index[s]
         residual[k, 0], residual[k, 1] = u - xy[s, 0], v - xy[s, 1]
         distance[k] = math.hypot(residual[k, 0], residual[k, 1])
         k += 1
     return marker, spot, residual, distance
+
+
+@nb.njit(cache=True, nogil=True)
+def _of_frame(state: State, centre: Array, scale: float) -> Array:
+    """Translation of the model's pose; see `Frame.pose`."""
+    out = np.empty(3)
+    for i in range(3):
+        out[i] = scale * state.translation[i]
+        for j in range(3):
+            out[i] -= state.rotation[i, j] * centre[j]
+    return out
 
 
 @nb.njit(cache=True, nogil=True)
