@@ -113,7 +113,8 @@ def _refusal(n: list[float], done: Stepped, limits: Limits, before: int) -> NotR
     """
     count, expected = int(n[COUNT]), int(n[SEEN])
     loose = too_large(n[MISFIT_PX], n[EXCESS_PX], n[SIGMA])
-    least = least_evidence(limits, n[SHARE], count, expected, loose)
+    # A labelling that is right in parts only is loose: being near the prediction says nothing for it.
+    least = least_evidence(limits, 1.0 if loose else n[SHARE], count, expected, loose)
     excess, allowed = table_excess(limits, n[EXCESS_PX], 2 * count - 6, n[SPACING], n[SIGMA])
     cause: Cause
     if not (n[LOG10_NFA] < limits.log10_nfa and n[WORTH] > least):
