@@ -33,6 +33,9 @@ WORTH_A_LOOK = 60.0
 """Candidates whose search score is this much (nats) below the best are no rivals."""
 BENT = 5
 """Candidates from which a deformed model is grown."""
+MOSTLY = 0.7
+"""In clutter a deformed model must label so many of the markers in view: with dirt everywhere some of it lies where a
+deformation of a partly right labelling would have the rest."""
 BENT_LEAD = 5.0
 """How much better (nats) it must be than a rigid solution that is accepted."""
 FREED_LEAD = 10.0
@@ -113,6 +116,8 @@ class Judge:
         if rigid.best is not None and best.evidence.score < rigid.best.evidence.score + lead:
             return rigid
         if rigid.cause is None and rigid.best is not None and best.count <= rigid.best.count:
+            return rigid
+        if len(self._task.xy) > CLUTTERED * len(self._task.markers) and best.count < MOSTLY * best.expected:
             return rigid
         solutions = [*found[1:], *self._solutions(self._search.top(SETTLED))]
         others = sorted((s for s in solutions if not s.same_as(best)), key=lambda s: -s.evidence.score)
