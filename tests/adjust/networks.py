@@ -71,3 +71,16 @@ def project(state, view_frame, view_offset, view_camera, v, p):
         xy[o], _ = camera.project(x)
         inside[o] = camera.in_image(xy[o])
     return xy, inside
+
+
+def whole(system):
+    """The information matrix and the free motions of all parameters, dense ones first."""
+    d = len(system.g_d)
+    out = np.zeros((d + len(system.g_e),) * 2)
+    out[:d, :d] = np.triu(system.h_dd) + np.triu(system.h_dd, 1).T
+    out[d:, :d], out[:d, d:] = system.h_ed, system.h_ed.T
+    size = system.h_ee.shape[1]
+    for e, block in enumerate(system.h_ee):
+        s = slice(d + e * size, d + (e + 1) * size)
+        out[s, s] = block
+    return out, np.concatenate([system.gauge.dense, system.gauge.blocks])

@@ -143,13 +143,7 @@ def test_step_solves_the_whole_system(name):
     problem = NetworkProblem(case.network, case.start)
     system = problem.linearise(case.start)
     d = len(system.g_d)
-    whole = np.zeros((d + len(system.g_e),) * 2)
-    whole[:d, :d] = np.triu(system.h_dd) + np.triu(system.h_dd, 1).T
-    whole[d:, :d], whole[:d, d:] = system.h_ed, system.h_ed.T
-    size = system.h_ee.shape[1]
-    for e, block in enumerate(system.h_ee):
-        s = slice(d + e * size, d + (e + 1) * size)
-        whole[s, s] = block
+    whole, _ = networks.whole(system)
     gradient = np.concatenate([system.g_d, system.g_e])
     damping = 0.05
     damped = whole + np.diag(damping * np.maximum(np.diagonal(whole), 1.0))

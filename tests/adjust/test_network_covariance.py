@@ -21,19 +21,6 @@ def solved(case):
     return problem, values, system
 
 
-def whole(system):
-    """The information matrix and the free motions of all parameters."""
-    d = len(system.g_d)
-    out = np.zeros((d + len(system.g_e),) * 2)
-    out[:d, :d] = np.triu(system.h_dd) + np.triu(system.h_dd, 1).T
-    out[d:, :d], out[:d, d:] = system.h_ed, system.h_ed.T
-    size = system.h_ee.shape[1]
-    for e, block in enumerate(system.h_ee):
-        s = slice(d + e * size, d + (e + 1) * size)
-        out[s, s] = block
-    return out, np.concatenate([system.gauge.dense, system.gauge.blocks])
-
-
 def inner(information, motions, condition):
     """Covariance under condition^T dx = 0, by the bordered matrix."""
     n, g = motions.shape
@@ -47,7 +34,7 @@ def test_any_datum_is_that_of_the_bordered_matrix(away):
     case = networks.make(11, points=15, eliminate=away)
     problem, _, system = solved(case)
     cov = network_covariance(system, problem.layout)
-    information, motions = whole(system)
+    information, motions = networks.whole(system)
     lay = problem.layout
     for points in (None, np.arange(15) % 3 == 0):
         datum = in_datum(cov, points)

@@ -31,12 +31,10 @@ class Gauge:
     Parameters
     ----------
     dense : (D, g) of the dense parameters
-    point : (N, 3, g) of all points, free or not
     blocks : (E b, g) of the eliminated parameters
     """
 
     dense: Array
-    point: Array
     blocks: Array
 
 
@@ -52,7 +50,7 @@ def free_motions(network: Network, layout: Layout, state: NetworkState, units: U
         dense[here] = values[start >= 0]
     values, index = (point, columns.point_block) if layout.points_eliminated else (frame, columns.frame_block)
     blocks[index[index >= 0]] = values[index >= 0]
-    return Gauge(dense, point, blocks.reshape(layout.blocks * layout.size, g))
+    return Gauge(dense, blocks.reshape(layout.blocks * layout.size, g))
 
 
 def _motions(layout: Layout, state: NetworkState, units: Units) -> tuple[Array, Array, Array]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.adjust.blocks import POSE_PARAMETERS, CameraBlock
+from windmark.adjust.blocks import CameraBlock
 from windmark.adjust.network._arrays import Columns, Units
 from windmark.adjust.network.model import Network
 from windmark.adjust.network.state import NetworkState
@@ -26,7 +26,6 @@ class Layout:
     columns : dense columns and eliminated blocks
     dense : number of dense columns D
     blocks, size : number and size of the eliminated blocks
-    names : (D,) names of the dense parameters
     center, unit : (3,), float: centroid of the points and their root mean square distance from it
     """
 
@@ -34,7 +33,6 @@ class Layout:
     dense: int
     blocks: int
     size: int
-    names: tuple[str, ...]
     center: Array
     unit: float
 
@@ -56,29 +54,27 @@ def make_layout(network: Network, state: NetworkState) -> Layout:
     away = network.eliminate
     if away == "auto":
         away = "points" if 3 * int((point & ~barred).sum()) >= 6 * int(frame.sum()) else "frames"
-    count, names = 0, []
+    count = 0
     camera = np.full((len(network.free_camera), 11), -1)
     for c, free in enumerate(network.free_camera):
         for name in (p for p in PARAMETERS if p in free):
             camera[c, PARAMETERS.index(name)] = count
-            names.append(f"camera {c} {name}")
             count += 1
 
-    def number(free: NDArray[np.bool_], what: str, parts: tuple[str, ...]) -> Ints:
+    def number(free: NDArray[np.bool_], size: int) -> Ints:
         nonlocal count
         out = np.full(len(free), -1)
         for i in np.flatnonzero(free):
             out[i] = count
-            names.extend(f"{what} {i} {part}" for part in parts)
-            count += len(parts)
+            count += size
         return out
 
-    offset = number(network.free_offset, "offset", POSE_PARAMETERS)
+    offset = number(network.free_offset, 6)
     dense_frame = frame if away == "points" else np.zeros_like(frame)
     dense_point = point & barred if away == "points" else point
-    frame_column = number(dense_frame, "frame", POSE_PARAMETERS)
-    focal = number(_both(network.free_focal, network.used_view), "focal", ("change",))
-    point_column = number(dense_point, "point", ("x", "y", "z"))
+    frame_column = number(dense_frame, 6)
+    focal = number(_both(network.free_focal, network.used_view), 1)
+    point_column = number(dense_point, 3)
     columns = Columns(
         camera, offset, frame_column, focal, point_column,
         _blocks(frame & ~dense_frame), _blocks(point & ~dense_point), np.ascontiguousarray(network.held),
@@ -87,7 +83,7 @@ def make_layout(network: Network, state: NetworkState) -> Layout:
     used = state.points[network.used_point]
     center = used.mean(axis=0)
     unit = float(np.sqrt(((used - center) ** 2).sum(axis=1).mean())) or 1.0
-    return Layout(columns, count, int(blocks.sum()), size, tuple(names), center, unit)
+    return Layout(columns, count, int(blocks.sum()), size, center, unit)
 
 
 def _both(free: NDArray[np.bool_] | None, used: NDArray[np.bool_]) -> NDArray[np.bool_]:
