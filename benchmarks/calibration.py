@@ -28,7 +28,7 @@ from windmark.adjust.network.datum import in_datum
 from windmark.geometry.similarity import align
 
 OPTIONS = SolveOptions(gradient_tol=1e-3, initial_damping=1e-5)
-SEEDS = 920_000
+SEEDS = 1_920_000
 
 
 def efficiency(name: str, held: bool, runs: int) -> dict[str, float]:

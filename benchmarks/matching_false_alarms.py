@@ -18,7 +18,7 @@ from windmark.registration import Registration, prepare, register
 
 LIMITS = (0, -1, -2, -3)
 KINDS = {"uniform clutter": cases.clutter, "clustered clutter": cases.clusters}
-FIRST_SEED = 910_000
+FIRST_SEED = 1_910_000
 OPEN = {"max_log10_nfa": 3.0, "min_score": -1e9, "min_margin": 0.0, "max_table_error": 1e9}
 """Options that accept anything: only the number is of interest."""
 

@@ -30,7 +30,7 @@ from windmark.registration import RigRegistration, prepare, register_rig
 from windmark.registration.rig.search import FAR_REACH
 from windmark.scene import Detections, MarkerSet
 
-SEEDS = 900_000
+SEEDS = 1_900_000
 CELLS = ((0.0, 0.0), (0.5, 1.0), (0.7, 1.0))
 
 

@@ -28,7 +28,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "registration"))
 import track_scenes as sequences
 from registration_scenes import Scene
 
-FIRST_SEED = 910_000
+FIRST_SEED = 1_910_000
 FRAMES, JUMPS, EMPTY = 40, (12, 22, 31), (17, 26)
 CELLS = (
     ("A", "slow", 0.2, 0.5), ("A", "medium", 0.5, 1.0), ("A", "fast", 0.5, 1.0), ("A0", "medium", 0.5, 1.0),
