@@ -78,7 +78,7 @@ def bend_of(seed: int, tip: float) -> bent_scenes.Bend:
     )
 
 
-def main(quick: bool = False, count: int = 500, first: int = 1_900_000) -> dict[str, dict[str, float]]:
+def main(quick: bool = False, count: int = 500, first: int = 2_900_000) -> dict[str, dict[str, float]]:
     """Measure, print one table, return its rows."""
     count = 8 if quick else count
     figures: dict[str, dict[str, float]] = {}

@@ -87,6 +87,15 @@ def test_a_rigid_model_stays_rigid_and_the_same():
         np.testing.assert_array_equal(free.cov, held.cov)
 
 
+@pytest.mark.parametrize("seed", [1_730_607, 1_730_641])
+def test_a_deformation_does_not_stand_in_for_the_rigid_model(seed):
+    # Half of 150 markers hidden: a labelling of a part, bent, was good enough before the rigid one was found.
+    image = scenes.scene(seed, "C", hidden=0.5, false=1.0)
+    result = register(image.detections, image.markers, image.camera)
+    assert result and result.deformation is None
+    assert scenes.pose_error_px(result.cam_from_model, image, result.camera) < 1.0
+
+
 def test_where_the_rigid_model_labels_all_it_is_kept():
     scene, _ = bent_scenes.scene(7111, "A", Bend(0.02))
     free = register(scene.detections, scene.markers, scene.camera)

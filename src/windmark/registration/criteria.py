@@ -24,7 +24,7 @@ MISSED = float(np.log(5.0))
 """More evidence (nats) that such a misfit needs for each missing marker, as if four of five were seen: a labelling that
 is right in parts only, or by chance, explains them so, and a part of a large model has much evidence ..."""
 LOOSE_AND_SPARSE = 40.0
-"""... and so much again where half of the markers are missing, or more."""
+"""... and so much where most markers are missing; in clutter, where half are, and on top of the other."""
 CLEARLY_BETTER, FOCAL_OFF = 20.0, 0.05
 """It is refused when another one is better by so much (nats), and away from it by this (relative) and by 5 sigma."""
 
@@ -83,11 +83,15 @@ def too_large(misfit_px: float, excess_px: float, sigma_px: float) -> bool:
     return misfit_px > SUSPICIOUS * sigma_px and excess_px > sigma_px
 
 
-def least_evidence(limits: Limits, share: float, count: int, expected: int, loose: bool) -> float:
+def least_evidence(
+    limits: Limits, share: float, count: int, expected: int, loose: bool, *, cluttered: bool = True
+) -> float:
     """Evidence (nats) that a solution needs; ``share`` is what a prior leaves of all poses."""
-    least = limits.score + float(np.log(share))
+    least, missed = limits.score + float(np.log(share)), MISSED * (expected - count)
+    if loose and cluttered:
+        return least + (LOOSE_AND_SPARSE if 2 * count <= expected else 0.0) + missed
     if loose:
-        least += (LOOSE_AND_SPARSE if 2 * count <= expected else 0.0) + MISSED * (expected - count)
+        return least + max(LOOSE_AND_SPARSE if 2 * count < expected else 0.0, missed)
     return least
 
 

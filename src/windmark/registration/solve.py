@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.registration.bent.solution import BentSolution
 from windmark.registration.budget import Budget
 from windmark.registration.directions import WeakDirection, weak_directions
 from windmark.registration.final import Final, finish, is_bent
@@ -93,13 +94,13 @@ def _judge(search: Search | QuadSearch, limits: Limits, max_links: int, budget: 
         best = search.best
         if best is not None and best.score > STOP_AT and best is not judged:
             verdict = judge.verdict()
-            if verdict.cause is None:
+            deformed = verdict.cause is None and isinstance(verdict.best, BentSolution)
+            if (verdict.cause is None and not deformed) or verdict.cause in ("focal", "wrong_focal", "labels"):
                 return verdict, False
             judged = search.best
-            if verdict.cause in ("focal", "wrong_focal", "labels"):
-                return verdict, False
-            if verdict.cause == "ambiguous":
-                # Of two equally good solutions both may be wrong: search on, but not for long.
+            if deformed or verdict.cause == "ambiguous":
+                # Of two equally good solutions both may be wrong, and a deformation can stand in for the rigid
+                # solution that is not yet found: search on, but not for long.
                 max_links = min(max_links, 3 * links + 50_000)
         late = budget.over
         if links >= max_links or late:

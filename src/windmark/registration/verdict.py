@@ -66,6 +66,10 @@ class Judge:
         self._challenged: list[Candidate] = []
         self._unchallenged = False  # the time was over before all rivals had been looked for
 
+    @property
+    def _cluttered(self) -> bool:
+        return len(self._task.xy) > CLUTTERED * len(self._task.markers)
+
     def verdict(self) -> Verdict:
         """Look for rivals of the best candidate, refine the best few, and decide."""
         self._challenge()
@@ -117,7 +121,7 @@ class Judge:
             return rigid
         if rigid.cause is None and rigid.best is not None and best.count <= rigid.best.count:
             return rigid
-        if len(self._task.xy) > CLUTTERED * len(self._task.markers) and best.count < MOSTLY * best.expected:
+        if self._cluttered and best.count < MOSTLY * best.expected:
             return rigid
         solutions = [*found[1:], *self._solutions(self._search.top(SETTLED))]
         others = sorted((s for s in solutions if not s.same_as(best)), key=lambda s: -s.evidence.score)
@@ -178,7 +182,8 @@ class Judge:
         # A label rules out all markers but one.
         known = len(self._task.fixed) * float(np.log(len(self._task.markers)))
         loose = is_loose(self._plane, best)
-        least = least_evidence(limits, self._task.prior_share, best.count, best.expected, loose) - known
+        share, cluttered = self._task.prior_share, self._cluttered
+        least = least_evidence(limits, share, best.count, best.expected, loose, cluttered=cluttered) - known
         if not (evidence.log10_nfa < limits.log10_nfa and evidence.score > least):
             return "weak", (
                 f"the best solution matches {best.count} of {best.expected} markers in view, which could be chance: "
