@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from windmark.calibration import start_focal
-from windmark.calibration.homography import fit_homography
 from windmark.calibration.start_focal import zhang_focal
 from windmark.geometry import Camera, Pose
+from windmark.geometry.two_view.homography import fit_homography
 from windmark.synth import board_spots
 
 SIZE = (2000, 1500)

@@ -19,9 +19,9 @@ from windmark.adjust.levenberg_marquardt import SolveOptions, minimise
 from windmark.adjust.loss import Loss
 from windmark.adjust.network.covariance import network_covariance
 from windmark.calibration.focal_fit import FREE, Fit, Mark, adjusted, distances, problem_of
-from windmark.calibration.homography import robust_homography
 from windmark.calibration.start import LEAST, start_poses
 from windmark.geometry import PARAMETERS, Camera, DegenerateGeometry, Pose
+from windmark.geometry.two_view.homography import robust_homography
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -8,6 +8,17 @@ from windmark.geometry.p4pf import FocalPose, p4pf
 from windmark.geometry.pose import Pose, PoV
 from windmark.geometry.similarity import Similarity, align
 from windmark.geometry.triangulation import Triangulation, triangulate
+from windmark.geometry.two_view import (
+    TwoView,
+    epipolar_curve,
+    epipolar_distance,
+    epipolar_lines,
+    essential_from_poses,
+    estimate_two_view,
+    fundamental_from_poses,
+    relative_pose_refine,
+    sampson_distance,
+)
 
 __all__ = [
     "PARAMETERS",
@@ -20,9 +31,18 @@ __all__ = [
     "Pose",
     "Similarity",
     "Triangulation",
+    "TwoView",
     "align",
+    "epipolar_curve",
+    "epipolar_distance",
+    "epipolar_lines",
+    "essential_from_poses",
+    "estimate_two_view",
+    "fundamental_from_poses",
     "imaged_ellipse",
     "p3p",
     "p4pf",
+    "relative_pose_refine",
+    "sampson_distance",
     "triangulate",
 ]

@@ -13,7 +13,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.calibration.homography import fit_homography, transfer
+from windmark.geometry.two_view.homography import fit_homography, transfer
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -8,7 +8,7 @@ from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from windmark.calibration.board.grow import NOISE, Lattice, Prediction, fill, take
-from windmark.calibration.homography import fit_homography, transfer
+from windmark.geometry.two_view.homography import fit_homography, transfer
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

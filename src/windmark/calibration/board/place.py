@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from windmark.calibration.board.axes import Frame, seen, symmetries
 from windmark.calibration.board.grow import Lattice
 from windmark.calibration.board.view import Freedom
-from windmark.calibration.homography import fit_homography
+from windmark.geometry.two_view.homography import fit_homography
 
 Ints = NDArray[np.int64]
 

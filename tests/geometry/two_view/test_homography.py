@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from windmark.calibration.homography import fit_homography, robust_homography, transfer
+from windmark.geometry.two_view.homography import fit_homography, robust_homography, transfer
 
 H = np.array([[300.0, -40.0, 800.0], [25.0, 280.0, 600.0], [0.08, -0.05, 1.0]])
 

@@ -1,0 +1,201 @@
+"""The chosen model of two views, refined on all its pairs, with covariance and with what it leaves open."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.geometry.pose import Pose
+from windmark.geometry.two_view.candidates import GATE_LINE, GATE_POINT
+from windmark.geometry.two_view.choice import chance_at_point, chance_on_line
+from windmark.geometry.two_view.decompose import PlanePose, cheirality, decompose_homography
+from windmark.geometry.two_view.homography_refine import (
+    across,
+    homography_errors,
+    plane_pose_covariance,
+    refine_matrix,
+    refine_rotation,
+)
+from windmark.geometry.two_view.matrices import essential_from_poses
+from windmark.geometry.two_view.pairs import Pairs
+from windmark.geometry.two_view.refine import inverse_normal, pose_covariance, refine_pose, sampson_errors
+from windmark.geometry.two_view.result import TwoView
+from windmark.geometry.two_view.search import Candidate, log10_false_alarms
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_DOUBT = 12.0  # sigma^2 by which another pose may be worse and still be possible
+_WEAK_DEG = 10.0  # a direction known no better than this counts as not determined
+_PARALLAX = 3.0  # sigmas: the median parallax must have as many
+_OTHER_RAD = 1e-3  # poses less apart are the same
+
+
+def rotation_view(found: Candidate[Array], pairs: Pairs, known: bool) -> TwoView:
+    """No baseline shows: a rotation on the pairs near it."""
+    inliers = found.squares < GATE_POINT
+    rotation, residual, normal = refine_rotation(found.model, pairs[inliers])
+    squares = homography_errors(rotation, pairs)
+    s0 = _sigma0(residual, 3)
+    parallax, sigma = _parallax(Pose(rotation, np.zeros(3)), pairs[inliers])
+    return TwoView(
+        "rotation",
+        inliers,
+        np.sqrt(squares),
+        f"no baseline: a rotation alone explains the pairs (parallax {parallax:.3g} deg, its sigma {sigma:.2g} deg)",
+        ("baseline", "depth"),
+        rotation=rotation,
+        cov=inverse_normal("rotation", normal, ("rotation",)) * _scale(s0, known),
+        homography=rotation,
+        sigma0=s0,
+        parallax_deg=parallax,
+        parallax_sigma_deg=sigma,
+        log10_nfa=log10_false_alarms(len(pairs), int(inliers.sum()), 2, 1, chance_at_point(rotation, pairs)),
+    )
+
+
+def plane_view(found: Candidate[Array], pairs: Pairs, known: bool) -> TwoView:
+    """Points on a plane: the pose, often two, from the homography."""
+    inliers = found.squares < GATE_POINT
+    near = pairs[inliers]
+    h, residual, normal = refine_matrix(found.model, near)
+    directions = across(h).reshape(8, 9)
+    s0 = _sigma0(residual, 8)
+    cov9 = directions.T @ inverse_normal("homography", normal, ("homography",)) @ directions * _scale(s0, known)
+    first, *others = _by_all_pairs(decompose_homography(h, near.a, near.b), pairs)
+    parallax, sigma = _parallax(first.b_from_a, near)
+    view = TwoView(
+        "homography-plane",
+        inliers,
+        np.sqrt(homography_errors(h, pairs)),
+        "points on a plane: two poses explain them equally well" if others else "",
+        ("pose: one of two",) if others else (),
+        first.b_from_a,
+        first.b_from_a.rotation,
+        plane_pose_covariance(first, h, cov9),
+        h,
+        first.normal,
+        tuple(p.b_from_a for p in others),
+        s0,
+        parallax,
+        sigma,
+        log10_false_alarms(len(pairs), int(inliers.sum()), 4, 1, chance_at_point(h, pairs)),
+    )
+    return _with_weakness(view)
+
+
+def essential_view(found: list[Candidate[Pose]], pairs: Pairs, known: bool) -> TwoView | None:
+    """Points in space: the best pose, and others nearly as good; None if fewer than five pairs agree."""
+    pose, inliers = _settled(found[0].model, pairs)
+    if inliers.sum() < 5:
+        return None
+    near = pairs[inliers]
+    pose, residual, normal = refine_pose(pose, near)
+    cov = pose_covariance(pose, inverse_normal("essential", normal, ("relative pose",)))
+    s0 = _sigma0(residual, 5)
+    doubt = float(residual @ residual) + _DOUBT * max(_scale(s0, False), 1.0 if known else 0.0)
+    others = _others([c.model for c in found[1:]], pose, near, doubt)
+    errors = sampson_errors(essential_from_poses(pose), pairs)
+    parallax, sigma = _parallax(pose, near)
+    view = TwoView(
+        "essential",
+        inliers,
+        errors,
+        "two or more poses explain the pairs equally well" if others else "",
+        ("pose: one of several",) if others else (),
+        pose,
+        pose.rotation,
+        cov * _scale(s0, known),
+        alternatives=others,
+        sigma0=s0,
+        parallax_deg=parallax,
+        parallax_sigma_deg=sigma,
+        log10_nfa=log10_false_alarms(len(pairs), int(inliers.sum()), 5, 10, chance_on_line(pose, pairs)),
+    )
+    return _with_weakness(view)
+
+
+def _settled(pose: Pose, pairs: Pairs) -> tuple[Pose, Mask]:
+    """The pairs near the pose and in front of both cameras, after a refinement on them."""
+    inliers = np.ones(len(pairs), dtype=bool)
+    for _ in range(3):
+        near = sampson_errors(essential_from_poses(pose), pairs) ** 2 < GATE_LINE
+        near &= ~_behind(pose, pairs)
+        if (near == inliers).all() or near.sum() < 5:
+            return pose, near
+        inliers = near
+        pose = refine_pose(pose, pairs[inliers])[0]
+    return pose, inliers
+
+
+def _behind(pose: Pose, pairs: Pairs) -> Mask:
+    """Pairs that meet behind a camera and whose parallax shows it (far points may seem to diverge)."""
+    angle, sigma = _angles(pose, pairs)
+    return ~cheirality(pose, pairs.a, pairs.b) & (angle > _PARALLAX * sigma)
+
+
+def _others(poses: list[Pose], best: Pose, near: Pairs, doubt: float) -> tuple[Pose, ...]:
+    kept: list[Pose] = []
+    for start in poses:
+        pose, residual, _ = refine_pose(start, near)
+        possible = residual @ residual < doubt and not _behind(pose, near).any()
+        if possible and all(_apart(pose, k) > _OTHER_RAD for k in (best, *kept)):
+            kept.append(pose)
+    return tuple(kept)
+
+
+def _apart(p: Pose, q: Pose) -> float:
+    """Larger of the angles (radians) between rotations and between baselines."""
+    across = np.linalg.norm(np.cross(p.translation, q.translation))
+    return max(float(p.angle_to(q)), float(np.arctan2(across, p.translation @ q.translation)))
+
+
+def _by_all_pairs(planes: tuple[PlanePose, ...], pairs: Pairs) -> list[PlanePose]:
+    """Without copies, and first the one that more pairs off the plane agree with (too few to decide: see `choose`)."""
+    cost = [np.minimum(sampson_errors(essential_from_poses(p.b_from_a), pairs) ** 2, GATE_LINE).sum() for p in planes]
+    first, *others = (planes[k] for k in np.argsort(cost, kind="stable"))
+    return [first, *(p for p in others if _apart(p.b_from_a, first.b_from_a) > _OTHER_RAD)]
+
+
+def _with_weakness(view: TwoView) -> TwoView:
+    """Adds a tiny baseline to the reasons: its direction, or the depth of most points, is not determined."""
+    assert view.cov is not None
+    direction = float(np.degrees(np.sqrt(np.linalg.eigvalsh(view.cov[3:, 3:])[-1])))
+    shown = view.parallax_deg >= _PARALLAX * view.parallax_sigma_deg
+    weak = (*(("baseline direction",) if direction > _WEAK_DEG else ()), *(() if shown else ("depth",)))
+    if not weak:
+        return view
+    words = (
+        f"tiny baseline: parallax {view.parallax_deg:.3g} deg, its sigma {view.parallax_sigma_deg:.2g} deg; "
+        f"direction of the baseline +- {direction:.2g} deg"
+    )
+    return replace(view, weak=(*view.weak, *weak), reason="; ".join(r for r in (view.reason, words) if r))
+
+
+# --- numbers -------------------------------------------------------------------------------------
+def _sigma0(residual: Array, parameters: int) -> float:
+    dof = len(residual) - parameters
+    return float(np.sqrt(residual @ residual / dof)) if dof > 0 else float("nan")
+
+
+def _scale(s0: float, known: bool) -> float:
+    """What covariances are multiplied by."""
+    return 1.0 if known or not np.isfinite(s0) else s0**2
+
+
+def _angles(pose: Pose, pairs: Pairs) -> tuple[Array, Array]:
+    """Angle (N,) between the two rays of a pair and its sigma, radians; isotropic noise of the same size is assumed."""
+    y = pairs.a @ pose.rotation.T
+    angle = np.arctan2(np.linalg.norm(np.cross(y, pairs.b), axis=1), np.sum(y * pairs.b, axis=1))
+    variance = [
+        np.trace(c, axis1=1, axis2=2) / 2 / np.sum(r * r, axis=1)
+        for r, c in ((pairs.a, pairs.cov_a), (pairs.b, pairs.cov_b))
+    ]
+    return angle, np.sqrt(variance[0] + variance[1])
+
+
+def _parallax(pose: Pose, pairs: Pairs) -> tuple[float, float]:
+    angle, sigma = _angles(pose, pairs)
+    return float(np.degrees(np.median(angle))), float(np.degrees(np.median(sigma)))
