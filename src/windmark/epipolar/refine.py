@@ -1,0 +1,119 @@
+"""Poses from the points themselves: one adjustment of all poses and points, the cameras as they are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.adjust.levenberg_marquardt import SolveOptions, minimise
+from windmark.adjust.loss import DEFAULT_SCALE, Loss
+from windmark.adjust.network import Network, NetworkProblem, NetworkState
+from windmark.adjust.network.covariance import network_covariance
+from windmark.adjust.network.datum import in_datum
+from windmark.geometry import Camera, DegenerateGeometry, Pose, align
+from windmark.geometry.rotations import hat
+from windmark.scene import Observations
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+LEAST = 6
+"""Points that a view needs for a new pose."""
+STEPS = SolveOptions(max_iterations=15, gradient_tol=1e-2, initial_damping=1e-4)
+FITS, MOST = 4.0, 0.6
+"""A view has a new pose where more than this share of its residuals is within so many sigmas."""
+SHRINK = 0.7
+"""The robust scale follows the residuals until it shrinks by less than this."""
+MEDIAN = float(np.sqrt(2 * np.log(2.0)))
+"""Median length of a residual with unit sigma per coordinate."""
+
+
+@dataclass(frozen=True)
+class Refined:
+    """Poses (V,) and their covariances (V, 6, 6) among themselves; ``scale`` is that of the residuals, in sigmas."""
+
+    poses: Pose
+    pose_cov: Array
+    scale: float
+    moved: Mask
+
+
+def refine_poses(
+    cameras: tuple[Camera, ...], poses: Pose, pose_cov: Array, xyz: Array, observations: Observations
+) -> Refined | None:
+    """Adjust poses and points to the observations; None where these do not determine them.
+
+    The frame is that in which the points, on the whole, do not move: the poses' common error stays, what they
+    disagree in goes. Views with fewer than six points, or whose observations contradict the others, keep pose and
+    covariance.
+    """
+    views = len(cameras)
+    view, point = observations.view, observations.point
+    enough = np.bincount(view, minlength=views) >= LEAST
+    used = enough[view]
+    seen = np.bincount(point[used], minlength=len(xyz))
+    used &= seen[point] >= 2
+    if enough.sum() < 2 or used.sum() < 3 * LEAST:
+        return None
+    network = Network(
+        view[used], point[used], observations.xy[used], observations.cov[used], np.arange(views), np.arange(views),
+        np.full(views, -1), ((),) * views, enough, np.zeros((len(xyz), 3), bool), eliminate="points",
+    )  # fmt: skip
+    state = NetworkState(cameras, poses, xyz)
+    try:
+        problem, state, scale = _robust(network, state)
+        system = problem.linearise(state)
+        assert system is not None
+        covariance = in_datum(network_covariance(system, problem.layout))
+        kept = np.bincount(point[used], minlength=len(xyz)) > 0
+        fit = align(state.points[kept], xyz[kept])
+    except (DegenerateGeometry, ValueError):
+        return None
+    enough &= _fitting(problem, state, views, scale)
+    dense, units = covariance.dense(), problem.units(state)
+    out = pose_cov.copy()
+    for v in np.flatnonzero(enough):
+        index = problem.layout.columns.frame[v] + np.arange(6)
+        change = np.eye(6)
+        change[3:, :3], change[3:, 3:] = hat(units.frame_pivot[v]), units.frame_scale[v] * np.eye(3)
+        out[v] = change @ dense[np.ix_(index, index)] @ change.T * scale**2
+        out[v, 3:] *= fit.scale
+        out[v, :, 3:] *= fit.scale
+    turn = fit.rotation.T
+    rotation = state.frames.rotation @ turn
+    translation = fit.scale * state.frames.translation - rotation @ fit.translation
+    rotation, translation = (
+        np.where(enough.reshape(-1, *([1] * (new.ndim - 1))), new, old)
+        for new, old in ((rotation, poses.rotation), (translation, poses.translation))
+    )
+    return Refined(Pose(rotation, translation), out, scale, enough)
+
+
+def _fitting(problem: NetworkProblem, state: NetworkState, views: int, scale: float) -> Mask:
+    """(V,) views most of whose observations agree with the others."""
+    residual = problem.residual(state)
+    assert residual is not None
+    view = problem.network.view[problem.order]
+    good = np.linalg.norm(residual, axis=1) < FITS * max(scale, 1.0)
+    return np.asarray(np.bincount(view[good], minlength=views) > MOST * np.bincount(view, minlength=views))
+
+
+def _robust(network: Network, state: NetworkState) -> tuple[NetworkProblem, NetworkState, float]:
+    """The minimum under a Cauchy loss whose scale follows the median residual."""
+    scale = np.inf
+    for _ in range(8):
+        problem = NetworkProblem(network, state)
+        residual = problem.residual(state)
+        if residual is None:
+            raise ValueError("a point is behind its camera")
+        now = max(float(np.median(np.linalg.norm(residual, axis=1))) / MEDIAN, 1e-12)
+        if now > SHRINK * scale:
+            break
+        scale = now
+        problem = NetworkProblem(
+            replace(network, loss=Loss("cauchy", DEFAULT_SCALE["cauchy"] * max(scale, 1.0))), state
+        )
+        state = minimise(problem, state, STEPS)[0]
+    return problem, state, scale
