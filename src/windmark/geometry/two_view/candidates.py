@@ -14,11 +14,13 @@ from windmark.geometry.rotations import project_to_so3
 from windmark.geometry.two_view.decompose import decompose_homography
 from windmark.geometry.two_view.homography_refine import homography_errors, refine_rotation
 from windmark.geometry.two_view.pairs import Pairs
+from windmark.geometry.two_view.refine import STEPS
 from windmark.geometry.two_view.search import (
     Candidate,
     best_few,
     essential_candidates,
     homography_candidates,
+    optimised_homography,
     optimised_pose,
 )
 
@@ -28,7 +30,7 @@ OUTSIDE = 0.0027  # probability that a right pair is outside the gate (3 sigma)
 GATE_LINE = float(chdtri(1, OUTSIDE))  # sigma^2, distance to an epipolar line
 GATE_POINT = float(chdtri(2, OUTSIDE))  # sigma^2, distance to a point
 _WIDE = 9.0
-_PLANE_TRIALS = 100
+_PLANE_TRIALS = 48
 
 
 @dataclass(frozen=True)
@@ -48,10 +50,10 @@ def find_candidates(pairs: Pairs, rng: np.random.Generator, trials: int) -> Cand
     space = essential_candidates(pairs, GATE_LINE, rng, trials) if len(pairs) >= 6 else []
     near = space[0].squares < GATE_LINE if space else np.ones(len(pairs), dtype=bool)
     planes = homography_candidates(pairs[near], GATE_POINT, rng, min(trials, _PLANE_TRIALS)) if near.sum() >= 4 else []
-    if not planes:
+    settled = [optimised_homography(p.model, pairs, GATE_POINT, (1.0, 1.0), STEPS) for p in planes]
+    plane = next((p for p in settled if p is not None), None)
+    if plane is None:
         return Candidates(None, None, space)
-    squares = homography_errors(planes[0].model, pairs)
-    plane = Candidate(planes[0].model, squares, float(np.minimum(squares, GATE_POINT).sum()))
     if space:
         starts = [optimised_pose(p, pairs, GATE_LINE) for p in _poses_of_plane(plane, pairs)]
         space = best_few([*space, *(c for c in starts if c is not None)])

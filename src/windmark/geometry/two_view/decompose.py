@@ -43,13 +43,12 @@ def ray_depths(b_from_a: Pose, rays_a: ArrayLike, rays_b: ArrayLike) -> tuple[Ar
     Of ``depth_a R rays_a + t = depth_b rays_b`` in the least-squares sense; infinite or NaN for parallel rays.
     """
     y, b = np.asarray(rays_a, dtype=float) @ b_from_a.rotation.T, np.asarray(rays_b, dtype=float)
-    t, normal = b_from_a.translation, np.cross(y, b)
-    square = np.sum(normal * normal, axis=-1)
+    t = b_from_a.translation
+    yy, bb, yb = np.sum(y * y, axis=-1), np.sum(b * b, axis=-1), np.sum(y * b, axis=-1)
+    yt, bt = y @ t, b @ t
     with np.errstate(invalid="ignore", divide="ignore"):
-        return (
-            np.asarray(np.sum(np.cross(b, t) * normal, axis=-1) / square),
-            np.asarray(np.sum(np.cross(y, t) * normal, axis=-1) / square),
-        )
+        square = yy * bb - yb * yb
+        return np.asarray((yb * bt - bb * yt) / square), np.asarray((yy * bt - yb * yt) / square)
 
 
 def cheirality(b_from_a: Pose, rays_a: ArrayLike, rays_b: ArrayLike) -> Mask:

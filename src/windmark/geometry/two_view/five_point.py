@@ -59,11 +59,13 @@ def essential_five_point(rays_a: ArrayLike, rays_b: ArrayLike) -> Array:
     basis = np.linalg.svd(design)[2][:, 5:].reshape(-1, 4, 3, 3)
     constraints = _constraints(basis)
     w, real = _solve(constraints)
-    w, residual = _polish(constraints, w)
-    e = np.einsum("nsk,nkij->nsij", w, basis)
-    real &= finite[:, None] & (residual < _RESIDUAL)
-    e *= np.sqrt(2) / np.linalg.norm(e, axis=(-2, -1), keepdims=True)
-    return np.where(real[..., None, None], e, np.nan).reshape(*shape, 10, 3, 3)
+    found = np.full((len(a), 10, 3, 3), np.nan)
+    which, place = np.nonzero(real & finite[:, None])
+    weights, residual = _polish(constraints[which], w[which, place])
+    good = residual < _RESIDUAL
+    which, place, weights = which[good], place[good], weights[good]
+    found[which, place] = np.sqrt(2) * np.einsum("sk,skij->sij", weights, basis[which])
+    return found.reshape(*shape, 10, 3, 3)
 
 
 def _rays(name: str, rays: ArrayLike) -> Array:
@@ -102,21 +104,21 @@ def _solve(constraints: Array) -> tuple[Array, NDArray[np.bool_]]:
 
 
 def _polish(constraints: Array, w: Array) -> tuple[Array, Array]:
-    """Gauss-Newton on the ten constraints, and their remaining size for matrices of norm 1."""
+    """Gauss-Newton on the ten constraints (S, 10, 20) of each w (S, 4): w of length 1 and their remaining size."""
     for _ in range(_NEWTON_STEPS):
-        values = w[..., _TRIPLES]  # (B, 10, 20, 3)
+        values = w[:, _TRIPLES]  # (S, 20, 3)
         others = np.stack(
             [values[..., 1] * values[..., 2], values[..., 0] * values[..., 2], values[..., 0] * values[..., 1]], -1
         )
         slope = np.stack([(others * (k == _TRIPLES)).sum(axis=-1) for k in range(3)], axis=-1)
-        jacobian = constraints[:, None] @ slope
-        residual = constraints[:, None] @ values.prod(axis=-1)[..., None]
+        jacobian = constraints @ slope
+        residual = constraints @ values.prod(axis=-1)[..., None]
         jt = np.swapaxes(jacobian, -1, -2)
         normal = jt @ jacobian
-        size = np.einsum("nsii->ns", normal)
+        size = np.einsum("sii->s", normal)
         normal += (1e-15 * size + 1e-300)[..., None, None] * np.eye(3)  # a double root has no Newton step
         step = np.linalg.solve(normal, jt @ residual)[..., 0]
         w = np.concatenate([w[..., :3] - step, w[..., 3:]], axis=-1)
     w = w / np.linalg.norm(w, axis=-1, keepdims=True)  # the basis is orthonormal: so E has norm 1
-    residual = constraints[:, None] @ w[..., _TRIPLES].prod(axis=-1)[..., None]
+    residual = constraints @ w[:, _TRIPLES].prod(axis=-1)[..., None]
     return w, np.asarray(np.abs(residual[..., 0]).max(axis=-1))

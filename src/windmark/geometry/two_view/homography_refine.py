@@ -16,7 +16,7 @@ from windmark.geometry.rotations import exp_so3, hat
 from windmark.geometry.two_view.decompose import PlanePose
 from windmark.geometry.two_view.homography import fit_homography
 from windmark.geometry.two_view.pairs import Pairs, homogeneous_pairs
-from windmark.geometry.two_view.refine import inverse_normal, minimise, pose_covariance, tangent
+from windmark.geometry.two_view.refine import STEPS, inverse_normal, minimise, pose_covariance, tangent
 
 Array = NDArray[np.float64]
 
@@ -41,15 +41,21 @@ class Homography:
 
 def homography_errors(matrix: Array, pairs: Pairs) -> Array:
     """Squared Sampson errors (..., N) in units of sigma, for matrices (..., 3, 3); infinite beyond the horizon."""
-    q = pairs.a @ np.swapaxes(matrix, -1, -2)
+    q = matrix @ pairs.a.T  # (..., 3, N)
+    h = matrix[..., None]
+    c_a, c_b = np.moveaxis(pairs.cov_a, 0, -1), np.moveaxis(pairs.cov_b, 0, -1)
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        at = q[..., :2] / q[..., 2:]
-        slope = (matrix[..., None, :2, :2] - at[..., None] * matrix[..., None, 2:, :2]) / q[..., 2, None, None]
-        s = slope @ pairs.cov_a @ np.swapaxes(slope, -1, -2) + pairs.cov_b
-        x, y = np.moveaxis(at - pairs.b[:, :2], -1, 0)
-        det = s[..., 0, 0] * s[..., 1, 1] - s[..., 0, 1] ** 2
-        square = (x * x * s[..., 1, 1] - 2 * x * y * s[..., 0, 1] + y * y * s[..., 0, 0]) / det
-    return np.where((q[..., 2] > 0) & np.isfinite(square), square, np.inf)
+        inverse = 1 / q[..., 2, :]
+        x, y = q[..., 0, :] * inverse, q[..., 1, :] * inverse
+        # Rows of the derivative by the point of a, and the covariance of the difference in b.
+        x0, x1 = (h[..., 0, 0, :] - x * h[..., 2, 0, :]) * inverse, (h[..., 0, 1, :] - x * h[..., 2, 1, :]) * inverse
+        y0, y1 = (h[..., 1, 0, :] - y * h[..., 2, 0, :]) * inverse, (h[..., 1, 1, :] - y * h[..., 2, 1, :]) * inverse
+        s_xx = x0 * x0 * c_a[0, 0] + 2 * x0 * x1 * c_a[0, 1] + x1 * x1 * c_a[1, 1] + c_b[0, 0]
+        s_yy = y0 * y0 * c_a[0, 0] + 2 * y0 * y1 * c_a[0, 1] + y1 * y1 * c_a[1, 1] + c_b[1, 1]
+        s_xy = x0 * y0 * c_a[0, 0] + (x0 * y1 + x1 * y0) * c_a[0, 1] + x1 * y1 * c_a[1, 1] + c_b[0, 1]
+        x, y = x - pairs.b[:, 0], y - pairs.b[:, 1]
+        square = (x * x * s_yy - 2 * x * y * s_xy + y * y * s_xx) / (s_xx * s_yy - s_xy * s_xy)
+    return np.where((q[..., 2, :] > 0) & np.isfinite(square), square, np.inf)
 
 
 def homography_rows(matrix: Array, slopes: Array, pairs: Pairs) -> tuple[Array, Array]:
@@ -78,7 +84,7 @@ def homography_rows(matrix: Array, slopes: Array, pairs: Pairs) -> tuple[Array, 
     return (whiten @ r[..., None]).ravel(), rows.reshape(-1, len(slopes))
 
 
-def refine_matrix(matrix: Array, pairs: Pairs) -> tuple[Array, Array, Array]:
+def refine_matrix(matrix: Array, pairs: Pairs, steps: int = STEPS) -> tuple[Array, Array, Array]:
     """Homography that minimises the Sampson errors: matrix of norm 1, residuals (2 N,), normal matrix (8, 8).
 
     The eight parameters are the directions of `across`.
@@ -91,7 +97,7 @@ def refine_matrix(matrix: Array, pairs: Pairs) -> tuple[Array, Array, Array]:
         new = h + np.tensordot(step, across(h), 1)
         return np.asarray(new / np.linalg.norm(new))
 
-    return minimise(matrix / np.linalg.norm(matrix), rows, move)
+    return minimise(matrix / np.linalg.norm(matrix), rows, move, steps)
 
 
 def across(matrix: Array) -> Array:

@@ -20,13 +20,12 @@ from windmark.geometry.camera import Camera
 from windmark.geometry.errors import DegenerateGeometry
 from windmark.geometry.pose import Pose
 from windmark.geometry.rotations import exp_so3, hat
-from windmark.geometry.two_view.distances import _quadratic
 from windmark.geometry.two_view.pairs import Pairs, homogeneous_pairs, pairs_of_pixels
 
 Array = NDArray[np.float64]
 State = TypeVar("State")
 
-_STEPS = 30
+STEPS = 30
 _SMALL_GAIN = 1e-8  # of the cost in sigma^2: the step is far below the uncertainty
 _SINGULAR = 1e-13  # ratio of eigenvalues of the (scaled) normal matrix
 
@@ -52,10 +51,16 @@ class RelativePose:
 
 def sampson_errors(matrix: Array, pairs: Pairs) -> Array:
     """Signed Sampson errors (..., N) in units of their sigma, for matrices (..., 3, 3)."""
-    line_b, line_a = pairs.a @ np.swapaxes(matrix, -1, -2), pairs.b @ matrix
-    variance = _quadratic(line_a[..., :2], pairs.cov_a) + _quadratic(line_b[..., :2], pairs.cov_b)
+    line_b, line_a = matrix @ pairs.a.T, np.swapaxes(matrix, -1, -2) @ pairs.b.T  # (..., 3, N)
+    e = line_b[..., 0, :] * pairs.b[:, 0] + line_b[..., 1, :] * pairs.b[:, 1] + line_b[..., 2, :] * pairs.b[:, 2]
+    variance = _variance(line_a, pairs.cov_a) + _variance(line_b, pairs.cov_b)
     with np.errstate(invalid="ignore", divide="ignore"):
-        return np.asarray(np.einsum("...ni,ni->...n", line_b, pairs.b) / np.sqrt(variance))
+        return np.asarray(e / np.sqrt(variance))
+
+
+def _variance(line: Array, cov: Array) -> Array:
+    x, y = line[..., 0, :], line[..., 1, :]
+    return np.asarray(x * x * cov[:, 0, 0] + y * y * cov[:, 1, 1] + x * y * (2 * cov[:, 0, 1]))
 
 
 def sampson_rows(matrix: Array, slopes: Array, pairs: Pairs) -> tuple[Array, Array]:
@@ -75,7 +80,7 @@ def minimise(
     state: State,
     rows: Callable[[State], tuple[Array, Array]],
     move: Callable[[State, Array], State],
-    steps: int = _STEPS,
+    steps: int = STEPS,
 ) -> tuple[State, Array, Array]:
     """Levenberg-Marquardt on a small dense problem: the state, its residuals and its normal matrix."""
     residual, jacobian = rows(state)
@@ -118,7 +123,7 @@ def tangent(t: Array) -> Array:
     return np.asarray(np.linalg.svd(t[None])[2][1:].T)
 
 
-def refine_pose(b_from_a: Pose, pairs: Pairs, steps: int = _STEPS) -> tuple[Pose, Array, Array]:
+def refine_pose(b_from_a: Pose, pairs: Pairs, steps: int = STEPS) -> tuple[Pose, Array, Array]:
     """Pose with unit baseline that minimises the Sampson errors of ray pairs; errors (N,), normal matrix (5, 5).
 
     The five parameters are the rotation (``exp(w) R``) and the baseline along `tangent`.

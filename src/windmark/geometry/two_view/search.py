@@ -60,20 +60,27 @@ def homography_candidates(pairs: Pairs, gate: float, rng: np.random.Generator, t
     """Best homographies first: distinct local optima of the truncated Sampson cost (``gate``: sigma^2)."""
 
     def optimise(matrix: Array) -> Candidate[Array] | None:
-        for width in (_WIDE, 1.0, 1.0):
-            near = homography_errors(matrix, pairs) < width * gate
-            if near.sum() < 4:
-                return None
-            try:
-                matrix = refine_matrix(matrix, pairs[near])[0]
-            except np.linalg.LinAlgError:
-                return None
-        if np.linalg.det(matrix) <= 0:  # seen from both sides
-            return None
-        e2 = homography_errors(matrix, pairs)
-        return Candidate(matrix, e2, float(np.minimum(e2, gate).sum()))
+        return optimised_homography(matrix, pairs, gate, (_WIDE, 1.0), 4)
 
     return _search(pairs, 4, _four_point, homography_errors, optimise, gate, rng, trials)
+
+
+def optimised_homography(
+    matrix: Array, pairs: Pairs, gate: float, widths: tuple[float, ...], steps: int
+) -> Candidate[Array] | None:
+    """Refined on the pairs near it, once for each (relative, squared) width of the gate; None if few or mirrored."""
+    for width in widths:
+        near = homography_errors(matrix, pairs) < width * gate
+        if near.sum() < 4:
+            return None
+        try:
+            matrix = refine_matrix(matrix, pairs[near], steps)[0]
+        except np.linalg.LinAlgError:
+            return None
+    if np.linalg.det(matrix) <= 0:  # the plane would be seen from both sides
+        return None
+    e2 = homography_errors(matrix, pairs)
+    return Candidate(matrix, e2, float(np.minimum(e2, gate).sum()))
 
 
 def start_pose(matrix: Array, pairs: Pairs, gate: float) -> Pose:
