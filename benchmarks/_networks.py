@@ -11,6 +11,7 @@ from windmark.adjust.network import Network, NetworkProblem, NetworkState
 from windmark.adjust.network.covariance import network_covariance
 from windmark.adjust.network.datum import in_datum
 from windmark.geometry import Camera, Pose
+from windmark.scene import MarkerSet, Observations, View
 
 Array = NDArray[np.float64]
 
@@ -70,6 +71,22 @@ class Scenario:
             points=self.truth.points + rng.normal(0, marker, self.truth.points.shape),
         )  # fmt: skip
 
+    def nouns(
+        self, xy: Array, points: Array, focal: float = 1.0, *, posed: bool = False
+    ) -> tuple[Observations, MarkerSet, dict[str, Camera], list[View]]:
+        """What `self_calibrate` takes: marks, rough markers, a camera without distortion; true poses or none."""
+        cov = np.broadcast_to(NOISE_PX**2 * np.eye(2), (len(self.view), 2, 2)).copy()
+        markers = MarkerSet.make([f"m{n:04d}" for n in range(len(points))], points)
+        frames = self.truth.frames
+        poses = [Pose(r, t) if posed else None for r, t in zip(frames.rotation, frames.translation, strict=True)]
+        views = [View(f"v{v:03d}", "cam", cam_from_model=pose) for v, pose in enumerate(poses)]
+        camera = Camera(CAMERA.size_px, CAMERA.focal_px * focal)
+        return Observations(self.view, self.point, xy, cov), markers, {"cam": camera}, views
+
+    def only(self, marks: NDArray[np.bool_] | NDArray[np.int64]) -> Scenario:
+        """Some of the marks."""
+        return replace(self, view=self.view[marks], point=self.point[marks], xy=self.xy[marks])
+
     def bound(self, held: bool) -> tuple[Array, Array]:
         """(N, 3, 3) and (8, 8): covariances of markers and of the natural interior parameters at the truth."""
         problem = NetworkProblem(self.network(held), self.truth)
@@ -94,6 +111,12 @@ def scenario(name: str, seed: int) -> Scenario:
     else:
         views, n, visible = 500, 2000, 0.33
         xyz = rng.uniform(-1000, 1000, (n, 3)) * [1, 0.7, 0.3]
+    return pictures(name, xyz, views, visible, rng)
+
+
+def pictures(name: str, xyz: Array, views: int, visible: float, rng: np.random.Generator) -> Scenario:
+    """Hand-held pictures of markers, of which each shows a share."""
+    n = len(xyz)
     reach = float(np.abs(xyz[:, :2]).max())
     poses = [_view(rng, reach) for _ in range(views)]
     frames = Pose(np.stack([p.rotation for p in poses]), np.stack([p.translation for p in poses]))

@@ -36,7 +36,7 @@ def calibration(job: Job, solved: Solved, dropped: dict[str, str], options: dict
     What is not determined must have been refused before (`refuse_weak`).
     """
     motions = solved.covariance.motions.shape[1]
-    chosen = _datum_points(job)
+    chosen = datum_points(job)
     obs = job.observations
     seen = np.zeros(len(job.markers), dtype=np.bool_)
     seen[obs.point[solved.taken]] = True
@@ -78,7 +78,7 @@ def calibration(job: Job, solved: Solved, dropped: dict[str, str], options: dict
     )  # fmt: skip
 
 
-def _datum_points(job: Job) -> Mask | None:
+def datum_points(job: Job) -> Mask | None:
     """(N,) markers that hold a free network; None where the datum is in the network itself."""
     return job.chosen(job.datum.markers, "datum") if isinstance(job.datum, Free) else None
 
@@ -97,7 +97,7 @@ def refuse_weak(job: Job, solved: Solved) -> None:
             f"the datum leaves {motions} of seven motions free; it needs three markers that are not on a line",
             ("datum",),
         )
-    covariance = in_datum(solved.covariance, _datum_points(job))
+    covariance = in_datum(solved.covariance, datum_points(job))
     lay = solved.problem.layout
     sigma = np.sqrt(np.maximum(np.diagonal(covariance.dense()), 0.0)) * solved.sigma0
     names = list(job.cameras)

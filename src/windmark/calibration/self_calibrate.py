@@ -11,13 +11,14 @@ from numpy.typing import NDArray
 
 from windmark.adjust.network import NetworkState
 from windmark.calibration.datum import Datum, Distance
-from windmark.calibration.finish import calibration, refuse_weak
-from windmark.calibration.normals import local_normals
+from windmark.calibration.finish import calibration, datum_points, refuse_weak
+from windmark.calibration.normals import all_normals
 from windmark.calibration.result import Calibration, NotCalibrated
 from windmark.calibration.setup import Job, first_state, taking_part, views_of
 from windmark.calibration.solve import ECCENTRIC_PX, Solved, eccentricities, solve
 from windmark.calibration.start import start_poses
-from windmark.geometry import Camera, DegenerateGeometry, Pose
+from windmark.geometry import Camera, DegenerateGeometry, Pose, triangulate
+from windmark.geometry.similarity import align
 from windmark.scene import MarkerSet, Observations, View
 
 Array = NDArray[np.float64]
@@ -67,7 +68,9 @@ def self_calibrate(
     free_focal : views whose focal length may differ from that of their camera, as the focus distance did (Fig. 6)
     prior_sigma : 1 sigma of free parameters round the start values, by name
     eccentricity : the image of a disc's centre is not the centre of its image. "auto" corrects with the table's
-        normals, or those of the neighbouring markers where these lie in a plane; "table" only with the table's
+        normals, where it has none with that of the surface through the neighbouring markers, or, where there is
+        none, of the side the markers are seen from; "table" only with the table's (markers without stay as they are,
+        which does harm beside corrected ones)
     reject : leave gross errors out; without, all marks take part with full weight, and are only tested
     max_sigma0 : residuals larger than this, in units of the marks' covariances, are no solution
     seed : of the choice of triplets for the first poses
@@ -110,53 +113,58 @@ def _best_of_starts(job: Job, options: dict[str, Any]) -> Calibration | NotCalib
     """From the given focal length, and from others where that leads to no solution."""
     refusal: NotCalibrated | None = None
     factors = (1.0, *RETRY_FOCAL) if "focal_px" in job.free else (1.0,)
-    for factor in factors:
-        cameras = {n: replace(c, focal_px=c.focal_px * factor) for n, c in job.cameras.items()}
-        outcome = _attempt(job, cameras, options)
+    for n, factor in enumerate(factors):
+        cameras = {name: replace(c, focal_px=c.focal_px * factor) for name, c in job.cameras.items()}
+        outcome = _attempt(job, cameras, options, options["seed"] + n)
         if isinstance(outcome, Calibration):
             return outcome
-        if refusal is None or outcome.sigma0 < refusal.sigma0:
+        if refusal is None or outcome.sigma0 < refusal.sigma0 or np.isnan(refusal.sigma0):
             refusal = outcome
-        if outcome.cause == "degenerate":
-            break
+        if outcome.cause == "degenerate" and outcome.sigma0 <= options["max_sigma0"]:
+            break  # the marks fit: no other start can help
     assert refusal is not None
     return refusal
 
 
-def _attempt(job: Job, cameras: Mapping[str, Camera], options: dict[str, Any]) -> Calibration | NotCalibrated:
-    good, state, dropped = _start(job, cameras, options["seed"])
+def _attempt(
+    job: Job, cameras: Mapping[str, Camera], options: dict[str, Any], seed: int
+) -> Calibration | NotCalibrated:
+    good, state, dropped = _start(job, cameras, seed)
 
     def refused(cause: str, reason: str, weak: tuple[str, ...] = (), sigma0: float = np.nan) -> NotCalibrated:
         return NotCalibrated(reason, cause, weak, dropped, sigma0, options)
 
     if state is None:
         return refused("too_few", "no view has a pose: fewer than four marks, or markers on one line")
+    sigma0 = np.nan
     try:
-        solved = _with_eccentricity(job, state, good, options)
-        dropped = solved.dropped | dropped
+        solved = _every_mark(job, state, good, options)
+        dropped, sigma0 = solved.dropped | dropped, solved.sigma0
         if solved.redundancy <= 0:
             return refused("too_few", f"{2 * int(solved.used.sum())} observations for as many unknowns or more")
+        if sigma0 > options["max_sigma0"]:
+            return refused(
+                "misfit",
+                f"residuals are {sigma0:.3g} times what the marks' covariances say (limit "
+                f"{options['max_sigma0']:g}): wrong labels, a start too far away, or a lens beyond the model",
+                sigma0=sigma0,
+            )
         # First: where something is not determined, the search has no end.
         refuse_weak(job, solved)
         if not solved.report.converged:
-            return refused("not_converged", f"the adjustment ended without a minimum: {solved.report.reason}")
-        if solved.sigma0 > options["max_sigma0"]:
             return refused(
-                "misfit",
-                f"residuals are {solved.sigma0:.3g} times what the marks' covariances say (limit "
-                f"{options['max_sigma0']:g}): wrong labels, a start too far away, or a lens beyond the model",
-                sigma0=solved.sigma0,
+                "not_converged", f"the adjustment ended without a minimum: {solved.report.reason}", sigma0=sigma0
             )
         if (share := float(solved.used.sum() / good.sum())) < LEAST_USED:
             return refused(
                 "misfit",
                 f"only {100 * share:.0f} % of the marks fit one solution: wrong labels, a start too far away, or a "
                 "lens beyond the model (free more parameters)",
-                sigma0=solved.sigma0,
+                sigma0=sigma0,
             )
         return calibration(job, solved, dropped, options)
     except DegenerateGeometry as error:
-        return refused("degenerate", str(error), error.weak)
+        return refused("degenerate", str(error), error.weak, sigma0)
 
 
 def _start(job: Job, cameras: Mapping[str, Camera], seed: int) -> tuple[Mask, NetworkState | None, dict[str, str]]:
@@ -184,6 +192,42 @@ def _start(job: Job, cameras: Mapping[str, Camera], seed: int) -> tuple[Mask, Ne
     return good, first_state(job, found, [p or usable for p in poses]), dropped
 
 
+def _every_mark(job: Job, state: NetworkState, good: Mask, options: dict[str, Any]) -> Solved:
+    """Adjust the good marks; those that a first pose found here cannot see join once the others are adjusted."""
+    given = np.array([v.cam_from_model is not None for v in job.views])[job.observations.view]
+    seen = good & (given | _imaged(job, state))
+    solved = _with_eccentricity(job, state, seen, options)
+    if (seen == good).all() or not solved.report.converged:
+        return solved
+    state = _placed(job, solved, good)
+    return _with_eccentricity(job, state, good & _imaged(job, state), options)
+
+
+def _placed(job: Job, solved: Solved, good: Mask) -> NetworkState:
+    """Markers that took no part, for no camera could see them at their rough place, go where their marks say."""
+    obs, state = job.observations, solved.state
+    lost = np.unique(obs.point[good & ~np.isin(obs.point, obs.point[solved.taken])])
+    if not len(lost):
+        return state
+    xy = np.full((len(job.views), len(lost), 2), np.nan)
+    mine = good & np.isin(obs.point, lost)
+    xy[obs.view[mine], np.searchsorted(lost, obs.point[mine])] = obs.xy[mine]
+    cameras, poses = zip(*views_of(job, state), strict=True)
+    found = triangulate(cameras, poses, xy)
+    points = state.points.copy()
+    points[lost[found.valid]] = found.xyz[found.valid]
+    return replace(state, points=points)
+
+
+def _imaged(job: Job, state: NetworkState) -> Mask:
+    """(O,) marks whose marker has an image in their view."""
+    obs, out = job.observations, np.zeros(len(job.observations), dtype=np.bool_)
+    for v, (camera, pose) in enumerate(views_of(job, state)):
+        mine = obs.view == v
+        out[mine] = camera.project(pose.apply(state.points[obs.point[mine]]))[1]
+    return out
+
+
 def _with_eccentricity(job: Job, state: NetworkState, good: Mask, options: dict[str, Any]) -> Solved:
     """Adjust; then with the eccentricity of the imaged discs, until that changes no more."""
     how, reject = options["eccentricity"], options["reject"]
@@ -192,9 +236,9 @@ def _with_eccentricity(job: Job, state: NetworkState, good: Mask, options: dict[
     if how == "off" or not np.isfinite(job.markers.radius).any():
         return solved
     for _ in range(ECCENTRIC_ROUNDS):
-        normal = job.markers.normal
+        normal = _table_normals(job, solved)
         if how == "auto":
-            normal = local_normals(solved.state.points, normal, centers(job, solved.state))
+            normal = all_normals(solved.state.points, normal, _towards_cameras(job, solved))
         new = eccentricities(job, solved.state, normal)
         if np.abs(new - shift).max(initial=0.0) < ECCENTRIC_PX:
             break
@@ -203,6 +247,24 @@ def _with_eccentricity(job: Job, state: NetworkState, good: Mask, options: dict[
     return solved
 
 
-def centers(job: Job, state: NetworkState) -> Array:
-    """(V, 3) places of the cameras in the model's frame."""
-    return np.stack([pose.center for _, pose in views_of(job, state)])
+def _table_normals(job: Job, solved: Solved) -> Array:
+    """(N, 3) the table's normals in the frame of the network, which a free network may have turned."""
+    chosen = datum_points(job)
+    if chosen is None:
+        return job.markers.normal
+    seen = np.zeros(len(job.markers), dtype=np.bool_)
+    seen[job.observations.point[solved.taken]] = True
+    fit = align(solved.state.points[chosen & seen], job.markers.xyz[chosen & seen])
+    return job.markers.normal @ fit.rotation
+
+
+def _towards_cameras(job: Job, solved: Solved) -> Array:
+    """(N, 3) mean direction from each marker to the cameras that saw it; NaN where none did."""
+    obs = job.observations
+    center = np.stack([pose.center for _, pose in views_of(job, solved.state)])
+    mine = solved.taken
+    arm = center[obs.view[mine]] - solved.state.points[obs.point[mine]]
+    out = np.zeros((len(job.markers), 3))
+    np.add.at(out, obs.point[mine], arm / np.linalg.norm(arm, axis=1, keepdims=True))
+    count = np.bincount(obs.point[mine], minlength=len(out))[:, None]
+    return np.where(count > 0, out / np.maximum(count, 1), np.nan)

@@ -97,6 +97,8 @@ def _tested(job: Job, state: NetworkState, allowed: Mask, good: Mask, shift: Arr
         left_out = allowed & _predictable(job, taken, good)
         solved = _adjusted(job, state, taken, left_out, good, shift, dropped)
         state = solved.state
+        if not solved.report.converged:
+            break  # the tests of marks mean nothing there
         fits = good.copy()
         fits[solved.taken] = solved.test <= LIMIT
         fits = _one_by_one(job, good, fits, solved)
