@@ -43,14 +43,14 @@ class Candidates:
 
 
 def find_candidates(pairs: Pairs, rng: np.random.Generator, trials: int) -> Candidates:
-    """Random search for poses, and for planes among the pairs that agree with the best pose.
+    """Random search for poses, and for planes among the pairs that agree with one of them.
 
-    A plane that all right pairs lie on agrees with the pose, too: few trials find it. Its poses are starts in turn.
+    A plane that all right pairs lie on agrees with a pose, too: few trials find it. Its poses are starts in turn.
     """
     space = essential_candidates(pairs, GATE_LINE, rng, trials) if len(pairs) >= 6 else []
-    near = space[0].squares < GATE_LINE if space else np.ones(len(pairs), dtype=bool)
+    near = np.any([s.squares < GATE_LINE for s in space], axis=0) if space else np.ones(len(pairs), dtype=bool)
     planes = homography_candidates(pairs[near], GATE_POINT, rng, min(trials, _PLANE_TRIALS)) if near.sum() >= 4 else []
-    settled = [optimised_homography(p.model, pairs, GATE_POINT, (1.0, 1.0), STEPS) for p in planes]
+    settled = [optimised_homography(p.model, pairs, GATE_POINT, (_WIDE, 1.0, 1.0), STEPS) for p in planes]
     plane = next((p for p in settled if p is not None), None)
     if plane is None:
         return Candidates(None, None, space)

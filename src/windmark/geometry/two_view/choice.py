@@ -25,7 +25,7 @@ Mask = NDArray[np.bool_]
 
 _LEVEL = 1e-4  # probability that a true simple model is rejected
 _COUNTED = 100  # points whose wrong partners are counted
-_LOG10_CHANCE = -2.0  # of pairs beyond the simple model that chance alone would bring
+_LOG10_CHANCE = -3.0  # of pairs beyond the simple model that chance alone would bring
 
 
 def choose(found: Candidates, pairs: Pairs, known: bool, right: bool) -> str:

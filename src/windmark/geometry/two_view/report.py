@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from windmark.geometry.pose import Pose
 from windmark.geometry.two_view.candidates import GATE_LINE, GATE_POINT
 from windmark.geometry.two_view.choice import chance_at_point, chance_on_line
-from windmark.geometry.two_view.decompose import PlanePose, cheirality, decompose_homography
+from windmark.geometry.two_view.decompose import PlanePose, decompose_homography
 from windmark.geometry.two_view.homography_refine import (
     across,
     homography_errors,
@@ -22,14 +22,13 @@ from windmark.geometry.two_view.matrices import essential_from_poses
 from windmark.geometry.two_view.pairs import Pairs
 from windmark.geometry.two_view.refine import inverse_normal, pose_covariance, refine_pose, sampson_errors
 from windmark.geometry.two_view.result import TwoView
-from windmark.geometry.two_view.search import Candidate, log10_false_alarms
+from windmark.geometry.two_view.search import PARALLAX, Candidate, behind, log10_false_alarms, ray_angles
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 _DOUBT = 12.0  # sigma^2 by which another pose may be worse and still be possible
 _WEAK_DEG = 10.0  # a direction known no better than this counts as not determined
-_PARALLAX = 3.0  # sigmas: the median parallax must have as many
 _OTHER_RAD = 1e-3  # poses less apart are the same
 
 
@@ -122,7 +121,7 @@ def _settled(pose: Pose, pairs: Pairs) -> tuple[Pose, Mask]:
     inliers = np.ones(len(pairs), dtype=bool)
     for _ in range(3):
         near = sampson_errors(essential_from_poses(pose), pairs) ** 2 < GATE_LINE
-        near &= ~_behind(pose, pairs)
+        near &= ~behind(pose, pairs)
         if (near == inliers).all() or near.sum() < 5:
             return pose, near
         inliers = near
@@ -130,17 +129,11 @@ def _settled(pose: Pose, pairs: Pairs) -> tuple[Pose, Mask]:
     return pose, inliers
 
 
-def _behind(pose: Pose, pairs: Pairs) -> Mask:
-    """Pairs that meet behind a camera and whose parallax shows it (far points may seem to diverge)."""
-    angle, sigma = _angles(pose, pairs)
-    return ~cheirality(pose, pairs.a, pairs.b) & (angle > _PARALLAX * sigma)
-
-
 def _others(poses: list[Pose], best: Pose, near: Pairs, doubt: float) -> tuple[Pose, ...]:
     kept: list[Pose] = []
     for start in poses:
         pose, residual, _ = refine_pose(start, near)
-        possible = residual @ residual < doubt and not _behind(pose, near).any()
+        possible = residual @ residual < doubt and not behind(pose, near).any()
         if possible and all(_apart(pose, k) > _OTHER_RAD for k in (best, *kept)):
             kept.append(pose)
     return tuple(kept)
@@ -163,7 +156,7 @@ def _with_weakness(view: TwoView) -> TwoView:
     """Adds a tiny baseline to the reasons: its direction, or the depth of most points, is not determined."""
     assert view.cov is not None
     direction = float(np.degrees(np.sqrt(np.linalg.eigvalsh(view.cov[3:, 3:])[-1])))
-    shown = view.parallax_deg >= _PARALLAX * view.parallax_sigma_deg
+    shown = view.parallax_deg >= PARALLAX * view.parallax_sigma_deg
     weak = (*(("baseline direction",) if direction > _WEAK_DEG else ()), *(() if shown else ("depth",)))
     if not weak:
         return view
@@ -185,17 +178,6 @@ def _scale(s0: float, known: bool) -> float:
     return 1.0 if known or not np.isfinite(s0) else s0**2
 
 
-def _angles(pose: Pose, pairs: Pairs) -> tuple[Array, Array]:
-    """Angle (N,) between the two rays of a pair and its sigma, radians; isotropic noise of the same size is assumed."""
-    y = pairs.a @ pose.rotation.T
-    angle = np.arctan2(np.linalg.norm(np.cross(y, pairs.b), axis=1), np.sum(y * pairs.b, axis=1))
-    variance = [
-        np.trace(c, axis1=1, axis2=2) / 2 / np.sum(r * r, axis=1)
-        for r, c in ((pairs.a, pairs.cov_a), (pairs.b, pairs.cov_b))
-    ]
-    return angle, np.sqrt(variance[0] + variance[1])
-
-
 def _parallax(pose: Pose, pairs: Pairs) -> tuple[float, float]:
-    angle, sigma = _angles(pose, pairs)
+    angle, sigma = ray_angles(pose, pairs)
     return float(np.degrees(np.median(angle))), float(np.degrees(np.median(sigma)))

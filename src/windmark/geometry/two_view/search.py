@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.special import gammaln
 
 from windmark.geometry.pose import Pose
-from windmark.geometry.two_view.decompose import pose_from_essential
+from windmark.geometry.two_view.decompose import cheirality, pose_from_essential
 from windmark.geometry.two_view.five_point import essential_five_point
 from windmark.geometry.two_view.homography_refine import homography_errors, refine_matrix
 from windmark.geometry.two_view.matrices import essential_from_poses
@@ -26,6 +26,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Model = TypeVar("Model")
 
+PARALLAX = 3.0  # sigmas from which an angle between two rays counts as seen
 _BATCH = 24  # minimal sets at a time
 _SCORED = 500  # pairs that hypotheses are scored on; candidates are judged on all
 _WIDE = 9.0  # a minimal set spreads its own noise: squared gates are this much wider before the local optimisation
@@ -84,16 +85,20 @@ def optimised_homography(
 
 
 def start_pose(matrix: Array, pairs: Pairs, gate: float) -> Pose:
-    """The pose of an essential matrix with the points in front, each counted as far as its parallax shows."""
+    """The pose of an essential matrix with most of the pairs near it in front of both cameras."""
     near = pairs[sampson_errors(matrix, pairs) ** 2 < gate]
     return pose_from_essential(matrix, near.a, near.b)[0]
 
 
 def optimised_pose(pose: Pose, pairs: Pairs, gate: float) -> Candidate[Pose] | None:
-    """Refined on the pairs near it, then on those still nearer, until they stay the same."""
+    """Refined on the pairs near it and in front, then on those still nearer, until they stay the same.
+
+    Squared errors of pairs behind a camera are infinite.
+    """
     previous: Mask | None = None
     for width in (_WIDE, 1.0, 1.0, 1.0):
         near = sampson_errors(essential_from_poses(pose), pairs) ** 2 < width * gate
+        near &= ~behind(pose, pairs)
         if near.sum() < 5:
             return None
         if previous is not None and (near == previous).all():
@@ -101,7 +106,25 @@ def optimised_pose(pose: Pose, pairs: Pairs, gate: float) -> Candidate[Pose] | N
         previous = near
         pose = refine_pose(pose, pairs[near], steps=8)[0]
     e2 = sampson_errors(essential_from_poses(pose), pairs) ** 2
+    e2[behind(pose, pairs)] = np.inf
     return Candidate(pose, e2, float(np.minimum(e2, gate).sum()))
+
+
+def behind(pose: Pose, pairs: Pairs) -> Mask:
+    """(N,) pairs that meet behind a camera and whose parallax shows it (far points may seem to diverge)."""
+    angle, sigma = ray_angles(pose, pairs)
+    return np.asarray(~cheirality(pose, pairs.a, pairs.b) & (angle > PARALLAX * sigma))
+
+
+def ray_angles(pose: Pose, pairs: Pairs) -> tuple[Array, Array]:
+    """Angle (N,) between the two rays of a pair and its sigma, radians, as if the noise were round."""
+    y = pairs.a @ pose.rotation.T
+    angle = np.arctan2(np.linalg.norm(np.cross(y, pairs.b), axis=1), np.sum(y * pairs.b, axis=1))
+    variance = [
+        np.trace(c, axis1=1, axis2=2) / 2 / np.sum(r * r, axis=1)
+        for r, c in ((pairs.a, pairs.cov_a), (pairs.b, pairs.cov_b))
+    ]
+    return angle, np.sqrt(variance[0] + variance[1])
 
 
 def _search(
