@@ -5,6 +5,7 @@ from scipy.stats import multivariate_normal, norm
 
 from windmark.epipolar._kernels.choose import ACCEPTED, BEATEN, DOUBLE, REFUSED, TIED
 from windmark.epipolar._kernels.grow import AMBIGUOUS, CROWDED, LOOSE, NONE, OUTSIDE, RIVAL
+from windmark.epipolar._kernels.merge import JOINED, OUTVOTED, SHARED_VIEW
 from windmark.geometry.rotations import hat
 
 
@@ -84,7 +85,7 @@ def step(stand, spots, row, x, loose):
     return x + c @ g, c
 
 
-def grow(stand, spots, free, pair, gate):
+def grow(stand, spots, free, pair, gate, patience):
     """Row, point, covariance and log(p / q) of one pair; the gain is -inf where there is no point."""
     views = len(stand.near)
     row = np.full(views, NONE)
@@ -99,14 +100,18 @@ def grow(stand, spots, free, pair, gate):
         if new is None:
             return row, *nothing
         x, c = new
-    each = {}
+    each, missing = {}, 0
     for sweep in range(2):
         for v in stand.order[spots.views[pair[0]]]:
-            if row[v] >= 0:
+            if row[v] >= 0 or missing > patience:
                 continue
             row[v], x, c, gain = look(stand, spots, free, v, x, c, gate, sweep)
+            if sweep == 0:
+                missing += int(row[v] == NONE) - int(row[v] >= 0)
             if row[v] >= 0:
                 each[v] = gain
+    if missing > patience:
+        return row, *nothing
     while True:
         if (row >= 0).sum() < 2:
             return row, *nothing
@@ -136,7 +141,7 @@ def look(stand, spots, free, v, x, c, gate, sweep):
         return OUTSIDE, x, c, 0.0
     p = j @ c @ j.T + by_pose @ stand.pose_cov[v] @ by_pose.T
     if sweep == 0 and np.pi * gate**2 * np.sqrt(np.linalg.det(p)) * spots.crowd[v] > CROWDED:
-        return NONE, x, c, 0.0
+        return AMBIGUOUS, x, c, 0.0
     near = []
     for s in np.flatnonzero(free & (spots.views == v)):
         r = spots.xy[s] - uv
@@ -177,3 +182,36 @@ def choose(rows, score, least, lead, spots):
         if owner[s] >= 0 and verdict[owner[s]] == TIED:
             owner[s] = -1
     return owner, verdict
+
+
+def merge(first, second, order, weight, view):
+    """Sets of spots, and what became of every link."""
+    sets = {s: {s} for s in range(len(view))}
+    home = {s: s for s in range(len(view))}
+    links = {}
+    for s, t, w in zip(first.tolist(), second.tolist(), weight.tolist(), strict=True):
+        links.setdefault(s, {})[view[t]] = (t, w)
+        links.setdefault(t, {})[view[s]] = (s, w)
+    fate = {}
+    for link in order:
+        a, b = home[first[link]], home[second[link]]
+        if a == b:
+            continue
+        if {view[s] for s in sets[a]} & {view[t] for t in sets[b]}:
+            fate[link] = SHARED_VIEW
+            continue
+        votes = 0.0
+        for s in sets[a]:
+            for t in sets[b]:
+                there, weight_there = links.get(s, {}).get(view[t], (-1, 0.0))
+                _, weight_back = links.get(t, {}).get(view[s], (-1, 0.0))
+                votes += weight_there if there == t else -0.5 * (weight_there + weight_back)
+        if votes <= 0:
+            fate[link] = OUTVOTED
+            continue
+        sets[a] |= sets.pop(b)
+        home |= dict.fromkeys(sets[a], a)
+    joined = np.array([home[s] == home[t] for s, t in zip(first, second, strict=True)])
+    return {frozenset(s) for s in sets.values()}, np.array(
+        [JOINED if joined[n] else fate.get(n, OUTVOTED) for n in range(len(first))]
+    )

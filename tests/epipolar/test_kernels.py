@@ -31,20 +31,23 @@ def test_pairs(scene):
     np.testing.assert_allclose(gain, [expected[int(a), int(b)] for a, b in found], rtol=0, atol=1e-4)
 
 
-def test_growing(scene):
+@pytest.mark.parametrize("patience", [1, 9])
+def test_growing(scene, patience):
     stand, spots, free, depth = scene
     found, _ = candidates(stand, spots, free, all_pairs(5), 3.7, depth)
-    rows, xyz, cov, gain = grown(stand, spots, free, found, 3.7)
-    many = 0
+    rows, xyz, cov, gain = grown(stand, spots, free, found, 3.7, patience)
+    many, given_up = 0, 0
     for n in range(0, len(found), 7):
-        row, x, c, g = epipolar_twins.grow(stand, spots, free, found[n], 3.7)
+        row, x, c, g = epipolar_twins.grow(stand, spots, free, found[n], 3.7, patience)
         np.testing.assert_array_equal(rows[n], row)
         assert gain[n] == pytest.approx(g, rel=1e-6, abs=1e-6)
         if np.isfinite(g):
             np.testing.assert_allclose(xyz[n], x, rtol=1e-7, atol=1e-6)
             np.testing.assert_allclose(cov[n], c, rtol=1e-5, atol=1e-9 * np.abs(c).max())
             many += (row >= 0).sum() > 2
+        given_up += not np.isfinite(g)
     assert many > 5
+    assert (given_up > 0) == (patience < 5)
 
 
 def test_choice():

@@ -30,8 +30,12 @@ PARTNERS = 3
 """Views that each view is paired with at first, near ones and far ones; then all, with the spots that are left."""
 ROUNDS = 8
 """Times that the spots which are left are looked through, at most."""
-ROUGH_ROUNDS = 2
-"""The same where the points only have to serve the poses."""
+ROUGH_ROUNDS, ENOUGH = 3, 20
+"""The same where the points only have to serve the poses, and the links that every view should have for that."""
+SEEDS = 100
+"""There of every pair of views only so many candidates with the best log(p / q): next to the line, few others near."""
+PATIENCE = 4
+"""There a hypothesis is given up when so many more views have no spot than have one."""
 
 
 @dataclass(frozen=True)
@@ -100,6 +104,8 @@ def find_points(
             if not len(new.rows):
                 break
             free[new.rows[new.rows >= 0]] = False
+            if criteria.rough and (sum((f.rows >= 0).sum(axis=0) for f in kept) >= ENOUGH).all():
+                break
     rows, xyz, cov_xyz, log_nfa = (
         np.concatenate([getattr(f, name) for f in kept]) for name in ("rows", "xyz", "cov", "log_nfa")
     )
@@ -132,16 +138,28 @@ def candidates(
         room = count
 
 
-def grown(stations: Stations, spots: Spots, free: Mask, found: Ints, gate: float) -> tuple[Ints, Array, Array, Array]:
-    """Rows (C, V), coordinates, covariances and log(p / q) without that of the pair, of the pairs ``found`` (C, 2)."""
+def grown(
+    stations: Stations, spots: Spots, free: Mask, found: Ints, gate: float, patience: int
+) -> tuple[Ints, Array, Array, Array]:
+    """Rows (C, V), coordinates, covariances and log(p / q) without that of the pair, of the pairs ``found`` (C, 2).
+
+    A pair is given up when, at first sight, more than ``patience`` more views have no spot for it than have one.
+    """
     rows = np.full((len(found), len(stations.near)), -1, dtype=np.int64)
     each, first, second = np.arange(len(found)), found[:, 0], found[:, 1]
     rows[each, spots.views[first]] = first
     rows[each, spots.views[second]] = second
     xyz, cov, gain = np.empty((len(found), 3)), np.empty((len(found), 3, 3)), np.empty(len(found))
-    grow_points(stations, spots, free, rows, spots.views[first], gate**2, xyz, cov, gain)
+    grow_points(stations, spots, free, rows, spots.views[first], gate**2, patience, xyz, cov, gain)
     kept = (rows[each, spots.views[first]] == first) & (rows[each, spots.views[second]] == second)
     return rows, xyz, cov, np.where(kept, gain, -np.inf)
+
+
+def _best_of_pairs(pair: Ints, gain: Array) -> Ints:
+    """The `SEEDS` largest gains of each pair of views, whose number is ``pair`` (C,)."""
+    order = np.lexsort((-gain, pair))
+    place = np.arange(len(pair)) - np.searchsorted(pair[order], pair[order])
+    return np.asarray(order[place < SEEDS])
 
 
 def share_cost(rows: Ints) -> Array:
@@ -158,7 +176,12 @@ def share_cost(rows: Ints) -> Array:
 def _one_round(stations: Stations, spots: Spots, free: Mask, pairs: Ints, depth: Array, criteria: Criteria) -> Found:
     """The points that stand out among the free spots."""
     found, pair_gain = candidates(stations, spots, free, pairs, criteria.gate, depth)
-    rows, xyz, cov, gain = grown(stations, spots, free, found, criteria.gate)
+    if criteria.rough:
+        best = _best_of_pairs(spots.views[found] @ np.array([len(stations.near), 1]), pair_gain)
+        found, pair_gain = found[best], pair_gain[best]
+    rows, xyz, cov, gain = grown(
+        stations, spots, free, found, criteria.gate, PATIENCE if criteria.rough else len(stations.near)
+    )
     evidence = gain + pair_gain - share_cost(rows)
     count = np.add.reduceat(free, spots.start[:-1], dtype=float) * (np.diff(spots.start) > 0)
     tests = 2 * len(pairs) / len(count) if criteria.rough else count[pairs[:, 0]].sum()

@@ -35,14 +35,15 @@ LOOSE = 0.5
 
 @nb.njit(cache=True, nogil=True)
 def grow_points(
-    stations: Stations, spots: Spots, free: Mask, rows: Ints, start: Ints, gate2: float, xyz: Array, cov: Array,
-    gain: Array,
+    stations: Stations, spots: Spots, free: Mask, rows: Ints, start: Ints, gate2: float, patience: int, xyz: Array,
+    cov: Array, gain: Array,
 ) -> None:  # fmt: skip
     """Grow H hypotheses: ``rows`` (H, V) hold the spots that each starts with and then those that it has.
 
     ``start`` (H,) is the view whose neighbours come first; ``xyz`` (H, 3), ``cov`` (H, 3, 3) and ``gain`` (H,), the
     sum of log(p / q) over the spots taken (p the density of the spot there when it is the point's, q that of spots by
-    chance), are results; gain is -inf where there is no point.
+    chance), are results; gain is -inf where there is no point, or more than ``patience`` more
+    views have, at first sight, no spot than have one.
     """
     views = len(stations.near)
     each = np.empty(views)
@@ -53,11 +54,16 @@ def grow_points(
             each[v] = 0.0
         if not place(stations, spots, row, x, c):
             continue
+        missing = 0
         for sweep in range(2):
             for n in range(views):
                 v = stations.order[start[h], n]
-                if row[v] < 0:
+                if row[v] < 0 and missing <= patience:
                     each[v] = look(stations, spots, free, v, x, c, row, gate2, sweep)
+                    if sweep == 0:
+                        missing += (row[v] == NONE) - (row[v] >= 0)
+        if missing > patience:
+            continue
         if not settle(stations, spots, row, gate2, x, c):
             continue
         gain[h] = 0.0
@@ -138,6 +144,7 @@ def look(
     cell, left, top = spots.cell[v], spots.origin[v, 0], spots.origin[v, 1]
     determinant = spread(c, j, noise, p)
     if sweep == 0 and math.pi * gate2 * math.sqrt(max(determinant, 0.0)) * spots.crowd[v] > CROWDED:
+        row[v] = AMBIGUOUS
         return 0.0
     reach_u, reach_w = math.sqrt(gate2 * (p[0] + spots.widest[v])), math.sqrt(gate2 * (p[2] + spots.widest[v]))
     c0, c1 = int(max((u - reach_u - left) / cell, 0.0)), int(min((u + reach_u - left) / cell, width - 1.0))
