@@ -13,7 +13,7 @@ from PIL import Image
 
 import windmark as wm
 from windmark import calibration, detection
-from windmark.app import calibrate_pictures, lens_pictures, markers_pictures, pictures, study_pictures
+from windmark.app import lens_pictures, markers_pictures, pictures, space_pictures, study_pictures
 from windmark.app.detect_pictures import explained_picture, merit_picture
 from windmark.app.figures import alignment_figure, matching_figure, surface_figure, wireframe_figure
 from windmark.pipeline.job import run_project
@@ -73,8 +73,8 @@ def calibration_pictures() -> dict[str, Figure]:
     result = wm.self_calibrate(observations, rough, start, views, datum=wm.Free())
     assert isinstance(result, wm.Calibration)
     return {
-        "calibration-stations": calibrate_pictures.stations_picture(result, "mm"),
-        "calibration-markers": calibrate_pictures.markers_picture(result, "mm"),
+        "calibration-stations": space_pictures.stations_picture(result, "mm"),
+        "calibration-markers": space_pictures.markers_picture(result, "mm"),
     }
 
 

@@ -53,7 +53,7 @@ def test_it_writes_everything(windmark, plate):
     page = (folder / "out" / "report.html").read_text()
     for words in ("Free network", "sigma0", "Half of the pictures", "Gross errors", "m07", "focal_px"):
         assert words in page
-    assert page.count("data:image/png;base64,") == 7
+    assert page.count("data:image/png;base64,") == 8
     assert "http" not in page
 
 
@@ -71,7 +71,7 @@ def test_json_and_comparison_with_another_set(windmark, plate):
     assert done.json["cameras"]["camera"]["focal_px"]["sigma"] > 0
     page = (folder / "out" / "report.html").read_text()
     assert "Against another set of pictures" in page
-    assert page.count("data:image/png;base64,") == 8
+    assert page.count("data:image/png;base64,") == 9
 
 
 def test_datum_has_no_default(windmark, plate):
@@ -102,6 +102,11 @@ def test_datum_has_no_default(windmark, plate):
         (("--datum", "free", "--label", "v01:m00=1,2"), "for pictures"),
         (("--datum", "free", "-r", "3"), "for pictures"),
         (("--datum", "free", "--eccentricity", "on"), "auto, table, off"),
+        (("--datum", "free", "--board", "3.5"), "either --markers"),
+        (("--datum", "free", "--board-marks", "holes:0,0:5,0"), "--board PITCH is needed"),
+        (("--datum", "free", "--images-of", "left=v0"), "NAME=PATTERN with a *"),
+        (("--datum", "free", "--images-of", "a=v*", "--images-of", "a=w*"), "camera a is there twice"),
+        (("--datum", "free", "--images-of", "a=v0*", "--images-of", "b=v1*", "--focal", "nan"), "finite"),
     ],
 )
 def test_wrong_usage_is_named(windmark, plate, options, words):

@@ -10,21 +10,24 @@ from windmark import io
 from windmark.calibration import Distance, Fixed, Free, Weighted
 from windmark.calibration.quality import SplitHalf, compare
 from windmark.geometry import PARAMETERS, Camera, Pose
+from windmark.geometry.similarity import align
 from windmark.pipeline.calibrate import (
     CalibrateSettings,
     MatchedPicture,
     MatchOptions,
+    Taken,
     calibrate_marks,
     calibrate_pictures,
-    cameras_of,
     from_table,
     read_known,
     record,
+    taken_by,
     write_calibration,
 )
 from windmark.pipeline.calibrate import pictures as rounds
 from windmark.pipeline.calibrate.marks import Marks, start_camera, with_focal
 from windmark.pipeline.calibrate.outputs import datum_words, pose_columns, stations
+from windmark.pipeline.calibrate.rig import beside, rig_record
 from windmark.pipeline.clock import Clock
 from windmark.scene import Detections, MarkerSet, Observations, View
 
@@ -66,14 +69,29 @@ def test_names_that_the_table_lacks_are_named():
 
 
 def test_which_camera_took_an_image():
-    assert cameras_of(["x", "y"], ["camera"]) == ["camera", "camera"]
-    assert cameras_of(["left_01", "right/01"], ["left", "right"]) == ["left", "right"]
-    assert cameras_of(["cam1_2", "cam12_2"], ["cam1", "cam12"]) == ["cam1", "cam12"]
-    assert cameras_of(["x"], ["left", "right"], ["right"]) == ["right"]
+    def cameras(*asked):
+        return [t.camera for t in taken_by(*asked)]
+
+    assert cameras(["x", "y"], ["camera"]) == ["camera", "camera"]
+    assert cameras(["left_01", "right/01"], ["left", "right"]) == ["left", "right"]
+    assert [t.frame for t in taken_by(["left_01", "right/01"], ["left", "right"])] == ["01", "01"]
+    assert cameras(["cam1_2", "cam12_2"], ["cam1", "cam12"]) == ["cam1", "cam12"]
+    assert cameras(["x"], ["left", "right"], None, ["right"]) == ["right"]
     with pytest.raises(ValueError, match="begins with none of left, right"):
-        cameras_of(["x"], ["left", "right"])
+        taken_by(["x"], ["left", "right"])
     with pytest.raises(ValueError, match="'up'; there are left, right"):
-        cameras_of(["x"], ["left", "right"], ["up"])
+        taken_by(["x"], ["left", "right"], None, ["up"])
+
+
+def test_which_camera_took_an_image_by_patterns():
+    patterns = {"left": "cal-*_0", "right": "cal-*_1"}
+    got = taken_by(["cal-07_0", "cal-07_1", "cal-1.2_0"], ["left", "right"], patterns)
+    assert got == [Taken("left", "07"), Taken("right", "07"), Taken("left", "1.2")]
+    assert taken_by(["a-3-b"], ["one"], {"one": "*-3-*"}) == [Taken("one", "a_b")]
+    with pytest.raises(ValueError, match=r"cal-07_2: .* fits the pattern of none"):
+        taken_by(["cal-07_2"], ["left", "right"], patterns)
+    with pytest.raises(ValueError, match="fits the pattern of left and right"):
+        taken_by(["cal-07"], ["left", "right"], {"left": "cal*", "right": "*07"})
 
 
 def test_a_rig_of_two_cameras():
@@ -87,6 +105,29 @@ def test_a_rig_of_two_cameras():
     out = calibrate_marks(marks, CalibrateSettings(Free(), rig=True), Clock())
     assert set(out.result.cameras) == {"a", "b"}
     assert 0.9 < out.result.sigma0 < 1.1
+    true = case.truth.offsets.translation[1], np.degrees(np.linalg.norm(Pose(
+        case.truth.offsets.rotation[1], case.truth.offsets.translation[1]).log()[:3]))  # fmt: skip
+    (one,) = beside(out.result)
+    assert one.camera == "b"
+    assert abs(one.angle_deg - true[1]) < 4 * one.angle_sigma_deg
+    scale = align(out.result.markers.xyz, case.truth.points, scale=True).scale
+    assert abs(one.distance * scale - np.linalg.norm(true[0])) < 4 * one.distance_sigma
+    assert rig_record(out.result, "mm")["cam_from_rig"]["a"]["rotation"].tolist() == np.eye(3).tolist()
+
+
+def test_cameras_that_share_no_instant_are_no_rig():
+    case = networks.make(73, points=30, views=8, rig=True)
+    names = np.array([f"{'ab'[v % 2]}_{v}" for v in case.network.view])
+    marks = from_table(
+        replace(table_of(case), image=names),
+        rough(case),
+        dict(zip("ab", case.start.cameras, strict=True)),
+        sigma_px=0.1,
+    )
+    out = calibrate_marks(marks, CalibrateSettings(Free(), rig=True), Clock())
+    assert not out
+    assert out.weak == ("b",)
+    assert "camera b has no frame in common with a" in out.reason
 
 
 def test_stations_have_the_covariance_of_sampled_poses(done):
@@ -185,8 +226,8 @@ def matched_pictures(case, monkeypatch, tmp_path, settings=None, broken=()):
     for v in broken:
         found[f"v{v:02d}"] = Detections.make(rng.uniform([0, 0], [1499, 999], (40, 2)))
 
-    def fake(path, name, camera, options, clock):
-        return MatchedPicture(name, camera, (1500, 1000), found[name], {})
+    def fake(path, name, taken, options, clock):
+        return MatchedPicture(name, taken.camera, (1500, 1000), found[name], taken.frame)
 
     monkeypatch.setattr(rounds, "_detect", fake)
     return calibrate_pictures(
@@ -207,8 +248,6 @@ def test_pictures_of_unlabelled_spots(monkeypatch, tmp_path):
     true = case.truth.cameras[0]
     for p in ("focal_px", "cx", "cy"):
         assert abs(getattr(result.cameras["camera"], p) - getattr(true, p)) < 4 * result.sigma("camera", p)
-    from windmark.geometry.similarity import align
-
     known = case.truth.points[[int(n[1:]) for n in result.markers.name]]
     off = align(result.markers.xyz, known, scale=True).apply(result.markers.xyz) - known
     assert np.sqrt((off**2).mean()) < 3 * np.sqrt((result.markers.sigma**2).mean())

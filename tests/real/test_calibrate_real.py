@@ -34,10 +34,11 @@ def test_three_labels_are_enough(sheet, monkeypatch, tmp_path):
     rough = MarkerSet.make(names, true + rng.normal(0, 4, true.shape), normal=np.tile([0, 0, 1.0], (len(names), 1)))
     orders = [rng.permutation(np.flatnonzero(obs.view == v)) for v in range(21)]
 
-    def unlabelled(path, name, camera, options, clock):
+    def unlabelled(path, name, taken, options, clock):
         xy = obs.xy[orders[int(name)]]
         spots = Detections.make(xy, cov=np.full((len(xy), 1, 1), 0.15**2) * np.eye(2))
-        return MatchedPicture(name, camera, (2272, 1704), spots, fixed_spots(spots, options.labels.get(name, {}), 10.0))
+        fixed = fixed_spots(spots, options.labels.get(name, {}), 10.0)
+        return MatchedPicture(name, taken.camera, (2272, 1704), spots, fixed=fixed)
 
     monkeypatch.setattr(rounds, "_detect", unlabelled)
     one = names.tolist().index("1001")

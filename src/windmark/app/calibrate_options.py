@@ -10,6 +10,8 @@ from windmark.calibration import Distance, Fixed, Free, Weighted
 from windmark.calibration.datum import Datum
 from windmark.calibration.self_calibrate import FREE
 from windmark.geometry import PARAMETERS, Camera
+from windmark.pipeline.calibrate import Board
+from windmark.pipeline.calibrate.board import MARK_KINDS
 
 LENSES = {"pinhole": FREE[:4], "radial": FREE[:6], "brown": FREE}
 MORE = {"k3": ("k3",), "tilts": ("tilt_x", "tilt_y")}
@@ -18,20 +20,22 @@ DATUM_HELP = (
     "--datum is needed; what fixes position, direction and size is never guessed. "
     "free: the markers neither shift, turn nor grow on average against the table (best where nothing is known better); "
     "free:A,B,C only these hold it. "
-    "fixed:A,B,C,D: these markers are exactly where the table has them. "
+    "fixed:A,B,C,D: these markers are exactly where the table has them; fixed: all of them. "
     "weighted: all markers with a sigma in the table are known so well; weighted:A,B,C these; weighted:A,B,C=0.1 or "
     "weighted=0.1 with this sigma"
 )
 
 
-def parse_datum(text: str | None) -> Datum:
-    """``free[:names]``, ``fixed:names`` or ``weighted[:names][=sigma]``.
+def parse_datum(text: str | None, needed: bool = True) -> Datum | None:
+    """``free[:names]``, ``fixed[:names]`` or ``weighted[:names][=sigma]``; nothing where it is not needed.
 
     Raises
     ------
     ValueError
         Explains the choices.
     """
+    if text is None and not needed:
+        return None
     if not text:
         raise ValueError(DATUM_HELP)
     head, equals, end = text.partition("=") if text.startswith("weighted") else (text, "", "")
@@ -43,9 +47,10 @@ def parse_datum(text: str | None) -> Datum:
     if twice:
         raise ValueError(f"--datum: {twice[0]} is named twice")
     if kind == "fixed":
-        if len(names) < 3:
-            raise ValueError(f"--datum fixed: expected at least three markers, not on a line, got {len(names)}")
-        return Fixed(names)
+        if names and len(names) < 3:
+            raise ValueError(f"--datum fixed: expected at least three markers, not on a line, or none for all, got "
+                             f"{len(names)}")  # fmt: skip
+        return Fixed(names or None)
     if kind == "free":
         if names and len(names) < 3:
             raise ValueError(f"--datum free: expected at least three markers, or none for all, got {len(names)}")
@@ -113,6 +118,59 @@ def read_cameras(texts: Sequence[str]) -> dict[str, Camera]:
             raise ValueError(f"--camera: two cameras have the name {key}; give NAME=FILE")
         out[key] = io.read_camera(path)[0]
     return out
+
+
+def parse_patterns(texts: Sequence[str]) -> dict[str, str]:
+    """``NAME=PATTERN`` each: camera -> pattern of its images' names."""
+    out: dict[str, str] = {}
+    for text in texts:
+        name, _, pattern = text.partition("=")
+        if not name or "*" not in pattern:
+            raise ValueError(f"--images-of: expected NAME=PATTERN with a * in it, such as left=*_0, got {text!r}")
+        if name in out:
+            raise ValueError(f"--images-of: the camera {name} is there twice; give one pattern for each")
+        out[name] = pattern
+    return out
+
+
+def parse_board(pitch: float | None, marks: str | None, size: str | None, layout: str) -> Board | None:
+    """The board, from its pitch, ``KIND:column,row:...`` of its marks, COLUMNSxROWS and LAYOUT[:aspect]."""
+    if pitch is None:
+        if marks is not None or size is not None or layout != "square":
+            raise ValueError("--board-marks, --board-size and --board-layout describe a board: --board PITCH is needed")
+        return None
+    if not 0 < pitch < float("inf"):
+        raise ValueError(f"--board: expected the distance from column to column, > 0, got {pitch:g}")
+    kind, cells = _board_marks(marks)
+    columns, rows = _board_size(size)
+    name, colon, end = layout.partition(":")
+    aspect = _number(end, "--board-layout", "LAYOUT:ASPECT") if colon else 1.0
+    if name not in ("square", "staggered") or not aspect > 0:
+        raise ValueError(f"--board-layout: expected square or staggered, then perhaps :ASPECT > 0, got {layout!r}")
+    return Board(pitch, cells, kind, columns, rows, name, aspect)
+
+
+def _board_size(text: str | None) -> tuple[int | None, int | None]:
+    if text is None:
+        return None, None
+    columns, _, rows = text.lower().partition("x")
+    if not (columns.isdigit() and rows.isdigit() and int(columns) and int(rows)):
+        raise ValueError(f"--board-size: expected COLUMNSxROWS, as in 12x9, got {text!r}")
+    return int(columns), int(rows)
+
+
+def _board_marks(text: str | None) -> tuple[str, tuple[tuple[int, int], ...]]:
+    if text is None:
+        return MARK_KINDS[0], ()
+    form = f"expected {', '.join(MARK_KINDS)}, then :column,row of two dots or more, such as holes:0,0:5,0:0,3"
+    kind, *cells = text.split(":")
+    try:
+        found = tuple((int(column), int(row)) for column, row in (c.split(",") for c in cells))
+    except ValueError:
+        raise ValueError(f"--board-marks: {form}, got {text!r}") from None
+    if kind not in MARK_KINDS or len(set(found)) < max(2, len(found)):
+        raise ValueError(f"--board-marks: {form}, got {text!r}")
+    return kind, found
 
 
 def parse_labels(texts: Sequence[str], table: Path | None) -> dict[str, dict[str, tuple[float, float]]]:

@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from datetime import datetime
+from pathlib import Path
 
 import numpy as np
 
 import windmark
 from windmark.app import calibrate_pictures as drawn
-from windmark.app.lens_pictures import distortion_picture, residual_map_picture
+from windmark.app import space_pictures as space
+from windmark.app.lens_pictures import correction_picture, distortion_picture, residual_map_picture, visible_factor
 from windmark.app.pictures import png
 from windmark.app.report import Report
-from windmark.calibration import Calibration, NotCalibrated
+from windmark.calibration import Calibration, NotCalibrated, magnify_distortion, undistort
 from windmark.calibration.quality import Comparison, SplitHalf, residual_map
 from windmark.calibration.snooping import LIMIT
 from windmark.geometry import PARAMETERS
-from windmark.pipeline.calibrate import Calibrated, MatchedPicture
+from windmark.pipeline.calibrate import Calibrated, MatchOptions, Picture
 from windmark.pipeline.calibrate.outputs import STRONG, correlations, datum_words, pose_columns, sigma_rms, views_seen
+from windmark.pipeline.calibrate.read import read_image
+from windmark.pipeline.calibrate.rig import beside
 from windmark.pipeline.clock import Clock
 
 TESTED = ("k1", "k2", "k3", "p1", "p2", "tilt_x", "tilt_y")
@@ -30,6 +36,7 @@ FILES = (
     ("camera.json (camera-NAME.json for several)", "interior parameters with their covariance"),
     ("markers.csv", "coordinates with sigma: a marker table for every other verb"),
     ("markers-covariance.csv", "3 x 3 covariance of each marker; --against of another calibration reads it"),
+    ("rig.json", "of a rig: the pose of each camera in the first one's frame, with covariance"),
     ("poses.csv, poses.json", "station and direction of each view with sigma; the whole covariances"),
     ("views/NAME.json", "camera with the pose of that view: resect, detect --camera and others take it"),
     ("residuals.csv", "every mark: residual, test value, used or left out"),
@@ -37,30 +44,46 @@ FILES = (
 )
 
 
-def calibration_report(
-    done: Calibrated,
-    unit: str,
-    matched: tuple[MatchedPicture, ...] | None,
-    against: Comparison | None,
-    other: str,
-    clock: Clock,
-) -> str:
+@dataclass(frozen=True)
+class Shown:
+    """What a report shows beside the calibration itself.
+
+    Parameters
+    ----------
+    unit : length unit
+    pictures, paths : what became of each picture, and the files by name; None from a table of matches
+    match : how the pictures are read
+    against, other : comparison with another set of pictures, and where that is from
+    """
+
+    unit: str
+    pictures: Sequence[Picture] | None
+    paths: Mapping[str, Path] | None
+    match: MatchOptions
+    against: Comparison | None
+    other: str
+
+
+def calibration_report(done: Calibrated, shown: Shown, clock: Clock) -> str:
     """The whole report as HTML."""
     when = datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
+    unit, result = shown.unit, done.result
     report = Report("Calibration", f"windmark {windmark.__version__}, {when}, length unit: {unit}")
-    result = done.result
     _overview(report, done, unit)
     report.heading("Datum")
     for words in datum_words(result):
         report.text(words)
     for name in result.cameras:
         _camera(report, result, name)
+        if shown.paths is not None:
+            _corrected(report, result, name, shown.paths, shown.match)
+    _rig(report, result, unit)
     _halves(report, done.halves, unit)
-    if against is not None:
-        _against(report, against, unit, other)
+    if shown.against is not None:
+        _against(report, shown.against, unit, shown.other)
     _errors(report, result)
-    if matched is not None:
-        _matched(report, matched)
+    if shown.pictures is not None:
+        _matched(report, shown.pictures)
     _space(report, result, unit)
     report.heading("Files beside this report")
     report.table(["file", "content"], FILES)
@@ -82,7 +105,7 @@ def _overview(report: Report, done: Calibrated, unit: str) -> None:
         *((f"markers, RMS of 1 sigma along {axis}, {unit}", float(s)) for axis, s in zip("xyz", sigma, strict=True)),
     ]  # fmt: skip
     if isinstance(done.halves, SplitHalf):
-        rows.append(("two halves of the pictures, difference / sigma", done.halves.comparison.ratio))
+        rows.append(("two halves of the pictures, difference / sigma", done.halves.ratio))
     rows.append(("adjustment", f"{result.report.reason}, {result.report.iterations} iterations"))
     report.table(["", "value"], rows)
     for name in result.suspect:
@@ -125,16 +148,43 @@ def _camera(report: Report, result: Calibration, name: str) -> None:
         )
 
 
+def _corrected(report: Report, result: Calibration, name: str, paths: Mapping[str, Path], match: MatchOptions) -> None:
+    """The picture of a camera with the most marks: as taken, lens undone, distortion magnified."""
+    camera, views = result.cameras[name], [v.name for v in result.views]
+    count = np.bincount(result.observations.view[result.used], minlength=len(views))
+    best = max((n for n, v in enumerate(result.views) if v.camera == name), key=lambda n: count[n])
+    image = read_image(paths[views[best]], match)[0]
+    factor = visible_factor(camera)
+    corrected, magnified = undistort(image, camera), magnify_distortion(image, camera, factor)
+    report.picture(
+        png(correction_picture(image, camera, corrected, magnified, factor), dpi=88),
+        f"{views[best]} as taken, with the lens undone, and with its distortion magnified (AIAA 2005-5007, Fig. 9). "
+        "Blue lines are straight in space, yellow ones in the picture: with the lens undone they are the same.",
+    )
+
+
+def _rig(report: Report, result: Calibration, unit: str) -> None:
+    others = beside(result)
+    if not others:
+        return
+    report.heading("The cameras of the rig to each other")
+    first = next(iter(result.cam_from_rig))
+    report.table(
+        ["camera", f"from {first}, {unit}", "1 sigma", "turned by, deg", "1 sigma"],
+        [(b.camera, f"{b.distance:.4f}", b.distance_sigma, f"{b.angle_deg:.5f}", b.angle_sigma_deg) for b in others],
+    )
+
+
 def _halves(report: Report, halves: SplitHalf | NotCalibrated, unit: str) -> None:
     report.heading("Half of the pictures against the other half")
     if isinstance(halves, NotCalibrated):
         report.text(f"Not done: {halves.reason}", "soft")
         return
     found = halves.comparison
-    words = (
-        f"{len(found.name)} markers differ by {found.rms:.3g} {unit} RMS, {found.ratio:.2f} times what the covariances"
-    )
-    optimistic = found.ratio > OPTIMISTIC
+    words = "The cameras' parameters" if found is None else f"{len(found.name)} markers"
+    words += f" differ by {'' if found is None else f'{found.rms:.3g} {unit} RMS, '}{halves.ratio:.2f} times what the"
+    words += " covariances"
+    optimistic = halves.ratio > OPTIMISTIC
     report.text(words + (" say: the sigmas in this report are too small by about this factor, as they are where "
                          "the lens "
                          "model misses something, or the model moved." if optimistic else " say."),
@@ -182,9 +232,9 @@ def _errors(report: Report, result: Calibration) -> None:
         report.table(["view or marker", "why"], list(result.dropped.items()), scroll=True)
 
 
-def _matched(report: Report, matched: tuple[MatchedPicture, ...]) -> None:
+def _matched(report: Report, matched: Sequence[Picture]) -> None:
     report.heading("Matching of the pictures")
-    good = sum(m.registration is not None for m in matched)
+    good = sum(m.count > 0 for m in matched)
     report.text(f"{good} of {len(matched)} pictures matched. Round: the first one in which a picture was certain; from "
                 "the second on, camera and markers are those of the calibration of the round before. All are matched "
                 f"again in each. The residuals ask for {matched[0].excess_px:.3f} px (1 sigma per coordinate) "
@@ -193,8 +243,8 @@ def _matched(report: Report, matched: tuple[MatchedPicture, ...]) -> None:
     report.table(
         ["picture", "spots", "matched", "RMS px", "log10 of the false-alarm number", "round", "why not"],
         [
-            (m.name, len(m.detections), m.count, m.registration.rms_px if m.registration else None,
-             f"{m.registration.log10_nfa:.0f}" if m.registration else None, m.round or None, m.problem)
+            (m.name, len(m.detections), m.count, m.rms_px, None if m.log10_nfa is None else f"{m.log10_nfa:.0f}",
+             m.round or None, m.problem)
             for m in matched
         ],
     )  # fmt: skip
@@ -202,8 +252,10 @@ def _matched(report: Report, matched: tuple[MatchedPicture, ...]) -> None:
 
 def _space(report: Report, result: Calibration, unit: str) -> None:
     report.heading("Stations and markers")
-    report.picture(png(drawn.stations_picture(result, unit), dpi=88), "From above and from two sides.")
-    report.picture(png(drawn.markers_picture(result, unit), dpi=88), "How sure the markers are.")
+    report.picture(png(space.space_picture(result, unit), dpi=88), "Where the pictures were taken from.")
+    report.picture(png(space.stations_picture(result, unit), dpi=88), "The same along each axis.")
+    if result.marker_cov.any():
+        report.picture(png(space.markers_picture(result, unit), dpi=88), "How sure the markers are.")
     table, seen = result.markers, views_seen(result)
     report.table(
         ["marker", f"x, {unit}", "y", "z", f"sigma x, {unit}", "sigma y", "sigma z", "views"],

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,10 +13,12 @@ from windmark.calibration import NotCalibrated
 from windmark.calibration.quality import Comparison, SplitHalf, compare
 from windmark.geometry import Camera
 from windmark.pipeline.calibrate import (
+    Board,
     Calibrated,
     CalibrateSettings,
-    MatchedPicture,
     MatchOptions,
+    Picture,
+    calibrate_board,
     calibrate_marks,
     calibrate_pictures,
     from_table,
@@ -25,10 +27,12 @@ from windmark.pipeline.calibrate import (
     write_calibration,
 )
 from windmark.pipeline.calibrate.marks import start_camera, with_focal
+from windmark.pipeline.calibrate.rig import Beside, beside
 from windmark.pipeline.clock import Clock
 from windmark.scene import MarkerSet
 
 Record = dict[str, Any]
+Pictures = Sequence[Picture] | None
 TABLES = (".csv", ".txt")
 
 
@@ -39,9 +43,11 @@ class Files:
     Parameters
     ----------
     inputs : one table of matches, or pictures
-    markers, roles : the table of rough coordinates, and the roles wanted (empty: all painted markers)
+    markers, board, roles : the table of rough coordinates, or a board of dots instead; and the roles wanted of the
+        table (empty: all painted markers)
     cameras : start values by name; empty where nothing is known
-    size_px, focal_px : of a camera of which nothing else is known
+    patterns : camera -> pattern of its images' names, for several cameras
+    size_px, focal_px : of cameras of which nothing else is known
     unit : length unit of the markers
     sigma_px : of marks whose table has none
     against : folder of another calibration of the same markers
@@ -49,9 +55,11 @@ class Files:
     """
 
     inputs: tuple[Path, ...]
-    markers: Path
+    markers: Path | None
+    board: Board | None
     roles: tuple[str, ...]
     cameras: Mapping[str, Camera]
+    patterns: Mapping[str, str]
     size_px: tuple[int, int] | None
     focal_px: float | None
     unit: str
@@ -59,65 +67,113 @@ class Files:
     against: Path | None
     output: Path
 
+    def __post_init__(self) -> None:
+        if self.cameras and (self.focal_px is not None or self.size_px is not None):
+            raise ValueError("--camera has size and focal length: leave --size and --focal out")
+        if self.unit not in io.LENGTH_UNITS:
+            raise ValueError(f"--unit must be one of {', '.join(io.LENGTH_UNITS)}, got {self.unit!r}")
+        if not self.sigma_px > 0:
+            raise ValueError(f"--sigma-px must be > 0, got {self.sigma_px:g}")
+        if (self.markers is None) == (self.board is None):
+            raise ValueError("expected either --markers with rough coordinates, or --board with the pitch of a board")
+        if self.patterns and self.cameras and set(self.patterns) != set(self.cameras):
+            raise ValueError(f"--images-of is for the cameras {', '.join(self.patterns)}, --camera for "
+                             f"{', '.join(self.cameras)}; expected the same")  # fmt: skip
 
-def calibrate(files: Files, settings: CalibrateSettings, match: MatchOptions, as_json: bool) -> None:
+    @property
+    def start(self) -> dict[str, Camera | None]:
+        """Start values of every camera, None where nothing is known."""
+        return dict(self.cameras) or dict.fromkeys(self.patterns) or {"camera": None}
+
+
+def run(files: Files, settings: CalibrateSettings, match: MatchOptions, as_json: bool) -> None:
     """Calibrate and write everything into a folder, whole or not at all."""
-    if files.cameras and (files.focal_px is not None or files.size_px is not None):
-        raise ValueError("--camera has size and focal length: leave --size and --focal out")
-    if files.unit not in io.LENGTH_UNITS:
-        raise ValueError(f"--unit must be one of {', '.join(io.LENGTH_UNITS)}, got {files.unit!r}")
-    markers = io.read_markers(files.markers, **({"roles": files.roles} if files.roles else {}))
     known = None if files.against is None else read_known(files.against)
     with console.progress() as show:
         clock = Clock(show)
-        done, matched = _solve(files, markers, settings, match, clock)
+        done, pictures = _solve(files, settings, match, clock)
         if isinstance(done, NotCalibrated):
-            console.refuse(_why(done), as_json, _refusal(done, matched))
+            console.refuse(_why(done), as_json, _refusal(done, pictures))
             return
         against = None if known is None else compare(known, done.result)
-        files.output.parent.mkdir(parents=True, exist_ok=True)
-        with io.atomic_folder(files.output) as place:
-            with clock("write"):
-                write_calibration(done, place, files.unit, matched)
-            content = record(done, files.unit, matched=matched, against=against)
-            from windmark.app.calibrate_report import calibration_report
+        content = _write(files, done, pictures, against, match, clock)
+    console.answer({**content, "folder": files.output}, as_json, _lines(done, pictures, against, files))
 
-            with clock("draw report"):
-                page = calibration_report(done, files.unit, matched, against, str(files.against or ""), clock)
-            (place / "report.html").write_text(page, encoding="utf-8")
-            io.write_json(place / "summary.json", {**content, "seconds": clock.seconds})
-    console.answer({**content, "folder": files.output}, as_json, _lines(done, matched, against, files))
+
+def _write(
+    files: Files,
+    done: Calibrated,
+    pictures: Pictures,
+    against: Comparison | None,
+    match: MatchOptions,
+    clock: Clock,
+) -> Record:
+    """The folder; what its summary holds."""
+    from windmark.app.calibrate_report import Shown, calibration_report
+
+    files.output.parent.mkdir(parents=True, exist_ok=True)
+    with io.atomic_folder(files.output) as place:
+        with clock("write"):
+            write_calibration(done, place, files.unit, pictures)
+        content = record(done, files.unit, matched=pictures, against=against)
+        with clock("draw report"):
+            paths = None if pictures is None else dict(zip([p.name for p in pictures], files.inputs, strict=True))
+            shown = Shown(files.unit, pictures, paths, match, against, str(files.against or ""))
+            page = calibration_report(done, shown, clock)
+        (place / "report.html").write_text(page, encoding="utf-8")
+        io.write_json(place / "summary.json", {**content, "seconds": clock.seconds})
+    return content
 
 
 def _solve(
-    files: Files, markers: MarkerSet, settings: CalibrateSettings, match: MatchOptions, clock: Clock
-) -> tuple[Calibrated | NotCalibrated, tuple[MatchedPicture, ...] | None]:
-    """From matches, or from pictures."""
+    files: Files, settings: CalibrateSettings, match: MatchOptions, clock: Clock
+) -> tuple[Calibrated | NotCalibrated, Pictures]:
+    """From matches, from pictures, or from pictures of a board."""
     tables = [p for p in files.inputs if p.suffix.lower() in TABLES]
-    if not tables:
-        if files.size_px is not None:
-            raise ValueError("--size is for a table of matches; pictures have their own size")
-        cameras: dict[str, Camera | None] = dict(files.cameras) or {"camera": None}
-        return calibrate_pictures(files.inputs, markers, cameras, match, settings, clock, files.focal_px)
-    if len(files.inputs) > 1:
+    if len(files.inputs) > 1 and tables:
         raise ValueError(f"expected one table of matches or several pictures, got {len(files.inputs)} files with "
                          f"{tables[0].name} among them")  # fmt: skip
+    if not tables and files.size_px is not None:
+        raise ValueError("--size is for a table of matches; pictures have their own size")
+    if files.board is not None:
+        _refuse_with_board(files, match, tables)
+        return calibrate_board(files.inputs, files.board, files.start, match, settings, clock, files.focal_px,
+                               files.patterns)  # fmt: skip
+    assert files.markers is not None
+    markers = io.read_markers(files.markers, **({"roles": files.roles} if files.roles else {}))
+    if not tables:
+        return calibrate_pictures(files.inputs, markers, files.start, match, settings, clock, files.focal_px,
+                                  files.patterns)  # fmt: skip
     if match != MatchOptions(seed=match.seed):
         raise ValueError("--radius, --label, --channel and the like are for pictures; a table of matches has its names")
+    return _from_table(files, tables[0], markers, settings, clock), None
+
+
+def _refuse_with_board(files: Files, match: MatchOptions, tables: list[Path]) -> None:
+    if tables:
+        raise ValueError(f"--board is for pictures, got the table {tables[0].name}")
+    if match.labels or match.tolerance_px is not None or files.roles:
+        raise ValueError("--label, --labels, --tolerance-px and --roles are for --markers; a board has none")
+
+
+def _from_table(
+    files: Files, path: Path, markers: MarkerSet, settings: CalibrateSettings, clock: Clock
+) -> Calibrated | NotCalibrated:
+    """From matches."""
     given = dict(files.cameras)
     if not given:
         if files.size_px is None:
             raise ValueError("the size of the pictures is needed with a table of matches: --size WIDTHxHEIGHT, or a "
                              "camera with --camera")  # fmt: skip
-        given = {"camera": start_camera(files.size_px, files.focal_px)}
-    table = io.read_matches(tables[0])
+        given = {name: start_camera(files.size_px, files.focal_px) for name in files.start}
+    table = io.read_matches(path)
     if not len(table):
-        raise io.FileError(tables[0], "the table has no rows; expected matched marks")
-    marks = from_table(table, markers, given, sigma_px=files.sigma_px)
+        raise io.FileError(path, "the table has no rows; expected matched marks")
+    marks = from_table(table, markers, given, sigma_px=files.sigma_px, patterns=files.patterns)
     if not files.cameras and files.focal_px is None:
         with clock("focal length from nothing"):
             marks = with_focal(marks, settings.seed)
-    return calibrate_marks(marks, settings, clock), None
+    return calibrate_marks(marks, settings, clock)
 
 
 def _why(no: NotCalibrated) -> str:
@@ -133,7 +189,7 @@ def _why(no: NotCalibrated) -> str:
     return ". ".join(parts)
 
 
-def _refusal(no: NotCalibrated, matched: tuple[MatchedPicture, ...] | None) -> Record:
+def _refusal(no: NotCalibrated, matched: Pictures) -> Record:
     pictures = None if matched is None else [
         {"image": m.name, "spots": len(m.detections), "matched": m.count, "problem": m.problem} for m in matched
     ]  # fmt: skip
@@ -141,14 +197,12 @@ def _refusal(no: NotCalibrated, matched: tuple[MatchedPicture, ...] | None) -> R
             "dropped": dict(no.dropped), "sigma0": no.sigma0, "pictures": pictures}  # fmt: skip
 
 
-def _lines(
-    done: Calibrated, matched: tuple[MatchedPicture, ...] | None, against: Comparison | None, files: Files
-) -> list[str]:
+def _lines(done: Calibrated, matched: Pictures, against: Comparison | None, files: Files) -> list[str]:
     """The calibration in a few lines."""
     result = done.result
     lines = []
     if matched is not None:
-        good = sum(m.registration is not None for m in matched)
+        good = sum(m.count > 0 for m in matched)
         lines.append(f"{good} of {len(matched)} pictures matched, {sum(m.count for m in matched)} marks;"
                      f" residuals beyond the detector's noise: {matched[0].excess_px:.3f} px")  # fmt: skip
         lines += [f"  skipped {m.name}: {m.problem}" for m in matched if m.problem]
@@ -161,13 +215,8 @@ def _lines(
                      f"{camera.cx:.2f} ({sigma['cx']:.2g}), {camera.cy:.2f} ({sigma['cy']:.2g}) px")  # fmt: skip
     rms = (result.markers.sigma**2).mean(axis=0) ** 0.5
     lines.append(f"markers, 1 sigma: {rms[0]:.2g}, {rms[1]:.2g}, {rms[2]:.2g} {files.unit} along x, y, z")
-    if isinstance(done.halves, SplitHalf):
-        half = done.halves.comparison
-        lines.append(f"two halves of the pictures differ by {half.rms:.2g} {files.unit}, {half.ratio:.2f} times "
-                     "what the"
-                     " covariances say")  # fmt: skip
-    else:
-        lines.append(f"no check by halves: {done.halves.reason}")
+    lines += [_beside_line(b, files.unit) for b in beside(result)]
+    lines.append(_halves_line(done.halves, files.unit))
     if against is not None:
         lines.append(f"against {files.against}: {len(against.name)} markers differ by {against.rms:.2g} "
                      f"{files.unit} RMS,"
@@ -176,3 +225,16 @@ def _lines(
     lines += [f"swapped: {a} and {b} in {view}" for a, b, view in result.swapped]
     lines += [f"left out: {name}: {why}" for name, why in result.dropped.items()]
     return [*lines, f"report: {files.output / 'report.html'}"]
+
+
+def _beside_line(one: Beside, unit: str) -> str:
+    return (f"{one.camera} in the rig: {one.distance:.3f} ({one.distance_sigma:.2g}) {unit} and {one.angle_deg:.4f} "
+            f"({one.angle_sigma_deg:.2g}) deg from the first camera")  # fmt: skip
+
+
+def _halves_line(halves: SplitHalf | NotCalibrated, unit: str) -> str:
+    if isinstance(halves, NotCalibrated):
+        return f"no check by halves: {halves.reason}"
+    found = halves.comparison
+    by = "in the cameras' parameters " if found is None else f"by {found.rms:.2g} {unit}, "
+    return f"two halves of the pictures differ {by}{halves.ratio:.2f} times what the covariances say"

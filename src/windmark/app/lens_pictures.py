@@ -22,6 +22,8 @@ Array = NDArray[np.float64]
 
 _FIELD, _ARROWS = 161, 21  # samples across the sensor
 _SURE = 3.0
+_PAPERS, _SEEN = 3.0, 0.04
+"""The paper's factor of its Fig. 9; a displacement of this part of the picture's width is well seen."""
 
 
 def distortion_picture(camera: Camera, title: str = "Distortion") -> Figure:
@@ -85,6 +87,12 @@ def correction_picture(
         _sensor_axes(axes, one.camera.size_px)
         axes.label_outer()
     return figure
+
+
+def visible_factor(camera: Camera) -> float:
+    """How many times the distortion must be magnified to be seen: the paper's 3, or more where it is small."""
+    top = float(np.nanmax(np.linalg.norm(_displacement(camera, _ARROWS)[2], axis=-1), initial=0.0))
+    return max(_PAPERS, round_length(_SEEN * camera.size_px[0] / max(top, 1e-9)))
 
 
 def residual_map_picture(seen: ResidualMap, title: str = "Residuals over the sensor") -> Figure:

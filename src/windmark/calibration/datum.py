@@ -12,10 +12,10 @@ class Fixed:
 
     Parameters
     ----------
-    markers : their names
+    markers : their names; None holds all, so that only cameras and poses are found
     """
 
-    markers: Sequence[str]
+    markers: Sequence[str] | None = None
 
 
 @dataclass(frozen=True)

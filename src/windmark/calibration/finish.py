@@ -51,7 +51,7 @@ def calibration(job: Job, solved: Solved, dropped: dict[str, str], options: dict
     markers = replace(job.markers.take(seen), xyz=state.points[seen], sigma=sigma)
     view_seen = np.zeros(len(job.views), dtype=np.bool_)
     view_seen[obs.view[solved.taken]] = True
-    at = views_of(job, state)
+    at, o = views_of(job, state), state.offsets
     views = tuple(replace(job.views[v], cam_from_model=at[v][1]) for v in np.flatnonzero(view_seen))
     return Calibration(
         cameras=_cameras(job, solved, covariance, scale),
@@ -75,6 +75,8 @@ def calibration(job: Job, solved: Solved, dropped: dict[str, str], options: dict
         swapped=swapped(job, solved, at),
         report=solved.report,
         options=options,
+        cam_from_rig={n: Pose(o.rotation[c], o.translation[c]) for c, n in enumerate(job.cameras)} if o else {},
+        rig_cov=_rig_cov(job, solved, covariance, scale) if o else {},
     )  # fmt: skip
 
 
@@ -172,6 +174,19 @@ def _pose_cov(job: Job, solved: Solved, covariance: DatumCovariance, view: int) 
     pick[index, np.arange(len(index))] = 1.0
     cov = covariance.between(index, index, network.product(pick)[index])
     return np.asarray(change @ cov @ change.T)
+
+
+def _rig_cov(job: Job, solved: Solved, covariance: DatumCovariance, scale: float) -> dict[str, Array]:
+    """(6, 6) of ``exp(delta) @ cam_from_rig`` of each camera; zero of the first, which is the rig's frame."""
+    columns, units = solved.problem.layout.columns.offset, solved.problem.units(solved.state)
+    out = {}
+    for c, name in enumerate(job.cameras):
+        out[name] = np.zeros((6, 6))
+        if columns[c] >= 0:
+            index, change = columns[c] + np.arange(6), _tangent(units.offset_pivot[c], units.offset_scale[c])
+            cov = covariance.between(index, index, solved.covariance.dense[np.ix_(index, index)])
+            out[name] = change @ cov @ change.T * scale
+    return out
 
 
 def _tangent(pivot: Array, scale: float) -> Array:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.calibration.datum import Free
+from windmark.calibration.datum import Fixed, Free
 from windmark.calibration.result import Calibration, NotCalibrated
 from windmark.calibration.self_calibrate import self_calibrate
 from windmark.geometry import PARAMETERS, Camera
@@ -164,18 +164,21 @@ class SplitHalf:
 
     Parameters
     ----------
-    comparison : of the two halves' markers
+    comparison : of the two halves' markers, None where all were held
     change : interior parameter -> (second less first, 1 sigma of it), of each camera
+    ratio : of the comparison; where all markers were held, the same of the interior parameters with their correlations
     """
 
-    comparison: Comparison
+    comparison: Comparison | None
     change: dict[str, dict[str, tuple[float, float]]]
+    ratio: float
 
 
 def split_half(result: Calibration, *, seed: int = 0) -> SplitHalf | NotCalibrated:
-    """Calibrate two random halves of the pictures apart, each a free network, and compare.
+    """Calibrate two random halves of the pictures apart and compare.
 
-    Rigs are split by frames. Where a half is too small for a calibration its `NotCalibrated` comes back.
+    Each is a free network, unless the datum holds all markers. Rigs are split by
+    frames. Where a half is too small for a calibration its `NotCalibrated` comes back.
     """
     frames = list(dict.fromkeys(v.frame if result.options["rig"] else v.name for v in result.views))
     order = np.random.default_rng(seed).permutation(len(frames))
@@ -194,18 +197,38 @@ def split_half(result: Calibration, *, seed: int = 0) -> SplitHalf | NotCalibrat
             p: (getattr(b, p) - getattr(a, p), float(np.hypot(halves[0].sigma(name, p), halves[1].sigma(name, p))))
             for p in result.options["free"]
         }
-    return SplitHalf(compare(halves[0], halves[1]), change)
+    if result.options["datum"] == Fixed():
+        return SplitHalf(None, change, _interior_ratio(halves[0], halves[1]))
+    comparison = compare(halves[0], halves[1])
+    return SplitHalf(comparison, change, comparison.ratio)
+
+
+def _interior_ratio(first: Calibration, second: Calibration) -> float:
+    """Root mean square change of the cameras' parameters, in units of both covariances."""
+    square, count = 0.0, 0
+    for name in first.cameras:
+        a, b = first.cameras[name], second.cameras[name]
+        if a.cov is None or b.cov is None:
+            continue
+        free = np.flatnonzero(np.diagonal(a.cov) > 0)
+        change = np.array([getattr(b, PARAMETERS[k]) - getattr(a, PARAMETERS[k]) for k in free])
+        scale = np.sqrt(np.diagonal(a.cov)[free])
+        cov = (a.cov + b.cov)[np.ix_(free, free)] / np.outer(scale, scale)
+        square += float(change / scale @ np.linalg.solve(cov, change / scale))
+        count += len(free)
+    return float(np.sqrt(square / count)) if count else float("nan")
 
 
 def _calibrate_again(result: Calibration, keep: NDArray[np.bool_]) -> Calibration | NotCalibrated:
     """The same job on some of the views, from the result, without its gross errors."""
     obs, options = result.observations, result.options
+    datum = Fixed() if options["datum"] == Fixed() else Free()
     mine = keep[obs.view] & result.used
     views = [v for v, k in zip(result.views, keep, strict=True) if k]
     observations = Observations((np.cumsum(keep) - 1)[obs.view[mine]], obs.point[mine], obs.xy[mine], obs.cov[mine])
     return self_calibrate(
         observations, replace(result.markers, sigma=np.full_like(result.markers.sigma, np.nan)),
-        {n: replace(c, cov=None) for n, c in result.cameras.items()}, views, datum=Free(), free=options["free"],
+        {n: replace(c, cov=None) for n, c in result.cameras.items()}, views, datum=datum, free=options["free"],
         rig=options["rig"], eccentricity=options["eccentricity"], prior_sigma=options["prior_sigma"],
         free_focal=[n for n in options["free_focal"] if n in {v.name for v in views}],
         reject=options["reject"], max_sigma0=options["max_sigma0"],

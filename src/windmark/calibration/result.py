@@ -43,6 +43,8 @@ class Calibration:
     redundancy : observations minus unknowns
     rms_px : root mean square length of the residuals of the used marks
     focal_change : (V,) relative change of the focal length of each view; zero where it is that of its camera
+    cam_from_rig : of each camera of a rig, the first one's is the identity; empty without a rig
+    rig_cov : (6, 6) of ``exp(delta) @ cam_from_rig`` of each, times ``sigma0**2``
     dropped : why views or markers did not take part, by their name
     suspect : names of markers and views most of whose marks were left out: a held marker that is not where its table
         says, a picture out of focus, a marker that moved
@@ -69,6 +71,8 @@ class Calibration:
     swapped: tuple[tuple[str, str, str], ...]
     report: SolveReport
     options: Mapping[str, Any] = field(default_factory=dict)
+    cam_from_rig: Mapping[str, Pose] = field(default_factory=dict)
+    rig_cov: Mapping[str, Array] = field(default_factory=dict)
 
     def __bool__(self) -> bool:
         return True

@@ -129,15 +129,16 @@ def _best_of_starts(job: Job, options: dict[str, Any]) -> Calibration | NotCalib
 def _attempt(
     job: Job, cameras: Mapping[str, Camera], options: dict[str, Any], seed: int
 ) -> Calibration | NotCalibrated:
-    good, state, dropped = _start(job, cameras, seed)
+    dropped: dict[str, str] = {}
 
     def refused(cause: str, reason: str, weak: tuple[str, ...] = (), sigma0: float = np.nan) -> NotCalibrated:
         return NotCalibrated(reason, cause, weak, dropped, sigma0, options)
 
-    if state is None:
-        return refused("too_few", "no view has a pose: fewer than four marks, or markers on one line")
     sigma0 = np.nan
     try:
+        good, state, dropped = _start(job, cameras, seed)
+        if state is None:
+            return refused("too_few", "no view has a pose: fewer than four marks, or markers on one line")
         solved = _every_mark(job, state, good, options)
         dropped, sigma0 = solved.dropped | dropped, solved.sigma0
         if solved.redundancy <= 0:
@@ -188,8 +189,7 @@ def _start(job: Job, cameras: Mapping[str, Camera], seed: int) -> tuple[Mask, Ne
                 dropped[job.views[v].name] = f"view without a pose: {count} marks (four are needed, not on one line)"
     if not taking_part(job, good)[0].any():
         return good, None, dropped
-    usable = next(p for p in poses if p is not None)
-    return good, first_state(job, found, [p or usable for p in poses]), dropped
+    return good, first_state(job, found, poses), dropped
 
 
 def _every_mark(job: Job, state: NetworkState, good: Mask, options: dict[str, Any]) -> Solved:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from windmark.adjust.network import Bars, Network, NetworkState
 from windmark.calibration.datum import Datum, Distance, Fixed, Free, Weighted
-from windmark.geometry import PARAMETERS, Camera, Pose
+from windmark.geometry import PARAMETERS, Camera, DegenerateGeometry, Pose
 from windmark.scene import MarkerSet, Observations, View
 
 Array = NDArray[np.float64]
@@ -179,29 +179,37 @@ def _bars(job: Job) -> Bars:
                 np.array([d.sigma for d in job.distances], dtype=float))  # fmt: skip
 
 
-def first_state(job: Job, cameras: Mapping[str, Camera], poses: Sequence[Pose]) -> NetworkState:
-    """Values from cameras and a pose of every view."""
+def first_state(job: Job, cameras: Mapping[str, Camera], poses: Sequence[Pose | None]) -> NetworkState:
+    """Values from cameras and the poses of views; those without take one of the others, they have no marks.
+
+    Raises
+    ------
+    DegenerateGeometry
+        When a camera of a rig shares no frame with the first.
+    """
     names = list(job.cameras)
     keys, frame = frames_of(job)
     focal = np.zeros(len(job.views)) if job.free_focal else None
     values = tuple(replace(cameras[n], cov=None) for n in names)
+    usable = next(p for p in poses if p is not None)
     if not job.rig:
-        return NetworkState(values, _stack(list(poses)), job.markers.xyz.copy(), None, focal)
+        return NetworkState(values, _stack([p or usable for p in poses]), job.markers.xyz.copy(), None, focal)
     camera = np.array([names.index(v.camera) for v in job.views])
     offsets = [Pose.identity()]
     for c in range(1, len(names)):
         pairs = [
-            poses[int(b)] @ poses[int(a)].inverse()
-            for a in np.flatnonzero(camera == 0)
-            for b in np.flatnonzero((camera == c) & (frame == frame[a]))
+            there @ here.inverse()
+            for a, here in enumerate(poses)
+            for b, there in enumerate(poses)
+            if here and there and camera[a] == 0 and camera[b] == c and frame[a] == frame[b]
         ]
         if not pairs:
-            raise ValueError(f"self_calibrate: rig: camera {names[c]} shares no frame with {names[0]}")
+            raise DegenerateGeometry(f"rig: camera {names[c]} has no frame in common with {names[0]}", (names[c],))
         offsets.append(_middle(pairs))
     frames = []
     for f in range(len(keys)):
-        v = int(np.flatnonzero(frame == f)[0])
-        frames.append(offsets[camera[v]].inverse() @ poses[v])
+        known = [(offsets[camera[v]], poses[v]) for v in np.flatnonzero(frame == f).tolist()]
+        frames.append(next((offset.inverse() @ p for offset, p in known if p is not None), usable))
     return NetworkState(values, _stack(frames), job.markers.xyz.copy(), _stack(offsets), focal)
 
 

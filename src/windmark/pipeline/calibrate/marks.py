@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -52,34 +53,64 @@ def with_focal(marks: Marks, seed: int = 0) -> Marks:
     return replace(marks, cameras=found)
 
 
-def cameras_of(images: Sequence[str], cameras: Sequence[str], given: Sequence[str] | None = None) -> list[str]:
-    """The camera of each image: the given one, the only one, or the one whose name the image's name begins with.
+@dataclass(frozen=True)
+class Taken:
+    """Which camera took an image, and at which instant: images of one instant have the same ``frame``."""
+
+    camera: str
+    frame: str
+
+
+def taken_by(
+    images: Sequence[str],
+    cameras: Sequence[str],
+    patterns: Mapping[str, str] | None = None,
+    given: Sequence[str] | None = None,
+) -> list[Taken]:
+    """The camera and the instant of each image.
+
+    The camera is the given one, that of the pattern that the image's name fits, the only one, or the one whose name
+    the image's name begins with. The instant is what stands for the ``*`` of the pattern, or the image's name without
+    that of the camera.
+
+    Parameters
+    ----------
+    images, cameras : names
+    patterns : camera -> pattern of its images' names, such as ``*_left``; ``*`` stands for any letters
+    given : the camera of each image where it is known, else ""
 
     Raises
     ------
     ValueError
         For an unknown camera, or an image whose name fits none, or two.
     """
-    out = []
-    for image, name in zip(images, given or [""] * len(images), strict=True):
-        if name:
-            if name not in cameras:
-                raise ValueError(f"image {image}: its camera is {name!r}; there are {', '.join(cameras)}")
-            out.append(name)
-            continue
-        fits = [c for c in cameras if len(cameras) == 1 or image.startswith(c)]
-        longest = [c for c in fits if len(c) == max(map(len, fits))]
-        if len(longest) != 1:
-            raise ValueError(
-                f"image {image}: which camera took it? Its name begins with none of {', '.join(cameras)}; rename it, "
-                "or give a column camera in the table of matches"
-            )
-        out.append(longest[0])
-    return out
+    known = {c: re.compile("(.*)".join(map(re.escape, p.split("*")))) for c, p in (patterns or {}).items()}
+    return [_taken(i, g, cameras, known) for i, g in zip(images, given or [""] * len(images), strict=True)]
 
 
-def frame_of(image: str, camera: str, count: int) -> str:
-    """The instant of an image: its name without that of the camera, where there are several cameras."""
+def _taken(image: str, given: str, cameras: Sequence[str], patterns: Mapping[str, re.Pattern[str]]) -> Taken:
+    if given:
+        if given not in cameras:
+            raise ValueError(f"image {image}: its camera is {given!r}; there are {', '.join(cameras)}")
+        return Taken(given, _frame(image, given, len(cameras)))
+    if patterns:
+        found = [(c, m) for c, p in patterns.items() if (m := p.fullmatch(image))]
+        if len(found) != 1:
+            which = " and ".join(c for c, _ in found) or "none"
+            raise ValueError(f"image {image}: which camera took it? Its name fits the pattern of {which}")
+        return Taken(found[0][0], "_".join(found[0][1].groups()))
+    fits = [c for c in cameras if len(cameras) == 1 or image.startswith(c)]
+    longest = [c for c in fits if len(c) == max(map(len, fits))]
+    if len(longest) != 1:
+        raise ValueError(
+            f"image {image}: which camera took it? Its name begins with none of {', '.join(cameras)}; rename it, give "
+            "a column camera in the table of matches, or a pattern of each camera's names"
+        )
+    return Taken(longest[0], _frame(image, longest[0], len(cameras)))
+
+
+def _frame(image: str, camera: str, count: int) -> str:
+    """The image's name without that of the camera, where there are several cameras."""
     return image if count == 1 else image[len(camera) :].lstrip("/_-. ") if image.startswith(camera) else image
 
 
@@ -90,6 +121,7 @@ def from_table(
     *,
     sigma_px: float,
     poses: Mapping[str, Pose] | None = None,
+    patterns: Mapping[str, str] | None = None,
 ) -> Marks:
     """Marks of a table of matches.
 
@@ -100,6 +132,7 @@ def from_table(
     cameras : start values by name
     sigma_px : standard deviation per coordinate of marks without one
     poses : start values of poses by image; elsewhere they are found
+    patterns : camera -> pattern of its images' names, see `taken_by`
 
     Raises
     ------
@@ -113,10 +146,10 @@ def from_table(
             f"the matches name {len(unknown)} markers that are not in the table of markers: {', '.join(unknown[:5])}"
         )
     names, first, view = np.unique(table.image, return_index=True, return_inverse=True)
-    who = cameras_of(names.tolist(), list(cameras), table.camera[first].tolist())
+    who = taken_by(names.tolist(), list(cameras), patterns, table.camera[first].tolist())
     views = tuple(
-        View(str(n), c, str(table.frame[k]) or frame_of(str(n), c, len(cameras)), (poses or {}).get(str(n)))
-        for n, c, k in zip(names, who, first, strict=True)
+        View(str(n), by.camera, str(table.frame[k]) or by.frame, (poses or {}).get(str(n)))
+        for n, by, k in zip(names, who, first, strict=True)
     )
     cov = with_sigma(table.cov, sigma_px)
     point = np.array([place[str(n)] for n in table.name], dtype=np.int64)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,8 @@ from windmark.calibration.datum import Fixed, Free, Weighted
 from windmark.calibration.quality import Comparison, KnownMarkers, SplitHalf, residual_map
 from windmark.calibration.snooping import LIMIT
 from windmark.geometry import PARAMETERS
-from windmark.pipeline.calibrate.pictures import MatchedPicture
+from windmark.pipeline.calibrate.read import Picture
+from windmark.pipeline.calibrate.rig import beside, beside_record, rig_record
 from windmark.pipeline.calibrate.run import Calibrated
 from windmark.scene import MarkerSet
 
@@ -29,10 +31,8 @@ STRONG = 0.9
 """Correlations between interior parameters above this are named."""
 
 
-def write_calibration(
-    done: Calibrated, folder: Path, unit: str, matched: tuple[MatchedPicture, ...] | None = None
-) -> None:
-    """Cameras, markers, poses and residuals into ``folder``; with pictures the matches, too."""
+def write_calibration(done: Calibrated, folder: Path, unit: str, matched: Sequence[Picture] | None = None) -> None:
+    """Cameras (of a rig to each other, too), markers, poses, residuals into ``folder``; with pictures the matches."""
     result = done.result
     for name, camera in result.cameras.items():
         io.write_camera(folder / camera_file(result, name), camera)
@@ -40,6 +40,8 @@ def write_calibration(
     cov = {key: result.marker_cov[:, i, j] for key, (i, j) in _COV.items()}
     io.write_table(folder / MARKERS_COV, {"name": result.markers.name, **cov})
     io.write_table(folder / "poses.csv", pose_columns(result))
+    if result.cam_from_rig:
+        io.write_json(folder / "rig.json", rig_record(result, unit))
     io.write_json(folder / "poses.json", {"length_unit": unit, "views": pose_records(result)})
     place = folder / "views"
     place.mkdir()
@@ -157,8 +159,11 @@ def read_known(folder: Path) -> KnownMarkers:
 def datum_words(result: Calibration) -> list[str]:
     """What fixes position, direction and size, in sentences."""
     datum, bars = result.options["datum"], result.options["distances"]
-    if isinstance(datum, Fixed):
-        text = f"Position, direction and size are those of the markers {_listed(datum.markers)}, held where their"
+    if datum == Fixed():
+        words = ["All markers are held where their table has them: cameras and poses alone were adjusted, and an error "
+                 "of the table is an error of the result."]  # fmt: skip
+    elif isinstance(datum, Fixed):
+        text = f"Position, direction and size are those of the markers {_listed(datum.markers or ())}, held where their"
         words = [text + " table has them, with no uncertainty of their own."]
     elif isinstance(datum, Weighted):
         which = "all markers with a sigma in their table" if datum.markers is None else _listed(datum.markers)
@@ -205,7 +210,7 @@ def record(
     done: Calibrated,
     unit: str,
     *,
-    matched: tuple[MatchedPicture, ...] | None = None,
+    matched: Sequence[Picture] | None = None,
     against: Comparison | None = None,
 ) -> Record:
     """The calibration in figures: what `--json` prints and summary.json holds."""
@@ -224,7 +229,8 @@ def record(
         "redundancy": result.redundancy, "rms_px": result.rms_px, "marks": len(result.observations),
         "left_out": int((~result.used).sum()), "test_limit": LIMIT, "views": len(result.views),
         "markers": len(result.markers), "marker_sigma_rms": sigma_rms(result.markers), "datum": datum_words(result),
-        "cameras": cameras, "halves": _halves_record(done.halves), "suspect": list(result.suspect),
+        "cameras": cameras, "rig": [beside_record(b) for b in beside(result)],
+        "halves": _halves_record(done.halves), "suspect": list(result.suspect),
         "swapped": [list(s) for s in result.swapped], "dropped": dict(result.dropped),
         "converged": result.report.reason, "iterations": result.report.iterations,
         "pictures": None if matched is None else [vars_of(m) for m in matched],
@@ -232,7 +238,7 @@ def record(
     }  # fmt: skip
 
 
-def vars_of(one: MatchedPicture) -> Record:
+def vars_of(one: Picture) -> Record:
     """One picture in figures."""
     return {
         "image": one.name, "spots": len(one.detections), "matched": one.count, "round": one.round,
@@ -255,4 +261,5 @@ def _halves_record(halves: SplitHalf | NotCalibrated) -> Record:
     if isinstance(halves, NotCalibrated):
         return {"done": False, "reason": halves.reason}
     change = {c: {p: {"change": d, "sigma": s} for p, (d, s) in of.items()} for c, of in halves.change.items()}
-    return {"done": True, **comparison_record(halves.comparison), "change": change}
+    compared = {} if halves.comparison is None else comparison_record(halves.comparison)
+    return {"done": True, **compared, "ratio": halves.ratio, "change": change}

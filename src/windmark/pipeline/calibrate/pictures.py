@@ -7,24 +7,31 @@ markers, and so on until no more pictures come in.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from windmark import detection, io, registration
+from windmark import registration
 from windmark.calibration import Calibration, Free, NotCalibrated
 from windmark.geometry import Camera
-from windmark.pipeline.calibrate.marks import Marks, cameras_of, frame_of, start_camera, with_sigma
+from windmark.pipeline.calibrate.marks import Marks, Taken, with_sigma
+from windmark.pipeline.calibrate.read import (
+    MatchOptions,
+    Picture,
+    excess_px,
+    find_spots,
+    picture_names,
+    read_image,
+    read_pictures,
+)
 from windmark.pipeline.calibrate.run import Calibrated, CalibrateSettings, adjusted, calibrate_marks, explained
 from windmark.pipeline.clock import Clock
 from windmark.pipeline.labels import fixed_spots
 from windmark.registration import Registration
-from windmark.scene import Detections, MarkerSet, Observations, View
+from windmark.scene import MarkerSet, Observations, View
 
 LABEL_PX = 10.0
 """A label means the spot within so many pixels of its place."""
@@ -48,63 +55,32 @@ FEWER = (("focal_px", "cx", "cy", "k1", "k2"), ("focal_px", "k1"))
 
 
 @dataclass(frozen=True)
-class MatchOptions:
-    """How pictures are read, and their markers found and matched.
-
-    Parameters
-    ----------
-    radius_px : of the markers; empty takes what each picture itself says
-    polarity, merit_max : see `windmark.detect`
-    channel, bayer : of colour pictures
-    mask : picture of the pixels that are used
-    labels : image name -> marker's name -> its place in the picture, where the labelling would be ambiguous
-    tolerance_px : neighbourhood of the first round; None takes 0.3 of the spots' spacing
-    max_time_s : CPU time per picture and round
-    seed : of the matching
-    """
-
-    radius_px: tuple[float, ...] = ()
-    polarity: str = "dark"
-    merit_max: float = 0.7
-    channel: str = "grey"
-    bayer: str | None = None
-    mask: Path | None = None
-    labels: Mapping[str, Mapping[str, tuple[float, float]]] = field(default_factory=dict)
-    tolerance_px: float | None = None
-    max_time_s: float = 2.0
-    seed: int = 0
-
-
-@dataclass(frozen=True)
-class MatchedPicture:
+class MatchedPicture(Picture):
     """One picture: its spots, and which marker each is.
 
     Parameters
     ----------
-    name, camera : of the picture
-    size_px : (width, height)
-    detections : its spots
     fixed : spot -> marker's name, as told by labels
     registration : the accepted matching, None if there is none
-    problem : why there is none
-    round : in which it was accepted for the first time, 0 if never
-    excess_px : 1 sigma per coordinate that was added to the detector's, as the residuals of all pictures ask for
     """
 
-    name: str
-    camera: str
-    size_px: tuple[int, int]
-    detections: Detections
-    fixed: Mapping[int, str]
+    fixed: Mapping[int, str] = field(default_factory=dict)
     registration: Registration | None = None
-    problem: str = ""
-    round: int = 0
-    excess_px: float = 0.0
 
     @property
     def count(self) -> int:
         """Matched markers."""
         return 0 if self.registration is None else len(self.registration.matching)
+
+    @property
+    def rms_px(self) -> float | None:
+        """Of the registration."""
+        return None if self.registration is None else self.registration.rms_px
+
+    @property
+    def log10_nfa(self) -> float | None:
+        """Of the registration."""
+        return None if self.registration is None else self.registration.log10_nfa
 
 
 def calibrate_pictures(
@@ -115,6 +91,7 @@ def calibrate_pictures(
     settings: CalibrateSettings,
     clock: Clock,
     focal_px: float | None = None,
+    patterns: Mapping[str, str] | None = None,
 ) -> tuple[Calibrated | NotCalibrated, tuple[MatchedPicture, ...]]:
     """Detect, match and calibrate.
 
@@ -126,6 +103,7 @@ def calibrate_pictures(
     options, settings : of matching and of calibrating
     clock : of the stages
     focal_px : rough focal length of unknown cameras
+    patterns : camera -> pattern of its pictures' names, see `marks.taken_by`
 
     Returns
     -------
@@ -136,7 +114,13 @@ def calibrate_pictures(
     ValueError
         For unreadable pictures, sizes that differ, labels of no picture or of no spot.
     """
-    pictures, found = _read(paths, markers, cameras, options, clock, focal_px)
+    _check_labels(picture_names(paths), markers, options)
+
+    def look(path: Path, name: str, taken: Taken) -> MatchedPicture:
+        return _detect(path, name, taken, options, clock)
+
+    with clock("detect"):
+        pictures, found = read_pictures(paths, cameras, patterns or {}, focal_px, look)
     nothing = focal_px is None and None in cameras.values()
     known, how, excess, done = markers, _rough_options(markers, ANY_FOCAL if nothing else GIVEN_FOCAL), 0.0, 0
     doubtful: set[str] = set()
@@ -155,7 +139,7 @@ def calibrate_pictures(
         if isinstance(calibration, NotCalibrated):
             return explained(calibration, marks), tuple(pictures)
         found = {**found, **{k: replace(c, cov=None) for k, c in calibration.cameras.items()}}
-        known, how, excess, done = _refined(markers, calibration), {}, _excess(calibration, excess), matched
+        known, how, excess, done = _refined(markers, calibration), {}, excess_px(calibration, excess), matched
         doubtful = set(calibration.suspect) & {p.name for p in pictures}
     pictures = [_without_labels(p) if p.name in doubtful else p for p in pictures]
     marks = _marks(pictures, markers, found, excess)
@@ -179,27 +163,7 @@ def _too_few(pictures: Sequence[MatchedPicture], n: int) -> NotCalibrated:
     return NotCalibrated(reason, "too_few", dropped={p.name: p.problem for p in pictures if p.problem})
 
 
-def _excess(result: Calibration, before: float) -> float:
-    """1 sigma per coordinate of the residuals beyond the marks' own noise: what lens, discs and light leave.
-
-    From the medians, so that gross errors do not count.
-    """
-    seen = float(np.median((result.residuals[result.used] ** 2).sum(axis=1)) / (2 * np.log(2.0)))
-    noise = float(np.median(np.trace(result.observations.cov, axis1=1, axis2=2)) / 2) - before**2
-    return float(np.sqrt(max(seen - noise, 0.0)))
-
-
-def _read(
-    paths: Sequence[Path],
-    markers: MarkerSet,
-    cameras: Mapping[str, Camera | None],
-    options: MatchOptions,
-    clock: Clock,
-    focal_px: float | None,
-) -> tuple[list[MatchedPicture], dict[str, Camera]]:
-    """Spots of all pictures, and the cameras with their sizes."""
-    names = _names(paths)
-    who = cameras_of(names, list(cameras))
+def _check_labels(names: Sequence[str], markers: MarkerSet, options: MatchOptions) -> None:
     unknown = sorted(set(options.labels) - set(names))
     if unknown:
         raise ValueError(f"a label is for the picture {unknown[0]!r}; there are {', '.join(names[:5])}")
@@ -207,41 +171,18 @@ def _read(
     wrong = sorted({n for labels in options.labels.values() for n in labels} - table)
     if wrong:
         raise ValueError(f"a label names the marker {wrong[0]!r}, which is not in the table of markers")
-    with clock("detect"), ThreadPoolExecutor(max_workers=min(len(paths), os.cpu_count() or 1)) as pool:
-        jobs = [pool.submit(_detect, *p, options, clock) for p in zip(paths, names, who, strict=True)]
-        pictures = [job.result() for job in jobs]
-    sized: dict[str, Camera] = {}
-    for p in pictures:
-        camera = sized.setdefault(p.camera, cameras[p.camera] or start_camera(p.size_px, focal_px))
-        if camera.size_px != p.size_px:
-            raise ValueError(f"picture {p.name} has {p.size_px} px; expected {camera.size_px}, as its camera")
-    return pictures, sized
 
 
-def _names(paths: Sequence[Path]) -> list[str]:
-    """Stems of the files; with the folder's name where stems come twice."""
-    names = [p.stem for p in paths]
-    if len(set(names)) < len(names):
-        names = [f"{p.parent.name}/{p.stem}" for p in paths]
-    twice = sorted({n for n in names if names.count(n) > 1})
-    if twice:
-        raise ValueError(f"two pictures have the name {twice[0]}; names must differ")
-    return names
-
-
-def _detect(path: Path, name: str, camera: str, options: MatchOptions, clock: Clock) -> MatchedPicture:
-    image = io.read_grey(path, channel=options.channel, bayer=options.bayer)
+def _detect(path: Path, name: str, taken: Taken, options: MatchOptions, clock: Clock) -> MatchedPicture:
     clock.progress(f"detect {name}")
-    mask = None if options.mask is None else io.read_mask(options.mask, image.shape)
-    spots = detection.detect(
-        image, radius_px=options.radius_px or None, polarity=options.polarity, merit_max=options.merit_max, mask=mask
-    )
+    image, mask = read_image(path, options)
+    spots = find_spots(image, mask, options)
     try:
         fixed = fixed_spots(spots, options.labels.get(name, {}), LABEL_PX)
     except ValueError as error:
         raise ValueError(f"picture {name}: {error}") from None
     size = (int(image.shape[1]), int(image.shape[0]))
-    return MatchedPicture(name, camera, size, spots, fixed)
+    return MatchedPicture(name, taken.camera, size, spots, taken.frame, fixed=fixed)
 
 
 def _rough_options(markers: MarkerSet, focal_range: float) -> dict[str, Any]:
@@ -292,14 +233,17 @@ def _marks(
         xy.append(p.detections.xy[pairs.detection])
         cov.append(with_sigma(p.detections.cov[pairs.detection], 0.1) + excess_px**2 * np.eye(2))
         # No pose: that of the matching has a focal length of its own.
-        views.append(View(p.name, p.camera, frame_of(p.name, p.camera, len(cameras))))
+        views.append(View(p.name, p.camera, p.frame))
     observations = Observations(np.concatenate(view), np.concatenate(point), np.concatenate(xy), np.concatenate(cov))
     return Marks(observations, markers, {k: cameras[k] for k in cameras}, tuple(views))
 
 
 def _first(marks: Marks, settings: CalibrateSettings) -> Calibration | NotCalibrated:
-    """A calibration from the pictures so far, with fewer parameters where there are few; a free network."""
-    settings = replace(settings, max_sigma0=np.inf)
+    """A calibration from the pictures so far, with fewer parameters where there are few; a free network.
+
+    No rig yet: its cameras may have no instant in common among these pictures.
+    """
+    settings = replace(settings, max_sigma0=np.inf, rig=False)
     result = adjusted(marks, settings, Free())
     for fewer in FEWER:
         if isinstance(result, Calibration):

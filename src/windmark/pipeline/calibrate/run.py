@@ -16,9 +16,9 @@ from windmark.pipeline.clock import Clock
 
 @dataclass(frozen=True)
 class CalibrateSettings:
-    """Options of `calibration.self_calibrate`; see there."""
+    """Options of `calibration.self_calibrate`; see there. No datum is for boards only: see `calibrate_board`."""
 
-    datum: Datum
+    datum: Datum | None
     free: tuple[str, ...] = FREE
     distances: tuple[Distance, ...] = ()
     rig: bool = False
@@ -67,8 +67,11 @@ def explained(refusal: NotCalibrated, marks: Marks) -> NotCalibrated:
 def adjusted(marks: Marks, settings: CalibrateSettings, datum: Datum | None = None) -> Calibration | NotCalibrated:
     """The adjustment alone, perhaps in another datum."""
     used = {v.name for v in marks.views}
+    chosen = datum or settings.datum
+    if chosen is None:
+        raise ValueError("settings.datum: what fixes position, direction and size is never guessed; got None")
     return self_calibrate(
-        marks.observations, marks.markers, marks.cameras, marks.views, datum=datum or settings.datum,
+        marks.observations, marks.markers, marks.cameras, marks.views, datum=chosen,
         free=settings.free, distances=_known(settings.distances, marks) if datum else settings.distances,
         rig=settings.rig, free_focal=[n for n in settings.free_focal if n in used] if datum else settings.free_focal,
         prior_sigma=settings.prior_sigma, eccentricity=settings.eccentricity, reject=settings.reject,

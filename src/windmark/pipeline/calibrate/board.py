@@ -1,0 +1,255 @@
+"""From pictures of a dot board to a calibration: no table of coordinates, no labels, no start.
+
+Where marked dots tell every dot from picture to picture, the board itself is measured: its nominal grid is a start, and
+gives the datum. Where they do not, each picture may show the board turned or shifted, and only the grid as it should be
+can be used.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark import detection
+from windmark.calibration import BoardNotFound, BoardView, Calibration, Fixed, Free, NotCalibrated
+from windmark.calibration.board import FREEDOMS, find_board, find_boards
+from windmark.calibration.datum import Datum
+from windmark.geometry import Camera
+from windmark.geometry.two_view.homography import fit_homography
+from windmark.pipeline.calibrate.marks import Marks, Taken, with_focal, with_sigma
+from windmark.pipeline.calibrate.read import MatchOptions, Picture, excess_px, find_spots, read_image, read_pictures
+from windmark.pipeline.calibrate.run import Calibrated, CalibrateSettings, adjusted, calibrate_marks, explained
+from windmark.pipeline.clock import Clock
+from windmark.scene import Detections, MarkerSet, Observations, View
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+MARK_KINDS = ("holes", "large", "small")
+HOLES = (0.25, 0.35, 0.5)
+"""Radii of holes that are looked for, as parts of the dots' radius."""
+OTHER = {"dark": "bright", "bright": "dark"}
+
+
+@dataclass(frozen=True)
+class Board:
+    """A regular board of dots.
+
+    Parameters
+    ----------
+    pitch : from column to column, in the length unit
+    marks : (column, row) of dots that are not like the others; rows count downwards where columns count to the right
+    mark_kind : how they show: "holes" in ring dots, or "large" or "small" dots
+    columns, rows : of the whole board, if known; of a staggered one in half pitches
+    layout, aspect : see `calibration.find_board`
+    """
+
+    pitch: float
+    marks: tuple[tuple[int, int], ...] = ()
+    mark_kind: str = "holes"
+    columns: int | None = None
+    rows: int | None = None
+    layout: str = "square"
+    aspect: float = 1.0
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.pitch) and self.pitch > 0):
+            raise ValueError(f"board: pitch must be positive, got {self.pitch!r}")
+        if self.mark_kind not in MARK_KINDS:
+            raise ValueError(f"board: mark_kind must be one of {', '.join(MARK_KINDS)}, got {self.mark_kind!r}")
+
+
+@dataclass(frozen=True)
+class BoardPicture(Picture):
+    """A picture of a board: its spots, the holes of ring dots, and which spot is which dot.
+
+    Parameters
+    ----------
+    holes : spots of the other polarity, None where none are looked for
+    board : what was found, None if there is no board
+    """
+
+    holes: Detections | None = None
+    board: BoardView | None = None
+
+    @property
+    def count(self) -> int:
+        """Dots, if the picture takes part."""
+        return 0 if self.board is None or self.problem else len(self.board)
+
+    @property
+    def rms_px(self) -> float | None:
+        """Of the dots' distances from where their neighbours predict them."""
+        return None if self.board is None else float(np.sqrt((self.board.residual_px**2).mean()))
+
+    @property
+    def log10_nfa(self) -> float | None:
+        """Of the lattice."""
+        return None if self.board is None else self.board.log10_nfa
+
+
+def calibrate_board(
+    paths: Sequence[Path],
+    board: Board,
+    cameras: Mapping[str, Camera | None],
+    options: MatchOptions,
+    settings: CalibrateSettings,
+    clock: Clock,
+    focal_px: float | None = None,
+    patterns: Mapping[str, str] | None = None,
+) -> tuple[Calibrated | NotCalibrated, tuple[BoardPicture, ...]]:
+    """Find the board in each picture and calibrate.
+
+    Parameters
+    ----------
+    paths : the pictures
+    board : what is known of it
+    cameras : by name; None for a camera of which nothing is known
+    options : of detection; labels and what else is for matching have no meaning here
+    settings : of calibrating. Without a datum: `Free` over all dots where the marks tell them apart (the board is
+        measured; on average it is the nominal one), else all dots are held where they should be
+    clock : of the stages
+    focal_px : rough focal length of unknown cameras; None finds it
+    patterns : camera -> pattern of its pictures' names, see `marks.taken_by`
+
+    Returns
+    -------
+    The calibration, or why there is none; and what became of each picture.
+
+    Raises
+    ------
+    ValueError
+        For unreadable pictures, sizes that differ, a datum or a rig that needs dots that are told apart.
+    """
+    if not board.marks and board.layout == "square":
+        _refuse_moves(settings.datum or Fixed(), settings.rig)
+
+    def look(path: Path, name: str, taken: Taken) -> BoardPicture:
+        return _detect(path, name, taken, board, options, clock)
+
+    with clock("detect"):
+        pictures, found = read_pictures(paths, cameras, patterns or {}, focal_px, look)
+    with clock("find the board"):
+        pictures = _boards(pictures, board)
+    told = sum(p.board is not None and not p.board.freedom for p in pictures)
+    apart = bool(board.marks) or 2 * told > sum(p.board is not None for p in pictures)
+    if apart:
+        pictures = [_named(p) for p in pictures]
+    datum = settings.datum or (Free() if apart else Fixed())
+    if not apart:
+        _refuse_moves(datum, settings.rig)
+    if not any(p.count for p in pictures):
+        return _no_board(pictures), tuple(pictures)
+    marks = _marks(pictures, board, found)
+    if focal_px is None and None in cameras.values():
+        with clock("focal length from nothing"):
+            marks = with_focal(marks, settings.seed)
+    settings = replace(settings, datum=datum)
+    with clock("calibrate"):
+        first = adjusted(marks, replace(settings, max_sigma0=np.inf))
+    if not isinstance(first, Calibration):
+        return explained(first, marks), tuple(pictures)
+    excess = excess_px(first, 0.0)
+    obs = marks.observations
+    marks = replace(marks, observations=replace(obs, cov=obs.cov + excess**2 * np.eye(2)))
+    return calibrate_marks(marks, settings, clock), tuple(replace(p, excess_px=excess) for p in pictures)
+
+
+def _detect(path: Path, name: str, taken: Taken, board: Board, options: MatchOptions, clock: Clock) -> BoardPicture:
+    clock.progress(f"detect {name}")
+    image, mask = read_image(path, options)
+    spots = find_spots(image, mask, options)
+    holes = None
+    if board.marks and board.mark_kind == "holes":
+        radius = float(np.nanmedian(spots.radius_px)) if np.isfinite(spots.radius_px).any() else np.nan
+        tried = [r for r in np.multiply(HOLES, radius) if r >= 1.0]
+        holes = Detections.make(np.zeros((0, 2)))
+        if tried:
+            holes = detection.detect(image, radius_px=tried, polarity=OTHER[options.polarity], mask=mask)
+    size = (int(image.shape[1]), int(image.shape[0]))
+    return BoardPicture(name, taken.camera, size, spots, taken.frame, holes=holes)
+
+
+def _boards(pictures: Sequence[BoardPicture], board: Board) -> list[BoardPicture]:
+    """The board in every picture, or why it is not there."""
+    known = {"layout": board.layout, "aspect": board.aspect}
+    found: list[BoardView | BoardNotFound] = []
+    if board.marks:
+        for p in pictures:
+            how = p.holes if p.holes is not None else board.mark_kind
+            found.append(find_board(
+                p.detections, columns=board.columns, rows=board.rows, marks=board.marks, mark_spots=how,
+                size_px=p.size_px, layout=board.layout, aspect=board.aspect,
+            ))  # fmt: skip
+    else:
+        sizes = {p.size_px for p in pictures}
+        one = {"size_px": sizes.pop()} if len(sizes) == 1 else {}
+        found = find_boards([p.detections for p in pictures], columns=board.columns, rows=board.rows, **known, **one)
+    return [
+        replace(p, board=f, round=1) if isinstance(f, BoardView) else replace(p, problem=f.reason)
+        for p, f in zip(pictures, found, strict=True)
+    ]
+
+
+def _named(picture: BoardPicture) -> BoardPicture:
+    """Without the picture whose dots are not told apart."""
+    if picture.board is None or not picture.board.freedom:
+        return picture
+    open_ = "; ".join(FREEDOMS[f] for f in picture.board.freedom)
+    return replace(picture, problem=f"the marked dots were not found: {open_}", round=0)
+
+
+def _refuse_moves(datum: Datum, rig: bool) -> None:
+    if datum != Fixed():
+        raise ValueError(
+            "datum: dots of a board without marks are not the same from picture to picture, so they cannot be measured;"
+            " expected fixed (the grid as it should be), or the marks of the board"
+        )
+    if rig:
+        raise ValueError(
+            "rig: cameras side by side must see the same dots, and a board without marks looks the same turned or "
+            "shifted: the marks of the board are needed"
+        )
+
+
+def _no_board(pictures: Sequence[BoardPicture]) -> NotCalibrated:
+    reason = f"no board was found in any of {len(pictures)} pictures. {pictures[0].name}: {pictures[0].problem}"
+    return NotCalibrated(reason, "too_few", dropped={p.name: p.problem for p in pictures})
+
+
+def _marks(pictures: Sequence[BoardPicture], board: Board, cameras: Mapping[str, Camera]) -> Marks:
+    """The marks of all pictures with a board, and the dots that are seen as markers named by column and row."""
+    good = [(p, p.board) for p in pictures if p.board is not None and not p.problem]
+    cells = [np.stack([b.column, b.row], axis=1) for _, b in good]
+    every, point = np.unique(np.concatenate(cells), axis=0, return_inverse=True)
+    xyz = np.column_stack([every * [board.pitch, board.pitch * board.aspect], np.zeros(len(every))])
+    radius = float(np.median(np.concatenate([_dot_radii(p, b, board) for p, b in good])))
+    markers = MarkerSet.make(
+        [f"c{i:02d}r{j:02d}" for i, j in every.tolist()], xyz, normal=np.tile([0.0, 0.0, -1.0], (len(xyz), 1)),
+        radius=np.full(len(xyz), radius),
+    )  # fmt: skip
+    view = np.repeat(np.arange(len(good)), [len(c) for c in cells])
+    xy = np.concatenate([b.xy(p.detections) for p, b in good])
+    cov = with_sigma(np.concatenate([p.detections.cov[b.spot] for p, b in good]), 0.1)
+    used = {p.camera for p, _ in good}
+    return Marks(
+        Observations(view.astype(np.int64), point.ravel().astype(np.int64), xy, cov), markers,
+        {k: c for k, c in cameras.items() if k in used}, tuple(View(p.name, p.camera, p.frame) for p, _ in good),
+    )  # fmt: skip
+
+
+def _dot_radii(picture: BoardPicture, found: BoardView, board: Board) -> Array:
+    """(K,) radii of the dots in the length unit, from their images and the board's scale there."""
+    plane, xy = found.xyz(board.pitch)[:, :2], found.xy(picture.detections)
+    h = fit_homography(plane, xy)
+    if h is None:
+        return np.empty(0)
+    depth = plane @ h[2, :2] + h[2, 2]
+    # Area of the picture of a small square: det H over the cube of the third coordinate.
+    scale = np.sqrt(np.abs(np.linalg.det(h) / depth**3))
+    radii = picture.detections.radius_px[found.spot] / scale
+    return np.asarray(radii[np.isfinite(radii)])

@@ -1,0 +1,160 @@
+"""The pictures of a calibration: their spots, their cameras and instants."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark import detection, io
+from windmark.calibration import Calibration
+from windmark.geometry import Camera
+from windmark.pipeline.calibrate.marks import Taken, start_camera, taken_by
+from windmark.scene import Detections
+
+Image = NDArray[np.generic]
+
+
+@dataclass(frozen=True)
+class MatchOptions:
+    """How pictures are read, and their markers found and matched.
+
+    Parameters
+    ----------
+    radius_px : of the markers; empty takes what each picture itself says
+    polarity, merit_max : see `windmark.detect`
+    channel, bayer : of colour pictures
+    mask : picture of the pixels that are used
+    labels : image name -> marker's name -> its place in the picture, where the labelling would be ambiguous
+    tolerance_px : neighbourhood of the first round; None takes 0.3 of the spots' spacing
+    max_time_s : CPU time per picture and round
+    seed : of the matching
+    """
+
+    radius_px: tuple[float, ...] = ()
+    polarity: str = "dark"
+    merit_max: float = 0.7
+    channel: str = "grey"
+    bayer: str | None = None
+    mask: Path | None = None
+    labels: Mapping[str, Mapping[str, tuple[float, float]]] = field(default_factory=dict)
+    tolerance_px: float | None = None
+    max_time_s: float = 2.0
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class Picture:
+    """One picture: its spots and what became of it.
+
+    Parameters
+    ----------
+    name, camera : of the picture
+    size_px : (width, height)
+    detections : its spots
+    frame : instant, which pictures of several cameras share
+    problem : why it could not be used
+    round : in which it was accepted for the first time, 0 if never
+    excess_px : 1 sigma per coordinate that was added to the detector's, as the residuals of all pictures ask for
+    """
+
+    name: str
+    camera: str
+    size_px: tuple[int, int]
+    detections: Detections
+    frame: str = ""
+    problem: str = ""
+    round: int = 0
+    excess_px: float = 0.0
+
+    @property
+    def count(self) -> int:
+        """Spots that were told which marker they are."""
+        return 0
+
+    @property
+    def rms_px(self) -> float | None:
+        """Misfit of those by themselves."""
+        return None
+
+    @property
+    def log10_nfa(self) -> float | None:
+        """Decimal logarithm of the false-alarm number."""
+        return None
+
+
+P = TypeVar("P", bound=Picture)
+
+
+def read_pictures(
+    paths: Sequence[Path],
+    cameras: Mapping[str, Camera | None],
+    patterns: Mapping[str, str],
+    focal_px: float | None,
+    make: Callable[[Path, str, Taken], P],
+) -> tuple[list[P], dict[str, Camera]]:
+    """All pictures, read and searched side by side, and the cameras with their sizes.
+
+    Parameters
+    ----------
+    paths : the pictures
+    cameras : by name; None for a camera of which nothing is known
+    patterns : camera -> pattern of its pictures' names, see `taken_by`
+    focal_px : rough focal length of unknown cameras
+    make : what is done with each, from its path, its name, and who took it
+
+    Raises
+    ------
+    ValueError
+        For unreadable pictures, sizes that differ, names that say no camera.
+    """
+    names = picture_names(paths)
+    jobs = list(zip(paths, names, taken_by(names, list(cameras), patterns), strict=True))
+    with ThreadPoolExecutor(max_workers=min(len(paths), os.cpu_count() or 1)) as pool:
+        pictures = [job.result() for job in [pool.submit(make, *j) for j in jobs]]
+    sized: dict[str, Camera] = {}
+    for p in pictures:
+        camera = sized.setdefault(p.camera, cameras[p.camera] or start_camera(p.size_px, focal_px))
+        if camera.size_px != p.size_px:
+            raise ValueError(f"picture {p.name} has {p.size_px} px; expected {camera.size_px}, as its camera")
+    return pictures, {name: sized[name] for name in cameras if name in sized}
+
+
+def picture_names(paths: Sequence[Path]) -> list[str]:
+    """Stems of the files; with the folder's name where stems come twice."""
+    names = [p.stem for p in paths]
+    if len(set(names)) < len(names):
+        names = [f"{p.parent.name}/{p.stem}" for p in paths]
+    twice = sorted({n for n in names if names.count(n) > 1})
+    if twice:
+        raise ValueError(f"two pictures have the name {twice[0]}; names must differ")
+    return names
+
+
+def read_image(path: Path, options: MatchOptions) -> tuple[Image, NDArray[np.bool_] | None]:
+    """Grey levels of a picture, and which pixels are used (None: all)."""
+    image = io.read_grey(path, channel=options.channel, bayer=options.bayer)
+    return image, None if options.mask is None else io.read_mask(options.mask, image.shape)
+
+
+def find_spots(image: Image, mask: NDArray[np.bool_] | None, options: MatchOptions) -> Detections:
+    """Spots of a picture."""
+    return detection.detect(
+        image, radius_px=options.radius_px or None, polarity=options.polarity, merit_max=options.merit_max, mask=mask
+    )
+
+
+def excess_px(result: Calibration, before: float) -> float:
+    """1 sigma per coordinate of the residuals beyond the marks' own noise: what lens, discs and light leave.
+
+    From the medians, so that gross errors do not count. ``before`` is what the marks have of it already.
+    """
+    seen = float(np.median((result.residuals[result.used] ** 2).sum(axis=1)) / (2 * np.log(2.0)))
+    noise = float(np.median(np.trace(result.observations.cov, axis1=1, axis2=2)) / 2) - before**2
+    return float(np.sqrt(max(seen - noise, 0.0)))
