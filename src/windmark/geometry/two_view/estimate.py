@@ -44,7 +44,8 @@ def estimate_two_view(
     xy_a, xy_b : (N, 2) pixels as taken, row by row one point; rows with NaN are left out
     camera_a, camera_b : interior parameters; None for the same camera
     cov_a, cov_b : covariances of the spots in px^2, (N, 2, 2) or one (2, 2); give both, or none: then one sigma for all
-        is estimated, starting from 1 px
+        is estimated, starting from 1 px. They should hold what the lens model leaves, too: noise counts as white, and
+        between the two readings of a nearly flat scene small systematic errors may choose the wrong one
     seed : of the random search
     max_log10_nfa : a model is accepted only if chance gives one as good less often than this (decimal logarithm);
         infinity for pairs that are known to be right

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import chdtri
 
 from windmark.geometry.pose import Pose
 from windmark.geometry.two_view.candidates import GATE_LINE, GATE_POINT
@@ -28,6 +29,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 _DOUBT = 12.0  # sigma^2 by which another pose may be worse and still be possible
+_LOOSE = 1.5**2  # the same as a factor where the noise is not white (a nearly flat sheet, a real lens: up to 1.44**2)
 _WEAK_DEG = 10.0  # a direction known no better than this counts as not determined
 _OTHER_RAD = 1e-3  # poses less apart are the same
 
@@ -94,8 +96,9 @@ def essential_view(found: list[Candidate[Pose]], pairs: Pairs, known: bool) -> T
     pose, residual, normal = refine_pose(pose, near)
     cov = pose_covariance(pose, inverse_normal("essential", normal, ("relative pose",)))
     s0 = _sigma0(residual, 5)
-    doubt = float(residual @ residual) + _DOUBT * max(_scale(s0, False), 1.0 if known else 0.0)
-    others = _others([c.model for c in found[1:]], pose, near, doubt)
+    cost, dof = float(residual @ residual), len(residual) - 5
+    loose = not known or (dof > 0 and cost > chdtri(dof, 0.01))
+    others = _others(found, pose, near, max(_scale(s0, False), 1.0 if known else 0.0), loose)
     errors = sampson_errors(essential_from_poses(pose), pairs)
     parallax, sigma = _parallax(pose, near)
     view = TwoView(
@@ -129,13 +132,21 @@ def _settled(pose: Pose, pairs: Pairs) -> tuple[Pose, Mask]:
     return pose, inliers
 
 
-def _others(poses: list[Pose], best: Pose, near: Pairs, doubt: float) -> tuple[Pose, ...]:
+def _others(found: list[Candidate[Pose]], best: Pose, near: Pairs, scale: float, loose: bool) -> tuple[Pose, ...]:
+    """Other poses that the pairs do not refute.
+
+    Truncated costs are compared on the pairs that agree with either. White noise of a trusted sigma refutes a pose
+    that is worse by `_DOUBT`; errors of a lens do not: ``loose`` keeps what leaves sigma up to 1.5 times as large.
+    """
     kept: list[Pose] = []
-    for start in poses:
-        pose, residual, _ = refine_pose(start, near)
-        possible = residual @ residual < doubt and not behind(pose, near).any()
-        if possible and all(_apart(pose, k) > _OTHER_RAD for k in (best, *kept)):
-            kept.append(pose)
+    for other in found[1:]:
+        on = (found[0].squares < GATE_LINE) | (other.squares < GATE_LINE)
+        least, cost = (float(np.minimum(c.squares[on], GATE_LINE).sum()) for c in (found[0], other))
+        possible = cost < least + _DOUBT * scale or (loose and cost < _LOOSE * least)
+        if not possible or any(_apart(other.model, k) < _OTHER_RAD for k in kept):
+            continue
+        if _apart(refine_pose(other.model, near)[0], best) > _OTHER_RAD:  # else the same minimum, one pair more or less
+            kept.append(other.model)
     return tuple(kept)
 
 
