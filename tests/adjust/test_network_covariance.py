@@ -52,6 +52,19 @@ def test_any_datum_is_that_of_the_bordered_matrix(away):
         np.testing.assert_allclose(datum.dense(), expected[:d, :d], rtol=1e-3, atol=1e-6 * np.abs(expected).max())
 
 
+@pytest.mark.parametrize("away", ["points", "frames"])
+def test_marginal_of_single_parameters_is_that_of_the_whole_matrix(away):
+    problem, _, system = solved(networks.make(12, points=15, eliminate=away))
+    cov = network_covariance(system, problem.layout)
+    d, size = len(cov.dense), cov.blocks.shape[1]
+    every = cov.product(np.eye(d + len(cov.half)))
+    block = d + 2 * size + np.arange(size)
+    for index in (np.array([1, 4, 7]), block, np.concatenate([[0, 3], block[[2, 0]]])):
+        np.testing.assert_allclose(cov.marginal(index), every[np.ix_(index, index)], rtol=1e-7, atol=1e-18)
+    with pytest.raises(ValueError, match="one block"):
+        cov.marginal(np.array([d, d + size]))
+
+
 def test_interior_parameters_are_the_same_in_every_datum():
     case = networks.make(12)
     problem, _, system = solved(case)

@@ -6,9 +6,9 @@ import networks
 import numpy as np
 import pytest
 
-from windmark.calibration import Free, self_calibrate
+from windmark.calibration import Fixed, Free, self_calibrate
 from windmark.calibration.quality import compare, projection_sigma, residual_map, split_half
-from windmark.geometry import Camera
+from windmark.geometry import Camera, Pose
 from windmark.scene import MarkerSet, Observations, View
 
 
@@ -70,6 +70,30 @@ def test_halves_agree_within_their_sigma():
     z = [d / s for d, s in half.change["cam"].values()]
     assert np.abs(z).max() < 4
     assert half.comparison.difference.shape == (40, 3)
+
+
+def test_two_sets_of_pictures_agree_within_both_covariances():
+    """The paper's cross-check in both datums: mean squared differences in units of the covariances are near one."""
+    for held in (False, True):
+        squares = []
+        for seed in range(62, 68):
+            case = networks.make(seed, points=40, views=24)
+            net, frames, start = case.network, case.truth.frames, case.start.points.copy()
+            views = [View(f"v{v:02d}", "cam", "0", Pose(frames.rotation[v], frames.translation[v])) for v in range(24)]
+            start[:4] = case.truth.points[:4]
+            markers = MarkerSet.make([f"m{i:02d}" for i in range(40)], start)
+            both = []
+            for half in (0, 1):
+                mine = net.view % 2 == half
+                both.append(self_calibrate(
+                    Observations(net.view[mine], net.point[mine], net.xy[mine], net.cov[mine]), markers,
+                    {"cam": Camera((1500, 1000), 1600.0)}, views,
+                    datum=Fixed([f"m{i:02d}" for i in range(4)]) if held else Free(),
+                ))  # fmt: skip
+            found = compare(*both)
+            assert np.isnan(found.chi2).sum() == (4 if held else 0)
+            squares.append(found.ratio**2)
+        assert 0.85 < np.mean(squares) < 1.18
 
 
 def test_a_lens_far_beyond_the_model_is_refused():

@@ -170,9 +170,7 @@ def _pose_cov(job: Job, solved: Solved, covariance: DatumCovariance, view: int) 
         if columns.offset[member] >= 0:
             index = np.concatenate([columns.offset[member] + np.arange(6), index])
             change = np.concatenate([_tangent(units.offset_pivot[member], units.offset_scale[member]), change], axis=1)
-    pick = np.zeros((lay.dense + lay.blocks * lay.size, len(index)))
-    pick[index, np.arange(len(index))] = 1.0
-    cov = covariance.between(index, index, network.product(pick)[index])
+    cov = covariance.between(index, index, network.marginal(index))
     return np.asarray(change @ cov @ change.T)
 
 

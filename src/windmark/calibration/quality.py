@@ -110,8 +110,10 @@ class Comparison:
     Parameters
     ----------
     name : (K,) markers that both have
-    difference : (K, 3) second less first, fitted to each other (turn, shift and scale), in the length unit
+    difference : (K, 3) second less first, fitted to each other (turn, shift and scale; by the markers that both datums
+        hold, where there are three of them), in the length unit
     sigma : (K, 3) 1 sigma of the difference by both covariances
+    chi2 : (K,) squared difference in units of them, three on average; NaN for markers that a datum holds
     ratio : root mean square of difference / sigma: 1 where the covariances tell the whole story
     rms : root mean square length of the differences
     """
@@ -119,6 +121,7 @@ class Comparison:
     name: NDArray[np.str_]
     difference: Array
     sigma: Array
+    chi2: Array
     ratio: float
     rms: float
 
@@ -140,22 +143,26 @@ class KnownMarkers:
 def compare(first: Calibration | KnownMarkers, second: Calibration | KnownMarkers) -> Comparison:
     """The paper's cross-check: markers of two sets of pictures beside each other (AIAA 2005-5007, section IV.D).
 
-    Seven of the differences are taken up by the fit; the ratio allows for that.
+    The ratio is right for two free networks (seven of the differences are taken up by the fit, and missing in the
+    covariances) and for two with the same markers held; with another datum, or known distances, it comes out too small.
     """
     name, a, b = np.intersect1d(first.markers.name, second.markers.name, return_indices=True)
     if len(name) < 4:
         raise ValueError(f"compare: the calibrations have {len(name)} markers in common; four are needed")
-    fit = align(second.markers.xyz[b], first.markers.xyz[a])
+    fixed = (first.markers.sigma[a] == 0).all(axis=1) & (second.markers.sigma[b] == 0).all(axis=1)
+    by = fixed if fixed.sum() >= 3 else np.ones(len(name), dtype=np.bool_)
+    fit = align(second.markers.xyz[b][by], first.markers.xyz[a][by])
     difference = fit.apply(second.markers.xyz[b]) - first.markers.xyz[a]
     cov = first.marker_cov[a] + fit.scale**2 * (fit.rotation @ second.marker_cov[b] @ fit.rotation.T)
     sigma = np.sqrt(np.diagonal(cov, axis1=1, axis2=2))
+    # Covariances of inner constraints have the seven motions taken out already.
     held = np.asarray(~(sigma > 0).all(axis=1))
     inverse = np.linalg.inv(np.where(held[:, None, None], np.eye(3), cov))
-    squares = np.einsum("ni,nij,nj->n", difference, inverse, difference)[~held]
-    # Covariances of inner constraints have the seven motions taken out already.
+    squares = np.where(held, np.nan, np.einsum("ni,nij,nj->n", difference, inverse, difference))
     return Comparison(
-        name, difference, sigma, float(np.sqrt(squares.mean() / 3)), float(np.sqrt((difference**2).sum(axis=1).mean()))
-    )
+        name, difference, sigma, squares, float(np.sqrt(np.nanmean(squares) / 3)),
+        float(np.sqrt((difference**2).sum(axis=1).mean())),
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 LIMIT = 2 * np.log(1000.0)
 """A right mark is above it once in a thousand: the 99.9 % point of chi-square with two degrees of freedom."""
-CHUNK = 20_000
+CHUNK = 4_000
 """Marks worked on at a time, for memory."""
 
 
@@ -40,7 +40,7 @@ def influence(problem: NetworkProblem, state: NetworkState, covariance: NetworkC
         out[part] = u @ dense @ u.transpose(0, 2, 1)
         own = np.maximum(b, 0)
         if lay.blocks:
-            between = -np.take_along_axis(cross[own], c[:, None, :], axis=2)
+            between = -cross[own[:, None, None], np.arange(lay.size)[:, None], c[:, None, :]]
             mixed = u @ between.transpose(0, 2, 1) @ w.transpose(0, 2, 1)
             both = w @ covariance.blocks[own] @ w.transpose(0, 2, 1) + mixed + mixed.transpose(0, 2, 1)
             out[part] += np.where((b >= 0)[:, None, None], both, 0.0)

@@ -92,21 +92,21 @@ def solve(job: Job, start: NetworkState, allowed: Mask, shift: Array, reject: bo
 def _tested(job: Job, state: NetworkState, allowed: Mask, good: Mask, shift: Array) -> tuple[Solved, Mask]:
     """Least squares, and marks left out and taken back, until nothing changes."""
     seen: set[bytes] = set()
-    for _ in range(ROUNDS):
+    while True:
         taken, dropped = taking_part(job, good)
         left_out = allowed & _predictable(job, taken, good)
         solved = _adjusted(job, state, taken, left_out, good, shift, dropped)
         state = solved.state
         if not solved.report.converged:
-            break  # the tests of marks mean nothing there
+            return solved, good  # the tests of marks mean nothing there
         fits = good.copy()
         fits[solved.taken] = solved.test <= LIMIT
         fits = _one_by_one(job, good, fits, solved)
-        if (fits == good).all() or fits.tobytes() in seen:
-            break
+        if (fits == good).all() or fits.tobytes() in seen or len(seen) == ROUNDS - 1:
+            return solved, good
         seen.add(fits.tobytes())
         good = fits
-    return solved, good
+        del solved  # its covariances are the largest arrays there are
 
 
 def _rescued(job: Job, solved: Solved, allowed: Mask, good: Mask) -> tuple[NetworkState, Mask | None]:

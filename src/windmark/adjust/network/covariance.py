@@ -46,6 +46,22 @@ class NetworkCovariance:
     motions: Array
     layout: Layout
 
+    def marginal(self, index: Ints) -> Array:
+        """(m, m) covariance of some parameters by number; eliminated ones among them must be of one block."""
+        d, size = len(self.dense), self.blocks.shape[1]
+        away = index >= d
+        out = np.empty((len(index), len(index)))
+        top, low = index[~away], index[away] - d
+        out[np.ix_(~away, ~away)] = self.dense[np.ix_(top, top)]
+        if len(low):
+            blocks = np.unique(low // size)
+            if len(blocks) > 1:
+                raise ValueError(f"marginal: eliminated parameters must be of one block, got {len(blocks)}")
+            cross = -self.half[low] @ self.dense[:, top]
+            out[np.ix_(away, ~away)], out[np.ix_(~away, away)] = cross, cross.T
+            out[np.ix_(away, away)] = self.blocks[blocks[0]][np.ix_(low % size, low % size)]
+        return out
+
     def product(self, vectors: Array) -> Array:
         """Covariance times (D + E b, k)."""
         d, (e, b) = len(self.dense), self.blocks.shape[:2]
@@ -69,15 +85,15 @@ def network_covariance(system: NetworkEquations, layout: Layout) -> NetworkCovar
             raise DegenerateGeometry("the observations do not determine all free parameters", ())
         lower, w, _, s = factored
         e, b = lower.shape[:2]
-        # The factor is column-major and lower: Y^T = L_S^-1 W^T.
-        y = blas.dtrsm(1.0, s, w.T, side=0, lower=1) if w.size else w.T
-        dense = lapack.dpotri(s, lower=1)[0] if s.size else s
+        inverse = np.linalg.inv(np.tril(lower))
+        half = (inverse.transpose(0, 2, 1) @ w.reshape(e, b, -1)).reshape(e * b, -1)
+        # The factor is column-major and lower: Y^T = L_S^-1 W^T, in the place of W.
+        y = blas.dtrsm(1.0, s, w.T, side=0, lower=1, overwrite_b=1) if w.size else w.T
+        dense = lapack.dpotri(s, lower=1, overwrite_c=1)[0] if s.size else s
     dense = np.tril(dense) + np.tril(dense, -1).T
-    inverse = np.linalg.inv(np.tril(lower))
     rows = np.ascontiguousarray(y.T).reshape(e, b, -1)
     inner = np.eye(b) + rows @ rows.transpose(0, 2, 1)
     blocks = inverse.transpose(0, 2, 1) @ inner @ inverse
-    half = (inverse.transpose(0, 2, 1) @ w.reshape(e, b, -1)).reshape(e * b, -1)
     motions = np.concatenate([system.gauge.dense, system.gauge.blocks])
     own = inverse.transpose(0, 2, 1) @ inverse
     return NetworkCovariance(np.asarray(dense), blocks, own, half, motions, layout)
