@@ -1,6 +1,7 @@
 """From tables of matches and pictures to a calibration: marks, rounds, files."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import networks
 import numpy as np
@@ -29,7 +30,7 @@ from windmark.pipeline.calibrate.marks import Marks, start_camera, with_focal
 from windmark.pipeline.calibrate.outputs import datum_words, pose_columns, stations
 from windmark.pipeline.calibrate.rig import beside, rig_record
 from windmark.pipeline.clock import Clock
-from windmark.scene import Detections, MarkerSet, Observations, View
+from windmark.scene import Detections, MarkerSet, Matching, Observations, View
 
 
 def table_of(case):
@@ -261,3 +262,55 @@ def test_too_few_pictures_say_why(monkeypatch, tmp_path):
     assert "2 of 4 pictures" in out.reason
     assert set(out.dropped) == {"v00", "v01"}
     assert len(matched) == 4
+
+
+def labelled_pictures(case, monkeypatch, tmp_path, wrong):
+    """Pictures whose matching gives the true labels; ``wrong(name, round, anew)`` says where they are exchanged."""
+    net = case.network
+    views = int(net.view.max()) + 1
+
+    def spots_of(path, name, taken, options, clock):
+        xy = net.xy[net.view == int(name[1:])]
+        return MatchedPicture(name, taken.camera, (1500, 1000), Detections.make(xy, sigma_px=0.1), taken.frame)
+
+    def match(picture, markers, camera, options, how, n, anew):
+        point = net.point[net.view == int(picture.name[1:])]
+        order = np.random.default_rng(3).permutation(len(point)) if wrong(picture.name, n, anew) else slice(None)
+        pairs = Matching(np.arange(len(point)), point[order], np.zeros(len(point)))
+        return replace(picture, registration=SimpleNamespace(matching=pairs), problem="", round=picture.round or n)
+
+    monkeypatch.setattr(rounds, "_detect", spots_of)
+    monkeypatch.setattr(rounds, "_match", match)
+    return calibrate_pictures(
+        [tmp_path / f"v{v:02d}.png" for v in range(views)], rough(case), {"camera": Camera((1500, 1000), 1500.0)},
+        MatchOptions(), CalibrateSettings(Free()), Clock(),
+    )  # fmt: skip
+
+
+def test_a_picture_that_contradicts_the_others_to_the_end_is_dropped(monkeypatch, tmp_path):
+    case = networks.make(76, points=40, views=10)
+    out, pictures = labelled_pictures(case, monkeypatch, tmp_path, lambda name, n, anew: name == "v03")
+    assert out, out.reason
+    assert [p.name for p in pictures if p.registration is None] == ["v03"]
+    assert pictures[3].round == 0
+    assert "most of its marks contradict the other pictures" in pictures[3].problem
+    assert "v03" not in [v.name for v in out.result.views]
+    assert out.result.suspect == ()
+    assert out.result.used.mean() > 0.99
+
+
+def test_a_doubtful_picture_is_matched_anew_and_stays_if_it_fits_then(monkeypatch, tmp_path):
+    case = networks.make(77, points=40, views=10)
+    asked = []
+
+    def wrong(name, n, anew):
+        if name == "v03" and n > 2:
+            asked.append((n, anew))
+        return name == "v03" and n < 3
+
+    out, pictures = labelled_pictures(case, monkeypatch, tmp_path, wrong)
+    assert out, out.reason
+    assert asked[0] == (3, True)  # its labels were forgotten, those of the others were kept
+    assert all(p.registration is not None for p in pictures)
+    assert len(out.result.views) == 10
+    assert out.result.used.mean() > 0.99

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from windmark import io
+from windmark.app import console
 from windmark.calibration import Distance, Fixed, Free, Weighted
 from windmark.calibration.datum import Datum
 from windmark.calibration.self_calibrate import FREE
@@ -116,7 +117,7 @@ def read_cameras(texts: Sequence[str]) -> dict[str, Camera]:
         key = name if equals else path.stem if len(texts) > 1 else "camera"
         if key in out:
             raise ValueError(f"--camera: two cameras have the name {key}; give NAME=FILE")
-        out[key] = io.read_camera(path)[0]
+        out[key] = console.read_camera(path)[0]
     return out
 
 

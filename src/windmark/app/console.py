@@ -6,9 +6,13 @@ import json
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import typer
+
+if TYPE_CHECKING:
+    from windmark.geometry import Camera, Pose
 
 DONE, DATA_SAY_NO, WRONG_USAGE, INTERRUPTED = 0, 1, 2, 130
 
@@ -38,6 +42,21 @@ def answer(record: Mapping[str, Any], as_json: bool, lines: list[str]) -> None:
     else:
         for line in lines:
             typer.echo(line)
+
+
+def read_camera(path: Path) -> tuple[Camera, Pose | None]:
+    """A camera file; what had to be done to read it (a backward lens refitted) is said."""
+    from windmark.io import read_camera_file
+
+    content = read_camera_file(path)
+    if content.note:
+        note(path, content.note)
+    return content.camera, content.cam_from_model
+
+
+def note(path: Path, text: str) -> None:
+    """One line about a file, beside the result."""
+    typer.echo(f"windmark: {path}: {text}", err=True)
 
 
 @contextmanager

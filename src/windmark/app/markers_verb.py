@@ -42,7 +42,7 @@ def check(files: Files, settings: CheckSettings, as_json: bool) -> None:
     if files.unit not in io.LENGTH_UNITS:
         raise ValueError(f"--unit must be one of {', '.join(io.LENGTH_UNITS)}, got {files.unit!r}")
     markers = io.read_markers(files.markers, **({"roles": files.roles} if files.roles else {}))
-    camera = io.read_camera(files.camera)[0] if files.camera else None
+    camera = console.read_camera(files.camera)[0] if files.camera else None
     mesh = None
     if files.grid:
         from windmark.pipeline.grid import read_grid

@@ -66,7 +66,7 @@ def follow_files(wishes: Wishes, options: Record, change: tuple[float, float], a
         if not (np.isfinite(value) and value > 0):
             raise ValueError(f"{name} must be > 0, got {value:g}")
     roles = tuple(wishes.roles) if wishes.roles else MODEL_ROLES
-    markers, (camera, _) = io.read_markers(wishes.markers, roles=roles), io.read_camera(wishes.camera)
+    markers, (camera, _) = io.read_markers(wishes.markers, roles=roles), console.read_camera(wishes.camera)
     prior = None if wishes.prior is None else io.read_camera(wishes.prior)[1]
     if wishes.prior is not None and prior is None:
         raise io.FileError(wishes.prior, "has no pose; expected one, as --prior")

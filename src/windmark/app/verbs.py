@@ -76,6 +76,8 @@ def carry_out(project: Project, truth: Callable[[RunResult], Comparison] | None 
 
 def finish(result: RunResult, record: Record, as_json: bool) -> None:
     """One line per image, where the report is, and the exit code."""
+    for path, text in result.notes:
+        console.note(path, text)
     folder = result.project.output.folder
     lines = [image_line(item, result) for item in result.images]
     nothing = bool(result.failed) and len(result.failed) == len(result.images)

@@ -37,7 +37,7 @@ class _Inputs:
     project: Project
     markers: MarkerSet | None
     mesh: Mesh | None
-    cameras: Mapping[str, tuple[Camera, Pose | None]]
+    cameras: Mapping[str, io.CameraFile]
     prior: Pose | None
 
 
@@ -58,7 +58,7 @@ def run_project(project: Project, *, progress: Progress = silent, workers: int |
             project,
             io.read_markers(project.markers.file, roles=project.markers.roles) if project.markers else None,
             read_grid(project.grid) if project.grid else None,
-            {c.name: io.read_camera(c.file) for c in project.camera},
+            {c.name: io.read_camera_file(c.file) for c in project.camera},
             _read_prior(project.register_.prior),
         )
     _check_labels(inputs)
@@ -75,7 +75,8 @@ def run_project(project: Project, *, progress: Progress = silent, workers: int |
     if project.align:
         with clock("align"):
             images = _align(images, inputs)
-    return RunResult(project, inputs.markers, inputs.mesh, tuple(images), clock.seconds)
+    notes = tuple((c.file, text) for c in project.camera if (text := inputs.cameras[c.name].note))
+    return RunResult(project, inputs.markers, inputs.mesh, tuple(images), clock.seconds, notes)
 
 
 def _read_prior(path: Path | None) -> Pose | None:
@@ -101,7 +102,8 @@ def _process(entry: ImageEntry, inputs: _Inputs, progress: Progress) -> ImageRes
     """One image, from file to values. A failure that the data cause becomes ``problem``."""
     project = inputs.project
     source = project.camera_of(entry)
-    camera, pose = inputs.cameras[source.name]
+    content = inputs.cameras[source.name]
+    camera, pose = content.camera, content.cam_from_model
     clock = Clock(progress, entry.label)
     result = ImageResult(entry.label, None, camera)
     try:

@@ -106,6 +106,7 @@ def summary(result: RunResult, clock: Clock) -> Record:
         "grid_nodes": None if result.mesh is None else len(result.mesh.vertices),
         "images": [image_summary(item, result) for item in result.images],
         "failed": [item.name for item in result.failed],
+        "notes": [f"{path}: {text}" for path, text in result.notes],
         "seconds": {**result.seconds, **clock.seconds},
         "options": result.project.model_dump(mode="json", exclude={"path"}, by_alias=True),
     }

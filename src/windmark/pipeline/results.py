@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,6 +83,8 @@ class RunResult:
     mesh: Mesh | None
     images: tuple[ImageResult, ...]
     seconds: dict[str, float]
+    notes: tuple[tuple[Path, str], ...] = ()
+    """Files, and what had to be done to read them."""
 
     @property
     def failed(self) -> tuple[ImageResult, ...]:

@@ -97,8 +97,11 @@ def _free(
     stack = np.concatenate(rows)
     if not len(stack):
         return np.eye(7)
-    value, vector = np.linalg.eigh(stack.T @ stack)
-    return np.asarray(vector[:, value < NONE])
+    # Not from the squares: beside what is held, rounding would pass for knowledge where held points are on a line.
+    _, value, vector = np.linalg.svd(
+        np.concatenate([stack, np.zeros((max(0, 7 - len(stack)), 7))]), full_matrices=False
+    )
+    return np.asarray(vector[value**2 < NONE].T)
 
 
 def _fixed(network: Network, frame: Array, offset: Array) -> list[tuple[Array, NDArray[np.bool_]]]:

@@ -140,7 +140,8 @@ def calibrate_pictures(
             return explained(calibration, marks), tuple(pictures)
         found = {**found, **{k: replace(c, cov=None) for k, c in calibration.cameras.items()}}
         known, how, excess, done = _refined(markers, calibration), {}, excess_px(calibration, excess), matched
-        doubtful = set(calibration.suspect) & {p.name for p in pictures}
+        # A picture that lost all of its marks is not suspect but gone.
+        doubtful = {*calibration.suspect, *calibration.dropped} & {p.name for p in pictures if p.count}
     pictures = [_without_labels(p) if p.name in doubtful else p for p in pictures]
     marks = _marks(pictures, markers, found, excess)
     return calibrate_marks(marks, settings, clock), tuple(replace(p, excess_px=excess) for p in pictures)
