@@ -36,6 +36,8 @@ BENT = 5
 MOSTLY = 0.7
 """In clutter a deformed model must label so many of the markers in view: with dirt everywhere some of it lies where a
 deformation of a partly right labelling would have the rest."""
+SPARSE = 0.35
+"""And everywhere so many: a quarter of many markers, bent, can look right while the rigid model has twice as many."""
 BENT_LEAD = 5.0
 """How much better (nats) it must be than a rigid solution that is accepted."""
 FREED_LEAD = 10.0
@@ -121,7 +123,7 @@ class Judge:
             return rigid
         if rigid.cause is None and rigid.best is not None and best.count <= rigid.best.count:
             return rigid
-        if self._cluttered and best.count < MOSTLY * best.expected:
+        if best.count < (MOSTLY if self._cluttered else SPARSE) * best.expected:
             return rigid
         solutions = [*found[1:], *self._solutions(self._search.top(SETTLED))]
         others = sorted((s for s in solutions if not s.same_as(best)), key=lambda s: -s.evidence.score)
