@@ -23,6 +23,8 @@ _HOME = {
         "Calibration", "Distance", "Fixed", "Free", "NotCalibrated", "Weighted", "magnify_distortion",
         "self_calibrate", "undistort",
     ),
+    "epipolar": ("NotMatched", "PairMatching", "match_pair"),
+    "pipeline.reconstruct": ("NotReconstructed", "Reconstruction", "reconstruct"),
     "resection": (
         "NodeView", "PixelMap", "map_pixels", "node_values", "orient_outward", "sample", "sample_line", "section",
         "see_nodes", "virtual_image",
@@ -50,6 +52,7 @@ if TYPE_CHECKING:
         undistort,
     )
     from windmark.detection import detect, detect_at
+    from windmark.epipolar import NotMatched, PairMatching, match_pair
     from windmark.geometry import Camera, DegenerateGeometry, Pose, PoV
     from windmark.io import (
         FileError,
@@ -62,6 +65,7 @@ if TYPE_CHECKING:
         write_markers,
         write_mesh,
     )
+    from windmark.pipeline.reconstruct import NotReconstructed, Reconstruction, reconstruct
     from windmark.registration import (
         NotRegistered,
         Registration,

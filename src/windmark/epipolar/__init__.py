@@ -2,5 +2,9 @@
 
 from windmark.epipolar.associate import WHY, Association, associate
 from windmark.epipolar.chain import CUT, Chain, PairLinks, chain
+from windmark.epipolar.pair import match_pair
+from windmark.epipolar.result import NotMatched, PairMatching
 
-__all__ = ["CUT", "WHY", "Association", "Chain", "PairLinks", "associate", "chain"]
+__all__ = [
+    "CUT", "WHY", "Association", "Chain", "NotMatched", "PairLinks", "PairMatching", "associate", "chain", "match_pair",
+]  # fmt: skip

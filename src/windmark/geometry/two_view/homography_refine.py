@@ -20,6 +20,9 @@ from windmark.geometry.two_view.refine import STEPS, inverse_normal, minimise, p
 
 Array = NDArray[np.float64]
 
+HORIZON = 1e-9
+"""Third coordinate below which a point counts as on the horizon."""
+
 
 @dataclass(frozen=True)
 class Homography:
@@ -64,7 +67,7 @@ def homography_rows(matrix: Array, slopes: Array, pairs: Pairs) -> tuple[Array, 
     With r = H(x_a) - x_b and its covariance S, the rows are L^-1 r (S = L L^T) and L^-1 (dr - dS S^-1 r / 2).
     """
     q = pairs.a @ matrix.T
-    z = q[:, 2]
+    z = np.where(np.abs(q[:, 2]) > HORIZON, q[:, 2], HORIZON)  # a trial step may put a point there: far, not infinite
     at = q[:, :2] / z[:, None]
     slope = (matrix[:2, :2] - at[:, :, None] * matrix[2, :2]) / z[:, None, None]  # by x_a
     r = at - pairs.b[:, :2]

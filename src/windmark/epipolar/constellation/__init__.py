@@ -1,0 +1,1 @@
+"""Matching of two pictures by the constellation of their spots alone."""

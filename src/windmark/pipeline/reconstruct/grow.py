@@ -1,0 +1,133 @@
+"""From two views to all: every other picture is registered to the points that are known so far."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.calibration import Free
+from windmark.epipolar import PairMatching, match_pair
+from windmark.geometry import DegenerateGeometry, Pose
+from windmark.pipeline.reconstruct.seed import FEWEST_POINTS, seeds, settled
+from windmark.pipeline.reconstruct.structure import Structure, adjusted, compact, linked
+from windmark.pipeline.reconstruct.task import Refused, Task
+from windmark.registration import Registration, pose_from_labels, prepare, register
+from windmark.scene import MarkerSet
+
+Ints = NDArray[np.int64]
+
+ROUNDS = 6
+"""Of registering the pictures that are left and linking all spots anew."""
+NEIGHBOURS = 4
+"""Posed pictures that one without a pose is matched with."""
+LEAST_COMMON = 6
+"""Links to known points that give a pose."""
+
+
+def from_nothing(task: Task, views: list[int]) -> tuple[Structure, dict[int, str]]:
+    """A structure of as many views as can be had, in a frame of its own, and how each was found.
+
+    Raises
+    ------
+    Refused
+        Where no pair of pictures is a beginning.
+    """
+    best: tuple[Structure, dict[int, str]] | None = None
+    for seed in seeds(task, views):
+        for start in seed.structures:
+            structure = settled(task, start)
+            if structure is None or len(structure.xyz) < FEWEST_POINTS:
+                continue
+            grown, found_by = grow(task, structure, dict.fromkeys((seed.a, seed.b), "pair"), views)
+            if best is None or len(grown.poses) > len(best[0].poses):
+                best = grown, found_by
+            if len(grown.poses) > len(views) // 2:
+                return grown, found_by
+    if best is None:
+        raise Refused("no_pair", "pairs of pictures were matched, but none gives points that fit both pictures")
+    return best
+
+
+def grow(
+    task: Task, structure: Structure, found_by: dict[int, str], views: list[int]
+) -> tuple[Structure, dict[int, str]]:
+    """Views added until no other one fits; after each round all spots are linked anew and everything is adjusted."""
+    found_by = dict(found_by)
+    for _ in range(ROUNDS):
+        left = [v for v in views if v not in structure.poses]
+        wider = _registered(task, structure, left)
+        how = "register"
+        if len(wider.poses) == len(structure.poses) and left:
+            wider, how = _by_neighbours(task, structure, left), "neighbour"
+        new = [v for v in wider.poses if v not in structure.poses]
+        found_by.update(dict.fromkeys(new, how))
+        if not new:
+            break
+        better = refined(task, wider)
+        if better is None:
+            break
+        structure = better
+        found_by = {v: how for v, how in found_by.items() if v in structure.poses}
+    return structure, found_by
+
+
+def refined(task: Task, structure: Structure) -> Structure | None:
+    """The structure adjusted, linked anew, and adjusted again; None where it does not fit together."""
+    first = adjusted(task, structure, Free())
+    if not isinstance(first, tuple):
+        return None
+    second = adjusted(task, compact(linked(task, compact(first[0]))), Free())
+    return compact(second[0]) if isinstance(second, tuple) else compact(first[0])
+
+
+def _registered(task: Task, structure: Structure, left: list[int]) -> Structure:
+    """Views that `register` recognises, with the links it gives."""
+    markers = MarkerSet.make([f"p{k:05d}" for k in range(len(structure.xyz))], structure.xyz)
+    layout = prepare(markers)
+    out = structure
+    for v in left:
+        camera = structure.cameras[task.views[v].camera]
+        answer = register(task.detections[v], markers, camera, layout=layout, max_deformation=0.0, seed=task.seed)
+        if isinstance(answer, Registration):
+            match = answer.matching
+            out = out.with_view(v, answer.cam_from_model, match.detection, match.marker)
+    return replace(out, pose_cov={}) if len(out.poses) > len(structure.poses) else out
+
+
+def _by_neighbours(task: Task, structure: Structure, left: list[int]) -> Structure:
+    """Views that a pair matching links to known points: where the layout is regular, only closeness tells."""
+    for v in left:
+        near = sorted(structure.poses, key=lambda p: abs(p - v))[:NEIGHBOURS]
+        for other in near:
+            added = _from_neighbour(task, structure, v, other)
+            if added is not None:
+                return added
+    return structure
+
+
+def _from_neighbour(task: Task, structure: Structure, v: int, other: int) -> Structure | None:
+    pair = match_pair(
+        task.detections[other], task.detections[v], task.camera(other), task.camera(v), seed=task.seed
+    )  # fmt: skip
+    if not isinstance(pair, PairMatching):
+        return None
+    mine = structure.view == other
+    point_of = dict(zip(structure.spot[mine].tolist(), structure.point[mine].tolist(), strict=True))
+    common = [(int(s), point_of[int(o)]) for o, s in zip(pair.a, pair.b, strict=True) if int(o) in point_of]
+    if len(common) < LEAST_COMMON:
+        return None
+    spot, point = (np.array(c, dtype=np.int64) for c in zip(*common, strict=True))
+    pose = _pose(task, structure, v, spot, point)
+    return None if pose is None else replace(structure.with_view(v, pose, spot, point), pose_cov={})
+
+
+def _pose(task: Task, structure: Structure, v: int, spot: Ints, point: Ints) -> Pose | None:
+    spots, camera = task.detections[v], structure.cameras[task.views[v].camera]
+    try:
+        return pose_from_labels(
+            spots.xy[spot], structure.xyz[point], camera, cov=spots.cov[spot], loss="cauchy", seed=task.seed
+        ).cam_from_model  # fmt: skip
+    except DegenerateGeometry:
+        return None

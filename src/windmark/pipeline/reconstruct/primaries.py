@@ -1,0 +1,201 @@
+"""Which reconstructed points are the primary markers: by labels, or by their constellation in space."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from windmark.geometry import DegenerateGeometry, align
+from windmark.geometry.similarity import Similarity
+from windmark.pipeline.reconstruct.structure import Structure
+from windmark.pipeline.reconstruct.task import Refused, Task
+from windmark.scene import MarkerSet
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+THIN = 0.02
+"""Width over length of the primaries below which they are on a line."""
+TOLERANCE = 0.005
+"""How far a primary may be from its place in the search, as part of the primaries' extent; the verdict follows the
+residuals."""
+TRIANGLES = 10
+"""Triangles of primaries that are looked for, the widest first: some primaries may not have been reconstructed."""
+MOST_POINTS = 400
+"""Points among which a constellation is looked for; the work grows with the third power."""
+MAX_LOG10_NFA = -3.0
+RIVAL = 3.0
+"""Another solution counts as a rival if its residuals are at most so many times those of the best."""
+FINEST = 1e-4
+"""Residuals count as at least so large, as part of the extent: two pictures may agree by chance."""
+
+
+@dataclass(frozen=True)
+class Located:
+    """Points (K,) of the primaries (K,), and the similarity to their frame."""
+
+    point: Ints
+    primary: Ints
+    frame: Similarity
+    log10_nfa: float
+
+    def same_as(self, other: Located) -> bool:
+        """Whether no primary is another point."""
+        mine = dict(zip(self.primary.tolist(), self.point.tolist(), strict=True))
+        return all(mine.get(p, q) == q for p, q in zip(other.primary.tolist(), other.point.tolist(), strict=True))
+
+
+def check_primaries(primary: MarkerSet) -> None:
+    """Refuse primaries that give no frame."""
+    if len(primary) < 3:
+        raise Refused("few_primaries", f"{len(primary)} primary markers; position, direction and scale need three")
+    spread = np.linalg.svd(primary.xyz - primary.xyz.mean(axis=0), compute_uv=False)
+    if spread[1] <= THIN * spread[0]:
+        raise Refused("line", f"the {len(primary)} primary markers are on a line: turns about it are not determined")
+
+
+def locate(task: Task, structure: Structure) -> Located:
+    """The primaries among the points of a structure.
+
+    Raises
+    ------
+    Refused
+        "few_primaries", "line", "not_found" or "ambiguous".
+    """
+    named = _named(task, structure)
+    if len(named) >= 3:
+        return _by_labels(task, structure, named)
+    return _by_constellation(task, structure, named)
+
+
+def _named(task: Task, structure: Structure) -> dict[int, int]:
+    """{primary: point} of labelled spots; where labels of several views disagree, most votes."""
+    votes: dict[int, Counter[int]] = {}
+    for v, s, p in zip(structure.view.tolist(), structure.spot.tolist(), structure.point.tolist(), strict=True):
+        if s in task.labels[v]:
+            votes.setdefault(task.labels[v][s], Counter())[p] += 1
+    return {primary: count.most_common(1)[0][0] for primary, count in votes.items()}
+
+
+def _by_labels(task: Task, structure: Structure, named: dict[int, int]) -> Located:
+    primary, point = np.array(list(named)), np.array(list(named.values()))
+    if len(np.unique(point)) < len(point):
+        raise Refused("not_found", "two primary markers are labels of one reconstructed point")
+    try:
+        frame = align(structure.xyz[point], task.primary.xyz[primary])
+    except DegenerateGeometry as error:
+        raise Refused("line", f"the {len(primary)} labelled primary markers give no frame: {error}") from None
+    return Located(point, primary, frame, -np.inf)
+
+
+def _by_constellation(task: Task, structure: Structure, named: dict[int, int]) -> Located:
+    known, n = task.primary.xyz, len(structure.xyz)
+    if len(known) < 4:
+        raise Refused(
+            "not_found", f"{len(known)} primary markers cannot be told from others by their distances alone; label "
+            "three of them in one picture, or give four or more",
+        )  # fmt: skip
+    if n > MOST_POINTS:
+        raise Refused("not_found", f"among {n} points the primary markers must be labelled in one picture")
+    extent = float(np.linalg.norm(np.ptp(known, axis=0)))
+    sigma = np.nanmax(np.where(np.isfinite(task.primary.sigma), task.primary.sigma, 0.0))
+    tolerance = TOLERANCE * extent + 3 * float(sigma)
+    tree, found = cKDTree(structure.xyz), list[Located]()
+    for triangle in _triangles(known):
+        for corners in _alike(structure.xyz, known[list(triangle)], tolerance):
+            located = _extended(structure.xyz, tree, known, triangle, corners, tolerance, extent)
+            if located is not None and all(
+                p not in named or named[p] == q for p, q in zip(located.primary, located.point, strict=True)
+            ):
+                found.append(located)
+        if found and min(f.log10_nfa for f in found) < 2 * MAX_LOG10_NFA:
+            break
+    return _best(found, len(known), n, FINEST * extent)
+
+
+def _best(found: list[Located], primaries: int, points: int, floor: float) -> Located:
+    if not found:
+        raise Refused("not_found", f"no four of {primaries} primary markers were recognised among {points} points")
+    found.sort(key=lambda f: f.log10_nfa)
+    best = found[0]
+    if best.log10_nfa > MAX_LOG10_NFA:
+        raise Refused(
+            "not_found", f"the best fit has {len(best.point)} of {primaries} primaries (RMS {best.frame.rms:.3g}), "
+            f"which could be chance: false-alarm number 1e{best.log10_nfa:+.1f}; label three of them in one picture",
+        )  # fmt: skip
+    for other in found[1:]:
+        near = other.frame.rms <= RIVAL * max(best.frame.rms, floor) and len(other.point) >= len(best.point)
+        if near and not other.same_as(best):
+            raise Refused(
+                "ambiguous", f"two sets of points fit the {len(best.point)} primary markers about equally well (RMS "
+                f"{best.frame.rms:.3g} and {other.frame.rms:.3g}): a symmetric placement; label three in one picture",
+            )  # fmt: skip
+    return best
+
+
+def _triangles(xyz: Array) -> list[tuple[int, int, int]]:
+    """Triangles of markers, the largest areas first."""
+    every = list(combinations(range(len(xyz)), 3)) if len(xyz) <= 12 else _some(len(xyz))
+    area = [np.linalg.norm(np.cross(xyz[j] - xyz[i], xyz[k] - xyz[i])) for i, j, k in every]
+    return [every[t] for t in np.argsort(area)[::-1][:TRIANGLES]]
+
+
+def _some(n: int) -> list[tuple[int, int, int]]:
+    rng = np.random.default_rng(0)
+    drawn = {tuple(sorted(rng.choice(n, 3, replace=False).tolist())) for _ in range(300)}
+    return [(i, j, k) for i, j, k in sorted(drawn)]
+
+
+def _alike(xyz: Array, corners: Array, tolerance: float) -> list[tuple[int, int, int]]:
+    """Triangles of points that are similar to that of ``corners``, the sides within ``tolerance`` after scaling."""
+    far = np.linalg.norm(xyz[:, None] - xyz[None], axis=2)
+    side = [float(np.linalg.norm(corners[i] - corners[j])) for i, j in ((0, 1), (0, 2), (1, 2))]
+    with np.errstate(divide="ignore"):
+        scale = side[0] / far
+    found: list[tuple[int, int, int]] = []
+    for i in range(len(xyz)):
+        with np.errstate(invalid="ignore"):
+            first = np.abs(scale[i][:, None] * far[i][None] - side[1]) < tolerance
+            second = np.abs(scale[i][:, None] * far - side[2]) < tolerance
+        found += [(i, int(j), int(k)) for j, k in zip(*np.nonzero(first & second), strict=True) if len({i, j, k}) == 3]
+    return found
+
+
+def _extended(
+    xyz: Array, tree: cKDTree, known: Array, triangle: tuple[int, int, int], corners: tuple[int, int, int],
+    tolerance: float, extent: float,
+) -> Located | None:  # fmt: skip
+    """All primaries that are near points once three are; None if there are none besides."""
+    try:
+        frame = align(xyz[list(corners)], known[list(triangle)])
+        for _ in range(2):
+            gap, nearest = tree.query(frame.inverse().apply(known))
+            primary = np.flatnonzero(gap * frame.scale < tolerance)
+            point = np.asarray(nearest)[primary]
+            if len(primary) < 4 or len(np.unique(point)) < len(point):
+                return None
+            frame = align(xyz[point], known[primary])
+    except DegenerateGeometry:
+        return None
+    residual = np.linalg.norm(frame.apply(xyz[point]) - known[primary], axis=1)
+    reach = max(float(residual.max()), FINEST * extent)
+    return Located(point.astype(np.int64), primary, frame, _log10_nfa(xyz, frame, len(known), len(primary), reach))
+
+
+def _log10_nfa(xyz: Array, frame: Similarity, primaries: int, count: int, reach: float) -> float:
+    """How many placements as good chance would give, points spread over a plane (the conservative case).
+
+    Three points fix the similarity and have two shape constraints; every other primary needs a point within ``reach``.
+    """
+    spread = frame.scale * np.linalg.svd(xyz - xyz.mean(axis=0), compute_uv=False)[:2] / np.sqrt(len(xyz))
+    length, area = 3.5 * spread[0], 12 * spread[0] * spread[1]
+    n = len(xyz)
+    triples = 3 * np.log10(n) + np.log10(primaries * (primaries - 1) * (primaries - 2) / 6)
+    shape = 2 * np.log10(min(2 * reach / length, 1.0))
+    chance = np.log10(min(n * np.pi * reach**2 / area, 1.0))
+    return float(triples + shape + (count - 3) * chance)

@@ -1,0 +1,167 @@
+"""The verb `reconstruct`: unknown markers in the frame of a few known ones, from pictures without labels."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.calibration import Calibration, Weighted
+from windmark.geometry import Camera, Pose
+from windmark.geometry.similarity import Similarity
+from windmark.pipeline.reconstruct.begin import beginning
+from windmark.pipeline.reconstruct.primaries import Located, check_primaries, locate
+from windmark.pipeline.reconstruct.result import NotReconstructed, Reconstruction
+from windmark.pipeline.reconstruct.structure import Structure, adjusted, compact, linked
+from windmark.pipeline.reconstruct.task import FEWEST_SPOTS, Labels, Refused, Task
+from windmark.scene import Detections, MarkerSet, Tracks, View
+
+Array = NDArray[np.float64]
+
+PRIMARY_SIGMA = 1e-4
+"""1 sigma of primaries without one in their table, as part of their extent."""
+FINAL_ROUNDS = 3
+
+
+def reconstruct(
+    detections: Sequence[Detections],
+    cameras: Camera | Mapping[str, Camera],
+    primary: MarkerSet,
+    *,
+    views: Sequence[View] | None = None,
+    labels: Labels | None = None,
+    rough: MarkerSet | None = None,
+    free: Sequence[str] = (),
+    seed: int = 0,
+) -> Reconstruction | NotReconstructed:
+    """Find which spot of which picture is which marker, and where the markers are (AIAA 2005-5007, section VI).
+
+    Two pictures are matched by their constellations; all others are registered to the points these give; then the
+    spots of all pictures are linked by geometry alone, everything is adjusted together, and the primary markers,
+    recognised by their mutual distances or by labels, give the frame and the scale.
+
+    Parameters
+    ----------
+    detections : spots of each picture, in any order; false ones, missing ones and useless pictures are expected
+    cameras : interior parameters, one camera or several by name; known from a calibration, or roughly with ``free``
+    primary : known markers: three with labels, four or more without (six are safe); their ``sigma`` counts, and is
+        1e-4 of their extent where there is none
+    views : one per picture: its name, its camera, and ``cam_from_model`` in the primaries' frame where it is known,
+        roughly. None: one camera, pictures named by their numbers
+    labels : {name of a view: {spot: name of a primary}} where some are known; four in a picture give its pose
+    rough : rough coordinates of some or all markers, in the primaries' frame: pictures are registered to them
+    free : interior parameters to be found, too, in the last adjustment; see `self_calibrate`
+    seed : of every random search
+
+    Returns
+    -------
+    A `Reconstruction`, or a falsy `NotReconstructed` with its reason.
+
+    Raises
+    ------
+    ValueError
+        For arguments that do not fit together.
+    """
+    task = Task.checked(detections, cameras, primary, views, labels, free, seed)
+    options: dict[str, Any] = {"free": tuple(free), "seed": seed, "rough": rough is not None}
+    dropped = {
+        v.name: f"{len(d)} spots, at least {FEWEST_SPOTS} are needed"
+        for v, d in zip(task.views, task.detections, strict=True)
+        if len(d) < FEWEST_SPOTS
+    }
+    try:
+        check_primaries(primary)
+        structure, found_by = beginning(task, rough)
+        located = locate(task, structure)
+        structure, result, names = _in_frame(task, _moved(structure, located.frame), located, free)
+    except Refused as refusal:
+        return NotReconstructed(refusal.reason, refusal.cause, dropped, options)  # type: ignore[arg-type]
+    for v, view in enumerate(task.views):
+        if v not in structure.poses and view.name not in dropped:
+            dropped[view.name] = "not connected with the others: no pose explains its spots by the known points"
+    return _result(task, structure, result, names, dropped, found_by, options)
+
+
+def _moved(structure: Structure, frame: Similarity) -> Structure:
+    """The structure in another frame; its lengths are then those of that frame."""
+    poses = {}
+    for v, pose in structure.poses.items():
+        # x_cam = R x + t for x in the old frame; new = s Q x + c, and camera coordinates grow by s, too.
+        rotation = pose.rotation @ frame.rotation.T
+        poses[v] = Pose(rotation, frame.scale * pose.translation - rotation @ frame.translation)
+    scale = np.diag([1.0, 1, 1, frame.scale, frame.scale, frame.scale])
+    cov = {v: scale @ c @ scale for v, c in structure.pose_cov.items()}
+    return replace(structure, xyz=frame.apply(structure.xyz), poses=poses, pose_cov=cov)
+
+
+def _in_frame(
+    task: Task, structure: Structure, located: Located, free: Sequence[str]
+) -> tuple[Structure, Calibration, list[str]]:
+    """Everything adjusted in the primaries' frame, with all links that the final poses allow; names of the points."""
+    table = _with_sigma(task.primary)
+    datum = Weighted(tuple(str(task.primary.name[p]) for p in located.primary))
+    where = structure.xyz[located.point]
+    for _ in range(FINAL_ROUNDS):
+        names = _names(structure, table, located, where)
+        result = adjusted(task, structure, datum, free, names, table)
+        if not isinstance(result, tuple):
+            raise Refused("adjustment", result.reason)
+        before = {(v, s) for v, s in zip(structure.view.tolist(), structure.spot.tolist(), strict=True)}
+        structure, calibration = result
+        index = {n: k for k, n in enumerate(names)}
+        where = structure.xyz[[index[n] for n in datum.markers or ()]]
+        again = compact(linked(task, structure))
+        now = {(v, s) for v, s in zip(again.view.tolist(), again.spot.tolist(), strict=True)}
+        if len(now ^ before) <= 0.001 * len(before):
+            break
+        structure = again
+    else:
+        names = _names(structure, table, located, where)
+        result = adjusted(task, structure, datum, free, names, table)
+        if not isinstance(result, tuple):
+            raise Refused("adjustment", result.reason)
+        structure, calibration = result
+    return structure, calibration, names
+
+
+def _names(structure: Structure, table: MarkerSet, located: Located, where: Array) -> list[str]:
+    """Primaries by their names, other points by numbers; each primary is the point nearest to where it was."""
+    names = [f"s{k:0{max(3, len(str(len(structure.xyz))))}d}" for k in range(1, len(structure.xyz) + 1)]
+    taken: set[int] = set()
+    for p, place in zip(located.primary, where, strict=True):
+        nearest = int(np.linalg.norm(structure.xyz - place, axis=1).argmin())
+        if nearest in taken:
+            raise Refused("not_found", f"primary marker {table.name[p]} was lost when all spots were linked")
+        taken.add(nearest)
+        names[nearest] = str(table.name[p])
+    return names
+
+
+def _with_sigma(primary: MarkerSet) -> MarkerSet:
+    sigma = PRIMARY_SIGMA * float(np.linalg.norm(np.ptp(primary.xyz, axis=0)))
+    return replace(primary, sigma=np.where(np.isfinite(primary.sigma), primary.sigma, sigma))
+
+
+def _result(
+    task: Task, structure: Structure, calibration: Calibration, names: list[str], dropped: dict[str, str],
+    found_by: dict[int, str], options: dict[str, Any],
+) -> Reconstruction:  # fmt: skip
+    known = set(task.primary.name.tolist())
+    row = {n: k for k, n in enumerate(names)}
+    name = calibration.markers.name
+    place = {row[str(n)]: k for k, n in enumerate(name)}
+    role = ["primary" if str(n) in known else "secondary" for n in name]
+    kept = np.array([int(p) in place for p in structure.point], dtype=np.bool_)
+    track = np.array([place[int(p)] for p in structure.point[kept]], dtype=np.int64)
+    views = tuple(replace(v, cam_from_model=structure.poses.get(k)) for k, v in enumerate(task.views))
+    renamed = {v.name: task.views[int(v.name)].name for v in calibration.views}
+    calibration = replace(calibration, views=tuple(replace(v, name=renamed[v.name]) for v in calibration.views))
+    return Reconstruction(
+        replace(calibration.markers, role=np.array(role)), calibration.marker_cov,
+        np.bincount(track, minlength=len(name)), views, calibration.cameras,
+        Tracks(track, structure.view[kept], structure.spot[kept]), calibration, dropped,
+        {task.views[v].name: how for v, how in found_by.items() if v in structure.poses}, options,
+    )  # fmt: skip

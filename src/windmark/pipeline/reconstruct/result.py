@@ -1,0 +1,91 @@
+"""What `reconstruct` gives back: markers in the frame of the primaries, or why there are none."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.calibration import Calibration
+from windmark.geometry import Camera
+from windmark.scene import MarkerSet, Tracks, View
+
+Array = NDArray[np.float64]
+
+CAUSES = {
+    "too_few": "too few pictures or spots",
+    "no_pair": "no two pictures could be matched",
+    "baseline": "the pictures were all taken from one place",
+    "few_primaries": "fewer than three primary markers",
+    "line": "the primary markers are on a line",
+    "not_found": "the primary markers were not recognised among the reconstructed ones",
+    "ambiguous": "the primary markers fit the reconstructed ones in several ways",
+    "unconnected": "the pictures with the primary markers are not connected",
+    "adjustment": "the adjustment of all pictures together failed",
+}
+"""Every cause of a `NotReconstructed`, in words."""
+Cause = Literal[
+    "too_few", "no_pair", "baseline", "few_primaries", "line", "not_found", "ambiguous", "unconnected", "adjustment"
+]  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Reconstruction:
+    """Markers, views and cameras in the frame and the length unit of the primary markers.
+
+    Parameters
+    ----------
+    markers : (N,) primaries by their names, the others as s001, s002, ...; ``sigma`` is that of the adjustment
+    marker_cov : (N, 3, 3) covariances in the frame of the primaries
+    count : (N,) number of views of each marker
+    views : all views, ``cam_from_model`` None for those that could not be used
+    cameras : by name, with ``cov`` over the parameters that were free
+    tracks : which spot of which view is which marker: ``track`` indexes ``markers``, ``view`` the views
+    calibration : the adjustment behind it, with residuals and tests
+    dropped : why views did not take part, by name
+    found_by : how each view got its pose: "given", "labels", "pair", "register" or "neighbour"
+    options : everything it was made with, by name
+    """
+
+    markers: MarkerSet
+    marker_cov: Array
+    count: NDArray[np.int64]
+    views: tuple[View, ...]
+    cameras: Mapping[str, Camera]
+    tracks: Tracks
+    calibration: Calibration
+    dropped: Mapping[str, str]
+    found_by: Mapping[str, str]
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    def __bool__(self) -> bool:
+        return True
+
+    @property
+    def rms_px(self) -> float:
+        """Root mean square length of the residuals."""
+        return self.calibration.rms_px
+
+
+@dataclass(frozen=True)
+class NotReconstructed:
+    """Why there is no reconstruction; falsy.
+
+    Parameters
+    ----------
+    reason : in words, with the numbers
+    cause : one of `CAUSES`
+    dropped : why views did not take part, by name
+    options : everything it was made with, by name
+    """
+
+    reason: str
+    cause: Cause
+    dropped: Mapping[str, str] = field(default_factory=dict)
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    def __bool__(self) -> bool:
+        return False

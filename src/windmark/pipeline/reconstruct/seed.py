@@ -1,0 +1,113 @@
+"""Two pictures to begin with: matched from nothing, far enough apart, and confirmed by others."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.calibration import Free
+from windmark.epipolar import NotMatched, PairMatching, match_pair
+from windmark.geometry import Pose, triangulate
+from windmark.pipeline.reconstruct.structure import Structure, adjusted, compact
+from windmark.pipeline.reconstruct.task import Refused, Task
+
+Array = NDArray[np.float64]
+
+FEWEST_POINTS = 12
+ENOUGH = 4
+"""Good pairs after which no others are looked for."""
+MOST_TRIED = 60
+"""Pairs of pictures that are tried."""
+LEAST_PARALLAX_DEG, GOOD_PARALLAX_DEG = 1.0, 10.0
+"""Angle between the rays below which depths are guesses, and beyond which more is no better."""
+
+
+@dataclass(frozen=True)
+class Seed:
+    """A pair of views and the structure that it gives (one per reading of a plane)."""
+
+    a: int
+    b: int
+    worth: float
+    structures: tuple[Structure, ...]
+
+
+def seeds(task: Task, views: list[int]) -> list[Seed]:
+    """Pairs to begin with, best first.
+
+    Raises
+    ------
+    Refused
+        "too_few", "no_pair" or "baseline".
+    """
+    if len(views) < 2:
+        raise Refused("too_few", f"{len(views)} pictures with spots enough, two at least are needed")
+    found: list[Seed] = []
+    flat, tried = 0, 0
+    best: NotMatched | None = None
+    for a, b in _order(views):
+        if tried == MOST_TRIED or len(found) == ENOUGH:
+            break
+        tried += 1
+        pair = match_pair(task.detections[a], task.detections[b], task.camera(a), task.camera(b), seed=task.seed)
+        if isinstance(pair, NotMatched):
+            best = pair if best is None or pair.count > best.count else best
+            continue
+        seed = _seed(task, a, b, pair)
+        if seed is None:
+            flat += 1
+        else:
+            found.append(seed)
+    if found:
+        return sorted(found, key=lambda s: -s.worth)
+    if flat:
+        raise Refused(
+            "baseline", f"{flat} pairs of pictures were matched, but taken from one place: turning the camera shows no "
+            "depth; move it by a tenth of the distance or more",
+        )  # fmt: skip
+    why = "" if best is None else f"; the best of {tried}: {best.reason}"
+    raise Refused("no_pair", f"no two of {len(views)} pictures could be matched{why}")
+
+
+def _order(views: list[int]) -> Iterator[tuple[int, int]]:
+    """Pairs of views, those taken one after the other first, spread over all."""
+    n = len(views)
+    for step in range(1, n):
+        first = np.arange(n - step)
+        for k in np.lexsort((first, first % max(ENOUGH, step))):
+            yield views[int(k)], views[int(k) + step]
+
+
+def _seed(task: Task, a: int, b: int, pair: PairMatching) -> Seed | None:
+    """None where the pair has no baseline that shows."""
+    view = pair.view
+    if view.b_from_a is None or not view.parallax_deg > LEAST_PARALLAX_DEG:
+        return None
+    structures = [_two_views(task, a, b, pair, pose) for pose in (view.b_from_a, *view.alternatives)]
+    good = tuple(s for s in structures if s is not None)
+    worth = len(pair) * min(view.parallax_deg / GOOD_PARALLAX_DEG, 1.0)
+    return Seed(a, b, worth, good) if good else None
+
+
+def _two_views(task: Task, a: int, b: int, pair: PairMatching, b_from_a: Pose) -> Structure | None:
+    poses = (Pose(np.eye(3), np.zeros(3)), b_from_a)
+    xy = np.stack([task.detections[a].xy[pair.a], task.detections[b].xy[pair.b]])
+    cov = np.stack([task.detections[a].cov[pair.a], task.detections[b].cov[pair.b]])
+    points = triangulate([task.camera(a), task.camera(b)], list(poses), xy, cov)
+    good = np.flatnonzero(points.valid)
+    if len(good) < FEWEST_POINTS:
+        return None
+    k, n = np.arange(len(good)), len(good)
+    return Structure(
+        points.xyz[good], np.tile(k, 2), np.repeat([a, b], n),
+        np.concatenate([pair.a[good], pair.b[good]]), {a: poses[0], b: poses[1]}, {}, task.cameras,
+    )  # fmt: skip
+
+
+def settled(task: Task, structure: Structure) -> Structure | None:
+    """The two views adjusted together; None where they do not fit."""
+    result = adjusted(task, structure, Free())
+    return compact(result[0]) if isinstance(result, tuple) else None

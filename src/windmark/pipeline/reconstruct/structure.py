@@ -1,0 +1,135 @@
+"""Points, poses and which spot is which point, while the reconstruction grows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.calibration import Calibration, NotCalibrated, self_calibrate
+from windmark.calibration.datum import Datum
+from windmark.epipolar import associate
+from windmark.geometry import Camera, Pose
+from windmark.pipeline.reconstruct.task import Task
+from windmark.scene import MarkerSet, Observations, View
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+LEAST_VIEWS_ASSOCIATED = 3
+"""Views with which spots are linked by geometry alone."""
+
+
+@dataclass(frozen=True)
+class Structure:
+    """A reconstruction in any frame, not yet complete.
+
+    Parameters
+    ----------
+    xyz : (N, 3) points
+    point, view, spot : (K,) links: which point is which spot in which view (of the task)
+    poses : {view: cam_from_model}
+    pose_cov : {view: (6, 6)}; empty before the first adjustment
+    cameras : by name
+    """
+
+    xyz: Array
+    point: Ints
+    view: Ints
+    spot: Ints
+    poses: Mapping[int, Pose]
+    pose_cov: Mapping[int, Array]
+    cameras: Mapping[str, Camera]
+
+    @property
+    def posed(self) -> list[int]:
+        """Views with a pose, in order."""
+        return sorted(self.poses)
+
+    def with_view(self, view: int, pose: Pose, spot: Ints, point: Ints) -> Structure:
+        """One view more, with its links."""
+        return replace(
+            self, poses={**self.poses, view: pose}, point=np.concatenate([self.point, point]),
+            view=np.concatenate([self.view, np.full(len(point), view)]), spot=np.concatenate([self.spot, spot]),
+        )  # fmt: skip
+
+    def observations(self, task: Task) -> Observations:
+        """The links as observations; views are those of the task."""
+        xy = np.stack([task.detections[v].xy[s] for v, s in zip(self.view, self.spot, strict=True)])
+        cov = np.stack([task.detections[v].cov[s] for v, s in zip(self.view, self.spot, strict=True)])
+        return Observations(self.view, self.point, xy, cov)
+
+
+def adjusted(
+    task: Task, structure: Structure, datum: Datum, free: Sequence[str] = (), names: Sequence[str] | None = None,
+    table: MarkerSet | None = None,
+) -> tuple[Structure, Calibration] | NotCalibrated:  # fmt: skip
+    """The structure after one adjustment of everything, without the links and points that do not fit.
+
+    ``names`` (N,) are those of the points and ``table`` holds the known ones among them, for the datum.
+    """
+    posed = structure.posed
+    place = {v: k for k, v in enumerate(posed)}
+    every = structure.observations(task)
+    observations = replace(every, view=np.array([place[v] for v in every.view], dtype=np.int64))
+    views = [View(str(v), task.views[v].camera, str(v), structure.poses[v]) for v in posed]
+    markers = _markers(structure, names, table)
+    result = self_calibrate(
+        observations, markers, structure.cameras, views, datum=datum, free=free, eccentricity="off", seed=task.seed
+    )  # fmt: skip
+    if isinstance(result, NotCalibrated):
+        return result
+    row = {str(n): i for i, n in enumerate(markers.name)}
+    kept = np.array([row[str(n)] for n in result.markers.name], dtype=np.int64)
+    xyz = structure.xyz.copy()
+    xyz[kept] = result.markers.xyz
+    key = {(int(v), int(p)): int(s) for v, p, s in zip(structure.view, structure.point, structure.spot, strict=True)}
+    used = np.flatnonzero(result.used)
+    view = np.array([int(result.views[v].name) for v in result.observations.view[used]], dtype=np.int64)
+    point = kept[result.observations.point[used]]
+    spot = np.array([key[int(v), int(p)] for v, p in zip(view, point, strict=True)], dtype=np.int64)
+    poses = {int(v.name): v.cam_from_model for v in result.views if v.cam_from_model is not None}
+    cov = {int(v.name): c for v, c in zip(result.views, result.pose_cov, strict=True)}
+    return Structure(xyz, point, view, spot, poses, cov, dict(result.cameras)), result
+
+
+def linked(task: Task, structure: Structure) -> Structure:
+    """All spots of the posed views linked anew by geometry alone (`epipolar.associate`).
+
+    With fewer than three views nothing but the pairs that were matched is known, and the structure stays.
+    """
+    posed = structure.posed
+    if len(posed) < LEAST_VIEWS_ASSOCIATED:
+        return structure
+    cov = np.stack([structure.pose_cov[v] for v in posed]) if structure.pose_cov else None
+    near = structure.xyz[np.unique(structure.point)] if len(structure.point) else structure.xyz
+    poses = [structure.poses[v] for v in posed]
+    found = associate(
+        [task.detections[v] for v in posed], [structure.cameras[task.views[v].camera] for v in posed],
+        Pose(np.stack([p.rotation for p in poses]), np.stack([p.translation for p in poses])),
+        pose_cov=cov, points_near=near,
+    )  # fmt: skip
+    view = np.array(posed, dtype=np.int64)[found.tracks.view]
+    moved = {v: Pose(found.poses.rotation[k], found.poses.translation[k]) for k, v in enumerate(posed)}
+    kept = {v: found.pose_cov[k] for k, v in enumerate(posed)}
+    return Structure(found.xyz, found.tracks.track, view, found.tracks.detection, moved, kept, structure.cameras)
+
+
+def compact(structure: Structure) -> Structure:
+    """Only the points that have links, numbered anew."""
+    used, point = np.unique(structure.point, return_inverse=True)
+    return replace(structure, xyz=structure.xyz[used], point=point.astype(np.int64))
+
+
+def _markers(structure: Structure, names: Sequence[str] | None, table: MarkerSet | None) -> MarkerSet:
+    n = len(structure.xyz)
+    name = [f"p{k:05d}" for k in range(n)] if names is None else list(names)
+    xyz, sigma = structure.xyz.copy(), np.full((n, 3), np.nan)
+    if table is not None:
+        row = {m: k for k, m in enumerate(name)}
+        for k, m in enumerate(table.name):
+            if str(m) in row:
+                xyz[row[str(m)]], sigma[row[str(m)]] = table.xyz[k], table.sigma[k]
+    return MarkerSet.make(name, xyz, sigma=sigma)

@@ -1,0 +1,115 @@
+"""What is to be reconstructed, checked before anything is computed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.geometry import PARAMETERS, Camera, Pose
+from windmark.scene import Detections, MarkerSet, View
+
+Array = NDArray[np.float64]
+Labels = Mapping[str, Mapping[int, str]]
+
+FEWEST_SPOTS = 8
+"""Spots that a picture needs to take part."""
+
+
+class Refused(Exception):
+    """The data say no: cause and reason of a `NotReconstructed`."""
+
+    def __init__(self, cause: str, reason: str) -> None:
+        super().__init__(reason)
+        self.cause, self.reason = cause, reason
+
+
+@dataclass(frozen=True)
+class Task:
+    """Spots, cameras and views; views are numbered as given.
+
+    Parameters
+    ----------
+    detections : of each view
+    cameras : by name
+    views : with their camera, and a pose in the primaries' frame where that is known
+    primary : the known markers
+    labels : {view: {spot: name of a primary}}
+    seed : of every random search
+    """
+
+    detections: tuple[Detections, ...]
+    cameras: Mapping[str, Camera]
+    views: tuple[View, ...]
+    primary: MarkerSet
+    labels: tuple[dict[int, int], ...]
+    seed: int
+
+    @classmethod
+    def checked(
+        cls, detections: Sequence[Detections], cameras: Camera | Mapping[str, Camera], primary: MarkerSet,
+        views: Sequence[View] | None, labels: Labels | None, free: Sequence[str], seed: int,
+    ) -> Task:  # fmt: skip
+        """A task from the arguments of `reconstruct`; ValueError where they do not fit."""
+        if views is None:
+            if not isinstance(cameras, Camera) and len(cameras) != 1:
+                raise ValueError("reconstruct: with several cameras, views must say which picture has which")
+            views = tuple(View(f"{v}") for v in range(len(detections)))
+            cameras = {"camera": cameras if isinstance(cameras, Camera) else next(iter(cameras.values()))}
+        elif isinstance(cameras, Camera):
+            cameras = dict.fromkeys({v.camera for v in views}, cameras)
+        if len(views) != len(detections):
+            raise ValueError(f"reconstruct: expected one view per picture, got {len(views)} for {len(detections)}")
+        names = [v.name for v in views]
+        if len(set(names)) != len(names):
+            twice = sorted({n for n in names if names.count(n) > 1})
+            raise ValueError(f"reconstruct: names of views must be unique, more than once: {', '.join(twice[:5])}")
+        unknown = sorted({v.camera for v in views} - set(cameras))
+        if unknown:
+            raise ValueError(f"reconstruct: views use unknown cameras {', '.join(unknown)}")
+        wrong = [p for p in free if p not in PARAMETERS]
+        if wrong:
+            raise ValueError(f"reconstruct: free: {wrong[0]!r} is none of {', '.join(PARAMETERS)}")
+        return cls(
+            tuple(detections), dict(cameras), tuple(views), primary,
+            _checked_labels(labels or {}, names, detections, primary), seed,
+        )  # fmt: skip
+
+    def camera(self, view: int) -> Camera:
+        """Camera of a view."""
+        return self.cameras[self.views[view].camera]
+
+    @property
+    def usable(self) -> list[int]:
+        """Views with spots enough."""
+        return [v for v, d in enumerate(self.detections) if len(d) >= FEWEST_SPOTS]
+
+    @property
+    def given(self) -> dict[int, Pose]:
+        """Poses that the user knows."""
+        return {v: view.cam_from_model for v, view in enumerate(self.views) if view.cam_from_model is not None}
+
+
+def _checked_labels(
+    labels: Labels, names: list[str], detections: Sequence[Detections], primary: MarkerSet
+) -> tuple[dict[int, int], ...]:
+    """For each view {spot: index of its primary}."""
+    index = {str(n): i for i, n in enumerate(primary.name)}
+    unknown = sorted(set(labels) - set(names))
+    if unknown:
+        raise ValueError(f"reconstruct: labels name unknown views {', '.join(unknown[:5])}")
+    out: list[dict[int, int]] = []
+    for name, spots in zip(names, detections, strict=True):
+        mine = labels.get(name, {})
+        wrong = [n for n in mine.values() if n not in index]
+        if wrong:
+            raise ValueError(f"reconstruct: labels of view {name}: {wrong[0]!r} is no primary marker")
+        beyond = [s for s in mine if not 0 <= s < len(spots)]
+        if beyond:
+            raise ValueError(f"reconstruct: labels of view {name}: spot {beyond[0]} of {len(spots)}")
+        if len(set(mine.values())) < len(mine):
+            raise ValueError(f"reconstruct: labels of view {name} give one marker to two spots")
+        out.append({int(s): index[n] for s, n in mine.items()})
+    return tuple(out)

@@ -1,0 +1,110 @@
+"""Seeds and growth of matchings by constellation, against slow twins and the truth."""
+
+import constellation_twins as twins
+import numpy as np
+import pytest
+
+from windmark.epipolar.constellation import _kernels as kernels
+from windmark.epipolar.constellation.evidence import weigh
+from windmark.epipolar.constellation.patches import Neighbours, find_patches
+
+NO_LIMIT = np.zeros((0, 0), np.bool_)
+
+
+def plane(seed, n=40, noise=0.1, missing=3):
+    """Random spots and their images under an affine map, some missing on either side, some false."""
+    rng = np.random.default_rng(seed)
+    a = rng.uniform(0, 1000, (n, 2))
+    turn = rng.uniform(0, 2 * np.pi)
+    m = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]) @ [[1.1, 0.1], [0.0, 0.8]]
+    b = a @ m.T + [300, -200] + rng.normal(0, noise, a.shape)
+    order = rng.permutation(n)[missing:]
+    truth = np.full(n, -1)
+    truth[order] = np.arange(len(order))
+    return a, np.concatenate([b[order], rng.uniform(b.min(axis=0), b.max(axis=0), (missing, 2))]), truth, m
+
+
+def test_seed_maps_are_those_of_the_slow_twin():
+    a, b, _, _ = plane(1, 14)
+    near = Neighbours.of(a, b)
+    na, nb, first = near.na[:, :8].copy(), near.nb[:, :10].copy(), np.array([0, 5, 9])
+    limits = (0.08, 2.0, 1.7, 2.0, 6)
+    met, offset, maps, tried = kernels.seed_maps(near.a, na, near.b, nb, first, np.array([4, 5]), *limits)
+    slow = twins.seed_maps(
+        near.a, na, near.b, nb, first, (4, 5), *limits, kernels.SHARPEST, kernels.WITHIN
+    )  # fmt: skip
+    np.testing.assert_array_equal(met, slow[0])
+    assert (met >= 6).any()
+    assert tried == slow[3]
+    np.testing.assert_allclose(offset[met >= 0], slow[1][met >= 0])
+    np.testing.assert_allclose(maps[met >= 0], slow[2][met >= 0], atol=1e-9)
+
+
+def test_predictions_are_those_of_the_slow_twin():
+    a, b, truth, _ = plane(2)
+    near, out = Neighbours.of(a, b), np.empty(3)
+    match = np.where(np.random.default_rng(0).random(len(a)) < 0.5, truth, -1)
+    fitted = 0
+    for i in range(len(a)):
+        n = kernels.predict(near.a, near.na, near.b, match, i, out)
+        slow = twins.predict(near.a, near.na, near.b, match, i, kernels.NEIGHBOURS)
+        assert (n >= 0) <= (slow is not None)
+        if n >= 0:
+            fitted += 1
+            np.testing.assert_allclose(out, slow, atol=1e-6)
+    assert fitted > 20
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_plane_is_matched_whole_at_any_roll(seed):
+    a, b, truth, _ = plane(10 + seed, 60)
+    patches = find_patches(Neighbours.of(a, b))
+    best = patches.match[(patches.match >= 0).sum(axis=1).argmax()]
+    assert (best != truth)[best >= 0].sum() <= 1  # a false spot may lie where a missing one would be
+    assert (best >= 0).sum() >= 0.9 * (truth >= 0).sum()
+
+
+def test_growth_stays_within_what_is_allowed_and_is_one_to_one():
+    a, b, truth, _ = plane(3, 60)
+    near = Neighbours.of(a, b)
+    start = np.where(np.arange(60) < 12, truth, -1)
+    free = kernels.grow(near.a, near.na, near.b, near.nb, start, 0.12, 2.0, NO_LIMIT)
+    assert len(np.unique(free[free >= 0])) == (free >= 0).sum()
+    allowed = np.ones((60, len(b)), np.bool_)
+    barred = truth[np.flatnonzero((truth >= 0) & (start < 0))[:10]]
+    allowed[:, barred] = False
+    some = kernels.grow(near.a, near.na, near.b, near.nb, start, 0.12, 2.0, allowed)
+    assert np.isin(barred, free).any()
+    assert not np.isin(barred, some).any()
+
+
+def test_a_wrong_pair_among_right_ones_leaves():
+    a, b, truth, _ = plane(4, 60)
+    near, start = Neighbours.of(a, b), truth.copy()
+    wrong = int(np.flatnonzero(truth >= 0)[7])
+    start[wrong] = len(b) - 1  # a false spot
+    grown = kernels.grow(near.a, near.na, near.b, near.nb, start, 0.12, 2.0, NO_LIMIT)
+    assert grown[wrong] != len(b) - 1
+
+
+def test_evidence_counts_right_pairs_and_what_is_missing():
+    a, b, truth, _ = plane(5, 60)
+    near = Neighbours.of(a, b)
+
+    def everywhere(xy):
+        return np.ones(len(xy), np.bool_)
+
+    whole = weigh(near, truth, np.inf, everywhere, 1000)
+    half = weigh(near, np.where(np.arange(60) % 2, truth, -1), np.inf, everywhere, 1000)
+    assert whole.log10_nfa < half.log10_nfa < 3
+    assert whole.score > half.score
+    nothing = weigh(near, np.full(60, -1), np.inf, everywhere, 1000)
+    assert nothing.log10_nfa == np.inf
+    assert nothing.score == 0
+
+
+@pytest.mark.parametrize("count", [0, 1, 5])
+def test_few_spots_give_no_patches(count):
+    a, b, _, _ = plane(6)
+    assert not len(find_patches(Neighbours.of(a[:count], b)).match)
+    assert not len(find_patches(Neighbours.of(a, b[:count])).match)

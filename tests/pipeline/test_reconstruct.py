@@ -1,0 +1,166 @@
+"""`reconstruct`: the paper's case at observation level, and every way to say no."""
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "epipolar"))
+import reconstruct_scenes as scenes
+
+from windmark.geometry import Pose
+from windmark.pipeline.reconstruct import NotReconstructed, reconstruct
+from windmark.scene import Detections, MarkerSet, View
+
+SIGMA = 0.02
+
+
+def primaries(case, seed=0, count=6):
+    picked = case.primary[:count]
+    noise = np.random.default_rng(seed).normal(0, SIGMA, (len(picked), 3))
+    return MarkerSet.make(
+        [f"P{k}" for k in range(len(picked))], case.xyz[picked] + noise, sigma=np.full((len(picked), 3), SIGMA)
+    )
+
+
+def identities(result, case):
+    """(N,) true marker of each track, -1 for none, and the number of links to others."""
+    tracks, wrong = result.tracks, 0
+    label = np.array([case.labels[v][s] for v, s in zip(tracks.view, tracks.detection, strict=True)])
+    who = np.full(len(result.markers), -1)
+    for k in range(len(who)):
+        names, votes = np.unique(label[tracks.track == k], return_counts=True)
+        who[k] = names[votes.argmax()]
+        wrong += int((label[tracks.track == k] != who[k]).sum())
+    return who, wrong
+
+
+@pytest.mark.parametrize(("model", "path"), [("plate", "walk"), ("model", "walk"), ("plate", "cloud")])
+def test_unknown_markers_are_found_without_labels_or_poses(model, path):
+    case = scenes.make(11, model, path, views=12, points=60)
+    result = reconstruct(case.detections, case.camera, primaries(case))
+    assert result, result.reason
+    assert all(v.cam_from_model is not None for v in result.views)
+    who, wrong = identities(result, case)
+    assert wrong == 0
+    assert (who >= 0).all()
+    assert len(np.unique(who)) == len(who)
+    assert np.isin(np.flatnonzero(case.views_of >= 3), who).all()
+    error = result.markers.xyz - case.xyz[who]
+    assert np.sqrt((error**2).sum(axis=1).mean()) < 3 * np.sqrt((result.markers.sigma**2).sum(axis=1).mean())
+    for k, name in enumerate(result.markers.name):
+        if name.startswith("P"):
+            assert who[k] == case.primary[int(name[1:])]
+            assert result.markers.role[k] == "primary"
+    assert 0.8 < result.calibration.sigma0 < 1.2
+
+
+def test_labels_of_one_picture_name_the_primaries():
+    case = scenes.make(12, "plate", views=6, points=60)
+    seen = {int(m): s for s, m in enumerate(case.labels[2]) if m >= 0}
+    known = [m for m in case.primary if m in seen][:3]
+    primary = MarkerSet.make([f"P{m}" for m in known], case.xyz[known])
+    result = reconstruct(case.detections, case.camera, primary, labels={"2": {seen[m]: f"P{m}" for m in known}})
+    assert result, result.reason
+    who, wrong = identities(result, case)
+    assert wrong == 0
+    for k, name in enumerate(result.markers.name):
+        if name.startswith("P"):
+            assert who[k] == int(name[1:])
+
+
+def test_given_poses_and_rough_coordinates_are_other_beginnings():
+    case = scenes.make(13, "plate", views=6, points=60)
+    rough, _ = case.perturbed(1)
+    views = [View(f"v{k}", cam_from_model=Pose(rough.rotation[k], rough.translation[k])) for k in range(6)]
+    given = reconstruct(case.detections, case.camera, primaries(case), views=views)
+    assert set(given.found_by.values()) == {"given"}
+    table = MarkerSet.make(
+        [f"r{k}" for k in range(40)], case.xyz[:40] + np.random.default_rng(2).normal(0, 0.3, (40, 3))
+    )
+    begun = reconstruct(case.detections, case.camera, primaries(case), rough=table)
+    assert set(begun.found_by.values()) == {"register"}
+    for result in (given, begun):
+        who, wrong = identities(result, case)
+        assert wrong == 0
+        assert np.isin(np.flatnonzero(case.views_of >= 3), who).all()
+
+
+def test_useless_pictures_are_dropped_and_named():
+    case = scenes.make(14, "plate", views=6, points=60)
+    rng = np.random.default_rng(0)
+    clutter = Detections.make(rng.uniform(0, 2000, (60, 2)), sigma_px=0.1)
+    nothing = Detections.make(np.zeros((0, 2)))
+    result = reconstruct([*case.detections[:3], clutter, *case.detections[3:], nothing], case.camera, primaries(case))
+    assert result
+    assert set(result.dropped) == {"3", "7"}
+    assert "spots" in result.dropped["7"]
+    assert result.views[3].cam_from_model is None
+
+
+def refused(case, primary, **more):
+    answer = reconstruct(case.detections, case.camera, primary, **more)
+    assert isinstance(answer, NotReconstructed)
+    assert answer.reason
+    return answer
+
+
+def test_failures_say_why():
+    case = scenes.make(15, "plate", views=5, points=50)
+    assert refused(case, primaries(case, count=2)).cause == "few_primaries"
+    line = MarkerSet.make(["a", "b", "c", "d"], np.outer([0.0, 1, 2, 5], [1.0, 2, 0]))
+    assert refused(case, line).cause == "line"
+    other = MarkerSet.make(list("abcdef"), np.random.default_rng(5).uniform(-300, 300, (6, 3)))
+    assert refused(case, other).cause == "not_found"
+    assert refused(case, primaries(case, count=3)).cause == "not_found"
+    alone = replace(case, detections=case.detections[:1])
+    assert refused(alone, primaries(case)).cause == "too_few"
+    clutter = [Detections.make(np.random.default_rng(k).uniform(0, 2000, (50, 2)), sigma_px=0.1) for k in range(4)]
+    assert refused(replace(case, detections=tuple(clutter)), primaries(case)).cause == "no_pair"
+
+
+def test_a_camera_that_only_turns_is_named():
+    case = scenes.make(16, "plate", views=1, points=60)
+    rng, first = np.random.default_rng(0), Pose(case.poses.rotation[0], case.poses.translation[0])
+    spots = []
+    for _ in range(4):
+        turn = Pose.from_rotvec(rng.normal(0, 0.03, 3), np.zeros(3))
+        xy, _ = case.camera.project((turn @ first).apply(case.xyz))
+        inside = case.camera.in_image(xy)
+        spots.append(Detections.make(xy[inside] + rng.normal(0, 0.1, xy[inside].shape), sigma_px=0.1))
+    answer = refused(replace(case, detections=tuple(spots)), primaries(case))
+    assert answer.cause == "baseline"
+
+
+def test_symmetric_primaries_are_ambiguous():
+    case = scenes.make(17, "plate", views=5, points=50)
+    square = np.array([[300.0, 200, 0], [-300, 200, 0], [-300, -200, 0], [300, -200, 0]])
+    xyz = np.concatenate([case.xyz[4:], square])
+    rng, spots = np.random.default_rng(1), []
+    for v in range(5):
+        pose = Pose(case.poses.rotation[v], case.poses.translation[v])
+        xy, _ = case.camera.project(pose.apply(xyz))
+        inside = case.camera.in_image(xy)
+        spots.append(Detections.make(xy[inside] + rng.normal(0, 0.1, xy[inside].shape), sigma_px=0.1))
+    primary = MarkerSet.make(list("abcd"), square, sigma=np.full((4, 3), SIGMA))
+    assert refused(replace(case, detections=tuple(spots)), primary).cause == "ambiguous"
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"labels": {"9": {0: "P0"}}}, "unknown views 9"),
+        ({"labels": {"0": {0: "X"}}}, "'X' is no primary"),
+        ({"labels": {"0": {9999: "P0"}}}, "spot 9999"),
+        ({"labels": {"0": {0: "P0", 1: "P0"}}}, "one marker to two spots"),
+        ({"free": ("zoom",)}, "'zoom'"),
+        ({"views": [View("a")]}, "one view per picture"),
+        ({"views": [View("a")] * 3}, "unique"),
+    ],
+)
+def test_wrong_arguments_are_named(options, words):
+    case = scenes.make(18, "plate", views=3, points=30)
+    with pytest.raises(ValueError, match=words):
+        reconstruct(case.detections, case.camera, primaries(case), **options)
