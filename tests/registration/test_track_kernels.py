@@ -6,6 +6,7 @@ import registration_scenes as scenes
 
 from windmark.geometry import Camera, Pose
 from windmark.registration import prepare
+from windmark.registration._kernels.raster import plane_covariance_kernel
 from windmark.registration.search.plane import Plane, to_plane
 from windmark.registration.task import Task
 from windmark.registration.track._kernels import gates, motion, spots
@@ -16,21 +17,37 @@ from windmark.registration.track.prepared import Prepared
 def view():
     scene = scenes.scene(21, "B", hidden=0.2, false=0.5)
     prepared = Prepared.of(scene.markers, scene.camera, prepare(scene.markers))
-    plane = np.ascontiguousarray(to_plane(scene.camera, scene.detections.xy))
-    made, tolerance = spots.spots_of(prepared.packed, prepared.size, plane, scene.detections.cov, 0.0)
-    return scene, prepared, made, tolerance
+    plane = spots.to_plane_kernel(prepared.packed, prepared.size, scene.detections.xy, scene.detections.cov)
+    made, columns, tolerance = spots.spots_of(prepared.packed, prepared.size, *plane, 0.0)
+    return scene, prepared, made, columns, tolerance
 
 
 @pytest.mark.parametrize("lens", [{}, {"k1": -0.2, "k2": 0.05, "p1": 1e-3, "tilt_x": 0.02, "aspect": 1.02}])
 def test_plane_points_are_those_of_the_camera(lens):
     camera = Camera((1280, 1000), 1100.0, **lens)
-    xy = np.random.default_rng(1).uniform(0, 1, (50, 2)) * camera.size_px
-    got = spots.to_plane_kernel(camera.packed(), np.array(camera.size_px, dtype=float), xy)
+    rng = np.random.default_rng(1)
+    xy, root = rng.uniform(0, 1, (50, 2)) * camera.size_px, rng.normal(0, 0.2, (50, 2, 2))
+    cov = root @ root.transpose(0, 2, 1)
+    got, spread = spots.to_plane_kernel(camera.packed(), np.array(camera.size_px, dtype=float), xy, cov)
     np.testing.assert_allclose(got, to_plane(camera, xy), atol=1e-6)
+    np.testing.assert_allclose(spread, plane_covariance_kernel(camera.packed(), got, cov), rtol=2e-5, atol=1e-7)
+
+
+def test_points_in_order_and_columns_that_miss_none():
+    rng = np.random.default_rng(4)
+    for x in (rng.uniform(-900, 900, 80), rng.integers(0, 9, 30).astype(float), np.array([5.0, 1.0, 1.0]), np.zeros(4)):
+        p = np.stack([x, rng.normal(size=len(x))], axis=1)
+        order, sorted_x, sorted_y, columns = spots._in_order(p)
+        np.testing.assert_array_equal(order, np.argsort(x, kind="stable"))
+        np.testing.assert_array_equal(np.stack([sorted_x, sorted_y], axis=1), p[order])
+        for asked in [*rng.uniform(-1000, 1000, 50), *x, -np.inf, np.inf]:
+            place, exact = spots.place_of(columns, asked), np.searchsorted(sorted_x, asked)
+            assert place <= exact
+            assert place == exact or asked - sorted_x[place] <= 1.01 * np.ptp(x) / (2 * len(x))
 
 
 def test_spots_are_those_of_the_search_plane(view):
-    scene, _, made, tolerance = view
+    scene, _, made, _, tolerance = view
     plane = Plane(Task(scene.markers, scene.camera, scene.detections.xy, scene.detections.cov, tolerance))
     np.testing.assert_allclose(made.density, plane.spots.density, rtol=1e-9)
     np.testing.assert_allclose(made.cov, plane.spots.cov)
@@ -81,14 +98,14 @@ def test_difference_leads_from_one_pose_to_the_other(turn):
 
 
 def test_labels_in_gates_are_those_of_the_slow_twin(view):
-    scene, prepared, made, tolerance = view
+    scene, prepared, made, columns, tolerance = view
     r, t = prepared.layout.frame.unit(scene.cam_from_model)
     cov = np.diag([1e-6] * 3 + [4e-5] * 3)
     sight = gates.sight_from(
-        prepared.markers, prepared.layout.model.near, r, np.ascontiguousarray(t), scene.camera.focal_px
+        prepared.markers, prepared.layout.model.near, r, np.ascontiguousarray(t), scene.camera.focal_px, cov
     )
     match, floor2 = np.empty(len(scene.markers), np.int32), (0.25 * tolerance) ** 2
-    count = gates.label_in_gates(sight, cov, made, floor2, match)
+    count = gates.label_in_gates(sight, made, columns, floor2, match)
     pairs = []
     for m in np.flatnonzero(sight.seen):
         spread = sight.by_pose[m] @ cov @ sight.by_pose[m].T + floor2 * np.eye(2)
@@ -109,13 +126,14 @@ def test_labels_in_gates_are_those_of_the_slow_twin(view):
 
 def test_a_supposed_pair_brings_back_a_common_shift(view):
     """A prediction that is off by more than the markers' spacing."""
-    scene, prepared, made, tolerance = view
+    scene, prepared, made, columns, tolerance = view
     r, t = prepared.layout.frame.unit(scene.cam_from_model)
     focal, near = scene.camera.focal_px, prepared.layout.model.near
-    true = gates.sight_from(prepared.markers, near, r, np.ascontiguousarray(t), focal)
+    true = gates.sight_from(prepared.markers, near, r, np.ascontiguousarray(t), focal, np.eye(6))
     shift = 40.0 * t[2] / focal
     r0, t0, cov = r.copy(), t + np.array([shift, -0.5 * shift, 0.0]), np.diag([1e-6] * 3 + [shift**2, shift**2, 1e-6])
-    worth = gates.supposed(prepared.markers, near, made, focal, r0, t0, cov, (0.25 * tolerance) ** 2)
-    found = gates.sight_from(prepared.markers, near, r0, t0, focal)
+    sight = gates.sight_from(prepared.markers, near, r0, t0, focal, cov)
+    worth = gates.supposed(prepared.markers, sight, made, columns, focal, r0, t0, cov, (0.25 * tolerance) ** 2)
+    found = gates.sight_from(prepared.markers, near, r0, t0, focal, cov)
     assert worth > 50
     assert np.abs(found.uv - true.uv).max() < 4

@@ -95,8 +95,8 @@ def test_the_lead_is_that_over_all_rivals(kind, hidden, sigma, margin):
         camera, pose = scenes.random_view(rng, markers)
         scene = scenes.image_of(rng, markers, camera, pose, hidden=hidden, false=1.0, noise_px=0.2)
         prepared = Prepared.of(markers, camera, prepare(markers))
-        plane = spots.to_plane_kernel(prepared.packed, prepared.size, scene.detections.xy)
-        made, tolerance = spots.spots_of(prepared.packed, prepared.size, plane, scene.detections.cov, 0.0)
+        plane = spots.to_plane_kernel(prepared.packed, prepared.size, scene.detections.xy, scene.detections.cov)
+        made, columns, tolerance = spots.spots_of(prepared.packed, prepared.size, *plane, 0.0)
         fit = fits.Fit(tolerance, camera.focal_px, 0.0)
         r, t = prepared.layout.frame.unit(pose)
         match = np.full(len(markers), -1, np.int32)
@@ -107,8 +107,8 @@ def test_the_lead_is_that_over_all_rivals(kind, hidden, sigma, margin):
         predicted = (r, np.ascontiguousarray(t), np.diag([sigma**2] * 3 + [(sigma * t[2]) ** 2] * 3))
         rival = fits.state_of(np.eye(3), np.zeros(3), camera.focal_px, match)
         lead = rivals.rival_kernel(
-            prepared.markers, prepared.layout.model.near, made, fit, prepared.layout.symmetries, predicted, best,
-            margin, rival,
+            prepared.markers, prepared.layout.model.near, made, columns, fit, prepared.layout.symmetries, predicted,
+            best, worth(made, best) - against(best, predicted), margin, rival,
         )  # fmt: skip
         expected, labels = slow_lead(prepared, made, fit, predicted, best)
         assert min(lead, margin) == pytest.approx(min(expected, margin), abs=1e-6)

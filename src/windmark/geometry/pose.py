@@ -178,9 +178,10 @@ def _off_orthonormal(r: Array) -> tuple[float, float]:
     """Largest element of R R' - 1 over all rotations (..., 3, 3), and their least determinant."""
     if r.ndim == 2:  # a single pose is made per frame; plain floats are ten times faster here
         (a, b, c), (d, e, f), (g, h, i) = r.tolist()
-        lengths = (a * a + b * b + c * c, d * d + e * e + f * f, g * g + h * h + i * i)
-        across = (a * d + b * e + c * f, a * g + b * h + c * i, d * g + e * h + f * i)
-        error = max(*(abs(v - 1.0) for v in lengths), *(abs(v) for v in across))
+        error = max(
+            abs(a * a + b * b + c * c - 1.0), abs(d * d + e * e + f * f - 1.0), abs(g * g + h * h + i * i - 1.0),
+            abs(a * d + b * e + c * f), abs(a * g + b * h + c * i), abs(d * g + e * h + f * i),
+        )  # fmt: skip
         return error, a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
     error = float(np.abs(r @ np.swapaxes(r, -1, -2) - np.eye(3)).max(initial=0.0))
     return error, float(np.linalg.det(r).min(initial=1.0))

@@ -21,7 +21,8 @@ from windmark.registration._kernels.cholesky import cholesky, solve_factored
 from windmark.registration._kernels.fit import Markers, Spots
 from windmark.registration._kernels.growth import _derivative, _move
 from windmark.registration._kernels.hypothesis import _towards
-from windmark.registration.track._kernels.motion import difference
+from windmark.registration.track._kernels.motion import difference, invert_factored
+from windmark.registration.track._kernels.spots import Columns, place_of
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int32]
@@ -48,12 +49,14 @@ class Sight(NamedTuple):
     by_pose: Array  # (N, 2, 6) its derivative
     spacing: Array  # (N,) distance to the next marker's image
     seen: NDArray[np.bool_]  # (N,) before the camera and facing it
+    spread: Array  # (N, 3) xx, xy, yy by the covariance of the pose, of those that are seen
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def sight_from(markers: Markers, near: Ints, r: Array, t: Array, f: float) -> Sight:
-    """Projections, their derivative by [rotation, translation], and their spacing."""
+def sight_from(markers: Markers, near: Ints, r: Array, t: Array, f: float, cov: Array) -> Sight:
+    """Projections, their derivative by [rotation, translation], their spacing, and their covariance."""
     n, xyz = markers.xyz.shape[0], markers.xyz
+    spread = np.empty((n, 3))
     uv, by_pose, spacing, seen = np.empty((n, 2)), np.empty((n, 2, 6)), np.empty(n), np.empty(n, np.bool_)
     u, v = np.empty(7), np.empty(7)
     ex = -(r[0, 0] * t[0] + r[1, 0] * t[1] + r[2, 0] * t[2])
@@ -64,7 +67,10 @@ def sight_from(markers: Markers, near: Ints, r: Array, t: Array, f: float) -> Si
         seen[m] = facing > 0.0 and to_camera(r, t, xyz[m, 0], xyz[m, 1], xyz[m, 2])[2] > 0.0
         _derivative(r, t, f, xyz[m, 0], xyz[m, 1], xyz[m, 2], u, v)
         uv[m, 0], uv[m, 1] = u[6], v[6]
-        by_pose[m, 0], by_pose[m, 1] = u[:6], v[:6]
+        for k in range(6):
+            by_pose[m, 0, k], by_pose[m, 1, k] = u[k], v[k]
+        if seen[m]:
+            spread[m, 0], spread[m, 1], spread[m, 2] = spread_of(by_pose, m, cov)
     for m in range(n):
         best = np.inf
         for k in range(min(4, near.shape[1])):
@@ -72,38 +78,40 @@ def sight_from(markers: Markers, near: Ints, r: Array, t: Array, f: float) -> Si
             if seen[o]:
                 best = min(best, (uv[m, 0] - uv[o, 0]) ** 2 + (uv[m, 1] - uv[o, 1]) ** 2)
         spacing[m] = math.sqrt(best)
-    return Sight(uv, by_pose, spacing, seen)
+    return Sight(uv, by_pose, spacing, seen, spread)
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def spread_of(j: Array, cov: Array) -> tuple[float, float, float]:
-    """xx, xy, yy of a projection by the covariance (6, 6) of the pose; j (2, 6)."""
+def spread_of(by_pose: Array, m: int, cov: Array) -> tuple[float, float, float]:
+    """xx, xy, yy of a marker's projection by the covariance (6, 6) of the pose; see `Sight.by_pose`.
+
+    The first coordinate does not depend on the translation along the second one, nor the other way round.
+    """
+    u0, u1, u2, u3, u5 = by_pose[m, 0, 0], by_pose[m, 0, 1], by_pose[m, 0, 2], by_pose[m, 0, 3], by_pose[m, 0, 5]
+    v0, v1, v2, v4, v5 = by_pose[m, 1, 0], by_pose[m, 1, 1], by_pose[m, 1, 2], by_pose[m, 1, 4], by_pose[m, 1, 5]
     xx, xy, yy = 0.0, 0.0, 0.0
     for a in range(6):
-        cu, cv = 0.0, 0.0
-        for b in range(6):
-            cu += cov[a, b] * j[0, b]
-            cv += cov[a, b] * j[1, b]
-        xx += j[0, a] * cu
-        xy += j[0, a] * cv
-        yy += j[1, a] * cv
+        cu = cov[a, 0] * u0 + cov[a, 1] * u1 + cov[a, 2] * u2 + cov[a, 3] * u3 + cov[a, 5] * u5
+        cv = cov[a, 0] * v0 + cov[a, 1] * v1 + cov[a, 2] * v2 + cov[a, 4] * v4 + cov[a, 5] * v5
+        xx += by_pose[m, 0, a] * cu
+        xy += by_pose[m, 0, a] * cv
+        yy += by_pose[m, 1, a] * cv
     return xx, xy, yy
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def gates_overlap(sight: Sight, cov: Array, size: Array) -> bool:
+def gates_overlap(sight: Sight, size: Array) -> bool:
     """Whether many gates reach beyond half the way to the next marker."""
     wide, count = 0, 0
     for m in range(sight.seen.shape[0]):
         if sight.seen[m] and abs(sight.uv[m, 0]) < size[0] and abs(sight.uv[m, 1]) < size[1]:
-            xx, _, yy = spread_of(sight.by_pose[m], cov)
             count += 1
-            wide += GATE * max(xx, yy) > (SHARE * sight.spacing[m]) ** 2
+            wide += GATE * max(sight.spread[m, 0], sight.spread[m, 2]) > (SHARE * sight.spacing[m]) ** 2
     return wide > WIDE * count
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def label_in_gates(sight: Sight, cov: Array, spots: Spots, floor2: float, match: Ints) -> int:
+def label_in_gates(sight: Sight, spots: Spots, columns: Columns, floor2: float, match: Ints) -> int:
     """Pairs within the gates, closest first, one to one; their number."""
     n = match.shape[0]
     pair_m, pair_s, pair_d = np.empty(64, np.int32), np.empty(64, np.int32), np.empty(64)
@@ -112,17 +120,16 @@ def label_in_gates(sight: Sight, cov: Array, spots: Spots, floor2: float, match:
     for m in range(n):
         if not sight.seen[m]:
             continue
-        xx, xy, yy = spread_of(sight.by_pose[m], cov)
-        xx, yy = xx + floor2, yy + floor2
+        xx, xy, yy = sight.spread[m, 0] + floor2, sight.spread[m, 1], sight.spread[m, 2] + floor2
         reach = min(math.sqrt(GATE * xx), SHARE * sight.spacing[m])
         limit2 = (SHARE * sight.spacing[m]) ** 2
         x, y = sight.uv[m, 0], sight.uv[m, 1]
-        for place in range(np.searchsorted(spots.x, x - reach), spots.x.shape[0]):
+        for place in range(place_of(columns, x - reach), spots.x.shape[0]):
             s = spots.by_x[place]
             du, dv = spots.p[s, 0] - x, spots.p[s, 1] - y
             if du > reach:
                 break
-            if du * du + dv * dv > limit2:
+            if du < -reach or du * du + dv * dv > limit2:
                 continue
             a, b, c = xx + spots.cov[s, 0], xy + spots.cov[s, 1], yy + spots.cov[s, 2]
             d2 = (c * du * du - 2.0 * b * du * dv + a * dv * dv) / (a * c - b * b)
@@ -144,40 +151,46 @@ def label_in_gates(sight: Sight, cov: Array, spots: Spots, floor2: float, match:
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def supposed(
-    markers: Markers, near: Ints, spots: Spots, f: float, r: Array, t: Array, cov: Array, floor2: float
-) -> float:
-    """Suppose single pairs and keep the best: changes pose and covariance in place; its worth in nats."""
+    markers: Markers, sight: Sight, spots: Spots, columns: Columns, f: float, r: Array, t: Array, cov: Array,
+    floor2: float,
+) -> float:  # fmt: skip
+    """Suppose single pairs and keep the best: changes pose and covariance in place; its worth in nats.
+
+    ``sight`` is that from the pose and with the covariance that come. A pair that can no longer be the best, however
+    well the markers that are left agree to it, is given up.
+    """
     n = markers.xyz.shape[0]
-    sight = sight_from(markers, near, r, t, f)
     size, order = np.full(n, np.inf), np.zeros(n, np.int64)
     for m in range(n):
         inside = abs(sight.uv[m, 0]) < spots.size[0] and abs(sight.uv[m, 1]) < spots.size[1]
         if sight.seen[m] and inside:
-            xx, _, yy = spread_of(sight.by_pose[m], cov)
-            size[m] = xx + yy
+            size[m] = sight.spread[m, 0] + sight.spread[m, 2]
     order = np.argsort(size, kind="mergesort")
     known = 0
     while known < n and size[order[known]] < np.inf:
         known += 1
     stride = max(1, known // WITNESSES)
+    asked = (known + stride - 1) // stride
+    most = max(0.0, -math.log(2.0 * math.pi * floor2 * spots.density.min()))  # nats of one witness
     best, clear = 0.0, False
     r1, t1, c1, step = np.empty((3, 3)), np.empty(3), np.empty((6, 6)), np.empty(6)
     r_best, t_best, c_best = r.copy(), t.copy(), cov.copy()
     around, away = np.empty(SPOTS_EACH, np.int64), np.empty(SPOTS_EACH)
     for a in range(min(ANCHORS, known)):
         m = order[a]
-        found = _spots_round(sight, m, cov, spots, floor2, around, away)
+        found = _spots_round(sight, m, spots, columns, floor2, around, away)
         for k in range(found):
             s = around[k]
-            _narrow(sight.by_pose[m], cov, spots, s, floor2, sight.uv[m], step, c1)
+            _narrow(sight, m, cov, spots, s, floor2, step, c1)
             r1[:], t1[:] = r, t
             _move(r1, t1, step)
-            worth, agree, asked = 0.0, 0, 0
-            for w in range(0, known, stride):
-                nats = _witness(markers, order[w], sight, r1, t1, f, c1, spots, floor2)
+            worth, agree = 0.0, 0
+            for w in range(asked):
+                nats = _witness(markers, order[w * stride], sight, r1, t1, f, c1, spots, columns, floor2)
                 worth += nats
                 agree += nats > 0.0
-                asked += 1
+                if clear and worth + (asked - 1 - w) * most <= best:
+                    break
             clear = clear or agree > CLEAR * asked
             if worth > best:
                 best = worth
@@ -190,13 +203,12 @@ def supposed(
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def _spots_round(
-    sight: Sight, m: int, cov: Array, spots: Spots, floor2: float, around: NDArray[np.int64], away: Array
+    sight: Sight, m: int, spots: Spots, columns: Columns, floor2: float, around: NDArray[np.int64], away: Array
 ) -> int:
     """The spots in a marker's whole gate, nearest first."""
-    xx, xy, yy = spread_of(sight.by_pose[m], cov)
-    xx, yy = xx + floor2, yy + floor2
+    xx, xy, yy = sight.spread[m, 0] + floor2, sight.spread[m, 1], sight.spread[m, 2] + floor2
     reach, found = math.sqrt(GATE * xx), 0
-    for place in range(np.searchsorted(spots.x, sight.uv[m, 0] - reach), spots.x.shape[0]):
+    for place in range(place_of(columns, sight.uv[m, 0] - reach), spots.x.shape[0]):
         s = spots.by_x[place]
         du, dv = spots.p[s, 0] - sight.uv[m, 0], spots.p[s, 1] - sight.uv[m, 1]
         if du > reach:
@@ -214,47 +226,46 @@ def _spots_round(
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _narrow(j: Array, cov: Array, spots: Spots, s: int, floor2: float, uv: Array, step: Array, out: Array) -> None:
+def _narrow(sight: Sight, m: int, cov: Array, spots: Spots, s: int, floor2: float, step: Array, out: Array) -> None:
     """What one pair does to the pose: the step, and the covariance after it (Kalman)."""
-    xx, xy, yy = spread_of(j, cov)
-    a, b, c = xx + floor2 + spots.cov[s, 0], xy + spots.cov[s, 1], yy + floor2 + spots.cov[s, 2]
+    j, xx, yy = sight.by_pose, sight.spread[m, 0] + floor2, sight.spread[m, 2] + floor2
+    a, b, c = xx + spots.cov[s, 0], sight.spread[m, 1] + spots.cov[s, 1], yy + spots.cov[s, 2]
     k = 1.0 / (a * c - b * b)
-    du, dv = spots.p[s, 0] - uv[0], spots.p[s, 1] - uv[1]
+    du, dv = spots.p[s, 0] - sight.uv[m, 0], spots.p[s, 1] - sight.uv[m, 1]
+    common = np.zeros((6, 2))
     for i in range(6):
-        cu, cv = 0.0, 0.0
         for q in range(6):
-            cu += cov[i, q] * j[0, q]
-            cv += cov[i, q] * j[1, q]
+            common[i, 0] += cov[i, q] * j[m, 0, q]
+            common[i, 1] += cov[i, q] * j[m, 1, q]
+    for i in range(6):
+        cu, cv = common[i, 0], common[i, 1]
         gu, gv = k * (c * cu - b * cv), k * (a * cv - b * cu)
         step[i] = gu * du + gv * dv
         for q in range(6):
-            pu, pv = 0.0, 0.0
-            for w in range(6):
-                pu += j[0, w] * cov[w, q]
-                pv += j[1, w] * cov[w, q]
-            out[i, q] = cov[i, q] - gu * pu - gv * pv
+            out[i, q] = cov[i, q] - gu * common[q, 0] - gv * common[q, 1]
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def _witness(
-    markers: Markers, m: int, sight: Sight, r: Array, t: Array, f: float, cov: Array, spots: Spots, floor2: float
-) -> float:
+    markers: Markers, m: int, sight: Sight, r: Array, t: Array, f: float, cov: Array, spots: Spots, columns: Columns,
+    floor2: float,
+) -> float:  # fmt: skip
     """Nats by which the best spot in a marker's narrowed gate is likelier its image than chance; 0 without one."""
     x, y, z = to_camera(r, t, markers.xyz[m, 0], markers.xyz[m, 1], markers.xyz[m, 2])
     if z <= 0.0:
         return 0.0
     u, v = f * x / z, f * y / z
-    xx, xy, yy = spread_of(sight.by_pose[m], cov)
+    xx, xy, yy = spread_of(sight.by_pose, m, cov)
     xx, yy = xx + floor2, yy + floor2
     det = xx * yy - xy * xy
     limit2 = (SHARE * sight.spacing[m]) ** 2
     reach, best = min(math.sqrt(GATE * xx), SHARE * sight.spacing[m]), 0.0
-    for place in range(np.searchsorted(spots.x, u - reach), spots.x.shape[0]):
+    for place in range(place_of(columns, u - reach), spots.x.shape[0]):
         s = spots.by_x[place]
         du, dv = spots.p[s, 0] - u, spots.p[s, 1] - v
         if du > reach:
             break
-        if du * du + dv * dv < limit2:
+        if du >= -reach and du * du + dv * dv < limit2:
             d2 = (yy * du * du - 2.0 * xy * du * dv + xx * dv * dv) / det
             best = max(best, -math.log(2.0 * math.pi * math.sqrt(det) * spots.density[s]) - 0.5 * d2)
     return best
@@ -292,14 +303,3 @@ def fit_with_prior(
         _move(r, t, g)
     invert_factored(a, cov)
     return True
-
-
-@nb.njit(cache=True, nogil=True, error_model="numpy")
-def invert_factored(factor: Array, out: Array) -> None:
-    """Inverse (6, 6) of a matrix from its Cholesky factor."""
-    unit = np.empty(6)
-    for i in range(6):
-        unit[:] = 0.0
-        unit[i] = 1.0
-        solve_factored(factor, unit, 6)
-        out[:6, i] = unit

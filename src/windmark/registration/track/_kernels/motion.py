@@ -81,6 +81,25 @@ def difference(r: Array, t: Array, r0: Array, t0: Array, out: Array) -> None:
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
+def invert_factored(factor: Array, out: Array) -> None:
+    """Inverse (6, 6) of a matrix from its Cholesky factor."""
+    root = np.zeros((6, 6))
+    for i in range(6):
+        root[i, i] = 1.0 / factor[i, i]
+        for j in range(i):
+            total = 0.0
+            for k in range(j, i):
+                total += factor[i, k] * root[k, j]
+            root[i, j] = -total * root[i, i]
+    for i in range(6):
+        for j in range(i + 1):
+            total = 0.0
+            for k in range(i, 6):
+                total += root[k, i] * root[k, j]
+            out[i, j] = out[j, i] = total
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
 def distance2_of(innovation: Array, prior: Array, measured: Array) -> float:
     """Squared Mahalanobis distance of an innovation by the covariances of prediction and measurement."""
     s, g = prior[:6, :6] + measured[:6, :6], innovation[:6].copy()

@@ -19,8 +19,8 @@ from windmark.registration._kernels.fit import EXPECTED, FOCAL, Fit, Markers, Sp
 from windmark.registration._kernels.hypothesis import GRAZING, _towards
 from windmark.registration._kernels.rival import _mirrored
 from windmark.registration._kernels.settle import BORDER_HIGH, BORDER_LOW, STEADY, settle_kernel
-from windmark.registration.track._kernels.gates import invert_factored
-from windmark.registration.track._kernels.motion import difference, distance2_of
+from windmark.registration.track._kernels.motion import difference, distance2_of, invert_factored
+from windmark.registration.track._kernels.spots import Columns, place_of
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int32]
@@ -52,23 +52,29 @@ def worth_of(spots: Spots, state: State) -> float:
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def unlikely(state: State, predicted: tuple[Array, Array, Array]) -> float:
-    """Nats by which the motion speaks against a solution, at most `JUMP`; ``predicted`` is pose and covariance."""
+    """Nats by which the motion speaks against a solution, see `against`; ``predicted`` is pose and covariance."""
     away, cov = np.empty(6), np.empty((6, 6))
     difference(state.rotation, state.translation, predicted[0], predicted[1], away)
     invert_factored(state.factor, cov)
-    return min(JUMP, 0.5 * distance2_of(away, predicted[2], cov))
+    return against(distance2_of(away, predicted[2], cov))
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def against(distance2: float) -> float:
+    """Nats that a squared Mahalanobis distance from the prediction counts for, at most `JUMP`."""
+    return min(JUMP, 0.5 * distance2)
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def rival_kernel(
-    markers: Markers, near: Ints, spots: Spots, fit: Fit, symmetries: tuple[Ints, Array, Array],
-    predicted: tuple[Array, Array, Array], best: State, margin: float, rival: State,
+    markers: Markers, near: Ints, spots: Spots, columns: Columns, fit: Fit, symmetries: tuple[Ints, Array, Array],
+    predicted: tuple[Array, Array, Array], best: State, worth: float, margin: float, rival: State,
 ) -> float:  # fmt: skip
     """Lead in nats of a solution over its best rival, which is left in ``rival``; infinite if none comes near.
 
-    ``predicted`` is pose and covariance by the motion so far; only rivals that can come within ``margin`` are refined.
+    ``predicted`` is pose and covariance by the motion so far, ``worth`` that of the solution by picture and motion;
+    only rivals that can come within ``margin`` are refined.
     """
-    worth = worth_of(spots, best) - unlikely(best, predicted)
     onto, turn, shift = symmetries
     n = best.match.shape[0]
     trial = State(
@@ -90,7 +96,7 @@ def rival_kernel(
                 if onto[k, m] >= 0:
                     trial.match[onto[k, m]] = best.match[m]
             least = worth - margin + _motion_least(r, t, predicted, spread, slack)
-            if _most(markers, near, spots, r, t, best.numbers[FOCAL], gain) < least:
+            if _most(markers, near, spots, columns, r, t, best.numbers[FOCAL], gain) < least:
                 continue
         else:
             _mirrored(markers.xyz, best.match, best.rotation, best.translation, r, t)
@@ -162,7 +168,9 @@ def _typical_variance(best: State) -> float:
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _most(markers: Markers, near: Ints, spots: Spots, r: Array, t: Array, f: float, gain: Array) -> float:
+def _most(
+    markers: Markers, near: Ints, spots: Spots, columns: Columns, r: Array, t: Array, f: float, gain: Array
+) -> float:
     """The most that a rival can be worth: spots near its markers fit without a residual, worth ``gain`` (M,) each."""
     n, xyz = markers.xyz.shape[0], markers.xyz
     ex = -(r[0, 0] * t[0] + r[1, 0] * t[1] + r[2, 0] * t[2])
@@ -183,7 +191,7 @@ def _most(markers: Markers, near: Ints, spots: Spots, r: Array, t: Array, f: flo
             apart += (xyz[m, i] - xyz[o, i]) ** 2
         reach2 = REACH**2 * apart * (f / z) ** 2
         reach, best = math.sqrt(reach2), -math.inf
-        for place in range(np.searchsorted(spots.x, u - reach), spots.x.shape[0]):
+        for place in range(place_of(columns, u - reach), spots.x.shape[0]):
             s = spots.by_x[place]
             if spots.p[s, 0] - u > reach:
                 break

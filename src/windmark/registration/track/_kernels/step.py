@@ -33,7 +33,6 @@ from windmark.registration.track._kernels.gates import (
     ROUNDS,
     fit_with_prior,
     gates_overlap,
-    invert_factored,
     label_in_gates,
     sight_from,
     supposed,
@@ -43,11 +42,12 @@ from windmark.registration.track._kernels.motion import (
     adapted,
     difference,
     distance2_of,
+    invert_factored,
     predict_kernel,
     update_kernel,
 )
-from windmark.registration.track._kernels.rivals import rival_kernel, worth_of
-from windmark.registration.track._kernels.spots import spots_of, to_plane_kernel
+from windmark.registration.track._kernels.rivals import against, rival_kernel, worth_of
+from windmark.registration.track._kernels.spots import Columns, spots_of, to_plane_kernel
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int32]
@@ -96,10 +96,10 @@ def step_kernel(
     The fields of `registration.track.step.Stepped`; a plain tuple, since numba is slow to give back a named one.
     """
     markers = Markers(xyz, normal, sigma)
-    p = to_plane_kernel(camera, size, xy)
+    p, plane_cov = to_plane_kernel(camera, size, xy, spot_cov)
     index = np.flatnonzero(p[:, 0] == p[:, 0])
     if len(index) < len(xy):
-        p, xy, spot_cov = p[index], xy[index], spot_cov[index]
+        p, plane_cov, xy, spot_cov = p[index], plane_cov[index], xy[index], spot_cov[index]
     predicted = predict_kernel(Estimate(rotation, translation, velocity, cov), change, dt)
     r0, t0, prior = predicted.rotation, predicted.translation, predicted.cov[:6, :6].copy()
     best, rival, out = _room(markers), _room(markers), np.zeros(NUMBERS)
@@ -112,10 +112,10 @@ def step_kernel(
         out[OUTCOME], out[COUNT] = TOO_FEW, len(index)
     elif max(prior[0, 0], prior[1, 1], prior[2, 2]) < UNSURE_RAD**2 and prior[5, 5] < UNSURE_SCALE**2 * distance2:
         out[OUTCOME] = LOST
-        spots, tolerance = spots_of(camera, size, p, spot_cov, least_density)
+        spots, columns, tolerance = spots_of(camera, size, p, plane_cov, least_density)
         out[TOLERANCE] = tolerance = given_tolerance if given_tolerance > 0.0 else tolerance
         fit = Fit(tolerance, f, 0.0)
-        if _label(markers, near, spots, f, tolerance, (r0, t0, prior), best, out):
+        if _label(markers, near, spots, columns, f, tolerance, (r0, t0, prior), best, out):
             best.numbers[FOCAL] = f
             if settle_kernel(markers, spots, fit, best, TRUSTED) == STEADY:
                 out[OUTCOME] = LABELLED
@@ -124,7 +124,10 @@ def step_kernel(
         difference(best.rotation, best.translation, r0, t0, innovation)
         invert_factored(best.factor, measured)
         out[DISTANCE2] = distance2_of(innovation, prior, measured)
-        out[LEAD] = rival_kernel(markers, near, spots, fit, (onto, turn, shift), (r0, t0, prior), best, margin, rival)
+        worth = out[WORTH] - against(out[DISTANCE2])
+        out[LEAD] = rival_kernel(
+            markers, near, spots, columns, fit, (onto, turn, shift), (r0, t0, prior), best, worth, margin, rival
+        )
         if accept_kernel(markers, spots, fit, best):
             invert_factored(best.factor, measured)
             difference(best.rotation, best.translation, r0, t0, innovation)
@@ -222,8 +225,8 @@ def _of_model(cov: Array, t: Array, scale: float) -> Array:
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def _label(
-    markers: Markers, near: Ints, spots: Spots, f: float, tolerance: float, predicted: tuple[Array, Array, Array],
-    best: State, out: Array,
+    markers: Markers, near: Ints, spots: Spots, columns: Columns, f: float, tolerance: float,
+    predicted: tuple[Array, Array, Array], best: State, out: Array,
 ) -> bool:  # fmt: skip
     """First labels and pose, from the prediction's gates."""
     r, t, cov = best.rotation, best.translation, predicted[2].copy()
@@ -234,14 +237,14 @@ def _label(
         return False
     invert_factored(factor, information)
     floor2 = (0.25 * tolerance) ** 2
-    sight = sight_from(markers, near, r, t, f)
-    if gates_overlap(sight, cov, spots.size):
+    sight = sight_from(markers, near, r, t, f, cov)
+    if gates_overlap(sight, spots.size):
         out[SUPPOSED] = 1.0
-        if supposed(markers, near, spots, f, r, t, cov, floor2) <= 0.0:
+        if supposed(markers, sight, spots, columns, f, r, t, cov, floor2) <= 0.0:
             return False
-        sight = sight_from(markers, near, r, t, f)
+        sight = sight_from(markers, near, r, t, f, cov)
     for round_ in range(ROUNDS):
-        if label_in_gates(sight, cov, spots, floor2, best.match) < 4:
+        if label_in_gates(sight, spots, columns, floor2, best.match) < 4:
             return False
         if round_ == ROUNDS - 1:
             break
@@ -249,7 +252,7 @@ def _label(
             markers, spots, f, best.match, (predicted[0], predicted[1], information), floor2, r, t, cov
         ):
             return False
-        sight = sight_from(markers, near, r, t, f)
+        sight = sight_from(markers, near, r, t, f, cov)
     return True
 
 
