@@ -42,6 +42,22 @@ def test_rosenbrock():
     assert report.evaluations == report.iterations + 1
 
 
+def test_the_last_matrix_is_not_factored(monkeypatch):
+    """Where the step before was short and undamped, its matrix tells that the minimum is reached."""
+    solve, dampings = NormalEquations.solve, []
+    monkeypatch.setattr(
+        NormalEquations, "solve", lambda self, damping: dampings.append(damping) or solve(self, damping)
+    )
+    curve = Curve(lambda x: np.array([x[0] - 1, 0.01 * x[0] ** 2]), lambda x: np.array([[1.0], [0.02 * x[0]]]))
+    minimum = minimise(curve, np.array([2.0]), SolveOptions(gradient_tol=1e-12))[0]
+    dampings.clear()
+    x, system, report = minimise(curve, minimum + 5e-5, SolveOptions(initial_damping=1e-8))
+    assert dampings == [0.0] * report.iterations
+    assert report.reason == "converged_gradient"
+    assert np.abs(x - minimum).max() < 1e-7
+    assert system.decrement(system) == pytest.approx(np.sqrt(2 * solve(system, 0.0).decrease), abs=1e-9)
+
+
 def test_a_forbidden_region_is_never_entered_and_never_gives_nan():
     curve = rosenbrock(lambda x: x[1] > 0.5 * x[0] ** 2 - 0.2)
     x, _, report = minimise(curve, np.array([-1.2, 1.0]))

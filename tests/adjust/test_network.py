@@ -108,7 +108,9 @@ def test_kernels_and_numpy_agree(name):
             np.zeros((lay.dense, lay.dense)), np.zeros((lay.blocks * lay.size, lay.dense)),
             np.zeros((lay.blocks, lay.size, lay.size)), np.zeros(lay.dense), np.zeros(lay.blocks * lay.size),
         )  # fmt: skip
-        code.accumulate(problem.marks, scene, units, columns, r, weight, True, into)
+        again = np.empty((o, 2))
+        assert code.accumulate(problem.marks, scene, units, columns, again, weight, True, into)
+        np.testing.assert_allclose(again, r, rtol=1e-12)
         jd, je = np.zeros((o, 2, ROOM)), np.zeros((o, 2, lay.size))
         cols, block = np.zeros((o, ROOM), np.int64), np.zeros(o, np.int64)
         code.jacobian_rows(problem.marks, scene, units, columns, jd, je, cols, block)
@@ -154,6 +156,24 @@ def test_step_solves_the_whole_system(name):
     step = system.solve(damping)
     np.testing.assert_allclose(step.delta, expected, rtol=1e-6, atol=1e-9 * np.abs(expected).max())
     assert step.decrease == pytest.approx(-(gradient @ expected + 0.5 * expected @ whole @ expected), rel=1e-3)
+
+
+@pytest.mark.parametrize("name", VARIANTS[1:])
+def test_decrement_is_that_of_the_whole_system(name):
+    """By the matrix of one state and the gradient of another."""
+    case = variant(name)
+    problem = NetworkProblem(case.network, case.start)
+    system = problem.linearise(case.start)
+    moved = problem.retract(case.start, 1e-4 * np.random.default_rng(3).normal(size=len(system.g_d) + len(system.g_e)))
+    other = problem.linearise(moved)
+    assert system.decrement(other) == np.inf
+    assert system.solve(0.0) is not None
+    gradient = np.concatenate([other.g_d, other.g_e])
+    matrix, motions = networks.whole(system)
+    basis = np.linalg.qr(motions)[0]
+    whole = matrix + basis @ basis.T * np.median(np.diagonal(matrix))
+    across = gradient - basis @ (basis.T @ gradient)
+    assert system.decrement(other) == pytest.approx(np.sqrt(across @ np.linalg.solve(whole, across)), rel=1e-3)
 
 
 @pytest.mark.parametrize(("name", "free"), [("points out", 7), ("frames out", 7), ("rig", 7), ("everything", 0)])
@@ -205,6 +225,8 @@ def test_known_distances_and_points_fix_the_scale():
     bars = Bars(first, second, length, np.full(3, 1e-3))
     network = replace(case.network, bars=bars)
     problem = NetworkProblem(network, case.start)
+    # What is known to 1e-5 of the size must not hide, by rounding, what is not known at all.
+    assert problem.linearise(case.start).gauge.dense.shape[1] == 6
     values, system, report = minimise(problem, case.start)
     assert report.converged
     assert system.gauge.dense.shape[1] == 6

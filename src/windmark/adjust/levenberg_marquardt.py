@@ -21,6 +21,8 @@ Array = NDArray[np.float64]
 _MAX_DAMPING = 1e12
 _DOUBT = 100.0
 """A damped step so many times the smallest one may stand for an undamped one that is smaller still."""
+_LITTLE, _SMALL = 3e-8, 1e-4
+"""With so little damping the undamped step is taken, if it is no longer than this in natural units ..."""
 
 
 class System(Protocol):
@@ -30,6 +32,12 @@ class System(Protocol):
 
     def solve(self, damping: float) -> Step | None:
         """Damped step, or None where the damped matrix is not positive definite."""
+
+    def decrement(self, other: Any) -> float:
+        """Newton's decrement sqrt(g^T H^-1 g) with the gradient of another system near by and this one's matrix.
+
+        Asked for after `solve` without damping; inf where that failed.
+        """
 
 
 class Solvable(Protocol):
@@ -88,8 +96,8 @@ def minimise(problem: Solvable, start: Any, options: SolveOptions | None = None)
     damping, growth = options.initial_damping, 2.0
     reason, iteration, evaluations = "max_iterations", 0, 1
     while iteration < options.max_iterations:
-        step = system.solve(damping)
-        if at_minimum := _at_minimum(system, step, options):
+        step, undamped = _step(system, damping)
+        if at_minimum := _at_minimum(system, step, undamped, options):
             reason = at_minimum
             break
         iteration += 1
@@ -98,9 +106,14 @@ def minimise(problem: Solvable, start: Any, options: SolveOptions | None = None)
         evaluations += trial_values is not None
         # Neither the promised nor the reached decrease can be seen: this is the floor of the cost.
         at_floor = step is not None and damping <= 1 and step.decrease <= options.cost_tol * system.cost
-        gain = -1.0 if trial is None else (system.cost - trial.cost) / max(step.decrease, 1e-300)
+        gain = -1.0 if step is None or trial is None else (system.cost - trial.cost) / max(step.decrease, 1e-300)
         if gain > 0:
-            values, system = trial_values, trial
+            before, values, system = system, trial_values, trial
+            # ... and then the matrix is the same at its end, so no other is needed to see that it is the minimum.
+            if undamped and before.decrement(system) <= options.gradient_tol:
+                reason = "converged_gradient"
+                break
+            del before
             damping *= max(0.1, 1 - (2 * gain - 1) ** 3)
             growth = 2.0
         else:
@@ -124,7 +137,16 @@ def minimise(problem: Solvable, start: Any, options: SolveOptions | None = None)
     return values, system, report
 
 
-def _at_minimum(system: System, step: Step | None, options: SolveOptions) -> str:
+def _step(system: System, damping: float) -> tuple[Step | None, bool]:
+    """The step, and whether it is undamped."""
+    if damping <= _LITTLE:
+        newton = system.solve(0.0)
+        if newton is not None and newton.size <= _SMALL:
+            return newton, True
+    return system.solve(damping), False
+
+
+def _at_minimum(system: System, step: Step | None, undamped: bool, options: SolveOptions) -> str:
     """The reason to stop here, or an empty text.
 
     Judged on the undamped step: damping hides weak directions. It promises at least the decrease of the damped one,
@@ -132,7 +154,7 @@ def _at_minimum(system: System, step: Step | None, options: SolveOptions) -> str
     """
     if step is not None and _decrement(step) > options.gradient_tol and step.size > _DOUBT * options.step_tol:
         return ""
-    newton = system.solve(0.0)
+    newton = step if undamped else system.solve(0.0)
     if newton is None:
         return ""
     if _decrement(newton) <= options.gradient_tol:

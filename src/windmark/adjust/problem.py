@@ -53,6 +53,14 @@ class NormalEquations:
         decrease = -float(step @ (self.gradient + 0.5 * self.information @ step))
         return Step(self.natural @ step, float(np.abs(step).max(initial=0.0)), decrease)
 
+    def decrement(self, other: NormalEquations) -> float:
+        """See `levenberg_marquardt.System`."""
+        try:
+            step = np.linalg.solve(self.information, other.gradient)
+        except np.linalg.LinAlgError:
+            return float("inf")
+        return float(np.sqrt(max(float(other.gradient @ step), 0.0)))
+
 
 class Problem:
     """Sum of terms over free blocks. It knows neither cameras nor poses; new jobs are new blocks and terms.

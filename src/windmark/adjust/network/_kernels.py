@@ -57,28 +57,27 @@ def residuals(marks: Marks, scene: Scene, out: Array) -> bool:
 def accumulate(
     marks: Marks, scene: Scene, units: Units, columns: Columns, residual: Array, weight: Array, use_weight: bool,
     into: Equations,
-) -> None:  # fmt: skip
-    """Add J^T W J and J^T W r of all observations; they must have images (`residuals`)."""
+) -> bool:  # fmt: skip
+    """Add J^T W J and J^T W r of all observations, and leave their whitened residuals; False as in `residuals`."""
     table, je, block = room_for_view(marks)
     cols, runs = np.empty(SHARED, np.int64), np.empty((4, 2), np.int64)
     for i in range(scene.view_camera.shape[0]):
         shared, used = _view_columns(scene, columns, i, cols, runs)
         first, marked = marks.starts[i], marks.starts[i + 1] - marks.starts[i]
-        _view_rows(marks, scene, units, columns, i, table, je, block)
+        if not _view_rows(marks, scene, units, columns, i, table, je, block):
+            return False
         for m in range(marked):
-            root = math.sqrt(weight[first + m]) if use_weight else 1.0
-            table[shared, 2 * m], table[shared, 2 * m + 1] = (
-                root * residual[first + m, 0],
-                root * residual[first + m, 1],
-            )
+            residual[first + m, 0], residual[first + m, 1] = table[shared, 2 * m], table[shared, 2 * m + 1]
             if use_weight:
-                for b in range(shared):
+                root = math.sqrt(weight[first + m])
+                for b in range(shared + 1):
                     table[b, 2 * m], table[b, 2 * m + 1] = table[b, 2 * m] * root, table[b, 2 * m + 1] * root
                 for b in range(9):
                     je[m, 0, b], je[m, 1, b] = je[m, 0, b] * root, je[m, 1, b] * root
         _add_shared(table, shared, 2 * marked, cols, into.h_dd, into.g_d)
         _add_blocks(into.h_ed, into.h_ee, into.g_e, block[:marked], table, je, runs[:used], shared)
         _add_points(into, columns.point, marks.points[first : first + marked], block, table, je, cols, shared)
+    return True
 
 
 @nb.njit(cache=True, nogil=True)
@@ -111,21 +110,30 @@ def _add_shared(table: Array, shared: int, length: int, cols: Ints, h_dd: Array,
 def _add_blocks(
     h_ed: Array, h_ee: Array, g_e: Array, block: Ints, table: Array, je: Array, runs: Ints, shared: int
 ) -> None:
-    """Products of the marks' eliminated blocks with themselves and with the dense columns of the view."""
+    """Products of the marks' eliminated blocks with themselves and with the dense columns of the view.
+
+    Three rows of a block together, as many as a point has: so every number of the table is read once for them.
+    """
     size = h_ee.shape[1]
     for m in range(block.shape[0]):
         e, r0, r1 = block[m], table[shared, 2 * m], table[shared, 2 * m + 1]
         if e < 0:
             continue
         for a in range(size):
-            u, v, row, at = je[m, 0, a], je[m, 1, a], e * size + a, 0
-            g_e[row] += u * r0 + v * r1
+            u, v = je[m, 0, a], je[m, 1, a]
+            g_e[e * size + a] += u * r0 + v * r1
             for b in range(size):
                 h_ee[e, a, b] += u * je[m, 0, b] + v * je[m, 1, b]
+        for a in range(0, size, 3):
+            u0, u1, u2, row = je[m, 0, a], je[m, 0, a + 1], je[m, 0, a + 2], e * size + a
+            v0, v1, v2, at = je[m, 1, a], je[m, 1, a + 1], je[m, 1, a + 2], 0
             for k in range(runs.shape[0]):
                 start, length = runs[k, 0], runs[k, 1]
                 for b in range(length):
-                    h_ed[row, start + b] += u * table[at + b, 2 * m] + v * table[at + b, 2 * m + 1]
+                    p, q = table[at + b, 2 * m], table[at + b, 2 * m + 1]
+                    h_ed[row, start + b] += u0 * p + v0 * q
+                    h_ed[row + 1, start + b] += u1 * p + v1 * q
+                    h_ed[row + 2, start + b] += u2 * p + v2 * q
                 at += length
 
 
@@ -176,8 +184,12 @@ def jacobian_rows(
 @nb.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
 def _view_rows(
     marks: Marks, scene: Scene, units: Units, columns: Columns, i: int, table: Array, je: Array, block: Ints
-) -> None:
-    """Whitened derivatives of the marks of view i: by the shared dense parameters, by the block, by a dense point."""
+) -> bool:
+    """Whitened derivatives of the marks of view i: by the shared dense parameters, by the block, by a dense point.
+
+    The residuals are in the row behind the dense parameters. False as in `residuals`.
+    """
+    xy, shift, good = marks.xy, marks.shift, True
     points, white, xyz, held = marks.points, marks.white, scene.xyz, columns.held
     point_column, point_block = columns.point, columns.point_block
     frame, member, offset, camera, sensor, factor = view_of(scene, i)
@@ -186,6 +198,7 @@ def _view_rows(
     by_offset, by_frame = member and columns.offset[a] >= 0, columns.frame[f] >= 0
     by_focal, frame_block, unit = columns.focal[i] >= 0, columns.frame_block[f], units.point
     fx, dc, free, scale = camera[0] * factor, np.empty((2, 11)), np.empty(11, np.int64), np.empty(11)
+    fy = fx * camera[1]
     interior, tilted = 0, False
     for k in range(11):
         if columns.camera[c, k] >= 0:
@@ -199,11 +212,12 @@ def _view_rows(
         xc = moved(offset, xb[0], xb[1], xb[2]) if member else xb
         iz = 1.0 / xc[2]
         u, v = xc[0] * iz, xc[1] * iz
-        ud, vd, jxx, jxy, jyy, _ = lens(camera, u, v)
+        ud, vd, jxx, jxy, jyy, det = lens(camera, u, v)
         sx, sy, taa, tab, tba, tbb, qw = tilted_sensor(sensor, ud, vd)
+        good = good and xc[2] > 0.0 and u * u + v * v < camera[11] and det > 0.0 and qw > 0.0
         t00, t01, t10, t11 = interior_rows(camera, factor, (u, v, sx, sy, taa, tab, tba, tbb), w, dc)
         if tilted:
-            tilt_rows(scene.tilt, c, (sx, sy, ud, vd, qw), fx, fx * camera[1], w, dc)
+            tilt_rows(scene.tilt, c, (sx, sy, ud, vd, qw), fx, fy, w, dc)
         for b in range(interior):
             table[b, 2 * m], table[b, 2 * m + 1] = dc[0, free[b]] * scale[b], dc[1, free[b]] * scale[b]
         m0, m1, n0, n1 = t00 * jxx + t01 * jxy, t00 * jxy + t01 * jyy, t10 * jxx + t11 * jxy, t10 * jxy + t11 * jyy
@@ -227,6 +241,9 @@ def _view_rows(
         if by_focal:
             # By the relative change: the focal length itself times the sensor coordinates.
             table[count, 2 * m], table[count, 2 * m + 1] = dc[0, 0] * camera[0] / factor, dc[1, 0] * camera[0] / factor
+            count += 1
+        dx, dy = fx * sx + camera[2] + shift[o, 0] - xy[o, 0], fy * sy + camera[3] + shift[o, 1] - xy[o, 1]
+        table[count, 2 * m], table[count, 2 * m + 1] = w[0] * dx, w[1] * dx + w[2] * dy
         if point_column[p] >= 0 or point_block[p] >= 0:
             d, e = turned(frame, d), turned(frame, e)
             at = 6 if point_column[p] >= 0 else 0
@@ -235,6 +252,7 @@ def _view_rows(
             for b in range(3):
                 step = 0.0 if held[p, b] else unit
                 je[m, 0, at + b], je[m, 1, at + b] = d[b] * step, e[b] * step
+    return good
 
 
 @nb.njit(cache=True, nogil=True)

@@ -53,6 +53,17 @@ def free_motions(network: Network, layout: Layout, state: NetworkState, units: U
     return Gauge(dense, blocks.reshape(layout.blocks * layout.size, g))
 
 
+def stabiliser(gauge: Gauge, h_dd: Array) -> Array:
+    """(D, k) whose product with itself, added to (D, D), holds the free motions by their dense part.
+
+    That changes neither cost nor estimable quantities, and any other choice of the motions' size or start does as well.
+    """
+    basis, triangle = np.linalg.qr(gauge.dense)
+    size = np.abs(np.diagonal(triangle))
+    basis = basis[:, size > 1e-9 * size.max(initial=0.0)]
+    return np.asfortranarray(basis * np.sqrt(np.median(np.maximum(np.diagonal(h_dd), 1.0)) if basis.size else 1.0))
+
+
 def _motions(layout: Layout, state: NetworkState, units: Units) -> tuple[Array, Array, Array]:
     """(N, 3, 7), (F, 6, 7), (A, 6, 7): turn about the centroid, shift and scale, in natural units.
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache
 from typing import Any
 
@@ -21,12 +22,23 @@ MANY = 1500
 
 
 @cache
-def _controller() -> Any:
+def _libraries() -> tuple[Any, ...]:
     from threadpoolctl import ThreadpoolController
 
-    return ThreadpoolController()
+    return tuple(ThreadpoolController().select(user_api="blas").lib_controllers)
 
 
-def single_thread(dense: int) -> AbstractContextManager[Any]:
-    """One BLAS thread for small systems: two that wait for each other take a thousand times as long as one."""
-    return _controller().limit(limits=1, user_api="blas") if dense < MANY else nullcontext()
+@contextmanager
+def single_thread(dense: int) -> Iterator[None]:
+    """One BLAS thread for small systems: two that wait for each other take a thousand times as long as one.
+
+    Asked of the libraries themselves: `threadpoolctl.threadpool_limits` takes as long as a small factorisation.
+    """
+    more = [(b, n) for b in _libraries() if (n := b.get_num_threads()) and n > 1] if dense < MANY else []
+    for library, _ in more:
+        library.set_num_threads(1)
+    try:
+        yield
+    finally:
+        for library, count in more:
+            library.set_num_threads(count)

@@ -67,8 +67,10 @@ def jacobian_rows(
 def accumulate(
     marks: Marks, scene: Scene, units: Units, columns: Columns, residual: Array, weight: Array, use_weight: bool,
     into: Equations,
-) -> None:  # fmt: skip
+) -> bool:  # fmt: skip
     """See `_kernels.accumulate`."""
+    if not residuals(marks, scene, residual):
+        return False
     h_dd, h_ed, h_ee, g_d, g_e = into
     o, size = len(marks.views), h_ee.shape[1]
     jd, je = np.zeros((o, 2, ROOM)), np.zeros((o, 2, size))
@@ -93,6 +95,7 @@ def accumulate(
     hed = np.zeros((rows + 1, size, dense + 1))
     np.add.at(hed, (own[:, None, None], np.arange(size)[:, None], to[:, None, :]), je.transpose(0, 2, 1) @ jd)
     h_ed += hed[:rows, :, :dense].reshape(rows * size, dense)
+    return True
 
 
 def factor_blocks(h_ee: Array, floor: Array, damping: float, w: Array, y: Array) -> bool:

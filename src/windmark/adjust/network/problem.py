@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from windmark.adjust.network import linear
 from windmark.adjust.network._arrays import Equations, Marks, Scene, Units
 from windmark.adjust.network.equations import NetworkEquations
-from windmark.adjust.network.gauge import free_motions
+from windmark.adjust.network.gauge import free_motions, stabiliser
 from windmark.adjust.network.layout import Layout, make_layout, natural_units
 from windmark.adjust.network.model import Network
 from windmark.adjust.network.priors import add_priors
@@ -38,6 +38,7 @@ class NetworkProblem:
         self.network = network
         self.layout: Layout = make_layout(network, start)
         self._last: tuple[NetworkState, Units] | None = None
+        self._stabiliser: Array | None = None
         self.order = np.lexsort((network.point, network.view))
         self._weight = None if network.weight is None else network.weight[self.order]
         self._weighted = network.loss.name != "none" or self._weight is not None
@@ -59,7 +60,7 @@ class NetworkProblem:
     def scene(self, state: NetworkState) -> Scene:
         """Values as the kernels want them."""
         camera = np.stack([c.packed() for c in state.cameras])
-        tilt = np.stack([np.stack([tilt_homography(*c[9:11]), *tilt_homography_derivatives(*c[9:11])]) for c in camera])
+        tilt = np.stack([_tilt(c.tilt_x, c.tilt_y) for c in state.cameras])
         focal = np.ones(len(self._view_camera)) if state.focal_change is None else 1 + state.focal_change
         frames, offsets = state.frames, state.offsets or Pose(np.zeros((0, 3, 3)), np.zeros((0, 3)))
         plain = np.ascontiguousarray
@@ -82,25 +83,32 @@ class NetworkProblem:
 
     def linearise(self, state: NetworkState) -> NetworkEquations | None:
         """Cost, gradient and information; None where a point has no image."""
-        scene = self.scene(state)
-        residual = np.empty((len(self.order), 2))
-        if not linear.residuals(self.marks, scene, residual):
-            return None
-        rho, weight = self._losses(residual)
+        scene, residual = self.scene(state), np.empty((len(self.order), 2))
+        weight, cost = np.empty(0), 0.0
+        if self._weighted:
+            if not linear.residuals(self.marks, scene, residual):
+                return None
+            rho, weight = self._losses(residual)
+            cost = 0.5 * float(rho.sum())
         lay, units = self.layout, self.units(state)
         h_dd, h_ed = np.zeros((lay.dense, lay.dense)), np.zeros((lay.blocks * lay.size, lay.dense))
         h_ee = np.zeros((lay.blocks, lay.size, lay.size))
         g_d, g_e = np.zeros(lay.dense), np.zeros(lay.blocks * lay.size)
-        linear.accumulate(
+        if not linear.accumulate(
             self.marks, scene, units, lay.columns, residual, weight, self._weighted,
             Equations(h_dd, h_ed, h_ee, g_d, g_e),
-        )  # fmt: skip
-        cost = 0.5 * float(rho.sum()) + self._priors(state, units, (h_dd, h_ee, g_d, g_e))
+        ):  # fmt: skip
+            return None
+        if not self._weighted:
+            cost = 0.5 * float(np.vdot(residual, residual))
+        cost += self._priors(state, units, (h_dd, h_ee, g_d, g_e))
         if not np.isfinite(cost):
             return None
         self._hold(h_ee)
-        gauge = free_motions(self.network, lay, state, units)
-        return NetworkEquations(cost, (h_dd, h_ed, h_ee), (g_d, g_e), gauge)
+        motions = partial(free_motions, self.network, lay, state, units)
+        if self._stabiliser is None:
+            self._stabiliser = stabiliser(motions(), h_dd)
+        return NetworkEquations(cost, (h_dd, h_ed, h_ee), (g_d, g_e), motions, self._stabiliser)
 
     def _losses(self, residual: Array) -> tuple[Array, Array]:
         """Each observation's part of twice the cost, and its weight."""
