@@ -433,6 +433,17 @@ def test_wrong_input_names_the_parameter():
         register(scene.detections, scene.markers, scene.camera, prior=poses)
 
 
+@pytest.mark.parametrize(("seed", "factor"), [(1_830_082, 0.8), (1_830_451, 1.2), (1_830_505, 1.2), (1_830_793, 1.2)])
+def test_half_of_the_markers_at_a_wrong_focal_length_is_refused(seed, factor):
+    # 24 to 34 of 50 markers fitted within the gates, the others were 9 to 55 px off.
+    hidden, false = ((0.0, 0.0), (0.25, 0.5), (0.5, 1.0))[seed // 3 % 3]
+    scene = scenes.scene(seed, "ABC"[seed % 3], hidden=hidden, false=false)
+    camera = replace(scene.camera, focal_px=scene.camera.focal_px * factor)
+    result = register(scene.detections, scene.markers, camera)
+    assert not result
+    assert result.cause in ("wrong_focal", "weak", "time"), result.reason
+
+
 @pytest.mark.parametrize("factor", [0.8, 1.2])
 def test_wrong_focal_length_is_named(factor):
     scene = scenes.scene(61, "B", hidden=0.25, false=0.5)

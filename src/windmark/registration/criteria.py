@@ -25,6 +25,10 @@ MISSED = float(np.log(5.0))
 is right in parts only, or by chance, explains them so, and a part of a large model has much evidence ..."""
 LOOSE_AND_SPARSE = 40.0
 """... and so much where most markers are missing; in clutter, where half are, and on top of the other."""
+LOOSE_AND_HALF = 2.8
+"""Without clutter, so much for every marker in view where half are missing: of a large model a half has much evidence."""
+MOST = 0.6
+"""Part of the markers in view above which a tight fit leaves no doubt about the focal length."""
 CLEARLY_BETTER, FOCAL_OFF = 20.0, 0.05
 """It is refused when another one is better by so much (nats), and away from it by this (relative) and by 5 sigma."""
 
@@ -59,7 +63,7 @@ def misfit_of(plane: Plane, limits: Limits, best: Solution, taken: float | None 
 
 def wrong_focal(plane: Plane, best: Solution) -> str:
     """How another focal length fits much better where the given one is doubtful; empty if none does."""
-    if not is_loose(plane, best) and 2 * best.count >= best.expected:
+    if not is_loose(plane, best) and best.count >= MOST * best.expected:
         return ""
     freed = with_free_focal(plane, best)
     if freed is None or not freed.evidence.score > best.evidence.score + CLEARLY_BETTER:
@@ -91,7 +95,8 @@ def least_evidence(
     if loose and cluttered:
         return least + (LOOSE_AND_SPARSE if 2 * count <= expected else 0.0) + missed
     if loose:
-        return least + max(LOOSE_AND_SPARSE if 2 * count < expected else 0.0, missed)
+        least += max(LOOSE_AND_SPARSE if 2 * count < expected else 0.0, missed)
+        return max(least, LOOSE_AND_HALF * expected) if 2 * count <= expected else least
     return least
 
 
