@@ -120,5 +120,5 @@ def test_bad_numbers():
         associate(case.detections, [case.camera] * 3, case.poses)
     with pytest.raises(ValueError, match="poses must be 3"):
         associate(case.detections[:3], case.camera, case.poses)
-    with pytest.raises(ValueError, match="match_pair"):
+    with pytest.raises(ValueError, match="match_known_pair"):
         associate(case.detections[:2], case.camera, Pose(case.poses.rotation[:2], case.poses.translation[:2]))

@@ -107,7 +107,7 @@ def associate(
     points_near : (N, 3) some known points: depths differ from theirs by no more than their own extent. Not together
         with ``depth_range``
     model_px : 1 sigma of what the detections' covariances do not hold: lens, eccentricity
-    min_views : views that a point needs; with two nothing checks a link but the epipolar line, see `match_pair`
+    min_views : views that a point needs; with two nothing checks a link but the epipolar line, see `match_known_pair`
     max_nfa : largest expected number of false points
 
     Returns
@@ -181,7 +181,7 @@ class _Spots:
 
     @staticmethod
     def of(detections: Sequence[Detections], cameras: Sequence[Camera], model_px: float) -> _Spots:
-        wider = [d if not len(d) else _wider(d, model_px) for d in detections]
+        wider = [Detections.make(d.xy, cov=d.cov + model_px**2 * np.eye(2)) for d in detections]
         ideal, noise = ideal_spots(wider, cameras)
         count = np.array([len(d) for d in detections])
         return _Spots(
@@ -194,10 +194,6 @@ class _Spots:
         point, view = np.nonzero(rows >= 0)
         spot = rows[point, view]
         return Observations(view, point, self.xy[spot], self.cov[spot])
-
-
-def _wider(spots: Detections, model_px: float) -> Detections:
-    return Detections.make(spots.xy, cov=spots.cov + model_px**2 * np.eye(2))
 
 
 def _result(
@@ -245,7 +241,7 @@ def _check_options(
     model_px: float, views: int,
 ) -> None:  # fmt: skip
     if views < 3:
-        raise ValueError(f"associate: three views are needed, got {views}; for two there is match_pair")
+        raise ValueError(f"associate: three views are needed, got {views}; for two there is match_known_pair")
     if depth_range is not None and points_near is not None:
         raise ValueError("associate: give depth_range or points_near, not both")
     if depth_range is not None and not 0 < depth_range[0] < depth_range[1]:

@@ -1,0 +1,95 @@
+"""Two pictures of known relative pose."""
+
+import numpy as np
+import pytest
+import reconstruct_scenes as scenes
+
+from windmark.epipolar import match_known_pair
+from windmark.epipolar.continuity import Pairs, grow_family, neighbours, predict
+from windmark.geometry import Camera, Pose
+from windmark.scene import Detections
+
+
+def relative(case, a, b):
+    one, other = (Pose(case.poses.rotation[v], case.poses.translation[v]) for v in (a, b))
+    return other @ one.inverse()
+
+
+@pytest.mark.parametrize(("model", "least"), [("plate", 0.9), ("model", 0.6)])
+def test_neighbouring_pictures(model, least):
+    """Most spots matched, none wrong; what is left out is listed."""
+    common = right = 0
+    for seed in range(3):
+        case = scenes.make(50 + seed, model, "walk", views=2)
+        result = match_known_pair(*case.detections, case.camera, case.camera, relative(case, 0, 1))
+        one, other = case.labels
+        assert (one[result.spot_a] == other[result.spot_b]).all()
+        common += len(np.intersect1d(one[one >= 0], other[other >= 0]))
+        right += int((one[result.spot_a] >= 0).sum())
+        assert len(np.intersect1d(result.spot_a, result.ambiguous_a)) == 0
+        assert result.distance_px.max() < 0.8
+        truth = Pose(case.poses.rotation[0], case.poses.translation[0]).apply(case.xyz[one[result.spot_a]])
+        error = np.linalg.norm(result.xyz - truth, axis=1) / np.sqrt(np.trace(result.cov, axis1=1, axis2=2))
+        assert np.median(error) < 2
+    assert right > least * common
+
+
+def lattice(rows=12, columns=14, pitch=20.0, keep=None):
+    """A regular plate of dots before two cameras side by side: the epipolar lines run along its rows."""
+    camera = Camera((1600, 1200), 1600.0)
+    x, y = np.meshgrid(np.arange(columns) - columns / 2, np.arange(rows) - rows / 2)
+    xyz = np.stack([pitch * x.ravel(), pitch * y.ravel(), np.full(x.size, 900.0)], axis=1)
+    turn = np.radians(5.0)
+    xyz[:, 2] += np.tan(turn) * xyz[:, 0]
+    b_from_a = Pose(np.eye(3), np.array([-150.0, 0.0, 0.0]))
+    rng = np.random.default_rng(4)
+    views = []
+    for points, kept in ((xyz, None), (b_from_a.apply(xyz), keep)):
+        xy = camera.project(points)[0] + rng.normal(0, 0.1, (len(points), 2))
+        views.append(xy if kept is None else np.where(kept(xyz)[:, None], xy, np.nan))
+    return camera, b_from_a, views
+
+
+def test_a_regular_pattern_is_matched_by_its_borders():
+    """Every dot has a rival one pitch on; only the whole pattern decides."""
+    camera, b_from_a, (one, other) = lattice()
+    order = np.random.default_rng(0).permutation(len(other))
+    result = match_known_pair(Detections.make(one), Detections.make(other[order]), camera, camera, b_from_a)
+    assert len(result) > 0.9 * len(one)
+    np.testing.assert_array_equal(order[result.spot_b], result.spot_a)
+
+
+def test_a_pattern_cut_by_the_pictures_stays_open():
+    """A lattice wider than both pictures: a shift by a pitch explains as much or more, and leaves nothing over."""
+    camera, b_from_a, views = lattice(columns=80, rows=8)
+    spots = [Detections.make(xy[camera.in_image(xy)]) for xy in views]
+    result = match_known_pair(*spots, camera, camera, b_from_a)
+    assert len(result) == 0
+    assert len(result.ambiguous_a) > 0.8 * len(spots[0])
+
+
+def test_prediction_of_a_plane():
+    """Inverse depth of a plane is affine: predicted from neighbours, with a variance that holds."""
+    rng = np.random.default_rng(0)
+    xy = rng.uniform(-0.3, 0.3, (60, 2))
+    inverse = 1e-3 * (1 + 0.2 * xy[:, 0] - 0.4 * xy[:, 1])
+    pairs = Pairs(np.arange(60), np.arange(60), inverse, np.full(60, 1e-8), np.zeros(60), xy, 5e-3)
+    value, variance = predict(pairs, neighbours(xy), np.arange(60), np.arange(60))
+    assert np.abs(value - inverse).max() < 2e-5
+    assert (np.abs(value - inverse) < 4 * np.sqrt(variance)).all()
+    nobody = predict(pairs, neighbours(xy), np.full(60, -1), np.arange(60))[1]
+    assert np.isinf(nobody).all()
+    family = grow_family(pairs, neighbours(xy), 5)
+    assert (family.chosen >= 0).mean() > 0.9
+
+
+def test_bad_options():
+    camera, spots = Camera((100, 100), 100.0), Detections.make(np.zeros((2, 2)))
+    pose = Pose(np.eye(3), np.array([1.0, 0, 0]))
+    with pytest.raises(ValueError, match="no baseline"):
+        match_known_pair(spots, spots, camera, camera, Pose.identity())
+    with pytest.raises(ValueError, match="pose_cov"):
+        match_known_pair(spots, spots, camera, camera, pose, pose_cov=np.eye(3))
+    with pytest.raises(ValueError, match="depth_range"):
+        match_known_pair(spots, spots, camera, camera, pose, depth_range=(2.0, 1.0))
+    assert len(match_known_pair(spots.take([]), spots, camera, camera, pose)) == 0
