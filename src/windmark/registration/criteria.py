@@ -26,7 +26,7 @@ is right in parts only, or by chance, explains them so, and a part of a large mo
 LOOSE_AND_SPARSE = 40.0
 """... and so much where most markers are missing; in clutter, where half are, and on top of the other."""
 LOOSE_AND_HALF = 2.8
-"""Without clutter, so much for every marker in view where half are missing: of a large model a half has much evidence."""
+"""Without clutter, so much for every marker in view where half are missing: half of a large model has much evidence."""
 MOST = 0.6
 """Part of the markers in view above which a tight fit leaves no doubt about the focal length."""
 CLEARLY_BETTER, FOCAL_OFF = 20.0, 0.05
