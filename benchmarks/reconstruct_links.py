@@ -65,7 +65,7 @@ def chance(cases: int) -> dict[str, float]:
     size, points = np.array(scenes.CAMERA.size_px), 0
     for seed in range(SEEDS, SEEDS + cases):
         rng, views = np.random.default_rng(seed), 5 if seed % 2 else 15
-        poses = scenes.make(seed, "plate", "cloud", views=views, points=5).poses
+        poses = scenes.make(seed, "plate", "cloud", views=views, points=12).poses
         spots = [Detections.make(rng.uniform(-0.5, size - 0.5, (60, 2))) for _ in range(views)]
         points += len(associate(spots, scenes.CAMERA, poses))
     print(f"false spots only: {points} points in {cases} sets of 5 or 15 pictures with 60 spots each")
