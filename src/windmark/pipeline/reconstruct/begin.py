@@ -12,6 +12,8 @@ from windmark.registration import Registration, pose_from_labels, prepare, regis
 from windmark.scene import MarkerSet
 
 LABELS_FOR_A_POSE = 4
+LABELLED_PX = 0.15
+"""What lens and table leave of a labelled spot (1 sigma), besides its covariance: four labels show nothing of it."""
 GIVEN_SIGMA = (0.0035, 0.002)
 """1 sigma of given poses: radians, and part of the distance to the primaries. Worse ones are not used."""
 
@@ -50,9 +52,10 @@ def _known_poses(task: Task, rough: MarkerSet | None) -> tuple[dict[int, Pose], 
             continue
         if len(task.labels[v]) >= LABELS_FOR_A_POSE:
             spot, marker = np.array(list(task.labels[v])), np.array(list(task.labels[v].values()))
+            wider = spots.cov[spot] + LABELLED_PX**2 * np.eye(2)
             try:
                 found = pose_from_labels(
-                    spots.xy[spot], task.primary.xyz[marker], camera, cov=spots.cov[spot], seed=task.seed
+                    spots.xy[spot], task.primary.xyz[marker], camera, cov=wider, seed=task.seed
                 )  # fmt: skip
             except DegenerateGeometry:
                 continue

@@ -57,9 +57,11 @@ def grow(
     found_by = dict(found_by)
     for _ in range(ROUNDS):
         left = [v for v in views if v not in structure.poses]
+        if not left:
+            break
         wider = _registered(task, structure, left)
         how = "register"
-        if len(wider.poses) == len(structure.poses) and left:
+        if len(wider.poses) == len(structure.poses):
             wider, how = _by_neighbours(task, structure, left), "neighbour"
         new = [v for v in wider.poses if v not in structure.poses]
         found_by.update(dict.fromkeys(new, how))

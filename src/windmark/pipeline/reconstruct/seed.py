@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,7 @@ Array = NDArray[np.float64]
 
 FEWEST_POINTS = 12
 ENOUGH = 4
-"""Good pairs after which no others are looked for."""
+"""Good pairs that are compared before the best of them is tried."""
 MOST_TRIED = 60
 """Pairs of pictures that are tried."""
 LEAST_PARALLAX_DEG, GOOD_PARALLAX_DEG = 1.0, 10.0
@@ -35,23 +36,20 @@ class Seed:
     structures: tuple[Structure, ...]
 
 
-def seeds(task: Task, views: list[int]) -> list[Seed]:
-    """Pairs to begin with, best first.
+def seeds(task: Task, views: list[int]) -> Iterator[Seed]:
+    """Pairs to begin with: the best of the first few good ones, then those, then the next few.
 
     Raises
     ------
     Refused
-        "too_few", "no_pair" or "baseline".
+        "too_few", "no_pair" or "baseline", where there are none.
     """
     if len(views) < 2:
         raise Refused("too_few", f"{len(views)} pictures with spots enough, two at least are needed")
     found: list[Seed] = []
-    flat, tried = 0, 0
+    flat, good = 0, 0
     best: NotMatched | None = None
-    for a, b in _order(views):
-        if tried == MOST_TRIED or len(found) == ENOUGH:
-            break
-        tried += 1
+    for a, b in islice(_order(views), MOST_TRIED):
         pair = match_pair(task.detections[a], task.detections[b], task.camera(a), task.camera(b), seed=task.seed)
         if isinstance(pair, NotMatched):
             best = pair if best is None or pair.count > best.count else best
@@ -59,16 +57,20 @@ def seeds(task: Task, views: list[int]) -> list[Seed]:
         seed = _seed(task, a, b, pair)
         if seed is None:
             flat += 1
-        else:
-            found.append(seed)
-    if found:
-        return sorted(found, key=lambda s: -s.worth)
+            continue
+        found.append(seed)
+        if len(found) == ENOUGH:
+            yield from sorted(found, key=lambda s: -s.worth)
+            good, found = good + len(found), []
+    yield from sorted(found, key=lambda s: -s.worth)
+    if good or found:
+        return
     if flat:
         raise Refused(
             "baseline", f"{flat} pairs of pictures were matched, but taken from one place: turning the camera shows no "
             "depth; move it by a tenth of the distance or more",
         )  # fmt: skip
-    why = "" if best is None else f"; the best of {tried}: {best.reason}"
+    why = "" if best is None else f"; the best: {best.reason}"
     raise Refused("no_pair", f"no two of {len(views)} pictures could be matched{why}")
 
 
