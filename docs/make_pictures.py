@@ -13,17 +13,26 @@ from PIL import Image
 
 import windmark as wm
 from windmark import calibration, detection
-from windmark.app import lens_pictures, markers_pictures, pictures, space_pictures, study_pictures
+from windmark.app import (
+    epipolar_pictures,
+    lens_pictures,
+    markers_pictures,
+    pictures,
+    space_pictures,
+    study_pictures,
+)
 from windmark.app.detect_pictures import explained_picture, merit_picture
 from windmark.app.figures import alignment_figure, matching_figure, surface_figure, wireframe_figure
+from windmark.geometry import imaged_ellipse
 from windmark.pipeline.job import run_project
 from windmark.pipeline.marker_check import CheckSettings, check_markers
 from windmark.pipeline.predictions import from_camera, look
 from windmark.pipeline.project import read_project
+from windmark.pipeline.reconstruct.pair import pair_lines
 from windmark.pipeline.results import ImageResult
 from windmark.pipeline.simulate import simulate
 from windmark.pipeline.study import StudySettings, examples, run_study
-from windmark.synth import marker_scene, marker_sheet
+from windmark.synth import disc_image, marker_scene, marker_sheet
 
 HERE = Path(__file__).parent / "pictures"
 SHADES = 32  # of each colour: camera noise in all 256 would take three times the bytes
@@ -41,6 +50,7 @@ def main() -> None:
         marker_check_pictures,
         board_pictures,
         calibration_pictures,
+        pair_pictures,
     ):
         for name, figure in part().items():
             (HERE / f"{name}.png").write_bytes(_small(pictures.png(figure, dpi=80)))
@@ -76,6 +86,48 @@ def calibration_pictures() -> dict[str, Figure]:
         "calibration-stations": space_pictures.stations_picture(result, "mm"),
         "calibration-markers": space_pictures.markers_picture(result, "mm"),
     }
+
+
+def pair_pictures() -> dict[str, Figure]:
+    """Unknown markers on a plate with relief, six of them known: what ``reconstruct --pair`` draws."""
+    rng = np.random.default_rng(8)
+    camera = wm.Camera((800, 600), 880.0, 1.0, 404.0, 297.0, k1=-0.2)
+    xyz = rng.uniform(-1, 1, (48, 3)) * [330, 220, 60]
+    images = []
+    for v in range(7):
+        eye = np.array([220.0 * (v - 3), 120.0 * (-1) ** v - 150, 980.0 + 60 * (v % 3)])
+        pose = wm.Pose.look_at(eye, rng.normal(0, 15, 3), np.array([0.15 * (v - 3), 1.0, 0.0]))
+        images.append(_dots(rng, camera, pose, xyz[rng.random(len(xyz)) > 0.1]))
+    spots = [wm.detect(image, radius_px=4) for image in images]
+    known = wm.MarkerSet.make([f"P{k}" for k in range(6)], xyz[_far_apart(xyz, 6)])
+    views = [wm.View(f"IMG{v:02d}") for v in range(7)]
+    result = wm.reconstruct(spots, camera, known, views=views)
+    assert isinstance(result, wm.Reconstruction), result.reason
+    lines = pair_lines(result, "IMG02", "IMG04", spots[2].xy, spots[4].xy)
+    return {"epipolar-pair": epipolar_pictures.pair_picture(lines, images[2], images[4])}
+
+
+def _far_apart(xyz: np.ndarray, count: int) -> list[int]:
+    """Markers each of which is as far as can be from those before it."""
+    chosen = [int(np.linalg.norm(xyz, axis=1).argmax())]
+    while len(chosen) < count:
+        chosen.append(int(np.linalg.norm(xyz[:, None] - xyz[chosen], axis=2).min(axis=1).argmax()))
+    return chosen
+
+
+def _dots(rng: np.random.Generator, camera: wm.Camera, pose: wm.Pose, xyz: np.ndarray) -> np.ndarray:
+    """Dark discs that face +z on light paint, as the camera sees them."""
+    seen = imaged_ellipse(camera, pose.apply(xyz), np.tile(pose.rotation[:, 2], (len(xyz), 1)), 4.5)
+    y, x = np.mgrid[: camera.size_px[1], : camera.size_px[0]]
+    image = 150 + 0.08 * x - 0.05 * y
+    half = 14
+    for xy, axes, angle in zip(seen.xy, seen.axes_px, seen.angle, strict=True):
+        first = np.rint(xy).astype(int) - half
+        if min(*first, *(np.array(camera.size_px) - first - 2 * half - 1)) < 0:
+            continue
+        disc = disc_image((2 * half + 1,) * 2, xy - first, axes, float(angle), level=1.0, depth=0.8, blur_px=0.7)
+        image[first[1] : first[1] + 2 * half + 1, first[0] : first[0] + 2 * half + 1] *= disc
+    return np.clip(np.rint(image + rng.normal(0, 2.0, image.shape)), 0, 255).astype(np.uint8)
 
 
 def job_pictures() -> dict[str, Figure]:

@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 from windmark.app.cli import app
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def windmark():
     """``windmark("detect", ...)`` -> code, out (stdout), err (stderr), json."""
 

@@ -74,17 +74,17 @@ def calibration_report(done: Calibrated, shown: Shown, clock: Clock) -> str:
     for words in datum_words(result):
         report.text(words)
     for name in result.cameras:
-        _camera(report, result, name)
+        add_camera(report, result, name)
         if shown.paths is not None:
             _corrected(report, result, name, shown.paths, shown.match)
     _rig(report, result, unit)
     _halves(report, done.halves, unit)
     if shown.against is not None:
         _against(report, shown.against, unit, shown.other)
-    _errors(report, result)
+    add_errors(report, result)
     if shown.pictures is not None:
         _matched(report, shown.pictures)
-    _space(report, result, unit)
+    add_space(report, result, unit)
     report.heading("Files beside this report")
     report.table(["file", "content"], FILES)
     report.heading("Options and times")
@@ -113,7 +113,8 @@ def _overview(report: Report, done: Calibrated, unit: str) -> None:
                     "picture out of focus, wrong labels, or a marker that moved.", "bad")  # fmt: skip
 
 
-def _camera(report: Report, result: Calibration, name: str) -> None:
+def add_camera(report: Report, result: Calibration, name: str) -> None:
+    """Parameters of a camera with their uncertainty, and what the lens and its model do over the image."""
     camera = result.cameras[name]
     report.heading(f"Camera {name}" if len(result.cameras) > 1 else "Camera")
     rows = []
@@ -207,7 +208,8 @@ def _against(report: Report, found: Comparison, unit: str, other: str) -> None:
                    "The paper's cross-check (AIAA 2005-5007, section IV.D).")  # fmt: skip
 
 
-def _errors(report: Report, result: Calibration) -> None:
+def add_errors(report: Report, result: Calibration) -> None:
+    """Marks that were left out, test values of all, and what did not take part."""
     report.heading("Gross errors")
     bad = np.flatnonzero(~result.used)
     report.text(f"{len(bad)} of {len(result.used)} marks were left out: their residual, predicted from all others, is "
@@ -250,7 +252,8 @@ def _matched(report: Report, matched: Sequence[Picture]) -> None:
     )  # fmt: skip
 
 
-def _space(report: Report, result: Calibration, unit: str) -> None:
+def add_space(report: Report, result: Calibration, unit: str) -> None:
+    """Stations and markers with their uncertainty, as pictures and tables."""
     report.heading("Stations and markers")
     report.picture(png(space.space_picture(result, unit), dpi=88), "Where the pictures were taken from.")
     report.picture(png(space.stations_picture(result, unit), dpi=88), "The same along each axis.")

@@ -1,4 +1,4 @@
-"""Commands about the camera itself. Heavy imports wait until a verb needs them."""
+"""Commands about cameras and what they saw of the markers. Heavy imports wait until a verb needs them."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import typer
 
 from windmark.app import console
 from windmark.app.commands import calibrate as calibrate_command
+from windmark.app.commands import reconstruct as reconstruct_command
 from windmark.app.commands.options import Json
 
 
@@ -19,6 +20,9 @@ def add(app: typer.Typer) -> None:
         epilog="Examples: windmark calibrate matches.csv -m rough.csv --size 3004x2000 --datum free --unit mm;"
         " windmark calibrate photos/*.jpg -m rough.csv -r 3 --datum fixed:A,B,C,D --unit mm"
     )(calibrate_command.calibrate)
+    app.command(
+        epilog="Example: windmark reconstruct photos/*.jpg -c camera.json -p primary.csv --unit mm --pair IMG01 IMG02"
+    )(reconstruct_command.reconstruct)
     app.command(epilog="Example: windmark undistort run12.tif -c camera.json --magnify 3 --field --picture")(undistort)
 
 

@@ -17,6 +17,7 @@ from windmark.calibration.datum import Fixed, Free, Weighted
 from windmark.calibration.quality import Comparison, KnownMarkers, SplitHalf, residual_map
 from windmark.calibration.snooping import LIMIT
 from windmark.geometry import PARAMETERS
+from windmark.pipeline.calibrate.marks import Marks
 from windmark.pipeline.calibrate.read import Picture
 from windmark.pipeline.calibrate.rig import beside, beside_record, rig_record
 from windmark.pipeline.calibrate.run import Calibrated
@@ -32,8 +33,14 @@ STRONG = 0.9
 
 
 def write_calibration(done: Calibrated, folder: Path, unit: str, matched: Sequence[Picture] | None = None) -> None:
-    """Cameras (of a rig to each other, too), markers, poses, residuals into ``folder``; with pictures the matches."""
-    result = done.result
+    """All files of a calibration into ``folder``; from pictures with the matches."""
+    write_network(done.result, folder, unit)
+    if matched is not None:
+        io.write_table(folder / "matches.csv", match_columns(done.marks))
+
+
+def write_network(result: Calibration, folder: Path, unit: str) -> None:
+    """Cameras (of a rig to each other, too), markers, poses and residuals into ``folder``."""
     for name, camera in result.cameras.items():
         io.write_camera(folder / camera_file(result, name), camera)
     io.write_markers(folder / MARKERS, result.markers)
@@ -50,8 +57,6 @@ def write_calibration(done: Calibrated, folder: Path, unit: str, matched: Sequen
         camera = replace(camera, focal_px=camera.focal_px * (1 + float(change)))
         io.write_camera(place / file_name(view.name), camera, view.cam_from_model, unit=unit)
     io.write_table(folder / "residuals.csv", residual_columns(result))
-    if matched is not None:
-        io.write_table(folder / "matches.csv", match_columns(done))
 
 
 def camera_file(result: Calibration, name: str) -> str:
@@ -126,12 +131,12 @@ def residual_columns(result: Calibration) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def match_columns(done: Calibrated) -> dict[str, Any]:
-    """The marks that a calibration of pictures found, as a table that calibrates again."""
-    obs, views = done.marks.observations, done.marks.views
+def match_columns(marks: Marks) -> dict[str, Any]:
+    """The marks that were found in pictures, as a table that calibrates again."""
+    obs, views = marks.observations, marks.views
     sigma = np.sqrt(np.diagonal(obs.cov, axis1=1, axis2=2))
     return {
-        "image": np.array([v.name for v in views])[obs.view], "name": done.marks.markers.name[obs.point],
+        "image": np.array([v.name for v in views])[obs.view], "name": marks.markers.name[obs.point],
         "x": obs.xy[:, 0], "y": obs.xy[:, 1], "sigma_x": sigma[:, 0], "sigma_y": sigma[:, 1],
         "rho": obs.cov[:, 0, 1] / sigma.prod(axis=1), "camera": np.array([v.camera for v in views])[obs.view],
         "frame": np.array([v.frame for v in views])[obs.view],

@@ -157,8 +157,13 @@ def _result(
     kept = np.array([int(p) in place for p in structure.point], dtype=np.bool_)
     track = np.array([place[int(p)] for p in structure.point[kept]], dtype=np.int64)
     views = tuple(replace(v, cam_from_model=structure.poses.get(k)) for k, v in enumerate(task.views))
-    renamed = {v.name: task.views[int(v.name)].name for v in calibration.views}
-    calibration = replace(calibration, views=tuple(replace(v, name=renamed[v.name]) for v in calibration.views))
+    renamed = {str(k): v.name for k, v in enumerate(task.views) if str(k) not in row}
+    calibration = replace(
+        calibration, views=tuple(replace(v, name=task.views[int(v.name)].name) for v in calibration.views),
+        dropped={renamed.get(n, n): why for n, why in calibration.dropped.items()},
+        suspect=tuple(renamed.get(n, n) for n in calibration.suspect),
+        swapped=tuple((a, b, renamed.get(v, v)) for a, b, v in calibration.swapped),
+    )  # fmt: skip
     return Reconstruction(
         replace(calibration.markers, role=np.array(role)), calibration.marker_cov,
         np.bincount(track, minlength=len(name)), views, calibration.cameras,

@@ -1,0 +1,74 @@
+"""The command ``windmark reconstruct``. Heavy imports wait until it runs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from windmark.app import console
+from windmark.app.commands import calibrate_arguments as a
+from windmark.app.commands.matching_options import Mask
+
+Images = Annotated[list[Path], typer.Argument(help="Pictures of the same markers from different directions.")]
+Cameras = Annotated[
+    list[str],
+    typer.Option("--camera", "-c", help="Interior parameters; several cameras as NAME=FILE, images' names begin so."),
+]
+Primary = Annotated[
+    Path,
+    typer.Option("--primary", "-p", help="The known markers: CSV or .tgts. Three with --labels, else four; six best."),
+]
+Labels = Annotated[
+    Path | None,
+    typer.Option(help="Table image,name,x,y: primary markers in some pictures (within 10 px); seldom needed."),
+]
+Rough = Annotated[Path | None, typer.Option(help="Rough coordinates of some or all markers, CSV or .tgts, to begin.")]
+Free = Annotated[
+    str | None,
+    typer.Option(help="Interior parameters to be found, too: focal_px,cx,cy,k1,... [default: none]"),
+]
+Pair = Annotated[
+    tuple[str, str] | None,
+    typer.Option(help="Names of two of the pictures: draw both with the epipolar lines of every marker."),
+]
+Output = Annotated[Path, typer.Option("--output", "-o", help="Folder of the results.")]
+
+
+def reconstruct(
+    images: Images,
+    camera: Cameras,
+    primary: Primary,
+    unit: a.Unit,
+    labels: Labels = None,
+    rough: Rough = None,
+    images_of: a.ImagesOf = None,
+    free: Free = None,
+    pair: Pair = None,
+    radius: a.Radius = None,
+    polarity: a.Polarity = "dark",
+    merit_max: a.MeritMax = 0.7,
+    channel: a.Channel = "grey",
+    bayer: a.Bayer = None,
+    mask: Mask = None,
+    seed: a.Seed = 0,
+    output: Output = Path("reconstruction"),
+    as_json: a.AsJson = False,
+) -> None:
+    """Find the coordinates of unknown markers in the frame of a few known ones, from pictures taken by hand.
+
+    Needed: 20 or more pictures taken close to each other, and a calibrated camera. No labels, no poses: which spot is
+    which marker is found from the pictures alone, and the known markers by their distances.
+    """
+    with console.errors(as_json):
+        from windmark.app import calibrate_options as typed
+        from windmark.app.reconstruct_verb import Files, run
+        from windmark.pipeline.calibrate import MatchOptions
+
+        files = Files(
+            tuple(images), typed.read_cameras(camera), typed.parse_patterns(images_of or ()), primary, labels, rough,
+            typed.parse_free(None, free or ""), pair, unit, output,
+        )  # fmt: skip
+        match = MatchOptions(tuple(radius or ()), polarity, merit_max, channel, bayer, mask, seed=seed)
+        run(files, match, as_json)

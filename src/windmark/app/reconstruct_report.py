@@ -1,0 +1,185 @@
+"""The report of a reconstruction: which pictures and markers came out, how sure they are, what does not fit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+
+import numpy as np
+
+import windmark
+from windmark.app import calibrate_pictures as drawn
+from windmark.app.calibrate_report import add_camera, add_errors, add_space
+from windmark.app.epipolar_pictures import pair_picture, views_picture
+from windmark.app.pictures import matching_picture, png
+from windmark.app.report import Report
+from windmark.pipeline.calibrate import MatchOptions, Picture
+from windmark.pipeline.calibrate.outputs import datum_words, sigma_rms
+from windmark.pipeline.calibrate.read import read_image
+from windmark.pipeline.clock import Clock
+from windmark.pipeline.reconstruct import Reconstruction
+from windmark.pipeline.reconstruct.outputs import marks_of, network, picture_records, primary_residuals
+from windmark.pipeline.reconstruct.pair import PairLines
+from windmark.scene import MarkerSet
+
+HOW = {
+    "labels": "from its labels",
+    "pair": "one of the two that were matched first",
+    "register": "registered to the points known so far",
+    "neighbour": "matched with a neighbour that had a pose",
+}
+"""How a picture got its pose, in words."""
+
+FILES = (
+    ("markers.csv", "names, coordinates, 1 sigma, role (primary, secondary): a marker table for every other verb"),
+    ("markers-covariance.csv", "3 x 3 covariance of each marker"),
+    ("camera.json (camera-NAME.json for several)", "interior parameters"),
+    ("views/NAME.json", "camera with the pose of that picture: resect, detect --camera and others take it"),
+    ("poses.csv, poses.json", "station and direction of each picture with sigma; the whole covariances"),
+    ("residuals.csv", "every mark: picture, name, place, residual, test value, used or left out"),
+    ("matches.csv", "the marks that were used; calibrate takes it instead of pictures"),
+    ("pair.png", "with --pair: two pictures with their epipolar lines"),
+    ("summary.json", "the figures of this report"),
+)
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What a report shows beside the reconstruction itself.
+
+    Parameters
+    ----------
+    unit : length unit
+    primary : the table of primary markers
+    pictures, paths : the pictures with their spots, and the files by name
+    match : how the pictures are read
+    pair, pair_drawn : the two pictures with epipolar lines, and the PNG; None where not asked for
+    """
+
+    unit: str
+    primary: MarkerSet
+    pictures: Sequence[Picture]
+    paths: Mapping[str, Path]
+    match: MatchOptions
+    pair: PairLines | None
+    pair_drawn: bytes | None
+
+
+def pair_png(pair: PairLines, paths: Mapping[str, Path], match: MatchOptions) -> bytes:
+    """Two pictures with the epipolar lines of their markers, as PNG."""
+    images = [read_image(paths[side.name], match)[0] for side in (pair.a, pair.b)]
+    return png(pair_picture(pair, *images), dpi=110)
+
+
+def reconstruction_report(result: Reconstruction, shown: Shown, clock: Clock) -> str:
+    """The whole report as HTML."""
+    when = datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
+    done, unit = network(result), shown.unit
+    report = Report("Reconstruction", f"windmark {windmark.__version__}, {when}, length unit: {unit}")
+    _overview(report, result, shown)
+    _pictures(report, result, shown)
+    _primaries(report, result, shown)
+    _tracks(report, result, shown)
+    if shown.pair is not None and shown.pair_drawn is not None:
+        _pair(report, shown.pair, shown.pair_drawn)
+    add_space(report, done, unit)
+    for name in done.cameras:
+        if result.options["free"]:
+            add_camera(report, done, name)
+        else:
+            report.heading(f"Residuals of camera {name}" if len(done.cameras) > 1 else "Residuals")
+            report.picture(png(drawn.residual_vectors_picture(done, name), dpi=88), "Every residual at its place.")
+    add_errors(report, done)
+    report.heading("Files beside this report")
+    report.table(["file", "content"], FILES)
+    report.heading("Options and times")
+    report.table(["option", "value"], [(k, str(v)) for k, v in result.options.items()])
+    report.table(["stage", "s"], list(clock.seconds.items()))
+    report.side_by_side(2)
+    return report.html()
+
+
+def _overview(report: Report, result: Reconstruction, shown: Shown) -> None:
+    done, unit, known = result.calibration, shown.unit, primary_residuals(result, shown.primary)
+    rows: list[tuple[str, object]] = [
+        ("pictures used", f"{len(shown.pictures) - len(result.dropped)} of {len(shown.pictures)}"),
+        ("markers", len(result.markers)), ("of them primary", len(known.name)), ("marks", len(done.observations)),
+        ("left out as gross errors", int((~done.used).sum())), ("redundancy", done.redundancy),
+        ("sigma0 (1: residuals as large as the marks' sigmas say)", done.sigma0),
+        ("RMS length of the residuals, px", result.rms_px),
+        *((f"markers, RMS of 1 sigma along {axis}, {unit}", float(s))
+          for axis, s in zip("xyz", sigma_rms(result.markers), strict=True)),
+    ]  # fmt: skip
+    report.table(["", "value"], rows)
+    for name in done.suspect:
+        report.text(f"{name} lost more than half of its marks: a primary marker that is not where its table says, a "
+                    "picture out of focus, or a marker that moved.", "bad")  # fmt: skip
+
+
+def _pictures(report: Report, result: Reconstruction, shown: Shown) -> None:
+    report.heading("Pictures")
+    report.table(
+        ["picture", "spots", "markers", "its first pose", "why not"],
+        [
+            (p["image"], p["spots"], p["markers"] or None, HOW.get(p["pose"]), p["problem"] or None)
+            for p in picture_records(shown.pictures, result)
+        ],
+        scroll=len(shown.pictures) > 15,
+    )  # fmt: skip
+    report.picture(png(views_picture(result.count), dpi=88), "Markers by the number of pictures that they are seen in.")
+
+
+def _primaries(report: Report, result: Reconstruction, shown: Shown) -> None:
+    report.heading("Primary markers")
+    for words in datum_words(result.calibration):
+        report.text(words)
+    known, unit = primary_residuals(result, shown.primary), shown.unit
+    report.table(
+        ["marker", f"dx, {unit}", "dy", "dz", "distance", "1 sigma x of the table", "y", "z"],
+        [
+            (name, *(f"{v:+.4f}" for v in d), f"{np.linalg.norm(d):.4f}", *map(float, s))
+            for name, d, s in zip(known.name, known.difference, known.sigma, strict=True)
+        ],
+    )
+    report.text(f"Reconstructed less given coordinates, {unit}. Where the table has no sigma, 1e-4 of the primaries' "
+                "extent was taken.", "soft")  # fmt: skip
+    if known.missing:
+        report.text(
+            f"Not recognised: {', '.join(known.missing)}. With three labels or more, labelled ones alone are "
+            "primary; else they have too few spots, or are not where the table says.",
+            "bad",
+        )
+
+
+def _tracks(report: Report, result: Reconstruction, shown: Shown) -> None:
+    """The picture with the most markers, each with its name."""
+    count = marks_of(result)
+    best = max(count, key=lambda name: count[name])
+    k = next(k for k, v in enumerate(result.views) if v.name == best)
+    view, mine = result.views[k], result.tracks.view == k
+    camera, pose, spots = result.cameras[view.camera], view.cam_from_model, shown.pictures[k].detections
+    assert pose is not None
+    xy = camera.project(pose.apply(result.markers.xyz))[0]
+    marker = result.tracks.track[mine]
+    other = np.setdiff1d(np.flatnonzero(camera.in_image(xy)), marker)
+    names = result.markers.name
+    image = read_image(shown.paths[best], shown.match)[0]
+    report.heading("Which spot is which marker")
+    report.picture(
+        png(matching_picture(
+            image, spots, result.tracks.detection[mine], names[marker].tolist(), xy[marker], xy[other],
+            names[other].tolist(), best,
+        ), dpi=88),
+        "The picture with the most markers. Diamonds: markers that other pictures have; here they are hidden, "
+        "or were not found.",
+    )  # fmt: skip
+
+
+def _pair(report: Report, pair: PairLines, drawn_png: bytes) -> None:
+    report.heading("Epipolar lines of two pictures")
+    report.picture(
+        drawn_png, f"{pair.a.name} and {pair.b.name} (AIAA 2005-5007, Fig. 12). Each marker is on the line of its "
+        "spot in the other picture; lines bend as the lens does.",
+    )  # fmt: skip

@@ -1,0 +1,163 @@
+"""The verb `windmark reconstruct`: read, find the spots, reconstruct, write one folder, say it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from windmark import io
+from windmark.app import console
+from windmark.geometry import Camera
+from windmark.pipeline.calibrate import MatchOptions, Picture
+from windmark.pipeline.calibrate.outputs import sigma_rms
+from windmark.pipeline.calibrate.read import picture_names
+from windmark.pipeline.clock import Clock
+from windmark.pipeline.reconstruct import NotReconstructed, Reconstruction, reconstruct
+from windmark.pipeline.reconstruct.outputs import picture_records, primary_residuals, record, write_reconstruction
+from windmark.pipeline.reconstruct.pair import PairLines, pair_lines
+from windmark.pipeline.reconstruct.read import read_labels, read_spots
+from windmark.scene import MarkerSet
+
+Record = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Files:
+    """What is read and written.
+
+    Parameters
+    ----------
+    images : the pictures
+    cameras, patterns : interior parameters by name; camera -> pattern of its images' names, for several cameras
+    primary, labels, rough : tables of known markers, of their places in pictures, of rough coordinates
+    free : interior parameters to be found, too
+    pair : names of two pictures to be drawn with their epipolar lines
+    unit : length unit of the markers
+    output : folder of the results
+    """
+
+    images: tuple[Path, ...]
+    cameras: Mapping[str, Camera]
+    patterns: Mapping[str, str]
+    primary: Path
+    labels: Path | None
+    rough: Path | None
+    free: tuple[str, ...]
+    pair: tuple[str, str] | None
+    unit: str
+    output: Path
+
+    def __post_init__(self) -> None:
+        if self.unit not in io.LENGTH_UNITS:
+            raise ValueError(f"--unit must be one of {', '.join(io.LENGTH_UNITS)}, got {self.unit!r}")
+        if self.patterns and set(self.patterns) != set(self.cameras):
+            raise ValueError(f"--images-of is for the cameras {', '.join(self.patterns)}, --camera for "
+                             f"{', '.join(self.cameras)}; expected the same")  # fmt: skip
+        unknown = [n for n in self.pair or () if n not in self.names]
+        if unknown or (self.pair is not None and self.pair[0] == self.pair[1]):
+            raise ValueError(f"--pair: expected the names of two different pictures among {', '.join(self.names[:5])}, "
+                             f"got {' and '.join(self.pair or ())}")  # fmt: skip
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the pictures."""
+        return picture_names(self.images)
+
+
+def run(files: Files, match: MatchOptions, as_json: bool) -> None:
+    """Reconstruct and write everything into a folder, whole or not at all."""
+    primary = io.read_markers(files.primary)
+    rough = None if files.rough is None else io.read_markers(files.rough)
+    table = None if files.labels is None else read_labels(files.labels, files.names, primary)
+    with console.progress() as show:
+        clock = Clock(show)
+        pictures, views = read_spots(files.images, files.cameras, files.patterns, match, clock)
+        labels = None if table is None else table.spots(pictures)
+        with clock("reconstruct"):
+            result = reconstruct(
+                [p.detections for p in pictures], files.cameras, primary, views=views, labels=labels, rough=rough,
+                free=files.free, seed=match.seed,
+            )  # fmt: skip
+        if isinstance(result, NotReconstructed):
+            console.refuse(_why(result), as_json, _refusal(result, pictures))
+            return
+        pair = _pair(files, result, pictures)
+        content = _write(files, result, primary, pictures, pair, match, clock)
+    console.answer({**content, "folder": files.output}, as_json, _lines(result, primary, pictures, pair, files))
+
+
+def _pair(files: Files, result: Reconstruction, pictures: Sequence[Picture]) -> PairLines | None:
+    """The lines of the pair that was asked for; None where one of its pictures has no pose."""
+    if files.pair is None or any(n in result.dropped for n in files.pair):
+        return None
+    spots = {p.name: p.detections.xy for p in pictures}
+    a, b = files.pair
+    return pair_lines(result, a, b, spots[a], spots[b])
+
+
+def _write(
+    files: Files, result: Reconstruction, primary: MarkerSet, pictures: Sequence[Picture], pair: PairLines | None,
+    match: MatchOptions, clock: Clock,
+) -> Record:  # fmt: skip
+    """The folder; what its summary holds."""
+    from windmark.app.reconstruct_report import Shown, pair_png, reconstruction_report
+
+    files.output.parent.mkdir(parents=True, exist_ok=True)
+    with io.atomic_folder(files.output) as place:
+        with clock("write"):
+            write_reconstruction(result, place, files.unit)
+        content = record(result, primary, pictures, files.unit, pair)
+        with clock("draw report"):
+            paths = dict(zip(files.names, files.images, strict=True))
+            drawn = None if pair is None else pair_png(pair, paths, match)
+            shown = Shown(files.unit, primary, pictures, paths, match, pair, drawn)
+            page = reconstruction_report(result, shown, clock)
+        if drawn is not None:
+            (place / "pair.png").write_bytes(drawn)
+        (place / "report.html").write_text(page, encoding="utf-8")
+        io.write_json(place / "summary.json", {**content, "seconds": clock.seconds})
+    return content
+
+
+def _why(no: NotReconstructed) -> str:
+    """The refusal in words: reason, and which pictures could not take part."""
+    some = [f"{name} ({why})" for name, why in list(no.dropped.items())[:8]]
+    rest = len(no.dropped) - len(some)
+    left = f". Could not take part: {'; '.join(some)}" if some else ""
+    return f"not reconstructed: {no.reason}{left}{f'; and {rest} more' if rest else ''}"
+
+
+def _refusal(no: NotReconstructed, pictures: Sequence[Picture]) -> Record:
+    return {"reconstructed": False, "reason": no.reason, "cause": no.cause, "dropped": dict(no.dropped),
+            "pictures": picture_records(pictures, no)}  # fmt: skip
+
+
+def _lines(
+    result: Reconstruction, primary: MarkerSet, pictures: Sequence[Picture], pair: PairLines | None, files: Files
+) -> list[str]:
+    """The reconstruction in a few lines."""
+    done, unit, against = result.calibration, files.unit, primary_residuals(result, primary)
+    posed, seen = len(pictures) - len(result.dropped), result.count
+    rms = sigma_rms(result.markers)
+    lines = [
+        f"{posed} of {len(pictures)} pictures used, {len(result.markers)} markers ({len(against.name)} primary), in "
+        f"{seen.min()} to {seen.max()} pictures each; {int(done.used.sum())} marks, "
+        f"{int((~done.used).sum())} left out; sigma0 {done.sigma0:.3f}, RMS {result.rms_px:.3f} px",
+        f"markers, 1 sigma: {rms[0]:.2g}, {rms[1]:.2g}, {rms[2]:.2g} {unit} along x, y, z",
+        f"primaries against their table: {(against.difference**2).sum(axis=1).mean() ** 0.5:.2g} {unit} RMS",
+    ]
+    lines += [f"  primary marker {name} was not recognised" for name in against.missing]
+    for name, camera in result.cameras.items():
+        free = [f"{p} {getattr(camera, p):.6g} ({done.sigma(name, p):.2g})" for p in files.free]
+        lines += [f"{name}: {', '.join(free)}"] if free else []
+    lines += [f"  not used: {name}: {why}" for name, why in result.dropped.items()]
+    lines += [f"suspect: {name} lost most of its marks" for name in done.suspect]
+    if pair is not None:
+        lines.append(f"{pair.a.name} and {pair.b.name}: {len(pair.names)} markers in both, RMS {pair.rms_px:.3f} px "
+                     f"from their epipolar lines: {files.output / 'pair.png'}")  # fmt: skip
+    elif files.pair is not None:
+        gone = next(n for n in files.pair if n in result.dropped)
+        lines.append(f"--pair was not drawn: {gone} has no pose")
+    return [*lines, f"report: {files.output / 'report.html'}"]

@@ -1,0 +1,120 @@
+"""A reconstruction as files and as a record."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import windmark
+from windmark import io
+from windmark.calibration import Calibration
+from windmark.geometry import PARAMETERS
+from windmark.pipeline.calibrate.marks import Marks
+from windmark.pipeline.calibrate.outputs import match_columns, sigma_rms, write_network
+from windmark.pipeline.calibrate.read import Picture
+from windmark.pipeline.reconstruct.pair import PairLines
+from windmark.pipeline.reconstruct.result import NotReconstructed, Reconstruction
+from windmark.scene import MarkerSet
+
+Array = NDArray[np.float64]
+Record = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Residuals:
+    """Primary markers against their table.
+
+    Parameters
+    ----------
+    name : (K,) of the primaries that were reconstructed
+    difference, sigma : (K, 3) adjusted less given coordinates; 1 sigma of the table, NaN where it has none
+    missing : primaries that were not reconstructed
+    """
+
+    name: tuple[str, ...]
+    difference: Array
+    sigma: Array
+    missing: tuple[str, ...]
+
+
+def primary_residuals(result: Reconstruction, primary: MarkerSet) -> Residuals:
+    """How far the primaries are from where their table has them."""
+    place = {str(n): k for k, n in enumerate(result.markers.name)}
+    known = [k for k, n in enumerate(primary.name) if str(n) in place]
+    at = [place[str(primary.name[k])] for k in known]
+    missing = tuple(str(n) for n in primary.name if str(n) not in place)
+    return Residuals(
+        tuple(str(primary.name[k]) for k in known), result.markers.xyz[at] - primary.xyz[known], primary.sigma[known],
+        missing,
+    )  # fmt: skip
+
+
+def network(result: Reconstruction) -> Calibration:
+    """The adjustment behind a reconstruction, its markers with their roles."""
+    return replace(result.calibration, markers=result.markers)
+
+
+def write_reconstruction(result: Reconstruction, folder: Path, unit: str) -> None:
+    """The files of a calibration (cameras, markers, poses, residuals) and the matches, into ``folder``."""
+    done = network(result)
+    write_network(done, folder, unit)
+    obs = done.observations
+    used = replace(obs, view=obs.view[done.used], point=obs.point[done.used], xy=obs.xy[done.used],
+                   cov=obs.cov[done.used])  # fmt: skip
+    marks = Marks(used, done.markers, done.cameras, done.views)
+    io.write_table(folder / "matches.csv", match_columns(marks))
+
+
+def marks_of(result: Reconstruction) -> dict[str, int]:
+    """Markers of each view, by its name."""
+    count = np.bincount(result.tracks.view, minlength=len(result.views))
+    return {v.name: int(n) for v, n in zip(result.views, count, strict=True)}
+
+
+def picture_records(pictures: Sequence[Picture], result: Reconstruction | NotReconstructed) -> list[Record]:
+    """What became of each picture."""
+    found_by = result.found_by if isinstance(result, Reconstruction) else {}
+    count = marks_of(result) if isinstance(result, Reconstruction) else {}
+    return [
+        {"image": p.name, "spots": len(p.detections), "markers": count.get(p.name, 0), "pose": found_by.get(p.name),
+         "problem": result.dropped.get(p.name, "")}
+        for p in pictures
+    ]  # fmt: skip
+
+
+def record(
+    result: Reconstruction, primary: MarkerSet, pictures: Sequence[Picture], unit: str, pair: PairLines | None
+) -> Record:
+    """The reconstruction in figures: what `--json` prints and summary.json holds."""
+    done, against = result.calibration, primary_residuals(result, primary)
+    cameras = {
+        name: {p: {"value": getattr(camera, p), "sigma": done.sigma(name, p)} for p in PARAMETERS}
+        for name, camera in result.cameras.items()
+    }
+    views, markers = np.unique(result.count, return_counts=True)
+    return {
+        "windmark": windmark.__version__, "reconstructed": True, "length_unit": unit,
+        "pictures": picture_records(pictures, result), "markers": len(result.markers),
+        "primary": len(against.name), "secondary": len(result.markers) - len(against.name),
+        "markers_by_views": {str(v): int(n) for v, n in zip(views, markers, strict=True)},
+        "rms_px": result.rms_px, "sigma0": done.sigma0, "redundancy": done.redundancy,
+        "marks": len(done.observations), "left_out": int((~done.used).sum()),
+        "marker_sigma_rms": sigma_rms(result.markers),
+        "primaries": [
+            {"name": n, "difference": d, "sigma": s}
+            for n, d, s in zip(against.name, against.difference, against.sigma, strict=True)
+        ],
+        "primaries_not_found": list(against.missing), "cameras": cameras, "dropped": dict(result.dropped),
+        "pair": None if pair is None else pair_record(pair),
+    }  # fmt: skip
+
+
+def pair_record(pair: PairLines) -> Record:
+    """A pair of pictures in figures."""
+    return {"images": [pair.a.name, pair.b.name], "in_both": len(pair.names), "only_in_first": len(pair.a.alone),
+            "only_in_second": len(pair.b.alone), "rms_px": pair.rms_px}  # fmt: skip

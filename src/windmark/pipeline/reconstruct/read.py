@@ -1,0 +1,105 @@
+"""Pictures, primary markers and labels of a reconstruction, from their files."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark import io
+from windmark.geometry import Camera
+from windmark.io.csvtable import Table
+from windmark.pipeline.calibrate.marks import Taken
+from windmark.pipeline.calibrate.pictures import LABEL_PX
+from windmark.pipeline.calibrate.read import MatchOptions, Picture, find_spots, read_image, read_pictures
+from windmark.pipeline.clock import Clock
+from windmark.pipeline.labels import Place, fixed_spots
+from windmark.scene import MarkerSet, View
+
+LABEL_COLUMNS = ("image", "name", "x", "y")
+
+
+@dataclass(frozen=True)
+class LabelTable:
+    """Places of primary markers in pictures, given by hand, with their table for messages.
+
+    Parameters
+    ----------
+    table : columns image, name, x, y
+    image : name of the picture of each row
+    xy : (N, 2) pixels
+    """
+
+    table: Table
+    image: tuple[str, ...]
+    xy: NDArray[np.float64]
+
+    def spots(self, pictures: Sequence[Picture]) -> dict[str, dict[int, str]]:
+        """{picture: {spot: name}}: the nearest spot of each place.
+
+        Raises
+        ------
+        FileError
+            Names the line that has no spot within `LABEL_PX`, or whose spot has another name already.
+        """
+        found = {p.name: p.detections for p in pictures}
+        places: dict[str, dict[str, Place]] = {}
+        out: dict[str, dict[int, str]] = {}
+        for row, (image, name) in enumerate(zip(self.image, self.table.text("name"), strict=True)):
+            mine = places.setdefault(image, {})
+            mine[name] = (float(self.xy[row, 0]), float(self.xy[row, 1]))
+            try:
+                out[image] = fixed_spots(found[image], mine, LABEL_PX)
+            except ValueError as error:
+                self.table.fail(row, f"picture {image}: {error}")
+        return out
+
+
+def read_labels(path: Path, images: Sequence[str], primary: MarkerSet) -> LabelTable:
+    """Read a table ``image,name,x,y``; the image is the picture's name, with or without its extension.
+
+    Raises
+    ------
+    FileError
+        Names the line: unknown picture, no primary marker, a marker twice in one picture, no number.
+    """
+    table = io.read_table(path, required=LABEL_COLUMNS, known=LABEL_COLUMNS)
+    known, names = set(images), set(primary.name.tolist())
+    out: list[str] = []
+    seen: dict[tuple[str, str], int] = {}
+    for row, (image, name) in enumerate(zip(table.text("image"), table.text("name"), strict=True)):
+        out.append(image if image in known else str(Path(image).with_suffix("")))
+        if out[-1] not in known:
+            table.fail(row, f"a label is for the picture {image!r}; there are {', '.join(images[:5])}")
+        if name not in names:
+            table.fail(row, f"{name!r} is no primary marker; there are {', '.join(sorted(names)[:5])}")
+        if (out[-1], name) in seen:
+            table.fail(row, f"{name} is already on line {seen[out[-1], name]} for this picture; expected it once")
+        seen[out[-1], name] = table.lines[row]
+    return LabelTable(table, tuple(out), np.stack([table.numbers("x"), table.numbers("y")], axis=1))
+
+
+def read_spots(
+    paths: Sequence[Path], cameras: Mapping[str, Camera], patterns: Mapping[str, str], options: MatchOptions,
+    clock: Clock,
+) -> tuple[list[Picture], tuple[View, ...]]:  # fmt: skip
+    """All pictures with their spots, and the views that they are.
+
+    Raises
+    ------
+    ValueError
+        For unreadable pictures, sizes that are not those of their camera, names that say no camera.
+    """
+
+    def look(path: Path, name: str, taken: Taken) -> Picture:
+        clock.progress(f"detect {name}")
+        image, mask = read_image(path, options)
+        size = (int(image.shape[1]), int(image.shape[0]))
+        return Picture(name, taken.camera, size, find_spots(image, mask, options), taken.frame)
+
+    with clock("detect"):
+        pictures, _ = read_pictures(paths, cameras, patterns, None, look)
+    return pictures, tuple(View(p.name, p.camera, p.frame) for p in pictures)
