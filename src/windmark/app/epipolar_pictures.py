@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from windmark.app.calibrate_pictures import BLUE
@@ -68,7 +69,7 @@ def _draw_side(axes: Axes, image: Image, side: Side, names: tuple[str, ...]) -> 
             axes.annotate(
                 name, xy, xytext=(-7 if right else 7, 5), textcoords="offset points", fontsize=7,
                 ha="right" if right else "left", color=COLOURS[k % len(COLOURS)],
-                path_effects=[withStroke(linewidth=1.6, foreground="black")],
+                path_effects=[withStroke(linewidth=1.0, foreground="black")],
             )  # fmt: skip
     axes.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), xlabel="x, px", ylabel="y, px")
     axes.set_title(f"{side.name}: {len(side.spots) + len(side.alone)} markers, {len(side.missed)} lines without a spot",
@@ -84,5 +85,5 @@ def views_picture(count: NDArray[np.int64]) -> Figure:
     axes.bar_label(bars, fontsize=8)
     axes.set(xlabel="pictures that a marker is seen in", ylabel="markers", ylim=(0, 1.15 * markers.max()))
     axes.set_title(f"{len(count)} markers, median {np.median(count):g} pictures each")
-    axes.xaxis.get_major_locator().set_params(integer=True)
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     return figure
