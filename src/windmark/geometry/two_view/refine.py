@@ -93,8 +93,11 @@ def minimise(
         except np.linalg.LinAlgError:
             break
         trial = move(state, step)
-        new_residual, new_jacobian = rows(trial)
-        new = float(new_residual @ new_residual)
+        try:
+            new_residual, new_jacobian = rows(trial)
+            new = float(new_residual @ new_residual)
+        except np.linalg.LinAlgError:
+            new = np.inf  # a point near the horizon, whose covariance is beyond rounding
         if new <= cost:
             gain = cost - new
             state, residual, jacobian, cost, damping = trial, new_residual, new_jacobian, new, 0.1 * damping
