@@ -20,7 +20,7 @@ from windmark.geometry.two_view.refine import STEPS, inverse_normal, minimise, p
 
 Array = NDArray[np.float64]
 
-HORIZON = 1e-9
+HORIZON = 1e-2
 """Third coordinate below which a point counts as on the horizon."""
 
 
