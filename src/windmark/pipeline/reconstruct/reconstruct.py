@@ -104,27 +104,27 @@ def _in_frame(
     table = _with_sigma(task.primary)
     datum = Weighted(tuple(str(task.primary.name[p]) for p in located.primary))
     where = structure.xyz[located.point]
-    for _ in range(FINAL_ROUNDS):
+    for linkings in range(FINAL_ROUNDS + 1):
         names = _names(structure, table, located, where)
         result = adjusted(task, structure, datum, free, names, table)
         if not isinstance(result, tuple):
             raise Refused("adjustment", result.reason)
-        before = {(v, s) for v, s in zip(structure.view.tolist(), structure.spot.tolist(), strict=True)}
+        before = _spots(structure)
         structure, calibration = result
+        if linkings == FINAL_ROUNDS:
+            break
         index = {n: k for k, n in enumerate(names)}
         where = structure.xyz[[index[n] for n in datum.markers or ()]]
         again = compact(linked(task, structure))
-        now = {(v, s) for v, s in zip(again.view.tolist(), again.spot.tolist(), strict=True)}
-        if len(now ^ before) <= 0.001 * len(before):
+        if len(_spots(again) ^ before) <= 0.001 * len(before):
             break
         structure = again
-    else:
-        names = _names(structure, table, located, where)
-        result = adjusted(task, structure, datum, free, names, table)
-        if not isinstance(result, tuple):
-            raise Refused("adjustment", result.reason)
-        structure, calibration = result
     return structure, calibration, names
+
+
+def _spots(structure: Structure) -> set[tuple[int, int]]:
+    """Spots (view, spot) that belong to a point."""
+    return set(zip(structure.view.tolist(), structure.spot.tolist(), strict=True))
 
 
 def _names(structure: Structure, table: MarkerSet, located: Located, where: Array) -> list[str]:
