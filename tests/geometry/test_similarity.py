@@ -127,3 +127,10 @@ def test_bad_input_is_named():
         Similarity(1.0, np.stack([np.eye(3)] * 2), np.zeros((2, 3)))
     with pytest.raises(ValueError, match="apply"):
         TRUE.apply(np.zeros((3, 2)))
+
+
+def test_moved_cameras_take_the_same_pictures():
+    x, camera = cloud(), Pose(exp_so3([0.3, 0.2, -0.5]), np.array([1.0, 2.0, 40.0]))
+    batch = Pose(np.stack([camera.rotation] * 2), np.stack([camera.translation, camera.translation + 1]))
+    np.testing.assert_allclose(TRUE.moved(camera).apply(TRUE.apply(x)), TRUE.scale * camera.apply(x), rtol=1e-12)
+    np.testing.assert_allclose(TRUE.moved(batch).translation[0], TRUE.moved(camera).translation)

@@ -134,12 +134,10 @@ def _aligned(job: Job, state: NetworkState, chosen: Mask, scale: bool) -> Networ
 
 def transformed(state: NetworkState, fit: Similarity) -> NetworkState:
     """A network seen in another frame: the same pictures."""
-    turn, offsets = fit.rotation.T, state.offsets
+    offsets = state.offsets
     if offsets is not None:
         offsets = Pose(offsets.rotation, fit.scale * offsets.translation)
-    rotation = state.frames.rotation @ turn
-    translation = fit.scale * state.frames.translation - rotation @ fit.translation
-    return replace(state, frames=Pose(rotation, translation), points=fit.apply(state.points), offsets=offsets)
+    return replace(state, frames=fit.moved(state.frames), points=fit.apply(state.points), offsets=offsets)
 
 
 def _cameras(job: Job, solved: Solved, covariance: DatumCovariance, scale: float) -> dict[str, Any]:

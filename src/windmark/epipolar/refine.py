@@ -81,12 +81,10 @@ def refine_poses(
         out[v] = change @ dense[np.ix_(index, index)] @ change.T * scale**2
         out[v, 3:] *= fit.scale
         out[v, :, 3:] *= fit.scale
-    turn = fit.rotation.T
-    rotation = state.frames.rotation @ turn
-    translation = fit.scale * state.frames.translation - rotation @ fit.translation
+    moved = fit.moved(state.frames)
     rotation, translation = (
         np.where(enough.reshape(-1, *([1] * (new.ndim - 1))), new, old)
-        for new, old in ((rotation, poses.rotation), (translation, poses.translation))
+        for new, old in ((moved.rotation, poses.rotation), (moved.translation, poses.translation))
     )
     return Refined(Pose(rotation, translation), out, scale, enough)
 

@@ -51,6 +51,12 @@ class Similarity:
             raise ValueError(f"Similarity.apply: expected points (..., 3), got {p.shape}")
         return self.scale * (p @ self.rotation.T) + self.translation
 
+    def moved(self, cam_from_source: Pose) -> Pose:
+        """Poses (...,) of the same cameras in the target frame and its length unit: the same pictures."""
+        rotation = cam_from_source.rotation @ self.rotation.T
+        # Camera coordinates grow by the scale, too.
+        return Pose(rotation, self.scale * cam_from_source.translation - rotation @ self.translation)
+
     def inverse(self) -> Similarity:
         """Source-from-target; its rms is in source units."""
         rt = self.rotation.T

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.calibration import Calibration, Weighted
-from windmark.geometry import Camera, Pose
+from windmark.geometry import Camera
 from windmark.geometry.similarity import Similarity
 from windmark.pipeline.reconstruct.begin import beginning
 from windmark.pipeline.reconstruct.primaries import Located, check_primaries, locate
@@ -87,11 +87,7 @@ def reconstruct(
 
 def _moved(structure: Structure, frame: Similarity) -> Structure:
     """The structure in another frame; its lengths are then those of that frame."""
-    poses = {}
-    for v, pose in structure.poses.items():
-        # x_cam = R x + t for x in the old frame; new = s Q x + c, and camera coordinates grow by s, too.
-        rotation = pose.rotation @ frame.rotation.T
-        poses[v] = Pose(rotation, frame.scale * pose.translation - rotation @ frame.translation)
+    poses = {v: frame.moved(pose) for v, pose in structure.poses.items()}
     scale = np.diag([1.0, 1, 1, frame.scale, frame.scale, frame.scale])
     cov = {v: scale @ c @ scale for v, c in structure.pose_cov.items()}
     return replace(structure, xyz=frame.apply(structure.xyz), poses=poses, pose_cov=cov)
