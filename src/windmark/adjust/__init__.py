@@ -4,7 +4,7 @@ Jobs differ only in what is free. `refine_pose` is the first; others are further
 `Problem`, solved by the same `minimise`.
 """
 
-from windmark.adjust.blocks import POSE_PARAMETERS, CameraBlock, PoseBlock
+from windmark.adjust.blocks import POSE_PARAMETERS, CameraBlock, PoseBlock, VectorBlock
 from windmark.adjust.determinacy import covariance, weak_parameters
 from windmark.adjust.levenberg_marquardt import SolveOptions, minimise
 from windmark.adjust.loss import Loss
@@ -12,11 +12,11 @@ from windmark.adjust.paper_engine import PaperOptions, minimise_by_steps
 from windmark.adjust.pose import PoseEstimate, pose_problem, refine_pose
 from windmark.adjust.problem import NormalEquations, Problem
 from windmark.adjust.report import REASONS, SolveReport
-from windmark.adjust.terms import Prior, Reprojection
+from windmark.adjust.terms import JointPrior, Linearised, Prior, Reprojection
 
 __all__ = [
     "refine_pose", "PoseEstimate", "SolveReport", "REASONS",
     "pose_problem", "minimise", "SolveOptions", "minimise_by_steps", "PaperOptions",
-    "Problem", "NormalEquations", "PoseBlock", "CameraBlock", "Reprojection", "Prior", "Loss", "POSE_PARAMETERS",
-    "covariance", "weak_parameters",
+    "Problem", "NormalEquations", "PoseBlock", "CameraBlock", "VectorBlock", "Reprojection", "Linearised", "Prior",
+    "JointPrior", "Loss", "POSE_PARAMETERS", "covariance", "weak_parameters",
 ]  # fmt: skip

@@ -136,3 +136,33 @@ class CameraBlock:
     def difference(self, value: Camera, reference: Camera) -> tuple[Array, Array]:
         """Plain difference of the parameters."""
         return (value.parameters() - reference.parameters())[self.columns], np.eye(len(self.names))
+
+
+@dataclass(frozen=True)
+class VectorBlock:
+    """Free plain numbers, such as the parameters of a deformation law; its value is an array (k,).
+
+    Parameters
+    ----------
+    names : of the k numbers
+    scale : (k,) a change of order one of each, its natural unit
+    lower, upper : (k,) bounds; a step that would leave them ends there
+    """
+
+    names: tuple[str, ...]
+    scale: Array
+    lower: Array
+    upper: Array
+
+    def retract(self, value: Array, delta: Array) -> Array | None:
+        """Value plus delta, within the bounds."""
+        moved = np.clip(value + delta, self.lower, self.upper)
+        return moved if np.isfinite(moved).all() else None
+
+    def natural(self, value: Array) -> Array:
+        """See `Block`."""
+        return np.diag(self.scale)
+
+    def difference(self, value: Array, reference: Array) -> tuple[Array, Array]:
+        """Plain difference."""
+        return value - reference, np.eye(len(self.names))

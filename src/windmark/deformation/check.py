@@ -1,0 +1,84 @@
+"""Tests of a law before it is trusted with a measurement: shape, finite, continuous, every parameter with an effect."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from windmark.deformation.law import Law, LawError
+from windmark.deformation.parameter import Parameter
+
+Array = NDArray[np.float64]
+
+JUMP = 0.2
+"""Two difference quotients of a smooth law, over a step and over its half, differ by no more than this part."""
+STEPS = (1.0, 0.5, 0.25, 0.125)
+"""Changes tried, as part of the largest one; a smooth law's quotients agree better and better."""
+
+
+def check_law(law: Law, xyz: ArrayLike, *, name: str = "", source: str = "") -> tuple[str, ...]:
+    """Check a law on points of its volume.
+
+    Parameters
+    ----------
+    law : the law
+    xyz : (N, 3) undeformed points, at least one
+    name, source : of the law, for messages
+
+    Returns
+    -------
+    tuple of str
+        Remarks that are no errors: the points move at the start values, a parameter without effect.
+
+    Raises
+    ------
+    LawError
+        When it returns a wrong shape or numbers that are not finite, changes from call to call, or jumps.
+    """
+    points = np.asarray(xyz, dtype=float)
+    label = f"{source or getattr(law, 'source', '')}: law {name or getattr(law, 'name', type(law).__name__)}".lstrip(
+        ": "
+    )
+    bound, q = law.bind(points), np.array([p.start for p in law.parameters])
+    rest = _called(bound.place(q), points, label, "at its start values")
+    if not np.array_equal(rest, bound.place(q)):
+        raise LawError(f"{label}: gives other points when it is called again with the same parameters")
+    extent = float(max(np.ptp(points, axis=0).max(), 1e-6 * np.abs(points).max(), 1e-9))
+    remarks = []
+    off = float(np.linalg.norm(rest - points, axis=1).max())
+    if off > 1e-6 * extent:
+        remarks.append(f"{label}: moves points by up to {off:.3g} at its start values")
+    by_q = bound.linearise(q)[1]
+    if by_q.shape != (*points.shape, len(q)) or not np.isfinite(by_q).all():
+        raise LawError(f"{label}: its derivative must be finite and {(*points.shape, len(q))}, got {by_q.shape}")
+    for j, parameter in enumerate(law.parameters):
+        size = float(np.linalg.norm(by_q[..., j], axis=1).max())
+        change = _change(parameter, size, extent)
+        quotients = []
+        for part in STEPS:
+            there = q.copy()
+            there[j] += part * change
+            words = f"with {parameter.name} = {there[j]:.4g} {parameter.unit}".rstrip()
+            quotients.append((_called(bound.place(there), points, label, words) - rest) / (part * change))
+        largest = max(float(np.abs(c).max()) for c in quotients)
+        if largest * abs(change) < 1e-9 * extent:
+            remarks.append(f"{label}: parameter {parameter.name} moves none of the {len(points)} points")
+        elif float(np.abs(quotients[-1] - quotients[-2]).max()) > JUMP * largest:
+            raise LawError(f"{label}: is not continuous in {parameter.name} near {parameter.start:g}")
+    return tuple(remarks)
+
+
+def _change(parameter: Parameter, size: float, extent: float) -> float:
+    """A change that matters: it moves the points by a hundredth of their extent, within the bounds."""
+    change = 0.01 * extent / size if size > 0 else (parameter.sigma if np.isfinite(parameter.sigma) else 1.0)
+    room = parameter.upper - parameter.start, parameter.start - parameter.lower
+    return min(change, room[0]) if room[0] > 0 else -min(change, room[1])
+
+
+def _called(out: Array, points: Array, label: str, when: str) -> Array:
+    if out.shape != points.shape:
+        raise LawError(f"{label}: must return {points.shape}, like its points, got {out.shape} {when}")
+    if not np.isfinite(out).all():
+        bad = int(np.argmin(np.isfinite(out).all(axis=1)))
+        raise LawError(f"{label}: returns {out[bad].tolist()} for the point {points[bad].tolist()} {when}")
+    return out

@@ -1,0 +1,11 @@
+"""Built-in deformation laws. Every one follows the protocol of `windmark.deformation.law`."""
+
+from windmark.deformation.laws.bases import Basis, CantileverModes, Powers, Splines, TorsionModes
+from windmark.deformation.laws.beam import Beam
+from windmark.deformation.laws.fields import Smooth, TabulatedModes
+from windmark.deformation.laws.rigid import Hinge, Rigid, Sting
+
+__all__ = [
+    "Basis", "Beam", "CantileverModes", "Hinge", "Powers", "Rigid", "Smooth", "Splines", "Sting", "TabulatedModes",
+    "TorsionModes",
+]  # fmt: skip

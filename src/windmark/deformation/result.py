@@ -1,0 +1,165 @@
+"""What the identification gives: the state of the model and the cameras at one instant, with covariance."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from windmark.adjust import SolveReport
+from windmark.deformation.sighting import LAW, MOTION
+from windmark.deformation.volumes import Volumes
+from windmark.geometry import Camera, Pose
+from windmark.geometry.rotations import hat
+from windmark.scene import Mesh
+
+Array = NDArray[np.float64]
+
+CAUSES = {
+    "undetermined": "this set-up does not determine all that is free",
+    "too_few": "fewer observations than free parameters",
+    "no_fit": "no laws and motion fit the observations",
+    "no_convergence": "the search ended before its minimum",
+    "behind": "the start puts markers behind a camera",
+}
+"""Why there is no result."""
+
+
+@dataclass(frozen=True, eq=False)
+class Deformation:
+    """The identified state.
+
+    Parameters
+    ----------
+    volumes : the model's volumes and their laws
+    q : (K,) parameters of all laws, in their own units
+    tunnel_from_model : rigid motion of the model
+    cam_from_tunnel : pose of every view by its name
+    cameras : by name; the focal length replaced where it was free
+    names : (F,) names of all that was free, in the order of `cov`
+    cov : (F, F) covariance of these, from the covariances of the spots and of the markers. Poses and motion are
+        perturbed as ``exp(delta) @ pose``, delta = [rotation, translation]
+    slices : where each block stands in it
+    residuals_px : (O, 2) projected - observed, in the order of the observations, discs' eccentricity removed
+    used : (O,) observations that took part; the others are outliers
+    test : (O,) test value of each observation: of a good one chi-square with two degrees of freedom
+    rms_px : root mean square length of the used residuals
+    sigma0 : 1 where the residuals are as large as the covariances say; NaN without redundancy
+    chi2, redundancy : sum of squared whitened residuals, priors included, and its expected value
+    from_prior : names of law parameters that the images hardly tell: known from their prior alone
+    at_bound : names of law parameters that ended at a bound
+    report : why the solve stopped
+    options : everything it was made with
+    """
+
+    volumes: Volumes
+    q: Array
+    tunnel_from_model: Pose
+    cam_from_tunnel: Mapping[str, Pose]
+    cameras: Mapping[str, Camera]
+    names: tuple[str, ...]
+    cov: Array
+    slices: Mapping[str, slice]
+    residuals_px: Array
+    used: NDArray[np.bool_]
+    test: Array
+    rms_px: float
+    sigma0: float
+    chi2: float
+    redundancy: int
+    from_prior: tuple[str, ...]
+    at_bound: tuple[str, ...]
+    report: SolveReport
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """The laws' parameters by name."""
+        return dict(zip(self.volumes.names, self.q.tolist(), strict=True))
+
+    @property
+    def sigma(self) -> dict[str, float]:
+        """Standard deviation of everything that was free, by name."""
+        return dict(zip(self.names, np.sqrt(np.diag(self.cov)).tolist(), strict=True))
+
+    def place(self, xyz: ArrayLike, volume: Any, *, frame: str = "tunnel") -> tuple[Array, Array]:
+        """Where points of the undeformed model are now.
+
+        Parameters
+        ----------
+        xyz : (N, 3) in the model's frame
+        volume : (N,) names of their volumes, or one
+        frame : "tunnel"; or "model", which leaves the rigid motion out
+
+        Returns
+        -------
+        (N, 3) places and (N, 3, 3) their covariance, that of the undeformed points not included
+        """
+        return self._moved(self.volumes.bind(xyz, volume), frame)
+
+    def displacement(self, xyz: ArrayLike, volume: Any, *, frame: str = "tunnel") -> tuple[Array, Array]:
+        """`place` less the undeformed place: (N, 3) and (N, 3, 3)."""
+        place, cov = self.place(xyz, volume, frame=frame)
+        return place - np.asarray(xyz, dtype=float), cov
+
+    def mesh(self, mesh: Mesh, *, frame: str = "tunnel") -> Mesh:
+        """The grid as it is now; vertices that belong to no triangle follow the rigid motion."""
+        return Mesh(
+            self.place(mesh.vertices, vertex_volumes(mesh), frame=frame)[0], mesh.triangles, mesh.volume, mesh.blocks,
+            mesh.blanked,
+        )  # fmt: skip
+
+    def propagated(self, by_free: Array) -> Array:
+        """(..., m, m) covariance of quantities with derivatives (..., m, F) by everything that was free."""
+        return np.asarray(by_free @ self.cov @ np.swapaxes(by_free, -1, -2))
+
+    def by_free(self, by_law: Array, by_motion: Array | None = None) -> Array:
+        """(..., m, F) derivatives from those by the laws' parameters (..., m, K) and the motion (..., m, 6)."""
+        out = np.zeros((*by_law.shape[:-1], len(self.names)))
+        if LAW in self.slices:
+            out[..., self.slices[LAW]] = by_law
+        if MOTION in self.slices and by_motion is not None:
+            out[..., self.slices[MOTION]] = by_motion
+        return out
+
+    def _moved(self, placed: Any, frame: str) -> tuple[Array, Array]:
+        if frame not in ("tunnel", "model"):
+            raise ValueError(f"frame: expected 'tunnel' or 'model', got {frame!r}")
+        place, by_q = placed.linearise(self.q)
+        if frame == "model":
+            return place, self.propagated(self.by_free(by_q))
+        place = self.tunnel_from_model.apply(place)
+        by_motion = np.concatenate([-hat(place), np.broadcast_to(np.eye(3), (len(place), 3, 3))], axis=-1)
+        return place, self.propagated(self.by_free(self.tunnel_from_model.rotation @ by_q, by_motion))
+
+
+@dataclass(frozen=True)
+class NotIdentified:
+    """The data says no. Falsy.
+
+    Parameters
+    ----------
+    reason : why, in words for the user
+    cause : key of `CAUSES`
+    weak : names of what is not determined
+    options : everything the attempt was made with
+    """
+
+    reason: str
+    cause: str
+    weak: tuple[str, ...] = ()
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    def __bool__(self) -> bool:
+        return False
+
+
+def vertex_volumes(mesh: Mesh) -> NDArray[np.str_]:
+    """(V,) the volume of each vertex: that of a triangle it belongs to, "" for none."""
+    out = np.zeros(len(mesh.vertices), dtype=np.asarray(mesh.volume).dtype if len(mesh.volume) else "<U1")
+    for k in range(3):
+        out[mesh.triangles[:, k]] = mesh.volume
+    return out

@@ -1,0 +1,117 @@
+"""Laws from users' own files, with errors that point at the user's file and line."""
+
+from __future__ import annotations
+
+import traceback
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.deformation.law import FunctionLaw, LawError, Numeric, function_law
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class _Watched:
+    """A function whose failures are told as its author needs them: file, line, what went wrong."""
+
+    function: Callable[..., Any]
+    file: str
+
+    @property
+    def __name__(self) -> str:
+        return getattr(self.function, "__name__", "law")
+
+    @property
+    def __wrapped__(self) -> Callable[..., Any]:
+        """What `inspect.signature` looks at."""
+        return self.function
+
+    def __call__(self, *args: Any, **options: Any) -> Any:
+        try:
+            return self.function(*args, **options)
+        except Exception as error:
+            raise LawError(f"{where(error, self.file)}: {type(error).__name__}: {error}") from error
+
+
+@dataclass(frozen=True)
+class UserLaw(FunctionLaw):
+    """A `FunctionLaw` out of a user's file: what it returns is checked at every call."""
+
+    file: str = ""
+
+    def bind(self, xyz: Array) -> Numeric:
+        """See `Law`."""
+        bound = super().bind(xyz)
+
+        def place(q: Array) -> Array:
+            try:
+                out = np.asarray(bound.function(q), dtype=float)
+            except (TypeError, ValueError) as error:
+                if isinstance(error, LawError):
+                    raise
+                raise LawError(f"{self.source}: law {self.name}: must return numbers (N, 3): {error}") from None
+            if out.shape != xyz.shape:
+                raise LawError(f"{self.source}: law {self.name}: must return {xyz.shape}, like its points, "
+                               f"got {out.shape}")  # fmt: skip
+            return out
+
+        return Numeric(place, bound.steps)
+
+
+def laws_of_source(text: str, file: str) -> dict[str, UserLaw]:
+    """All laws of a Python file.
+
+    A function made a law by `law`, and any other public function whose first argument is called ``xyz``.
+
+    Parameters
+    ----------
+    text : its contents
+    file : its name, for messages and tracebacks
+
+    Raises
+    ------
+    LawError
+        When it cannot be compiled or run, or holds no law; with file and line.
+    """
+    module = ModuleType("windmark_user_laws")
+    module.__file__ = file
+    try:
+        exec(compile(text, file, "exec"), module.__dict__)
+    except SyntaxError as error:
+        raise LawError(f"{file}:{error.lineno}: {error.msg}") from None
+    except LawError:
+        raise
+    except Exception as error:
+        raise LawError(f"{where(error, file)}: {type(error).__name__}: {error}") from error
+    out: dict[str, UserLaw] = {}
+    for name, value in vars(module).items():
+        if isinstance(value, FunctionLaw):
+            out[name] = _watched(value, file)
+        elif not name.startswith("_") and _is_plain_law(value, file):
+            out[name] = _watched(function_law(value), file)
+    if not out:
+        raise LawError(f"{file}: holds no law; expected a function like  def wing(xyz, tip, twist):  under @law(...)")
+    return out
+
+
+def where(error: BaseException, file: str) -> str:
+    """Text file:line of the innermost step of a failure that lies in a file; the file alone if none does."""
+    lines = [step.lineno for step in traceback.extract_tb(error.__traceback__) if step.filename == file]
+    return f"{file}:{lines[-1]}" if lines else file
+
+
+def _is_plain_law(value: Any, file: str) -> bool:
+    code = getattr(value, "__code__", None)
+    return code is not None and code.co_filename == file and code.co_varnames[:1] == ("xyz",) and code.co_argcount > 1
+
+
+def _watched(plain: FunctionLaw, file: str) -> UserLaw:
+    given = {name: getattr(plain, name) for name in ("parameters", "options", "source")}
+    law = UserLaw(plain.function, **given, file=file)
+    return replace(law, function=_Watched(plain.function, file))
