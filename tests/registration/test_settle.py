@@ -9,6 +9,7 @@ from windmark.adjust import refine_pose
 from windmark.geometry import Camera
 from windmark.registration._kernels import fit as fits
 from windmark.registration._kernels.raster import plane_covariance_kernel
+from windmark.registration._kernels.settle import BORDER
 from windmark.registration.search.plane import Plane, to_plane
 from windmark.registration.search.pool import Candidate
 from windmark.registration.solution import accepted, settle, with_free_focal
@@ -105,6 +106,26 @@ def test_settled_labels_are_those_of_the_slow_twin():
     solution = settle(plane, candidate_of(scene))
     twin = slow_label(plane, solution)
     assert dict(zip(solution.marker.tolist(), solution.detection.tolist(), strict=True)) == twin
+
+
+@pytest.mark.parametrize("radius", [np.nan, 4.0, 60.0])
+def test_a_marker_whose_disc_the_border_may_cut_is_not_expected(radius):
+    """But counted where it is found all the same."""
+    rng = np.random.default_rng(9)
+    markers = scenes.wing_and_body(rng)
+    camera, pose = scenes.random_view(rng, markers, fov_deg=(30, 30), tilt_max_deg=20)
+    camera = Camera((560, 420), camera.focal_px)  # smaller than the image of the model
+    scene = scenes.image_of(rng, markers, camera, pose, noise_px=0.1, hidden=0.3)
+    radii = np.append(np.full(len(scene.detections) - 1, radius), np.nan)
+    solution = settle(plane_of(scene, radius_px=radii), candidate_of(scene))
+    xy, seen = scenes.visible(markers, camera, pose)
+    clear = np.minimum(xy + 0.5, np.array(camera.size_px) - 0.5 - xy).min(axis=1)
+    must = seen & (clear > BORDER + np.nan_to_num(radius))
+    found = np.isin(np.arange(len(markers)), scene.label)
+    assert solution.count == found.sum()
+    assert solution.expected == (must | found).sum()
+    if radius == 60.0:
+        assert solution.expected < (seen & (clear > BORDER)).sum()
 
 
 def test_accepted_excess_is_by_the_residuals_alone():

@@ -18,7 +18,7 @@ def view():
     scene = scenes.scene(21, "B", hidden=0.2, false=0.5)
     prepared = Prepared.of(scene.markers, scene.camera, prepare(scene.markers))
     plane = spots.to_plane_kernel(prepared.packed, prepared.size, scene.detections.xy, scene.detections.cov)
-    made, columns, tolerance = spots.spots_of(prepared.packed, prepared.size, *plane, 0.0)
+    made, columns, tolerance = spots.spots_of(prepared.packed, prepared.size, *plane, scene.detections.radius_px, 0.0)
     return scene, prepared, made, columns, tolerance
 
 

@@ -96,7 +96,9 @@ def test_the_lead_is_that_over_all_rivals(kind, hidden, sigma, margin):
         scene = scenes.image_of(rng, markers, camera, pose, hidden=hidden, false=1.0, noise_px=0.2)
         prepared = Prepared.of(markers, camera, prepare(markers))
         plane = spots.to_plane_kernel(prepared.packed, prepared.size, scene.detections.xy, scene.detections.cov)
-        made, columns, tolerance = spots.spots_of(prepared.packed, prepared.size, *plane, 0.0)
+        made, columns, tolerance = spots.spots_of(
+            prepared.packed, prepared.size, *plane, scene.detections.radius_px, 0.0
+        )
         fit = fits.Fit(tolerance, camera.focal_px, 0.0)
         r, t = prepared.layout.frame.unit(pose)
         match = np.full(len(markers), -1, np.int32)

@@ -127,7 +127,7 @@ def register(
     task = Task(
         markers, camera, xy, cov, tolerance_px, prior, float(np.radians(prior_max_angle_deg)), prior_max_scale,
         tuple(np.geomspace(1 / focal_range, focal_range, FOCAL_STEPS)) if free_focal else (1.0,), pairs,
-        visible,
+        visible, detections.radius_px[usable],
     )  # fmt: skip
     from windmark.registration.solve import solve  # this brings numba; importing the verb should cost nothing
 

@@ -37,6 +37,7 @@ class Task:
     focal_factors : focal lengths to try, relative to the camera's; more than one frees the focal length
     fixed : pairs (spot, marker) that a solution must contain
     visible : what hides what, or None
+    radius_px : (M,) of the spots as seen, NaN where unknown; None: of none
     """
 
     markers: MarkerSet
@@ -50,6 +51,7 @@ class Task:
     focal_factors: tuple[float, ...] = (1.0,)
     fixed: tuple[tuple[int, int], ...] = ()
     visible: Visible | None = None
+    radius_px: Array | None = None
 
     @property
     def free_focal(self) -> bool:

@@ -51,6 +51,14 @@ class Spots(NamedTuple):
     x: Array  # (M,) that coordinate, in this order
     camera: Array  # (12,) packed
     size: Array  # (2,) of the image
+    radius: float  # px, of the spots, see `spot_radius`
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def spot_radius(radius: Array) -> float:
+    """Median of the radii (M,) of the spots of one image; 0 where none is known."""
+    known = radius[np.isfinite(radius)]
+    return np.median(known) if known.size else 0.0
 
 
 class Fit(NamedTuple):

@@ -23,18 +23,19 @@ COARSE = 4
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def raster_kernel(
-    camera: Array, size: Array, p: Array, low: Array, cell: float, columns: int, rows: int, reach: float
+    camera: Array, size: Array, p: Array, low: Array, cell: float, columns: int, rows: int, reach: float, radius: float
 ) -> Ints:
-    """(rows, columns) nearest spot of every cell within ``reach``, else EMPTY in the image and OUT outside.
+    """(rows, columns) nearest spot of every cell within ``reach``, else EMPTY where a spot is whole and OUT elsewhere.
 
     Parameters
     ----------
     camera, size : packed camera and (width, height)
     p : (M, 2) spots in the plane
+    radius : of a spot, in pixels
     low, cell : the raster's corner and the side of a cell
     """
     raster = np.full((rows, columns), OUT, np.int32)
-    _mask(raster, camera, size, low, cell)
+    _mask(raster, camera, size, low, cell, radius)
     best = np.full((rows, columns), np.float32(reach * reach))
     for j in range(p.shape[0]):
         u, v = (p[j, 0] - low[0]) / cell, (p[j, 1] - low[1]) / cell
@@ -48,16 +49,16 @@ def raster_kernel(
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _mask(raster: Ints, camera: Array, size: Array, low: Array, cell: float) -> None:
-    """EMPTY for the coarse cells that are wholly in the image (all four corners)."""
+def _mask(raster: Ints, camera: Array, size: Array, low: Array, cell: float, radius: float) -> None:
+    """EMPTY for the coarse cells where a spot is wholly in the image (all four corners)."""
     rows, columns = raster.shape
-    above = np.zeros(columns // COARSE + 2, np.bool_)
+    above, least = np.zeros(columns // COARSE + 2, np.bool_), radius - 0.5
     for i in range(rows // COARSE + 2):
         left_above, left = False, False
         for j in range(columns // COARSE + 2):
             u, v = (low[0] + j * COARSE * cell) / camera[0], (low[1] + i * COARSE * cell) / camera[0]
             x, y, valid = project_point(camera, u, v, 1.0)
-            here = valid and -0.5 <= x <= size[0] - 0.5 and -0.5 <= y <= size[1] - 0.5
+            here = valid and least <= x <= size[0] - 1.0 - least and least <= y <= size[1] - 1.0 - least
             if here and left and above[j] and left_above and i > 0 and j > 0:
                 raster[(i - 1) * COARSE : i * COARSE, (j - 1) * COARSE : j * COARSE] = EMPTY
             left_above, left, above[j] = above[j], here, here

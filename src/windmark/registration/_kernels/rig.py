@@ -55,6 +55,7 @@ class Rig(NamedTuple):
     x: Array
     camera: Array  # (C, 12) packed
     size: Array  # (C, 2)
+    radius: Array  # (C,)
     tolerance: Array  # (C,)
 
 
@@ -255,7 +256,10 @@ def _place(rig: Rig, state: RigState) -> None:
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def _spots(rig: Rig, c: int) -> Spots:
     a, b = rig.first[c], rig.first[c + 1]
-    return Spots(rig.p[a:b], rig.cov[a:b], rig.density[a:b], rig.by_x[a:b], rig.x[a:b], rig.camera[c], rig.size[c])
+    return Spots(
+        rig.p[a:b], rig.cov[a:b], rig.density[a:b], rig.by_x[a:b], rig.x[a:b], rig.camera[c], rig.size[c],
+        rig.radius[c],
+    )  # fmt: skip
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")

@@ -40,8 +40,8 @@ OPEN_ROUNDS, ROUNDS = 8, 20
 FINAL_ROUNDS = 3
 LUCK = 1.0
 """Sigma by which the misfit of an accepted solution may be above the given covariances before it counts as excess."""
-BORDER_LOW, BORDER_HIGH = 2.0, 3.0
-"""A marker this near to the image's border (left and top, right and bottom) may be cut and need not be seen."""
+BORDER = 2.5
+"""A spot that comes this near to the image's border (px) may be cut, and its marker need not be seen."""
 LOST, STEADY = -1, 1
 
 
@@ -131,8 +131,7 @@ def label(
         px, py, valid = project_point(spots.camera, x / spots.camera[0], y / spots.camera[0], 1.0)
         if not valid:
             continue
-        inside = BORDER_LOW < px < spots.size[0] - BORDER_HIGH and BORDER_LOW < py < spots.size[1] - BORDER_HIGH
-        must[m] = inside and facing > GRAZING and (xx + yy) * GATE < 4.0 * fit.tolerance**2
+        must[m] = whole(spots, px, py) and facing > GRAZING and (xx + yy) * GATE < 4.0 * fit.tolerance**2
         wide = xx + yy + table[m, 0] + table[m, 2] + 2.0 * state.numbers[EXCESS]
         reach2 = min(GATE * (wide + largest), 9.0 * fit.tolerance**2)
         reach = math.sqrt(reach2)
@@ -160,6 +159,13 @@ def label(
         if new[pair_m[k]] < 0 and not taken[pair_s[k]]:
             new[pair_m[k]] = pair_s[k]
             taken[pair_s[k]] = True
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def whole(spots: Spots, x: float, y: float) -> bool:
+    """Whether a spot of the usual size is whole in the image where a marker is: a detector finds no half discs."""
+    low = BORDER + spots.radius - 0.5
+    return low < x < spots.size[0] - 1.0 - low and low < y < spots.size[1] - 1.0 - low
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from windmark.registration._kernels.fit import PRIOR_WORTH, TRIM, TRIM_COST, Markers, Spots
 from windmark.registration._kernels.hypothesis import GRAZING
-from windmark.registration._kernels.settle import BORDER_HIGH, BORDER_LOW, FINAL_ROUNDS, GATE, LUCK
+from windmark.registration._kernels.settle import BORDER, FINAL_ROUNDS, GATE, LUCK
 from windmark.registration.bent.fit import Bent, Seen, Setting, fit, project, spread_of
 from windmark.registration.search.plane import Plane
 
@@ -186,7 +186,8 @@ def _visible(
     cosine[~normal.any(axis=1)] = 1.0
     xy, valid = camera.project(np.column_stack([seen.uv / camera.focal_px, np.ones(len(sight))]))
     with np.errstate(invalid="ignore"):
-        inside = valid & (xy > BORDER_LOW).all(axis=1) & (xy < np.array(camera.size_px) - BORDER_HIGH).all(axis=1)
+        edge = BORDER + plane.spots.radius - 0.5
+        inside = valid & (xy > edge).all(axis=1) & (xy < np.array(camera.size_px) - 1 - edge).all(axis=1)
     chance = np.pi * spread[:, ::2].sum(axis=1) * len(plane.spots.p) / np.prod(camera.size_px)
     return valid & (cosine > 0), inside & (cosine > GRAZING) & (chance < 1 / CLEAR)
 

@@ -132,6 +132,7 @@ class Cameras:
             np.concatenate([s.x for s in spots]),
             np.stack([s.camera for s in spots]),
             np.stack([s.size for s in spots]),
+            np.array([s.radius for s in spots]),
             np.array([plane.fit.tolerance for plane in planes]),
         )
 

@@ -106,7 +106,7 @@ def register_rig(
         tasks.append(
             Task(
                 markers, camera, xy, d.cov[index], tolerance, None if prior is None else pose @ prior,
-                float(np.radians(prior_max_angle_deg)), prior_max_scale,
+                float(np.radians(prior_max_angle_deg)), prior_max_scale, radius_px=d.radius_px[index],
             )
         )  # fmt: skip
     options["tolerance_px"] = tuple(task.tolerance_px for task in tasks)

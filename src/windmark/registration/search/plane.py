@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.geometry import Camera
-from windmark.registration._kernels.fit import Fit, Markers, Spots
+from windmark.registration._kernels.fit import Fit, Markers, Spots, spot_radius
 from windmark.registration._kernels.hypothesis import Picture
 from windmark.registration._kernels.raster import plane_covariance_kernel, raster_kernel
 from windmark.registration.search.layout import Layout
@@ -43,13 +43,14 @@ class Plane:
         self._packed = task.camera.packed()
         self._size = np.array(task.camera.size_px, dtype=float)
         self._p = np.ascontiguousarray(to_plane(task.camera, task.xy))
+        self._radius = 0.0 if task.radius_px is None else spot_radius(task.radius_px)
         self._bounds = _bounds(task.camera, self._p)
         self._pictures: dict[int, Picture] = {}
         self.leads = lead_sizes(len(task.xy), len(task.markers))
         cov = plane_covariance_kernel(self._packed, self._p, np.ascontiguousarray(task.cov))
         density = self.picture(len(task.xy)).density
         by_x = np.argsort(self._p[:, 0], kind="stable")
-        self.spots = Spots(self._p, cov, density, by_x, self._p[by_x, 0], self._packed, self._size)
+        self.spots = Spots(self._p, cov, density, by_x, self._p[by_x, 0], self._packed, self._size, self._radius)
         known = 0.5 * float(np.log(task.focal_factors[-1])) if task.free_focal else np.inf
         self.fit = Fit(task.tolerance_px, task.camera.focal_px, known**-2)
 
@@ -57,7 +58,7 @@ class Plane:
         """The best ``lead`` spots for the kernels."""
         if lead not in self._pictures:
             reach = 3 * self.task.tolerance_px
-            self._pictures[lead] = _picture(self._packed, self._size, self._p[:lead], self._bounds, reach)
+            self._pictures[lead] = _picture(self._packed, self._size, self._p[:lead], self._bounds, reach, self._radius)
         return self._pictures[lead]
 
 
@@ -77,15 +78,15 @@ def picture(camera: Camera, xy: Array, reach_px: float) -> Picture:
     Spots must have a finite `to_plane`.
     """
     p = np.ascontiguousarray(to_plane(camera, xy))
-    return _picture(camera.packed(), np.array(camera.size_px, dtype=float), p, _bounds(camera, p), reach_px)
+    return _picture(camera.packed(), np.array(camera.size_px, dtype=float), p, _bounds(camera, p), reach_px, 0.0)
 
 
-def _picture(packed: Array, size: Array, p: Array, bounds: tuple[Array, Array], reach: float) -> Picture:
+def _picture(packed: Array, size: Array, p: Array, bounds: tuple[Array, Array], reach: float, radius: float) -> Picture:
     low, high = bounds
     longest = float((high - low).max())
     cell = min(max(0.25 * reach, longest / _FINEST), longest / _COARSEST)
     columns, rows = np.maximum(1, np.ceil((high - low) / cell).astype(int)).tolist()
-    raster = raster_kernel(packed, size, p, low, cell, columns, rows, reach)
+    raster = raster_kernel(packed, size, p, low, cell, columns, rows, reach, radius)
     near, distance = nearest(p, min(len(p) - 1, SPOT_NEIGHBOURS))
     return Picture(p, _density(distance, size), near, raster, float(low[0]), float(low[1]), 1 / cell)
 

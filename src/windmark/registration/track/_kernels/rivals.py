@@ -18,7 +18,7 @@ from windmark.registration._kernels.evidence import likelihood_ratio
 from windmark.registration._kernels.fit import EXPECTED, FOCAL, Fit, Markers, Spots, State
 from windmark.registration._kernels.hypothesis import GRAZING, _towards
 from windmark.registration._kernels.rival import _mirrored
-from windmark.registration._kernels.settle import BORDER_HIGH, BORDER_LOW, STEADY, settle_kernel
+from windmark.registration._kernels.settle import STEADY, settle_kernel, whole
 from windmark.registration.track._kernels.motion import difference, distance2_of, invert_factored
 from windmark.registration.track._kernels.spots import Columns, place_of
 
@@ -202,8 +202,7 @@ def _most(
             count += 1
             expected += 1
         elif facing > GRAZING:
-            inside_x = BORDER_LOW < px < spots.size[0] - BORDER_HIGH
-            expected += inside_x and BORDER_LOW < py < spots.size[1] - BORDER_HIGH
+            expected += whole(spots, px, py)
     if count < 4:
         return -math.inf
     p_seen = min(0.95, max(0.25, (count + 1.0) / (expected + 2.0)))

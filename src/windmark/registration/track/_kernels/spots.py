@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from windmark.geometry._jit import nb
 from windmark.geometry._kernels import project_point
-from windmark.registration._kernels.fit import Spots
+from windmark.registration._kernels.fit import Spots, spot_radius
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int32]
@@ -72,8 +72,13 @@ def to_plane_kernel(camera: Array, size: Array, xy: Array, spot_cov: Array) -> t
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def spots_of(camera: Array, size: Array, p: Array, cov: Array, least_density: float) -> tuple[Spots, Columns, float]:
-    """The spots (M, 2) of the search plane, covariance (M, 3), with what the fit needs, and the usual tolerance."""
+def spots_of(
+    camera: Array, size: Array, p: Array, cov: Array, radius: Array, least_density: float
+) -> tuple[Spots, Columns, float]:
+    """The spots (M, 2) of the search plane, covariance (M, 3), with what the fit needs, and the usual tolerance.
+
+    ``radius`` are those of all spots of the image.
+    """
     m = p.shape[0]
     by_x, x, y, columns = _in_order(p)
     density, nearest = np.empty(m), np.empty(m)
@@ -92,7 +97,7 @@ def spots_of(camera: Array, size: Array, p: Array, cov: Array, least_density: fl
         nearest[by_x[place]] = math.sqrt(d2[0])
         density[by_x[place]] = max(average, k / (math.pi * max(d2[k - 1], 1e-6)))
     tolerance = max(LEAST_TOLERANCE, min(TOLERANCE * math.hypot(size[0], size[1]), SPACING * np.median(nearest)))
-    return Spots(p, cov, density, by_x, x, camera, size), columns, tolerance
+    return Spots(p, cov, density, by_x, x, camera, size, spot_radius(radius)), columns, tolerance
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")

@@ -71,9 +71,9 @@ UNSURE, LOST, LABELLED, TOO_FEW, NOT_FINITE = range(5)
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def step_kernel(
     xyz: Array, normal: Array, sigma: Array, near: Ints, onto: Ints, turn: Array, shift: Array, camera: Array,
-    size: Array, centre: Array, scale: float, xy: Array, spot_cov: Array, rotation: Array, translation: Array,
-    velocity: Array, cov: Array, change: Array, expected_change: Array, dt: float, given_tolerance: float,
-    least_density: float, margin: float,
+    size: Array, centre: Array, scale: float, xy: Array, spot_cov: Array, radius: Array, rotation: Array,
+    translation: Array, velocity: Array, cov: Array, change: Array, expected_change: Array, dt: float,
+    given_tolerance: float, least_density: float, margin: float,
 ) -> tuple[
     Array, Array, Array, Array, NDArray[np.int64], NDArray[np.int64], Array, Array, Array, Array, Array, Array, Array,
     Array, Array,
@@ -84,8 +84,8 @@ def step_kernel(
     ----------
     xyz, normal, sigma, near, onto, turn, shift, centre, scale : the unit model, its near-symmetries, and its `Frame`;
         one by one, since numba takes ten times as long over tuples of arrays
-    xy, spot_cov : (M, 2) spots in the image, (M, 2, 2) their covariance; those that the lens has no inverse for are
-        left out
+    xy, spot_cov, radius : (M, 2) spots in the image, (M, 2, 2) their covariance, (M,); those that the lens has no
+        inverse for are left out
     rotation, translation, velocity, cov, change, dt : see `Estimate` and `predict_kernel`
     expected_change : (2,) that the adapted one stays near to
     given_tolerance : of the search; 0 takes the usual one
@@ -112,7 +112,7 @@ def step_kernel(
         out[OUTCOME], out[COUNT] = TOO_FEW, len(index)
     elif max(prior[0, 0], prior[1, 1], prior[2, 2]) < UNSURE_RAD**2 and prior[5, 5] < UNSURE_SCALE**2 * distance2:
         out[OUTCOME] = LOST
-        spots, columns, tolerance = spots_of(camera, size, p, plane_cov, least_density)
+        spots, columns, tolerance = spots_of(camera, size, p, plane_cov, radius, least_density)
         out[TOLERANCE] = tolerance = given_tolerance if given_tolerance > 0.0 else tolerance
         fit = Fit(tolerance, f, 0.0)
         if _label(markers, near, spots, columns, f, tolerance, (r0, t0, prior), best, out):
