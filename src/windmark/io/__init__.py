@@ -27,6 +27,7 @@ from windmark.io.images import (
 from windmark.io.markers import read_markers, write_markers
 from windmark.io.masks import read_mask
 from windmark.io.mesh import read_mesh, write_mesh
+from windmark.io.mode_tables import read_modes
 from windmark.io.netcdf import read_nodes_netcdf, write_nodes_netcdf
 from windmark.io.nodes_csv import write_nodes_csv
 from windmark.io.plot3d import detect_plot3d, read_plot3d, write_plot3d
@@ -49,7 +50,7 @@ __all__ = [
     "CAMERA_FORMATS", "CHANNELS", "LENGTH_UNITS", "MOSAICS", "CameraFile", "ColmapModel", "FileError", "MatchTable",
     "atomic_folder", "atomic_path", "atomic_write", "from_mosaic", "read_detection_names",
     "read_camera", "read_camera_file", "read_colmap", "write_colmap", "written_camera_format",
-    "read_detections", "read_json", "read_markers", "read_matches", "read_table",
+    "read_detections", "read_json", "read_markers", "read_matches", "read_modes", "read_table",
     "Plot3dLayout", "detect_plot3d", "read_mesh", "read_nodes_netcdf", "read_plot3d", "read_plot3d_function",
     "read_tecplot", "write_mesh", "write_nodes_csv", "write_nodes_netcdf", "write_nodes_vtk", "write_plot3d",
     "write_plot3d_function", "write_tecplot",

@@ -34,6 +34,9 @@ class Rigid:
     pivot: Vector = (0.0, 0.0, 0.0)
     unit: str = ""
 
+    def __post_init__(self) -> None:
+        vector(self.pivot, "pivot")
+
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """shift_x, shift_y, shift_z, turn_x, turn_y, turn_z (degrees)."""
@@ -68,20 +71,33 @@ class Hinge:
     Parameters
     ----------
     start, end : (3,) two points of the hinge line; the angle is positive by the right-hand rule from start to end
+
+    Raises
+    ------
+    ValueError
+        For points that coincide.
     """
 
     start: Vector
     end: Vector
+
+    def __post_init__(self) -> None:
+        self.line()
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """The angle in degrees."""
         return (Parameter("angle", "deg"),)
 
+    def line(self) -> tuple[Array, Array]:
+        """A point (3,) of the hinge line and its direction (3,)."""
+        origin = vector(self.start, "start")
+        return origin, unit(vector(self.end, "end") - origin, "end - start")
+
     def bind(self, xyz: Array) -> BoundLaw:
         """See `Law`."""
-        origin = vector(self.start, "start")
-        return _BoundHinge(xyz - origin, origin, unit(vector(self.end, "end") - origin, "end - start"))
+        origin, axis = self.line()
+        return _BoundHinge(xyz - origin, origin, axis)
 
 
 @dataclass(frozen=True)
@@ -125,20 +141,25 @@ class Sting:
     def __post_init__(self) -> None:
         if self.load not in SLOPE:
             raise ValueError(f"sting: load must be one of {', '.join(SLOPE)}, got {self.load!r}")
+        self.frame()
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """Names: deflection (along up), side (along sting x up) and roll (degrees, about the sting)."""
         return Parameter("deflection", self.unit), Parameter("side", self.unit), Parameter("roll", "deg")
 
+    def frame(self) -> tuple[Array, float, Array, Array]:
+        """Axis (3,), its length, up (3,) and axis x up (3,) normal to it."""
+        along = vector(self.end, "end") - vector(self.root, "root")
+        axis = unit(along, "end - root")
+        up = vector(self.up, "up")
+        normal = unit(up - (up @ axis) * axis, "up, which must not lie along the sting,")
+        return axis, float(np.linalg.norm(along)), normal, np.cross(axis, normal)
+
     def bind(self, xyz: Array) -> BoundLaw:
         """See `Law`."""
         end = vector(self.end, "end")
-        along = end - vector(self.root, "root")
-        a, length = unit(along, "end - root"), float(np.linalg.norm(along))
-        up = vector(self.up, "up")
-        n = unit(up - (up @ a) * a, "up, which must not lie along the sting,")
-        c = np.cross(a, n)
+        a, length, n, c = self.frame()
         slope, shortening = SLOPE[self.load] / length, SHORTENING[self.load] / length
         arm = xyz - end
 
