@@ -125,6 +125,12 @@ class FunctionLaw:
         """The function's name."""
         return getattr(self.function, "__name__", "law")
 
+    @property
+    def settings(self) -> dict[str, Any]:
+        """Its options and what they are set to."""
+        arguments = _signature(self.function).parameters.values()
+        return {**{p.name: p.default for p in arguments if p.kind is p.KEYWORD_ONLY}, **self.options}
+
     def __call__(self, xyz: ArrayLike, *q: float, **options: Any) -> Array:
         """Displaced points, as the function itself gives them."""
         return np.asarray(self.function(np.asarray(xyz, dtype=float), *q, **{**self.options, **options}), dtype=float)
@@ -137,10 +143,9 @@ class FunctionLaw:
         LawError
             For an option that the function does not have.
         """
-        known = [p.name for p in _signature(self.function).parameters.values() if p.kind is p.KEYWORD_ONLY]
-        unknown = sorted(set(options) - set(known))
+        unknown = sorted(set(options) - set(self.settings))
         if unknown:
-            has = ", ".join(known) or "none (options are arguments after a *)"
+            has = ", ".join(self.settings) or "none (options are arguments after a *)"
             raise LawError(f"{self.source or self.name}: law {self.name} has no option {unknown[0]}; it has {has}")
         return replace(self, options={**self.options, **options})
 

@@ -34,7 +34,8 @@ class _Watched:
 
     def __call__(self, *args: Any, **options: Any) -> Any:
         try:
-            return self.function(*args, **options)
+            with np.errstate(all="ignore"):  # numbers that are not finite are looked for in what comes out
+                return self.function(*args, **options)
         except Exception as error:
             raise LawError(f"{where(error, self.file)}: {type(error).__name__}: {error}") from error
 

@@ -1,4 +1,4 @@
-"""Commands for planning a test: what markers give. Heavy imports wait until a verb needs them."""
+"""Commands for planning a test: what markers give, which deformation laws there are. Heavy imports wait."""
 
 from __future__ import annotations
 
@@ -14,6 +14,9 @@ from windmark.app.commands.options import Json, Seed, Unit
 def add(app: typer.Typer) -> None:
     """Add these commands to ``app``."""
     app.command(epilog="Example: windmark study --radius 3 --radius 5 --noise-percent 10 --output noisy-markers")(study)
+    app.command(epilog="Examples: windmark laws --pictures laws; windmark laws wing.py -m markers.csv --volume wing")(
+        laws
+    )
     markers = typer.Typer(help="Work on marker tables.", no_args_is_help=True, rich_markup_mode=None)
     app.add_typer(markers, name="markers")
     markers.command(
@@ -99,3 +102,28 @@ def markers_check(
         )  # fmt: skip
         files = markers_verb.Files(file, camera, grid, unit, tuple(role or ()), output)
         markers_verb.check(files, settings, as_json)
+
+
+def laws(
+    file: Annotated[
+        Path | None, typer.Argument(help="Python file with your own laws, to be checked. [default: list the built-in]")
+    ] = None,
+    markers: Annotated[
+        Path | None, typer.Option("--markers", "-m", help="Marker table: your laws are checked on its points.")
+    ] = None,
+    volume: Annotated[str | None, typer.Option(help="Only the markers of this volume.")] = None,
+    pictures: Annotated[
+        Path | None, typer.Option(help="Folder for one PNG per law: a wing moved by each parameter in turn.")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """The built-in deformation laws with options, parameters and units; or the check of a file with your own."""
+    with console.errors(as_json):
+        from windmark.app import laws_verb
+
+        if file is not None:
+            laws_verb.check_file(file, markers, volume, pictures, as_json)
+        elif markers is not None or volume is not None:
+            raise ValueError("--markers and --volume are for a file with your own laws; give it first")
+        else:
+            laws_verb.built_in(pictures, as_json)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -101,7 +102,7 @@ class Smooth:
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """x_1, x_2, ..., y_1, ..., z_1, ...: amplitudes of the modes."""
-        count = len(self._modes()[0])
+        count = len(self._modes[0])
         return tuple(
             Parameter(f"{axis}_{n + 1}", self.unit, sigma=float(size))
             for axis, size in zip("xyz", self._amplitudes(), strict=True)
@@ -111,7 +112,7 @@ class Smooth:
 
     def bind(self, xyz: Array) -> BoundLaw:
         """See `Law`."""
-        value, mode = self._modes()
+        value, mode = self._modes
         shape = self._correlation(xyz, self.points) @ mode / np.sqrt(value)
         axes = [axis for axis, size in zip(np.eye(3), self._amplitudes(), strict=True) if size > 0]
         return Linear(xyz, np.concatenate([shape[:, None, :] * axis[:, None] for axis in axes], axis=2))
@@ -119,11 +120,14 @@ class Smooth:
     def _amplitudes(self) -> Array:
         return vector(np.broadcast_to(np.asarray(self.amplitude, dtype=float), 3).tolist(), "smooth: amplitude")
 
+    @cached_property
     def _modes(self) -> tuple[Array, Array]:
         """Variances and eigenmodes (M, k) of the correlation at the points, strongest first."""
         value, mode = eigh(self._correlation(self.points, self.points))
         kept = value > FAINT * value[-1]
-        return value[kept][::-1], mode[:, kept][:, ::-1]
+        # A mode and its negative are as good; every machine shall give the same.
+        largest = mode[np.abs(mode).argmax(axis=0), np.arange(len(value))]
+        return value[kept][::-1], (mode * np.sign(largest))[:, kept][:, ::-1]
 
     def _correlation(self, a: Array, b: Array) -> Array:
         apart = ((a[:, None] - b[None]) ** 2).sum(axis=-1)
