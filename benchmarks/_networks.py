@@ -18,6 +18,8 @@ Array = NDArray[np.float64]
 FREE = ("focal_px", "aspect", "cx", "cy", "k1", "k2", "p1", "p2")
 NOISE_PX = 0.1
 PRIMARIES = 4
+MODEL = 100
+"""Markers of S2 on the model; the others are on the wall."""
 CAMERA = Camera((3004, 2000), 3070.0, 1.0005, 1510.0, 990.0, k1=-0.045, k2=0.03, p1=3e-4, p2=-2e-4)
 """Some 10 px of distortion at the border."""
 
@@ -97,7 +99,7 @@ class Scenario:
 
 
 def scenario(name: str, seed: int) -> Scenario:
-    """S1: nearly flat plate of 690 mm with a rake. S2: model and walls. S3: a large hall."""
+    """S1: nearly flat plate of 690 mm with a rake. S2: a model of 690 mm before a wall of 1280 mm. S3: a large hall."""
     rng = np.random.default_rng(seed)
     if name == "S1":
         views, n, visible = 25, 100, 0.8
@@ -107,7 +109,7 @@ def scenario(name: str, seed: int) -> Scenario:
     elif name == "S2":
         views, n, visible = 50, 150, 0.8
         xyz = rng.uniform(-345, 345, (n, 3)) * [1, 0.8, 0.45]
-        xyz[100:, 2] = -180
+        xyz[MODEL:] = rng.uniform(-640, 640, (n - MODEL, 3)) * [1, 0.8, 0] - [0, 0, 330]
     else:
         views, n, visible = 500, 2000, 0.33
         xyz = rng.uniform(-1000, 1000, (n, 3)) * [1, 0.7, 0.3]
