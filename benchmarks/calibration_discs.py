@@ -1,12 +1,13 @@
 """The eccentricity of imaged discs in self-calibration: what it does to markers and focal length, and its correction.
 
 Discs of 20 mm diameter; scenarios of `_networks`: S2, a model before a wall, the model's normals up to 40 degrees off
-its axis; "S2 near", the wall no larger than the model, all seen from half as far; "S2 smooth", 50 pictures of 150 markers
-on a smooth bump; S1, a nearly flat plate with a rake. The marks are the exact centroids of the imaged discs. Bias: markers with discs less
-markers with points and the same noise (0.1 px), mean of the runs, as a share of the Cramer-Rao bound (rms of all
-markers); the focal length's in sigma. To first order a disc of radius r at a distance d acts as a shift of the marker
-by r^2 / d along its normal: no picture tells it from a real one, so a normal wrong by an angle leaves that part of it
-("r^2/d": for the median distance), and the bound grows with the distance while the shift falls.
+its axis; "S2 near", the wall no larger than the model, all seen from half as far; "S2 smooth", 50 pictures of 150
+markers on a smooth bump; S1, a nearly flat plate with a rake. The marks are the exact centroids of the imaged discs.
+Bias: markers with discs less markers with points and the same noise (0.1 px), mean of the runs, as a share of the
+Cramer-Rao bound (rms of all markers); the focal length's in sigma. To first order a disc of radius r at a distance d
+acts as a shift of the marker by r^2 / d along its normal: no picture tells it from a real one, so a normal wrong by an
+angle leaves that part of it ("r^2/d": for the median distance), and the bound grows with the distance while the shift
+falls.
 
 Correction: "off"; "table" with true normals, and with normals wrong by 5 and 10 degrees in a random direction each;
 "auto" without normals in the table: from the surface through the neighbouring markers. "normals": how far off.

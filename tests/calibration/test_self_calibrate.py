@@ -6,7 +6,8 @@ import networks
 import numpy as np
 import pytest
 
-from windmark.calibration import Calibration, Distance, Fixed, Free, NotCalibrated, Weighted, self_calibrate
+from windmark.adjust import PaperOptions
+from windmark.calibration import Calibration, Distance, Fixed, Free, NotCalibrated, Weighted, self_calibrate, solve
 from windmark.geometry import Camera, Pose, imaged_ellipse
 from windmark.geometry.similarity import align
 from windmark.scene import MarkerSet, Observations, View
@@ -240,3 +241,23 @@ def test_a_held_marker_in_the_wrong_place_is_suspected():
     result = run(case, datum=Fixed([f"m{i:02d}" for i in held]), given={"start": start})
     assert result
     assert result.suspect == ("m02",)
+
+
+def test_the_papers_steps_find_the_same_calibration_or_say_that_they_do_not(monkeypatch):
+    case = networks.make(39, points=11, views=4, seen=1.0)
+    start = case.start.points.copy()
+    start[:8] = case.truth.points[:8]
+    given = {"given": {"start": start, "camera": networks.CAMERA}, "datum": Fixed([f"m{i:02d}" for i in range(8)])}
+    exact = run(case, free=(), **given)
+    found = run(case, free=(), solver="steps", **given)
+    assert found.report.reason == "converged_step"
+    assert found.report.evaluations > 50 * exact.report.evaluations
+    assert found.options["solver"] == "steps"
+    sigma = np.maximum(exact.markers.sigma, 1e-9)
+    assert np.abs((found.markers.xyz - exact.markers.xyz) / sigma).max() < 0.1
+    np.testing.assert_allclose(found.markers.sigma, exact.markers.sigma, rtol=1e-3)
+    # The valley of focal length and distance is longer than so many passes.
+    monkeypatch.setattr(solve, "STEPS", PaperOptions(max_passes=10))
+    refused = run(case, free=("focal_px",), solver="steps", **given)
+    assert (refused.cause, bool(refused)) == ("not_converged", False)
+    assert "max_iterations" in refused.reason

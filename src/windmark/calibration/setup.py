@@ -19,6 +19,8 @@ Mask = NDArray[np.bool_]
 
 LEAST_MARKS, LEAST_VIEWS = 4, 2
 """Marks a view needs, and views a free marker needs."""
+SOLVERS = ("newton", "steps")
+"""Levenberg-Marquardt, or the paper's growing and shrinking steps."""
 
 
 @dataclass(frozen=True)
@@ -33,6 +35,8 @@ class Job:
     datum, distances : as given
     rig : views of one frame share a pose of the rig
     free_focal : names of views with a focal length of their own
+    prior_sigma : 1 sigma of free parameters round the start values, by name
+    solver : one of `SOLVERS`
     """
 
     observations: Observations
@@ -45,6 +49,7 @@ class Job:
     rig: bool
     free_focal: tuple[str, ...]
     prior_sigma: Mapping[str, float]
+    solver: str = SOLVERS[0]
 
     def __post_init__(self) -> None:
         obs, markers, views = self.observations, self.markers, self.views
@@ -74,6 +79,8 @@ class Job:
         missing = sorted(set(self.free_focal) - set(names))
         if missing:
             raise ValueError(f"self_calibrate: free_focal names unknown views {', '.join(missing[:5])}")
+        if self.solver not in SOLVERS:
+            raise ValueError(f"self_calibrate: solver must be one of {', '.join(SOLVERS)}, got {self.solver!r}")
         if not isinstance(self.datum, Fixed | Weighted | Free):
             raise ValueError(
                 "self_calibrate: datum must be calibration.Fixed, Weighted or Free: what fixes position, direction and "

@@ -12,11 +12,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.adjust import SolveReport
+from windmark.adjust import PaperOptions, SolveReport
 from windmark.adjust.levenberg_marquardt import SolveOptions, minimise
-from windmark.adjust.loss import DEFAULT_SCALE, Loss
-from windmark.adjust.network import NetworkProblem, NetworkState
+from windmark.adjust.network import NetworkProblem, NetworkState, graduated, minimise_network_by_steps
 from windmark.adjust.network.covariance import NetworkCovariance, network_covariance
+from windmark.adjust.network.equations import NetworkEquations
 from windmark.calibration.setup import LEAST_MARKS, Job, frames_of, make_network, taking_part, views_of
 from windmark.calibration.snooping import LIMIT, influence, statistic
 from windmark.calibration.start import start_poses
@@ -25,8 +25,6 @@ from windmark.geometry import Pose, imaged_ellipse
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-RAYLEIGH = float(np.sqrt(2 * np.log(2.0)))
-"""Median length of a residual with unit sigma per coordinate."""
 STAGES = 15
 """Robust stages at most."""
 STAGE = SolveOptions(max_iterations=8, gradient_tol=1e-2, initial_damping=1e-4)
@@ -37,6 +35,9 @@ ROUNDS = 12
 RESCUES, MOST_LEFT, RESCUE_PX = 2, 0.6, 5.0
 """Times that views with at most this share of marks left are given a new pose; it must explain them within so much."""
 FINAL = SolveOptions(max_iterations=200, gradient_tol=1e-4, initial_damping=1e-5)
+STEPS = PaperOptions(max_passes=3000)
+NEAR = 0.1
+"""Distance of the minimum, in units of the estimate's sigma, within which the paper's steps are said to be there."""
 ECCENTRIC_PX = 1e-3
 """Change of the discs' eccentricity that asks for another adjustment."""
 
@@ -141,21 +142,9 @@ def _rescued(job: Job, solved: Solved, allowed: Mask, good: Mask) -> tuple[Netwo
 
 def _robust(job: Job, state: NetworkState, taken: Mask, shift: Array) -> tuple[NetworkState, Mask]:
     """Values that a third of wrong marks does not pull, and which of the marks fit them."""
-    network = make_network(job, taken)
-    scale = np.inf
-    for _ in range(STAGES):
-        problem = NetworkProblem(network, state, shift[taken])
-        residual = problem.residual(state)
-        if residual is None:
-            raise ValueError("self_calibrate: the start has a marker behind a camera or beyond its lens")
-        now = max(float(np.median(np.linalg.norm(residual, axis=1))) / RAYLEIGH, 1e-12)
-        if now > SETTLED * scale:
-            break
-        scale = now
-        problem = NetworkProblem(
-            replace(network, loss=Loss("cauchy", DEFAULT_SCALE["cauchy"] * scale)), state, shift[taken]
-        )
-        state = minimise(problem, state, STAGE)[0]
+    problem, state, scale = graduated(
+        make_network(job, taken), state, STAGE, stages=STAGES, settled=SETTLED, shift=shift[taken]
+    )
     residual = problem.residual(state)
     assert residual is not None
     fits = np.empty(len(residual), dtype=np.bool_)
@@ -173,7 +162,7 @@ def _adjusted(
     every = taken | left_out
     network = make_network(job, every, good.astype(float))
     problem = NetworkProblem(network, state, shift[every])
-    state, system, report = minimise(problem, state, FINAL)
+    state, system, report = _minimum(job, problem, state)
     covariance = network_covariance(system, problem.layout)
     residual = problem.residual(state)
     assert residual is not None
@@ -190,6 +179,22 @@ def _adjusted(
     return Solved(
         problem, state, covariance, report, every, used[back], residual[back], test[back], sigma0, redundancy, dropped
     )
+
+
+def _minimum(
+    job: Job, problem: NetworkProblem, state: NetworkState
+) -> tuple[NetworkState, NetworkEquations, SolveReport]:
+    """Least squares by the job's solver."""
+    if job.solver == "newton":
+        return minimise(problem, state, FINAL)
+    state, report = minimise_network_by_steps(problem, state, STEPS)
+    system = problem.linearise(state)
+    assert system is not None
+    # Steps along the axes also end in a narrow valley that leads on: Newton's step says how far the minimum is.
+    newton = system.solve(0.0)
+    there = newton is not None and 2 * newton.decrease <= NEAR**2
+    reason = "converged_step" if there else "stalled" if report.converged else report.reason
+    return state, system, replace(report, reason=reason, converged=there)
 
 
 def _predictable(job: Job, taken: Mask, good: Mask) -> Mask:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.adjust.levenberg_marquardt import SolveOptions, minimise
-from windmark.adjust.loss import DEFAULT_SCALE, Loss
-from windmark.adjust.network import Network, NetworkProblem, NetworkState
+from windmark.adjust.levenberg_marquardt import SolveOptions
+from windmark.adjust.network import Network, NetworkProblem, NetworkState, graduated
 from windmark.adjust.network.covariance import network_covariance
 from windmark.adjust.network.datum import in_datum
 from windmark.geometry import Camera, DegenerateGeometry, Pose, align
@@ -24,10 +23,8 @@ LEAST = 6
 STEPS = SolveOptions(max_iterations=15, gradient_tol=1e-2, initial_damping=1e-4)
 FITS, MOST = 4.0, 0.6
 """A view has a new pose where more than this share of its residuals is within so many sigmas."""
-SHRINK = 0.7
-"""The robust scale follows the residuals until it shrinks by less than this."""
-MEDIAN = float(np.sqrt(2 * np.log(2.0)))
-"""Median length of a residual with unit sigma per coordinate."""
+STAGES, SHRINK = 8, 0.7
+"""The robust scale follows the residuals so many times, or until it shrinks by less than this."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +60,7 @@ def refine_poses(
     )  # fmt: skip
     state = NetworkState(cameras, poses, xyz)
     try:
-        problem, state, scale = _robust(network, state)
+        problem, state, scale = graduated(network, state, STEPS, stages=STAGES, settled=SHRINK, least=1.0)
         system = problem.linearise(state)
         assert system is not None
         covariance = in_datum(network_covariance(system, problem.layout))
@@ -96,22 +93,3 @@ def _fitting(problem: NetworkProblem, state: NetworkState, views: int, scale: fl
     view = problem.network.view[problem.order]
     good = np.linalg.norm(residual, axis=1) < FITS * max(scale, 1.0)
     return np.asarray(np.bincount(view[good], minlength=views) > MOST * np.bincount(view, minlength=views))
-
-
-def _robust(network: Network, state: NetworkState) -> tuple[NetworkProblem, NetworkState, float]:
-    """The minimum under a Cauchy loss whose scale follows the median residual."""
-    scale = np.inf
-    for _ in range(8):
-        problem = NetworkProblem(network, state)
-        residual = problem.residual(state)
-        if residual is None:
-            raise ValueError("a point is behind its camera")
-        now = max(float(np.median(np.linalg.norm(residual, axis=1))) / MEDIAN, 1e-12)
-        if now > SHRINK * scale:
-            break
-        scale = now
-        problem = NetworkProblem(
-            replace(network, loss=Loss("cauchy", DEFAULT_SCALE["cauchy"] * max(scale, 1.0))), state
-        )
-        state = minimise(problem, state, STEPS)[0]
-    return problem, state, scale

@@ -2,6 +2,8 @@
 
 from windmark.adjust.network.model import Bars, Network
 from windmark.adjust.network.problem import NetworkProblem
+from windmark.adjust.network.robust import graduated
 from windmark.adjust.network.state import NetworkState
+from windmark.adjust.network.steps import minimise_network_by_steps
 
-__all__ = ["Bars", "Network", "NetworkProblem", "NetworkState"]
+__all__ = ["Bars", "Network", "NetworkProblem", "NetworkState", "graduated", "minimise_network_by_steps"]

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from copy import copy
+from dataclasses import replace
 from functools import lru_cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.adjust.loss import Loss
 from windmark.adjust.network import linear
 from windmark.adjust.network._arrays import Equations, Marks, Scene, Units
 from windmark.adjust.network.equations import NetworkEquations
@@ -56,6 +59,19 @@ class NetworkProblem:
             np.ascontiguousarray(index, dtype=np.int64)
             for index in (network.view_camera, network.view_frame, network.view_offset)
         )
+
+    def with_loss(self, loss: Loss) -> NetworkProblem:
+        """The same with another loss on the observations."""
+        out = copy(self)
+        out.network = replace(self.network, loss=loss)
+        out._weighted = loss.name != "none" or self._weight is not None
+        out._stabiliser = None
+        return out
+
+    @property
+    def size(self) -> int:
+        """Length of a step: dense parameters and eliminated blocks."""
+        return self.layout.dense + self.layout.blocks * self.layout.size
 
     def scene(self, state: NetworkState) -> Scene:
         """Values as the kernels want them."""
@@ -115,17 +131,24 @@ class NetworkProblem:
         rho, weight = self.network.loss.evaluate(np.einsum("ij,ij->i", residual, residual))
         return (rho, weight) if self._weight is None else (rho * self._weight, weight * self._weight)
 
-    def cost(self, state: NetworkState) -> float:
-        """Half the sum of the losses; inf where a point has no image."""
+    def losses(self, state: NetworkState) -> Array | None:
+        """(O,) each observation's part of twice the cost, in the kernels' `order`; None where a point has no image."""
         residual = self.residual(state)
-        if residual is None:
-            return float("inf")
-        lay, units = self.layout, self.units(state)
+        return None if residual is None else self._losses(residual)[0]
+
+    def prior_cost(self, state: NetworkState) -> float:
+        """Half the sum of squares of what is known besides the pictures."""
+        lay = self.layout
         scratch = (
             np.zeros((lay.dense, lay.dense)), np.zeros((lay.blocks, lay.size, lay.size)),
             np.zeros(lay.dense), np.zeros(lay.blocks * lay.size),
         )  # fmt: skip
-        return 0.5 * float(self._losses(residual)[0].sum()) + self._priors(state, units, scratch)
+        return self._priors(state, self.units(state), scratch)
+
+    def cost(self, state: NetworkState) -> float:
+        """Half the sum of the losses; inf where a point has no image."""
+        rho = self.losses(state)
+        return float("inf") if rho is None else 0.5 * float(rho.sum()) + self.prior_cost(state)
 
     def retract(self, state: NetworkState, delta: Array) -> NetworkState | None:
         """The values after a step (D + E b,) in natural units; None where a camera would be impossible."""
