@@ -63,6 +63,8 @@ def check_law(law: Law, xyz: ArrayLike, *, name: str = "", source: str = "") -> 
         largest = max(float(np.abs(c).max()) for c in quotients)
         if largest * abs(change) < 1e-9 * extent:
             remarks.append(f"{label}: parameter {parameter.name} moves none of the {len(points)} points")
+        elif size == 0:
+            remarks.append(f"{label}: parameter {parameter.name} has no effect close to its start {parameter.start:g}")
         elif float(np.abs(quotients[-1] - quotients[-2]).max()) > JUMP * largest:
             raise LawError(f"{label}: is not continuous in {parameter.name} near {parameter.start:g}")
     return tuple(remarks)

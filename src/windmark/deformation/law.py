@@ -60,10 +60,13 @@ class Numeric:
     ----------
     function : q (k,) -> (N, 3)
     steps : (k,) change of each parameter
+    lower, upper : (k,) bounds, where the differences become one-sided; None for none
     """
 
     function: Callable[[Array], Array]
     steps: Array
+    lower: Array | None = None
+    upper: Array | None = None
 
     def place(self, q: Array) -> Array:
         """See `BoundLaw`."""
@@ -73,11 +76,12 @@ class Numeric:
         """See `BoundLaw`."""
         here = self.function(q)
         out = np.empty((*here.shape, len(q)))
-        for j, h in enumerate(self.steps):
+        high = q + self.steps if self.upper is None else np.minimum(q + self.steps, self.upper)
+        low = q - self.steps if self.lower is None else np.maximum(q - self.steps, self.lower)
+        for j in range(len(q)):
             ahead, behind = q.copy(), q.copy()
-            ahead[j] += h
-            behind[j] -= h
-            out[..., j] = (self.function(ahead) - self.function(behind)) / (ahead[j] - behind[j])
+            ahead[j], behind[j] = high[j], low[j]
+            out[..., j] = (self.function(ahead) - self.function(behind)) / (high[j] - low[j])
         return here, out
 
 
@@ -126,6 +130,11 @@ class FunctionLaw:
         return getattr(self.function, "__name__", "law")
 
     @property
+    def where(self) -> str:
+        """File, line and name, for messages."""
+        return f"{self.source}: law {self.name}" if self.source else f"law {self.name}"
+
+    @property
     def settings(self) -> dict[str, Any]:
         """Its options and what they are set to."""
         arguments = _signature(self.function).parameters.values()
@@ -146,7 +155,7 @@ class FunctionLaw:
         unknown = sorted(set(options) - set(self.settings))
         if unknown:
             has = ", ".join(self.settings) or "none (options are arguments after a *)"
-            raise LawError(f"{self.source or self.name}: law {self.name} has no option {unknown[0]}; it has {has}")
+            raise LawError(f"{self.where}: has no option {unknown[0]}; it has {has}")
         return replace(self, options={**self.options, **options})
 
     def bind(self, xyz: Array) -> Numeric:
@@ -154,9 +163,15 @@ class FunctionLaw:
 
         def place(q: Array) -> Array:
             # A copy, so that a law that writes into its points harms nobody.
-            return np.asarray(self.function(xyz.copy(), *q.tolist(), **self.options), dtype=float)
+            out = np.asarray(self.function(xyz.copy(), *q.tolist(), **self.options))
+            if out.dtype.kind not in "fiu":
+                raise LawError(f"{self.where}: must return numbers (N, 3), got {out.dtype}")
+            if out.shape != xyz.shape:
+                raise LawError(f"{self.where}: must return {xyz.shape}, like its points, got {out.shape}")
+            return np.asarray(out, dtype=float)
 
-        return Numeric(place, np.array([p.step for p in self.parameters]))
+        column = {key: np.array([getattr(p, key) for p in self.parameters]) for key in ("step", "lower", "upper")}
+        return Numeric(place, column["step"], column["lower"], column["upper"])
 
 
 def law(**units: str | Parameter | Mapping[str, Any]) -> Callable[[Function], FunctionLaw]:

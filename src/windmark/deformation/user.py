@@ -9,11 +9,8 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from windmark.deformation.law import FunctionLaw, LawError, Numeric, function_law
-
-Array = NDArray[np.float64]
+from windmark.deformation.law import FunctionLaw, LawError, function_law
 
 
 @dataclass(frozen=True)
@@ -42,27 +39,9 @@ class _Watched:
 
 @dataclass(frozen=True)
 class UserLaw(FunctionLaw):
-    """A `FunctionLaw` out of a user's file: what it returns is checked at every call."""
+    """A `FunctionLaw` out of a user's file, whose failures are told with its lines."""
 
     file: str = ""
-
-    def bind(self, xyz: Array) -> Numeric:
-        """See `Law`."""
-        bound = super().bind(xyz)
-
-        def place(q: Array) -> Array:
-            try:
-                out = np.asarray(bound.function(q), dtype=float)
-            except (TypeError, ValueError) as error:
-                if isinstance(error, LawError):
-                    raise
-                raise LawError(f"{self.source}: law {self.name}: must return numbers (N, 3): {error}") from None
-            if out.shape != xyz.shape:
-                raise LawError(f"{self.source}: law {self.name}: must return {xyz.shape}, like its points, "
-                               f"got {out.shape}")  # fmt: skip
-            return out
-
-        return Numeric(place, bound.steps)
 
 
 def laws_of_source(text: str, file: str) -> dict[str, UserLaw]:

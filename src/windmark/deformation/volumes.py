@@ -11,11 +11,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from windmark.deformation.law import BoundLaw, Law, Linear
+from windmark.deformation.law import BoundLaw, Law, Numeric
 from windmark.deformation.parameter import Parameter
 from windmark.geometry.rotations import project_to_so3
 
@@ -24,6 +25,8 @@ Texts = NDArray[np.str_]
 
 REACH = 1e-4
 """Change of place for the derivative of a law by its points, as part of their extent."""
+SMALL = 1e-3
+"""Size of a rigid body's joint, as part of the body: its rotation is the mean one there."""
 
 
 @dataclass(frozen=True)
@@ -131,15 +134,12 @@ class Volumes:
     def _chain(self, part: Volume, xyz: Array) -> _Chain:
         known = {p.name: p for p in self.parts}
         own = part.law.bind(xyz) if part.law is not None else None
-        above: list[tuple[Volume, slice]] = []
-        attach, walk = part.attach, part
-        carried: list[Array | None] = []
+        links, walk = [], part
         while walk.parent is not None:
-            carried.append(None if attach is None else np.asarray(attach, dtype=float))
+            attach = None if walk.attach is None else np.asarray(walk.attach, dtype=float)
             walk = known[walk.parent]
-            above.append((walk, self._slices[walk.name]))
-            attach = walk.attach
-        return _Chain(xyz, own, self._slices[part.name], tuple(zip(above, carried, strict=True)))
+            links.append(_Link(walk.law, self._slices[walk.name], attach))
+        return _Chain(xyz, own, self._slices[part.name], tuple(links), np.array([p.step for p in self.parameters]))
 
 
 @dataclass(frozen=True)
@@ -172,68 +172,76 @@ class Placed:
         return out, by_q
 
 
+class _Link(NamedTuple):
+    """A volume above: its law, where its parameters stand, and the point at which the volume below is attached."""
+
+    law: Law | None
+    where: slice
+    attach: Array | None
+
+
 @dataclass(frozen=True)
 class _Chain:
-    """Points of one volume: its own law, then the laws above, each as a field or, where attached, as a rigid body."""
+    """Points of one volume: its own law, then the laws above, each as a field or, once attached, as a rigid body."""
 
     xyz: Array
     own: BoundLaw | None
     where: slice
-    above: tuple[tuple[tuple[Volume, slice], Array | None], ...]
+    above: tuple[_Link, ...]
+    steps: Array
 
     def place(self, q: Array) -> Array:
         points = self.xyz if self.own is None else self.own.place(q[self.where])
-        for (part, where), attach in self.above:
-            if part.law is not None:
-                points = _carried(part.law, points, q[where], attach)
+        held: Array | None = None  # what is attached to a rigid body is one with it further up, too
+        for link in self.above:
+            held = held if link.attach is None else link.attach
+            if link.law is None:
+                continue
+            if held is None:
+                points = link.law.bind(points).place(q[link.where])
+            else:
+                rotation, centre = _frame(link.law, held, points, q[link.where])
+                points, held = (points - held) @ rotation.T + centre, centre
         return points
 
     def linearise(self, q: Array, count: int) -> tuple[Array, Array]:
+        if any(link.attach is not None for link in self.above):
+            return self._by_differences(q, count)
         by_q = np.zeros((*self.xyz.shape, count))
         points = self.xyz
         if self.own is not None:
             points, by_q[..., self.where] = self.own.linearise(q[self.where])
-        for (part, where), attach in self.above:
-            if part.law is None:
+        for link in self.above:
+            if link.law is None:
                 continue
-            moved = by_q.any(axis=(0, 1))
-            before, points, own = points, *_carried_jacobian(part.law, points, q[where], attach)
-            for j in np.flatnonzero(moved):  # what moved the points below is carried on
-                by_q[..., j] = _along(part.law, before, by_q[..., j], q[where], attach)
-            by_q[..., where] += own
+            before, (points, own) = points, link.law.bind(points).linearise(q[link.where])
+            for j in np.flatnonzero(by_q.any(axis=(0, 1))):  # what moved the points below is carried on
+                by_q[..., j] = _along(link.law, before, by_q[..., j], q[link.where])
+            by_q[..., link.where] += own
+        return points, by_q
+
+    def _by_differences(self, q: Array, count: int) -> tuple[Array, Array]:
+        mine = np.concatenate([np.arange(count)[s] for s in (self.where, *(link.where for link in self.above))])
+
+        def place(part: Array) -> Array:
+            whole = q.copy()
+            whole[mine] = part
+            return self.place(whole)
+
+        by_q = np.zeros((*self.xyz.shape, count))
+        points, by_q[..., mine] = Numeric(place, self.steps[mine]).linearise(q[mine])
         return points, by_q
 
 
-def _carried(law: Law, points: Array, q: Array, attach: Array | None) -> Array:
-    """Points moved by a law above."""
-    if attach is None:
-        return law.bind(points).place(q)
-    rotation, centre = _frame(law, attach, points, q)
-    return np.asarray((points - attach) @ rotation.T + centre)
-
-
-def _carried_jacobian(law: Law, points: Array, q: Array, attach: Array | None) -> tuple[Array, Array]:
-    """Points moved by a law above, and their derivative by its parameters."""
-    if attach is None:
-        return law.bind(points).linearise(q)
-    from windmark.deformation.law import Numeric
-
-    steps = np.array([p.step for p in law.parameters])
-    return Numeric(lambda v: _carried(law, points, v, attach), steps).linearise(q)
-
-
-def _along(law: Law, points: Array, direction: Array, q: Array, attach: Array | None) -> Array:
+def _along(law: Law, points: Array, direction: Array, q: Array) -> Array:
     """Derivative of the moved points where they are moved in a direction (N, 3)."""
-    if attach is not None:
-        return np.asarray(direction @ _frame(law, attach, points, q)[0].T)
-    longest = float(np.linalg.norm(direction, axis=1).max(initial=0.0))
-    h = REACH * _extent(points) / longest
+    h = REACH * _extent(points) / float(np.linalg.norm(direction, axis=1).max())
     return np.asarray((law.bind(points + h * direction).place(q) - law.bind(points - h * direction).place(q)) / (2 * h))
 
 
 def _frame(law: Law, attach: Array, points: Array, q: Array) -> tuple[Array, Array]:
     """Rotation and place of the frame that a law carries along at a point."""
-    h = REACH * _extent(points)
+    h = SMALL * _extent(points)
     around = attach + np.concatenate([np.zeros((1, 3)), h * np.eye(3), -h * np.eye(3)])
     moved = law.bind(around).place(q)
     return project_to_so3((moved[1:4] - moved[4:]).T / (2 * h)), moved[0]
@@ -241,8 +249,3 @@ def _frame(law: Law, attach: Array, points: Array, q: Array) -> tuple[Array, Arr
 
 def _extent(points: Array) -> float:
     return float(max(np.ptp(points, axis=0).max(initial=0.0), 1e-3 * np.abs(points).max(initial=0.0), 1e-9))
-
-
-def rigid_placed(xyz: Array) -> Linear:
-    """Points that do not deform, as a bound law without parameters."""
-    return Linear(xyz, np.zeros((*xyz.shape, 0)))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -81,22 +82,30 @@ class CantileverModes:
         """See `Basis`."""
         return self._sum(e, 1)
 
+    @cached_property
+    def _constants(self) -> list[tuple[float, float, float]]:
+        return [_cantilever(n) for n in range(self.count)]
+
     def _sum(self, e: Array, order: int) -> Array:
         out = np.zeros((*e.shape, self.count))
-        for n in range(self.count):
-            # cos(l) cosh(l) = -1, the n-th root lies within 0.31 of (n - 1/2) pi.
-            middle = (n + 0.5) * np.pi
-            root = float(brentq(lambda v: np.cos(v) + 1 / np.cosh(v), middle - 0.4, middle + 0.4, xtol=1e-15))
-            ratio = (np.sinh(root) - np.sin(root)) / (np.cosh(root) + np.cos(root))
-
-            def shape(x: Array, order: int, root: float = root, ratio: float = ratio) -> Array:
-                z = root * x
-                if order:
-                    return np.asarray(root * (np.sinh(z) + np.sin(z) - ratio * (np.cosh(z) - np.cos(z))))
-                return np.asarray(np.cosh(z) - np.cos(z) - ratio * (np.sinh(z) - np.sin(z)))
-
-            out[..., n] = shape(e, order) / shape(np.array(1.0), 0)
+        for n, (root, rest, tip) in enumerate(self._constants):
+            z = root * e
+            # cosh z - cos z - (1 - rest) (sinh z - sin z), without the difference of large numbers
+            if order:
+                shape = root * (-np.exp(-z) + rest * np.cosh(z) + np.sin(z) + (1 - rest) * np.cos(z))
+            else:
+                shape = np.exp(-z) + rest * np.sinh(z) - np.cos(z) + (1 - rest) * np.sin(z)
+            out[..., n] = shape / tip
         return out
+
+
+def _cantilever(n: int) -> tuple[float, float, float]:
+    """Root of cos(l) cosh(l) = -1, one less the shape's ratio of sines to cosines, and the shape's value at the tip."""
+    middle = (n + 0.5) * np.pi  # the root lies within 0.31 of it
+    root = float(brentq(lambda v: np.cos(v) + 1 / np.cosh(v), middle - 0.4, middle + 0.4, xtol=1e-15))
+    rest = (np.exp(-root) + np.cos(root) + np.sin(root)) / (np.cosh(root) + np.cos(root))
+    tip = np.exp(-root) + rest * np.sinh(root) - np.cos(root) + (1 - rest) * np.sin(root)
+    return root, float(rest), float(tip)
 
 
 @dataclass(frozen=True)
@@ -136,7 +145,7 @@ class Splines:
 
     def __post_init__(self) -> None:
         steps = np.diff(np.concatenate([[0.0], self.stations]))
-        if not (np.isfinite(steps).all() and (steps > 0).all()) or self.stations[-1] > 1 + 1e-12:
+        if not (len(steps) and np.isfinite(steps).all() and (steps > 0).all()) or self.stations[-1] > 1 + 1e-12:
             raise ValueError(f"stations must increase strictly within (0, 1], got {self.stations}")
 
     @property

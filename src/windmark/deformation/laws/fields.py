@@ -37,7 +37,7 @@ class TabulatedModes:
     Raises
     ------
     ValueError
-        For shapes that do not fit, or fewer than four nodes that span space or a plane.
+        For shapes that do not fit, fewer than four nodes, or two at one place.
     """
 
     nodes: Array
@@ -51,6 +51,8 @@ class TabulatedModes:
             raise ValueError(f"modes: shapes must be ({len(self.nodes)}, 3, k), got {self.shapes.shape}")
         if not (np.isfinite(self.nodes).all() and np.isfinite(self.shapes).all()):
             raise ValueError("modes: nodes and shapes must be finite")
+        if len(np.unique(self.nodes, axis=0)) < len(self.nodes):
+            raise ValueError("modes: nodes must be at distinct places")
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
