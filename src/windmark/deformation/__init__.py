@@ -1,16 +1,20 @@
 """Model deformation: laws per volume, identified together with rigid motion and camera poses."""
 
 from windmark.deformation.check import check_law
+from windmark.deformation.compare import LawChoice, compare_laws
 from windmark.deformation.held import Held, with_parameters
 from windmark.deformation.identify import identify
 from windmark.deformation.law import BoundLaw, FunctionLaw, Law, LawError, Linear, Numeric, function_law, law
 from windmark.deformation.parameter import Parameter
 from windmark.deformation.result import Deformation, NotIdentified, vertex_volumes
+from windmark.deformation.stations import SpanValues, Stations, span_values
+from windmark.deformation.stereo import Displacements, MarkerPlaces, displacements, marker_places
 from windmark.deformation.user import UserLaw, laws_of_source
 from windmark.deformation.volumes import Placed, Volume, Volumes
 
 __all__ = [
-    "BoundLaw", "Deformation", "FunctionLaw", "Held", "Law", "LawError", "Linear", "NotIdentified", "Numeric",
-    "Parameter", "Placed", "UserLaw", "Volume", "Volumes", "check_law", "function_law", "identify", "law",
-    "laws_of_source", "vertex_volumes", "with_parameters",
+    "BoundLaw", "Deformation", "Displacements", "FunctionLaw", "Held", "Law", "LawChoice", "LawError", "Linear",
+    "MarkerPlaces", "NotIdentified", "Numeric", "Parameter", "Placed", "SpanValues", "Stations", "UserLaw", "Volume",
+    "Volumes", "check_law", "compare_laws", "displacements", "function_law", "identify", "law", "laws_of_source",
+    "marker_places", "span_values", "vertex_volumes", "with_parameters",
 ]  # fmt: skip

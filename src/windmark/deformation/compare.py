@@ -1,0 +1,126 @@
+"""Which law? Information criteria, and cross-validation over markers: what a law says of markers it has not seen."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.deformation.identify import identify
+from windmark.deformation.result import Deformation
+from windmark.deformation.volumes import Volume, Volumes
+from windmark.geometry import Camera
+from windmark.scene import MarkerSet, Observations, View
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class LawChoice:
+    """One candidate.
+
+    Parameters
+    ----------
+    name : of the candidate
+    parameters : number of free unknowns
+    chi2 : sum of squared whitened residuals
+    aic, bic : chi2 + 2 k and chi2 + k ln n (Akaike 1974, Schwarz 1978); the smallest is the best
+    cross_px : root mean square length of the prediction error of markers that were left out, in pixels
+    cross_chi2 : mean square of that error, whitened by the spots' covariances, per coordinate: 1 at best
+    reason : why it could not be identified, "" where it could
+    state : the solution with all markers
+    """
+
+    name: str
+    parameters: int
+    chi2: float
+    aic: float
+    bic: float
+    cross_px: float
+    cross_chi2: float
+    reason: str = ""
+    state: Deformation | None = None
+
+
+def compare_laws(
+    candidates: Mapping[str, Sequence[Volume] | Volumes],
+    observations: Observations,
+    markers: MarkerSet,
+    cameras: Mapping[str, Camera] | Camera,
+    views: Sequence[View],
+    *,
+    folds: int = 5,
+    seed: int = 0,
+    **options: Any,
+) -> list[LawChoice]:
+    """Identify every candidate and say how well it explains and predicts.
+
+    Parameters
+    ----------
+    candidates : name -> volumes with their laws
+    observations, markers, cameras, views, options : as for `identify`. Gross errors are those of the candidate that
+        leaves the fewest: all candidates are judged on the same observations
+    folds : parts into which the model's markers are divided; each is predicted from the others
+    seed : of the division
+
+    Returns
+    -------
+    list of LawChoice
+        Best first: by cross-validation, candidates without a solution last.
+    """
+    if folds < 2:
+        raise ValueError(f"compare_laws: folds must be at least 2, got {folds}")
+    first = {n: identify(observations, markers, v, cameras, views, **options) for n, v in candidates.items()}
+    good = [r.used for r in first.values() if isinstance(r, Deformation)]
+    used = max(good, key=np.count_nonzero) if good else np.ones(len(observations), bool)
+    kept = _part(observations, used)
+    same = {**options, "reject": False}
+    moving = np.unique(kept.point[markers.role[kept.point] != "wall"])
+    fold = np.random.default_rng(seed).permutation(len(moving)) % folds
+    out = []
+    for name, volumes in candidates.items():
+        state = identify(kept, markers, volumes, cameras, views, **same)
+        if not isinstance(state, Deformation):
+            nan = float("nan")
+            out.append(LawChoice(name, 0, nan, nan, nan, nan, nan, state.reason))
+            continue
+        k = len(state.names)
+        px, whitened = _left_out(
+            kept, markers, volumes, cameras, views, [moving[fold == f] for f in range(folds)], same
+        )
+        out.append(LawChoice(
+            name, k, state.chi2, state.chi2 + 2 * k, state.chi2 + k * float(np.log(2 * len(kept))), px, whitened,
+            "", state,
+        ))  # fmt: skip
+    return sorted(out, key=lambda c: (c.cross_chi2 if np.isfinite(c.cross_chi2) else np.inf, c.bic))
+
+
+def _left_out(
+    observations: Observations, markers: MarkerSet, volumes: Any, cameras: Any, views: Sequence[View],
+    parts: Sequence[NDArray[np.int64]], options: dict[str, Any],
+) -> tuple[float, float]:  # fmt: skip
+    """Root mean square prediction error in pixels, and its whitened mean square per coordinate."""
+    lengths, squares = [], []
+    for part in parts:
+        away = np.isin(observations.point, part)
+        state = identify(_part(observations, ~away), markers, volumes, cameras, views, **options)
+        if not isinstance(state, Deformation):
+            return float("nan"), float("nan")
+        test = _part(observations, away)
+        place = state.place(markers.xyz[test.point], markers.volume[test.point])[0]
+        for v, view in enumerate(views):
+            own = test.view == v
+            seen = state.cam_from_tunnel[view.name].apply(place[own])
+            error = state.cameras[view.camera].project(seen)[0] - test.xy[own]
+            lengths.append((error**2).sum(axis=1))
+            squares.append((error * np.linalg.solve(test.cov[own], error[..., None])[..., 0]).sum(axis=1))
+    return float(np.sqrt(np.concatenate(lengths).mean())), float(np.concatenate(squares).mean() / 2)
+
+
+def _part(observations: Observations, rows: NDArray[np.bool_]) -> Observations:
+    return Observations(
+        observations.view[rows], observations.point[rows], observations.xy[rows], observations.cov[rows]
+    )

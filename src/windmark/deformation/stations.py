@@ -1,0 +1,146 @@
+"""Bending and twist against the span: what a deformation means in the words of aeroelasticity, whatever the law.
+
+At each station the chord, a line fixed to the volume, is followed through the laws: bending is how far its middle
+rises, twist how far it turns nose-up about the span, both in the frame asked for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from windmark.deformation.result import Deformation
+from windmark.geometry.rotations import hat
+
+Array = NDArray[np.float64]
+
+STEP = 1e-5
+
+
+@dataclass(frozen=True)
+class Stations:
+    """Where bending and twist are asked for.
+
+    Parameters
+    ----------
+    eta : (S,) what the stations are called on the axis of a plot, usually the part of the span
+    fore, aft : (S, 3) the ends of the chords on the undeformed model
+    up : (3,) direction of positive bending
+    volume : the volume that they are fixed to
+    """
+
+    eta: Array
+    fore: Array
+    aft: Array
+    up: Array
+    volume: str
+
+    @staticmethod
+    def along(
+        start: ArrayLike,
+        end: ArrayLike,
+        count: int | Sequence[float] = 11,
+        *,
+        volume: str,
+        chord: ArrayLike = (1.0, 0.0, 0.0),
+        up: ArrayLike = (0.0, 0.0, 1.0),
+    ) -> Stations:
+        """Stations on a line along the span.
+
+        Parameters
+        ----------
+        start, end : (3,) its ends
+        count : how many, evenly spaced; or their places as parts of the line
+        volume : the volume that they are fixed to
+        chord : (3,) from the leading towards the trailing edge; its length is that of the chord (middle on the line)
+        up : (3,) made normal to the chord
+
+        Raises
+        ------
+        ValueError
+            For ends that coincide, no station, a chord without length or along ``up``.
+        """
+        a, b, c, u = (np.asarray(v, dtype=float) for v in (start, end, chord, up))
+        for name, v in (("start", a), ("end", b), ("chord", c), ("up", u)):
+            if v.shape != (3,) or not np.isfinite(v).all():
+                raise ValueError(f"stations: {name} must be three finite numbers, got {v.tolist()}")
+        eta = np.linspace(0.0, 1.0, count) if isinstance(count, int) else np.asarray(count, dtype=float)
+        if not len(eta) or not np.isfinite(eta).all():
+            raise ValueError(f"stations: expected at least one station, got {count}")
+        length = np.linalg.norm(c)
+        if not length > 0 or np.linalg.norm(b - a) == 0:
+            raise ValueError("stations: chord must have a length, start and end must differ")
+        u = u - (u @ c) * c / length**2
+        if not np.linalg.norm(u) > 1e-9:
+            raise ValueError("stations: up must not lie along the chord")
+        middle = a + eta[:, None] * (b - a)
+        return Stations(eta, middle - 0.5 * c, middle + 0.5 * c, u / np.linalg.norm(u), volume)
+
+    def __len__(self) -> int:
+        return len(self.eta)
+
+
+@dataclass(frozen=True)
+class SpanValues:
+    """Bending and twist at S stations.
+
+    Parameters
+    ----------
+    eta : (S,)
+    bending : (S,) rise of the chord's middle along ``up``, length unit
+    twist_deg : (S,) nose-up turn of the chord
+    cov : (2 S, 2 S) covariance of [bending, twist_deg]
+    """
+
+    eta: Array
+    bending: Array
+    twist_deg: Array
+    cov: Array
+
+    @property
+    def bending_sigma(self) -> Array:
+        """(S,) standard deviation of the bending."""
+        return np.sqrt(np.diag(self.cov)[: len(self.eta)])
+
+    @property
+    def twist_sigma_deg(self) -> Array:
+        """(S,) standard deviation of the twist."""
+        return np.sqrt(np.diag(self.cov)[len(self.eta) :])
+
+
+def span_values(state: Deformation, stations: Stations, *, frame: str = "model") -> SpanValues:
+    """Bending and twist of an identified state.
+
+    Parameters
+    ----------
+    state : the state
+    stations : where
+    frame : "model": the laws alone; "tunnel": with the rigid motion, so that twist holds the model's pitch, too
+    """
+    if frame not in ("model", "tunnel"):
+        raise ValueError(f"span_values: frame must be 'model' or 'tunnel', got {frame!r}")
+    ends = np.concatenate([stations.fore, stations.aft])
+    place, by_q = state.volumes.bind(ends, stations.volume).linearise(state.q)
+    by_motion = np.zeros((*place.shape, 6))
+    if frame == "tunnel":
+        motion = state.tunnel_from_model
+        place, by_q = motion.apply(place), motion.rotation @ by_q
+        by_motion = np.concatenate([-hat(place), np.broadcast_to(np.eye(3), (len(place), 3, 3))], axis=-1)
+    by_free = state.by_free(by_q, by_motion)
+    s = len(stations)
+    chord = stations.aft - stations.fore
+    length = np.linalg.norm(chord, axis=1)
+    aft = chord / length[:, None]
+    now, by_now = place[s:] - place[:s], by_free[s:] - by_free[:s]
+    along, rise = (now * aft).sum(axis=1), now @ stations.up
+    # Nose-up: the trailing edge goes down.
+    twist = np.degrees(np.arctan2(-rise, along))
+    turn = (rise[:, None] * aft - along[:, None] * stations.up) / (along**2 + rise**2)[:, None]
+    by_twist = np.degrees(np.einsum("si,sif->sf", turn, by_now))
+    middle = 0.5 * (place[:s] + place[s:]) - 0.5 * (stations.fore + stations.aft)
+    by_bending = np.einsum("i,sif->sf", stations.up, 0.5 * (by_free[:s] + by_free[s:]))
+    j = np.concatenate([by_bending, by_twist])
+    return SpanValues(stations.eta, middle @ stations.up, twist, j @ state.cov @ j.T)

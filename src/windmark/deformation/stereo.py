@@ -1,0 +1,103 @@
+"""Displacement of single markers from two or more cameras, without any law."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.geometry import Camera, Pose, imaged_ellipse, triangulate
+from windmark.scene import MarkerSet, Observations, View
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class MarkerPlaces:
+    """Where P markers are at one instant.
+
+    Parameters
+    ----------
+    marker : (P,) index of the markers that were observed
+    xyz : (P, 3) in the cameras' common frame, NaN where there is none
+    cov : (P, 3, 3) from the spots' covariances; cameras count as known
+    views : (P,) how many views saw it
+    rms_px : (P,) root mean square length of its residuals
+    reason : (P,) why there is no place, "" where there is one
+    """
+
+    marker: Ints
+    xyz: Array
+    cov: Array
+    views: Ints
+    rms_px: Array
+    reason: NDArray[np.str_]
+
+
+@dataclass(frozen=True)
+class Displacements:
+    """Displacement of K markers that both instants have.
+
+    Parameters
+    ----------
+    marker : (K,) index of the markers
+    vector : (K, 3) place after less place before
+    cov : (K, 3, 3) sum of both covariances. Errors of the cameras are common to all markers and not in it
+    """
+
+    marker: Ints
+    vector: Array
+    cov: Array
+
+
+def marker_places(
+    observations: Observations,
+    markers: MarkerSet,
+    cameras: Mapping[str, Camera] | Camera,
+    views: Sequence[View],
+) -> MarkerPlaces:
+    """Triangulate every marker for itself.
+
+    Parameters
+    ----------
+    observations, markers, cameras, views : as for `identify`; a marker's normal and radius, where known, remove the
+        disc's eccentricity
+
+    Raises
+    ------
+    ValueError
+        For fewer than two views, or views without a pose.
+    """
+    if len(views) < 2:
+        raise ValueError(f"marker_places: at least two views are needed, got {len(views)}")
+    known = {v.camera: cameras for v in views} if isinstance(cameras, Camera) else cameras
+    poses: list[Pose] = []
+    for view in views:
+        if view.cam_from_model is None:
+            raise ValueError(f"marker_places: view {view.name} has no pose")
+        poses.append(view.cam_from_model)
+    marker, row = np.unique(observations.point, return_inverse=True)
+    xy = np.full((len(views), len(marker), 2), np.nan)
+    cov = np.tile(np.eye(2), (len(views), len(marker), 1, 1))
+    xy[observations.view, row.ravel()], cov[observations.view, row.ravel()] = observations.xy, observations.cov
+    cams = [known[v.camera] for v in views]
+    found = triangulate(cams, poses, xy, cov)
+    radius, normal = markers.radius[marker], markers.normal[marker]
+    disc = found.valid & np.isfinite(radius) & np.isfinite(normal).all(axis=1)
+    if disc.any():
+        for v, (camera, pose) in enumerate(zip(cams, poses, strict=True)):
+            seen = imaged_ellipse(camera, pose.apply(found.xyz[disc]), pose.rotate(normal[disc]), radius[disc])
+            xy[v, disc] -= np.nan_to_num(seen.eccentricity_px)
+        found = triangulate(cams, poses, xy, cov)
+    return MarkerPlaces(marker, found.xyz, found.cov, found.views, found.rms_px, found.reason)
+
+
+def displacements(before: MarkerPlaces, after: MarkerPlaces) -> Displacements:
+    """Displacement of the markers that have a place at both instants."""
+    good = [p.marker[p.reason == ""] for p in (before, after)]
+    both = np.intersect1d(*good)
+    a, b = (np.searchsorted(p.marker, both) for p in (before, after))
+    return Displacements(both, after.xyz[b] - before.xyz[a], after.cov[b] + before.cov[a])
