@@ -12,13 +12,13 @@ from windmark.synth.degrade import Sensor
 from windmark.synth.discs import SheetTruth, disc_image, marker_sheet
 from windmark.synth.layout import rows_layout
 from windmark.synth.marks import Clutter, Marks
-from windmark.synth.motion import bend, random_poses
+from windmark.synth.motion import bend, flex, random_poses
 from windmark.synth.paint import Flow, Paint, TransonicFlow
 from windmark.synth.patch import Patch, assemble
 from windmark.synth.render import Rendering, render
 from windmark.synth.scenes import Scene, marker_scene
 from windmark.synth.screen import Rays
-from windmark.synth.sequence import swinging, tunnel_sequence
+from windmark.synth.sequence import WingState, deformed_world, deforming_sequence, swinging, tunnel_sequence
 from windmark.synth.truth import MarkerTruth, marker_truth
 from windmark.synth.tunnel import WIND_OFF, WIND_ON, Shot, TunnelTest, default_stations, wind_tunnel
 from windmark.synth.wing import HalfModel
@@ -26,7 +26,8 @@ from windmark.synth.world import World
 
 __all__ = [
     "WIND_OFF", "WIND_ON", "BoardSpots", "Clutter", "Decals", "Flow", "HalfModel", "MarkerTruth", "Marks", "Paint",
-    "Patch", "Rays", "Rendering", "Scene", "Sensor", "SheetTruth", "Shot", "TransonicFlow", "TunnelTest", "World",
-    "assemble", "bend", "board_spots", "default_stations", "degrade", "disc_image", "marker_scene", "marker_sheet",
-    "marker_truth", "random_poses", "render", "rows_layout", "swinging", "tunnel_sequence", "wind_tunnel",
+    "Patch", "Rays", "Rendering", "Scene", "Sensor", "SheetTruth", "Shot", "TransonicFlow", "TunnelTest", "WingState",
+    "World", "assemble", "bend", "board_spots", "default_stations", "deformed_world", "deforming_sequence", "degrade",
+    "disc_image", "flex", "marker_scene", "marker_sheet", "marker_truth", "random_poses", "render", "rows_layout",
+    "swinging", "tunnel_sequence", "wind_tunnel",
 ]  # fmt: skip

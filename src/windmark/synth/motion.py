@@ -48,6 +48,54 @@ def bend(
     return np.stack([x, p[..., 1], z], axis=-1)
 
 
+def flex(
+    xyz: ArrayLike,
+    tip_fraction: float,
+    twist_deg: float,
+    *,
+    root: float = 72.0,
+    span: float = 600.0,
+    sweep_deg: float = 28.0,
+    axis_x: float = 65.0,
+) -> Array:
+    """A wing as `bend` has it, but with the kinematics of a real beam, by numerical integration along its axis.
+
+    The swept axis keeps its length while it rises (so the tip comes inboard and forward), and the streamwise sections
+    lean with it, after their twist.
+
+    Parameters
+    ----------
+    xyz, tip_fraction, twist_deg, root, span, sweep_deg, axis_x : see `bend`; the rise is a function of the arc length
+
+    Returns
+    -------
+    (..., 3)
+    """
+    p = np.asarray(xyz, dtype=float).reshape(-1, 3)
+    along = np.array([np.tan(np.radians(sweep_deg)), 1.0, 0.0])
+    length = float(np.linalg.norm(along)) * (span - root)
+    along = along / np.linalg.norm(along)
+    up = np.array([0.0, 0.0, 1.0])
+    start = np.array([axis_x + np.tan(np.radians(sweep_deg)) * root, root, 0.0])
+    e = np.maximum((p[:, 1] - root) / (span - root), 0.0)
+    # The axis as a curve: its height is given, its slope follows, the rest is what keeps the arc length.
+    grid = np.linspace(0.0, max(1.0, float(e.max(initial=1.0))), 4001)
+    height = tip_fraction * (span - root) * grid**2 * (3 - grid) / 2
+    slope = np.gradient(height, grid * length, edge_order=2)
+    forward = np.concatenate(
+        [[0.0], np.cumsum(np.diff(grid) * length * np.sqrt(1 - (slope[1:] + slope[:-1]) ** 2 / 4))]
+    )
+    at, rise, lean = (np.interp(e, grid, v) for v in (forward, height, np.arcsin(slope)))
+    foot = start + (e * length)[:, None] * along
+    twist = Pose.from_rotvec(
+        np.radians(twist_deg) * (e * e)[:, None] * np.array([0.0, 1.0, 0.0]), np.zeros((len(p), 3))
+    )
+    tilt = Pose.from_rotvec(lean[:, None] * np.cross(along, up), np.zeros((len(p), 3)))
+    arm = tilt.rotation @ (twist.rotation @ (p - foot)[..., None])
+    moved = start + at[:, None] * along + rise[:, None] * up + arm[..., 0]
+    return np.asarray(moved.reshape(np.shape(xyz)))
+
+
 def gradient(law: Callable[[Array], Array], xyz: Array, step: float = 1e-3) -> Array:
     """(N, 3, 3) derivative of a deformation law at points (N, 3), by central differences."""
     columns = []

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from windmark.geometry import Pose
 from windmark.synth.degrade import Sensor
+from windmark.synth.motion import flex
 from windmark.synth.render import render
 from windmark.synth.screen import Rays
 from windmark.synth.tunnel import WIND_OFF, TunnelTest
+from windmark.synth.world import World
 
 Array = NDArray[np.float64]
 
@@ -56,3 +59,67 @@ def swinging(frames: int, *, period: float = 20.0, angle_deg: float = 1.0, shift
         place = shift * np.array([0.5 * np.sin(w), 0.25 * np.cos(w), np.sin(w + 1.0)])
         out.append(Pose.from_rotvec(turn, place))
     return out
+
+
+@dataclass(frozen=True)
+class WingState:
+    """The model at one instant.
+
+    Parameters
+    ----------
+    tip_fraction, twist_deg : see `motion.flex`
+    motion : rigid motion tunnel_from_model
+    shaken : camera -> motion of that camera in its own frame: its pose is ``shaken @ cam_from_tunnel``
+    """
+
+    tip_fraction: float = 0.0
+    twist_deg: float = 0.0
+    motion: Pose = field(default_factory=Pose.identity)
+    shaken: Mapping[str, Pose] = field(default_factory=dict)
+
+
+def deformed_world(test: TunnelTest, state: WingState) -> World:
+    """The wind-off world with its wing bent and twisted and the model moved."""
+    world, shape = test.shot(WIND_OFF).world, test.shape
+    if state.tip_fraction or state.twist_deg:
+        world = world.deformed(
+            lambda xyz: flex(
+                xyz, state.tip_fraction, state.twist_deg, root=shape.body_radius, span=shape.span,
+                sweep_deg=shape.sweep_deg, axis_x=0.25 * shape.root_chord,
+            )
+        )  # fmt: skip
+    return world.moved(state.motion)
+
+
+def deforming_sequence(
+    test: TunnelTest,
+    states: Iterable[WingState],
+    *,
+    sensor: Sensor | None = Sensor(),  # noqa: B008 (frozen)
+    seed: int = 0,
+) -> Iterator[dict[str, NDArray[np.generic]]]:
+    """Images of a bending, moving model by all cameras of a test; one set is made when it is asked for.
+
+    Parameters
+    ----------
+    test : where model, markers and cameras come from
+    states : the model at each instant
+    sensor : what spoils the images; None leaves them perfect (float64)
+    seed : of the noise; that of a frame does not depend on how many frames there are
+
+    Yields
+    ------
+    camera -> (H, W) image
+    """
+    rays = {name: Rays.of(camera) for name, camera in test.cameras.items()}
+    for k, state in enumerate(states):
+        world, images = deformed_world(test, state), {}
+        for c, (name, camera) in enumerate(test.cameras.items()):
+            station = test.cam_from_tunnel[name]
+            if name in state.shaken:
+                station = state.shaken[name] @ station
+            image: NDArray[np.generic] = render(world, camera, station, rays=rays[name]).image
+            if sensor is not None:
+                image = sensor.expose(image, np.random.default_rng([seed, k, c]), np.random.default_rng([seed, c]))
+            images[name] = image
+        yield images

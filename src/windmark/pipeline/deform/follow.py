@@ -1,0 +1,291 @@
+"""A deforming model followed through the images of all its cameras: predict, look, identify; start again when lost."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark import io
+from windmark.deformation import Deformation, NotIdentified, identify
+from windmark.geometry import Camera, Pose
+from windmark.pipeline.deform.spots import LEAST_PX, MOST_PX, SIGMAS, Labelled, anywhere, near, read
+from windmark.pipeline.deform.task import DeformationTest, DeformedFrame, FrameImages, Image, Station
+from windmark.scene import MarkerSet, Observations, View
+
+Array = NDArray[np.float64]
+
+FEWER = 0.6
+"""A frame with less than this part of the markers of the frame before is looked at again without expectations."""
+MOST_SIGMA0 = 6.0
+"""A state whose residuals are so many times larger than the spots' covariances is no state of this model."""
+KEEP, FORGET = 0.7, 0.5
+"""How fast the velocity follows the last change; how fast large prediction errors are forgotten."""
+MOST_OUT = 0.2
+"""A tracked frame with more outliers than this part is looked at again without expectations."""
+
+
+def follow_deformation(frames: Iterable[FrameImages], test: DeformationTest) -> Iterator[DeformedFrame]:
+    """Deformation in every frame, one after the other; memory does not grow with their number.
+
+    The first frame is found without help: all spots are detected, matched to the model, and the law is identified.
+    From then on every marker is looked for near its predicted place in every camera. A frame that does not fit is
+    looked at again without expectations, and if that fails it is flagged; the next one starts from the last good one.
+    Cameras are read and searched in threads.
+
+    Parameters
+    ----------
+    frames : images of all cameras of each instant, in order; they may come slowly
+    test : what does not change
+
+    Raises
+    ------
+    ValueError
+        For instants that do not increase, or images of a camera that the test does not have.
+    """
+    with ThreadPoolExecutor(max_workers=len(test.stations)) as pool:
+        follower = _Follower(test, pool)
+        last = -np.inf
+        for index, frame in enumerate(frames):
+            if not (np.isfinite(frame.instant) and frame.instant > last):
+                raise ValueError(f"frames: instants must increase, {frame.key} is {frame.instant:g} after {last:g}")
+            unknown = sorted(set(frame.images) - {s.name for s in test.stations})
+            if unknown:
+                raise ValueError(f"frames: {frame.key} has an image of camera {unknown[0]}, which the test has not")
+            last = frame.instant
+            yield follower.frame(index, frame)
+
+
+@dataclass(frozen=True)
+class Memory:
+    """What one frame hands on to the next.
+
+    Parameters
+    ----------
+    state : the last good state
+    instant : when it was
+    velocity : change per frame: laws' parameters, motion (6,), pose (6,) of each moving camera
+    error_px : camera -> root mean square prediction error lately
+    labelled : camera -> its spots
+    count : observations of the last good frame
+    """
+
+    state: Deformation
+    instant: float
+    velocity: dict[str, Array] = field(default_factory=dict)
+    error_px: dict[str, float] = field(default_factory=dict)
+    labelled: dict[str, Labelled] = field(default_factory=dict)
+    count: int = 0
+
+
+class _Follower:
+    """What goes from frame to frame."""
+
+    def __init__(self, test: DeformationTest, pool: ThreadPoolExecutor) -> None:
+        self._test, self._pool = test, pool
+        self._memory: Memory | None = None
+        self._hidden: dict[str, NDArray[np.bool_]] = {}
+
+    def frame(self, index: int, frame: FrameImages) -> DeformedFrame:
+        """Follow one instant."""
+        start = time.perf_counter()
+        images, troubles = self._read(frame)
+        status, why, found = "tracked", "", None
+        if self._memory is not None and images:
+            found = self._guided(images, frame.instant)
+            if isinstance(found, str):
+                why, found = found, None
+        if found is None and images:
+            status = "cold"
+            found = self._cold(images)
+            if isinstance(found, str):
+                why, found = "; ".join(part for part in (why, found) if part), None
+        if found is None:
+            reason = "; ".join([*troubles, why] if why else troubles) or "no image"
+            return DeformedFrame(index, frame.key, frame.instant, "lost", reason, None,
+                                 seconds=time.perf_counter() - start)  # fmt: skip
+        state, labelled, observations = found
+        self._remember(state, labelled, frame.instant, status)
+        troubles += [f"{n}: {s.reason}" for n, s in labelled.items() if s.reason]
+        return DeformedFrame(
+            index, frame.key, frame.instant, status, "; ".join(troubles), state, observations, tuple(labelled),
+            time.perf_counter() - start,
+        )  # fmt: skip
+
+    def _read(self, frame: FrameImages) -> tuple[dict[str, Image], list[str]]:
+        """The images that can be read, and what is wrong with the others."""
+        images, troubles = {}, []
+        jobs = {n: self._pool.submit(read, item, self._test.station(n)) for n, item in frame.images.items()}
+        for station in self._test.stations:
+            if station.name not in jobs:
+                troubles.append(f"{station.name}: no image")
+                continue
+            try:
+                images[station.name] = jobs[station.name].result()
+            except io.FileError as error:
+                troubles.append(f"{station.name}: {error}")
+        return images, troubles
+
+    # --- with expectations -----------------------------------------------------------------
+    def _guided(self, images: dict[str, Image], instant: float) -> Any:
+        """State, spots and observations near the prediction; or why not, as text."""
+        assert self._memory is not None
+        memory = self._memory
+        expected = _predicted(memory, instant - memory.instant)
+        labelled = self._look_near(images, expected, memory.error_px, memory.labelled)
+        count = sum(len(s.marker) for s in labelled.values())
+        usual = sum(len(memory.labelled[n].marker) for n in images if n in memory.labelled)
+        if count < FEWER * usual:
+            return f"only {count} markers near their expected places after {usual}"
+        answer, observations = self._identify(labelled, expected)
+        if not isinstance(answer, Deformation):
+            return answer.reason
+        if (wrong := _implausible(answer)) is not None:
+            return wrong
+        return answer, labelled, observations
+
+    def _look_near(
+        self, images: dict[str, Image], state: Deformation, error_px: dict[str, float], before: dict[str, Labelled]
+    ) -> dict[str, Labelled]:
+        placed = displaced(self._test.markers, state)
+        jobs = {}
+        for name, image in images.items():
+            jobs[name] = self._pool.submit(
+                near, image, self._test, self._test.station(name), state.cameras.get(name, _camera(self._test, name)),
+                state.cam_from_tunnel.get(name, self._test.station(name).cam_from_tunnel), placed,
+                error_px.get(name, MOST_PX / SIGMAS), before.get(name), self._hidden.get(name),
+            )  # fmt: skip
+        return {name: job.result() for name, job in jobs.items()}
+
+    def _identify(self, labelled: dict[str, Labelled], start: Deformation | None) -> tuple[Any, Observations]:
+        test, names = self._test, list(labelled)
+        parts = list(labelled.values())
+        view = np.repeat(np.arange(len(parts)), [len(s.marker) for s in parts])
+        observations = Observations(
+            view, np.concatenate([s.marker for s in parts]), np.concatenate([s.xy for s in parts]),
+            np.concatenate([s.cov for s in parts]),
+        )  # fmt: skip
+        stations = [test.station(n) for n in names]
+        views = [View(s.name, s.name, "", _start_pose(s, labelled[s.name])) for s in stations]
+        answer = identify(
+            observations, test.markers, test.volumes, {s.name: s.camera for s in stations}, views,
+            free_motion=test.free_motion, free_poses=[s.name for s in stations if s.moves],
+            pose_cov={s.name: s.pose_cov for s in stations if s.moves and s.pose_cov is not None},
+            free_focal=[s.name for s in stations if s.free_focal], marker_cov=test.marker_cov, start=start,
+        )  # fmt: skip
+        return answer, observations
+
+    # --- without -----------------------------------------------------------------------------
+    def _cold(self, images: dict[str, Image]) -> Any:
+        """State, spots and observations from nothing; or why not, as text."""
+        jobs = {
+            name: self._pool.submit(anywhere, image, self._test, self._test.station(name), None)
+            for name, image in images.items()
+        }
+        labelled = {name: job.result() for name, job in jobs.items()}
+        seen = {n: s for n, s in labelled.items() if len(s.marker)}
+        if not seen:
+            return "; ".join(f"{n}: {s.reason}" for n, s in labelled.items())
+        answer, _ = self._identify(seen, None)
+        if not isinstance(answer, Deformation):
+            return str(answer.reason)
+        self._hidden = {n: h for n in images if (h := self._hidden_from(n, answer)) is not None}
+        # The markers that the matching left out, and cameras that it refused, from what is known now.
+        error = {n: max(LEAST_PX, 2 * answer.rms_px) / SIGMAS for n in seen}
+        again = self._look_near(images, answer, error, seen)
+        if sum(len(s.marker) for s in again.values()) < FEWER * sum(len(s.marker) for s in seen.values()):
+            again = seen
+        answer, observations = self._identify(again, answer)
+        if isinstance(answer, NotIdentified):
+            return answer.reason
+        return _implausible(answer) or (answer, again, observations)
+
+    def _hidden_from(self, name: str, state: Deformation) -> NDArray[np.bool_] | None:
+        if self._test.visible is None:
+            return None
+        pose = state.cam_from_tunnel.get(name, self._test.station(name).cam_from_tunnel)
+        wall = self._test.markers.role == "wall"
+        camera = _camera(self._test, name)
+        return np.asarray(~(self._test.visible(pose @ state.tunnel_from_model, camera) | wall))
+
+    def _remember(self, state: Deformation, labelled: dict[str, Labelled], instant: float, status: str) -> None:
+        before, errors = self._memory, {}
+        for name, spots in labelled.items():
+            late = before.error_px.get(name, 0.0) * FORGET if before is not None and status == "tracked" else 0.0
+            errors[name] = max(late, self._error(name, spots, state, instant))
+        velocity = _velocity(before, state, instant)
+        kept = {n: s for n, s in (before.labelled if before else {}).items() if n not in labelled}
+        count = sum(len(s.marker) for s in labelled.values())
+        self._memory = Memory(state, instant, velocity, errors, {**kept, **labelled}, count)
+
+    def _error(self, name: str, spots: Labelled, state: Deformation, instant: float) -> float:
+        """How far the spots were from where the frame before put them; the largest reach where there was none."""
+        if self._memory is None or not len(spots.marker):
+            return MOST_PX / SIGMAS
+        expected = _predicted(self._memory, instant - self._memory.instant)
+        place = displaced(self._test.markers, expected).xyz[spots.marker]
+        pose = expected.cam_from_tunnel.get(name, self._test.station(name).cam_from_tunnel)
+        xy, valid = state.cameras.get(name, _camera(self._test, name)).project(pose.apply(place))
+        off = (xy - spots.xy)[valid]
+        return float(np.sqrt((off**2).mean())) if len(off) else MOST_PX / SIGMAS
+
+
+def displaced(markers: MarkerSet, state: Deformation) -> MarkerSet:
+    """All markers where they are now, in the tunnel; the walls stand still. Normals follow the rigid motion."""
+    wall = markers.role == "wall"
+    place = state.volumes.bind(markers.xyz, np.where(wall, "", markers.volume)).place(state.q)
+    motion = state.tunnel_from_model
+    return replace(
+        markers, xyz=np.where(wall[:, None], markers.xyz, motion.apply(place)),
+        normal=np.where(wall[:, None], markers.normal, motion.rotate(markers.normal)),
+    )  # fmt: skip
+
+
+def _camera(test: DeformationTest, name: str) -> Camera:
+    return test.station(name).camera
+
+
+def _start_pose(station: Station, spots: Labelled) -> Pose:
+    return spots.pose if station.moves and spots.pose is not None else station.cam_from_tunnel
+
+
+def _implausible(state: Deformation) -> str | None:
+    if state.sigma0 > MOST_SIGMA0:
+        return f"the residuals are {state.sigma0:.1f} times as large as the spots' uncertainties"
+    out = int((~state.used).sum())
+    return f"{out} of {len(state.used)} spots contradict the others" if out > MOST_OUT * len(state.used) else None
+
+
+def _predicted(memory: Memory, dt: float) -> Deformation:
+    """The state with everything moved on by constant velocity."""
+    state, v = memory.state, memory.velocity
+    poses = {
+        n: Pose.exp(dt * v[f"pose {n}"]) @ p if f"pose {n}" in v else p for n, p in state.cam_from_tunnel.items()
+    }  # fmt: skip
+    motion = state.tunnel_from_model
+    lower, upper = (np.array([getattr(p, side) for p in state.volumes.parameters]) for side in ("lower", "upper"))
+    return replace(
+        state, q=np.clip(state.q + dt * v["law"], lower, upper) if "law" in v else state.q,
+        tunnel_from_model=Pose.exp(dt * v["motion"]) @ motion if "motion" in v else motion, cam_from_tunnel=poses,
+    )  # fmt: skip
+
+
+def _velocity(before: Memory | None, state: Deformation, instant: float) -> dict[str, Array]:
+    """Change per frame, smoothed; none after a first frame."""
+    if before is None:
+        return {}
+    dt = instant - before.instant
+    now = {
+        "law": (state.q - before.state.q) / dt,
+        "motion": (state.tunnel_from_model @ before.state.tunnel_from_model.inverse()).log() / dt,
+    }
+    for name, pose in state.cam_from_tunnel.items():
+        if name in before.state.cam_from_tunnel:
+            now[f"pose {name}"] = (pose @ before.state.cam_from_tunnel[name].inverse()).log() / dt
+    old = before.velocity
+    return {n: v if n not in old else KEEP * v + (1 - KEEP) * old[n] for n, v in now.items()}

@@ -1,0 +1,176 @@
+"""Labelled spots of one camera: near where the state so far says that markers are, or from nothing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from windmark import detection, io
+from windmark.detection.template.result import Frame
+from windmark.geometry import Camera, Pose
+from windmark.pipeline.deform.task import DeformationTest, Image, Station
+from windmark.pipeline.predictions import from_camera, look
+from windmark.registration import Registration, register
+from windmark.scene import Detections, MarkerSet
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+LEAST_PX, MOST_PX = 1.5, 12.0
+"""Markers are looked for at least and at most so far from where they are expected."""
+APART = 0.45
+"""... and never farther than this part of the distance to the nearest other marker in the image."""
+SIGMAS = 4.0
+"""Of the root mean square prediction error of the frames before."""
+
+
+@dataclass(frozen=True)
+class Labelled:
+    """Spots of one image with their markers.
+
+    Parameters
+    ----------
+    marker : (n,) index of the marker
+    xy, cov : (n, 2), (n, 2, 2)
+    expected : how many markers could be seen
+    frame : blur and noise, for the next image; None if unknown
+    radius_px : median radius of the spots
+    reason : why there are none
+    pose : where the search put the camera (cold only)
+    """
+
+    marker: Ints
+    xy: Array
+    cov: Array
+    expected: int = 0
+    frame: Frame | None = None
+    radius_px: float = np.nan
+    reason: str = ""
+    pose: Pose | None = None
+
+    @staticmethod
+    def none(reason: str) -> Labelled:
+        """No spot, and why."""
+        return Labelled(np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros((0, 2, 2)), reason=reason)
+
+
+def read(item: Path | Image, station: Station) -> Image:
+    """The grey image of a camera.
+
+    Raises
+    ------
+    FileError
+        When it cannot be read or has another size.
+    """
+    image = io.read_grey(item) if isinstance(item, Path) else item
+    height, width = image.shape[:2]
+    if (width, height) != station.camera.size_px:
+        expected = "{} x {}".format(*station.camera.size_px)
+        name = item if isinstance(item, Path) else f"image of {station.name}"
+        raise io.FileError(name, f"is {width} x {height} pixels but camera {station.name} is {expected}")
+    return image
+
+
+def near(
+    image: Image, test: DeformationTest, station: Station, camera: Camera, pose: Pose, placed: MarkerSet,
+    error_px: float, before: Labelled | None, hidden: NDArray[np.bool_] | None,
+) -> Labelled:  # fmt: skip
+    """Markers near where they are expected.
+
+    Parameters
+    ----------
+    image : of the station
+    camera, pose : as expected, cam_from_tunnel
+    placed : all markers where they are expected, in the tunnel
+    error_px : root mean square error of such expectations lately
+    before : the frame before
+    hidden : (N,) markers that something hides from this camera; None if unknown
+    """
+    radius = None if before is None or not np.isfinite(before.radius_px) else before.radius_px
+    known = np.arange(len(placed)) if hidden is None else np.flatnonzero(~hidden)
+    seen = placed if hidden is None else placed.take(known)
+    expected = from_camera(camera, pose, seen, radius)
+    if not len(expected):
+        return Labelled.none("no marker faces the camera")
+    row = {str(n): int(k) for k, n in zip(known, seen.name, strict=True)}
+    apart = cKDTree(expected.xy).query(expected.xy, k=2)[0][:, 1].min() if len(expected) > 1 else np.inf
+    reach = float(np.clip(SIGMAS * error_px, LEAST_PX, min(MOST_PX, max(APART * apart, LEAST_PX))))
+    found = look(
+        image, expected, search_px=reach, polarity=test.look.polarity, photometry=test.look.photometry,
+        frame=None if before is None else before.frame, mask=station.mask,
+    )  # fmt: skip
+    good = np.flatnonzero(found.found)
+    marker = np.array([row[expected.name[k]] for k in good], np.int64)
+    size = float(np.median(np.sqrt(found.axes_px[good].prod(axis=1)))) if len(good) else np.nan
+    why = "" if len(good) else "no marker near its expected place"
+    return Labelled(marker, found.xy[good], found.cov[good], len(expected), found.frame, size, why)
+
+
+def anywhere(image: Image, test: DeformationTest, station: Station, prior: Pose | None) -> Labelled:
+    """Markers without an idea where the model is: detect everything, then match model and walls each for itself.
+
+    Parameters
+    ----------
+    prior : cam_from_model expected; None where the motion may be anything
+    """
+    spots = _detect(image, test, station)
+    if isinstance(spots, str):
+        return Labelled.none(spots)
+    wall = test.markers.role == "wall"
+    options: dict[str, Any] = {
+        "max_time_s": test.look.max_time_s, "max_table_error": test.look.max_table_error, "seed": test.look.seed,
+    }  # fmt: skip
+    station_pose, pairs = station.cam_from_tunnel, []
+    if station.moves and wall.sum() >= 4:
+        answer = register(spots, test.markers.take(wall), station.camera, prior=station_pose, **options)
+        if isinstance(answer, Registration):
+            station_pose = answer.cam_from_model
+            pairs.append((answer, np.flatnonzero(wall)))
+    model = np.flatnonzero(~wall)
+    answer = _model(spots, test, station, prior if prior is not None else station_pose, model, options)
+    if not isinstance(answer, Registration):
+        return replace(Labelled.none(f"model: {answer.reason}"), pose=station_pose)
+    pairs.append((answer, model))
+    spot = np.concatenate([a.matching.detection for a, _ in pairs])
+    marker = np.concatenate([which[a.matching.marker] for a, which in pairs])
+    _, once = np.unique(spot, return_index=True)
+    spot, marker = spot[once], marker[once]
+    return Labelled(
+        marker, spots.xy[spot], spots.cov[spot], sum(a.n_expected for a, _ in pairs), None,
+        float(np.median(spots.radius_px[spot])), "", station_pose,
+    )  # fmt: skip
+
+
+def _model(
+    spots: Detections, test: DeformationTest, station: Station, prior: Pose, model: Ints, options: dict[str, Any]
+) -> Any:
+    """Register the model's markers, first near a pose, then anywhere."""
+    markers, visible = test.markers.take(model), None
+    if test.visible is not None:
+        every = test.visible
+
+        def visible(pose: Pose, camera: Camera) -> NDArray[np.bool_]:
+            return every(pose, camera)[model]
+
+    more = {**options, "max_deformation": test.look.max_deformation, "visible": visible}
+    answer = register(spots, markers, station.camera, prior=prior, **more)
+    return answer if answer else register(spots, markers, station.camera, **more)
+
+
+def _detect(image: Image, test: DeformationTest, station: Station) -> Detections | str:
+    look_for = test.look
+    radius: Any = look_for.radius_px
+    if radius is None:
+        estimate = detection.estimate_radius(image, look_for.polarity, mask=station.mask)
+        if not estimate:
+            return "no radius prevails among the spots"
+        radius = tuple(estimate.radii_px)
+    return detection.detect(
+        image, radius_px=radius, polarity=look_for.polarity, merit_max=look_for.merit_max,
+        photometry=look_for.photometry, mask=station.mask,
+    )  # fmt: skip

@@ -1,0 +1,141 @@
+"""What stands round the model: cameras, markers, laws, and how to look."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.deformation import Deformation, NotIdentified, Volumes
+from windmark.geometry import Camera, Pose
+from windmark.scene import MarkerSet, Observations
+
+Array = NDArray[np.float64]
+Image = NDArray[np.generic]
+Visible = Callable[[Pose, Camera], NDArray[np.bool_]]
+
+
+@dataclass(frozen=True)
+class Station:
+    """One camera of the test.
+
+    Parameters
+    ----------
+    name : its name
+    camera : interior parameters
+    cam_from_tunnel : where it stands
+    moves : its pose is found anew in every frame; markers on walls hold it
+    pose_cov : (6, 6) what is known of that pose, for a camera that moves; None for nothing
+    free_focal : its focal length, too
+    mask : (H, W) pixels that are used; None for all
+    """
+
+    name: str
+    camera: Camera
+    cam_from_tunnel: Pose
+    moves: bool = False
+    pose_cov: Array | None = None
+    free_focal: bool = False
+    mask: NDArray[np.bool_] | None = None
+
+
+@dataclass(frozen=True)
+class LookOptions:
+    """How markers are looked for; every option has its meaning from `detect`.
+
+    Parameters
+    ----------
+    radius_px : for the first frame; None estimates it
+    polarity, merit_max, photometry : of `detect`
+    max_time_s, max_table_error, max_deformation, seed : of `register`
+    """
+
+    radius_px: tuple[float, ...] | None = None
+    polarity: str = "dark"
+    merit_max: float = 0.7
+    photometry: str | None = None
+    max_time_s: float | None = None
+    max_table_error: float = 0.025
+    max_deformation: float = 0.05
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class DeformationTest:
+    """A deformation test: everything that does not change from frame to frame.
+
+    Parameters
+    ----------
+    stations : the cameras
+    markers : of model and walls, undeformed; model frame and tunnel frame are one at rest
+    volumes : the model's volumes and their laws
+    free_motion : the model may move as a rigid body
+    visible : camera -> which markers nothing hides from there, see `register`; None: all that face it
+    marker_cov : (N, 3, 3) covariance of the markers' places; None takes their sigma
+    look : how markers are looked for
+    """
+
+    stations: tuple[Station, ...]
+    markers: MarkerSet
+    volumes: Volumes
+    free_motion: bool = True
+    visible: Visible | None = None
+    marker_cov: Array | None = None
+    look: LookOptions = field(default_factory=LookOptions)
+
+    def __post_init__(self) -> None:
+        names = [s.name for s in self.stations]
+        if not names or len(set(names)) != len(names):
+            raise ValueError(f"stations: expected at least one camera, with distinct names, got {names}")
+
+    def station(self, name: str) -> Station:
+        """The camera of a name."""
+        return next(s for s in self.stations if s.name == name)
+
+
+@dataclass(frozen=True)
+class FrameImages:
+    """The images of one instant.
+
+    Parameters
+    ----------
+    key : what the instant is called
+    instant : when it was, in frames
+    images : camera -> path or grey image; a camera that has none (a dropped frame) is left out
+    """
+
+    key: str
+    instant: float
+    images: Mapping[str, Path | Image]
+
+
+@dataclass(frozen=True, eq=False)
+class DeformedFrame:
+    """What became of one instant.
+
+    Parameters
+    ----------
+    index, key, instant : its place in the sequence from 0, its name, when it was
+    status : "cold" (found without help), "tracked" (from the frame before) or "lost"
+    reason : why it is lost, or what was wrong with single cameras; "" if nothing
+    state : the deformation, None where it is lost
+    observations : spots with their markers, of all cameras that saw any
+    views : names of the cameras, in the order of ``observations.view``
+    seconds : wall time from the images to the deformation
+    """
+
+    index: int
+    key: str
+    instant: float
+    status: str
+    reason: str
+    state: Deformation | None
+    observations: Observations | None = None
+    views: tuple[str, ...] = ()
+    seconds: float = 0.0
+
+
+Answer = Deformation | NotIdentified
