@@ -14,7 +14,7 @@ from windmark import detection, io
 from windmark.detection.template.result import Frame
 from windmark.geometry import Camera, Pose
 from windmark.pipeline.deform.task import DeformationTest, Image, Station
-from windmark.pipeline.predictions import from_camera, look
+from windmark.pipeline.predictions import Predictions, from_camera, look
 from windmark.registration import Registration, register
 from windmark.scene import Detections, MarkerSet
 
@@ -37,6 +37,7 @@ class Labelled:
     ----------
     marker : (n,) index of the marker
     xy, cov : (n, 2), (n, 2, 2)
+    axes_px, angle : (n, 2), (n,) ellipses as they were fitted
     expected : how many markers could be seen
     frame : blur and noise, for the next image; None if unknown
     radius_px : median radius of the spots
@@ -47,6 +48,8 @@ class Labelled:
     marker: Ints
     xy: Array
     cov: Array
+    axes_px: Array
+    angle: Array
     expected: int = 0
     frame: Frame | None = None
     radius_px: float = np.nan
@@ -56,7 +59,8 @@ class Labelled:
     @staticmethod
     def none(reason: str) -> Labelled:
         """No spot, and why."""
-        return Labelled(np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros((0, 2, 2)), reason=reason)
+        empty = np.zeros((0, 2))
+        return Labelled(np.zeros(0, np.int64), empty, np.zeros((0, 2, 2)), empty, np.zeros(0), reason=reason)
 
 
 def read(item: Path | Image, station: Station) -> Image:
@@ -98,6 +102,8 @@ def near(
     if not len(expected):
         return Labelled.none("no marker faces the camera")
     row = {str(n): int(k) for k, n in zip(known, seen.name, strict=True)}
+    which = np.array([row[n] for n in expected.name], np.int64)
+    expected = _as_seen(expected, which, before)
     apart = cKDTree(expected.xy).query(expected.xy, k=2)[0][:, 1].min() if len(expected) > 1 else np.inf
     reach = float(np.clip(SIGMAS * error_px, LEAST_PX, min(MOST_PX, max(APART * apart, LEAST_PX))))
     found = look(
@@ -105,10 +111,28 @@ def near(
         frame=None if before is None else before.frame, mask=station.mask,
     )  # fmt: skip
     good = np.flatnonzero(found.found)
-    marker = np.array([row[expected.name[k]] for k in good], np.int64)
     size = float(np.median(np.sqrt(found.axes_px[good].prod(axis=1)))) if len(good) else np.nan
     why = "" if len(good) else "no marker near its expected place"
-    return Labelled(marker, found.xy[good], found.cov[good], len(expected), found.frame, size, why)
+    return Labelled(
+        which[good], found.xy[good], found.cov[good], found.axes_px[good], found.angle[good], len(expected),
+        found.frame, size, why,
+    )  # fmt: skip
+
+
+def _as_seen(expected: Predictions, which: Ints, before: Labelled | None) -> Predictions:
+    """Expected markers with the ellipses that they had in the frame before: discs are never quite what a table says.
+
+    With the right shape six unknowns are enough (`detect_at`), which is faster and surer than ten.
+    """
+    if before is None or not len(before.marker):
+        return expected
+    place = np.full(int(max(which.max(), before.marker.max())) + 1, -1)
+    place[before.marker] = np.arange(len(before.marker))
+    old = place[which]
+    known = (old >= 0) & np.isfinite(before.axes_px[old]).all(axis=1) & np.isfinite(before.angle[old])
+    axes, angle = expected.axes_px.copy(), expected.angle.copy()
+    axes[known], angle[known] = before.axes_px[old[known]], before.angle[old[known]]
+    return replace(expected, axes_px=axes, angle=angle)
 
 
 def anywhere(image: Image, test: DeformationTest, station: Station, prior: Pose | None) -> Labelled:
@@ -141,8 +165,8 @@ def anywhere(image: Image, test: DeformationTest, station: Station, prior: Pose 
     _, once = np.unique(spot, return_index=True)
     spot, marker = spot[once], marker[once]
     return Labelled(
-        marker, spots.xy[spot], spots.cov[spot], sum(a.n_expected for a, _ in pairs), None,
-        float(np.median(spots.radius_px[spot])), "", station_pose,
+        marker, spots.xy[spot], spots.cov[spot], spots.axes_px[spot], spots.angle[spot],
+        sum(a.n_expected for a, _ in pairs), None, float(np.median(spots.radius_px[spot])), "", station_pose,
     )  # fmt: skip
 
 
