@@ -44,6 +44,7 @@ class Guided:
     depth, depth_sigma : (M,) contrast in grey levels, positive for the chosen polarity, and its standard deviation: of
         the fit, and where that decides no smaller than that of the same filter on the surface round the marker
     correlation : (M,) of disc and window, both without their slope
+    chi2 : (M,) residual variance over what the frame's noise lets expect; NaN where that is not known
     log10_nfa : (M,) false-alarm number: in how many predictions of this kind the surface alone would show such a depth
     flags : (M,) bits of `scene.FLAGS`
     answer : (M,) a code of `ANSWERS`; 0 is found
@@ -57,6 +58,7 @@ class Guided:
     depth: Array
     depth_sigma: Array
     correlation: Array
+    chi2: Array
     log10_nfa: Array
     flags: Ints
     answer: Ints
@@ -98,6 +100,7 @@ def detect_at(
     blur_px: float | None = None,
     frame: Frame | None = None,
     fit_shape: bool = False,
+    reshape: bool = True,
     false_alarms: float = FALSE_ALARMS,
     mask: ArrayLike | None = None,
     saturation: float | None = None,
@@ -125,6 +128,8 @@ def detect_at(
     blur_px : blur of the frame; None takes the given frame's, or else finds it from the markers that stand out
     frame : `Guided.frame` of a frame before: its blur is taken, and its noise unless this frame's is another
     fit_shape : all clear markers are fitted with ten unknowns
+    reshape : clear markers that do not look as predicted are fitted again; without that they keep the predicted shape,
+        are flagged, and their `chi2` says how little they look like it: a third of the time, for live measurements
     false_alarms : how many false markers per prediction are let pass where only the surface is
     mask, saturation : see `template.refine_template`
 
@@ -164,7 +169,8 @@ def detect_at(
         start = replace(start, noise=_learn(scene, placed, found, start, blur=False).noise)
         fits = fit_markers(scene, placed, start, robust=False)
     verdict = judge(scene, request, placed, found, fits, steps, false_alarms)
-    fits = _reshaped(scene, placed, fits, start, verdict, every=fit_shape)
+    if reshape or fit_shape:
+        fits = _reshaped(scene, placed, fits, start, verdict, every=fit_shape)
     return _answers(places, np.flatnonzero(inside), fits, *verdict, start)
 
 
@@ -264,6 +270,7 @@ def _answers(
         depth=column(fits.depth),
         depth_sigma=column(sigma),
         correlation=column(fits.correlation),
+        chi2=column(fits.chi2),
         log10_nfa=column(nfa),
         flags=flags,
         answer=answers,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from windmark import detection, io
-from windmark.detection.template.result import Frame
+from windmark.detection.template.result import CONTAMINATED, Frame
 from windmark.geometry import Camera, Pose
 from windmark.pipeline.deform.task import DeformationTest, Image, Station
 from windmark.pipeline.predictions import Predictions, from_camera, look
@@ -38,6 +38,7 @@ class Labelled:
     marker : (n,) index of the marker
     xy, cov : (n, 2), (n, 2, 2)
     axes_px, angle : (n, 2), (n,) ellipses as they were fitted
+    by_table : (n, 3) half axes and direction as marker table and pose have them; NaN where unknown
     expected : how many markers could be seen
     frame : blur and noise, for the next image; None if unknown
     radius_px : median radius of the spots
@@ -50,6 +51,7 @@ class Labelled:
     cov: Array
     axes_px: Array
     angle: Array
+    by_table: Array
     expected: int = 0
     frame: Frame | None = None
     radius_px: float = np.nan
@@ -60,7 +62,9 @@ class Labelled:
     def none(reason: str) -> Labelled:
         """No spot, and why."""
         empty = np.zeros((0, 2))
-        return Labelled(np.zeros(0, np.int64), empty, np.zeros((0, 2, 2)), empty, np.zeros(0), reason=reason)
+        return Labelled(
+            np.zeros(0, np.int64), empty, np.zeros((0, 2, 2)), empty, np.zeros(0), np.zeros((0, 3)), reason=reason
+        )
 
 
 def read(item: Path | Image, station: Station) -> Image:
@@ -103,26 +107,31 @@ def near(
         return Labelled.none("no marker faces the camera")
     row = {str(n): int(k) for k, n in zip(known, seen.name, strict=True)}
     which = np.array([row[n] for n in expected.name], np.int64)
+    by_table = np.column_stack([expected.axes_px, expected.angle])
     expected = _as_seen(expected, which, before)
     apart = cKDTree(expected.xy).query(expected.xy, k=2)[0][:, 1].min() if len(expected) > 1 else np.inf
     reach = float(np.clip(SIGMAS * error_px, LEAST_PX, min(MOST_PX, max(APART * apart, LEAST_PX))))
+    known_frame = None if before is None else before.frame
     found = look(
         image, expected, search_px=reach, polarity=test.look.polarity, photometry=test.look.photometry,
-        frame=None if before is None else before.frame, mask=station.mask,
+        frame=known_frame, mask=station.mask, reshape=known_frame is None,
     )  # fmt: skip
     good = np.flatnonzero(found.found)
     size = float(np.median(np.sqrt(found.axes_px[good].prod(axis=1)))) if len(good) else np.nan
     why = "" if len(good) else "no marker near its expected place"
+    # What is flagged as contaminated keeps its place with as much doubt as its residuals say.
+    doubt = np.where((found.flags[good] & CONTAMINATED) > 0, np.fmax(found.chi2[good], 1.0), 1.0)
     return Labelled(
-        which[good], found.xy[good], found.cov[good], found.axes_px[good], found.angle[good], len(expected),
-        found.frame, size, why,
+        which[good], found.xy[good], found.cov[good] * doubt[:, None, None], found.axes_px[good], found.angle[good],
+        by_table[good], len(expected), found.frame, size, why,
     )  # fmt: skip
 
 
 def _as_seen(expected: Predictions, which: Ints, before: Labelled | None) -> Predictions:
-    """Expected markers with the ellipses that they had in the frame before: discs are never quite what a table says.
+    """Expected markers with the ellipses that they had in the frame before, changed as the pose changes them.
 
-    With the right shape six unknowns are enough (`detect_at`), which is faster and surer than ten.
+    Discs are never quite what a table says. With the right shape six unknowns are enough (`detect_at`), which is faster
+    and surer than ten.
     """
     if before is None or not len(before.marker):
         return expected
@@ -131,7 +140,11 @@ def _as_seen(expected: Predictions, which: Ints, before: Labelled | None) -> Pre
     old = place[which]
     known = (old >= 0) & np.isfinite(before.axes_px[old]).all(axis=1) & np.isfinite(before.angle[old])
     axes, angle = expected.axes_px.copy(), expected.angle.copy()
-    axes[known], angle[known] = before.axes_px[old[known]], before.angle[old[known]]
+    table = before.by_table[old[known]]
+    change = np.column_stack([axes[known] / table[:, :2], angle[known] - table[:, 2]])
+    change = np.where(np.isfinite(change).all(axis=1, keepdims=True), change, [1.0, 1.0, 0.0])
+    axes[known] = before.axes_px[old[known]] * change[:, :2]
+    angle[known] = before.angle[old[known]] + change[:, 2]
     return replace(expected, axes_px=axes, angle=angle)
 
 
@@ -166,7 +179,8 @@ def anywhere(image: Image, test: DeformationTest, station: Station, prior: Pose 
     spot, marker = spot[once], marker[once]
     return Labelled(
         marker, spots.xy[spot], spots.cov[spot], spots.axes_px[spot], spots.angle[spot],
-        sum(a.n_expected for a, _ in pairs), None, float(np.median(spots.radius_px[spot])), "", station_pose,
+        np.full((len(spot), 3), np.nan), sum(a.n_expected for a, _ in pairs), None,
+        float(np.median(spots.radius_px[spot])), "", station_pose,
     )  # fmt: skip
 
 
