@@ -22,8 +22,8 @@ Array = NDArray[np.float64]
 
 FEWER = 0.6
 """A frame with less than this part of the markers of the frame before is looked at again without expectations."""
-MOST_SIGMA0 = 6.0
-"""A state whose residuals are so many times larger than the spots' covariances is no state of this model."""
+MOST_RMS_PX = 4.0
+"""A state that leaves such residuals is no state of this model: tables and lenses are off by less."""
 KEEP, FORGET = 0.7, 0.5
 """How fast the velocity follows the last change; how fast large prediction errors are forgotten."""
 MOST_OUT = 0.2
@@ -255,8 +255,8 @@ def _start_pose(station: Station, spots: Labelled) -> Pose:
 
 
 def _implausible(state: Deformation) -> str | None:
-    if state.sigma0 > MOST_SIGMA0:
-        return f"the residuals are {state.sigma0:.1f} times as large as the spots' uncertainties"
+    if state.rms_px > MOST_RMS_PX:
+        return f"the laws leave residuals of {state.rms_px:.1f} px"
     out = int((~state.used).sum())
     return f"{out} of {len(state.used)} spots contradict the others" if out > MOST_OUT * len(state.used) else None
 
