@@ -163,6 +163,10 @@ class VectorBlock:
         """See `Block`."""
         return np.diag(self.scale)
 
+    def pinned(self, value: Array, gradient: Array) -> NDArray[np.bool_]:
+        """(k,) at a bound and pulled beyond it by the cost's gradient (k,): no step moves these (Bertsekas 1982)."""
+        return ((value <= self.lower) & (gradient > 0)) | ((value >= self.upper) & (gradient < 0))
+
     def difference(self, value: Array, reference: Array) -> tuple[Array, Array]:
         """Plain difference."""
         return value - reference, np.eye(len(self.names))

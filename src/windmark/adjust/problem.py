@@ -8,10 +8,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.adjust.blocks import Block
+from windmark.adjust.blocks import Block, VectorBlock
 from windmark.adjust.terms import Term, Values
 
 Array = NDArray[np.float64]
+
+
+_PINNED = 1e12
+"""Information, per natural unit squared, on a number that is held at its bound."""
 
 
 class Step(NamedTuple):
@@ -135,7 +139,18 @@ class Problem:
             information[own] += j.T @ j
         if not np.isfinite(cost):
             return None
+        self._pin(values, gradient, information)
         return NormalEquations(cost, gradient, information, natural)
+
+    def _pin(self, values: Values, gradient: Array, information: Array) -> None:
+        """Numbers that stand at a bound and would leave it are known there: they take no part in the step."""
+        for name, block in self.blocks.items():
+            if isinstance(block, VectorBlock):
+                s = self._slices[name]
+                at = s.start + np.flatnonzero(block.pinned(values[name], gradient[s]))
+                gradient[at] = 0.0
+                information[at] = information[:, at] = 0.0
+                information[at, at] = _PINNED
 
     def natural(self, values: Values) -> Array:
         """(P, P) natural units of all blocks as tangent steps, block-diagonal."""

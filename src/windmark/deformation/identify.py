@@ -145,7 +145,7 @@ def _solve(task: Task, values: dict[str, Any], reject: bool) -> _Solved | NotIde
         shift = task.eccentricity(values)
         problem = task.problem(values, shift, used, Loss())
         values, system, report = minimise(problem, values, FINE)
-        cov = covariance(system, problem.names)
+        cov = covariance(system, _names(problem))
         term = problem.terms[0]
         assert isinstance(term, Sighting)
         test = test_used(task, term, problem, values, cov, used)
@@ -176,7 +176,7 @@ def _without_gross(task: Task, problem: Problem, values: Any, shift: Array, used
     term = problem.terms[0]
     assert isinstance(term, Sighting)
     if cov is None:
-        raise DegenerateGeometry("not determined", weak_parameters(system, problem.names))
+        raise DegenerateGeometry("not determined", weak_parameters(system, _names(problem)))
     test = test_used(task, term, problem, values, cov, used)
     limit = critical(len(test))
     if np.count_nonzero(test > limit * scale_of(test)) < 2 and scale_of(test) < 4:
@@ -195,7 +195,7 @@ def _rough_cov(problem: Problem, values: Any) -> tuple[Array | None, Any]:
     system = problem.linearise(values)
     assert system is not None
     try:
-        return covariance(system, problem.names), system
+        return covariance(system, _names(problem)), system
     except DegenerateGeometry:
         return None, system
 
@@ -209,13 +209,14 @@ def _result(task: Task, s: _Solved, options: Mapping[str, Any]) -> Deformation:
     residuals = raw[row[:, None], 2 * view[:, None] + np.arange(2)]
     parts = [part for term in s.problem.terms if (part := term.residual(values)) is not None]
     chi2 = float(sum((part**2).sum() for part in parts))
-    redundancy = 2 * int(s.used.sum()) + sum(part.size for part in parts[1:]) - s.problem.size
     sizes = np.cumsum([0, *(len(b.names) for b in s.problem.blocks.values())])
     slices = {n: slice(int(a), int(b)) for n, a, b in zip(s.problem.blocks, sizes[:-1], sizes[1:], strict=True)}
     q = values[LAW]
     sigma = np.sqrt(np.diag(s.cov)[slices[LAW]]) if LAW in slices else np.zeros(0)
     known = zip(volumes.names, volumes.parameters, sigma, strict=True)
     edge = zip(volumes.names, volumes.parameters, q, strict=True)
+    at_bound = tuple(n for n, p, value in edge if value in (p.lower, p.upper))
+    redundancy = 2 * int(s.used.sum()) + sum(part.size for part in parts[1:]) - s.problem.size + len(at_bound)
     return Deformation(
         volumes=volumes, q=q, tunnel_from_model=values[MOTION],
         cam_from_tunnel={v.name: values[pose_block(v.name)] for v in task.views},
@@ -224,7 +225,7 @@ def _result(task: Task, s: _Solved, options: Mapping[str, Any]) -> Deformation:
         rms_px=float(np.sqrt((residuals[s.used] ** 2).sum(axis=1).mean())),
         sigma0=float(np.sqrt(chi2 / redundancy)) if redundancy > 0 else float("nan"), chi2=chi2, redundancy=redundancy,
         from_prior=tuple(n for n, p, size in known if size > PRIOR_SHARE * p.sigma),
-        at_bound=tuple(n for n, p, value in edge if value in (p.lower, p.upper)), report=s.report, options=options,
+        at_bound=at_bound, report=s.report, options=options,
     )  # fmt: skip
 
 

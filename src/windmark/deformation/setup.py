@@ -152,8 +152,10 @@ class Task:
 
 def _held(name: str, block: PoseBlock, reference: Pose, cov: Array) -> JointPrior:
     """What is known of a pose beforehand."""
-    sigma = np.sqrt(np.diag(cov))
     try:
+        if not (np.isfinite(cov).all() and (np.diag(cov) > 0).all()):
+            raise np.linalg.LinAlgError
+        sigma = np.sqrt(np.diag(cov))
         half = np.linalg.cholesky(cov / np.outer(sigma, sigma))
     except np.linalg.LinAlgError:
         raise ValueError(f"covariance of {name}: must be finite, (6, 6) and positive definite") from None
@@ -204,14 +206,14 @@ def prepare(
     marker, row = np.unique(observations.point, return_inverse=True)
     wall = np.asarray(markers.role[marker] == "wall")
     volume = np.where(wall, "", markers.volume[marker])
-    covs = _marker_cov(markers, marker_cov)
+    covs, known_poses = _marker_cov(markers, marker_cov), dict(pose_cov or {})
     return Task(
         observations, markers, volumes, known, views, marker, row.ravel(), wall,
         volumes.bind(markers.xyz[marker], volume), None if covs is None else covs[marker],
         free_motion and not wall.all(),
         _chosen("free_poses", free_poses, names), _chosen("free_focal", free_focal, list(dict.fromkeys(known))),
         None if motion_cov is None else _square("motion_cov", motion_cov),
-        {n: _square(f"pose_cov of {n}", c) for n, c in (pose_cov or {}).items()},
+        {n: _square(f"pose_cov of {n}", known_poses[n]) for n in _chosen("pose_cov", tuple(known_poses), names)},
     )  # fmt: skip
 
 
