@@ -6,14 +6,13 @@ Paths are relative to the project file.
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 
-from windmark.io.errors import FileError, reading
+from windmark.pipeline.settings import Strict, existing, explained, read_toml, unusable_name
 
 Vector = tuple[float, float, float]
 Place = tuple[float, float]
@@ -23,11 +22,7 @@ Role = Literal["model", "wall", "primary", "secondary", "tap", "virtual", "fiduc
 Positive = Annotated[float, Field(gt=0)]
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class CameraEntry(_Strict):
+class CameraEntry(Strict):
     """One camera: its interior parameters.
 
     ``pose = "find"``: a pose in the file is only compared with, never used as a start.
@@ -39,7 +34,7 @@ class CameraEntry(_Strict):
     pose: Literal["find", "known"] = "find"
 
 
-class ImageEntry(_Strict):
+class ImageEntry(Strict):
     """One image (or one page of a multipage TIFF).
 
     ``channel``: of a colour picture; grey is a weighted sum. ``bayer``: the file is a colour sensor's raw mosaic.
@@ -62,14 +57,14 @@ class ImageEntry(_Strict):
         return self.name or self.file.stem
 
 
-class MarkersEntry(_Strict):
+class MarkersEntry(Strict):
     """The markers' table; only the given roles are matched. Where the model moved, leave the walls out."""
 
     file: Path
     roles: Annotated[tuple[Role, ...], Field(min_length=1)] = ("model", "wall", "primary", "secondary")
 
 
-class GridEntry(_Strict):
+class GridEntry(Strict):
     """The surface grid.
 
     ``volumes``: the model's parts, each with the zones (blocks, or volumes of the file) it is made of; zones
@@ -84,7 +79,7 @@ class GridEntry(_Strict):
     volume_face: Literal["imin", "imax", "jmin", "jmax", "kmin", "kmax"] | None = None
 
 
-class DetectOptions(_Strict):
+class DetectOptions(Strict):
     """Options of `windmark.detect`.
 
     ``radius_px``: without it each image's own estimate is taken, and said. ``mask``: a picture of the images' size, of
@@ -99,7 +94,7 @@ class DetectOptions(_Strict):
     mask: Path | None = None
 
 
-class RegisterOptions(_Strict):
+class RegisterOptions(Strict):
     """Options of `windmark.register`. ``prior``: a camera file whose pose the solution must be near to.
 
     ``occlusion``: markers that the grid hides are neither expected nor matched.
@@ -120,14 +115,14 @@ class RegisterOptions(_Strict):
     occlusion: bool = True
 
 
-class ResectOptions(_Strict):
+class ResectOptions(Strict):
     """How values are taken from the image."""
 
     max_obliquity_deg: Annotated[float, Field(gt=0, le=90)] = 80.0
     interpolation: Literal["linear", "cubic"] = "cubic"
 
 
-class ViewEntry(_Strict):
+class ViewEntry(Strict):
     """A virtual image: looks along `direction` (model frame), `up` points to the top, framed on the surface seen."""
 
     name: str
@@ -137,7 +132,7 @@ class ViewEntry(_Strict):
     fov_deg: Annotated[float, Field(gt=0, lt=170)] = 2.0
 
 
-class SectionEntry(_Strict):
+class SectionEntry(Strict):
     """A cut of the surface by a plane: values along the line, every `spacing` length units or at each grid line."""
 
     name: str
@@ -146,20 +141,20 @@ class SectionEntry(_Strict):
     spacing: Positive | None = None
 
 
-class AlignOptions(_Strict):
+class AlignOptions(Strict):
     """3D alignment: every image is recomputed as if taken from the reference image's pose."""
 
     reference: str
 
 
-class OutputOptions(_Strict):
+class OutputOptions(Strict):
     """What is written, and where. ``nodes``: formats of the node values, by default all that the grid allows."""
 
     folder: Path = Path("results")
     nodes: tuple[NodeFormat, ...] | None = None
 
 
-class Project(_Strict):
+class Project(Strict):
     """A whole job. `path` is the project file; other paths are already absolute."""
 
     path: Path
@@ -188,9 +183,8 @@ class Project(_Strict):
             double = sorted({n for n in names if names.count(n) > 1})
             if double:
                 raise ValueError(f"{kind} names must be unique, more than once: {', '.join(double)}")
-            bad = [n for n in names if not n or any(ch in n for ch in '/\\:*?"<>|') or n.startswith(".")]
-            if bad:
-                raise ValueError(f"{kind} names become file names, this one cannot: {bad[0]!r}")
+            if (bad := unusable_name(names)) is not None:
+                raise ValueError(f"{kind} names become file names, this one cannot: {bad!r}")
         cameras = [c.name for c in self.camera]
         for image in self.image:
             if image.camera is None and len(cameras) > 1:
@@ -226,13 +220,7 @@ def read_project(path: str | Path, given: Mapping[str, Mapping[str, Any]] | None
         When the file is missing, no TOML, has an unknown or wrong key, or names a file that is absent.
     """
     path = Path(path)
-    try:
-        with reading(path):
-            data = tomllib.loads(path.read_bytes().decode("utf-8-sig"))
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise FileError(path, f"is not valid TOML ({error}); expected a windmark project file") from None
-    if "path" in data:
-        raise FileError(path, f"unknown key; expected {_known_keys(Project)}", "path")
+    data = read_toml(path, Project)
     for table, keys in (given or {}).items():
         if isinstance(data.setdefault(table, {}), dict):
             data[table] |= keys
@@ -244,29 +232,22 @@ def make_project(path: Path, settings: Mapping[str, Any]) -> Project:
     try:
         project = Project(path=path.resolve(), **settings)
     except ValidationError as error:
-        raise _explained(path, error) from None
+        raise explained(path, error, Project) from None
     return _with_absolute_paths(project)
 
 
 def _with_absolute_paths(project: Project) -> Project:
     base = project.path.parent
-
-    def existing(key: str, relative: Path) -> Path:
-        full = (base / relative).resolve()
-        if not full.is_file():
-            raise FileError(project.path, f"there is no file {full}; expected an existing file", key)
-        return full
-
     register = project.register_
     if register.prior is not None:
-        register = register.model_copy(update={"prior": existing("register.prior", register.prior)})
+        register = register.model_copy(update={"prior": existing(project.path, "register.prior", register.prior)})
 
     detect = project.detect
     if detect is not None and detect.mask is not None:
-        detect = detect.model_copy(update={"mask": existing("detect.mask", detect.mask)})
+        detect = detect.model_copy(update={"mask": existing(project.path, "detect.mask", detect.mask)})
 
-    def moved(key: str, entry: _Strict) -> _Strict:
-        return entry.model_copy(update={"file": existing(f"{key}.file", entry.file)})  # type: ignore[attr-defined]
+    def moved(key: str, entry: Strict) -> Strict:
+        return entry.model_copy(update={"file": existing(project.path, f"{key}.file", entry.file)})  # type: ignore[attr-defined]
 
     return project.model_copy(
         update={
@@ -279,32 +260,3 @@ def _with_absolute_paths(project: Project) -> Project:
             "output": project.output.model_copy(update={"folder": (base / project.output.folder).resolve()}),
         }
     )
-
-
-def _explained(path: Path, error: ValidationError) -> FileError:
-    """The first thing that is wrong, in words: key, what came, what was expected."""
-    first = error.errors()[0]
-    keys = [str(k) for k in first["loc"]]
-    key = ".".join(keys) or None
-    if first["type"] == "extra_forbidden":
-        return FileError(path, f"unknown key; expected {_known_keys(_model_at(keys[:-1]))}", key)
-    if first["type"] == "missing":
-        return FileError(path, "is missing", key)
-    if first["type"] == "value_error":
-        return FileError(path, str(first["ctx"]["error"]), key)
-    return FileError(path, f"{first['msg']}, got {first['input']!r}", key)
-
-
-def _model_at(keys: list[str]) -> type[BaseModel]:
-    """The part of the project a key path leads to (list indices are skipped)."""
-    parts: dict[str, type[BaseModel]] = {
-        "camera": CameraEntry, "image": ImageEntry, "markers": MarkersEntry, "grid": GridEntry,
-        "detect": DetectOptions, "register": RegisterOptions, "resect": ResectOptions, "view": ViewEntry,
-        "section": SectionEntry, "align": AlignOptions, "output": OutputOptions,
-    }  # fmt: skip
-    return parts.get(keys[0], Project) if keys else Project
-
-
-def _known_keys(model: type[BaseModel]) -> str:
-    names = [f.alias or n for n, f in model.model_fields.items() if n != "path"]
-    return f"one of {', '.join(names)}"

@@ -1,0 +1,94 @@
+"""Settings from TOML files: every key checked before any work starts, errors that name file, key and expectation."""
+
+from __future__ import annotations
+
+import tomllib
+import types
+from pathlib import Path
+from typing import Annotated, Any, Union, get_args, get_origin
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from windmark.io.errors import FileError, reading
+
+
+class Strict(BaseModel):
+    """A table of a settings file: unknown keys are errors, values do not change."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+def read_toml(path: Path, root: type[BaseModel]) -> dict[str, Any]:
+    """The settings of a file, not yet checked.
+
+    Raises
+    ------
+    FileError
+        When it cannot be read, is no TOML, or has the key that holds its own path.
+    """
+    try:
+        with reading(path):
+            data = tomllib.loads(path.read_bytes().decode("utf-8-sig"))
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise FileError(path, f"is not valid TOML ({error}); expected a windmark project file") from None
+    if "path" in data:
+        raise FileError(path, f"unknown key; expected {known_keys(root)}", "path")
+    return data
+
+
+def explained(path: Path, error: ValidationError, root: type[BaseModel]) -> FileError:
+    """The first thing that is wrong, in words: key, what came, what was expected."""
+    first = error.errors()[0]
+    keys = [str(k) for k in first["loc"]]
+    key = ".".join(keys) or None
+    if first["type"] == "extra_forbidden":
+        return FileError(path, f"unknown key; expected {known_keys(_model_at(root, keys[:-1]))}", key)
+    if first["type"] == "missing":
+        return FileError(path, "is missing", key)
+    if first["type"] == "value_error":
+        return FileError(path, str(first["ctx"]["error"]), key)
+    return FileError(path, f"{first['msg']}, got {first['input']!r}", key)
+
+
+def existing(settings: Path, key: str, relative: Path) -> Path:
+    """A file that a settings file names, as an absolute path.
+
+    Raises
+    ------
+    FileError
+        When it does not exist, naming both.
+    """
+    full = (settings.parent / relative).resolve()
+    if not full.is_file():
+        raise FileError(settings, f"there is no file {full}; expected an existing file", key)
+    return full
+
+
+def unusable_name(names: list[str]) -> str | None:
+    """The first name that cannot become a file's name on every system."""
+    return next((n for n in names if not n or any(ch in n for ch in '/\\:*?"<>|') or n.startswith(".")), None)
+
+
+def known_keys(model: type[BaseModel]) -> str:
+    """The keys of a table, in words."""
+    names = [f.alias or n for n, f in model.model_fields.items() if n != "path"]
+    return f"one of {', '.join(names)}"
+
+
+def _model_at(root: type[BaseModel], keys: list[str]) -> type[BaseModel]:
+    """The part of the settings that a key path leads to; indices of lists are skipped."""
+    model = root
+    for key in keys:
+        field = next((f for n, f in model.model_fields.items() if key in (n, f.alias)), None)
+        found = None if field is None else _model_in(field.annotation)
+        model = found or model
+    return model
+
+
+def _model_in(annotation: Any) -> type[BaseModel] | None:
+    """The table inside a list, an optional or an annotated type."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    if get_origin(annotation) in (Union, types.UnionType, Annotated, tuple, list, dict):
+        return next((m for part in get_args(annotation) if (m := _model_in(part)) is not None), None)
+    return None
