@@ -11,10 +11,11 @@ from windmark.deformation.stations import SpanValues, Stations, span_values
 from windmark.deformation.stereo import Displacements, MarkerPlaces, displacements, marker_places
 from windmark.deformation.user import UserLaw, laws_of_source
 from windmark.deformation.volumes import Placed, Volume, Volumes
+from windmark.deformation.zero import ZeroMarkers, zero_markers
 
 __all__ = [
     "BoundLaw", "Deformation", "Displacements", "FunctionLaw", "Held", "Law", "LawChoice", "LawError", "Linear",
     "MarkerPlaces", "NotIdentified", "Numeric", "Parameter", "Placed", "SpanValues", "Stations", "UserLaw", "Volume",
-    "Volumes", "check_law", "compare_laws", "displacements", "function_law", "identify", "law", "laws_of_source",
-    "marker_places", "span_values", "vertex_volumes", "with_parameters",
+    "Volumes", "ZeroMarkers", "check_law", "compare_laws", "displacements", "function_law", "identify", "law",
+    "laws_of_source", "marker_places", "span_values", "vertex_volumes", "with_parameters", "zero_markers",
 ]  # fmt: skip

@@ -97,10 +97,11 @@ def _number(cell: str) -> float:
         return float("inf")  # found, and named, as not finite
 
 
-def read_table(path: Pathlike, *, required: Sequence[str], known: Sequence[str]) -> Table:
+def read_table(path: Pathlike, *, required: Sequence[str], known: Sequence[str] | None) -> Table:
     """Read a table with a header line.
 
-    Columns may come in any order and case, separated by comma, semicolon or tab (as the header
+    Columns may come in any order and case, those ``required`` and others that are ``known`` (None: any), separated by
+    comma, semicolon or tab (as the header
     is). Blank lines and lines that start with ``#`` are skipped. UTF-8, with or without byte order mark.
 
     Raises
@@ -177,14 +178,14 @@ def _fitted(row: list[str], n: int) -> list[str]:
 
 
 def _check_header(
-    path: Pathlike, line: int, columns: tuple[str, ...], required: Sequence[str], known: Sequence[str]
+    path: Pathlike, line: int, columns: tuple[str, ...], required: Sequence[str], known: Sequence[str] | None
 ) -> None:
-    listed = f"the columns are {','.join(known)}"
+    listed = f"the columns are {','.join(known or required)}"
     for column in required:
         if column not in columns:
             raise FileError(path, f"no column {column!r} in the header {','.join(columns)!r}; {listed}", line)
     for column in columns:
-        if column not in known:
+        if known is not None and column not in known:
             raise FileError(path, f"unknown column {column!r}; {listed}", line)
         if columns.count(column) > 1:
             raise FileError(path, f"the column {column!r} is there more than once", line)

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from windmark import io, resection
+from windmark.geometry import Camera, Pose
 from windmark.pipeline.project import GridEntry
-from windmark.scene import Mesh
+from windmark.scene import MarkerSet, Mesh
 
+UNDER_GRID = 2e-3
+"""A marker's table place may lie so far under the grid's flat triangles (of its diagonal); that does not hide it."""
+HIDDEN = resection.REASONS.index("hidden")
 _CLOSED = 1e-6
 """Sum of the normals over the area below which a surface counts as closed."""
 
@@ -53,3 +59,15 @@ def is_outward(mesh: Mesh) -> bool:
     # Six times the enclosed volume, from the middle of the box so that nothing large cancels.
     middle = 0.5 * (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0))
     return bool(np.sum((mesh.vertices[mesh.triangles[:, 0]] - middle) * normals) > 0)
+
+
+def sight(markers: MarkerSet, mesh: Mesh) -> Callable[[Pose, Camera], NDArray[np.bool_]]:
+    """What registration asks: which markers the grid does not hide."""
+
+    def visible(cam_from_model: Pose, camera: Camera) -> NDArray[np.bool_]:
+        seen = resection.see_points(
+            markers.xyz, camera, cam_from_model, mesh=mesh, tolerance=UNDER_GRID * mesh.diagonal
+        )
+        return np.asarray(seen.reason != HIDDEN)
+
+    return visible

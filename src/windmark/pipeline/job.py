@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from windmark import detection, io, registration, resection
 from windmark.geometry import Camera, Pose
 from windmark.pipeline.clock import Clock, Progress, silent
-from windmark.pipeline.grid import read_grid
+from windmark.pipeline.grid import UNDER_GRID, read_grid, sight
 from windmark.pipeline.labels import excluded_spots, fixed_spots
 from windmark.pipeline.project import ImageEntry, Project, ResectOptions, SectionEntry, ViewEntry
 from windmark.pipeline.results import ImageResult, RunResult, SectionValues, ViewImage
@@ -24,10 +24,6 @@ from windmark.resection import PixelMap
 from windmark.scene import MarkerSet, Mesh
 
 Array = NDArray[np.float64]
-
-UNDER_GRID = 2e-3
-"""A marker's table place may lie so far under the grid's flat triangles (of its diagonal); that does not hide it."""
-HIDDEN = resection.REASONS.index("hidden")
 
 
 @dataclass(frozen=True)
@@ -163,7 +159,7 @@ def _register(
             prior_max_scale=wanted.prior_max_scale,
             fixed=fixed,
             excluded=excluded,
-            visible=_sight(inputs.markers, inputs.mesh) if wanted.occlusion else None,
+            visible=sight(inputs.markers, inputs.mesh) if wanted.occlusion and inputs.mesh is not None else None,
             tolerance_px=wanted.tolerance_px,
             free_focal=wanted.free_focal,
             max_time_s=wanted.max_time_s,
@@ -176,20 +172,6 @@ def _register(
         return replace(result, problem=f"not registered: {answer.reason}")
     result = replace(result, camera=answer.camera, cam_from_model=answer.cam_from_model)
     return replace(result, expected=_expected(inputs.markers, answer, inputs.mesh))
-
-
-def _sight(markers: MarkerSet, mesh: Mesh | None) -> Callable[[Pose, Camera], NDArray[np.bool_]] | None:
-    """What registration asks: which markers the grid does not hide."""
-    if mesh is None:
-        return None
-
-    def visible(cam_from_model: Pose, camera: Camera) -> NDArray[np.bool_]:
-        seen = resection.see_points(
-            markers.xyz, camera, cam_from_model, mesh=mesh, tolerance=UNDER_GRID * mesh.diagonal
-        )
-        return np.asarray(seen.reason != HIDDEN)
-
-    return visible
 
 
 def _expected(markers: MarkerSet, answer: Registration, mesh: Mesh | None) -> NDArray[np.int64]:

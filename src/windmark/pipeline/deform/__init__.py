@@ -1,14 +1,15 @@
 """Deformation measurements: sequences of images of one or more cameras, live or from a disk."""
 
 from windmark.pipeline.deform.follow import displaced, follow_deformation
+from windmark.pipeline.deform.frames import frames_on_disk, watch
+from windmark.pipeline.deform.load import Loaded, load
+from windmark.pipeline.deform.project import DeformProject, read_deform_project
+from windmark.pipeline.deform.record import FrameRecord, Zero
+from windmark.pipeline.deform.run import Sequence, run_sequence
 from windmark.pipeline.deform.task import DeformationTest, DeformedFrame, FrameImages, LookOptions, Station
 
 __all__ = [
-    "DeformedFrame",
-    "FrameImages",
-    "LookOptions",
-    "Station",
-    "DeformationTest",
-    "displaced",
-    "follow_deformation",
-]
+    "DeformProject", "DeformationTest", "DeformedFrame", "FrameImages", "FrameRecord", "Loaded", "LookOptions",
+    "Sequence", "Station", "Zero", "displaced", "follow_deformation", "frames_on_disk", "load", "read_deform_project",
+    "run_sequence", "watch",
+]  # fmt: skip

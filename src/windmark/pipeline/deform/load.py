@@ -1,0 +1,148 @@
+"""From a project file to a test: cameras, markers and laws are read and checked before any image is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark import io
+from windmark.deformation import Law, LawError, Stations, Volume, Volumes, check_law, laws_of_source, with_parameters
+from windmark.deformation.laws.catalog import CATALOG, make_law
+from windmark.geometry import Pose
+from windmark.io.errors import reading
+from windmark.pipeline.deform.project import CameraEntry, DeformProject, VolumeEntry
+from windmark.pipeline.deform.task import DeformationTest, LookOptions, Station
+from windmark.pipeline.grid import read_grid, sight
+from windmark.scene import MarkerSet, Mesh
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Loaded:
+    """A project with everything it names.
+
+    Parameters
+    ----------
+    project : the settings
+    test : what `follow_deformation` wants
+    mesh : the grid; None without one
+    stations : where twist and bending are reported; None without
+    remarks : what is odd but no error
+    """
+
+    project: DeformProject
+    test: DeformationTest
+    mesh: Mesh | None
+    stations: Stations | None
+    remarks: tuple[str, ...]
+
+
+def load(project: DeformProject) -> Loaded:
+    """Read everything that a project names.
+
+    Raises
+    ------
+    FileError
+        Naming the project's key, or the file, that is wrong.
+    """
+    markers = io.read_markers(project.markers.file, roles=project.markers.roles)
+    mesh = None if project.grid is None else read_grid(project.grid)
+    volumes, remarks = _volumes(project, markers)
+    stations = None
+    if project.stations is not None:
+        given = project.stations
+        try:
+            stations = Stations.along(
+                given.start, given.end, given.count, volume=given.volume, chord=given.chord, up=given.up
+            )
+        except ValueError as error:
+            raise io.FileError(project.path, str(error), "stations") from None
+    look = project.look
+    radius = (look.radius_px,) if isinstance(look.radius_px, float) else look.radius_px
+    options = LookOptions(
+        radius, look.polarity, look.merit_max, look.photometry, look.max_time_s, look.max_table_error,
+        look.max_deformation, look.seed,
+    )  # fmt: skip
+    test = DeformationTest(
+        tuple(_station(project, i, c) for i, c in enumerate(project.camera)), markers, volumes, project.motion.free,
+        sight(markers, mesh) if mesh is not None and look.occlusion else None, None, options,
+    )  # fmt: skip
+    return Loaded(project, test, mesh, stations, tuple(remarks))
+
+
+def _station(project: DeformProject, i: int, entry: CameraEntry) -> Station:
+    camera, pose = io.read_camera(entry.file)
+    if pose is None:
+        raise io.FileError(
+            entry.file, "has no pose; expected where the camera stands (cam_from_tunnel), such as windmark register "
+            "or calibrate write it", f"camera[{i}].file",
+        )  # fmt: skip
+    cov = None
+    if entry.pose_sigma is not None and entry.pose_sigma_deg is not None:
+        cov = _pose_cov(pose, np.radians(entry.pose_sigma_deg), entry.pose_sigma)
+    mask = None if entry.mask is None else io.read_mask(entry.mask, camera.size_px[::-1])
+    return Station(entry.name, camera, pose, entry.moves, cov, entry.free_focal, mask)
+
+
+def _pose_cov(pose: Pose, turn: float, shift: float) -> Array:
+    """(6, 6) for ``exp(delta) @ pose``, the camera turning about its own centre, so that its shift is independent."""
+    return np.diag([turn**2] * 3 + [shift**2] * 3)
+
+
+def _volumes(project: DeformProject, markers: MarkerSet) -> tuple[Volumes, list[str]]:
+    parts: list[Volume] = []
+    remarks: list[str] = []
+    for i, entry in enumerate(project.volume):
+        key = f"volume[{i}]"
+        points = markers.xyz[(markers.volume == entry.name) & (markers.role != "wall")]
+        try:
+            law = None if entry.law is None else _law(project, entry, points)
+            if law is not None and entry.parameters:
+                law = with_parameters(law, entry.parameters)
+            if law is not None and len(points):
+                remarks += check_law(law, points, name=entry.law or "")
+        except LawError as error:
+            raise io.FileError(project.path, str(error), f"{key}.law") from None
+        if law is not None and not len(points):
+            known = ", ".join(sorted(set(markers.volume[markers.role != "wall"].tolist())))
+            raise io.FileError(
+                project.path, f"no marker belongs to volume {entry.name!r}; the table has {known}", f"{key}.name"
+            )
+        try:
+            parts.append(Volume(entry.name, law, entry.parent, entry.attach))
+        except ValueError as error:
+            raise io.FileError(project.path, str(error), key) from None
+    try:
+        return Volumes.of(parts), remarks
+    except ValueError as error:
+        raise io.FileError(project.path, str(error), "volume") from None
+
+
+def _law(project: DeformProject, entry: VolumeEntry, points: Array) -> Law:
+    """A built-in law, or one of a user's file."""
+    assert entry.law is not None
+    if entry.law in CATALOG:
+        table = None
+        if "table" in entry.options:
+            table = io.read_modes(_beside(project, Path(str(entry.options["table"]))))
+        return make_law(entry.law, entry.options, unit=project.length_unit, points=points, table=table)
+    name, _, which = entry.law.partition(".py")
+    if not _:
+        raise LawError(f"{entry.law!r} is neither a built-in law ({', '.join(CATALOG)}) nor a file, file.py:name")
+    file = _beside(project, Path(f"{name}.py"))
+    with reading(file):
+        laws = laws_of_source(file.read_text(encoding="utf-8"), str(file))
+    which = which.removeprefix(":")
+    if not which and len(laws) > 1:
+        raise LawError(f"{file}: holds {', '.join(laws)}; say which, {name}.py:NAME")
+    if which and which not in laws:
+        raise LawError(f"{file}: holds no law {which}; it has {', '.join(laws)}")
+    return laws[which or next(iter(laws))].with_options(entry.options)
+
+
+def _beside(project: DeformProject, path: Path) -> Path:
+    return (project.path.parent / path).resolve()

@@ -1,0 +1,192 @@
+"""The project file of a deformation test: cameras and their images, markers, volumes with laws, what is wanted."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, ValidationError, model_validator
+
+from windmark.pipeline.project import GridEntry, Positive, Role, Unit, Vector
+from windmark.pipeline.settings import Strict, existing, explained, read_toml, unusable_name
+
+Image = Annotated[str, Field(min_length=1)]
+
+
+class CameraEntry(Strict):
+    """One camera: a file with its interior parameters and its pose (cam_from_tunnel), and its images.
+
+    ``images``: file names or patterns (``cam1/*.tif``), relative to the project file. The frame of an image is the
+    last number in its name; cameras without numbers are paired by order.
+    ``moves``: its pose is found in every frame; markers on walls hold it. ``pose_sigma_deg``, ``pose_sigma``: what is
+    known of that pose beforehand (1 sigma per axis, degrees and length units). ``free_focal``: so is its focal length.
+    """
+
+    name: str
+    file: Path
+    images: tuple[Image, ...] | Image
+    moves: bool = False
+    pose_sigma_deg: Positive | None = None
+    pose_sigma: Positive | None = None
+    free_focal: bool = False
+    mask: Path | None = None
+
+    @model_validator(mode="after")
+    def _both(self) -> CameraEntry:
+        if (self.pose_sigma_deg is None) != (self.pose_sigma is None):
+            raise ValueError("pose_sigma_deg and pose_sigma belong together")
+        return self
+
+    @property
+    def patterns(self) -> tuple[str, ...]:
+        """The images, always as a list."""
+        return (self.images,) if isinstance(self.images, str) else self.images
+
+
+class MarkersEntry(Strict):
+    """The markers' table; markers of role "wall" stand still and hold cameras that move."""
+
+    file: Path
+    roles: Annotated[tuple[Role, ...], Field(min_length=1)] = ("model", "wall", "primary", "secondary")
+
+
+class VolumeEntry(Strict):
+    """A part of the model. ``law``: a built-in one (``windmark laws``), or ``file.py:name`` of your own.
+
+    ``options``: of the law. ``parameters``: start, sigma, lower, upper of its parameters. ``parent``: what it is fixed
+    to; ``attach``: at which point, as a rigid body.
+    """
+
+    name: str
+    law: str | None = None
+    options: dict[str, Any] = Field(default_factory=dict)
+    parameters: dict[str, dict[str, float]] = Field(default_factory=dict)
+    parent: str | None = None
+    attach: Vector | None = None
+
+
+class LookEntry(Strict):
+    """How markers are found: options of `detect` and, for frames without a frame before, of `register`."""
+
+    radius_px: Positive | Annotated[tuple[Positive, ...], Field(min_length=1)] | None = None
+    polarity: Literal["dark", "bright"] = "dark"
+    merit_max: Positive = 0.7
+    photometry: Literal["multiplicative", "additive"] | None = None
+    max_time_s: Positive | None = None
+    max_table_error: Positive = 0.025
+    max_deformation: Annotated[float, Field(ge=0, le=0.1)] = 0.05
+    seed: int = 0
+    occlusion: bool = True
+
+
+class MotionEntry(Strict):
+    """``free``: the model moves as a rigid body, too."""
+
+    free: bool = True
+
+
+class StationsEntry(Strict):
+    """Where twist and bending are reported: chords along a line on a volume."""
+
+    volume: str
+    start: Vector
+    end: Vector
+    count: Annotated[int, Field(ge=1, le=1000)] | Annotated[tuple[float, ...], Field(min_length=1)] = 11
+    chord: Vector = (1.0, 0.0, 0.0)
+    up: Vector = (0.0, 0.0, 1.0)
+
+
+class SequenceEntry(Strict):
+    """Time. ``frames``: a table ``frame[,time_s][,...]``; other columns (angle of attack, Mach) go into the results.
+
+    ``zero``: frames of the undeformed model (wind off): the markers' places are corrected by them, and everything is
+    reported relative to their mean. ``against``: the column that the report's curves are drawn over, by default time.
+    """
+
+    rate_hz: Positive | None = None
+    frames: Path | None = None
+    zero: tuple[str, ...] = ()
+    against: str | None = None
+
+
+class OutputEntry(Strict):
+    """What is written. ``grid``: the deformed grid of every ``every``-th frame. ``magnify``: in the film."""
+
+    folder: Path = Path("deformation")
+    grid: tuple[Literal["vtk", "plot3d"], ...] = ()
+    every: Annotated[int, Field(ge=1)] = 1
+    film: bool = True
+    magnify: Positive | None = None
+
+
+class DeformProject(Strict):
+    """A whole deformation test. `path` is the project file; other paths are already absolute."""
+
+    path: Path
+    title: str
+    length_unit: Unit
+    camera: Annotated[tuple[CameraEntry, ...], Field(min_length=1)]
+    markers: MarkersEntry
+    volume: tuple[VolumeEntry, ...] = ()
+    motion: MotionEntry = Field(default_factory=MotionEntry)
+    look: LookEntry = Field(default_factory=LookEntry)
+    grid: GridEntry | None = None
+    stations: StationsEntry | None = None
+    sequence: SequenceEntry = Field(default_factory=SequenceEntry)
+    output: OutputEntry = Field(default_factory=OutputEntry)
+
+    @model_validator(mode="after")
+    def _consistent(self) -> DeformProject:
+        for kind, names in (("camera", [c.name for c in self.camera]), ("volume", [v.name for v in self.volume])):
+            twice = sorted({n for n in names if names.count(n) > 1})
+            if twice:
+                raise ValueError(f"{kind} names must be unique, more than once: {', '.join(twice)}")
+            if (bad := unusable_name(names)) is not None:
+                raise ValueError(f"{kind} names become file names, this one cannot: {bad!r}")
+        if not any(v.law for v in self.volume) and not self.motion.free:
+            raise ValueError("nothing is free: give a volume a law, or set motion.free")
+        if self.output.grid and self.grid is None:
+            raise ValueError("output.grid: a deformed grid needs [grid] file = ...")
+        if self.stations is not None and self.stations.volume not in [v.name for v in self.volume]:
+            raise ValueError(f"stations: volume {self.stations.volume!r} is not one of the volumes")
+        return self
+
+
+def read_deform_project(path: str | Path, output: Path | None = None) -> DeformProject:
+    """Read and check a project file of a deformation test.
+
+    Parameters
+    ----------
+    path : the TOML file
+    output : a folder instead of the file's own
+
+    Raises
+    ------
+    FileError
+        When the file is missing, no TOML, has an unknown or wrong key, or names a file that is absent.
+    """
+    path = Path(path)
+    data = read_toml(path, DeformProject)
+    if output is not None and isinstance(data.setdefault("output", {}), dict):
+        data["output"]["folder"] = output.resolve()
+    try:
+        project = DeformProject(path=path.resolve(), **data)
+    except ValidationError as error:
+        raise explained(path, error, DeformProject) from None
+    base = project.path.parent
+    cameras = []
+    for i, camera in enumerate(project.camera):
+        files = {"file": existing(project.path, f"camera[{i}].file", camera.file)}
+        if camera.mask is not None:
+            files["mask"] = existing(project.path, f"camera[{i}].mask", camera.mask)
+        cameras.append(camera.model_copy(update=files))
+    markers, grid, sequence = project.markers, project.grid, project.sequence
+    markers = markers.model_copy(update={"file": existing(project.path, "markers.file", markers.file)})
+    if grid is not None:
+        grid = grid.model_copy(update={"file": existing(project.path, "grid.file", grid.file)})
+    if sequence.frames is not None:
+        sequence = sequence.model_copy(update={"frames": existing(project.path, "sequence.frames", sequence.frames)})
+    folder = project.output.model_copy(update={"folder": (base / project.output.folder).resolve()})
+    return project.model_copy(
+        update={"camera": tuple(cameras), "markers": markers, "grid": grid, "sequence": sequence, "output": folder}
+    )

@@ -1,0 +1,163 @@
+"""What is kept of every frame: a few numbers, relative to the wind-off zero, with their sigma."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.deformation import Deformation, SpanValues, Stations, span_values
+from windmark.geometry import Pose
+from windmark.geometry.rotations import log_so3
+from windmark.pipeline.deform.task import DeformedFrame
+
+Array = NDArray[np.float64]
+Pair = tuple[Array, Array]
+
+MOTION = ("shift_x", "shift_y", "shift_z", "turn_x_deg", "turn_y_deg", "turn_z_deg")
+"""The rigid motion of the model in the tunnel's axes: shift of its markers' centre, rotation vector."""
+
+
+@dataclass(frozen=True)
+class Zero:
+    """The wind-off state that results are relative to.
+
+    Parameters
+    ----------
+    q : (K,) parameters of the laws
+    tunnel_from_model : rigid motion
+    span : bending and twist, in the model's frame and with the rigid motion; None without stations
+    frames : how many frames it is the mean of
+    """
+
+    q: Array
+    tunnel_from_model: Pose
+    span: tuple[SpanValues, SpanValues] | None = None
+    frames: int = 0
+
+    @staticmethod
+    def of(states: Sequence[Deformation], stations: Stations | None) -> Zero:
+        """The mean of wind-off states; that of the table without any."""
+        q = np.mean([s.q for s in states], axis=0)
+        first = states[0].tunnel_from_model
+        away = np.mean([(s.tunnel_from_model @ first.inverse()).log() for s in states], axis=0)
+        span = None
+        if stations is not None:
+            span = tuple(_mean([span_values(s, stations, frame=f) for s in states]) for f in ("model", "tunnel"))
+        return Zero(q, Pose.exp(away) @ first, span, len(states))  # type: ignore[arg-type]
+
+
+def _mean(values: Sequence[SpanValues]) -> SpanValues:
+    n = len(values)
+    return SpanValues(
+        values[0].eta, np.mean([v.bending for v in values], axis=0), np.mean([v.twist_deg for v in values], axis=0),
+        np.sum([v.cov for v in values], axis=0) / n**2,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class FrameRecord:
+    """One instant.
+
+    Parameters
+    ----------
+    index, key, instant, time_s, status, reason, seconds : see `DeformedFrame`
+    spots, outliers : observations, and those left out
+    rms_px, sigma0 : of the residuals
+    q, q_sigma : (K,) laws' parameters less the zero
+    motion, motion_sigma : (6,) see `MOTION`
+    bending, bending_sigma, twist, twist_sigma : (S,) by the laws alone, less the zero
+    pitch, pitch_sigma : (S,) twist with the rigid motion, less the zero
+    latency_s : from the newest image's time stamp to the result; NaN unless live
+
+    Every sigma is that of the covariance times max(1, sigma0): the residuals may say that tables and lens are worse
+    than what was stated, never that they are better.
+    """
+
+    index: int
+    key: str
+    instant: float
+    time_s: float
+    status: str
+    reason: str
+    seconds: float
+    spots: int
+    outliers: int
+    rms_px: float
+    sigma0: float
+    q: Array
+    q_sigma: Array
+    motion: Array
+    motion_sigma: Array
+    bending: Array = field(default_factory=lambda: np.zeros(0))
+    bending_sigma: Array = field(default_factory=lambda: np.zeros(0))
+    twist: Array = field(default_factory=lambda: np.zeros(0))
+    twist_sigma: Array = field(default_factory=lambda: np.zeros(0))
+    pitch: Array = field(default_factory=lambda: np.zeros(0))
+    pitch_sigma: Array = field(default_factory=lambda: np.zeros(0))
+    latency_s: float = float("nan")
+
+
+def record(
+    frame: DeformedFrame, zero: Zero | None, stations: Stations | None, centre: Array, time_s: float,
+    latency_s: float, count: int,
+) -> FrameRecord:  # fmt: skip
+    """The numbers of a frame.
+
+    Parameters
+    ----------
+    centre : (3,) the point whose shift is reported, in the model's frame
+    count : number of the laws' parameters
+    """
+    common = (frame.index, frame.key, frame.instant, time_s, frame.status, frame.reason, frame.seconds)
+    span = 0 if stations is None else len(stations)
+    if frame.state is None:
+        nan, six, along = np.full(count, np.nan), np.full(6, np.nan), np.full(span, np.nan)
+        return FrameRecord(
+            *common, 0, 0, np.nan, np.nan, nan, nan, six, six, along, along, along, along, along, along, latency_s
+        )
+    state = frame.state
+    worse = max(1.0, state.sigma0) if np.isfinite(state.sigma0) else 1.0
+    q_sigma = worse * np.array([state.sigma[n] for n in state.volumes.names])
+    motion, motion_sigma = _motion(state, zero, centre)
+    none = np.zeros(0)
+    bending, twist, pitch = ((none, none),) * 3 if stations is None else _span(state, zero, stations, worse)
+    return FrameRecord(
+        *common, len(state.used), int((~state.used).sum()), state.rms_px, state.sigma0,
+        state.q - (zero.q if zero is not None else 0.0), q_sigma, motion, worse * motion_sigma, *bending, *twist,
+        *pitch, latency_s,
+    )  # fmt: skip
+
+
+def _motion(state: Deformation, zero: Zero | None, centre: Array) -> tuple[Array, Array]:
+    """Shift of the centre and rotation vector in degrees, less the zero, and their sigma."""
+    first = zero.tunnel_from_model if zero is not None else Pose.identity()
+    now = state.tunnel_from_model
+    change = now @ first.inverse()
+    out = np.concatenate([now.apply(centre) - first.apply(centre), np.degrees(log_so3(change.rotation))])
+    cov = np.zeros((6, 6))
+    if "motion" in state.slices:
+        own = state.cov[state.slices["motion"], state.slices["motion"]]
+        place = now.apply(centre)
+        j = np.zeros((6, 6))
+        j[:3, :3] = -np.array([[0, -place[2], place[1]], [place[2], 0, -place[0]], [-place[1], place[0], 0]])
+        j[:3, 3:] = np.eye(3)
+        j[3:, :3] = np.degrees(np.eye(3))
+        cov = j @ own @ j.T
+    return out, np.sqrt(np.diag(cov))
+
+
+def _span(state: Deformation, zero: Zero | None, stations: Stations, worse: float) -> tuple[Pair, Pair, Pair]:
+    """Bending, twist and pitch with their sigma, less the zero."""
+    model, tunnel = (span_values(state, stations, frame=f) for f in ("model", "tunnel"))
+    off = zero.span if zero is not None else None
+    cov = [worse**2 * v.cov for v in (model, tunnel)]
+    bending, twist, pitch = model.bending, model.twist_deg, tunnel.twist_deg
+    if off is not None:
+        bending, twist, pitch = bending - off[0].bending, twist - off[0].twist_deg, pitch - off[1].twist_deg
+        cov = [c + o.cov for c, o in zip(cov, off, strict=True)]
+    s = len(stations)
+    sigma = [np.sqrt(np.diag(c)) for c in cov]
+    return (bending, sigma[0][:s]), (twist, sigma[0][s:]), (pitch, sigma[1][s:])

@@ -1,0 +1,165 @@
+"""A whole deformation test: wind-off zero, then every frame, from a disk or live."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark import io
+from windmark.deformation import Deformation, zero_markers
+from windmark.pipeline.deform.follow import follow_deformation
+from windmark.pipeline.deform.frames import FrameTable, frames_on_disk, key_of, read_frame_table
+from windmark.pipeline.deform.load import Loaded
+from windmark.pipeline.deform.outputs import Writer
+from windmark.pipeline.deform.record import FrameRecord, Zero, record
+from windmark.pipeline.deform.task import DeformedFrame, FrameImages
+from windmark.scene import View
+
+Array = NDArray[np.float64]
+
+KEPT = 120
+"""States that are kept for the film; with more frames every second one is dropped, again and again."""
+
+
+@dataclass
+class Sequence:
+    """What is left of a sequence when it is over.
+
+    Parameters
+    ----------
+    records : the numbers of every frame
+    zero : the wind-off state; None without one
+    moved : (N, 3) how far the zero moved the markers from their table; None without one
+    film : some evenly spaced frames with their states
+    table : what is known of the frames besides
+    interrupted : Ctrl-C ended it
+    """
+
+    records: list[FrameRecord] = field(default_factory=list)
+    zero: Zero | None = None
+    moved: Array | None = None
+    film: list[tuple[FrameRecord, Deformation]] = field(default_factory=list)
+    table: FrameTable = field(default_factory=FrameTable)
+    interrupted: bool = False
+    _stride: int = 1
+
+    def keep(self, row: FrameRecord, state: Deformation | None) -> None:
+        """Add a frame; memory stays that of its few numbers."""
+        self.records.append(row)
+        if state is not None and row.index % self._stride == 0:
+            self.film.append((row, state))
+        if len(self.film) > KEPT:
+            self._stride *= 2
+            self.film = [kept for kept in self.film if kept[0].index % self._stride == 0]
+
+    @property
+    def good(self) -> list[FrameRecord]:
+        """The frames with a state."""
+        return [r for r in self.records if r.status != "lost"]
+
+
+def run_sequence(
+    loaded: Loaded,
+    folder: Path,
+    *,
+    frames: Iterable[FrameImages] | None = None,
+    live: bool = False,
+    say: Callable[[FrameRecord], None] | None = None,
+) -> Sequence:
+    """Follow a test and write its results.
+
+    Parameters
+    ----------
+    loaded : the project with everything it names
+    folder : an existing folder that the results go to
+    frames : images; None takes those on the disk
+    live : the images arrive now: latency is measured, Ctrl-C is the usual end, and files are readable all the time
+    say : called with the numbers of every frame
+
+    Raises
+    ------
+    FileError
+        For images or tables that do not fit, or a wind-off zero of which no frame can be used.
+    """
+    project = loaded.project
+    table = read_frame_table(project)
+    frames = frames_on_disk(project) if frames is None else frames
+    out = Sequence(table=table)
+    loaded, out.zero, out.moved = _zeroed(loaded)
+    test = loaded.test
+    model = test.markers.role != "wall"
+    centre = test.markers.xyz[model].mean(axis=0)
+    with Writer(folder, loaded, table) as writer:
+        try:
+            for frame, arrived in _followed(frames, loaded):
+                latency = time.time() - arrived if live else float("nan")
+                row = record(
+                    frame, out.zero, loaded.stations, centre, _time(frame, table, project.sequence.rate_hz), latency,
+                    len(test.volumes.names),
+                )  # fmt: skip
+                writer.add(frame, row)
+                out.keep(row, frame.state)
+                if live:
+                    writer.live()
+                if say is not None:
+                    say(row)
+        except KeyboardInterrupt:
+            if not live:
+                raise
+            out.interrupted = True
+    return out
+
+
+def _followed(frames: Iterable[FrameImages], loaded: Loaded) -> Iterator[tuple[DeformedFrame, float]]:
+    """Frames with the time stamp of their newest image."""
+    stamps: list[float] = []
+
+    def noted() -> Iterator[FrameImages]:
+        for frame in frames:
+            paths = [p for p in frame.images.values() if isinstance(p, Path)]
+            stamps.append(max((p.stat().st_mtime for p in paths if p.exists()), default=time.time()))
+            yield frame
+
+    for frame in follow_deformation(noted(), loaded.test):
+        yield frame, stamps.pop(0)
+
+
+def _time(frame: DeformedFrame, table: FrameTable, rate_hz: float | None) -> float:
+    row = table.row(frame.key)
+    if row is not None and np.isfinite(table.time_s[row]):
+        return float(table.time_s[row])
+    return frame.instant / rate_hz if rate_hz else float("nan")
+
+
+def _zeroed(loaded: Loaded) -> tuple[Loaded, Zero | None, Array | None]:
+    """The test with the markers where the wind-off frames show them, and the wind-off state."""
+    project = loaded.project
+    wanted = [key_of(k) for k in project.sequence.zero]
+    if not wanted:
+        return loaded, None, None
+    known = {f.key: f for f in frames_on_disk(project)}
+    missing = [k for k in wanted if k not in known]
+    if missing:
+        raise io.FileError(project.path, f"frame {missing[0]} has no image; expected a wind-off frame", "sequence.zero")
+    states, seen, views, why = [], [], [], ""
+    for key in wanted:  # each for itself: wind-off frames may be far apart
+        frame = next(follow_deformation([known[key]], loaded.test))
+        if frame.state is None or frame.observations is None:
+            why = f"frame {key}: {frame.reason}"
+            continue
+        states.append(frame.state)
+        seen.append(frame.observations)
+        views.append([View(n, n) for n in frame.views])
+    if not states:
+        raise io.FileError(project.path, f"no wind-off frame can be used; {why}", "sequence.zero")
+    corrected = zero_markers(states, seen, views, loaded.test.markers)
+    test = replace(loaded.test, markers=corrected.markers, marker_cov=corrected.cov)
+    again = [next(follow_deformation([known[key]], test)).state for key in wanted]
+    good = [s for s in again if s is not None]
+    zero = Zero.of(good or states, loaded.stations)
+    return replace(loaded, test=test), zero, corrected.shift
