@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,35 +10,11 @@ import numpy as np
 from windmark import synth
 from windmark.deformation import Stations, Volume, Volumes
 from windmark.deformation.laws import Beam
-from windmark.geometry import Camera, Pose
+from windmark.geometry import Pose
 from windmark.pipeline.deform import DeformationTest, Station
-from windmark.scene import MarkerSet
 
 TIP, TWIST_DEG, SHIFT, TURN_DEG = 0.02, 1.0, 20.0, 2.0
 """Full size of the motion: rise of the tip over the span, twist of the tip, shift (mm) and turn of the model."""
-
-
-def layout(shape: synth.HalfModel, patches: Mapping[str, synth.Patch], rng: np.random.Generator) -> MarkerSet:
-    """55 markers on the wing and 5 on the body, 72 on the floor, of which each camera sees some 25."""
-    return synth.rows_layout(shape, patches, rng, upper=(11, 5), lower=(0, 0), body=5, floor=(9, 8), side=0, jitter=4.0)
-
-
-def stations(size_px: tuple[int, int] = (1280, 800)) -> list[tuple[Camera, Pose]]:
-    """Two cameras of 1 Mpx, 60 degrees apart, 0.5 mm per pixel."""
-    target, out = np.array([225.0, 330.0, 10.0]), []
-    for sign in (-1, 1):
-        lean = np.radians(30.0) * sign
-        eye = target + 1045 * np.array([np.sin(lean), 0.0, np.cos(lean)])
-        camera = Camera(
-            size_px, 2090.0, 1.0003, size_px[0] / 2 + 5, size_px[1] / 2 - 4, k1=-0.1, k2=0.05, p1=2e-4, p2=-1e-4
-        )
-        out.append((camera, Pose.look_at(eye, target, [1.0, 0.0, 0.0])))
-    return out
-
-
-def tunnel(seed: int, **options: object) -> synth.TunnelTest:
-    """The wind-off test; its own wind-on state is not used."""
-    return synth.wind_tunnel(seed, stations=stations(), layout=layout, clutter=None, **options)  # type: ignore[arg-type]
 
 
 def volumes(shape: synth.HalfModel, unit: str = "mm") -> Volumes:

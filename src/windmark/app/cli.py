@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from windmark.app import console
-from windmark.app.commands import camera, image, plan
+from windmark.app.commands import camera, deform, image, plan
 from windmark.app.commands.matching_options import MaxTime, NoOcclusion, Roles
 from windmark.app.commands.options import Json, Seed
 
@@ -57,17 +57,23 @@ def demo(
         verbs.demo(folder, seed, as_json)
 
 
-@app.command(epilog="Example: windmark simulate my-test --seed 7")
+@app.command(epilog="Examples: windmark simulate my-test --seed 7; windmark simulate my-wing --deforming 12")
 def simulate(
     folder: Annotated[Path, typer.Argument(help="Where the test is written.")],
     seed: Seed = 1,
+    deforming: Annotated[
+        int | None, typer.Option(help="A deformation test instead: so many frames of a bending wing by two cameras.")
+    ] = None,
     as_json: Json = False,
 ) -> None:
-    """Write a synthetic test: images, markers, camera, grid, project file and the truth."""
+    """Write a synthetic test: images, markers, cameras, grid, project file and the truth."""
     from windmark.app import verbs
 
     with console.errors(as_json):
-        verbs.simulate(folder, seed, as_json)
+        if deforming is None:
+            verbs.simulate(folder, seed, as_json)
+        else:
+            verbs.simulate_deforming(folder, seed, deforming, as_json)
 
 
 @app.command(epilog="Example: windmark run project.toml")
@@ -88,6 +94,7 @@ def run(
 
 image.add(app)
 camera.add(app)
+deform.add(app)
 plan.add(app)
 
 

@@ -131,6 +131,24 @@ def simulate(folder: Path, seed: int, as_json: bool) -> None:
     console.answer(record, as_json, lines)
 
 
+def simulate_deforming(folder: Path, seed: int, frames: int, as_json: bool) -> None:
+    """Write a synthetic deformation test."""
+    from windmark.pipeline.simulate_deforming import simulate_deforming as write_test
+
+    with console.progress() as show:
+        show("render the virtual wind tunnel")
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with io.atomic_folder(folder) as place:
+            test = write_test(place, seed, frames)
+    record = {"folder": folder, "seed": seed, "markers": len(test.markers), "frames": frames,
+              "cameras": list(test.cameras)}  # fmt: skip
+    lines = [
+        f"{frames} frames of {len(test.cameras)} cameras, {len(test.markers)} markers: {folder}",
+        f"next: windmark deform {folder / 'deform.toml'}",
+    ]
+    console.answer(record, as_json, lines)
+
+
 def demo(folder: Path, seed: int, as_json: bool) -> None:
     """A synthetic test made, run with no start pose, and compared with its truth."""
     from windmark.pipeline.simulate import simulate as write_test

@@ -66,14 +66,14 @@ def simulate(folder: Path, seed: int) -> TunnelTest:
         io.write_image(folder / f"{shot.view.frame}.tif", shot.image)
         _write_truth(truth, test, shot)
     images = "\n".join(f'[[image]]\nfile = "{shot.view.frame}.tif"\n' for shot in test.shots)
-    volumes = ", ".join(f"{name} = {zones}" for name, zones in _zones(test.mesh).items() if name != "wall")
+    volumes = ", ".join(f"{name} = {zones}" for name, zones in zones_of(test.mesh).items() if name != "wall")
     text = _PROJECT.format(seed=seed, images=images, radius=RADIUS_PX, volumes=volumes)
     with io.atomic_write(folder / "project.toml") as stream:
         stream.write(text)
     return test
 
 
-def _zones(mesh: Mesh) -> dict[str, list[str]]:
+def zones_of(mesh: Mesh) -> dict[str, list[str]]:
     """The zones of the grid file that make up each volume (PLOT3D files number their zones, they have no names)."""
     zones: dict[str, list[str]] = {}
     for number, block in enumerate(mesh.blocks, start=1):

@@ -19,6 +19,7 @@ from windmark.synth.render import Rendering, render
 from windmark.synth.scenes import Scene, marker_scene
 from windmark.synth.screen import Rays
 from windmark.synth.sequence import WingState, deformed_world, deforming_sequence, swinging, tunnel_sequence
+from windmark.synth.stereo import stereo_layout, stereo_stations, stereo_wing
 from windmark.synth.truth import MarkerTruth, marker_truth
 from windmark.synth.tunnel import WIND_OFF, WIND_ON, Shot, TunnelTest, default_stations, wind_tunnel
 from windmark.synth.wing import HalfModel
@@ -29,5 +30,5 @@ __all__ = [
     "Patch", "Rays", "Rendering", "Scene", "Sensor", "SheetTruth", "Shot", "TransonicFlow", "TunnelTest", "WingState",
     "World", "assemble", "bend", "board_spots", "default_stations", "deformed_world", "deforming_sequence", "degrade",
     "disc_image", "flex", "marker_scene", "marker_sheet", "marker_truth", "random_poses", "render", "rows_layout",
-    "swinging", "tunnel_sequence", "wind_tunnel",
+    "stereo_layout", "stereo_stations", "stereo_wing", "swinging", "tunnel_sequence", "wind_tunnel",
 ]  # fmt: skip

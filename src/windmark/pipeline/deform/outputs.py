@@ -147,7 +147,7 @@ class Writer:
                 "deformation": np.linalg.norm(place, axis=1),
                 "sigma_deformation": np.sqrt(np.trace(cov, axis1=1, axis2=2)),
             }  # fmt: skip
-            io.write_nodes_vtk(self._folder / "grid" / f"{frame.key}.vtk", moved, fields,
+            io.write_nodes_vtk(self._folder / "grid" / f"{frame.key}.vtp", moved, fields,
                                units=dict.fromkeys(fields, unit))  # fmt: skip
 
     def _open_netcdf(self, units: Sequence[str], unit: str) -> None:

@@ -1,0 +1,35 @@
+"""Commands of deformation tests. Heavy imports wait until a verb needs them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from windmark.app import console
+from windmark.app.commands.options import Json
+
+
+def add(app: typer.Typer) -> None:
+    """Add these commands to ``app``."""
+    app.command(
+        epilog="Example: windmark deform deform.toml. Live: windmark deform deform.toml --watch incoming --idle 10"
+    )(deform)
+
+
+def deform(
+    project: Annotated[Path, typer.Argument(help="Project file (TOML) of a deformation test.")],
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="Folder instead of the project's own.")] = None,
+    watch: Annotated[
+        Path | None, typer.Option(help="Live: a folder that the cameras' images appear in; Ctrl-C ends.")
+    ] = None,
+    idle: Annotated[float | None, typer.Option(help="Live: end when nothing has come for so many seconds.")] = None,
+    frames: Annotated[int | None, typer.Option(help="Live: end after so many frames.")] = None,
+    as_json: Json = False,
+) -> None:
+    """Model deformation from one camera or several: laws, rigid motion, twist and bending, frame by frame."""
+    with console.errors(as_json):
+        from windmark.app import deform_verb
+
+        deform_verb.deform(project, output, watch, idle, frames, as_json)

@@ -1,0 +1,231 @@
+"""The report of a deformation test, and its film."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib import colormaps
+from numpy.typing import NDArray
+
+import windmark
+from windmark.app.deform_curves import history_picture, parameter_picture, span_picture, spectrum_picture
+from windmark.app.pictures import png, surface_picture
+from windmark.app.report import Report
+from windmark.deformation import Deformation, vertex_volumes
+from windmark.pipeline.deform import Loaded, Sequence
+from windmark.pipeline.deform.record import MOTION
+from windmark.pipeline.surface import surface_view
+from windmark.scene import Mesh
+
+Array = NDArray[np.float64]
+
+FILM_FRAMES, FILM_SIZE, CAPTION_PX = 48, (720, 480), 40
+VISIBLE_PART = 0.12
+"""The film magnifies so that the largest deformation is this part of the model."""
+WORDS = {
+    "cold": "found without help", "tracked": "followed from the frame before", "lost": "no deformation, see the reason",
+}  # fmt: skip
+
+
+def deform_page(loaded: Loaded, sequence: Sequence, record: dict[str, Any], folder: Path) -> str:
+    """The HTML page."""
+    project, unit = loaded.project, loaded.project.length_unit
+    when = datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
+    report = Report(project.title, f"windmark {windmark.__version__}, {when}, length unit: {unit}")
+    _overview(report, loaded, sequence, record)
+    rows = sequence.good
+    if rows:
+        x, label = _abscissa(loaded, sequence)
+        if loaded.stations is not None:
+            report.heading("Bending and twist along the span")
+            caption = "By the laws alone, the rigid motion removed; error bars: 2 sigma"
+            report.picture(png(span_picture(rows, loaded.stations.eta, unit)), caption)
+        report.heading("Against " + label.split(",")[0])
+        report.picture(png(history_picture(sequence.records, x, label, unit)),
+                       "Bands: 2 sigma; red lines: lost frames. Shift of the markers' centre and rotation vector, both "
+                       "in the tunnel's axes")  # fmt: skip
+        names = loaded.test.volumes.names
+        if names:
+            units = [p.unit for p in loaded.test.volumes.parameters]
+            report.picture(png(parameter_picture(sequence.records, names, units, x, label)),
+                           "Parameters of the laws, less the wind-off zero; bands: 2 sigma")  # fmt: skip
+        if loaded.stations is not None:
+            spectrum = spectrum_picture(rows, project.sequence.rate_hz, unit)
+            if spectrum is not None:
+                report.picture(png(spectrum), "Spectrum of the tip (Hann window)")
+        _surface(report, loaded, sequence)
+    _tables(report, loaded, sequence)
+    _files(report, folder)
+    return report.html()
+
+
+def _overview(report: Report, loaded: Loaded, sequence: Sequence, record: dict[str, Any]) -> None:
+    test = loaded.test
+    report.table(["status", "frames", "meaning"], [[k, record[k], words] for k, words in WORDS.items()])
+    if sequence.good:
+        text = (
+            f"Median: {record['median_spots']:.0f} spots, RMS {record['median_rms_px']:.3g} px, sigma0 "
+            f"{record['median_sigma0']:.3g}, {record['median_frame_ms']:.0f} ms per frame from images to result; "
+            f"{record['outliers']} spots left out as gross errors."
+        )
+        report.text(text)
+    if sequence.zero is not None and sequence.moved is not None:
+        size = np.linalg.norm(sequence.moved, axis=1)
+        report.text(
+            f"Wind-off zero: mean of {sequence.zero.frames} frames. It moved the markers by {np.median(size):.3g} "
+            f"{loaded.project.length_unit} (median) from their table, at most {size.max():.3g}."
+        )
+    else:
+        report.text("No wind-off zero: values are relative to the table of markers, whose errors they contain.", "bad")
+    moving = [s.name for s in test.stations if s.moves]
+    fixed = [s.name for s in test.stations if not s.moves]
+    if fixed:
+        report.text(
+            f"Taken as fixed: {', '.join(fixed)}. A camera that moved unnoticed is an error that no sigma shows."
+        )
+    if moving:
+        report.text(f"Found in every frame by markers on walls: {', '.join(moving)}.")
+    report.text(
+        "Every sigma is 1 sigma, from the spots' and the markers' covariances, times sigma0 where that is above 1.",
+        "soft",
+    )
+
+
+def _abscissa(loaded: Loaded, sequence: Sequence) -> tuple[Array, str]:
+    """What the curves are drawn over."""
+    rows, wanted = sequence.records, loaded.project.sequence.against
+    if wanted is not None and wanted in sequence.table.columns:
+        column = sequence.table.columns[wanted]
+        at = [sequence.table.row(r.key) for r in rows]
+        return np.array([np.nan if k is None else column[k] for k in at]), wanted
+    time = np.array([r.time_s for r in rows])
+    if np.isfinite(time).all():
+        return time, "time, s"
+    return np.array([r.instant for r in rows]), "frame"
+
+
+def _tables(report: Report, loaded: Loaded, sequence: Sequence) -> None:
+    unit = loaded.project.length_unit
+    names, units = loaded.test.volumes.names, [p.unit for p in loaded.test.volumes.parameters]
+    report.heading("Every frame")
+    laws = [f"{n} {u}".strip() for n, u in zip(names, units, strict=True)]
+    head = ["frame", "status", "spots", "out", "RMS px", "sigma0", *laws,
+            *(f"{m.removesuffix('_deg')} {'°' if m.endswith('_deg') else unit}" for m in MOTION), "reason"]  # fmt: skip
+    report.table(head, [
+        [r.key, r.status, r.spots, r.outliers, r.rms_px, r.sigma0, *map(_plain, r.q), *map(_plain, r.motion), r.reason]
+        for r in sequence.records
+    ], scroll=True)  # fmt: skip
+
+
+def _plain(value: float) -> str:
+    return "–" if value != value else f"{value:.4f}"
+
+
+def _files(report: Report, folder: Path) -> None:
+    about = {
+        "deformation.csv": "one row per frame: parameters, rigid motion, their sigma, quality",
+        "span.csv": "one row per frame and station: bending and twist with sigma, with and without the rigid motion",
+        "markers.csv": "one row per frame and marker seen: place, displacement and its sigma in the tunnel's axes",
+        "deformation.nc": "all of it over frames, NetCDF-4",
+        "units.json": "units of the columns",
+        "grid": "the deformed grid of single frames",
+        "deformation.gif": "the film",
+        "summary.json": "the figures of this page",
+    }
+    report.heading("Files beside this report")
+    there = [[n, text] for n, text in about.items() if n == "summary.json" or (folder / n).exists()]
+    report.table(["file", "content"], there)
+
+
+def _surface(report: Report, loaded: Loaded, sequence: Sequence) -> None:
+    """The most deformed frame that was kept, on the grid."""
+    mesh = loaded.mesh
+    if mesh is None or not sequence.film:
+        return
+    row, state = max(sequence.film, key=lambda kept: float(np.nanmax(np.abs(kept[0].bending), initial=0.0)))
+    size = deformation_size(mesh, state, sequence.zero)
+    direction, up = _view(loaded)
+    moved = magnified(mesh, state, sequence.zero, 1.0)
+    shown = surface_view(moved, size, direction=direction, up=up, focus=moved.vertices[_used(mesh)])
+    label = f"deformation, {loaded.project.length_unit}"
+    report.picture(png(surface_picture(shown.value, shown.shade, f"Frame {row.key}: deformation of the grid", label)),
+                   "Length of the displacement by the laws, rigid motion removed")  # fmt: skip
+
+
+def _view(loaded: Loaded) -> tuple[Array, Array]:
+    """Between the cameras, a little from the front."""
+    poses = [s.cam_from_tunnel for s in loaded.test.stations]
+    ahead = np.mean([p.rotation[2] for p in poses], axis=0)
+    up = -poses[0].rotation[1]
+    direction = ahead / np.linalg.norm(ahead) + 0.9 * up
+    return direction / np.linalg.norm(direction), up
+
+
+def _used(mesh: Mesh) -> NDArray[np.int64]:
+    """Nodes of the wanted volumes, some of them: enough to frame a picture."""
+    return np.asarray(np.unique(mesh.triangles)[::5])
+
+
+def _extent(mesh: Mesh) -> float:
+    return float(np.linalg.norm(np.ptp(mesh.vertices[_used(mesh)], axis=0)))
+
+
+def magnified(mesh: Mesh, state: Deformation, zero: Any, factor: float) -> Mesh:
+    """The grid with its deformation since the zero, rigid motion removed, magnified."""
+    return replace(mesh, vertices=mesh.vertices + factor * _change(mesh, state, zero))
+
+
+def deformation_size(mesh: Mesh, state: Deformation, zero: Any) -> Array:
+    """(V,) length of the deformation since the zero."""
+    return np.asarray(np.linalg.norm(_change(mesh, state, zero), axis=1))
+
+
+def _change(mesh: Mesh, state: Deformation, zero: Any) -> Array:
+    bound = state.volumes.bind(mesh.vertices, vertex_volumes(mesh))
+    rest = mesh.vertices if zero is None else bound.place(zero.q)
+    return np.asarray(bound.place(state.q) - rest)
+
+
+def film(loaded: Loaded, sequence: Sequence, path: Path) -> None:
+    """The deforming grid as an animated GIF, deformation magnified; nothing without a grid."""
+    mesh = loaded.mesh
+    if mesh is None:
+        return
+    import imageio.v3 as iio
+
+    step = -(-len(sequence.film) // FILM_FRAMES)
+    kept = sequence.film[::step]
+    sizes = [deformation_size(mesh, state, sequence.zero) for _, state in kept]
+    largest = max(float(s.max()) for s in sizes)
+    factor = loaded.project.output.magnify or float(
+        f"{max(VISIBLE_PART * _extent(mesh) / max(largest, 1e-12), 1.0):.1g}"
+    )
+    factor = min(factor, 1e3)
+    direction, up = _view(loaded)
+    used = _used(mesh)
+    # What is in view is decided by the least and the most deformed frame.
+    ends = [kept[int(np.argmin([s.max() for s in sizes]))][1], kept[int(np.argmax([s.max() for s in sizes]))][1]]
+    focus = np.concatenate([magnified(mesh, state, sequence.zero, factor).vertices[used] for state in ends])
+    images = []
+    for (row, state), size in zip(kept, sizes, strict=True):
+        moved = magnified(mesh, state, sequence.zero, factor)
+        shown = surface_view(moved, size, direction=direction, up=up, focus=focus, size_px=FILM_SIZE)
+        images.append(_drawn(shown.value, shown.shade, largest, f"frame {row.key}   deformation x {factor:g}"))
+    iio.imwrite(path, np.stack(images), extension=".gif", duration=100, loop=0)
+
+
+def _drawn(value: NDArray[np.float32], shade: NDArray[np.float32], largest: float, text: str) -> NDArray[np.uint8]:
+    """One picture of the film: colour from none to the largest deformation, with a caption."""
+    from PIL import Image, ImageDraw
+
+    colours = colormaps["viridis"](np.nan_to_num(value) / max(largest, 1e-12))[..., :3]
+    light = np.nan_to_num(shade, nan=1.0)[..., None]
+    picture = np.where(np.isfinite(shade)[..., None], colours * (0.5 + 0.5 * light), 1.0)
+    picture = np.concatenate([np.ones((CAPTION_PX, *picture.shape[1:])), picture])
+    image = Image.fromarray((255 * np.clip(picture, 0, 1)).astype(np.uint8))
+    ImageDraw.Draw(image).text((12, 10), text, fill=(28, 36, 48), font_size=18)
+    return np.asarray(image)

@@ -1,0 +1,134 @@
+"""The verb `windmark deform`: follow a deforming model through a sequence, from a disk or live."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from windmark import io
+from windmark.app import console
+from windmark.app.deform_report import deform_page, film
+from windmark.pipeline.deform import FrameRecord, Loaded, Sequence, load, read_deform_project, run_sequence, watch
+
+Record = dict[str, Any]
+
+
+def deform(
+    path: Path, output: Path | None, watched: Path | None, idle_s: float | None, frames: int | None, as_json: bool
+) -> None:
+    """Follow, write whole, say how it went.
+
+    Live results appear while the sequence runs: their folder is not replaced at the end but filled from the start.
+    """
+    if watched is None and (idle_s is not None or frames is not None):
+        raise ValueError("--idle and --frames belong to --watch")
+    start = time.perf_counter()
+    loaded = load(read_deform_project(path, output))
+    for remark in loaded.remarks:
+        console.note(path, remark)
+    folder = loaded.project.output.folder
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    if watched is not None:
+        sequence = _live(loaded, folder, watched, idle_s, frames, as_json)
+        record = _finish(loaded, sequence, folder, start)
+    else:
+        with console.progress() as show, io.atomic_folder(folder) as place:
+            show("compile and find the first frame")
+            sequence = run_sequence(loaded, place, say=lambda row: show(f"frame {row.key}: {row.status}"))
+            show("draw the report")
+            record = _finish(loaded, sequence, place, start)
+    record["folder"] = folder
+    good = bool(sequence.good)
+    if good or not as_json:
+        console.answer(record, as_json, [*_lines(loaded, sequence), f"report: {folder / 'report.html'}"])
+    if not good:
+        why = sequence.records[0].reason if sequence.records else "no frame arrived"
+        console.refuse(f"no frame gave a deformation; the first: {why}", as_json, record)
+
+
+def _live(
+    loaded: Loaded, folder: Path, watched: Path, idle_s: float | None, frames: int | None, as_json: bool
+) -> Sequence:
+    folder.mkdir(parents=True, exist_ok=True)
+    say: Callable[[FrameRecord], None] | None = None if as_json else _said
+    if not as_json:
+        console.answer({}, False, [f"watching {watched} (Ctrl-C ends), results in {folder}"])
+    arriving = watch(loaded.project, watched, idle_s=idle_s, stop_after=frames)
+    return run_sequence(loaded, folder, frames=arriving, live=True, say=say)
+
+
+def _said(row: FrameRecord) -> None:
+    console.answer({}, False, [live_line(row)])
+
+
+def live_line(row: FrameRecord) -> str:
+    """One frame as it comes."""
+    latency = f"{1e3 * row.latency_s:.0f} ms" if np.isfinite(row.latency_s) else ""
+    if row.status == "lost":
+        return f"frame {row.key}: lost: {row.reason}"
+    tip = ""
+    if len(row.twist):
+        tip = (f", tip: twist {row.twist[-1]:+.4f} ± {row.twist_sigma[-1]:.4f} deg,"
+               f" bending {row.bending[-1]:+.3f} ± {row.bending_sigma[-1]:.3f}")  # fmt: skip
+    return f"frame {row.key}: {row.spots - row.outliers} spots, RMS {row.rms_px:.3f} px{tip}, {latency}"
+
+
+def _finish(loaded: Loaded, sequence: Sequence, folder: Path, start: float) -> Record:
+    """Report, film and summary beside the tables."""
+    record = summary(loaded, sequence)
+    if loaded.project.output.film and len(sequence.film) > 1:
+        film(loaded, sequence, folder / "deformation.gif")
+    record["seconds"] = time.perf_counter() - start
+    (folder / "report.html").write_text(deform_page(loaded, sequence, record, folder), encoding="utf-8")
+    io.write_json(folder / "summary.json", record)
+    return record
+
+
+def summary(loaded: Loaded, sequence: Sequence) -> Record:
+    """The figures of a sequence."""
+    rows, good = sequence.records, sequence.good
+    record: Record = {"frames": len(rows)}
+    for status in ("cold", "tracked", "lost"):
+        record[status] = sum(r.status == status for r in rows)
+    if good:
+        record["median_spots"] = float(np.median([r.spots for r in good]))
+        record["outliers"] = int(sum(r.outliers for r in good))
+        record["median_rms_px"] = float(np.median([r.rms_px for r in good]))
+        record["median_sigma0"] = float(np.median([r.sigma0 for r in good]))
+        record["median_frame_ms"] = 1e3 * float(np.median([r.seconds for r in good]))
+        latency = [r.latency_s for r in good if np.isfinite(r.latency_s)]
+        if latency:
+            record["median_latency_ms"] = 1e3 * float(np.median(latency))
+        last = good[-1]
+        record["last"] = {
+            name: {"value": float(v), "sigma": float(s)}
+            for name, v, s in zip(loaded.test.volumes.names, last.q, last.q_sigma, strict=True)
+        }
+        if len(last.twist):
+            record["last_twist_deg"], record["last_twist_sigma_deg"] = last.twist.tolist(), last.twist_sigma.tolist()
+            record["last_bending"], record["last_bending_sigma"] = last.bending.tolist(), last.bending_sigma.tolist()
+    return record
+
+
+def _lines(loaded: Loaded, sequence: Sequence) -> list[str]:
+    record = summary(loaded, sequence)
+    lines = [f"{record['frames']} frames: {record['tracked']} tracked, {record['cold']} found without help, "
+             f"{record['lost']} lost" + (", interrupted" if sequence.interrupted else "")]  # fmt: skip
+    lines += [f"  frame {r.key}: {r.status}: {r.reason}" for r in sequence.records if r.reason][:20]
+    if sequence.good:
+        lines.append(
+            f"median: {record['median_spots']:.0f} spots, RMS {record['median_rms_px']:.3f} px, sigma0 "
+            f"{record['median_sigma0']:.2f}, {record['median_frame_ms']:.0f} ms per frame"
+            + (f", latency {record['median_latency_ms']:.0f} ms" if "median_latency_ms" in record else "")
+        )
+        last, unit = sequence.good[-1], loaded.project.length_unit
+        if len(last.twist):
+            lines.append(
+                f"frame {last.key}, tip: twist {last.twist[-1]:+.4f} ± {last.twist_sigma[-1]:.4f} deg, bending "
+                f"{last.bending[-1]:+.3f} ± {last.bending_sigma[-1]:.3f} {unit} (1 sigma)"
+            )
+    return lines

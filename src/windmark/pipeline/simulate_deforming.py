@@ -1,0 +1,175 @@
+"""A synthetic deformation test as files: images of a bending wing by two cameras, the project, and the truth."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from windmark import io
+from windmark.geometry import Pose
+from windmark.pipeline.simulate import zones_of
+from windmark.synth import HalfModel, TunnelTest, WingState, deforming_sequence, stereo_wing
+
+ZEROS = 2
+"""Frames without wind at the start."""
+
+_PROJECT = """\
+# A synthetic deformation test of windmark's virtual wind tunnel (seed {seed}): a swept wing that bends and twists.
+# The folder truth/ holds what a real test never knows; nothing here reads it.
+title = "Bending wing, seed {seed}"
+length_unit = "mm"
+
+[[camera]]
+name = "cam1"
+file = "cam1.json"
+images = "images/cam1-*.tif"
+
+[[camera]]
+name = "cam2"
+file = "cam2.json"
+images = "images/cam2-*.tif"
+
+[markers]
+file = "markers.csv"
+
+[grid]
+file = "model.grid"
+volumes = {{ {volumes} }}
+
+[look]
+radius_px = {radius}
+
+[[volume]]
+name = "body"
+
+[[volume]]
+name = "wing"
+parent = "body"
+{law}
+
+[stations]
+volume = "wing"
+start = [{start}]
+end = [{end}]
+chord = [150, 0, 0]
+
+[sequence]
+rate_hz = 50
+frames = "frames.csv"
+zero = [{zeros}]
+
+[output]
+folder = "{folder}"
+grid = ["vtk"]
+every = 5
+"""
+
+_BEAM = """\
+law = "beam"
+options = {{ root = [{root}], tip = [{tip}], section = [0, 1, 0] }}"""
+
+_OWN = """\
+law = "my_law.py:wing"
+options = {{ root = [{root}], end = [{tip}] }}"""
+
+_LAW = """\
+import numpy as np
+from scipy.spatial.transform import Rotation
+from windmark.deformation import law
+
+
+@law(tip="mm", twist="deg")
+def wing(xyz, tip, twist, *, root=(0.0, 0.0, 0.0), end=(0.0, 1.0, 0.0)):
+    along, up, span = np.subtract(end, root), np.array([0, 0, 1]), np.array([0, 1, 0])
+    length = np.linalg.norm(along)
+    e = np.maximum((xyz[:, 1] - root[1]) / along[1], 0)  # station: 0 at the root, 1 at the tip
+    foot = root + np.outer(e, along)  # where its section meets the elastic axis
+    slope = tip / length * 1.5 * e * (2 - e)  # a load at the tip: tip * e^2 (3 - e) / 2
+    turn = Rotation.from_rotvec(np.outer(np.radians(twist) * e**2, span))
+    lean = Rotation.from_rotvec(np.outer(np.arcsin(slope), np.cross(along / length, up)))
+    short = 1.125 * (tip / length) ** 2 * (4 * e**3 / 3 - e**4 + e**5 / 5)  # the axis keeps its length
+    return foot + lean.apply(turn.apply(xyz - foot)) + np.outer(tip * e**2 * (3 - e) / 2, up) - np.outer(short, along)
+"""
+
+
+def simulate_deforming(folder: Path, seed: int, frames: int = 12, size_px: tuple[int, int] = (960, 600)) -> TunnelTest:
+    """Make a deformation test and write it into ``folder`` (existing, empty or not).
+
+    Files: deform.toml and deform-own-law.toml (the same with my_law.py), cam1.json and cam2.json (with poses),
+    markers.csv, model.grid, frames.csv (angle of attack), images/, and truth/states.csv.
+
+    Raises
+    ------
+    ValueError
+        For fewer than three frames.
+    """
+    if frames <= ZEROS:
+        raise ValueError(f"frames: expected at least {ZEROS + 1} ({ZEROS} without wind), got {frames}")
+    test = stereo_wing(seed, size_px=size_px, nodes=20_000)
+    states = _states(frames)
+    for name, camera in test.cameras.items():
+        io.write_camera(folder / f"{name}.json", camera, test.cam_from_tunnel[name], unit="mm")
+    io.write_markers(folder / "markers.csv", test.markers)
+    io.write_mesh(folder / "model.grid", test.mesh)
+    (folder / "images").mkdir(exist_ok=True)
+    for k, images in enumerate(deforming_sequence(test, states, seed=seed)):
+        for name, image in images.items():
+            io.write_image(folder / "images" / f"{name}-{k:04d}.tif", image)
+    _write_tables(folder, states)
+    _write_projects(folder, seed, test)
+    return test
+
+
+def _states(frames: int) -> list[WingState]:
+    """Wind off, then a polar: pitch, bending and twist grow together, with a little flutter on top."""
+    out = []
+    for k in range(frames):
+        load = max(k - ZEROS + 1, 0) / (frames - ZEROS)
+        flutter = 0.06 * np.sin(2.1 * k) * (load > 0)
+        turn = Pose.from_rotvec(np.radians([0.1 * load, 2.0 * load, -0.05 * load]), np.zeros(3)).rotation
+        pivot = np.array([130.0, 0.0, 0.0])
+        motion = Pose(turn, pivot - turn @ pivot + load * np.array([1.0, 0.5, 6.0]))
+        out.append(WingState(0.02 * (load + flutter), -1.0 * (load - flutter), motion))
+    return out
+
+
+def _write_tables(folder: Path, states: list[WingState]) -> None:
+    number = np.arange(len(states))
+    alpha = np.array([np.degrees(np.arcsin(s.motion.rotation[0, 2])) for s in states])
+    io.write_table(folder / "frames.csv", {"frame": number, "alpha_deg": np.round(alpha, 3)})
+    (folder / "truth").mkdir(exist_ok=True)
+    io.write_table(folder / "truth" / "states.csv", {
+        "frame": number, "tip_fraction": np.array([s.tip_fraction for s in states]),
+        "twist_deg": np.array([s.twist_deg for s in states]),
+    })  # fmt: skip
+
+
+def _write_projects(folder: Path, seed: int, test: TunnelTest) -> None:
+    shape = test.shape
+    root, tip = (_on_axis(shape, y) for y in (shape.body_radius, shape.span))
+    start, end = (_middle(shape, y) for y in (shape.body_radius, shape.span))
+    volumes = ", ".join(f"{name} = {zones}" for name, zones in zones_of(test.mesh).items() if name != "wall")
+    common = {
+        "seed": seed, "volumes": volumes, "radius": 3.8, "start": _text(start), "end": _text(end),
+        "zeros": ", ".join(f'"{k}"' for k in range(ZEROS)),
+    }  # fmt: skip
+    for name, law, out in (("deform", _BEAM, "deformation"), ("deform-own-law", _OWN, "deformation-own-law")):
+        text = law.format(root=_text(root), tip=_text(tip))
+        with io.atomic_write(folder / f"{name}.toml") as stream:
+            stream.write(_PROJECT.format(**common, law=text, folder=out))
+    with io.atomic_write(folder / "my_law.py") as stream:
+        stream.write(_LAW)
+
+
+def _on_axis(shape: HalfModel, y: float) -> tuple[float, float, float]:
+    """The quarter-chord line of the virtual wing, about which it twists."""
+    return 0.25 * shape.root_chord + float(np.tan(np.radians(shape.sweep_deg))) * y, y, 0.0
+
+
+def _middle(shape: HalfModel, y: float) -> tuple[float, float, float]:
+    return float(shape.leading_edge(y) + 0.5 * shape.chord(y)), y, 0.0
+
+
+def _text(point: tuple[float, float, float]) -> str:
+    return ", ".join(f"{v:.6g}" for v in point)
