@@ -22,6 +22,17 @@ def test_value_and_validity_are_those_of_project(camera):
     assert np.isfinite(d_par[valid]).all()
 
 
+def test_the_short_way_is_the_same(camera):
+    xyz = np.concatenate([points(), [[0, 0, -1], [30, 0, 1], [0, 0, np.nan]]])
+    xy, valid, d_xyz, _ = camera.project_jacobian(xyz)
+    again, valid_again, d_again = camera.point_jacobian(xyz)
+    np.testing.assert_array_equal(valid, valid_again)
+    np.testing.assert_allclose(again, xy, rtol=1e-12)
+    np.testing.assert_allclose(d_again, d_xyz, rtol=1e-9, atol=1e-9)
+    for shape in ((3,), (0, 3), (2, 4, 3)):
+        assert camera.point_jacobian(np.ones(shape))[2].shape == (*shape[:-1], 2, 3)
+
+
 def test_by_the_point_against_differences(camera):
     xyz = points()
     d_xyz = camera.project_jacobian(xyz)[2]

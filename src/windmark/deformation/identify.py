@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from windmark.adjust import Loss, Problem, SolveOptions, SolveReport, covariance, minimise, weak_parameters
+from windmark.adjust import Loss, Problem, SolveOptions, SolveReport, covariance, minimise
 from windmark.deformation.outliers import critical, scale_of, test_left_out, test_used
 from windmark.deformation.result import Deformation, NotIdentified
 from windmark.deformation.setup import Task, prepare, start_values
@@ -22,7 +22,8 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 ROUGH = SolveOptions(max_iterations=30, gradient_tol=0.03, cost_tol=1e-4)
-FINE = SolveOptions(max_iterations=40, gradient_tol=1e-3, cost_tol=1e-9)
+FINE = SolveOptions(max_iterations=40, gradient_tol=1e-3, cost_tol=1e-9, initial_damping=1e-8)
+"""Near the minimum, where plain Gauss-Newton steps are best."""
 FAR_LOSS = Loss.make("cauchy", 4.0)
 MOST_OUT = 0.4
 """More outliers than this part, and the answer is that nothing fits."""
@@ -62,7 +63,7 @@ def identify(
     pose_cov : view -> (6, 6) what is known of a free pose: covariance about that of the view
     free_focal : cameras whose focal length is free, True for all; with a variance in ``camera.cov`` it is held
     marker_cov : (N, 3, 3) covariance of the markers' own places; by default from their sigma, unknown counts as exact
-    start : a state to begin at, that of the frame before
+    start : a state to begin at, that of the frame before; its markers bound to laws are used again
     reject : test every observation and leave gross errors out
 
     Returns
@@ -77,7 +78,7 @@ def identify(
     """
     task = prepare(
         observations, markers, Volumes.of(laws), cameras, views, free_motion, motion_cov, free_poses, pose_cov,
-        free_focal, marker_cov,
+        free_focal, marker_cov, None if start is None else start.placed,
     )  # fmt: skip
     options = {
         "free_motion": task.free_motion, "free_poses": task.free_poses, "free_focal": task.free_focal,
@@ -87,7 +88,7 @@ def identify(
     if (refusal := _unfit(task)) is not None:
         return replace(refusal, options=options)
     try:
-        solved = _solve(task, values, reject)
+        solved = _solve(task, values, reject, near=start is not None)
     except DegenerateGeometry as error:
         weak = ", ".join(error.weak)
         return NotIdentified(
@@ -122,7 +123,7 @@ def _unfit(task: Task) -> NotIdentified | None:
         return NotIdentified(f"{count} observations cannot tell {free} unknowns", "too_few")
     if task.free_motion and task.motion_cov is None:
         moving = [v.name for v in task.views if v.name in task.free_poses and v.name not in task.pose_cov]
-        on_wall = [task.views[v].name for v in np.unique(task.observations.view[task.wall[task.row]])]
+        on_wall = [task.views[v].name for v in np.unique(task.observations.view[task.wall[task.observations.point]])]
         if len(moving) == len(task.views) and not set(moving) & set(on_wall):
             return NotIdentified(
                 "cameras and model both move and no marker on a wall is seen: their motions cannot be told apart. Hold "
@@ -131,33 +132,36 @@ def _unfit(task: Task) -> NotIdentified | None:
     return None
 
 
-def _solve(task: Task, values: dict[str, Any], reject: bool) -> _Solved | NotIdentified:
+def _solve(task: Task, values: dict[str, Any], reject: bool, near: bool) -> _Solved | NotIdentified:
     used = np.ones(len(task.observations), bool)
+    readmitted = np.zeros(len(used), bool)
     shift = task.eccentricity(values)
     problem = task.problem(values, shift, used, Loss())
-    if problem.linearise(values) is None:
+    if _sighting(problem).raw_jacobian(values) is None:
         return NotIdentified("the start puts markers behind a camera or beyond its lens", "behind")
-    values, _, report = minimise(problem, values, ROUGH)
-    if reject:
-        values, used = _without_gross(task, problem, values, shift, used)
-    readmitted = np.zeros(len(used), bool)
+    if not near:
+        values, _, _ = minimise(problem, values, ROUGH)
+        problem, shift = _renewed(task, values, used)
+    robust = False
     while True:
-        shift = task.eccentricity(values)
-        problem = task.problem(values, shift, used, Loss())
         values, system, report = minimise(problem, values, FINE)
         cov = covariance(system, _names(problem))
-        term = problem.terms[0]
-        assert isinstance(term, Sighting)
-        test = test_used(task, term, problem, values, cov, used)
+        test = test_used(task, _sighting(problem), values, cov, used)
         if not reject:
             break
         limit = critical(int(used.sum())) * scale_of(test[used])
+        if not robust and _many_gross(test, limit):
+            robust = True
+            values, used = _without_gross(task, values, shift, used)
+            problem, shift = _renewed(task, values, used)
+            continue
         worst = int(np.nanargmax(test))
         if test[worst] > limit:
             used = used.copy()
             used[worst] = False
             if used.mean() < 1 - MOST_OUT:
                 return NotIdentified(f"{(~used).sum()} of {len(used)} observations contradict the others", "no_fit")
+            problem, shift = _renewed(task, values, used)
             continue
         left = test_left_out(task, problem, values, cov, shift, ~used)
         test = np.where(used, test, left)
@@ -165,48 +169,51 @@ def _solve(task: Task, values: dict[str, Any], reject: bool) -> _Solved | NotIde
         if not back.any():
             break
         used, readmitted = used | back, readmitted | back
+        problem, shift = _renewed(task, values, used)
     if not report.converged:
         return NotIdentified(f"the search stopped before its minimum: {report.reason}", "no_convergence")
     return _Solved(problem, values, cov, report, shift, used, test)
 
 
-def _without_gross(task: Task, problem: Problem, values: Any, shift: Array, used: Mask) -> tuple[dict[str, Any], Mask]:
-    """Where single tests would see errors that pull everything, a robust solution comes first."""
-    cov, system = _rough_cov(problem, values)
+def _renewed(task: Task, values: Any, used: Mask) -> tuple[Problem, Array]:
+    """The adjustment, with eccentricity and whiteners at these values."""
+    shift = task.eccentricity(values)
+    return task.problem(values, shift, used, Loss()), shift
+
+
+def _sighting(problem: Problem) -> Sighting:
     term = problem.terms[0]
     assert isinstance(term, Sighting)
-    if cov is None:
-        raise DegenerateGeometry("not determined", weak_parameters(system, _names(problem)))
-    test = test_used(task, term, problem, values, cov, used)
-    limit = critical(len(test))
-    if np.count_nonzero(test > limit * scale_of(test)) < 2 and scale_of(test) < 4:
-        return values, used
+    return term
+
+
+def _many_gross(test: Array, limit: float) -> bool:
+    """Whether there is more than a single test can be trusted with."""
+    return bool(np.count_nonzero(test > limit) > 1 or scale_of(test) > 4)
+
+
+def _without_gross(task: Task, values: Any, shift: Array, used: Mask) -> tuple[Any, Mask]:
+    """Where single tests would see errors that pull everything, a robust solution comes first."""
     robust = task.problem(values, shift, used, FAR_LOSS)
-    values, _, _ = minimise(robust, values, ROUGH)
-    weighted, _ = _rough_cov(robust, values)
-    if weighted is None:
-        return values, used
-    every = test_left_out(task, robust, values, weighted, shift, used)
-    keep = used & (every <= limit * scale_of(every))
-    return values, keep if keep.mean() >= 1 - MOST_OUT else used
-
-
-def _rough_cov(problem: Problem, values: Any) -> tuple[Array | None, Any]:
-    system = problem.linearise(values)
-    assert system is not None
+    values, system, _ = minimise(robust, values, ROUGH)
     try:
-        return covariance(system, _names(problem)), system
+        cov = covariance(system, _names(robust))
     except DegenerateGeometry:
-        return None, system
+        return values, used
+    every = test_left_out(task, robust, values, cov, shift, used)
+    keep = used & (every <= critical(len(every)) * scale_of(every))
+    return values, keep if keep.mean() >= 1 - MOST_OUT else used
 
 
 def _result(task: Task, s: _Solved, options: Mapping[str, Any]) -> Deformation:
     values, volumes = s.values, task.volumes
-    every = task.sights(s.shift, np.ones(len(s.used), bool))
-    raw = Sighting(task.placed, task.wall, every, np.zeros((len(task.marker), 1, 1))).raw(values)
+    term = _sighting(s.problem)
+    if not s.used.all():  # those that did not take part, too
+        term = replace(term, sights=task.sights(s.shift, np.ones(len(s.used), bool)), _last=[])
+    raw = term.raw(values)
     assert raw is not None
-    row, view = task.slots
-    residuals = raw[row[:, None], 2 * view[:, None] + np.arange(2)]
+    point, view = task.slots
+    residuals = raw[point[:, None], 2 * view[:, None] + np.arange(2)]
     parts = [part for term in s.problem.terms if (part := term.residual(values)) is not None]
     chi2 = float(sum((part**2).sum() for part in parts))
     sizes = np.cumsum([0, *(len(b.names) for b in s.problem.blocks.values())])
@@ -218,7 +225,7 @@ def _result(task: Task, s: _Solved, options: Mapping[str, Any]) -> Deformation:
     at_bound = tuple(n for n, p, value in edge if value in (p.lower, p.upper))
     redundancy = 2 * int(s.used.sum()) + sum(part.size for part in parts[1:]) - s.problem.size + len(at_bound)
     return Deformation(
-        volumes=volumes, q=q, tunnel_from_model=values[MOTION],
+        volumes=volumes, placed=task.placed, q=q, tunnel_from_model=values[MOTION],
         cam_from_tunnel={v.name: values[pose_block(v.name)] for v in task.views},
         cameras={v.camera: values[camera_block(v.camera)] for v in task.views},
         names=_names(s.problem), cov=s.cov, slices=slices, residuals_px=residuals, used=s.used, test=s.test,
@@ -239,7 +246,7 @@ def _advice(task: Task, weak: Sequence[str]) -> str:
     laws = [n for n in weak if n in task.volumes.names]
     moves = [n for n in weak if n.startswith(MOTION)]
     if laws:
-        by_q = task.placed.linearise(task.volumes.start)[1]
+        by_q = task.placed.linearise(task.volumes.start)[1][task.seen]
         still = [n for k, n in enumerate(task.volumes.names) if n in laws and not by_q[..., k].any()]
         if still:
             return f"no marker that is seen moves with {', '.join(still)}"

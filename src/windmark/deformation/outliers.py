@@ -15,7 +15,7 @@ from scipy.stats import chi2
 
 from windmark.adjust import Problem
 from windmark.deformation.setup import Task
-from windmark.deformation.sighting import LAW, Sighting
+from windmark.deformation.sighting import Sighting, by_place
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -30,33 +30,26 @@ def critical(count: int) -> float:
     return float(chi2.isf(FALSE / max(count, 1), 2))
 
 
-def columns_of(term: Sighting, problem: Problem, values: Mapping[str, Any]) -> tuple[Array, Array]:
-    """Residuals (P, 2 V) in pixels and their derivative (P, 2 V, F) by all that is free, in the problem's order."""
+def test_used(task: Task, term: Sighting, values: Mapping[str, Any], cov: Array, used: Mask) -> Array:
+    """(O,) test value of the observations that took part, 0 where nothing checks one; NaN for the others."""
     raw = term.raw_jacobian(values)
     assert raw is not None  # the engine never stands where the model has no prediction
-    parts = [raw[1].get(name) for name in problem.blocks]
-    sizes = [len(block.names) for block in problem.blocks.values()]
-    empty = [np.zeros((*raw[0].shape, n)) for n in sizes]
-    return raw[0], np.concatenate([e if p is None else p for p, e in zip(parts, empty, strict=True)], axis=2)
-
-
-def test_used(task: Task, term: Sighting, problem: Problem, values: Mapping[str, Any], cov: Array, used: Mask) -> Array:
-    """(O,) test value of the observations that took part; NaN for the others, inf where nothing checks one."""
-    residual, j = columns_of(term, problem, values)
-    precision = np.swapaxes(term.whitener, 1, 2) @ term.whitener
-    e = (precision @ residual[..., None])[..., 0]
-    pj = precision @ j
-    spread = precision - pj @ cov @ np.swapaxes(pj, 1, 2)
-    row, view = task.slots
-    out = np.full(len(used), np.nan)
-    two = 2 * view[used, None] + np.arange(2)
-    own, e_own = spread[row[used, None, None], two[:, :, None], two[:, None, :]], e[row[used, None], two]
-    weight = precision[row[used, None, None], two[:, :, None], two[:, None, :]]
+    residual, j = raw
+    turned = np.swapaxes(term.whitener, 1, 2)
+    e = (turned @ (term.whitener @ residual[..., None]))[..., 0]
+    point, view = (a[used] for a in task.slots)
+    two = 2 * view[:, None] + np.arange(2)
+    own = point[:, None], two
+    whitened = (turned @ (term.whitener @ j))[own]
+    weight = (turned @ term.whitener)[point[:, None, None], two[:, :, None], two[:, None, :]]
+    spread = weight - (whitened @ cov) @ np.swapaxes(whitened, 1, 2)
+    det, det_weight = (m[:, 0, 0] * m[:, 1, 1] - m[:, 0, 1] * m[:, 1, 0] for m in (spread, weight))
     # Where the others do not check an observation its spread is rounding: no test value then.
-    checked = np.linalg.det(own) > 1e-9 * np.linalg.det(weight)
-    value = np.zeros(len(own))
-    value[checked] = (e_own[checked] * np.linalg.solve(own[checked], e_own[checked, :, None])[..., 0]).sum(axis=1)
-    out[used] = value
+    checked = det > 1e-9 * det_weight
+    x, y = e[own].T
+    value = spread[:, 1, 1] * x * x - 2 * spread[:, 0, 1] * x * y + spread[:, 0, 0] * y * y
+    out = np.full(len(used), np.nan)
+    out[used] = np.where(checked, value / np.where(checked, det, 1.0), 0.0)
     return out
 
 
@@ -71,30 +64,20 @@ def test_left_out(
     raw = term.raw_jacobian(values)
     if raw is None:
         return out
-    residual, j = columns_of(term, problem, values)
-    row, view = task.slots
-    for o in np.flatnonzero(left):
-        two = slice(2 * view[o], 2 * view[o] + 2)
-        own = task.observations.cov[o] + j[row[o], two] @ cov @ j[row[o], two].T
-        if task.place_cov is not None:
-            own = own + _by_own_place(task, term, values, row[o], view[o])
-        r = residual[row[o], two]
-        out[o] = float(r @ np.linalg.solve(own, r))
+    residual, j = raw
+    point, view = (a[left] for a in task.slots)
+    own = point[:, None], 2 * view[:, None] + np.arange(2)
+    spread = task.observations.cov[left] + (j[own] @ cov) @ np.swapaxes(j[own], 1, 2)
+    place_cov = task.own_cov(values)
+    if place_cov is not None:
+        by_own = by_place(term.sights, values, task.tunnel_place(values))[own]
+        spread = spread + by_own @ place_cov[point] @ np.swapaxes(by_own, 1, 2)
+    r = residual[own]
+    out[left] = (r * np.linalg.solve(spread, r[..., None])[..., 0]).sum(axis=1)
     return out
-
-
-def _by_own_place(task: Task, term: Sighting, values: Mapping[str, Any], row: int, view: int) -> Array:
-    from windmark.deformation.sighting import by_place
-
-    assert task.place_cov is not None
-    j = by_place(term.sights, values, task.tunnel_place(values))[row, 2 * view : 2 * view + 2]
-    return np.asarray(j @ task.place_cov[row] @ j.T)
 
 
 def scale_of(test: Array) -> float:
     """How many times larger than their covariance the squared residuals are, robustly; at least 1."""
     known = test[np.isfinite(test)]
     return max(float(np.median(known)) / MEDIAN, 1.0) if len(known) else 1.0
-
-
-__all__ = ["LAW", "columns_of", "critical", "scale_of", "test_left_out", "test_used"]

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from windmark.adjust import SolveReport
 from windmark.deformation.sighting import LAW, MOTION
-from windmark.deformation.volumes import Volumes
+from windmark.deformation.volumes import Placed, Volumes
 from windmark.geometry import Camera, Pose
 from windmark.geometry.rotations import hat
 from windmark.scene import Mesh
@@ -35,6 +35,7 @@ class Deformation:
     Parameters
     ----------
     volumes : the model's volumes and their laws
+    placed : all markers, bound to the laws
     q : (K,) parameters of all laws, in their own units
     tunnel_from_model : rigid motion of the model
     cam_from_tunnel : pose of every view by its name
@@ -56,6 +57,7 @@ class Deformation:
     """
 
     volumes: Volumes
+    placed: Placed
     q: Array
     tunnel_from_model: Pose
     cam_from_tunnel: Mapping[str, Pose]
@@ -125,7 +127,7 @@ class Deformation:
             out[..., self.slices[MOTION]] = by_motion
         return out
 
-    def _moved(self, placed: Any, frame: str) -> tuple[Array, Array]:
+    def _moved(self, placed: Placed, frame: str) -> tuple[Array, Array]:
         if frame not in ("tunnel", "model"):
             raise ValueError(f"frame: expected 'tunnel' or 'model', got {frame!r}")
         place, by_q = placed.linearise(self.q)

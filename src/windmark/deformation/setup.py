@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -27,11 +28,9 @@ class Task:
     Parameters
     ----------
     observations, markers, volumes, cameras, views : see `identify`
-    marker : (P,) index of the markers that are observed
-    row : (O,) row of each observation's marker in ``marker``
-    wall : (P,) they stand still in the tunnel
-    placed : they, bound to their laws
-    place_cov : (P, 3, 3) covariance of their own places; None where they are exact
+    wall : (N,) markers that stand still in the tunnel
+    placed : all markers, bound to their laws
+    place_cov : (N, 3, 3) covariance of their own places; None where they are exact
     free_motion, free_poses, free_focal : what is free: the rigid motion; views; cameras
     motion_cov, pose_cov : what is known of free motion and poses beforehand
     """
@@ -41,8 +40,6 @@ class Task:
     volumes: Volumes
     cameras: Mapping[str, Camera]
     views: tuple[View, ...]
-    marker: Ints
-    row: Ints
     wall: Mask
     placed: Placed
     place_cov: Array | None
@@ -54,8 +51,15 @@ class Task:
 
     @property
     def slots(self) -> tuple[Ints, Ints]:
-        """Row and view of each observation."""
-        return self.row, self.observations.view
+        """Marker and view of each observation."""
+        return self.observations.point, self.observations.view
+
+    @cached_property
+    def seen(self) -> Mask:
+        """(N,) markers that are observed."""
+        out = np.zeros(len(self.markers), bool)
+        out[self.observations.point] = True
+        return out
 
     def sights(self, shift: Array, used: Mask) -> tuple[Sight, ...]:
         """What each view sees, the discs' eccentricity (O, 2) taken off, of the observations that take part."""
@@ -64,8 +68,8 @@ class Task:
             own = np.flatnonzero((self.observations.view == v) & used)
             free = view.name in self.free_poses
             out.append(
-                Sight(view.name, view.camera, self.row[own], self.observations.xy[own] - shift[own], free,
-                      view.camera in self.free_focal)
+                Sight(view.name, view.camera, self.observations.point[own], self.observations.xy[own] - shift[own],
+                      free, view.camera in self.free_focal)
             )  # fmt: skip
         return tuple(out)
 
@@ -76,18 +80,18 @@ class Task:
         blocks: dict[str, Any] = {}
         priors: list[Any] = []
         if self.volumes.names:
-            blocks[LAW] = self._law_block(values)
+            blocks[LAW] = self._law_block()
             known = {n: p.sigma for n, p in zip(self.volumes.names, self.volumes.parameters, strict=True)
                      if np.isfinite(p.sigma)}  # fmt: skip
             if known:
                 priors.append(Prior(LAW, blocks[LAW], self.volumes.start, known))
         if self.free_motion:
-            blocks[MOTION] = PoseBlock(self.placed.xyz[~self.wall].mean(axis=0))
+            blocks[MOTION] = PoseBlock(self.placed.xyz[self.seen & ~self.wall].mean(axis=0))
             if self.motion_cov is not None:
                 priors.append(_held(MOTION, blocks[MOTION], Pose.identity(), self.motion_cov))
         for view in self.views:
             if view.name in self.free_poses:
-                block = blocks[pose_block(view.name)] = PoseBlock(self.placed.xyz.mean(axis=0))
+                block = blocks[pose_block(view.name)] = PoseBlock(self.placed.xyz[self.seen].mean(axis=0))
                 if view.name in self.pose_cov:
                     assert view.cam_from_model is not None
                     priors.append(_held(pose_block(view.name), block, view.cam_from_model, self.pose_cov[view.name]))
@@ -101,18 +105,23 @@ class Task:
 
     def term(self, values: Mapping[str, Any], sights: tuple[Sight, ...], used: Mask, loss: Loss) -> Sighting:
         """The observation block with whiteners at these values."""
-        count, views = len(self.marker), len(self.views)
+        count, views = len(self.markers), len(self.views)
         seen, cov = np.zeros((count, views), bool), np.zeros((count, views, 2, 2))
         row, view = (a[used] for a in self.slots)
         seen[row, view], cov[row, view] = True, self.observations.cov[used]
-        jacobian, place_cov = np.zeros((count, 2 * views, 3)), None
-        if self.place_cov is not None:
-            motion: Pose = values[MOTION]
-            turned = motion.rotation @ self.place_cov @ motion.rotation.T
-            place_cov = np.where(self.wall[:, None, None], self.place_cov, turned)
+        place_cov = self.own_cov(values)
+        jacobian = cov[..., :0]
+        if place_cov is not None:
             jacobian = by_place(sights, values, self.tunnel_place(values))
         whitener = whiteners(cov, seen, jacobian, place_cov)
         return Sighting(self.placed, self.wall, sights, whitener, bool(self.volumes.names), self.free_motion, loss)
+
+    def own_cov(self, values: Mapping[str, Any]) -> Array | None:
+        """(N, 3, 3) covariance of the markers' own places, in the tunnel."""
+        if self.place_cov is None:
+            return None
+        turn = values[MOTION].rotation
+        return np.where(self.wall[:, None, None], self.place_cov, turn @ self.place_cov @ turn.T)
 
     def tunnel_place(self, values: Mapping[str, Any]) -> Array:
         """(P, 3) where the markers are now."""
@@ -122,7 +131,7 @@ class Task:
     def eccentricity(self, values: Mapping[str, Any]) -> Array:
         """(O, 2) centre of the imaged ellipse less the image of the disc's centre; 0 where a disc is not known."""
         out = np.zeros((len(self.observations), 2))
-        radius, normal = self.markers.radius[self.marker], self.markers.normal[self.marker]
+        radius, normal = self.markers.radius, self.markers.normal
         disc = np.isfinite(radius) & np.isfinite(normal).all(axis=1)
         if not disc.any():
             return out
@@ -130,24 +139,23 @@ class Task:
         place = self.tunnel_place(values)
         now = np.where(self.wall[:, None], normal, motion.rotate(normal))
         for v, view in enumerate(self.views):
-            own = np.flatnonzero((self.observations.view == v) & disc[self.row])
-            rows, pose = self.row[own], values[pose_block(view.name)]
+            own = np.flatnonzero((self.observations.view == v) & disc[self.observations.point])
+            rows, pose = self.observations.point[own], values[pose_block(view.name)]
             camera = values[camera_block(view.camera)]
             seen = imaged_ellipse(camera, pose.apply(place[rows]), pose.rotate(now[rows]), radius[rows])
             out[own] = np.nan_to_num(seen.eccentricity_px)
         return out
 
-    def _law_block(self, values: Mapping[str, Any]) -> VectorBlock:
+    def _law_block(self) -> VectorBlock:
         """Natural units: the change that moves some marker by the extent of the model, at most ten prior sigma."""
-        by_q = self.placed.linearise(values[LAW])[1]
-        extent = float(np.linalg.norm(np.ptp(self.placed.xyz[~self.wall], axis=0))) if (~self.wall).any() else 1.0
-        most = np.linalg.norm(by_q, axis=1).max(axis=0, initial=0.0)
-        prior = np.array([p.sigma for p in self.volumes.parameters])
+        model = self.placed.xyz[~self.wall]
+        extent = float(np.linalg.norm(np.ptp(model, axis=0))) if len(model) else 1.0
+        column = {key: np.array([getattr(p, key) for p in self.volumes.parameters]) for key in
+                  ("sigma", "lower", "upper")}  # fmt: skip
         with np.errstate(divide="ignore"):
-            scale = np.minimum(extent / most, 10 * prior)
+            scale = np.minimum(extent / self.placed.rates, 10 * column["sigma"])
         scale = np.where(np.isfinite(scale), scale, 1.0)
-        bounds = [np.array([getattr(p, side) for p in self.volumes.parameters]) for side in ("lower", "upper")]
-        return VectorBlock(self.volumes.names, scale, *bounds)
+        return VectorBlock(self.volumes.names, scale, column["lower"], column["upper"])
 
 
 def _held(name: str, block: PoseBlock, reference: Pose, cov: Array) -> JointPrior:
@@ -174,8 +182,11 @@ def prepare(
     pose_cov: Mapping[str, ArrayLike] | None,
     free_focal: bool | Sequence[str],
     marker_cov: ArrayLike | None,
+    before: Placed | None,
 ) -> Task:
     """Check what was given. See `identify` for the meaning.
+
+    ``before``: markers bound at an earlier instant, used again where they are the same.
 
     Raises
     ------
@@ -203,15 +214,22 @@ def prepare(
         raise ValueError(
             f"observations: view {names[k // len(markers)]} has marker {markers.name[k % len(markers)]} more than once"
         )
-    marker, row = np.unique(observations.point, return_inverse=True)
-    wall = np.asarray(markers.role[marker] == "wall")
-    volume = np.where(wall, "", markers.volume[marker])
-    covs, known_poses = _marker_cov(markers, marker_cov), dict(pose_cov or {})
+    c = observations.cov
+    good = (c[:, 0, 0] > 0) & (c[:, 0, 0] * c[:, 1, 1] > c[:, 0, 1] * c[:, 1, 0])
+    if not good.all():
+        k = int(np.argmin(good))
+        raise ValueError(f"observations: cov must be positive definite, got {c[k].tolist()} of observation {k}")
+    wall = np.asarray(markers.role == "wall")
+    volume = np.where(wall, "", markers.volume)
+    same = before is not None and before.volumes is volumes and before.xyz is markers.xyz
+    if before is None or not same or not np.array_equal(before.names, volume):
+        before = volumes.bind(markers.xyz, volume)
+    known_poses = dict(pose_cov or {})
+    moves = free_motion and not wall[observations.point].all()
     return Task(
-        observations, markers, volumes, known, views, marker, row.ravel(), wall,
-        volumes.bind(markers.xyz[marker], volume), None if covs is None else covs[marker],
-        free_motion and not wall.all(),
-        _chosen("free_poses", free_poses, names), _chosen("free_focal", free_focal, list(dict.fromkeys(known))),
+        observations, markers, volumes, known, views, wall, before, _marker_cov(markers, marker_cov), moves,
+        _chosen("free_poses", free_poses, names),
+        _chosen("free_focal", free_focal, list(dict.fromkeys(v.camera for v in views))),
         None if motion_cov is None else _square("motion_cov", motion_cov),
         {n: _square(f"pose_cov of {n}", known_poses[n]) for n in _chosen("pose_cov", tuple(known_poses), names)},
     )  # fmt: skip

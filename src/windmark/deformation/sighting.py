@@ -10,6 +10,8 @@ whitened together, with cov = cov of the spots + J cov of the marker J^T.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -17,7 +19,7 @@ from numpy.typing import NDArray
 
 from windmark.adjust import Linearised, Loss
 from windmark.deformation.volumes import Placed
-from windmark.geometry import PARAMETERS, Camera, Pose
+from windmark.geometry import Camera, Pose
 from windmark.geometry.rotations import hat
 
 Array = NDArray[np.float64]
@@ -25,7 +27,6 @@ Ints = NDArray[np.int64]
 
 LAW, MOTION = "law", "motion"
 """Names of the blocks of the laws' parameters and of the model's rigid motion."""
-FOCAL = PARAMETERS.index("focal_px")
 
 
 def pose_block(view: str) -> str:
@@ -79,16 +80,22 @@ class Sighting:
     free_law: bool = True
     free_motion: bool = True
     loss: Loss = field(default_factory=Loss)
+    _last: list[Any] = field(default_factory=list, repr=False, compare=False)
 
-    @property
+    @cached_property
     def blocks(self) -> tuple[str, ...]:
         """See `Term`."""
-        out = [LAW] * self.free_law + [MOTION] * self.free_motion
-        for s in self.sights:
-            out += [pose_block(s.name)] * s.free_pose
-            if s.free_focal and camera_block(s.camera) not in out:
-                out.append(camera_block(s.camera))
-        return tuple(out)
+        return tuple(self._columns)
+
+    @cached_property
+    def _columns(self) -> dict[str, slice]:
+        """Where each free block stands in the derivatives: laws, motion, poses, focal lengths."""
+        sizes = {LAW: len(self.placed.volumes.names)} if self.free_law else {}
+        sizes |= {MOTION: 6} if self.free_motion else {}
+        sizes |= {pose_block(s.name): 6 for s in self.sights if s.free_pose}
+        sizes |= {camera_block(s.camera): 1 for s in self.sights if s.free_focal}
+        ends = np.cumsum([0, *sizes.values()]).tolist()
+        return {name: slice(*pair) for name, pair in zip(sizes, pairwise(ends), strict=True)}
 
     def residual(self, values: Any) -> Array | None:
         """See `Term`; (P, 2 V)."""
@@ -97,6 +104,8 @@ class Sighting:
 
     def raw(self, values: Any) -> Array | None:
         """(P, 2 V) projected - observed in pixels, 0 where a view does not see a point."""
+        if self._last and self._last[0] is values:
+            return np.asarray(self._last[1])
         motion: Pose = values[MOTION]
         place = self.placed.place(values[LAW])
         place = np.where(self.wall[:, None], place, motion.apply(place))
@@ -113,46 +122,57 @@ class Sighting:
         raw = self.raw_jacobian(values)
         if raw is None:
             return None
-        residual, jacobian = raw
-        whitened = {name: self.whitener @ j for name, j in jacobian.items()}
-        return Linearised((self.whitener @ residual[..., None])[..., 0], whitened)
+        whitened = self.whitener @ raw[1]
+        jacobian = {name: whitened[..., where] for name, where in self._columns.items()}
+        return Linearised((self.whitener @ raw[0][..., None])[..., 0], jacobian)
 
-    def raw_jacobian(self, values: Any) -> tuple[Array, dict[str, Array]] | None:
-        """`raw` and its derivatives (P, 2 V, k) by each free block."""
-        motion: Pose = values[MOTION]
-        place, by_q, turned = self._points(values)
-        count, width = len(place), 2 * len(self.sights)
-        residual = np.zeros((count, width))
-        sizes = {LAW: by_q.shape[2], MOTION: 6}
-        jacobian = {n: np.zeros((count, width, sizes.get(n, 6 if n.endswith(".pose") else 1))) for n in self.blocks}
+    def raw_jacobian(self, values: Any) -> tuple[Array, Array] | None:
+        """`raw` and its derivative (P, 2 V, F) by all that is free, in the order of `blocks`.
+
+        The last one is kept: where the search ends the tests ask for it again.
+        """
+        if not (self._last and self._last[0] is values):
+            found = self._evaluated(values)
+            if found is None:
+                return None
+            self._last[:] = [values, *found]
+        return self._last[1], self._last[2]
+
+    def _evaluated(self, values: Any) -> tuple[Array, Array] | None:
+        place, by_model = self._points(values)
+        columns, inner = self._columns, by_model.shape[2]
+        residual = np.zeros((len(place), 2 * len(self.sights)))
+        jacobian = np.zeros((*residual.shape, max((c.stop for c in columns.values()), default=0)))
         for v, s in enumerate(self.sights):
             camera: Camera = values[camera_block(s.camera)]
             pose: Pose = values[pose_block(s.name)]
             seen = pose.apply(place[s.row])
-            xy, valid, by_seen, by_camera = camera.project_jacobian(seen)
+            xy, valid, by_seen = camera.point_jacobian(seen)
             if not valid.all():
                 return None
             rows = slice(2 * v, 2 * v + 2)
             residual[s.row, rows] = xy - s.xy
-            by_place = by_seen @ pose.rotation
-            if self.free_law:
-                jacobian[LAW][s.row, rows] = (by_place @ motion.rotation) @ by_q[s.row]
-            if self.free_motion:
-                jacobian[MOTION][s.row, rows] = by_place @ turned[s.row]
+            jacobian[s.row, rows, :inner] = (by_seen @ pose.rotation) @ by_model[s.row]
             if s.free_pose:
-                jacobian[pose_block(s.name)][s.row, rows] = np.concatenate([-(by_seen @ hat(seen)), by_seen], axis=-1)
+                by_pose = np.concatenate([-(by_seen @ hat(seen)), by_seen], axis=-1)
+                jacobian[s.row, rows, columns[pose_block(s.name)]] = by_pose
             if s.free_focal:
-                jacobian[camera_block(s.camera)][s.row, rows] = by_camera[..., FOCAL : FOCAL + 1]
+                by_focal = (xy - np.array([camera.cx, camera.cy])) / camera.focal_px
+                jacobian[s.row, rows, columns[camera_block(s.camera)]] = by_focal[..., None]
         return residual, jacobian
 
-    def _points(self, values: Any) -> tuple[Array, Array, Array]:
-        """Places in the tunnel (P, 3), their derivative by the laws in the model's frame and by the rigid motion."""
+    def _points(self, values: Any) -> tuple[Array, Array]:
+        """Places in the tunnel (P, 3) and their derivative (P, 3, K + 6) by laws and motion, as far as free."""
         motion: Pose = values[MOTION]
         place, by_q = self.placed.linearise(values[LAW])
         place = np.where(self.wall[:, None], place, motion.apply(place))
-        turned = np.concatenate([-hat(place), np.broadcast_to(np.eye(3), (len(place), 3, 3))], axis=-1)
-        turned[self.wall] = 0.0
-        return place, by_q, turned
+        parts = [motion.rotation @ by_q] if self.free_law else []
+        if self.free_motion:
+            turned = np.empty((len(place), 3, 6))
+            turned[..., :3], turned[..., 3:] = -hat(place), np.eye(3)
+            turned[self.wall] = 0.0
+            parts.append(turned)
+        return place, np.concatenate(parts, axis=2) if parts else np.zeros((len(place), 3, 0))
 
 
 def by_place(sights: tuple[Sight, ...], values: Any, place: Array) -> Array:
@@ -160,7 +180,7 @@ def by_place(sights: tuple[Sight, ...], values: Any, place: Array) -> Array:
     out = np.zeros((len(place), 2 * len(sights), 3))
     for v, s in enumerate(sights):
         pose: Pose = values[pose_block(s.name)]
-        by_seen = values[camera_block(s.camera)].project_jacobian(pose.apply(place[s.row]))[2]
+        by_seen = values[camera_block(s.camera)].point_jacobian(pose.apply(place[s.row]))[2]
         out[s.row, 2 * v : 2 * v + 2] = by_seen @ pose.rotation
     return out
 
@@ -172,17 +192,24 @@ def whiteners(cov: Array, seen: NDArray[np.bool_], by_place: Array, place_cov: A
     ----------
     cov : (P, V, 2, 2) covariances of the spots, anything where not seen
     seen : (P, V) which views count
-    by_place : (P, 2 V, 3) derivative of the pixels by the point's place
+    by_place : (P, 2 V, 3) derivative of the pixels by the point's place; only needed with ``place_cov``
     place_cov : (P, 3, 3) covariance of the markers' own places in the same frame; None where they are exact
     """
     count, views = seen.shape
-    blocks = np.zeros((count, views, 2, views, 2))
+    cov = np.where(seen[..., None, None], cov, np.eye(2))
+    total = np.zeros((count, views, 2, views, 2))
+    if place_cov is None:  # the inverse of the Cholesky factor of each spot's own, written out
+        a = np.sqrt(cov[..., 0, 0])
+        b = cov[..., 0, 1] / a
+        c = np.sqrt(cov[..., 1, 1] - b * b)
+        for v in range(views):
+            total[:, v, 0, v, 0], total[:, v, 1, v, 1] = seen[:, v] / a[:, v], seen[:, v] / c[:, v]
+            total[:, v, 1, v, 0] = seen[:, v] * -b[:, v] / (a[:, v] * c[:, v])
+        return total.reshape(count, 2 * views, 2 * views)
     for v in range(views):
-        blocks[:, v, :, v] = np.where(seen[:, v, None, None], cov[:, v], np.eye(2))
-    total = blocks.reshape(count, 2 * views, 2 * views)
+        total[:, v, :, v] = cov[:, v]
     twice = np.repeat(seen, 2, axis=1)
-    if place_cov is not None:
-        j = by_place * twice[..., None]
-        total = total + j @ place_cov @ np.swapaxes(j, 1, 2)
-    out = np.linalg.inv(np.linalg.cholesky(total))
+    j = by_place * twice[..., None]
+    stacked = total.reshape(count, 2 * views, 2 * views) + j @ place_cov @ np.swapaxes(j, 1, 2)
+    out = np.linalg.inv(np.linalg.cholesky(stacked))
     return np.asarray(out * twice[:, None, :] * twice[:, :, None])

@@ -129,7 +129,7 @@ class Volumes:
             index = np.flatnonzero(names == part.name)
             if len(index):
                 groups.append((index, self._chain(part, points[index])))
-        return Placed(points, tuple(groups), len(self.names))
+        return Placed(self, points, names, tuple(groups))
 
     def _chain(self, part: Volume, xyz: Array) -> _Chain:
         known = {p.name: p for p in self.parts}
@@ -142,20 +142,28 @@ class Volumes:
         return _Chain(xyz, own, self._slices[part.name], tuple(links), np.array([p.step for p in self.parameters]))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Placed:
     """Points of volumes, bound to their laws.
 
     Parameters
     ----------
+    volumes : the volumes
     xyz : (N, 3) undeformed
+    names : (N,) their volumes
     groups : index and chain of laws of every volume that has any of the points
-    count : number of all parameters K
     """
 
+    volumes: Volumes
     xyz: Array
+    names: Texts
     groups: tuple[tuple[NDArray[np.int64], _Chain], ...]
-    count: int
+
+    @cached_property
+    def rates(self) -> Array:
+        """(K,) how far one unit of each parameter moves the farthest point, near the undeformed model."""
+        by_q = self.linearise(self.volumes.start)[1]
+        return np.asarray(np.linalg.norm(by_q, axis=1).max(axis=0, initial=0.0))
 
     def place(self, q: Array) -> Array:
         """Displaced points (N, 3) in the model's frame, for all parameters (K,)."""
@@ -166,9 +174,9 @@ class Placed:
 
     def linearise(self, q: Array) -> tuple[Array, Array]:
         """Displaced points (N, 3) and their derivative (N, 3, K)."""
-        out, by_q = self.xyz.copy(), np.zeros((*self.xyz.shape, self.count))
+        out, by_q = self.xyz.copy(), np.zeros((*self.xyz.shape, len(self.volumes.names)))
         for index, chain in self.groups:
-            out[index], by_q[index] = chain.linearise(q, self.count)
+            out[index], by_q[index] = chain.linearise(q, by_q.shape[2])
         return out, by_q
 
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from windmark.geometry.camera_jacobian import project_jacobian
+from windmark.geometry.camera_jacobian import point_jacobian, project_jacobian
 from windmark.geometry.lens import distort, max_radius2, tilt_homography, undistort
 
 Array = NDArray[np.float64]
@@ -130,6 +130,10 @@ class Camera:
         d_parameters : (..., 2, 11) derivative with respect to `PARAMETERS`
         """
         return project_jacobian(self.parameters(), _points(xyz_cam, 3, "project_jacobian"))
+
+    def point_jacobian(self, xyz_cam: ArrayLike) -> tuple[Array, Mask, Array]:
+        """Projection with its derivative by the point only: xy, valid and d_xyz of `project_jacobian`."""
+        return point_jacobian(self.parameters(), _points(xyz_cam, 3, "point_jacobian"))
 
     def unproject(self, xy: ArrayLike) -> Array:
         """Rays of pixels: (..., 2) -> (..., 3) with z = 1 in the camera frame.

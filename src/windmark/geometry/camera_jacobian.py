@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.geometry.lens import distort, distort_jacobian, tilt_homography, tilt_homography_derivatives
+from windmark.geometry.lens import distort, distort_both, distort_jacobian, tilt_homography, tilt_homography_derivatives
 
 Array = NDArray[np.float64]
 
@@ -45,6 +45,28 @@ def project_jacobian(parameters: Array, xyz: Array) -> tuple[Array, NDArray[np.b
         np.where(nan, np.nan, d_xyz),
         np.where(nan, np.nan, d_par),
     )
+
+
+def point_jacobian(parameters: Array, xyz: Array) -> tuple[Array, NDArray[np.bool_], Array]:
+    """`project_jacobian` without the derivatives by the parameters, in a third of the time: xy, valid, d_xyz."""
+    focal_px, aspect, cx, cy, *lens = parameters[:9].tolist()
+    tilt_x, tilt_y = parameters[9:].tolist()
+    focal = np.array([focal_px, focal_px * aspect])
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        depth = xyz[..., 2:]
+        ideal = xyz[..., :2] / depth
+        q, valid, by_ideal = distort_both(ideal, *lens)
+        if tilt_x or tilt_y:
+            q, by_distorted, _ = _tilt(tilt_x, tilt_y, q)
+            by_ideal = by_distorted @ by_ideal
+        xy = q * focal + np.array([cx, cy])
+        d_xyz = np.empty((*xy.shape, 3))
+        d_xyz[..., :2] = by_ideal * (focal[:, None] / depth[..., None])
+        d_xyz[..., 2] = -(d_xyz[..., :2] * ideal[..., None, :]).sum(axis=-1)
+        valid &= (depth[..., 0] > 0) & np.isfinite(xy).all(axis=-1)
+    if not valid.all():
+        xy[~valid], d_xyz[~valid] = np.nan, np.nan
+    return xy, valid, d_xyz
 
 
 def _lens_derivative(p: Array) -> Array:

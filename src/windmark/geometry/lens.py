@@ -35,6 +35,12 @@ def max_radius2(k1: float, k2: float, k3: float) -> float:
 
 def distort(p: Array, k1: float, k2: float, p1: float, p2: float, k3: float) -> tuple[Array, Mask]:
     """Ideal -> distorted normalised points (..., 2), and where the map is one to one (...)."""
+    q, valid, _ = distort_both(p, k1, k2, p1, p2, k3)
+    return q, valid
+
+
+def distort_both(p: Array, k1: float, k2: float, p1: float, p2: float, k3: float) -> tuple[Array, Mask, Array]:
+    """`distort` and `distort_jacobian` at once."""
     x, y = p[..., 0], p[..., 1]
     s = x * x + y * y
     radial = 1 + s * (k1 + s * (k2 + s * k3))
@@ -47,7 +53,7 @@ def distort(p: Array, k1: float, k2: float, p1: float, p2: float, k3: float) -> 
     )
     j = distort_jacobian(p, k1, k2, p1, p2, k3)
     det = j[..., 0, 0] * j[..., 1, 1] - j[..., 0, 1] * j[..., 1, 0]
-    return q, (s < max_radius2(k1, k2, k3)) & (det > 0)
+    return q, (s < max_radius2(k1, k2, k3)) & (det > 0), j
 
 
 def distort_jacobian(p: Array, k1: float, k2: float, p1: float, p2: float, k3: float) -> Array:
