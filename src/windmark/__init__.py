@@ -23,6 +23,10 @@ _HOME = {
         "Calibration", "Distance", "Fixed", "Free", "NotCalibrated", "Weighted", "magnify_distortion",
         "self_calibrate", "undistort",
     ),
+    "deformation": (
+        "Deformation", "NotIdentified", "Stations", "Volume", "compare_laws", "displacements", "identify", "law",
+        "marker_places", "span_values", "zero_markers",
+    ),
     "epipolar": ("NotMatched", "PairMatching", "match_pair"),
     "pipeline.reconstruct": ("NotReconstructed", "Reconstruction", "reconstruct"),
     "resection": (
@@ -50,6 +54,19 @@ if TYPE_CHECKING:
         magnify_distortion,
         self_calibrate,
         undistort,
+    )
+    from windmark.deformation import (
+        Deformation,
+        NotIdentified,
+        Stations,
+        Volume,
+        compare_laws,
+        displacements,
+        identify,
+        law,
+        marker_places,
+        span_values,
+        zero_markers,
     )
     from windmark.detection import detect, detect_at
     from windmark.epipolar import NotMatched, PairMatching, match_pair

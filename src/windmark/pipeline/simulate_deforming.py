@@ -117,7 +117,7 @@ def simulate_deforming(folder: Path, seed: int, frames: int = 12, size_px: tuple
         for name, image in images.items():
             io.write_image(folder / "images" / f"{name}-{k:04d}.tif", image)
     _write_tables(folder, states)
-    _write_projects(folder, seed, test)
+    _write_projects(folder, seed, test, round(2.5 / 640.0 * size_px[0], 1))
     return test
 
 
@@ -145,13 +145,13 @@ def _write_tables(folder: Path, states: list[WingState]) -> None:
     })  # fmt: skip
 
 
-def _write_projects(folder: Path, seed: int, test: TunnelTest) -> None:
+def _write_projects(folder: Path, seed: int, test: TunnelTest, radius_px: float) -> None:
     shape = test.shape
     root, tip = (_on_axis(shape, y) for y in (shape.body_radius, shape.span))
     start, end = (_middle(shape, y) for y in (shape.body_radius, shape.span))
     volumes = ", ".join(f"{name} = {zones}" for name, zones in zones_of(test.mesh).items() if name != "wall")
     common = {
-        "seed": seed, "volumes": volumes, "radius": 3.8, "start": _text(start), "end": _text(end),
+        "seed": seed, "volumes": volumes, "radius": radius_px, "start": _text(start), "end": _text(end),
         "zeros": ", ".join(f'"{k}"' for k in range(ZEROS)),
     }  # fmt: skip
     for name, law, out in (("deform", _BEAM, "deformation"), ("deform-own-law", _OWN, "deformation-own-law")):

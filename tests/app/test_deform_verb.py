@@ -1,0 +1,258 @@
+"""`windmark deform`: a synthetic test end to end, users' laws, bad frames, live, and bad input."""
+
+import csv
+import shutil
+import threading
+import time
+
+import numpy as np
+import pytest
+import xarray
+
+from windmark import io
+from windmark.pipeline.simulate_deforming import simulate_deforming
+
+FRAMES = 5
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A test of five frames, two of them without wind."""
+    folder = tmp_path_factory.mktemp("deform")
+    simulate_deforming(folder, 3, FRAMES, (640, 400))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def done(made, windmark):
+    """The command run on it."""
+    return windmark("deform", made / "deform.toml", "--json")
+
+
+@pytest.fixture
+def copy(made, tmp_path):
+    """A copy to spoil, without results."""
+    folder = tmp_path / "test"
+    shutil.copytree(made, folder, ignore=shutil.ignore_patterns("deformation*"))
+    return folder
+
+
+def rows(path):
+    with open(path, newline="") as stream:
+        return list(csv.DictReader(stream))
+
+
+def truth(folder):
+    """Rise and twist of the tip in every frame."""
+    return [(528 * float(r["tip_fraction"]), float(r["twist_deg"])) for r in rows(folder / "truth" / "states.csv")]
+
+
+def edited(folder, *changes, name="deform.toml"):
+    text = (folder / name).read_text()
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    (folder / name).write_text(text)
+    return folder / name
+
+
+def test_the_laws_parameters_are_those_of_the_truth(made, done):
+    assert done.code == 0
+    assert (done.json["frames"], done.json["lost"]) == (FRAMES, 0)
+    for row, (rise, twist) in zip(rows(made / "deformation" / "deformation.csv"), truth(made), strict=True):
+        for name, expected in (("bend_2", 1.5 * rise), ("bend_3", -0.5 * rise), ("twist_1", 0.0), ("twist_2", twist)):
+            error = float(row[f"wing.{name}"]) - expected
+            assert abs(error) < 4 * float(row[f"sigma_wing.{name}"]), (row["frame"], name)
+    assert float(row["sigma_wing.twist_2"]) < 0.05
+
+
+def test_the_rigid_motion_is_found_too(made, done):
+    row = rows(made / "deformation" / "deformation.csv")[-1]
+    assert float(row["turn_y_deg"]) == pytest.approx(2.0, abs=4 * float(row["sigma_turn_y_deg"]))
+    assert float(row["alpha_deg"]) == pytest.approx(2.0, abs=0.01)  # the column of frames.csv went along
+
+
+def test_all_files_agree(made, done):
+    folder = made / "deformation"
+    with xarray.open_dataset(folder / "deformation.nc", engine="h5netcdf") as data:
+        twist, sigma = data["twist"].values, data["twist_sigma"].values
+        assert data.sizes["frame"] == FRAMES
+        assert data["parameters"].attrs["names"].split()[0] == "wing.bend_2"
+        assert data["time"].values == pytest.approx(np.arange(FRAMES) / 50)
+    table = [r for r in rows(folder / "span.csv") if r["frame"] == str(FRAMES - 1)]
+    assert [float(r["twist_deg"]) for r in table] == pytest.approx(twist[-1], rel=1e-6)
+    assert [float(r["sigma_twist_deg"]) for r in table] == pytest.approx(sigma[-1], rel=1e-6)
+    assert len(rows(folder / "markers.csv")) > 50 * FRAMES
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    assert "Bending and twist along the span" in page
+    assert "Wind-off zero" in page
+    assert (folder / "deformation.gif").stat().st_size > 10_000
+    moved, rest = io.read_mesh(folder / "grid" / "0.vtp"), io.read_mesh(made / "model.grid")
+    assert len(moved.vertices) == len(rest.vertices)
+
+
+def test_a_users_own_law_gives_the_same(made, done, windmark):
+    assert len([line for line in (made / "my_law.py").read_text().splitlines() if line.strip()]) <= 15
+    own = windmark("deform", made / "deform-own-law.toml", "--json")
+    assert own.code == 0
+    apart = np.subtract(own.json["last_twist_deg"], done.json["last_twist_deg"])
+    assert np.abs(apart[1:]).max() < 4 * max(done.json["last_twist_sigma_deg"])
+
+
+def test_a_bad_frame_is_flagged_and_the_next_one_recovers(copy, windmark):
+    images = copy / "images"
+    (images / "cam2-0002.tif").write_bytes(b"II*\0 no image")  # one camera unreadable: the other goes on
+    for name in ("cam1", "cam2"):
+        image = io.read_image(images / f"{name}-0003.tif")
+        io.write_image(images / f"{name}-0003.tif", np.zeros_like(image))
+    done = windmark("deform", copy / "deform.toml", "--json")
+    assert done.code == 0
+    table = rows(copy / "deformation" / "deformation.csv")
+    assert [r["status"] for r in table] == ["cold", "tracked", "tracked", "lost", table[4]["status"]]
+    assert table[4]["status"] in ("tracked", "cold")
+    assert "cam2" in table[2]["reason"]
+    assert table[3]["wing.bend_2"] == ""
+    twist = truth(copy)[4][1]
+    assert float(table[4]["wing.twist_2"]) == pytest.approx(twist, abs=4 * float(table[4]["sigma_wing.twist_2"]))
+
+
+def test_dropped_frames_leave_gaps(copy, windmark):
+    (copy / "images" / "cam1-0002.tif").unlink()
+    (copy / "images" / "cam1-0003.tif").unlink()
+    (copy / "images" / "cam2-0003.tif").unlink()
+    done = windmark("deform", copy / "deform.toml", "--json")
+    assert (done.code, done.json["frames"], done.json["lost"]) == (0, FRAMES - 1, 0)
+    table = rows(copy / "deformation" / "deformation.csv")
+    assert [r["frame"] for r in table] == ["0", "1", "2", "4"]
+    assert "cam1: no image" in table[2]["reason"]
+
+
+def test_live_gives_the_same_as_from_the_disk(made, done, copy, windmark):
+    incoming = copy / "incoming"
+    incoming.mkdir()
+
+    def deliver():
+        for k in range(FRAMES):
+            for name in ("cam2", "cam1"):
+                file = copy / "images" / f"{name}-{k:04d}.tif"
+                shutil.copy(file, incoming / f".{file.name}")
+                (incoming / f".{file.name}").rename(incoming / file.name)
+            time.sleep(0.05)
+
+    sender = threading.Thread(target=deliver)
+    sender.start()
+    live = windmark("deform", copy / "deform.toml", "--watch", incoming, "--frames", FRAMES, "--idle", 60, "--json")
+    sender.join()
+    assert (live.code, live.json["frames"], live.json["lost"]) == (0, FRAMES, 0)
+    assert live.json["median_latency_ms"] > 0
+    assert live.json["last_twist_deg"] == pytest.approx(done.json["last_twist_deg"], abs=1e-6)
+
+
+def test_nothing_arrives(copy, windmark):
+    (copy / "incoming").mkdir()
+    done = windmark("deform", copy / "deform.toml", "--watch", copy / "incoming", "--idle", 0.1)
+    assert done.code == 1
+    assert "no frame arrived" in done.err
+
+
+LAW_THAT_FAILS = """\
+from windmark.deformation import law
+
+
+@law(tip="mm")
+def wing(xyz, tip):
+    return xyz + tip * missing
+"""
+LAW_OF_WRONG_SHAPE = """\
+def wing(xyz, tip):
+    return xyz[:, :2] * tip
+"""
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        (LAW_THAT_FAILS, ["my_law.py:6", "missing"]),
+        (LAW_OF_WRONG_SHAPE, ["my_law.py:1", "(55, 3)"]),
+        ("def wing(xyz, tip:\n", ["my_law.py:1"]),
+        ("import numpy\n", ["my_law.py", "holds no law"]),
+    ],
+)  # fmt: skip
+def test_a_wrong_law_is_told_with_its_file_and_line(copy, windmark, text, expected):
+    (copy / "my_law.py").write_text(text)
+    project = edited(copy, ("root = [103.283, 72, 0], end = [384.026, 600, 0]", ""), name="deform-own-law.toml")
+    done = windmark("deform", project)
+    assert done.code == 2
+    for part in expected:
+        assert part in done.err
+    assert not (copy / "deformation-own-law").exists()
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        (('law = "beam"', 'law = "bean"'), ["volume[1].law", "bean", "modal_beam"]),
+        (("section = [0, 1, 0]", "sections = [0, 1, 0]"), ["sections", "section"]),
+        (("[stations]", "[station]"), ["station", "unknown key", "stations"]),
+        (('name = "wing"', 'name = "wings"'), ["stations", "'wing'", "not one of the volumes"]),
+        (('file = "cam1.json"', 'file = "cam3.json"'), ["camera[0].file", "cam3.json"]),
+        (("images/cam2-*.tif", "images/cam3-*.tif"), ["camera[1].images", "no file matches"]),
+        (('zero = ["0", "1"]', 'zero = ["77"]'), ["sequence.zero", "77"]),
+        (('parent = "body"', 'parent = "fuselage"'), ["volume", "fuselage"]),
+        (("chord = [150, 0, 0]", "chord = [0, 0, 0]"), ["stations", "chord"]),
+        (('frames = "frames.csv"', 'frames = "none.csv"'), ["sequence.frames", "none.csv"]),
+        (('grid = ["vtk"]', 'grid = ["stl"]'), ["output.grid"]),
+    ],
+)
+def test_bad_projects_name_the_key(copy, windmark, change, expected):
+    done = windmark("deform", edited(copy, change))
+    assert done.code == 2
+    for part in expected:
+        assert part in done.err, done.err
+    assert not (copy / "deformation").exists()
+
+
+def test_a_law_needs_markers_of_its_volume(copy, windmark):
+    text = (copy / "markers.csv").read_text()
+    (copy / "markers.csv").write_text(text.replace(",wing,", ",flap,"))
+    done = windmark("deform", copy / "deform.toml")
+    assert done.code == 2
+    assert "volume[1].name" in done.err
+    assert "body, flap" in done.err
+
+
+def test_a_camera_without_a_pose_is_no_station(copy, windmark):
+    camera, _ = io.read_camera(copy / "cam1.json")
+    io.write_camera(copy / "cam1.json", camera)
+    done = windmark("deform", copy / "deform.toml")
+    assert done.code == 2
+    assert "cam1.json" in done.err
+    assert "no pose" in done.err
+
+
+def test_images_of_another_size_lose_their_camera_only(copy, windmark):
+    for k in range(FRAMES):
+        image = io.read_image(copy / "images" / f"cam2-{k:04d}.tif")
+        io.write_image(copy / "images" / f"cam2-{k:04d}.tif", image[:, :300])
+    done = windmark("deform", copy / "deform.toml", "--json")
+    assert (done.code, done.json["lost"]) == (0, 0)
+    reason = rows(copy / "deformation" / "deformation.csv")[0]["reason"]
+    assert "300 x 400 pixels" in reason
+
+
+def test_no_usable_frame_is_a_refusal(copy, windmark):
+    for file in (copy / "images").iterdir():
+        io.write_image(file, np.zeros((400, 640), np.uint8))
+    done = windmark("deform", edited(copy, ('zero = ["0", "1"]', "zero = []")))
+    assert done.code == 1
+    assert "no frame gave a deformation" in done.err
+    done = windmark("deform", edited(copy, ("zero = []", 'zero = ["0"]')))
+    assert done.code == 2
+    assert "no wind-off frame can be used" in done.err
+
+
+def test_simulate_says_what_to_do_next(tmp_path, windmark):
+    done = windmark("simulate", tmp_path / "s", "--deforming", 2)
+    assert done.code == 2
+    assert "at least 3" in done.err
+    assert not (tmp_path / "s").exists()
