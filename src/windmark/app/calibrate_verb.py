@@ -34,6 +34,8 @@ from windmark.scene import MarkerSet
 Record = dict[str, Any]
 Pictures = Sequence[Picture] | None
 TABLES = (".csv", ".txt")
+MOST_REASONS, MOST_NAMES = 4, 8
+"""Reasons, and names for each, that a refusal lists."""
 
 
 @dataclass(frozen=True)
@@ -182,11 +184,18 @@ def _why(no: NotCalibrated) -> str:
     if no.weak and not all(w in no.reason for w in no.weak):
         parts.append(f"not determined: {', '.join(no.weak)}")
     if no.dropped:
-        some = list(no.dropped.items())[:8]
-        rest = len(no.dropped) - len(some)
-        parts.append("could not take part: " + "; ".join(f"{n} ({why})" for n, why in some)
+        alike: dict[str, list[str]] = {}
+        for name, why in no.dropped.items():
+            alike.setdefault(why, []).append(name)
+        some = list(alike.items())[:MOST_REASONS]
+        rest = len(no.dropped) - sum(len(names) for _, names in some)
+        parts.append("could not take part: " + "; ".join(f"{_few(names)} ({why})" for why, names in some)
                      + (f"; and {rest} more" if rest else ""))  # fmt: skip
     return ". ".join(parts)
+
+
+def _few(names: Sequence[str]) -> str:
+    return ", ".join(names[:MOST_NAMES]) + (f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else "")
 
 
 def _refusal(no: NotCalibrated, matched: Pictures) -> Record:

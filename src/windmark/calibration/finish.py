@@ -13,6 +13,7 @@ from windmark.adjust.network.covariance import network_covariance
 from windmark.adjust.network.datum import DatumCovariance, in_datum
 from windmark.adjust.network.problem import camera_columns
 from windmark.calibration.datum import Free
+from windmark.calibration.disc_shapes import Discs
 from windmark.calibration.result import Calibration
 from windmark.calibration.setup import Job, frames_of, views_of
 from windmark.calibration.solve import Solved
@@ -20,7 +21,7 @@ from windmark.calibration.swaps import swapped
 from windmark.geometry import PARAMETERS, DegenerateGeometry, Pose
 from windmark.geometry.rotations import hat
 from windmark.geometry.similarity import Similarity, align
-from windmark.scene import Observations
+from windmark.scene import MarkerSet, Observations
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -40,7 +41,10 @@ def calibration(job: Job, solved: Solved, dropped: dict[str, str], options: dict
     obs = job.observations
     seen = np.zeros(len(job.markers), dtype=np.bool_)
     seen[obs.point[solved.taken]] = True
-    state = solved.state if chosen is None else _aligned(job, solved.state, chosen & seen, motions == 7)
+    state, discs = solved.state, solved.discs
+    if chosen is not None:
+        fit = align(state.points[chosen & seen], job.markers.xyz[chosen & seen], scale=motions == 7)
+        state, discs = transformed(state, fit), None if discs is None else discs.moved(fit)
     system = solved.problem.linearise(state)
     assert system is not None
     solved = replace(solved, state=state, covariance=network_covariance(system, solved.problem.layout))
@@ -48,7 +52,7 @@ def calibration(job: Job, solved: Solved, dropped: dict[str, str], options: dict
     scale = solved.sigma0**2
     marker_cov = covariance.points()[seen] * scale
     sigma = np.sqrt(np.maximum(np.diagonal(marker_cov, axis1=1, axis2=2), 0.0))
-    markers = replace(job.markers.take(seen), xyz=state.points[seen], sigma=sigma)
+    markers = replace(_with_discs(job.markers, discs).take(seen), xyz=state.points[seen], sigma=sigma)
     view_seen = np.zeros(len(job.views), dtype=np.bool_)
     view_seen[obs.view[solved.taken]] = True
     at, o = views_of(job, state), state.offsets
@@ -126,10 +130,13 @@ def _suspect(job: Job, solved: Solved) -> tuple[str, ...]:
     return tuple(out)
 
 
-def _aligned(job: Job, state: NetworkState, chosen: Mask, scale: bool) -> NetworkState:
-    """The network fitted to the table's coordinates of the datum's markers."""
-    fit = align(state.points[chosen], job.markers.xyz[chosen], scale=scale)
-    return transformed(state, fit)
+def _with_discs(markers: MarkerSet, discs: Discs | None) -> MarkerSet:
+    """The table with the normals and radii that the ellipses tell; radii that it has stay."""
+    if discs is None:
+        return markers
+    told = np.isfinite(discs.normal)
+    radius = np.where(np.isfinite(markers.radius), markers.radius, discs.radius)
+    return replace(markers, normal=np.where(told, discs.normal, markers.normal), radius=radius)
 
 
 def transformed(state: NetworkState, fit: Similarity) -> NetworkState:

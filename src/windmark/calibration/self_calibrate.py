@@ -7,18 +7,17 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from windmark.adjust.network import NetworkState
 from windmark.calibration.datum import Datum, Distance
-from windmark.calibration.finish import calibration, datum_points, refuse_weak
-from windmark.calibration.normals import all_normals
+from windmark.calibration.eccentric import ECCENTRICITY, with_eccentricity
+from windmark.calibration.finish import calibration, refuse_weak
 from windmark.calibration.result import Calibration, NotCalibrated
 from windmark.calibration.setup import Job, first_state, taking_part, views_of
-from windmark.calibration.solve import ECCENTRIC_PX, Solved, eccentricities, solve
+from windmark.calibration.solve import Solved
 from windmark.calibration.start import start_poses
 from windmark.geometry import Camera, DegenerateGeometry, Pose, triangulate
-from windmark.geometry.similarity import align
 from windmark.scene import MarkerSet, Observations, View
 
 Array = NDArray[np.float64]
@@ -32,8 +31,6 @@ LEAST_USED = 0.6
 """Share of the marks that must fit: where more are gross errors, they are none."""
 RETRY_FOCAL = (0.6, 0.8, 1.25, 1.6)
 """Focal lengths started from when the given one leads to no solution."""
-ECCENTRIC_ROUNDS = 3
-ECCENTRICITY = ("auto", "table", "off")
 
 
 def self_calibrate(
@@ -49,6 +46,7 @@ def self_calibrate(
     free_focal: Sequence[str] = (),
     prior_sigma: Mapping[str, float] | None = None,
     eccentricity: str = "auto",
+    ellipses: ArrayLike | None = None,
     reject: bool = True,
     max_sigma0: float = MAX_SIGMA0,
     solver: str = "newton",
@@ -68,10 +66,13 @@ def self_calibrate(
     rig : views with the same ``frame`` were taken at once by cameras that do not move against each other
     free_focal : views whose focal length may differ from that of their camera, as the focus distance did (Fig. 6)
     prior_sigma : 1 sigma of free parameters round the start values, by name
-    eccentricity : the image of a disc's centre is not the centre of its image. "auto" corrects with the table's
-        normals, where it has none with that of the surface through the neighbouring markers, or, where there is
-        none, of the side the markers are seen from; "table" only with the table's (markers without stay as they are,
-        which does harm beside corrected ones)
+    eccentricity : the image of a disc's centre is not the centre of its image. "auto" corrects with the normals (and,
+        where the table has none, the radii) that the ellipses tell; of markers whose ellipses tell none with the
+        table's normals, then that of the surface through the neighbouring markers, or, where there is none, of the
+        side the markers are seen from; "table" only with the table's (markers without stay as they are, which does
+        harm beside corrected ones)
+    ellipses : (O, 3) half axes in pixels and direction of the first (radians, from x towards y) of each mark's ellipse,
+        as `Detections` has them; NaN where not measured
     reject : leave gross errors out; without, all marks take part with full weight, and are only tested
     max_sigma0 : residuals larger than this, in units of the marks' covariances, are no solution
     solver : of the least squares, from start values that a robust Levenberg-Marquardt finds: "newton" goes on with
@@ -98,6 +99,7 @@ def self_calibrate(
     job = Job(
         observations, markers, tuple(views), _in_use(cameras, views), tuple(free), datum, tuple(distances), rig,
         tuple(free_focal), dict(prior_sigma or {}), solver,
+        None if ellipses is None else np.asarray(ellipses, dtype=float),
     )  # fmt: skip
     every = np.ones(len(observations), dtype=np.bool_)
     if not taking_part(job, every)[0].any():
@@ -200,11 +202,11 @@ def _every_mark(job: Job, state: NetworkState, good: Mask, options: dict[str, An
     """Adjust the good marks; those that a first pose found here cannot see join once the others are adjusted."""
     given = np.array([v.cam_from_model is not None for v in job.views])[job.observations.view]
     seen = good & (given | _imaged(job, state))
-    solved = _with_eccentricity(job, state, seen, options)
+    solved = with_eccentricity(job, state, seen, options)
     if (seen == good).all() or not solved.report.converged:
         return solved
     state = _placed(job, solved, good)
-    return _with_eccentricity(job, state, good & _imaged(job, state), options)
+    return with_eccentricity(job, state, good & _imaged(job, state), options)
 
 
 def _placed(job: Job, solved: Solved, good: Mask) -> NetworkState:
@@ -230,45 +232,3 @@ def _imaged(job: Job, state: NetworkState) -> Mask:
         mine = obs.view == v
         out[mine] = camera.project(pose.apply(state.points[obs.point[mine]]))[1]
     return out
-
-
-def _with_eccentricity(job: Job, state: NetworkState, good: Mask, options: dict[str, Any]) -> Solved:
-    """Adjust; then with the eccentricity of the imaged discs, until that changes no more."""
-    how, reject = options["eccentricity"], options["reject"]
-    shift = np.zeros((len(job.observations), 2))
-    solved = solve(job, state, good, shift, reject)
-    if how == "off" or not np.isfinite(job.markers.radius).any():
-        return solved
-    for _ in range(ECCENTRIC_ROUNDS):
-        normal = _table_normals(job, solved)
-        if how == "auto":
-            normal = all_normals(solved.state.points, normal, _towards_cameras(job, solved))
-        new = eccentricities(job, solved.state, normal)
-        if np.abs(new - shift).max(initial=0.0) < ECCENTRIC_PX:
-            break
-        shift = new
-        solved = solve(job, solved.state, good, shift, reject)
-    return solved
-
-
-def _table_normals(job: Job, solved: Solved) -> Array:
-    """(N, 3) the table's normals in the frame of the network, which a free network may have turned."""
-    chosen = datum_points(job)
-    if chosen is None:
-        return job.markers.normal
-    seen = np.zeros(len(job.markers), dtype=np.bool_)
-    seen[job.observations.point[solved.taken]] = True
-    fit = align(solved.state.points[chosen & seen], job.markers.xyz[chosen & seen])
-    return job.markers.normal @ fit.rotation
-
-
-def _towards_cameras(job: Job, solved: Solved) -> Array:
-    """(N, 3) mean direction from each marker to the cameras that saw it; NaN where none did."""
-    obs = job.observations
-    center = np.stack([pose.center for _, pose in views_of(job, solved.state)])
-    mine = solved.taken
-    arm = center[obs.view[mine]] - solved.state.points[obs.point[mine]]
-    out = np.zeros((len(job.markers), 3))
-    np.add.at(out, obs.point[mine], arm / np.linalg.norm(arm, axis=1, keepdims=True))
-    count = np.bincount(obs.point[mine], minlength=len(out))[:, None]
-    return np.where(count > 0, out / np.maximum(count, 1), np.nan)

@@ -37,6 +37,7 @@ class Job:
     free_focal : names of views with a focal length of their own
     prior_sigma : 1 sigma of free parameters round the start values, by name
     solver : one of `SOLVERS`
+    ellipses : (O, 3) half axes and direction of the marks' ellipses
     """
 
     observations: Observations
@@ -50,6 +51,7 @@ class Job:
     free_focal: tuple[str, ...]
     prior_sigma: Mapping[str, float]
     solver: str = SOLVERS[0]
+    ellipses: Array | None = None
 
     def __post_init__(self) -> None:
         obs, markers, views = self.observations, self.markers, self.views
@@ -79,6 +81,8 @@ class Job:
         missing = sorted(set(self.free_focal) - set(names))
         if missing:
             raise ValueError(f"self_calibrate: free_focal names unknown views {', '.join(missing[:5])}")
+        if self.ellipses is not None and self.ellipses.shape != (len(obs), 3):
+            raise ValueError(f"self_calibrate: ellipses must be ({len(obs)}, 3), got {self.ellipses.shape}")
         if self.solver not in SOLVERS:
             raise ValueError(f"self_calibrate: solver must be one of {', '.join(SOLVERS)}, got {self.solver!r}")
         if not isinstance(self.datum, Fixed | Weighted | Free):

@@ -17,10 +17,11 @@ from windmark.adjust.levenberg_marquardt import SolveOptions, minimise
 from windmark.adjust.network import NetworkProblem, NetworkState, graduated, minimise_network_by_steps
 from windmark.adjust.network.covariance import NetworkCovariance, network_covariance
 from windmark.adjust.network.equations import NetworkEquations
+from windmark.calibration.disc_shapes import Discs
 from windmark.calibration.setup import LEAST_MARKS, Job, frames_of, make_network, taking_part, views_of
 from windmark.calibration.snooping import LIMIT, influence, statistic
 from windmark.calibration.start import start_poses
-from windmark.geometry import Pose, imaged_ellipse
+from windmark.geometry import Pose
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -38,15 +39,14 @@ FINAL = SolveOptions(max_iterations=200, gradient_tol=1e-4, initial_damping=1e-5
 STEPS = PaperOptions(max_passes=3000)
 NEAR = 0.1
 """Distance of the minimum, in units of the estimate's sigma, within which the paper's steps are said to be there."""
-ECCENTRIC_PX = 1e-3
-"""Change of the discs' eccentricity that asks for another adjustment."""
 
 
 @dataclass(frozen=True)
 class Solved:
     """An adjusted network with the test of every mark that took part.
 
-    ``taken`` (O,) are the marks of the job in the problem's network, ``used`` of those (K,) not left out.
+    ``taken`` (O,) are the marks of the job in the problem's network, ``used`` of those (K,) not left out; ``discs``
+    what their ellipses tell of the markers, in the frame of ``state``.
     """
 
     problem: NetworkProblem
@@ -60,6 +60,7 @@ class Solved:
     sigma0: float
     redundancy: int
     dropped: dict[str, str]
+    discs: Discs | None = None
 
 
 def solve(job: Job, start: NetworkState, allowed: Mask, shift: Array, reject: bool) -> Solved:
@@ -222,17 +223,4 @@ def _one_by_one(job: Job, good: Mask, fits: Mask, solved: Solved) -> Mask:
     now = (test[fails] >= worst_view[obs.view[fails]]) | (test[fails] >= worst_point[obs.point[fails]])
     out = fits.copy()
     out[fails[~now]] = True
-    return out
-
-
-def eccentricities(job: Job, state: NetworkState, normal: Array) -> Array:
-    """(O, 2) centre of each imaged disc less the image of its centre; zero where normal or radius is unknown."""
-    obs, out = job.observations, np.zeros((len(job.observations), 2))
-    for v, (camera, pose) in enumerate(views_of(job, state)):
-        mine = np.flatnonzero(obs.view == v)
-        p = obs.point[mine]
-        known = np.isfinite(normal[p]).all(axis=1) & np.isfinite(job.markers.radius[p])
-        mine, p = mine[known], p[known]
-        seen = imaged_ellipse(camera, pose.apply(state.points[p]), pose.rotate(normal[p]), job.markers.radius[p])
-        out[mine] = np.where(np.isfinite(seen.eccentricity_px), seen.eccentricity_px, 0.0)
     return out

@@ -85,6 +85,11 @@ class Detections:
     def __len__(self) -> int:
         return len(self.xy)
 
+    @property
+    def ellipses(self) -> Array:
+        """(M, 3) half axes and angle in one array, NaN where not estimated."""
+        return np.column_stack([self.axes_px, self.angle])
+
     def take(self, index: ArrayLike) -> Detections:
         """The spots of a boolean mask or an index array, in that order."""
         i = np.asarray(index)

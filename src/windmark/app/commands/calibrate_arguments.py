@@ -62,7 +62,10 @@ Rig = Annotated[
     bool, typer.Option("--rig", help="Several cameras that do not move against each other; frames are instants.")
 ]
 Eccentricity = Annotated[
-    str, typer.Option(help="Of imaged discs: auto (normals from the table or the neighbours), table or off.")
+    str,
+    typer.Option(
+        help="Of imaged discs: auto (normals from ellipses in pictures, the table or the neighbours), table or off."
+    ),
 ]
 Reject = Annotated[bool, typer.Option("--reject/--no-reject", help="Leave gross errors out.")]
 MaxSigma0 = Annotated[float, typer.Option(help="Residuals so many times larger than the sigmas are refused.")]

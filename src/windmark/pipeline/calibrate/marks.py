@@ -28,12 +28,14 @@ class Marks:
     markers : rough coordinates
     cameras : start values by name
     views : each with the name of its camera, poses where known
+    ellipses : (O, 3) half axes in pixels and direction of each mark's ellipse, NaN where not measured; None without
     """
 
     observations: Observations
     markers: MarkerSet
     cameras: Mapping[str, Camera]
     views: tuple[View, ...]
+    ellipses: NDArray[np.float64] | None = None
 
 
 def start_camera(size_px: tuple[int, int], focal_px: float | None) -> Camera:

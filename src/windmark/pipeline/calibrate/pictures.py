@@ -225,7 +225,7 @@ def _marks(
 ) -> Marks:
     """The marks of all matched pictures, with so much noise beyond the detector's."""
     good = [p for p in pictures if p.registration is not None]
-    view, point, xy, cov, views = [], [], [], [], []
+    view, point, xy, cov, ellipses, views = [], [], [], [], [], []
     for v, p in enumerate(good):
         assert p.registration is not None
         pairs = p.registration.matching
@@ -233,10 +233,13 @@ def _marks(
         point.append(pairs.marker.astype(np.int64))
         xy.append(p.detections.xy[pairs.detection])
         cov.append(with_sigma(p.detections.cov[pairs.detection], 0.1) + excess_px**2 * np.eye(2))
+        # A flagged outline (cut by the border, touched, in clutter) is not that of the disc.
+        clean = p.detections.flags[pairs.detection, None] == 0
+        ellipses.append(np.where(clean, p.detections.ellipses[pairs.detection], np.nan))
         # No pose: that of the matching has a focal length of its own.
         views.append(View(p.name, p.camera, p.frame))
     observations = Observations(np.concatenate(view), np.concatenate(point), np.concatenate(xy), np.concatenate(cov))
-    return Marks(observations, markers, {k: cameras[k] for k in cameras}, tuple(views))
+    return Marks(observations, markers, {k: cameras[k] for k in cameras}, tuple(views), np.concatenate(ellipses))
 
 
 def _first(marks: Marks, settings: CalibrateSettings) -> Calibration | NotCalibrated:

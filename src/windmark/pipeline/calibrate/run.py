@@ -74,8 +74,8 @@ def adjusted(marks: Marks, settings: CalibrateSettings, datum: Datum | None = No
         marks.observations, marks.markers, marks.cameras, marks.views, datum=chosen,
         free=settings.free, distances=_known(settings.distances, marks) if datum else settings.distances,
         rig=settings.rig, free_focal=[n for n in settings.free_focal if n in used] if datum else settings.free_focal,
-        prior_sigma=settings.prior_sigma, eccentricity=settings.eccentricity, reject=settings.reject,
-        max_sigma0=settings.max_sigma0, seed=settings.seed,
+        prior_sigma=settings.prior_sigma, eccentricity=settings.eccentricity, ellipses=marks.ellipses,
+        reject=settings.reject, max_sigma0=settings.max_sigma0, seed=settings.seed,
     )  # fmt: skip
 
 
