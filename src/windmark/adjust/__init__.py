@@ -9,7 +9,8 @@ from windmark.adjust.determinacy import covariance, weak_parameters
 from windmark.adjust.levenberg_marquardt import SolveOptions, minimise
 from windmark.adjust.loss import Loss
 from windmark.adjust.paper_engine import PaperOptions, minimise_by_steps
-from windmark.adjust.pose import PoseEstimate, pose_problem, refine_pose
+from windmark.adjust.pose import pose_problem, refine_pose
+from windmark.adjust.pose_estimate import PoseEstimate
 from windmark.adjust.problem import NormalEquations, Problem
 from windmark.adjust.report import REASONS, SolveReport
 from windmark.adjust.terms import JointPrior, Linearised, Prior, Reprojection
