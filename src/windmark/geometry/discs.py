@@ -8,6 +8,7 @@ model's business, where normal and radius are known, and detectors leave it alon
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,6 +20,7 @@ __all__ = ["ImagedEllipse", "imaged_ellipse", "tangent"]
 Array = NDArray[np.float64]
 
 POINTS = 32  # on the outline; exact to rounding while radius * sin(tilt) is below a third of the distance
+FEW_POINTS, FAR = 12, 0.02  # these are enough, to 1e-10 of the radius, where all radii are below 2 % of the distance
 
 
 @dataclass(frozen=True)
@@ -75,7 +77,10 @@ def imaged_ellipse(camera: Camera, xyz_cam: ArrayLike, normal_cam: ArrayLike, ra
     r = np.asarray(radius, dtype=float)
     if r.shape not in ((), (len(center),)):
         raise ValueError(f"imaged_ellipse: radius must be one number or {len(center)}, got shape {r.shape}")
-    theta = 2.0 * np.pi * np.arange(POINTS) / POINTS
+    with np.errstate(invalid="ignore"):
+        far = bool(np.all(np.nan_to_num(r) < FAR * np.linalg.norm(center, axis=1)))
+    count = FEW_POINTS if far else POINTS
+    theta = 2.0 * np.pi * np.arange(count) / count
     with np.errstate(divide="ignore", invalid="ignore"):
         n = normal / np.linalg.norm(normal, axis=1, keepdims=True)
     a = tangent(n)
@@ -97,7 +102,7 @@ def tangent(normal: Array) -> Array:
 def _ellipse(outline: Array) -> tuple[Array, Array, Array]:
     """Centroid (N, 2), half axes (N, 2), direction (N,) of ellipses with the moments of closed outlines (N, P, 2)."""
     x, y = outline[..., 0], outline[..., 1]
-    dx, dy = np.moveaxis(_derivative() @ outline, -1, 0)
+    dx, dy = np.moveaxis(_derivative(outline.shape[1]) @ outline, -1, 0)
     with np.errstate(divide="ignore", invalid="ignore"):
         area = 0.5 * (x * dy - y * dx).sum(axis=1)
         first = np.stack([(x * x * dy).sum(axis=1), -(y * y * dx).sum(axis=1)], axis=1) / (2 * area[:, None])
@@ -110,11 +115,12 @@ def _ellipse(outline: Array) -> tuple[Array, Array, Array]:
     return first, axes, 0.5 * np.arctan2(2 * xy, xx - yy)
 
 
-def _derivative() -> Array:
+@cache
+def _derivative(count: int) -> Array:
     """Matrix (P, P) of the derivative of a periodic function by its P samples, times the step 2 pi / P."""
-    k = np.arange(POINTS)
+    k = np.arange(count)
     apart = k[:, None] - k[None, :]
     sign = np.where(apart % 2 == 0, 1.0, -1.0)
-    return np.asarray(np.where(apart == 0, 0.0, 0.5 * sign / np.tan(np.pi * apart / POINTS + (apart == 0)))) * (
-        2.0 * np.pi / POINTS
+    return np.asarray(np.where(apart == 0, 0.0, 0.5 * sign / np.tan(np.pi * apart / count + (apart == 0)))) * (
+        2.0 * np.pi / count
     )

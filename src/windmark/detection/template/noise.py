@@ -20,6 +20,7 @@ All correlations are products of one over rows and one over columns, so that C f
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -146,16 +147,17 @@ def _transfer(variance: Array, level: Array) -> Array:
     return np.asarray(curve)
 
 
-def _tables(size: int) -> list[tuple[Array, Array]]:
+@cache
+def _tables(size: int) -> tuple[tuple[Array, Array], ...]:
     """Correlations (S, S) along columns and along rows of pixels: white, columns, rows, then `LENGTHS_PX`."""
     gap2 = (np.arange(size)[:, None] - np.arange(size)[None, :]) ** 2
     alone, together = np.eye(size), np.ones((size, size))
     lengths = [np.exp(-gap2 / (4.0 * length**2)) for length in LENGTHS_PX]
-    return [(alone, alone), (together, alone), (alone, together), *((t, t) for t in lengths)]
+    return (alone, alone), (together, alone), (alone, together), *((t, t) for t in lengths)
 
 
 def _expectations(
-    weights: list[Array], tables: list[tuple[Array, Array]], jacobian: Array, pixels: float
+    weights: list[Array], tables: tuple[tuple[Array, Array], ...], jacobian: Array, pixels: float
 ) -> tuple[Array, Array]:
     """Expectations (forms, parts) of the forms per pixel for each part of strength 1, and the forms' own size.
 

@@ -109,8 +109,8 @@ class _Follower:
             reason = "; ".join([*troubles, why] if why else troubles) or "no image"
             return DeformedFrame(index, frame.key, frame.instant, "lost", reason, None,
                                  seconds=time.perf_counter() - start)  # fmt: skip
-        state, labelled, observations = found
-        self._remember(state, labelled, frame.instant, status)
+        state, labelled, observations, errors = found
+        self._remember(state, labelled, errors, frame.instant, status)
         troubles += [f"{n}: {s.reason}" for n, s in labelled.items() if s.reason]
         return DeformedFrame(
             index, frame.key, frame.instant, status, "; ".join(troubles), state, observations, tuple(labelled),
@@ -137,7 +137,8 @@ class _Follower:
         assert self._memory is not None
         memory = self._memory
         expected = _predicted(memory, instant - memory.instant)
-        labelled = self._look_near(images, expected, memory.error_px, memory.labelled)
+        placed = displaced(self._test.markers, expected)
+        labelled = self._look_near(images, expected, placed, memory.error_px, memory.labelled)
         count = sum(len(s.marker) for s in labelled.values())
         usual = sum(len(memory.labelled[n].marker) for n in images if n in memory.labelled)
         if count < FEWER * usual:
@@ -147,12 +148,13 @@ class _Follower:
             return answer.reason
         if (wrong := _implausible(answer)) is not None:
             return wrong
-        return answer, labelled, observations
+        error = {n: self._error(n, spots, answer, expected, placed) for n, spots in labelled.items()}
+        return answer, labelled, observations, error
 
     def _look_near(
-        self, images: dict[str, Image], state: Deformation, error_px: dict[str, float], before: dict[str, Labelled]
-    ) -> dict[str, Labelled]:
-        placed = displaced(self._test.markers, state)
+        self, images: dict[str, Image], state: Deformation, placed: MarkerSet, error_px: dict[str, float],
+        before: dict[str, Labelled],
+    ) -> dict[str, Labelled]:  # fmt: skip
         jobs = {}
         for name, image in images.items():
             jobs[name] = self._pool.submit(
@@ -197,13 +199,14 @@ class _Follower:
         self._hidden = {n: h for n in images if (h := self._hidden_from(n, answer)) is not None}
         # The markers that the matching left out, and cameras that it refused, from what is known now.
         error = {n: max(LEAST_PX, 2 * answer.rms_px) / SIGMAS for n in seen}
-        again = self._look_near(images, answer, error, seen)
+        again = self._look_near(images, answer, displaced(self._test.markers, answer), error, seen)
         if sum(len(s.marker) for s in again.values()) < FEWER * sum(len(s.marker) for s in seen.values()):
             again = seen
         answer, observations = self._identify(again, answer)
         if isinstance(answer, NotIdentified):
             return answer.reason
-        return _implausible(answer) or (answer, again, observations)
+        # Nothing is known of the motion yet: the next frame is looked for as far as it may be.
+        return _implausible(answer) or (answer, again, observations, dict.fromkeys(again, MOST_PX / SIGMAS))
 
     def _hidden_from(self, name: str, state: Deformation) -> NDArray[np.bool_] | None:
         if self._test.visible is None:
@@ -213,24 +216,24 @@ class _Follower:
         camera = _camera(self._test, name)
         return np.asarray(~(self._test.visible(pose @ state.tunnel_from_model, camera) | wall))
 
-    def _remember(self, state: Deformation, labelled: dict[str, Labelled], instant: float, status: str) -> None:
-        before, errors = self._memory, {}
-        for name, spots in labelled.items():
-            late = before.error_px.get(name, 0.0) * FORGET if before is not None and status == "tracked" else 0.0
-            errors[name] = max(late, self._error(name, spots, state, instant))
+    def _remember(
+        self, state: Deformation, labelled: dict[str, Labelled], errors: dict[str, float], instant: float, status: str
+    ) -> None:
+        before = self._memory
+        if before is not None and status == "tracked":
+            errors = {n: max(before.error_px.get(n, 0.0) * FORGET, e) for n, e in errors.items()}
         velocity = _velocity(before, state, instant)
         kept = {n: s for n, s in (before.labelled if before else {}).items() if n not in labelled}
         count = sum(len(s.marker) for s in labelled.values())
         self._memory = Memory(state, instant, velocity, errors, {**kept, **labelled}, count)
 
-    def _error(self, name: str, spots: Labelled, state: Deformation, instant: float) -> float:
-        """How far the spots were from where the frame before put them; the largest reach where there was none."""
-        if self._memory is None or not len(spots.marker):
+    def _error(self, name: str, spots: Labelled, state: Deformation, expected: Deformation, placed: MarkerSet) -> float:
+        """How far the spots were from where they were expected, root mean square per coordinate."""
+        if not len(spots.marker):
             return MOST_PX / SIGMAS
-        expected = _predicted(self._memory, instant - self._memory.instant)
-        place = displaced(self._test.markers, expected).xyz[spots.marker]
         pose = expected.cam_from_tunnel.get(name, self._test.station(name).cam_from_tunnel)
-        xy, valid = state.cameras.get(name, _camera(self._test, name)).project(pose.apply(place))
+        camera = state.cameras.get(name, _camera(self._test, name))
+        xy, valid = camera.project(pose.apply(placed.xyz[spots.marker]))
         off = (xy - spots.xy)[valid]
         return float(np.sqrt((off**2).mean())) if len(off) else MOST_PX / SIGMAS
 
