@@ -51,9 +51,29 @@ def main() -> None:
         board_pictures,
         calibration_pictures,
         pair_pictures,
+        deformation_pictures,
     ):
         for name, figure in part().items():
             (HERE / f"{name}.png").write_bytes(_small(pictures.png(figure, dpi=80)))
+
+
+def deformation_pictures() -> dict[str, Figure]:
+    """A bending wing before two cameras."""
+    from windmark.app.deform_curves import span_picture
+    from windmark.app.deform_report import surface_figure as deformed_figure
+    from windmark.pipeline.deform import load, read_deform_project, run_sequence
+    from windmark.pipeline.simulate_deforming import simulate_deforming
+
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+        simulate_deforming(folder, 1, 9)
+        loaded = load(read_deform_project(folder / "deform.toml", folder / "out"))
+        (folder / "out").mkdir()
+        sequence = run_sequence(loaded, folder / "out")
+    assert loaded.stations is not None
+    deformed = deformed_figure(loaded, sequence)
+    assert deformed is not None
+    return {"deform-span": span_picture(sequence.good, loaded.stations.eta, "mm"), "deform-surface": deformed}
 
 
 def calibration_pictures() -> dict[str, Figure]:

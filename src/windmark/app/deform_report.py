@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib import colormaps
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 import windmark
@@ -142,18 +143,23 @@ def _files(report: Report, folder: Path) -> None:
 
 
 def _surface(report: Report, loaded: Loaded, sequence: Sequence) -> None:
-    """The most deformed frame that was kept, on the grid."""
+    figure = surface_figure(loaded, sequence)
+    if figure is not None:
+        report.picture(png(figure), "Length of the displacement by the laws, rigid motion removed")
+
+
+def surface_figure(loaded: Loaded, sequence: Sequence) -> Figure | None:
+    """The most deformed frame that was kept, on the grid; None without a grid."""
     mesh = loaded.mesh
     if mesh is None or not sequence.film:
-        return
+        return None
     row, state = max(sequence.film, key=lambda kept: float(np.nanmax(np.abs(kept[0].bending), initial=0.0)))
     size = deformation_size(mesh, state, sequence.zero)
     direction, up = _view(loaded)
     moved = magnified(mesh, state, sequence.zero, 1.0)
     shown = surface_view(moved, size, direction=direction, up=up, focus=moved.vertices[_used(mesh)])
     label = f"deformation, {loaded.project.length_unit}"
-    report.picture(png(surface_picture(shown.value, shown.shade, f"Frame {row.key}: deformation of the grid", label)),
-                   "Length of the displacement by the laws, rigid motion removed")  # fmt: skip
+    return surface_picture(shown.value, shown.shade, f"Frame {row.key}: deformation of the grid", label)
 
 
 def _view(loaded: Loaded) -> tuple[Array, Array]:
