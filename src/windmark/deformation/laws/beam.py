@@ -17,14 +17,15 @@ from windmark.deformation.law import BoundLaw
 from windmark.deformation.laws.bases import Basis, Powers
 from windmark.deformation.laws.directions import Vector, unit, vector
 from windmark.deformation.parameter import Parameter
+from windmark.geometry.rotations import hat
 
 Array = NDArray[np.float64]
 
 DEGREE = np.pi / 180.0
 NODES, WEIGHTS = (0.5 * (v + k) for v, k in zip(np.polynomial.legendre.leggauss(12), (1.0, 0.0), strict=True))
 """Gauss-Legendre on [0, 1], for the shortening."""
-STEP = 1e-6
-"""Of the numerical derivatives, in lengths of the beam and in turns of one radian."""
+STEEP = 1e-6
+"""Least squared cosine of a slope: a search may try bendings that no beam can take."""
 
 
 @dataclass(frozen=True)
@@ -87,11 +88,14 @@ class _BoundBeam:
     """Shapes at the points' stations, worked out once."""
 
     def __init__(self, beam: Beam, xyz: Array) -> None:
-        self._axis, length, self._up, self._side, self._section = beam.frame()
+        self._axis, length, up, side, self._section = beam.frame()
+        self._up, self._side = up, side
         from_root = xyz - vector(beam.root, "root")
         e = np.maximum(from_root @ self._section / (self._axis @ self._section) / length, 0.0)
         self._foot = vector(beam.root, "root") + (length * e)[:, None] * self._axis
-        self._arm = xyz - self._foot
+        arm = xyz - self._foot
+        self._along = (arm @ self._section)[:, None] * self._section
+        self._across, self._normal = arm - self._along, np.cross(self._section, arm)
         between = e[:, None] * NODES
         self._share = length * e[:, None] * WEIGHTS  # of the integral from the root to the station
         self._values = [b.value(e) for b in (beam.bend, beam.twist, beam.sway)]
@@ -99,47 +103,76 @@ class _BoundBeam:
         self._between = [b.slope(between) / length for b in (beam.bend, beam.sway)]
         counts = [v.shape[-1] for v in self._values]
         self._parts = [slice(int(a), int(b)) for a, b in pairwise(np.cumsum([0, *counts]))]
-        self._steps = np.repeat([STEP * length, STEP / DEGREE, STEP * length], counts)
+        # Sections lean by u = axis x direction = w' (axis x up) + v' (axis x side); axis x side is -up.
+        by_w, by_v = hat(side), hat(-up)
+        self._turns = np.stack([by_w, by_v, by_w @ by_w, by_w @ by_v + by_v @ by_w, by_v @ by_v]).reshape(5, 9)
 
     def place(self, q: Array) -> Array:
         """See `BoundLaw`."""
-        return self._many(q[None])[0]
+        bend, twist, sway = self._parts
+        w, v = self._values[0] @ q[bend], self._values[2] @ q[sway]
+        dw, dv = self._slopes[0] @ q[bend], self._slopes[1] @ q[sway]
+        shorter, _, _ = self._shortening(q)
+        lean = np.eye(3) + self._leans(dw, dv)[0]
+        return self._axis_place(w, v, shorter) + _turned(lean, self._twisted(self._values[1] @ q[twist])[0])
 
     def linearise(self, q: Array) -> tuple[Array, Array]:
-        """See `BoundLaw`; central differences, all parameters at once."""
-        steps = np.diag(self._steps)
-        out = self._many(np.concatenate([q[None], q + steps, q - steps]))
-        k = len(q)
-        return out[0], np.moveaxis((out[1 : k + 1] - out[k + 1 :]) / (2 * self._steps[:, None, None]), 0, -1)
-
-    def _many(self, q: Array) -> Array:
-        """Displaced points (B, N, 3) for many sets of parameters (B, k)."""
+        """See `BoundLaw`."""
         bend, twist, sway = self._parts
-        w, v = (q[:, part] @ values.T for part, values in ((bend, self._values[0]), (sway, self._values[2])))
-        dw, dv = (q[:, part] @ slopes.T for part, slopes in zip((bend, sway), self._slopes, strict=True))
-        angle = DEGREE * (q[:, twist] @ self._values[1].T)
-        inner = sum(
-            np.einsum("bk,nmk->bnm", q[:, part], slopes) ** 2
-            for part, slopes in zip((bend, sway), self._between, strict=True)
-        )
-        shorter = ((1 - np.sqrt(np.maximum(1 - inner, 0.0))) * self._share).sum(axis=-1)
-        axis = self._foot - shorter[..., None] * self._axis + w[..., None] * self._up + v[..., None] * self._side
-        return np.asarray(axis + self._lean(dw, dv, self._twisted(angle)))
+        w, v = self._values[0] @ q[bend], self._values[2] @ q[sway]
+        dw, dv = self._slopes[0] @ q[bend], self._slopes[1] @ q[sway]
+        shorter, by_bend, by_sway = self._shortening(q)
+        leans = self._leans(dw, dv)
+        leans[0] += np.eye(3)
+        arm, by_angle = self._twisted(self._values[1] @ q[twist])
+        turned, by_dw, by_dv = _turned(leans, arm)
+        out = np.empty((len(w), 3, len(q)))
+        for part, direction, values, slopes, back, by_slope in (
+            (bend, self._up, self._values[0], self._slopes[0], by_bend, by_dw),
+            (sway, self._side, self._values[2], self._slopes[1], by_sway, by_dv),
+        ):
+            out[..., part] = direction[:, None] * values[:, None] - self._axis[:, None] * back[:, None]
+            out[..., part] += by_slope[..., None] * slopes[:, None]
+        out[..., twist] = _turned(leans[0], by_angle)[..., None] * (DEGREE * self._values[1])[:, None]
+        return self._axis_place(w, v, shorter) + turned, out
 
-    def _twisted(self, angle: Array) -> Array:
-        """The sections' points turned about the sections' normal (Rodrigues' formula)."""
-        m, arm = self._section, self._arm
-        along = (arm @ m)[:, None] * m
-        cos, sin = np.cos(angle)[..., None], np.sin(angle)[..., None]
-        return np.asarray(along + cos * (arm - along) + sin * np.cross(m, arm))
+    def _axis_place(self, w: Array, v: Array, shorter: Array) -> Array:
+        """Where the axis is at the points' stations."""
+        moves = np.stack([-shorter, w, v], axis=1) @ np.stack([self._axis, self._up, self._side])
+        return np.asarray(self._foot + moves)
 
-    def _lean(self, dw: Array, dv: Array, arm: Array) -> Array:
-        """Sections that lean with the axis: the least rotation from the axis to its new direction t.
+    def _shortening(self, q: Array) -> tuple[Array, Array, Array]:
+        """How far the axis comes back at the stations (N,), and its derivatives (N, k) by bending and sway."""
+        bend, _, sway = self._parts
+        w, v = self._between[0] @ q[bend], self._between[1] @ q[sway]
+        left = np.sqrt(np.maximum(1 - w * w - v * v, STEEP))
+        shorter = ((1 - left) * self._share).sum(axis=1)
+        share = (self._share / left)[:, None]
+        return shorter, *((share * x[:, None] @ f)[:, 0] for x, f in zip((w, v), self._between, strict=True))
 
-        With u = a x t it is x + u x x + u x (u x x) / (1 + a t).
+    def _twisted(self, degrees: Array) -> tuple[Array, Array]:
+        """The sections' points turned about the sections' normal (Rodrigues' formula), and the derivative by radian."""
+        cos, sin = np.cos(DEGREE * degrees)[:, None], np.sin(DEGREE * degrees)[:, None]
+        return self._along + cos * self._across + sin * self._normal, cos * self._normal - sin * self._across
+
+    def _leans(self, dw: Array, dv: Array) -> Array:
+        """Sections that lean with the axis: least rotation (N, 3, 3) to its new direction, less 1; derivatives.
+
+        It is hat(u) + hat(u)^2 / (1 + c) with c the cosine between the axis and its direction; the second and third
+        are its derivatives by the slopes.
         """
-        cos = np.sqrt(np.maximum(1 - dw**2 - dv**2, 0.0))
-        # a x up = side, a x side = -up.
-        turn = dw[..., None] * self._side - dv[..., None] * self._up
-        across = np.cross(turn, arm)
-        return np.asarray(arm + across + np.cross(turn, across) / (1 + cos)[..., None])
+        c = np.sqrt(np.maximum(1 - dw * dw - dv * dv, STEEP))
+        part = 1 / (1 + c)
+        rise = part * part / c  # of ``part`` with half the squared slope
+        zero, one = np.zeros_like(c), np.ones_like(c)
+        ww, wv, vv = dw * dw, dw * dv, dv * dv
+        rows = np.array([
+            [dw, dv, ww * part, wv * part, vv * part],
+            [one, zero, (2 * part + ww * rise) * dw, (part + ww * rise) * dv, vv * rise * dw],
+            [zero, one, ww * rise * dv, (part + vv * rise) * dw, (2 * part + vv * rise) * dv],
+        ])  # fmt: skip
+        return (np.moveaxis(rows, 1, -1) @ self._turns).reshape(3, len(c), 3, 3)
+
+
+def _turned(rotation: Array, vectors: Array) -> Array:
+    return np.asarray((rotation @ vectors[..., None])[..., 0])
