@@ -6,12 +6,12 @@ e_o^T Q_e,oo^-1 e_o of a good observation is chi-square with two degrees of free
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
 from windmark.adjust import Problem
 from windmark.deformation.setup import Task
@@ -20,14 +20,15 @@ from windmark.deformation.sighting import Sighting, by_place
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-MEDIAN = float(chi2.ppf(0.5, 2))
+MEDIAN = 2 * math.log(2)
+"""Of chi-square with two degrees of freedom."""
 FALSE = 1e-3
 """Probability of a false rejection in an instant without gross errors."""
 
 
 def critical(count: int) -> float:
-    """Test value that one of ``count`` good observations exceeds with probability `FALSE`."""
-    return float(chi2.isf(FALSE / max(count, 1), 2))
+    """Test value that any of ``count`` good observations exceeds with probability `FALSE`."""
+    return -2 * math.log(FALSE / max(count, 1))
 
 
 def test_used(task: Task, term: Sighting, values: Mapping[str, Any], cov: Array, used: Mask) -> Array:
