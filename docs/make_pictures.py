@@ -15,6 +15,8 @@ import windmark as wm
 from windmark import calibration, detection
 from windmark.app import (
     epipolar_pictures,
+    laws_examples,
+    laws_pictures,
     lens_pictures,
     markers_pictures,
     pictures,
@@ -23,6 +25,7 @@ from windmark.app import (
 )
 from windmark.app.detect_pictures import explained_picture, merit_picture
 from windmark.app.figures import alignment_figure, matching_figure, surface_figure, wireframe_figure
+from windmark.deformation.laws import CATALOG
 from windmark.geometry import imaged_ellipse
 from windmark.pipeline.job import run_project
 from windmark.pipeline.marker_check import CheckSettings, check_markers
@@ -52,6 +55,7 @@ def main() -> None:
         calibration_pictures,
         pair_pictures,
         deformation_pictures,
+        law_pictures,
     ):
         for name, figure in part().items():
             (HERE / f"{name}.png").write_bytes(_small(pictures.png(figure, dpi=80)))
@@ -74,6 +78,11 @@ def deformation_pictures() -> dict[str, Figure]:
     deformed = deformed_figure(loaded, sequence)
     assert deformed is not None
     return {"deform-span": span_picture(sequence.good, loaded.stations.eta, "mm"), "deform-surface": deformed}
+
+
+def law_pictures() -> dict[str, Figure]:
+    """What ``windmark laws --pictures`` draws."""
+    return {f"law-{kind}": laws_pictures.law_picture(kind, laws_examples.example(kind)) for kind in CATALOG}
 
 
 def calibration_pictures() -> dict[str, Figure]:

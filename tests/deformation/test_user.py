@@ -1,9 +1,13 @@
 """Laws from users' files: what works in a few lines, and how faults are told."""
 
+import tomllib
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from windmark.deformation import LawError, check_law, laws_of_source
+from windmark.deformation import LawError, check_law, laws_of_source, with_parameters
+from windmark.deformation.laws import make_law
 
 XYZ = np.random.default_rng(0).uniform(0, 600, (30, 3))
 
@@ -36,6 +40,18 @@ def test_a_law_in_few_lines():
     assert short.bind(XYZ).place(np.array([5.0, 0]))[:, 2].max() > 10
     with pytest.raises(LawError, match=r"own\.py:4: law wing: has no option chord; it has root, span"):
         wing.with_options({"chord": 1})
+
+
+def test_the_guide_s_laws_work():
+    guide = (Path(__file__).parents[2] / "docs" / "guide.md").read_text(encoding="utf-8")
+    section = guide[guide.index("### Laws") :]
+    text = section.split("```python\n")[1].split("```")[0]
+    assert len(text.splitlines()) <= 15
+    (own,) = laws_of_source(text, "guide.md").values()
+    assert check_law(own, XYZ) == ()
+    for volume in tomllib.loads(section.split("```toml\n")[1].split("```")[0])["volume"]:
+        law = with_parameters(make_law(volume["law"], volume["options"], unit="mm"), volume.get("parameters", {}))
+        assert check_law(law, XYZ) == ()
 
 
 def test_plain_functions_count_helpers_do_not():
