@@ -11,6 +11,7 @@ from windmark.deformation import (
     identify,
     marker_places,
     span_values,
+    weak_directions,
     zero_markers,
 )
 from windmark.deformation.laws import Beam, Rigid
@@ -176,3 +177,31 @@ def test_a_rigid_part_has_no_bending():
     got = span_values(state, STATIONS)
     assert got.twist_deg == pytest.approx(2.0, abs=1e-4)
     assert got.bending == pytest.approx(0.0, abs=1e-3)
+
+
+def test_one_camera_sees_its_line_of_sight_least():
+    seen = observed(MARKERS.xyz, np.random.default_rng(0))
+    first = seen.view == 0
+    part = Observations(seen.view[first], seen.point[first], seen.xy[first], seen.cov[first])
+    centre = MARKERS.xyz.mean(axis=0)
+    words = weak_directions(identify(part, MARKERS, [], CAMERA, VIEWS[:1]), centre, unit="mm")
+    ahead = VIEWS[0].cam_from_model.rotation[2]
+    assert "shift along" in words[0]
+    along = np.array([float(v) for v in words[0].split("(")[1].split(")")[0].split(",")])
+    assert abs(along @ ahead) > 0.98
+    assert "mm only" in words[0]
+    both = weak_directions(identify(seen, MARKERS, [], CAMERA, VIEWS), centre, unit="mm")
+    assert not any("shift" in w for w in both)
+
+
+def test_a_law_that_looks_like_a_rigid_motion_is_named():
+    xyz = MARKERS.xyz
+    part = Volume("wing", Rigid(pivot=(60, 250, 0)))
+    few = (MARKERS.volume == "wing") | (np.arange(60) == np.argmax(MARKERS.volume == "body"))
+    seen = observed(xyz, np.random.default_rng(0))
+    keep = few[seen.point]
+    part_seen = Observations(seen.view[keep], seen.point[keep], seen.xy[keep], seen.cov[keep])
+    sigma = np.diag([0.01] * 3 + [5.0] * 3) ** 2
+    state = identify(part_seen, MARKERS, [part], CAMERA, VIEWS, motion_cov=sigma)
+    words = weak_directions(state, xyz.mean(axis=0))
+    assert any("wing." in w and "rigid motion" in w for w in words)

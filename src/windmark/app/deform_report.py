@@ -90,6 +90,8 @@ def _overview(report: Report, loaded: Loaded, sequence: Sequence, record: dict[s
         )
     if moving:
         report.text(f"Found in every frame by markers on walls: {', '.join(moving)}.")
+    for words in record.get("weak", ()):
+        report.text(f"Seen least: {words}.")
     report.text(
         "Every sigma is 1 sigma, from the spots' and the markers' covariances, times sigma0 where that is above 1.",
         "soft",

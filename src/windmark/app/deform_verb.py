@@ -12,6 +12,7 @@ import numpy as np
 from windmark import io
 from windmark.app import console
 from windmark.app.deform_report import deform_page, film
+from windmark.deformation import weak_directions
 from windmark.pipeline.deform import FrameRecord, Loaded, Sequence, load, read_deform_project, run_sequence, watch
 
 Record = dict[str, Any]
@@ -103,6 +104,7 @@ def summary(loaded: Loaded, sequence: Sequence) -> Record:
         latency = [r.latency_s for r in good if np.isfinite(r.latency_s)]
         if latency:
             record["median_latency_ms"] = 1e3 * float(np.median(latency))
+        record["weak"] = list(weakest(loaded, sequence))
         last = good[-1]
         record["last"] = {
             name: {"value": float(v), "sigma": float(s)}
@@ -112,6 +114,17 @@ def summary(loaded: Loaded, sequence: Sequence) -> Record:
             record["last_twist_deg"], record["last_twist_sigma_deg"] = last.twist.tolist(), last.twist_sigma.tolist()
             record["last_bending"], record["last_bending_sigma"] = last.bending.tolist(), last.bending_sigma.tolist()
     return record
+
+
+def weakest(loaded: Loaded, sequence: Sequence) -> tuple[str, ...]:
+    """What the last frame that was kept says of the set-up."""
+    if not sequence.film:
+        return ()
+    state = sequence.film[-1][1]
+    from_prior = tuple(f"{name} is known from its prior alone" for name in state.from_prior)
+    markers = loaded.test.markers
+    centre = markers.xyz[markers.role != "wall"].mean(axis=0)
+    return (*weak_directions(state, centre, unit=loaded.project.length_unit), *from_prior)
 
 
 def _lines(loaded: Loaded, sequence: Sequence) -> list[str]:
@@ -125,6 +138,7 @@ def _lines(loaded: Loaded, sequence: Sequence) -> list[str]:
             f"{record['median_sigma0']:.2f}, {record['median_frame_ms']:.0f} ms per frame"
             + (f", latency {record['median_latency_ms']:.0f} ms" if "median_latency_ms" in record else "")
         )
+        lines += [f"weak: {words}" for words in record["weak"]]
         last, unit = sequence.good[-1], loaded.project.length_unit
         if len(last.twist):
             lines.append(

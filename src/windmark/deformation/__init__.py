@@ -11,11 +11,13 @@ from windmark.deformation.stations import SpanValues, Stations, span_values
 from windmark.deformation.stereo import Displacements, MarkerPlaces, displacements, marker_places
 from windmark.deformation.user import UserLaw, laws_of_source
 from windmark.deformation.volumes import Placed, Volume, Volumes
+from windmark.deformation.weakness import weak_directions
 from windmark.deformation.zero import ZeroMarkers, zero_markers
 
 __all__ = [
     "BoundLaw", "Deformation", "Displacements", "FunctionLaw", "Held", "Law", "LawChoice", "LawError", "Linear",
     "MarkerPlaces", "NotIdentified", "Numeric", "Parameter", "Placed", "SpanValues", "Stations", "UserLaw", "Volume",
     "Volumes", "ZeroMarkers", "check_law", "compare_laws", "displacements", "function_law", "identify", "law",
-    "laws_of_source", "marker_places", "span_values", "vertex_volumes", "with_parameters", "zero_markers",
+    "laws_of_source", "marker_places", "span_values", "vertex_volumes", "weak_directions", "with_parameters",
+    "zero_markers",
 ]  # fmt: skip

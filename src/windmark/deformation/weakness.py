@@ -1,0 +1,70 @@
+"""What a set-up sees least, in words: with one camera the motion along its line of sight, and what looks like it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from windmark.deformation.result import Deformation
+from windmark.deformation.sighting import LAW, MOTION
+from windmark.geometry.rotations import hat
+
+Array = NDArray[np.float64]
+
+RATIO = 3.0
+"""A direction is weak when its sigma is so many times that of the best one across it."""
+CORRELATED = 0.98
+"""Two parameters of different kind with a larger correlation are hardly told apart."""
+
+
+def weak_directions(state: Deformation, centre: ArrayLike, *, unit: str = "") -> tuple[str, ...]:
+    """What is known least of an identified state.
+
+    Parameters
+    ----------
+    state : the state
+    centre : (3,) point of the model whose shift is judged, in its frame; usually the markers' centre
+    unit : length unit, for the words
+
+    Returns
+    -------
+    tuple of str
+        Sentences; empty where all directions are about equally well known and nothing is mistaken for something else.
+    """
+    if MOTION not in state.slices:
+        return ()
+    place = state.tunnel_from_model.apply(np.asarray(centre, dtype=float))
+    own = state.cov[state.slices[MOTION], state.slices[MOTION]]
+    shift = np.concatenate([-hat(place), np.eye(3)], axis=1)
+    out = []
+    for name, cov, scale, of in (
+        ("shift", shift @ own @ shift.T, 1.0, unit), ("turn", own[:3, :3], np.degrees(1.0), "deg")
+    ):  # fmt: skip
+        value, axis = np.linalg.eigh(cov)
+        sigma = scale * np.sqrt(np.maximum(value, 0.0))
+        if sigma[2] > RATIO * sigma[0]:
+            along = axis[:, 2] * np.sign(axis[np.argmax(np.abs(axis[:, 2])), 2])
+            preposition = "along" if name == "shift" else "about"
+            direction = ", ".join(f"{v:.2f}" for v in along + 0.0)
+            out.append(
+                f"the model's {name} {preposition} ({direction}) is known to {sigma[2]:.2g} {of}".rstrip()
+                + f" only, {sigma[2] / sigma[0]:.0f} times less well than across it"
+            )
+    return (*out, *_mistaken(state))
+
+
+def _mistaken(state: Deformation) -> list[str]:
+    """Law parameters that hardly differ from a direction of the rigid motion."""
+    if LAW not in state.slices:
+        return []
+    law, motion = state.slices[LAW], state.slices[MOTION]
+    cov = state.cov
+    half = np.linalg.cholesky(cov[motion, motion])
+    # The largest correlation with any direction of the motion: multiple correlation.
+    part = np.linalg.solve(half, cov[motion, law])
+    multiple = np.sqrt((part**2).sum(axis=0) / np.diag(cov[law, law]))
+    return [
+        f"{name} is hardly told from a rigid motion (correlation {r:.3f})"
+        for name, r in zip(state.volumes.names, multiple, strict=True)
+        if r > CORRELATED
+    ]
