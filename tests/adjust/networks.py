@@ -8,9 +8,13 @@ import numpy as np
 
 from windmark.adjust.network import Network, NetworkState
 from windmark.geometry import Camera, Pose
+from windmark.scene import MarkerSet, Observations, View
 
 NAMES = ("focal_px", "aspect", "cx", "cy", "k1", "k2", "p1", "p2")
 CAMERA = Camera((1500, 1000), 1530.0, 1.0005, 752.0, 495.0, k1=-0.06, k2=0.05, p1=3e-4, p2=-2e-4)
+
+
+ROUGH = Camera((1500, 1000), 1530.0 * 1.15)
 
 
 @dataclass
@@ -84,3 +88,15 @@ def whole(system):
         s = slice(d + e * size, d + (e + 1) * size)
         out[s, s] = block
     return out, np.concatenate([system.gauge.dense, system.gauge.blocks])
+
+
+def nouns(case, *, start=None, camera=ROUGH):
+    """The case as a user has it: marks, rough markers, views without poses."""
+    net = case.network
+    xyz = case.start.points if start is None else start
+    markers = MarkerSet.make([f"m{i:02d}" for i in range(len(xyz))], xyz)
+    rig = len(case.truth.cameras) > 1
+    names = [f"cam{c}" for c in range(len(case.truth.cameras))]
+    views = [View(f"v{v:02d}", names[net.view_camera[v]], f"f{net.view_frame[v]}") for v in range(len(net.view_camera))]
+    observations = Observations(net.view, net.point, net.xy, net.cov)
+    return observations, markers, dict.fromkeys(names, camera), views, {"rig": rig}

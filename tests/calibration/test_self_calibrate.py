@@ -8,27 +8,12 @@ import pytest
 
 from windmark.adjust import PaperOptions
 from windmark.calibration import Calibration, Distance, Fixed, Free, NotCalibrated, Weighted, self_calibrate, solve
-from windmark.geometry import Camera, Pose, imaged_ellipse
+from windmark.geometry import Pose, imaged_ellipse
 from windmark.geometry.similarity import align
-from windmark.scene import MarkerSet, Observations, View
-
-ROUGH = Camera((1500, 1000), 1530.0 * 1.15)
-
-
-def nouns(case, *, start=None, camera=ROUGH):
-    """The case as a user has it: marks, rough markers, views without poses."""
-    net = case.network
-    xyz = case.start.points if start is None else start
-    markers = MarkerSet.make([f"m{i:02d}" for i in range(len(xyz))], xyz)
-    rig = len(case.truth.cameras) > 1
-    names = [f"cam{c}" for c in range(len(case.truth.cameras))]
-    views = [View(f"v{v:02d}", names[net.view_camera[v]], f"f{net.view_frame[v]}") for v in range(len(net.view_camera))]
-    observations = Observations(net.view, net.point, net.xy, net.cov)
-    return observations, markers, dict.fromkeys(names, camera), views, {"rig": rig}
 
 
 def run(case, **options):
-    observations, markers, cameras, views, rig = nouns(case, **options.pop("given", {}))
+    observations, markers, cameras, views, rig = networks.nouns(case, **options.pop("given", {}))
     return self_calibrate(observations, markers, cameras, views, **(rig | options))
 
 
@@ -114,7 +99,7 @@ def test_gross_errors_are_left_out_and_swaps_named():
 def test_a_flat_guess_of_a_bumpy_plate_is_enough():
     case = networks.make(36, points=40, views=10)
     flat = case.truth.points * [1, 1, 0] + np.random.default_rng(2).normal(0, 15, (40, 3)) * [1, 1, 0]
-    result = run(case, datum=Free(), given={"start": flat, "camera": replace(ROUGH, focal_px=1530 * 0.8)})
+    result = run(case, datum=Free(), given={"start": flat, "camera": replace(networks.ROUGH, focal_px=1530 * 0.8)})
     assert result
     assert 0.85 < result.sigma0 < 1.15
 
@@ -133,7 +118,9 @@ def test_eccentricity_of_large_discs_is_undone():
             networks.CAMERA, pose.apply(case.truth.points[p]), pose.rotate(normal[p]), np.full(len(p), 18.0)
         )
         xy[mine] += seen.eccentricity_px
-    observations, markers, cameras, views, _ = nouns(networks.Case(replace(net, xy=xy), case.truth, case.start))
+    observations, markers, cameras, views, _ = networks.nouns(
+        networks.Case(replace(net, xy=xy), case.truth, case.start)
+    )
     markers = replace(markers, radius=np.full(40, 18.0), normal=normal)
     focal = {}
     for how in ("table", "off"):
