@@ -65,7 +65,7 @@ def own(folder: Path, sheet: Sheet) -> Sheet:
     xy = obs.xy.copy()
     for v, path in enumerate(sorted((folder / "images").iterdir())):
         mine = np.flatnonzero(obs.view == v)
-        found = detect(read_grey(path, channel="green"), radius_px=(3.0, 6.0, 11.0)).xy
+        found = detect(read_grey(path, channel="green"), radius_px=(10.0, 13.0, 17.5, 23.0)).xy
         spot, mark = _pairs(found, obs.xy[mine])
         xy[mine[mark]], keep[mine[mark]] = found[spot], True
     marks = Observations(obs.view[keep], obs.point[keep], xy[keep], obs.cov[keep])
