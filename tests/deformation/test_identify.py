@@ -466,3 +466,34 @@ def test_a_marker_seen_twice_in_one_view():
     point[1] = point[0]
     with pytest.raises(ValueError, match=f"view v0 has marker m{point[0]} more than once"):
         identify(replace(spots, point=point), MARKERS, PARTS, CAMERAS, VIEWS)
+
+
+def test_spots_without_a_covariance():
+    spots = observed(seen())
+    cov = spots.cov.copy()
+    cov[3] = [[1.0, 2.0], [2.0, 1.0]]
+    with pytest.raises(ValueError, match=r"cov must be positive definite, got .* of observation 3"):
+        identify(replace(spots, cov=cov), MARKERS, PARTS, CAMERAS, VIEWS)
+
+
+def test_spots_of_unequal_and_correlated_noise():
+    """Whitened by their own covariance, with and without uncertain markers."""
+    rng = np.random.default_rng(18)
+    truth = seen()
+    half = np.tril(rng.uniform(0.02, 0.2, (len(truth.xy), 2, 2)))
+    spots = Observations(
+        truth.view, truth.point, truth.xy + (half @ rng.standard_normal((len(half), 2, 1)))[..., 0],
+        half @ np.swapaxes(half, 1, 2),
+    )  # fmt: skip
+    found = identify(spots, MARKERS, PARTS, CAMERAS, VIEWS)
+    assert found.sigma0 == pytest.approx(1, abs=0.2)
+    assert (np.abs(z_of(found)) < 4).all()
+    nearly = identify(spots, MARKERS, PARTS, CAMERAS, VIEWS, marker_cov=1e-12 * np.tile(np.eye(3), (72, 1, 1)))
+    np.testing.assert_allclose(nearly.cov, found.cov, rtol=1e-3, atol=1e-9)
+
+
+def test_a_camera_that_no_view_has_is_not_free():
+    cameras = {**CAMERAS, "spare": CAMERA}
+    found = identify(observed(seen(wall=True)), MARKERS, PARTS, cameras, VIEWS, free_poses=True, free_focal=True)
+    assert found
+    assert {n for n in found.names if n.endswith("focal_px")} == {"c0.camera.focal_px", "c1.camera.focal_px"}
