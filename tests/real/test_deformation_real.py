@@ -1,0 +1,37 @@
+"""Deformation on real pictures: a plate moved by known steps."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture
+def bench(monkeypatch, shared_data):
+    monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
+    pytest.importorskip("cv2")
+    import deformation_real
+
+    yield deformation_real
+    sys.modules.pop("deformation_real", None)
+
+
+def need(folder):
+    if not folder.is_dir():
+        pytest.skip(f"real pictures ({folder.name}) are not here")
+
+
+def test_plate_steps_of_one_millimetre_from_the_labels_of_the_set(bench):
+    """Each step with cameras calibrated on the other five positions."""
+    need(bench.PLATE)
+    steps = bench.plate_steps(bench.plate_marks(found=False))
+    r = bench.plate_figures(steps)
+    assert r["discs"] == 16
+    assert r["mean_worst"] <= 0.02
+    assert r["single_in_plane"] <= 0.02
+    assert r["single_depth"] <= 0.1
+    assert 0.8 < r["z"] < 1.3  # errors of single discs against their stated sigma
+    assert r["body_worst"] <= 0.02
+    assert r["turn_worst_deg"] <= 0.1
