@@ -121,6 +121,90 @@ def test_failures_say_why():
     assert refused(replace(case, detections=tuple(clutter)), primaries(case)).cause == "no_pair"
 
 
+def two_halves(primary_in_both):
+    """Pictures of two sets of markers that share none, or the six primaries only."""
+    case = scenes.make(31, "plate", views=10, points=100, missing=0.0)
+    side = (case.xyz[:, 0] > 0).astype(int)
+    if primary_in_both:
+        side[case.primary] = 2
+    spots, labels = [], []
+    for v, (every, label) in enumerate(zip(case.detections, case.labels, strict=True)):
+        mine = np.flatnonzero((label >= 0) & np.isin(side[label], [v % 2, 2]))
+        spots.append(every.take(mine))
+        labels.append(label[mine])
+    return replace(case, detections=tuple(spots), labels=tuple(labels))
+
+
+def test_groups_that_share_nothing_are_named():
+    case = two_halves(primary_in_both=False)
+    left = np.flatnonzero(case.xyz[:, 0] < 0)
+    far = left[np.argsort(-np.abs(case.xyz[left] @ [0.7, 1.0, 0]))[:6]]
+    primary = MarkerSet.make([f"P{k}" for k in far], case.xyz[far], sigma=np.full((6, 3), SIGMA))
+    result = reconstruct(case.detections, case.camera, primary)
+    assert result, result.reason
+    assert set(result.dropped) == {"1", "3", "5", "7", "9"}
+    assert "connected with 3, 5, 7, 9, but with none of the pictures that have the primary" in result.dropped["1"]
+    assert identities(result, case)[1] == 0
+    other = MarkerSet.make(list("abcdef"), np.random.default_rng(5).uniform(-300, 300, (6, 3)))
+    answer = refused(case, other)
+    assert answer.cause == "unconnected"
+    for words in ("2 groups of pictures", "0, 2, 4, 6, 8", "1, 3, 5, 7, 9"):
+        assert words in answer.reason
+
+
+def test_groups_are_joined_by_the_primaries():
+    case = two_halves(primary_in_both=True)
+    result = reconstruct(case.detections, case.camera, primaries(case))
+    assert result, result.reason
+    assert not result.dropped
+    who, wrong = identities(result, case)
+    assert wrong == 0
+    assert np.isin(np.flatnonzero(case.views_of >= 3), who).all()
+    error = result.markers.xyz - case.xyz[who]
+    assert np.sqrt((error**2).sum(axis=1).mean()) < 3 * np.sqrt((result.markers.sigma**2).sum(axis=1).mean())
+
+
+def test_labels_on_several_points_are_refused():
+    case = scenes.make(33, "plate", views=5, points=50)
+    seen = [{int(m): s for s, m in enumerate(label) if m >= 0} for label in case.labels]
+    common = sorted(set.intersection(*map(set, seen)))
+    primary = MarkerSet.make([f"P{m}" for m in common[:4]], case.xyz[common[:4]])
+    labels = {str(v): {seen[v][common[(k + v) % 4]]: f"P{common[k]}" for k in range(3)} for v in range(5)}
+    answer = refused(case, primary, labels=labels)
+    assert answer.cause == "not_found"
+    assert "labels are wrong" in answer.reason
+
+
+def test_labels_and_a_rough_camera_are_enough_on_a_regular_sheet():
+    """Two views of a lattice can always be shifted against each other; four labels in each picture decide."""
+    camera = replace(scenes.CAMERA, k1=-0.2, k2=0.1)
+    x, y = np.meshgrid(np.arange(-4, 5) * 80.0, np.arange(-3, 4) * 80.0)
+    case = scenes.make(34, "plate", "cloud", views=6, points=20, camera=camera)
+    xyz = np.stack([x.ravel(), y.ravel(), np.random.default_rng(3).normal(0, 1, x.size)], axis=1)
+    corner = [0, 8, 54, 62]
+    rng, spots, labels, truth = np.random.default_rng(4), [], {}, []
+    for v in range(6):
+        pose = Pose(case.poses.rotation[v], case.poses.translation[v])
+        xy, _ = camera.project(pose.apply(xyz))
+        inside = np.flatnonzero(camera.in_image(xy))
+        mixed = rng.permutation(inside)
+        spots.append(Detections.make(xy[mixed] + rng.normal(0, 0.1, (len(mixed), 2)), sigma_px=0.1))
+        labels[str(v)] = {int(np.flatnonzero(mixed == c)[0]): f"c{c}" for c in corner if c in inside}
+        truth.append(mixed)
+    case = replace(case, camera=camera, xyz=xyz, detections=tuple(spots), labels=tuple(truth))
+    assert sum(len(mine) == 4 for mine in labels.values()) >= 3
+    primary = MarkerSet.make([f"c{c}" for c in corner], xyz[corner], sigma=np.full((4, 3), SIGMA))
+    rough = replace(camera, focal_px=1.05 * camera.focal_px, k1=0.0, k2=0.0, p1=0.0, p2=0.0)
+    result = reconstruct(case.detections, rough, primary, labels=labels, free=("focal_px", "k1", "k2", "p1", "p2"))
+    assert result, result.reason
+    who, wrong = identities(result, case)
+    assert wrong == 0
+    assert len(np.unique(who)) == len(who) == len(xyz)
+    found = result.cameras["camera"]
+    assert abs(found.focal_px - camera.focal_px) < 4 * result.calibration.sigma("camera", "focal_px")
+    assert abs(found.k1 - camera.k1) < 4 * result.calibration.sigma("camera", "k1")
+
+
 def test_a_camera_that_only_turns_is_named():
     case = scenes.make(16, "plate", views=1, points=60)
     rng, first = np.random.default_rng(0), Pose(case.poses.rotation[0], case.poses.translation[0])

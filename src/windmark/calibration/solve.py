@@ -21,7 +21,7 @@ from windmark.calibration.disc_shapes import Discs
 from windmark.calibration.setup import LEAST_MARKS, Job, frames_of, make_network, taking_part, views_of
 from windmark.calibration.snooping import LIMIT, influence, statistic
 from windmark.calibration.start import start_poses
-from windmark.geometry import Pose
+from windmark.geometry import DegenerateGeometry, Pose
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -96,6 +96,8 @@ def _tested(job: Job, state: NetworkState, allowed: Mask, good: Mask, shift: Arr
     seen: set[bytes] = set()
     while True:
         taken, dropped = taking_part(job, good)
+        if not taken.any():
+            raise DegenerateGeometry("no view keeps four marks that fit one solution")
         left_out = allowed & _predictable(job, taken, good)
         solved = _adjusted(job, state, taken, left_out, good, shift, dropped)
         state = solved.state

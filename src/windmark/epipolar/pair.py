@@ -25,6 +25,8 @@ FEWEST = 12
 """Pairs below which two pictures are not matched, whatever they say."""
 ROUNDS = 4
 """Of completing the matching along the epipolar lines, and estimating these again."""
+TRIALS = (1000, 250)
+"""Sets of five pairs that are drawn at most: from all patches together, and from one, which is mostly right."""
 ALONG = 0.35
 """How far a spot may lie from its prediction along its epipolar line, as part of its neighbours' distance."""
 OTHER = 0.2
@@ -143,7 +145,8 @@ def _matchings(job: _Job, patches: Patches) -> list[_Matching]:
     for start in starts:
         if len(start) < FEWEST or any(_known(start, m) for m in found):
             continue
-        matching = _completed(job, start, size if start is pairs else np.ones(len(start)), patches.tried)
+        alone = start is not pairs
+        matching = _completed(job, start, np.ones(len(start)) if alone else size, patches.tried, TRIALS[alone])
         if matching is not None:
             found.append(matching)
     return sorted(found, key=lambda m: -m.score)
@@ -154,7 +157,7 @@ def _known(pairs: Ints, matching: _Matching) -> bool:
     return bool((matching.match[pairs[:, 0]] == pairs[:, 1]).mean() > 1 - OTHER)
 
 
-def _completed(job: _Job, pairs: Ints, weight: Array, tried: int) -> _Matching | None:
+def _completed(job: _Job, pairs: Ints, weight: Array, tried: int, trials: int) -> _Matching | None:
     """A matching from some pairs: epipolar geometry and completion in turn, until nothing changes."""
     from windmark.epipolar.constellation import _kernels as kernels
 
@@ -162,7 +165,7 @@ def _completed(job: _Job, pairs: Ints, weight: Array, tried: int) -> _Matching |
     for _ in range(ROUNDS):
         estimate = estimate_two_view(
             job.a.xy[pairs[:, 0]], job.b.xy[pairs[:, 1]], job.camera_a, job.camera_b,
-            cov_a=job.a.cov[pairs[:, 0]], cov_b=job.b.cov[pairs[:, 1]], seed=job.seed,
+            cov_a=job.a.cov[pairs[:, 0]], cov_b=job.b.cov[pairs[:, 1]], seed=job.seed, max_trials=trials,
         )  # fmt: skip
         if not estimate or estimate.inliers.sum() < FEWEST:
             break

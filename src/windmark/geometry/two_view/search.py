@@ -30,7 +30,8 @@ PARALLAX = 3.0  # sigmas from which an angle between two rays counts as seen
 _BATCH = 24  # minimal sets at a time
 _SCORED = 500  # pairs that hypotheses are scored on; candidates are judged on all
 _WIDE = 9.0  # a minimal set spreads its own noise: squared gates are this much wider before the local optimisation
-_WORTH = 1.1  # a hypothesis is optimised if its score is below this times the best before
+_WORTH = 0.9  # a hypothesis is optimised if what it explains is above this times what the best before did
+_PATIENCE = 6  # after so many that led to no better optimum only if it explains more
 _MISSED = 1e-4  # probability that no minimal set free of wrong pairs was drawn, at which the search ends
 
 
@@ -140,7 +141,7 @@ def _search(
     n = len(pairs)
     sample = pairs if n <= _SCORED else pairs[rng.choice(n, _SCORED, replace=False)]
     found: list[Candidate[Model]] = []
-    drawn, best_score = 0, np.inf
+    drawn, best, stale = 0, 0.0, 0
     while drawn < trials:
         pick = np.argpartition(rng.random((_BATCH, n)), size - 1, axis=1)[:, :size]
         drawn += _BATCH
@@ -148,10 +149,15 @@ def _search(
         models = models[np.isfinite(models).all(axis=(1, 2))]
         if len(models) == 0:
             continue
-        score = np.minimum(squares(models, sample), _WIDE * gate).sum(axis=1)
-        top = [k for k in np.argsort(score)[:2] if score[k] < _WORTH * best_score]
-        best_score = min(best_score, float(score.min()))
-        found = best_few([*found, *(c for c in map(optimise, models[top]) if c is not None)])
+        # What is explained, not what is left: wrong pairs leave as much whatever the model.
+        score = _WIDE * gate * len(sample) - np.minimum(squares(models, sample), _WIDE * gate).sum(axis=1)
+        bar = best * (_WORTH if stale < _PATIENCE else 1.0)
+        top = [k for k in np.argsort(-score)[:2] if score[k] > bar]
+        best = max(best, float(score.max()))
+        new = [c for c in map(optimise, models[top]) if c is not None]
+        better = new and (not found or min(c.cost for c in new) < found[0].cost)
+        stale = 0 if better else stale + len(top)
+        found = best_few([*found, *new])
         if found:
             trials = min(trials, _trials(float(np.mean(found[0].squares < gate)), size))
     return found

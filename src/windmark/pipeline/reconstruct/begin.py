@@ -4,21 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 
-from windmark.geometry import DegenerateGeometry, Pose
 from windmark.pipeline.reconstruct.grow import from_nothing, grow, refined
+from windmark.pipeline.reconstruct.labelled import Begun, from_labels
+from windmark.pipeline.reconstruct.matched import PairMatcher
 from windmark.pipeline.reconstruct.structure import LEAST_VIEWS_ASSOCIATED, Structure, compact, linked
 from windmark.pipeline.reconstruct.task import Task
-from windmark.registration import Registration, pose_from_labels, prepare, register
+from windmark.registration import Registration, prepare, register
 from windmark.scene import MarkerSet
 
-LABELS_FOR_A_POSE = 4
-LABELLED_PX = 0.15
-"""What lens and table leave of a labelled spot (1 sigma), besides its covariance: four labels show nothing of it."""
 GIVEN_SIGMA = (0.0035, 0.002)
 """1 sigma of given poses: radians, and part of the distance to the primaries. Worse ones are not used."""
 
 
-def beginning(task: Task, rough: MarkerSet | None) -> tuple[Structure, dict[int, str]]:
+def beginning(task: Task, rough: MarkerSet | None, match: PairMatcher) -> tuple[Structure, dict[int, str]]:
     """A structure of all views that can be had, and how each view was found.
 
     Raises
@@ -27,41 +25,33 @@ def beginning(task: Task, rough: MarkerSet | None) -> tuple[Structure, dict[int,
         Where there is none.
     """
     usable = task.usable
-    poses, cov, how = _known_poses(task, rough)
-    if len(poses) >= LEAST_VIEWS_ASSOCIATED:
+    known = _known_poses(task, rough)
+    if len(known.poses) >= LEAST_VIEWS_ASSOCIATED:
         nothing = np.zeros(0, np.int64)
-        start = Structure(task.primary.xyz, nothing, nothing, nothing, poses, cov, task.cameras)
+        start = Structure(task.primary.xyz, nothing, nothing, nothing, known.poses, known.cov, known.cameras)
         first = compact(linked(task, start))
         structure = refined(task, first) if len(first.point) else None
         if structure is not None:
-            return grow(task, structure, how, usable)
-    return from_nothing(task, usable)
+            return grow(task, structure, known.how, usable, match)
+    return from_nothing(task, usable, match)
 
 
-def _known_poses(task: Task, rough: MarkerSet | None) -> tuple[dict[int, Pose], dict[int, np.ndarray], dict[int, str]]:
-    """Poses in the primaries' frame with their covariances, and where they are from."""
-    poses, cov, how = {}, {}, {}
+def _known_poses(task: Task, rough: MarkerSet | None) -> Begun:
+    """Poses in the primaries' frame that are given, follow from labels, or from rough coordinates."""
+    known = from_labels(task)
     centre = task.primary.xyz.mean(axis=0)
-    layout = None if rough is None else prepare(rough)
-    for v in task.usable:
-        camera, spots = task.camera(v), task.detections[v]
-        if v in task.given:
-            far = float(np.linalg.norm(task.given[v].apply(centre)))
-            sigma = np.repeat([GIVEN_SIGMA[0], GIVEN_SIGMA[1] * far], 3)
-            poses[v], cov[v], how[v] = task.given[v], np.diag(sigma**2), "given"
-            continue
-        if len(task.labels[v]) >= LABELS_FOR_A_POSE:
-            spot, marker = np.array(list(task.labels[v])), np.array(list(task.labels[v].values()))
-            wider = spots.cov[spot] + LABELLED_PX**2 * np.eye(2)
-            try:
-                found = pose_from_labels(
-                    spots.xy[spot], task.primary.xyz[marker], camera, cov=wider, seed=task.seed
-                )  # fmt: skip
-            except DegenerateGeometry:
+    for v in set(task.usable) & set(task.given):
+        pose = task.given[v]
+        far = float(np.linalg.norm(pose.apply(centre)))
+        sigma = np.repeat([GIVEN_SIGMA[0], GIVEN_SIGMA[1] * far], 3)
+        known.poses[v], known.cov[v], known.how[v] = pose, np.diag(sigma**2), "given"
+    if rough is not None:
+        layout = prepare(rough)
+        for v in task.usable:
+            if v in known.poses:
                 continue
-            poses[v], cov[v], how[v] = found.cam_from_model, found.cov, "labels"
-        elif rough is not None:
-            answer = register(spots, rough, camera, layout=layout, seed=task.seed)
+            camera = known.cameras[task.views[v].camera]
+            answer = register(task.detections[v], rough, camera, layout=layout, seed=task.seed)
             if isinstance(answer, Registration):
-                poses[v], cov[v], how[v] = answer.cam_from_model, answer.cov, "register"
-    return poses, cov, how
+                known.poses[v], known.cov[v], known.how[v] = answer.cam_from_model, answer.cov, "register"
+    return known

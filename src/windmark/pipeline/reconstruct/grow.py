@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.calibration import Free
-from windmark.epipolar import PairMatching, match_pair
+from windmark.epipolar import PairMatching
 from windmark.geometry import DegenerateGeometry, Pose
+from windmark.pipeline.reconstruct.matched import PairMatcher
 from windmark.pipeline.reconstruct.seed import FEWEST_POINTS, seeds, settled
 from windmark.pipeline.reconstruct.structure import Structure, adjusted, compact, linked
 from windmark.pipeline.reconstruct.task import Refused, Task
@@ -22,11 +23,15 @@ ROUNDS = 6
 """Of registering the pictures that are left and linking all spots anew."""
 NEIGHBOURS = 4
 """Posed pictures that one without a pose is matched with."""
+VIEWS_FOR_CAMERAS = 5
+"""Views that show free interior parameters."""
+SURE = 4
+"""Views that fit together only where none of them is wrong."""
 LEAST_COMMON = 6
 """Links to known points that give a pose."""
 
 
-def from_nothing(task: Task, views: list[int]) -> tuple[Structure, dict[int, str]]:
+def from_nothing(task: Task, views: list[int], match: PairMatcher) -> tuple[Structure, dict[int, str]]:
     """A structure of as many views as can be had, in a frame of its own, and how each was found.
 
     Raises
@@ -35,12 +40,17 @@ def from_nothing(task: Task, views: list[int]) -> tuple[Structure, dict[int, str
         Where no pair of pictures is a beginning.
     """
     best: tuple[Structure, dict[int, str]] | None = None
-    for seed in seeds(task, views):
+    covered: set[int] = set()
+    for seed in seeds(task, views, match):
+        if {seed.a, seed.b} <= covered:
+            continue  # one of a group that has been grown
         for start in seed.structures:
             structure = settled(task, start)
             if structure is None or len(structure.xyz) < FEWEST_POINTS:
                 continue
-            grown, found_by = grow(task, structure, dict.fromkeys((seed.a, seed.b), "pair"), views)
+            grown, found_by = grow(task, structure, dict.fromkeys((seed.a, seed.b), "pair"), views, match)
+            if len(grown.poses) >= SURE:
+                covered |= set(grown.poses)
             if best is None or len(grown.poses) > len(best[0].poses):
                 best = grown, found_by
             if len(grown.poses) > len(views) // 2:
@@ -51,7 +61,7 @@ def from_nothing(task: Task, views: list[int]) -> tuple[Structure, dict[int, str
 
 
 def grow(
-    task: Task, structure: Structure, found_by: dict[int, str], views: list[int]
+    task: Task, structure: Structure, found_by: dict[int, str], views: list[int], match: PairMatcher
 ) -> tuple[Structure, dict[int, str]]:
     """Views added until no other one fits; after each round all spots are linked anew and everything is adjusted."""
     found_by = dict(found_by)
@@ -62,7 +72,7 @@ def grow(
         wider = _registered(task, structure, left)
         how = "register"
         if len(wider.poses) == len(structure.poses):
-            wider, how = _by_neighbours(task, structure, left), "neighbour"
+            wider, how = _by_neighbours(task, structure, left, match), "neighbour"
         new = [v for v in wider.poses if v not in structure.poses]
         found_by.update(dict.fromkeys(new, how))
         if not new:
@@ -77,11 +87,21 @@ def grow(
 
 def refined(task: Task, structure: Structure) -> Structure | None:
     """The structure adjusted, linked anew, and adjusted again; None where it does not fit together."""
-    first = adjusted(task, structure, Free())
-    if not isinstance(first, tuple):
+    first = _adjusted(task, structure)
+    if first is None:
         return None
-    second = adjusted(task, compact(linked(task, compact(first[0]))), Free())
-    return compact(second[0]) if isinstance(second, tuple) else compact(first[0])
+    second = _adjusted(task, compact(linked(task, first)))
+    return first if second is None else second
+
+
+def _adjusted(task: Task, structure: Structure) -> Structure | None:
+    """With the cameras' free parameters where there are views enough, or else without."""
+    free = task.free if len(structure.poses) >= VIEWS_FOR_CAMERAS else ()
+    for parameters in dict.fromkeys((free, ())):
+        result = adjusted(task, structure, Free(), parameters)
+        if isinstance(result, tuple):
+            return compact(result[0])
+    return None
 
 
 def _registered(task: Task, structure: Structure, left: list[int]) -> Structure:
@@ -98,21 +118,20 @@ def _registered(task: Task, structure: Structure, left: list[int]) -> Structure:
     return replace(out, pose_cov={}) if len(out.poses) > len(structure.poses) else out
 
 
-def _by_neighbours(task: Task, structure: Structure, left: list[int]) -> Structure:
+def _by_neighbours(task: Task, structure: Structure, left: list[int], match: PairMatcher) -> Structure:
     """Views that a pair matching links to known points: where the layout is regular, only closeness tells."""
     for v in left:
         near = sorted(structure.poses, key=lambda p: abs(p - v))[:NEIGHBOURS]
         for other in near:
-            added = _from_neighbour(task, structure, v, other)
+            added = _from_neighbour(task, structure, v, other, match)
             if added is not None:
                 return added
     return structure
 
 
-def _from_neighbour(task: Task, structure: Structure, v: int, other: int) -> Structure | None:
-    pair = match_pair(
-        task.detections[other], task.detections[v], task.camera(other), task.camera(v), seed=task.seed
-    )  # fmt: skip
+def _from_neighbour(task: Task, structure: Structure, v: int, other: int, match: PairMatcher) -> Structure | None:
+    cameras = [structure.cameras[task.views[k].camera] for k in (other, v)]
+    pair = match(other, v, *cameras)
     if not isinstance(pair, PairMatching):
         return None
     mine = structure.view == other

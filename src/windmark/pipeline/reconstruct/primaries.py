@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -31,8 +31,14 @@ MOST_POINTS = 400
 MAX_LOG10_NFA = -3.0
 RIVAL = 3.0
 """Another solution counts as a rival if its residuals are at most so many times those of the best."""
+AGREED = 0.6
+"""So large a part of the labels of a primary must be on one point."""
 FINEST = 1e-4
 """Residuals count as at least so large, as part of the extent: two pictures may agree by chance."""
+
+
+PRIMARY_SIGMA = 1e-4
+"""1 sigma of primaries without one in their table, as part of their extent."""
 
 
 @dataclass(frozen=True)
@@ -59,6 +65,12 @@ def check_primaries(primary: MarkerSet) -> None:
         raise Refused("line", f"the {len(primary)} primary markers are on a line: turns about it are not determined")
 
 
+def with_sigma(primary: MarkerSet) -> MarkerSet:
+    """The primaries, each with a sigma."""
+    sigma = PRIMARY_SIGMA * float(np.linalg.norm(np.ptp(primary.xyz, axis=0)))
+    return replace(primary, sigma=np.where(np.isfinite(primary.sigma), primary.sigma, sigma))
+
+
 def locate(task: Task, structure: Structure) -> Located:
     """The primaries among the points of a structure.
 
@@ -74,11 +86,17 @@ def locate(task: Task, structure: Structure) -> Located:
 
 
 def _named(task: Task, structure: Structure) -> dict[int, int]:
-    """{primary: point} of labelled spots; where labels of several views disagree, most votes."""
+    """{primary: point} of labelled spots; where a few labels disagree, most votes."""
     votes: dict[int, Counter[int]] = {}
     for v, s, p in zip(structure.view.tolist(), structure.spot.tolist(), structure.point.tolist(), strict=True):
         if s in task.labels[v]:
             votes.setdefault(task.labels[v][s], Counter())[p] += 1
+    split = [p for p, count in votes.items() if count.most_common(1)[0][1] < AGREED * count.total()]
+    if split:
+        raise Refused(
+            "not_found", f"the labels of {task.primary.name[split[0]]} are on {len(votes[split[0]])} reconstructed "
+            "points: labels are wrong, or the pictures of a regular layout were linked with a shift",
+        )  # fmt: skip
     return {primary: count.most_common(1)[0][0] for primary, count in votes.items()}
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -11,18 +12,15 @@ from numpy.typing import NDArray
 
 from windmark.calibration import Calibration, Weighted
 from windmark.geometry import Camera
-from windmark.geometry.similarity import Similarity
-from windmark.pipeline.reconstruct.begin import beginning
-from windmark.pipeline.reconstruct.primaries import Located, check_primaries, locate
+from windmark.pipeline.reconstruct.groups import framed, why_left
+from windmark.pipeline.reconstruct.primaries import Located, check_primaries, with_sigma
 from windmark.pipeline.reconstruct.result import NotReconstructed, Reconstruction
-from windmark.pipeline.reconstruct.structure import Structure, adjusted, compact, linked
+from windmark.pipeline.reconstruct.structure import Structure, adjusted, compact, linked, marks_of, rows_of
 from windmark.pipeline.reconstruct.task import FEWEST_SPOTS, Labels, Refused, Task
 from windmark.scene import Detections, MarkerSet, Tracks, View
 
 Array = NDArray[np.float64]
 
-PRIMARY_SIGMA = 1e-4
-"""1 sigma of primaries without one in their table, as part of their extent."""
 FINAL_ROUNDS = 3
 
 
@@ -74,30 +72,21 @@ def reconstruct(
     }
     try:
         check_primaries(primary)
-        structure, found_by = beginning(task, rough)
-        located = locate(task, structure)
-        structure, result, names = _in_frame(task, _moved(structure, located.frame), located, free)
+        known = framed(task, rough)
+        structure, result, names = _in_frame(task, known.group.structure, known.located, free)
     except Refused as refusal:
         return NotReconstructed(refusal.reason, refusal.cause, dropped, options)  # type: ignore[arg-type]
     for v, view in enumerate(task.views):
         if v not in structure.poses and view.name not in dropped:
-            dropped[view.name] = "not connected with the others: no pose explains its spots by the known points"
-    return _result(task, structure, result, names, dropped, found_by, options)
-
-
-def _moved(structure: Structure, frame: Similarity) -> Structure:
-    """The structure in another frame; its lengths are then those of that frame."""
-    poses = {v: frame.moved(pose) for v, pose in structure.poses.items()}
-    scale = np.diag([1.0, 1, 1, frame.scale, frame.scale, frame.scale])
-    cov = {v: scale @ c @ scale for v, c in structure.pose_cov.items()}
-    return replace(structure, xyz=frame.apply(structure.xyz), poses=poses, pose_cov=cov)
+            dropped[view.name] = why_left(task, known.others, v)
+    return _result(task, structure, result, names, dropped, known.group.found_by, options)
 
 
 def _in_frame(
     task: Task, structure: Structure, located: Located, free: Sequence[str]
 ) -> tuple[Structure, Calibration, list[str]]:
     """Everything adjusted in the primaries' frame, with all links that the final poses allow; names of the points."""
-    table = _with_sigma(task.primary)
+    table = with_sigma(task.primary)
     datum = Weighted(tuple(str(task.primary.name[p]) for p in located.primary))
     where = structure.xyz[located.point]
     for linkings in range(FINAL_ROUNDS + 1):
@@ -105,17 +94,36 @@ def _in_frame(
         result = adjusted(task, structure, datum, free, names, table)
         if not isinstance(result, tuple):
             raise Refused("adjustment", result.reason)
-        before = _spots(structure)
+        before = structure
         structure, calibration = result
-        if linkings == FINAL_ROUNDS:
-            break
         index = {n: k for k, n in enumerate(names)}
         where = structure.xyz[[index[n] for n in datum.markers or ()]]
         again = compact(linked(task, structure))
-        if len(_spots(again) ^ before) <= 0.001 * len(before):
+        if linkings == FINAL_ROUNDS or len(_spots(again) ^ _spots(before)) <= 0.001 * len(before.point):
             break
         structure = again
-    return structure, calibration, names
+    return _with_left_out(before, structure, calibration, names, again), calibration, names
+
+
+def _with_left_out(
+    before: Structure, structure: Structure, calibration: Calibration, names: list[str], again: Structure
+) -> Structure:
+    """The links of an adjustment, and those that it left out but that geometry, asked ``again``, gives the same point.
+
+    The tests of an adjustment say which marks are good enough to measure with. Which marker a spot is, is another
+    question: one beside its place by more than its noise, but with no other marker near, is still that marker.
+    """
+    view, point, spot = marks_of(before, rows_of(names, calibration), calibration)
+    owner = {(v, s): p for v, s, p in zip(again.view.tolist(), again.spot.tolist(), again.point.tolist(), strict=True)}
+    votes: dict[int, Counter[int]] = {}
+    for v, p, s in zip(structure.view.tolist(), structure.point.tolist(), structure.spot.tolist(), strict=True):
+        if (v, s) in owner:
+            votes.setdefault(p, Counter())[owner[v, s]] += 1
+    same = {p: count.most_common(1)[0][0] for p, count in votes.items()}
+    kept = calibration.used.copy()
+    for k in np.flatnonzero(~kept):
+        kept[k] = owner.get((int(view[k]), int(spot[k])), -1) == same.get(int(point[k]), -2)
+    return replace(structure, view=view[kept], point=point[kept], spot=spot[kept])
 
 
 def _spots(structure: Structure) -> set[tuple[int, int]]:
@@ -134,11 +142,6 @@ def _names(structure: Structure, table: MarkerSet, located: Located, where: Arra
         taken.add(nearest)
         names[nearest] = str(table.name[p])
     return names
-
-
-def _with_sigma(primary: MarkerSet) -> MarkerSet:
-    sigma = PRIMARY_SIGMA * float(np.linalg.norm(np.ptp(primary.xyz, axis=0)))
-    return replace(primary, sigma=np.where(np.isfinite(primary.sigma), primary.sigma, sigma))
 
 
 def _result(

@@ -43,8 +43,9 @@ class Reconstruction:
     count : (N,) number of views of each marker
     views : all views, ``cam_from_model`` None for those that could not be used
     cameras : by name, with ``cov`` over the parameters that were free
-    tracks : which spot of which view is which marker: ``track`` indexes ``markers``, ``view`` the views
-    calibration : the adjustment behind it, with residuals and tests
+    tracks : which spot of which view is which marker: ``track`` indexes ``markers``, ``view`` the views. Spots that the
+        adjustment left out as too far off are among them where geometry gives them to no other marker
+    calibration : the adjustment behind it, with residuals and tests, and which marks it used
     dropped : why views did not take part, by name
     found_by : how each view got its pose: "given", "labels", "pair", "register" or "neighbour"
     options : everything it was made with, by name

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.calibration import Free
-from windmark.epipolar import NotMatched, PairMatching, match_pair
+from windmark.epipolar import NotMatched, PairMatching
 from windmark.geometry import Pose, triangulate
+from windmark.pipeline.reconstruct.matched import PairMatcher
 from windmark.pipeline.reconstruct.structure import Structure, adjusted, compact
 from windmark.pipeline.reconstruct.task import Refused, Task
 
@@ -20,8 +21,8 @@ Array = NDArray[np.float64]
 FEWEST_POINTS = 12
 ENOUGH = 4
 """Good pairs that are compared before the best of them is tried."""
-MOST_TRIED = 60
-"""Pairs of pictures that are tried."""
+MOST_TRIED, MOST_AMBIGUOUS = 60, 10
+"""Pairs of pictures that are tried; fewer where so many are ambiguous and none is accepted: a regular layout."""
 LEAST_PARALLAX_DEG, GOOD_PARALLAX_DEG = 1.0, 10.0
 """Angle between the rays below which depths are guesses, and beyond which more is no better."""
 
@@ -36,7 +37,7 @@ class Seed:
     structures: tuple[Structure, ...]
 
 
-def seeds(task: Task, views: list[int]) -> Iterator[Seed]:
+def seeds(task: Task, views: list[int], match: PairMatcher) -> Iterator[Seed]:
     """Pairs to begin with: the best of the first few good ones, then those, then the next few.
 
     Raises
@@ -47,12 +48,15 @@ def seeds(task: Task, views: list[int]) -> Iterator[Seed]:
     if len(views) < 2:
         raise Refused("too_few", f"{len(views)} pictures with spots enough, two at least are needed")
     found: list[Seed] = []
-    flat, good = 0, 0
+    flat, good, ambiguous = 0, 0, 0
     best: NotMatched | None = None
     for a, b in islice(_order(views), MOST_TRIED):
-        pair = match_pair(task.detections[a], task.detections[b], task.camera(a), task.camera(b), seed=task.seed)
+        pair = match(a, b, task.camera(a), task.camera(b))
         if isinstance(pair, NotMatched):
             best = pair if best is None or pair.count > best.count else best
+            ambiguous += pair.cause == "ambiguous"
+            if ambiguous == MOST_AMBIGUOUS and not (flat or good or found):
+                break
             continue
         seed = _seed(task, a, b, pair)
         if seed is None:
@@ -71,7 +75,8 @@ def seeds(task: Task, views: list[int]) -> Iterator[Seed]:
             "depth; move it by a tenth of the distance or more",
         )  # fmt: skip
     why = "" if best is None else f"; the best: {best.reason}"
-    raise Refused("no_pair", f"no two of {len(views)} pictures could be matched{why}")
+    help_ = "; four labels in each of three pictures, or given poses, decide" if ambiguous else ""
+    raise Refused("no_pair", f"no two of {len(views)} pictures could be matched{why}{help_}")
 
 
 def _order(views: list[int]) -> Iterator[tuple[int, int]]:

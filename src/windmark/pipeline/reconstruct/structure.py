@@ -13,7 +13,7 @@ from windmark.calibration.datum import Datum
 from windmark.epipolar import associate
 from windmark.geometry import Camera, Pose
 from windmark.pipeline.reconstruct.task import Task
-from windmark.scene import MarkerSet, Observations, View
+from windmark.scene import Detections, MarkerSet, Observations, View
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -81,18 +81,31 @@ def adjusted(
     )  # fmt: skip
     if isinstance(result, NotCalibrated):
         return result
-    row = {str(n): i for i, n in enumerate(markers.name)}
-    kept = np.array([row[str(n)] for n in result.markers.name], dtype=np.int64)
+    kept = rows_of(markers.name, result)
     xyz = structure.xyz.copy()
     xyz[kept] = result.markers.xyz
-    key = {(int(v), int(p)): int(s) for v, p, s in zip(structure.view, structure.point, structure.spot, strict=True)}
-    used = np.flatnonzero(result.used)
-    view = np.array([int(result.views[v].name) for v in result.observations.view[used]], dtype=np.int64)
-    point = kept[result.observations.point[used]]
-    spot = np.array([key[int(v), int(p)] for v, p in zip(view, point, strict=True)], dtype=np.int64)
+    view, point, spot = (column[result.used] for column in marks_of(structure, kept, result))
     poses = {int(v.name): v.cam_from_model for v in result.views if v.cam_from_model is not None}
     cov = {int(v.name): c for v, c in zip(result.views, result.pose_cov, strict=True)}
     return Structure(xyz, point, view, spot, poses, cov, dict(result.cameras)), result
+
+
+def rows_of(names: Sequence[str] | NDArray[np.str_], result: Calibration) -> Ints:
+    """Index of each marker of a result among the ``names`` of the points it was made from."""
+    row = {str(n): i for i, n in enumerate(names)}
+    return np.array([row[str(n)] for n in result.markers.name], dtype=np.int64)
+
+
+def marks_of(structure: Structure, kept: Ints, result: Calibration) -> tuple[Ints, Ints, Ints]:
+    """View, point and spot (of the task) of every mark of an adjustment of ``structure``, left out ones included.
+
+    ``kept`` are the points that are the result's markers.
+    """
+    key = {(int(v), int(p)): int(s) for v, p, s in zip(structure.view, structure.point, structure.spot, strict=True)}
+    number = np.array([int(v.name) for v in result.views], dtype=np.int64)
+    view, point = number[result.observations.view], kept[result.observations.point]
+    spot = np.array([key[int(v), int(p)] for v, p in zip(view, point, strict=True)], dtype=np.int64)
+    return view, point, spot
 
 
 def linked(task: Task, structure: Structure) -> Structure:
@@ -107,7 +120,8 @@ def linked(task: Task, structure: Structure) -> Structure:
     near = structure.xyz[np.unique(structure.point)] if len(structure.point) else structure.xyz
     poses = [structure.poses[v] for v in posed]
     found = associate(
-        [task.detections[v] for v in posed], [structure.cameras[task.views[v].camera] for v in posed],
+        [_widened(task.detections[v], structure.cameras[task.views[v].camera]) for v in posed],
+        [structure.cameras[task.views[v].camera] for v in posed],
         Pose(np.stack([p.rotation for p in poses]), np.stack([p.translation for p in poses])),
         pose_cov=cov, points_near=near,
     )  # fmt: skip
@@ -115,6 +129,16 @@ def linked(task: Task, structure: Structure) -> Structure:
     moved = {v: Pose(found.poses.rotation[k], found.poses.translation[k]) for k, v in enumerate(posed)}
     kept = {v: found.pose_cov[k] for k, v in enumerate(posed)}
     return Structure(found.xyz, found.tracks.track, view, found.tracks.detection, moved, kept, structure.cameras)
+
+
+def _widened(spots: Detections, camera: Camera) -> Detections:
+    """Spots with what the camera's covariance, where it has one, does to their lines of sight."""
+    if camera.cov is None:
+        return spots
+    rays = camera.unproject(spots.xy)
+    known = np.asarray(np.isfinite(rays).all(axis=1))
+    slope = camera.project_jacobian(np.where(known[:, None], rays, [0.0, 0.0, 1.0]))[3]
+    return Detections.make(spots.xy, cov=spots.cov + slope @ camera.cov @ slope.transpose(0, 2, 1))
 
 
 def compact(structure: Structure) -> Structure:

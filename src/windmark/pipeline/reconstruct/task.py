@@ -37,6 +37,7 @@ class Task:
     views : with their camera, and a pose in the primaries' frame where that is known
     primary : the known markers
     labels : {view: {spot: name of a primary}}
+    free : interior parameters to be found
     seed : of every random search
     """
 
@@ -45,6 +46,7 @@ class Task:
     views: tuple[View, ...]
     primary: MarkerSet
     labels: tuple[dict[int, int], ...]
+    free: tuple[str, ...]
     seed: int
 
     @classmethod
@@ -74,7 +76,7 @@ class Task:
             raise ValueError(f"reconstruct: free: {wrong[0]!r} is none of {', '.join(PARAMETERS)}")
         return cls(
             tuple(detections), dict(cameras), tuple(views), primary,
-            _checked_labels(labels or {}, names, detections, primary), seed,
+            _checked_labels(labels or {}, names, detections, primary), tuple(free), seed,
         )  # fmt: skip
 
     def camera(self, view: int) -> Camera:

@@ -1,0 +1,146 @@
+"""Groups of pictures that share no markers: each reconstructed by itself, joined where the primary markers do it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from windmark.geometry.similarity import Similarity
+from windmark.pipeline.reconstruct.begin import beginning
+from windmark.pipeline.reconstruct.grow import from_nothing, refined
+from windmark.pipeline.reconstruct.matched import PairMatcher
+from windmark.pipeline.reconstruct.primaries import Located, locate
+from windmark.pipeline.reconstruct.structure import Structure
+from windmark.pipeline.reconstruct.task import Refused, Task
+from windmark.scene import MarkerSet
+
+MOST_GROUPS = 4
+NAMED = 6
+"""Pictures of a group that are named."""
+
+
+@dataclass(frozen=True)
+class Group:
+    """Pictures that share markers: their structure, and how each was found."""
+
+    structure: Structure
+    found_by: dict[int, str]
+
+    @property
+    def views(self) -> list[int]:
+        """The pictures, in order."""
+        return self.structure.posed
+
+
+@dataclass(frozen=True)
+class Framed:
+    """What the result is made of.
+
+    Parameters
+    ----------
+    group : in the primaries' frame
+    located : its primaries
+    others : groups that are not connected with it
+    """
+
+    group: Group
+    located: Located
+    others: tuple[Group, ...]
+
+
+def framed(task: Task, rough: MarkerSet | None) -> Framed:
+    """All pictures that can be had in the frame of the primaries.
+
+    Raises
+    ------
+    Refused
+        Where nothing can be reconstructed, or the primaries are in no group; "unconnected" where there are several.
+    """
+    groups = _groups(task, rough)
+    found: list[tuple[Group, Located]] = []
+    refusals: list[Refused] = []
+    for group in groups:
+        try:
+            located = locate(task, group.structure)
+        except Refused as refusal:
+            refusals.append(refusal)
+            continue
+        found.append((replace(group, structure=moved(group.structure, located.frame)), located))
+    if not found:
+        raise refusals[0] if len(groups) == 1 else Refused("unconnected", _split(task, groups, refusals[0]))
+    (best, located), others = found[0], [g for g in groups if all(g.views != f.views for f, _ in found)]
+    for group, its in found[1:]:
+        joined = _joined(task, best, located, group, its)
+        if joined is None:
+            others.append(group)
+        else:
+            best, located = joined
+    return Framed(best, located, tuple(others))
+
+
+def moved(structure: Structure, frame: Similarity) -> Structure:
+    """The structure in another frame; its lengths are then those of that frame."""
+    poses = {v: frame.moved(pose) for v, pose in structure.poses.items()}
+    scale = np.diag([1.0, 1, 1, frame.scale, frame.scale, frame.scale])
+    cov = {v: scale @ c @ scale for v, c in structure.pose_cov.items()}
+    return replace(structure, xyz=frame.apply(structure.xyz), poses=poses, pose_cov=cov)
+
+
+def why_left(task: Task, others: tuple[Group, ...], view: int) -> str:
+    """Why a picture is not in the result."""
+    for group in others:
+        if view in group.views:
+            rest = [v for v in group.views if v != view]
+            return f"connected with {_names(task, rest)}, but with none of the pictures that have the primary markers"
+    return "not connected with the others: no pose explains its spots by the known points"
+
+
+def _groups(task: Task, rough: MarkerSet | None) -> list[Group]:
+    """The largest group first."""
+    match = PairMatcher(task)
+    groups = [Group(*beginning(task, rough, match))]
+    while len(groups) < MOST_GROUPS:
+        left = sorted(set(task.usable) - {v for g in groups for v in g.views})
+        try:
+            groups.append(Group(*from_nothing(task, left, match)))
+        except Refused:
+            break
+    return sorted(groups, key=lambda g: -len(g.views))
+
+
+def _split(task: Task, groups: list[Group], refusal: Refused) -> str:
+    words = "; ".join(_names(task, g.views) for g in groups)
+    return (
+        f"{len(groups)} groups of pictures share no markers with each other ({words}), and in none of them alone the "
+        f"primary markers were recognised (in the first: {refusal.reason}); take pictures that show markers of both"
+    )
+
+
+def _names(task: Task, views: list[int]) -> str:
+    some = ", ".join(task.views[v].name for v in views[:NAMED])
+    return some if len(views) <= NAMED else f"{some} and {len(views) - NAMED} more"
+
+
+def _joined(
+    task: Task, group: Group, located: Located, other: Group, its: Located
+) -> tuple[Group, Located] | None:  # fmt: skip
+    """Two groups as one, by the primaries that both have; None where they do not fit together."""
+    a, b = group.structure, other.structure
+    mine = dict(zip(located.primary.tolist(), located.point.tolist(), strict=True))
+    number = len(a.xyz) + np.arange(len(b.xyz))
+    for primary, point in zip(its.primary.tolist(), its.point.tolist(), strict=True):
+        number[point] = mine.get(primary, number[point])
+    both = Structure(
+        np.concatenate([a.xyz, b.xyz]), np.concatenate([a.point, number[b.point]]), np.concatenate([a.view, b.view]),
+        np.concatenate([a.spot, b.spot]), {**a.poses, **b.poses}, {}, a.cameras,
+    )  # fmt: skip
+    structure = refined(task, both)
+    if structure is None or set(structure.poses) != set(both.poses):
+        return None
+    try:
+        located = locate(task, structure)
+    except Refused:
+        return None
+    joined = Group(moved(structure, located.frame), {**group.found_by, **other.found_by})
+    return joined, located
