@@ -26,7 +26,7 @@ NEIGHBOURS = 4
 VIEWS_FOR_CAMERAS = 5
 """Views that show free interior parameters."""
 SURE = 4
-"""Views that fit together only where none of them is wrong."""
+"""Views that fit together only where none of them is wrong: a group of pictures, if others do not join it."""
 LEAST_COMMON = 6
 """Links to known points that give a pose."""
 
@@ -41,9 +41,9 @@ def from_nothing(task: Task, views: list[int], match: PairMatcher) -> tuple[Stru
     """
     best: tuple[Structure, dict[int, str]] | None = None
     covered: set[int] = set()
-    for seed in seeds(task, views, match):
+    for seed in seeds(task, views, match, covered):
         if {seed.a, seed.b} <= covered:
-            continue  # one of a group that has been grown
+            continue
         for start in seed.structures:
             structure = settled(task, start)
             if structure is None or len(structure.xyz) < FEWEST_POINTS:
@@ -53,8 +53,8 @@ def from_nothing(task: Task, views: list[int], match: PairMatcher) -> tuple[Stru
                 covered |= set(grown.poses)
             if best is None or len(grown.poses) > len(best[0].poses):
                 best = grown, found_by
-            if len(grown.poses) > len(views) // 2:
-                return grown, found_by
+            if len(grown.poses) > len(views) // 2 or covered >= set(views):
+                return best
     if best is None:
         raise Refused("no_pair", "pairs of pictures were matched, but none gives points that fit both pictures")
     return best

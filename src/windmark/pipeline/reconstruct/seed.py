@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import islice
@@ -37,8 +38,11 @@ class Seed:
     structures: tuple[Structure, ...]
 
 
-def seeds(task: Task, views: list[int], match: PairMatcher) -> Iterator[Seed]:
+def seeds(task: Task, views: list[int], match: PairMatcher, covered: set[int]) -> Iterator[Seed]:
     """Pairs to begin with: the best of the first few good ones, then those, then the next few.
+
+    ``covered`` are views that have been tried in vain, and may grow meanwhile: pairs of two of them are left out, and
+    those with one come last.
 
     Raises
     ------
@@ -50,7 +54,15 @@ def seeds(task: Task, views: list[int], match: PairMatcher) -> Iterator[Seed]:
     found: list[Seed] = []
     flat, good, ambiguous = 0, 0, 0
     best: NotMatched | None = None
-    for a, b in islice(_order(views), MOST_TRIED):
+    first, last = deque(islice(_order(views), MOST_TRIED)), deque[tuple[int, int]]()
+    while first or last:
+        early = bool(first)
+        a, b = (first or last).popleft()
+        known = len({a, b} & covered)
+        if known == 1 and early:
+            last.append((a, b))
+        if known == 2 or (known == 1 and early):
+            continue
         pair = match(a, b, task.camera(a), task.camera(b))
         if isinstance(pair, NotMatched):
             best = pair if best is None or pair.count > best.count else best
