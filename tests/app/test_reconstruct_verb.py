@@ -81,6 +81,18 @@ def test_markers_are_found_in_the_frame_of_the_primaries(done, wall):
             assert who[k] == wall.primary[NAMES.index(name)]
 
 
+def test_normals_come_from_the_ellipses(done):
+    """All markers of the plate face along z; half of the radius' pixels are its edge, so degrees are what there is."""
+    _, out = done
+    found, told = io.read_markers(out / "markers.csv"), io.read_json(out / "summary.json")
+    known = np.isfinite(found.normal).all(axis=1)
+    assert known.sum() == told["normals"] > 10
+    off = np.degrees(np.arccos(np.clip(found.normal[known, 2], -1, 1)))
+    assert np.median(off) < 3 * told["normal_sigma_deg"]
+    assert 0 < told["normal_sigma_deg"] < 10
+    assert abs(np.median(found.radius[known]) - RADIUS) < 0.05 * RADIUS
+
+
 def test_every_file_can_be_read_back(done, wall):
     _, out = done
     matches = io.read_matches(out / "matches.csv")
@@ -130,8 +142,8 @@ def test_labels_and_a_free_focal_length(windmark, folder, wall, tmp_path):
     focal = done.json["cameras"]["camera"]["focal_px"]
     assert 0 < focal["sigma"] < 5
     assert abs(focal["value"] - CAMERA.focal_px) < 4 * focal["sigma"]
-    assert done.json["primary"] == 4
-    assert set(done.json["primaries_not_found"]) == set(NAMES) - {NAMES[k] for k in known}
+    assert done.json["primary"] == 6
+    assert done.json["primaries_not_found"] == []
     assert done.json["pair"] is None
     assert done.json["dropped"].keys() == {"empty"}
     assert not (tmp_path / "out" / "pair.png").exists()
@@ -148,6 +160,44 @@ def test_the_data_say_no(windmark, folder, tmp_path):
     assert "not reconstructed: 2 primary markers" in done.err
     assert "empty (0 spots" in done.err
     assert not (tmp_path / "out").exists()
+
+
+@pytest.fixture(scope="module")
+def failing(folder, wall):
+    """More pictures: the first place four times, and three of another plate."""
+    rng, other = np.random.default_rng(6), scenes.make(
+        22, "plate", "walk", views=3, points=40, missing=0.05, false=0.05, noise=0.0, camera=CAMERA
+    )  # fmt: skip
+    for v in range(4):
+        io.write_image(folder / f"still{v}.png", draw(wall, 0, rng))
+    for v in range(3):
+        io.write_image(folder / f"other{v}.png", draw(other, v, rng))
+    known = io.read_markers(folder / "primary.csv")
+    line = np.outer(np.arange(6.0), [10.0, 20.0, 5.0])
+    io.write_markers(folder / "line.csv", MarkerSet.make(NAMES, line))
+    turned = known.xyz[:, [1, 0, 2]] * [3.0, 1.0, 9.0] + np.array([0.0, 0.0, 50.0]) * np.arange(6)[:, None]
+    io.write_markers(folder / "elsewhere.csv", MarkerSet.make(NAMES, turned, sigma=np.full((6, 3), 0.02)))
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("images", "primary", "cause", "words"),
+    [
+        (["w0", "w1"], "line.csv", "line", ("primary markers are on a line",)),
+        (["still0", "still1", "still2", "still3"], "primary.csv", "baseline", ("taken from one place",)),
+        (["w0", "w1", "w2", "other0", "other1", "other2"], "elsewhere.csv", "unconnected",
+         ("2 groups of pictures", "w0, w1, w2", "other0, other1, other2")),
+    ],
+)  # fmt: skip
+def test_refusals_name_their_reason(windmark, failing, tmp_path, images, primary, cause, words):
+    done = call(windmark, failing, tmp_path / "out", "--json", images=images, primary=primary)
+    assert done.code == 1
+    assert done.json["cause"] == cause
+    for word in words:
+        assert word in done.json["reason"]
+        assert word in done.err
+    assert not (tmp_path / "out").exists()
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(

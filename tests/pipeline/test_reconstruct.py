@@ -12,6 +12,8 @@ import reconstruct_scenes as scenes
 
 from windmark.geometry import Pose
 from windmark.pipeline.reconstruct import NotReconstructed, reconstruct
+from windmark.pipeline.reconstruct.task import Task
+from windmark.pipeline.reconstruct.ties import tied_pairs
 from windmark.scene import Detections, MarkerSet, View
 
 SIGMA = 0.02
@@ -69,6 +71,24 @@ def test_labels_of_one_picture_name_the_primaries():
     for k, name in enumerate(result.markers.name):
         if name.startswith("P"):
             assert who[k] == int(name[1:])
+
+
+def test_primaries_without_labels_are_named_by_their_place():
+    case = scenes.make(12, "plate", views=6, points=60)
+    seen = {int(m): s for s, m in enumerate(case.labels[2]) if m >= 0}
+    known = [int(m) for m in case.primary if m in seen][:3]
+    more = [int(m) for m in case.primary if m not in known]
+    table = case.xyz[[*known, *more]].copy()
+    table[-1] += 2.0
+    names = [f"P{m}" for m in (*known, *more)]
+    primary = MarkerSet.make(names, table, sigma=np.full(table.shape, SIGMA))
+    result = reconstruct(case.detections, case.camera, primary, labels={"2": {seen[m]: f"P{m}" for m in known}})
+    assert result, result.reason
+    who, _ = identities(result, case)
+    place = {n: k for k, n in enumerate(result.markers.name)}
+    assert names[-1] not in place
+    assert all(who[place[n]] == int(n[1:]) and result.markers.role[place[n]] == "primary" for n in names[:-1])
+    assert result.calibration.markers.name.tolist() == result.markers.name.tolist()
 
 
 def test_given_poses_and_rough_coordinates_are_other_beginnings():
@@ -162,6 +182,23 @@ def test_groups_are_joined_by_the_primaries():
     assert np.isin(np.flatnonzero(case.views_of >= 3), who).all()
     error = result.markers.xyz - case.xyz[who]
     assert np.sqrt((error**2).sum(axis=1).mean()) < 3 * np.sqrt((result.markers.sigma**2).sum(axis=1).mean())
+
+
+def test_matches_by_hand_give_the_others_by_epipolar_lines():
+    case = scenes.make(35, "model", "walk", views=4, points=80)
+    seen = [{int(m): s for s, m in enumerate(label) if m >= 0} for label in case.labels]
+    shared = sorted(seen[0].keys() & seen[2].keys())
+    hand = shared[:: len(shared) // 9][:9]
+    labels = {str(v): {seen[v][m]: f"hand {m}" for m in hand} for v in (0, 2)}
+    task = Task.checked(case.detections, case.camera, primaries(case), None, labels, (), 0)
+    pair = next(tied_pairs(task, task.usable))
+    assert (pair.first, pair.second) == (0, 2)
+    assert len(pair.a) > 0.7 * len(shared)
+    assert (case.labels[0][pair.a] == case.labels[2][pair.b]).mean() > 0.97
+    result = reconstruct(case.detections, case.camera, primaries(case), labels=labels)
+    assert result, result.reason
+    assert {result.found_by["0"], result.found_by["2"]} == {"pair"}
+    assert identities(result, case)[1] == 0
 
 
 def test_labels_on_several_points_are_refused():

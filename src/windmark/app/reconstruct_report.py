@@ -39,7 +39,7 @@ FILES = (
     ("views/NAME.json", "camera with the pose of that picture: resect, detect --camera and others take it"),
     ("poses.csv, poses.json", "station and direction of each picture with sigma; the whole covariances"),
     ("residuals.csv", "every mark: picture, name, place, residual, test value, used or left out"),
-    ("matches.csv", "the marks that were used; calibrate takes it instead of pictures"),
+    ("matches.csv", "which spot is which marker in every picture; calibrate takes it instead of pictures"),
     ("pair.png", "with --pair: two pictures with their epipolar lines"),
     ("summary.json", "the figures of this report"),
 )
@@ -106,12 +106,18 @@ def _overview(report: Report, result: Reconstruction, shown: Shown) -> None:
     rows: list[tuple[str, object]] = [
         ("pictures used", f"{len(shown.pictures) - len(result.dropped)} of {len(shown.pictures)}"),
         ("markers", len(result.markers)), ("of them primary", len(known.name)), ("marks", len(done.observations)),
-        ("left out as gross errors", int((~done.used).sum())), ("redundancy", done.redundancy),
+        ("left out as gross errors", int((~done.used).sum())),
+        ("of them linked all the same (no other marker is near)", int((result.linked & ~done.used).sum())),
+        ("redundancy", done.redundancy),
         ("sigma0 (1: residuals as large as the marks' sigmas say)", done.sigma0),
         ("RMS length of the residuals, px", result.rms_px),
         *((f"markers, RMS of 1 sigma along {axis}, {unit}", float(s))
           for axis, s in zip("xyz", sigma_rms(result.markers), strict=True)),
     ]  # fmt: skip
+    known_normals = result.normal_sigma_deg[np.isfinite(result.normal_sigma_deg)]
+    if len(known_normals):
+        rows.append(("markers with a normal from their ellipses", len(known_normals)))
+        rows.append(("median of 1 sigma of these normals, degrees", float(np.median(known_normals))))
     report.table(["", "value"], rows)
     for name in done.suspect:
         report.text(f"{name} lost more than half of its marks: a primary marker that is not where its table says, a "
@@ -147,8 +153,7 @@ def _primaries(report: Report, result: Reconstruction, shown: Shown) -> None:
                 "extent was taken.", "soft")  # fmt: skip
     if known.missing:
         report.text(
-            f"Not recognised: {', '.join(known.missing)}. With three labels or more, labelled ones alone are "
-            "primary; else they have too few spots, or are not where the table says.",
+            f"Not recognised: {', '.join(known.missing)}. They have too few spots, or are not where the table says.",
             "bad",
         )
 

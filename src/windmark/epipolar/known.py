@@ -22,6 +22,10 @@ STARTS = 4
 """Spots from which families are grown before the best is believed."""
 LARGE = 0.5
 """A family with so large a part of the spots needs no other starts: those that compete with it have its first spot."""
+MOST_CANDIDATES = 16
+"""Candidates of a start, those nearest to its line, from which families are grown."""
+IN_VAIN = 4
+"""After so many times without a family that stands out the rest stays open: the layout does not decide."""
 RIVAL, MORE, BESIDE = 0.5, 4, 3
 """A family with more than this part of the best one's evidence is a rival unless it leaves so many more spots without a
 partner; spots that have so many neighbours in the family count."""
@@ -152,8 +156,10 @@ def _decide(pairs: Pairs, count: Ints, other: _Other) -> tuple[Ints, Array]:
     alive, tried = np.ones(len(pairs.first), dtype=np.bool_), np.zeros(count[0], dtype=np.bool_)
     chosen: list[Ints] = []
     leads: list[Array] = []
-    while len(starts := _starts(pairs.take(alive), count[0], tried)):
+    vain = 0
+    while vain < IN_VAIN and len(starts := _starts(pairs.take(alive), count[0], tried)):
         tried[starts] = True
+        vain += 1
         number = np.flatnonzero(alive)
         left = pairs.take(alive)
         family, ahead, rivals = _best_family(left, near, starts, other.take(alive))
@@ -165,6 +171,7 @@ def _decide(pairs: Pairs, count: Ints, other: _Other) -> tuple[Ints, Array]:
         clear = family.lead[left.first[members]] > LEAD_MATCH
         if ahead < LEAD_FAMILY or not clear.any():
             continue
+        vain = 0
         chosen.append(number[members[clear]])
         leads.append(np.minimum(family.lead[left.first[members[clear]]], ahead))
         alive &= ~np.isin(pairs.first, left.first[members]) & ~np.isin(pairs.second, left.second[members])
@@ -192,7 +199,9 @@ def _best_family(pairs: Pairs, near: Ints, starts: Ints, other: _Other) -> tuple
     """
     families: list[Family] = []
     for spot in starts:
-        families += [grow_family(pairs, near, int(c)) for c in np.flatnonzero(pairs.first == spot)]
+        mine = np.flatnonzero(pairs.first == spot)
+        mine = mine[np.argsort(-pairs.gain[mine], kind="stable")[:MOST_CANDIDATES]]
+        families += [grow_family(pairs, near, int(c)) for c in mine]
         if max((f.chosen >= 0).sum() for f in families) > LARGE * len(np.unique(pairs.first)):
             break
     families.sort(key=lambda f: -f.total)

@@ -7,13 +7,15 @@ import numpy as np
 from windmark.pipeline.reconstruct.grow import from_nothing, grow, refined
 from windmark.pipeline.reconstruct.labelled import Begun, from_labels
 from windmark.pipeline.reconstruct.matched import PairMatcher
-from windmark.pipeline.reconstruct.structure import LEAST_VIEWS_ASSOCIATED, Structure, compact, linked
+from windmark.pipeline.reconstruct.structure import Structure, compact, linked
 from windmark.pipeline.reconstruct.task import Task
 from windmark.registration import Registration, prepare, register
 from windmark.scene import MarkerSet
 
 GIVEN_SIGMA = (0.0035, 0.002)
 """1 sigma of given poses: radians, and part of the distance to the primaries. Worse ones are not used."""
+EXACT, ENOUGH = 0.05, 0.3
+"""So much better they are taken for at first, which is enough if it links this part of the spots."""
 
 
 def beginning(task: Task, rough: MarkerSet | None, match: PairMatcher) -> tuple[Structure, dict[int, str]]:
@@ -26,14 +28,27 @@ def beginning(task: Task, rough: MarkerSet | None, match: PairMatcher) -> tuple[
     """
     usable = task.usable
     known = _known_poses(task, rough)
-    if len(known.poses) >= LEAST_VIEWS_ASSOCIATED:
-        nothing = np.zeros(0, np.int64)
-        start = Structure(task.primary.xyz, nothing, nothing, nothing, known.poses, known.cov, known.cameras)
-        first = compact(linked(task, start))
-        structure = refined(task, first) if len(first.point) else None
+    if len(known.poses) >= 2:
+        structure = _begun(task, known)
         if structure is not None:
             return grow(task, structure, known.how, usable, match)
     return from_nothing(task, usable, match)
+
+
+def _begun(task: Task, known: Begun) -> Structure | None:
+    """The spots of known views linked: given poses are believed at first, and taken for rough where that fails."""
+    nothing = np.zeros(0, np.int64)
+    best: Structure | None = None
+    for part in (EXACT, 1.0) if "given" in known.how.values() else (1.0,):
+        cov = {v: c * (part**2 if known.how[v] == "given" else 1.0) for v, c in known.cov.items()}
+        start = Structure(task.primary.xyz, nothing, nothing, nothing, known.poses, cov, known.cameras)
+        first = compact(linked(task, start))
+        structure = refined(task, first) if len(first.point) else None
+        if structure is not None and (best is None or len(structure.point) > len(best.point)):
+            best = structure
+        if best is not None and len(best.point) > ENOUGH * sum(len(task.detections[v]) for v in known.poses):
+            break
+    return best
 
 
 def _known_poses(task: Task, rough: MarkerSet | None) -> Begun:

@@ -24,9 +24,9 @@ LABELLED_PX = 0.15
 VIEWS_FOR_A_CAMERA = 3
 """Labelled pictures from which cameras are found."""
 LENS_SIGMA = {"aspect": 0.01, "k1": 0.3, "k2": 0.5, "k3": 0.5, "p1": 3e-3, "p2": 3e-3, "tilt_x": 0.02, "tilt_y": 0.02}
-"""1 sigma of what a few labels do not show, about the given camera; the focal length needs none."""
-CENTRE_SIGMA = 0.02
-"""The same of the principal point, as part of the picture's width."""
+"""1 sigma of what a few labels may not show, about the given camera."""
+FOCAL_SIGMA, CENTRE_SIGMA = 0.2, 0.02
+"""The same of the focal length, as part of it, and of the principal point, as part of the width of the picture."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,8 @@ def _calibrated(task: Task, poses: dict[int, Pose]) -> Begun | None:
     """Cameras and poses from the labels alone, what these do not show near the given values; None where they fail."""
     marks = _marks(task, sorted(poses))
     width = max(c.size_px[0] for c in task.cameras.values())
-    prior = {**LENS_SIGMA, "cx": CENTRE_SIGMA * width, "cy": CENTRE_SIGMA * width}
+    focal = max(c.focal_px for c in task.cameras.values())
+    prior = {**LENS_SIGMA, "focal_px": FOCAL_SIGMA * focal, "cx": CENTRE_SIGMA * width, "cy": CENTRE_SIGMA * width}
     views = [replace(v, name=str(k), cam_from_model=poses.get(k)) for k, v in enumerate(task.views)]
     result = self_calibrate(
         marks, with_sigma(task.primary), task.cameras, views, datum=Weighted(), free=task.free,

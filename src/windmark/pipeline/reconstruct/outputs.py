@@ -64,9 +64,9 @@ def write_reconstruction(result: Reconstruction, folder: Path, unit: str) -> Non
     done = network(result)
     write_network(done, folder, unit)
     obs = done.observations
-    used = replace(obs, view=obs.view[done.used], point=obs.point[done.used], xy=obs.xy[done.used],
-                   cov=obs.cov[done.used])  # fmt: skip
-    marks = Marks(used, done.markers, done.cameras, done.views)
+    mine = result.linked
+    links = replace(obs, view=obs.view[mine], point=obs.point[mine], xy=obs.xy[mine], cov=obs.cov[mine])
+    marks = Marks(links, done.markers, done.cameras, done.views)
     io.write_table(folder / "matches.csv", match_columns(marks))
 
 
@@ -104,7 +104,10 @@ def record(
         "markers_by_views": {str(v): int(n) for v, n in zip(views, markers, strict=True)},
         "rms_px": result.rms_px, "sigma0": done.sigma0, "redundancy": done.redundancy,
         "marks": len(done.observations), "left_out": int((~done.used).sum()),
+        "left_out_but_linked": int((result.linked & ~done.used).sum()),
         "marker_sigma_rms": sigma_rms(result.markers),
+        "normals": int(np.isfinite(result.normal_sigma_deg).sum()),
+        "normal_sigma_deg": _median(result.normal_sigma_deg),
         "primaries": [
             {"name": n, "difference": d, "sigma": s}
             for n, d, s in zip(against.name, against.difference, against.sigma, strict=True)
@@ -112,6 +115,11 @@ def record(
         "primaries_not_found": list(against.missing), "cameras": cameras, "dropped": dict(result.dropped),
         "pair": None if pair is None else pair_record(pair),
     }  # fmt: skip
+
+
+def _median(values: Array) -> float | None:
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if len(known) else None
 
 
 def pair_record(pair: PairLines) -> Record:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -64,18 +65,20 @@ def read_labels(path: Path, images: Sequence[str], primary: MarkerSet) -> LabelT
     Raises
     ------
     FileError
-        Names the line: unknown picture, no primary marker, a marker twice in one picture, no number.
+        Names the line: unknown picture, a marker that is no primary and in one picture only, a marker twice in one
+        picture, no number.
     """
     table = io.read_table(path, required=LABEL_COLUMNS, known=LABEL_COLUMNS)
     known, names = set(images), set(primary.name.tolist())
+    times = Counter(table.text("name"))
     out: list[str] = []
     seen: dict[tuple[str, str], int] = {}
     for row, (image, name) in enumerate(zip(table.text("image"), table.text("name"), strict=True)):
         out.append(image if image in known else str(Path(image).with_suffix("")))
         if out[-1] not in known:
             table.fail(row, f"a label is for the picture {image!r}; there are {', '.join(images[:5])}")
-        if name not in names:
-            table.fail(row, f"{name!r} is no primary marker; there are {', '.join(sorted(names)[:5])}")
+        if name not in names and times[name] < 2:
+            table.fail(row, f"{name!r} is no primary marker ({', '.join(sorted(names)[:5])}), and in no other picture")
         if (out[-1], name) in seen:
             table.fail(row, f"{name} is already on line {seen[out[-1], name]} for this picture; expected it once")
         seen[out[-1], name] = table.lines[row]

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from windmark.calibration import Calibration, Weighted
 from windmark.geometry import Camera
 from windmark.pipeline.reconstruct.groups import framed, why_left
+from windmark.pipeline.reconstruct.normals import with_normals
 from windmark.pipeline.reconstruct.primaries import Located, check_primaries, with_sigma
 from windmark.pipeline.reconstruct.result import NotReconstructed, Reconstruction
 from windmark.pipeline.reconstruct.structure import Structure, adjusted, compact, linked, marks_of, rows_of
@@ -20,8 +21,11 @@ from windmark.pipeline.reconstruct.task import FEWEST_SPOTS, Labels, Refused, Ta
 from windmark.scene import Detections, MarkerSet, Tracks, View
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 FINAL_ROUNDS = 3
+LIMIT_3D = 16.27
+"""99.9 % point of chi-square with three degrees of freedom."""
 
 
 def reconstruct(
@@ -49,7 +53,8 @@ def reconstruct(
         1e-4 of their extent where there is none
     views : one per picture: its name, its camera, and ``cam_from_model`` in the primaries' frame where it is known,
         roughly. None: one camera, pictures named by their numbers
-    labels : {name of a view: {spot: name of a primary}} where some are known; four in a picture give its pose
+    labels : {name of a view: {spot: name}} where some are known. Four primaries in a picture give its pose; any seven
+        names, also of markers that are no primaries, that two pictures share give their epipolar geometry
     rough : rough coordinates of some or all markers, in the primaries' frame: pictures are registered to them
     free : interior parameters to be found, too, in the last adjustment; see `self_calibrate`
     seed : of every random search
@@ -73,19 +78,22 @@ def reconstruct(
     try:
         check_primaries(primary)
         known = framed(task, rough)
-        structure, result, names = _in_frame(task, known.group.structure, known.located, free)
+        structure, result, names, linked_marks = _in_frame(task, known.group.structure, known.located, free)
     except Refused as refusal:
         return NotReconstructed(refusal.reason, refusal.cause, dropped, options)  # type: ignore[arg-type]
     for v, view in enumerate(task.views):
         if v not in structure.poses and view.name not in dropped:
             dropped[view.name] = why_left(task, known.others, v)
-    return _result(task, structure, result, names, dropped, known.group.found_by, options)
+    return _result(task, structure, result, names, linked_marks, dropped, known.group.found_by, options)
 
 
 def _in_frame(
     task: Task, structure: Structure, located: Located, free: Sequence[str]
-) -> tuple[Structure, Calibration, list[str]]:
-    """Everything adjusted in the primaries' frame, with all links that the final poses allow; names of the points."""
+) -> tuple[Structure, Calibration, list[str], Mask]:
+    """Everything adjusted in the primaries' frame, with all links that the final poses allow.
+
+    Names of the points, and which marks of the adjustment are links, are given, too.
+    """
     table = with_sigma(task.primary)
     datum = Weighted(tuple(str(task.primary.name[p]) for p in located.primary))
     where = structure.xyz[located.point]
@@ -102,13 +110,16 @@ def _in_frame(
         if linkings == FINAL_ROUNDS or len(_spots(again) ^ _spots(before)) <= 0.001 * len(before.point):
             break
         structure = again
-    return _with_left_out(before, structure, calibration, names, again), calibration, names
+    structure, kept = _with_left_out(before, structure, calibration, names, again)
+    return structure, calibration, names, kept
 
 
 def _with_left_out(
     before: Structure, structure: Structure, calibration: Calibration, names: list[str], again: Structure
-) -> Structure:
+) -> tuple[Structure, Mask]:
     """The links of an adjustment, and those that it left out but that geometry, asked ``again``, gives the same point.
+
+    Given as a structure, and as a mask (O,) of the adjustment's marks.
 
     The tests of an adjustment say which marks are good enough to measure with. Which marker a spot is, is another
     question: one beside its place by more than its noise, but with no other marker near, is still that marker.
@@ -123,7 +134,7 @@ def _with_left_out(
     kept = calibration.used.copy()
     for k in np.flatnonzero(~kept):
         kept[k] = owner.get((int(view[k]), int(spot[k])), -1) == same.get(int(point[k]), -2)
-    return replace(structure, view=view[kept], point=point[kept], spot=spot[kept])
+    return replace(structure, view=view[kept], point=point[kept], spot=spot[kept]), kept
 
 
 def _spots(structure: Structure) -> set[tuple[int, int]]:
@@ -144,28 +155,51 @@ def _names(structure: Structure, table: MarkerSet, located: Located, where: Arra
     return names
 
 
+def _other_primaries(task: Task, calibration: Calibration) -> dict[str, str]:
+    """{name: primary} of points that are where the table has a primary that took no part in finding the frame.
+
+    It must be the only one within the uncertainty (99.9 %) of the place.
+    """
+    markers = calibration.markers
+    table, taken = with_sigma(task.primary), set(markers.name.tolist())
+    out: dict[str, str] = {}
+    for name, place, sigma in zip(table.name, table.xyz, table.sigma, strict=True):
+        if str(name) in taken:
+            continue
+        gap = markers.xyz - place
+        cov = calibration.marker_cov + np.diag(sigma**2)
+        near = np.flatnonzero(np.einsum("ni,nij,nj->n", gap, np.linalg.inv(cov), gap) < LIMIT_3D)
+        if len(near) == 1 and str(markers.name[near[0]]) not in out:
+            out[str(markers.name[near[0]])] = str(name)
+    return out
+
+
 def _result(
-    task: Task, structure: Structure, calibration: Calibration, names: list[str], dropped: dict[str, str],
-    found_by: dict[int, str], options: dict[str, Any],
+    task: Task, structure: Structure, calibration: Calibration, names: list[str], linked_marks: Mask,
+    dropped: dict[str, str], found_by: dict[int, str], options: dict[str, Any],
 ) -> Reconstruction:  # fmt: skip
-    known = set(task.primary.name.tolist())
+    known, more = set(task.primary.name.tolist()), _other_primaries(task, calibration)
     row = {n: k for k, n in enumerate(names)}
-    name = calibration.markers.name
-    place = {row[str(n)]: k for k, n in enumerate(name)}
-    role = ["primary" if str(n) in known else "secondary" for n in name]
+    place = {row[str(n)]: k for k, n in enumerate(calibration.markers.name)}
+    name = np.array([more.get(str(n), str(n)) for n in calibration.markers.name])
+    role = ["primary" if n in known else "secondary" for n in name]
     kept = np.array([int(p) in place for p in structure.point], dtype=np.bool_)
     track = np.array([place[int(p)] for p in structure.point[kept]], dtype=np.int64)
     views = tuple(replace(v, cam_from_model=structure.poses.get(k)) for k, v in enumerate(task.views))
-    renamed = {str(k): v.name for k, v in enumerate(task.views) if str(k) not in row}
+    renamed = more | {str(k): v.name for k, v in enumerate(task.views) if str(k) not in row}
     calibration = replace(
-        calibration, views=tuple(replace(v, name=task.views[int(v.name)].name) for v in calibration.views),
+        calibration, markers=replace(calibration.markers, name=name),
+        views=tuple(replace(v, name=task.views[int(v.name)].name) for v in calibration.views),
         dropped={renamed.get(n, n): why for n, why in calibration.dropped.items()},
         suspect=tuple(renamed.get(n, n) for n in calibration.suspect),
-        swapped=tuple((a, b, renamed.get(v, v)) for a, b, v in calibration.swapped),
+        swapped=tuple((more.get(a, a), more.get(b, b), renamed.get(v, v)) for a, b, v in calibration.swapped),
     )  # fmt: skip
+    tracks = Tracks(track, structure.view[kept], structure.spot[kept])
+    markers, normal_sigma = with_normals(
+        replace(calibration.markers, role=np.array(role)), tracks, task.detections, views, calibration.cameras
+    )
     return Reconstruction(
-        replace(calibration.markers, role=np.array(role)), calibration.marker_cov,
-        np.bincount(track, minlength=len(name)), views, calibration.cameras,
-        Tracks(track, structure.view[kept], structure.spot[kept]), calibration, dropped,
+        markers, calibration.marker_cov, normal_sigma, np.bincount(track, minlength=len(name)), views,
+        calibration.cameras, tracks, linked_marks, calibration, dropped,
         {task.views[v].name: how for v, how in found_by.items() if v in structure.poses}, options,
     )  # fmt: skip

@@ -38,13 +38,17 @@ class Reconstruction:
 
     Parameters
     ----------
-    markers : (N,) primaries by their names, the others as s001, s002, ...; ``sigma`` is that of the adjustment
+    markers : (N,) primaries by their names, the others as s001, s002, ...; ``sigma`` is that of the adjustment.
+        Primaries that did not hold the frame, for others were labelled, have their names where a point is there
     marker_cov : (N, 3, 3) covariances in the frame of the primaries
+    normal_sigma_deg : (N,) 1 sigma of the normals that the markers' ellipses gave, NaN where they gave none; their
+        radii come with them
     count : (N,) number of views of each marker
     views : all views, ``cam_from_model`` None for those that could not be used
     cameras : by name, with ``cov`` over the parameters that were free
     tracks : which spot of which view is which marker: ``track`` indexes ``markers``, ``view`` the views. Spots that the
         adjustment left out as too far off are among them where geometry gives them to no other marker
+    linked : (O,) marks of the calibration that are links; the others are gross errors
     calibration : the adjustment behind it, with residuals and tests, and which marks it used
     dropped : why views did not take part, by name
     found_by : how each view got its pose: "given", "labels", "pair", "register" or "neighbour"
@@ -53,10 +57,12 @@ class Reconstruction:
 
     markers: MarkerSet
     marker_cov: Array
+    normal_sigma_deg: Array
     count: NDArray[np.int64]
     views: tuple[View, ...]
     cameras: Mapping[str, Camera]
     tracks: Tracks
+    linked: NDArray[np.bool_]
     calibration: Calibration
     dropped: Mapping[str, str]
     found_by: Mapping[str, str]

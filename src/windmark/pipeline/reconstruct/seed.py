@@ -16,6 +16,7 @@ from windmark.geometry import Pose, triangulate
 from windmark.pipeline.reconstruct.matched import PairMatcher
 from windmark.pipeline.reconstruct.structure import Structure, adjusted, compact
 from windmark.pipeline.reconstruct.task import Refused, Task
+from windmark.pipeline.reconstruct.ties import TiedPair, tied_pairs
 
 Array = NDArray[np.float64]
 
@@ -39,7 +40,7 @@ class Seed:
 
 
 def seeds(task: Task, views: list[int], match: PairMatcher, covered: set[int]) -> Iterator[Seed]:
-    """Pairs to begin with: the best of the first few good ones, then those, then the next few.
+    """Pairs to begin with: those with matches by hand, the best of the first few good ones, those, the next few.
 
     ``covered`` are views that have been tried in vain, and may grow meanwhile: pairs of two of them are left out, and
     those with one come last.
@@ -51,6 +52,10 @@ def seeds(task: Task, views: list[int], match: PairMatcher, covered: set[int]) -
     """
     if len(views) < 2:
         raise Refused("too_few", f"{len(views)} pictures with spots enough, two at least are needed")
+    for tied in tied_pairs(task, views):
+        structure = _two_views(task, tied.first, tied.second, tied, tied.b_from_a)
+        if structure is not None and tied.view.parallax_deg > LEAST_PARALLAX_DEG:
+            yield Seed(tied.first, tied.second, float(len(tied.a)), (structure,))
     found: list[Seed] = []
     flat, good, ambiguous = 0, 0, 0
     best: NotMatched | None = None
@@ -111,7 +116,7 @@ def _seed(task: Task, a: int, b: int, pair: PairMatching) -> Seed | None:
     return Seed(a, b, worth, good) if good else None
 
 
-def _two_views(task: Task, a: int, b: int, pair: PairMatching, b_from_a: Pose) -> Structure | None:
+def _two_views(task: Task, a: int, b: int, pair: PairMatching | TiedPair, b_from_a: Pose) -> Structure | None:
     poses = (Pose(np.eye(3), np.zeros(3)), b_from_a)
     xy = np.stack([task.detections[a].xy[pair.a], task.detections[b].xy[pair.b]])
     cov = np.stack([task.detections[a].cov[pair.a], task.detections[b].cov[pair.b]])

@@ -12,14 +12,17 @@ from windmark.calibration import Calibration, NotCalibrated, self_calibrate
 from windmark.calibration.datum import Datum
 from windmark.epipolar import associate
 from windmark.geometry import Camera, Pose
+from windmark.pipeline.reconstruct.pairwise import by_pairs
 from windmark.pipeline.reconstruct.task import Task
-from windmark.scene import Detections, MarkerSet, Observations, View
+from windmark.scene import Detections, MarkerSet, Observations, Tracks, View
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 LEAST_VIEWS_ASSOCIATED = 3
 """Views with which spots are linked by geometry alone."""
+MOST_VIEWS_PAIRED, LINKED = 4, 0.5
+"""With so few views pairs are matched where less than this part of the spots that might be linked was."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +90,7 @@ def adjusted(
     view, point, spot = (column[result.used] for column in marks_of(structure, kept, result))
     poses = {int(v.name): v.cam_from_model for v in result.views if v.cam_from_model is not None}
     cov = {int(v.name): c for v, c in zip(result.views, result.pose_cov, strict=True)}
-    return Structure(xyz, point, view, spot, poses, cov, dict(result.cameras)), result
+    return Structure(xyz, point, view, spot, poses, cov, {**structure.cameras, **result.cameras}), result
 
 
 def rows_of(names: Sequence[str] | NDArray[np.str_], result: Calibration) -> Ints:
@@ -111,24 +114,40 @@ def marks_of(structure: Structure, kept: Ints, result: Calibration) -> tuple[Int
 def linked(task: Task, structure: Structure) -> Structure:
     """All spots of the posed views linked anew by geometry alone (`epipolar.associate`).
 
-    With fewer than three views nothing but the pairs that were matched is known, and the structure stays.
+    With two views nothing checks the pairs that were matched, and the structure stays, if there are any. Where few
+    views leave most points undecided they are matched pair by pair (`by_pairs`).
     """
     posed = structure.posed
-    if len(posed) < LEAST_VIEWS_ASSOCIATED:
+    if len(posed) < 2 or (len(posed) < LEAST_VIEWS_ASSOCIATED and len(structure.point)):
         return structure
+    spots = [_widened(task.detections[v], structure.cameras[task.views[v].camera]) for v in posed]
+    cameras = [structure.cameras[task.views[v].camera] for v in posed]
+    poses = [structure.poses[v] for v in posed]
     cov = np.stack([structure.pose_cov[v] for v in posed]) if structure.pose_cov else None
     near = structure.xyz[np.unique(structure.point)] if len(structure.point) else structure.xyz
-    poses = [structure.poses[v] for v in posed]
-    found = associate(
-        [_widened(task.detections[v], structure.cameras[task.views[v].camera]) for v in posed],
-        [structure.cameras[task.views[v].camera] for v in posed],
-        Pose(np.stack([p.rotation for p in poses]), np.stack([p.translation for p in poses])),
-        pose_cov=cov, points_near=near,
+    best = structure
+    if len(posed) >= LEAST_VIEWS_ASSOCIATED:
+        found = associate(
+            spots, cameras, Pose(np.stack([p.rotation for p in poses]), np.stack([p.translation for p in poses])),
+            pose_cov=cov, points_near=near,
+        )  # fmt: skip
+        moved = [Pose(found.poses.rotation[k], found.poses.translation[k]) for k in range(len(posed))]
+        best = _structure(structure, found.xyz, found.tracks, moved, found.pose_cov)
+    wanted = max(len(structure.point), sum(map(len, spots)) / 2)
+    if len(posed) <= MOST_VIEWS_PAIRED and len(best.point) < LINKED * wanted:
+        pairs = by_pairs(spots, cameras, poses, [None] * len(posed) if cov is None else list(cov), near)
+        if len(pairs.tracks.track) > len(best.point):
+            best = _structure(structure, pairs.xyz, pairs.tracks, poses, cov)
+    return best
+
+
+def _structure(old: Structure, xyz: Array, tracks: Tracks, poses: Sequence[Pose], cov: Array | None) -> Structure:
+    """The views of a structure with other points and links; ``tracks.view`` counts the posed views."""
+    posed = old.posed
+    return Structure(
+        xyz, tracks.track, np.array(posed, dtype=np.int64)[tracks.view], tracks.detection,
+        dict(zip(posed, poses, strict=True)), {} if cov is None else dict(zip(posed, cov, strict=True)), old.cameras,
     )  # fmt: skip
-    view = np.array(posed, dtype=np.int64)[found.tracks.view]
-    moved = {v: Pose(found.poses.rotation[k], found.poses.translation[k]) for k, v in enumerate(posed)}
-    kept = {v: found.pose_cov[k] for k, v in enumerate(posed)}
-    return Structure(found.xyz, found.tracks.track, view, found.tracks.detection, moved, kept, structure.cameras)
 
 
 def _widened(spots: Detections, camera: Camera) -> Detections:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -36,7 +37,8 @@ class Task:
     cameras : by name
     views : with their camera, and a pose in the primaries' frame where that is known
     primary : the known markers
-    labels : {view: {spot: name of a primary}}
+    labels : for each view {spot: index of a primary}
+    ties : for each view {name: spot} of all labels, also of markers that are no primaries
     free : interior parameters to be found
     seed : of every random search
     """
@@ -46,6 +48,7 @@ class Task:
     views: tuple[View, ...]
     primary: MarkerSet
     labels: tuple[dict[int, int], ...]
+    ties: tuple[dict[str, int], ...]
     free: tuple[str, ...]
     seed: int
 
@@ -74,9 +77,12 @@ class Task:
         wrong = [p for p in free if p not in PARAMETERS]
         if wrong:
             raise ValueError(f"reconstruct: free: {wrong[0]!r} is none of {', '.join(PARAMETERS)}")
+        named = _checked_labels(labels or {}, names, detections, primary)
+        index = {str(n): i for i, n in enumerate(primary.name)}
         return cls(
             tuple(detections), dict(cameras), tuple(views), primary,
-            _checked_labels(labels or {}, names, detections, primary), tuple(free), seed,
+            tuple({s: index[n] for s, n in mine.items() if n in index} for mine in named),
+            tuple({n: s for s, n in mine.items()} for mine in named), tuple(free), seed,
         )  # fmt: skip
 
     def camera(self, view: int) -> Camera:
@@ -96,22 +102,25 @@ class Task:
 
 def _checked_labels(
     labels: Labels, names: list[str], detections: Sequence[Detections], primary: MarkerSet
-) -> tuple[dict[int, int], ...]:
-    """For each view {spot: index of its primary}."""
-    index = {str(n): i for i, n in enumerate(primary.name)}
+) -> list[dict[int, str]]:
+    """For each view {spot: name}."""
+    known = set(primary.name.tolist())
+    times = Counter(n for mine in labels.values() for n in set(mine.values()))
     unknown = sorted(set(labels) - set(names))
     if unknown:
         raise ValueError(f"reconstruct: labels name unknown views {', '.join(unknown[:5])}")
-    out: list[dict[int, int]] = []
+    out: list[dict[int, str]] = []
     for name, spots in zip(names, detections, strict=True):
         mine = labels.get(name, {})
-        wrong = [n for n in mine.values() if n not in index]
+        wrong = [n for n in mine.values() if n not in known and times[n] < 2]
         if wrong:
-            raise ValueError(f"reconstruct: labels of view {name}: {wrong[0]!r} is no primary marker")
+            raise ValueError(
+                f"reconstruct: labels of view {name}: {wrong[0]!r} is no primary marker, and in no other view"
+            )
         beyond = [s for s in mine if not 0 <= s < len(spots)]
         if beyond:
             raise ValueError(f"reconstruct: labels of view {name}: spot {beyond[0]} of {len(spots)}")
         if len(set(mine.values())) < len(mine):
             raise ValueError(f"reconstruct: labels of view {name} give one marker to two spots")
-        out.append({int(s): index[n] for s, n in mine.items()})
-    return tuple(out)
+        out.append({int(s): n for s, n in mine.items()})
+    return out
