@@ -13,7 +13,7 @@ from __future__ import annotations
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
@@ -55,14 +55,16 @@ class Scene:
     model_px: float = 0.05
 
 
-def main(quick: bool = False) -> dict[str, dict[str, float]]:
-    """Measure, print one table, return its rows."""
+def main(quick: bool = False, only: Sequence[str] = ()) -> dict[str, dict[str, float]]:
+    """Measure, print one table, return its rows; ``only`` are beginnings of the sets' names."""
     figures: dict[str, dict[str, float]] = {}
     print(f"{'':34s} {'route':9s} {'in both':>7s} {'right':>6s} {'wrong':>5s} {'open':>5s} {'pairs':>6s}  CPU s")
+    if not DATA.is_dir():
+        print("skipped: the real data are not beside the checkout (shared/data)")
+        return {}
     for name, scenes in SETS.items():
-        if not DATA.is_dir():
-            print("skipped: the real data are not beside the checkout (shared/data)")
-            return {}
+        if only and not name.startswith(tuple(only)):
+            continue
         seen = list(scenes())[: 1 if quick else None]
         for route, matched in (("nothing", _from_nothing), ("poses", _with_poses)):
             figures[f"{name}, {route}"] = _row(name, route, [
@@ -228,4 +230,4 @@ SETS = {
 
 
 if __name__ == "__main__":
-    main("--quick" in sys.argv)
+    main("--quick" in sys.argv, [a for a in sys.argv[1:] if a != "--quick"])

@@ -185,7 +185,7 @@ def test_groups_are_joined_by_the_primaries():
 
 
 def test_matches_by_hand_give_the_others_by_epipolar_lines():
-    case = scenes.make(35, "model", "walk", views=4, points=80)
+    case = scenes.make(35, "plate", "walk", views=5, points=60)
     seen = [{int(m): s for s, m in enumerate(label) if m >= 0} for label in case.labels]
     shared = sorted(seen[0].keys() & seen[2].keys())
     hand = shared[:: len(shared) // 9][:9]
