@@ -8,6 +8,8 @@ from typing import Protocol
 import numpy as np
 
 from windmark.geometry import Pose
+from windmark.registration._kernels.cholesky import cholesky
+from windmark.registration._kernels.fit import add_normal_equations, table_spread
 from windmark.registration.evidence import Evidence
 from windmark.registration.result import RunnerUp
 from windmark.registration.search.plane import Plane
@@ -27,10 +29,12 @@ LOOSE_AND_SPARSE = 40.0
 """... and so much where most markers are missing; in clutter, where half are, and on top of the other."""
 LOOSE_AND_HALF = 2.8
 """Without clutter, so much for every marker in view where half are missing: half of a large model has much evidence."""
-MOST = 0.6
-"""Part of the markers in view above which a tight fit leaves no doubt about the focal length."""
-CLEARLY_BETTER, FOCAL_OFF = 20.0, 0.05
-"""It is refused when another one is better by so much (nats), and away from it by this (relative) and by 5 sigma."""
+CLEARLY_BETTER, FOCAL_OFF, FOCAL_SIGMAS = 10.0, 0.05, 4.5
+"""A given focal length is wrong when another one is better by so much (nats), and away from it by this (relative) and
+by so many sigma; 10 nats are 4.5 sigma (one in 150,000)."""
+DOUBTED, MOST = 3.0, 0.6
+"""Another one is looked for where it promises so many nats to first order (one in 70 by chance), and below this part of
+the markers in view: those that it would bring into their gates are not seen in the residuals."""
 
 
 def misfit_of(plane: Plane, limits: Limits, best: Solution, taken: float | None = None) -> str:
@@ -62,19 +66,36 @@ def misfit_of(plane: Plane, limits: Limits, best: Solution, taken: float | None 
 
 
 def wrong_focal(plane: Plane, best: Solution) -> str:
-    """How another focal length fits much better where the given one is doubtful; empty if none does."""
-    if not is_loose(plane, best) and best.count >= MOST * best.expected:
+    """How another focal length fits clearly better than the given one; empty if none does.
+
+    All labels may be right with a wrong one: it takes much of its error to the distance, and the rest looks like noise.
+    """
+    if best.count >= MOST * best.expected and focal_gain(plane, best) < DOUBTED:
         return ""
     freed = with_free_focal(plane, best)
     if freed is None or not freed.evidence.score > best.evidence.score + CLEARLY_BETTER:
         return ""
     given, sigma = plane.task.camera.focal_px, freed.focal_sigma
-    if not abs(float(np.log(freed.focal_px / given))) > max(FOCAL_OFF, 5 * sigma):
+    if not abs(float(np.log(freed.focal_px / given))) > max(FOCAL_OFF, FOCAL_SIGMAS * sigma):
         return ""
     return (
         f"the given focal length of {given:.5g} px does not fit: with {freed.focal_px:.5g} px (1 sigma "
         f"{100 * sigma:.1f} %) the misfit falls from {best.misfit_px:.2g} to {freed.misfit_px:.2g} px"
     )
+
+
+def focal_gain(plane: Plane, best: Solution) -> float:
+    """What another focal length would gain to first order, in nats: Rao's score test with the pose as nuisance.
+
+    With ``L L' = J'WJ`` and the focal length last, the last entry of ``L^-1 J'W(seen - projected)`` is normal with
+    sigma 1 where the given focal length is right. 0 where the view does not determine it.
+    """
+    a, g, table = np.zeros((7, 7)), np.zeros(7), np.zeros_like(best.state.spread)
+    table_spread(best.markers, best.state, table)
+    add_normal_equations(best.unit_xyz(plane), plane.spots, best.state, table, 7, a, g)
+    if not cholesky(a, 7, 1e-12):
+        return 0.0
+    return 0.5 * float(np.linalg.solve(np.tril(a), g)[6]) ** 2
 
 
 def is_loose(plane: Plane, best: Solution) -> bool:

@@ -12,6 +12,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.registration._kernels.settle import GATE
 from windmark.registration.search.plane import Plane
 from windmark.registration.solution import SAME_SHARE, Solution
 
@@ -20,6 +21,8 @@ Array = NDArray[np.float64]
 BEYOND_CHANCE = 5.0
 """If the truth is symmetric, either labelling may be the better one at every spot. A lead is no chance beyond so many
 sigma of that (Hoeffding's bound: one in 270,000)."""
+BEYOND_GATE = 1.5
+"""A free marker within so many times its gate could be the one of a spot; farther off it is another, or hidden."""
 
 
 def told_by_table_errors(plane: Plane, best: Solution, other: Solution, margin: float) -> bool:
@@ -41,7 +44,7 @@ def told_by_table_errors(plane: Plane, best: Solution, other: Solution, margin: 
     a, b = (_residuals(plane, solution, spots) for solution in (best, other))
     both = np.isfinite(a[:, 0]) & np.isfinite(b[:, 0])
     a, b = a[both], b[both]
-    sigma = max(best.misfit_px, float(np.median(plane.task.sigma_px)))
+    sigma = _sigma(plane, best)
     ahead = (b**2 - a**2).sum(axis=1) / (2 * sigma**2)
     if best.evidence.score - other.evidence.score - ahead.sum() >= margin:
         return False
@@ -49,10 +52,15 @@ def told_by_table_errors(plane: Plane, best: Solution, other: Solution, margin: 
     return bool(symmetric_is_better and ahead.sum() < BEYOND_CHANCE * np.sqrt((ahead**2).sum()))
 
 
-def _residuals(plane: Plane, solution: Solution, spots: NDArray[np.int64]) -> Array:
-    """(S, 2) predicted - detected of the marker at each spot: the labelled one, or a free one in the search's reach.
+def _sigma(plane: Plane, solution: Solution) -> float:
+    """1 sigma per coordinate of its residuals, at least that of the spots."""
+    return max(solution.misfit_px, float(np.median(plane.task.sigma_px)))
 
-    NaN where there is none. A rough table drops a pair that is just outside its gate; that is no evidence.
+
+def _residuals(plane: Plane, solution: Solution, spots: NDArray[np.int64]) -> Array:
+    """(S, 2) predicted - detected of the marker at each spot: the labelled one, or a free one just outside its gate.
+
+    NaN where there is none. A rough table drops such a pair; that is no evidence.
     """
     off = np.full((len(plane.spots.p), 2), np.nan)
     seen = solution.places(plane)
@@ -63,6 +71,7 @@ def _residuals(plane: Plane, solution: Solution, spots: NDArray[np.int64]) -> Ar
         gap = free[None] - plane.spots.p[bare][:, None]
         distance = np.linalg.norm(gap, axis=2)
         nearest = distance.argmin(axis=1)
-        near = distance.min(axis=1) < plane.task.tolerance_px
+        reach = BEYOND_GATE * np.sqrt(GATE) * _sigma(plane, solution)
+        near = distance.min(axis=1) < min(reach, plane.task.tolerance_px)
         off[bare[near]] = gap[near, nearest[near]]
     return off[spots]

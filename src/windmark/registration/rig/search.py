@@ -11,7 +11,7 @@ from windmark.registration.register import MIN_COUNT
 from windmark.registration.rig.joint import Cameras, Joint
 from windmark.registration.search.plane import Plane
 from windmark.registration.search.pool import Candidate
-from windmark.registration.search.quads import POOL, STAGES, QuadSearch
+from windmark.registration.search.quads import FAR_STAGES, POOL, QuadSearch
 from windmark.registration.search.ransac import make_rules
 
 Ints = NDArray[np.int32]
@@ -20,10 +20,6 @@ WORTH_CARRYING = 25.0
 """Search score (nats) of one camera's candidate from which the other cameras are asked at once."""
 P_SEEN, REJECT_AT, GROW_AT = 0.35, -8.0, 3.0
 """Neighbourhoods may look weak, since the other cameras will judge: most markers may be hidden in one camera."""
-FAR_REACH, FAR_STAGES = 16, ((16, 0, 12), (16, 12, 16))
-"""Where two of three markers are hidden, four neighbouring spots are far apart on the model."""
-FAR_MARKERS = 80
-"""With more markers than this the table of such quads would be too large, and enough near ones are seen."""
 CONFIRMED = 20.0
 """A camera with so much evidence (nats; two pairs or so) confirms a solution, however many markers it misses."""
 KEPT = 8
@@ -36,9 +32,7 @@ class RigSearch:
     def __init__(self, cameras: Cameras) -> None:
         self.cameras = cameras
         self.solutions: list[Joint] = []
-        few = len(cameras.layout.markers) <= FAR_MARKERS
-        stages = (*STAGES, *(FAR_STAGES if few else ()))
-        self._searches = [_search(plane, stages) for plane in cameras.planes]
+        self._searches = [_search(plane) for plane in cameras.planes]
         self._running = {c: search.batches() for c, search in enumerate(self._searches) if search is not None}
         self._tried: set[Candidate] = set()
 
@@ -119,11 +113,11 @@ class RigSearch:
         self.solutions = sorted(kept, key=lambda s: -s.evidence.score)[:KEPT]
 
 
-def _search(plane: Plane, stages: tuple[tuple[int, int, int], ...]) -> QuadSearch | None:
+def _search(plane: Plane) -> QuadSearch | None:
     if len(plane.task.xy) < MIN_COUNT:
         return None
     rules = make_rules(plane)._replace(p_seen=P_SEEN, reject_at=REJECT_AT, grow_at=GROW_AT)
-    return QuadSearch(plane, WORTH_CARRYING, rules, stages)
+    return QuadSearch(plane, WORTH_CARRYING, rules, len(FAR_STAGES))
 
 
 def _explained(candidate: Candidate, known: Joint, c: int) -> bool:

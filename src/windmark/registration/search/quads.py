@@ -6,7 +6,7 @@ a good solution as long as the caller asks: "stop at the first good pose" is the
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,10 @@ Ints = NDArray[np.int32]
 
 STAGES = ((REACHES[0], 0, 5), (REACHES[0], 5, 8), (REACHES[1], 0, 8), (REACHES[1], 8, 12))
 """Table, and the neighbours of a spot that its quads are taken from (not all of them among the first number)."""
+FAR_STAGES = ((16, 0, 12), (16, 12, 16))
+"""Where two of three markers are hidden, four neighbouring spots are far apart on the model ..."""
+FAR_MARKERS = 80
+"""... with more markers than this the table of such quads would be too large, and enough near ones are seen."""
 POOL = 12
 WORK = 20_000
 """Links after which the caller is asked whether to go on."""
@@ -41,12 +45,11 @@ RIVAL_NEAR, RIVAL_QUADS, AGAIN = 6, 24, 8
 class QuadSearch:
     """The state of one search: the kernels' view of the task, the best solutions, the number of links tried."""
 
-    def __init__(
-        self, plane: Plane, stop_at: float, rules: Rules | None = None, stages: Sequence[tuple[int, int, int]] = STAGES
-    ) -> None:
+    def __init__(self, plane: Plane, stop_at: float, rules: Rules | None = None, far_stages: int = 1) -> None:
         task = plane.task
         self.plane, self.links = plane, 0
-        self._stop_at, self._stages = stop_at, stages
+        far = FAR_STAGES[:far_stages] if len(task.markers) <= FAR_MARKERS else ()
+        self._stop_at, self._stages = stop_at, (*STAGES, *far)
         self._focals = task.camera.focal_px * np.array(task.focal_factors)
         self._rules, self._gates = rules or make_rules(plane), make_gates(plane)
         self._best = room_for_best(POOL, len(task.markers))
