@@ -147,6 +147,4 @@ def _first_call() -> float:
 if __name__ == "__main__":
     numbers = [int(a) for a in sys.argv[1:] if a.isdigit()]
     words = set(sys.argv[1:])
-    main(
-        "--quick" in words, *numbers, kinds=words & {kind for kind, _, _ in CELLS}, conditions=words & set(CONDITIONS)
-    )
+    main("--quick" in words, *numbers, kinds=words & {kind for kind, _, _ in CELLS}, conditions=words & set(CONDITIONS))

@@ -80,7 +80,7 @@ class Layout:
         return self
 
     def table(self, reach: int) -> Table:
-        """Quads by key, from so many neighbours of each marker; one of `REACHES`, or more where most markers are hidden."""
+        """Quads by key, from so many neighbours of each marker: one of `REACHES`, or more if most are hidden."""
         if reach not in self._tables:
             self._tables[reach] = self._tabled(reach)
         return self._tables[reach]
