@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from windmark.geometry import Camera, Pose
 from windmark.registration import register
+from windmark.registration.register import default_tolerance
 from windmark.scene import Detections, MarkerSet
 
 CAMERA = Camera((1000, 800), 1500.0)
 PITCH, ERROR = 40.0, 1.2
 PLACES = PITCH * np.array([(i, j, 0.0) for i in range(8) for j in range(8)])
-LOOSE = {"tolerance_px": 12.0, "max_time_s": 2.0}
+LOOSE = {"max_time_s": 2.0}
 
 
 def plate(error: float, seed: int) -> MarkerSet:
@@ -33,6 +36,18 @@ def picture(xyz: np.ndarray, seed: int) -> Detections:
     turn = (tilt @ facing @ roll).rotation
     pose = Pose(turn, np.array([0.0, 0.0, 900.0]) - turn @ PLACES.mean(axis=0))
     return Detections.make(CAMERA.project(pose.apply(xyz))[0] + rng.normal(0, 0.1, (len(xyz), 2)), sigma_px=0.1)
+
+
+def test_the_tolerance_follows_the_sigma_of_the_table():
+    """5 sigma, as the spacing of markers and spots tells; no more than a fifth of that, and no less than without."""
+    spots, exact = picture(PLACES, 0).xy, plate(0.0, 0)
+    usual = 0.004 * np.hypot(1000, 800)
+    apart = np.sort(np.linalg.norm(spots[:, None] - spots[None], axis=2), axis=1)
+    nearest, fourth = np.median(apart[:, 1]), np.median(apart[:, 4])
+    for sigma, expected in ((np.nan, usual), (ERROR, 5 * ERROR / PITCH * fourth), (9.0, 0.2 * nearest)):
+        markers = replace(exact, sigma=np.full((len(exact), 3), sigma))
+        assert default_tolerance(spots, CAMERA, markers) == pytest.approx(expected, rel=1e-9)
+    assert default_tolerance(spots[:1], CAMERA, plate(ERROR, 0)) == pytest.approx(usual)
 
 
 @pytest.mark.parametrize("seed", range(12))

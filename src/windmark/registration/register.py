@@ -24,8 +24,11 @@ MIN_COUNT = 4
 """Three pairs fix a pose, a fourth is needed to check it."""
 FOCAL_STEPS = 5
 MOST_DEFORMATION = 0.1
-DEFAULT_TOLERANCE, MAX_SPACING = 0.004, 0.2
-"""Neighbourhood: part of the image's diagonal, and at most this part of the spots' spacing."""
+DEFAULT_TOLERANCE, MAX_SPACING, TABLE_SIGMAS = 0.004, 0.2, 5.0
+"""Neighbourhood: part of the image's diagonal or, where that is more, so many sigma of the table; and at most this part
+of the spots' spacing."""
+ROUND = 4
+"""Neighbours all round a marker."""
 
 
 def register(
@@ -76,7 +79,8 @@ def register(
     focal_range : with free_focal, focal lengths from 1 / focal_range to focal_range times the camera's are started
     max_focal_sigma : largest relative 1 sigma at which a free focal length counts as determined
     tolerance_px : neighbourhood in which a projected marker looks for its spot during the search; None takes
-        0.4 % of the image's diagonal, less where the spots are dense. The final gates follow the residuals
+        0.4 % of the image's diagonal, more where the table's sigmas ask for it, less where the spots are dense. The
+        final gates follow the residuals
     method : "hash" looks local quads of spots up in a table of local quads of markers (`registration.search.quads`);
         "ransac" is the paper's search with the changes listed in `registration.search.ransac`
     layout : `prepare(markers)`, to save its milliseconds when many images are registered with the same markers
@@ -123,7 +127,7 @@ def register(
     refusal = _refuse_early(xy, cov, markers)
     if refusal is not None:
         return NotRegistered(*refusal, options=options)
-    options["tolerance_px"] = tolerance_px = tolerance_px or default_tolerance(xy, camera)
+    options["tolerance_px"] = tolerance_px = tolerance_px or default_tolerance(xy, camera, markers)
     task = Task(
         markers, camera, xy, cov, tolerance_px, prior, float(np.radians(prior_max_angle_deg)), prior_max_scale,
         tuple(np.geomspace(1 / focal_range, focal_range, FOCAL_STEPS)) if free_focal else (1.0,), pairs,
@@ -192,9 +196,23 @@ def off_line(points: Array) -> float:
     return float(np.sqrt((size[1:] ** 2).sum() / len(points)))
 
 
-def default_tolerance(xy: Array, camera: Camera) -> float:
-    """Neighbourhood for table errors and a rough pose, small enough to tell neighbouring spots apart."""
+def default_tolerance(xy: Array, camera: Camera, markers: MarkerSet) -> float:
+    """Neighbourhood for table errors and a rough pose, small enough to tell neighbouring spots apart.
+
+    How large the table's errors are in the picture is not known before the pose is, but how large they are beside the
+    spacing of the markers is that of the spots: to the fourth neighbour, since an oblique view shortens one direction.
+    """
+    if len(xy) < 2:
+        return max(0.5, DEFAULT_TOLERANCE * float(np.hypot(*camera.size_px)))
+    wanted, sigma = DEFAULT_TOLERANCE * float(np.hypot(*camera.size_px)), np.nan_to_num(markers.sigma)
+    if sigma.any() and (apart := _spacing(markers.xyz, ROUND)) > 0:
+        wanted = max(wanted, TABLE_SIGMAS * float(np.median(sigma)) * _spacing(xy, ROUND) / apart)
+    return max(0.5, min(wanted, MAX_SPACING * _spacing(xy, 1)))
+
+
+def _spacing(points: Array, neighbour: int) -> float:
+    """Median distance to the so-manieth nearest other point, or to the farthest if there are fewer."""
     from scipy.spatial import cKDTree
 
-    spacing = float(np.median(cKDTree(xy).query(xy, k=2)[0][:, 1])) if len(xy) > 1 else np.inf
-    return max(0.5, min(DEFAULT_TOLERANCE * float(np.hypot(*camera.size_px)), MAX_SPACING * spacing))
+    k = min(neighbour, len(points) - 1)
+    return float(np.median(cKDTree(points).query(points, k=k + 1)[0][:, k]))

@@ -38,6 +38,8 @@ MOSTLY = 0.7
 deformation of a partly right labelling would have the rest."""
 SPARSE = 0.35
 """And everywhere so many: a quarter of many markers, bent, can look right while the rigid model has twice as many."""
+FEW_PAIRS = 16
+"""With so few a single wrong one can look like a deformation: it must be better than a rigid model without any one."""
 BENT_LEAD = 5.0
 """How much better (nats) it must be than a rigid solution that is accepted."""
 FREED_LEAD = 10.0
@@ -129,10 +131,23 @@ class Judge:
         others = sorted((s for s in solutions if not s.same_as(best)), key=lambda s: -s.evidence.score)
         if bender.largest(best) > self._limits.deformation or self._refusal(best, others)[0] is not None:
             return rigid
+        if best.count <= FEW_PAIRS and self._better_with_one_less(best):
+            return rigid
         freed = None if self._task.free_focal else with_free_focal(self._plane, best)
         if freed is not None and freed.evidence.score > best.evidence.score + FREED_LEAD:
             return rigid
         return Verdict(best, _runner_up(best, others[0]) if others else None, None, "")
+
+    def _better_with_one_less(self, best: Solution) -> bool:
+        """Whether a rigid model that explains all pairs but one, nearly, is better than a deformed one of all."""
+        for marker in best.marker:
+            match = best.state.match.copy()
+            match[marker] = -1
+            start = Candidate(best.cam_from_model, best.focal_px, 0.0, best.count - 1, match)
+            other = settle(self._plane, start)
+            if other is not None and other.evidence.score > best.evidence.score:
+                return True
+        return False
 
     def _challenge(self) -> None:
         """Look for rivals until the best candidate has none better, or the time is over."""

@@ -225,7 +225,7 @@ def _trial(stage: Stage, layout: Layout, direction: Array, index: int, least: fl
     left = int((label >= 0).sum())
     if left < 4:
         return Trial(index, pose, seen, "few")
-    answer = register(spots, stage.markers, stage.camera, layout=layout)
+    answer = register(spots, stage.markers, stage.camera, visible=stage.visible, layout=layout)
     outcome, rival = _judged(answer, stage, pose, seen, left)
     return Trial(index, pose, seen, outcome, rival)
 

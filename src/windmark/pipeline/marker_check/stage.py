@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 
 from windmark import resection
 from windmark.geometry import Camera, Pose
+from windmark.pipeline.grid import sight
 from windmark.pipeline.marker_check.settings import CheckSettings
 from windmark.scene import Detections, MarkerSet, Mesh
 
@@ -97,6 +99,11 @@ class Stage:
             node = resection.see_points(self.markers.xyz[seen], self.camera, pose, mesh=self.mesh, tolerance=off)
             seen[seen] = node.visible
         return xy, seen
+
+    @cached_property
+    def visible(self) -> Callable[[Pose, Camera], Mask] | None:
+        """What `register` is told of the grid, as in a run; None without one."""
+        return None if self.mesh is None else sight(self.markers, self.mesh)
 
     def spots(self, rng: np.random.Generator, xy: Array, seen: Mask) -> tuple[Detections, Ints]:
         """What a detector would give of these markers, in random order, and the marker of each spot or -1."""

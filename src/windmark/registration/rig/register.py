@@ -102,7 +102,7 @@ def register_rig(
     tasks = []
     for d, camera, pose, index in zip(detections, cameras, cam_from_rig, usable, strict=True):
         xy = d.xy[index]
-        tolerance = tolerance_px or default_tolerance(xy, camera)
+        tolerance = tolerance_px or default_tolerance(xy, camera, markers)
         tasks.append(
             Task(
                 markers, camera, xy, d.cov[index], tolerance, None if prior is None else pose @ prior,
