@@ -31,7 +31,7 @@ import reconstruct_scenes as scenes
 
 Array = NDArray[np.float64]
 
-FIRST_SEED = 960_000
+FIRST_SEED = 1_060_000
 SIGMA = 0.02
 CELLS = (("plate", "walk"), ("plate", "cloud"), ("model", "walk"), ("model", "cloud"))
 LIMIT_95 = 7.815
