@@ -442,10 +442,21 @@ def test_a_few_scattered_markers_are_enough(seed):
 
 @pytest.mark.parametrize(
     ("seed", "factor"),
-    [(1_830_082, 0.8), (1_830_451, 1.2), (1_830_505, 1.2), (1_830_793, 1.2), (920_242, 0.8), (920_081, 1.2)],
+    [
+        (1_830_082, 0.8),
+        (1_830_451, 1.2),
+        (1_830_505, 1.2),
+        (1_830_793, 1.2),
+        (920_242, 0.8),
+        (920_081, 1.2),
+        (4_830_846, 0.8),
+        (4_830_873, 1.2),
+        (4_831_008, 0.8),
+    ],
 )
 def test_markers_that_fit_at_a_wrong_focal_length_are_refused(seed, factor):
-    # 24 to 34 of 50 markers fitted within the gates, the others were 9 to 55 px off; in the last one all of 120 did.
+    # 24 to 34 of 50 markers fitted within the gates, the others were 9 to 55 px off; of 920,081 all of 120 did.
+    # In the last three 9 to 12 of 24 fitted a slight bending.
     hidden, false = ((0.0, 0.0), (0.25, 0.5), (0.5, 1.0))[seed // 3 % 3]
     scene = scenes.scene(seed, "ABC"[seed % 3], hidden=hidden, false=false)
     camera = replace(scene.camera, focal_px=scene.camera.focal_px * factor)

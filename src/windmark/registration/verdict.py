@@ -44,7 +44,8 @@ BENT_LEAD = 5.0
 """How much better (nats) it must be than a rigid solution that is accepted."""
 FREED_LEAD = 10.0
 """A wrong focal length must explain the spots better than a deformation by so much (nats): one that is off by 20 %
-leads by 20 and more, while a slight bending is explained by both about equally well."""
+leads by 20 and more, while a slight bending is explained by both about equally well. Of few pairs the simpler
+explanation is taken."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,7 +135,8 @@ class Judge:
         if best.count <= FEW_PAIRS and self._better_with_one_less(best):
             return rigid
         freed = None if self._task.free_focal else with_free_focal(self._plane, best)
-        if freed is not None and freed.evidence.score > best.evidence.score + FREED_LEAD:
+        freed_lead = FREED_LEAD if best.count > FEW_PAIRS else 0.0
+        if freed is not None and freed.evidence.score > best.evidence.score + freed_lead:
             return rigid
         return Verdict(best, _runner_up(best, others[0]) if others else None, None, "")
 
