@@ -57,7 +57,7 @@ def demo(
         verbs.demo(folder, seed, as_json)
 
 
-@app.command(epilog="Examples: windmark simulate my-test --seed 7; windmark simulate my-wing --deforming 12")
+@app.command(epilog="Example: windmark simulate my-test --seed 7, or windmark simulate my-wing --deforming 12")
 def simulate(
     folder: Annotated[Path, typer.Argument(help="Where the test is written.")],
     seed: Seed = 1,
