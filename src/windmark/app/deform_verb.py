@@ -45,7 +45,7 @@ def deform(
     record["folder"] = folder
     good = bool(sequence.good)
     if good or not as_json:
-        console.answer(record, as_json, [*_lines(loaded, sequence), f"report: {folder / 'report.html'}"])
+        console.answer(record, as_json, [*_lines(loaded, sequence, record), f"report: {folder / 'report.html'}"])
     if not good:
         why = sequence.records[0].reason if sequence.records else "no frame arrived"
         console.refuse(f"no frame gave a deformation; the first: {why}", as_json, record)
@@ -127,8 +127,8 @@ def weakest(loaded: Loaded, sequence: Sequence) -> tuple[str, ...]:
     return (*weak_directions(state, centre, unit=loaded.project.length_unit), *from_prior)
 
 
-def _lines(loaded: Loaded, sequence: Sequence) -> list[str]:
-    record = summary(loaded, sequence)
+def _lines(loaded: Loaded, sequence: Sequence, record: Record) -> list[str]:
+    """The figures in words, and one line for frames that were not simply tracked."""
     lines = [f"{record['frames']} frames: {record['tracked']} tracked, {record['cold']} found without help, "
              f"{record['lost']} lost" + (", interrupted" if sequence.interrupted else "")]  # fmt: skip
     lines += [f"  frame {r.key}: {r.status}: {r.reason}" for r in sequence.records if r.reason][:20]

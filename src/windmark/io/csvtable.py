@@ -101,8 +101,8 @@ def read_table(path: Pathlike, *, required: Sequence[str], known: Sequence[str] 
     """Read a table with a header line.
 
     Columns may come in any order and case, those ``required`` and others that are ``known`` (None: any), separated by
-    comma, semicolon or tab (as the header
-    is). Blank lines and lines that start with ``#`` are skipped. UTF-8, with or without byte order mark.
+    comma, semicolon or tab (as the header is). Blank lines and lines that start with ``#`` are skipped. UTF-8, with or
+    without byte order mark.
 
     Raises
     ------

@@ -72,7 +72,6 @@ class Memory:
     velocity : change per frame: laws' parameters, motion (6,), pose (6,) of each moving camera
     error_px : camera -> root mean square prediction error lately
     labelled : camera -> its spots
-    count : observations of the last good frame
     """
 
     state: Deformation
@@ -80,7 +79,6 @@ class Memory:
     velocity: dict[str, Array] = field(default_factory=dict)
     error_px: dict[str, float] = field(default_factory=dict)
     labelled: dict[str, Labelled] = field(default_factory=dict)
-    count: int = 0
 
 
 class _Follower:
@@ -186,7 +184,7 @@ class _Follower:
     def _cold(self, images: dict[str, Image]) -> Any:
         """State, spots and observations from nothing; or why not, as text."""
         jobs = {
-            name: self._pool.submit(anywhere, image, self._test, self._test.station(name), None)
+            name: self._pool.submit(anywhere, image, self._test, self._test.station(name))
             for name, image in images.items()
         }
         labelled = {name: job.result() for name, job in jobs.items()}
@@ -224,8 +222,7 @@ class _Follower:
             errors = {n: max(before.error_px.get(n, 0.0) * FORGET, e) for n, e in errors.items()}
         velocity = _velocity(before, state, instant)
         kept = {n: s for n, s in (before.labelled if before else {}).items() if n not in labelled}
-        count = sum(len(s.marker) for s in labelled.values())
-        self._memory = Memory(state, instant, velocity, errors, {**kept, **labelled}, count)
+        self._memory = Memory(state, instant, velocity, errors, {**kept, **labelled})
 
     def _error(self, name: str, spots: Labelled, state: Deformation, expected: Deformation, placed: MarkerSet) -> float:
         """How far the spots were from where they were expected, root mean square per coordinate."""
@@ -239,10 +236,12 @@ class _Follower:
 
 
 def displaced(markers: MarkerSet, state: Deformation) -> MarkerSet:
-    """All markers where they are now, in the tunnel; the walls stand still. Normals follow the rigid motion."""
+    """All markers where they are now, in the tunnel; the walls stand still. Normals follow the rigid motion.
+
+    ``markers`` are those that the state was identified with, which it holds bound to their laws.
+    """
     wall = markers.role == "wall"
-    place = state.volumes.bind(markers.xyz, np.where(wall, "", markers.volume)).place(state.q)
-    motion = state.tunnel_from_model
+    place, motion = state.placed.place(state.q), state.tunnel_from_model
     return replace(
         markers, xyz=np.where(wall[:, None], markers.xyz, motion.apply(place)),
         normal=np.where(wall[:, None], markers.normal, motion.rotate(markers.normal)),

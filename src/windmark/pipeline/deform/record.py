@@ -39,7 +39,7 @@ class Zero:
 
     @staticmethod
     def of(states: Sequence[Deformation], stations: Stations | None) -> Zero:
-        """The mean of wind-off states; that of the table without any."""
+        """The mean of wind-off states, at least one."""
         q = np.mean([s.q for s in states], axis=0)
         first = states[0].tunnel_from_model
         away = np.mean([(s.tunnel_from_model @ first.inverse()).log() for s in states], axis=0)

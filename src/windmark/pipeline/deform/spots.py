@@ -148,13 +148,8 @@ def _as_seen(expected: Predictions, which: Ints, before: Labelled | None) -> Pre
     return replace(expected, axes_px=axes, angle=angle)
 
 
-def anywhere(image: Image, test: DeformationTest, station: Station, prior: Pose | None) -> Labelled:
-    """Markers without an idea where the model is: detect everything, then match model and walls each for itself.
-
-    Parameters
-    ----------
-    prior : cam_from_model expected; None where the motion may be anything
-    """
+def anywhere(image: Image, test: DeformationTest, station: Station) -> Labelled:
+    """Markers without an idea where the model is: detect everything, then match model and walls each for itself."""
     spots = _detect(image, test, station)
     if isinstance(spots, str):
         return Labelled.none(spots)
@@ -169,7 +164,7 @@ def anywhere(image: Image, test: DeformationTest, station: Station, prior: Pose 
             station_pose = answer.cam_from_model
             pairs.append((answer, np.flatnonzero(wall)))
     model = np.flatnonzero(~wall)
-    answer = _model(spots, test, station, prior if prior is not None else station_pose, model, options)
+    answer = _model(spots, test, station, station_pose, model, options)
     if not isinstance(answer, Registration):
         return replace(Labelled.none(f"model: {answer.reason}"), pose=station_pose)
     pairs.append((answer, model))

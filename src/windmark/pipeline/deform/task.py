@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.deformation import Deformation, NotIdentified, Volumes
+from windmark.deformation import Deformation, Volumes
 from windmark.geometry import Camera, Pose
 from windmark.scene import MarkerSet, Observations
 
@@ -136,6 +136,3 @@ class DeformedFrame:
     observations: Observations | None = None
     views: tuple[str, ...] = ()
     seconds: float = 0.0
-
-
-Answer = Deformation | NotIdentified
