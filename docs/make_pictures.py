@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import sys
 import tempfile
 from pathlib import Path
 
@@ -62,7 +63,9 @@ def main() -> None:
 
 
 def deformation_pictures() -> dict[str, Figure]:
-    """A bending wing before two cameras."""
+    """A bending wing before two cameras, and what its deformation does to pressures mapped onto it."""
+    sys.path[:0] = [str(HERE.parents[1] / part) for part in ("benchmarks", "tests/deformation")]
+    import deformation_paint
     from windmark.app.deform_curves import span_picture
     from windmark.app.deform_report import surface_figure as deformed_figure
     from windmark.pipeline.deform import load, read_deform_project, run_sequence
@@ -77,7 +80,10 @@ def deformation_pictures() -> dict[str, Figure]:
     assert loaded.stations is not None
     deformed = deformed_figure(loaded, sequence)
     assert deformed is not None
-    return {"deform-span": span_picture(sequence.good, loaded.stations.eta, "mm"), "deform-surface": deformed}
+    return {
+        "deform-span": span_picture(sequence.good, loaded.stations.eta, "mm"), "deform-surface": deformed,
+        "deform-paint": deformation_paint.picture(deformation_paint.mapped()),
+    }  # fmt: skip
 
 
 def law_pictures() -> dict[str, Figure]:

@@ -87,6 +87,8 @@ def test_all_files_agree(made, done):
     assert "Bending and twist along the span" in page
     assert "Wind-off zero" in page
     assert (folder / "deformation.gif").stat().st_size > 10_000
+    assert "Values on the deformed grid" in page
+    assert b"ratio_cam1" in (folder / "grid" / "4.vtp").read_bytes()
     moved, rest = io.read_mesh(folder / "grid" / "0.vtp"), io.read_mesh(made / "model.grid")
     assert len(moved.vertices) == len(rest.vertices)
 
@@ -202,6 +204,8 @@ def test_a_wrong_law_is_told_with_its_file_and_line(copy, windmark, text, expect
         (("chord = [150, 0, 0]", "chord = [0, 0, 0]"), ["stations", "chord"]),
         (('frames = "frames.csv"', 'frames = "none.csv"'), ["sequence.frames", "none.csv"]),
         (('grid = ["vtk"]', 'grid = ["stl"]'), ["output.grid"]),
+        (('grid = ["vtk"]', 'grid = ["plot3d"]'), ["values", 'output.grid = ["vtk"]']),
+        (('cameras = ["cam1"]', 'cameras = ["cam7"]'), ["values", "cam7"]),
     ],
 )
 def test_bad_projects_name_the_key(copy, windmark, change, expected):

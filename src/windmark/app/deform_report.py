@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 import windmark
 from windmark.app.deform_curves import history_picture, parameter_picture, span_picture, spectrum_picture
+from windmark.app.deform_pictures import compared_picture
 from windmark.app.pictures import png, surface_picture
 from windmark.app.report import Report
 from windmark.deformation import Deformation, vertex_volumes
@@ -148,6 +149,24 @@ def _surface(report: Report, loaded: Loaded, sequence: Sequence) -> None:
     figure = surface_figure(loaded, sequence)
     if figure is not None:
         report.picture(png(figure), "Length of the displacement by the laws, rigid motion removed")
+    mapped = values_figure(loaded, sequence)
+    if mapped is not None and (of := sequence.compared) is not None:
+        off = of.off_px[np.isfinite(of.rigid)]
+        report.heading("Values on the deformed grid")
+        caption = (
+            f"Frame {of.key}, {of.camera}: the same picture mapped in two ways. The grid moved as a whole, to where it "
+            f"fits all markers best, is {np.sqrt(np.mean(off**2)):.2g} px off (RMS), {off.max():.2g} px at most"
+        )
+        report.picture(png(mapped), caption)
+
+
+def values_figure(loaded: Loaded, sequence: Sequence) -> Figure | None:
+    """The most deformed frame mapped with and without its deformation; None where no values were wanted."""
+    if loaded.mesh is None or sequence.compared is None:
+        return None
+    station = loaded.test.station(sequence.compared.camera)
+    ahead, up = station.cam_from_tunnel.rotation[2], -station.cam_from_tunnel.rotation[1]
+    return compared_picture(loaded.mesh, sequence.compared, direction=ahead, up=up)
 
 
 def surface_figure(loaded: Loaded, sequence: Sequence) -> Figure | None:

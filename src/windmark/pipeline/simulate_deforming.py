@@ -9,10 +9,14 @@ import numpy as np
 from windmark import io
 from windmark.geometry import Pose
 from windmark.pipeline.simulate import zones_of
-from windmark.synth import HalfModel, TunnelTest, WingState, deforming_sequence, stereo_wing
+from windmark.synth import HalfModel, Sensor, TunnelTest, WingState, deforming_sequence, stereo_wing
 
 ZEROS = 2
 """Frames without wind at the start."""
+GRIDS = 12
+"""Of longer sequences about so many frames get a grid."""
+MACH = 0.7
+"""Of the wind that the paint feels in the others."""
 
 _PROJECT = """\
 # A synthetic deformation test of windmark's virtual wind tunnel (seed {seed}): a swept wing that bends and twists.
@@ -59,10 +63,14 @@ rate_hz = 50
 frames = "frames.csv"
 zero = [{zeros}]
 
+[values]
+cameras = ["cam1"]
+black = {black}
+
 [output]
 folder = "{folder}"
 grid = ["vtk"]
-every = 5
+every = {every}
 """
 
 _BEAM = """\
@@ -117,7 +125,7 @@ def simulate_deforming(folder: Path, seed: int, frames: int = 12, size_px: tuple
         for name, image in images.items():
             io.write_image(folder / "images" / f"{name}-{k:04d}.tif", image)
     _write_tables(folder, states)
-    _write_projects(folder, seed, test, round(2.5 / 640.0 * size_px[0], 1))
+    _write_projects(folder, seed, test, round(2.5 / 640.0 * size_px[0], 1), max(frames // GRIDS, 1))
     return test
 
 
@@ -130,7 +138,7 @@ def _states(frames: int) -> list[WingState]:
         turn = Pose.from_rotvec(np.radians([0.1 * load, 2.0 * load, -0.05 * load]), np.zeros(3)).rotation
         pivot = np.array([130.0, 0.0, 0.0])
         motion = Pose(turn, pivot - turn @ pivot + load * np.array([1.0, 0.5, 6.0]))
-        out.append(WingState(0.02 * (load + flutter), -1.0 * (load - flutter), motion))
+        out.append(WingState(0.02 * (load + flutter), -1.0 * (load - flutter), motion, mach=MACH * (load > 0)))
     return out
 
 
@@ -145,14 +153,14 @@ def _write_tables(folder: Path, states: list[WingState]) -> None:
     })  # fmt: skip
 
 
-def _write_projects(folder: Path, seed: int, test: TunnelTest, radius_px: float) -> None:
+def _write_projects(folder: Path, seed: int, test: TunnelTest, radius_px: float, every: int) -> None:
     shape = test.shape
     root, tip = (_on_axis(shape, y) for y in (shape.body_radius, shape.span))
     start, end = (_middle(shape, y) for y in (shape.body_radius, shape.span))
     volumes = ", ".join(f"{name} = {zones}" for name, zones in zones_of(test.mesh).items() if name != "wall")
     common = {
         "seed": seed, "volumes": volumes, "radius": radius_px, "start": _text(start), "end": _text(end),
-        "zeros": ", ".join(f'"{k}"' for k in range(ZEROS)),
+        "black": Sensor().black, "every": every, "zeros": ", ".join(f'"{k}"' for k in range(ZEROS)),
     }  # fmt: skip
     for name, law, out in (("deform", _BEAM, "deformation"), ("deform-own-law", _OWN, "deformation-own-law")):
         text = law.format(root=_text(root), tip=_text(tip))

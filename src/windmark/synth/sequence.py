@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from windmark.geometry import Pose
 from windmark.synth.degrade import Sensor
 from windmark.synth.motion import flex
+from windmark.synth.paint import TransonicFlow
 from windmark.synth.render import render
 from windmark.synth.screen import Rays
 from windmark.synth.tunnel import WIND_OFF, TunnelTest
@@ -70,17 +71,21 @@ class WingState:
     tip_fraction, twist_deg : see `motion.flex`
     motion : rigid motion tunnel_from_model
     shaken : camera -> motion of that camera in its own frame: its pose is ``shaken @ cam_from_tunnel``
+    mach : of the wind that pressure-sensitive paint feels, see `TransonicFlow`; 0 for wind off
     """
 
     tip_fraction: float = 0.0
     twist_deg: float = 0.0
     motion: Pose = field(default_factory=Pose.identity)
     shaken: Mapping[str, Pose] = field(default_factory=dict)
+    mach: float = 0.0
 
 
 def deformed_world(test: TunnelTest, state: WingState) -> World:
-    """The wind-off world with its wing bent and twisted and the model moved."""
+    """The wind-off world with its wing bent and twisted and the model moved, and with its wind."""
     world, shape = test.shot(WIND_OFF).world, test.shape
+    if state.mach:
+        world = replace(world, flow=TransonicFlow(shape, state.mach))
     if state.tip_fraction or state.twist_deg:
         world = world.deformed(
             lambda xyz: flex(

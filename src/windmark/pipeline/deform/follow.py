@@ -163,22 +163,14 @@ class _Follower:
         return {name: job.result() for name, job in jobs.items()}
 
     def _identify(self, labelled: dict[str, Labelled], start: Deformation | None) -> tuple[Any, Observations]:
-        test, names = self._test, list(labelled)
         parts = list(labelled.values())
         view = np.repeat(np.arange(len(parts)), [len(s.marker) for s in parts])
         observations = Observations(
             view, np.concatenate([s.marker for s in parts]), np.concatenate([s.xy for s in parts]),
             np.concatenate([s.cov for s in parts]),
         )  # fmt: skip
-        stations = [test.station(n) for n in names]
-        views = [View(s.name, s.name, "", _start_pose(s, labelled[s.name])) for s in stations]
-        answer = identify(
-            observations, test.markers, test.volumes, {s.name: s.camera for s in stations}, views,
-            free_motion=test.free_motion, free_poses=[s.name for s in stations if s.moves],
-            pose_cov={s.name: s.pose_cov for s in stations if s.moves and s.pose_cov is not None},
-            free_focal=[s.name for s in stations if s.free_focal], marker_cov=test.marker_cov, start=start,
-        )  # fmt: skip
-        return answer, observations
+        poses = {n: _start_pose(self._test.station(n), s) for n, s in labelled.items()}
+        return _state(observations, poses, self._test, start), observations
 
     # --- without -----------------------------------------------------------------------------
     def _cold(self, images: dict[str, Image]) -> Any:
@@ -233,6 +225,31 @@ class _Follower:
         xy, valid = camera.project(pose.apply(placed.xyz[spots.marker]))
         off = (xy - spots.xy)[valid]
         return float(np.sqrt((off**2).mean())) if len(off) else MOST_PX / SIGMAS
+
+
+def identified_again(frame: DeformedFrame, test: DeformationTest) -> DeformedFrame:
+    """A frame's spots as another test explains them: the same cameras and names of markers, other places of these.
+
+    Where that gives nothing, the frame as it was.
+    """
+    assert frame.observations is not None
+    poses = {n: test.station(n).cam_from_tunnel for n in frame.views}
+    answer = _state(frame.observations, poses, test, frame.state)
+    return replace(frame, state=answer) if isinstance(answer, Deformation) else frame
+
+
+def _state(
+    observations: Observations, poses: dict[str, Pose], test: DeformationTest, start: Deformation | None
+) -> Deformation | NotIdentified:
+    """The state of one instant; ``poses`` of its views, in the order of ``observations.view``."""
+    stations = [test.station(n) for n in poses]
+    return identify(
+        observations, test.markers, test.volumes, {s.name: s.camera for s in stations},
+        [View(n, n, "", pose) for n, pose in poses.items()],
+        free_motion=test.free_motion, free_poses=[s.name for s in stations if s.moves],
+        pose_cov={s.name: s.pose_cov for s in stations if s.moves and s.pose_cov is not None},
+        free_focal=[s.name for s in stations if s.free_focal], marker_cov=test.marker_cov, start=start,
+    )  # fmt: skip
 
 
 def displaced(markers: MarkerSet, state: Deformation) -> MarkerSet:

@@ -16,14 +16,21 @@ from windmark import io
 from windmark.deformation import Deformation
 from windmark.pipeline.deform.frames import FrameTable
 from windmark.pipeline.deform.load import Loaded
+from windmark.pipeline.deform.project import OutputEntry
 from windmark.pipeline.deform.record import MOTION, FrameRecord
 from windmark.pipeline.deform.task import DeformedFrame
+from windmark.pipeline.deform.values import units
 
 Array = NDArray[np.float64]
 
 CHUNK = 64
 """Frames that are written to the NetCDF file at once."""
 STATUS = ("cold", "tracked", "lost")
+
+
+def gridded(wanted: OutputEntry, frame: DeformedFrame) -> bool:
+    """Whether the grid of a frame is written."""
+    return bool(wanted.grid) and frame.index % wanted.every == 0
 
 
 class Writer:
@@ -42,7 +49,7 @@ class Writer:
         self._netcdf: Any = None
 
     def __enter__(self) -> Writer:
-        units = [p.unit for p in self._loaded.test.volumes.parameters]
+        of_laws = [p.unit for p in self._loaded.test.volumes.parameters]
         unit = self._loaded.project.length_unit
         head = ["frame", "time_s", *self._table.columns, "status", "spots", "outliers", "rms_px", "sigma0"]
         for name in (*self._names, *MOTION):
@@ -57,10 +64,10 @@ class Writer:
             "frame", "marker", "x", "y", "z", "dx", "dy", "dz", "sigma_dx", "sigma_dy", "sigma_dz", "outlier",
         ])  # fmt: skip
         (self._folder / "units.json").write_text(
-            json.dumps({"length": unit, "parameters": dict(zip(self._names, units, strict=True))}, indent=2) + "\n",
+            json.dumps({"length": unit, "parameters": dict(zip(self._names, of_laws, strict=True))}, indent=2) + "\n",
             encoding="utf-8",
         )
-        self._open_netcdf(units, unit)
+        self._open_netcdf(of_laws, unit)
         return self
 
     def __exit__(
@@ -72,8 +79,8 @@ class Writer:
             stream.close()
         self._netcdf.close()
 
-    def add(self, frame: DeformedFrame, row: FrameRecord) -> None:
-        """Write one frame."""
+    def add(self, frame: DeformedFrame, row: FrameRecord, mapped: Mapping[str, Array]) -> None:
+        """Write one frame; ``mapped`` are values at the grid's nodes, see `Mapper.frame`."""
         at = self._table.row(row.key)
         more = [_cell(v[at]) if at is not None else "" for v in self._table.columns.values()]
         cells = [
@@ -95,7 +102,7 @@ class Writer:
                 self._line("span.csv", [row.key, _cell(eta), *(_cell(c[s]) for c in columns)])
         if frame.state is not None:
             self._markers(frame, frame.state)
-            self._grid(frame, frame.state)
+            self._grid(frame, frame.state, mapped)
         self._rows.append(row)
         if len(self._rows) == CHUNK:
             self._flush()
@@ -126,9 +133,9 @@ class Writer:
             name = _quoted(str(markers.name[p]))
             self._line("markers.csv", [frame.key, name, *map(_cell, numbers), int(p in bad)])
 
-    def _grid(self, frame: DeformedFrame, state: Deformation) -> None:
+    def _grid(self, frame: DeformedFrame, state: Deformation, mapped: Mapping[str, Array]) -> None:
         wanted = self._loaded.project.output
-        if not wanted.grid or frame.index % wanted.every:
+        if not gridded(wanted, frame):
             return
         from windmark.deformation import vertex_volumes
 
@@ -147,10 +154,10 @@ class Writer:
                 "deformation": np.linalg.norm(place, axis=1),
                 "sigma_deformation": np.sqrt(np.trace(cov, axis1=1, axis2=2)),
             }  # fmt: skip
-            io.write_nodes_vtk(self._folder / "grid" / f"{frame.key}.vtp", moved, fields,
-                               units=dict.fromkeys(fields, unit))  # fmt: skip
+            io.write_nodes_vtk(self._folder / "grid" / f"{frame.key}.vtp", moved, {**fields, **mapped},
+                               units={**dict.fromkeys(fields, unit), **units(mapped)})  # fmt: skip
 
-    def _open_netcdf(self, units: Sequence[str], unit: str) -> None:
+    def _open_netcdf(self, of_laws: Sequence[str], unit: str) -> None:
         import h5netcdf
 
         project, stations = self._loaded.project, self._loaded.stations
@@ -176,7 +183,7 @@ class Writer:
         for name in ("rms_px", "sigma0", "spots", "outliers", "seconds"):
             variable(name, ("frame",), {})
         if self._names:
-            labels = {"names": " ".join(self._names), "units": " ".join(u or "1" for u in units)}
+            labels = {"names": " ".join(self._names), "units": " ".join(u or "1" for u in of_laws)}
             variable("parameters", ("frame", "parameter"), {**labels, "long_name": "law parameters less the zero"})
             variable("parameters_sigma", ("frame", "parameter"), labels)
         labels = {"names": " ".join(MOTION), "units": f"{unit} {unit} {unit} deg deg deg"}

@@ -109,6 +109,22 @@ class SequenceEntry(Strict):
     against: str | None = None
 
 
+class ValuesEntry(Strict):
+    """Pictures mapped onto the deformed grid, as fields of its VTK files: grey levels, and with a zero their ratio.
+
+    ``cameras``: which ones; none given means all. ``black``: the grey level without light. ``max_obliquity_deg``:
+    surface seen more obliquely gets no value. ``edge_px``: nor does what is nearer to the outline of its surface in the
+    image, where pixels mix. ``clear``: nor nodes within so many radii of a marker's centre.
+    """
+
+    cameras: tuple[str, ...] = ()
+    black: float = 0.0
+    max_obliquity_deg: Annotated[float, Field(gt=0, le=90)] = 75.0
+    edge_px: Annotated[float, Field(ge=0, le=100)] = 2.0
+    clear: Annotated[float, Field(ge=0, le=10)] = 1.5
+    interpolation: Literal["nearest", "linear", "cubic"] = "cubic"
+
+
 class OutputEntry(Strict):
     """What is written. ``grid``: the deformed grid of every ``every``-th frame. ``magnify``: in the film."""
 
@@ -133,6 +149,7 @@ class DeformProject(Strict):
     grid: GridEntry | None = None
     stations: StationsEntry | None = None
     sequence: SequenceEntry = Field(default_factory=SequenceEntry)
+    values: ValuesEntry | None = None
     output: OutputEntry = Field(default_factory=OutputEntry)
 
     @model_validator(mode="after")
@@ -147,6 +164,12 @@ class DeformProject(Strict):
             raise ValueError("nothing is free: give a volume a law, or set motion.free")
         if self.output.grid and self.grid is None:
             raise ValueError("output.grid: a deformed grid needs [grid] file = ...")
+        if self.values is not None:
+            unknown = sorted(set(self.values.cameras) - {c.name for c in self.camera})
+            if unknown:
+                raise ValueError(f"values: cameras: no camera is called {', '.join(unknown)}")
+            if "vtk" not in self.output.grid:
+                raise ValueError('values: they are fields of the grid in VTK files: give output.grid = ["vtk"]')
         if self.stations is not None and self.stations.volume not in [v.name for v in self.volume]:
             raise ValueError(f"stations: volume {self.stations.volume!r} is not one of the volumes")
         return self
@@ -186,7 +209,17 @@ def read_deform_project(path: str | Path, output: Path | None = None) -> DeformP
         grid = grid.model_copy(update={"file": existing(project.path, "grid.file", grid.file)})
     if sequence.frames is not None:
         sequence = sequence.model_copy(update={"frames": existing(project.path, "sequence.frames", sequence.frames)})
+    values = project.values
+    if values is not None and not values.cameras:
+        values = values.model_copy(update={"cameras": tuple(c.name for c in cameras)})
     folder = project.output.model_copy(update={"folder": (base / project.output.folder).resolve()})
     return project.model_copy(
-        update={"camera": tuple(cameras), "markers": markers, "grid": grid, "sequence": sequence, "output": folder}
+        update={
+            "camera": tuple(cameras),
+            "markers": markers,
+            "grid": grid,
+            "sequence": sequence,
+            "values": values,
+            "output": folder,
+        }
     )

@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 
 from windmark import io
 from windmark.deformation import Deformation, zero_markers
-from windmark.pipeline.deform.follow import follow_deformation
+from windmark.pipeline.deform.follow import follow_deformation, identified_again
 from windmark.pipeline.deform.frames import FrameTable, frames_on_disk, key_of, read_frame_table
 from windmark.pipeline.deform.load import Loaded
-from windmark.pipeline.deform.outputs import Writer
+from windmark.pipeline.deform.outputs import Writer, gridded
 from windmark.pipeline.deform.record import FrameRecord, Zero, record
 from windmark.pipeline.deform.task import DeformedFrame, FrameImages
+from windmark.pipeline.deform.values import Compared, Mapper
 from windmark.scene import View
 
 Array = NDArray[np.float64]
@@ -38,6 +39,7 @@ class Sequence:
     film : some evenly spaced frames with their states
     table : what is known of the frames besides
     interrupted : Ctrl-C ended it
+    compared : the most deformed frame mapped with and without its deformation; None without values and zero
     """
 
     records: list[FrameRecord] = field(default_factory=list)
@@ -46,6 +48,7 @@ class Sequence:
     film: list[tuple[FrameRecord, Deformation]] = field(default_factory=list)
     table: FrameTable = field(default_factory=FrameTable)
     interrupted: bool = False
+    compared: Compared | None = None
     _stride: int = 1
 
     def keep(self, row: FrameRecord, state: Deformation | None) -> None:
@@ -90,19 +93,21 @@ def run_sequence(
     table = read_frame_table(project)
     frames = frames_on_disk(project) if frames is None else frames
     out = Sequence(table=table)
-    loaded, out.zero, out.moved = _zeroed(loaded)
+    loaded, out.zero, out.moved, still = _zeroed(loaded)
     test = loaded.test
+    mapper = _mapper(loaded, still)
     model = test.markers.role != "wall"
     centre = test.markers.xyz[model].mean(axis=0)
     with Writer(folder, loaded, table) as writer:
         try:
-            for frame, arrived in _followed(frames, loaded):
+            for frame, images, arrived in _followed(frames, loaded):
                 latency = time.time() - arrived if live else float("nan")
                 row = record(
                     frame, out.zero, loaded.stations, centre, _time(frame, table, project.sequence.rate_hz), latency,
                     len(test.volumes.names),
                 )  # fmt: skip
-                writer.add(frame, row)
+                values = mapper.frame(frame, images) if mapper and gridded(project.output, frame) else {}
+                writer.add(frame, row, values)
                 out.keep(row, frame.state)
                 if live:
                     writer.live()
@@ -112,21 +117,32 @@ def run_sequence(
             if not live:
                 raise
             out.interrupted = True
+    out.compared = None if mapper is None else mapper.compared
     return out
 
 
-def _followed(frames: Iterable[FrameImages], loaded: Loaded) -> Iterator[tuple[DeformedFrame, float]]:
-    """Frames with the time stamp of their newest image."""
-    stamps: list[float] = []
+def _mapper(loaded: Loaded, still: list[tuple[DeformedFrame, FrameImages]]) -> Mapper | None:
+    """What maps pictures onto the grid, with the wind-off ones; None where no values are wanted."""
+    wanted = loaded.project.values
+    if wanted is None or loaded.mesh is None:
+        return None
+    mapper = Mapper(loaded.test, loaded.mesh, wanted)
+    mapper.reference(still)
+    return mapper
+
+
+def _followed(frames: Iterable[FrameImages], loaded: Loaded) -> Iterator[tuple[DeformedFrame, FrameImages, float]]:
+    """Frames with their images and the time stamp of the newest one."""
+    taken: list[tuple[FrameImages, float]] = []
 
     def noted() -> Iterator[FrameImages]:
         for frame in frames:
             paths = [p for p in frame.images.values() if isinstance(p, Path)]
-            stamps.append(max((p.stat().st_mtime for p in paths if p.exists()), default=time.time()))
+            taken.append((frame, max((p.stat().st_mtime for p in paths if p.exists()), default=time.time())))
             yield frame
 
     for frame in follow_deformation(noted(), loaded.test):
-        yield frame, stamps.pop(0)
+        yield frame, *taken.pop(0)
 
 
 def _time(frame: DeformedFrame, table: FrameTable, rate_hz: float | None) -> float:
@@ -136,30 +152,28 @@ def _time(frame: DeformedFrame, table: FrameTable, rate_hz: float | None) -> flo
     return frame.instant / rate_hz if rate_hz else float("nan")
 
 
-def _zeroed(loaded: Loaded) -> tuple[Loaded, Zero | None, Array | None]:
-    """The test with the markers where the wind-off frames show them, and the wind-off state."""
+def _zeroed(loaded: Loaded) -> tuple[Loaded, Zero | None, Array | None, list[tuple[DeformedFrame, FrameImages]]]:
+    """The test with the markers where the wind-off frames show them, the wind-off state, and these frames."""
     project = loaded.project
     wanted = [key_of(k) for k in project.sequence.zero]
     if not wanted:
-        return loaded, None, None
+        return loaded, None, None, []
     known = {f.key: f for f in frames_on_disk(project)}
     missing = [k for k in wanted if k not in known]
     if missing:
         raise io.FileError(project.path, f"frame {missing[0]} has no image; expected a wind-off frame", "sequence.zero")
-    states, seen, views, why = [], [], [], ""
+    good, why = [], ""
     for key in wanted:  # each for itself: wind-off frames may be far apart
         frame = next(follow_deformation([known[key]], loaded.test))
-        if frame.state is None or frame.observations is None:
+        if frame.state is None:
             why = f"frame {key}: {frame.reason}"
-            continue
-        states.append(frame.state)
-        seen.append(frame.observations)
-        views.append([View(n, n) for n in frame.views])
-    if not states:
+        else:
+            good.append((frame, known[key]))
+    if not good:
         raise io.FileError(project.path, f"no wind-off frame can be used; {why}", "sequence.zero")
-    corrected = zero_markers(states, seen, views, loaded.test.markers)
+    states, seen = [f.state for f, _ in good if f.state], [f.observations for f, _ in good if f.observations]
+    corrected = zero_markers(states, seen, [[View(n, n) for n in f.views] for f, _ in good], loaded.test.markers)
     test = replace(loaded.test, markers=corrected.markers, marker_cov=corrected.cov)
-    again = [next(follow_deformation([known[key]], test)).state for key in wanted]
-    good = [s for s in again if s is not None]
-    zero = Zero.of(good or states, loaded.stations)
-    return replace(loaded, test=test), zero, corrected.shift
+    good = [(identified_again(frame, test), images) for frame, images in good]
+    zero = Zero.of([f.state for f, _ in good if f.state], loaded.stations)
+    return replace(loaded, test=test), zero, corrected.shift, good
