@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 from windmark import io
 from windmark.deformation import Deformation, NotIdentified, identify
 from windmark.geometry import Camera, Pose
-from windmark.pipeline.deform.spots import LEAST_PX, MOST_PX, SIGMAS, Labelled, anywhere, near, read
+from windmark.pipeline.deform.memory import Memory, predicted, velocity_of
+from windmark.pipeline.deform.spots import LEAST_PX, MOST_PX, SIGMAS, Labelled, anywhere, around, everything, near, read
 from windmark.pipeline.deform.task import DeformationTest, DeformedFrame, FrameImages, Image, Station
-from windmark.scene import MarkerSet, Observations, View
+from windmark.scene import Detections, MarkerSet, Observations, View
 
 Array = NDArray[np.float64]
 
@@ -24,8 +25,8 @@ FEWER = 0.6
 """A frame with less than this part of the markers of the frame before is looked at again without expectations."""
 MOST_RMS_PX = 4.0
 """A state that leaves such residuals is no state of this model: tables and lenses are off by less."""
-KEEP, FORGET = 0.7, 0.5
-"""How fast the velocity follows the last change; how fast large prediction errors are forgotten."""
+FORGET = 0.5
+"""How fast large prediction errors are forgotten."""
 MOST_OUT = 0.2
 """A tracked frame with more outliers than this part is looked at again without expectations."""
 
@@ -35,8 +36,9 @@ def follow_deformation(frames: Iterable[FrameImages], test: DeformationTest) -> 
 
     The first frame is found without help: all spots are detected, matched to the model, and the law is identified.
     From then on every marker is looked for near its predicted place in every camera. A frame that does not fit is
-    looked at again without expectations, and if that fails it is flagged; the next one starts from the last good one.
-    Cameras are read and searched in threads.
+    looked at again without expectations: matched to the model like the first one or, where that is refused, each marker
+    to the spot that is clearly nearest to its place in the last good frame. If that fails, too, the frame is flagged;
+    the next one starts from the last good one. Cameras are read and searched in threads.
 
     Parameters
     ----------
@@ -61,26 +63,6 @@ def follow_deformation(frames: Iterable[FrameImages], test: DeformationTest) -> 
             yield follower.frame(index, frame)
 
 
-@dataclass(frozen=True)
-class Memory:
-    """What one frame hands on to the next.
-
-    Parameters
-    ----------
-    state : the last good state
-    instant : when it was
-    velocity : change per frame: laws' parameters, motion (6,), pose (6,) of each moving camera
-    error_px : camera -> root mean square prediction error lately
-    labelled : camera -> its spots
-    """
-
-    state: Deformation
-    instant: float
-    velocity: dict[str, Array] = field(default_factory=dict)
-    error_px: dict[str, float] = field(default_factory=dict)
-    labelled: dict[str, Labelled] = field(default_factory=dict)
-
-
 class _Follower:
     """What goes from frame to frame."""
 
@@ -99,10 +81,13 @@ class _Follower:
             if isinstance(found, str):
                 why, found = found, None
         if found is None and images:
-            status = "cold"
-            found = self._cold(images)
+            status, spots = "cold", self._everything(images)
+            found = self._cold(images, spots)
             if isinstance(found, str):
-                why, found = "; ".join(part for part in (why, found) if part), None
+                why = "; ".join(part for part in (why, found) if part)
+                status, found = "tracked", self._nearest(images, spots)
+                if found is not None:
+                    troubles.append(f"labelled by the spots nearest to the last good frame's: {why}")
         if found is None:
             reason = "; ".join([*troubles, why] if why else troubles) or "no image"
             return DeformedFrame(index, frame.key, frame.instant, "lost", reason, None,
@@ -134,7 +119,7 @@ class _Follower:
         """State, spots and observations near the prediction; or why not, as text."""
         assert self._memory is not None
         memory = self._memory
-        expected = _predicted(memory, instant - memory.instant)
+        expected = predicted(memory, instant - memory.instant)
         placed = displaced(self._test.markers, expected)
         labelled = self._look_near(images, expected, placed, memory.error_px, memory.labelled)
         count = sum(len(s.marker) for s in labelled.values())
@@ -147,6 +132,11 @@ class _Follower:
         if (wrong := _implausible(answer)) is not None:
             return wrong
         error = {n: self._error(n, spots, answer, expected, placed) for n, spots in labelled.items()}
+        if count < usual and SIGMAS * max(error.values()) > LEAST_PX:
+            # The prediction was poor: markers may have been out of reach.
+            again = self._settled(images, labelled, answer)
+            if not isinstance(again, str) and len(again[2]) > count:
+                return again
         return answer, labelled, observations, error
 
     def _look_near(
@@ -173,21 +163,45 @@ class _Follower:
         return _state(observations, poses, self._test, start), observations
 
     # --- without -----------------------------------------------------------------------------
-    def _cold(self, images: dict[str, Image]) -> Any:
+    def _everything(self, images: dict[str, Image]) -> dict[str, Detections | str]:
+        """All spots of every image; or why there are none."""
+        jobs = {n: self._pool.submit(everything, i, self._test, self._test.station(n)) for n, i in images.items()}
+        return {name: job.result() for name, job in jobs.items()}
+
+    def _cold(self, images: dict[str, Image], spots: dict[str, Detections | str]) -> Any:
         """State, spots and observations from nothing; or why not, as text."""
-        jobs = {
-            name: self._pool.submit(anywhere, image, self._test, self._test.station(name))
-            for name, image in images.items()
-        }
+        jobs = {n: self._pool.submit(anywhere, s, self._test, self._test.station(n)) for n, s in spots.items()}
         labelled = {name: job.result() for name, job in jobs.items()}
         seen = {n: s for n, s in labelled.items() if len(s.marker)}
         if not seen:
             return "; ".join(f"{n}: {s.reason}" for n, s in labelled.items())
-        answer, _ = self._identify(seen, None)
+        return self._settled(images, seen, None)
+
+    def _nearest(self, images: dict[str, Image], spots: dict[str, Detections | str]) -> Any:
+        """State, spots and observations with every spot clearly nearest to a marker's last place; None if none fit."""
+        memory = self._memory
+        if memory is None:
+            return None
+        placed, last = displaced(self._test.markers, memory.state), memory.state
+        labelled = {
+            n: around(s, last.cameras.get(n, _camera(self._test, n)),
+                      last.cam_from_tunnel.get(n, self._test.station(n).cam_from_tunnel), placed)
+            for n, s in spots.items()
+        }  # fmt: skip
+        seen = {n: s for n, s in labelled.items() if len(s.marker)}
+        usual = sum(len(memory.labelled[n].marker) for n in images if n in memory.labelled)
+        if not seen or sum(len(s.marker) for s in seen.values()) < FEWER * usual:
+            return None
+        found = self._settled(images, seen, last)
+        return None if isinstance(found, str) else found
+
+    def _settled(self, images: dict[str, Image], seen: dict[str, Labelled], start: Deformation | None) -> Any:
+        """State, spots and observations from first labels; or why not, as text."""
+        answer, _ = self._identify(seen, start)
         if not isinstance(answer, Deformation):
             return str(answer.reason)
         self._hidden = {n: h for n in images if (h := self._hidden_from(n, answer)) is not None}
-        # The markers that the matching left out, and cameras that it refused, from what is known now.
+        # The markers that the labels left out, and cameras that have none, from what is known now.
         error = {n: max(LEAST_PX, 2 * answer.rms_px) / SIGMAS for n in seen}
         again = self._look_near(images, answer, displaced(self._test.markers, answer), error, seen)
         if sum(len(s.marker) for s in again.values()) < FEWER * sum(len(s.marker) for s in seen.values()):
@@ -212,7 +226,7 @@ class _Follower:
         before = self._memory
         if before is not None and status == "tracked":
             errors = {n: max(before.error_px.get(n, 0.0) * FORGET, e) for n, e in errors.items()}
-        velocity = _velocity(before, state, instant)
+        velocity = velocity_of(before, state, instant)
         kept = {n: s for n, s in (before.labelled if before else {}).items() if n not in labelled}
         self._memory = Memory(state, instant, velocity, errors, {**kept, **labelled})
 
@@ -278,33 +292,3 @@ def _implausible(state: Deformation) -> str | None:
         return f"the laws leave residuals of {state.rms_px:.1f} px"
     out = int((~state.used).sum())
     return f"{out} of {len(state.used)} spots contradict the others" if out > MOST_OUT * len(state.used) else None
-
-
-def _predicted(memory: Memory, dt: float) -> Deformation:
-    """The state with everything moved on by constant velocity."""
-    state, v = memory.state, memory.velocity
-    poses = {
-        n: Pose.exp(dt * v[f"pose {n}"]) @ p if f"pose {n}" in v else p for n, p in state.cam_from_tunnel.items()
-    }  # fmt: skip
-    motion = state.tunnel_from_model
-    lower, upper = (np.array([getattr(p, side) for p in state.volumes.parameters]) for side in ("lower", "upper"))
-    return replace(
-        state, q=np.clip(state.q + dt * v["law"], lower, upper) if "law" in v else state.q,
-        tunnel_from_model=Pose.exp(dt * v["motion"]) @ motion if "motion" in v else motion, cam_from_tunnel=poses,
-    )  # fmt: skip
-
-
-def _velocity(before: Memory | None, state: Deformation, instant: float) -> dict[str, Array]:
-    """Change per frame, smoothed; none after a first frame."""
-    if before is None:
-        return {}
-    dt = instant - before.instant
-    now = {
-        "law": (state.q - before.state.q) / dt,
-        "motion": (state.tunnel_from_model @ before.state.tunnel_from_model.inverse()).log() / dt,
-    }
-    for name, pose in state.cam_from_tunnel.items():
-        if name in before.state.cam_from_tunnel:
-            now[f"pose {name}"] = (pose @ before.state.cam_from_tunnel[name].inverse()).log() / dt
-    old = before.velocity
-    return {n: v if n not in old else KEEP * v + (1 - KEEP) * old[n] for n, v in now.items()}

@@ -25,6 +25,8 @@ LEAST_PX, MOST_PX = 1.5, 12.0
 """Markers are looked for at least and at most so far from where they are expected."""
 APART = 0.45
 """... and never farther than this part of the distance to the nearest other marker in the image."""
+CLEARLY = 0.5
+"""The nearest spot is a marker's if it is nearer by this factor than any other."""
 SIGMAS = 4.0
 """Of the root mean square prediction error of the frames before."""
 
@@ -148,9 +150,46 @@ def _as_seen(expected: Predictions, which: Ints, before: Labelled | None) -> Pre
     return replace(expected, axes_px=axes, angle=angle)
 
 
-def anywhere(image: Image, test: DeformationTest, station: Station) -> Labelled:
-    """Markers without an idea where the model is: detect everything, then match model and walls each for itself."""
-    spots = _detect(image, test, station)
+def everything(image: Image, test: DeformationTest, station: Station) -> Detections | str:
+    """All spots of an image; or why there are none."""
+    look_for = test.look
+    radius: Any = look_for.radius_px
+    if radius is None:
+        estimate = detection.estimate_radius(image, look_for.polarity, mask=station.mask)
+        if not estimate:
+            return "no radius prevails among the spots"
+        radius = tuple(estimate.radii_px)
+    return detection.detect(
+        image, radius_px=radius, polarity=look_for.polarity, merit_max=look_for.merit_max,
+        photometry=look_for.photometry, mask=station.mask,
+    )  # fmt: skip
+
+
+def around(spots: Detections | str, camera: Camera, pose: Pose, placed: MarkerSet) -> Labelled:
+    """Spots that are clearly nearer to a marker's expected place than any other spot, and to no other marker's.
+
+    Right as long as markers move by less than a third of their distance to each other.
+
+    Parameters
+    ----------
+    spots : of the whole image, or why there are none
+    camera, pose : as expected, cam_from_tunnel
+    placed : markers where they are expected, in the tunnel
+    """
+    if isinstance(spots, str):
+        return Labelled.none(spots)
+    xy, valid = camera.project(pose.apply(placed.xyz))
+    seen = np.flatnonzero(valid & camera.in_image(xy))
+    if not len(seen) or len(spots) < 2:
+        return Labelled.none("too few spots or markers in the image")
+    away, spot = cKDTree(spots.xy).query(xy[seen], k=2)
+    back = cKDTree(xy[seen]).query(spots.xy)[1]
+    good = (back[spot[:, 0]] == np.arange(len(seen))) & (away[:, 0] <= CLEARLY * away[:, 1])
+    return _of_spots(spots, spot[good, 0], seen[good], len(seen), pose)
+
+
+def anywhere(spots: Detections | str, test: DeformationTest, station: Station) -> Labelled:
+    """Markers without an idea where the model is: all spots are matched to the model and the walls, each for itself."""
     if isinstance(spots, str):
         return Labelled.none(spots)
     wall = test.markers.role == "wall"
@@ -171,11 +210,15 @@ def anywhere(image: Image, test: DeformationTest, station: Station) -> Labelled:
     spot = np.concatenate([a.matching.detection for a, _ in pairs])
     marker = np.concatenate([which[a.matching.marker] for a, which in pairs])
     _, once = np.unique(spot, return_index=True)
-    spot, marker = spot[once], marker[once]
+    return _of_spots(spots, spot[once], marker[once], sum(a.n_expected for a, _ in pairs), station_pose)
+
+
+def _of_spots(spots: Detections, spot: Ints, marker: Ints, expected: int, pose: Pose) -> Labelled:
+    if not len(spot):
+        return replace(Labelled.none("no spot is clearly nearest to a marker"), pose=pose)
     return Labelled(
         marker, spots.xy[spot], spots.cov[spot], spots.axes_px[spot], spots.angle[spot],
-        np.full((len(spot), 3), np.nan), sum(a.n_expected for a, _ in pairs), None,
-        float(np.median(spots.radius_px[spot])), "", station_pose,
+        np.full((len(spot), 3), np.nan), expected, None, float(np.median(spots.radius_px[spot])), "", pose,
     )  # fmt: skip
 
 
@@ -193,17 +236,3 @@ def _model(
     more = {**options, "max_deformation": test.look.max_deformation, "visible": visible}
     answer = register(spots, markers, station.camera, prior=prior, **more)
     return answer if answer else register(spots, markers, station.camera, **more)
-
-
-def _detect(image: Image, test: DeformationTest, station: Station) -> Detections | str:
-    look_for = test.look
-    radius: Any = look_for.radius_px
-    if radius is None:
-        estimate = detection.estimate_radius(image, look_for.polarity, mask=station.mask)
-        if not estimate:
-            return "no radius prevails among the spots"
-        radius = tuple(estimate.radii_px)
-    return detection.detect(
-        image, radius_px=radius, polarity=look_for.polarity, merit_max=look_for.merit_max,
-        photometry=look_for.photometry, mask=station.mask,
-    )  # fmt: skip

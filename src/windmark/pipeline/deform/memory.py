@@ -1,0 +1,67 @@
+"""What one frame of a sequence hands on to the next, and where it says that everything will be."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.deformation import Deformation
+from windmark.geometry import Pose
+from windmark.pipeline.deform.spots import Labelled
+
+Array = NDArray[np.float64]
+
+KEEP = 0.7
+"""How fast the velocity follows the last change."""
+
+
+@dataclass(frozen=True)
+class Memory:
+    """What one frame hands on to the next.
+
+    Parameters
+    ----------
+    state : the last good state
+    instant : when it was
+    velocity : change per frame: laws' parameters, motion (6,), pose (6,) of each moving camera
+    error_px : camera -> root mean square prediction error lately
+    labelled : camera -> its spots
+    """
+
+    state: Deformation
+    instant: float
+    velocity: dict[str, Array] = field(default_factory=dict)
+    error_px: dict[str, float] = field(default_factory=dict)
+    labelled: dict[str, Labelled] = field(default_factory=dict)
+
+
+def predicted(memory: Memory, dt: float) -> Deformation:
+    """The state with everything moved on by constant velocity."""
+    state, v = memory.state, memory.velocity
+    poses = {
+        n: Pose.exp(dt * v[f"pose {n}"]) @ p if f"pose {n}" in v else p for n, p in state.cam_from_tunnel.items()
+    }  # fmt: skip
+    motion = state.tunnel_from_model
+    lower, upper = (np.array([getattr(p, side) for p in state.volumes.parameters]) for side in ("lower", "upper"))
+    return replace(
+        state, q=np.clip(state.q + dt * v["law"], lower, upper) if "law" in v else state.q,
+        tunnel_from_model=Pose.exp(dt * v["motion"]) @ motion if "motion" in v else motion, cam_from_tunnel=poses,
+    )  # fmt: skip
+
+
+def velocity_of(before: Memory | None, state: Deformation, instant: float) -> dict[str, Array]:
+    """Change per frame, smoothed; none after a first frame."""
+    if before is None:
+        return {}
+    dt = instant - before.instant
+    now = {
+        "law": (state.q - before.state.q) / dt,
+        "motion": (state.tunnel_from_model @ before.state.tunnel_from_model.inverse()).log() / dt,
+    }
+    for name, pose in state.cam_from_tunnel.items():
+        if name in before.state.cam_from_tunnel:
+            now[f"pose {name}"] = (pose @ before.state.cam_from_tunnel[name].inverse()).log() / dt
+    old = before.velocity
+    return {n: v if n not in old else KEEP * v + (1 - KEEP) * old[n] for n, v in now.items()}
