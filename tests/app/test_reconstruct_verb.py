@@ -164,8 +164,13 @@ def test_the_data_say_no(windmark, folder, tmp_path):
 
 @pytest.fixture(scope="module")
 def failing(folder, wall):
-    """More pictures: the first place four times; and primaries on a line."""
+    """More pictures: the first place four times, and another plate; primaries on a line, and some of each plate."""
     rng = np.random.default_rng(6)
+    other = scenes.make(22, "plate", "walk", views=4, points=36, missing=0.05, false=0.0, noise=0.0, camera=CAMERA)
+    for v in range(4):
+        io.write_image(folder / f"other{v}.png", draw(other, v, rng))
+    both = np.concatenate([wall.xyz[wall.primary[:3]], other.xyz[other.primary[:3]] + [900.0, 0, 0]])
+    io.write_markers(folder / "both.csv", MarkerSet.make(NAMES, both))
     for v in range(4):
         io.write_image(folder / f"still{v}.png", draw(wall, 0, rng))
     line = np.outer(np.arange(6.0), [10.0, 20.0, 5.0])
@@ -178,6 +183,10 @@ def failing(folder, wall):
     [
         (["w0", "w1"], "line.csv", "line", ("primary markers are on a line",)),
         (["still0", "still1", "still2", "still3"], "primary.csv", "baseline", ("taken from one place",)),
+        (
+            ["w0", "other0", "w1", "other1", "w2", "other2", "w3", "other3"], "both.csv", "unconnected",
+            ("2 groups of pictures share no markers", "w0, w1, w2, w3", "other0, other1, other2, other3"),
+        ),
     ],
 )  # fmt: skip
 def test_refusals_name_their_reason(windmark, failing, tmp_path, images, primary, cause, words):

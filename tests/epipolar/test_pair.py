@@ -58,17 +58,58 @@ def test_a_mirrored_picture_is_not_matched():
     assert not match_pair(a, mirrored, case.camera)
 
 
-def test_a_regular_grid_without_a_border_is_ambiguous_or_nothing():
-    camera = Camera((1000, 1000), 1200.0, cx=499.5, cy=499.5)
-    u, v = np.meshgrid(np.arange(30) * 40.0 - 100, np.arange(30) * 40.0 - 100)
-    every = np.stack([u.ravel(), v.ravel()], axis=1)
-    turn = np.array([[np.cos(0.1), -np.sin(0.1)], [np.sin(0.1), np.cos(0.1)]])
-    rng = np.random.default_rng(0)
-    pictures = []
-    for xy in (every, (every - 500) @ turn.T + 517):
-        seen = xy[((xy > 0) & (xy < 999)).all(axis=1)]
-        pictures.append(Detections.make(seen + rng.normal(0, 0.1, seen.shape), sigma_px=0.1))
-    assert not match_pair(*pictures, camera)
+KINDS = ("flat", "ridges", "stairs", "staggered", "wave")
+
+
+def block(seed, kind):
+    """Two views of a regular block of dots, some of them missing, the block perhaps larger than the pictures."""
+    rng, camera = np.random.default_rng(seed), Camera((1024, 1024), 1800.0, cx=511.5, cy=511.5)
+    i, j = (
+        k.ravel().astype(float) for k in np.meshgrid(np.arange(rng.integers(8, 12)), np.arange(rng.integers(7, 11)))
+    )
+    height = {"ridges": np.abs(j % 8 - 4), "stairs": np.floor(j / 3), "wave": np.sin(i)}
+    z = rng.uniform(0.3, 1.5) * height.get(kind, 0 * i)
+    xyz = np.stack([i + 0.5 * (j % 2) * (kind == "staggered"), j, z], axis=1)
+    xyz -= xyz.mean(axis=0)
+    away = np.ptp(xyz, axis=0).max() * 1800 / 1024 / rng.choice([0.7, 1.0, 1.4])
+    first, way, roll = rng.normal(0, 0.2, 2), rng.uniform(0, 2 * np.pi), rng.uniform(0, 2 * np.pi)
+    spots = []
+    for turn in (0.0, np.radians(rng.uniform(6, 22))):
+        off = first + turn * np.array([np.cos(way), np.sin(way)])
+        pose = Pose.look_at(
+            away * np.array([*np.sin(off), 1.0]), np.zeros(3), np.array([np.sin(roll), np.cos(roll), 0])
+        )
+        xy, _ = camera.project(pose.apply(xyz))
+        seen = rng.permutation(np.flatnonzero(camera.in_image(xy) & (rng.random(len(xyz)) > 0.04)))
+        spots.append(Detections.make(xy[seen] + rng.normal(0, 0.1, (len(seen), 2)), sigma_px=0.1))
+    return camera, spots
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_regular_block_is_ambiguous_and_never_shifted(kind):
+    """A shifted or turned matching of a block may well grow farther than the right one: none is taken."""
+    camera, spots = block(1, kind)
+    answer = match_pair(*spots, camera)
+    assert not answer
+    assert answer.cause == "ambiguous"
+    assert "looks like itself" in answer.reason
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_rows_that_are_not_quite_regular_are_matched(seed):
+    """Markers off their rows by a tenth of the pitch: no shifted matching goes far."""
+    rng, camera = np.random.default_rng(seed), Camera((1024, 1024), 1800.0, cx=511.5, cy=511.5)
+    xyz = np.stack([*(k.ravel().astype(float) for k in np.meshgrid(np.arange(8), np.arange(5))), np.zeros(40)], axis=1)
+    xyz[:, :2] += rng.normal(-np.array([3.5, 2]), 0.1, (40, 2))
+    spots = []
+    for turn in (0.0, 0.15):
+        pose = Pose.look_at(22 * np.array([np.sin(turn), 0.1, 1.0]), np.zeros(3), np.array([0.0, 1, 0]))
+        xy = camera.project(pose.apply(xyz))[0] + rng.normal(0, 0.1, (40, 2))
+        spots.append(Detections.make(xy, sigma_px=0.1))
+    pair = match_pair(*spots, camera)
+    assert pair, pair.reason
+    assert len(pair) > 30
+    assert (pair.a == pair.b).all()
 
 
 def test_too_few_spots_are_named():

@@ -172,6 +172,15 @@ def test_groups_that_share_nothing_are_named():
         assert words in answer.reason
 
 
+def test_pictures_that_nothing_connects_are_the_reason_where_the_others_lack_the_primaries():
+    case = two_halves(primary_in_both=False)
+    spots = [d if v < 4 else d.take(np.arange(10)) for v, d in enumerate(case.detections)]
+    answer = refused(replace(case, detections=tuple(spots)), primaries(case))
+    assert answer.cause == "unconnected"
+    for words in ("4 pictures (4, 5, 6, 7) could not be connected", "0, 1, 2, 3", "no four of 6 primary markers"):
+        assert words in answer.reason
+
+
 def test_groups_are_joined_by_the_primaries():
     case = two_halves(primary_in_both=True)
     result = reconstruct(case.detections, case.camera, primaries(case))

@@ -1,13 +1,12 @@
-"""How much a matching of two pictures is worth: against chance, and against another matching."""
+"""How much a matching of two pictures is worth against chance."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import betaln
 from scipy.stats import binom
 
 from windmark.epipolar.constellation.patches import GROW_TOLERANCE, NOISE_PX, Neighbours
@@ -25,20 +24,11 @@ LEAST_CHANCE, MOST_CHANCE = 1e-6, 0.5
 
 @dataclass(frozen=True)
 class Evidence:
-    """Worth of a matching: `log10_nfa` and `score` of `PairMatching`; which spots of a had a partner to expect.
-
-    ``hits`` of the ``expected`` (A,) ones have one.
-    """
+    """Worth of a matching: `log10_nfa` and `score` of `PairMatching`; which spots (A,) of a had a partner to expect."""
 
     log10_nfa: float
     score: float
     expected: Mask
-    hits: int
-
-    @property
-    def trials(self) -> int:
-        """Number of the expected ones."""
-        return int(self.expected.sum())
 
 
 def weigh(near: Neighbours, match: Ints, width_px: float, inside: Callable[[Array], Mask], tried: int) -> Evidence:
@@ -60,32 +50,14 @@ def weigh(near: Neighbours, match: Ints, width_px: float, inside: Callable[[Arra
     hit = expected & (match >= 0)
     trials, hits = int(expected.sum()), int(hit.sum())
     if hits <= FREE:
-        return Evidence(float("inf"), 0.0, expected, hits)
+        return Evidence(float("inf"), 0.0, expected)
     reach = place[expected, 2]
     area = np.where(reach < width_px, np.pi * reach**2, np.minimum(4 * width_px * reach, np.pi * reach**2))
     chance = np.clip(area * _density(near), LEAST_CHANCE, MOST_CHANCE)
     tail = binom.logsf(hits - FREE - 1, max(trials - FREE, 1), float(chance.mean()))
     nfa = (np.log(max(tried, 1)) + tail) / np.log(10)
     gain = np.where(hit[expected], np.log((1 - MISSING) / chance), np.log(MISSING / (1 - chance)))
-    return Evidence(float(nfa), float(gain.sum()), expected, hits)
-
-
-def lead(best: Sequence[Evidence], other: Sequence[Evidence]) -> float:
-    """How much better (nats) a matching explains which spots have partners than another one does, both sides together.
-
-    How many pairs there are says nothing: a regular grid that is shifted by one has fewer only because less of it is
-    common. What counts are the spots without a partner where one is expected; that just these are missing, and how
-    often spots are missing at all is unknown (flat prior), has the probability B(missing + 1, met + 1). The other's is
-    taken for as many spots as the best one has.
-    """
-    mine, trials = _missing(best)
-    its, others = _missing(other)
-    return mine - its * trials / max(others, 1)
-
-
-def _missing(sides: Sequence[Evidence]) -> tuple[float, int]:
-    trials, hits = sum(e.trials for e in sides), sum(e.hits for e in sides)
-    return float(betaln(trials - hits + 1, hits + 1)), trials
+    return Evidence(float(nfa), float(gain.sum()), expected)
 
 
 def _density(near: Neighbours) -> float:

@@ -109,7 +109,7 @@ def find_patches(near: Neighbours, most: int = 12) -> Patches:
     for s, q in _ranked(met, offset):
         if taken[s, q]:
             continue
-        start = _seeded(near, int(first[s]), q, maps[s, q].reshape(2, 2))
+        start = seeded(near, int(first[s]), q, maps[s, q].reshape(2, 2))
         match = kernels.grow(near.a, near.na, near.b, near.nb, start, GROW_TOLERANCE, NOISE_PX, no_limit)
         a = np.flatnonzero((match >= 0) & (row >= 0))
         taken[row[a], match[a]] = taken[s, q] = True
@@ -130,7 +130,7 @@ def _ranked(met: Ints, offset: Array) -> list[tuple[int, int]]:
     return [(int(s[o]), int(q[o])) for o in order]
 
 
-def _seeded(near: Neighbours, p: int, q: int, m: Array) -> Ints:
+def seeded(near: Neighbours, p: int, q: int, m: Array) -> Ints:
     """The pairs of one seed: the spot, and its neighbours that the map takes onto spots."""
     match = np.full(len(near.a), -1, np.int64)
     match[p] = q

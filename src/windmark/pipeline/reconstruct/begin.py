@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from windmark.pipeline.reconstruct.grow import from_nothing, grow, refined
@@ -14,8 +16,8 @@ from windmark.scene import MarkerSet
 
 GIVEN_SIGMA = (0.0035, 0.002)
 """1 sigma of given poses: radians, and part of the distance to the primaries. Worse ones are not used."""
-EXACT, ENOUGH = 0.05, 0.3
-"""So much better they are taken for at first, which is enough if it links this part of the spots."""
+EXACT, ENOUGH = (0.01, 0.05, 1.0), 0.3
+"""They are taken for so much better at first, which is enough if it links this part of the spots."""
 
 
 def beginning(task: Task, rough: MarkerSet | None, match: PairMatcher) -> tuple[Structure, dict[int, str]]:
@@ -39,9 +41,14 @@ def _begun(task: Task, known: Begun) -> Structure | None:
     """The spots of known views linked: given poses are believed at first, and taken for rough where that fails."""
     nothing = np.zeros(0, np.int64)
     best: Structure | None = None
-    for part in (EXACT, 1.0) if "given" in known.how.values() else (1.0,):
+    for part in EXACT if "given" in known.how.values() else (1.0,):
         cov = {v: c * (part**2 if known.how[v] == "given" else 1.0) for v, c in known.cov.items()}
-        start = Structure(task.primary.xyz, nothing, nothing, nothing, known.poses, cov, known.cameras)
+        # A calibration's cameras and poses err together; added up, their covariances would blur everything.
+        cameras = {
+            name: c if c.cov is None or part == 1.0 else replace(c, cov=c.cov * part**2)
+            for name, c in known.cameras.items()
+        }
+        start = Structure(task.primary.xyz, nothing, nothing, nothing, known.poses, cov, cameras)
         first = compact(linked(task, start))
         structure = refined(task, first) if len(first.point) else None
         if structure is not None and (best is None or len(structure.point) > len(best.point)):

@@ -68,7 +68,7 @@ def framed(task: Task, rough: MarkerSet | None) -> Framed:
             continue
         found.append((replace(group, structure=moved(group.structure, located.frame)), located))
     if not found:
-        raise refusals[0] if len(groups) == 1 else Refused("unconnected", _split(task, groups, refusals[0]))
+        raise _refused(task, groups, refusals[0])
     (best, located), others = found[0], [g for g in groups if all(g.views != f.views for f, _ in found)]
     for group, its in found[1:]:
         joined = _joined(task, best, located, group, its)
@@ -109,12 +109,23 @@ def _groups(task: Task, rough: MarkerSet | None) -> list[Group]:
     return sorted(groups, key=lambda g: -len(g.views))
 
 
-def _split(task: Task, groups: list[Group], refusal: Refused) -> str:
-    words = "; ".join(_names(task, g.views) for g in groups)
-    return (
-        f"{len(groups)} groups of pictures share no markers with each other ({words}), and in none of them alone the "
-        f"primary markers were recognised (in the first: {refusal.reason}); take pictures that show markers of both"
-    )
+def _refused(task: Task, groups: list[Group], refusal: Refused) -> Refused:
+    """Why no group has the primaries: they share nothing with each other, or other pictures could not be connected."""
+    alone = sorted(set(task.usable) - {v for g in groups for v in g.views})
+    if len(groups) > 1:
+        words = "; ".join(_names(task, g.views) for g in groups)
+        return Refused(
+            "unconnected", f"{len(groups)} groups of pictures share no markers with each other ({words}), and in none "
+            f"of them alone the primary markers were recognised (in the first: {refusal.reason}); take pictures that "
+            "show markers of both",
+        )  # fmt: skip
+    if refusal.cause == "not_found" and len(alone) > 1:
+        return Refused(
+            "unconnected", f"{len(alone)} pictures ({_names(task, alone)}) could not be connected with the others "
+            f"({_names(task, groups[0].views)}), and in these alone the primary markers were not recognised: "
+            f"{refusal.reason}",
+        )  # fmt: skip
+    return refusal
 
 
 def _names(task: Task, views: list[int]) -> str:

@@ -133,12 +133,17 @@ def _by_constellation(task: Task, structure: Structure, named: dict[int, int]) -
                 found.append(located)
         if found and min(f.log10_nfa for f in found) < 2 * MAX_LOG10_NFA:
             break
-    return _best(found, len(known), n, FINEST * extent)
-
-
-def _best(found: list[Located], primaries: int, points: int, floor: float) -> Located:
     if not found:
-        raise Refused("not_found", f"no four of {primaries} primary markers were recognised among {points} points")
+        views = len(structure.poses)
+        raise Refused(
+            "not_found", f"no four of {len(known)} primary markers were recognised among the {n} points that were "
+            f"reconstructed from {views} pictures: fewer than four of them are in {min(views, 3)} of these, or they "
+            "are not where their table says; take more pictures that show them, or label three in one picture",
+        )  # fmt: skip
+    return _best(found, len(known), FINEST * extent)
+
+
+def _best(found: list[Located], primaries: int, floor: float) -> Located:
     found.sort(key=lambda f: f.log10_nfa)
     best = found[0]
     if best.log10_nfa > MAX_LOG10_NFA:
