@@ -1,5 +1,7 @@
 """The image of a disc beside the closed form of the conic and a dense polygon."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -107,3 +109,46 @@ def test_centre_of_the_ellipse_is_not_the_disc_s_centre(tilt_deg):
     near_end = np.array([-np.cos(a), 0, -np.sin(a)])  # the direction in the disc's plane that comes nearer
     assert normal[0] @ near_end == pytest.approx(0)
     assert shift[0] * near_end[0] > 0
+
+
+def slow_ellipse(camera, center, normal, radius, count=64):
+    """The readable twin: moments of the projected outline, its derivative by the Fourier transform."""
+    theta = 2 * np.pi * np.arange(count) / count
+    n = normal / np.linalg.norm(normal)
+    a = np.cross(n, [0.2, -0.4, 0.9])
+    a /= np.linalg.norm(a)
+    ring = center + radius * (np.cos(theta)[:, None] * a + np.sin(theta)[:, None] * np.cross(n, a))
+    outline, _ = camera.project(ring)
+    origin = outline.mean(axis=0)
+    x, y = (outline - origin).T
+    frequency = np.fft.fftfreq(count, 1 / count)
+    dx, dy = (np.fft.ifft(1j * frequency * np.fft.fft(v)).real * 2 * np.pi / count for v in (x, y))
+    area = 0.5 * (x * dy - y * dx).sum()
+    first = np.array([(x * x * dy).sum(), -(y * y * dx).sum()]) / (2 * area)
+    second = np.array([[(x**3 * dy).sum() / 3, 0.0], [0.0, -(y**3 * dx).sum() / 3]])
+    second[0, 1] = second[1, 0] = 0.25 * (x * x * y * dy - x * y * y * dx).sum()
+    return origin + first, second / area - np.outer(first, first)
+
+
+def test_the_kernel_is_its_twin(lens):
+    rng = np.random.default_rng(9)
+    tilted = replace(lens, tilt_x=0.05, tilt_y=-0.08, k3=0.01)
+    center = np.column_stack([rng.uniform(-3, 3, (40, 2)), rng.uniform(9, 12, 40)])
+    normal, radius = rng.normal(size=(40, 3)) - [0, 0, 2.0], rng.uniform(0.01, 1.0, 40)
+    for camera in (lens, tilted):
+        seen = imaged_ellipse(camera, center, normal, radius)
+        for k in range(40):
+            xy, moments = slow_ellipse(camera, center[k], normal[k], radius[k])
+            np.testing.assert_allclose(seen.xy[k], xy, atol=1e-6)
+            half = np.array([np.cos(seen.angle[k]), np.sin(seen.angle[k])])
+            turn = np.array([[half[0], -half[1]], [half[1], half[0]]])
+            got = turn @ np.diag(seen.axes_px[k] ** 2 / 4) @ turn.T
+            np.testing.assert_allclose(got, moments, atol=1e-6 * seen.axes_px[k, 0] ** 2)
+
+
+def test_what_has_no_image_or_no_normal_is_not_a_number(lens):
+    center = np.array([[0.0, 0, 5], [0, 0, -5], [0, 0, 5], [0, 0, 5]])
+    normal = np.array([[0.0, 0, -1], [0, 0, -1], [np.nan, 0, 1], [0, 0, 0]])
+    seen = imaged_ellipse(lens, center, normal, np.array([0.1, 0.1, 0.1, 0.1]))
+    assert np.isfinite(seen.xy).all(axis=1).tolist() == [True, False, False, False]
+    assert np.isfinite(seen.center_xy).all(axis=1).tolist() == [True, False, True, True]

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from windmark.geometry import Camera, Pose
-from windmark.geometry._kernels import project_point, to_camera
+from windmark.geometry._kernels import project_point, project_with_slopes, to_camera
 
 
 def test_projection_is_that_of_the_camera(camera):
@@ -31,6 +32,24 @@ def test_fold_decentring_and_horizon_are_the_same():
     assert [ok for _, _, ok in found] == valid.tolist()
     xy = np.array([(x, y) for x, y, _ in found])[valid]
     np.testing.assert_allclose(xy, expected[valid], rtol=1e-9)
+
+
+@pytest.mark.parametrize("tilt", [(0.0, 0.0), (0.1, -0.2)])
+def test_slopes_are_those_of_the_camera(tilt):
+    lens = Camera(
+        (640, 480), 900.0, aspect=1.02, k1=-0.1, k2=0.05, p1=0.002, p2=-0.003, k3=0.01, tilt_x=tilt[0], tilt_y=tilt[1]
+    )
+    xyz = np.random.default_rng(3).uniform(-2, 2, (500, 3)) + np.array([0, 0, 1.0])
+    xy, valid, slopes = lens.point_jacobian(xyz)
+    assert 0.3 < valid.mean() < 1.0
+    for k, p in enumerate(xyz):
+        x, y, seen, *six = project_with_slopes(lens.packed(), *p)
+        assert seen == valid[k]
+        if seen:
+            np.testing.assert_allclose([x, y], xy[k], rtol=1e-12)
+            np.testing.assert_allclose(
+                np.reshape(six, (2, 3)), slopes[k], rtol=1e-9, atol=1e-12 * np.abs(slopes[k]).max()
+            )
 
 
 def test_not_a_number_is_not_valid(camera):

@@ -143,7 +143,7 @@ class Task:
             rows, pose = self.observations.point[own], values[pose_block(view.name)]
             camera = values[camera_block(view.camera)]
             seen = imaged_ellipse(camera, pose.apply(place[rows]), pose.rotate(now[rows]), radius[rows])
-            out[own] = np.nan_to_num(seen.eccentricity_px)
+            out[own] = np.where(np.isfinite(seen.eccentricity_px), seen.eccentricity_px, 0.0)
         return out
 
     def _law_block(self) -> VectorBlock:

@@ -139,26 +139,22 @@ class Sighting:
         return self._last[1], self._last[2]
 
     def _evaluated(self, values: Any) -> tuple[Array, Array] | None:
+        from windmark.deformation._kernels import see
+
         place, by_model = self._points(values)
-        columns, inner = self._columns, by_model.shape[2]
+        columns = self._columns
         residual = np.zeros((len(place), 2 * len(self.sights)))
         jacobian = np.zeros((*residual.shape, max((c.stop for c in columns.values()), default=0)))
         for v, s in enumerate(self.sights):
             camera: Camera = values[camera_block(s.camera)]
             pose: Pose = values[pose_block(s.name)]
-            seen = pose.apply(place[s.row])
-            xy, valid, by_seen = camera.point_jacobian(seen)
-            if not valid.all():
+            valid = see(
+                camera.packed(), np.ascontiguousarray(pose.rotation), pose.translation, place, by_model, s.row, s.xy,
+                2 * v, columns[pose_block(s.name)].start if s.free_pose else -1,
+                columns[camera_block(s.camera)].start if s.free_focal else -1, residual, jacobian,
+            )  # fmt: skip
+            if not valid:
                 return None
-            rows = slice(2 * v, 2 * v + 2)
-            residual[s.row, rows] = xy - s.xy
-            jacobian[s.row, rows, :inner] = (by_seen @ pose.rotation) @ by_model[s.row]
-            if s.free_pose:
-                by_pose = np.concatenate([-(by_seen @ hat(seen)), by_seen], axis=-1)
-                jacobian[s.row, rows, columns[pose_block(s.name)]] = by_pose
-            if s.free_focal:
-                by_focal = (xy - np.array([camera.cx, camera.cy])) / camera.focal_px
-                jacobian[s.row, rows, columns[camera_block(s.camera)]] = by_focal[..., None]
         return residual, jacobian
 
     def _points(self, values: Any) -> tuple[Array, Array]:

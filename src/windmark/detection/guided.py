@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from windmark.detection.guided_judge import ANSWERS, CLEAR, FOUND, UNSEEN, judge
 from windmark.detection.image import check_polarity
 from windmark.detection.options import PHOTOMETRIES
+from windmark.detection.quantile import median
 from windmark.detection.template.fit import Request, Scene
 from windmark.detection.template.frame import BLUR_SPREAD, BLUR_START, fit_markers, learn_frame
 from windmark.detection.template.refine import LEAST_AXIS, check_places, fresh_request, known_blur, make_scene
@@ -45,6 +46,7 @@ class Guided:
         the fit, and where that decides no smaller than that of the same filter on the surface round the marker
     correlation : (M,) of disc and window, both without their slope
     chi2 : (M,) residual variance over what the frame's noise lets expect; NaN where that is not known
+    colour : (M, 2, 2) what the noise's correlation does to cov, to be handed on like `frame`; NaN where not found
     log10_nfa : (M,) false-alarm number: in how many predictions of this kind the surface alone would show such a depth
     flags : (M,) bits of `scene.FLAGS`
     answer : (M,) a code of `ANSWERS`; 0 is found
@@ -59,6 +61,7 @@ class Guided:
     depth_sigma: Array
     correlation: Array
     chi2: Array
+    colour: Array
     log10_nfa: Array
     flags: Ints
     answer: Ints
@@ -99,6 +102,7 @@ def detect_at(
     photometry: str | None = None,
     blur_px: float | None = None,
     frame: Frame | None = None,
+    colour: ArrayLike | None = None,
     fit_shape: bool = False,
     reshape: bool = True,
     false_alarms: float = FALSE_ALARMS,
@@ -127,6 +131,8 @@ def detect_at(
     polarity, photometry : see `detect`
     blur_px : blur of the frame; None takes the given frame's, or else finds it from the markers that stand out
     frame : `Guided.frame` of a frame before: its blur is taken, and its noise unless this frame's is another
+    colour : (M, 2, 2) `Guided.colour` of the same markers in a frame before, handed on with `frame`: it is taken
+        instead of being computed, as it hardly changes within ten frames or so; where it is NaN it is computed
     fit_shape : all clear markers are fitted with ten unknowns
     reshape : clear markers that do not look as predicted are fitted again; without that they keep the predicted shape,
         are flagged, and their `chi2` says how little they look like it: a third of the time, for live measurements
@@ -156,7 +162,7 @@ def detect_at(
     start = frame if frame is not None else Frame(BLUR_START, BLUR_SPREAD, None)
     if blur_px is not None:
         start = replace(start, blur_px=known_blur(blur_px)[0], blur_spread_px=known_blur(blur_px)[1])
-    request = replace(fresh_request(places, radius, start), shape=shape)
+    request = replace(fresh_request(places, radius, start), shape=shape, colour=_colour(colour, frame, len(places)))
     inside = _in_sight(scene, request, steps)
     request = request.take(inside)
     placed, found = search(scene, request, steps)
@@ -166,7 +172,7 @@ def detect_at(
         placed, found = search(scene, known, steps)
     fits = fit_markers(scene, placed, start, robust=False)  # weights would take a wrong shape for contamination
     if frame is not None and _outdated(fits):
-        start = replace(start, noise=_learn(scene, placed, found, start, blur=False).noise)
+        start, placed = _learn(scene, placed, found, start, blur=False), replace(placed, colour=None)
         fits = fit_markers(scene, placed, start, robust=False)
     verdict = judge(scene, request, placed, found, fits, steps, false_alarms)
     if reshape or fit_shape:
@@ -199,6 +205,16 @@ def _predictions(
     return places, np.column_stack([a * c * c + b * s * s, (a - b) * c * s, a * s * s + b * c * c]), radius
 
 
+def _colour(given: ArrayLike | None, frame: Frame | None, count: int) -> Array | None:
+    """Colours (M, 2, 2) as given, checked; they say nothing about another frame's noise."""
+    if given is None or frame is None:
+        return None
+    colour = np.asarray(given, dtype=float)
+    if colour.shape != (count, 2, 2):
+        raise ValueError(f"detect_at: colour must be ({count}, 2, 2) as Guided.colour is, got {colour.shape}")
+    return colour
+
+
 def _in_sight(scene: Scene, request: Request, steps: int) -> Bools:
     """Predictions (M,) whose searched square touches the image."""
     height, width = scene.image.shape
@@ -215,7 +231,7 @@ def _learn(scene: Scene, placed: Request, found: Array, start: Frame, *, blur: b
     good = good[np.argsort(-z[good], kind="stable")]
     if not good.size:
         return start
-    free = replace(placed.take(good), shape=None, states=np.full((len(good), 10), np.nan))
+    free = replace(placed.take(good), shape=None, states=np.full((len(good), 10), np.nan), colour=None)
     learnt, _ = learn_frame(scene, free, blur=blur, noise=True)
     return learnt
 
@@ -223,7 +239,7 @@ def _learn(scene: Scene, placed: Request, found: Array, start: Frame, *, blur: b
 def _outdated(fits: TemplateFits) -> bool:
     """Whether the noise that was handed on is not this frame's (or shapes are wrong: then learning says the same)."""
     chi2 = fits.chi2[np.isfinite(fits.chi2) & (fits.depth > LEARN[0] * fits.depth_sigma)]
-    return len(chi2) >= ENOUGH and not 1.0 / OUTDATED < float(np.median(chi2)) < OUTDATED
+    return len(chi2) >= ENOUGH and not 1.0 / OUTDATED < median(chi2) < OUTDATED
 
 
 def _reshaped(
@@ -238,7 +254,7 @@ def _reshaped(
     if not clear.size:
         return fits
     free = replace(
-        placed.take(clear), xy=fits.xy[clear], shape=None, states=np.full((len(clear), 10), np.nan),
+        placed.take(clear), xy=fits.xy[clear], shape=None, states=np.full((len(clear), 10), np.nan), colour=None,
         blur=np.full(len(clear), frame.blur_px), blur_spread=np.full(len(clear), frame.blur_spread_px),
     )  # fmt: skip
     new = fit_markers(scene, free, frame, robust=True)
@@ -271,6 +287,7 @@ def _answers(
         depth_sigma=column(sigma),
         correlation=column(fits.correlation),
         chi2=column(fits.chi2),
+        colour=column(np.where(hit[:, None, None], fits.colour, np.nan), (2, 2)),
         log10_nfa=column(nfa),
         flags=flags,
         answer=answers,

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.detection.pairs import close_pairs
 from windmark.detection.template.fit import Request, Scene
 from windmark.detection.template.result import TemplateFits
 from windmark.detection.template.search import surroundings
@@ -78,7 +79,7 @@ def _log10_tail(z: Array, freedom: Array | float) -> Array:
     """Log10 of the probability that Student's t exceeds z; normal where the degrees of freedom are infinite."""
     from scipy.special import log_ndtr, stdtr
 
-    above = np.nan_to_num(np.asarray(z, dtype=float), nan=0.0)
+    above = np.where(np.isnan(z), 0.0, z)
     if not np.isfinite(freedom).any():
         return np.asarray(log_ndtr(-above) / np.log(10.0))
     with np.errstate(divide="ignore"):
@@ -90,9 +91,9 @@ def _same(answer: Ints, fits: TemplateFits, asked: Request) -> None:
     index = np.flatnonzero(answer == FOUND)
     if len(index) < 2:
         return
-    from scipy.spatial import cKDTree
-
-    pairs = cKDTree(fits.xy[index]).query_pairs(float(asked.radius[index].max()), output_type="ndarray")
+    pairs = close_pairs(fits.xy[index], float(asked.radius[index].max()))
+    if not len(pairs):
+        return
     away = np.hypot(*(fits.xy - asked.xy).T)
     for i, j in index[pairs].tolist():
         if np.hypot(*(fits.xy[i] - fits.xy[j])) < min(asked.radius[i], asked.radius[j]):

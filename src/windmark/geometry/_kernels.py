@@ -64,3 +64,44 @@ def _tilt_point(tilt_x: float, tilt_y: float, u: float, v: float) -> tuple[float
     if not w > 0.0:
         return math.nan, math.nan, False
     return (r22 * a - r02 * w) / w, (r22 * b - r12 * w) / w, True
+
+
+@nb.njit(cache=True, nogil=True)
+def project_with_slopes(
+    c: Array, x: float, y: float, z: float
+) -> tuple[float, float, bool, float, float, float, float, float, float]:
+    """`project_point`, and the derivatives of both pixel coordinates by x, y and z; 0 where not valid."""
+    px, py, seen = project_point(c, x, y, z)
+    if not seen:
+        return px, py, False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    u, v = x / z, y / z
+    s = u * u + v * v
+    k1, k2, p1, p2, k3 = c[4], c[5], c[6], c[7], c[8]
+    radial = 1.0 + s * (k1 + s * (k2 + s * k3))
+    slope2 = 2.0 * (k1 + s * (2.0 * k2 + s * 3.0 * k3))
+    xx = radial + slope2 * u * u + 2.0 * p1 * v + 6.0 * p2 * u
+    yy = radial + slope2 * v * v + 6.0 * p1 * v + 2.0 * p2 * u
+    xy = slope2 * u * v + 2.0 * p1 * u + 2.0 * p2 * v
+    yx = xy
+    if c[9] != 0.0 or c[10] != 0.0:
+        ud = u * radial + 2.0 * p1 * u * v + p2 * (s + 2.0 * u * u)
+        vd = v * radial + p1 * (s + 2.0 * v * v) + 2.0 * p2 * u * v
+        xx, xy, yx, yy = _tilted_slopes(c[9], c[10], ud, vd, xx, xy, yy)
+    fx, fy = c[0] / z, c[0] * c[1] / z
+    xx, xy, yx, yy = fx * xx, fx * xy, fy * yx, fy * yy
+    return px, py, True, xx, xy, -(xx * u + xy * v), yx, yy, -(yx * u + yy * v)
+
+
+@nb.njit(cache=True, nogil=True)
+def _tilted_slopes(
+    tilt_x: float, tilt_y: float, u: float, v: float, xx: float, xy: float, yy: float
+) -> tuple[float, float, float, float]:
+    """Derivative of `_tilt_point` times a symmetric matrix."""
+    cx, sx, cy, sy = math.cos(tilt_x), math.sin(tilt_x), math.cos(tilt_y), math.sin(tilt_y)
+    a = cy * u + sy * sx * v - sy * cx
+    b = cx * v + sx
+    w = sy * u - cy * sx * v + cy * cx
+    f = cy * cx / (w * w)
+    au, av = f * (cy * w - a * sy), f * (sy * sx * w + a * cy * sx)
+    bu, bv = -f * b * sy, f * (cx * w + b * cy * sx)
+    return au * xx + av * xy, au * xy + av * yy, bu * xx + bv * xy, bu * xy + bv * yy

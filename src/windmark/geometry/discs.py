@@ -78,17 +78,18 @@ def imaged_ellipse(camera: Camera, xyz_cam: ArrayLike, normal_cam: ArrayLike, ra
     if r.shape not in ((), (len(center),)):
         raise ValueError(f"imaged_ellipse: radius must be one number or {len(center)}, got shape {r.shape}")
     with np.errstate(invalid="ignore"):
-        far = bool(np.all(np.nan_to_num(r) < FAR * np.linalg.norm(center, axis=1)))
+        far = not (r >= FAR * np.linalg.norm(center, axis=1)).any()
     count = FEW_POINTS if far else POINTS
-    theta = 2.0 * np.pi * np.arange(count) / count
-    with np.errstate(divide="ignore", invalid="ignore"):
-        n = normal / np.linalg.norm(normal, axis=1, keepdims=True)
-    a = tangent(n)
-    across = np.cos(theta)[:, None] * a[:, None] + np.sin(theta)[:, None] * np.cross(n, a)[:, None]
-    outline, _ = camera.project(center[:, None] + np.broadcast_to(r, len(center))[:, None, None] * across)
-    origin = outline.mean(axis=1)
-    moment, axes, angle = _ellipse(outline - origin[:, None])
-    return ImagedEllipse(origin + moment, camera.project(center)[0], axes, angle)
+    from windmark.geometry._disc_kernels import image_discs
+
+    total = len(center)
+    out = ImagedEllipse(np.empty((total, 2)), np.empty((total, 2)), np.empty((total, 2)), np.empty(total))
+    image_discs(
+        camera.packed(), np.ascontiguousarray(center), np.ascontiguousarray(normal),
+        np.ascontiguousarray(np.broadcast_to(r, total)), _derivative(count), out.xy, out.center_xy, out.axes_px,
+        out.angle,
+    )  # fmt: skip
+    return out
 
 
 def tangent(normal: Array) -> Array:
@@ -97,22 +98,6 @@ def tangent(normal: Array) -> Array:
     reference = np.where(np.abs(n[..., :1]) < 0.9, np.array([1.0, 0, 0]), np.array([0, 1.0, 0]))
     a = reference - (reference * n).sum(axis=-1, keepdims=True) * n
     return np.asarray(a / np.linalg.norm(a, axis=-1, keepdims=True))
-
-
-def _ellipse(outline: Array) -> tuple[Array, Array, Array]:
-    """Centroid (N, 2), half axes (N, 2), direction (N,) of ellipses with the moments of closed outlines (N, P, 2)."""
-    x, y = outline[..., 0], outline[..., 1]
-    dx, dy = np.moveaxis(_derivative(outline.shape[1]) @ outline, -1, 0)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        area = 0.5 * (x * dy - y * dx).sum(axis=1)
-        first = np.stack([(x * x * dy).sum(axis=1), -(y * y * dx).sum(axis=1)], axis=1) / (2 * area[:, None])
-        xx = (x**3 * dy).sum(axis=1) / (3 * area) - first[:, 0] ** 2
-        yy = -(y**3 * dx).sum(axis=1) / (3 * area) - first[:, 1] ** 2
-        xy = 0.5 * (x * x * y * dy - x * y * y * dx).sum(axis=1) / (2 * area) - first[:, 0] * first[:, 1]
-        # A uniform ellipse has the second moments axis^2 / 4.
-        middle, spread = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
-        axes = 2 * np.sqrt(np.maximum(np.stack([middle + spread, middle - spread], axis=1), 0))
-    return first, axes, 0.5 * np.arctan2(2 * xy, xx - yy)
 
 
 @cache

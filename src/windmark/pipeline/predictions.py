@@ -8,12 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.detection import Guided, detect_at
+from windmark.detection.template.result import Frame
 from windmark.geometry import Camera, Pose, imaged_ellipse
 from windmark.scene import Detections, MarkerSet
 
 Array = NDArray[np.float64]
 
 OBLIQUE_COS = 0.1  # a disc seen under more than 84 degrees is a line
+COLOUR_FRAMES = 16
+"""What the noise's correlation does to a marker's covariance is found anew after so many frames: it changes slowly."""
 
 
 @dataclass(frozen=True)
@@ -23,11 +26,13 @@ class Predictions:
     Parameters
     ----------
     name : M names, "" where unknown
+    row : (M,) where they stand in the table or list that they come from
     xy : (M, 2) centres of the imaged ellipses in pixels
     axes_px, angle : (M, 2), (M,) half axes (large first) and direction of the first, radians
     """
 
     name: tuple[str, ...]
+    row: NDArray[np.int64]
     xy: Array
     axes_px: Array
     angle: Array
@@ -61,7 +66,8 @@ def from_camera(
     axes = np.where(known[:, None], seen.axes_px, fallback)
     keep = np.asarray(facing & camera.in_image(xy) & np.isfinite(axes).all(axis=1))
     angle = np.where(known, seen.angle, 0.0)
-    return Predictions(tuple(markers.name[keep].tolist()), xy[keep], axes[keep], angle[keep])
+    row = np.flatnonzero(keep)
+    return Predictions(tuple(markers.name[row].tolist()), row, xy[row], axes[row], angle[row])
 
 
 def from_detections(spots: Detections, names: list[str], radius_px: float | None = None) -> Predictions:
@@ -79,7 +85,48 @@ def from_detections(spots: Detections, names: list[str], radius_px: float | None
         axes = np.where(np.isfinite(axes), axes, radius_px)
     if not np.isfinite(axes).all():
         raise ValueError("the spots have neither axes nor radius: give a radius in pixels (--radius)")
-    return Predictions(tuple(names), spots.xy, axes, angle)
+    return Predictions(tuple(names), np.arange(len(names)), spots.xy, axes, angle)
+
+
+@dataclass(frozen=True)
+class Known:
+    """What an image of a sequence tells the next one.
+
+    Parameters
+    ----------
+    frame : blur and noise
+    colour : (N, 2, 2) of all markers, see `detect_at`; NaN where not known yet
+    age : frames since it was found
+    """
+
+    frame: Frame
+    colour: Array
+    age: int = 0
+
+
+def look_again(
+    image: NDArray[np.generic], expected: Predictions, marker: NDArray[np.int64], count: int, known: Known | None,
+    **options: object,
+) -> tuple[Guided, Known]:  # fmt: skip
+    """`look` in the next image of a sequence, and what that tells the one after it.
+
+    Parameters
+    ----------
+    marker : (M,) which of `count` markers is expected
+    known : what the image before told; None for the first one
+    """
+    stale = known is None or known.age + 1 >= COLOUR_FRAMES
+    frame = None if known is None else known.frame
+    found = look(
+        image, expected, frame=frame, colour=None if known is None or stale else known.colour[marker], **options
+    )
+    if known is None or stale or found.frame is not frame:
+        colour, age = np.full((count, 2, 2), np.nan), 0
+    else:
+        colour, age = known.colour.copy(), known.age + 1
+    there = np.flatnonzero(found.found)
+    colour[marker[there]] = found.colour[there]
+    return found, Known(found.frame, colour, age)
 
 
 def look(image: NDArray[np.generic], expected: Predictions, **options: object) -> Guided:

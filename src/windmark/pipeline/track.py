@@ -11,10 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark import detection, io
-from windmark.detection.template.result import Frame
 from windmark.geometry import Camera, Pose
 from windmark.geometry.rotations import hat
-from windmark.pipeline.predictions import from_camera, look
+from windmark.pipeline.predictions import Known, from_camera, look_again
 from windmark.registration import Motion, NotRegistered, Registration, TrackState, predict, track
 from windmark.scene import Detections, MarkerSet
 
@@ -133,7 +132,7 @@ class _Follower:
     def __init__(self, markers: MarkerSet, camera: Camera, options: FollowOptions) -> None:
         self._markers, self._camera, self._options = markers, camera, options
         self._state: TrackState | None = None
-        self._look: Frame | None = None  # blur and noise of the last image
+        self._known: Known | None = None  # blur and noise of the last image
         self._radius: tuple[float, ...] | None = options.radius_px
         self._last: tuple[int, float] = (0, np.nan)  # markers and their radius in the last good image
 
@@ -194,9 +193,9 @@ class _Follower:
         if not len(expected):
             return None
         reach, options = max(reach, LEAST_PX), self._options
-        found = look(
-            image, expected, search_px=reach, polarity=options.polarity, photometry=options.photometry,
-            frame=self._look, mask=options.mask,
+        found, known = look_again(
+            image, expected, expected.row, len(self._markers), self._known, search_px=reach,
+            polarity=options.polarity, photometry=options.photometry, mask=options.mask,
         )  # fmt: skip
         spots = found.detections
         if len(spots) < FEWER * self._last[0]:
@@ -204,7 +203,7 @@ class _Follower:
         answer = self._track(state, spots, dt, area=(2 * reach + 1) ** 2)
         if not isinstance(answer[0], Registration) or len(answer[0].matching) < FEWER * self._last[0]:
             return None
-        self._look = found.frame
+        self._known = known
         return spots, answer
 
     def _everything(self, image: Image) -> Detections | None:

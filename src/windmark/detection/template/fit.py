@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.detection.pairs import close_pairs
 from windmark.detection.template.crlb import window_radius
 
 Array = NDArray[np.float64]
@@ -63,6 +64,8 @@ class Request:
     scale : (K,) noise for Tukey's weights, inf for least squares
     states : (K, 10) states to start from, relative to `xy`; NaN where the start is taken from the image's moments
     window : (K,) radius of the windows, None for what disc and blur need
+    colour : (K, 2, 2) what the noise's correlation does to the covariances, as `TemplateFits.colour` had it in a frame
+        before: taken as it is. NaN: computed; None: of all
     """
 
     xy: Array
@@ -73,6 +76,7 @@ class Request:
     scale: Array
     states: Array
     window: Array | None = None
+    colour: Array | None = None
 
     def take(self, index: Ints | Flags) -> Request:
         """The markers of an index."""
@@ -170,29 +174,56 @@ def _fit_batch(scene: Scene, request: Request, others: Neighbours, index: Ints, 
     from windmark.detection.template._kernels.fit import fit_discs
 
     done, start, patches, weights = windows(scene, request, others, half)
+    starts, *known = _start(scene, request, done, start)
+    out = np.zeros((len(index), 4 if images else 0, *patches.shape[1:]))
+    fit_discs(patches, weights, starts, done.states, *known, done.table, done.params, done.cov, out)
+    done.states[:, :2] -= start
+    return Batch(index, done, out, np.isfinite(request.scale))
+
+
+def fit_at_once(scene: Scene, request: Request, others: Neighbours) -> Fitted:
+    """The fits of `fit_batches` without images, in the order of the request, by one kernel for all sizes."""
+    from windmark.detection.template._kernels.fit import cut_and_fit
+
+    done, start = _unfitted(request)
+    starts, *known = _start(scene, request, done, start)
+    reach, share = request.reach(), np.empty((len(start), 2))
+    cut_and_fit(
+        *scene.pixels(), done.pixel, np.ceil(reach + 0.5).astype(np.int64), starts, reach, others.xy, others.radius,
+        others.margin, others.index, done.states, *known, share, done.table, done.params, done.cov,
+    )  # fmt: skip
+    done.usable[:], done.saturated[:] = share.T
+    done.states[:, :2] -= start
+    return done
+
+
+def _start(
+    scene: Scene, request: Request, done: Fitted, start: Array
+) -> tuple[Array, Array, Array, Flags, Array, float]:
+    """What the kernels start from: places, radii and blurs (K, 4), priors, their stiffness, what is held, Tukey's cut,
+    1 where paint multiplies the light; `done.states` become relative to the pixels.
+    """
     priors, stiff, fixed = _priors(request)
     done.states[:, :2] += start
     if request.shape is not None:
         done.states[:, 2:6] = priors[:, 2:6]
-    cut = 1.0 / (TUKEY * request.scale) ** 2
     starts = np.column_stack([start, request.radius, request.blur])
-    out = np.zeros((len(index), 4 if images else 0, *patches.shape[1:]))
-    fit_discs(
-        patches, weights, starts, done.states, priors, stiff, fixed, cut, float(scene.multiplicative), done.table,
-        done.params, done.cov, out,
-    )  # fmt: skip
-    done.states[:, :2] -= start
-    return Batch(index, done, out, np.isfinite(request.scale))
+    return starts, priors, stiff, fixed, 1.0 / (TUKEY * request.scale) ** 2, float(scene.multiplicative)
+
+
+def _unfitted(request: Request) -> tuple[Fitted, Array]:
+    """Columns to be filled, and the places (K, 2) in the patches."""
+    done = replace(
+        Fitted.empty(len(request.xy)), pixel=np.rint(request.xy).astype(np.int64), states=request.states.copy()
+    )
+    return done, request.xy - done.pixel
 
 
 def windows(scene: Scene, request: Request, others: Neighbours, half: int) -> tuple[Fitted, Array, Array, Array]:
     """What a fit starts from: columns to be filled, places (K, 2) in the patches, patches and weights (K, S, S)."""
     from windmark.detection.template._kernels.cut import cut_windows
 
-    done = replace(
-        Fitted.empty(len(request.xy)), pixel=np.rint(request.xy).astype(np.int64), states=request.states.copy()
-    )
-    start = request.xy - done.pixel
+    done, start = _unfitted(request)
     size = 2 * half + 1
     patches, weights = np.empty((len(start), size, size)), np.empty((len(start), size, size))
     share = np.empty((len(start), 2))
@@ -255,9 +286,7 @@ class Neighbours:
         count, margin = len(xy), 3.0 * request.blur + 0.5
         if count < 2:
             return Neighbours(xy, radius, np.empty((count, 0), np.int64), margin)
-        from scipy.spatial import cKDTree
-
-        pairs = cKDTree(xy).query_pairs(float((reach + (radius + margin).max()).max()), output_type="ndarray")
+        pairs = close_pairs(xy, float((reach + (radius + margin).max()).max()))
         if not len(pairs):
             return Neighbours(xy, radius, np.empty((count, 0), np.int64), margin)
         pairs = np.concatenate([pairs, pairs[:, ::-1]])

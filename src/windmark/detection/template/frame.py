@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.detection.quantile import weighted_quantile
+from windmark.detection.template.colour import coloured
 from windmark.detection.template.crlb import window_radius
 from windmark.detection.template.disc_model import patch_model
 from windmark.detection.template.fit import WINDOW_BLURS, Batch, Fitted, Neighbours, Request, Scene
@@ -198,15 +199,14 @@ def _learn_noise(scene: Scene, batches: list[Batch], clean: Bools) -> FrameNoise
 def fit_markers(scene: Scene, request: Request, frame: Frame, *, robust: bool) -> TemplateFits:
     """Fit all markers with what is known of the frame; contaminated ones again with weights."""
     others = Neighbours.find(request)
-    coloured = frame.noise is not None and not frame.noise.is_white
-    done, batches = fit_all(scene, request, others, images=coloured)
-    cov, expected = trust(frame.noise, done, batches)
+    images = frame.noise is not None and not frame.noise.is_white
+    done, cov, expected = _first_fits(scene, request, others, frame.noise, images)
     radius = request.radius
     if request.shape is None and request.window is None:
         request, index = _widened(request, done)
         if index.size:
             others = Neighbours.find(request)
-            wider, batches = fit_all(scene, request.take(index), others.take(index), images=coloured)
+            wider, batches = fit_all(scene, request.take(index), others.take(index), images=images)
             done.put(index, wider)
             cov[index], expected[index] = trust(frame.noise, wider, batches)
     with np.errstate(invalid="ignore"):
@@ -234,6 +234,23 @@ def fit_markers(scene: Scene, request: Request, frame: Frame, *, robust: bool) -
             cov[index[better]] = trusted[better]
             crossed[index[better]] = with_stroke[better]
     return columns(scene, request.xy, done, cov=cov, chi2=chi2, flags=flags, crossed=crossed, frame=frame)
+
+
+def _first_fits(
+    scene: Scene, request: Request, others: Neighbours, noise: FrameNoise | None, images: bool
+) -> tuple[Fitted, Array, Array]:
+    """Fits, covariances of their centres and expected residual variances; by images where no colour is known."""
+    if not images or request.colour is None:
+        done, batches = fit_all(scene, request, others, images=images)
+        return done, *trust(noise, done, batches)
+    assert noise is not None
+    done, _ = fit_all(scene, request, others, images=False)
+    cov = coloured(done.cov[:, :2, :2], request.colour)
+    unknown = np.flatnonzero(~np.isfinite(request.colour).all(axis=(1, 2)))
+    if unknown.size:
+        again, batches = fit_all(scene, request.take(unknown), others.take(unknown), images=True)
+        cov[unknown] = trust(noise, again, batches)[0]
+    return done, cov, noise.variance(level(done.params))
 
 
 def _widened(request: Request, done: Fitted) -> tuple[Request, Ints]:

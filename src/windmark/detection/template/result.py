@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from windmark.detection.template.colour import colour_of
 from windmark.detection.template.fit import Fitted, Scene
 from windmark.detection.template.noise import FrameNoise
 
@@ -55,6 +56,7 @@ class TemplateFits:
     slope : (M, 2) of the background: relative per pixel if multiplicative, else grey levels per pixel
     noise : (M,) standard deviation of the residuals, grey levels
     chi2 : (M,) residual variance over the one expected in this frame, about 1; NaN where the frame's noise is unknown
+    colour : (M, 2, 2) what the correlation of the frame's noise did to cov, see `template.colour`
     correlation : (M,) of the disc with the window, both without their slope: 1 is a perfect disc, 0 none
     iterations : (M,) evaluations of the model
     converged : (M,)
@@ -75,6 +77,7 @@ class TemplateFits:
     slope: Array
     noise: Array
     chi2: Array
+    colour: Array
     correlation: Array
     iterations: Ints
     converged: Bools
@@ -104,8 +107,8 @@ class TemplateFits:
 
 
 def columns(
-    scene: Scene, start: Array, done: Fitted, *, cov: Array, chi2: Array, flags: Ints, crossed: Bools, frame: Frame
-) -> TemplateFits:
+    scene: Scene, start: Array, done: Fitted, *, cov: Array, chi2: Array, flags: Ints, crossed: Bools, frame: Frame,
+) -> TemplateFits:  # fmt: skip
     """Fits as they are reported; `flags` are those that the caller knows of."""
     p = done.params
     fitted = (done.column("status") >= 0) & np.isfinite(cov).all(axis=(1, 2)) & np.isfinite(p).all(axis=1)
@@ -141,6 +144,7 @@ def columns(
         slope=slope,
         noise=np.sqrt(done.column("noise2")),
         chi2=chi2,
+        colour=colour_of(cov, done.cov[:, :2, :2]),
         correlation=correlation,
         iterations=done.column("evaluations").astype(np.int64),
         converged=converged,

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.detection.template.fit import TUKEY, Batch, Fitted, Neighbours, Request, Scene, fit_batches
+from windmark.detection.quantile import median, quantile
+from windmark.detection.template.fit import TUKEY, Batch, Fitted, Neighbours, Request, Scene, fit_at_once, fit_batches
 from windmark.detection.template.noise import FrameNoise
 from windmark.detection.template.stroke import fit_strokes
 
@@ -22,7 +23,9 @@ UNUSUAL = 3.2  # the same, in robust standard deviations of the logarithm over t
 
 
 def fit_all(scene: Scene, request: Request, others: Neighbours, *, images: bool) -> tuple[Fitted, list[Batch]]:
-    """Fits in the order of the request, and their batches."""
+    """Fits in the order of the request, and their batches; no batches where images are not wanted."""
+    if not images:
+        return fit_at_once(scene, request, others), []
     batches = fit_batches(scene, request, others, images=images)
     if len(batches) == 1:
         return batches[0].fitted, batches
@@ -66,10 +69,9 @@ def contaminated(chi2: Array, done: Fitted, expected: Array, flags: Ints) -> Boo
     usual = np.isfinite(chi2) & (flags == 0) & (done.column("status") == 1)
     if usual.sum() >= 4 * CLEAN:
         logs = np.log(chi2[usual])
-        limit = max(limit, float(np.exp(np.median(logs) + UNUSUAL * scatter(logs))))
+        limit = max(limit, float(np.exp(median(logs) + UNUSUAL * scatter(logs))))
         best = np.flatnonzero(usual)[:BEST]
-        of_chi2, of_far = np.quantile(np.stack([chi2[best], far[best]]), TOLERATED, axis=1).tolist()
-        limit, farthest = max(limit, of_chi2), max(FAR, of_far)
+        limit, farthest = max(limit, quantile(chi2[best], TOLERATED)), max(FAR, quantile(far[best], TOLERATED))
     return np.asarray((chi2 > limit) | (far > farthest))
 
 
@@ -78,7 +80,7 @@ def median_contrast(done: Fitted, worse: Bools) -> float:
     with np.errstate(divide="ignore", invalid="ignore"):
         contrast = done.params[:, 6] / np.abs(done.params[:, 7])
     good = ~worse & (done.column("status") == 1) & np.isfinite(contrast)
-    return float(np.median(contrast[good])) if good.any() else 0.5
+    return median(contrast[good]) if good.any() else 0.5
 
 
 def decontaminated(
@@ -140,4 +142,4 @@ def _narrowed(
 
 def scatter(values: Array) -> float:
     """Robust standard deviation."""
-    return float(1.4826 * np.median(np.abs(values - np.median(values))))
+    return 1.4826 * median(np.abs(values - median(values)))

@@ -131,7 +131,7 @@ class _Follower:
             return answer.reason
         if (wrong := _implausible(answer)) is not None:
             return wrong
-        error = {n: self._error(n, spots, answer, expected, placed) for n, spots in labelled.items()}
+        error = {n: min(s.off_px, MOST_PX / SIGMAS) for n, s in labelled.items()}
         if count < usual and SIGMAS * max(error.values()) > LEAST_PX:
             # The prediction was poor: markers may have been out of reach.
             again = self._settled(images, labelled, answer)
@@ -229,16 +229,6 @@ class _Follower:
         velocity = velocity_of(before, state, instant)
         kept = {n: s for n, s in (before.labelled if before else {}).items() if n not in labelled}
         self._memory = Memory(state, instant, velocity, errors, {**kept, **labelled})
-
-    def _error(self, name: str, spots: Labelled, state: Deformation, expected: Deformation, placed: MarkerSet) -> float:
-        """How far the spots were from where they were expected, root mean square per coordinate."""
-        if not len(spots.marker):
-            return MOST_PX / SIGMAS
-        pose = expected.cam_from_tunnel.get(name, self._test.station(name).cam_from_tunnel)
-        camera = state.cameras.get(name, _camera(self._test, name))
-        xy, valid = camera.project(pose.apply(placed.xyz[spots.marker]))
-        off = (xy - spots.xy)[valid]
-        return float(np.sqrt((off**2).mean())) if len(off) else MOST_PX / SIGMAS
 
 
 def identified_again(frame: DeformedFrame, test: DeformationTest) -> DeformedFrame:

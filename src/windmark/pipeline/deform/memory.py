@@ -61,7 +61,8 @@ def velocity_of(before: Memory | None, state: Deformation, instant: float) -> di
         "motion": (state.tunnel_from_model @ before.state.tunnel_from_model.inverse()).log() / dt,
     }
     for name, pose in state.cam_from_tunnel.items():
-        if name in before.state.cam_from_tunnel:
-            now[f"pose {name}"] = (pose @ before.state.cam_from_tunnel[name].inverse()).log() / dt
+        old_pose = before.state.cam_from_tunnel.get(name)
+        if old_pose is not None and old_pose is not pose:  # one that stands still is the same object
+            now[f"pose {name}"] = (pose @ old_pose.inverse()).log() / dt
     old = before.velocity
     return {n: v if n not in old else KEEP * v + (1 - KEEP) * old[n] for n, v in now.items()}

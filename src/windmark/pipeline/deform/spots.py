@@ -11,17 +11,19 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from windmark import detection, io
-from windmark.detection.template.result import CONTAMINATED, Frame
+from windmark.detection.pairs import nearest
+from windmark.detection.quantile import median
+from windmark.detection.template.result import CONTAMINATED
 from windmark.geometry import Camera, Pose
 from windmark.pipeline.deform.task import DeformationTest, Image, Station
-from windmark.pipeline.predictions import Predictions, from_camera, look
+from windmark.pipeline.predictions import Known, Predictions, from_camera, look_again
 from windmark.registration import Registration, register
 from windmark.scene import Detections, MarkerSet
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-LEAST_PX, MOST_PX = 1.5, 12.0
+LEAST_PX, MOST_PX = 1.0, 12.0
 """Markers are looked for at least and at most so far from where they are expected."""
 APART = 0.45
 """... and never farther than this part of the distance to the nearest other marker in the image."""
@@ -42,10 +44,11 @@ class Labelled:
     axes_px, angle : (n, 2), (n,) ellipses as they were fitted
     by_table : (n, 3) half axes and direction as marker table and pose have them; NaN where unknown
     expected : how many markers could be seen
-    frame : blur and noise, for the next image; None if unknown
+    known : what is known of the image, for the next one; None for nothing
     radius_px : median radius of the spots
     reason : why there are none
     pose : where the search put the camera (cold only)
+    off_px : how far the spots were from where they were expected, root mean square per coordinate; inf if unknown
     """
 
     marker: Ints
@@ -55,10 +58,11 @@ class Labelled:
     angle: Array
     by_table: Array
     expected: int = 0
-    frame: Frame | None = None
+    known: Known | None = None
     radius_px: float = np.nan
     reason: str = ""
     pose: Pose | None = None
+    off_px: float = np.inf
 
     @staticmethod
     def none(reason: str) -> Labelled:
@@ -107,25 +111,25 @@ def near(
     expected = from_camera(camera, pose, seen, radius)
     if not len(expected):
         return Labelled.none("no marker faces the camera")
-    row = {str(n): int(k) for k, n in zip(known, seen.name, strict=True)}
-    which = np.array([row[n] for n in expected.name], np.int64)
+    which = known[expected.row]
     by_table = np.column_stack([expected.axes_px, expected.angle])
     expected = _as_seen(expected, which, before)
-    apart = cKDTree(expected.xy).query(expected.xy, k=2)[0][:, 1].min() if len(expected) > 1 else np.inf
+    apart = nearest(expected.xy)
     reach = float(np.clip(SIGMAS * error_px, LEAST_PX, min(MOST_PX, max(APART * apart, LEAST_PX))))
-    known_frame = None if before is None else before.frame
-    found = look(
-        image, expected, search_px=reach, polarity=test.look.polarity, photometry=test.look.photometry,
-        frame=known_frame, mask=station.mask, reshape=known_frame is None,
+    told = None if before is None else before.known
+    found, told = look_again(
+        image, expected, which, len(placed), told, search_px=reach, polarity=test.look.polarity,
+        photometry=test.look.photometry, mask=station.mask, reshape=told is None,
     )  # fmt: skip
     good = np.flatnonzero(found.found)
-    size = float(np.median(np.sqrt(found.axes_px[good].prod(axis=1)))) if len(good) else np.nan
+    size = median(np.sqrt(found.axes_px[good].prod(axis=1))) if len(good) else np.nan
+    off = float(np.sqrt(((found.xy[good] - expected.xy[good]) ** 2).mean())) if len(good) else np.inf
     why = "" if len(good) else "no marker near its expected place"
     # What is flagged as contaminated keeps its place with as much doubt as its residuals say.
     doubt = np.where((found.flags[good] & CONTAMINATED) > 0, np.fmax(found.chi2[good], 1.0), 1.0)
     return Labelled(
         which[good], found.xy[good], found.cov[good] * doubt[:, None, None], found.axes_px[good], found.angle[good],
-        by_table[good], len(expected), found.frame, size, why,
+        by_table[good], len(expected), told, size, why, off_px=off,
     )  # fmt: skip
 
 

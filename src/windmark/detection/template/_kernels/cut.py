@@ -66,30 +66,41 @@ def cut_windows(
     `radii`, `margin` (N,) are all markers, `others` (K, L) indices into them, -1 for none. `share` (K, 2): of the
     disc's pixels that are known and not saturated those that could be used; of the window's those that are saturated.
     """
-    size = patches.shape[1]
-    kind = np.empty((size, size), np.uint8)
+    kind = np.empty(patches.shape[1:], np.uint8)
     for k in range(len(pixel)):
-        patch, weight = patches[k], weights[k]
-        x0, y0 = pixel[k, 0] - size // 2, pixel[k, 1] - size // 2
-        cut_patch(image, usable, sign, saturation, x0, y0, patch, weight, kind)
-        cx, cy = start[k, 0] + size // 2, start[k, 1] + size // 2
-        reach2, disc2 = reach[k] ** 2, (radius[k] + blur[k]) ** 2
-        disc = used = seen = over = 0
-        for j in range(size):
-            for i in range(size):
-                d2 = (i - cx) ** 2 + (j - cy) ** 2
-                within, good = d2 <= reach2, d2 <= disc2 and kind[j, i] == KNOWN
-                weight[j, i] = weight[j, i] if within else 0.0
-                disc += good
-                used += good and weight[j, i] > 0.0
-                seen += within and kind[j, i] != UNKNOWN
-                over += within and kind[j, i] == SATURATED
-        share[k, 0], share[k, 1] = used / max(disc, 1), over / max(seen, 1)
-        for n in others[k]:
-            if n >= 0:
-                near_x, near_y = xy[n, 0] - x0, xy[n, 1] - y0
-                for j in range(size):
-                    for i in range(size):
-                        rim = math.hypot(i - near_x, j - near_y) - radii[n]
-                        if rim < margin[n] and rim < math.hypot(i - cx, j - cy) - radius[k]:
-                            weight[j, i] = 0.0
+        share[k, 0], share[k, 1] = cut_window(
+            image, usable, sign, saturation, pixel[k], start[k], radius[k], blur[k], reach[k], xy, radii, margin,
+            others[k], patches[k], weights[k], kind,
+        )  # fmt: skip
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def cut_window(
+    image: Any, usable: Any, sign: float, saturation: float, pixel: Any, start: Any, radius: float, blur: float,
+    reach: float, xy: Any, radii: Any, margin: Any, others: Any, patch: Any, weight: Any, kind: Any,
+) -> tuple[float, float]:  # fmt: skip
+    """One of `cut_windows`: patch, weights (S, S), and the two shares; `kind` (S, S) is scratch."""
+    size = patch.shape[0]
+    x0, y0 = pixel[0] - size // 2, pixel[1] - size // 2
+    cut_patch(image, usable, sign, saturation, x0, y0, patch, weight, kind)
+    cx, cy = start[0] + size // 2, start[1] + size // 2
+    reach2, disc2 = reach**2, (radius + blur) ** 2
+    disc = used = seen = over = 0
+    for j in range(size):
+        for i in range(size):
+            d2 = (i - cx) ** 2 + (j - cy) ** 2
+            within, good = d2 <= reach2, d2 <= disc2 and kind[j, i] == KNOWN
+            weight[j, i] = weight[j, i] if within else 0.0
+            disc += good
+            used += good and weight[j, i] > 0.0
+            seen += within and kind[j, i] != UNKNOWN
+            over += within and kind[j, i] == SATURATED
+    for n in others:
+        if n >= 0:
+            near_x, near_y = xy[n, 0] - x0, xy[n, 1] - y0
+            for j in range(size):
+                for i in range(size):
+                    rim = math.hypot(i - near_x, j - near_y) - radii[n]
+                    if rim < margin[n] and rim < math.hypot(i - cx, j - cy) - radius:
+                        weight[j, i] = 0.0
+    return used / max(disc, 1), over / max(seen, 1)

@@ -12,7 +12,9 @@ import numpy as np
 
 from windmark.detection.template._kernels.algebra import congruence, inverse, normal_equations, quadratic, solve
 from windmark.detection.template._kernels.centre import center_map, influences, signal
-from windmark.detection.template._kernels.model import evaluate, points_needed
+from windmark.detection.template._kernels.cut import cut_window
+from windmark.detection.template._kernels.held import held_sums, pixel_table
+from windmark.detection.template._kernels.model import SHAPE, compare, disc_sums, points_needed
 from windmark.detection.template._kernels.state import advance, at_bound, moments, shape_of
 from windmark.geometry._jit import nb
 
@@ -31,13 +33,13 @@ FITS = ("cost", "noise2", "evaluations", "status", "pixels", "largest", "signal"
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def fit_disc(
     patch: Any, weight: Any, u: Any, prior: Any, stiff: Any, fixed: Any, cut: float, multiplicative: float, n: float,
-    jac: Any, res: Any, table: Any, matrix: Any, work: Any, t: Any, vectors: Any, held: Any,
+    jac: Any, res: Any, table: Any, matrix: Any, work: Any, t: Any, vectors: Any, held: Any, edges: Any,
 ) -> tuple[float, float, int, int]:  # fmt: skip
     """Levenberg-Marquardt from the state `u` (overwritten), with the prior (u - prior)^2 stiff in units of the noise.
 
     Returns (cost, noise variance, evaluations, status): 1 converged, 0 not, -1 too few pixels or singular. `n`
     degrees of freedom. `jac`, `res` are left as of the last evaluation, `matrix` as the normal matrix of u with the
-    prior.
+    prior. `edges` of `pixel_table` where the shape is held, with its blur.
     """
     p, rhs, step, trial, row = vectors[0], vectors[1], vectors[2], vectors[3], vectors[4]
     status, evaluations, points, damping, least, noise2, last = 0, 0, 0, 1e-2, 0.0, 0.0, False
@@ -54,7 +56,11 @@ def fit_disc(
         need, before = points_needed(p), points
         if not need <= points <= 1.3 * need + 8.0:
             points = need + need // 10
-        new = evaluate(patch, weight, p, points, not fixed[2], cut, multiplicative, table, jac, res)
+        if fixed[2]:
+            held_sums(p, points, edges, jac)
+        else:
+            disc_sums(p, points, SHAPE, table, jac)
+        new = compare(patch, weight, p, not fixed[2], cut, multiplicative, table, jac, res)
         fresh = evaluations == 1
         if not fresh:
             change, predicted = new - cost, quadratic(matrix, trial, u)
@@ -120,36 +126,84 @@ def fit_discs(
     does to the centre's x and y, the residual, and the model's image; 0 where the pixel has no weight.
     """
     size = patches.shape[1]
-    jac, res, table, t = np.empty((10, size, size)), np.empty((size, size)), np.empty((8, size + 6)), np.empty((5, 5))
-    matrix, work, vectors, held = np.empty((10, 10)), np.empty((10, 10)), np.empty((5, 10)), np.empty(10, np.bool_)
-    back, rows, centre = np.empty((5, 5)), np.empty((2, 10)), np.empty((2, 1))
-    for k in range(patches.shape[0]):
-        patch, weight, u = patches[k], weights[k], states[k]
-        pixels = 0.0
-        for j in range(size):
-            for i in range(size):
-                pixels += weight[j, i]
-        if not math.isfinite(u[0]):
-            moments(patch, weight, starts[k], u)
-        cost, noise2, evaluations, status = fit_disc(
-            patch, weight, u, priors[k], stiff[k], fixed, cut[k], multiplicative, pixels - 10.0,
-            jac, res, table, matrix, work, t, vectors, held,
+    space, edges = workspace(size), pixel_table(starts[0, 3] if len(starts) else 1.0)
+    for k in range(len(patches)):
+        if fixed[2] and k > 0 and starts[k, 3] != starts[k - 1, 3]:
+            edges = pixel_table(starts[k, 3])
+        fit_window(
+            patches[k], weights[k], starts[k], states[k], priors[k], stiff[k], fixed, cut[k], multiplicative, out[k],
+            params[k], cov[k], influence[k], edges, space,
         )  # fmt: skip
-        out[k, 0], out[k, 1], out[k, 2], out[k, 3], out[k, 4] = cost, noise2, evaluations, status, pixels
-        shape_of(u, params[k], t)
-        inverse(matrix, held, noise2 if status >= 0 else math.nan, work, vectors[1], vectors[2], cov[k])
-        out[k, 6] = signal(u, matrix, held, work, vectors[1], vectors[2]) if status >= 0 else math.nan
-        for i in range(5):
-            for m in range(5):
-                back[i, m] = t[m, i]
-        congruence(cov[k], back, vectors[4])
-        center_map(params[k], multiplicative, centre, cov[k], rows)
-        largest, rejected = 0.0, 0
-        for j in range(size):
-            for i in range(size):
-                largest = max(largest, abs(res[j, i]))
-                rejected += weight[j, i] > 0.0 and jac[7, j, i] == 0.0
-        out[k, 5], out[k, 7] = largest, rejected
-        if influence.shape[1] > 0:
-            influences(patch, params[k], multiplicative, jac, res, rows, noise2, influence[k])
-        params[k, 0], params[k, 1] = params[k, 0] + centre[0, 0], params[k, 1] + centre[1, 0]
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def cut_and_fit(
+    image: Any, usable: Any, sign: float, saturation: float, pixel: Any, half: Any, starts: Any, reach: Any, xy: Any,
+    radii: Any, margin: Any, others: Any, states: Any, priors: Any, stiff: Any, fixed: Any, cut: Any,
+    multiplicative: float, share: Any, out: Any, params: Any, cov: Any,
+) -> None:  # fmt: skip
+    """`cut_windows` and `fit_discs` in one go, without images: windows of radii `half` (K,) round the pixels (K, 2)."""
+    size, none = 0, np.empty((0, 1, 1))
+    edges = pixel_table(starts[0, 3] if len(starts) else 1.0)
+    for k in range(len(pixel)):
+        if 2 * half[k] + 1 != size:
+            size = 2 * half[k] + 1
+            space, patch, weight = workspace(size), np.empty((size, size)), np.empty((size, size))
+            kind = np.empty((size, size), np.uint8)
+        if fixed[2] and k > 0 and starts[k, 3] != starts[k - 1, 3]:
+            edges = pixel_table(starts[k, 3])
+        share[k, 0], share[k, 1] = cut_window(
+            image, usable, sign, saturation, pixel[k], starts[k], starts[k, 2], starts[k, 3], reach[k], xy, radii,
+            margin, others[k], patch, weight, kind,
+        )  # fmt: skip
+        fit_window(
+            patch, weight, starts[k], states[k], priors[k], stiff[k], fixed, cut[k], multiplicative, out[k], params[k],
+            cov[k], none, edges, space,
+        )  # fmt: skip
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def workspace(size: int) -> Any:
+    """Scratch of `fit_window` for patches (S, S); the derivatives by what is held stay zero."""
+    return (
+        np.zeros((10, size, size)), np.empty((size, size)), np.empty((8, size + 6)), np.empty((10, 10)),
+        np.empty((10, 10)), np.empty((5, 5)), np.empty((5, 10)), np.empty(10, np.bool_), np.empty((5, 5)),
+        np.empty((2, 10)), np.empty((2, 1)),
+    )  # fmt: skip
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def fit_window(
+    patch: Any, weight: Any, start: Any, u: Any, prior: Any, stiff: Any, fixed: Any, cut: float, multiplicative: float,
+    out: Any, p: Any, cov: Any, influence: Any, edges: Any, space: Any,
+) -> None:  # fmt: skip
+    """One of `fit_discs`; `edges` of `pixel_table` for the blur of `start`."""
+    jac, res, table, matrix, work, t, vectors, held, back, rows, centre = space
+    size, pixels = patch.shape[0], 0.0
+    for j in range(size):
+        for i in range(size):
+            pixels += weight[j, i]
+    if not math.isfinite(u[0]):
+        moments(patch, weight, start, u)
+    cost, noise2, evaluations, status = fit_disc(
+        patch, weight, u, prior, stiff, fixed, cut, multiplicative, pixels - 10.0,
+        jac, res, table, matrix, work, t, vectors, held, edges,
+    )  # fmt: skip
+    out[0], out[1], out[2], out[3], out[4] = cost, noise2, evaluations, status, pixels
+    shape_of(u, p, t)
+    inverse(matrix, held, noise2 if status >= 0 else math.nan, work, vectors[1], vectors[2], cov)
+    out[6] = signal(u, matrix, held, work, vectors[1], vectors[2]) if status >= 0 else math.nan
+    for i in range(5):
+        for m in range(5):
+            back[i, m] = t[m, i]
+    congruence(cov, back, vectors[4])
+    center_map(p, multiplicative, centre, cov, rows)
+    largest, rejected = 0.0, 0
+    for j in range(size):
+        for i in range(size):
+            largest = max(largest, abs(res[j, i]))
+            rejected += weight[j, i] > 0.0 and jac[7, j, i] == 0.0
+    out[5], out[7] = largest, rejected
+    if influence.shape[0] > 0:
+        influences(patch, p, multiplicative, jac, res, rows, noise2, influence)
+    p[0], p[1] = p[0] + centre[0, 0], p[1] + centre[1, 0]

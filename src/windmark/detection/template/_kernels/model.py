@@ -22,7 +22,7 @@ import numpy as np
 from windmark.geometry._jit import nb
 
 CUT = 4.25  # standard deviations after which a Gaussian is over: 2e-5 of its mass; a multiple of 1/32
-IMAGE, CENTRE, SHAPE = 0, 1, 2  # what `disc_sums` makes: the image, derivatives by the centre too, and by the shape
+CENTRE, SHAPE = 0, 1  # what `disc_sums` makes beside the image: derivatives by the centre, and by the shape
 POINTS, MIN_POINTS = 4.2, 8.0  # points on the ellipse: MIN_POINTS + POINTS * half axis / blur
 
 _STEP = 1.0 / 32.0
@@ -60,8 +60,8 @@ def points_needed(p: Any) -> int:
 def disc_sums(p: Any, points: int, what: int, table: Any, g: Any) -> None:
     """Derivatives by the unknowns 0 ... 5 and the disc image itself into g[0:7]; g is (10, S, S), g[7] is scratch.
 
-    `points` on the ellipse; `what` is `IMAGE`, `CENTRE` (unknowns 0 and 1) or `SHAPE` (0 ... 5): other derivatives
-    are 0; `table` is scratch of shape (8, S + 6).
+    `points` on the ellipse; `what` is `CENTRE` (unknowns 0 and 1) or `SHAPE` (0 ... 5): other derivatives are 0;
+    `table` is scratch of shape (8, S + 6).
     """
     size = g.shape[1]
     cx, cy, a, b, d, sigma = p[0] + size // 2, p[1] + size // 2, p[2], p[3], p[4], p[5]
@@ -93,11 +93,10 @@ def disc_sums(p: Any, points: int, what: int, table: Any, g: Any) -> None:
             w2, w3, w4 = qv * co, qv * si - qu * co, -qu * si
             for i in range(many):
                 g[6, row, left + i] += ax[i] * qv
-            if what >= CENTRE:
-                for i in range(many):
-                    g[0, row, left + i] += kx[i] * qv
-                for i in range(many):
-                    g[1, row, left + i] -= kx[i] * qu
+            for i in range(many):
+                g[0, row, left + i] += kx[i] * qv
+            for i in range(many):
+                g[1, row, left + i] -= kx[i] * qu
             if what == SHAPE:
                 for i in range(many):
                     g[2, row, left + i] += kx[i] * w2
@@ -117,7 +116,7 @@ def disc_sums(p: Any, points: int, what: int, table: Any, g: Any) -> None:
             g[6, j, i] += inside
 
 
-@nb.njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
+@nb.njit(cache=True, nogil=True, error_model="numpy")
 def evaluate(
     patch: Any, weight: Any, p: Any, points: int, shape: bool, cut: float, multiplicative: float, table: Any, jac: Any,
     res: Any,
@@ -128,6 +127,14 @@ def evaluate(
     (3 cut).
     """
     disc_sums(p, points, SHAPE if shape else CENTRE, table, jac)
+    return compare(patch, weight, p, shape, cut, multiplicative, table, jac, res)
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
+def compare(
+    patch: Any, weight: Any, p: Any, shape: bool, cut: float, multiplicative: float, table: Any, jac: Any, res: Any
+) -> float:
+    """The rest of `evaluate`: `jac` comes as `disc_sums` leaves it."""
     half, d, b, qx, qy, cost = res.shape[0] // 2, p[6], p[7], p[8], p[9], 0.0
     additive, spread = 1.0 - multiplicative, multiplicative * d * (p[5] * p[5] + 1.0 / 12.0)
     center_light = max(1.0 + multiplicative * (qx * p[0] + qy * p[1]), 0.05)

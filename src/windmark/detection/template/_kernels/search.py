@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from windmark.detection.template._kernels.model import IMAGE, disc_sums, points_needed
+from windmark.detection.template._kernels.held import held_sums, pixel_table
+from windmark.detection.template._kernels.model import points_needed
 from windmark.geometry._jit import nb
 
 FOUND = ("x", "y", "correlation", "depth", "background", "usable", "misfit")  # columns of `search_discs`
@@ -79,10 +80,13 @@ def cut_whole(image: Any, sign: float, saturation: float, x0: int, y0: int, patc
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def templates(
-    p: Any, reach: float, table: Any, g: Any, inside: Any, disc: Any, flat: Any
+    p: Any, reach: float, edges: Any, g: Any, inside: Any, disc: Any, flat: Any
 ) -> tuple[float, float, float, float]:
-    """Window, disc image, disc image less its plane (S, S); square sum of the last, pixels, sum of x^2, disc's mean."""
-    disc_sums(p, points_needed(p), IMAGE, table, g)
+    """Window, disc image, disc image less its plane (S, S); square sum of the last, pixels, sum of x^2, disc's mean.
+
+    `edges` of `pixel_table` for the disc's blur.
+    """
+    held_sums(p, points_needed(p), edges, g)
     half, n, xx, t0, tx, ty, tt = disc.shape[0] // 2, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for j in range(disc.shape[0]):
         for i in range(disc.shape[0]):
@@ -202,11 +206,12 @@ def search_discs(
 ) -> None:
     """Best place of each disc within +-search pixels: rows of `FOUND`, positions relative to the pixel.
 
-    `usable` (H, W) or (0, 0); `pixel` (M, 2); `discs` (M, 6) as in `disc_sums`, centred on the pixel, so that equal
+    `usable` (H, W) or (0, 0); `pixel` (M, 2); `discs` (M, 6) as in `held_sums`, centred on the pixel, so that equal
     discs share their template. The best window has the largest correlation; a parabola through its neighbours places it
     within the pixel.
     """
     steps, size = 2 * search + 1, 0
+    edges = pixel_table(discs[0, 5] if len(discs) else 1.0)
     rho = np.empty((steps, steps))
     for k in range(len(pixel)):
         half = int(math.ceil(reach[k]))
@@ -214,13 +219,15 @@ def search_discs(
         if fresh:
             size = 2 * half + 1
             stride, side = size + BLOCK - 1, size + 2 * search
-            g, table = np.empty((10, size, size)), np.empty((8, size + 6))
+            g = np.empty((10, size, size))
             inside, disc, flat = square_of(size), square_of(size), square_of(size)
             patch, known = square_of(side), square_of(side)
             rows = np.empty((4, -(-size * stride // LANES) * LANES), np.float32)
             strip = np.zeros(side * stride + rows.shape[1], np.float32)
+        if k > 0 and discs[k, 5] != discs[k - 1, 5]:
+            edges = pixel_table(discs[k, 5])
         if fresh or reach[k] != reach[k - 1] or (discs[k] != discs[k - 1]).any():
-            sums = templates(discs[k], reach[k], table, g, inside, disc, flat)
+            sums = templates(discs[k], reach[k], edges, g, inside, disc, flat)
             flattened(inside, flat, stride, rows)
         x0, y0 = pixel[k, 0] - half - search, pixel[k, 1] - half - search
         level, count = cut(image, usable, sign, saturation, x0, y0, patch, known)
@@ -257,7 +264,7 @@ def ring_windows(
 ) -> None:
     """What the disc's window says at the pixels (K, 2): rows of `WINDOW`, NaN where half of its pixels are missing."""
     size = 2 * int(math.ceil(reach)) + 1
-    g, table = np.empty((10, size, size)), np.empty((8, size + 6))
+    g = np.empty((10, size, size))
     inside, disc, flat, patch, known = (
         square_of(size),
         square_of(size),
@@ -265,7 +272,7 @@ def ring_windows(
         square_of(size),
         square_of(size),
     )
-    sums = templates(disc_row, reach, table, g, inside, disc, flat)
+    sums = templates(disc_row, reach, pixel_table(disc_row[5]), g, inside, disc, flat)
     for k in range(len(pixel)):
         level, count = cut(
             image, usable, sign, saturation, pixel[k, 0] - size // 2, pixel[k, 1] - size // 2, patch, known

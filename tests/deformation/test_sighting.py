@@ -1,0 +1,42 @@
+"""What a view sees of the points: the kernel beside its readable twin."""
+
+import numpy as np
+import pytest
+
+from windmark.deformation._kernels import see
+from windmark.geometry import Camera, Pose
+from windmark.geometry.rotations import hat
+
+
+def slow(camera, pose, place, by_model, row, xy, first, by_pose, by_focal, residual, jacobian):
+    seen = pose.apply(place[row])
+    found, valid, by_seen = camera.point_jacobian(seen)
+    if not valid.all():
+        return False
+    rows = slice(first, first + 2)
+    residual[row, rows] = found - xy
+    jacobian[row, rows, : by_model.shape[2]] = by_seen @ pose.rotation @ by_model[row]
+    if by_pose >= 0:
+        jacobian[row, rows, by_pose : by_pose + 6] = np.concatenate([-(by_seen @ hat(seen)), by_seen], axis=-1)
+    if by_focal >= 0:
+        jacobian[row, rows, by_focal] = (found - [camera.cx, camera.cy]) / camera.focal_px
+    return True
+
+
+@pytest.mark.parametrize(("by_pose", "by_focal"), [(-1, -1), (5, -1), (-1, 11), (5, 11)])
+def test_the_kernel_is_its_twin(by_pose, by_focal):
+    rng = np.random.default_rng(1)
+    camera = Camera((1280, 800), 1400.0, aspect=1.01, k1=-0.12, k2=0.05, p1=4e-4, p2=-3e-4, tilt_x=0.03, tilt_y=-0.02)
+    pose = Pose.exp([0.2, -0.1, 0.3, 0.1, -0.2, 9.0])
+    place, by_model = rng.uniform(-2, 2, (30, 3)), rng.normal(size=(30, 3, 5))
+    row = rng.permutation(30)[:20]
+    xy = rng.uniform(0, 800, (20, 2))
+    known = row, xy, 2, by_pose, by_focal
+    fast, twin = ((np.zeros((30, 4)), np.zeros((30, 4, 12))) for _ in range(2))
+    assert see(camera.packed(), pose.rotation, pose.translation, place, by_model, *known, *fast)
+    assert slow(camera, pose, place, by_model, *known, *twin)
+    np.testing.assert_allclose(fast[0], twin[0], rtol=1e-12, atol=1e-9)
+    np.testing.assert_allclose(fast[1], twin[1], rtol=1e-9, atol=1e-9)
+    behind = place.copy()
+    behind[row[3], 2] = -50.0
+    assert not see(camera.packed(), pose.rotation, pose.translation, behind, by_model, *known, *fast)
