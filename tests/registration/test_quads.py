@@ -18,6 +18,8 @@ from windmark.registration.search.plane import Plane
 from windmark.registration.search.quads import QuadSearch
 from windmark.registration.task import Task
 
+CHECK = 0.5 * TOLERANCE
+
 
 def plane_of(scene, **more):
     return Plane(Task(scene.markers, scene.camera, scene.detections.xy, scene.detections.cov, 6.0, **more))
@@ -155,13 +157,11 @@ def slow_search(model, picture, gates, table, focal, tried, cells):
     for (a, b, c, d), cell in zip(tried.tolist(), cells.tolist(), strict=True):
         rays = np.column_stack([picture.p[[b, c, d]], np.full(3, focal)])
         for i, j, k, m in table.quad[table.first[cell] : table.first[cell + 1]].tolist():
-            if not screen.fits(
-                model.xyz, i, j, k, m, screen.sight_of(picture.p, a, b, c, d, focal), match.CHECK * TOLERANCE / focal
-            ):
+            if not screen.fits(model.xyz, i, j, k, m, screen.sight_of(picture.p, a, b, c, d, focal), CHECK / focal):
                 continue
             for pose in p3p(rays, model.xyz[[j, k, m]]).poses():
                 anchor = pose.apply(model.xyz[i])
-                if np.linalg.norm(focal * anchor[:2] / anchor[2] - picture.p[a]) >= match.CHECK * TOLERANCE:
+                if np.linalg.norm(focal * anchor[:2] / anchor[2] - picture.p[a]) >= CHECK:
                     continue
                 pairs = slow_neighbourhood(
                     model, picture, pose.rotation, pose.translation, focal, (i, j, k), (a, b, c)
@@ -179,7 +179,7 @@ def test_search_grows_what_its_slow_twin_grows():
     tried, cells = tried[:400], cells[:400]
     best, none = kept.room_for_best(60, 24), np.full((1, 24), -1, np.int32)
     got, links = match.search_kernel(
-        model, picture, RULES, gates, table, np.array([focal]), tried, cells, 0, 10**6, np.inf, best, none
+        model, picture, RULES, gates, table, np.array([focal]), CHECK, tried, cells, 0, 10**6, np.inf, best, none
     )
     assert got == len(tried)
     assert links == np.diff(table.first)[cells].sum()

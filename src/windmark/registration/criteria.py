@@ -51,11 +51,10 @@ def misfit_of(plane: Plane, limits: Limits, best: Solution, taken: float | None 
             f"with a misfit of {best.misfit_px:.1f} px (1 sigma per coordinate) it is too loose for tolerance_px = "
             f"{task.tolerance_px:.1f}: another or a deformed model, wrong camera parameters, or too small a tolerance"
         )
-    xyz, depth = task.markers.xyz, best.cam_from_model.apply(task.markers.xyz)[:, 2]
-    nearest = np.linalg.norm(xyz - xyz[plane.model.near[:, 0]], axis=1)
-    spacing = float(np.median((nearest * best.focal_px / depth)[best.marker]))
+    depth = best.cam_from_model.apply(task.markers.xyz[best.marker])[:, 2]
+    spacing = float(np.median(plane.layout.spacing[best.marker] * best.focal_px / depth))
     redundancy = 2 * best.count - (best.parameters if taken is None else taken)
-    excess, allowed = table_excess(limits, best.excess_px, redundancy, spacing, float(np.median(task.sigma_px)))
+    excess, allowed = table_excess(limits, best.excess_px, redundancy, spacing, task.typical_sigma_px)
     if excess <= allowed:
         return ""
     return (
@@ -100,7 +99,7 @@ def focal_gain(plane: Plane, best: Solution) -> float:
 
 def is_loose(plane: Plane, best: Solution) -> bool:
     """Whether the residuals are larger than the spots' covariances say, and the markers' do not explain it."""
-    return too_large(best.misfit_px, best.excess_px, float(np.median(plane.task.sigma_px)))
+    return too_large(best.misfit_px, best.excess_px, plane.task.typical_sigma_px)
 
 
 def too_large(misfit_px: float, excess_px: float, sigma_px: float) -> bool:

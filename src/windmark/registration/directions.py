@@ -111,4 +111,4 @@ def _view(ahead: Array) -> Array:
     """(3, 3) rotation whose rows are image x and y, at right angles to the viewing direction, and that direction."""
     x = np.array([1.0, 0.0, 0.0]) - ahead[0] * ahead
     x /= np.linalg.norm(x)
-    return np.stack([x, np.cross(ahead, x), ahead])
+    return np.stack([x, hat(ahead) @ x, ahead])

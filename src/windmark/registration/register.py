@@ -192,8 +192,8 @@ def _refuse_early(xy: Array, cov: Array, markers: MarkerSet) -> tuple[str, Any] 
 
 def off_line(points: Array) -> float:
     """Root mean square distance of points from their best line."""
-    size = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-    return float(np.sqrt((size[1:] ** 2).sum() / len(points)))
+    off = points - points.mean(axis=0)
+    return float(np.sqrt(max(np.linalg.eigvalsh(off.T @ off)[:-1].sum(), 0.0) / len(points)))
 
 
 def default_tolerance(xy: Array, camera: Camera, markers: MarkerSet) -> float:
@@ -212,7 +212,6 @@ def default_tolerance(xy: Array, camera: Camera, markers: MarkerSet) -> float:
 
 def _spacing(points: Array, neighbour: int) -> float:
     """Median distance to the so-manieth nearest other point, or to the farthest if there are fewer."""
-    from scipy.spatial import cKDTree
+    from windmark.registration.search.near import nearest  # this brings numba
 
-    k = min(neighbour, len(points) - 1)
-    return float(np.median(cKDTree(points).query(points, k=k + 1)[0][:, k]))
+    return float(np.median(nearest(points, min(neighbour, len(points) - 1))[1][:, -1]))

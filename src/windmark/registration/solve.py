@@ -26,6 +26,9 @@ Array = NDArray[np.float64]
 
 STOP_AT = 45.0
 """Search score (nats) from which a candidate is worth a verdict."""
+PATIENCE = 40_000
+"""Links (some milliseconds) that a refused candidate has to wait before it is tried on a deformed model, which takes
+longer: most often it was wrong, and a better one is found meanwhile."""
 LENS_STARTS, OTHER_FOCAL = 4, 0.005
 """How often a search is begun with the lens at another focal length, and how much (relative) that must differ."""
 
@@ -66,10 +69,10 @@ def solve(
 
 
 def _search(plane: Plane, options: dict[str, Any]) -> Search | QuadSearch:
+    if options["method"] == "hash" and not plane.task.fixed:
+        return QuadSearch(plane, STOP_AT)
     rng = np.random.default_rng(options["seed"])
-    if plane.task.fixed:
-        return FixedSearch(plane, rng, STOP_AT)
-    return QuadSearch(plane, STOP_AT) if options["method"] == "hash" else Search(plane, rng)
+    return FixedSearch(plane, rng, STOP_AT) if plane.task.fixed else Search(plane, rng)
 
 
 def _with_other_lens(task: Task, verdict: Verdict) -> Task | None:
@@ -89,11 +92,13 @@ def _with_other_lens(task: Task, verdict: Verdict) -> Task | None:
 def _judge(search: Search | QuadSearch, limits: Limits, max_links: int, budget: Budget) -> tuple[Verdict, bool]:
     """Search until the verdict is clear; the verdict, and whether the time limit struck."""
     judge = Judge(search, limits, budget)
-    judged, late = None, False
+    judged, patience, late = None, np.inf, False
     for links in search.batches():
         best = search.best
-        if best is not None and best.score > STOP_AT and best is not judged:
-            verdict = judge.verdict()
+        fresh = best is not judged
+        if best is not None and best.score > STOP_AT and (fresh or links > patience):
+            verdict = judge.verdict(deformed=not fresh)
+            patience = links + PATIENCE if fresh else np.inf
             deformed = verdict.cause is None and isinstance(verdict.best, BentSolution)
             if (verdict.cause is None and not deformed) or verdict.cause in ("focal", "wrong_focal", "labels"):
                 return verdict, False

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from math import lgamma
 
 import numpy as np
@@ -62,6 +63,11 @@ class Task:
     def sigma_px(self) -> Array:
         """(M,) 1 sigma per coordinate of the spots."""
         return np.sqrt(0.5 * np.trace(self.cov, axis1=1, axis2=2))
+
+    @cached_property
+    def typical_sigma_px(self) -> float:
+        """Median of `sigma_px`."""
+        return float(np.median(self.sigma_px))
 
     @property
     def prior_share(self) -> float:

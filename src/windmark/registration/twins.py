@@ -54,7 +54,7 @@ def told_by_table_errors(plane: Plane, best: Solution, other: Solution, margin: 
 
 def _sigma(plane: Plane, solution: Solution) -> float:
     """1 sigma per coordinate of its residuals, at least that of the spots."""
-    return max(solution.misfit_px, float(np.median(plane.task.sigma_px)))
+    return max(solution.misfit_px, plane.task.typical_sigma_px)
 
 
 def _residuals(plane: Plane, solution: Solution, spots: NDArray[np.int64]) -> Array:

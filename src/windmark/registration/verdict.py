@@ -31,6 +31,8 @@ FEW_SPOTS, FEW_PART, CLUTTERED = 8, 0.2, 6.0
 """Fewer spots than so many, or than this part of the markers, are few; more than this times the markers are clutter."""
 WORTH_A_LOOK = 60.0
 """Candidates whose search score is this much (nats) below the best are no rivals."""
+DOUBTFUL: tuple[Cause | None, ...] = ("nothing", "weak", "misfit", "ambiguous", "time")
+"""Of the best solution; as opposed to a clear one with something wrong about it."""
 BENT = 5
 """Candidates from which a deformed model is grown."""
 MOSTLY = 0.7
@@ -75,11 +77,14 @@ class Judge:
     def _cluttered(self) -> bool:
         return len(self._task.xy) > CLUTTERED * len(self._task.markers)
 
-    def verdict(self) -> Verdict:
-        """Look for rivals of the best candidate, refine the best few, and decide."""
+    def verdict(self, *, deformed: bool = True) -> Verdict:
+        """Look for rivals of the best candidate, refine the best few, and decide.
+
+        Where the rigid model is refused as `DOUBTFUL`, a deformed one is tried only if asked for.
+        """
         self._challenge()
         rigid = self._rigid()
-        if self._bender is None or rigid.cause == "labels":
+        if self._bender is None or rigid.cause == "labels" or (rigid.cause in DOUBTFUL and not deformed):
             return rigid
         if rigid.cause is None and rigid.best is not None and not self._bender.signs(rigid.best):
             return rigid

@@ -25,8 +25,6 @@ from windmark.registration._kernels.screen import fits, sight_of
 Array = NDArray[np.float64]
 Ints = NDArray[np.int32]
 
-CHECK = 0.5
-"""The anchor must lie within this part of the tolerance."""
 GROWTH = 4
 """Links that one growth takes as much time as, per marker."""
 MOST_GROWN = 24
@@ -35,12 +33,13 @@ MOST_GROWN = 24
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def search_kernel(
-    model: Model, picture: Picture, rules: Rules, gates: Gates, table: Table, focals: Array,
+    model: Model, picture: Picture, rules: Rules, gates: Gates, table: Table, focals: Array, check: float,
     quads: Ints, cells: Ints, start: int, work: int, stop_at: float, best: Best, known: Ints,
 ) -> tuple[int, int]:  # fmt: skip
     """Try quads of spots from number ``start`` on, until so much work is done (in links) or a better solution is met.
 
-    Pairs that a solution in ``known`` (matches, as in `Best`) has already are not tried again.
+    The anchor must lie within ``check`` px of where the other three have it. Pairs that a solution in ``known``
+    (matches, as in `Best`) has already are not tried again.
 
     Returns
     -------
@@ -53,7 +52,6 @@ def search_kernel(
     limits = (rules.tolerance, math.log(rules.p_seen), math.log(1.0 - rules.p_seen), rules.reject_at, rules.grow_at)
     prior = (rules.prior_cosine, rules.prior_scale)
     first, entry, seen, size = table.first, table.quad, best.seen, best.score.shape[0]
-    check = CHECK * rules.tolerance
     rays, points = np.empty((3, 3)), np.empty((3, 3))
     r, t = np.empty((4, 3, 3)), np.empty((4, 3))
     marker, spot = np.empty(PAIRS, np.int32), np.empty(PAIRS, np.int32)

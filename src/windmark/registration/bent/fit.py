@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_solve, solve_triangular
+from scipy.linalg import cho_solve
 
 from windmark.geometry.rotations import exp_so3
 
@@ -150,8 +150,9 @@ def fit(setting: Setting, bent: Bent, marker: Ints, spot: Array, cov: Array) -> 
 def spread_of(bent: Bent, by_all: Array) -> Array:
     """(n, 3) covariance xx, xy, yy of what has the derivative (n, 2, P), by that of pose and deformation."""
     n = len(by_all)
-    half = solve_triangular(bent.factor, by_all.reshape(2 * n, -1).T, lower=True, check_finite=False)
-    return _packed(half.T.reshape(n, 2, -1))
+    # The library's triangular solution starts threads for these few numbers; the product does not.
+    half = by_all.reshape(2 * n, -1) @ np.linalg.inv(bent.factor).T
+    return _packed(half.reshape(n, 2, -1))
 
 
 def _packed(half: Array) -> Array:

@@ -11,7 +11,7 @@ from windmark.registration.register import MIN_COUNT
 from windmark.registration.rig.joint import Cameras, Joint
 from windmark.registration.search.plane import Plane
 from windmark.registration.search.pool import Candidate
-from windmark.registration.search.quads import FAR_STAGES, POOL, QuadSearch
+from windmark.registration.search.quads import CHECKS, FAR_STAGES, POOL, QuadSearch
 from windmark.registration.search.ransac import make_rules
 
 Ints = NDArray[np.int32]
@@ -117,7 +117,8 @@ def _search(plane: Plane) -> QuadSearch | None:
     if len(plane.task.xy) < MIN_COUNT:
         return None
     rules = make_rules(plane)._replace(p_seen=P_SEEN, reject_at=REJECT_AT, grow_at=GROW_AT)
-    return QuadSearch(plane, WORTH_CARRYING, rules, len(FAR_STAGES))
+    # Cameras are searched to their end, so there would be no gain from a first round with strict checks.
+    return QuadSearch(plane, WORTH_CARRYING, rules, len(FAR_STAGES), CHECKS[-1:])
 
 
 def _explained(candidate: Candidate, known: Joint, c: int) -> bool:

@@ -96,6 +96,12 @@ class Layout:
         return symmetries_kernel(self.model, spread, least, SYMMETRIES)
 
     @cached_property
+    def spacing(self) -> Array:
+        """(N,) distance of every marker to the nearest other one, in length units."""
+        xyz = self.markers.xyz
+        return np.asarray(np.linalg.norm(xyz - xyz[self.model.near[:, 0]], axis=1))
+
+    @cached_property
     def size(self) -> float:
         """Largest extent of the unit model along a principal axis."""
         return float(extents(self.model.xyz)[1].max())

@@ -6,7 +6,7 @@ a good solution as long as the caller asks: "stop at the first good pose" is the
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,9 @@ FAR_STAGES = ((16, 0, 12), (16, 12, 16))
 """Where two of three markers are hidden, four neighbouring spots are far apart on the model ..."""
 FAR_MARKERS = 80
 """... with more markers than this the table of such quads would be too large, and enough near ones are seen."""
+CHECKS = (0.2, 0.5)
+"""The anchor of a quad must lie within this part of the tolerance. With the first, all quads take half the time, and
+hardly a right one is lost but on a deformed model or with a rough table: then all are tried with the second."""
 POOL = 12
 WORK = 20_000
 """Links after which the caller is asked whether to go on."""
@@ -45,11 +48,14 @@ RIVAL_NEAR, RIVAL_QUADS, AGAIN = 6, 24, 8
 class QuadSearch:
     """The state of one search: the kernels' view of the task, the best solutions, the number of links tried."""
 
-    def __init__(self, plane: Plane, stop_at: float, rules: Rules | None = None, far_stages: int = 1) -> None:
+    def __init__(
+        self, plane: Plane, stop_at: float, rules: Rules | None = None, far_stages: int = 1,
+        checks: Sequence[float] = CHECKS,
+    ) -> None:  # fmt: skip
         task = plane.task
         self.plane, self.links = plane, 0
         far = FAR_STAGES[:far_stages] if len(task.markers) <= FAR_MARKERS else ()
-        self._stop_at, self._stages = stop_at, (*STAGES, *far)
+        self._stop_at, self._stages, self._checks = stop_at, (*STAGES, *far), checks
         self._focals = task.camera.focal_px * np.array(task.focal_factors)
         self._rules, self._gates = rules or make_rules(plane), make_gates(plane)
         self._best = room_for_best(POOL, len(task.markers))
@@ -58,7 +64,8 @@ class QuadSearch:
     @property
     def best(self) -> Candidate | None:
         """The best candidate, None if there is none."""
-        return next(iter(self.top(1)), None)
+        n = int(self._best.score.argmax())
+        return self._candidate(n) if self._best.score[n] > -np.inf else None
 
     def top(self, count: int) -> list[Candidate]:
         """The best distinct candidates, best first."""
@@ -67,7 +74,7 @@ class QuadSearch:
 
     def batches(self) -> Iterator[int]:
         """Yields the links tried so far; the caller looks at the candidates after each batch."""
-        for (reach, low, high), lead in self._schedule():
+        for check, (reach, low, high), lead in self._schedule():
             picture = self.plane.picture(lead)
             high = min(high, picture.near.shape[1])
             table = self.plane.layout.table(reach)
@@ -75,18 +82,23 @@ class QuadSearch:
             start = 0
             while start < len(quads):
                 start, links = search_kernel(
-                    self.plane.model, picture, self._rules, self._gates, table, self._focals,
+                    self.plane.model, picture, self._rules, self._gates, table, self._focals, check,
                     quads, cells, start, WORK, self._stop_at, self._best, self._best.match,
                 )  # fmt: skip
                 self.links += int(links)
                 yield self.links
 
-    def _schedule(self) -> list[tuple[tuple[int, int, int], int]]:
-        """Stages and numbers of best spots, cheapest first."""
+    def _check(self, part: float) -> float:
+        """How far (px) an anchor may lie off."""
+        return part * self.plane.task.tolerance_px
+
+    def _schedule(self) -> list[tuple[float, tuple[int, int, int], int]]:
+        """How far an anchor may lie off, stages and numbers of best spots: strictest first, then cheapest."""
         cost = {
             (stage, lead): stage[0] ** 3 * stage[2] ** 3 * lead for lead in self.plane.leads for stage in self._stages
         }
-        return sorted(cost, key=lambda key: cost[key])
+        order = sorted(cost, key=lambda key: cost[key])
+        return [(self._check(part), *key) for part in self._checks for key in order]
 
     def rivals(self, candidate: Candidate, over: Callable[[], bool]) -> bool:
         """Look for other solutions: of the spots that a candidate explains, and of those that it does not.
@@ -107,6 +119,7 @@ class QuadSearch:
             self.plane.model, picture, self._gates, self._best, self._symmetries(rotation),
             rotation, translation, candidate.focal_px, candidate.match,
         )  # fmt: skip
+        check = self._check(CHECKS[-1])
         others_known = np.where((self._best.match == candidate.match).all(axis=1)[:, None], -1, self._best.match)
         for some, most in ((spots, RIVAL_QUADS), (others, RIVAL_QUADS // 2)):
             if len(some) < 4:
@@ -119,7 +132,7 @@ class QuadSearch:
                     if over():
                         return False
                     start, links = search_kernel(
-                        self.plane.model, picture, self._rules, self._gates, table, self._focals,
+                        self.plane.model, picture, self._rules, self._gates, table, self._focals, check,
                         quads[part], cells[part], start, WORK, np.inf, self._best, known,
                     )  # fmt: skip
                     self.links += int(links)

@@ -175,7 +175,7 @@ def make_rules(plane: Plane) -> Rules:
 def make_gates(plane: Plane) -> Gates:
     """Constants of growth."""
     task = plane.task
-    sigma = max(float(np.median(task.sigma_px)), task.tolerance_px / 8)
+    sigma = max(task.typical_sigma_px, task.tolerance_px / 8)
     low, high = (
         task.camera.focal_px * f for f in (task.focal_factors[0] / FOCAL_SLACK, task.focal_factors[-1] * FOCAL_SLACK)
     )
