@@ -34,6 +34,14 @@ def test_cold_start_labels_everything_and_nothing_wrong(kind, hidden, false, see
     assert_right(register(scene.detections, scene.markers, scene.camera), scene)
 
 
+def test_one_wrong_of_few_pairs_does_not_open_the_gates_for_itself():
+    # A false spot 2 px from where a hidden marker would be: with it the residuals of all are about 1 px.
+    scene = scenes.scene(6_600_406, "A0", hidden=0.5, false=1.0)
+    result = register(scene.detections, scene.markers, scene.camera)
+    assert_right(result, scene)
+    assert result.rms_px < 0.4
+
+
 def test_fields_describe_the_result():
     scene = scenes.scene(11, "A", hidden=0.25, false=0.5)
     result = register(scene.detections, scene.markers, scene.camera, seed=4)
@@ -340,6 +348,17 @@ def test_unknown_focal_length_meets_candidates_with_markers_beside_the_camera(se
         assert result.cause in ("weak", "focal", "ambiguous")
 
 
+def test_unknown_focal_length_and_a_deformation_do_not_explain_a_wrong_labelling():
+    scene = scenes.scene(921_155, "C", hidden=0.5, false=1.0)
+    factor = np.exp(np.random.default_rng(921_155).uniform(-0.3, 0.3))
+    camera = replace(scene.camera, focal_px=factor * scene.camera.focal_px)
+    result = register(scene.detections, scene.markers, camera, free_focal=True)
+    if result:
+        assert scenes.pose_error_px(result.cam_from_model, scene, result.camera) < 5.0
+    else:
+        assert result.cause in ("weak", "focal", "time", "misfit", "ambiguous")
+
+
 def test_frontal_plane_does_not_fix_the_focal_length():
     rng = np.random.default_rng(2)
     flat = scenes.wing(rng)
@@ -452,11 +471,13 @@ def test_a_few_scattered_markers_are_enough(seed):
         (4_830_846, 0.8),
         (4_830_873, 1.2),
         (4_831_008, 0.8),
+        (6_600_327, 1.2),
     ],
 )
 def test_markers_that_fit_at_a_wrong_focal_length_are_refused(seed, factor):
     # 24 to 34 of 50 markers fitted within the gates, the others were 9 to 55 px off; of 920,081 all of 120 did.
-    # In the last three 9 to 12 of 24 fitted a slight bending.
+    # Then come three in which 9 to 12 of 24 fitted a slight bending. In the last one a wrong label among ten right ones
+    # held the focal length.
     hidden, false = ((0.0, 0.0), (0.25, 0.5), (0.5, 1.0))[seed // 3 % 3]
     scene = scenes.scene(seed, "ABC"[seed % 3], hidden=hidden, false=false)
     camera = replace(scene.camera, focal_px=scene.camera.focal_px * factor)

@@ -27,6 +27,8 @@ MISSED = float(np.log(5.0))
 is right in parts only, or by chance, explains them so, and a part of a large model has much evidence ..."""
 LOOSE_AND_SPARSE = 40.0
 """... and so much where most markers are missing; in clutter, where half are, and on top of the other."""
+FADE = 0.2
+"""Without clutter it fades in from half of the markers in view to this part below."""
 LOOSE_AND_HALF = 2.8
 """Without clutter, so much for every marker in view where half are missing: half of a large model has much evidence."""
 CLEARLY_BETTER, FOCAL_OFF, FOCAL_SIGMAS = 10.0, 0.05, 4.5
@@ -72,6 +74,10 @@ def wrong_focal(plane: Plane, best: Solution) -> str:
     if best.count >= MOST * best.expected and focal_gain(plane, best) < DOUBTED:
         return ""
     freed = with_free_focal(plane, best)
+    if freed is None or freed.count < best.count:
+        # Right labels stay when the focal length is freed; a wrong one among them holds it where it is.
+        tried = (with_free_focal(plane, best, marker) for marker in best.marker.tolist())
+        freed = max((t for t in (freed, *tried) if t is not None), key=lambda t: t.evidence.score, default=None)
     if freed is None or not freed.evidence.score > best.evidence.score + CLEARLY_BETTER:
         return ""
     given, sigma = plane.task.camera.focal_px, freed.focal_sigma
@@ -115,7 +121,8 @@ def least_evidence(
     if loose and cluttered:
         return least + (LOOSE_AND_SPARSE if 2 * count <= expected else 0.0) + missed
     if loose:
-        least += max(LOOSE_AND_SPARSE if 2 * count < expected else 0.0, missed)
+        sparse = (1 - 2 * count / expected) / FADE
+        least += max(LOOSE_AND_SPARSE * min(max(sparse, 0.0), 1.0), missed)
         return max(least, LOOSE_AND_HALF * expected) if 2 * count <= expected else least
     return least
 

@@ -172,10 +172,15 @@ def without_hidden(plane: Plane, hidden: NDArray[np.bool_], rotation: Array, tra
     return plane.markers._replace(normal=np.ascontiguousarray(normal))
 
 
-def with_free_focal(plane: Plane, solution: Solution) -> Solution | None:
-    """The solution as it would be with an unknown focal length; None where it falls apart."""
+def with_free_focal(plane: Plane, solution: Solution, without: int | None = None) -> Solution | None:
+    """The solution as it would be with an unknown focal length; None where it falls apart.
+
+    The pair of marker ``without`` has to earn its place again.
+    """
     fit = plane.fit._replace(focal_weight=FREED_SIGMA**-2)
     state = copy.deepcopy(solution.state)
+    if without is not None:
+        state.match[without] = -1
     markers = _settled(plane, fit, state)
     return None if markers is None else solution_of(plane, markers, state, fit)
 

@@ -6,7 +6,7 @@ in view, so a solution is accepted only when others were looked for on purpose a
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,7 +37,8 @@ BENT = 5
 """Candidates from which a deformed model is grown."""
 MOSTLY = 0.7
 """In clutter a deformed model must label so many of the markers in view: with dirt everywhere some of it lies where a
-deformation of a partly right labelling would have the rest."""
+deformation of a partly right labelling would have the rest. So it must with an unknown focal length: a wrong one and a
+deformation together explain much of a wrong labelling."""
 SPARSE = 0.35
 """And everywhere so many: a quarter of many markers, bent, can look right while the rigid model has twice as many."""
 FEW_PAIRS = 16
@@ -131,7 +132,7 @@ class Judge:
             return rigid
         if rigid.cause is None and rigid.best is not None and best.count <= rigid.best.count:
             return rigid
-        if best.count < (MOSTLY if self._cluttered else SPARSE) * best.expected:
+        if best.count < (MOSTLY if self._cluttered or self._task.free_focal else SPARSE) * best.expected:
             return rigid
         solutions = [*found[1:], *self._solutions(self._search.top(SETTLED))]
         others = sorted((s for s in solutions if not s.same_as(best)), key=lambda s: -s.evidence.score)
@@ -147,14 +148,23 @@ class Judge:
 
     def _better_with_one_less(self, best: Solution) -> bool:
         """Whether a rigid model that explains all pairs but one, nearly, is better than a deformed one of all."""
-        for marker in best.marker:
-            match = best.state.match.copy()
+        return any(other.evidence.score > best.evidence.score for other in self._with_one_less(best))
+
+    def _with_one_less(self, solution: Solution) -> Iterator[Solution]:
+        """Rigid solutions that begin without one of the pairs."""
+        for marker in solution.marker.tolist():
+            match = solution.state.match.copy()
             match[marker] = -1
-            start = Candidate(best.cam_from_model, best.focal_px, 0.0, best.count - 1, match)
-            other = settle(self._plane, start)
-            if other is not None and other.evidence.score > best.evidence.score:
-                return True
-        return False
+            start = Candidate(solution.cam_from_model, solution.focal_px, 0.0, solution.count - 1, match)
+            if (other := settle(self._plane, start)) is not None:
+                yield other
+
+    def _settle(self, candidate: Candidate) -> Solution | None:
+        """The refined candidate. One wrong among few pairs opens the gates for itself: it must be worth its place."""
+        solution = settle(self._plane, candidate)
+        if solution is None or solution.count > FEW_PAIRS or not is_loose(self._plane, solution):
+            return solution
+        return max([solution, *self._with_one_less(solution)], key=lambda s: s.evidence.score)
 
     def _challenge(self) -> None:
         """Look for rivals until the best candidate has none better, or the time is over."""
@@ -169,7 +179,7 @@ class Judge:
         close = _close(candidates)
         for candidate in close:
             if candidate not in self._settled:
-                self._settled[candidate] = settle(self._plane, candidate)
+                self._settled[candidate] = self._settle(candidate)
         settled = [s for c in close if (s := self._settled[c]) is not None]
         found = [s for s in settled if not labelled or self._task.keeps(s.state.match)]
         distinct: list[Solution] = []
