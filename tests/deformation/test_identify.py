@@ -165,6 +165,9 @@ def test_places_and_grid_have_the_right_covariance():
     assert 0.85 < np.std(z) < 1.15
     r = found[0]
     moved, cov = r.displacement(model.xyz, model.volume, frame="model")
+    every, its_cov = r.markers_displaced(frame="model")
+    np.testing.assert_allclose(every[~WALL], moved)
+    np.testing.assert_allclose(its_cov[~WALL], cov)
     np.testing.assert_allclose(moved[50:], 0, atol=1e-12)
     np.testing.assert_allclose(cov[50:], 0, atol=1e-12)
     assert np.linalg.norm(moved[45:50], axis=1).min() > 5

@@ -108,9 +108,8 @@ def test_what_is_held_has_no_influence():
     assert (space[0][2:6] == 0).all()
     assert np.abs(params[:2] - p[:2]).max() < 0.02
     # The influences are those of least squares: they carry white noise into the centre's covariance.
-    np.testing.assert_allclose(
-        np.tensordot(influence[:2], influence[:2], ((1, 2), (1, 2))) * out[1], cov[:2, :2], rtol=1e-4, atol=1e-6 * cov[0, 0]
-    )
+    carried = np.tensordot(influence[:2], influence[:2], ((1, 2), (1, 2))) * out[1]
+    np.testing.assert_allclose(carried, cov[:2, :2], rtol=1e-4, atol=1e-6 * cov[0, 0])
 
 
 def test_colour_is_taken_off_and_put_back():

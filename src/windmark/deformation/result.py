@@ -107,6 +107,14 @@ class Deformation:
         place, cov = self.place(xyz, volume, frame=frame)
         return place - np.asarray(xyz, dtype=float), cov
 
+    def markers_displaced(self, *, frame: str = "tunnel") -> tuple[Array, Array]:
+        """`displacement` of all markers that it was identified with, which are bound to their laws already.
+
+        Walls are not told apart: markers on them are moved here as if they were on the model.
+        """
+        place, cov = self._moved(self.placed, frame)
+        return place - self.placed.xyz, cov
+
     def mesh(self, mesh: Mesh, *, frame: str = "tunnel") -> Mesh:
         """The grid as it is now; vertices that belong to no triangle follow the rigid motion."""
         return Mesh(

@@ -242,7 +242,7 @@ def _marker_cov(markers: MarkerSet, given: ArrayLike | None) -> Array | None:
         if cov.shape != (len(markers), 3, 3) or not np.isfinite(cov).all():
             raise ValueError(f"marker_cov: expected ({len(markers)}, 3, 3), finite, got {cov.shape}")
         return cov
-    sigma = np.nan_to_num(markers.sigma)
+    sigma = np.where(np.isfinite(markers.sigma), markers.sigma, 0.0)
     return sigma[:, :, None] ** 2 * np.eye(3) if sigma.any() else None
 
 

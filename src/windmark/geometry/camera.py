@@ -8,6 +8,7 @@ section IV.A for the parameter set.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -86,6 +87,10 @@ class Camera:
 
     def packed(self) -> Array:
         """(12,): the parameters and the squared ideal radius up to which the lens is one to one; for kernels."""
+        return self._packed.copy()
+
+    @cached_property
+    def _packed(self) -> Array:
         return np.append(self.parameters(), max_radius2(self.k1, self.k2, self.k3))
 
     @property

@@ -40,6 +40,11 @@ class Predictions:
     def __len__(self) -> int:
         return len(self.name)
 
+    def take(self, index: NDArray[np.int64]) -> Predictions:
+        """Those of an index array, in its order."""
+        names = tuple(self.name[k] for k in index.tolist())
+        return Predictions(names, self.row[index], self.xy[index], self.axes_px[index], self.angle[index])
+
 
 def from_camera(
     camera: Camera, cam_from_markers: Pose, markers: MarkerSet, radius_px: float | None = None

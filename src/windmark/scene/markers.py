@@ -47,8 +47,8 @@ class MarkerSet:
         for field in ("volume", "role"):
             if len(getattr(self, field)) != n:
                 raise ValueError(f"MarkerSet: {field} must have {n} entries, got {len(getattr(self, field))}")
-        unique, counts = np.unique(self.name, return_counts=True)
-        if (counts > 1).any():
+        if len(set(self.name.tolist())) < n:
+            unique, counts = np.unique(self.name, return_counts=True)
             raise ValueError(f"MarkerSet: name must be unique, more than once: {', '.join(unique[counts > 1][:5])}")
         if not np.isfinite(self.xyz).all():
             bad = self.name[~np.isfinite(self.xyz).all(axis=1)]

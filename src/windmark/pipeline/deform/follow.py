@@ -6,6 +6,7 @@ import time
 from collections.abc import Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -103,13 +104,17 @@ class _Follower:
     def _read(self, frame: FrameImages) -> tuple[dict[str, Image], list[str]]:
         """The images that can be read, and what is wrong with the others."""
         images, troubles = {}, []
-        jobs = {n: self._pool.submit(read, item, self._test.station(n)) for n, item in frame.images.items()}
+        jobs = {
+            n: self._pool.submit(read, item, self._test.station(n))
+            for n, item in frame.images.items() if isinstance(item, Path)
+        }  # fmt: skip
         for station in self._test.stations:
-            if station.name not in jobs:
-                troubles.append(f"{station.name}: no image")
+            name = station.name
+            if name not in frame.images:
+                troubles.append(f"{name}: no image")
                 continue
             try:
-                images[station.name] = jobs[station.name].result()
+                images[name] = jobs[name].result() if name in jobs else read(frame.images[name], station)
             except io.FileError as error:
                 troubles.append(f"{station.name}: {error}")
         return images, troubles
@@ -143,14 +148,18 @@ class _Follower:
         self, images: dict[str, Image], state: Deformation, placed: MarkerSet, error_px: dict[str, float],
         before: dict[str, Labelled],
     ) -> dict[str, Labelled]:  # fmt: skip
-        jobs = {}
-        for name, image in images.items():
-            jobs[name] = self._pool.submit(
-                near, image, self._test, self._test.station(name), state.cameras.get(name, _camera(self._test, name)),
-                state.cam_from_tunnel.get(name, self._test.station(name).cam_from_tunnel), placed,
+        def look(name: str) -> Labelled:
+            station = self._test.station(name)
+            return near(
+                images[name], self._test, station, state.cameras.get(name, station.camera),
+                state.cam_from_tunnel.get(name, station.cam_from_tunnel), placed,
                 error_px.get(name, MOST_PX / SIGMAS), before.get(name), self._hidden.get(name),
             )  # fmt: skip
-        return {name: job.result() for name, job in jobs.items()}
+
+        *others, own = images
+        jobs = [self._pool.submit(look, name) for name in others]
+        last = look(own)  # here: a thread less to wait for
+        return {**{name: job.result() for name, job in zip(others, jobs, strict=True)}, own: last}
 
     def _identify(self, labelled: dict[str, Labelled], start: Deformation | None) -> tuple[Any, Observations]:
         parts = list(labelled.values())

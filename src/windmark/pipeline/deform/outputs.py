@@ -125,11 +125,12 @@ class Writer:
         markers, seen = self._loaded.test.markers, frame.observations
         assert seen is not None
         point = np.unique(seen.point[markers.role[seen.point] != "wall"])
-        place, cov = state.place(markers.xyz[point], markers.volume[point])
+        moved, cov = (column[point] for column in state.markers_displaced())
+        place = markers.xyz[point] + moved
         sigma = max(1.0, np.nan_to_num(state.sigma0)) * np.sqrt(np.diagonal(cov, axis1=1, axis2=2))
         bad = np.unique(seen.point[~state.used])
         for k, p in enumerate(point):
-            numbers = (*place[k], *(place[k] - markers.xyz[p]), *sigma[k])
+            numbers = (*place[k], *moved[k], *sigma[k])
             name = _quoted(str(markers.name[p]))
             self._line("markers.csv", [frame.key, name, *map(_cell, numbers), int(p in bad)])
 

@@ -111,6 +111,7 @@ def near(
     expected = from_camera(camera, pose, seen, radius)
     if not len(expected):
         return Labelled.none("no marker faces the camera")
+    expected = expected.take(np.argsort(expected.axes_px[:, 0], kind="stable"))  # windows of one size in a row
     which = known[expected.row]
     by_table = np.column_stack([expected.axes_px, expected.angle])
     expected = _as_seen(expected, which, before)
