@@ -7,9 +7,11 @@ and spoiled by blur, shot noise, 12 bits and dead pixels. Every case is found co
 two cameras     both stand still
 one camera      the same images, the first camera alone, with the beam's law
 shaken          the cameras moved by 2 mm and 0.2 degrees: held by the wall markers, or taken as fixed
+textured        the first two with 1 % of grain in the paint, which displaces markers by as much as the noise does
 
-bound: the same adjustment's covariance where every visible marker is located as well as its image allows (Cramer-Rao
-bound of the rendered ellipse in the sensor's noise). z: standard deviation of error / stated sigma, of all cases.
+bound: the same adjustment's covariance where every visible marker is located as well as the sensor's noise allows
+(Cramer-Rao bound of the rendered ellipse); the textured paint is not in it, so those rows must lie above. z: standard
+deviation of error / stated sigma, of all cases.
 """
 
 from __future__ import annotations
@@ -29,11 +31,12 @@ from windmark.scene import Observations, View
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "deformation"))
 import wing_scenes as scenes
 
-FIRST_SEED = 4_110_000
+FIRST_SEED = 4_220_000
 SENSOR = synth.Sensor()
 STATIONS = 11
 PER_MODEL = 4
 """Cases of one model: the paint's texture shifts each marker by the same in all of them, so models must change, too."""
+GRAIN = 0.01
 
 
 @dataclass
@@ -134,20 +137,21 @@ def _true(best: Deformation, test: synth.TunnelTest, state: synth.WingState) -> 
 def main(quick: bool = False, count: int = 100) -> dict[str, dict[str, float]]:
     """Measure, print the table, return its rows."""
     count = 2 if quick else count
-    rows = {n: Row() for n in ("two cameras", "one camera", "shaken, walls", "shaken, taken as fixed")}
+    names = "two cameras", "one camera", "shaken, walls", "shaken, taken as fixed", "two, textured", "one, textured"
+    rows = {n: Row() for n in names}
     for k in range(count):
         if k % PER_MODEL == 0:
-            test = synth.stereo_wing(FIRST_SEED + k // PER_MODEL, nodes=20_000)
+            clean, grained = (synth.stereo_wing(FIRST_SEED + k // PER_MODEL, nodes=20_000, grain=g) for g in (0, GRAIN))
         rng = np.random.default_rng([FIRST_SEED, k])
         still, shaken = scenes.random_state(rng), scenes.random_state(rng, shake=True)
-        for state, setups in (
-            (still, {"two cameras": scenes.deformation_test(test),
-                     "one camera": scenes.deformation_test(test, ["cam1"])}),
-            (shaken, {"shaken, walls": scenes.deformation_test(test, moves=True),
-                      "shaken, taken as fixed": scenes.deformation_test(test, walls=False)}),
+        for test, state, setups in (
+            (clean, still, {"two cameras": scenes.deformation_test(clean),
+                            "one camera": scenes.deformation_test(clean, ["cam1"])}),
+            (clean, shaken, {"shaken, walls": scenes.deformation_test(clean, moves=True),
+                             "shaken, taken as fixed": scenes.deformation_test(clean, walls=False)}),
+            (grained, still, {"two, textured": scenes.deformation_test(grained),
+                              "one, textured": scenes.deformation_test(grained, ["cam1"])}),
         ):  # fmt: skip
-            if state is shaken and k % 2:
-                continue  # rendering is what takes the time
             images, perfect = scenes.rendered(test, state, SENSOR, [FIRST_SEED, k])
             for name, setup in setups.items():
                 best = bound(test, setup, state, perfect)

@@ -46,12 +46,15 @@ class FrameNoise:
     constant : (8,) relative strengths of white noise, columns, rows, and noise correlated over each of `LENGTHS_PX`
     paint : (8,) the same of noise in proportion to the brightness, relative to the window's brightest place
     kept : part of such noise's variance that a typical fit leaves in its residuals
+    texture : part of the variance of a typical centre that the paint's texture makes. It goes with the surface: the
+        same marker is off by the same in every frame, and for every camera
     """
 
     curve: Array
     constant: Array
     paint: Array
     kept: float
+    texture: float = 0.0
 
     @staticmethod
     def white(sigma: float) -> FrameNoise:
@@ -70,15 +73,22 @@ class FrameNoise:
 
     def covariance(self, images: Array, variance: Array) -> Array:
         """Covariance (B, 2, 2) of the centres of fits with images `Batch.images` and residual variances (B,)."""
-        influence, bright = images[:, :2], brightness(images)
+        bright = brightness(images)
         pixels = np.maximum((bright != 0).sum((1, 2)), 1)
         total = self.constant.sum() + self.paint.sum() * (bright**2).sum((1, 2)) / pixels
-        cov = np.zeros((len(images), 2, 2))
-        for strengths, weighted in ((self.constant, influence), (self.paint, influence * bright[:, None])):
-            for strength, (rows, columns) in zip(strengths, _tables(images.shape[-1]), strict=True):
-                if strength > 0.0:
-                    cov += strength * np.einsum("kiab,kjab->kij", weighted, rows @ weighted @ columns)
+        cov = _of_centres(images, self.constant, self.paint)
         return np.asarray(cov * (variance / (self.kept * total))[:, None, None])
+
+
+def _of_centres(images: Array, constant: Array, paint: Array) -> Array:
+    """(B, 2, 2) covariance of the centres for noise of these strengths."""
+    influence, bright = images[:, :2], brightness(images)
+    cov = np.zeros((len(images), 2, 2))
+    for strengths, weighted in ((constant, influence), (paint, influence * bright[:, None])):
+        for strength, (rows, columns) in zip(strengths, _tables(images.shape[-1]), strict=True):
+            if strength > 0.0:
+                cov += strength * np.einsum("kiab,kjab->kij", weighted, rows @ weighted @ columns)
+    return cov
 
 
 def brightness(images: Array) -> Array:
@@ -127,7 +137,10 @@ def frame_noise(images: Array, jacobian: Array, variance: Array, level: Array, m
             best, misfit = strengths / unit, left
     total = best[:PARTS].sum() + best[PARTS:].sum() * float((bright[0] ** 2).sum() / pixels[0])
     kept = float(expected[0] @ best) * pixels[0] / (pixels[0] - len(jacobian)) / total
-    found = FrameNoise(curve, best[:PARTS], best[PARTS:], kept)
+    grain = np.where(np.arange(PARTS) < 3, 0.0, best[PARTS:])
+    texture = [np.trace(_of_centres(images, *c), axis1=1, axis2=2).sum()
+               for c in ((np.zeros(PARTS), grain), (best[:PARTS], best[PARTS:]))]  # fmt: skip
+    found = FrameNoise(curve, best[:PARTS], best[PARTS:], kept, float(texture[0] / texture[1]))
     size_of = [np.trace(noise.covariance(images[:1], variance[:1])[0]) for noise in (found, plain)]
     return plain if abs(size_of[0] - size_of[1]) < SAME * size_of[1] else found
 

@@ -1,8 +1,9 @@
 """Deformation measurements: sequences of images of one or more cameras, live or from a disk."""
 
-from windmark.pipeline.deform.follow import displaced, follow_deformation
+from windmark.pipeline.deform.follow import follow_deformation
 from windmark.pipeline.deform.frames import frames_on_disk, watch
 from windmark.pipeline.deform.load import Loaded, load
+from windmark.pipeline.deform.memory import displaced
 from windmark.pipeline.deform.project import DeformProject, read_deform_project
 from windmark.pipeline.deform.record import FrameRecord, Zero
 from windmark.pipeline.deform.run import Sequence, run_sequence

@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 from windmark import io
 from windmark.deformation import Deformation, NotIdentified, identify
 from windmark.geometry import Camera, Pose
-from windmark.pipeline.deform.memory import Memory, predicted, velocity_of
+from windmark.pipeline.deform.memory import Memory, displaced, predicted, velocity_of
 from windmark.pipeline.deform.spots import LEAST_PX, MOST_PX, SIGMAS, Labelled, anywhere, around, everything, near, read
 from windmark.pipeline.deform.task import DeformationTest, DeformedFrame, FrameImages, Image, Station
+from windmark.pipeline.deform.texture import Texture, texture_of, without_texture
 from windmark.scene import Detections, MarkerSet, Observations, View
 
 Array = NDArray[np.float64]
@@ -71,6 +72,7 @@ class _Follower:
         self._test, self._pool = test, pool
         self._memory: Memory | None = None
         self._hidden: dict[str, NDArray[np.bool_]] = {}
+        self._texture: Texture | None = None
 
     def frame(self, index: int, frame: FrameImages) -> DeformedFrame:
         """Follow one instant."""
@@ -166,10 +168,11 @@ class _Follower:
         view = np.repeat(np.arange(len(parts)), [len(s.marker) for s in parts])
         observations = Observations(
             view, np.concatenate([s.marker for s in parts]), np.concatenate([s.xy for s in parts]),
-            np.concatenate([s.cov for s in parts]),
+            np.concatenate([without_texture(s, self._test, self._texture) for s in parts]),
         )  # fmt: skip
         poses = {n: _start_pose(self._test.station(n), s) for n, s in labelled.items()}
-        return _state(observations, poses, self._test, start), observations
+        known = self._test.marker_cov if self._texture is None else self._texture.place_cov
+        return _state(observations, poses, self._test, start, known), observations
 
     # --- without -----------------------------------------------------------------------------
     def _everything(self, images: dict[str, Image]) -> dict[str, Detections | str]:
@@ -215,6 +218,8 @@ class _Follower:
         again = self._look_near(images, answer, displaced(self._test.markers, answer), error, seen)
         if sum(len(s.marker) for s in again.values()) < FEWER * sum(len(s.marker) for s in seen.values()):
             again = seen
+        if self._test.marker_cov is None:
+            self._texture = texture_of(again, answer, self._test)
         answer, observations = self._identify(again, answer)
         if isinstance(answer, NotIdentified):
             return answer.reason
@@ -247,13 +252,14 @@ def identified_again(frame: DeformedFrame, test: DeformationTest) -> DeformedFra
     """
     assert frame.observations is not None
     poses = {n: test.station(n).cam_from_tunnel for n in frame.views}
-    answer = _state(frame.observations, poses, test, frame.state)
+    answer = _state(frame.observations, poses, test, frame.state, test.marker_cov)
     return replace(frame, state=answer) if isinstance(answer, Deformation) else frame
 
 
 def _state(
-    observations: Observations, poses: dict[str, Pose], test: DeformationTest, start: Deformation | None
-) -> Deformation | NotIdentified:
+    observations: Observations, poses: dict[str, Pose], test: DeformationTest, start: Deformation | None,
+    marker_cov: Array | None,
+) -> Deformation | NotIdentified:  # fmt: skip
     """The state of one instant; ``poses`` of its views, in the order of ``observations.view``."""
     stations = [test.station(n) for n in poses]
     return identify(
@@ -261,20 +267,7 @@ def _state(
         [View(n, n, "", pose) for n, pose in poses.items()],
         free_motion=test.free_motion, free_poses=[s.name for s in stations if s.moves],
         pose_cov={s.name: s.pose_cov for s in stations if s.moves and s.pose_cov is not None},
-        free_focal=[s.name for s in stations if s.free_focal], marker_cov=test.marker_cov, start=start,
-    )  # fmt: skip
-
-
-def displaced(markers: MarkerSet, state: Deformation) -> MarkerSet:
-    """All markers where they are now, in the tunnel; the walls stand still. Normals follow the rigid motion.
-
-    ``markers`` are those that the state was identified with, which it holds bound to their laws.
-    """
-    wall = markers.role == "wall"
-    place, motion = state.placed.place(state.q), state.tunnel_from_model
-    return replace(
-        markers, xyz=np.where(wall[:, None], markers.xyz, motion.apply(place)),
-        normal=np.where(wall[:, None], markers.normal, motion.rotate(markers.normal)),
+        free_focal=[s.name for s in stations if s.free_focal], marker_cov=marker_cov, start=start,
     )  # fmt: skip
 
 

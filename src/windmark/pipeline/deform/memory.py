@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from windmark.deformation import Deformation
 from windmark.geometry import Pose
 from windmark.pipeline.deform.spots import Labelled
+from windmark.scene import MarkerSet
 
 Array = NDArray[np.float64]
 
@@ -35,6 +36,19 @@ class Memory:
     velocity: dict[str, Array] = field(default_factory=dict)
     error_px: dict[str, float] = field(default_factory=dict)
     labelled: dict[str, Labelled] = field(default_factory=dict)
+
+
+def displaced(markers: MarkerSet, state: Deformation) -> MarkerSet:
+    """All markers where they are now, in the tunnel; the walls stand still. Normals follow the rigid motion.
+
+    ``markers`` are those that the state was identified with, which it holds bound to their laws.
+    """
+    wall = markers.role == "wall"
+    place, motion = state.placed.place(state.q), state.tunnel_from_model
+    return replace(
+        markers, xyz=np.where(wall[:, None], markers.xyz, motion.apply(place)),
+        normal=np.where(wall[:, None], markers.normal, motion.rotate(markers.normal)),
+    )  # fmt: skip
 
 
 def predicted(memory: Memory, dt: float) -> Deformation:

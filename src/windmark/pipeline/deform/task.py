@@ -74,7 +74,8 @@ class DeformationTest:
     volumes : the model's volumes and their laws
     free_motion : the model may move as a rigid body
     visible : camera -> which markers nothing hides from there, see `register`; None: all that face it
-    marker_cov : (N, 3, 3) covariance of the markers' places; None takes their sigma
+    marker_cov : (N, 3, 3) covariance of the markers' places where images showed them, the paint's texture included (the
+        wind-off zero); None takes their sigma and adds the texture
     look : how markers are looked for
     """
 
