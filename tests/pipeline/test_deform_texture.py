@@ -12,6 +12,7 @@ from windmark.geometry import Camera, Pose
 from windmark.pipeline.deform import DeformationTest, Station
 from windmark.pipeline.deform.spots import Labelled
 from windmark.pipeline.deform.texture import texture_of, without_texture
+from windmark.pipeline.predictions import Known
 from windmark.scene import MarkerSet, Observations, View
 
 CAMERA = Camera((800, 600), 1000.0)
@@ -41,7 +42,7 @@ def labelled(table, share=SHARE):
         xy, n = CAMERA.project(pose.apply(table.xyz))[0], len(table)
         out[name] = Labelled(
             np.arange(n), xy, np.tile(SIGMA**2 * np.eye(2), (n, 1, 1)), np.full((n, 2), 3.0), np.zeros(n),
-            np.full((n, 3), np.nan), n, Frame(0.6, 0.0, noise),
+            np.full((n, 3), np.nan), n, Known(Frame(0.6, 0.0, noise), np.full((n, 2, 2), np.nan)),
         )  # fmt: skip
     return out
 

@@ -87,5 +87,5 @@ def without_texture(spots: Labelled, test: DeformationTest, texture: Texture | N
 
 
 def _share(spots: Labelled) -> float:
-    noise = None if spots.frame is None else spots.frame.noise
+    noise = None if spots.known is None else spots.known.frame.noise
     return 0.0 if noise is None else noise.texture
