@@ -43,6 +43,8 @@ SPARSE = 0.35
 """And everywhere so many: a quarter of many markers, bent, can look right while the rigid model has twice as many."""
 FEW_PAIRS = 16
 """With so few a single wrong one can look like a deformation: it must be better than a rigid model without any one."""
+ONE_WRONG = 40.0
+"""So much (nats) below the best a solution cannot owe to one wrong pair."""
 BENT_LEAD = 5.0
 """How much better (nats) it must be than a rigid solution that is accepted."""
 FREED_LEAD = 10.0
@@ -68,6 +70,7 @@ class Judge:
         self._search, self._limits, self._budget = search, limits, budget
         self._plane, self._task = search.plane, search.plane.task
         self._settled: dict[Candidate, Solution | None] = {}
+        self._kept: dict[Solution, Solution] = {}
         # A lens that must be moved with a free focal length is not refined together with a deformation.
         moving = self._task.free_focal and (is_bent(self._task.camera) or self._task.camera.cov is not None)
         self._bender = None if moving or not limits.deformation > 0 else Bender(self._plane, limits.deformation, budget)
@@ -159,12 +162,13 @@ class Judge:
             if (other := settle(self._plane, start)) is not None:
                 yield other
 
-    def _settle(self, candidate: Candidate) -> Solution | None:
-        """The refined candidate. One wrong among few pairs opens the gates for itself: it must be worth its place."""
-        solution = settle(self._plane, candidate)
-        if solution is None or solution.count > FEW_PAIRS or not is_loose(self._plane, solution):
-            return solution
-        return max([solution, *self._with_one_less(solution)], key=lambda s: s.evidence.score)
+    def _checked(self, solution: Solution) -> Solution:
+        """The solution without a wrong pair: one among few opens the gates for itself, it must be worth its place."""
+        if solution not in self._kept:
+            few = solution.count <= FEW_PAIRS and is_loose(self._plane, solution)
+            others = self._with_one_less(solution) if few else ()
+            self._kept[solution] = max([solution, *others], key=lambda s: s.evidence.score)
+        return self._kept[solution]
 
     def _challenge(self) -> None:
         """Look for rivals until the best candidate has none better, or the time is over."""
@@ -179,8 +183,10 @@ class Judge:
         close = _close(candidates)
         for candidate in close:
             if candidate not in self._settled:
-                self._settled[candidate] = self._settle(candidate)
+                self._settled[candidate] = settle(self._plane, candidate)
         settled = [s for c in close if (s := self._settled[c]) is not None]
+        least = max((s.evidence.score for s in settled), default=0.0) - ONE_WRONG
+        settled = [self._checked(s) if s.evidence.score > least else s for s in settled]
         found = [s for s in settled if not labelled or self._task.keeps(s.state.match)]
         distinct: list[Solution] = []
         for solution in sorted(found, key=lambda s: -s.evidence.score):
