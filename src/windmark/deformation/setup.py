@@ -11,7 +11,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from windmark.adjust import CameraBlock, JointPrior, Loss, PoseBlock, Prior, Problem, VectorBlock
-from windmark.deformation.sighting import LAW, MOTION, Sight, Sighting, by_place, camera_block, pose_block, whiteners
+from windmark.deformation.sighting import (
+    LAW,
+    MOTION,
+    Sight,
+    Sighting,
+    by_place,
+    camera_block,
+    in_tunnel,
+    pose_block,
+    whiteners,
+)
 from windmark.deformation.volumes import Placed, Volumes
 from windmark.geometry import Camera, Pose, imaged_ellipse
 from windmark.scene import MarkerSet, Observations, View
@@ -125,8 +135,7 @@ class Task:
 
     def tunnel_place(self, values: Mapping[str, Any]) -> Array:
         """(P, 3) where the markers are now."""
-        place = self.placed.place(values[LAW])
-        return np.where(self.wall[:, None], place, values[MOTION].apply(place))
+        return in_tunnel(self.placed.place(values[LAW]), self.wall, values[MOTION])
 
     def eccentricity(self, values: Mapping[str, Any]) -> Array:
         """(O, 2) centre of the imaged ellipse less the image of the disc's centre; 0 where a disc is not known."""

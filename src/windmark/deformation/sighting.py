@@ -108,7 +108,7 @@ class Sighting:
             return np.asarray(self._last[1])
         motion: Pose = values[MOTION]
         place = self.placed.place(values[LAW])
-        place = np.where(self.wall[:, None], place, motion.apply(place))
+        place = in_tunnel(place, self.wall, motion)
         out = np.zeros((len(place), 2 * len(self.sights)))
         for v, s in enumerate(self.sights):
             xy, valid = values[camera_block(s.camera)].project(values[pose_block(s.name)].apply(place[s.row]))
@@ -161,7 +161,7 @@ class Sighting:
         """Places in the tunnel (P, 3) and their derivative (P, 3, K + 6) by laws and motion, as far as free."""
         motion: Pose = values[MOTION]
         place, by_q = self.placed.linearise(values[LAW])
-        place = np.where(self.wall[:, None], place, motion.apply(place))
+        place = in_tunnel(place, self.wall, motion)
         parts = [motion.rotation @ by_q] if self.free_law else []
         if self.free_motion:
             turned = np.empty((len(place), 3, 6))
@@ -169,6 +169,11 @@ class Sighting:
             turned[self.wall] = 0.0
             parts.append(turned)
         return place, np.concatenate(parts, axis=2) if parts else np.zeros((len(place), 3, 0))
+
+
+def in_tunnel(place: Array, wall: NDArray[np.bool_], motion: Pose) -> Array:
+    """(P, 3) places of the model's frame in the tunnel; what is on a wall stands still."""
+    return np.where(wall[:, None], place, motion.apply(place))
 
 
 def by_place(sights: tuple[Sight, ...], values: Any, place: Array) -> Array:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.deformation.result import Deformation
+from windmark.deformation.sighting import in_tunnel
 from windmark.scene import MarkerSet, Observations, View
 
 Array = NDArray[np.float64]
@@ -90,7 +91,7 @@ def _by_place(state: Deformation, view: View, markers: MarkerSet, point: NDArray
     volume = np.where(wall, "", markers.volume[point])
     place = state.volumes.bind(markers.xyz[point], volume).place(state.q)
     motion, pose = state.tunnel_from_model, state.cam_from_tunnel[view.name]
-    place = np.where(wall[:, None], place, motion.apply(place))
+    place = in_tunnel(place, wall, motion)
     by_cam = state.cameras[view.camera].project_jacobian(pose.apply(place))[2]
     turned = np.where(wall[:, None, None], np.eye(3), motion.rotation)
     return np.asarray(by_cam @ pose.rotation @ turned)

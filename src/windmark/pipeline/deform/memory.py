@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.deformation import Deformation
+from windmark.deformation.sighting import in_tunnel
 from windmark.geometry import Pose
 from windmark.pipeline.deform.spots import Labelled
 from windmark.scene import MarkerSet
@@ -46,7 +47,7 @@ def displaced(markers: MarkerSet, state: Deformation) -> MarkerSet:
     wall = markers.role == "wall"
     place, motion = state.placed.place(state.q), state.tunnel_from_model
     return replace(
-        markers, xyz=np.where(wall[:, None], markers.xyz, motion.apply(place)),
+        markers, xyz=in_tunnel(place, wall, motion),
         normal=np.where(wall[:, None], markers.normal, motion.rotate(markers.normal)),
     )  # fmt: skip
 
