@@ -149,6 +149,19 @@ def test_labels_and_a_free_focal_length(windmark, folder, wall, tmp_path):
     assert not (tmp_path / "out" / "pair.png").exists()
 
 
+def test_poses_of_an_earlier_result_are_a_beginning(windmark, folder, done, wall, tmp_path):
+    """Three primaries in a folder of poses, no labels: the poses say where they are."""
+    io.write_markers(tmp_path / "three.csv", io.read_markers(folder / "primary.csv").take(np.arange(3)))
+    again = call(windmark, folder, tmp_path / "out", "--poses", done[1] / "views", "--model-px", 0.05, "--json",
+                 images=["w1", "w2", "w3", "w4"], primary=tmp_path / "three.csv")  # fmt: skip
+    assert again.code == 0, again.err
+    assert {p["pose"] for p in again.json["pictures"]} == {"given"}
+    assert again.json["primary"] == 3
+    found = io.read_markers(tmp_path / "out" / "markers.csv")
+    place = {str(n): x for n, x in zip(found.name, found.xyz, strict=True)}
+    assert all(np.linalg.norm(place[NAMES[k]] - wall.xyz[wall.primary[k]]) < 0.2 for k in range(3))
+
+
 def test_the_data_say_no(windmark, folder, tmp_path):
     two = io.read_markers(folder / "primary.csv").take(np.arange(2))
     io.write_markers(tmp_path / "two.csv", two)
@@ -207,6 +220,8 @@ def test_refusals_name_their_reason(windmark, failing, tmp_path, images, primary
         (("--pair", "w0", "w0"), "got w0 and w0"),
         (("--free", "zoom"), "--free: 'zoom' is none of"),
         (("--unit", "miles"), "--unit must be one of"),
+        (("--model-px", "-1"), "--model-px must be 0 or more, got -1"),
+        (("--poses", "nowhere"), "nowhere: has no pose of any picture; expected files such as w0.json"),
         (("--images-of", "left=w*"), "expected the same"),
         (("--polarity", "grey"), "polarity"),
     ],

@@ -72,8 +72,8 @@ def _draw_side(axes: Axes, image: Image, side: Side, names: tuple[str, ...]) -> 
                 path_effects=[withStroke(linewidth=1.0, foreground="black")],
             )  # fmt: skip
     axes.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), xlabel="x, px", ylabel="y, px")
-    axes.set_title(f"{side.name}: {len(side.spots) + len(side.alone)} markers, {len(side.missed)} lines without a spot",
-                   fontsize=10)  # fmt: skip
+    markers, missed = len(side.spots) + len(side.alone), len(side.missed)
+    axes.set_title(f"{side.name}: {markers} markers, lines without a spot: {missed}", fontsize=10)
 
 
 def views_picture(count: NDArray[np.int64]) -> Figure:

@@ -25,6 +25,7 @@ from windmark.pipeline.reconstruct.pair import PairLines
 from windmark.scene import MarkerSet
 
 HOW = {
+    "given": "given",
     "labels": "from its labels",
     "pair": "one of the two that were matched first",
     "register": "registered to the points known so far",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,7 @@ from windmark.pipeline.clock import Clock
 from windmark.pipeline.reconstruct import NotReconstructed, Reconstruction, reconstruct
 from windmark.pipeline.reconstruct.outputs import picture_records, primary_residuals, record, write_reconstruction
 from windmark.pipeline.reconstruct.pair import PairLines, pair_lines
-from windmark.pipeline.reconstruct.read import read_labels, read_spots
+from windmark.pipeline.reconstruct.read import read_labels, read_poses, read_spots
 from windmark.scene import MarkerSet
 
 Record = dict[str, Any]
@@ -32,7 +32,9 @@ class Files:
     images : the pictures
     cameras, patterns : interior parameters by name; camera -> pattern of its images' names, for several cameras
     primary, labels, rough : tables of known markers, of their places in pictures, of rough coordinates
+    poses : folder of known poses
     free : interior parameters to be found, too
+    model_px : noise of the spots beyond their own
     pair : names of two pictures to be drawn with their epipolar lines
     unit : length unit of the markers
     output : folder of the results
@@ -44,12 +46,16 @@ class Files:
     primary: Path
     labels: Path | None
     rough: Path | None
+    poses: Path | None
     free: tuple[str, ...]
+    model_px: float
     pair: tuple[str, str] | None
     unit: str
     output: Path
 
     def __post_init__(self) -> None:
+        if not 0 <= self.model_px < float("inf"):
+            raise ValueError(f"--model-px must be 0 or more, got {self.model_px:g}")
         if self.unit not in io.LENGTH_UNITS:
             raise ValueError(f"--unit must be one of {', '.join(io.LENGTH_UNITS)}, got {self.unit!r}")
         if self.patterns and set(self.patterns) != set(self.cameras):
@@ -71,14 +77,16 @@ def run(files: Files, match: MatchOptions, as_json: bool) -> None:
     primary = io.read_markers(files.primary)
     rough = None if files.rough is None else io.read_markers(files.rough)
     table = None if files.labels is None else read_labels(files.labels, files.names, primary)
+    poses = {} if files.poses is None else read_poses(files.poses, files.names)
     with console.progress() as show:
         clock = Clock(show)
         pictures, views = read_spots(files.images, files.cameras, files.patterns, match, clock)
+        views = tuple(replace(v, cam_from_model=poses.get(v.name)) for v in views)
         labels = None if table is None else table.spots(pictures)
         with clock("reconstruct"):
             result = reconstruct(
                 [p.detections for p in pictures], files.cameras, primary, views=views, labels=labels, rough=rough,
-                free=files.free, seed=match.seed,
+                free=files.free, model_px=files.model_px, seed=match.seed,
             )  # fmt: skip
         if isinstance(result, NotReconstructed):
             console.refuse(_why(result), as_json, _refusal(result, pictures))

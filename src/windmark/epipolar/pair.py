@@ -21,6 +21,9 @@ TRIALS = (1000, 250)
 """Sets of five pairs that are drawn at most: from all patches together, and from one, which is mostly right."""
 ENOUGH = 2
 """So many rivals show that a layout is regular; the other patches are left."""
+SMALL, GROWN = 30, 0.75
+"""In so small a matching the epipolar lines decide little; then a piece that only grew is a rival, too, if it has this
+part of its pairs."""
 OTHER = 0.2
 """Matchings that share at most this part of their pairs are different."""
 
@@ -62,14 +65,14 @@ def match_pair(
         few = f"{len(job.near.a)} and {len(job.near.b)} spots, at least {FEWEST} in each picture are needed"
         return NotMatched(few, "too_few", options=options)
     patches = find_patches(job.near)
-    found = _matchings(job, patches, max_log10_nfa, max_rival)
+    found, grown = _matchings(job, patches, max_log10_nfa, max_rival)
     if not found:
         return NotMatched(
             f"no piece of one picture is found in the other one ({len(job.near.a)} and {len(job.near.b)} spots): views "
             "too far apart, or of different things", "nothing", options=options,
         )  # fmt: skip
     best, others = found[0], [m for m in found[1:] if m.shared(found[0]) <= OTHER]
-    refusal = _refusal(found, max_log10_nfa, max_rival)
+    refusal = _refusal(found, grown, max_log10_nfa, max_rival)
     if refusal is not None:
         return NotMatched(refusal[1], refusal[0], best.count, best.evidence.log10_nfa, options)
     a = np.flatnonzero(best.match >= 0)
@@ -82,22 +85,30 @@ def match_pair(
     )  # fmt: skip
 
 
-def _matchings(job: Job, patches: Patches, max_log10_nfa: float, max_rival: float) -> list[Matching]:
+def _matchings(job: Job, patches: Patches, max_log10_nfa: float, max_rival: float) -> tuple[list[Matching], int]:
     """Complete matchings, best first: from all patches together, from each by itself, and shifts of the best one.
 
-    No more than are needed to show that a layout is regular.
+    No more than are needed to show that a layout is regular. And the size of the largest patch or shift that is none of
+    the best one, complete or not.
     """
     found: list[Matching] = []
     pairs, size = patches.pairs()
     _add(found, job, pairs, size, patches.tried, TRIALS[0])
-    for match in sorted(patches.match, key=lambda m: -(m >= 0).sum()):
+    grown = sorted(patches.match, key=lambda m: -(m >= 0).sum())
+    for match in grown:
         _add_from(found, job, match, patches.tried)
         if len(_rivals(found, max_log10_nfa, max_rival)) >= ENOUGH:
             break
     if found and not _rivals(found, max_log10_nfa, max_rival):
-        for match in shifted(job.near, found[0].match):
+        shifts = shifted(job.near, found[0].match)
+        grown += shifts
+        for match in shifts:
             _add_from(found, job, match, patches.tried)
-    return found
+    if not found:
+        return found, 0
+    best = found[0].match
+    other = [m for m in grown if (m[m >= 0] == best[m >= 0]).sum() <= OTHER * (m >= 0).sum()]
+    return found, max((int((m >= 0).sum()) for m in other), default=0)
 
 
 def _rivals(found: list[Matching], max_log10_nfa: float, max_rival: float) -> list[Matching]:
@@ -130,7 +141,9 @@ def _known(pairs: Ints, matching: Matching) -> bool:
     return bool((matching.match[pairs[:, 0]] == pairs[:, 1]).mean() > 1 - OTHER)
 
 
-def _refusal(found: list[Matching], max_log10_nfa: float, max_rival: float) -> tuple[Cause, str] | None:
+def _refusal(
+    found: list[Matching], grown: int, max_log10_nfa: float, max_rival: float
+) -> tuple[Cause, str] | None:  # fmt: skip
     """Why the best matching is refused; None if it is accepted."""
     best, nfa = found[0], found[0].evidence.log10_nfa
     if nfa > max_log10_nfa:
@@ -138,10 +151,12 @@ def _refusal(found: list[Matching], max_log10_nfa: float, max_rival: float) -> t
             f"the best matching has {best.count} pairs, which could be chance: false-alarm number 1e{nfa:+.1f} (limit "
             f"1e{max_log10_nfa:+.1f}); take the pictures closer to each other"
         )
-    rivals = _rivals(found, max_log10_nfa, max_rival)
+    rivals = [m.count for m in _rivals(found, max_log10_nfa, max_rival)]
+    if not rivals and best.count < SMALL and grown > GROWN * best.count:
+        rivals = [grown]
     if rivals:
         return "ambiguous", (
-            f"there are two matchings, of {best.count} and {rivals[0].count} pairs, and neither is chance: a layout "
-            "that looks like itself when it is shifted or turned"
+            f"there are two matchings, of {best.count} and {rivals[0]} pairs, and neither is chance: a layout that "
+            "looks like itself when it is shifted or turned"
         )
     return None

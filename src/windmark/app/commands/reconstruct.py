@@ -25,6 +25,10 @@ Labels = Annotated[
     typer.Option(help="Table image,name,x,y: primary markers in some pictures (within 10 px); seldom needed."),
 ]
 Rough = Annotated[Path | None, typer.Option(help="Rough coordinates of some or all markers, CSV or .tgts, to begin.")]
+Poses = Annotated[
+    Path | None,
+    typer.Option(help="Folder of poses in the primaries' frame: NAME.json of each picture, as in views/ of a result."),
+]
 Free = Annotated[
     str | None,
     typer.Option(help="Interior parameters to be found, too: focal_px,cx,cy,k1,... [default: none]"),
@@ -32,6 +36,10 @@ Free = Annotated[
 Pair = Annotated[
     tuple[str, str] | None,
     typer.Option(help="Names of two of the pictures: draw both with the epipolar lines of every marker."),
+]
+ModelPx = Annotated[
+    float,
+    typer.Option("--model-px", help="1 sigma that lens, light and JPEG add to the spots' own; calibrate measures it."),
 ]
 Output = Annotated[Path, typer.Option("--output", "-o", help="Folder of the results.")]
 
@@ -43,8 +51,10 @@ def reconstruct(
     unit: a.Unit,
     labels: Labels = None,
     rough: Rough = None,
+    poses: Poses = None,
     images_of: a.ImagesOf = None,
     free: Free = None,
+    model_px: ModelPx = 0.0,
     pair: Pair = None,
     radius: a.Radius = None,
     polarity: a.Polarity = "dark",
@@ -68,7 +78,7 @@ def reconstruct(
 
         files = Files(
             tuple(images), typed.read_cameras(camera), typed.parse_patterns(images_of or ()), primary, labels, rough,
-            typed.parse_free(None, free or ""), pair, unit, output,
+            poses, typed.parse_free(None, free or ""), model_px, pair, unit, output,
         )  # fmt: skip
         match = MatchOptions(tuple(radius or ()), polarity, merit_max, channel, bayer, mask, seed=seed)
         run(files, match, as_json)

@@ -33,6 +33,10 @@ RIVAL = 3.0
 """Another solution counts as a rival if its residuals are at most so many times those of the best."""
 AGREED = 0.6
 """So large a part of the labels of a primary must be on one point."""
+HELD = 0.02
+"""Given poses hold the frame where the adjusted ones are so near to them, as part of the distance to the primaries."""
+CLEAR = 3.0
+"""A primary's place names the nearest point if the next one is so many times farther off, and than poses moved."""
 FINEST = 1e-4
 """Residuals count as at least so large, as part of the extent: two pictures may agree by chance."""
 
@@ -72,7 +76,7 @@ def with_sigma(primary: MarkerSet) -> MarkerSet:
 
 
 def locate(task: Task, structure: Structure) -> Located:
-    """The primaries among the points of a structure.
+    """The primaries among the points of a structure: by labels, given poses or their mutual distances.
 
     Raises
     ------
@@ -82,7 +86,7 @@ def locate(task: Task, structure: Structure) -> Located:
     named = _named(task, structure)
     if len(named) >= 3:
         return _by_labels(task, structure, named)
-    return _by_constellation(task, structure, named)
+    return _by_place(task, structure) or _by_constellation(task, structure, named)
 
 
 def _named(task: Task, structure: Structure) -> dict[int, int]:
@@ -109,6 +113,28 @@ def _by_labels(task: Task, structure: Structure, named: dict[int, int]) -> Locat
     except DegenerateGeometry as error:
         raise Refused("line", f"the {len(primary)} labelled primary markers give no frame: {error}") from None
     return Located(point, primary, frame, -np.inf)
+
+
+def _by_place(task: Task, structure: Structure) -> Located | None:
+    """The points at the primaries' places, where given poses hold the frame; None where fewer than three are clear."""
+    known = task.primary.xyz
+    moved = [
+        np.linalg.norm(structure.poses[v].apply(known) - pose.apply(known), axis=1)
+        for v, pose in task.given.items() if v in structure.poses
+    ]  # fmt: skip
+    far = [np.linalg.norm(pose.apply(known), axis=1) for v, pose in task.given.items() if v in structure.poses]
+    if len(moved) < 2 or np.median(np.array(moved) / np.array(far)) > HELD or len(structure.xyz) < 4:
+        return None
+    error = float(np.median(moved))
+    gap, near = cKDTree(structure.xyz).query(known, 2)
+    primary = np.flatnonzero(gap[:, 1] > CLEAR * np.maximum(gap[:, 0], error))
+    point = near[primary, 0].astype(np.int64)
+    if len(primary) < 3 or len(np.unique(point)) < len(point):
+        return None
+    try:
+        return Located(point, primary, align(structure.xyz[point], known[primary]), -np.inf)
+    except DegenerateGeometry:
+        return None
 
 
 def _by_constellation(task: Task, structure: Structure, named: dict[int, int]) -> Located:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark import io
-from windmark.geometry import Camera
+from windmark.geometry import Camera, Pose
 from windmark.io.csvtable import Table
 from windmark.pipeline.calibrate.marks import Taken
 from windmark.pipeline.calibrate.pictures import LABEL_PX
@@ -83,6 +83,28 @@ def read_labels(path: Path, images: Sequence[str], primary: MarkerSet) -> LabelT
             table.fail(row, f"{name} is already on line {seen[out[-1], name]} for this picture; expected it once")
         seen[out[-1], name] = table.lines[row]
     return LabelTable(table, tuple(out), np.stack([table.numbers("x"), table.numbers("y")], axis=1))
+
+
+def read_poses(folder: Path, images: Sequence[str]) -> dict[str, Pose]:
+    """Poses of the pictures that have a file NAME.json in a folder, such as ``views`` of a calibration.
+
+    Raises
+    ------
+    FileError
+        No picture has a file, or a file has no pose.
+    """
+    poses = {}
+    for name in images:
+        path = folder / f"{name}.json"
+        if not path.exists():
+            continue
+        pose = io.read_camera(path)[1]
+        if pose is None:
+            raise io.FileError(path, f"is a camera without a pose; expected that of the picture {name}")
+        poses[name] = pose
+    if not poses:
+        raise io.FileError(folder, f"has no pose of any picture; expected files such as {images[0]}.json")
+    return poses
 
 
 def read_spots(

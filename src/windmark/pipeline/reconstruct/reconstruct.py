@@ -37,6 +37,7 @@ def reconstruct(
     labels: Labels | None = None,
     rough: MarkerSet | None = None,
     free: Sequence[str] = (),
+    model_px: float = 0.0,
     seed: int = 0,
 ) -> Reconstruction | NotReconstructed:
     """Find which spot of which picture is which marker, and where the markers are (AIAA 2005-5007, section VI).
@@ -57,6 +58,8 @@ def reconstruct(
         names, also of markers that are no primaries, that two pictures share give their epipolar geometry
     rough : rough coordinates of some or all markers, in the primaries' frame: pictures are registered to them
     free : interior parameters to be found, too, in the last adjustment; see `self_calibrate`
+    model_px : 1 sigma per coordinate of what the spots' covariances do not hold: what lens, light and compression
+        leave. A calibration with the same camera measures it (`windmark calibrate`: beyond the detector's noise)
     seed : of every random search
 
     Returns
@@ -68,8 +71,11 @@ def reconstruct(
     ValueError
         For arguments that do not fit together.
     """
-    task = Task.checked(detections, cameras, primary, views, labels, free, seed)
-    options: dict[str, Any] = {"free": tuple(free), "seed": seed, "rough": rough is not None}
+    task = Task.checked(detections, cameras, primary, views, labels, free, seed, model_px)
+    options: dict[str, Any] = {
+        "free": tuple(free), "model_px": model_px, "seed": seed, "rough": rough is not None,
+        "poses": len(task.given),
+    }  # fmt: skip
     dropped = {
         v.name: f"{len(d)} spots, at least {FEWEST_SPOTS} are needed"
         for v, d in zip(task.views, task.detections, strict=True)

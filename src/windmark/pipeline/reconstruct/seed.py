@@ -51,7 +51,7 @@ def seeds(task: Task, views: list[int], match: PairMatcher, covered: set[int]) -
         "too_few", "no_pair" or "baseline", where there are none.
     """
     if len(views) < 2:
-        raise Refused("too_few", f"{len(views)} pictures with spots enough, two at least are needed")
+        raise Refused("too_few", f"{len(views)} of {len(task.views)} pictures with spots enough, at least 2 are needed")
     for tied in tied_pairs(task, views):
         structure = _two_views(task, tied.first, tied.second, tied, tied.b_from_a)
         if structure is not None and tied.view.parallax_deg > LEAST_PARALLAX_DEG:

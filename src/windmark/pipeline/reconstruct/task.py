@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +33,7 @@ class Task:
 
     Parameters
     ----------
-    detections : of each view
+    detections : of each view, their covariances with what lens and light leave
     cameras : by name
     views : with their camera, and a pose in the primaries' frame where that is known
     primary : the known markers
@@ -55,7 +55,7 @@ class Task:
     @classmethod
     def checked(
         cls, detections: Sequence[Detections], cameras: Camera | Mapping[str, Camera], primary: MarkerSet,
-        views: Sequence[View] | None, labels: Labels | None, free: Sequence[str], seed: int,
+        views: Sequence[View] | None, labels: Labels | None, free: Sequence[str], seed: int, model_px: float = 0.0,
     ) -> Task:  # fmt: skip
         """A task from the arguments of `reconstruct`; ValueError where they do not fit."""
         if views is None:
@@ -77,10 +77,13 @@ class Task:
         wrong = [p for p in free if p not in PARAMETERS]
         if wrong:
             raise ValueError(f"reconstruct: free: {wrong[0]!r} is none of {', '.join(PARAMETERS)}")
+        if not 0 <= model_px < np.inf:
+            raise ValueError(f"reconstruct: model_px must be 0 or more, got {model_px}")
         named = _checked_labels(labels or {}, names, detections, primary)
         index = {str(n): i for i, n in enumerate(primary.name)}
         return cls(
-            tuple(detections), dict(cameras), tuple(views), primary,
+            tuple(replace(d, cov=d.cov + model_px**2 * np.eye(2)) for d in detections), dict(cameras), tuple(views),
+            primary,
             tuple({s: index[n] for s, n in mine.items() if n in index} for mine in named),
             tuple({n: s for s, n in mine.items()} for mine in named), tuple(free), seed,
         )  # fmt: skip
