@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from windmark.geometry import Camera, Pose, imaged_ellipse
-from windmark.pipeline.predictions import from_camera, from_detections
+from windmark.pipeline.predictions import COLOUR_FRAMES, Predictions, from_camera, from_detections, look_again
 from windmark.scene import Detections, MarkerSet
 
 CAMERA = Camera((400, 300), 500.0, k1=-0.1)
@@ -48,3 +48,31 @@ def test_from_a_frame_before():
     np.testing.assert_allclose(from_detections(bare, [""], 2.0).axes_px, 2.0)
     with pytest.raises(ValueError, match="neither"):
         from_detections(bare, [""])
+
+
+def test_what_one_image_tells_the_next():
+    """Colours are kept by marker for some frames, also of one that is hidden for a frame, and then found anew."""
+    rng = np.random.default_rng(5)
+    xy = 25.0 + 40.0 * np.stack(np.meshgrid(np.arange(5), np.arange(5)), -1).reshape(-1, 2)
+    y, x = np.mgrid[:210, :210]
+    paint = np.kron(rng.normal(0, 4.0, (70, 70)), np.ones((3, 3)))  # coarse grain: neighbours have the same noise
+    clean = 180.0 + paint
+    for cx, cy in xy:
+        clean -= 50.0 * (1.0 - np.tanh(2.0 * (np.hypot(x - cx, y - cy) - 4.0)))
+    expected = Predictions(("",) * 25, np.arange(25), xy, np.full((25, 2), 4.0), np.zeros(25))
+    known, ages, colours = None, [], []
+    for k in range(COLOUR_FRAMES + 2):
+        image = clean + rng.normal(0, 0.5, clean.shape)
+        seen = np.arange(25) if k != 3 else np.arange(1, 25)
+        found, known = look_again(image, expected.take(seen), 30 - seen, 31, known, search_px=1.0, reshape=False)
+        assert found.found.mean() > 0.8
+        ages.append(known.age)
+        colours.append(known.colour)
+    assert not known.frame.noise.is_white
+    assert ages == [*range(COLOUR_FRAMES), 0, 1]
+    assert np.isnan(known.colour[:6]).all()
+    kept = np.isfinite(colours[0][:, 0, 0])
+    np.testing.assert_allclose(colours[COLOUR_FRAMES - 1][kept], colours[0][kept], rtol=1e-9, atol=1e-12)
+    both = kept & np.isfinite(known.colour[:, 0, 0])
+    assert not np.array_equal(known.colour[both], colours[0][both])
+    np.testing.assert_allclose(known.colour[both][:, [0, 1], [0, 1]], colours[0][both][:, [0, 1], [0, 1]], rtol=0.2)
