@@ -1,9 +1,10 @@
-"""What a view sees of the points: the kernel beside its readable twin."""
+"""What a view sees of the points and what it weighs: the kernels beside their readable twins."""
 
 import numpy as np
 import pytest
 
 from windmark.deformation._kernels import see
+from windmark.deformation.sighting import Sight, by_place, camera_block, pose_block, whiteners
 from windmark.geometry import Camera, Pose
 from windmark.geometry.rotations import hat
 
@@ -40,3 +41,39 @@ def test_the_kernel_is_its_twin(by_pose, by_focal):
     behind = place.copy()
     behind[row[3], 2] = -50.0
     assert not see(camera.packed(), pose.rotation, pose.translation, behind, by_model, *known, *fast)
+
+
+@pytest.mark.parametrize("shared", [False, True])
+def test_whitened_observations_have_unit_covariance_where_seen(shared):
+    rng = np.random.default_rng(2)
+    seen = rng.random((40, 3)) < 0.7
+    root, own = rng.normal(size=(40, 3, 2, 2)), rng.normal(size=(40, 3, 3))
+    cov, place_cov = root @ np.swapaxes(root, -1, -2) + 0.1 * np.eye(2), own @ np.swapaxes(own, -1, -2)
+    moved = rng.normal(size=(40, 6, 3))
+    whitener = whiteners(cov, seen, moved, place_cov if shared else None)
+    assert (np.triu(whitener, 1) == 0).all()
+    for n in range(40):
+        total = np.zeros((6, 6))
+        for v in range(3):
+            total[2 * v : 2 * v + 2, 2 * v : 2 * v + 2] = cov[n, v]
+        if shared:
+            total += moved[n] @ place_cov[n] @ moved[n].T
+        kept = np.repeat(seen[n], 2)
+        total[~kept] = total[:, ~kept] = 0.0
+        np.testing.assert_allclose(whitener[n] @ total @ whitener[n].T, np.diag(kept.astype(float)), atol=1e-9)
+        assert (whitener[n][~kept] == 0).all()
+    if shared:
+        cov[3, np.argmax(seen[3])] = -99.0 * np.eye(2)
+        with pytest.raises(np.linalg.LinAlgError, match="positive definite"):
+            whiteners(cov, seen, moved, place_cov)
+
+
+def test_pixels_move_with_the_place_as_the_camera_says():
+    rng = np.random.default_rng(3)
+    camera, pose = Camera((1280, 800), 1400.0, k1=-0.12), Pose.exp([0.2, -0.1, 0.3, 0.1, -0.2, 9.0])
+    place, row = rng.uniform(-2, 2, (20, 3)), np.arange(3, 15)
+    sight = Sight("v", "c", row, np.zeros((12, 2)))
+    values = {camera_block("c"): camera, pose_block("v"): pose}
+    got = by_place((sight,), values, place)
+    np.testing.assert_allclose(got[row], camera.point_jacobian(pose.apply(place[row]))[2] @ pose.rotation, rtol=1e-9)
+    assert (np.delete(got, row, axis=0) == 0).all()

@@ -1,8 +1,14 @@
-"""What one view sees of the points, and how that changes with all that is free. Private to the deformation."""
+"""What one view sees of the points, how that changes with all that is free, and what it weighs.
+
+Private to the deformation. Readable twins: tests/deformation/test_sighting.py.
+"""
 
 from __future__ import annotations
 
+import math
 from typing import Any
+
+import numpy as np
 
 from windmark.geometry._jit import nb
 from windmark.geometry._kernels import project_with_slopes, to_camera
@@ -44,4 +50,60 @@ def see(
             v[by_pose + 3], v[by_pose + 4], v[by_pose + 5] = vx, vy, vz
         if by_focal >= 0:
             u[by_focal], v[by_focal] = (px - c[2]) / c[0], (py - c[3]) / c[0]
+    return True
+
+
+@nb.njit(cache=True, nogil=True)
+def whiten(cov: Any, seen: Any, by_place: Any, place_cov: Any, out: Any) -> bool:
+    """Fill ``out`` (P, 2 V, 2 V) with the inverse Cholesky factors of ``cov + by_place place_cov by_place^T``.
+
+    ``cov`` (P, V, 2, 2), ``seen`` (P, V), ``by_place`` (P, 2 V, 3), ``place_cov`` (P, 3, 3). Rows and columns of views
+    that do not see a point are zero. False where a covariance is not positive definite.
+    """
+    size = out.shape[1]
+    a, half = np.zeros((size, size)), np.zeros((size, 3))
+    out[:] = 0.0
+    for k in range(out.shape[0]):
+        for i in range(size):
+            for m in range(3):
+                half[i, m] = 0.0
+                for q in range(3):
+                    half[i, m] += by_place[k, i, q] * place_cov[k, q, m]
+        for i in range(size):
+            for j in range(i + 1):
+                v, w = i // 2, j // 2
+                if not (seen[k, v] and seen[k, w]):
+                    a[i, j] = 1.0 if i == j else 0.0
+                    continue
+                a[i, j] = cov[k, v, i % 2, j % 2] if v == w else 0.0
+                for m in range(3):
+                    a[i, j] += half[i, m] * by_place[k, j, m]
+        if not _invert(a, out[k]):
+            return False
+        for i in range(size):
+            if not seen[k, i // 2]:
+                out[k, i, i] = 0.0
+    return True
+
+
+@nb.njit(cache=True, nogil=True)
+def _invert(a: Any, out: Any) -> bool:
+    """Lower Cholesky factor of ``a`` in its place, its inverse into ``out``; False where there is none."""
+    size = a.shape[0]
+    for j in range(size):
+        for i in range(j, size):
+            for m in range(j):
+                a[i, j] -= a[i, m] * a[j, m]
+            if i == j:
+                if not a[j, j] > 0.0:
+                    return False
+                a[j, j] = math.sqrt(a[j, j])
+            else:
+                a[i, j] /= a[j, j]
+    for j in range(size):
+        out[j, j] = 1.0 / a[j, j]
+        for i in range(j + 1, size):
+            for m in range(j, i):
+                out[i, j] -= a[i, m] * out[m, j]
+            out[i, j] /= a[i, i]
     return True

@@ -178,11 +178,16 @@ def in_tunnel(place: Array, wall: NDArray[np.bool_], motion: Pose) -> Array:
 
 def by_place(sights: tuple[Sight, ...], values: Any, place: Array) -> Array:
     """(P, 2 V, 3) derivative of every view's pixels by the points' places (P, 3) in the tunnel."""
-    out = np.zeros((len(place), 2 * len(sights), 3))
+    from windmark.deformation._kernels import see
+
+    out, off = np.zeros((len(place), 2 * len(sights), 3)), np.zeros((len(place), 2 * len(sights)))
+    each = np.ascontiguousarray(np.broadcast_to(np.eye(3), (len(place), 3, 3)))
     for v, s in enumerate(sights):
+        camera: Camera = values[camera_block(s.camera)]
         pose: Pose = values[pose_block(s.name)]
-        by_seen = values[camera_block(s.camera)].point_jacobian(pose.apply(place[s.row]))[2]
-        out[s.row, 2 * v : 2 * v + 2] = by_seen @ pose.rotation
+        rotation = np.ascontiguousarray(pose.rotation)
+        if not see(camera.packed(), rotation, pose.translation, place, each, s.row, s.xy, 2 * v, -1, -1, off, out):
+            out[s.row, 2 * v : 2 * v + 2] = np.nan
     return out
 
 
@@ -196,10 +201,12 @@ def whiteners(cov: Array, seen: NDArray[np.bool_], by_place: Array, place_cov: A
     by_place : (P, 2 V, 3) derivative of the pixels by the point's place; only needed with ``place_cov``
     place_cov : (P, 3, 3) covariance of the markers' own places in the same frame; None where they are exact
     """
+    from windmark.deformation._kernels import whiten
+
     count, views = seen.shape
-    cov = np.where(seen[..., None, None], cov, np.eye(2))
-    total = np.zeros((count, views, 2, views, 2))
     if place_cov is None:  # the inverse of the Cholesky factor of each spot's own, written out
+        cov = np.where(seen[..., None, None], cov, np.eye(2))
+        total = np.zeros((count, views, 2, views, 2))
         a = np.sqrt(cov[..., 0, 0])
         b = cov[..., 0, 1] / a
         c = np.sqrt(cov[..., 1, 1] - b * b)
@@ -207,10 +214,7 @@ def whiteners(cov: Array, seen: NDArray[np.bool_], by_place: Array, place_cov: A
             total[:, v, 0, v, 0], total[:, v, 1, v, 1] = seen[:, v] / a[:, v], seen[:, v] / c[:, v]
             total[:, v, 1, v, 0] = seen[:, v] * -b[:, v] / (a[:, v] * c[:, v])
         return total.reshape(count, 2 * views, 2 * views)
-    for v in range(views):
-        total[:, v, :, v] = cov[:, v]
-    twice = np.repeat(seen, 2, axis=1)
-    j = by_place * twice[..., None]
-    stacked = total.reshape(count, 2 * views, 2 * views) + j @ place_cov @ np.swapaxes(j, 1, 2)
-    out = np.linalg.inv(np.linalg.cholesky(stacked))
-    return np.asarray(out * twice[:, None, :] * twice[:, :, None])
+    out = np.empty((count, 2 * views, 2 * views))
+    if not whiten(cov, seen, by_place, np.ascontiguousarray(place_cov), out):
+        raise np.linalg.LinAlgError("a covariance of the spots with their markers' is not positive definite")
+    return out
