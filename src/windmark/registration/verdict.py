@@ -49,8 +49,9 @@ BENT_LEAD = 5.0
 """How much better (nats) it must be than a rigid solution that is accepted."""
 FREED_LEAD = 10.0
 """A wrong focal length must explain the spots better than a deformation by so much (nats): one that is off by 20 %
-leads by 20 and more, while a slight bending is explained by both about equally well. Of few pairs the simpler
-explanation is taken."""
+leads by 20 and more, while a slight bending is explained by both about equally well, with the same labels ..."""
+FREED_OFF = 0.12
+"""... and by focal lengths off by up to 10 %. Of few pairs the simpler explanation is taken where it is farther off."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,11 +144,18 @@ class Judge:
             return rigid
         if best.count <= FEW_PAIRS and self._better_with_one_less(best):
             return rigid
-        freed = None if self._task.free_focal else with_free_focal(self._plane, best)
-        freed_lead = FREED_LEAD if best.count > FEW_PAIRS else 0.0
-        if freed is not None and freed.evidence.score > best.evidence.score + freed_lead:
+        if self._focal_explains(best):
             return rigid
         return Verdict(best, _runner_up(best, others[0]) if others else None, None, "")
+
+    def _focal_explains(self, best: BentSolution) -> bool:
+        """Whether another focal length explains what a deformation does."""
+        freed = None if self._task.free_focal else with_free_focal(self._plane, best)
+        if freed is None:
+            return False
+        off = abs(float(np.log(freed.focal_px / self._task.camera.focal_px)))
+        lead = FREED_LEAD if best.count > FEW_PAIRS or off < FREED_OFF else 0.0
+        return freed.evidence.score > best.evidence.score + lead
 
     def _better_with_one_less(self, best: Solution) -> bool:
         """Whether a rigid model that explains all pairs but one, nearly, is better than a deformed one of all."""
