@@ -48,11 +48,12 @@ def test_three_labels_are_enough(sheet, monkeypatch, tmp_path):
         CalibrateSettings(Free()), Clock(),
     )  # fmt: skip
     assert done
-    # Some pictures may stay without a certain labelling: the sheet looks nearly the same turned or shifted.
+    # Some pictures may stay without a certain labelling: the sheet looks nearly the same turned or shifted, and
+    # the pose that the first round gives may be too far off.
     assert sum(m.registration is not None for m in matched) >= 15
     for order, m in zip(orders, matched, strict=True):
         if m.registration is None:
-            assert "equally good" in m.problem
+            assert "equally good" in m.problem or "off the prior" in m.problem
             continue
         pairs = m.registration.matching
         assert (obs.point[order][pairs.detection] == pairs.marker).all()

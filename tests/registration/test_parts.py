@@ -8,6 +8,7 @@ import registration_scenes as scenes
 
 from windmark.geometry import Camera, Pose
 from windmark.registration._kernels.hypothesis import Model
+from windmark.registration.criteria import beyond_prior
 from windmark.registration.evidence import weigh
 from windmark.registration.search import plane, triplets
 from windmark.registration.search.layout import unit_model
@@ -203,3 +204,20 @@ def test_nearest_neighbours(count):
     np.testing.assert_allclose(distance, np.sort(full, axis=1)[:, :4], atol=1e-12)
     np.testing.assert_allclose(full[np.arange(count)[:, None], index], distance, atol=1e-12)
     assert nearest(points[:1], 0)[0].shape == (1, 0)
+
+
+def test_a_candidate_off_the_prior_is_described():
+    scene = scenes.scene(5, "A")
+    truth = scene.cam_from_model
+    match = np.arange(24, dtype=np.int32)
+    best = Candidate(truth, scene.camera.focal_px, 300.0, 24, match)
+    center = scene.markers.xyz.mean(axis=0)
+    farther = Pose(truth.rotation, 2.0 * truth.apply(center) - truth.rotation @ center)
+    task = task_of(scene, prior=farther, prior_max_angle_rad=0.5, prior_max_scale=1.3)
+    assert task.distance_ratio(truth, scene.camera.focal_px) == pytest.approx(0.5, rel=0.1)
+    words = beyond_prior(task, best, 60.0)
+    assert "off the prior: by 0 degrees (limit 29)" in words
+    assert "times its distance (limit 1.3 times" in words
+    assert beyond_prior(task, best, 400.0) == beyond_prior(task, None, 0.0) == ""
+    assert beyond_prior(task_of(scene), best, 60.0) == ""
+    assert beyond_prior(task_of(scene, prior=truth, prior_max_scale=1.3), best, 60.0) == ""

@@ -13,8 +13,9 @@ from windmark.registration._kernels.fit import add_normal_equations, table_sprea
 from windmark.registration.evidence import Evidence
 from windmark.registration.result import RunnerUp
 from windmark.registration.search.plane import Plane
+from windmark.registration.search.pool import Candidate
 from windmark.registration.solution import Solution, with_free_focal
-from windmark.registration.task import Limits
+from windmark.registration.task import Limits, Task
 
 MISFIT = 4.0
 """The residuals' sigma times this must fit into the neighbourhood of the search."""
@@ -86,6 +87,19 @@ def wrong_focal(plane: Plane, best: Solution) -> str:
     return (
         f"the given focal length of {given:.5g} px does not fit: with {freed.focal_px:.5g} px (1 sigma "
         f"{100 * sigma:.1f} %) the misfit falls from {best.misfit_px:.2g} to {freed.misfit_px:.2g} px"
+    )
+
+
+def beyond_prior(task: Task, best: Candidate | None, least: float) -> str:
+    """How far off its prior a candidate with evidence (nats) above ``least`` is; empty where the prior allows it."""
+    if best is None or task.prior is None or best.score < least or task.allows(best.cam_from_model, best.focal_px):
+        return ""
+    angle = float(np.degrees(best.cam_from_model.angle_to(task.prior)))
+    ratio = task.distance_ratio(best.cam_from_model, best.focal_px)
+    return (
+        f"a pose that explains {best.count} spots is off the prior: by {angle:.0f} degrees (limit "
+        f"{np.degrees(task.prior_max_angle_rad):.0f}) and at {ratio:.2f} "
+        f"times its distance (limit {task.prior_max_scale:.3g} times, either way)"
     )
 
 

@@ -105,10 +105,15 @@ class Task:
             return True
         if pose.angle_to(self.prior) > self.prior_max_angle_rad:
             return False
+        return bool(1 / self.prior_max_scale < self.distance_ratio(pose, focal_px) < self.prior_max_scale)
+
+    def distance_ratio(self, pose: Pose, focal_px: float) -> float:
+        """How many times the prior's distance (for the same focal length) the markers are away; 1 without a prior."""
+        if self.prior is None:
+            return 1.0
         depth, expected = pose.apply(self.markers.xyz)[:, 2], self.prior.apply(self.markers.xyz)[:, 2]
         with np.errstate(divide="ignore", invalid="ignore"):
-            ratio = np.median(depth / expected) * self.camera.focal_px / focal_px
-        return bool(1 / self.prior_max_scale < ratio < self.prior_max_scale)
+            return float(np.median(depth / expected)) * self.camera.focal_px / focal_px
 
 
 @dataclass(frozen=True)

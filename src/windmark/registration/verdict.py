@@ -13,13 +13,13 @@ import numpy as np
 
 from windmark.registration.bent.solution import Bender, BentSolution
 from windmark.registration.budget import Budget
-from windmark.registration.criteria import ambiguity, is_loose, least_evidence, misfit_of, wrong_focal
+from windmark.registration.criteria import ambiguity, beyond_prior, is_loose, least_evidence, misfit_of, wrong_focal
 from windmark.registration.final import is_bent
 from windmark.registration.labels import contradiction
 from windmark.registration.result import Cause, RunnerUp
 from windmark.registration.search.fixed import FixedSearch
 from windmark.registration.search.pool import Candidate
-from windmark.registration.search.quads import QuadSearch
+from windmark.registration.search.quads import POOL, QuadSearch
 from windmark.registration.search.ransac import Search
 from windmark.registration.solution import SAME_SHARE, Solution, settle, with_free_focal
 from windmark.registration.task import Limits
@@ -97,13 +97,14 @@ class Judge:
 
     def _rigid(self) -> Verdict:
         """The verdict on the rigid model."""
-        solutions = self._solutions(self._search.top(SETTLED))
+        # Turned ones that a prior rules out may stand before all others.
+        solutions = self._solutions(self._search.top(SETTLED)) or self._solutions(self._search.top(POOL))
         if isinstance(self._search, FixedSearch) and (labels := self._contradicted(self._search, solutions)):
             return labels
         if not solutions:
-            return Verdict(
-                None, None, "nothing", f"no pose explains the neighbourhood of any three markers{self._hint()}"
-            )
+            reason = beyond_prior(self._task, self._search.best, self._limits.score)
+            reason = reason or f"no pose explains the neighbourhood of any three markers{self._hint()}"
+            return Verdict(None, None, "nothing", reason)
         best, others = solutions[0], solutions[1:]
         runner_up = _runner_up(best, others[0]) if others else None
         cause, reason = self._refusal(best, others)
