@@ -27,7 +27,7 @@ import _matching_cases as cases
 from _matching_cases import scenes
 from windmark.geometry import Pose
 from windmark.registration import RigRegistration, prepare, register_rig
-from windmark.registration.rig.search import FAR_REACH
+from windmark.registration.search.quads import FAR_STAGES
 from windmark.scene import Detections, MarkerSet
 
 SEEDS = 1_900_000
@@ -120,7 +120,7 @@ class Tally:
         """Register one case and count."""
         spots, _, cameras, poses = case.scene.arguments()
         layout = prepare(case.markers).ready()
-        layout.table(FAR_REACH)
+        layout.table(FAR_STAGES[0][0])
         start = time.thread_time()
         found = register_rig(spots, case.markers, cameras, poses, layout=layout)
         seconds = time.thread_time() - start
