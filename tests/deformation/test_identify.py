@@ -438,6 +438,28 @@ def test_discs_eccentricity_is_taken_off():
     assert np.abs(xy - spots.xy).max() > 0.02
     assert found.rms_px < 1e-3
     np.testing.assert_allclose(found.q, Q, atol=2e-3)
+    start = replace(found, q=1.001 * found.q)
+    off = _off_at(start, spots, set_of)
+    given = identify(replace(spots, xy=xy), set_of, PARTS, CAMERAS, VIEWS, start=start, eccentricity=off)
+    plain = identify(replace(spots, xy=xy), set_of, PARTS, CAMERAS, VIEWS, start=start)
+    np.testing.assert_allclose(given.q, plain.q, rtol=1e-9)
+    wrong = identify(replace(spots, xy=xy), set_of, PARTS, CAMERAS, VIEWS, start=start, eccentricity=0 * off)
+    assert wrong.rms_px > 10 * given.rms_px
+
+
+def _off_at(state, spots, set_of):
+    """(O, 2) eccentricity of the discs in a state."""
+    place = state.tunnel_from_model.apply(state.placed.place(state.q))
+    place[WALL] = set_of.xyz[WALL]
+    turned = np.where(WALL[:, None], set_of.normal, state.tunnel_from_model.rotate(set_of.normal))
+    out = np.empty((len(spots), 2))
+    for k, v in enumerate(VIEWS):
+        own, pose = spots.view == k, v.cam_from_model
+        p = spots.point[own]
+        out[own] = imaged_ellipse(
+            CAMERA, pose.apply(place[p]), pose.rotate(turned[p]), set_of.radius[p]
+        ).eccentricity_px
+    return out
 
 
 @pytest.mark.parametrize(
@@ -454,6 +476,7 @@ def test_discs_eccentricity_is_taken_off():
         ({"motion_cov": -np.eye(6)}, "motion.*positive definite"),
         ({"pose_cov": {"v0": np.eye(2)}, "free_poses": ["v0"]}, r"pose_cov of v0: expected \(6, 6\), got \(2, 2\)"),
         ({"pose_cov": {"v9": np.eye(6)}}, "pose_cov: 'v9' is not one of v0, v1"),
+        ({"eccentricity": np.zeros((3, 2))}, r"eccentricity: expected \(\d+, 2\), finite, got \(3, 2\)"),
         ({"marker_cov": np.eye(3)}, r"marker_cov: expected \(72, 3, 3\), finite, got \(3, 3\)"),
     ],
 )

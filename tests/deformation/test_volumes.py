@@ -64,9 +64,25 @@ def test_derivatives_of_every_chain(name):
     volumes = Volumes.of(CHAINS[name])
     q = volumes.start + RNG.uniform(-3, 3, len(volumes.names))
     placed = volumes.bind(XYZ, "part")
+    alone = placed.place(q)
     place, by_q = placed.linearise(q)
-    np.testing.assert_allclose(place, placed.place(q), atol=1e-10)
+    np.testing.assert_allclose(place, alone, atol=1e-10)
     np.testing.assert_allclose(by_q, differences(placed.place, q), atol=2e-6 * np.abs(by_q).max())
+
+
+def test_what_is_kept_of_the_last_parameters_is_theirs_alone():
+    """Also where the caller writes into what it was given, or goes on with the same array."""
+    placed = Volumes.of(CHAINS["alone"]).bind(XYZ, "part")
+    q, other = RNG.uniform(-3, 3, (2, len(placed.volumes.names)))
+    place, by_q = (a.copy() for a in placed.linearise(q))
+    for got in placed.linearise(q):
+        got[:] = np.nan
+    placed.place(q)[:] = np.nan
+    np.testing.assert_array_equal(placed.place(q), place)
+    np.testing.assert_array_equal(placed.linearise(q)[1], by_q)
+    q[:] = other
+    assert not np.allclose(placed.place(q), place)
+    np.testing.assert_array_equal(placed.linearise(q)[0], placed.place(other))
 
 
 @pytest.mark.parametrize("name", ["attached", "attached, bent above", "attached twice"])

@@ -65,11 +65,16 @@ def test_quaternion_of_half_turns_keeps_its_sign_rule():
 
 
 def test_batches_equal_one_by_one():
-    w = np.random.default_rng(1).normal(size=(4, 5, 3)) * 2
+    """Single ones are worked out in plain floats: tiny, usual, nearly half turns about any axis."""
+    axis = np.random.default_rng(1).normal(size=(40, 3))
+    axis /= np.linalg.norm(axis, axis=1, keepdims=True)
+    w = np.array([0.0, 1e-13, 1e-6, 0.00999, 0.0101, 0.5, 2.0, 3.1, np.pi - 1e-9])[:, None, None] * axis
     r = rot.exp_so3(w)
-    one = np.array([[rot.exp_so3(v) for v in row] for row in w])
-    np.testing.assert_array_equal(r, one)
-    np.testing.assert_array_equal(rot.log_so3(r), np.array([[rot.log_so3(m) for m in row] for row in r]))
+    for function in (rot.exp_so3, rot.left_jacobian):
+        np.testing.assert_allclose(function(w), [[function(v) for v in row] for row in w], atol=1e-15)
+    np.testing.assert_allclose(rot.quaternion(r), [[rot.quaternion(m) for m in row] for row in r], atol=1e-15)
+    np.testing.assert_allclose(rot.log_so3(r), [[rot.log_so3(m) for m in row] for row in r], rtol=1e-14, atol=1e-15)
+    assert np.isnan(rot.exp_so3([np.inf, 0.0, 0.0])).all()
     assert rot.exp_so3(np.zeros((0, 3))).shape == (0, 3, 3)
 
 

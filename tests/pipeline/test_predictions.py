@@ -28,6 +28,9 @@ def test_ellipses_of_those_that_face_the_camera():
     np.testing.assert_allclose(got.xy[0], exact.xy[0])
     np.testing.assert_allclose(got.axes_px[0], exact.axes_px[0])
     assert got.axes_px[1, 1] / got.axes_px[1, 0] > 0.98
+    np.testing.assert_allclose(got.eccentricity_px, [exact.eccentricity_px[0], [0, 0]])
+    assert np.abs(got.eccentricity_px[0]).max() > 1e-3
+    assert (got.take(np.array([1])).eccentricity_px == 0).all()
 
 
 def test_without_a_radius_discs_are_round_and_as_given():

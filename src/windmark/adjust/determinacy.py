@@ -44,13 +44,20 @@ def weak_parameters(system: NormalEquations, names: tuple[str, ...]) -> tuple[st
     system : normal equations, in natural units
     names : (P,) names of the parameters
     """
-    value, vector = _scaled_eigen(system.information)
+    return _weak(*_scaled_eigen(system.information), names)
+
+
+def _weak(value: Array, vector: Array, names: tuple[str, ...]) -> tuple[str, ...]:
+    """`weak_parameters` from what `_scaled_eigen` returns."""
     null = value < NULL_EIGENVALUE
+    limit = (MAX_UNCERTAINTY / 2) ** 2
+    if not null.any() and float((vector * vector / value).sum()) <= limit:
+        return ()  # the sum of all variances, and so the largest
     weak = [vector[:, null] / np.linalg.norm(vector[:, null], axis=0)]
     if not null.all():
         # Of a covariance the largest eigenvalues, the weak ones, are the accurate ones.
         variance, direction = np.linalg.eigh((vector[:, ~null] / value[~null]) @ vector[:, ~null].T)
-        weak.append(direction[:, variance > (MAX_UNCERTAINTY / 2) ** 2])
+        weak.append(direction[:, variance > limit])
     share = (np.concatenate(weak, axis=1) ** 2).max(axis=1, initial=0.0)
     return tuple(name for name, part in zip(names, share, strict=True) if part >= _SHARE)
 
@@ -81,10 +88,10 @@ def covariance(system: NormalEquations, names: tuple[str, ...], noise: Array | N
     DegenerateGeometry
         Naming the parameters that are not determined.
     """
-    weak = weak_parameters(system, names)
+    value, vector = _scaled_eigen(system.information)
+    weak = _weak(value, vector, names)
     if weak:
         raise DegenerateGeometry("the observations do not determine all free parameters", weak)
-    value, vector = _scaled_eigen(system.information)
     inverse = (vector / value) @ vector.T
     cov = system.natural @ (inverse if noise is None else inverse @ noise @ inverse) @ system.natural.T
     return (cov + cov.T) / 2

@@ -45,6 +45,7 @@ def identify(
     free_focal: bool | Sequence[str] = False,
     marker_cov: ArrayLike | None = None,
     start: Deformation | None = None,
+    eccentricity: ArrayLike | None = None,
     reject: bool = True,
 ) -> Deformation | NotIdentified:
     """How a model moved and deformed, from one or more images of one instant.
@@ -64,6 +65,7 @@ def identify(
     free_focal : cameras whose focal length is free, True for all; with a variance in ``camera.cov`` it is held
     marker_cov : (N, 3, 3) covariance of the markers' own places; by default from their sigma, unknown counts as exact
     start : a state to begin at, that of the frame before; its markers bound to laws are used again
+    eccentricity : (O, 2) the discs' eccentricity in pixels at the start, where it is known; None works it out
     reject : test every observation and leave gross errors out
 
     Returns
@@ -88,7 +90,7 @@ def identify(
     if (refusal := _unfit(task)) is not None:
         return replace(refusal, options=options)
     try:
-        solved = _solve(task, values, reject, near=start is not None)
+        solved = _solve(task, values, _shift(task, values, eccentricity), reject, near=start is not None)
     except DegenerateGeometry as error:
         weak = ", ".join(error.weak)
         return NotIdentified(
@@ -132,10 +134,19 @@ def _unfit(task: Task) -> NotIdentified | None:
     return None
 
 
-def _solve(task: Task, values: dict[str, Any], reject: bool, near: bool) -> _Solved | NotIdentified:
+def _shift(task: Task, values: dict[str, Any], eccentricity: ArrayLike | None) -> Array:
+    """(O, 2) eccentricity at the start, as given or worked out."""
+    if eccentricity is None:
+        return task.eccentricity(values)
+    given, expected = np.asarray(eccentricity, dtype=float), (len(task.observations), 2)
+    if given.shape != expected or not np.isfinite(given).all():
+        raise ValueError(f"eccentricity: expected {expected}, finite, got {given.shape}")
+    return given
+
+
+def _solve(task: Task, values: dict[str, Any], shift: Array, reject: bool, near: bool) -> _Solved | NotIdentified:
     used = np.ones(len(task.observations), bool)
     readmitted = np.zeros(len(used), bool)
-    shift = task.eccentricity(values)
     problem = task.problem(values, shift, used, Loss())
     if _sighting(problem).raw_jacobian(values) is None:
         return NotIdentified("the start puts markers behind a camera or beyond its lens", "behind")

@@ -9,9 +9,9 @@ and the parent's rotation there, and keeps its shape.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -158,6 +158,7 @@ class Placed:
     xyz: Array
     names: Texts
     groups: tuple[tuple[NDArray[np.int64], _Chain], ...]
+    _last: list[Any] = field(default_factory=list, repr=False)
 
     @cached_property
     def rates(self) -> Array:
@@ -167,16 +168,24 @@ class Placed:
 
     def place(self, q: Array) -> Array:
         """Displaced points (N, 3) in the model's frame, for all parameters (K,)."""
+        if self._last and self._last[0] == q.tobytes():
+            return np.array(self._last[1])
         out = self.xyz.copy()
         for index, chain in self.groups:
             out[index] = chain.place(q)
         return out
 
     def linearise(self, q: Array) -> tuple[Array, Array]:
-        """Displaced points (N, 3) and their derivative (N, 3, K)."""
+        """Displaced points (N, 3) and their derivative (N, 3, K).
+
+        The last ones are kept: where one search ends the next one starts, and what is asked of a state lies between.
+        """
+        if self._last and self._last[0] == q.tobytes():
+            return np.array(self._last[1]), np.array(self._last[2])
         out, by_q = self.xyz.copy(), np.zeros((*self.xyz.shape, len(self.volumes.names)))
         for index, chain in self.groups:
             out[index], by_q[index] = chain.linearise(q, by_q.shape[2])
+        self._last[:] = [q.tobytes(), out.copy(), by_q.copy()]
         return out, by_q
 
 

@@ -5,10 +5,16 @@ Formulas are the stable ones: series near zero angle, quaternion extraction near
 
 from __future__ import annotations
 
+import math
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
+
+SMALL = 1e-4
+"""Squared angle below which a Taylor series is more exact than the quotients."""
 
 
 def hat(v: ArrayLike) -> Array:
@@ -23,30 +29,58 @@ def hat(v: ArrayLike) -> Array:
 
 def _sinc_terms(theta2: Array) -> tuple[Array, Array, Array]:
     """sin(t)/t, (1-cos t)/t^2, (t-sin t)/t^3 for t^2 >= 0; Taylor series where t is small."""
-    small = theta2 < 1e-4
+    small = theta2 < SMALL
     t2 = np.where(small, 1.0, theta2)
     t = np.sqrt(t2)
     half = np.sin(0.5 * t)
-    a = np.where(small, 1 - theta2 / 6 * (1 - theta2 / 20 * (1 - theta2 / 42)), np.sin(t) / t)
-    b = np.where(small, 0.5 * (1 - theta2 / 12 * (1 - theta2 / 30 * (1 - theta2 / 56))), 2 * half * half / t2)
-    c = np.where(small, (1 - theta2 / 20 * (1 - theta2 / 42 * (1 - theta2 / 72))) / 6, (t - np.sin(t)) / (t2 * t))
-    return a, b, c
+    a, b, c = _taylor(theta2)
+    return (
+        np.where(small, a, np.sin(t) / t), np.where(small, b, 2 * half * half / t2),
+        np.where(small, c, (t - np.sin(t)) / (t2 * t)),
+    )  # fmt: skip
 
 
-def exp_so3(rotvec: ArrayLike) -> Array:
-    """Rotation matrix of a rotation vector in radians (Rodrigues). (..., 3) -> (..., 3, 3)."""
-    w = np.asarray(rotvec, dtype=float)
-    a, b, _ = _sinc_terms(np.sum(w * w, axis=-1))
+def _sinc_terms_of_one(theta2: float) -> tuple[float, float, float]:
+    """`_sinc_terms` of one number; NaN where it is not finite."""
+    if theta2 < SMALL:
+        return _taylor(theta2)
+    t = math.sqrt(theta2) if theta2 < math.inf else math.nan
+    half = math.sin(0.5 * t)
+    return math.sin(t) / t, 2 * half * half / theta2, (t - math.sin(t)) / (theta2 * t)
+
+
+def _taylor(theta2: Any) -> tuple[Any, Any, Any]:
+    """`_sinc_terms` of one number or many, all small."""
+    return (
+        1 - theta2 / 6 * (1 - theta2 / 20 * (1 - theta2 / 42)),
+        0.5 * (1 - theta2 / 12 * (1 - theta2 / 30 * (1 - theta2 / 56))),
+        (1 - theta2 / 20 * (1 - theta2 / 42 * (1 - theta2 / 72))) / 6,
+    )
+
+
+def _series(w: Array, first: int) -> Array:
+    """1 + a hat(w) + b hat(w)^2 with two neighbours of `_sinc_terms`. (..., 3) -> (..., 3, 3)."""
+    if w.ndim == 1:  # a single one, as in tracking: plain floats take a tenth of the time
+        x, y, z = w.tolist()
+        p, q = _sinc_terms_of_one(x * x + y * y + z * z)[first : first + 2]
+        return np.array([
+            [1 - q * (y * y + z * z), q * x * y - p * z, q * x * z + p * y],
+            [q * x * y + p * z, 1 - q * (x * x + z * z), q * y * z - p * x],
+            [q * x * z - p * y, q * y * z + p * x, 1 - q * (x * x + y * y)],
+        ])  # fmt: skip
+    a, b = _sinc_terms(np.sum(w * w, axis=-1))[first : first + 2]
     k = hat(w)
     return np.eye(3) + a[..., None, None] * k + b[..., None, None] * (k @ k)
 
 
+def exp_so3(rotvec: ArrayLike) -> Array:
+    """Rotation matrix of a rotation vector in radians (Rodrigues). (..., 3) -> (..., 3, 3)."""
+    return _series(np.asarray(rotvec, dtype=float), 0)
+
+
 def left_jacobian(rotvec: ArrayLike) -> Array:
     """V of the SE(3) exponential: translation = V(rotvec) @ v. (..., 3) -> (..., 3, 3)."""
-    w = np.asarray(rotvec, dtype=float)
-    _, b, c = _sinc_terms(np.sum(w * w, axis=-1))
-    k = hat(w)
-    return np.eye(3) + b[..., None, None] * k + c[..., None, None] * (k @ k)
+    return _series(np.asarray(rotvec, dtype=float), 1)
 
 
 def quaternion(rotation: ArrayLike) -> Array:
@@ -56,6 +90,8 @@ def quaternion(rotation: ArrayLike) -> Array:
     component is found by dividing by a small number.
     """
     r = np.asarray(rotation, dtype=float)
+    if r.ndim == 2:
+        return np.array(_quaternion_of_one(r))
     xx, yy, zz = r[..., 0, 0], r[..., 1, 1], r[..., 2, 2]
     squared4 = np.stack([1 + xx + yy + zz, 1 + xx - yy - zz, 1 - xx + yy - zz, 1 - xx - yy + zz], axis=-1)
     wx, wy, wz = r[..., 2, 1] - r[..., 1, 2], r[..., 0, 2] - r[..., 2, 0], r[..., 1, 0] - r[..., 0, 1]
@@ -76,9 +112,27 @@ def quaternion(rotation: ArrayLike) -> Array:
     return np.where(q[..., :1] < 0, -q, q)
 
 
+def _quaternion_of_one(rotation: Array) -> tuple[float, float, float, float]:
+    """`quaternion` of one matrix (3, 3), in plain floats."""
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = rotation.tolist()
+    squared4 = (1 + xx + yy + zz, 1 + xx - yy - zz, 1 - xx + yy - zz, 1 - xx - yy + zz)
+    wx, wy, wz, vxy, vxz, vyz = zy - yz, xz - zx, yx - xy, xy + yx, xz + zx, yz + zy
+    rows = (
+        (squared4[0], wx, wy, wz), (wx, squared4[1], vxy, vxz), (wy, vxy, squared4[2], vyz), (wz, vxz, vyz, squared4[3])
+    )  # fmt: skip
+    w, x, y, z = rows[squared4.index(max(squared4))]
+    size = math.sqrt(w * w + x * x + y * y + z * z) * (-1.0 if w < 0 else 1.0)
+    return w / size, x / size, y / size, z / size
+
+
 def log_so3(rotation: ArrayLike) -> Array:
     """Rotation vector (angle in [0, pi]) of a rotation matrix. (..., 3, 3) -> (..., 3)."""
-    q = quaternion(rotation)
+    r = np.asarray(rotation, dtype=float)
+    if r.ndim == 2:
+        w, *v = _quaternion_of_one(r)
+        length = math.hypot(*v)
+        return np.array(v) * (2.0 if length < 1e-12 else 2 * math.atan2(length, w) / length)
+    q = quaternion(r)
     n = np.linalg.norm(q[..., 1:], axis=-1)
     angle = 2 * np.arctan2(n, q[..., 0])
     tiny = n < 1e-12

@@ -29,6 +29,7 @@ class Predictions:
     row : (M,) where they stand in the table or list that they come from
     xy : (M, 2) centres of the imaged ellipses in pixels
     axes_px, angle : (M, 2), (M,) half axes (large first) and direction of the first, radians
+    eccentricity_px : (M, 2) centres less the images of the discs' centres, 0 where a disc is not known; None: unknown
     """
 
     name: tuple[str, ...]
@@ -36,6 +37,7 @@ class Predictions:
     xy: Array
     axes_px: Array
     angle: Array
+    eccentricity_px: Array | None = None
 
     def __len__(self) -> int:
         return len(self.name)
@@ -43,7 +45,8 @@ class Predictions:
     def take(self, index: NDArray[np.int64]) -> Predictions:
         """Those of an index array, in its order."""
         names = tuple(self.name[k] for k in index.tolist())
-        return Predictions(names, self.row[index], self.xy[index], self.axes_px[index], self.angle[index])
+        off = None if self.eccentricity_px is None else self.eccentricity_px[index]
+        return Predictions(names, self.row[index], self.xy[index], self.axes_px[index], self.angle[index], off)
 
 
 def from_camera(
@@ -61,7 +64,8 @@ def from_camera(
     center, normal = cam_from_markers.apply(markers.xyz), cam_from_markers.rotate(markers.normal)
     ray = -center / np.linalg.norm(center, axis=1, keepdims=True)
     facing = np.asarray(~((normal * ray).sum(axis=1) <= OBLIQUE_COS) & (center[:, 2] > 0))
-    seen = imaged_ellipse(camera, center, np.where(np.isfinite(normal), normal, ray), markers.radius)
+    has_normal = np.isfinite(normal)
+    seen = imaged_ellipse(camera, center, np.where(has_normal, normal, ray), markers.radius)
     known = np.asarray(np.isfinite(seen.xy).all(axis=1))
     unsized = facing & ~np.isfinite(markers.radius)
     if radius_px is None and unsized.any():
@@ -72,7 +76,8 @@ def from_camera(
     keep = np.asarray(facing & camera.in_image(xy) & np.isfinite(axes).all(axis=1))
     angle = np.where(known, seen.angle, 0.0)
     row = np.flatnonzero(keep)
-    return Predictions(tuple(markers.name[row].tolist()), row, xy[row], axes[row], angle[row])
+    off = np.where(known[:, None] & has_normal.all(axis=1, keepdims=True), seen.eccentricity_px, 0.0)
+    return Predictions(tuple(markers.name[row].tolist()), row, xy[row], axes[row], angle[row], off[row])
 
 
 def from_detections(spots: Detections, names: list[str], radius_px: float | None = None) -> Predictions:

@@ -172,7 +172,9 @@ class _Follower:
         )  # fmt: skip
         poses = {n: _start_pose(self._test.station(n), s) for n, s in labelled.items()}
         known = self._test.marker_cov if self._texture is None else self._texture.place_cov
-        return _state(observations, poses, self._test, start, known), observations
+        known_off = [s.eccentricity_px for s in parts if s.eccentricity_px is not None]
+        eccentricity = np.concatenate(known_off) if start is not None and len(known_off) == len(parts) else None
+        return _state(observations, poses, self._test, start, known, eccentricity), observations
 
     # --- without -----------------------------------------------------------------------------
     def _everything(self, images: dict[str, Image]) -> dict[str, Detections | str]:
@@ -258,9 +260,12 @@ def identified_again(frame: DeformedFrame, test: DeformationTest) -> DeformedFra
 
 def _state(
     observations: Observations, poses: dict[str, Pose], test: DeformationTest, start: Deformation | None,
-    marker_cov: Array | None,
+    marker_cov: Array | None, eccentricity: Array | None = None,
 ) -> Deformation | NotIdentified:  # fmt: skip
-    """The state of one instant; ``poses`` of its views, in the order of ``observations.view``."""
+    """The state of one instant; ``poses`` of its views, in the order of ``observations.view``.
+
+    ``eccentricity`` (O, 2) as ``start`` has it; None works it out.
+    """
     stations = [test.station(n) for n in poses]
     return identify(
         observations, test.markers, test.volumes, {s.name: s.camera for s in stations},
@@ -268,6 +273,7 @@ def _state(
         free_motion=test.free_motion, free_poses=[s.name for s in stations if s.moves],
         pose_cov={s.name: s.pose_cov for s in stations if s.moves and s.pose_cov is not None},
         free_focal=[s.name for s in stations if s.free_focal], marker_cov=marker_cov, start=start,
+        eccentricity=eccentricity,
     )  # fmt: skip
 
 

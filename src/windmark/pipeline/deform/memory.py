@@ -45,7 +45,7 @@ def displaced(markers: MarkerSet, state: Deformation) -> MarkerSet:
     ``markers`` are those that the state was identified with, which it holds bound to their laws.
     """
     wall = markers.role == "wall"
-    place, motion = state.placed.place(state.q), state.tunnel_from_model
+    place, motion = state.placed.linearise(state.q)[0], state.tunnel_from_model  # of use again in `identify`
     return replace(
         markers, xyz=in_tunnel(place, wall, motion),
         normal=np.where(wall[:, None], markers.normal, motion.rotate(markers.normal)),

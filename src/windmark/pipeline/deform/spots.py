@@ -48,6 +48,7 @@ class Labelled:
     radius_px : median radius of the spots
     reason : why there are none
     pose : where the search put the camera (cold only)
+    eccentricity_px : (n, 2) as the state that they were expected from has it (`Predictions`); None if unknown
     off_px : how far the spots were from where they were expected, root mean square per coordinate; inf if unknown
     """
 
@@ -63,6 +64,7 @@ class Labelled:
     reason: str = ""
     pose: Pose | None = None
     off_px: float = np.inf
+    eccentricity_px: Array | None = None
 
     @staticmethod
     def none(reason: str) -> Labelled:
@@ -131,6 +133,7 @@ def near(
     return Labelled(
         which[good], found.xy[good], found.cov[good] * doubt[:, None, None], found.axes_px[good], found.angle[good],
         by_table[good], len(expected), told, size, why, off_px=off,
+        eccentricity_px=None if expected.eccentricity_px is None else expected.eccentricity_px[good],
     )  # fmt: skip
 
 
