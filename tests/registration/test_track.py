@@ -103,6 +103,20 @@ def test_velocity_is_that_of_the_motion():
     assert (state.change < Motion().change).all()
 
 
+def test_tracked_poses_name_their_weak_directions():
+    """A small field of view: the distance is known badly, in every frame."""
+    rng = np.random.default_rng(8)
+    markers = scenes.wing_and_body(rng)
+    camera, pose = scenes.random_view(rng, markers, fov_deg=(8, 8))
+    state, named = None, []
+    for _ in range(3):
+        scene = scenes.image_of(rng, markers, camera, pose, noise_px=0.1)
+        answer, state = track(state, scene.detections, markers, camera)
+        named.append([weak.motions[0] for weak in answer.weak])
+    assert state.status == "tracked"
+    assert all("along the viewing direction" in names for names in named)
+
+
 @pytest.mark.parametrize("part", [0.45, 0.55, 0.9, 1.0])
 def test_a_regular_grid_does_not_slip(part):
     """The grid stands still and is then shifted along a row by nearly half a spacing or a whole one."""

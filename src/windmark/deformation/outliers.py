@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from windmark.adjust import Problem
 from windmark.deformation.setup import Task
 from windmark.deformation.sighting import Sighting, by_place
+from windmark.geometry.order import median
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -80,8 +81,5 @@ def test_left_out(
 
 def scale_of(test: Array) -> float:
     """How many times larger than their covariance the squared residuals are, robustly; at least 1."""
-    known = np.sort(test[np.isfinite(test)])
-    if not len(known):
-        return 1.0
-    middle = 0.5 * (known[(len(known) - 1) // 2] + known[len(known) // 2])  # numpy.median has ten times the overhead
-    return max(float(middle) / MEDIAN, 1.0)
+    known = test[np.isfinite(test)]
+    return max(median(known) / MEDIAN, 1.0) if len(known) else 1.0

@@ -1,4 +1,4 @@
-"""Quantiles: of weighted values, and plain ones of short columns without the overhead of `numpy.quantile`."""
+"""Quantiles of weighted values."""
 
 from __future__ import annotations
 
@@ -8,20 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-
-
-def quantile(values: Array, share: float) -> float:
-    """Linear between two values, as `numpy.quantile`; values (K,), K > 0, not NaN."""
-    ordered, place = np.sort(values), share * (len(values) - 1)
-    low = int(place)
-    if low == place:
-        return float(ordered[low])
-    return float(ordered[low] + (place - low) * (ordered[low + 1] - ordered[low]))
-
-
-def median(values: Array) -> float:
-    """The median of values (K,), K > 0, not NaN."""
-    return quantile(values, 0.5)
 
 
 def weighted_quantile(values: Array, weight: Array, share: float) -> Any:

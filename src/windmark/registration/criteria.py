@@ -8,8 +8,8 @@ from typing import Protocol
 import numpy as np
 
 from windmark.geometry import Pose
-from windmark.registration._kernels.cholesky import cholesky
-from windmark.registration._kernels.fit import add_normal_equations, table_spread
+from windmark.geometry.order import median
+from windmark.registration._kernels.fit import focal_score_kernel
 from windmark.registration.evidence import Evidence
 from windmark.registration.result import RunnerUp
 from windmark.registration.search.plane import Plane
@@ -55,7 +55,7 @@ def misfit_of(plane: Plane, limits: Limits, best: Solution, taken: float | None 
             f"{task.tolerance_px:.1f}: another or a deformed model, wrong camera parameters, or too small a tolerance"
         )
     depth = best.cam_from_model.apply(task.markers.xyz[best.marker])[:, 2]
-    spacing = float(np.median(plane.layout.spacing[best.marker] * best.focal_px / depth))
+    spacing = median(plane.layout.spacing[best.marker] * best.focal_px / depth)
     redundancy = 2 * best.count - (best.parameters if taken is None else taken)
     excess, allowed = table_excess(limits, best.excess_px, redundancy, spacing, task.typical_sigma_px)
     if excess <= allowed:
@@ -106,15 +106,9 @@ def beyond_prior(task: Task, best: Candidate | None, least: float) -> str:
 def focal_gain(plane: Plane, best: Solution) -> float:
     """What another focal length would gain to first order, in nats: Rao's score test with the pose as nuisance.
 
-    With ``L L' = J'WJ`` and the focal length last, the last entry of ``L^-1 J'W(seen - projected)`` is normal with
-    sigma 1 where the given focal length is right. 0 where the view does not determine it.
+    0 where the view does not determine it.
     """
-    a, g, table = np.zeros((7, 7)), np.zeros(7), np.zeros_like(best.state.spread)
-    table_spread(best.markers, best.state, table)
-    add_normal_equations(best.unit_xyz(plane), plane.spots, best.state, table, 7, a, g)
-    if not cholesky(a, 7, 1e-12):
-        return 0.0
-    return 0.5 * float(np.linalg.solve(np.tril(a), g)[6]) ** 2
+    return 0.5 * float(focal_score_kernel(best.unit_xyz(plane), best.markers, plane.spots, best.state)) ** 2
 
 
 def is_loose(plane: Plane, best: Solution) -> bool:

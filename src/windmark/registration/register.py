@@ -8,7 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from windmark.geometry import Camera, Pose
+from windmark.geometry.order import median
 from windmark.registration.labels import Fixed, fixed_pairs, used_spots
+from windmark.registration.line import off_line, on_line
 from windmark.registration.result import NotRegistered, Registration
 from windmark.registration.task import Limits, Task, Visible
 from windmark.scene import Detections, MarkerSet
@@ -124,7 +126,7 @@ def register(
     options["fixed"] = {int(np.flatnonzero(usable)[s]): str(markers.name[m]) for s, m in pairs}
     options["excluded"] = np.flatnonzero(~usable)
     xy, cov = detections.xy[usable], detections.cov[usable]
-    refusal = _refuse_early(xy, cov, markers)
+    refusal = _refuse_early(xy, cov, markers, layout)
     if refusal is not None:
         return NotRegistered(*refusal, options=options)
     options["tolerance_px"] = tolerance_px = tolerance_px or default_tolerance(xy, camera, markers)
@@ -175,7 +177,7 @@ def check_ranges(verb: str, options: dict[str, Any], prior: Pose | None) -> None
         raise ValueError(f"{verb}: min_margin must be >= 0, got {options['min_margin']}")
 
 
-def _refuse_early(xy: Array, cov: Array, markers: MarkerSet) -> tuple[str, Any] | None:
+def _refuse_early(xy: Array, cov: Array, markers: MarkerSet, layout: Layout | None) -> tuple[str, Any] | None:
     """What needs no search to say no: (reason, cause) or None."""
     if not np.isfinite(cov).all():
         raise ValueError("register: detections.cov must be finite")
@@ -185,15 +187,9 @@ def _refuse_early(xy: Array, cov: Array, markers: MarkerSet) -> tuple[str, Any] 
     width = off_line(xy)
     if width < 0.5 + float(np.sqrt(cov.max())):
         return f"all {len(xy)} spots lie on one line (within {width:.2g} px)", "degenerate"
-    if not off_line(markers.xyz) > 1e-4 * float(np.ptp(markers.xyz, axis=0).max()):
+    if layout.on_line if layout is not None else on_line(markers.xyz):
         return f"all {len(markers)} markers lie on one line", "degenerate"
     return None
-
-
-def off_line(points: Array) -> float:
-    """Root mean square distance of points from their best line."""
-    off = points - points.mean(axis=0)
-    return float(np.sqrt(max(np.linalg.eigvalsh(off.T @ off)[:-1].sum(), 0.0) / len(points)))
 
 
 def default_tolerance(xy: Array, camera: Camera, markers: MarkerSet) -> float:
@@ -204,9 +200,10 @@ def default_tolerance(xy: Array, camera: Camera, markers: MarkerSet) -> float:
     """
     if len(xy) < 2:
         return max(0.5, DEFAULT_TOLERANCE * float(np.hypot(*camera.size_px)))
-    wanted, sigma = DEFAULT_TOLERANCE * float(np.hypot(*camera.size_px)), np.nan_to_num(markers.sigma)
+    wanted = DEFAULT_TOLERANCE * float(np.hypot(*camera.size_px))
+    sigma = np.where(np.isfinite(markers.sigma), markers.sigma, 0.0)
     if sigma.any() and (apart := _spacing(markers.xyz, ROUND)) > 0:
-        wanted = max(wanted, TABLE_SIGMAS * float(np.median(sigma)) * _spacing(xy, ROUND) / apart)
+        wanted = max(wanted, TABLE_SIGMAS * median(sigma.ravel()) * _spacing(xy, ROUND) / apart)
     return max(0.5, min(wanted, MAX_SPACING * _spacing(xy, 1)))
 
 
@@ -214,4 +211,4 @@ def _spacing(points: Array, neighbour: int) -> float:
     """Median distance to the so-manieth nearest other point, or to the farthest if there are fewer."""
     from windmark.registration.search.near import nearest  # this brings numba
 
-    return float(np.median(nearest(points, min(neighbour, len(points) - 1))[1][:, -1]))
+    return median(nearest(points, min(neighbour, len(points) - 1))[1][:, -1])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 
 from windmark.adjust import SolveReport
 from windmark.geometry import Camera, Pose
-from windmark.registration.directions import WeakDirection
+from windmark.registration.directions import WeakDirection, weak_directions
 from windmark.scene import Matching
 
 Array = NDArray[np.float64]
@@ -107,7 +108,7 @@ class Registration:
     n_expected : markers that should be seen from there (in the image, facing the camera), matched ones included
     n_hypotheses : links of three markers to three spots that were tried
     report : why the last adjustment stopped
-    weak : directions that the spots hardly determine, weakest first
+    xyz : (N, 3) the markers of the table
     deformation : None if the rigid model explains the spots. Otherwise the residuals are those of the deformed one
     options : everything the registration was made with, by name
     """
@@ -125,9 +126,15 @@ class Registration:
     n_expected: int
     n_hypotheses: int
     report: SolveReport
-    weak: tuple[WeakDirection, ...] = ()
+    xyz: Array
     deformation: Deformation | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
+
+    @cached_property
+    def weak(self) -> tuple[WeakDirection, ...]:
+        """Directions that the spots hardly determine, weakest first."""
+        xyz = self.xyz if self.deformation is None else self.xyz + self.deformation.displacement
+        return weak_directions(self.cam_from_model, self.camera.focal_px, self.cov, xyz[self.matching.marker])
 
     def __bool__(self) -> bool:
         return True

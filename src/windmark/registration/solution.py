@@ -6,7 +6,6 @@ markers count, and the gates, weights and covariances are as wide as the data sa
 
 from __future__ import annotations
 
-import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -15,7 +14,6 @@ from numpy.typing import NDArray
 
 from windmark.adjust import SolveReport
 from windmark.geometry import Pose
-from windmark.geometry.rotations import hat
 from windmark.registration._kernels.fit import (
     COST_END,
     COST_START,
@@ -28,6 +26,8 @@ from windmark.registration._kernels.fit import (
     Markers,
     Spots,
     State,
+    copy_of,
+    pose_covariance_kernel,
     state_of,
 )
 from windmark.registration._kernels.settle import STEADY, accept_kernel, settle_kernel
@@ -61,8 +61,8 @@ class Solution:
     misfit_px : 1 sigma per coordinate of the residuals, by the redundancy
     evidence : how much it is worth
     markers : the kernels' view of the markers; those that something hides are turned away from the camera
-    state, change : the kernels' view of the solution, and (6, 6) or (7, 7) derivative of [rotation, translation, focal
-        length] by the kernels' parameters
+    state : the kernels' view of the solution
+    frame, size : of the unit model; 7 parameters with a free focal length, else 6
     """
 
     cam_from_model: Pose
@@ -75,7 +75,8 @@ class Solution:
     evidence: Evidence
     markers: Markers
     state: State
-    change: Array
+    frame: Frame
+    size: int
 
     @property
     def count(self) -> int:
@@ -85,19 +86,20 @@ class Solution:
     @property
     def parameters(self) -> float:
         """Parameters that the pairs determine."""
-        return float(len(self.change))
+        return float(self.size)
 
     @cached_property
     def cov(self) -> Array:
         """(6, 6) of [rotation, translation] for ``exp(delta) @ pose``; (7, 7) with the focal length if that is free."""
-        size = len(self.change)
-        half = self.change @ np.linalg.inv(np.tril(self.state.factor[:size, :size])).T
-        return np.asarray(half @ half.T)
+        state = self.state
+        return np.asarray(
+            pose_covariance_kernel(state.factor, self.size, state.translation, self.frame.scale, self.focal_px)
+        )
 
     @property
     def focal_sigma(self) -> float:
         """Relative 1 sigma of the focal length; 0 where it is given."""
-        return float(np.sqrt(self.cov[6, 6])) / self.focal_px if len(self.cov) == 7 else 0.0
+        return float(np.sqrt(self.cov[6, 6])) / self.focal_px if self.size == 7 else 0.0
 
     @property
     def report(self) -> SolveReport:
@@ -150,7 +152,7 @@ def _settled(plane: Plane, fit: Fit, state: State) -> Markers | None:
     if settle_kernel(plane.markers, plane.spots, fit, state, 0) != STEADY:
         return None
     markers, before = plane.markers, np.zeros(len(state.match), dtype=bool)
-    for _ in range(HIDING_ROUNDS):
+    for _ in range(HIDING_ROUNDS if plane.task.visible is not None else 0):
         pose = plane.frame.pose(state.rotation.copy(), state.translation.copy())
         hidden = plane.task.hidden(pose, float(state.numbers[FOCAL]))
         if (hidden == before).all():
@@ -178,7 +180,7 @@ def with_free_focal(plane: Plane, solution: Solution, without: int | None = None
     The pair of marker ``without`` has to earn its place again.
     """
     fit = plane.fit._replace(focal_weight=FREED_SIGMA**-2)
-    state = copy.deepcopy(solution.state)
+    state = copy_of(solution.state)
     if without is not None:
         state.match[without] = -1
     markers = _settled(plane, fit, state)
@@ -191,7 +193,7 @@ def accepted(plane: Plane, solution: Solution, spots: Spots) -> Solution:
     While labels may still be wrong, the gates are kept a little open. Once they are accepted that doubt has
     no place in the covariance.
     """
-    state = copy.deepcopy(solution.state)
+    state = copy_of(solution.state)
     if not accept_kernel(solution.markers, spots, plane.fit, state):
         return solution
     return replace(
@@ -200,7 +202,6 @@ def accepted(plane: Plane, solution: Solution, spots: Spots) -> Solution:
         focal_px=float(state.numbers[FOCAL]),
         excess_px=float(np.sqrt(state.numbers[EXCESS])),
         state=state,
-        change=change_of(plane, state, len(solution.change)),
     )
 
 
@@ -221,23 +222,6 @@ def solution_of(plane: Plane, markers: Markers, state: State, fit: Fit) -> Solut
         evidence=weigh(plane, detection, state.residual[marker], state.spread[marker], expected),
         markers=markers,
         state=state,
-        change=change_of(plane, state, 7 if fit.focal_weight > 0 else 6),
+        frame=plane.frame,
+        size=7 if fit.focal_weight > 0 else 6,
     )
-
-
-def about_centre(frame: Frame, translation: Array) -> Array:
-    """(6, 6) from the unit model, turned about its centre, to the model and ``exp(delta) @ pose``."""
-    # The model's centre stays where it is when the unit model is turned.
-    change = np.eye(6)
-    change[3:, :3] = frame.scale * hat(translation)
-    change[3:, 3:] *= frame.scale
-    return change
-
-
-def change_of(plane: Plane, state: State, size: int) -> Array:
-    """(size, size) as `about_centre`, with a free focal length (size 7) last."""
-    change = np.eye(size)
-    change[:6, :6] = about_centre(plane.frame, state.translation)
-    if size == 7:
-        change[6, 6] = state.numbers[FOCAL]
-    return change

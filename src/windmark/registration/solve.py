@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.registration._kernels.raster import project_kernel
 from windmark.registration.bent.solution import BentSolution
 from windmark.registration.budget import Budget
 from windmark.registration.directions import WeakDirection, weak_directions
@@ -119,13 +120,13 @@ def _registration(
     best, xyz = final.solution, plane.task.markers.xyz
     if final.deformation is not None:
         xyz = xyz + final.deformation.displacement
-    markers = xyz[best.marker]
-    seen = final.camera.project(final.cam_from_model.apply(markers))[0]
+    pose, camera = final.cam_from_model, final.camera
+    seen = project_kernel(camera.packed(), pose.rotation, pose.translation, xyz[best.marker])
     residuals = seen + final.eccentricity_px - plane.task.xy[best.detection]
-    distance = np.linalg.norm(residuals, axis=1)
+    distance = np.hypot(residuals[:, 0], residuals[:, 1])
     return Registration(
-        cam_from_model=final.cam_from_model,
-        camera=final.camera,
+        cam_from_model=pose,
+        camera=camera,
         matching=Matching(index[best.detection], best.marker, distance),
         rms_px=float(np.sqrt((distance**2).mean())),
         residuals=residuals,
@@ -137,7 +138,7 @@ def _registration(
         n_expected=best.expected,
         n_hypotheses=tried,
         report=final.report,
-        weak=weak_directions(final.cam_from_model, final.camera.focal_px, final.cov, markers),
+        xyz=plane.task.markers.xyz,
         deformation=final.deformation,
         options=options,
     )

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.geometry import Camera, Pose
+from windmark.geometry.order import median
 from windmark.scene import MarkerSet
 
 Array = NDArray[np.float64]
@@ -62,12 +63,12 @@ class Task:
     @property
     def sigma_px(self) -> Array:
         """(M,) 1 sigma per coordinate of the spots."""
-        return np.sqrt(0.5 * np.trace(self.cov, axis1=1, axis2=2))
+        return np.asarray(np.sqrt(0.5 * (self.cov[:, 0, 0] + self.cov[:, 1, 1])))
 
     @cached_property
     def typical_sigma_px(self) -> float:
         """Median of `sigma_px`."""
-        return float(np.median(self.sigma_px))
+        return median(self.sigma_px)
 
     @property
     def prior_share(self) -> float:

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.detection.quantile import median, quantile
 from windmark.detection.template.fit import TUKEY, Batch, Fitted, Neighbours, Request, Scene, fit_at_once, fit_batches
 from windmark.detection.template.noise import FrameNoise
 from windmark.detection.template.stroke import fit_strokes
+from windmark.geometry.order import median, quantile
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -12,9 +12,9 @@ from scipy.spatial import cKDTree
 
 from windmark import detection, io
 from windmark.detection.pairs import nearest
-from windmark.detection.quantile import median
 from windmark.detection.template.result import CONTAMINATED
 from windmark.geometry import Camera, Pose
+from windmark.geometry.order import median
 from windmark.pipeline.deform.task import DeformationTest, Image, Station
 from windmark.pipeline.predictions import Known, Predictions, from_camera, look_again
 from windmark.registration import Registration, register

@@ -41,3 +41,17 @@ def solve_factored(a: Array, g: Array, size: int) -> None:
         for k in range(i + 1, size):
             g[i] -= a[k, i] * g[k]
         g[i] /= a[i, i]
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def inverse_factor(a: Array, size: int) -> Array:
+    """Inverse of a lower triangle."""
+    out = np.zeros((size, size))
+    for i in range(size):
+        out[i, i] = 1.0 / a[i, i]
+        for j in range(i):
+            total = 0.0
+            for k in range(j, i):
+                total += a[i, k] * out[k, j]
+            out[i, j] = -total * out[i, i]
+    return out

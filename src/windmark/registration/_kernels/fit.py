@@ -9,14 +9,14 @@ isotropic variance, the *excess*. Readable twin: tests/registration/test_settle.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from windmark.geometry._jit import nb
 from windmark.geometry._kernels import to_camera
-from windmark.registration._kernels.cholesky import cholesky, solve_factored
+from windmark.registration._kernels.cholesky import cholesky, inverse_factor, solve_factored
 from windmark.registration._kernels.growth import PRIOR_WORTH, _derivative, _move
 
 Array = NDArray[np.float64]
@@ -91,6 +91,12 @@ def state_of(rotation: Array, translation: Array, focal: float, match: Ints) -> 
     )  # fmt: skip
 
 
+def copy_of(state: State) -> State:
+    """A state of its own."""
+    arrays: tuple[Any, ...] = tuple(part.copy() for part in state)
+    return State(*arrays)
+
+
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def refine(xyz: Array, spots: Spots, fit: Fit, state: State, table: Array) -> bool:
     """Weighted least squares of the matched markers by Gauss-Newton; False if it is singular or runs away."""
@@ -134,6 +140,26 @@ def refine(xyz: Array, spots: Spots, fit: Fit, state: State, table: Array) -> bo
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
+def pose_covariance_kernel(factor: Array, size: int, translation: Array, scale: float, focal: float) -> Array:
+    """(size, size) covariance of ``exp(delta) @ pose`` of the model, with a free focal length (size 7) last.
+
+    From the Cholesky factor of the normal equations of the unit model, which is ``scale`` times smaller and turned
+    about its centre: that stays where it is.
+    """
+    half, x, y, z = np.empty((size, size)), translation[0], translation[1], translation[2]
+    inverse = inverse_factor(factor, size)
+    for k in range(size):
+        a, b, c = inverse[k, 0], inverse[k, 1], inverse[k, 2]
+        half[0, k], half[1, k], half[2, k] = a, b, c
+        half[3, k] = scale * (inverse[k, 3] + y * c - z * b)
+        half[4, k] = scale * (inverse[k, 4] + z * a - x * c)
+        half[5, k] = scale * (inverse[k, 5] + x * b - y * a)
+        if size == 7:
+            half[6, k] = focal * inverse[k, 6]  # the unknown is its logarithm
+    return half @ half.T
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
 def add_normal_equations(xyz: Array, spots: Spots, state: State, table: Array, size: int, a: Array, g: Array) -> float:
     """Add J'WJ (lower half) to ``a`` and J'W(seen - projected) to ``g``; the cost of the matched markers."""
     r, t, f, match, p, cov = (
@@ -157,6 +183,25 @@ def add_normal_equations(xyz: Array, spots: Spots, state: State, table: Array, s
             for j in range(i + 1):
                 a[i, j] += cu * row_u[j] + cv * row_v[j]
     return cost
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def focal_score_kernel(xyz: Array, markers: Markers, spots: Spots, state: State) -> float:
+    """Score of the focal length with the pose as nuisance, in sigma; 0 where the view does not determine it.
+
+    With ``L L' = J'WJ`` and the focal length last, the last entry of ``L^-1 J'W(seen - projected)`` is normal with
+    sigma 1 where the focal length is right. ``xyz`` (N, 3) are the markers as the solution has them.
+    """
+    a, g, table = np.zeros((7, 7)), np.zeros(7), np.empty((xyz.shape[0], 3))
+    table_spread(markers, state, table)
+    add_normal_equations(xyz, spots, state, table, 7, a, g)
+    if not cholesky(a, 7, 1e-12):
+        return 0.0
+    for i in range(7):
+        for k in range(i):
+            g[i] -= a[i, k] * g[k]
+        g[i] /= a[i, i]
+    return g[6]
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")

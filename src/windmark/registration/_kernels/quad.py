@@ -280,6 +280,20 @@ def spot_quads_kernel(p: Array, near: Ints, low: int, high: int, first: Ints) ->
 
 
 @nb.njit(cache=True, nogil=True)
+def first_of_each_kernel(quad: Ints, anchors: int, most: int) -> NDArray[np.int64]:
+    """Numbers of the first quad of every anchor, ``most`` at most; quads (Q, 4), anchors below so many."""
+    met, out, used = np.zeros(anchors, np.bool_), np.empty(min(anchors, most), np.int64), 0
+    for q in range(quad.shape[0]):
+        if used == out.shape[0]:
+            break
+        if not met[quad[q, 0]]:
+            met[quad[q, 0]] = True
+            out[used] = q
+            used += 1
+    return out[:used]
+
+
+@nb.njit(cache=True, nogil=True)
 def _longest2(p: Array, b: int, c: int, d: int) -> float:
     return max(
         (p[b, 0] - p[c, 0]) ** 2 + (p[b, 1] - p[c, 1]) ** 2,

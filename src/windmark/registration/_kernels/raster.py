@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.geometry._jit import nb
-from windmark.geometry._kernels import project_point
+from windmark.geometry._kernels import project_point, to_camera
 from windmark.registration._kernels.hypothesis import EMPTY, OUT
 
 Array = NDArray[np.float64]
@@ -36,15 +36,16 @@ def raster_kernel(
     """
     raster = np.full((rows, columns), OUT, np.int32)
     _mask(raster, camera, size, low, cell, radius)
-    best = np.full((rows, columns), np.float32(reach * reach))
     for j in range(p.shape[0]):
         u, v = (p[j, 0] - low[0]) / cell, (p[j, 1] - low[1]) / cell
         n = reach / cell
         for row in range(max(int(v - n), 0), min(int(v + n) + 1, rows)):
             for column in range(max(int(u - n), 0), min(int(u + n) + 1, columns)):
-                d2 = cell * cell * ((column + 0.5 - u) ** 2 + (row + 0.5 - v) ** 2)
-                if d2 < best[row, column]:
-                    best[row, column], raster[row, column] = d2, j
+                x, y, k = low[0] + cell * (column + 0.5), low[1] + cell * (row + 0.5), raster[row, column]
+                # The distance of the spot that is there is computed again: a second array would cost more.
+                least2 = reach * reach if k < 0 else (p[k, 0] - x) ** 2 + (p[k, 1] - y) ** 2
+                if (p[j, 0] - x) ** 2 + (p[j, 1] - y) ** 2 < least2:
+                    raster[row, column] = j
     return raster
 
 
@@ -62,6 +63,18 @@ def _mask(raster: Ints, camera: Array, size: Array, low: Array, cell: float, rad
             if here and left and above[j] and left_above and i > 0 and j > 0:
                 raster[(i - 1) * COARSE : i * COARSE, (j - 1) * COARSE : j * COARSE] = EMPTY
             left_above, left, above[j] = above[j], here, here
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def project_kernel(camera: Array, rotation: Array, translation: Array, xyz: Array) -> Array:
+    """(K, 2) pixels of points (K, 3) of the model, NaN where they have no image."""
+    out = np.full((xyz.shape[0], 2), np.nan)
+    for k in range(xyz.shape[0]):
+        x, y, z = to_camera(rotation, translation, xyz[k, 0], xyz[k, 1], xyz[k, 2])
+        px, py, valid = project_point(camera, x, y, z)
+        if valid:
+            out[k, 0], out[k, 1] = px, py
+    return out
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")

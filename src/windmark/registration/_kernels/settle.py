@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from windmark.geometry._jit import nb
 from windmark.geometry._kernels import project_point, to_camera
+from windmark.registration._kernels.cholesky import inverse_factor
 from windmark.registration._kernels.fit import (
     EXCESS,
     EXPECTED,
@@ -110,7 +111,7 @@ def label(
     n, xyz = markers.xyz.shape[0], markers.xyz
     r, t, f, a, match = state.rotation, state.translation, state.numbers[FOCAL], state.factor, state.match
     size = 7 if fit.focal_weight > 0.0 else 6
-    u, v, inverse = np.empty(7), np.empty(7), _inverse_factor(a, size)
+    u, v, inverse = np.empty(7), np.empty(7), inverse_factor(a, size)
     pair_m, pair_s, pair_d = np.empty(64, np.int32), np.empty(64, np.int32), np.empty(64)
     used = 0
     ex = -(r[0, 0] * t[0] + r[1, 0] * t[1] + r[2, 0] * t[2])
@@ -166,20 +167,6 @@ def whole(spots: Spots, x: float, y: float) -> bool:
     """Whether a spot of the usual size is whole in the image where a marker is: a detector finds no half discs."""
     low = BORDER + spots.radius - 0.5
     return low < x < spots.size[0] - 1.0 - low and low < y < spots.size[1] - 1.0 - low
-
-
-@nb.njit(cache=True, nogil=True, error_model="numpy")
-def _inverse_factor(a: Array, size: int) -> Array:
-    """Inverse of a lower triangle."""
-    out = np.zeros((size, size))
-    for i in range(size):
-        out[i, i] = 1.0 / a[i, i]
-        for j in range(i):
-            total = 0.0
-            for k in range(j, i):
-                total += a[i, k] * out[k, j]
-            out[i, j] = -total * out[i, i]
-    return out
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")

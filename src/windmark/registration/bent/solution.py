@@ -28,7 +28,7 @@ from windmark.registration.evidence import Evidence, weigh
 from windmark.registration.result import Deformation
 from windmark.registration.search.plane import Plane
 from windmark.registration.search.pool import Candidate
-from windmark.registration.solution import HIDING_ROUNDS, SAME_SHARE, Solution, change_of, without_hidden
+from windmark.registration.solution import HIDING_ROUNDS, SAME_SHARE, Solution, without_hidden
 
 Array = NDArray[np.float64]
 
@@ -166,7 +166,7 @@ class Bender:
         """Whether a rigid solution leaves so much unexplained that the model may be deformed."""
         # Of markers without a spot it is zero.
         noise = solution.state.spread[:, ::2].sum() / (2 * solution.count) - solution.excess_px**2
-        freedom = max(2 * solution.count - len(solution.change), 1)
+        freedom = max(2 * solution.count - solution.size, 1)
         if solution.misfit_px**2 > noise * (1 + LOOSE * (2 / freedom) ** 0.5):
             return True
         return solution.count < solution.expected and self._spots_near_missing(solution)
@@ -235,7 +235,8 @@ def _solution(plane: Plane, markers: Markers, setting: Setting, grown: Grown) ->
         evidence=evidence,
         markers=markers,
         state=state,
-        change=change_of(plane, state, setting.pose_size),
+        frame=plane.frame,
+        size=setting.pose_size,
         grown=grown,
         setting=setting,
     )

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from windmark.adjust import SolveReport
 from windmark.geometry import Pose
 from windmark.registration._kernels.evidence import likelihood_ratio, log10_nfa
-from windmark.registration._kernels.fit import EXPECTED, State
+from windmark.registration._kernels.fit import EXPECTED, State, pose_covariance_kernel
 from windmark.registration._kernels.rig import (
     FIT_END,
     FIT_START,
@@ -33,7 +33,6 @@ from windmark.registration.solution import (
     SAME_DISTANCE2,
     SAME_SHARE,
     Solution,
-    about_centre,
     solution_of,
 )
 
@@ -87,9 +86,8 @@ class Joint:
     @cached_property
     def cov(self) -> Array:
         """(6, 6) of [rotation, translation] for ``exp(delta) @ rig_from_model``."""
-        change = about_centre(self.cameras.layout.frame, self.state.translation)
-        half = change @ np.linalg.inv(np.tril(self.state.factor)).T
-        return np.asarray(half @ half.T)
+        state, scale = self.state, self.cameras.layout.frame.scale
+        return np.asarray(pose_covariance_kernel(state.factor, 6, state.translation, scale, 1.0))
 
     @property
     def report(self) -> SolveReport:

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.geometry import Camera, Pose
-from windmark.registration.register import MIN_COUNT, check_ranges, default_tolerance, off_line
+from windmark.registration.line import off_line, on_line
+from windmark.registration.register import MIN_COUNT, check_ranges, default_tolerance
 from windmark.registration.result import Cause, NotRegistered
 from windmark.registration.rig.result import RigRegistration
 from windmark.registration.task import Limits, Task
@@ -140,6 +141,6 @@ def _refuse_early(spots: list[NDArray[np.float64]], markers: MarkerSet) -> tuple
         return f"{len(markers)} markers: three pairs fix a pose and a fourth is needed to check it", "too_few"
     if all(len(xy) < MIN_COUNT or off_line(xy) < 0.5 for xy in spots):
         return "the spots of every image lie on one line", "degenerate"
-    if not off_line(markers.xyz) > 1e-4 * float(np.ptp(markers.xyz, axis=0).max()):
+    if on_line(markers.xyz):
         return f"all {len(markers)} markers lie on one line", "degenerate"
     return None

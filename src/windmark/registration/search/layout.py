@@ -13,6 +13,7 @@ from windmark.registration._kernels.hypothesis import Model
 from windmark.registration._kernels.quad import Table, table_kernel
 from windmark.registration._kernels.symmetry import symmetries_kernel
 from windmark.registration.bent.field import extents, modes_of
+from windmark.registration.line import on_line
 from windmark.registration.search.near import nearest
 from windmark.registration.search.triplets import spread_corners
 from windmark.scene import MarkerSet
@@ -76,7 +77,7 @@ class Layout:
         """Build all tables now."""
         for reach in REACHES:
             self.table(reach)
-        _ = self.symmetries, self.size
+        _ = self.symmetries, self.size, self.on_line
         return self
 
     def table(self, reach: int) -> Table:
@@ -100,6 +101,11 @@ class Layout:
         """(N,) distance of every marker to the nearest other one, in length units."""
         xyz = self.markers.xyz
         return np.asarray(np.linalg.norm(xyz - xyz[self.model.near[:, 0]], axis=1))
+
+    @cached_property
+    def on_line(self) -> bool:
+        """Whether the markers lie on one line."""
+        return on_line(self.markers.xyz)
 
     @cached_property
     def size(self) -> float:

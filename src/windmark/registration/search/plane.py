@@ -26,6 +26,11 @@ FIRST_SPOTS, PER_MARKER = 40, 1.25
 """Spots come best first: so many at least, and so many per marker, are searched, then twice as many, ..."""
 _FINEST, _COARSEST = 1024, 128
 """Raster cells along the longer side at most and at least; between them a cell is as wide as the tolerance."""
+_ALONG = np.linspace(0.0, 1.0, 33)
+_BORDER = np.concatenate(
+    [np.stack(np.broadcast_arrays(x, y), axis=-1) for x, y in ((_ALONG, 0), (_ALONG, 1), (0, _ALONG), (1, _ALONG))]
+)
+"""(132, 2) points all along the border of an image of size 1."""
 
 
 class Plane:
@@ -115,16 +120,9 @@ def lead_sizes(spots: int, markers: int) -> list[int]:
 
 def _bounds(camera: Camera, p: Array) -> tuple[Array, Array]:
     """Rectangle of the plane that holds the image's border and all spots."""
-    w, h = camera.size_px
-    x, y = np.linspace(-0.5, w - 0.5, 33), np.linspace(-0.5, h - 0.5, 33)
-    low, high = np.full(33, -0.5), np.full(33, 1.0)
-    border = np.concatenate(
-        [np.stack(side, axis=-1) for side in ((x, low), (x, high * (h - 0.5)), (low, y), (high * (w - 0.5), y))]
-    )
-    seen = np.concatenate([to_plane(camera, border), p])
-    seen = seen[np.isfinite(seen).all(axis=1)]
-    # A border where the lens model ends maps far out; the spots and a generous frame bound it.
-    frame = 1.5 * np.array([w, h])
-    low2 = np.maximum(seen.min(axis=0), np.minimum(p.min(axis=0), -frame))
-    high2 = np.minimum(seen.max(axis=0), np.maximum(p.max(axis=0), frame))
+    size = np.array(camera.size_px, dtype=float)
+    border, low, high = to_plane(camera, _BORDER * size - 0.5), p.min(axis=0), p.max(axis=0)
+    # A border where the lens model ends maps far out, or is NaN; the spots and a generous frame bound it.
+    low2 = np.maximum(np.fmin(np.fmin.reduce(border), low), np.minimum(low, -1.5 * size))
+    high2 = np.minimum(np.fmax(np.fmax.reduce(border), high), np.maximum(high, 1.5 * size))
     return low2 - 1.0, high2 + 1.0

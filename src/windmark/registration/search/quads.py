@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from windmark.registration._kernels.best import room_for_best
 from windmark.registration._kernels.hypothesis import Picture, Rules
 from windmark.registration._kernels.match import search_kernel
-from windmark.registration._kernels.quad import Table, spot_quads_kernel
+from windmark.registration._kernels.quad import Table, first_of_each_kernel, spot_quads_kernel
 from windmark.registration._kernels.rival import rivals_kernel
 from windmark.registration.search.layout import REACHES
 from windmark.registration.search.near import nearest
@@ -160,10 +160,8 @@ class QuadSearch:
         p = picture.p[spots]
         near = nearest(p, min(RIVAL_NEAR, len(p) - 1))[0]
         quads, cells = spot_quads_kernel(p, near, 0, near.shape[1], table.first)
-        first = np.full(len(p), len(quads))
-        np.minimum.at(first, quads[:, 0], np.arange(len(quads)))
-        chosen = np.sort(first[first < len(quads)])[:most]
-        return np.ascontiguousarray(spots[quads[chosen]]), np.ascontiguousarray(cells[chosen])
+        chosen = first_of_each_kernel(quads, len(p), most)
+        return spots[quads[chosen]], cells[chosen]
 
     def _candidate(self, n: int) -> Candidate:
         """One object for each solution kept."""

@@ -163,6 +163,7 @@ def _registration(prepared: Prepared, done: Stepped, n: list[float], options: di
         n_expected=int(n[SEEN]),
         n_hypotheses=1,
         report=SolveReport("converged_gradient", True, steps, steps, n[FIRST_COST], n[LAST_COST]),
+        xyz=prepared.layout.markers.xyz,
         options=options,
     )
 
