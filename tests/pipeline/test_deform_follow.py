@@ -76,3 +76,15 @@ def test_a_jump_that_the_search_of_the_whole_image_refuses_is_followed_by_the_ne
     assert "refused" in jumped.reason
     assert jumped.state.tunnel_from_model.translation[:2] == pytest.approx([18, -6], abs=0.02)
     assert sorted(jumped.observations.point.tolist()) == list(range(len(PLACES)))
+
+
+def test_a_disc_that_the_border_cuts_takes_no_part_until_it_is_whole_again():
+    """Marker 8 is the first to leave the image on the left; what is seen of it would be a place by guess."""
+    test = DeformationTest((Station("cam", CAMERA, AWAY),), markers(), Volumes.of([]), look=LookOptions((5.0,)))
+    shifts = [-60.0, -62.0, -66.0, -67.0, -61.0]  # its disc ends 4.5, 2.5, -1.5, -2.5 and 3.5 px from the border
+    frames = [FrameImages(str(k), float(k), {"cam": image((s, 0))}) for k, s in enumerate(shifts)]
+    followed = list(follow_deformation(frames, test))
+    assert [8 in f.observations.point for f in followed] == [True, True, False, False, True]
+    assert all(set(f.observations.point) >= set(range(12)) - {8} for f in followed)
+    for frame, shift in zip(followed, shifts, strict=True):
+        assert frame.state.tunnel_from_model.translation[0] == pytest.approx(shift, abs=0.02)

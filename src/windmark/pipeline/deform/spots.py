@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from windmark import detection, io
 from windmark.detection.pairs import nearest
-from windmark.detection.template.result import CONTAMINATED
+from windmark.detection.template.result import BORDER, CONTAMINATED, ILL
 from windmark.geometry import Camera, Pose
 from windmark.geometry.order import median
 from windmark.pipeline.deform.task import DeformationTest, Image, Station
@@ -124,7 +124,10 @@ def near(
         image, expected, which, len(placed), told, search_px=reach, polarity=test.look.polarity,
         photometry=test.look.photometry, mask=station.mask, reshape=told is None,
     )  # fmt: skip
-    good = np.flatnonzero(found.found)
+    # The centre of a disc that the border cuts hangs on what is assumed beyond it, that of an ill-conditioned fit on
+    # nothing: neither takes part, and a cut one was not to be expected (as in `register`).
+    cut = found.found & ((found.flags & BORDER) > 0)
+    good = np.flatnonzero(found.found & ((found.flags & (BORDER | ILL)) == 0))
     size = median(np.sqrt(found.axes_px[good].prod(axis=1))) if len(good) else np.nan
     off = float(np.sqrt(((found.xy[good] - expected.xy[good]) ** 2).mean())) if len(good) else np.inf
     why = "" if len(good) else "no marker near its expected place"
@@ -132,7 +135,7 @@ def near(
     doubt = np.where((found.flags[good] & CONTAMINATED) > 0, np.fmax(found.chi2[good], 1.0), 1.0)
     return Labelled(
         which[good], found.xy[good], found.cov[good] * doubt[:, None, None], found.axes_px[good], found.angle[good],
-        by_table[good], len(expected), told, size, why, off_px=off,
+        by_table[good], len(expected) - int(cut.sum()), told, size, why, off_px=off,
         eccentricity_px=None if expected.eccentricity_px is None else expected.eccentricity_px[good],
     )  # fmt: skip
 
