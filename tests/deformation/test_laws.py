@@ -16,6 +16,7 @@ from windmark.deformation.laws import (
     TorsionModes,
     make_law,
 )
+from windmark.geometry.rotations import exp_so3
 
 RNG = np.random.default_rng(5)
 XYZ = RNG.uniform([100, 20, 0], [400, 590, 30], (25, 3))
@@ -93,6 +94,45 @@ def test_sections_keep_their_shape_and_lean_with_the_axis():
     top = straight.bind(np.array([[0, LENGTH, 0.0], [0, LENGTH, 20.0]])).place(np.array([30.0]))
     lean = np.arcsin(2 * 30.0 / LENGTH)
     np.testing.assert_allclose(top[1] - top[0], [0, -20 * np.sin(lean), 20 * np.cos(lean)], atol=1e-10)
+
+
+def slow_bent(beam, point, q):
+    """One point of a beam by rotation matrices; the kernel's twin."""
+    axis, length, up, side, section = beam.frame()
+    many = np.cumsum([len(beam.bend.names), len(beam.twist.names)])
+    bend, twist, sway = np.split(q, many)
+    e = max((point - beam.root) @ section / (axis @ section) / length, 0.0)
+    foot = beam.root + e * length * axis
+
+    def along(station):
+        """Cosine between the axis and its direction."""
+        slopes = [b.slope(np.array(station)) @ p / length for b, p in ((beam.bend, bend), (beam.sway, sway))]
+        return np.sqrt(1 - slopes[0] ** 2 - slopes[1] ** 2), slopes
+
+    shorter = length * quad(lambda s: 1 - along(s)[0], 0, e, epsabs=1e-13)[0]
+    c, slopes = along(e)
+    direction = c * axis + slopes[0] * up + slopes[1] * side
+    turn = np.cross(axis, direction)
+    size = np.linalg.norm(turn)
+    lean = exp_so3(turn / size * np.arctan2(size, c)) if size > 0 else np.eye(3)
+    own = exp_so3(np.radians(beam.twist.value(np.array(e)) @ twist) * section)
+    moved = (beam.bend.value(np.array(e)) @ bend) * up + (beam.sway.value(np.array(e)) @ sway) * side - shorter * axis
+    return foot + moved + lean @ own @ (point - foot)
+
+
+@pytest.mark.parametrize("sway", [(), (2, 3)])
+def test_the_kernel_is_its_twin(sway):
+    beam = Beam(root=(100, 72, 5), tip=(350, 600, 42), up=(0.1, 0, 1), section=(0, 1, 0), sway=Powers(sway))
+    points = np.vstack([XYZ, [[90.0, -20, 3]]])
+    for size in (0.0, 0.3, 1.0):
+        q = size * np.array([40.0, -9, 3, -2, 6, 4])[: 4 + len(sway)]
+        np.testing.assert_allclose(beam.bind(points).place(q), [slow_bent(beam, p, q) for p in points], atol=1e-9)
+
+
+def test_slopes_that_no_beam_can_take_stay_finite():
+    place, by_q = Beam(**STRAIGHT).bind(XYZ).linearise(np.array([4000.0, 0, 1, 1]))
+    assert np.isfinite(place).all()
+    assert np.isfinite(by_q).all()
 
 
 def test_twist_is_about_the_axis_by_the_right_hand_rule_and_linear_in_the_station():

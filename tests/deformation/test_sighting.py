@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from windmark.deformation import _kernels
 from windmark.deformation._kernels import see
 from windmark.deformation.sighting import Sight, by_place, camera_block, pose_block, whiteners
 from windmark.geometry import Camera, Pose
@@ -77,3 +78,23 @@ def test_pixels_move_with_the_place_as_the_camera_says():
     got = by_place((sight,), values, place)
     np.testing.assert_allclose(got[row], camera.point_jacobian(pose.apply(place[row]))[2] @ pose.rotation, rtol=1e-9)
     assert (np.delete(got, row, axis=0) == 0).all()
+
+
+def test_baardas_values_are_their_twin():
+    """Two cameras and one, and an observation that nothing checks."""
+    rng = np.random.default_rng(4)
+    whitener = np.tril(rng.normal(size=(15, 4, 4)))
+    whitener[12:, 2:] = whitener[12:, :, 2:] = 0.0
+    residual, jacobian = rng.normal(size=(15, 4)), rng.normal(size=(15, 4, 5))
+    jacobian[14, :2] = np.eye(2, 5) * 1e8  # takes all that is known of two parameters
+    white = (whitener @ jacobian).reshape(-1, 5)
+    cov = np.linalg.inv(white.T @ white)
+    point = np.concatenate([np.arange(15), np.arange(12)])
+    view = np.repeat([0, 1], [15, 12])
+    out = np.empty(27)
+    _kernels.test_values(whitener, residual, jacobian, cov, point, view, 1e-9, out)
+    for k, (n, v) in enumerate(zip(point, view, strict=True)):
+        two, weight = slice(2 * v, 2 * v + 2), whitener[n].T @ whitener[n]
+        e, own = (weight @ residual[n])[two], (weight @ jacobian[n])[two]
+        spread = weight[two, two] - own @ cov @ own.T
+        assert out[k] == pytest.approx(0.0 if n == 14 else e @ np.linalg.solve(spread, e), rel=1e-6)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import accumulate, pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -82,11 +83,9 @@ class Problem:
         self.blocks = dict(blocks)
         self.terms = tuple(terms)
         sizes = [len(block.names) for block in self.blocks.values()]
-        ends = np.cumsum([0, *sizes])
-        self.size = int(ends[-1])
-        self._slices = {
-            name: slice(int(a), int(b)) for name, a, b in zip(self.blocks, ends[:-1], ends[1:], strict=True)
-        }
+        ends = [0, *accumulate(sizes)]
+        self.size = ends[-1]
+        self._slices = {name: slice(*pair) for name, pair in zip(self.blocks, pairwise(ends), strict=True)}
         unknown = sorted({name for term in self.terms for name in term.blocks} - set(self.blocks))
         if unknown:
             raise ValueError(f"Problem: terms depend on unknown blocks {', '.join(unknown)}")
@@ -96,6 +95,7 @@ class Problem:
             np.concatenate([everything[:0], *(everything[self._slices[name]] for name in term.blocks)])
             for term in self.terms
         ]
+        self._own = [np.ix_(columns, columns) for columns in self._columns]
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -121,7 +121,7 @@ class Problem:
         natural = self.natural(values)
         gradient = np.zeros(self.size)
         information = np.zeros((self.size, self.size))
-        for term, columns in zip(self.terms, self._columns, strict=True):
+        for term, columns, own in zip(self.terms, self._columns, self._own, strict=True):
             linearised = term.linearise(values)
             if linearised is None:
                 return None
@@ -130,7 +130,6 @@ class Problem:
             cost += 0.5 * float(rho.sum())
             if not columns.size:
                 continue
-            own = np.ix_(columns, columns)
             j = np.concatenate([linearised.jacobian[name] for name in term.blocks], axis=-1)
             root = np.sqrt(weight)[:, None]
             # Natural units go in before squaring: a turn about the points cancels most of a turn about the camera.
@@ -147,7 +146,10 @@ class Problem:
         for name, block in self.blocks.items():
             if isinstance(block, VectorBlock):
                 s = self._slices[name]
-                at = s.start + np.flatnonzero(block.pinned(values[name], gradient[s]))
+                pinned = block.pinned(values[name], gradient[s])
+                if not pinned.any():
+                    continue
+                at = s.start + np.flatnonzero(pinned)
                 gradient[at] = 0.0
                 information[at] = information[:, at] = 0.0
                 information[at, at] = _PINNED

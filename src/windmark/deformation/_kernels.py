@@ -87,6 +87,43 @@ def whiten(cov: Any, seen: Any, by_place: Any, place_cov: Any, out: Any) -> bool
 
 
 @nb.njit(cache=True, nogil=True)
+def test_values(
+    whitener: Any, residual: Any, jacobian: Any, cov: Any, point: Any, view: Any, least: float, out: Any
+) -> None:
+    """Fill ``out`` (n,) with Baarda's test values of the observations of ``point`` in ``view`` (n,).
+
+    ``whitener`` (P, 2 V, 2 V), ``residual`` (P, 2 V), ``jacobian`` (P, 2 V, F), ``cov`` (F, F). 0 where the determinant
+    of an observation's spread is no larger than ``least`` times that of its weight: the others do not check it.
+    """
+    size, free = residual.shape[1], cov.shape[0]
+    weight, own, by_cov = np.empty((2, size)), np.empty((2, free)), np.empty((2, free))
+    for k in range(len(point)):
+        n, first = point[k], 2 * view[k]
+        e = np.zeros(2)
+        for a in range(2):
+            for j in range(size):
+                weight[a, j] = 0.0
+                for m in range(size):
+                    weight[a, j] += whitener[n, m, first + a] * whitener[n, m, j]
+                e[a] += weight[a, j] * residual[n, j]
+            for f in range(free):
+                own[a, f] = 0.0
+                for j in range(size):
+                    own[a, f] += weight[a, j] * jacobian[n, j, f]
+        xx, xy, yy = weight[0, first], weight[0, first + 1], weight[1, first + 1]
+        limit = least * (xx * yy - xy * xy)
+        for f in range(free):
+            for a in range(2):
+                by_cov[a, f] = 0.0
+                for g in range(free):
+                    by_cov[a, f] += own[a, g] * cov[g, f]
+            xx, xy, yy = xx - by_cov[0, f] * own[0, f], xy - by_cov[0, f] * own[1, f], yy - by_cov[1, f] * own[1, f]
+        det = xx * yy - xy * xy
+        square = yy * e[0] * e[0] - 2.0 * xy * e[0] * e[1] + xx * e[1] * e[1]
+        out[k] = square / det if det > limit else 0.0
+
+
+@nb.njit(cache=True, nogil=True)
 def _invert(a: Any, out: Any) -> bool:
     """Lower Cholesky factor of ``a`` in its place, its inverse into ``out``; False where there is none."""
     size = a.shape[0]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import accumulate, pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -125,8 +126,7 @@ def _unfit(task: Task) -> NotIdentified | None:
         return NotIdentified(f"{count} observations cannot tell {free} unknowns", "too_few")
     if task.free_motion and task.motion_cov is None:
         moving = [v.name for v in task.views if v.name in task.free_poses and v.name not in task.pose_cov]
-        on_wall = [task.views[v].name for v in np.unique(task.observations.view[task.wall[task.observations.point]])]
-        if len(moving) == len(task.views) and not set(moving) & set(on_wall):
+        if len(moving) == len(task.views) and not task.wall[task.observations.point].any():
             return NotIdentified(
                 "cameras and model both move and no marker on a wall is seen: their motions cannot be told apart. Hold "
                 "the poses, or the model's motion, or add wall markers", "undetermined", (MOTION, *moving),
@@ -227,8 +227,8 @@ def _result(task: Task, s: _Solved, options: Mapping[str, Any]) -> Deformation:
     residuals = raw[point[:, None], 2 * view[:, None] + np.arange(2)]
     parts = [part for term in s.problem.terms if (part := term.residual(values)) is not None]
     chi2 = float(sum((part**2).sum() for part in parts))
-    sizes = np.cumsum([0, *(len(b.names) for b in s.problem.blocks.values())])
-    slices = {n: slice(int(a), int(b)) for n, a, b in zip(s.problem.blocks, sizes[:-1], sizes[1:], strict=True)}
+    ends = [0, *accumulate(len(b.names) for b in s.problem.blocks.values())]
+    slices = {n: slice(*pair) for n, pair in zip(s.problem.blocks, pairwise(ends), strict=True)}
     q = values[LAW]
     sigma = np.sqrt(np.diag(s.cov)[slices[LAW]]) if LAW in slices else np.zeros(0)
     known = zip(volumes.names, volumes.parameters, sigma, strict=True)

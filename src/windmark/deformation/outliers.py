@@ -34,24 +34,15 @@ def critical(count: int) -> float:
 
 def test_used(task: Task, term: Sighting, values: Mapping[str, Any], cov: Array, used: Mask) -> Array:
     """(O,) test value of the observations that took part, 0 where nothing checks one; NaN for the others."""
+    from windmark.deformation._kernels import test_values
+
     raw = term.raw_jacobian(values)
     assert raw is not None  # the engine never stands where the model has no prediction
-    residual, j = raw
-    turned = np.swapaxes(term.whitener, 1, 2)
-    e = (turned @ (term.whitener @ residual[..., None]))[..., 0]
+    out, of_used = np.full(len(used), np.nan), np.empty(int(used.sum()))
     point, view = (a[used] for a in task.slots)
-    two = 2 * view[:, None] + np.arange(2)
-    own = point[:, None], two
-    whitened = (turned @ (term.whitener @ j))[own]
-    weight = (turned @ term.whitener)[point[:, None, None], two[:, :, None], two[:, None, :]]
-    spread = weight - (whitened @ cov) @ np.swapaxes(whitened, 1, 2)
-    det, det_weight = (m[:, 0, 0] * m[:, 1, 1] - m[:, 0, 1] * m[:, 1, 0] for m in (spread, weight))
-    # Where the others do not check an observation its spread is rounding: no test value then.
-    checked = det > 1e-9 * det_weight
-    x, y = e[own].T
-    value = spread[:, 1, 1] * x * x - 2 * spread[:, 0, 1] * x * y + spread[:, 0, 0] * y * y
-    out = np.full(len(used), np.nan)
-    out[used] = np.where(checked, value / np.where(checked, det, 1.0), 0.0)
+    # Where the others do not check an observation its spread is rounding.
+    test_values(term.whitener, *raw, np.ascontiguousarray(cov), point, view, 1e-9, of_used)
+    out[used] = of_used
     return out
 
 

@@ -218,8 +218,9 @@ def prepare(
             if index.min() < 0 or index.max() >= end:
                 raise ValueError(f"observations: {key} must be 0 to {end - 1}, got {index.min()} to {index.max()}")
     pairs = observations.view * len(markers) + observations.point
-    if len(np.unique(pairs)) != len(pairs):
-        k = int(np.argmax(np.bincount(pairs)))
+    times = np.bincount(pairs)
+    if times.max(initial=0) > 1:
+        k = int(np.argmax(times))
         raise ValueError(
             f"observations: view {names[k // len(markers)]} has marker {markers.name[k % len(markers)]} more than once"
         )

@@ -162,13 +162,14 @@ class Sighting:
         motion: Pose = values[MOTION]
         place, by_q = self.placed.linearise(values[LAW])
         place = in_tunnel(place, self.wall, motion)
-        parts = [motion.rotation @ by_q] if self.free_law else []
+        laws = by_q.shape[2] * self.free_law
+        by_model = np.empty((len(place), 3, laws + 6 * self.free_motion))
+        if laws:
+            by_model[..., :laws] = motion.rotation @ by_q
         if self.free_motion:
-            turned = np.empty((len(place), 3, 6))
-            turned[..., :3], turned[..., 3:] = -hat(place), np.eye(3)
-            turned[self.wall] = 0.0
-            parts.append(turned)
-        return place, np.concatenate(parts, axis=2) if parts else np.zeros((len(place), 3, 0))
+            by_model[..., laws : laws + 3], by_model[..., laws + 3 :] = -hat(place), np.eye(3)
+            by_model[self.wall, :, laws:] = 0.0
+        return place, by_model
 
 
 def in_tunnel(place: Array, wall: NDArray[np.bool_], motion: Pose) -> Array:

@@ -164,7 +164,7 @@ def detect_at(
         start = replace(start, blur_px=known_blur(blur_px)[0], blur_spread_px=known_blur(blur_px)[1])
     request = replace(fresh_request(places, radius, start), shape=shape, colour=_colour(colour, frame, len(places)))
     inside = _in_sight(scene, request, steps)
-    request = request.take(inside)
+    request = request if inside.all() else request.take(inside)
     placed, found = search(scene, request, steps)
     if frame is None and len(placed.xy):
         start = _learn(scene, placed, found, start, blur=blur_px is None)
@@ -272,11 +272,13 @@ def _answers(
     count, hit = len(places), answer == FOUND
 
     def column(values: Array, shape: tuple[int, ...] = ()) -> Array:
+        if len(index) == count:
+            return values
         out = np.full((count, *shape), np.nan)
         out[index] = values
         return out
 
-    answers, flags = np.full(count, UNSEEN, dtype=np.int64), np.zeros(count, dtype=np.int64)
+    answers, flags = np.full(count, UNSEEN), np.zeros(count, dtype=np.int64)
     answers[index], flags[index] = answer, fits.flags
     return Guided(
         xy=column(np.where(hit[:, None], fits.xy, np.nan), (2,)),

@@ -19,8 +19,8 @@ def close_pairs(xy: Array, distance: float) -> Ints:
         return np.asarray(cKDTree(xy).query_pairs(distance, output_type="ndarray"), dtype=np.int64)
     x, y = xy[:, 0], xy[:, 1]
     near = np.square(x[:, None] - x) + np.square(y[:, None] - y) <= distance * distance
-    i, j = np.nonzero(near)
-    return np.column_stack([i, j])[i < j]
+    i, j = np.divmod(np.flatnonzero(near), len(xy))
+    return np.array([i, j]).T[i < j]
 
 
 def nearest(xy: Array) -> float:

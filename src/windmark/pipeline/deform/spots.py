@@ -118,7 +118,7 @@ def near(
     by_table = np.column_stack([expected.axes_px, expected.angle])
     expected = _as_seen(expected, which, before)
     apart = nearest(expected.xy)
-    reach = float(np.clip(SIGMAS * error_px, LEAST_PX, min(MOST_PX, max(APART * apart, LEAST_PX))))
+    reach = max(LEAST_PX, min(SIGMAS * error_px, MOST_PX, max(APART * apart, LEAST_PX)))
     told = None if before is None else before.known
     found, told = look_again(
         image, expected, which, len(placed), told, search_px=reach, polarity=test.look.polarity,
