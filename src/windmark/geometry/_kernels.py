@@ -36,21 +36,28 @@ def project_point(c: Array, x: float, y: float, z: float) -> tuple[float, float,
     s = u * u + v * v
     if not s < c[11]:
         return math.nan, math.nan, False
-    k1, k2, p1, p2, k3 = c[4], c[5], c[6], c[7], c[8]
-    radial = 1.0 + s * (k1 + s * (k2 + s * k3))
-    slope2 = 2.0 * (k1 + s * (2.0 * k2 + s * 3.0 * k3))
-    jxx = radial + slope2 * u * u + 2.0 * p1 * v + 6.0 * p2 * u
-    jyy = radial + slope2 * v * v + 6.0 * p1 * v + 2.0 * p2 * u
-    jxy = slope2 * u * v + 2.0 * p1 * u + 2.0 * p2 * v
+    ud, vd, jxx, jxy, jyy = _lens(c, u, v, s)
     if not jxx * jyy - jxy * jxy > 0.0:
         return math.nan, math.nan, False
-    ud = u * radial + 2.0 * p1 * u * v + p2 * (s + 2.0 * u * u)
-    vd = v * radial + p1 * (s + 2.0 * v * v) + 2.0 * p2 * u * v
     if c[9] != 0.0 or c[10] != 0.0:
         ud, vd, seen = _tilt_point(c[9], c[10], ud, vd)
         if not seen:
             return math.nan, math.nan, False
     return c[0] * ud + c[2], c[0] * c[1] * vd + c[3], True
+
+
+@nb.njit(cache=True, nogil=True)
+def _lens(c: Array, u: float, v: float, s: float) -> tuple[float, float, float, float, float]:
+    """Distorted point, and its derivative xx, xy, yy by the ideal one; ``s`` is the squared ideal radius."""
+    k1, k2, p1, p2, k3 = c[4], c[5], c[6], c[7], c[8]
+    radial = 1.0 + s * (k1 + s * (k2 + s * k3))
+    slope2 = 2.0 * (k1 + s * (2.0 * k2 + s * 3.0 * k3))
+    xx = radial + slope2 * u * u + 2.0 * p1 * v + 6.0 * p2 * u
+    yy = radial + slope2 * v * v + 6.0 * p1 * v + 2.0 * p2 * u
+    xy = slope2 * u * v + 2.0 * p1 * u + 2.0 * p2 * v
+    ud = u * radial + 2.0 * p1 * u * v + p2 * (s + 2.0 * u * u)
+    vd = v * radial + p1 * (s + 2.0 * v * v) + 2.0 * p2 * u * v
+    return ud, vd, xx, xy, yy
 
 
 @nb.njit(cache=True, nogil=True)
@@ -75,17 +82,9 @@ def project_with_slopes(
     if not seen:
         return px, py, False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     u, v = x / z, y / z
-    s = u * u + v * v
-    k1, k2, p1, p2, k3 = c[4], c[5], c[6], c[7], c[8]
-    radial = 1.0 + s * (k1 + s * (k2 + s * k3))
-    slope2 = 2.0 * (k1 + s * (2.0 * k2 + s * 3.0 * k3))
-    xx = radial + slope2 * u * u + 2.0 * p1 * v + 6.0 * p2 * u
-    yy = radial + slope2 * v * v + 6.0 * p1 * v + 2.0 * p2 * u
-    xy = slope2 * u * v + 2.0 * p1 * u + 2.0 * p2 * v
+    ud, vd, xx, xy, yy = _lens(c, u, v, u * u + v * v)
     yx = xy
     if c[9] != 0.0 or c[10] != 0.0:
-        ud = u * radial + 2.0 * p1 * u * v + p2 * (s + 2.0 * u * u)
-        vd = v * radial + p1 * (s + 2.0 * v * v) + 2.0 * p2 * u * v
         xx, xy, yx, yy = _tilted_slopes(c[9], c[10], ud, vd, xx, xy, yy)
     fx, fy = c[0] / z, c[0] * c[1] / z
     xx, xy, yx, yy = fx * xx, fx * xy, fy * yx, fy * yy
