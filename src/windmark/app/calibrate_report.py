@@ -85,12 +85,7 @@ def calibration_report(done: Calibrated, shown: Shown, clock: Clock) -> str:
     if shown.pictures is not None:
         _matched(report, shown.pictures)
     add_space(report, result, unit)
-    report.heading("Files beside this report")
-    report.table(["file", "content"], FILES)
-    report.heading("Options and times")
-    report.table(["option", "value"], [(k, str(v)) for k, v in result.options.items()])
-    report.table(["stage", "s"], list(clock.seconds.items()))
-    report.side_by_side(2)
+    report.closing(FILES, result.options, clock.seconds)
     return report.html()
 
 

@@ -93,12 +93,7 @@ def reconstruction_report(result: Reconstruction, shown: Shown, clock: Clock) ->
             report.heading(f"Residuals of camera {name}" if len(done.cameras) > 1 else "Residuals")
             report.picture(png(drawn.residual_vectors_picture(done, name), dpi=88), "Every residual at its place.")
     add_errors(report, done)
-    report.heading("Files beside this report")
-    report.table(["file", "content"], FILES)
-    report.heading("Options and times")
-    report.table(["option", "value"], [(k, str(v)) for k, v in result.options.items()])
-    report.table(["stage", "s"], list(clock.seconds.items()))
-    report.side_by_side(2)
+    report.closing(FILES, result.options, clock.seconds)
     return report.html()
 
 

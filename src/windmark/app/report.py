@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from html import escape
 from typing import Any
@@ -62,6 +62,15 @@ class Report:
         """Put the last ``count`` parts into one row."""
         row = "".join(f"<div>{part}</div>" for part in self.parts[-count:])
         self.parts[-count:] = [f'<div class="row">{row}</div>']
+
+    def closing(self, files: Iterable[Sequence[str]], options: Mapping[str, Any], seconds: Mapping[str, float]) -> None:
+        """The end of a report: files beside it with their content, options, and the seconds that each stage took."""
+        self.heading("Files beside this report")
+        self.table(["file", "content"], files)
+        self.heading("Options and times")
+        self.table(["option", "value"], [(k, str(v)) for k, v in options.items()])
+        self.table(["stage", "s"], list(seconds.items()))
+        self.side_by_side(2)
 
     def html(self) -> str:
         """The whole page."""

@@ -7,12 +7,14 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.geometry._cholesky_kernels import solved
 from windmark.geometry._jit import nb
 from windmark.geometry._p3p_kernels import p3p_kernel
 
 Array = NDArray[np.float64]
 
 _STEPS = 40
+_PIVOT = 1e-15
 _SAME = 1e-3  # minima that agree to this (focal length, rotation, translation over depth) are one
 ORIGIN = np.zeros(3)
 
@@ -150,7 +152,7 @@ def refine(xy: Array, xyz: Array, pose: Array, focal: float, low: float, high: f
     damping = 1e-6
     for _ in range(_STEPS):
         _normal_equations(jac, res, damping, normal, step)
-        if not _cholesky_solve(normal, step, 7):
+        if not solved(normal, step, 7, _PIVOT):
             damping = 10.0 * damping
             continue
         new_focal = _move(pose, focal, step, trial)
@@ -168,7 +170,7 @@ def refine(xy: Array, xyz: Array, pose: Array, focal: float, low: float, high: f
                 break
     cost = _system(xy, xyz, pose, focal, jac, res)
     _normal_equations(jac, res, 0.0, normal, step)
-    if not _cholesky_solve(normal, step, 7):
+    if not solved(normal, step, 7, _PIVOT):
         return focal, math.sqrt(0.25 * cost), math.inf
     if _predicted_gain(jac, res, step) > 1e-3 * cost and cost > 1e-20 * focal * focal:
         return focal, math.inf, math.inf  # still under way in a flat valley: not a minimum
@@ -201,7 +203,7 @@ def _follow(xy: Array, xyz: Array, pose: Array, f: float, jac: Array, res: Array
             break
         _normal_equations(jac, res, 1e-12, normal, step)
         step[6] = 0.0
-        if not _cholesky_solve(normal, step, 6):
+        if not solved(normal, step, 6, _PIVOT):
             break
         _move(pose, f, step, pose)
         cost = _system(xy, xyz, pose, f, jac, res)
@@ -254,32 +256,6 @@ def _normal_equations(jac: Array, res: Array, damping: float, normal: Array, rig
                 total += jac[m, i] * jac[m, j]
             normal[i, j] = total
         normal[i, i] *= 1.0 + damping
-
-
-@nb.njit(cache=True, nogil=True, error_model="numpy")
-def _cholesky_solve(a: Array, x: Array, n: int) -> bool:
-    """Factor the lower triangle of ``a`` (first n rows) and solve for ``x``, in place; False where not positive."""
-    for i in range(n):
-        size = a[i, i]
-        for j in range(i + 1):
-            total = a[i, j]
-            for k in range(j):
-                total -= a[i, k] * a[j, k]
-            if j < i:
-                a[i, j] = total / a[j, j]
-            elif total > 1e-15 * size:
-                a[i, i] = math.sqrt(total)
-            else:
-                return False
-    for i in range(n):
-        for k in range(i):
-            x[i] -= a[i, k] * x[k]
-        x[i] /= a[i, i]
-    for i in range(n - 1, -1, -1):
-        for k in range(i + 1, n):
-            x[i] -= a[k, i] * x[k]
-        x[i] /= a[i, i]
-    return True
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")

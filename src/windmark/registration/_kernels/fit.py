@@ -14,9 +14,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.geometry._cholesky_kernels import cholesky, inverse_factor, solve_factored
 from windmark.geometry._jit import nb
 from windmark.geometry._kernels import to_camera
-from windmark.registration._kernels.cholesky import cholesky, inverse_factor, solve_factored
 from windmark.registration._kernels.growth import PRIOR_WORTH, _derivative, _move
 
 Array = NDArray[np.float64]

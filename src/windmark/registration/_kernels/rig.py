@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.geometry._cholesky_kernels import cholesky, solve_factored
 from windmark.geometry._jit import nb
-from windmark.registration._kernels.cholesky import cholesky, solve_factored
 from windmark.registration._kernels.fit import (
     EXCESS,
     EXPECTED,

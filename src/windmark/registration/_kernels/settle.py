@@ -10,9 +10,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.geometry._cholesky_kernels import inverse_factor
 from windmark.geometry._jit import nb
 from windmark.geometry._kernels import project_point, to_camera
-from windmark.registration._kernels.cholesky import inverse_factor
 from windmark.registration._kernels.fit import (
     EXCESS,
     EXPECTED,

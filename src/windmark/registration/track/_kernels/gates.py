@@ -15,9 +15,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.geometry._cholesky_kernels import cholesky, solve_factored
 from windmark.geometry._jit import nb
 from windmark.geometry._kernels import to_camera
-from windmark.registration._kernels.cholesky import cholesky, solve_factored
 from windmark.registration._kernels.fit import Markers, Spots
 from windmark.registration._kernels.growth import _derivative, _move
 from windmark.registration._kernels.hypothesis import _towards

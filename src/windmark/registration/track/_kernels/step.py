@@ -11,9 +11,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.geometry._cholesky_kernels import cholesky
 from windmark.geometry._jit import nb
 from windmark.geometry._kernels import project_point, to_camera
-from windmark.registration._kernels.cholesky import cholesky
 from windmark.registration._kernels.evidence import log10_nfa
 from windmark.registration._kernels.fit import (
     COST_END,

@@ -1,9 +1,9 @@
-"""The matcher's small solver against NumPy."""
+"""The kernels' small solver against NumPy."""
 
 import numpy as np
 import pytest
 
-from windmark.registration._kernels.cholesky import cholesky, solve_factored
+from windmark.geometry._cholesky_kernels import cholesky, inverse_factor, solve_factored, solved
 
 
 @pytest.mark.parametrize("size", [1, 6, 7])
@@ -16,9 +16,14 @@ def test_as_numpy(size):
     np.testing.assert_allclose(np.tril(factor), np.linalg.cholesky(matrix), rtol=1e-10, atol=1e-12)
     solve_factored(factor, x, size)
     np.testing.assert_allclose(x, np.linalg.solve(matrix, right), rtol=1e-9)
+    np.testing.assert_allclose(inverse_factor(factor, size), np.linalg.inv(np.tril(factor)), rtol=1e-9, atol=1e-12)
+    again = right.copy()
+    assert solved(matrix.copy(), again, size, 1e-12)
+    np.testing.assert_array_equal(again, x)
 
 
 def test_a_column_that_adds_nothing_is_told():
     rows = np.random.default_rng(0).normal(size=(9, 3))
     rows = np.column_stack([rows, rows[:, 0] + 2 * rows[:, 2]])
     assert not cholesky(rows.T @ rows, 4, 1e-9)
+    assert not solved(rows.T @ rows, np.ones(4), 4, 1e-9)

@@ -1,4 +1,4 @@
-"""Small symmetric systems: one factorisation for all fits of the matcher."""
+"""Small symmetric systems for the kernels of several rooms: private to windmark."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def cholesky(a: Array, size: int, least: float) -> bool:
-    """Lower Cholesky factor in place; False if a column adds less than `least` of itself to those before."""
+    """Lower Cholesky factor in place; False if a column adds less than ``least`` of itself to those before."""
     for i in range(size):
         floor = least * a[i, i]
         for j in range(i + 1):
@@ -41,6 +41,15 @@ def solve_factored(a: Array, g: Array, size: int) -> None:
         for k in range(i + 1, size):
             g[i] -= a[k, i] * g[k]
         g[i] /= a[i, i]
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def solved(a: Array, g: Array, size: int, least: float) -> bool:
+    """`cholesky` of ``a`` and the solution in ``g``, both in place; False if a column adds less than ``least``."""
+    if not cholesky(a, size, least):
+        return False
+    solve_factored(a, g, size)
+    return True
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
