@@ -95,6 +95,9 @@ def test_all_files_agree(made, done):
 
 def test_a_users_own_law_gives_the_same(made, done, windmark):
     assert len([line for line in (made / "my_law.py").read_text().splitlines() if line.strip()]) <= 15
+    alone = windmark("laws", made / "my_law.py", "-m", made / "markers.csv", "--volume", "wing")
+    assert alone.code == 0
+    assert "sound" in alone.out
     own = windmark("deform", made / "deform-own-law.toml", "--json")
     assert own.code == 0
     apart = np.subtract(own.json["last_twist_deg"], done.json["last_twist_deg"])

@@ -34,6 +34,7 @@ def test_a_sound_law_has_no_remarks():
         (lambda xyz, tip: up(xyz, tip)[: 29 if tip > 0.1 else 30], r"must return \(30, 3\), .* got \(29, 3\)"),
         (lambda xyz, tip: up(xyz, np.nan), r"returns \[.*nan\] for the point \[.*\] at its start values"),
         (lambda xyz, tip: xyz + (np.inf if abs(tip) > 0.1 else tip), "returns .*inf.* with tip ="),
+        (lambda xyz, tip: up(xyz, np.nan if tip else tip), r"the point \[.*\] by finite numbers when tip .* from 0$"),
     ],
 )  # fmt: skip
 def test_broken_laws_are_refused(function, words):

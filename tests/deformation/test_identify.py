@@ -420,6 +420,20 @@ def test_a_start_near_the_answer_gives_the_same_answer_sooner():
     assert again.cameras["c1"].focal_px == pytest.approx(first.cameras["c1"].focal_px, abs=0.1)
 
 
+def test_a_spot_that_is_known_badly_hardly_counts():
+    """Neither in the answer nor in the residuals' size."""
+    spots = observed(seen(), np.random.default_rng(19))
+    plain = identify(spots, MARKERS, PARTS, CAMERAS, VIEWS)
+    xy, cov = spots.xy.copy(), spots.cov.copy()
+    xy[7] += [1.5, -2.0]
+    cov[7] = 3.0**2 * np.eye(2)
+    found = identify(replace(spots, xy=xy, cov=cov), MARKERS, PARTS, CAMERAS, VIEWS)
+    assert found.used.all()
+    assert np.hypot(*found.residuals_px[7]) > 1
+    assert found.rms_px == pytest.approx(plain.rms_px, rel=0.05)
+    assert (np.abs(found.q - plain.q) < 0.5 * np.sqrt(np.diag(plain.cov)[:4])).all()
+
+
 def test_discs_eccentricity_is_taken_off():
     normal = np.where(WALL[:, None], [0, 0, 1.0], [0.0, 0.2, 1.0])
     set_of = MarkerSet.make(

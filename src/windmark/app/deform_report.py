@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
@@ -19,13 +20,14 @@ from windmark.app.pictures import png, surface_picture
 from windmark.app.report import Report
 from windmark.deformation import Deformation, vertex_volumes
 from windmark.pipeline.deform import Loaded, Sequence
-from windmark.pipeline.deform.record import MOTION
+from windmark.pipeline.deform.record import DOUBTFUL, MOTION
 from windmark.pipeline.surface import surface_view
 from windmark.scene import Mesh
 
 Array = NDArray[np.float64]
 
 FILM_FRAMES, FILM_SIZE, CAPTION_PX = 48, (720, 480), 40
+SHOWN_DOUBTFUL = 12
 VISIBLE_PART = 0.12
 """The film magnifies so that the largest deformation is this part of the model."""
 WORDS = {
@@ -75,6 +77,14 @@ def _overview(report: Report, loaded: Loaded, sequence: Sequence, record: dict[s
             f"{record['outliers']} spots left out as gross errors."
         )
         report.text(text)
+    if doubt := Counter(spot for r in sequence.good for spot in r.doubtful):
+        worst = ", ".join(f"{spot} ({n})" for spot, n in doubt.most_common(SHOWN_DOUBTFUL))
+        more = ", ..." if len(doubt) > SHOWN_DOUBTFUL else ""
+        report.text(
+            f"Doubtful spots, and in how many frames: {worst}{more}. Their image is disturbed: an edge or another part "
+            "of the model beside them or over them, a highlight, dirt. Their sigma, more than "
+            f"{DOUBTFUL:g} times the usual one, says so, and they hardly count."
+        )
     if sequence.zero is not None and sequence.moved is not None:
         size = np.linalg.norm(sequence.moved, axis=1)
         report.text(
@@ -117,10 +127,11 @@ def _tables(report: Report, loaded: Loaded, sequence: Sequence) -> None:
     names, units = loaded.test.volumes.names, [p.unit for p in loaded.test.volumes.parameters]
     report.heading("Every frame")
     laws = [f"{n} {u}".strip() for n, u in zip(names, units, strict=True)]
-    head = ["frame", "status", "spots", "out", "RMS px", "sigma0", *laws,
+    head = ["frame", "status", "spots", "out", "doubtful", "RMS px", "sigma0", *laws,
             *(f"{m.removesuffix('_deg')} {'°' if m.endswith('_deg') else unit}" for m in MOTION), "reason"]  # fmt: skip
     report.table(head, [
-        [r.key, r.status, r.spots, r.outliers, r.rms_px, r.sigma0, *map(_plain, r.q), *map(_plain, r.motion), r.reason]
+        [r.key, r.status, r.spots, r.outliers, len(r.doubtful), r.rms_px, r.sigma0, *map(_plain, r.q),
+         *map(_plain, r.motion), r.reason]
         for r in sequence.records
     ], scroll=True)  # fmt: skip
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -49,8 +51,15 @@ def check_law(law: Law, xyz: ArrayLike, *, name: str = "", source: str = "") -> 
     if off > 1e-6 * extent:
         remarks.append(f"{label}: moves points by up to {off:.3g} at its start values")
     by_q = bound.linearise(q)[1]
-    if by_q.shape != (*points.shape, len(q)) or not np.isfinite(by_q).all():
-        raise LawError(f"{label}: its derivative must be finite and {(*points.shape, len(q))}, got {by_q.shape}")
+    if by_q.shape != (*points.shape, len(q)):
+        raise LawError(f"{label}: its derivative must be {(*points.shape, len(q))}, got {by_q.shape}")
+    wild = ~np.isfinite(by_q).all(axis=1)
+    if wild.any():
+        bad, j = np.argwhere(wild)[0].tolist()
+        raise LawError(
+            f"{label}: does not move the point {points[bad].tolist()} by finite numbers when {law.parameters[j].name} "
+            f"changes a little from {q[j]:g}{_with_options(law)}"
+        )
     for j, parameter in enumerate(law.parameters):
         size = float(np.linalg.norm(by_q[..., j], axis=1).max())
         change = _change(parameter, size, extent)
@@ -68,6 +77,12 @@ def check_law(law: Law, xyz: ArrayLike, *, name: str = "", source: str = "") -> 
         elif float(np.abs(quotients[-1] - quotients[-2]).max()) > JUMP * largest:
             raise LawError(f"{label}: is not continuous in {parameter.name} near {parameter.start:g}")
     return tuple(remarks)
+
+
+def _with_options(law: Law) -> str:
+    """The options of a user's law, which are a likely reason."""
+    settings: Mapping[str, object] = getattr(law, "settings", {})
+    return f" (options: {', '.join(f'{k} = {v}' for k, v in settings.items())})" if settings else ""
 
 
 def _change(parameter: Parameter, size: float, extent: float) -> float:

@@ -230,6 +230,7 @@ def _result(task: Task, s: _Solved, options: Mapping[str, Any]) -> Deformation:
     ends = [0, *accumulate(len(b.names) for b in s.problem.blocks.values())]
     slices = {n: slice(*pair) for n, pair in zip(s.problem.blocks, pairwise(ends), strict=True)}
     q = values[LAW]
+    weight = s.used / np.trace(task.observations.cov, axis1=1, axis2=2)
     sigma = np.sqrt(np.diag(s.cov)[slices[LAW]]) if LAW in slices else np.zeros(0)
     known = zip(volumes.names, volumes.parameters, sigma, strict=True)
     edge = zip(volumes.names, volumes.parameters, q, strict=True)
@@ -240,7 +241,7 @@ def _result(task: Task, s: _Solved, options: Mapping[str, Any]) -> Deformation:
         cam_from_tunnel={v.name: values[pose_block(v.name)] for v in task.views},
         cameras={v.camera: values[camera_block(v.camera)] for v in task.views},
         names=_names(s.problem), cov=s.cov, slices=slices, residuals_px=residuals, used=s.used, test=s.test,
-        rms_px=float(np.sqrt((residuals[s.used] ** 2).sum(axis=1).mean())),
+        rms_px=float(np.sqrt(weight @ (residuals**2).sum(axis=1) / weight.sum())),
         sigma0=float(np.sqrt(chi2 / redundancy)) if redundancy > 0 else float("nan"), chi2=chi2, redundancy=redundancy,
         from_prior=tuple(n for n, p, size in known if size > PRIOR_SHARE * p.sigma),
         at_bound=at_bound, report=s.report, options=options,

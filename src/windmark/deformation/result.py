@@ -47,7 +47,7 @@ class Deformation:
     residuals_px : (O, 2) projected - observed, in the order of the observations, discs' eccentricity removed
     used : (O,) observations that took part; the others are outliers
     test : (O,) test value of each observation: of a good one chi-square with two degrees of freedom
-    rms_px : root mean square length of the used residuals
+    rms_px : root mean square length of the used residuals, weighted as the spots are certain
     sigma0 : 1 where the residuals are as large as the covariances say; NaN without redundancy
     chi2, redundancy : sum of squared whitened residuals, priors included, and its expected value
     from_prior : names of law parameters that the images hardly tell: known from their prior alone

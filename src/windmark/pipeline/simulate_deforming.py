@@ -88,7 +88,7 @@ from windmark.deformation import law
 
 
 @law(tip="mm", twist="deg")
-def wing(xyz, tip, twist, *, root=(0.0, 0.0, 0.0), end=(0.0, 1.0, 0.0)):
+def wing(xyz, tip, twist, *, root=({root}), end=({tip})):
     along, up, span = np.subtract(end, root), np.array([0, 0, 1]), np.array([0, 1, 0])
     length = np.linalg.norm(along)
     e = np.maximum((xyz[:, 1] - root[1]) / along[1], 0)  # station: 0 at the root, 1 at the tip
@@ -167,7 +167,7 @@ def _write_projects(folder: Path, seed: int, test: TunnelTest, radius_px: float,
         with io.atomic_write(folder / f"{name}.toml") as stream:
             stream.write(_PROJECT.format(**common, law=text, folder=out))
     with io.atomic_write(folder / "my_law.py") as stream:
-        stream.write(_LAW)
+        stream.write(_LAW.format(root=_text(root), tip=_text(tip)))
 
 
 def _on_axis(shape: HalfModel, y: float) -> tuple[float, float, float]:

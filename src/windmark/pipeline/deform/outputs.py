@@ -51,7 +51,8 @@ class Writer:
     def __enter__(self) -> Writer:
         of_laws = [p.unit for p in self._loaded.test.volumes.parameters]
         unit = self._loaded.project.length_unit
-        head = ["frame", "time_s", *self._table.columns, "status", "spots", "outliers", "rms_px", "sigma0"]
+        head = ["frame", "time_s", *self._table.columns, "status", "spots", "outliers", "doubtful", "rms_px",
+                "sigma0"]  # fmt: skip
         for name in (*self._names, *MOTION):
             head += [name, f"sigma_{name}"]
         self._open("deformation.csv", [*head, "seconds", "reason"])
@@ -83,15 +84,8 @@ class Writer:
         """Write one frame; ``mapped`` are values at the grid's nodes, see `Mapper.frame`."""
         at = self._table.row(row.key)
         more = [_cell(v[at]) if at is not None else "" for v in self._table.columns.values()]
-        cells = [
-            row.key,
-            _cell(row.time_s),
-            *more,
-            row.status,
-            row.spots,
-            row.outliers,
-            *map(_cell, (row.rms_px, row.sigma0)),
-        ]
+        cells = [row.key, _cell(row.time_s), *more, row.status, row.spots, row.outliers, len(row.doubtful),
+                 *map(_cell, (row.rms_px, row.sigma0))]  # fmt: skip
         for values, sigma in ((row.q, row.q_sigma), (row.motion, row.motion_sigma)):
             for value, size in zip(values, sigma, strict=True):
                 cells += [_cell(value), _cell(size)]
@@ -181,7 +175,7 @@ class Writer:
         variable("status", ("frame",), {"flag_meanings": " ".join(STATUS), "flag_values": "0 1 2"}, "i1")
         for name in self._table.columns:
             variable(name, ("frame",), {})
-        for name in ("rms_px", "sigma0", "spots", "outliers", "seconds"):
+        for name in ("rms_px", "sigma0", "spots", "outliers", "doubtful", "seconds"):
             variable(name, ("frame",), {})
         if self._names:
             labels = {"names": " ".join(self._names), "units": " ".join(u or "1" for u in of_laws)}
@@ -213,6 +207,7 @@ class Writer:
             file[name][first:end] = [np.nan if k is None else values[k] for k in at]
         for name in ("rms_px", "sigma0", "spots", "outliers", "seconds"):
             file[name][first:end] = [float(getattr(r, name)) for r in rows]
+        file["doubtful"][first:end] = [float(len(r.doubtful)) for r in rows]
         pairs = [("motion", "motion", "motion_sigma")]
         if self._names:
             pairs.append(("parameters", "q", "q_sigma"))

@@ -12,12 +12,15 @@ from windmark.deformation import Deformation, SpanValues, Stations, span_values
 from windmark.geometry import Pose
 from windmark.geometry.rotations import log_so3
 from windmark.pipeline.deform.task import DeformedFrame
+from windmark.scene import MarkerSet
 
 Array = NDArray[np.float64]
 Pair = tuple[Array, Array]
 
 MOTION = ("shift_x", "shift_y", "shift_z", "turn_x_deg", "turn_y_deg", "turn_z_deg")
 """The rigid motion of the model in the tunnel's axes: shift of its markers' centre, rotation vector."""
+DOUBTFUL = 5.0
+"""A spot whose sigma is so many times the median of its frame has something on it or beside it."""
 
 
 @dataclass(frozen=True)
@@ -66,6 +69,7 @@ class FrameRecord:
     index, key, instant, time_s, status, reason, seconds : see `DeformedFrame`
     spots, outliers : observations, and those left out
     rms_px, sigma0 : of the residuals
+    doubtful : camera and marker of the spots that are much less certain than the others, see `doubtful`
     q, q_sigma : (K,) laws' parameters less the zero
     motion, motion_sigma : (6,) see `MOTION`
     bending, bending_sigma, twist, twist_sigma : (S,) by the laws alone, less the zero
@@ -98,16 +102,32 @@ class FrameRecord:
     pitch: Array = field(default_factory=lambda: np.zeros(0))
     pitch_sigma: Array = field(default_factory=lambda: np.zeros(0))
     latency_s: float = float("nan")
+    doubtful: tuple[str, ...] = ()
+
+
+def doubtful(frame: DeformedFrame, names: NDArray[np.str_]) -> tuple[str, ...]:
+    """Text camera/marker of the spots that took part with `DOUBTFUL` times the usual sigma, in the order of the spots.
+
+    Something lies on them or beside them (an edge, another part of the model, a highlight): the detector says so in
+    their covariance, and they hardly count.
+    """
+    seen, state = frame.observations, frame.state
+    if seen is None or state is None:
+        return ()
+    size = np.sqrt(np.trace(seen.cov, axis1=1, axis2=2))
+    which = np.flatnonzero(state.used & (size > DOUBTFUL * np.median(size)))
+    return tuple(f"{frame.views[seen.view[k]]}/{names[seen.point[k]]}" for k in which)
 
 
 def record(
-    frame: DeformedFrame, zero: Zero | None, stations: Stations | None, centre: Array, time_s: float,
-    latency_s: float, count: int,
+    frame: DeformedFrame, zero: Zero | None, stations: Stations | None, markers: MarkerSet, centre: Array,
+    time_s: float, latency_s: float, count: int,
 ) -> FrameRecord:  # fmt: skip
     """The numbers of a frame.
 
     Parameters
     ----------
+    markers : of model and walls
     centre : (3,) the point whose shift is reported, in the model's frame
     count : number of the laws' parameters
     """
@@ -127,7 +147,7 @@ def record(
     return FrameRecord(
         *common, len(state.used), int((~state.used).sum()), state.rms_px, state.sigma0,
         state.q - (zero.q if zero is not None else 0.0), q_sigma, motion, worse * motion_sigma, *bending, *twist,
-        *pitch, latency_s,
+        *pitch, latency_s, doubtful(frame, markers.name),
     )  # fmt: skip
 
 

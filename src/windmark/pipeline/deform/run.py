@@ -103,8 +103,8 @@ def run_sequence(
             for frame, images, arrived in _followed(frames, loaded):
                 latency = time.time() - arrived if live else float("nan")
                 row = record(
-                    frame, out.zero, loaded.stations, centre, _time(frame, table, project.sequence.rate_hz), latency,
-                    len(test.volumes.names),
+                    frame, out.zero, loaded.stations, test.markers, centre,
+                    _time(frame, table, project.sequence.rate_hz), latency, len(test.volumes.names),
                 )  # fmt: skip
                 values = mapper.frame(frame, images) if mapper and gridded(project.output, frame) else {}
                 writer.add(frame, row, values)
