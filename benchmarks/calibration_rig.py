@@ -62,7 +62,7 @@ def figures_of(images: list[Path], block: int, options: tuple[str, ...], out: Pa
         "rms_right_px": float(np.sqrt(square[used & right].mean())), "rms_px": float(np.sqrt(square[used].mean())),
         "distance_mm": rig["distance"]["value"], "distance_sigma": rig["distance"]["sigma"],
         "angle_deg": rig["angle_deg"]["value"], "angle_sigma": rig["angle_deg"]["sigma"],
-        "split": told["halves"]["ratio"],
+        "split": told["halves"].get("ratio", float("nan")),  # too few pictures for halves
         **{f"focal_{k}": c["focal_px"]["value"] * block for k, c in told["cameras"].items()},
         **{f"focal_sigma_{k}": c["focal_px"]["sigma"] * block for k, c in told["cameras"].items()},
     }  # fmt: skip

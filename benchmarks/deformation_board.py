@@ -32,9 +32,10 @@ SIGMA_PX = 0.03
 PITCH_MM = 3.5
 
 
-def board_figures(work: Path, block: int) -> dict[str, float]:
-    """Every second pair calibrates; the others are measured."""
-    pictures = calibration_rig.smaller(work, block) if block > 1 else sorted((BOARD / "images").iterdir())
+def board_figures(work: Path, block: int, most: int | None = None) -> dict[str, float]:
+    """Every second pair calibrates; the others are measured. ``most``: so many pictures, None for all."""
+    paths = calibration_rig.smaller(work, block) if block > 1 else sorted((BOARD / "images").iterdir())
+    pictures = paths[:most]
     even = [p for k in range(0, len(pictures), 4) for p in pictures[k : k + 2]]
     odd = [p for p in pictures if p not in even]
     for name, images in (("rig", even), ("marks", odd)):

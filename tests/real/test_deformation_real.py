@@ -51,3 +51,16 @@ def test_discs_of_a_swaying_building_are_followed_through_jumps(bench):
     assert r["gap_worst"] > 0.5
     assert r["gap_less_perspective_worst"] < 0.2
     assert bench.row_gaps(followed, None)[0].max() < 0.1  # the base stands still
+
+
+def test_a_board_before_a_stereo_rig_stays_rigid(bench, tmp_path):
+    """Calibrated on four pairs of small pictures; what a rigid motion leaves of the discs in four others."""
+    import deformation_board as board
+
+    need(board.BOARD)
+    r = board.board_figures(tmp_path, 4, 16)
+    assert r["pairs"] == 4
+    assert r["discs"] > 65
+    assert r["moved_mm"] > 1.5
+    assert r["left_rms_mm"] <= 0.004
+    assert r["distance_spread_mm"] <= 0.001
