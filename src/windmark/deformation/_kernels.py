@@ -5,11 +5,11 @@ Private to the deformation. Readable twins: tests/deformation/test_sighting.py.
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
 
+from windmark.geometry._cholesky_kernels import cholesky, inverse_factor
 from windmark.geometry._jit import nb
 from windmark.geometry._kernels import project_with_slopes, to_camera
 
@@ -78,8 +78,9 @@ def whiten(cov: Any, seen: Any, by_place: Any, place_cov: Any, out: Any) -> bool
                 a[i, j] = cov[k, v, i % 2, j % 2] if v == w else 0.0
                 for m in range(3):
                     a[i, j] += half[i, m] * by_place[k, j, m]
-        if not _invert(a, out[k]):
+        if not cholesky(a, size, 0.0):
             return False
+        out[k] = inverse_factor(a, size)
         for i in range(size):
             if not seen[k, i // 2]:
                 out[k, i, i] = 0.0
@@ -121,26 +122,3 @@ def test_values(
         det = xx * yy - xy * xy
         square = yy * e[0] * e[0] - 2.0 * xy * e[0] * e[1] + xx * e[1] * e[1]
         out[k] = square / det if det > limit else 0.0
-
-
-@nb.njit(cache=True, nogil=True)
-def _invert(a: Any, out: Any) -> bool:
-    """Lower Cholesky factor of ``a`` in its place, its inverse into ``out``; False where there is none."""
-    size = a.shape[0]
-    for j in range(size):
-        for i in range(j, size):
-            for m in range(j):
-                a[i, j] -= a[i, m] * a[j, m]
-            if i == j:
-                if not a[j, j] > 0.0:
-                    return False
-                a[j, j] = math.sqrt(a[j, j])
-            else:
-                a[i, j] /= a[j, j]
-    for j in range(size):
-        out[j, j] = 1.0 / a[j, j]
-        for i in range(j + 1, size):
-            for m in range(j, i):
-                out[i, j] -= a[i, m] * out[m, j]
-            out[i, j] /= a[i, i]
-    return True
