@@ -7,7 +7,7 @@ import track_scenes as sequences
 
 from windmark.geometry import Pose
 from windmark.registration import Motion, predict, prepare, register, track
-from windmark.scene import Detections
+from windmark.scene import Detections, MarkerSet
 
 
 def followed(images, **options):
@@ -115,6 +115,25 @@ def test_tracked_poses_name_their_weak_directions():
         named.append([weak.motions[0] for weak in answer.weak])
     assert state.status == "tracked"
     assert all("along the viewing direction" in names for names in named)
+
+
+def test_a_rough_table_is_followed_as_it_is_registered():
+    """Every marker off by a twentieth of the spacing, as its sigma says."""
+    rng = np.random.default_rng(103)
+    markers = scenes.wing_and_body(rng)
+    near = np.linalg.norm(markers.xyz[:, None] - markers.xyz, axis=2)
+    off = 0.05 * float(np.median(np.sort(near, axis=1)[:, 1]))
+    camera, pose = scenes.random_view(rng, markers)
+    xyz, sigma = markers.xyz + rng.normal(0, off, markers.xyz.shape), np.full((len(markers), 3), off)
+    table = MarkerSet.make(list(markers.name), xyz, normal=markers.normal, sigma=sigma)
+    state, statuses = None, []
+    for k in range(6):
+        moved = Pose(pose.rotation, pose.translation + k * np.array([0.01, 0.0, 0.0]))
+        scene = scenes.image_of(rng, markers, camera, moved, noise_px=0.2, hidden=0.2, false=0.3)
+        answer, state = track(state, scene.detections, table, camera)
+        check_labels(answer, scene)
+        statuses.append(state.status)
+    assert statuses == ["cold", *["tracked"] * 5]
 
 
 @pytest.mark.parametrize("part", [0.45, 0.55, 0.9, 1.0])

@@ -1,5 +1,7 @@
 """The kernels of tracking against slow, readable twins."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import registration_scenes as scenes
@@ -7,6 +9,7 @@ import registration_scenes as scenes
 from windmark.geometry import Camera, Pose
 from windmark.registration import prepare
 from windmark.registration._kernels.raster import plane_covariance_kernel
+from windmark.registration.register import default_tolerance
 from windmark.registration.search.plane import Plane, to_plane
 from windmark.registration.task import Task
 from windmark.registration.track._kernels import gates, motion, spots
@@ -18,7 +21,9 @@ def view():
     scene = scenes.scene(21, "B", hidden=0.2, false=0.5)
     prepared = Prepared.of(scene.markers, scene.camera, prepare(scene.markers))
     plane = spots.to_plane_kernel(prepared.packed, prepared.size, scene.detections.xy, scene.detections.cov)
-    made, columns, tolerance = spots.spots_of(prepared.packed, prepared.size, *plane, scene.detections.radius_px, 0.0)
+    made, columns, tolerance = spots.spots_of(
+        prepared.packed, prepared.size, *plane, scene.detections.radius_px, 0.0, 0.0
+    )
     return scene, prepared, made, columns, tolerance
 
 
@@ -137,3 +142,18 @@ def test_a_supposed_pair_brings_back_a_common_shift(view):
     found = gates.sight_from(prepared.markers, near, r0, t0, focal, cov)
     assert worth > 50
     assert np.abs(found.uv - true.uv).max() < 4
+
+
+@pytest.mark.parametrize("share", [0.0, 0.01, 0.06])
+def test_the_usual_tolerance_is_that_of_register(view, share):
+    """Wider for a rough table, never so wide that neighbouring spots are one."""
+    scene = view[0]
+    sigma = np.full((len(scene.markers), 3), share * np.ptp(scene.markers.xyz))
+    markers = replace(scene.markers, sigma=sigma)
+    prepared = Prepared.of(markers, scene.camera, prepare(markers))
+    plane = spots.to_plane_kernel(prepared.packed, prepared.size, scene.detections.xy, scene.detections.cov)
+    radius = scene.detections.radius_px
+    tolerance = spots.spots_of(prepared.packed, prepared.size, *plane, radius, 0.0, prepared.rough)[2]
+    # The kernel takes distances in the search plane, where the lens has no distortion: so has this one.
+    assert tolerance == pytest.approx(default_tolerance(scene.detections.xy, scene.camera, markers), rel=1e-9)
+    assert (tolerance > view[4]) == (share > 0)

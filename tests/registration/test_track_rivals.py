@@ -97,7 +97,7 @@ def test_the_lead_is_that_over_all_rivals(kind, hidden, sigma, margin):
         prepared = Prepared.of(markers, camera, prepare(markers))
         plane = spots.to_plane_kernel(prepared.packed, prepared.size, scene.detections.xy, scene.detections.cov)
         made, columns, tolerance = spots.spots_of(
-            prepared.packed, prepared.size, *plane, scene.detections.radius_px, 0.0
+            prepared.packed, prepared.size, *plane, scene.detections.radius_px, 0.0, 0.0
         )
         fit = fits.Fit(tolerance, camera.focal_px, 0.0)
         r, t = prepared.layout.frame.unit(pose)

@@ -198,13 +198,20 @@ def default_tolerance(xy: Array, camera: Camera, markers: MarkerSet) -> float:
     How large the table's errors are in the picture is not known before the pose is, but how large they are beside the
     spacing of the markers is that of the spots: to the fourth neighbour, since an oblique view shortens one direction.
     """
-    if len(xy) < 2:
-        return max(0.5, DEFAULT_TOLERANCE * float(np.hypot(*camera.size_px)))
     wanted = DEFAULT_TOLERANCE * float(np.hypot(*camera.size_px))
-    sigma = np.where(np.isfinite(markers.sigma), markers.sigma, 0.0)
-    if sigma.any() and (apart := _spacing(markers.xyz, ROUND)) > 0:
-        wanted = max(wanted, TABLE_SIGMAS * median(sigma.ravel()) * _spacing(xy, ROUND) / apart)
+    if len(xy) < 2:
+        return max(0.5, wanted)
+    if (rough := roughness(markers)) > 0:
+        wanted = max(wanted, rough * _spacing(xy, ROUND))
     return max(0.5, min(wanted, MAX_SPACING * _spacing(xy, 1)))
+
+
+def roughness(markers: MarkerSet) -> float:
+    """How far off its table a marker may be, as part of the distance to the fourth neighbour; 0 without sigmas."""
+    sigma = np.where(np.isfinite(markers.sigma), markers.sigma, 0.0)
+    if not sigma.any() or not (apart := _spacing(markers.xyz, ROUND)) > 0:
+        return 0.0
+    return TABLE_SIGMAS * median(sigma.ravel()) / apart
 
 
 def _spacing(points: Array, neighbour: int) -> float:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from windmark.geometry import Camera
 from windmark.registration._kernels.fit import Markers
+from windmark.registration.register import roughness
 from windmark.registration.search.layout import Layout
 from windmark.scene import MarkerSet
 
@@ -17,13 +18,17 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """Markers and camera as the kernels want them; ``layout`` and ``camera`` are the nouns they come from."""
+    """Markers and camera as the kernels want them; ``layout`` and ``camera`` are the nouns they come from.
+
+    ``rough`` is the table's `roughness`, which the search must bridge.
+    """
 
     layout: Layout
     camera: Camera
     markers: Markers
     packed: Array
     size: Array
+    rough: float
 
     @staticmethod
     def of(markers: MarkerSet, camera: Camera, layout: Layout | None = None) -> Prepared:
@@ -31,7 +36,9 @@ class Prepared:
         layout = (layout or Layout(markers)).ready()
         sigma = np.where(np.isfinite(markers.sigma), markers.sigma, 0.0) / layout.frame.scale
         unit = Markers(layout.model.xyz, layout.model.normal, np.ascontiguousarray(sigma))
-        return Prepared(layout, camera, unit, camera.packed(), np.array(camera.size_px, dtype=float))
+        return Prepared(
+            layout, camera, unit, camera.packed(), np.array(camera.size_px, dtype=float), roughness(markers)
+        )
 
     def fits(self, markers: MarkerSet, camera: Camera) -> bool:
         """Whether it was made from these; the same objects are known without a look."""

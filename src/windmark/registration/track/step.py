@@ -89,7 +89,7 @@ def step(
     done = Stepped(*step_kernel(
         *prepared.markers, layout.model.near, *layout.symmetries, prepared.packed, prepared.size, frame.centre,
         frame.scale, xy, cov, detections.radius_px, *state.estimate, state.change, motion.change, dt + state.missed,
-        options["tolerance_px"] or 0.0, least_density, limits.margin,
+        options["tolerance_px"] or 0.0, prepared.rough, least_density, limits.margin,
     ))  # fmt: skip
     n = done.numbers.tolist()  # plain floats are faster
     if n[OUTCOME] == NOT_FINITE:

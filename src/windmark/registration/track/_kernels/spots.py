@@ -73,15 +73,15 @@ def to_plane_kernel(camera: Array, size: Array, xy: Array, spot_cov: Array) -> t
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def spots_of(
-    camera: Array, size: Array, p: Array, cov: Array, radius: Array, least_density: float
+    camera: Array, size: Array, p: Array, cov: Array, radius: Array, least_density: float, rough: float
 ) -> tuple[Spots, Columns, float]:
     """The spots (M, 2) of the search plane, covariance (M, 3), with what the fit needs, and the usual tolerance.
 
-    ``radius`` are those of all spots of the image.
+    ``radius`` are those of all spots of the image, ``rough`` is the table's `roughness`.
     """
     m = p.shape[0]
     by_x, x, y, columns = _in_order(p)
-    density, nearest = np.empty(m), np.empty(m)
+    density, nearest, fourth = np.empty(m), np.empty(m), np.empty(m)
     average = max(m / (size[0] * size[1]), least_density)
     k = min(NEIGHBOURS, m - 1)
     for place in range(m):
@@ -94,9 +94,12 @@ def spots_of(
             if not (x[other] - x[place]) ** 2 < d2[3]:
                 break
             d2 = _with((x[other] - x[place]) ** 2 + (y[other] - y[place]) ** 2, d2)
-        nearest[by_x[place]] = math.sqrt(d2[0])
+        nearest[by_x[place]], fourth[by_x[place]] = math.sqrt(d2[0]), math.sqrt(d2[k - 1])
         density[by_x[place]] = max(average, k / (math.pi * max(d2[k - 1], 1e-6)))
-    tolerance = max(LEAST_TOLERANCE, min(TOLERANCE * math.hypot(size[0], size[1]), SPACING * np.median(nearest)))
+    wanted = TOLERANCE * math.hypot(size[0], size[1])
+    if rough > 0.0:
+        wanted = max(wanted, rough * np.median(fourth))
+    tolerance = max(LEAST_TOLERANCE, min(wanted, SPACING * np.median(nearest)))
     return Spots(p, cov, density, by_x, x, camera, size, spot_radius(radius)), columns, tolerance
 
 

@@ -73,7 +73,7 @@ def step_kernel(
     xyz: Array, normal: Array, sigma: Array, near: Ints, onto: Ints, turn: Array, shift: Array, camera: Array,
     size: Array, centre: Array, scale: float, xy: Array, spot_cov: Array, radius: Array, rotation: Array,
     translation: Array, velocity: Array, cov: Array, change: Array, expected_change: Array, dt: float,
-    given_tolerance: float, least_density: float, margin: float,
+    given_tolerance: float, rough: float, least_density: float, margin: float,
 ) -> tuple[
     Array, Array, Array, Array, NDArray[np.int64], NDArray[np.int64], Array, Array, Array, Array, Array, Array, Array,
     Array, Array,
@@ -88,7 +88,7 @@ def step_kernel(
         inverse for are left out
     rotation, translation, velocity, cov, change, dt : see `Estimate` and `predict_kernel`
     expected_change : (2,) that the adapted one stays near to
-    given_tolerance : of the search; 0 takes the usual one
+    given_tolerance, rough : of the search; 0 takes the usual one, wider for a table with so much `roughness`
     margin : rivals that cannot come so near (nats) are not looked at
 
     Returns
@@ -112,7 +112,7 @@ def step_kernel(
         out[OUTCOME], out[COUNT] = TOO_FEW, len(index)
     elif max(prior[0, 0], prior[1, 1], prior[2, 2]) < UNSURE_RAD**2 and prior[5, 5] < UNSURE_SCALE**2 * distance2:
         out[OUTCOME] = LOST
-        spots, columns, tolerance = spots_of(camera, size, p, plane_cov, radius, least_density)
+        spots, columns, tolerance = spots_of(camera, size, p, plane_cov, radius, least_density, rough)
         out[TOLERANCE] = tolerance = given_tolerance if given_tolerance > 0.0 else tolerance
         fit = Fit(tolerance, f, 0.0)
         if _label(markers, near, spots, columns, f, tolerance, (r0, t0, prior), best, out):
