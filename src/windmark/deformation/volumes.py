@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -158,7 +158,7 @@ class Placed:
     xyz: Array
     names: Texts
     groups: tuple[tuple[NDArray[np.int64], _Chain], ...]
-    _last: list[Any] = field(default_factory=list, repr=False)
+    _last: list[tuple[bytes, Array, Array]] = field(default_factory=list, repr=False)  # at most one, swapped as a whole
 
     @cached_property
     def rates(self) -> Array:
@@ -168,8 +168,9 @@ class Placed:
 
     def place(self, q: Array) -> Array:
         """Displaced points (N, 3) in the model's frame, for all parameters (K,)."""
-        if self._last and self._last[0] == q.tobytes():
-            return np.array(self._last[1])
+        for known, place, _ in self._last:
+            if known == q.tobytes():
+                return place.copy()
         out = self.xyz.copy()
         for index, chain in self.groups:
             out[index] = chain.place(q)
@@ -180,12 +181,13 @@ class Placed:
 
         The last ones are kept: where one search ends the next one starts, and what is asked of a state lies between.
         """
-        if self._last and self._last[0] == q.tobytes():
-            return np.array(self._last[1]), np.array(self._last[2])
+        for known, place, slope in self._last:
+            if known == q.tobytes():
+                return place.copy(), slope.copy()
         out, by_q = self.xyz.copy(), np.zeros((*self.xyz.shape, len(self.volumes.names)))
         for index, chain in self.groups:
             out[index], by_q[index] = chain.linearise(q, by_q.shape[2])
-        self._last[:] = [q.tobytes(), out.copy(), by_q.copy()]
+        self._last[:] = [(q.tobytes(), out.copy(), by_q.copy())]
         return out, by_q
 
 
