@@ -71,7 +71,10 @@ def spot_bound(test: synth.TunnelTest, shot: synth.Rendering, truth: synth.Marke
     x, y = np.rint(truth.ellipse_xy[k]).astype(int)
     reach = int(np.ceil(2 * truth.axes_px[k, 0])) + 1
     patch = shot.image[max(y - reach, 0) : y + reach + 1, max(x - reach, 0) : x + reach + 1]
-    light = float(np.quantile(patch, 0.8)) * SENSOR.exposure
+    height, width = shot.image.shape
+    off2 = (truth.ellipse_xy[k, 0] - (width - 1) / 2) ** 2 + (truth.ellipse_xy[k, 1] - (height - 1) / 2) ** 2
+    shade = 1 - SENSOR.vignetting * off2 / (0.25 * (width**2 + height**2))
+    light = float(np.quantile(patch, 0.8)) * SENSOR.exposure * shade
     noise = np.sqrt(light * SENSOR.full_well_e + SENSOR.read_noise_e**2) / SENSOR.full_well_e
     contrast = 0.85
     return centre_bound(
