@@ -202,6 +202,7 @@ def test_a_wrong_law_is_told_with_its_file_and_line(copy, windmark, text, expect
         (('name = "wing"', 'name = "wings"'), ["stations", "'wing'", "not one of the volumes"]),
         (('file = "cam1.json"', 'file = "cam3.json"'), ["camera[0].file", "cam3.json"]),
         (("images/cam2-*.tif", "images/cam3-*.tif"), ["camera[1].images", "no file matches"]),
+        (('images = "images/cam1-*.tif"', "images = []"), ["camera[0]", "images", "at least one name"]),
         (('zero = ["0", "1"]', 'zero = ["77"]'), ["sequence.zero", "77"]),
         (('parent = "body"', 'parent = "fuselage"'), ["volume", "fuselage"]),
         (("chord = [150, 0, 0]", "chord = [0, 0, 0]"), ["stations", "chord"]),

@@ -33,6 +33,8 @@ class CameraEntry(Strict):
 
     @model_validator(mode="after")
     def _both(self) -> CameraEntry:
+        if not self.images:
+            raise ValueError("images: expected at least one name or pattern, got none")
         if (self.pose_sigma_deg is None) != (self.pose_sigma is None):
             raise ValueError("pose_sigma_deg and pose_sigma belong together")
         return self
