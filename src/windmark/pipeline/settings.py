@@ -40,7 +40,7 @@ def explained(path: Path, error: ValidationError, root: type[BaseModel]) -> File
     """The first thing that is wrong, in words: key, what came, what was expected."""
     first = error.errors()[0]
     keys = [str(k) for k in first["loc"]]
-    key = ".".join(keys) or None
+    key = "".join(f"[{k}]" if isinstance(k, int) else f".{k}" for k in first["loc"]).lstrip(".") or None
     if first["type"] == "extra_forbidden":
         return FileError(path, f"unknown key; expected {known_keys(_model_at(root, keys[:-1]))}", key)
     if first["type"] == "missing":
