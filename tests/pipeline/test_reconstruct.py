@@ -202,6 +202,7 @@ def test_pictures_that_nothing_connects_are_the_reason_where_the_others_lack_the
     assert answer.cause == "unconnected"
     for words in ("4 pictures (4, 5, 6, 7) could not be connected", "0, 1, 2, 3", "no four of 6 primary markers"):
         assert words in answer.reason
+    assert answer.dropped == dict.fromkeys("4567", "could not be connected with the others")
 
 
 def test_groups_are_joined_by_the_primaries():

@@ -123,7 +123,7 @@ def _refused(task: Task, groups: list[Group], refusal: Refused) -> Refused:
         return Refused(
             "unconnected", f"{len(alone)} pictures ({_names(task, alone)}) could not be connected with the others "
             f"({_names(task, groups[0].views)}), and in these alone the primary markers were not recognised: "
-            f"{refusal.reason}",
+            f"{refusal.reason}", alone,
         )  # fmt: skip
     return refusal
 

@@ -86,6 +86,7 @@ def reconstruct(
         known = framed(task, rough)
         structure, result, names, linked_marks = _in_frame(task, known.group.structure, known.located, free)
     except Refused as refusal:
+        dropped |= {task.views[v].name: "could not be connected with the others" for v in refusal.alone}
         return NotReconstructed(refusal.reason, refusal.cause, dropped, options)  # type: ignore[arg-type]
     for v, view in enumerate(task.views):
         if v not in structure.poses and view.name not in dropped:

@@ -20,11 +20,11 @@ FEWEST_SPOTS = 8
 
 
 class Refused(Exception):
-    """The data say no: cause and reason of a `NotReconstructed`."""
+    """The data say no: cause and reason of a `NotReconstructed`; ``alone`` are views that share too little."""
 
-    def __init__(self, cause: str, reason: str) -> None:
+    def __init__(self, cause: str, reason: str, alone: Sequence[int] = ()) -> None:
         super().__init__(reason)
-        self.cause, self.reason = cause, reason
+        self.cause, self.reason, self.alone = cause, reason, tuple(alone)
 
 
 @dataclass(frozen=True)
