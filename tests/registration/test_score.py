@@ -1,15 +1,20 @@
 """Kernels that judge and report a settled solution, against dense linear algebra and the full camera."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+import registration_scenes as scenes
 from test_settle import candidate_of, curved_scene, plane_of
 
 from windmark.geometry.rotations import hat
 from windmark.registration._kernels import fit as fits
+from windmark.registration._kernels.fit import copy_of
 from windmark.registration._kernels.quad import first_of_each_kernel
 from windmark.registration._kernels.raster import project_kernel
-from windmark.registration.criteria import focal_gain
-from windmark.registration.solution import settle
+from windmark.registration.criteria import focal_gain, other_focal_explains
+from windmark.registration.evidence import Evidence
+from windmark.registration.solution import settle, with_free_focal
 
 
 def solution_of(seed, **more):
@@ -75,3 +80,36 @@ def test_first_quads_of_anchors():
     assert first_of_each_kernel(quad, 4, 9).tolist() == [0, 1, 3]
     assert first_of_each_kernel(quad, 4, 2).tolist() == [0, 1]
     assert first_of_each_kernel(quad[:0], 4, 2).tolist() == []
+
+
+def test_a_wrong_pair_does_not_hide_a_wrong_focal_length():
+    """Half of the right pairs, as a deformation may have them, and a wrong one that holds the focal length."""
+    scene = scenes.scene(1, "B", hidden=0.3, noise_px=0.2)
+    right = settle(plane_of(scene), candidate_of(scene))
+    wrong = replace(scene.camera, focal_px=0.8 * scene.camera.focal_px)
+    plane = plane_of(replace(scene, camera=wrong))
+    matched = np.flatnonzero(right.state.match >= 0)
+    kept = np.random.default_rng([1, 4]).permutation(matched)[: len(matched) // 2]
+    match = np.full(len(right.state.match), -1, np.int32)
+    match[kept] = right.state.match[kept]
+    spare = np.setdiff1d(right.state.match[matched], match[kept])
+    off = np.hypot(*(plane.spots.p[spare] - plane.spots.p[match[kept[0]]]).T)
+
+    def seen_with(match):
+        state = copy_of(right.state)
+        state.match[:] = match
+        state.numbers[fits.FOCAL] = wrong.focal_px
+        marker = np.flatnonzero(match >= 0)
+        return replace(
+            right, state=state, marker=marker, detection=match[marker].astype(np.int64), focal_px=wrong.focal_px,
+            expected=len(matched) + 8, evidence=Evidence(120.0, -40.0),
+        )  # fmt: skip
+
+    assert other_focal_explains(plane, seen_with(match))
+    match[kept[0]] = spare[off.argmin()]
+    misled = seen_with(match)
+    freed = with_free_focal(plane, misled)
+    assert freed is None or freed.evidence.score < misled.evidence.score
+    assert other_focal_explains(plane, misled)
+    # Where nearly all markers are matched the residuals tell a wrong pair, and none is left out on trial.
+    assert not other_focal_explains(plane, replace(misled, expected=misled.count))

@@ -38,6 +38,13 @@ by so many sigma; 10 nats are 4.5 sigma (one in 150,000)."""
 DOUBTED, MOST = 3.0, 0.6
 """Another one is looked for where it promises so many nats to first order (one in 70 by chance), and below this part of
 the markers in view: those that it would bring into their gates are not seen in the residuals."""
+FEW_PAIRS = 16
+"""With so few a single wrong one can look like a deformation: it must be better than a rigid model without any one."""
+FREED_LEAD = 10.0
+"""A wrong focal length must explain the spots better than a deformation by so much (nats): one that is off by 20 %
+leads by 20 and more, while a slight bending is explained by both about equally well, with the same labels ..."""
+FREED_OFF = 0.12
+"""... and by focal lengths off by up to 10 %. Of few pairs the simpler explanation is taken where it is farther off."""
 
 
 def misfit_of(plane: Plane, limits: Limits, best: Solution, taken: float | None = None) -> str:
@@ -88,6 +95,23 @@ def wrong_focal(plane: Plane, best: Solution) -> str:
         f"the given focal length of {given:.5g} px does not fit: with {freed.focal_px:.5g} px (1 sigma "
         f"{100 * sigma:.1f} %) the misfit falls from {best.misfit_px:.2g} to {freed.misfit_px:.2g} px"
     )
+
+
+def other_focal_explains(plane: Plane, best: Solution) -> bool:
+    """Whether another focal length explains what a deformation does in ``best``.
+
+    Where many markers are missing, also without any one of the pairs: a wrong one holds the focal length.
+    """
+    least, freed = best.evidence.score, with_free_focal(plane, best)
+    if freed is not None:
+        off = abs(float(np.log(freed.focal_px / plane.task.camera.focal_px)))
+        lead = FREED_LEAD if best.count > FEW_PAIRS or off < FREED_OFF else 0.0
+        if freed.evidence.score > least + lead:
+            return True
+    if best.count >= MOST * best.expected:
+        return False
+    others = (with_free_focal(plane, best, marker) for marker in best.marker.tolist())
+    return any(o is not None and o.evidence.score > least + FREED_LEAD for o in others)
 
 
 def beyond_prior(task: Task, best: Candidate | None, least: float) -> str:

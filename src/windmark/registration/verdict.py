@@ -13,7 +13,16 @@ import numpy as np
 
 from windmark.registration.bent.solution import Bender, BentSolution
 from windmark.registration.budget import Budget
-from windmark.registration.criteria import ambiguity, beyond_prior, is_loose, least_evidence, misfit_of, wrong_focal
+from windmark.registration.criteria import (
+    FEW_PAIRS,
+    ambiguity,
+    beyond_prior,
+    is_loose,
+    least_evidence,
+    misfit_of,
+    other_focal_explains,
+    wrong_focal,
+)
 from windmark.registration.final import is_bent
 from windmark.registration.labels import contradiction
 from windmark.registration.result import Cause, RunnerUp
@@ -21,7 +30,7 @@ from windmark.registration.search.fixed import FixedSearch
 from windmark.registration.search.pool import Candidate
 from windmark.registration.search.quads import POOL, QuadSearch
 from windmark.registration.search.ransac import Search
-from windmark.registration.solution import SAME_SHARE, Solution, settle, with_free_focal
+from windmark.registration.solution import SAME_SHARE, Solution, settle
 from windmark.registration.task import Limits
 from windmark.registration.twins import told_by_table_errors
 
@@ -41,17 +50,10 @@ deformation of a partly right labelling would have the rest. So it must with an 
 deformation together explain much of a wrong labelling."""
 SPARSE = 0.35
 """And everywhere so many: a quarter of many markers, bent, can look right while the rigid model has twice as many."""
-FEW_PAIRS = 16
-"""With so few a single wrong one can look like a deformation: it must be better than a rigid model without any one."""
 ONE_WRONG = 40.0
 """So much (nats) below the best a solution cannot owe to one wrong pair."""
 BENT_LEAD = 5.0
 """How much better (nats) it must be than a rigid solution that is accepted."""
-FREED_LEAD = 10.0
-"""A wrong focal length must explain the spots better than a deformation by so much (nats): one that is off by 20 %
-leads by 20 and more, while a slight bending is explained by both about equally well, with the same labels ..."""
-FREED_OFF = 0.12
-"""... and by focal lengths off by up to 10 %. Of few pairs the simpler explanation is taken where it is farther off."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +74,7 @@ class Judge:
         self._plane, self._task = search.plane, search.plane.task
         self._settled: dict[Candidate, Solution | None] = {}
         self._kept: dict[Solution, Solution] = {}
+        self._explained: dict[BentSolution, bool] = {}
         # A lens that must be moved with a free focal length is not refined together with a deformation.
         moving = self._task.free_focal and (is_bent(self._task.camera) or self._task.camera.cov is not None)
         self._bender = None if moving or not limits.deformation > 0 else Bender(self._plane, limits.deformation, budget)
@@ -151,12 +154,11 @@ class Judge:
 
     def _focal_explains(self, best: BentSolution) -> bool:
         """Whether another focal length explains what a deformation does."""
-        freed = None if self._task.free_focal else with_free_focal(self._plane, best)
-        if freed is None:
+        if self._task.free_focal:
             return False
-        off = abs(float(np.log(freed.focal_px / self._task.camera.focal_px)))
-        lead = FREED_LEAD if best.count > FEW_PAIRS or off < FREED_OFF else 0.0
-        return freed.evidence.score > best.evidence.score + lead
+        if best not in self._explained:
+            self._explained[best] = other_focal_explains(self._plane, best)
+        return self._explained[best]
 
     def _better_with_one_less(self, best: Solution) -> bool:
         """Whether a rigid model that explains all pairs but one, nearly, is better than a deformed one of all."""
