@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import Protocol
 
 import numpy as np
@@ -40,6 +41,8 @@ DOUBTED, MOST = 3.0, 0.6
 the markers in view: those that it would bring into their gates are not seen in the residuals."""
 FEW_PAIRS = 16
 """With so few a single wrong one can look like a deformation: it must be better than a rigid model without any one."""
+MANY = 200
+"""Among more pairs a single wrong one cannot hold the focal length."""
 FREED_LEAD = 10.0
 """A wrong focal length must explain the spots better than a deformation by so much (nats): one that is off by 20 %
 leads by 20 and more, while a slight bending is explained by both about equally well, with the same labels ..."""
@@ -84,8 +87,8 @@ def wrong_focal(plane: Plane, best: Solution) -> str:
     freed = with_free_focal(plane, best)
     if freed is None or freed.count < best.count:
         # Right labels stay when the focal length is freed; a wrong one among them holds it where it is.
-        tried = (with_free_focal(plane, best, marker) for marker in best.marker.tolist())
-        freed = max((t for t in (freed, *tried) if t is not None), key=lambda t: t.evidence.score, default=None)
+        tried = [freed] if freed is not None else []
+        freed = max([*tried, *_without_each(plane, best)], key=lambda t: t.evidence.score, default=None)
     if freed is None or not freed.evidence.score > best.evidence.score + CLEARLY_BETTER:
         return ""
     given, sigma = plane.task.camera.focal_px, freed.focal_sigma
@@ -110,8 +113,17 @@ def other_focal_explains(plane: Plane, best: Solution) -> bool:
             return True
     if best.count >= MOST * best.expected:
         return False
-    others = (with_free_focal(plane, best, marker) for marker in best.marker.tolist())
-    return any(o is not None and o.evidence.score > least + FREED_LEAD for o in others)
+    return any(other.evidence.score > least + FREED_LEAD for other in _without_each(plane, best))
+
+
+def _without_each(plane: Plane, best: Solution) -> Iterator[Solution]:
+    """The solution with a free focal length and without one of its pairs; none of so `MANY` pairs that one is nothing.
+
+    Thousands of pairs, each left out once, would take minutes.
+    """
+    for marker in best.marker.tolist() if best.count <= MANY else ():
+        if (freed := with_free_focal(plane, best, marker)) is not None:
+            yield freed
 
 
 def beyond_prior(task: Task, best: Candidate | None, least: float) -> str:
