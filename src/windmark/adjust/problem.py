@@ -76,7 +76,8 @@ class Problem:
     terms : observation blocks and priors
 
     The values of all blocks, and fixed things that terms look up (a known camera), travel beside it as
-    one mapping, so a problem is never changed by a solve.
+    one mapping, so a problem is never changed by a solve. ``slices`` is where each block stands among the
+    unknowns.
     """
 
     def __init__(self, blocks: Mapping[str, Block], terms: Sequence[Term]) -> None:
@@ -85,14 +86,14 @@ class Problem:
         sizes = [len(block.names) for block in self.blocks.values()]
         ends = [0, *accumulate(sizes)]
         self.size = ends[-1]
-        self._slices = {name: slice(*pair) for name, pair in zip(self.blocks, pairwise(ends), strict=True)}
+        self.slices = {name: slice(*pair) for name, pair in zip(self.blocks, pairwise(ends), strict=True)}
         unknown = sorted({name for term in self.terms for name in term.blocks} - set(self.blocks))
         if unknown:
             raise ValueError(f"Problem: terms depend on unknown blocks {', '.join(unknown)}")
         # The columns of each term's own small normal matrix within the whole one.
         everything = np.arange(self.size)
         self._columns = [
-            np.concatenate([everything[:0], *(everything[self._slices[name]] for name in term.blocks)])
+            np.concatenate([everything[:0], *(everything[self.slices[name]] for name in term.blocks)])
             for term in self.terms
         ]
         self._own = [np.ix_(columns, columns) for columns in self._columns]
@@ -145,7 +146,7 @@ class Problem:
         """Numbers that stand at a bound and would leave it are known there: they take no part in the step."""
         for name, block in self.blocks.items():
             if isinstance(block, VectorBlock):
-                s = self._slices[name]
+                s = self.slices[name]
                 pinned = block.pinned(values[name], gradient[s])
                 if not pinned.any():
                     continue
@@ -158,7 +159,7 @@ class Problem:
         """(P, P) natural units of all blocks as tangent steps, block-diagonal."""
         basis = np.zeros((self.size, self.size))
         for name, block in self.blocks.items():
-            s = self._slices[name]
+            s = self.slices[name]
             basis[s, s] = block.natural(values[name])
         return basis
 
@@ -166,7 +167,7 @@ class Problem:
         """The values after a tangent step (P,); None where a block refuses it."""
         out = dict(values)
         for name, block in self.blocks.items():
-            moved = block.retract(values[name], delta[self._slices[name]])
+            moved = block.retract(values[name], delta[self.slices[name]])
             if moved is None:
                 return None
             out[name] = moved

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from itertools import accumulate, pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -227,9 +226,7 @@ def _result(task: Task, s: _Solved, options: Mapping[str, Any]) -> Deformation:
     residuals = raw[point[:, None], 2 * view[:, None] + np.arange(2)]
     parts = [part for term in s.problem.terms if (part := term.residual(values)) is not None]
     chi2 = float(sum((part**2).sum() for part in parts))
-    ends = [0, *accumulate(len(b.names) for b in s.problem.blocks.values())]
-    slices = {n: slice(*pair) for n, pair in zip(s.problem.blocks, pairwise(ends), strict=True)}
-    q = values[LAW]
+    slices, q = s.problem.slices, values[LAW]
     weight = s.used / np.trace(task.observations.cov, axis1=1, axis2=2)
     sigma = np.sqrt(np.diag(s.cov)[slices[LAW]]) if LAW in slices else np.zeros(0)
     known = zip(volumes.names, volumes.parameters, sigma, strict=True)

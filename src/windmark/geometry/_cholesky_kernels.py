@@ -31,12 +31,18 @@ def cholesky(a: Array, size: int, least: float) -> bool:
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def solve_factored(a: Array, g: Array, size: int) -> None:
-    """Replace g by the solution of ``a a' x = g``."""
+def forward(a: Array, g: Array, size: int) -> None:
+    """Replace g by the solution of ``a x = g`` with a lower triangle."""
     for i in range(size):
         for k in range(i):
             g[i] -= a[i, k] * g[k]
         g[i] /= a[i, i]
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def solve_factored(a: Array, g: Array, size: int) -> None:
+    """Replace g by the solution of ``a a' x = g``."""
+    forward(a, g, size)
     for i in range(size - 1, -1, -1):
         for k in range(i + 1, size):
             g[i] -= a[k, i] * g[k]

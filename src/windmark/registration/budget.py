@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 from windmark.geometry import Camera, Pose
 from windmark.geometry._p3p_kernels import p3p_batch_kernel
 from windmark.registration._kernels.evidence import likelihood_ratio, log10_nfa
+from windmark.registration._kernels.fit import focal_score_kernel, pose_covariance_kernel
 from windmark.registration._kernels.growth import growth_kernel
 from windmark.registration._kernels.hypothesis import hypotheses_kernel
 from windmark.registration._kernels.match import search_kernel
-from windmark.registration._kernels.quad import spot_quads_kernel, table_kernel
+from windmark.registration._kernels.quad import first_of_each_kernel, spot_quads_kernel, table_kernel
 from windmark.registration._kernels.rig import accept_rig_kernel, settle_rig_kernel
 from windmark.registration._kernels.rival import rivals_kernel
 from windmark.registration._kernels.settle import settle_kernel
@@ -23,6 +24,7 @@ from windmark.registration.task import Visible
 _KERNELS = (
     likelihood_ratio, log10_nfa, growth_kernel, hypotheses_kernel, p3p_batch_kernel, rivals_kernel, search_kernel,
     spot_quads_kernel, table_kernel, settle_kernel, symmetries_kernel, settle_rig_kernel, accept_rig_kernel,
+    first_of_each_kernel, focal_score_kernel, pose_covariance_kernel,
 )  # fmt: skip
 
 

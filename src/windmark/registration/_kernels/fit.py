@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.geometry._cholesky_kernels import cholesky, inverse_factor, solve_factored
+from windmark.geometry._cholesky_kernels import cholesky, forward, inverse_factor, solve_factored
 from windmark.geometry._jit import nb
 from windmark.geometry._kernels import to_camera
 from windmark.registration._kernels.growth import PRIOR_WORTH, _derivative, _move
@@ -197,10 +197,7 @@ def focal_score_kernel(xyz: Array, markers: Markers, spots: Spots, state: State)
     add_normal_equations(xyz, spots, state, table, 7, a, g)
     if not cholesky(a, 7, 1e-12):
         return 0.0
-    for i in range(7):
-        for k in range(i):
-            g[i] -= a[i, k] * g[k]
-        g[i] /= a[i, i]
+    forward(a, g, 7)
     return g[6]
 
 

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.geometry._cholesky_kernels import cholesky, solve_factored
+from windmark.geometry._cholesky_kernels import solved
 from windmark.geometry._jit import nb
 from windmark.geometry._kernels import to_camera
 from windmark.registration._kernels.fit import Markers, Spots
@@ -297,9 +297,8 @@ def fit_with_prior(
                 g[i] += w * (u[i] * du + v[i] * dv)
                 for j in range(i + 1):
                     a[i, j] += w * (u[i] * u[j] + v[i] * v[j])
-        if not cholesky(a, 6, 1e-13):
+        if not solved(a, g, 6, 1e-13):
             return False
-        solve_factored(a, g, 6)
         _move(r, t, g)
     invert_factored(a, cov)
     return True

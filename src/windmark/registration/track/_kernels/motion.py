@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.geometry._cholesky_kernels import cholesky, solve_factored
+from windmark.geometry._cholesky_kernels import cholesky, inverse_factor, solve_factored, solved
 from windmark.geometry._jit import nb
 from windmark.registration._kernels.growth import _move
 
@@ -83,14 +83,7 @@ def difference(r: Array, t: Array, r0: Array, t0: Array, out: Array) -> None:
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def invert_factored(factor: Array, out: Array) -> None:
     """Inverse (6, 6) of a matrix from its Cholesky factor."""
-    root = np.zeros((6, 6))
-    for i in range(6):
-        root[i, i] = 1.0 / factor[i, i]
-        for j in range(i):
-            total = 0.0
-            for k in range(j, i):
-                total += factor[i, k] * root[k, j]
-            root[i, j] = -total * root[i, i]
+    root = inverse_factor(factor, 6)
     for i in range(6):
         for j in range(i + 1):
             total = 0.0
@@ -103,9 +96,8 @@ def invert_factored(factor: Array, out: Array) -> None:
 def distance2_of(innovation: Array, prior: Array, measured: Array) -> float:
     """Squared Mahalanobis distance of an innovation by the covariances of prediction and measurement."""
     s, g = prior[:6, :6] + measured[:6, :6], innovation[:6].copy()
-    if not cholesky(s, 6, 1e-14):
+    if not solved(s, g, 6, 1e-14):
         return math.inf
-    solve_factored(s, g, 6)
     total = 0.0
     for i in range(6):
         total += g[i] * innovation[i]
