@@ -1,0 +1,1 @@
+"""Verbs that compose rooms: arrays in, results out, no files. `pipeline` loads, calls and saves."""
