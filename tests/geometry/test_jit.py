@@ -46,6 +46,7 @@ def test_kernels_in_a_private_folder_count(package):
 def test_other_sources_do_not_count(package):
     before = fingerprint(package)
     (package / "room" / "verb.py").write_text("b = 2\n")
+    (package / "room" / "__init__.py").write_text("from room.verb import b\n")
     assert fingerprint(package) == before
 
 

@@ -19,9 +19,12 @@ _PACKAGE = Path(__file__).resolve().parents[1]
 
 
 def fingerprint(package: Path) -> str:
-    """Hash over the sources of all private modules and folders (all kernels are private) and numba's version."""
+    """Hash over the sources of all private modules and folders (all kernels are private) and numba's version.
+
+    ``__init__.py`` holds no kernel: one more public name must not cost every user two minutes of compiling.
+    """
     digest = hashlib.sha256(nb.__version__.encode())
-    for path in sorted([*package.rglob("_*.py"), *package.rglob("_*/[!_]*.py")]):
+    for path in sorted([*package.rglob("_[!_]*.py"), *package.rglob("_[!_]*/[!_]*.py")]):
         digest.update(path.relative_to(package).as_posix().encode() + path.read_bytes())
     return digest.hexdigest()
 
