@@ -57,7 +57,8 @@ def is_outward(mesh: Mesh) -> bool:
     if not area > 0 or np.linalg.norm(normals.sum(axis=0)) > _CLOSED * area:
         return False
     # Six times the enclosed volume, from the middle of the box so that nothing large cancels.
-    middle = 0.5 * (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0))
+    low, high = mesh.box
+    middle = 0.5 * (low + high)
     return bool(np.sum((mesh.vertices[mesh.triangles[:, 0]] - middle) * normals) > 0)
 
 

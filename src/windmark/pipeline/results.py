@@ -19,6 +19,19 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
+class FramedView:
+    """The virtual camera of a ``[[view]]``, the same for all images of the job.
+
+    ``units_per_px``: length units per pixel at the mean depth of the surface that it is framed on.
+    """
+
+    name: str
+    camera: Camera
+    cam_from_model: Pose
+    units_per_px: float
+
+
+@dataclass(frozen=True)
 class ViewImage:
     """A virtual image: grey values float32 (H, W), NaN where the real image has nothing, and its camera."""
 
@@ -85,6 +98,8 @@ class RunResult:
     seconds: dict[str, float]
     notes: tuple[tuple[Path, str], ...] = ()
     """Files, and what had to be done to read them."""
+    framed: tuple[FramedView, ...] = ()
+    """The virtual cameras, one per ``[[view]]`` of the project."""
 
     @property
     def failed(self) -> tuple[ImageResult, ...]:
