@@ -111,8 +111,8 @@ MaxTime = Annotated[float, typer.Option(help="Pictures: seconds of CPU time per 
 Solver = Annotated[
     str,
     typer.Option(
-        help="newton, or steps: the paper's own growing and shrinking steps per parameter, to compare; hundreds of times"
-        " slower, and a valley of focal length and distance may hold it up."
+        help="newton, or steps: the paper's own growing and shrinking steps per parameter, to compare; hundreds of"
+        " times slower, and a valley of focal length and distance may hold it up."
     ),
 ]
 Seed = Annotated[int, typer.Option(help="Seed of every random choice: same seed, same result.")]
