@@ -33,6 +33,7 @@ FILES = (
     ("matches.csv", "which spot is which marker, residual"),
     ("camera.json", "camera and its pose (windmark resect takes it)"),
     ("nodes.vtp, .dat, .f, .csv, .nc", "values on the grid: ParaView, Tecplot, PLOT3D function, CSV, NetCDF"),
+    ("pixels.nc", "on demand: the surface point behind every pixel, obliquity, volume (NetCDF)"),
     ("view-*.tif", "virtual images, float32, NaN where nothing was seen"),
     ("section-*.csv", "values along cuts"),
     ("aligned.tif", "the image as seen from the reference image's pose"),

@@ -81,6 +81,9 @@ def map_image(
             with clock("sections"):
                 sections.append(_section(cut, image, result.camera, pose, mesh, options))
         result = replace(result, nodes=nodes, values=values, views=tuple(views), sections=tuple(sections))
+        if project.output.pixels:
+            with clock("pixel map"):
+                result = replace(result, pixels=resection.map_pixels(mesh, result.camera, pose))
     except ValueError as error:
         result = replace(result, problem=str(error))
     return replace(result, seconds={**result.seconds, **clock.seconds})

@@ -51,6 +51,12 @@ def _write_image(item: ImageResult, result: RunResult, place: Path) -> None:
                 "z": section.xyz[:, 2], "value": section.value,
             },
         )  # fmt: skip
+    if item.pixels is not None and item.image is not None:
+        io.write_pixels(
+            place / "pixels.nc", item.image, item.pixels.xyz(), item.pixels.triangle_values(item.pixels.mesh.volume),
+            {"obliquity_deg": item.pixels.obliquity_deg().astype(np.float32)}, length_unit=unit,
+            units={"value": "grey level", "obliquity_deg": "deg"}, history=_history(item, result),
+        )  # fmt: skip
     if item.aligned is not None:
         io.write_image(place / "aligned.tif", item.aligned)
 
@@ -68,7 +74,7 @@ def _write_nodes(item: ImageResult, result: RunResult, place: Path, clock: Clock
     assert values is not None
     fields = {"value": values, "obliquity_deg": np.where(nodes.visible, nodes.obliquity_deg, np.nan)}
     units = {"value": "grey level", "obliquity_deg": "deg", "length": result.project.length_unit}
-    history = {"image": item.name, "project": result.project.title, "windmark": windmark.__version__}
+    history = _history(item, result)
     writers: dict[str, Callable[[], None]] = {
         "vtk": lambda: io.write_nodes_vtk(place / "nodes.vtp", mesh, fields, units=units),
         "tecplot": lambda: io.write_tecplot(place / "nodes.dat", mesh, fields, units=units),
@@ -84,6 +90,10 @@ def _write_nodes(item: ImageResult, result: RunResult, place: Path, clock: Clock
             continue  # "all that the grid allows"
         with clock(f"write nodes: {name}"):
             writers[name]()
+
+
+def _history(item: ImageResult, result: RunResult) -> Record:
+    return {"image": item.name, "project": result.project.title, "windmark": windmark.__version__}
 
 
 def _layout(result: RunResult) -> io.Plot3dLayout:

@@ -148,10 +148,14 @@ class AlignOptions(Strict):
 
 
 class OutputOptions(Strict):
-    """What is written, and where. ``nodes``: formats of the node values, by default all that the grid allows."""
+    """What is written, and where. ``nodes``: formats of the node values, by default all that the grid allows.
+
+    ``pixels``: also the surface point behind every pixel of each image (NetCDF).
+    """
 
     folder: Path = Path("results")
     nodes: tuple[NodeFormat, ...] | None = None
+    pixels: bool = False
 
 
 class Project(Strict):

@@ -12,7 +12,7 @@ from windmark.detection import RadiusEstimate
 from windmark.geometry import Camera, Pose
 from windmark.pipeline.project import Project
 from windmark.registration import NotRegistered, Registration
-from windmark.resection import NodeView
+from windmark.resection import NodeView, PixelMap
 from windmark.scene import Detections, MarkerSet, Mesh
 
 Array = NDArray[np.float64]
@@ -75,6 +75,7 @@ class ImageResult:
     expected: NDArray[np.int64] | None = None
     nodes: NodeView | None = None
     values: NDArray[np.float32] | None = None
+    pixels: PixelMap | None = None
     views: tuple[ViewImage, ...] = ()
     sections: tuple[SectionValues, ...] = ()
     aligned: NDArray[np.float32] | None = None

@@ -177,6 +177,9 @@ def resect(
         typer.Option(help="Formats of the node values: vtk, tecplot, plot3d, csv, netcdf. [default: all]"),
     ] = None,
     max_obliquity_deg: Annotated[float, typer.Option(help="Surface seen more obliquely than this gets no value.")] = 80,
+    pixels: Annotated[
+        bool, typer.Option("--pixels", help="Also the surface point behind every pixel: pixels.nc (NetCDF).")
+    ] = False,
     as_json: Json = False,
 ) -> None:
     """Map a registered image onto the grid: values on nodes, pictures."""
@@ -190,7 +193,8 @@ def resect(
             "image": [{"file": image}],
             "grid": {"file": grid},
             "resect": {"max_obliquity_deg": max_obliquity_deg},
-            "output": {"folder": output or Path(f"{image.stem}-resection")} | ({"nodes": nodes} if nodes else {}),
+            "output": {"folder": output or Path(f"{image.stem}-resection"), "pixels": pixels}
+            | ({"nodes": nodes} if nodes else {}),
         }
         verbs.run_settings(settings, as_json)
 
