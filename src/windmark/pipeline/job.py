@@ -5,13 +5,14 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
 
 from windmark import io
 from windmark.geometry import Pose
 from windmark.pipeline.clock import Clock, Progress, silent
-from windmark.pipeline.grid import read_grid
+from windmark.pipeline.grid import oriented, read_surface
 from windmark.pipeline.locate import Inputs, locate
 from windmark.pipeline.mapping import align_images, frame_views, map_image, map_views
 from windmark.pipeline.project import Project
@@ -39,7 +40,7 @@ def run_project(project: Project, *, progress: Progress = silent, workers: int |
         inputs = Inputs(
             project,
             io.read_markers(project.markers.file, roles=project.markers.roles) if project.markers else None,
-            read_grid(project.grid) if project.grid else None,
+            read_surface(project.grid) if project.grid else None,
             {c.name: io.read_camera_file(c.file) for c in project.camera},
             _read_prior(project.register_.prior),
         )
@@ -49,6 +50,10 @@ def run_project(project: Project, *, progress: Progress = silent, workers: int |
     framed = _framed(inputs)
     threads = min(len(project.image), workers or os.cpu_count() or 1)
     images = _in_parallel(lambda entry: locate(entry, inputs, progress), project.image, threads)
+    if inputs.mesh is not None and project.grid is not None:
+        with clock("turn the grid to the air"):
+            posed = [(i.camera, i.cam_from_model) for i in images if i.cam_from_model is not None]
+            inputs = replace(inputs, mesh=oriented(inputs.mesh, project.grid, posed))
     images = _mapped(images, inputs, framed, threads, clock, progress)
     notes = tuple((c.file, text) for c in project.camera if (text := inputs.cameras[c.name].note))
     return RunResult(project, inputs.markers, inputs.mesh, tuple(images), clock.seconds, notes, framed)
