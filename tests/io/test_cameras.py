@@ -243,7 +243,7 @@ def test_an_edited_field_of_view_or_focal_length_is_taken_and_said(edited):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (both_poses, r"'cam_from_model\.pov': another pose \(rx_deg .*dx 4\.5.*\) than rotation and translation \(rx_deg"),
+        (both_poses, r"'cam_from_model\.pov': another pose \(rx_deg .*dx 4\.5.*\) than rotation and .* \(rx_deg"),
         (
             lambda c: (c.pop("as_written"), c["cam_from_model"]["pov"].update(dx=4.5)),
             "another pose .* expected the same one, or only one of the two",

@@ -159,7 +159,7 @@ def write_camera(
         raise ValueError(f"write_camera: {kind} holds no pose; expected pose None")
     if kind == "windmark":
         if pose_cov is not None and (pose is None or np.shape(pose_cov) != (6, 6)):
-            raise ValueError(f"write_camera: pose_cov must be (6, 6), of a pose that is given; got {np.shape(pose_cov)}")
+            raise ValueError(f"write_camera: pose_cov must be (6, 6), with a pose; got {np.shape(pose_cov)}")
         write_json(path, own_content(camera, pose, unit, pose_cov))
     elif kind == "opencv":
         write_opencv(path, camera, pose, unit)
