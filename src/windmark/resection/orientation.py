@@ -142,7 +142,7 @@ def _surrounding(mesh: Mesh, number: Ints, sheet: Ints, turned: NDArray[np.bool_
     around = _DEPTH * mesh.diagonal * np.concatenate([np.eye(3), -np.eye(3)])
     total = 0.0
     for point in (corners[some].mean(axis=1)[:, None] + around).reshape(-1, 3):
-        covered = sign @ solid_angles(wall - point) / (4 * np.pi)
+        covered = float(sign @ solid_angles(wall - point)) / (4 * np.pi)
         if not abs(covered) > 0.5:
             return None
         total += covered
