@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from windmark import io
-from windmark.geometry import Camera, Pose
+from windmark.geometry import Camera, Pose, PoV
 
 CAMERA = Camera((1280, 800), 1500.0, k1=-0.05)
 POSE = Pose.look_at([100.0, 200, 1500], [200, 300, 0], [0, 1, 0])
@@ -41,7 +41,7 @@ def test_numbers_become_a_camera_file_of_any_format(windmark, tmp_path):
         assert camera.fov_deg == pytest.approx(30)
         np.testing.assert_allclose(pose.center, [200, 300, 2400])
     again = windmark("pov", tmp_path / "top.json", "--json").json["pov"]
-    assert again == pytest.approx(dict(rx_deg=180, ry_deg=0, rz_deg=0, dx=-200, dy=300, dz=2400, fov_deg=30))
+    assert again == pytest.approx(vars(PoV(180, 0, 0, -200, 300, 2400, 30)))
 
 
 def test_numbers_replace_those_of_a_file_and_keep_its_lens(windmark, file, tmp_path):
@@ -57,8 +57,8 @@ def test_numbers_replace_those_of_a_file_and_keep_its_lens(windmark, file, tmp_p
 
 def test_two_cameras_are_compared(windmark, file, tmp_path, virtual_test):
     turned = Pose.from_rotvec([0, 0, np.radians(2.0)], [0, 0, 0]) @ POSE
-    io.write_camera(tmp_path / "b.json", CAMERA, Pose(turned.rotation, -turned.rotation @ (POSE.center + [3, 0, 4])),
-                    unit="mm")  # fmt: skip
+    moved = Pose(turned.rotation, -turned.rotation @ (POSE.center + np.array([3, 0, 4])))
+    io.write_camera(tmp_path / "b.json", CAMERA, moved, unit="mm")
     done = windmark("pov", file, tmp_path / "b.json", "-m", virtual_test[0] / "markers.csv", "--json")
     assert done.code == 0, done.err
     off = done.json["difference"]
@@ -79,8 +79,9 @@ def test_a_direction_frames_the_model_as_a_view_of_a_job_does(windmark, virtual_
     folder, test = virtual_test
     volumes = [a for n, z in zones_of(test.mesh).items() if n != "wall" for a in ("--volume", f"{n}={','.join(z)}")]
     picture = tmp_path / "p.png"
-    done = windmark("pov", "--direction", "0,0,-1", "--up", "0,1,0", "-g", folder / "model.grid", *volumes, "--unit", "mm",
-                    "--size", "300x200", "-o", tmp_path / "top.json", "--picture", picture, "--json")  # fmt: skip
+    done = windmark("pov", "--direction", "0,0,-1", "--up", "0,1,0", "-g", folder / "model.grid", *volumes,
+                    "--unit", "mm", "--size", "300x200", "-o", tmp_path / "top.json", "--picture", picture,
+                    "--json")  # fmt: skip
     assert done.code == 0, done.err
     seen = done.json["model"]
     assert seen["in_image"] == seen["points"] == seen["in_front"]
@@ -109,8 +110,6 @@ def test_singular_angles_are_said_and_kept(windmark, tmp_path, angles, words):
     assert done.code == 0, done.err
     assert words in done.out
     pose = io.read_camera(tmp_path / "s.json")[1]
-    from windmark.geometry import PoV
-
     np.testing.assert_allclose(pose.rotation, PoV(*angles, 0, 0, 500).pose.rotation, atol=1e-14)
 
 

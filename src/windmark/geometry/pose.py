@@ -192,15 +192,15 @@ class Pose:
         c = np.asarray(cov, dtype=float)
         if c.shape != (6, 6) or self.rotation.ndim != 2:
             raise ValueError(f"Pose.pov_sigma: expected a single pose and cov (6, 6), got {c.shape}")
-        _, ry, rz = rotations.to_xyz_angles(self.rotation)
-        sine, cosine = np.sin(rz), np.cos(rz)
+        _, turn_y, turn_z = rotations.to_xyz_angles(self.rotation)
+        sine, cosine = np.sin(turn_z), np.cos(turn_z)
         # ry turns about Rz e_y; what is left of the turn in the plane of Rz e_x and e_z is shared by rx and rz.
         about_y = np.array([-sine, cosine, 0.0])
         rows = np.full((3, 3), np.inf)
         rows[1] = about_y
-        if abs(np.cos(ry)) > 1e-9:
-            about_x = np.array([cosine, sine, 0.0]) / np.cos(ry)
-            rows[0], rows[2] = about_x, np.array([0.0, 0.0, 1.0]) + np.sin(ry) * about_x
+        if abs(np.cos(turn_y)) > 1e-9:
+            about_x = np.array([cosine, sine, 0.0]) / np.cos(turn_y)
+            rows[0], rows[2] = about_x, np.array([0.0, 0.0, 1.0]) + np.sin(turn_y) * about_x
         out = np.full(6, np.inf)
         for k in range(3):
             if np.isfinite(rows[k]).all():
@@ -210,7 +210,8 @@ class Pose:
         fov = float("nan")
         if focal_px is not None and width_px is not None:
             fov = float(np.degrees(width_px / (focal_px**2 + width_px**2 / 4) * focal_sigma_px))
-        return PoV(*(float(v) for v in out), fov)
+        rx, ry, rz, dx, dy, dz = out.tolist()
+        return PoV(rx, ry, rz, dx, dy, dz, fov)
 
     @staticmethod
     def look_at(eye: ArrayLike, target: ArrayLike, up: ArrayLike) -> Pose:
