@@ -5,15 +5,16 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
+from dataclasses import replace
 from typing import TypeVar
 
 from windmark import io
 from windmark.geometry import Pose
 from windmark.pipeline.clock import Clock, Progress, silent
-from windmark.pipeline.grid import read_grid
+from windmark.pipeline.framing import check_unit, frame_views
+from windmark.pipeline.grid import oriented, read_surface
 from windmark.pipeline.locate import Inputs, locate
-from windmark.pipeline.mapping import align_images, frame_views, map_image, map_views
+from windmark.pipeline.mapping import align_images, map_image, map_views
 from windmark.pipeline.project import Project
 from windmark.pipeline.results import FramedView, ImageResult, RunResult
 
@@ -39,28 +40,25 @@ def run_project(project: Project, *, progress: Progress = silent, workers: int |
         inputs = Inputs(
             project,
             io.read_markers(project.markers.file, roles=project.markers.roles) if project.markers else None,
-            read_grid(project.grid) if project.grid else None,
+            read_surface(project.grid) if project.grid else None,
             {c.name: io.read_camera_file(c.file) for c in project.camera},
-            _read_prior(project.register_.prior),
+            _read_prior(project),
         )
     _check_labels(inputs)
+    for c in project.camera:
+        check_unit(project, c.file, inputs.cameras[c.name])
     if inputs.mesh is not None and not inputs.mesh.blocks and "plot3d" in (project.output.nodes or ()):
         raise io.FileError(project.path, "plot3d needs a grid of structured blocks, this one has none", "output.nodes")
-    framed = _framed(inputs)
+    framed = () if inputs.mesh is None else frame_views(project, inputs.mesh)
     threads = min(len(project.image), workers or os.cpu_count() or 1)
     images = _in_parallel(lambda entry: locate(entry, inputs, progress), project.image, threads)
+    if inputs.mesh is not None and project.grid is not None:
+        with clock("turn the grid to the air"):
+            posed = [(i.camera, i.cam_from_model) for i in images if i.cam_from_model is not None]
+            inputs = replace(inputs, mesh=oriented(inputs.mesh, project.grid, posed))
     images = _mapped(images, inputs, framed, threads, clock, progress)
     notes = tuple((c.file, text) for c in project.camera if (text := inputs.cameras[c.name].note))
     return RunResult(project, inputs.markers, inputs.mesh, tuple(images), clock.seconds, notes, framed)
-
-
-def _framed(inputs: Inputs) -> tuple[FramedView, ...]:
-    if inputs.mesh is None:
-        return ()
-    try:
-        return frame_views(inputs.project, inputs.mesh)
-    except ValueError as error:
-        raise io.FileError(inputs.project.path, str(error)) from error
 
 
 def _mapped(
@@ -77,7 +75,10 @@ def _mapped(
         return images
     if framed and any(i.cam_from_model is not None for i in images):
         with clock("map the views"):
-            pixels = map_views(framed, mesh)
+            try:
+                pixels = map_views(framed, mesh)
+            except ValueError as error:
+                raise io.FileError(project.path, str(error)) from error
         images = _in_parallel(lambda i: map_image(i, project, mesh, framed, pixels, progress), images, threads)
     else:
         images = _in_parallel(lambda i: map_image(i, project, mesh, (), (), progress), images, threads)
@@ -97,13 +98,15 @@ def _in_parallel(work: Callable[[T], ImageResult], items: Sequence[T], threads: 
             raise
 
 
-def _read_prior(path: Path | None) -> Pose | None:
+def _read_prior(project: Project) -> Pose | None:
+    path = project.register_.prior
     if path is None:
         return None
-    pose = io.read_camera(path)[1]
-    if pose is None:
+    content = io.read_camera_file(path)
+    check_unit(project, path, content)
+    if content.cam_from_model is None:
         raise io.FileError(path, "has no pose; expected one, as register.prior")
-    return pose
+    return content.cam_from_model
 
 
 def _check_labels(inputs: Inputs) -> None:

@@ -7,46 +7,32 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation
 
 from windmark import resection
 from windmark.geometry import Camera, Pose
 from windmark.pipeline.clock import Clock, Progress
 from windmark.pipeline.project import Project, ResectOptions, SectionEntry
 from windmark.pipeline.results import FramedView, ImageResult, SectionValues, ViewImage
-from windmark.pipeline.views import frame_view, units_per_px
 from windmark.resection import PixelMap
 from windmark.scene import Mesh
 
 Array = NDArray[np.float64]
 
 
-def frame_views(project: Project, mesh: Mesh) -> tuple[FramedView, ...]:
-    """The virtual cameras of a job: one per ``[[view]]``, the same for all its images and cameras.
-
-    They are framed on the nodes of the grid that take part, whatever the images show of them, so that a picture
-    of one job can be laid over that of another with the same grid, and no failed image moves the others.
+def map_views(framed: Sequence[FramedView], mesh: Mesh) -> tuple[PixelMap, ...]:
+    """Which point of the surface each pixel of each view shows; made once for all images.
 
     Raises
     ------
     ValueError
-        When a view cannot be framed, naming it.
+        For a view in which no pixel shows any surface, naming it.
     """
-    surface = mesh.vertices[mesh.used]
-    framed = []
-    for entry in project.view:
-        try:
-            camera, pose = frame_view(
-                surface, direction=entry.direction, up=entry.up, size_px=entry.size_px, fov_deg=entry.fov_deg
-            )
-        except ValueError as error:
-            raise ValueError(f"view {entry.name}: {error}") from error
-        framed.append(FramedView(entry.name, camera, pose, units_per_px(camera, pose, surface)))
-    return tuple(framed)
-
-
-def map_views(framed: Sequence[FramedView], mesh: Mesh) -> tuple[PixelMap, ...]:
-    """Which point of the surface each pixel of each view shows; made once for all images."""
-    return tuple(resection.map_pixels(mesh, view.camera, view.cam_from_model) for view in framed)
+    maps = tuple(resection.map_pixels(mesh, view.camera, view.cam_from_model) for view in framed)
+    for view, pixels in zip(framed, maps, strict=True):
+        if not pixels.valid.any():
+            raise ValueError(f"view {view.name}: no pixel shows the surface; check its point of view")
+    return maps
 
 
 def map_image(
@@ -119,14 +105,21 @@ def _section(
 
 
 def align_images(images: Sequence[ImageResult], project: Project, mesh: Mesh) -> list[ImageResult]:
-    """3D alignment (the paper's section III.D): every image as seen from the reference's pose."""
+    """3D alignment (the paper's section III.D): every image as seen from the reference's pose.
+
+    The grid moves with the model. Pixels that show none of it in the reference are NaN, or, on demand, what stands
+    still: the image's own pixels, where the model does not hide it in that image.
+    """
     assert project.align is not None
     reference = next(i for i in images if i.name == project.align.reference)
     if reference.cam_from_model is None:
         why = f"not aligned: the reference image {reference.name} has no pose"
         return [replace(i, problem=i.problem or why) for i in images]
     pixels = resection.map_pixels(mesh, reference.camera, reference.cam_from_model)
-    return [_aligned(item, pixels, project.resect) for item in images]
+    aligned = [_aligned(item, pixels, project.resect) for item in images]
+    if project.align.background == "keep":
+        aligned = [_with_background(item, pixels, still=item.name == reference.name) for item in aligned]
+    return aligned
 
 
 def _aligned(item: ImageResult, pixels: PixelMap, options: ResectOptions) -> ImageResult:
@@ -136,3 +129,18 @@ def _aligned(item: ImageResult, pixels: PixelMap, options: ResectOptions) -> Ima
         item.image, pixels, item.camera, item.cam_from_model, interpolation=options.interpolation
     )
     return replace(item, aligned=values)
+
+
+def _with_background(item: ImageResult, pixels: PixelMap, *, still: bool) -> ImageResult:
+    """The aligned image with what stands still behind the model, as this image shows it.
+
+    ``pixels`` are those of the reference; the model hides the background in either image, in this one with a border of
+    a pixel, because pixels at the model's outline mix both. ``still``: it is the reference itself.
+    """
+    if item.aligned is None or item.image is None or item.cam_from_model is None:
+        return item
+    open_here = ~pixels.valid
+    if not still:
+        hidden = resection.map_pixels(pixels.mesh, item.camera, item.cam_from_model).valid
+        open_here &= ~binary_dilation(hidden, np.ones((3, 3), dtype=bool))
+    return replace(item, aligned=np.where(open_here, item.image.astype(np.float32), item.aligned))

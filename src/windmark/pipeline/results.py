@@ -22,13 +22,15 @@ Array = NDArray[np.float64]
 class FramedView:
     """The virtual camera of a ``[[view]]``, the same for all images of the job.
 
-    ``units_per_px``: length units per pixel at the mean depth of the surface that it is framed on.
+    ``units_per_px``: length units per pixel at the mean depth of the surface that it is framed on (or, of a given
+    point of view, of the grid). ``how``: in words, where its point of view is from.
     """
 
     name: str
     camera: Camera
     cam_from_model: Pose
     units_per_px: float
+    how: str
 
 
 @dataclass(frozen=True)
