@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 from numpy.typing import NDArray
 
-from windmark.app.pictures import MISSING, WIDTH_IN, image_axes, round_length
+from windmark.app.pictures import MISSING, SPARE, WIDTH_IN, image_axes, round_length
 from windmark.tasks.align2d import ImageAlignment
 
 Array = NDArray[np.float64]
@@ -29,6 +30,8 @@ def residual_map(reference: NDArray[np.generic], answer: ImageAlignment, name: s
     _arrows(axes, place, held, factor, ARROW)
     wrong = answer.reference_spots.xy[answer.rejected[:, 0]]
     axes.plot(*wrong.T, "x", ms=9, mew=2, color=MISSING)
+    walls = answer.reference_spots.xy[answer.still[:, 0]]
+    axes.plot(*walls.T, "s", ms=8, mew=1.2, mfc="none", color=SPARE)
     entries = [
         (ARROW, "-", f"held-out residual, {factor:g} times (RMS {answer.held_out_px:.3f} px)"),
         (MOTION, "-", f"motion less its median ({np.median(shift[:, 0]):+.1f}, {np.median(shift[:, 1]):+.1f} px), "
@@ -38,6 +41,9 @@ def residual_map(reference: NDArray[np.generic], answer: ImageAlignment, name: s
     handles = [axes.plot([], [], color=c, ls=s, lw=1.6, label=t)[0] for c, s, t in entries]
     if len(wrong):
         handles += axes.plot([], [], "x", ms=8, mew=2, color=MISSING, label=f"{len(wrong)} rejected")
+    if len(walls):
+        handles += axes.plot([], [], "s", ms=7, mew=1.2, mfc="none", color=SPARE,
+                             label=f"{len(walls)} stand still: left out")
     figure.legend(handles=handles, loc="outside lower center", ncols=2, fontsize=8, frameon=False)
     axes.set_title(f"{name} on the reference: {len(place)} markers, {answer.kind}")
     return figure
@@ -46,7 +52,7 @@ def residual_map(reference: NDArray[np.generic], answer: ImageAlignment, name: s
 def ratio_picture(before: NDArray[np.float32], after: NDArray[np.float32], answer: ImageAlignment, name: str) -> Figure:
     """Ratio reference by image, as taken and aligned, on one scale."""
     height, width = before.shape
-    figure = Figure(figsize=(WIDTH_IN, float(np.clip(0.5 * WIDTH_IN * height / width + 0.9, 3, 14))), layout="constrained")
+    figure = Figure(figsize=(WIDTH_IN, 0.45 * WIDTH_IN * height / width + 0.9), layout="constrained")
     left, right = figure.subplots(1, 2, sharex=True, sharey=True)
     inside = ~answer.extrapolated()
     known = after[inside & np.isfinite(after)]
@@ -63,7 +69,7 @@ def ratio_picture(before: NDArray[np.float32], after: NDArray[np.float32], answe
     return figure
 
 
-def _arrows(axes, place: Array, vector: Array, factor: float, colour: str) -> None:  # noqa: ANN001
+def _arrows(axes: Axes, place: Array, vector: Array, factor: float, colour: str) -> None:
     axes.quiver(*place.T, *(factor * vector).T, color=colour, angles="xy", scale_units="xy", scale=1, width=0.002,
                 headwidth=4, headlength=5)  # fmt: skip
 

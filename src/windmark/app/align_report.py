@@ -12,10 +12,10 @@ from windmark.app.report import Report
 Record = dict[str, Any]
 
 MEANING = (
-    "2D alignment: the transformation takes each pixel of the reference to the place in the image where the markers say "
-    "that the same piece of the model is (AIAA 2005-5007, section III.A). Motion and deformation are compensated alike, "
-    "for no grid is needed; about the deformation itself nothing is learnt. Relief that moves against its surroundings "
-    "(parallax, edges, walls behind the model) does not follow it: that is what 3D alignment is for."
+    "2D alignment: the transformation takes each pixel of the reference to the place in the image where the markers "
+    "say that the same piece of the model is (AIAA 2005-5007, section III.A). Motion and deformation are compensated "
+    "alike, for no grid is needed; about the deformation itself nothing is learnt. Relief that moves against its "
+    "surroundings (parallax, edges, walls behind the model) does not follow it: that is what 3D alignment is for."
 )
 HELD_OUT = (
     "Held-out residual: how far each marker is from where a fit without it says it is, root mean square length. It is "
@@ -32,13 +32,14 @@ def align_report(record: Record, pictures: Mapping[str, Sequence[tuple[bytes, st
     report.text(MEANING)
     rows = record["images"]
     report.heading("Every image")
-    columns = ["image", "pairs", "rejected", "transformation", "held-out RMS px", "fit RMS px", "largest motion px",
-               "false-alarm number", "outside the markers %", "ratio scatter before %", "after %", "time s",
-               "status"]  # fmt: skip
+    columns = ["image", "pairs", "rejected", "still", "transformation", "held-out RMS px", "fit RMS px",
+               "largest motion px", "false-alarm number", "outside the markers %", "ratio scatter before %", "after %",
+               "time s", "status"]  # fmt: skip
     report.table(columns, [_row(row) for row in rows], scroll=len(rows) > 15)
     report.text(HELD_OUT, "soft")
     report.text(
-        "Ratio scatter: half the width of the middle 68 % of reference by image among the markers; it holds what the "
+        "Still: markers that did not move though the others say they should (walls); they take no part. Ratio scatter: "
+        "half the width of the middle 68 % of reference by image among the markers; it holds what the "
         "flow did, too. False-alarm number: how many such matchings chance would give.", "soft",
     )  # fmt: skip
     for row in rows:
@@ -75,11 +76,12 @@ def align_report(record: Record, pictures: Mapping[str, Sequence[tuple[bytes, st
 
 def _row(row: Record) -> list[Any]:
     if not row["aligned"]:
-        return [row["image"], *([None] * 10), row["seconds"], "not aligned"]
+        return [row["image"], *([None] * 11), row["seconds"], "not aligned"]
     nfa = row["log10_nfa"]
     scatter = [None if row[k] is None else 100 * row[k] for k in ("ratio_scatter_before", "ratio_scatter_after")]
     return [
-        row["image"], row["pairs"], row["rejected_pairs"], row["kind"], row["held_out_rms_px"], row["rms_px"],
+        row["image"], row["pairs"], row["rejected_pairs"], row["standing_still"], row["kind"],
+        row["held_out_rms_px"], row["rms_px"],
         row["largest_shift_px"], "given" if nfa != nfa else f"10^{nfa:.0f}", 100 * row["outside_the_markers"],
         *scatter, row["seconds"], "aligned",
     ]  # fmt: skip

@@ -77,10 +77,10 @@ def split_reference(images: Sequence[Path], reference: str | None) -> tuple[Path
     stems = [path.stem for path in images]
     double = sorted({s for s in stems if stems.count(s) > 1})
     if double:
-        raise ValueError(f"two images are called {double[0]}; expected a name of its own for each, results are filed by it")
+        raise ValueError(f"two images are called {double[0]}; expected a name of its own for each one's results")
     chosen = [p for p in images if reference in (None, p.stem, p.name)]
     if not chosen:
-        raise ValueError(f"--reference: {reference!r} is not the name of an image; expected one of {', '.join(stems[:8])}")
+        raise ValueError(f"--reference: {reference!r} is no image's name; expected one of {', '.join(stems[:8])}")
     others = [p for p in images if p != chosen[0]]
     if not others:
         raise ValueError("align needs the reference and at least one more image")
@@ -123,6 +123,7 @@ def line(row: Record) -> str:
     if not row["aligned"]:
         return f"{row['image']}: {row['problem']}"
     rejected = f", {row['rejected_pairs']} rejected" if row["rejected_pairs"] else ""
+    rejected += f", {row['standing_still']} stand still" if row["standing_still"] else ""
     return (
         f"{row['image']}: {row['pairs']} pairs{rejected}, {row['kind']}, held-out RMS {row['held_out_rms_px']:.3f} px, "
         f"motion up to {row['largest_shift_px']:.1f} px, {100 * row['outside_the_markers']:.0f} % of the picture is "

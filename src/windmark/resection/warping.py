@@ -59,7 +59,7 @@ def _nodes(place: Callable[[Array], Array], width: int, height: int, tolerance_p
     """Places on nodes (J, I, 2) and their distance in pixels."""
     # A fixed sequence without a period of the cells', all over the picture (Roberts' R2).
     n = np.arange(_PROBES)
-    probe = np.stack([(0.7548776662466927 * n) % 1.0 * (width - 1), (0.5698402909980532 * n) % 1.0 * (height - 1)], axis=1)
+    probe = np.outer(n, [0.7548776662466927, 0.5698402909980532]) % 1.0 * [width - 1, height - 1]
     exact = place(probe)
     for step in STEPS:
         columns = (np.arange((width - 1) // step + 4) - 1.0) * step
@@ -69,7 +69,7 @@ def _nodes(place: Callable[[Array], Array], width: int, height: int, tolerance_p
         if step == STEPS[-1]:
             break
         off = np.abs(_between(nodes, step, probe) - exact)
-        # Places without a value at their nodes stay without one; a finer step would lose fewer, but they are no measure.
+        # Places without a value at their nodes stay without one; a finer step would lose fewer: no measure.
         if not (off > tolerance_px).any():
             break
     return nodes, step

@@ -61,6 +61,9 @@ def align(
     image_mask: Annotated[
         Path | None, typer.Option(help="2D: as --mask, of the images; --mask is that of the reference.")
     ] = None,
+    keep_still: Annotated[
+        bool, typer.Option("--keep-still", help="2D: use markers that stand still while the others move.")
+    ] = False,
     prior: Prior = None,
     prior_max_angle: PriorMaxAngle = 30.0,
     prior_max_scale: PriorMaxScale = 1.3,
@@ -76,13 +79,14 @@ def align(
 
     2D, from the markers in the pictures alone: motion and deformation are compensated, parallax is not. 3D, with
     --markers, --camera, --grid and --unit: rigid motion exactly, relief and perspective included. Markers on the walls
-    take no part in 3D unless --roles names them: they do not move with the model; in 2D leave them out with --mask.
+    take no part in 3D unless --roles names them, and in 2D if they stand still while the model moves: else use --mask.
     """
     with console.errors(as_json):
         needed = {"--markers": markers, "--camera": camera, "--grid": grid, "--unit": unit}
         given = [name for name, value in needed.items() if value is not None]
         only_2d = {"--kind": kind != "auto", "--max-shift-px": max_shift_px is not None,
-                   "--matches": matches is not None, "--image-mask": image_mask is not None}  # fmt: skip
+                   "--matches": matches is not None, "--image-mask": image_mask is not None,
+                   "--keep-still": keep_still}  # fmt: skip
         only_3d = {"--prior": prior is not None, "--roles": bool(roles), "--no-occlusion": no_occlusion,
                    "--max-time": max_time is not None}  # fmt: skip
         wrong = [name for name, is_given in (only_2d if given else only_3d).items() if is_given]
@@ -98,6 +102,7 @@ def align(
             options = {
                 "kind": kind, "max_shift_px": max_shift_px, "radius_px": tuple(radius) if radius else None,
                 "polarity": polarity, "merit_max": merit_max, "mask": mask, "image_mask": image_mask,
+                "keep_still": keep_still,
             }  # fmt: skip
             align_verb.align(align_verb.Wishes(images, reference, matches, output, options), as_json)
             return

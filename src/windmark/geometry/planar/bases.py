@@ -1,7 +1,7 @@
 """What each kind of transformation says of a place, and how that changes with its parameters and with the place.
 
-Places ``u`` (N, 2) are in normalised coordinates (zero mean, unit spread), so that the powers of a polynomial are of one
-size. A similarity has the parameters (a, b, x, y): (a u - b v + x, b u + a v + y).
+Places ``u`` (N, 2) are in normalised coordinates (zero mean, unit spread), so that the powers of a polynomial are of
+one size. A similarity has the parameters (a, b, x, y): (a u - b v + x, b u + a v + y).
 """
 
 from __future__ import annotations

@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 FLAT = 0.02
 """Width over length of the marks below which they are a line: nothing is known across it."""
-HANGS = 0.02
+HANGS = 1e-3
 """Part of its own residual that a mark must show: below it the fit goes through this mark whatever it says."""
 UNKNOWN_PX = 0.1
 """1 sigma of a mark without a covariance."""
@@ -135,7 +135,7 @@ def _fit_parameters(
             f"{kind} hangs on the marker at x {centre[0] + length * u[weakest.argmin(), 0]:.0f}, y "
             f"{centre[1] + length * u[weakest.argmin(), 1]:.0f} px of the reference alone: no other marker checks it"
         )
-    held = np.linalg.solve(rest, residual[:, :, None])[:, :, 0]
+    held = np.asarray(np.linalg.solve(rest, residual[:, :, None])[:, :, 0], dtype=float)
     transform = PlanarTransform(kind, centre, length, origin, p, cov, float(np.sqrt(misfit)), np.zeros((0, 2)))
     pulled = np.einsum("ni,nij,nj->n", residual, weight, residual)
     evidence = np.einsum("ni,nij,nj->n", residual, weight, held)
@@ -147,7 +147,7 @@ def _start(kind: str, u: Array, goal: Array) -> Array:
     linear = "affine" if kind == "projective" else kind
     a = bases.design(linear, u, np.zeros(0))
     p = np.linalg.lstsq(a.reshape(-1, a.shape[2]), goal.ravel(), rcond=None)[0]
-    return np.concatenate([p, np.zeros(2)]) if kind == "projective" else p
+    return np.concatenate([p, np.zeros(2 if kind == "projective" else 0)])
 
 
 def _solve(kind: str, normal: Array, right: Array) -> tuple[Array, Array]:
@@ -156,8 +156,8 @@ def _solve(kind: str, normal: Array, right: Array) -> tuple[Array, Array]:
     scaled = normal / np.outer(size, size)
     if np.linalg.eigvalsh(scaled)[0] < 1e-9:
         raise DegenerateGeometry(f"{kind} is not determined: the markers lie on a line or a conic, or in few places")
-    inverse = np.linalg.inv(scaled) / np.outer(size, size)
-    return inverse @ right, inverse
+    inverse = np.asarray(np.linalg.inv(scaled) / np.outer(size, size), dtype=float)
+    return np.asarray(inverse @ right, dtype=float), inverse
 
 
 def _misfit(residual: Array, spread: Array, free: int) -> float:

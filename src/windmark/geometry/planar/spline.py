@@ -9,6 +9,7 @@ Source: Wahba, Spline models for observational data, SIAM 1990 (sections 1.3, 4.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -68,7 +69,8 @@ def fit_spline(u: Array, y: Array, variance: Array) -> SplineFit:
     freedom = 6.0 + 2.0 * float((stiff * inverse).sum())
     evidence = (weights**2).sum(axis=1) / diagonal / bending
     misfit = np.sqrt(max(ratio * bending - mean, 0.0))
-    return SplineFit(parameters, bending * np.linalg.inv(system), float(misfit), residual, held, freedom, evidence,
+    cov = np.asarray(bending * np.linalg.inv(system), dtype=float)
+    return SplineFit(parameters, cov, float(misfit), residual, held, freedom, evidence,
                      float((seen**2 * inverse[:, None]).sum() / bending))  # fmt: skip
 
 
@@ -88,7 +90,8 @@ def _smoothing(stiff: Array, seen: Array, variance: float) -> tuple[float, float
         """The same with the marks' own noise: bending = variance / ratio."""
         ratio = np.exp(log_ratio)
         size = variance / ratio
-        return float(2 * np.log(stiff + ratio).sum() + free * np.log(size) + (seen**2 / (stiff + ratio)[:, None]).sum() / size)
+        square = (seen**2 / (stiff + ratio)[:, None]).sum() / size
+        return float(2 * np.log(stiff + ratio).sum() + free * np.log(size) + square)
 
     best = _least(badness, middle)
     if best * bending(best) < variance:
@@ -97,7 +100,7 @@ def _smoothing(stiff: Array, seen: Array, variance: float) -> tuple[float, float
     return best, bending(best)
 
 
-def _least(badness, middle: float) -> float:  # noqa: ANN001
+def _least(badness: Callable[[float], float], middle: float) -> float:
     """Where a function of the logarithm is least: a coarse look, then a fine one."""
     grid = middle + np.linspace(*_SPAN, 25)
     k = int(np.argmin([badness(g) for g in grid]))

@@ -113,8 +113,8 @@ class PlanarTransform:
     def record(self) -> dict[str, Any]:
         """Everything as numbers and lists with their meaning, to be written into a file; see `planar_from_record`."""
         return {
-            "meaning": "xy_image = origin + f((xy_reference - centre) / length_px), pixels, (0, 0) is the centre of the "
-            "top-left pixel",
+            "meaning": "xy_image = origin + f((xy_reference - centre) / length_px), pixels, (0, 0) is the centre of "
+            "the top-left pixel",
             "kind": self.kind, "centre": self.centre.tolist(), "length_px": self.length_px,
             "origin": self.origin.tolist(), "terms": self._terms(), "parameters": self.parameters.tolist(),
             "nodes": self.nodes.tolist(), "misfit_px": self.misfit_px, "cov": self.cov.tolist(),

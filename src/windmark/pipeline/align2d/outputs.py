@@ -31,10 +31,11 @@ def write_one(item: AlignedFile, reference: Reference, place: Path) -> None:
 
 
 def residual_columns(answer: ImageAlignment, reference: Reference) -> dict[str, NDArray[Any]]:
-    """Table of the pairs: places in both pictures, residual (mapped - seen), held-out residual; rejected ones too."""
-    index = np.concatenate([answer.pairs, answer.rejected])
+    """Table of the pairs: places in both pictures, residual (mapped - seen), held-out residual, what became of each."""
+    index = np.concatenate([answer.pairs, answer.rejected, answer.still])
     a, b = answer.reference_spots.xy[index[:, 0]], answer.image_spots.xy[index[:, 1]]
     used = np.arange(len(index)) < len(answer.pairs)
+    status = ["used"] * len(answer.pairs) + ["rejected"] * len(answer.rejected) + ["still"] * len(answer.still)
     off = answer.transform.apply(a) - b
     held = np.vstack([answer.held_out, off[~used]])  # a rejected pair took no part in the fit
     names = (
@@ -45,7 +46,7 @@ def residual_columns(answer: ImageAlignment, reference: Reference) -> dict[str, 
     return {
         "name": names, "x_reference": a[:, 0], "y_reference": a[:, 1], "x": b[:, 0], "y": b[:, 1],
         "dx": off[:, 0], "dy": off[:, 1], "held_out_dx": held[:, 0], "held_out_dy": held[:, 1],
-        "sigma_px": answer.transform.sigma_px(a), "used": used.astype(int),
+        "sigma_px": answer.transform.sigma_px(a), "status": np.array(status, dtype=np.str_),
     }  # fmt: skip
 
 
@@ -61,6 +62,7 @@ def record_of(item: AlignedFile, reference: Reference) -> Record:
     return {
         "image": item.path.name, "aligned": True, "problem": "", "kind": answer.kind, "choice": answer.choice,
         "pairs": len(answer.pairs), "rejected_pairs": len(answer.rejected),
+        "standing_still": len(answer.still),
         "reference_spots": len(answer.reference_spots), "image_spots": len(answer.image_spots),
         "held_out_rms_px": answer.held_out_px, "rms_px": answer.rms_px,
         "largest_shift_px": float(shift.max()), "median_shift_px": float(np.median(shift)),
@@ -74,7 +76,7 @@ def record_of(item: AlignedFile, reference: Reference) -> Record:
 
 
 def ratios(item: AlignedFile, reference: Reference) -> tuple[NDArray[np.float32], NDArray[np.float32]] | None:
-    """Reference by image, as taken and aligned, each by its median among the markers; None for another size.
+    """Reference by image, as taken and aligned, by the aligned one's median among the markers; None for colours.
 
     NaN where either picture has no light.
     """
@@ -86,18 +88,17 @@ def ratios(item: AlignedFile, reference: Reference) -> tuple[NDArray[np.float32]
     height, width = (min(m, n) for m, n in zip(base.shape, image.shape, strict=True))
     raw[:height, :width] = image[:height, :width]
     inside = ~answer.extrapolated()
-    out = []
-    for other in (raw, answer.image):
-        with np.errstate(divide="ignore", invalid="ignore"):
-            ratio = np.where((other > 0) & (base > 0), base / other, np.nan).astype(np.float32)
-        known = inside & np.isfinite(ratio)
-        middle = np.median(ratio[known]) if known.any() else np.float32(np.nan)
-        out.append(np.asarray(ratio / middle, dtype=np.float32))
-    return out[0], out[1]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        before, after = (
+            np.where((other > 0) & (base > 0), base / other, np.nan).astype(np.float32) for other in (raw, answer.image)
+        )
+    known = inside & np.isfinite(after)
+    middle = np.median(after[known]) if known.any() else np.float32(1.0)
+    return np.asarray(before / middle, dtype=np.float32), np.asarray(after / middle, dtype=np.float32)
 
 
 def ratio_scatter(item: AlignedFile, reference: Reference) -> tuple[float | None, float | None]:
-    """Robust 1 sigma of the ratio among the markers, as taken and aligned: what moved edges do to it, and real light."""
+    """Robust 1 sigma of the ratio among the markers, as taken and aligned: moved edges, and real light."""
     pictures = ratios(item, reference)
     if pictures is None or item.alignment is None:
         return None, None

@@ -38,6 +38,7 @@ class AlignSettings:
     radius_px: tuple[float, ...] | None = None
     polarity: str = "dark"
     merit_max: float = 0.7
+    keep_still: bool = False
     channel: str = "grey"
     bayer: str | None = None
     mask: Path | None = None
@@ -144,7 +145,7 @@ def _answer(
 ) -> ImageAlignment | NotAligned:  # fmt: skip
     """One image; where the radius is not given the reference's is tried first, then the image's own."""
     common: dict[str, Any] = {"kind": settings.kind, "polarity": settings.polarity, "merit_max": settings.merit_max,
-                              "reference_detections": reference.spots}  # fmt: skip
+                              "keep_still": settings.keep_still, "reference_detections": reference.spots}  # fmt: skip
     if reference.named is not None and settings.named is not None:
         named = of_image(settings.named, path)
         if named is None:

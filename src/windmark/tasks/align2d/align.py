@@ -13,6 +13,7 @@ from windmark.geometry.planar import KINDS, Choice, PlanarTransform, choose, sou
 from windmark.scene import Detections
 from windmark.tasks.align2d.matching import SpotMatching, match_spots
 from windmark.tasks.align2d.result import ImageAlignment, NotAligned
+from windmark.tasks.align2d.still import standing_still
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -32,6 +33,7 @@ def align_images(
     merit_max: float = 0.7,
     mask: ArrayLike | None = None,
     reference_mask: ArrayLike | None = None,
+    keep_still: bool = False,
 ) -> ImageAlignment | NotAligned:
     """Recompute an image so that its markers lie where the reference's are; no grid and no camera are needed.
 
@@ -51,6 +53,7 @@ def align_images(
     max_shift_px : no marker has moved farther in the picture; tells apart what is regular
     radius_px, polarity, merit_max : of `detect`; an unknown radius is estimated in each picture
     mask, reference_mask : (H, W) pixels of the pictures where markers may be
+    keep_still : markers that stand still while the others move take part; else they are taken for walls and left out
 
     Returns
     -------
@@ -75,7 +78,7 @@ def align_images(
         if array.ndim not in (2, 3) or not array.size:
             raise ValueError(f"align_images: {name} must be (H, W) or (H, W, C), got {array.shape}")
     options: dict[str, Any] = {"kind": kind, "max_shift_px": max_shift_px, "radius_px": radius_px,
-                               "polarity": polarity, "merit_max": merit_max}  # fmt: skip
+                               "polarity": polarity, "merit_max": merit_max, "keep_still": keep_still}  # fmt: skip
     find = {"radius_px": radius_px, "polarity": polarity, "merit_max": merit_max}
     a = reference_detections if reference_detections is not None else _spots(base, "reference", find, reference_mask)
     b = detections if detections is not None else _spots(picture, "image", find, mask)
@@ -88,19 +91,18 @@ def align_images(
         return NotAligned(found.reason, found.cause, found.count, found.log10_nfa, a, b, options)
     nfa, rival = (float("nan"), None) if isinstance(found, np.ndarray) else (found.log10_nfa, found.rival)
     index = found if isinstance(found, np.ndarray) else np.stack([found.reference, found.image], axis=1)
-    answer = _fitted(a, b, index, kind)
+    answer = _fitted(a, b, index, kind, keep_still)
     if isinstance(answer, str):
-        cause = "too_few" if len(index) < 5 or "line" in answer or "needs" in answer else "wrong_pairs"
-        return NotAligned(answer, cause, len(index), nfa, a, b, options)
-    choice, kept, rejected = answer
+        return NotAligned(answer, "undetermined", len(index), nfa, a, b, options)
+    choice, kept, rejected, still = answer
     assert choice.chosen is not None
     fit = choice.chosen.fit
     assert fit is not None
     height, width = base.shape[:2]
     values = resection.warp_image(picture, unfolded(fit.transform, a.xy[kept[:, 0]]), (width, height))
     return ImageAlignment(
-        values, fit.transform, a, b, kept, rejected, fit.residual, fit.held_out, choice.trials, choice.reason, nfa,
-        rival, options,
+        values, fit.transform, a, b, kept, rejected, still, fit.residual, fit.held_out, choice.trials, choice.reason,
+        nfa, rival, options,
     )  # fmt: skip
 
 
@@ -147,20 +149,30 @@ def _spots(image: NDArray[Any], name: str, find: dict[str, Any], mask: ArrayLike
     return detection.detect(image, mask=mask, **find)
 
 
-def _fitted(a: Detections, b: Detections, index: Ints, kind: str) -> tuple[Choice, Ints, Ints] | str:
-    """The choice among the kinds, sound and rejected pairs; or why there is none."""
-    x, y = a.xy[index[:, 0]], b.xy[index[:, 1]]
-    cov = a.cov[index[:, 0]], b.cov[index[:, 1]]
-    sound = sound_pairs(x, y, *cov)
+def _fitted(
+    a: Detections, b: Detections, index: Ints, kind: str, keep_still: bool
+) -> tuple[Choice, Ints, Ints, Ints] | str:  # fmt: skip
+    """The choice among the kinds; pairs it is fitted to, wrong ones, those that stand still; or why there is none."""
+    still = index[:0]
+    if not keep_still:
+        wall = standing_still(*_places(a, b, index))
+        index, still = index[~wall], index[wall]
+    sound = sound_pairs(*_places(a, b, index))
     kept, rejected = index[sound], index[~sound]
-    x, y, cov_x, cov_y = x[sound], y[sound], cov[0][sound], cov[1][sound]
-    choice = choose(x, y, cov_x, cov_y)
+    choice = choose(*_places(a, b, kept))
     if kind == "auto":
         if choice.chosen is None:
-            return f"no transformation is determined by {len(x)} pairs of markers: {choice.reason}"
-        return choice, kept, rejected
+            return f"no transformation is determined by {len(kept)} pairs of markers: {choice.reason}"
+        return choice, kept, rejected, still
     trial = next(t for t in choice.trials if t.kind == kind)
     if trial.fit is None:
         return trial.reason
     held = trial.fit.held_out_px
-    return Choice(choice.trials, trial, f"{kind}: as asked for, held-out residual {held:.3f} px"), kept, rejected
+    asked = Choice(choice.trials, trial, f"{kind}: as asked for, held-out residual {held:.3f} px")
+    return asked, kept, rejected, still
+
+
+def _places(a: Detections, b: Detections, index: Ints) -> tuple[Array, Array, Array, Array]:
+    """Places of pairs in both pictures, and their covariances."""
+    i, j = index.T
+    return a.xy[i], b.xy[j], a.cov[i], b.cov[j]

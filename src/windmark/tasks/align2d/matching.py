@@ -116,20 +116,20 @@ def match_spots(
         mirrored = [j for j in _judged(a * [-1.0, 1.0], b, None) if j.log10_nfa < min(limit, MAX_LOG10_NFA)]
         if mirrored and mirrored[0].count >= 5:
             return NoMatching(
-                f"{mirrored[0].count} markers match if one picture is mirrored, and none as they are: a mirror image is "
-                "no motion; flip the picture first",
+                f"{mirrored[0].count} markers match if one picture is mirrored, and none as they are: a mirror image "
+                "is no motion; flip the picture first",
                 "mirrored", mirrored[0].count, mirrored[0].log10_nfa,
             )  # fmt: skip
         return _none(judged, limit, len(a), len(b), max_shift_px)
     best = good[0]
-    rivals = [j for j in judged[0:] if j is not best and _other(j, best) and j.count >= RIVAL * best.count]
+    rivals = [j for j in judged if j is not best and _other(j, best) and j.count >= RIVAL * best.count]
     real = [j for j in rivals if j.log10_nfa < limit and _lead(best, j) < LEAD]
     if real:
         near = "" if max_shift_px is not None else "; or say how far the markers may have moved (max_shift_px)"
         return NoMatching(
-            f"two matchings, of {best.count} and {real[0].count} pairs ({best.sigma_px:.2g} and {real[0].sigma_px:.2g} px), "
-            "explain the markers and neither is chance: the layout looks like itself when it is shifted or turned. Give "
-            f"matches by name{near}",
+            f"two matchings, of {best.count} and {real[0].count} pairs ({best.sigma_px:.2g} and {real[0].sigma_px:.2g} "
+            "px), explain them and neither is chance: the layout looks like itself when it is shifted or turned. "
+            f"Give matches by name{near}",
             "ambiguous", best.count, best.log10_nfa,
         )  # fmt: skip
     at = np.flatnonzero(best.match >= 0)
@@ -143,8 +143,8 @@ def _none(judged: list[_Judged], limit: float, count_a: int, count_b: int, max_s
     within = "" if max_shift_px is None else f" within {max_shift_px:g} px"
     if not judged:
         return NoMatching(
-            f"no piece of the reference's {count_a} markers is found among the image's {count_b}{within}: another model, "
-            "or false spots",
+            f"no piece of the reference's {count_a} markers is found among the image's {count_b}{within}: another "
+            "model, or false spots",
             "nothing",
         )  # fmt: skip
     best = judged[0]

@@ -18,15 +18,15 @@ Mask = NDArray[np.bool_]
 
 CAUSES = {
     "no_spots": "no markers were found",
-    "too_few": "too few markers, or on a line, for the transformation asked for",
+    "too_few": "fewer than three markers",
+    "undetermined": "too few pairs, or on a line, for the transformation asked for",
     "nothing": "no piece of the reference's markers is found in the image",
     "weak": "the best matching could be chance",
     "ambiguous": "two different matchings explain the markers",
     "mirrored": "one picture is the other's mirror image",
-    "wrong_pairs": "the pairs contradict each other",
 }
 """Every cause of a `NotAligned`, in words."""
-Cause = Literal["no_spots", "too_few", "nothing", "weak", "ambiguous", "mirrored", "wrong_pairs"]
+Cause = Literal["no_spots", "too_few", "undetermined", "nothing", "weak", "ambiguous", "mirrored"]
 
 
 @dataclass(frozen=True)
@@ -40,6 +40,7 @@ class ImageAlignment:
     reference_spots, image_spots : the markers of both pictures
     pairs : (K, 2) which spot of the reference is which of the image, those that the transformation is fitted to
     rejected : (R, 2) pairs that contradict the others
+    still : (S, 2) pairs that stand still while the others move, taken for walls and left out
     residual : (K, 2) mapped - seen, image pixels
     held_out : (K, 2) the same from a fit without the pair: what to expect at a place between the markers
     trials : every kind with its fit, or why it has none
@@ -55,6 +56,7 @@ class ImageAlignment:
     image_spots: Detections
     pairs: Ints
     rejected: Ints
+    still: Ints
     residual: Array
     held_out: Array
     trials: tuple[Trial, ...]
