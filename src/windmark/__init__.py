@@ -33,6 +33,7 @@ _HOME = {
         "NodeView", "PixelMap", "map_pixels", "node_values", "orient_outward", "sample", "sample_line", "section",
         "see_nodes", "virtual_image",
     ),
+    "tasks.align2d": ("ImageAlignment", "NotAligned", "align_images"),
     "io": (
         "FileError", "read_camera", "read_image", "read_markers", "read_mesh",
         "write_camera", "write_image", "write_markers", "write_mesh",
@@ -108,6 +109,7 @@ if TYPE_CHECKING:
         virtual_image,
     )
     from windmark.scene import Detections, MarkerSet, Matching, Mesh, Observations, Tracks, View
+    from windmark.tasks.align2d import ImageAlignment, NotAligned, align_images
 
 
 def __getattr__(name: str) -> Any:

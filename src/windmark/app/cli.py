@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from windmark.app import console
-from windmark.app.commands import camera, deform, image, plan, pov
+from windmark.app.commands import align, camera, deform, image, plan, pov
 from windmark.app.commands.matching_options import MaxTime, NoOcclusion, Roles
 from windmark.app.commands.options import Json, Seed
 
@@ -100,6 +100,7 @@ def run(
 
 
 image.add(app)
+align.add(app)
 camera.add(app)
 deform.add(app)
 plan.add(app)

@@ -9,12 +9,10 @@ import typer
 
 from windmark.app import console
 from windmark.app.commands.matching_options import (
-    ROLES_ALIGN,
     Exclude,
     Label,
     Mask,
     MaxTime,
-    NoOcclusion,
     Prior,
     PriorMaxAngle,
     PriorMaxScale,
@@ -39,10 +37,6 @@ def add(app: typer.Typer) -> None:
     app.command(
         epilog="Example: windmark resect run12.tif -c run12-registration/run12/camera.json -g wing.grid --unit mm"
     )(resect)
-    app.command(
-        epilog="Example: windmark align off.tif on.tif --reference off -m markers.csv -c camera.json -g wing.grid"
-        " -r 3 --unit mm"
-    )(align)
     app.command(
         epilog="Example: windmark track run12-*.tif -m markers.csv -c camera.json -r 3 --unit mm -o run12-track"
     )(track)
@@ -198,60 +192,6 @@ def resect(
             "resect": {"max_obliquity_deg": max_obliquity_deg},
             "output": {"folder": output or Path(f"{image.stem}-resection"), "pixels": pixels}
             | ({"nodes": nodes} if nodes else {}),
-        }
-        verbs.run_settings(settings, as_json)
-
-
-def align(
-    images: Annotated[list[Path], typer.Argument(help="Images of one camera.")],
-    reference: Annotated[str, typer.Option(help="Name (file stem) of the image that the others are aligned to.")],
-    markers: Markers,
-    camera: CameraFile,
-    grid: GridFile,
-    unit: Unit,
-    volume: VolumeParts = None,
-    radius: Radius = None,
-    polarity: Polarity = "dark",
-    prior: Prior = None,
-    prior_max_angle: PriorMaxAngle = 30.0,
-    prior_max_scale: PriorMaxScale = 1.3,
-    roles: Roles = None,
-    no_occlusion: NoOcclusion = False,
-    max_time: MaxTime = None,
-    mask: Mask = None,
-    background: Annotated[
-        str,
-        typer.Option(
-            help="Pixels that show no part of --volume: blank (NaN), or keep (as they are in that image, where the"
-            " model does not hide them; for a camera that stands still)."
-        ),
-    ] = "blank",
-    output: Annotated[Path, typer.Option("--output", "-o", help="Folder of the results.")] = Path("aligned"),
-    seed: Seed = 0,
-    as_json: Json = False,
-) -> None:
-    """3D alignment: recompute images as if all had been taken from the reference image's pose.
-
-    Markers on the walls take no part unless --roles names them: they do not move with the model. Neither do zones
-    of the grid that are walls: where the grid has some, name the model's own with --volume, or the walls are dragged
-    along with it.
-    """
-    from windmark.app import verbs
-
-    with console.errors(as_json):
-        settings: dict[str, Any] = {
-            "title": f"Alignment to {reference}",
-            "length_unit": unit,
-            "camera": [{"file": camera}],
-            "image": [{"file": path} for path in images],
-            "markers": markers_settings(markers, roles or ROLES_ALIGN),
-            "grid": grid_settings(grid, volume),
-            "detect": {"radius_px": tuple(radius) if radius else None, "polarity": polarity, "mask": mask},
-            "register": register_settings(
-                seed, max_time, prior, prior_max_angle, prior_max_scale, occlusion=not no_occlusion
-            ),
-            "align": {"reference": reference, "background": background},
-            "output": {"folder": output, "nodes": ()},
         }
         verbs.run_settings(settings, as_json)
 
