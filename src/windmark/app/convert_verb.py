@@ -27,7 +27,7 @@ _NAMES = {"from_format": "from", "to_format": "to"}
 
 @dataclass(frozen=True)
 class Wishes:
-    """What is wanted of `windmark convert`: what the source is said to be, and its options as typed (None: not given)."""
+    """What is wanted of `windmark convert`: what the source is said to be, and its options as typed."""
 
     said: str | None
     typed: Record
@@ -47,7 +47,8 @@ def convert(sources: list[Path], target: Path, wishes: Wishes, as_json: bool) ->
     for name in wishes.of(*OPTIONS_OF):
         if kind not in OPTIONS_OF[name]:
             option = f"--{_NAMES.get(name, name).replace('_', '-')}"
-            raise ValueError(f"{option} is for {' and '.join(OPTIONS_OF[name])} files; {sources[0]} is {WORDS[kind]}")
+            meant = ", ".join(OPTIONS_OF[name])
+            raise ValueError(f"{option} is for {meant}, and {sources[0]} is {WORDS[kind]}")
     for source in sources:
         if target.exists() and source.exists() and source.samefile(target):
             raise ValueError(f"{target}: is the source itself; expected another file as the target")

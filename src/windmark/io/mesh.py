@@ -127,9 +127,9 @@ def write_mesh(path: str | os.PathLike[str], mesh: Mesh, *, length_unit: str = "
     """Write a mesh in the format of the extension.
 
     PLOT3D (.grid, .x, .xyz, .g ..., meshes with blocks only), Tecplot ASCII (.dat, .tec), STL, OBJ, PLY,
-    Cart3D (.tri, text), VTK (.vtp, .vtm, .vtu, legacy .vtk), NetCDF (.nc). Volumes survive in Tecplot, OBJ, VTK and NetCDF, as numbers
-    in Cart3D. Triangles of blocks that were turned round survive in all but PLOT3D, Tecplot and .vtm, which
-    hold blocks only.
+    Cart3D (.tri, text), VTK (.vtp, .vtm, .vtu, legacy .vtk), NetCDF (.nc). Volumes survive in Tecplot, OBJ, VTK and
+    NetCDF, as numbers in Cart3D. Triangles of blocks that were turned round survive in all but PLOT3D, Tecplot and
+    .vtm, which hold blocks only.
 
     Parameters
     ----------

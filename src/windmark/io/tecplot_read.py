@@ -118,7 +118,9 @@ def read_tecplot_nodes(
     return mesh, fields, {name: unit for name, unit in units.items() if unit}
 
 
-def _read(path: str | os.PathLike[str], raw: bytes, volumes: Volumes) -> tuple[Mesh, dict[str, Array], str]:
+def _read(
+    path: str | os.PathLike[str], raw: bytes, volumes: Volumes
+) -> tuple[Mesh, dict[str, NDArray[np.floating]], str]:
     """Mesh, columns by their variables' names, the coordinates' unit ("" where nothing says it)."""
     content = _parse(raw, Path(path))
     names = [quoted or bare for quoted, bare in _NAME.findall(content.variables)]
@@ -137,7 +139,8 @@ def _read(path: str | os.PathLike[str], raw: bytes, volumes: Volumes) -> tuple[M
     axes = [split_label(name) for name in columns]
     told = next((unit for name, unit in axes if name.strip().lower() == "x"), "")
     vertices = np.stack([_axis(content.path, columns, axis) for axis in "xyz"], axis=1)
-    return _mesh(vertices, parts, blanked, volumes), columns, content.aux.get("lengthunit", told)
+    fields: dict[str, NDArray[np.floating]] = dict(columns)
+    return _mesh(vertices, parts, blanked, volumes), fields, content.aux.get("lengthunit", told)
 
 
 def _fill(content: _Content) -> float | None:

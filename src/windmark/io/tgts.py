@@ -119,9 +119,9 @@ def _unique_names(path: Pathlike, entries: list[_Entry]) -> list[str]:
 def write_tgts(path: Pathlike, markers: MarkerSet, *, length_unit: str = "") -> None:
     """Write markers as a ``.tgts`` file: a section per role, whole or not at all.
 
-    Targets are model, wall, primary and secondary markers alike (`read_tgts` gives them back as model); their sigmas and
-    volumes have no place. An unknown radius is a size of 0, an unknown normal 0 0 0, and zone, i and j, which nothing
-    here knows, are 0. Every number keeps all its digits.
+    Targets are model, wall, primary and secondary markers alike (`read_tgts` gives them back as model); their sigmas
+    and volumes have no place. An unknown radius is a size of 0, an unknown normal 0 0 0, and zone, i and j, which
+    nothing here knows, are 0. Every number keeps all its digits.
 
     Parameters
     ----------
@@ -156,6 +156,6 @@ def write_tgts(path: Pathlike, markers: MarkerSet, *, length_unit: str = "") -> 
 
 
 def _words(markers: MarkerSet, k: int) -> list[str]:
-    """x y z nx ny nz size; 0 for what is not known."""
+    """X y z nx ny nz size; 0 for what is not known."""
     numbers = [*markers.xyz[k], *np.nan_to_num(markers.normal[k]), np.nan_to_num(2 * markers.radius[k])]
     return [repr(float(v)) for v in numbers]

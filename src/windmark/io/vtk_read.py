@@ -73,7 +73,7 @@ def read_vtk_nodes(
     -------
     mesh
     fields : name -> (V,) values; a vector a becomes a_x, a_y, a_z. Of a file of several pieces those that all have
-    units : name -> unit where the array's name carries one as ``name [unit]``, and "length" as `write_nodes_vtk` says it
+    units : name -> unit where the array's name carries one as ``name [unit]``, and "length" where the file says it
     left_out : arrays that are no such values (at cells, other sizes, text), in words
     """
     mesh, leaves = _read(path, volumes)

@@ -22,8 +22,9 @@ def point_values(leaves: list[Any]) -> tuple[dict[str, NDArray[np.floating]], tu
     left_out : the arrays that are not among them, in words
     """
     found = [_arrays(leaf) for leaf in leaves]
-    names = [n for n, a in found[0].items() if all(n in one and one[n].ndim == a.ndim for one in found)] if found else []
-    columns = {}
+    first = found[0] if found else {}
+    names = [n for n, a in first.items() if all(n in one and one[n].ndim == a.ndim for one in found)]
+    columns: dict[str, NDArray[np.floating]] = {}
     for name in names:
         values = np.concatenate([one[name] for one in found])
         columns |= {name: values} if values.ndim == 1 else _components(name, values)

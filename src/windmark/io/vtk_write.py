@@ -125,7 +125,7 @@ def _legacy(surface: Any) -> bytes:
 
 
 def _unstructured(surface: Any) -> Any:
-    """The same triangles as an unstructured grid; the blocks' shapes are left out, for they would mean nothing there."""
+    """The same triangles as an unstructured grid, without the blocks' shapes, which would mean nothing there."""
     from vtkmodules.vtkCommonDataModel import VTK_TRIANGLE, vtkUnstructuredGrid
 
     data = vtkUnstructuredGrid()

@@ -116,7 +116,8 @@ def _lost(meant: GridFile, again: GridFile, turned: int) -> list[str]:
     units = [n for n in meant.fields if n in again.fields and meant.units.get(n) != again.units.get(n)]
     if units:
         lost.append(f"the units of {_named(units)}")
-    lost += [_rounded(name, values, again.fields[name]) for name, values in meant.fields.items() if name in again.fields]
+    both = [name for name in meant.fields if name in again.fields]
+    lost += [_rounded(name, meant.fields[name], again.fields[name]) for name in both]
     return [text for text in lost if text]
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, cast, get_args
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from windmark import io, resection
 from windmark.io import GridFile
 from windmark.io.fields import single_is_exact
 from windmark.io.plot3d import Face
-from windmark.pipeline.convert_compare import compare
+from windmark.pipeline.convert_compare import Difference, compare
 from windmark.pipeline.convert_layout import read_layout, write_layout
 from windmark.pipeline.convert_units import scale_to, source_unit
 from windmark.pipeline.grid import is_outward
@@ -108,13 +108,16 @@ def _read(source: Path, options: GridOptions) -> tuple[GridFile, list[str]]:
     layout = read_layout(source, options.from_plot3d)
     try:
         grid = io.read_grid_file(
-            source, volumes=volume_of or None, volume_face=options.volume_face, layout=layout, values=options.values
-        )  # type: ignore[arg-type]
+            source, volumes=volume_of or None, volume_face=cast("Face | None", options.volume_face), layout=layout,
+            values=options.values,
+        )  # fmt: skip
     except io.FileError:
         raise
     except ValueError as error:  # a zone that the file has not
         raise io.FileError(source, str(error)) from error
-    done = [f"read as {grid.layout.words}"] if grid.layout is not None else []
+    done = []
+    if grid.layout is not None:
+        done.append(f"read as {grid.layout.words}" + (f" ({grid.layout.note})" if grid.layout.note else ""))
     if volume_of:
         grid, dropped = _only(grid, list(volume_of.values()))
         done += [f"left out: {', '.join(dropped)}, which no --volume names"] if dropped else []
@@ -157,7 +160,9 @@ def _only(grid: GridFile, wanted: list[str]) -> tuple[GridFile, list[str]]:
     return replace(grid, mesh=smaller, fields=fields), dropped
 
 
-def _write(target: Path, meant: GridFile, kind: str, layout: io.Plot3dLayout | None) -> tuple[GridFile, list[Path], Any]:
+def _write(
+    target: Path, meant: GridFile, kind: str, layout: io.Plot3dLayout | None
+) -> tuple[GridFile, list[Path], Difference]:
     """Write, read back, compare: the target appears only if it is the same surface."""
     suffix = target.suffix.lower()
     if suffix == ".vtm":  # a file and a folder of its name, which belong together
@@ -177,7 +182,7 @@ def _write(target: Path, meant: GridFile, kind: str, layout: io.Plot3dLayout | N
     return again, beside, difference
 
 
-def _checked(target: Path, meant: GridFile, again: GridFile) -> Any:
+def _checked(target: Path, meant: GridFile, again: GridFile) -> Difference:
     difference = compare(meant, again)
     if difference.problem:
         raise io.FileError(target, f"{difference.problem}; expected the same surface, so it was not written")

@@ -32,7 +32,10 @@ _BY_SUFFIX = {
     **dict.fromkeys(PICTURE_SUFFIXES, "pictures"),
 }
 _HEAD_BYTES = 65536
+_LEAST_WIDE = 16
+"""Numbers per line from which a rectangle of them may be a picture."""
 _TECPLOT = re.compile(r"^\s*(#[^\n]*\n\s*)*(TITLE|VARIABLES|ZONE)\b", re.IGNORECASE)
+_TECPLOT_RECORD = re.compile(r"^[ \t]*(VARIABLES\b|ZONE\b)", re.IGNORECASE | re.MULTILINE)
 _NUMBERS = re.compile(r"^[\s,;0-9.eEdD+*-]+$")
 _OTHER_TABLES = (
     (("image", "x", "y", "merit"), "a table of detections"),
@@ -108,7 +111,7 @@ def _guess(source: Path) -> Guess:
         head = stream.read(_HEAD_BYTES)
     if not head.strip():
         return Guess((), "empty")
-    if head.startswith(b"\x89HDF\r\n\x1a\n") or head.startswith(b"CDF"):
+    if head.startswith((b"\x89HDF\r\n\x1a\n", b"CDF")):
         return Guess((_hdf(source),))
     if b"\0" in head:
         return _binary(source, head)
@@ -152,7 +155,7 @@ def _text(source: Path, text: str) -> Guess:
     for columns, what in _OTHER_TABLES:
         if set(columns) <= {word.split(" [")[0] for word in words}:
             return Guess((), f"{what}, which is not converted")
-    if _TECPLOT.match(text):
+    if _TECPLOT.match(text) and _TECPLOT_RECORD.search(text):
         return Guess(("grid",))
     if lines and lines[0].split()[0].lower() in ("*targets", "*taps", "*virtuals", "*fiducials"):
         return Guess((), "a targets file; name it .tgts")
@@ -171,6 +174,7 @@ def _numbers(source: Path, suffix: str, lines: list[str]) -> Guess:
     except io.FileError:
         kinds = []
     cells = {len([c for c in re.split(r"[,;\s]+", line.strip()) if c]) for line in lines[:20]}
-    if suffix in (".csv", ".txt", ".asc", ".dat") and len(cells) == 1 and len(lines) > 1 and max(cells) > 1:
+    if suffix in (".csv", ".txt", ".asc", ".dat") and len(cells) == 1 and len(lines) > 1 and max(cells) >= _LEAST_WIDE:
         kinds.append("pictures")
-    return Guess(tuple(kinds), "" if kinds else "numbers that are neither a PLOT3D grid nor a rectangle")
+    what = f"a table of {max(cells)} numbers per line without a header (markers have name,x,y,z there)"
+    return Guess(tuple(kinds), "" if kinds else what)

@@ -27,8 +27,8 @@ WORDS: dict[str, dict[str, Any]] = {
     "multi-block": {"multi_block": True},
     "one-block": {"multi_block": False},
 }
-"""Each word with what it fixes: binary or text, byte order, record marks (of 4 or 8 bytes, or none: a C stream), what is
-in a record, precision, IBLANK, number of blocks at the head of the file."""
+"""Each word with what it fixes: binary or text, byte order, record marks (of 4 or 8 bytes, or none: a C stream), what
+is in a record, precision, IBLANK, number of blocks at the head of the file."""
 
 
 def fixed_by(option: str, text: str | None) -> dict[str, Any]:
@@ -65,7 +65,8 @@ def read_layout(path: Path, text: str | None) -> Plot3dLayout | None:
     fits = io.fitting_layouts(path)
     chosen = [layout for layout in fits if all(getattr(layout, key) == value for key, value in said.items())]
     if said.get("text"):  # text has no records and shows its precision by its digits
-        chosen = [a for a in fits if a.text and all(getattr(a, k) == said[k] for k in ("iblank", "multi_block") if k in said)]
+        asked = [key for key in ("iblank", "multi_block") if key in said]
+        chosen = [a for a in fits if a.text and all(getattr(a, key) == said[key] for key in asked)]
     if len(chosen) != 1:
         which = " or ".join(layout.words for layout in (chosen or fits))
         what = "several layouts fit" if chosen else f"does not fit --from-plot3d {text}"
@@ -73,7 +74,9 @@ def read_layout(path: Path, text: str | None) -> Plot3dLayout | None:
     return chosen[0]
 
 
-def write_layout(text: str | None, source: Plot3dLayout | None, blanked: bool, double: bool, blocks: int) -> Plot3dLayout:
+def write_layout(
+    text: str | None, source: Plot3dLayout | None, blanked: bool, double: bool, blocks: int
+) -> Plot3dLayout:
     """The layout to write: what the words say, then the source's own, then what `io.write_plot3d` takes.
 
     Parameters

@@ -17,6 +17,7 @@ from windmark.pipeline.clock import Clock, Progress, silent
 from windmark.pipeline.grid import UNDER_GRID, read_grid, sight
 from windmark.pipeline.labels import excluded_spots, fixed_spots
 from windmark.pipeline.project import ImageEntry, Project, ResectOptions, SectionEntry, ViewEntry
+from windmark.pipeline.quantity import Quantity, quantity_of
 from windmark.pipeline.results import ImageResult, RunResult, SectionValues, ViewImage
 from windmark.pipeline.views import frame_view, units_per_px
 from windmark.registration import Registration
@@ -105,7 +106,7 @@ def _process(entry: ImageEntry, inputs: _Inputs, progress: Progress) -> ImageRes
     try:
         with clock("read image"):
             image = io.read_grey(entry.file, page=entry.page, channel=entry.channel, bayer=entry.bayer)
-        result = replace(result, image=image)
+        result = replace(result, image=image, quantity=_quantity(entry))
         _check_size(image, camera, entry)
         if source.pose == "known":
             if pose is None:
@@ -114,7 +115,7 @@ def _process(entry: ImageEntry, inputs: _Inputs, progress: Progress) -> ImageRes
         else:
             result = _register(replace(result, published=pose), entry, image, inputs, clock)
         if result.cam_from_model is not None and inputs.mesh is not None:
-            result = _map(result, image, inputs.mesh, project, clock)
+            result = _map(result, result.quantity.of(image), inputs.mesh, project, clock)
     except ValueError as error:
         result = replace(result, problem=str(error))
     return replace(result, seconds=clock.seconds)
@@ -123,29 +124,54 @@ def _process(entry: ImageEntry, inputs: _Inputs, progress: Progress) -> ImageRes
 def _register(
     result: ImageResult, entry: ImageEntry, image: NDArray[np.generic], inputs: _Inputs, clock: Clock
 ) -> ImageResult:
-    """Detect and register one image."""
+    """Detect and register one image; bright markers where dark ones give no pose, unless the project says which."""
+    options = inputs.project.detect
+    assert options is not None
+    refusal: ValueError | None = None
+    try:
+        result = _attempt(result, entry, image, inputs, clock, options.polarity)
+    except ValueError as error:  # a label where no dark spot is
+        if options.polarity != detection.AUTO:
+            raise
+        refusal = error
+    if options.polarity != detection.AUTO or result.registered is not None or result.polarity == "bright":
+        return result
+    # The false-alarm number decides, so what is tried second cannot pass for markers by chance.
+    try:
+        other = _attempt(result, entry, image, inputs, clock, "bright")
+    except ValueError:
+        other = result
+    if other.registered is not None and other.detections is not None:
+        dark = 0 if result.detections is None else len(result.detections)
+        words = f"bright markers: {len(other.detections)} found (dark spots, {dark}, gave no pose)"
+        return replace(other, said=words, problem=None)
+    if refusal is not None:
+        raise refusal
+    return result
+
+
+def _attempt(
+    result: ImageResult, entry: ImageEntry, image: NDArray[np.generic], inputs: _Inputs, clock: Clock, polarity: str
+) -> ImageResult:
+    """Detect and register spots of one polarity (or as "auto" decides)."""
     options, wanted = inputs.project.detect, inputs.project.register_
     assert options is not None
     assert inputs.markers is not None
     mask = None if options.mask is None else io.read_mask(options.mask, image.shape[:2])
-    radius_px = options.radius_px
-    if radius_px is None:
-        with clock("estimate the radius"):
-            result = replace(result, radius=detection.estimate_radius(image, options.polarity, mask=mask))
-        assert result.radius is not None
-        if not result.radius:
-            return replace(result, problem=result.radius.reason)
-        radius_px = result.radius.radii_px
     with clock("detect"):
-        found = detection.detect(
+        look = detection.find_markers(
             image,
-            radius_px=radius_px,
-            polarity=options.polarity,
+            polarity=polarity,
+            radius_px=options.radius_px,
             merit_max=options.merit_max,
             refine=options.refine,
             photometry=options.photometry,
             mask=mask,
         )
+    result = replace(result, radius=look.radius, polarity=look.polarity, said=look.words)
+    if look.radius is not None and not look.radius:
+        return replace(result, problem=look.radius.reason)
+    found = look.detections
     result = replace(result, detections=found)
     fixed = fixed_spots(found, entry.labels, wanted.label_distance_px)
     excluded = excluded_spots(found, entry.exclude, wanted.label_distance_px)
@@ -162,6 +188,7 @@ def _register(
             visible=sight(inputs.markers, inputs.mesh) if wanted.occlusion and inputs.mesh is not None else None,
             tolerance_px=wanted.tolerance_px,
             free_focal=wanted.free_focal,
+            method=wanted.method,
             max_time_s=wanted.max_time_s,
             max_table_error=wanted.max_table_error,
             max_deformation=wanted.max_deformation,
@@ -172,6 +199,11 @@ def _register(
         return replace(result, problem=f"not registered: {answer.reason}")
     result = replace(result, camera=answer.camera, cam_from_model=answer.cam_from_model)
     return replace(result, expected=_expected(inputs.markers, answer, inputs.mesh))
+
+
+def _quantity(entry: ImageEntry) -> Quantity:
+    """What the image's values are: what the project says."""
+    return quantity_of(entry.quantity, entry.unit, entry.scale, entry.offset, None)
 
 
 def _expected(markers: MarkerSet, answer: Registration, mesh: Mesh | None) -> NDArray[np.int64]:
@@ -266,6 +298,6 @@ def _aligned(item: ImageResult, pixels: PixelMap, options: ResectOptions) -> Ima
     if item.cam_from_model is None or item.image is None:
         return item
     values, _ = resection.virtual_image(
-        item.image, pixels, item.camera, item.cam_from_model, interpolation=options.interpolation
+        item.quantity.of(item.image), pixels, item.camera, item.cam_from_model, interpolation=options.interpolation
     )
     return replace(item, aligned=values)

@@ -24,8 +24,8 @@ def convert(
             metavar="SOURCE... TARGET",
             help="What is converted, and what it becomes: told by content and extension. A camera becomes .json"
             " (windmark), .yml (OpenCV), .cameramodel (mrcal), .xml (Metashape), .txt (Australis), a name without"
-            " extension (folder of a COLMAP model); a grid .grid .x .xyz ... (PLOT3D), .dat (Tecplot), .stl, .obj, .ply,"
-            " .tri (Cart3D), .vtp, .vtm, .vtu, .vtk, .nc; a table of markers .csv or .tgts.",
+            " extension (folder of a COLMAP model); a grid .grid .x .xyz ... (PLOT3D), .dat (Tecplot), .stl, .obj,"
+            " .ply, .tri (Cart3D), .vtp, .vtm, .vtu, .vtk, .nc; a table of markers .csv or .tgts.",
         ),
     ],
     said: Annotated[

@@ -28,6 +28,6 @@ from windmark.io.cameras.files import (
 from windmark.io.cameras.record import LENGTH_UNITS, CameraFile
 
 __all__ = [
-    "CAMERA_FORMATS", "LENGTH_UNITS", "CameraFile", "ColmapModel", "is_camera_text", "read_camera", "read_camera_file", "read_colmap",
-    "write_camera", "write_colmap", "written_camera_format",
+    "CAMERA_FORMATS", "LENGTH_UNITS", "CameraFile", "ColmapModel", "is_camera_text", "read_camera", "read_camera_file",
+    "read_colmap", "write_camera", "write_colmap", "written_camera_format",
 ]  # fmt: skip
