@@ -42,6 +42,7 @@ from windmark.io.nodes_csv import write_nodes_csv
 from windmark.io.plot3d import detect_plot3d, read_plot3d, write_plot3d
 from windmark.io.plot3d_function import read_plot3d_function, write_plot3d_function
 from windmark.io.plot3d_layout import Plot3dLayout
+from windmark.io.quantity_told import told_quantity
 from windmark.io.tables import (
     MatchTable,
     read_detection_names,
@@ -65,7 +66,7 @@ __all__ = [
     "read_tecplot", "write_mesh", "write_nodes_csv", "write_nodes_netcdf", "write_nodes_vtk", "write_plot3d",
     "write_plot3d_function", "write_tecplot",
     "GRID_FORMATS", "GRID_SUFFIXES", "UNIT_FORMATS", "GridFile", "fitting_layouts", "grid_format", "read_grid_file",
-    "write_grid_file", "written_grid_format", "read_marker_unit", "write_tgts",
+    "write_grid_file", "written_grid_format", "read_marker_unit", "told_quantity", "write_tgts",
     "page_count", "read_grey", "read_image", "read_images", "read_mask", "to_grey", "to_json",
     "write_image", "write_images",
     "write_camera", "write_detections", "write_json", "write_markers", "write_matches", "write_table",

@@ -106,7 +106,7 @@ def _process(entry: ImageEntry, inputs: _Inputs, progress: Progress) -> ImageRes
     try:
         with clock("read image"):
             image = io.read_grey(entry.file, page=entry.page, channel=entry.channel, bayer=entry.bayer)
-        result = replace(result, image=image, quantity=_quantity(entry))
+        result = replace(result, image=image, quantity=_quantity(entry, image))
         _check_size(image, camera, entry)
         if source.pose == "known":
             if pose is None:
@@ -201,9 +201,13 @@ def _attempt(
     return replace(result, expected=_expected(inputs.markers, answer, inputs.mesh))
 
 
-def _quantity(entry: ImageEntry) -> Quantity:
-    """What the image's values are: what the project says."""
-    return quantity_of(entry.quantity, entry.unit, entry.scale, entry.offset, None)
+def _quantity(entry: ImageEntry, image: NDArray[np.generic]) -> Quantity:
+    """What the image's values are: what the project says, else the file; whole numbers are levels, whatever it says."""
+    told = io.told_quantity(entry.file) if image.dtype.kind == "f" else None
+    try:
+        return quantity_of(entry.quantity, entry.unit, entry.scale, entry.offset, told)
+    except ValueError as error:
+        raise io.FileError(entry.file, str(error)) from None
 
 
 def _expected(markers: MarkerSet, answer: Registration, mesh: Mesh | None) -> NDArray[np.int64]:
@@ -291,7 +295,14 @@ def _align(images: list[ImageResult], inputs: _Inputs) -> list[ImageResult]:
         why = f"not aligned: the reference image {reference.name} has no pose"
         return [replace(i, problem=i.problem or why) for i in images]
     pixels = resection.map_pixels(mesh, reference.camera, reference.cam_from_model)
-    return [_aligned(item, pixels, project.resect) for item in images]
+    wanted = reference.quantity.column
+    other = "not aligned: its values are {}, those of the reference " + wanted
+    return [
+        _aligned(item, pixels, project.resect)
+        if item.quantity.column == wanted
+        else replace(item, problem=item.problem or other.format(item.quantity.column))
+        for item in images
+    ]
 
 
 def _aligned(item: ImageResult, pixels: PixelMap, options: ResectOptions) -> ImageResult:

@@ -69,7 +69,7 @@ class Quantity:
         """What is said in a report; "" for grey levels as they are in the file."""
         if self.scale == 1 and self.offset == 0:
             return "" if self.name == "grey" else f"the values are {self.name} in {self.unit}"
-        return f"the values are {self.label}: {self.offset:g} + {self.scale:g} x the file's grey level"
+        return f"the values are {self.label} ({self.offset:g} + {self.scale:g} x the file's grey level)"
 
     def of(self, image: NDArray[np.generic]) -> NDArray[np.generic]:
         """The picture in this quantity: the same array where nothing is to be done, else float32 (float64 stays so)."""
