@@ -16,8 +16,8 @@ _HOME = {
     "scene": ("Detections", "MarkerSet", "Matching", "Mesh", "Observations", "Tracks", "View"),
     "detection": ("detect", "detect_at"),
     "registration": (
-        "NotRegistered", "Registration", "RigRegistration", "TrackState", "pose_from_labels", "register",
-        "register_rig", "track",
+        "NotRegistered", "PoseCandidates", "Registration", "RigRegistration", "TrackState", "pose_candidates",
+        "pose_from_labels", "register", "register_rig", "track",
     ),
     "calibration": (
         "Calibration", "Distance", "Fixed", "Free", "NotCalibrated", "Weighted", "magnify_distortion",
@@ -85,9 +85,11 @@ if TYPE_CHECKING:
     from windmark.pipeline.reconstruct import NotReconstructed, Reconstruction, reconstruct
     from windmark.registration import (
         NotRegistered,
+        PoseCandidates,
         Registration,
         RigRegistration,
         TrackState,
+        pose_candidates,
         pose_from_labels,
         register,
         register_rig,

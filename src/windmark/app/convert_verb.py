@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from windmark.app import console
+from windmark.app.commands.matching_options import grid_settings
 from windmark.pipeline.convert_cameras import CameraOptions, convert_camera
 from windmark.pipeline.convert_grids import GridOptions, convert_grid
 from windmark.pipeline.convert_kind import WORDS, kind_of, refuse_target
@@ -88,19 +89,14 @@ def parse_size(text: str | None) -> tuple[int, int] | None:
 
 
 def parse_volumes(texts: tuple[str, ...] | list[str]) -> dict[str, tuple[str, ...]]:
-    """``NAME=zone01,zone02`` several times: the zones of each volume."""
-    volumes: dict[str, tuple[str, ...]] = {}
+    """``NAME=zone01,zone02`` (or a zone's own name) several times: the zones of each volume."""
+    volumes: dict[str, tuple[str, ...]] = grid_settings(Path(), list(texts)).get("volumes", {})
     taken: dict[str, str] = {}
-    for text in texts:
-        name, sign, zones = text.partition("=")
-        parts = tuple(zone.strip() for zone in zones.split(",") if zone.strip())
-        if not (name.strip() and sign and parts):
-            raise ValueError(f"--volume must be NAME=zone01,zone02 ..., got {text!r}")
-        for zone in parts:
+    for name, zones in volumes.items():
+        for zone in zones:
             if zone in taken:
-                raise ValueError(f"--volume: {zone} is in {taken[zone]} and in {name.strip()}; expected it once")
-            taken[zone] = name.strip()
-        volumes[name.strip()] = (*volumes.get(name.strip(), ()), *parts)
+                raise ValueError(f"--volume: {zone} is in {taken[zone]} and in {name}; expected it once")
+            taken[zone] = name
     return volumes
 
 

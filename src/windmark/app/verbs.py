@@ -135,6 +135,24 @@ def simulate(folder: Path, seed: int, as_json: bool) -> None:
     console.answer(record, as_json, lines)
 
 
+def simulate_infrared(folder: Path, seed: int, as_json: bool) -> None:
+    """Write a synthetic infrared test."""
+    from windmark.pipeline.simulate_infrared import simulate_infrared as write_test
+
+    with console.progress() as show:
+        show("render the virtual wind tunnel")
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with io.atomic_folder(folder) as place:
+            made = write_test(place, seed)
+    markers, nodes = len(made.test.markers), len(made.test.mesh.vertices)
+    record = {"folder": folder, "seed": seed, "markers": markers, "grid_nodes": nodes, "images": list(made.frames)}
+    lines = [
+        f"{len(made.frames)} infrared images, {markers} markers, {nodes} grid nodes: {folder}",
+        f"next: windmark run {folder / 'project.toml'}",
+    ]
+    console.answer(record, as_json, lines)
+
+
 def simulate_deforming(folder: Path, seed: int, frames: int, as_json: bool) -> None:
     """Write a synthetic deformation test."""
     from windmark.pipeline.simulate_deforming import simulate_deforming as write_test

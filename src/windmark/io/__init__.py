@@ -39,6 +39,7 @@ from windmark.io.mesh import GRID_FORMATS, GRID_SUFFIXES, grid_format, read_mesh
 from windmark.io.mode_tables import read_modes
 from windmark.io.netcdf import read_nodes_netcdf, write_nodes_netcdf
 from windmark.io.nodes_csv import write_nodes_csv
+from windmark.io.pixels import write_pixels
 from windmark.io.plot3d import detect_plot3d, read_plot3d, write_plot3d
 from windmark.io.plot3d_function import read_plot3d_function, write_plot3d_function
 from windmark.io.plot3d_layout import Plot3dLayout
@@ -68,6 +69,6 @@ __all__ = [
     "GRID_FORMATS", "GRID_SUFFIXES", "UNIT_FORMATS", "GridFile", "fitting_layouts", "grid_format", "read_grid_file",
     "write_grid_file", "written_grid_format", "read_marker_unit", "told_quantity", "write_tgts",
     "page_count", "read_grey", "read_image", "read_images", "read_mask", "to_grey", "to_json",
-    "write_image", "write_images",
+    "write_image", "write_images", "write_pixels",
     "write_camera", "write_detections", "write_json", "write_markers", "write_matches", "write_table",
 ]  # fmt: skip

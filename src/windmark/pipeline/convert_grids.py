@@ -16,7 +16,6 @@ from windmark.io.plot3d import Face
 from windmark.pipeline.convert_compare import Difference, compare
 from windmark.pipeline.convert_layout import read_layout, write_layout
 from windmark.pipeline.convert_units import scale_to, source_unit
-from windmark.pipeline.grid import is_outward
 from windmark.scene import Block, Mesh
 
 Record = dict[str, Any]
@@ -123,7 +122,7 @@ def _read(source: Path, options: GridOptions) -> tuple[GridFile, list[str]]:
         done += [f"left out: {', '.join(dropped)}, which no --volume names"] if dropped else []
     if not len(grid.mesh.triangles):
         raise io.FileError(source, "has no triangles; expected a surface")
-    if options.orientation == "auto" and not is_outward(grid.mesh):
+    if options.orientation == "auto":
         turned = resection.orient_outward(grid.mesh)
         count = int((turned.triangles != grid.mesh.triangles).any(axis=1).sum())
         grid = replace(grid, mesh=turned)

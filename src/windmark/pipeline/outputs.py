@@ -13,7 +13,7 @@ import windmark
 from windmark import io
 from windmark.geometry import Pose
 from windmark.pipeline.clock import Clock
-from windmark.pipeline.results import ImageResult, RunResult
+from windmark.pipeline.results import FramedView, ImageResult, RunResult
 from windmark.registration import NotRegistered, Registration, WeakDirection
 from windmark.scene import MarkerSet
 
@@ -39,7 +39,8 @@ def _write_image(item: ImageResult, result: RunResult, place: Path) -> None:
         io.write_matches(place / "matches.csv", item.detections, result.markers, answer.matching,
                          projected_xy(answer, result.markers), image=item.name)  # fmt: skip
     if item.cam_from_model is not None:
-        io.write_camera(place / "camera.json", item.camera, item.cam_from_model, unit=unit)
+        cov = None if answer is None else answer.cov[:6, :6]
+        io.write_camera(place / "camera.json", item.camera, item.cam_from_model, unit=unit, pose_cov=cov)
     for view in item.views:
         io.write_image(place / f"view-{view.name}.tif", view.image, description=item.quantity.words)
         io.write_camera(place / f"view-{view.name}.json", view.camera, view.cam_from_model, unit=unit)
@@ -50,6 +51,12 @@ def _write_image(item: ImageResult, result: RunResult, place: Path) -> None:
                 "line": section.line, "arc": section.arc, "x": section.xyz[:, 0], "y": section.xyz[:, 1],
                 "z": section.xyz[:, 2], item.quantity.column: section.value,
             },
+        )  # fmt: skip
+    if item.pixels is not None and item.image is not None:
+        io.write_pixels(
+            place / "pixels.nc", item.image, item.pixels.xyz(), item.pixels.triangle_values(item.pixels.mesh.volume),
+            {"obliquity_deg": item.pixels.obliquity_deg().astype(np.float32)}, length_unit=unit,
+            units={"value": "grey level", "obliquity_deg": "deg"}, history=_history(item, result),
         )  # fmt: skip
     if item.aligned is not None:
         io.write_image(place / "aligned.tif", item.aligned, description=item.quantity.words)
@@ -69,10 +76,7 @@ def _write_nodes(item: ImageResult, result: RunResult, place: Path, clock: Clock
     name = item.quantity.column
     fields = {name: values, "obliquity_deg": np.where(nodes.visible, nodes.obliquity_deg, np.nan)}
     units = {name: item.quantity.unit_words, "obliquity_deg": "deg", "length": result.project.length_unit}
-    history = {
-        "image": item.name, "quantity": vars(item.quantity), "project": result.project.title,
-        "windmark": windmark.__version__,
-    }  # fmt: skip
+    history = _history(item, result)
     writers: dict[str, Callable[[], None]] = {
         "vtk": lambda: io.write_nodes_vtk(place / "nodes.vtp", mesh, fields, units=units),
         "tecplot": lambda: io.write_tecplot(place / "nodes.dat", mesh, fields, units=units),
@@ -88,6 +92,13 @@ def _write_nodes(item: ImageResult, result: RunResult, place: Path, clock: Clock
             continue  # "all that the grid allows"
         with clock(f"write nodes: {kind}"):
             writers[kind]()
+
+
+def _history(item: ImageResult, result: RunResult) -> Record:
+    return {
+        "image": item.name, "quantity": vars(item.quantity), "project": result.project.title,
+        "windmark": windmark.__version__,
+    }  # fmt: skip
 
 
 def _layout(result: RunResult) -> io.Plot3dLayout:
@@ -108,12 +119,22 @@ def summary(result: RunResult, clock: Clock) -> Record:
         "length_unit": result.project.length_unit,
         "markers": None if result.markers is None else len(result.markers),
         "grid_nodes": None if result.mesh is None else len(result.mesh.vertices),
+        "views": [view_summary(view) for view in result.framed],
         "images": [image_summary(item, result) for item in result.images],
         "failed": [item.name for item in result.failed],
         "notes": [f"{path}: {text}" for path, text in result.notes],
         "seconds": {**result.seconds, **clock.seconds},
         "options": result.project.model_dump(mode="json", exclude={"path"}, by_alias=True),
     }
+
+
+def view_summary(view: FramedView) -> Record:
+    """A view of the job in figures: where it is seen from, the same for all images."""
+    pov = view.cam_from_model.to_pov(view.camera.focal_px, view.camera.size_px[0])
+    return {
+        "name": view.name, "size_px": view.camera.size_px, "pov": vars(pov), "units_per_px": view.units_per_px,
+        "how": view.how,
+    }  # fmt: skip
 
 
 def image_summary(item: ImageResult, result: RunResult) -> Record:

@@ -13,10 +13,25 @@ from windmark.geometry import Camera, Pose
 from windmark.pipeline.project import Project
 from windmark.pipeline.quantity import Quantity
 from windmark.registration import NotRegistered, Registration
-from windmark.resection import NodeView
+from windmark.resection import NodeView, PixelMap
 from windmark.scene import Detections, MarkerSet, Mesh
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class FramedView:
+    """The virtual camera of a ``[[view]]``, the same for all images of the job.
+
+    ``units_per_px``: length units per pixel at the mean depth of the surface that it is framed on (or, of a given
+    point of view, of the grid). ``how``: in words, where its point of view is from.
+    """
+
+    name: str
+    camera: Camera
+    cam_from_model: Pose
+    units_per_px: float
+    how: str
 
 
 @dataclass(frozen=True)
@@ -68,6 +83,7 @@ class ImageResult:
     expected: NDArray[np.int64] | None = None
     nodes: NodeView | None = None
     values: NDArray[np.float32] | None = None
+    pixels: PixelMap | None = None
     views: tuple[ViewImage, ...] = ()
     sections: tuple[SectionValues, ...] = ()
     aligned: NDArray[np.float32] | None = None
@@ -91,6 +107,8 @@ class RunResult:
     seconds: dict[str, float]
     notes: tuple[tuple[Path, str], ...] = ()
     """Files, and what had to be done to read them."""
+    framed: tuple[FramedView, ...] = ()
+    """The virtual cameras, one per ``[[view]]`` of the project."""
 
     @property
     def failed(self) -> tuple[ImageResult, ...]:

@@ -60,7 +60,9 @@ def convert(
     no_pose: Annotated[bool, typer.Option("--no-pose", help="Cameras: leave the pose out.")] = False,
     volume: Annotated[
         list[str] | None,
-        typer.Option(help="Grids: NAME=zone01,zone02: what a volume is made of; several times. Others are left out."),
+        typer.Option(
+            help="Grids: NAME=zone01,zone02 (or one zone's own name): what is kept; several times. Others are left out."
+        ),
     ] = None,
     volume_face: Annotated[
         str | None, typer.Option(help="Grids: of PLOT3D volume blocks the surface: imin, imax, jmin, jmax, kmin, kmax.")

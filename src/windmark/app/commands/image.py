@@ -24,6 +24,8 @@ from windmark.app.commands.matching_options import (
     QuantityUnit,
     Roles,
     Scale,
+    VolumeParts,
+    grid_settings,
     image_settings,
     markers_settings,
     register_settings,
@@ -177,6 +179,7 @@ def resect(
     camera: Annotated[Path, typer.Option("--camera", "-c", help="Camera with a pose, as register writes it.")],
     grid: GridFile,
     unit: Unit,
+    volume: VolumeParts = None,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="Folder of the results. [default: IMAGE-resection]")
     ] = None,
@@ -189,6 +192,9 @@ def resect(
     quantity_unit: QuantityUnit = None,
     scale: Scale = 1.0,
     offset: Offset = 0.0,
+    pixels: Annotated[
+        bool, typer.Option("--pixels", help="Also the surface point behind every pixel: pixels.nc (NetCDF).")
+    ] = False,
     as_json: Json = False,
 ) -> None:
     """Map a registered image onto the grid: values on nodes, pictures."""
@@ -200,9 +206,10 @@ def resect(
             "length_unit": unit,
             "camera": [{"file": camera, "pose": "known"}],
             "image": [{"file": image, **values_settings(quantity, quantity_unit, scale, offset)}],
-            "grid": {"file": grid},
+            "grid": grid_settings(grid, volume),
             "resect": {"max_obliquity_deg": max_obliquity_deg},
-            "output": {"folder": output or Path(f"{image.stem}-resection")} | ({"nodes": nodes} if nodes else {}),
+            "output": {"folder": output or Path(f"{image.stem}-resection"), "pixels": pixels}
+            | ({"nodes": nodes} if nodes else {}),
         }
         verbs.run_settings(settings, as_json)
 
@@ -214,6 +221,7 @@ def align(
     camera: CameraFile,
     grid: GridFile,
     unit: Unit,
+    volume: VolumeParts = None,
     radius: Radius = None,
     polarity: Polarity = "auto",
     prior: Prior = None,
@@ -228,13 +236,22 @@ def align(
     quantity_unit: QuantityUnit = None,
     scale: Scale = 1.0,
     offset: Offset = 0.0,
+    background: Annotated[
+        str,
+        typer.Option(
+            help="Pixels that show no part of --volume: blank (NaN), or keep (as they are in that image, where the"
+            " model does not hide them; for a camera that stands still)."
+        ),
+    ] = "blank",
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder of the results.")] = Path("aligned"),
     seed: Seed = 0,
     as_json: Json = False,
 ) -> None:
     """3D alignment: recompute images as if all had been taken from the reference image's pose.
 
-    Markers on the walls take no part unless --roles names them: they do not move with the model.
+    Markers on the walls take no part unless --roles names them: they do not move with the model. Neither do zones
+    of the grid that are walls: where the grid has some, name the model's own with --volume, or the walls are dragged
+    along with it.
     """
     from windmark.app import verbs
 
@@ -245,12 +262,12 @@ def align(
             "camera": [{"file": camera}],
             "image": [{"file": path, **values_settings(quantity, quantity_unit, scale, offset)} for path in images],
             "markers": markers_settings(markers, roles or ROLES_ALIGN),
-            "grid": {"file": grid},
+            "grid": grid_settings(grid, volume),
             "detect": {"radius_px": tuple(radius) if radius else None, "polarity": polarity, "mask": mask},
             "register": register_settings(
                 seed, max_time, prior, prior_max_angle, prior_max_scale, occlusion=not no_occlusion, method=method
             ),
-            "align": {"reference": reference},
+            "align": {"reference": reference, "background": background},
             "output": {"folder": output, "nodes": ()},
         }
         verbs.run_settings(settings, as_json)

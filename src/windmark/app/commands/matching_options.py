@@ -53,6 +53,14 @@ QuantityUnit = Annotated[
 ]
 Scale = Annotated[float, typer.Option(help="Values are OFFSET + SCALE x grey level.")]
 Offset = Annotated[float, typer.Option(help="Values are OFFSET + SCALE x grey level.")]
+VolumeParts = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--volume",
+        help="NAME=zone01,zone02 (or one zone's own name): what of the grid takes part; several times for several."
+        " Zones that are not named are as if they were not in the file. [default: all]",
+    ),
+]
 
 ROLES_ALIGN = ("model", "primary", "secondary")
 """What moves with the model."""
@@ -76,6 +84,25 @@ def markers_settings(file: Path, roles: list[str] | tuple[str, ...] | None) -> d
 def values_settings(quantity: str | None, unit: str | None, scale: float, offset: float) -> dict[str, Any]:
     """What the values of an image are, of table [[image]] of a project."""
     return {"quantity": quantity, "unit": unit, "scale": scale, "offset": offset}
+def grid_settings(file: Path, volumes: list[str] | None) -> dict[str, Any]:
+    """Table [grid] of a project.
+
+    Raises
+    ------
+    ValueError
+        For a volume that is neither NAME=zone,zone nor a zone's name, or comes twice.
+    """
+    parts: dict[str, tuple[str, ...]] = {}
+    for text in volumes or ():
+        name, sign, zones = text.partition("=")
+        name = name.strip()
+        found = tuple(z.strip() for z in zones.split(",")) if sign else (name,)
+        if not name or not all(found):
+            raise ValueError(f"--volume: expected NAME=zone01,zone02 or the name of a zone, got {text!r}")
+        if name in parts:
+            raise ValueError(f"--volume: {name} is given twice; give all its zones at once, {name}=zone01,zone02")
+        parts[name] = found
+    return {"file": file} | ({"volumes": parts} if parts else {})
 
 
 def image_settings(file: Path, labels: list[str] | None, exclude: list[str] | None) -> dict[str, Any]:
