@@ -90,13 +90,19 @@ def run(
     max_time: MaxTime = None,
     roles: Roles = None,
     no_occlusion: NoOcclusion = False,
+    method: Annotated[
+        str | None, typer.Option("--method", help="hash, or ransac: the paper's search. [default: the project's]")
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """The main job: from images to values on the grid, with pictures and one HTML report."""
     from windmark.app import verbs
 
     with console.errors(as_json):
-        verbs.run(project, output, as_json, max_time_s=max_time, roles=tuple(roles or ()), no_occlusion=no_occlusion)
+        verbs.run(
+            project, output, as_json, max_time_s=max_time, roles=tuple(roles or ()), no_occlusion=no_occlusion,
+            method=method,
+        )  # fmt: skip
 
 
 image.add(app)

@@ -128,6 +128,8 @@ def _image(report: Report, item: ImageResult, result: RunResult) -> None:
     report.heading(f"Image {item.name}")
     if item.problem:
         report.text(item.problem, "bad")
+    if item.said:
+        report.text(f"{item.said[0].upper()}{item.said[1:]}.")
     if item.radius:
         report.text(item.radius.reason, "soft")
     if item.registered is not None and result.markers is not None:
@@ -143,7 +145,7 @@ def _image(report: Report, item: ImageResult, result: RunResult) -> None:
         )
     for section in item.sections:
         report.picture(
-            png(pictures.section_picture(section, result.project.length_unit)),
+            png(pictures.section_picture(section, result.project.length_unit, item.quantity.label)),
             f"Values along the cut “{section.name}”.",
         )
     alignment = figures.alignment_figure(item, result)
@@ -216,6 +218,8 @@ def _mapping(report: Report, item: ImageResult, result: RunResult) -> None:
     report.picture(
         png(figures.wireframe_figure(item, mesh)), "Visible grid lines projected with the pose found and the lens."
     )
+    if item.quantity.words:
+        report.text(f"{item.quantity.words[0].upper()}{item.quantity.words[1:]}.")
     if nodes.visible.any():
         report.picture(
             png(figures.surface_figure(item, mesh)),

@@ -27,6 +27,7 @@ def run(
     max_time_s: float | None = None,
     roles: tuple[str, ...] = (),
     no_occlusion: bool = False,
+    method: str | None = None,
 ) -> None:
     """The main job from a project file; what is given besides replaces the file's own."""
     given: dict[str, dict[str, Any]] = {"register": {}}
@@ -36,6 +37,8 @@ def run(
         given["register"]["max_time_s"] = max_time_s
     if no_occlusion:
         given["register"]["occlusion"] = False
+    if method is not None:
+        given["register"]["method"] = method
     if roles:
         given["markers"] = {"roles": roles}
     project = read_project(path, given)
@@ -90,7 +93,7 @@ def finish(result: RunResult, record: Record, as_json: bool) -> None:
 
 def image_line(item: ImageResult, result: RunResult) -> str:
     """One image in one line."""
-    parts = [] if item.radius is None else [item.radius.reason]
+    parts = ([item.said] if item.said else []) + ([] if item.radius is None else [item.radius.reason])
     if item.problem:
         return f"{item.name}: {'; '.join(dict.fromkeys([*parts, item.problem]))}"
     answer = item.registered
@@ -104,7 +107,8 @@ def image_line(item: ImageResult, result: RunResult) -> str:
             bent = answer.deformation
             parts.append(f"model deformed by {100 * bent.largest:.2g} % of its size, up to {bent.largest_px:.1f} px")
     if item.values is not None and result.mesh is not None:
-        parts.append(f"values on {int((item.values == item.values).sum())} of {len(item.values)} nodes")
+        kind = "values" if item.quantity.name == "grey" else f"{item.quantity.name} ({item.quantity.unit})"
+        parts.append(f"{kind} on {int((item.values == item.values).sum())} of {len(item.values)} nodes")
     return f"{item.name}: " + "; ".join(parts)
 
 

@@ -14,6 +14,7 @@ from windmark.pipeline.clock import Clock, Progress
 from windmark.pipeline.grid import UNDER_GRID, sight
 from windmark.pipeline.labels import excluded_spots, fixed_spots
 from windmark.pipeline.project import ImageEntry, Project
+from windmark.pipeline.quantity import Quantity, quantity_of
 from windmark.pipeline.results import ImageResult
 from windmark.registration import Registration
 from windmark.scene import MarkerSet, Mesh
@@ -40,7 +41,7 @@ def locate(entry: ImageEntry, inputs: Inputs, progress: Progress) -> ImageResult
     try:
         with clock("read image"):
             image = io.read_grey(entry.file, page=entry.page, channel=entry.channel, bayer=entry.bayer)
-        result = replace(result, image=image)
+        result = replace(result, image=image, quantity=_quantity(entry, image))
         _check_size(image, camera, entry)
         if source.pose == "known":
             if pose is None:
@@ -56,29 +57,54 @@ def locate(entry: ImageEntry, inputs: Inputs, progress: Progress) -> ImageResult
 def _register(
     result: ImageResult, entry: ImageEntry, image: NDArray[np.generic], inputs: Inputs, clock: Clock
 ) -> ImageResult:
-    """Detect and register one image."""
+    """Detect and register one image; bright markers where dark ones give no pose, unless the project says which."""
+    options = inputs.project.detect
+    assert options is not None
+    refusal: ValueError | None = None
+    try:
+        result = _attempt(result, entry, image, inputs, clock, options.polarity)
+    except ValueError as error:  # a label where no dark spot is
+        if options.polarity != detection.AUTO:
+            raise
+        refusal = error
+    if options.polarity != detection.AUTO or result.registered is not None or result.polarity == "bright":
+        return result
+    # The false-alarm number decides, so what is tried second cannot pass for markers by chance.
+    try:
+        other = _attempt(result, entry, image, inputs, clock, "bright")
+    except ValueError:
+        other = result
+    if other.registered is not None and other.detections is not None:
+        dark = 0 if result.detections is None else len(result.detections)
+        words = f"bright markers: {len(other.detections)} found (dark spots, {dark}, gave no pose)"
+        return replace(other, said=words, problem=None)
+    if refusal is not None:
+        raise refusal
+    return result
+
+
+def _attempt(
+    result: ImageResult, entry: ImageEntry, image: NDArray[np.generic], inputs: Inputs, clock: Clock, polarity: str
+) -> ImageResult:
+    """Detect and register spots of one polarity (or as "auto" decides)."""
     options, wanted = inputs.project.detect, inputs.project.register_
     assert options is not None
     assert inputs.markers is not None
     mask = None if options.mask is None else io.read_mask(options.mask, image.shape[:2])
-    radius_px = options.radius_px
-    if radius_px is None:
-        with clock("estimate the radius"):
-            result = replace(result, radius=detection.estimate_radius(image, options.polarity, mask=mask))
-        assert result.radius is not None
-        if not result.radius:
-            return replace(result, problem=result.radius.reason)
-        radius_px = result.radius.radii_px
     with clock("detect"):
-        found = detection.detect(
+        look = detection.find_markers(
             image,
-            radius_px=radius_px,
-            polarity=options.polarity,
+            polarity=polarity,
+            radius_px=options.radius_px,
             merit_max=options.merit_max,
             refine=options.refine,
             photometry=options.photometry,
             mask=mask,
         )
+    result = replace(result, radius=look.radius, polarity=look.polarity, said=look.words)
+    if look.radius is not None and not look.radius:
+        return replace(result, problem=look.radius.reason)
+    found = look.detections
     result = replace(result, detections=found)
     fixed = fixed_spots(found, entry.labels, wanted.label_distance_px)
     excluded = excluded_spots(found, entry.exclude, wanted.label_distance_px)
@@ -95,6 +121,7 @@ def _register(
             visible=sight(inputs.markers, inputs.mesh) if wanted.occlusion and inputs.mesh is not None else None,
             tolerance_px=wanted.tolerance_px,
             free_focal=wanted.free_focal,
+            method=wanted.method,
             max_time_s=wanted.max_time_s,
             max_table_error=wanted.max_table_error,
             max_deformation=wanted.max_deformation,
@@ -105,6 +132,15 @@ def _register(
         return replace(result, problem=f"not registered: {answer.reason}")
     result = replace(result, camera=answer.camera, cam_from_model=answer.cam_from_model)
     return replace(result, expected=_expected(inputs.markers, answer, inputs.mesh))
+
+
+def _quantity(entry: ImageEntry, image: NDArray[np.generic]) -> Quantity:
+    """What the image's values are: what the project says, else the file; whole numbers are levels, whatever it says."""
+    told = io.told_quantity(entry.file) if image.dtype.kind == "f" else None
+    try:
+        return quantity_of(entry.quantity, entry.unit, entry.scale, entry.offset, told)
+    except ValueError as error:
+        raise io.FileError(entry.file, str(error)) from None
 
 
 def _expected(markers: MarkerSet, answer: Registration, mesh: Mesh | None) -> NDArray[np.int64]:

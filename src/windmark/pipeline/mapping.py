@@ -47,9 +47,10 @@ def map_image(
 
     ``framed`` are the views and ``pixels`` their maps. A failure that the data cause becomes ``problem``.
     """
-    options, pose, image = project.resect, result.cam_from_model, result.image
-    if pose is None or image is None:
+    options, pose = project.resect, result.cam_from_model
+    if pose is None or result.image is None:
         return result
+    image = result.quantity.of(result.image)
     clock = Clock(progress, result.name)
     try:
         with clock("visibility"):
@@ -116,7 +117,14 @@ def align_images(images: Sequence[ImageResult], project: Project, mesh: Mesh) ->
         why = f"not aligned: the reference image {reference.name} has no pose"
         return [replace(i, problem=i.problem or why) for i in images]
     pixels = resection.map_pixels(mesh, reference.camera, reference.cam_from_model)
-    aligned = [_aligned(item, pixels, project.resect) for item in images]
+    wanted = reference.quantity.column
+    other = f"not aligned: its values are not {wanted}, as those of the reference, but "
+    aligned = [
+        _aligned(item, pixels, project.resect)
+        if item.quantity.column == wanted
+        else replace(item, problem=item.problem or other + item.quantity.column)
+        for item in images
+    ]
     if project.align.background == "keep":
         aligned = [_with_background(item, pixels, still=item.name == reference.name) for item in aligned]
     return aligned
@@ -126,7 +134,7 @@ def _aligned(item: ImageResult, pixels: PixelMap, options: ResectOptions) -> Ima
     if item.cam_from_model is None or item.image is None:
         return item
     values, _ = resection.virtual_image(
-        item.image, pixels, item.camera, item.cam_from_model, interpolation=options.interpolation
+        item.quantity.of(item.image), pixels, item.camera, item.cam_from_model, interpolation=options.interpolation
     )
     return replace(item, aligned=values)
 
@@ -143,4 +151,5 @@ def _with_background(item: ImageResult, pixels: PixelMap, *, still: bool) -> Ima
     if not still:
         hidden = resection.map_pixels(pixels.mesh, item.camera, item.cam_from_model).valid
         open_here &= ~binary_dilation(hidden, np.ones((3, 3), dtype=bool))
-    return replace(item, aligned=np.where(open_here, item.image.astype(np.float32), item.aligned))
+    taken = item.quantity.of(item.image).astype(np.float32)
+    return replace(item, aligned=np.where(open_here, taken, item.aligned))

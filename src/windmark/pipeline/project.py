@@ -13,6 +13,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationError, model_validator
 
+from windmark.pipeline.quantity import Quantity
 from windmark.pipeline.settings import Strict, existing, explained, read_toml, unusable_name
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -40,6 +41,8 @@ class ImageEntry(Strict):
     """One image (or one page of a multipage TIFF).
 
     ``channel``: of a colour picture; grey is a weighted sum. ``bayer``: the file is a colour sensor's raw mosaic.
+    ``quantity``, ``unit``: what the values are, such as "temperature" in "K"; None: what the file says, else grey.
+    ``scale``, ``offset``: value = offset + scale * grey level, before anything is sampled.
     ``labels``: marker name -> (x, y) of its spot, which the registration must keep; ``exclude``: (x, y) of spots that
     take no part. The spot nearest to such a place is meant, at most ``register.label_distance_px`` away.
     """
@@ -50,8 +53,19 @@ class ImageEntry(Strict):
     page: Annotated[int, Field(ge=0)] = 0
     channel: Literal["grey", "red", "green", "blue"] = "grey"
     bayer: Literal["RGGB", "BGGR", "GRBG", "GBRG"] | None = None
+    quantity: Literal["grey", "radiance", "temperature"] | None = None
+    unit: str | None = None
+    scale: Annotated[float, Field(allow_inf_nan=False)] = 1.0
+    offset: Annotated[float, Field(allow_inf_nan=False)] = 0.0
     labels: dict[str, Place] = Field(default_factory=dict)
     exclude: tuple[Place, ...] = ()
+
+    @model_validator(mode="after")
+    def _quantity(self) -> ImageEntry:
+        if self.quantity is None and self.unit is not None:
+            raise ValueError(f'unit {self.unit!r} without quantity; expected "temperature" or "radiance" there')
+        Quantity(self.quantity or "grey", self.unit or "", self.scale, self.offset)
+        return self
 
     @property
     def label(self) -> str:
@@ -101,7 +115,7 @@ class DetectOptions(Strict):
     """
 
     radius_px: Positive | Annotated[tuple[Positive, ...], Field(min_length=1)] | None = None
-    polarity: Literal["dark", "bright"] = "dark"
+    polarity: Literal["auto", "dark", "bright"] = "auto"
     merit_max: Positive = 0.7
     refine: Literal["bowl", "template"] = "template"
     photometry: Literal["multiplicative", "additive"] | None = None
@@ -111,11 +125,13 @@ class DetectOptions(Strict):
 class RegisterOptions(Strict):
     """Options of `windmark.register`. ``prior``: a camera file whose pose the solution must be near to.
 
+    ``method``: "hash" looks up how neighbouring markers can look, "ransac" is the paper's search (section III.C).
     ``occlusion``: markers that the grid hides are neither expected nor matched.
     ``max_table_error``: as part of the distance between markers; larger for a rough table. ``max_deformation``: as part
     of the model's size.
     """
 
+    method: Literal["hash", "ransac"] = "hash"
     prior: Path | None = None
     prior_max_angle_deg: Annotated[float, Field(gt=0, le=180)] = 30.0
     prior_max_scale: Annotated[float, Field(gt=1)] = 1.3
@@ -269,6 +285,8 @@ class Project(Strict):
             raise ValueError('align: background = "keep" needs images of one camera; these are of several')
         if self.grid is None and (self.view or self.section or self.align):
             raise ValueError("views, sections and alignment need a grid: add [grid] file = ...")
+        if self.align and len({(i.quantity, i.unit) for i in self.image}) > 1:
+            raise ValueError("align: all images must have the same quantity and unit, for they are subtracted")
         return self
 
     def camera_of(self, image: ImageEntry) -> CameraEntry:

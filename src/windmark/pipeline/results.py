@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from windmark.detection import RadiusEstimate
 from windmark.geometry import Camera, Pose
 from windmark.pipeline.project import Project
+from windmark.pipeline.quantity import Quantity
 from windmark.registration import NotRegistered, Registration
 from windmark.resection import NodeView, PixelMap
 from windmark.scene import Detections, MarkerSet, Mesh
@@ -62,7 +63,9 @@ class ImageResult:
 
     ``camera`` and ``cam_from_model`` are the final ones; ``published`` is the pose that the camera's
     file carried, for comparison; ``expected`` are the markers that must be in view from the pose found.
-    ``radius`` is the estimate that detection used where the project gives none.
+    ``radius`` is the estimate that detection used where the project gives none; ``polarity`` that of the spots, and
+    ``said`` what was decided about it. ``image`` is as in the file; values, views, sections and ``aligned`` are in
+    ``quantity``.
     ``problem`` says in words why it went no further; None when all is well.
     """
 
@@ -72,6 +75,9 @@ class ImageResult:
     cam_from_model: Pose | None = None
     published: Pose | None = None
     radius: RadiusEstimate | None = None
+    polarity: str = ""
+    said: str = ""
+    quantity: Quantity = field(default_factory=Quantity)
     detections: Detections | None = None
     registration: Registration | NotRegistered | None = None
     expected: NDArray[np.int64] | None = None

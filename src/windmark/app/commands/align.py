@@ -12,15 +12,21 @@ from windmark.app.commands.matching_options import (
     ROLES_ALIGN,
     Mask,
     MaxTime,
+    Method,
     NoOcclusion,
+    Offset,
     Prior,
     PriorMaxAngle,
     PriorMaxScale,
+    Quantity,
+    QuantityUnit,
     Roles,
+    Scale,
     VolumeParts,
     grid_settings,
     markers_settings,
     register_settings,
+    values_settings,
 )
 from windmark.app.commands.options import Json, MeritMax, Polarity, Radius, Seed
 
@@ -48,7 +54,7 @@ def align(
         str | None, typer.Option("--unit", help="3D: length unit of markers and grid: in, ft, mm, cm, m.")
     ] = None,
     radius: Radius = None,
-    polarity: Polarity = "dark",
+    polarity: Polarity = "auto",
     merit_max: MeritMax = 0.7,
     kind: Annotated[
         str, typer.Option(help="2D: auto, similarity, affine, projective, poly2, poly3, spline.")
@@ -79,8 +85,13 @@ def align(
     prior_max_scale: PriorMaxScale = 1.3,
     roles: Roles = None,
     no_occlusion: NoOcclusion = False,
+    method: Method = "hash",
     max_time: MaxTime = None,
     mask: Mask = None,
+    quantity: Quantity = None,
+    quantity_unit: QuantityUnit = None,
+    scale: Scale = 1.0,
+    offset: Offset = 0.0,
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder of the results.")] = Path("aligned"),
     seed: Seed = 0,
     as_json: Json = False,
@@ -101,7 +112,9 @@ def align(
                    "--keep-still": keep_still}  # fmt: skip
         only_3d = {"--prior": prior is not None, "--roles": bool(roles), "--no-occlusion": no_occlusion,
                    "--max-time": max_time is not None, "--volume": bool(volume),
-                   "--background": background is not None}  # fmt: skip
+                   "--background": background is not None, "--method": method != "hash",
+                   "--quantity": quantity is not None, "--quantity-unit": quantity_unit is not None,
+                   "--scale": scale != 1, "--offset": offset != 0}  # fmt: skip
         wrong = [name for name, is_given in (only_2d if given else only_3d).items() if is_given]
         if given and len(given) < len(needed):
             missing = ", ".join(name for name in needed if name not in given)
@@ -126,7 +139,7 @@ def align(
             "title": f"Alignment to {reference}",
             "length_unit": unit,
             "camera": [{"file": camera}],
-            "image": [{"file": path} for path in images],
+            "image": [{"file": path, **values_settings(quantity, quantity_unit, scale, offset)} for path in images],
             "markers": markers_settings(markers, roles or ROLES_ALIGN),  # type: ignore[arg-type]
             "grid": grid_settings(grid, volume),  # type: ignore[arg-type]
             "detect": {
@@ -136,7 +149,7 @@ def align(
                 "mask": mask,
             },
             "register": register_settings(
-                seed, max_time, prior, prior_max_angle, prior_max_scale, occlusion=not no_occlusion
+                seed, max_time, prior, prior_max_angle, prior_max_scale, occlusion=not no_occlusion, method=method
             ),
             "align": {"reference": reference} | ({"background": background} if background else {}),
             "output": {"folder": output, "nodes": ()},

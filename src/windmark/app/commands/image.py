@@ -13,15 +13,21 @@ from windmark.app.commands.matching_options import (
     Label,
     Mask,
     MaxTime,
+    Method,
+    Offset,
     Prior,
     PriorMaxAngle,
     PriorMaxScale,
+    Quantity,
+    QuantityUnit,
     Roles,
+    Scale,
     VolumeParts,
     grid_settings,
     image_settings,
     markers_settings,
     register_settings,
+    values_settings,
 )
 from windmark.app.commands.options import CameraFile, GridFile, Json, Markers, MeritMax, Polarity, Radius, Seed, Unit
 
@@ -45,7 +51,7 @@ def add(app: typer.Typer) -> None:
 def detect(
     images: Annotated[list[Path], typer.Argument(help="Images.")],
     radius: Radius = None,
-    polarity: Polarity = "dark",
+    polarity: Polarity = "auto",
     merit_max: MeritMax = 0.7,
     refine: Annotated[
         str, typer.Option(help="bowl (the paper's centre) or template (fit of a blurred ellipse).")
@@ -112,7 +118,7 @@ def register(
     camera: CameraFile,
     unit: Unit,
     radius: Radius = None,
-    polarity: Polarity = "dark",
+    polarity: Polarity = "auto",
     merit_max: MeritMax = 0.7,
     tolerance_px: Annotated[float | None, typer.Option(help="Largest distance of a spot to its marker.")] = None,
     free_focal: Annotated[bool, typer.Option(help="The focal length is only roughly known: find it too.")] = False,
@@ -122,6 +128,7 @@ def register(
     label: Label = None,
     exclude: Exclude = None,
     roles: Roles = None,
+    method: Method = "hash",
     max_time: MaxTime = None,
     mask: Mask = None,
     seed: Seed = 0,
@@ -154,6 +161,7 @@ def register(
                 prior_max_scale,
                 tolerance_px=tolerance_px,
                 free_focal=free_focal,
+                method=method,
             ),
             "output": {"folder": output or Path(f"{image.stem}-registration"), "nodes": ()},
         }
@@ -174,6 +182,10 @@ def resect(
         typer.Option(help="Formats of the node values: vtk, tecplot, plot3d, csv, netcdf. [default: all]"),
     ] = None,
     max_obliquity_deg: Annotated[float, typer.Option(help="Surface seen more obliquely than this gets no value.")] = 80,
+    quantity: Quantity = None,
+    quantity_unit: QuantityUnit = None,
+    scale: Scale = 1.0,
+    offset: Offset = 0.0,
     pixels: Annotated[
         bool, typer.Option("--pixels", help="Also the surface point behind every pixel: pixels.nc (NetCDF).")
     ] = False,
@@ -187,7 +199,7 @@ def resect(
             "title": f"Resection of {image.name}",
             "length_unit": unit,
             "camera": [{"file": camera, "pose": "known"}],
-            "image": [{"file": image}],
+            "image": [{"file": image, **values_settings(quantity, quantity_unit, scale, offset)}],
             "grid": grid_settings(grid, volume),
             "resect": {"max_obliquity_deg": max_obliquity_deg},
             "output": {"folder": output or Path(f"{image.stem}-resection"), "pixels": pixels}
@@ -202,7 +214,7 @@ def track(
     camera: CameraFile,
     unit: Unit,
     radius: Radius = None,
-    polarity: Polarity = "dark",
+    polarity: Polarity = "auto",
     merit_max: MeritMax = 0.7,
     channel: Annotated[str, typer.Option(help="Of colour pictures: grey, red, green, blue.")] = "grey",
     mask: Mask = None,

@@ -9,7 +9,15 @@ import typer
 
 MaxTime = Annotated[
     float | None,
-    typer.Option("--max-time", help="Seconds of CPU time per image, then an honest refusal. [default: 0.2]"),
+    typer.Option(
+        "--max-time", help="Seconds of CPU time per image, then an honest refusal. [default: 0.2, of ransac 20]"
+    ),
+]
+Method = Annotated[
+    str,
+    typer.Option(
+        "--method", help="hash (a table of how four neighbours can look), or ransac: the paper's search, slower."
+    ),
 ]
 Roles = Annotated[
     list[str] | None,
@@ -36,6 +44,15 @@ NoOcclusion = Annotated[
     bool, typer.Option("--no-occlusion", help="Markers that the grid hides are expected and matched all the same.")
 ]
 
+Quantity = Annotated[
+    str | None,
+    typer.Option(help="What the values are: grey, radiance or temperature. [default: what the file says, else grey]"),
+]
+QuantityUnit = Annotated[
+    str | None, typer.Option(help="Unit of the values: K, degC or degF; of a radiance such as W/m2/sr.")
+]
+Scale = Annotated[float, typer.Option(help="Values are OFFSET + SCALE x grey level.")]
+Offset = Annotated[float, typer.Option(help="Values are OFFSET + SCALE x grey level.")]
 VolumeParts = Annotated[
     list[str] | None,
     typer.Option(
@@ -64,6 +81,9 @@ def markers_settings(file: Path, roles: list[str] | tuple[str, ...] | None) -> d
     return {"file": file} | ({"roles": tuple(roles)} if roles else {})
 
 
+def values_settings(quantity: str | None, unit: str | None, scale: float, offset: float) -> dict[str, Any]:
+    """What the values of an image are, of table [[image]] of a project."""
+    return {"quantity": quantity, "unit": unit, "scale": scale, "offset": offset}
 def grid_settings(file: Path, volumes: list[str] | None) -> dict[str, Any]:
     """Table [grid] of a project.
 

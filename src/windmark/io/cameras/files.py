@@ -105,6 +105,12 @@ def read_camera_file(path: Pathlike, *, size_px: tuple[int, int] | None = None, 
     raise FileError(path, what)
 
 
+def is_camera_text(text: str) -> bool:
+    """Whether a text has the marks of a camera file that `read_camera_file` knows; nothing is checked."""
+    keys = ("camera_matrix", "cameraMatrix", NASA_MATRIX)
+    return colmap.is_colmap(text) or is_mrcal(text) or is_australis(text) or any(key in text for key in keys)
+
+
 def _parse_xml(path: Pathlike, text: str, size_px: tuple[int, int] | None) -> CameraFile:
     root = parse_xml(path, text)
     if root.tag == METASHAPE_ROOT:

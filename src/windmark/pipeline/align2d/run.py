@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from windmark import detection, io
@@ -36,7 +35,7 @@ class AlignSettings:
     kind: str = "auto"
     max_shift_px: float | None = None
     radius_px: tuple[float, ...] | None = None
-    polarity: str = "dark"
+    polarity: str = "auto"
     merit_max: float = 0.7
     keep_still: bool = False
     channel: str = "grey"
@@ -48,7 +47,10 @@ class AlignSettings:
 
 @dataclass(frozen=True)
 class Reference:
-    """The reference picture and its markers; ``radius_note`` says how their radius was found, "" where it was given."""
+    """The reference picture and its markers, the ``polarity`` that the images are searched with, too.
+
+    ``radius_note`` says how radius and polarity were found, "" where they were given.
+    """
 
     path: Path
     image: Image
@@ -56,6 +58,7 @@ class Reference:
     radii_px: tuple[float, ...]
     radius_note: str
     named: NamedSpots | None
+    polarity: str
 
 
 @dataclass(frozen=True)
@@ -92,15 +95,14 @@ def read_reference(path: Path, settings: AlignSettings) -> Reference:
         named = of_image(settings.named, path)
         if named is None:
             raise io.FileError(path, "is not in the column image of the table of matches; expected the reference there")
-        return Reference(path, image, named.spots, settings.radius_px or (), "", named)
+        return Reference(path, image, named.spots, settings.radius_px or (), "", named, settings.polarity)
     mask = None if settings.mask is None else io.read_mask(settings.mask, image.shape[:2])
-    radii, note = settings.radius_px, ""
-    if radii is None:
-        estimate = detection.estimate_radius(image, settings.polarity, mask=mask)
-        radii, note = tuple(estimate.radii_px), estimate.reason
-    find: dict[str, Any] = {"radius_px": radii, "polarity": settings.polarity, "merit_max": settings.merit_max}
-    spots = detection.detect(image, mask=mask, **find) if radii else Detections.make(np.zeros((0, 2)))
-    return Reference(path, image, spots, radii, note, None)
+    look = detection.find_markers(
+        image, polarity=settings.polarity, radius_px=settings.radius_px, merit_max=settings.merit_max, mask=mask
+    )
+    said = [look.radius.reason] if look.radius is not None else []
+    note = "; ".join([*said, *([look.words] if look.words else [])])
+    return Reference(path, image, look.detections, look.radii_px, note, None, look.polarity)
 
 
 def align_files(
@@ -144,7 +146,7 @@ def _answer(
     path: Path, image: Image, reference: Reference, settings: AlignSettings
 ) -> ImageAlignment | NotAligned:  # fmt: skip
     """One image; where the radius is not given the reference's is tried first, then the image's own."""
-    common: dict[str, Any] = {"kind": settings.kind, "polarity": settings.polarity, "merit_max": settings.merit_max,
+    common: dict[str, Any] = {"kind": settings.kind, "polarity": reference.polarity, "merit_max": settings.merit_max,
                               "keep_still": settings.keep_still, "reference_detections": reference.spots}  # fmt: skip
     if reference.named is not None and settings.named is not None:
         named = of_image(settings.named, path)
@@ -159,7 +161,7 @@ def _answer(
     common |= {"max_shift_px": settings.max_shift_px, "mask": mask}
     answer = align_images(image, reference.image, radius_px=reference.radii_px, **common)
     if isinstance(answer, NotAligned) and settings.radius_px is None:
-        own = tuple(detection.estimate_radius(image, settings.polarity, mask=mask).radii_px)
+        own = tuple(detection.estimate_radius(image, reference.polarity, mask=mask).radii_px)
         if own and own != reference.radii_px:
             again = align_images(image, reference.image, radius_px=own, **common)
             answer = again if isinstance(again, ImageAlignment) or again.count > answer.count else answer
