@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ from windmark.io.obj import read_obj, write_obj
 from windmark.io.plot3d import Face, read_plot3d, write_plot3d
 from windmark.io.ply import read_ply, write_ply
 from windmark.io.stl import read_stl, write_stl
-from windmark.io.structured import Volumes, rename_volumes
+from windmark.io.structured import Volumes, only_named, rename_volumes
 from windmark.io.tecplot import write_tecplot
 from windmark.io.tecplot_read import read_tecplot
 from windmark.io.vtk_read import VTK_SUFFIXES, read_vtk
@@ -26,9 +27,12 @@ from windmark.scene import Mesh
 PLOT3D_SUFFIXES = (".grid", ".grd", ".g", ".x", ".xyz", ".p3d", ".p3dfmt", ".fmt", ".unf")
 """Extensions under which `write_mesh` writes PLOT3D; any file that is nothing else is read as PLOT3D."""
 _HEAD_BYTES = 4096
+_MARK = "\x01"
 
 
-def read_mesh(path: str | os.PathLike[str], *, volumes: Volumes = None, volume_face: Face | None = None) -> Mesh:
+def read_mesh(
+    path: str | os.PathLike[str], *, volumes: Volumes = None, volume_face: Face | None = None, only: bool = False
+) -> Mesh:
     """Read a surface grid: PLOT3D, Tecplot ASCII, STL, OBJ, PLY, Cart3D, VTK family, windmark's NetCDF.
 
     The content decides where it names its format, then the extension; what is left is taken for PLOT3D.
@@ -39,6 +43,8 @@ def read_mesh(path: str | os.PathLike[str], *, volumes: Volumes = None, volume_f
     volumes : one volume name for the whole mesh, or {name in the file: volume} for some of its parts. Names in the
         file are those of blocks (PLOT3D: zone01 ...), zones, solids, groups; "model" where there is none
     volume_face : for PLOT3D files of volume blocks: the face that is the model, e.g. "kmin"
+    only : parts that ``volumes`` does not name take no part: their nodes stay, whatever they are (NaN too), but they
+        have no triangles
 
     Raises
     ------
@@ -47,13 +53,26 @@ def read_mesh(path: str | os.PathLike[str], *, volumes: Volumes = None, volume_f
     FileError
         For a damaged file, one without faces, or nodes in use at NaN or infinity.
     """
+    if only and isinstance(volumes, Mapping):
+        # A part that is not named may have the name of a volume: a mark tells them apart.
+        marked = _read(path, {part: _MARK + name for part, name in volumes.items()}, volume_face, True)
+        found, which = np.unique(marked.volume, return_inverse=True)
+        names = np.array([str(name).removeprefix(_MARK) for name in found], dtype=np.str_)
+        return replace(marked, volume=names[which])
+    return _read(path, volumes, volume_face, False)
+
+
+def _read(path: str | os.PathLike[str], volumes: Volumes, volume_face: Face | None, only: bool) -> Mesh:
     reader = _reader(Path(path))
     if reader is None:
-        return read_plot3d(path, volumes=volumes, volume_face=volume_face)
+        return read_plot3d(path, volumes=volumes, volume_face=volume_face, only=only)
     if volume_face is not None:
         raise ValueError(f"volume_face: is for PLOT3D volume blocks; {path} is another format")
     mesh = reader(path, volumes)
-    bad = ~np.isfinite(mesh.vertices).all(axis=1)
+    bad = np.asarray(~np.isfinite(mesh.vertices).all(axis=1))
+    if only:
+        mesh = only_named(mesh, volumes)
+        bad &= np.isin(np.arange(len(mesh.vertices)), mesh.used)
     if mesh.blanked is not None:
         bad &= ~mesh.blanked
     if bad.any():
