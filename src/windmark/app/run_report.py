@@ -175,16 +175,19 @@ def _registration(report: Report, item: ImageResult, answer: Registration, marke
 
 def _pose_table(report: Report, item: ImageResult, answer: Registration, unit: str) -> None:
     pov = answer.cam_from_model.to_pov(answer.camera.focal_px, answer.camera.size_px[0])
-    sigma = np.sqrt(np.diag(answer.cov))
+    pose, cov = answer.cam_from_model, answer.cov[:6, :6]
+    sigma = pose.pov_sigma(cov)
+    station = np.sqrt(np.diag(pose.rotation.T @ cov[3:, 3:] @ pose.rotation))
     report.heading("Where the camera was", 3)
     report.table(
         ["point of view", "x", "y", "z"],
         [
             ("angles, deg", *(f"{v:.4f}" for v in (pov.rx_deg, pov.ry_deg, pov.rz_deg))),
-            ("sigma about the camera's axes, deg", *(float(v) for v in np.degrees(sigma[:3]))),
+            ("their sigma, deg", *(float(v) for v in (sigma.rx_deg, sigma.ry_deg, sigma.rz_deg))),
             (f"distances, {unit}", *(f"{v:.4f}" for v in (pov.dx, pov.dy, pov.dz))),
-            (f"sigma along the camera's axes, {unit}", *(float(v) for v in sigma[3:6])),
-            (f"camera station in the model's frame, {unit}", *(f"{v:.4f}" for v in answer.cam_from_model.center)),
+            (f"their sigma, {unit}", *(float(v) for v in (sigma.dx, sigma.dy, sigma.dz))),
+            (f"camera station in the model's frame, {unit}", *(f"{v:.4f}" for v in pose.center)),
+            (f"its sigma, {unit}", *(float(v) for v in station)),
         ],
     )
     report.text(
