@@ -282,7 +282,7 @@ def _stacked(taken: Sequence[Taken]) -> tuple[Array, Array, Array]:
 def _regions(mesh: Mesh) -> NDArray[np.int64]:
     """(V,) in which cube of a tenth of the mesh's diagonal a node lies."""
     size = max(mesh.diagonal, 1e-300) / REGIONS
-    low = np.nanmin(mesh.vertices, axis=0)
+    low = mesh.box[0]
     with np.errstate(invalid="ignore"):
         cell = np.clip(np.nan_to_num((mesh.vertices - low) / size), 0, 1000).astype(np.int64)
     return np.asarray(cell @ np.array([1, 1024, 1024**2]))
