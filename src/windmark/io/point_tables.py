@@ -131,7 +131,8 @@ def write_point_values(
     head = {"length_unit": units.get(LENGTH, ""), **(about or {})}
     kind = Path(path).suffix.lower()
     if kind == ".csv":
-        more = {f"unit of {name}": unit for name, unit in units.items() if name != LENGTH and name in arrays}
+        length = units.get(LENGTH, "")
+        more = {f"unit of {n}": unit for n, unit in units.items() if n != LENGTH and n in arrays and unit != length}
         write_table(path, arrays, about={**head, **more})
     elif kind == ".dat":
         _write_tecplot(path, arrays, units, title, head)

@@ -30,6 +30,8 @@ Array = NDArray[np.float64]
 GAINS = ("none", "overlap")
 WELL = 0.3
 """Taper above which a picture sees a node well enough to tell its gain."""
+SOUND = 0.01
+"""Taper above which a value is not one of an outline's mixed pixels."""
 REGIONS = 10
 """Regions of the surface along the mesh's diagonal."""
 MOST = 127
@@ -225,11 +227,12 @@ def merge_views(
         if len(keep) < 2:
             return NotMerged(f"the pictures do not overlap: {names[keep[0]]} stands alone; "
                              + "; ".join(f"{n} {why}" for n, why in left.items()), left)  # fmt: skip
-        sources, views = [sources[k] for k in keep], [views[k] for k in keep]
+        sources, views, taken = ([part[k] for k in keep] for part in (sources, views, taken))
         stacked, gains = tuple(a[keep] for a in stacked), _part(gains, keep)
     nodes, values, variance = _combined(*stacked, gains)
     by_gain = gains.cov[: len(sources), : len(sources)] / np.outer(gains.gain, gains.gain)
-    seams = find_seams(mesh.triangles, nodes.source, values, variance, by_gain)
+    sound = np.stack([t.taper > SOUND for t in taken])
+    seams = find_seams(mesh.triangles, nodes.source, values, variance, sound, by_gain)
     kept = tuple(s.picture.name for s in sources)
     return MergedViews(mesh, kept, nodes, tuple(views), values, np.sqrt(variance), gains, seams, left,
                        {**options, "reference": kept[gains.reference]}, tuple(sources))  # fmt: skip

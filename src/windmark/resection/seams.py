@@ -16,7 +16,7 @@ _MEDIAN = 0.6744897501960817
 
 @dataclass(frozen=True)
 class Seams:
-    """The nodes on seams that both pictures see.
+    """The nodes on seams that both pictures see soundly: not where one of them mixes two surfaces at an outline.
 
     Parameters
     ----------
@@ -24,7 +24,7 @@ class Seams:
     first, second : (S,) these two pictures, first < second
     step : (S,) value of the first less that of the second, gains applied
     sigma : (S,) of the step, by noise, poses and gains; the pictures' systematic difference is not in it
-    unchecked : number of such edges of which neither end is seen by both: nothing says how well they fit
+    unchecked : number of such edges of which neither end is seen soundly by both: nothing says how well they fit
     edges : number of all such edges
     """
 
@@ -59,7 +59,7 @@ class Seams:
 
 
 def find_seams(triangles: NDArray[np.int32], source: NDArray[np.int8], value: Array, variance: Array,
-               gain_cov: Array) -> Seams:  # fmt: skip
+               sound: NDArray[np.bool_], gain_cov: Array) -> Seams:  # fmt: skip
     """Steps along the seams.
 
     Parameters
@@ -67,6 +67,7 @@ def find_seams(triangles: NDArray[np.int32], source: NDArray[np.int8], value: Ar
     triangles : (T, 3)
     source : (V,) dominant picture of each node, -1 for none
     value, variance : (C, V) calibrated values and their variance, NaN where a picture has none
+    sound : (C, V) not at an outline, a border or the obliquity's limit of the picture
     gain_cov : (C, C) covariance of the logarithms of the gains
     """
     edge = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]).astype(np.int64)
@@ -75,7 +76,8 @@ def find_seams(triangles: NDArray[np.int32], source: NDArray[np.int8], value: Ar
     edge = np.unique(np.sort(edge[on_seam], axis=1), axis=0)
     ends = source[edge].astype(np.int64)
     first, second = ends.min(axis=1, initial=127), ends.max(axis=1, initial=-1)
-    seen = np.isfinite(value[first[:, None], edge]) & np.isfinite(value[second[:, None], edge])
+    known = sound & np.isfinite(value)
+    seen = known[first[:, None], edge] & known[second[:, None], edge]
     rows = np.stack([edge, np.broadcast_to(first[:, None], edge.shape), np.broadcast_to(second[:, None], edge.shape)])
     node, i, j = np.unique(rows[:, seen], axis=1)
     step = value[i, node] - value[j, node]
