@@ -91,8 +91,8 @@ def seams_figure(merged: MergedViews, unit: str) -> Figure:
     seams = merged.seams
     ahead, up, seen = direction(merged)
     camera, pose = frame_view(seen, direction=ahead, up=up, size_px=(1400, 800), fov_deg=10.0)
-    figure = Figure(figsize=(pictures.WIDTH_IN, 4.6), layout="constrained")
-    left, right = figure.subplots(1, 2, gridspec_kw={"width_ratios": (2.2, 1)})
+    figure = Figure(figsize=(pictures.WIDTH_IN, 5.2), layout="constrained")
+    left, right = figure.subplots(1, 2, gridspec_kw={"width_ratios": (3, 1)})
     every = camera.project(pose.apply(seen))[0]
     place = camera.project(pose.apply(merged.mesh.vertices[seams.node]))[0]
     left.plot(*every.T, ",", color="0.8", zorder=0)

@@ -40,7 +40,7 @@ def _write_table(stem: Path, columns: Mapping[str, NDArray], unit: str, image: s
 def node_fields(merged: MergedViews) -> tuple[dict[str, NDArray], dict[str, str]]:
     """Merged values as fields of a grid, with their units; ``source`` counts the images from 0, -1 for none."""
     nodes = merged.nodes
-    fields = {"value": nodes.value, "sigma": nodes.sigma, "source": nodes.source, "images": nodes.pictures}
+    fields: dict[str, NDArray] = {"value": nodes.value, "sigma": nodes.sigma, "source": nodes.source, "images": nodes.pictures}
     return fields, {"value": "grey level", "sigma": "grey level"}
 
 

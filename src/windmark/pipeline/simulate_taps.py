@@ -28,7 +28,8 @@ def write_taps(folder: Path, shape: HalfModel) -> None:
             names += [f"{side}{100 * eta:02.0f}-{100 * c:02.0f}" for c in CHORDS]
             points.append(xyz)
             normals.append(normal)
-    xyz, normal = np.round(np.concatenate(points), 4), np.round(np.concatenate(normals), 6)
+    xyz = np.asarray(np.round(np.concatenate(points), 4), dtype=float)
+    normal = np.asarray(np.round(np.concatenate(normals), 6), dtype=float)
     io.write_table(folder / "taps.csv", {
         "name": np.array(names), **{a: xyz[:, k] for k, a in enumerate("xyz")},
         **{f"n{a}": normal[:, k] for k, a in enumerate("xyz")}, "volume": np.full(len(names), "wing"),

@@ -189,11 +189,12 @@ def _covariance(normal: Array, scores: Array, region: NDArray[np.int64]) -> Arra
     inverse = np.linalg.pinv(normal, hermitian=True)
     names, of = np.unique(region, return_inverse=True)
     if len(names) < GROUPS:
-        return inverse
+        return np.asarray(inverse, dtype=float)
     sums = np.stack([np.bincount(of, s, minlength=len(names)) for s in scores])
     spread = inverse @ (sums @ sums.T) @ inverse * len(names) / (len(names) - 1)
     larger = np.sqrt(np.maximum(np.diag(spread), np.diag(inverse)) / np.maximum(np.diag(spread), 1e-300))
-    return np.where(np.isfinite(spread).all() & (np.diag(spread) > 0).all(), spread * np.outer(larger, larger), inverse)
+    sure = np.isfinite(spread).all() and (np.diag(spread) > 0).all()
+    return np.asarray(spread * np.outer(larger, larger) if sure else inverse, dtype=float)
 
 
 def _systematic(value: Array, variance: Array, use: Mask, gain: Array, shift: Array) -> float:
@@ -212,8 +213,8 @@ def _systematic(value: Array, variance: Array, use: Mask, gain: Array, shift: Ar
     square, var, size = np.concatenate(parts, axis=1)
 
     def excess(s: float) -> float:
-        with np.errstate(divide="ignore", invalid="ignore"):
-            ratio = np.nan_to_num(square / (var + s**2 * 2 * size), nan=0.0)
+        expected = np.maximum(var + s**2 * 2 * size, 1e-30 * size)  # perfect pictures have no variance
+        ratio = np.divide(square, expected, out=np.zeros(len(square)), where=expected > 0)
         return float(np.median(ratio)) - _CHI_MEDIAN
 
     if excess(0.0) <= 0:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -191,51 +191,67 @@ def merge_views(
         "gain": gain, "offset": offset, "black": float(black), "max_obliquity_deg": float(max_obliquity_deg),
         "taper_deg": float(taper_deg), "taper_px": float(taper_px), "interpolation": interpolation,
     }  # fmt: skip
+    shown, left = _shown(mesh, pictures, options, tolerance)
+    if len(shown) < 2:
+        return NotMerged(_too_few([s.source.picture.name for s in shown], left), left)
+    names = [s.source.picture.name for s in shown]
+    value, variance, weight = _stacked([s.taken for s in shown])
+    gains = overlap_gains(
+        value, variance, np.stack([s.taken.taper > WELL for s in shown]), _regions(mesh),
+        reference=names.index(reference) if reference in names else None, offset=offset, estimate=gain == "overlap",
+    )  # fmt: skip
+    keep = np.flatnonzero(gains.linked)
+    if len(keep) < len(shown):
+        others = " and ".join(names[k] for k in keep)
+        for name in (names[k] for k in np.flatnonzero(~gains.linked)):
+            left[name] = (
+                f"shares fewer than {LEAST_OVERLAP} well-seen nodes with {others}, so its gain is unknown;"
+                ' gain = "none" merges it as it is'
+            )
+        if len(keep) < 2:
+            why = "; ".join(f"{name} {reason}" for name, reason in left.items())
+            return NotMerged(f"the pictures do not overlap: {others} stands alone; {why}", left)
+        shown, gains = [shown[k] for k in keep], _part(gains, keep)
+        value, variance, weight = value[keep], variance[keep], weight[keep]
+    nodes, own, own_variance = _combined(value, variance, weight, gains)
+    by_gain = gains.cov[: len(shown), : len(shown)] / np.outer(gains.gain, gains.gain)
+    sound = np.stack([s.taken.taper > SOUND for s in shown])
+    seams = find_seams(mesh.triangles, nodes.source, own, own_variance, sound, by_gain)
+    kept = tuple(s.source.picture.name for s in shown)
+    return MergedViews(
+        mesh, kept, nodes, tuple(s.view for s in shown), own, np.sqrt(own_variance), gains, seams, left,
+        {**options, "reference": kept[gains.reference]}, tuple(s.source for s in shown),
+    )  # fmt: skip
+
+
+class _Shown(NamedTuple):
+    """One picture and what it shows of the nodes."""
+
+    source: Prepared
+    view: NodeView
+    taken: Taken
+
+
+def _shown(mesh: Mesh, pictures: Sequence[Picture], options: Mapping[str, Any], tolerance: float | None
+           ) -> tuple[list[_Shown], dict[str, str]]:  # fmt: skip
+    """The pictures that show any of the nodes, and why others do not take part."""
+    shown: list[_Shown] = []
     left: dict[str, str] = {}
-    sources, views, taken = [], [], []
     normals = mesh.vertex_normals()
     for k, picture in enumerate(pictures):
+        source = prepare(picture, mesh, options["interpolation"], "merge_views")
         same = next((p.name for p in pictures[:k] if _same(p, picture)), None)
         if same is not None:
             left[picture.name] = f"is the same picture as {same}, pixel by pixel: it tells nothing new"
             continue
-        source = prepare(picture, mesh, interpolation, "merge_views")
-        view = see_nodes(mesh, picture.camera, picture.cam_from_model, max_obliquity_deg=max_obliquity_deg,
-                         tolerance=tolerance)  # fmt: skip
-        values = _take(source, view, mesh.vertices, normals, options)
-        if not np.isfinite(values.value).any():
+        view = see_nodes(mesh, picture.camera, picture.cam_from_model, tolerance=tolerance,
+                         max_obliquity_deg=options["max_obliquity_deg"])  # fmt: skip
+        taken = _take(source, view, mesh.vertices, normals, options)
+        if np.isfinite(taken.value).any():
+            shown.append(_Shown(source, view, taken))
+        else:
             left[picture.name] = "sees no node of the grid"
-            continue
-        sources.append(source)
-        views.append(view)
-        taken.append(values)
-    if len(sources) < 2:
-        return NotMerged(_too_few([s.picture.name for s in sources], left), left)
-    stacked = _stacked(taken)
-    names = [s.picture.name for s in sources]
-    gains = overlap_gains(
-        stacked[0], stacked[1], np.stack([t.taper > WELL for t in taken]), _regions(mesh),
-        reference=names.index(reference) if reference in names else None, offset=offset, estimate=gain == "overlap",
-    )  # fmt: skip
-    if not gains.linked.all():
-        for k in np.flatnonzero(~gains.linked):
-            left[names[k]] = (
-                f"shares fewer than {LEAST_OVERLAP} well-seen nodes with {' and '.join(names[j] for j in np.flatnonzero(gains.linked))},"
-                ' so its gain is unknown; gain = "none" merges it as it is'
-            )  # fmt: skip
-        keep = np.flatnonzero(gains.linked)
-        if len(keep) < 2:
-            return NotMerged(f"the pictures do not overlap: {names[keep[0]]} stands alone; "
-                             + "; ".join(f"{n} {why}" for n, why in left.items()), left)  # fmt: skip
-        sources, views, taken = ([part[k] for k in keep] for part in (sources, views, taken))
-        stacked, gains = tuple(a[keep] for a in stacked), _part(gains, keep)
-    nodes, values, variance = _combined(*stacked, gains)
-    by_gain = gains.cov[: len(sources), : len(sources)] / np.outer(gains.gain, gains.gain)
-    sound = np.stack([t.taper > SOUND for t in taken])
-    seams = find_seams(mesh.triangles, nodes.source, values, variance, sound, by_gain)
-    kept = tuple(s.picture.name for s in sources)
-    return MergedViews(mesh, kept, nodes, tuple(views), values, np.sqrt(variance), gains, seams, left,
-                       {**options, "reference": kept[gains.reference]}, tuple(sources))  # fmt: skip
+    return shown, left
 
 
 def _check(pictures: Sequence[Picture], gain: str, offset: bool, reference: str | None, max_obliquity_deg: float,

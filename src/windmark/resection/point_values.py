@@ -116,10 +116,12 @@ def point_values(
     max_obliquity_deg: float | None = 80.0,
     interpolation: str = "cubic",
     tolerance: float | None = None,
+    place_cov: Array | None = None,
 ) -> PointValues:
     """`sample_points` for points (N, 3) whose places on the surface are known already.
 
-    ``mesh`` may be the grid on which they were found in another shape; ``moved`` stays as it was there.
+    ``mesh`` may be the grid on which they were found in another shape; ``moved`` stays as it was there. ``place_cov``
+    (N, 3, 3): covariance of the places on that grid.
     """
     source = prepare(picture, None, interpolation, "sample_points")
     view = see_surface(mesh, points, picture.camera, picture.cam_from_model, max_obliquity_deg=max_obliquity_deg,
@@ -128,7 +130,7 @@ def point_values(
     value = node_values(source.pixels, view, interpolation=interpolation).astype(float)
     value[reason != VISIBLE] = np.nan
     place = points.on(mesh)
-    sigma = np.sqrt(value_variance(source, view, place, value))
+    sigma = np.sqrt(value_variance(source, view, place, value, place_cov))
     reason[(reason == VISIBLE) & ~np.isfinite(value)] = NO_PIXEL
     return PointValues(value, sigma, reason, view.xy, place, points.distance)
 

@@ -125,8 +125,7 @@ def take(
     xy = view.xy[good]
     noise = _variance(source, value[good], xy)
     cam, jacobian = _projected(source.picture, xyz[good])
-    along = _gradient(source, xy)
-    variance[good] = noise * _noise_share(source, xy) + _of_pose(source.picture, cam, jacobian, along)
+    variance[good] = noise * _noise_share(source, xy) + _of_place(source, cam, jacobian, xy)
     turned = source.picture.cam_from_model.rotate(np.nan_to_num(normal[good]))
     density = np.abs(np.einsum("nk,nk->n", turned, np.cross(jacobian[:, 0], jacobian[:, 1])))
     # A node whose normals cancel out (a fold) still has its value.
@@ -140,14 +139,19 @@ def take(
     return Taken(value, variance, weight, taper)
 
 
-def value_variance(source: Prepared, view: NodeView, xyz: Array, value: Array) -> Array:
-    """(N,) variance of values that `node_values` took at points (N, 3): the picture's noise and the pose."""
+def value_variance(source: Prepared, view: NodeView, xyz: Array, value: Array, place_cov: Array | None = None
+                   ) -> Array:  # fmt: skip
+    """(N,) variance of values that `node_values` took at points (N, 3): the picture's noise and the pose; and that of
+    the points' own places, of covariance (N, 3, 3)."""
     good = np.flatnonzero(np.isfinite(value))
     out = np.full(len(value), np.nan)
     xy = view.xy[good]
     cam, jacobian = _projected(source.picture, xyz[good])
     noise = _variance(source, value[good], xy) * _noise_share(source, xy)
-    out[good] = noise + _of_pose(source.picture, cam, jacobian, _gradient(source, xy))
+    out[good] = noise + _of_place(source, cam, jacobian, xy)
+    if place_cov is not None:
+        along = np.einsum("nk,nkj->nj", _gradient(source, xy), jacobian) @ source.picture.cam_from_model.rotation
+        out[good] += np.einsum("nj,njk,nk->n", along, place_cov[good], along)
     return out
 
 
@@ -179,11 +183,13 @@ def _gradient(source: Prepared, xy: Array) -> Array:
     return out
 
 
-def _of_pose(picture: Picture, cam: Array, jacobian: Array, gradient: Array) -> Array:
-    """Variance of the values by that of the pose: where the node may lie in the picture, times how the picture changes
-    there."""
+def _of_place(source: Prepared, cam: Array, jacobian: Array, xy: Array) -> Array:
+    """Variance of the values by that of their place in the picture: of the pose, and of the pixel's centre for
+    "nearest"."""
+    picture, gradient = source.picture, _gradient(source, xy)
+    rounding = np.einsum("nk,nk->n", gradient, gradient) / 12 if source.interpolation == "nearest" else 0.0
     if picture.pose_cov is None:
-        return np.zeros(len(cam))
+        return np.zeros(len(cam)) + rounding
     cov = np.asarray(picture.pose_cov, dtype=float)
     by_focal = np.zeros((len(cam), 0))
     along = np.einsum("nk,nkj->nj", gradient, jacobian)
@@ -194,7 +200,7 @@ def _of_pose(picture: Picture, cam: Array, jacobian: Array, gradient: Array) -> 
         by_focal = np.einsum("nk,nk->n", gradient, by_camera)[:, None]
         cov = cov[:7, :7]
     by = np.concatenate([by_pose, by_focal], axis=1)
-    return np.asarray(np.einsum("nj,jk,nk->n", by, cov, by))
+    return np.asarray(np.einsum("nj,jk,nk->n", by, cov, by) + rounding)
 
 
 def _noise_share(source: Prepared, xy: Array) -> Array:
