@@ -91,7 +91,8 @@ def camera_shots(seed: int, count: int, *, size_px: tuple[int, int] = (1280, 102
     return replace(test, cameras=cameras, cam_from_tunnel=poses, shots=tuple(shots))
 
 
-def simulate_cameras(folder: Path, seed: int, count: int) -> TunnelTest:
+def simulate_cameras(folder: Path, seed: int, count: int, *, size_px: tuple[int, int] = (1280, 1024),
+                     nodes: int = 60_000) -> TunnelTest:  # fmt: skip
     """Make a test of several cameras and write it into ``folder`` (existing, empty or not).
 
     Files: project.toml, cam1.json, ... (interior parameters, no pose), cam1.tif, ..., markers.csv, model.grid (PLOT3D),
@@ -102,7 +103,7 @@ def simulate_cameras(folder: Path, seed: int, count: int) -> TunnelTest:
     ValueError
         For fewer than two cameras or more than `MOST`.
     """
-    test = camera_shots(seed, count)
+    test = camera_shots(seed, count, size_px=size_px, nodes=nodes)
     io.write_markers(folder / "markers.csv", test.markers)
     io.write_mesh(folder / "model.grid", test.mesh)
     write_taps(folder, test.shape)
@@ -120,7 +121,7 @@ def simulate_cameras(folder: Path, seed: int, count: int) -> TunnelTest:
                      f'[[image]]\nfile = "{name}.tif"\ncamera = "{name}"\n')  # fmt: skip
     volumes = ", ".join(f"{name} = {zones}" for name, zones in zones_of(test.mesh).items() if name != "wall")
     start, end = _chord(test)
-    text = _PROJECT.format(count=count, seed=seed, cameras="\n".join(parts), volumes=volumes, radius=RADIUS_PX,
+    text = _PROJECT.format(count=count, seed=seed, cameras="\n".join(parts), volumes=volumes, radius=RADIUS_PX * size_px[0] / 1280,
                            black=Sensor().black, start=start, end=end)  # fmt: skip
     with io.atomic_write(folder / "project.toml") as stream:
         stream.write(text)

@@ -89,8 +89,12 @@ def overlap_gains(
         gain = _first_gains(value, use, overlap, order)
         gain, shift, cov = _solve(value, variance, use & linked[:, None], region, gain, reference, offset)
         gain[~linked] = shift[~linked] = np.nan
-    sigma = np.sqrt(np.maximum(np.diag(cov), 0))
     systematic = _systematic(value, variance, use & linked[:, None], gain, shift)
+    if estimate and systematic > 0:
+        # What no gain explains acts over whole regions, and is in the gains as one error of each region.
+        free = np.flatnonzero(linked & (np.arange(count) != reference))
+        cov[free, free] += 2 * (systematic * gain[free]) ** 2 / len(np.unique(region[use.sum(axis=0) > 1]))
+    sigma = np.sqrt(np.maximum(np.diag(cov), 0))
     return Gains(gain, shift, np.where(linked, sigma[:count], np.nan), np.where(linked, sigma[count:], np.nan), cov,
                  linked, overlap, reference, systematic, estimate)  # fmt: skip
 
