@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 import windmark
-from windmark.app import figures, pictures
+from windmark.app import figures, merge_report, pictures
 from windmark.app.pictures import png
 from windmark.app.report import Report
 from windmark.pipeline.clock import Clock
@@ -51,10 +51,12 @@ def run_report(result: RunResult, clock: Clock, truth: Comparison | None = None)
     _views(report, result)
     for item in result.images:
         _image(report, item, result)
+    for group in result.merged:
+        merge_report.merged_part(report, group, project.length_unit)
     _times(report, result, clock.seconds)
     report.heading("Files beside this report")
     report.text("One folder per image:")
-    report.table(["file", "content"], FILES)
+    report.table(["file", "content"], (*FILES, *merge_report.FILES))
     report.heading("Options")
     report.table(["key", "value"], _flat(project.model_dump(mode="json", exclude={"path"}, by_alias=True)))
     return report.html()
@@ -148,6 +150,7 @@ def _image(report: Report, item: ImageResult, result: RunResult) -> None:
             png(pictures.section_picture(section, result.project.length_unit, item.quantity.label)),
             f"Values along the cut “{section.name}”.",
         )
+    merge_report.tables(report, item.points, result.project.length_unit)
     alignment = figures.alignment_figure(item, result)
     if alignment is not None:
         report.picture(png(alignment), "3D alignment: what differs before and after the motion is compensated.")
