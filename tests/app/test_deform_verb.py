@@ -99,11 +99,12 @@ def test_taps_move_with_the_wing_and_have_values(made, done):
     from windmark.synth import HalfModel, flex
 
     text = (made / "deformation" / "points-taps.csv").read_text()
-    assert text.startswith("# length_unit: mm")
+    assert text.startswith("# length unit: mm")
     table = list(csv.DictReader(line for line in text.splitlines() if line[0] != "#"))
     assert len(table) == FRAMES * 2 * 54
     last = [r for r in table if r["frame"] == str(FRAMES - 1) and r["name"].startswith("U")]
-    taps = {n: xyz for n, xyz in zip(*(lambda p: (p.name, p.xyz))(io.read_points(made / "taps.csv")), strict=True)}
+    points = io.read_points(made / "taps.csv")
+    taps = dict(zip(points.name, points.xyz, strict=True))
     state, shape = _states(FRAMES)[-1], HalfModel()
     for r in last:
         bent = flex(taps[r["name"]][None], state.tip_fraction, state.twist_deg, root=shape.body_radius, span=shape.span,

@@ -90,7 +90,7 @@ def test_values_gains_and_seams_against_the_truth(merged):
 def test_taps_of_images_and_merged(merged):
     results, _, _ = merged
     head, table = rows(results / "merged" / "points-taps.csv")
-    assert "# length_unit: mm" in head
+    assert "# length unit: mm" in head
     assert len(table) == 54
     upper = [r for r in table if r["name"].startswith("U")]
     assert all(r["value"] and r["sigma"] and not r["reason"] for r in upper)
@@ -118,7 +118,7 @@ def test_taps_of_images_and_merged(merged):
 def test_line_has_a_value_at_every_spacing(merged):
     results, _, _ = merged
     head, table = rows(results / "merged" / "line-mid-span.csv")
-    assert "# length_unit: mm" in head
+    assert "# length unit: mm" in head
     arc = np.array([float(r["arc"]) for r in table])
     assert np.allclose(np.diff(arc), arc[-1] / (len(arc) - 1))
     assert abs(np.diff(arc)[0] - 1) < 0.01
@@ -128,7 +128,7 @@ def test_line_has_a_value_at_every_spacing(merged):
 def test_report_shows_it(merged):
     results, _, _ = merged
     page = (results / "report.html").read_text(encoding="utf-8")
-    for words in ("Merged images", "The image with the largest weight", "seam steps in sigmas", "Points “taps”", "Line", "gain"):
+    for words in ("Merged images", "The image with the largest", "seam steps in sigmas", "Points “taps”", "Line", "gain"):
         assert words in page
 
 
@@ -136,7 +136,8 @@ def test_an_unregistered_camera_is_named_and_the_others_are_merged(rig, tmp_path
     """And points of a polar have a folder each."""
     folder = changed(
         rig, tmp_path, *((f'file = "cam{k}.tif"', f'file = "cam{k}.tif"\npoint = "a2"') for k in (1, 2, 3)),
-        ("[[line]]", '[[image]]\nfile = "cam4.tif"\ncamera = "cam1"\npoint = "a4"\n\n[output]\nnodes = ["csv"]\n\n[[line]]'),
+        ("[[line]]", '[[image]]\nfile = "cam4.tif"\ncamera = "cam1"\npoint = "a4"\n\n[output]\nnodes = ["csv"]\n\n'
+         "[[line]]"),
     )  # fmt: skip
     for name in ("cam2.tif", "cam4.tif"):
         io.write_image(folder / name, np.full((640, 800), 700, np.uint16))

@@ -71,7 +71,7 @@ def simulate(
         bool, typer.Option("--infrared", help="An infrared test instead: a model that heats up, warm markers.")
     ] = False,
     cameras: Annotated[
-        int | None, typer.Option(help="Several cameras instead, one picture each at the same moment, to be merged (2-5).")
+        int | None, typer.Option(help="Several cameras instead (2-5), one picture each at one moment, to be merged.")
     ] = None,
     as_json: Json = False,
 ) -> None:

@@ -34,11 +34,11 @@ def direction(merged: MergedViews) -> tuple[Array, Array, Array]:
     return ahead / np.linalg.norm(ahead), up, seen
 
 
-def value_figure(merged: MergedViews, title: str) -> Figure:
+def value_figure(merged: MergedViews, title: str, label: str = "grey level") -> Figure:
     """The merged values on the surface, looked at from between the cameras."""
     ahead, up, seen = direction(merged)
     shown = surface_view(merged.mesh, merged.nodes.value, direction=ahead, up=up, focus=seen, fov_deg=10.0)
-    return pictures.surface_picture(shown.value, shown.shade, title)
+    return pictures.surface_picture(shown.value, shown.shade, title, label)
 
 
 def sigma_figure(merged: MergedViews) -> Figure:
@@ -115,7 +115,7 @@ def _histogram(axes: Axes, steps: Array) -> None:
     axes.legend(fontsize=8)
 
 
-def line_figure(table: PointTable | MergedTable, unit: str) -> Figure:
+def line_figure(table: PointTable | MergedTable, unit: str, label: str = "grey level") -> Figure:
     """Values along a line with a band of one sigma."""
     figure = Figure(figsize=(pictures.WIDTH_IN, 3.4), layout="constrained")
     axes = figure.add_subplot()
@@ -123,7 +123,7 @@ def line_figure(table: PointTable | MergedTable, unit: str) -> Figure:
     assert arc is not None
     axes.fill_between(arc, value - sigma, value + sigma, color="#90caf9", lw=0, label="± 1 sigma")
     axes.plot(arc, value, lw=1.1, color="#0d47a1", label="value")
-    axes.set(xlabel=f"length along the surface, {unit}", ylabel="grey level", xlim=(arc[0], arc[-1]))
+    axes.set(xlabel=f"length along the surface, {unit}", ylabel=label, xlim=(arc[0], arc[-1]))
     axes.set_title(f"Line “{table.of.name}”: gaps are where no image sees the surface" if np.isnan(value).any()
                    else f"Line “{table.of.name}”")  # fmt: skip
     axes.grid(alpha=0.3)

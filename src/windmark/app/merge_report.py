@@ -29,7 +29,8 @@ FILES = (
 REASONS = {
     "oblique": "seen too obliquely", "hidden": "hidden by another part", "outside": "outside the image",
     "facing_away": "facing away", "lens": "beyond the range of the lens model", "far": "too far from the surface",
-    "either_side": "as near to both sides of a thin part (give the point's normal)", "no_pixel": "no value in the image",
+    "either_side": "as near to both sides of a thin part (give the point's normal)",
+    "no_pixel": "no value in the image",
     "no_place": "no coordinates", "blanked": "not part of the surface",
 }  # fmt: skip
 """Words for the reasons of a point without value."""
@@ -50,7 +51,7 @@ def merged_part(report: Report, item: MergeResult, unit: str) -> None:
         f"{record['nodes_with_value']} nodes have a value, {record['nodes_of_several']} of them from several images;"
         f" their sigma is {record['sigma_percent']:.2g} % (median)."
     )
-    report.picture(png(merge_pictures.value_figure(merged, f"Merged: {', '.join(merged.names)}")),
+    report.picture(png(merge_pictures.value_figure(merged, f"Merged: {', '.join(merged.names)}", item.quantity.label)),
                    "Merged values, seen from between the cameras. Grey: no image sees it.")  # fmt: skip
     report.picture(png(merge_pictures.source_figure(merged)), "The image with the largest weight at each place.")
     report.picture(png(merge_pictures.sigma_figure(merged)),
@@ -59,7 +60,7 @@ def merged_part(report: Report, item: MergeResult, unit: str) -> None:
     for view in item.views:
         report.picture(png(pictures.view_picture(view.view, unit)),
                        f"All images recomputed for one point of view: “{view.view.name}”.")  # fmt: skip
-    tables(report, item.points, unit)
+    tables(report, item.points, unit, item.quantity.label)
 
 
 def _gains(report: Report, item: MergeResult, record: dict) -> None:
@@ -74,8 +75,8 @@ def _gains(report: Report, item: MergeResult, record: dict) -> None:
     report.table(["image", "gain", "sigma", "offset", "sigma", "nodes where it counts most", "well seen with another"],
                  rows)  # fmt: skip
     report.text(
-        f"Values are the grey levels of {record['reference']}: grey level less offset, over gain."
-        if record["gain_estimated"] else "Grey levels are taken as they are: no gain was estimated.", "soft",
+        f"Values are those of {record['reference']}: grey level less offset, over gain."
+        if record["gain_estimated"] else "Values are taken as they are: no gain was estimated.", "soft",
     )  # fmt: skip
     off = record["systematic_percent"]
     if off == off:
@@ -96,7 +97,7 @@ def _seams(report: Report, item: MergeResult, record: dict, unit: str) -> None:
             [("", *(float(seams[k]) for k in ("mean", "mean_size", "typical", "rms", "max")))],
         )
         report.picture(png(merge_pictures.seams_figure(merged, unit)),
-                       "Where one image takes over from another: the difference of both at the nodes that both see.")  # fmt: skip
+                       "Where one image takes over from another: the difference of both at nodes that both see.")  # fmt: skip
     if seams["unchecked_edges"]:
         report.text(
             f"At {seams['unchecked_edges']} of {seams['edges']} edges of the grid on seams no node is seen soundly by"
@@ -104,12 +105,13 @@ def _seams(report: Report, item: MergeResult, record: dict, unit: str) -> None:
         )  # fmt: skip
 
 
-def tables(report: Report, found: Sequence[PointTable | MergedTable], unit: str) -> None:
+def tables(report: Report, found: Sequence[PointTable | MergedTable], unit: str, label: str) -> None:
     """Values at points as tables, along lines as curves."""
     for table in found:
         record = table_summary(table)
         if table.of.kind == "line":
-            report.picture(png(merge_pictures.line_figure(table, unit)), f"Values along the line “{table.of.name}”.")
+            drawn = merge_pictures.line_figure(table, unit, label)
+            report.picture(png(drawn), f"Values along the line “{table.of.name}”.")
             continue
         report.heading(f"Points “{table.of.name}”", 3)
         moved = record["largest_move"]
@@ -126,7 +128,7 @@ def tables(report: Report, found: Sequence[PointTable | MergedTable], unit: str)
              REASONS.get(str(reasons[k]), str(reasons[k]).replace("_", " ")))
             for k in range(min(len(reasons), MOST_ROWS))
         ]  # fmt: skip
-        report.table(["name", *(f"{a}, {unit}" for a in "xyz"), f"moved, {unit}", "value", "sigma", "no value because"],
+        report.table(["name", *(f"{a}, {unit}" for a in "xyz"), f"moved, {unit}", label, "sigma", "no value because"],
                      rows, scroll=True)  # fmt: skip
         if len(reasons) > MOST_ROWS:
             report.text(f"The first {MOST_ROWS}; the files have all.", "soft")

@@ -150,7 +150,7 @@ def _image(report: Report, item: ImageResult, result: RunResult) -> None:
             png(pictures.section_picture(section, result.project.length_unit, item.quantity.label)),
             f"Values along the cut “{section.name}”.",
         )
-    merge_report.tables(report, item.points, result.project.length_unit)
+    merge_report.tables(report, item.points, result.project.length_unit, item.quantity.label)
     alignment = figures.alignment_figure(item, result)
     if alignment is not None:
         report.picture(png(alignment), "3D alignment: what differs before and after the motion is compensated.")

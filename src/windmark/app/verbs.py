@@ -190,7 +190,7 @@ def simulate_cameras(folder: Path, seed: int, count: int, as_json: bool) -> None
     record = {"folder": folder, "seed": seed, "markers": len(test.markers), "grid_nodes": len(test.mesh.vertices),
               "cameras": list(test.cameras)}  # fmt: skip
     lines = [
-        f"a picture each of {count} cameras, {len(test.markers)} markers, {len(test.mesh.vertices)} grid nodes: {folder}",
+        f"a picture each of {count} cameras, {len(test.markers)} markers, {record['grid_nodes']} grid nodes: {folder}",
         f"next: windmark run {folder / 'project.toml'}",
     ]
     console.answer(record, as_json, lines)

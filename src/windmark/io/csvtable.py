@@ -208,6 +208,7 @@ def write_table(path: Pathlike, columns: Mapping[str, ArrayLike], *, comment: st
     lengths = {name: array.shape for name, array in arrays.items()}
     if len(set(lengths.values())) > 1 or any(array.ndim != 1 for array in arrays.values()):
         raise ValueError(f"write_table: columns must be one-dimensional and equally long, got {lengths}")
+    rows = max((len(array) for array in arrays.values()), default=0)
     with atomic_write(path) as stream:
         stream.writelines(f"# {line}\n" for line in comment.splitlines())
         stream.write(",".join(map(_quoted, arrays)) + "\n")

@@ -128,12 +128,12 @@ def write_point_values(
         When the file cannot be written.
     """
     arrays = {name: np.asarray(values) for name, values in columns.items()}
-    head = {"length_unit": units.get(LENGTH, ""), **(about or {})}
+    head = {"length unit": units.get(LENGTH, ""), **(about or {})}
     kind = Path(path).suffix.lower()
     if kind == ".csv":
         length = units.get(LENGTH, "")
-        more = {f"unit of {n}": unit for n, unit in units.items() if n != LENGTH and n in arrays and unit != length}
-        write_table(path, arrays, about={**head, **more})
+        more = {n: unit for n, unit in units.items() if n != LENGTH and n in arrays and unit != length}
+        write_table(path, arrays, comment="\n".join(f"{key}: {text}" for key, text in {**head, **more}.items()))
     elif kind == ".dat":
         _write_tecplot(path, arrays, units, title, head)
     elif kind == ".nc":
@@ -158,7 +158,8 @@ def _write_tecplot(path: Pathlike, arrays: Mapping[str, NDArray[Any]], units: Ma
         *(f"AUXDATA {name}_{k} = {_quoted(str(v))}" for name, a in texts.items()
           for k, v in enumerate(a.tolist(), start=1) if v),
     ]  # fmt: skip
-    columns = [np.where(np.isfinite(a), a, FILL) if a.dtype.kind == "f" else a.astype(np.int64) for a in numbers.values()]
+    columns = [np.where(np.isfinite(a), a, FILL) if a.dtype.kind == "f" else a.astype(np.int64)
+               for a in numbers.values()]  # fmt: skip
     formats = ["%.9g" if a.dtype.kind == "f" else "%d" for a in columns]
     with atomic_path(path) as temporary, open(temporary, "wb") as stream:
         stream.write(("\n".join(lines) + "\n").encode())

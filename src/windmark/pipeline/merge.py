@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from windmark import resection
 from windmark.pipeline.points import MergedTable, PointSet, merged_points
 from windmark.pipeline.project import Project
+from windmark.pipeline.quantity import Quantity
 from windmark.pipeline.results import FramedView, ImageResult, ViewImage
 from windmark.pipeline.wanted import groups
 from windmark.resection import MergedValues, MergedViews, NotMerged, Picture, PixelMap
@@ -36,6 +37,7 @@ class MergeResult:
     outcome : what came of it; its reason where nothing did
     missing : images that could not take part, with the reason
     views, points : merged virtual images, values at points and along lines
+    quantity : what the values are
     """
 
     point: str | None
@@ -44,6 +46,7 @@ class MergeResult:
     missing: dict[str, str]
     views: tuple[MergedView, ...] = ()
     points: tuple[MergedTable, ...] = ()
+    quantity: Quantity = field(default_factory=Quantity)
 
     @property
     def folder(self) -> str:
@@ -57,11 +60,11 @@ class MergeResult:
 
 
 def picture_of(item: ImageResult, noise: resection.NoiseLaw | None = None) -> Picture:
-    """An image with its pose as the rooms take it."""
+    """An image, in its own quantity, with its pose as the rooms take it."""
     assert item.image is not None
     assert item.cam_from_model is not None
-    cov = None if item.registered is None else item.registered.cov
-    return Picture(item.name, item.image, item.camera, item.cam_from_model, noise, cov)
+    cov = item.pose_cov if item.registered is None else item.registered.cov
+    return Picture(item.name, item.quantity.of(item.image), item.camera, item.cam_from_model, noise, cov)
 
 
 def merge_images(
@@ -101,9 +104,14 @@ def _group(
         why = "; ".join(f"{name}: {text}" for name, text in missing.items())
         lost = NotMerged(f"merging needs two images with poses, {have}" + (f" ({why})" if why else ""))
         return MergeResult(point, names, lost, missing)
+    quantity = good[0].quantity
+    if len({(i.quantity.name, i.quantity.unit) for i in good}) > 1:
+        what = ", ".join(f"{i.name}: {i.quantity.label}" for i in good)
+        return MergeResult(point, names, NotMerged(f"the images show different quantities ({what})"), missing)
+    gain = options.gain or ("overlap" if quantity.name == "grey" else "none")
     reference = options.reference if options.reference in [item.name for item in good] else None
     outcome = resection.merge_views(
-        mesh, [picture_of(item) for item in good], gain=options.gain, offset=options.offset, black=options.black,
+        mesh, [picture_of(item) for item in good], gain=gain, offset=options.offset, black=options.black,
         reference=reference, max_obliquity_deg=project.resect.max_obliquity_deg, taper_deg=options.taper_deg,
         taper_px=options.taper_px, interpolation=project.resect.interpolation,
     )  # fmt: skip
@@ -111,7 +119,7 @@ def _group(
         return MergeResult(point, names, outcome, {**missing, **outcome.left_out})
     views = tuple(_view(outcome, view, seen) for view, seen in zip(framed, pixels, strict=True))
     missing = {**missing, **outcome.left_out}
-    return MergeResult(point, names, outcome, missing, views, merged_points(sets, outcome))
+    return MergeResult(point, names, outcome, missing, views, merged_points(sets, outcome), quantity)
 
 
 def _view(merged: MergedViews, view: FramedView, pixels: PixelMap) -> MergedView:

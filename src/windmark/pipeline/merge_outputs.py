@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from windmark import io
 from windmark.pipeline.merge import MergeResult
 from windmark.pipeline.points import MergedTable, PointTable, merged_columns, point_columns, point_units
+from windmark.pipeline.quantity import Quantity
 from windmark.resection import MergedViews
 
 if TYPE_CHECKING:
@@ -25,23 +26,27 @@ TABLES = (".csv", ".dat", ".nc")
 def write_points(item: ImageResult, place: Path, unit: str) -> None:
     """The values of one image at points and along lines."""
     for table in item.points:
-        _write_table(place / table.of.stem, point_columns(table), unit, item.name, table)
+        columns = point_columns(table, item.quantity.column)
+        _write_table(place / table.of.stem, columns, unit, item.name, table, item.quantity)
 
 
-def _write_table(stem: Path, columns: Mapping[str, NDArray], unit: str, image: str, table: PointTable | MergedTable
-                 ) -> None:  # fmt: skip
+def _write_table(stem: Path, columns: Mapping[str, NDArray], unit: str, image: str, table: PointTable | MergedTable,
+                 quantity: Quantity) -> None:  # fmt: skip
     about = {"of": image, "max_distance": f"{table.of.limit:.9g}"}
+    known = point_units(unit, quantity.column, quantity.unit_words)
+    units = {k: v for k, v in known.items() if k in columns or k == "length"}
     for suffix in TABLES:
-        units = {k: v for k, v in point_units(unit).items() if k in columns or k == "length"}
         io.write_point_values(stem.with_name(stem.name + suffix), columns, units=units, title=table.of.name,
                               about=about)  # fmt: skip
 
 
-def node_fields(merged: MergedViews) -> tuple[dict[str, NDArray], dict[str, str]]:
+def node_fields(merged: MergedViews, quantity: Quantity) -> tuple[dict[str, NDArray], dict[str, str]]:
     """Merged values as fields of a grid, with their units; ``source`` counts the images from 0, -1 for none."""
     nodes = merged.nodes
-    fields: dict[str, NDArray] = {"value": nodes.value, "sigma": nodes.sigma, "source": nodes.source, "images": nodes.pictures}
-    return fields, {"value": "grey level", "sigma": "grey level"}
+    fields: dict[str, NDArray] = {
+        quantity.column: nodes.value, "sigma": nodes.sigma, "source": nodes.source, "images": nodes.pictures,
+    }  # fmt: skip
+    return fields, {quantity.column: quantity.unit_words, "sigma": quantity.unit_words}
 
 
 def write_merged(
@@ -55,23 +60,24 @@ def write_merged(
     merged = item.merged
     if merged is None:
         return
-    fields, units = node_fields(merged)
+    fields, units = node_fields(merged, item.quantity)
     write_nodes(place, fields, units, {"images": list(merged.names), "options": dict(merged.options)})
     for view in item.views:
         name, shown = view.view.name, view.view
-        io.write_image(place / f"view-{name}.tif", shown.image)
+        io.write_image(place / f"view-{name}.tif", shown.image, description=item.quantity.words)
         io.write_image(place / f"view-{name}-sigma.tif", view.values.sigma.astype(np.float32))
         io.write_image(place / f"view-{name}-source.tif", (view.values.source + 1).astype(np.uint8))
         io.write_camera(place / f"view-{name}.json", shown.camera, shown.cam_from_model, unit=unit)
     for table in item.points:
-        _write_table(place / table.of.stem, merged_columns(table), unit, "merged " + ", ".join(merged.names), table)
+        columns = merged_columns(table, item.quantity.column)
+        _write_table(place / table.of.stem, columns, unit, "merged " + ", ".join(merged.names), table, item.quantity)
     seams = merged.seams
     io.write_table(place / "seams.csv", {
         "node": seams.node, "x": merged.mesh.vertices[seams.node, 0], "y": merged.mesh.vertices[seams.node, 1],
         "z": merged.mesh.vertices[seams.node, 2], "first": np.array(merged.names)[seams.first],
         "second": np.array(merged.names)[seams.second], "step": seams.step, "sigma": seams.sigma,
         "in_sigmas": seams.in_sigmas,
-    }, about={"length_unit": unit})  # fmt: skip
+    }, comment=f"length unit: {unit}\nstep, sigma: {item.quantity.unit_words}")  # fmt: skip
 
 
 def merge_summary(item: MergeResult) -> Record:
@@ -86,6 +92,7 @@ def merge_summary(item: MergeResult) -> Record:
     return {
         **record,
         "merged": True,
+        "quantity": vars(item.quantity),
         "legend": {str(k): name for k, name in enumerate(merged.names)},
         "nodes_with_value": int(np.isfinite(nodes.value).sum()),
         "nodes_by_source": {n: int((nodes.source == k).sum()) for k, n in enumerate(merged.names)},

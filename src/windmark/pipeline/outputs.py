@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -34,9 +35,7 @@ def write_results(result: RunResult, folder: Path, clock: Clock) -> None:
         place = folder / group.folder
         place.mkdir()
         with clock("write merged images"):
-            made = {"project": result.project.title, "windmark": windmark.__version__}
-            write_merged(group, place, result.project.length_unit,
-                         lambda at, fields, units, of: _write_nodes(result, at, clock, fields, units, {**of, **made}))  # fmt: skip
+            write_merged(group, place, result.project.length_unit, partial(_write_merged_nodes, result, clock))
 
 
 def _write_image(item: ImageResult, result: RunResult, place: Path) -> None:
@@ -59,7 +58,7 @@ def _write_image(item: ImageResult, result: RunResult, place: Path) -> None:
                 "line": section.line, "arc": section.arc, "x": section.xyz[:, 0], "y": section.xyz[:, 1],
                 "z": section.xyz[:, 2], item.quantity.column: section.value,
             },
-            about={"length_unit": unit, "unit of value": "grey level"},
+            comment=f"length unit: {unit}\n{item.quantity.column}: {item.quantity.unit_words}",
         )  # fmt: skip
     if item.pixels is not None and item.image is not None:
         io.write_pixels(
@@ -86,6 +85,13 @@ def _write_image_nodes(item: ImageResult, result: RunResult, place: Path, clock:
     fields = {name: values, "obliquity_deg": np.where(nodes.visible, nodes.obliquity_deg, np.nan)}
     units = {name: item.quantity.unit_words, "obliquity_deg": "deg"}
     _write_nodes(result, place, clock, fields, units, _history(item, result))
+
+
+def _write_merged_nodes(
+    result: RunResult, clock: Clock, place: Path, fields: Mapping[str, NDArray[Any]], units: Mapping[str, str], of: Record
+) -> None:
+    made = {"project": result.project.title, "windmark": windmark.__version__}
+    _write_nodes(result, place, clock, fields, units, {**of, **made})
 
 
 def _write_nodes(

@@ -58,7 +58,8 @@ class PointTable:
 @dataclass(frozen=True)
 class MergedTable:
     """Merged values at the points of a set: ``reason`` (N,) in words, "" where there is a value; ``names`` of the
-    images that ``values.source`` counts in."""
+    images that ``values.source`` counts in.
+    """
 
     of: PointSet
     values: MergedValues
@@ -167,24 +168,26 @@ def _reasons(s: PointSet, merged: MergedViews, views: tuple[NodeView, ...], know
     return np.array(out, dtype=np.str_)
 
 
-def point_columns(table: PointTable) -> dict[str, NDArray]:
-    """An image's values at points as columns of a file."""
+def point_columns(table: PointTable, column: str) -> dict[str, NDArray]:
+    """An image's values at points as columns of a file; ``column``: the name of the values."""
     v = table.values
-    return {**_places(table.of), "value": v.value, "sigma": v.sigma, "reason": v.words, "column_px": v.xy[:, 0],
+    return {**_places(table.of), column: v.value, "sigma": v.sigma, "reason": v.words, "column_px": v.xy[:, 0],
             "row_px": v.xy[:, 1]}  # fmt: skip
 
 
-def merged_columns(table: MergedTable) -> dict[str, NDArray]:
-    """Merged values at points as columns of a file."""
+def merged_columns(table: MergedTable, column: str) -> dict[str, NDArray]:
+    """Merged values at points as columns of a file; ``column``: the name of the values."""
     v = table.values
     image = np.array(["", *table.names], dtype=np.str_)[v.source.astype(int) + 1]
-    return {**_places(table.of), "value": v.value, "sigma": v.sigma, "reason": table.reason, "image": image,
+    return {**_places(table.of), column: v.value, "sigma": v.sigma, "reason": table.reason, "image": image,
             "images": v.pictures}  # fmt: skip
 
 
 def _places(s: PointSet) -> dict[str, NDArray]:
     """Name, place as it was asked for, place on the surface and how far apart they are."""
-    head: dict[str, NDArray] = {"name": s.names} if s.arc is None else {"point": np.arange(1, len(s.arc) + 1), "arc": s.arc}
+    head: dict[str, NDArray] = {"name": s.names}
+    if s.arc is not None:
+        head = {"point": np.arange(1, len(s.arc) + 1), "arc": s.arc}
     at = s.surface
     return {
         **head, "x": s.asked[:, 0], "y": s.asked[:, 1], "z": s.asked[:, 2], "moved": at.distance,
@@ -192,8 +195,8 @@ def _places(s: PointSet) -> dict[str, NDArray]:
     }  # fmt: skip
 
 
-def point_units(length_unit: str) -> dict[str, str]:
+def point_units(length_unit: str, column: str, unit: str) -> dict[str, str]:
     """Units of these columns."""
     lengths = dict.fromkeys(("arc", "x", "y", "z", "moved", "on_x", "on_y", "on_z"), length_unit)
-    return {"length": length_unit, **lengths, "value": "grey level", "sigma": "grey level", "column_px": "px",
+    return {"length": length_unit, **lengths, column: unit, "sigma": unit, "column_px": "px",
             "row_px": "px"}  # fmt: skip

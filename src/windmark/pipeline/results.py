@@ -68,6 +68,7 @@ class ImageResult:
 
     ``camera`` and ``cam_from_model`` are the final ones; ``published`` is the pose that the camera's
     file carried, for comparison; ``expected`` are the markers that must be in view from the pose found.
+    ``pose_cov`` is what the camera's file says of a pose that was known; a registration has its own.
     ``radius`` is the estimate that detection used where the project gives none; ``polarity`` that of the spots, and
     ``said`` what was decided about it. ``image`` is as in the file; values, views, sections and ``aligned`` are in
     ``quantity``.
@@ -92,6 +93,7 @@ class ImageResult:
     views: tuple[ViewImage, ...] = ()
     sections: tuple[SectionValues, ...] = ()
     points: tuple[PointTable, ...] = ()
+    pose_cov: Array | None = None
     aligned: NDArray[np.float32] | None = None
     seconds: dict[str, float] = field(default_factory=dict)
     problem: str | None = None

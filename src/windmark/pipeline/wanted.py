@@ -21,13 +21,14 @@ class MergeOptions(Strict):
     ``images``: names of those that take part, all by default. Images with the same ``point`` are merged with each
     other; where no image has one, all are of one time point.
     ``gain``: "overlap" finds each picture's gain (and with ``offset`` its grey level without light) from what several
-    see; "none" takes grey levels as they are. ``black``: the grey level without light of all pictures. ``reference``:
-    the image whose grey levels are kept. ``taper_deg``, ``taper_px``: how far before the obliquity's limit, and how
+    see, the default of grey levels; "none" takes values as they are, the default of temperatures and radiances.
+    ``black``: the grey level without light of all pictures. ``reference``: the image whose grey levels are kept.
+    ``taper_deg``, ``taper_px``: how far before the obliquity's limit, and how
     near to borders and outlines, the weight of a picture falls to nothing.
     """
 
     images: tuple[str, ...] | None = None
-    gain: Literal["overlap", "none"] = "overlap"
+    gain: Literal["overlap", "none"] | None = None
     offset: bool = False
     black: float = 0.0
     reference: str | None = None

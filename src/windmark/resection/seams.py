@@ -46,8 +46,9 @@ class Seams:
             return np.where(self.step == 0, 0.0, self.step / self.sigma)
 
     def summary(self) -> dict[str, float]:
-        """Of the steps in sigmas: mean, mean size, typical size (1 where the sigmas are right: the median, which markers
-        and dirt do not reach), root mean square and largest size; NaN without any."""
+        """Of the steps in sigmas: mean, mean size, typical size (the median, which markers and dirt do not reach: 1
+        where the sigmas are right), root mean square and largest size; NaN without any.
+        """
         s = self.in_sigmas
         if not len(s):
             return dict.fromkeys(("mean", "mean_size", "typical", "rms", "max"), float("nan"))

@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 EDGE_PX = 1.5
 """Nearer than this to an outline a pixel mixes two surfaces."""
 LEAST_SHARE = 1e-4
-"""What is left of a weight at the border: a point that no other picture sees keeps its value, another's outweighs it."""
+"""What is left of a weight at the border: where no other picture sees the point the value stays, else it yields."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +142,8 @@ def take(
 def value_variance(source: Prepared, view: NodeView, xyz: Array, value: Array, place_cov: Array | None = None
                    ) -> Array:  # fmt: skip
     """(N,) variance of values that `node_values` took at points (N, 3): the picture's noise and the pose; and that of
-    the points' own places, of covariance (N, 3, 3)."""
+    the points' own places, of covariance (N, 3, 3).
+    """
     good = np.flatnonzero(np.isfinite(value))
     out = np.full(len(value), np.nan)
     xy = view.xy[good]
@@ -185,7 +186,8 @@ def _gradient(source: Prepared, xy: Array) -> Array:
 
 def _of_place(source: Prepared, cam: Array, jacobian: Array, xy: Array) -> Array:
     """Variance of the values by that of their place in the picture: of the pose, and of the pixel's centre for
-    "nearest"."""
+    "nearest".
+    """
     picture, gradient = source.picture, _gradient(source, xy)
     rounding = np.einsum("nk,nk->n", gradient, gradient) / 12 if source.interpolation == "nearest" else 0.0
     if picture.pose_cov is None:

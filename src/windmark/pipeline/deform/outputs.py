@@ -38,7 +38,8 @@ class Writer:
     """Open files of a running sequence; a context manager.
 
     ``deformation.csv`` has one row per frame, ``span.csv`` one per frame and station, ``markers.csv`` one per frame and
-    marker seen, ``deformation.nc`` all of it as arrays over frames; ``points-NAME.csv`` one per frame, camera and point.
+    marker seen, ``deformation.nc`` all of it as arrays over frames; ``points-NAME.csv`` has one per frame, camera and
+    point.
     """
 
     def __init__(self, folder: Path, loaded: Loaded, table: FrameTable) -> None:
@@ -66,7 +67,7 @@ class Writer:
             "frame", "marker", "x", "y", "z", "dx", "dy", "dz", "sigma_dx", "sigma_dy", "sigma_dz", "outlier",
         ])  # fmt: skip
         for entry in self._loaded.project.points:
-            about = f"# length_unit: {unit}\n# unit of value, sigma: grey level\n"
+            about = f"# length unit: {unit}\n# value, sigma: grey level\n"
             self._open(f"points-{entry.label}.csv", COLUMNS, about)
         (self._folder / "units.json").write_text(
             json.dumps({"length": unit, "parameters": dict(zip(self._names, of_laws, strict=True))}, indent=2) + "\n",
