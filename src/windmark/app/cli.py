@@ -64,16 +64,28 @@ def simulate(
     deforming: Annotated[
         int | None, typer.Option(help="A deformation test instead: so many frames of a bending wing by two cameras.")
     ] = None,
+    clocks: Annotated[
+        bool, typer.Option("--clocks", help="With --deforming: cameras of different rates, a swinging wing.")
+    ] = False,
+    photos: Annotated[
+        int | None, typer.Option(help="Hand-held pictures of the model instead: so many, with a few known markers.")
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Write a synthetic test: images, markers, cameras, grid, project file and the truth."""
     from windmark.app import verbs
 
     with console.errors(as_json):
-        if deforming is None:
+        if clocks and deforming is None:
+            raise ValueError("--clocks belongs to --deforming")
+        if deforming is not None and photos is not None:
+            raise ValueError("--deforming and --photos are two kinds of tests; give one of them")
+        if photos is not None:
+            verbs.simulate_photos(folder, seed, photos, as_json)
+        elif deforming is None:
             verbs.simulate(folder, seed, as_json)
         else:
-            verbs.simulate_deforming(folder, seed, deforming, as_json)
+            verbs.simulate_deforming(folder, seed, deforming, as_json, clocks)
 
 
 @app.command(epilog="Example: windmark run project.toml")
