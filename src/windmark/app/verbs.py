@@ -144,7 +144,7 @@ def simulate_photos(folder: Path, seed: int, count: int, as_json: bool) -> None:
     lines = [
         f"{count} pictures, {len(test.markers)} markers: {folder}",
         f"next: windmark reconstruct {folder / 'photos'}/*.tif -c {folder / 'camera.json'} -p {folder / 'primary.csv'} "
-        "--unit mm --radius 4",
+        "--unit mm --radius 2.7",
     ]
     console.answer(record, as_json, lines)
 
