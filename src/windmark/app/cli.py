@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from windmark.app import console
-from windmark.app.commands import camera, deform, image, plan
+from windmark.app.commands import camera, deform, epipolar, image, plan
 from windmark.app.commands.matching_options import MaxTime, NoOcclusion, Roles
 from windmark.app.commands.options import Json, Seed
 
@@ -106,6 +106,7 @@ def run(
 
 image.add(app)
 camera.add(app)
+epipolar.add(app)
 deform.add(app)
 plan.add(app)
 
