@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from windmark.app import console
-from windmark.app.commands import align, camera, deform, image, plan, pov
+from windmark.app.commands import align, camera, deform, epipolar, image, plan, pov
 from windmark.app.commands.matching_options import MaxTime, NoOcclusion, Roles
 from windmark.app.commands.options import Json, Seed
 
@@ -73,22 +73,32 @@ def simulate(
     cameras: Annotated[
         int | None, typer.Option(help="Several cameras instead (2-5), one picture each at one moment, to be merged.")
     ] = None,
+    photos: Annotated[
+        int | None, typer.Option(help="Hand-held pictures of the model instead: so many, with a few known markers.")
+    ] = None,
+    clocks: Annotated[
+        bool, typer.Option("--clocks", help="With --deforming: cameras of different rates, a swinging wing.")
+    ] = False,
     as_json: Json = False,
 ) -> None:
     """Write a synthetic test: images, markers, cameras, grid, project file and the truth."""
     from windmark.app import verbs
 
     with console.errors(as_json):
-        if sum((infrared, deforming is not None, cameras is not None)) > 1:
-            raise ValueError("--infrared, --deforming and --cameras are different tests; give one of them")
+        if sum((infrared, deforming is not None, cameras is not None, photos is not None)) > 1:
+            raise ValueError("--infrared, --deforming, --cameras and --photos are different tests; give one of them")
+        if clocks and deforming is None:
+            raise ValueError("--clocks belongs to --deforming")
         if infrared:
             verbs.simulate_infrared(folder, seed, as_json)
         elif cameras is not None:
             verbs.simulate_cameras(folder, seed, cameras, as_json)
+        elif photos is not None:
+            verbs.simulate_photos(folder, seed, photos, as_json)
         elif deforming is None:
             verbs.simulate(folder, seed, as_json)
         else:
-            verbs.simulate_deforming(folder, seed, deforming, as_json)
+            verbs.simulate_deforming(folder, seed, deforming, as_json, clocks)
 
 
 @app.command(epilog="Example: windmark run project.toml")
@@ -116,6 +126,7 @@ def run(
 image.add(app)
 align.add(app)
 camera.add(app)
+epipolar.add(app)
 deform.add(app)
 plan.add(app)
 pov.add(app)

@@ -196,7 +196,25 @@ def simulate_cameras(folder: Path, seed: int, count: int, as_json: bool) -> None
     console.answer(record, as_json, lines)
 
 
-def simulate_deforming(folder: Path, seed: int, frames: int, as_json: bool) -> None:
+def simulate_photos(folder: Path, seed: int, count: int, as_json: bool) -> None:
+    """Write hand-held pictures of a model."""
+    from windmark.pipeline.simulate_photos import simulate_photos as write_test
+
+    with console.progress() as show:
+        show("render the virtual wind tunnel")
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with io.atomic_folder(folder) as place:
+            test = write_test(place, seed, count)
+    record = {"folder": folder, "seed": seed, "markers": len(test.markers), "photos": count}
+    lines = [
+        f"{count} pictures, {len(test.markers)} markers: {folder}",
+        f"next: windmark reconstruct {folder / 'photos'}/*.tif -c {folder / 'camera.json'} -p {folder / 'primary.csv'} "
+        "--unit mm --radius 2.7",
+    ]
+    console.answer(record, as_json, lines)
+
+
+def simulate_deforming(folder: Path, seed: int, frames: int, as_json: bool, clocks: bool = False) -> None:
     """Write a synthetic deformation test."""
     from windmark.pipeline.simulate_deforming import simulate_deforming as write_test
 
@@ -204,7 +222,7 @@ def simulate_deforming(folder: Path, seed: int, frames: int, as_json: bool) -> N
         show("render the virtual wind tunnel")
         folder.parent.mkdir(parents=True, exist_ok=True)
         with io.atomic_folder(folder) as place:
-            test = write_test(place, seed, frames)
+            test = write_test(place, seed, frames, clocks=clocks)
     record = {"folder": folder, "seed": seed, "markers": len(test.markers), "frames": frames,
               "cameras": list(test.cameras)}  # fmt: skip
     lines = [

@@ -21,6 +21,7 @@ from windmark.pipeline.deform.project import OutputEntry
 from windmark.pipeline.deform.record import MOTION, FrameRecord
 from windmark.pipeline.deform.task import DeformedFrame
 from windmark.pipeline.deform.values import units
+from windmark.pipeline.deform.why import words_of
 
 Array = NDArray[np.float64]
 
@@ -37,9 +38,9 @@ def gridded(wanted: OutputEntry, frame: DeformedFrame) -> bool:
 class Writer:
     """Open files of a running sequence; a context manager.
 
-    ``deformation.csv`` has one row per frame, ``span.csv`` one per frame and station, ``markers.csv`` one per frame and
-    marker seen, ``deformation.nc`` all of it as arrays over frames; ``points-NAME.csv`` has one per frame, camera and
-    point.
+    ``deformation.csv`` has one row per frame, ``cameras.csv`` one per frame and camera, ``span.csv`` one per frame and
+    station, ``markers.csv`` one per frame and marker seen, ``deformation.nc`` all of it as arrays over frames;
+    ``points-NAME.csv`` has one per frame, camera and point.
     """
 
     def __init__(self, folder: Path, loaded: Loaded, table: FrameTable) -> None:
@@ -57,7 +58,8 @@ class Writer:
                 "sigma0"]  # fmt: skip
         for name in (*self._names, *MOTION):
             head += [name, f"sigma_{name}"]
-        self._open("deformation.csv", [*head, "seconds", "reason"])
+        self._open("deformation.csv", [*head, "few", "seconds", "reason"])
+        self._open("cameras.csv", ["frame", "time_s", "camera", "lag_s", "expected", "spots", "reason"])
         if self._loaded.stations is not None:
             self._open("span.csv", [
                 "frame", "eta", "bending", "sigma_bending", "twist_deg", "sigma_twist_deg", "twist_with_motion_deg",
@@ -96,7 +98,12 @@ class Writer:
         for values, sigma in ((row.q, row.q_sigma), (row.motion, row.motion_sigma)):
             for value, size in zip(values, sigma, strict=True):
                 cells += [_cell(value), _cell(size)]
-        self._line("deformation.csv", [*cells, _cell(row.seconds), _quoted(row.reason)])
+        self._line("deformation.csv", [*cells, _quoted(words_of(row.cameras)), _cell(row.seconds), _quoted(row.reason)])
+        for name, sight in row.cameras.items():
+            self._line("cameras.csv", [
+                row.key, _cell(row.time_s), _quoted(name), _cell(sight.lag_s), sight.expected, sight.found,
+                _quoted(sight.reason),
+            ])  # fmt: skip
         if self._loaded.stations is not None and frame.state is not None:
             columns = (row.bending, row.bending_sigma, row.twist, row.twist_sigma, row.pitch, row.pitch_sigma)
             for s, eta in enumerate(self._loaded.stations.eta):
@@ -195,6 +202,14 @@ class Writer:
             variable(name, ("frame",), {})
         for name in ("rms_px", "sigma0", "spots", "outliers", "doubtful", "seconds"):
             variable(name, ("frame",), {})
+        cameras = [s.name for s in self._loaded.test.stations]
+        file.dimensions["camera"] = len(cameras)
+        labels = {"names": " ".join(cameras)}
+        variable("camera_lag", ("frame", "camera"), {
+            **labels, "units": "s", "long_name": "nearest picture later than the instant by; NaN without one",
+        })  # fmt: skip
+        variable("camera_expected", ("frame", "camera"), {**labels, "long_name": "markers that should be seen"})
+        variable("camera_spots", ("frame", "camera"), {**labels, "long_name": "markers that were seen"})
         if self._names:
             labels = {"names": " ".join(self._names), "units": " ".join(u or "1" for u in of_laws)}
             variable("parameters", ("frame", "parameter"), {**labels, "long_name": "law parameters less the zero"})
@@ -225,6 +240,11 @@ class Writer:
             file[name][first:end] = [np.nan if k is None else values[k] for k in at]
         for name in ("rms_px", "sigma0", "spots", "outliers", "seconds"):
             file[name][first:end] = [float(getattr(r, name)) for r in rows]
+        names = [s.name for s in self._loaded.test.stations]
+        for name, value in (("lag", "lag_s"), ("expected", "expected"), ("spots", "found")):
+            file[f"camera_{name}"][first:end] = np.array(
+                [[float(getattr(r.cameras[n], value)) if n in r.cameras else np.nan for n in names] for r in rows]
+            )
         file["doubtful"][first:end] = [float(len(r.doubtful)) for r in rows]
         pairs = [("motion", "motion", "motion_sigma")]
         if self._names:
