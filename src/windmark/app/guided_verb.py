@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from windmark import io
 from windmark.app import console
-from windmark.app.detect_verb import Wishes, read_wished, used_pixels, write_picture
+from windmark.app.detect_verb import Wishes, read_wished, uniquely_named, used_pixels, write_picture
 from windmark.detection import Guided
 from windmark.pipeline.predictions import Predictions, from_camera, from_detections, look
 
@@ -54,7 +54,7 @@ def detect(images: list[Path], wishes: Wishes, guide: Guide, as_json: bool) -> N
     options = {"search_px": guide.search_px, "polarity": wishes.options["polarity"],
                "photometry": wishes.options["photometry"]}  # fmt: skip
     with console.progress() as show:
-        for path in images:
+        for path in uniquely_named(images):
             show(f"detect {path.name}")
             image = read_wished(path, wishes)
             expected = _expected(guide, path.name, wishes.radius_px[0] if wishes.radius_px else None)

@@ -36,7 +36,8 @@ from windmark.io.plot3d_layout import Plot3dLayout
 from windmark.io.recordings.address import FrameAddress, frame_address, picture_name
 from windmark.io.recordings.base import Frames
 from windmark.io.recordings.open import frames, is_recording
-from windmark.io.recordings.picture import Picture, pictures, times_of
+from windmark.io.recordings.picture import Frame, PictureFile, addresses, gathered, pictures, times_of
+from windmark.io.recordings.write import write_frames
 from windmark.io.tables import (
     MatchTable,
     read_detection_names,
@@ -58,8 +59,8 @@ __all__ = [
     "Plot3dLayout", "detect_plot3d", "read_mesh", "read_nodes_netcdf", "read_plot3d", "read_plot3d_function",
     "read_tecplot", "write_mesh", "write_nodes_csv", "write_nodes_netcdf", "write_nodes_vtk", "write_plot3d",
     "write_plot3d_function", "write_tecplot",
-    "FrameAddress", "Frames", "Picture", "frame_address", "frames", "is_recording", "picture_name", "pictures",
-    "times_of",
+    "Frame", "FrameAddress", "Frames", "PictureFile", "addresses", "frame_address", "frames", "gathered",
+    "is_recording",    "picture_name", "pictures", "times_of", "write_frames",
     "page_count", "read_grey", "read_image", "read_images", "read_mask", "to_grey", "to_json",
     "write_image", "write_images",
     "write_camera", "write_detections", "write_json", "write_markers", "write_matches", "write_table",

@@ -10,6 +10,7 @@ from typing import IO, TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.io.bounded import BoundedFile
 from windmark.io.errors import FileError
 from windmark.io.text import Pathlike
 
@@ -52,7 +53,16 @@ def open_picture(source: Pathlike | IO[bytes], formats: tuple[str, ...]) -> Imag
     with _GUARD:
         limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None
         try:
-            return Image.open(source, formats=formats)
+            if not isinstance(source, str | os.PathLike):
+                return Image.open(source, formats=formats)
+            stream = BoundedFile(source)  # chunks of damaged files may name any size
+            try:
+                picture = Image.open(stream, formats=formats)
+            except BaseException:
+                stream.close()
+                raise
+            picture._exclusive_fp = True
+            return picture
         finally:
             Image.MAX_IMAGE_PIXELS = limit
 

@@ -25,7 +25,7 @@ from windmark.io.colour import check_channel, check_mosaic, from_mosaic, to_grey
 from windmark.io.errors import FileError, decoding
 from windmark.io.recordings.address import FrameAddress, frame_address
 from windmark.io.recordings.open import frames, recording_kind
-from windmark.io.recordings.picture import Picture
+from windmark.io.recordings.picture import Frame
 from windmark.io.text import Pathlike
 
 Image = NDArray[Any]
@@ -89,7 +89,7 @@ def page_count(path: Pathlike) -> int:
 
 
 def read_grey(
-    path: Pathlike | Picture, *, page: int | Literal["only"] = ONLY, channel: str = "grey", bayer: str | None = None
+    path: Pathlike | Frame, *, page: int | Literal["only"] = ONLY, channel: str = "grey", bayer: str | None = None
 ) -> Image:  # fmt: skip
     """Read an image as one grey level per pixel: (H, W), linear in what the file says.
 
@@ -108,7 +108,7 @@ def read_grey(
     check_channel(channel)
     if bayer is not None:
         check_mosaic(bayer)
-    picture, said = (path.read(), path.frames.bayer) if isinstance(path, Picture) else _with_mosaic(path, page)
+    picture, said = (path.read(), path.frames.bayer) if isinstance(path, Frame) else _with_mosaic(path, page)
     path, bayer = str(path), bayer or said
     if bayer is not None and (picture.ndim != 2 or min(picture.shape) < 2):
         raise FileError(path, f"the shape is {picture.shape}; expected (H, W), the mosaic of a colour sensor, as bayer")

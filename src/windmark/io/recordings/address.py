@@ -36,6 +36,11 @@ class FrameAddress:
         return str(self.file) if self.dataset is None else f"{self.file}:{self.dataset}"
 
     @property
+    def text(self) -> str:
+        """The whole address."""
+        return self.recording if self.number is None else f"{self.recording}[{self.number}]"
+
+    @property
     def stem(self) -> str:
         """What names of its frames begin with."""
         inside = "" if self.dataset is None else self.dataset.strip("/").replace("/", "-")

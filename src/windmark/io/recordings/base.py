@@ -33,6 +33,7 @@ class Recording:
     bayer : pattern of a colour sensor's raw mosaic; None where it is none
     note : what a user should know of this file; empty for nothing
     stem : what the frames' names begin with
+    address : the recording in words, with the place within its file
     """
 
     kind = "recording"
@@ -48,6 +49,7 @@ class Recording:
     def __init__(self, path: Pathlike) -> None:
         self.path = Path(path)
         self.stem = self.path.stem
+        self.address = str(path)
 
     def read(self, number: int) -> Image:
         """One frame, 0 <= number < count. Called by several threads at once."""
@@ -83,6 +85,11 @@ class Frames(Sequence[Image]):
     def path(self) -> Path:
         """The file or folder."""
         return self._recording.path
+
+    @property
+    def address(self) -> str:
+        """The recording in words, with the place within its file; ``[k]`` behind it is the address of a frame."""
+        return self._recording.address
 
     @property
     def kind(self) -> str:

@@ -8,7 +8,7 @@ applied.
 
 from __future__ import annotations
 
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,7 +61,7 @@ class CineRecording(Recording):
         self._at = self._file.numbers("<i8", count, offsets_at, "the places of the images")
         if (self._at < 44).any() or (self._at >= self._file.size).any():
             raise FileError(self.path, "damaged or cut off: images lie outside the file")
-        self._setup(setup_at, offsets_at, compression, first, seconds + (fraction & ~3) * _TIME64_UNIT)
+        self._setup(setup_at, offsets_at, compression, first, (seconds, fraction & ~3))
         self._pixels(count - 1)  # the last one is there
 
     def _layout(self, width: int, height: int) -> None:
@@ -80,7 +80,7 @@ class CineRecording(Recording):
             raise FileError(self.path, f"pixels of {kind}; expected 8 or 16 bits, packed 10 or 12")
         self.shape, self._needed = shape, needed
 
-    def _setup(self, at: int, end: int, compression: int, first: int, trigger_s: float) -> None:
+    def _setup(self, at: int, end: int, compression: int, first: int, trigger: tuple[int, int]) -> None:
         """Rate, colour filter and significant bits from SETUP, times from the tagged blocks behind it."""
         known = self._file.read(at, min(_NEWEST, max(self._file.size - at, 0)), "the camera's settings")
         length = int.from_bytes(known[_LENGTH : _LENGTH + 2], "little") if len(known) >= _LENGTH + 2 else 0
@@ -92,15 +92,15 @@ class CineRecording(Recording):
         bits = number(_REAL_BITS)
         if self._packing == _PLAIN and 8 <= bits <= self.bits:
             self.bits = bits
-        absolute = self._tagged_times(at + length, end)
-        if absolute is not None:
-            self.time_s = absolute - trigger_s
+        self.time_s = self._tagged_times(at + length, end, trigger)
+        if self.time_s is not None:
             self.noted("time 0 is the trigger")
         elif (rate := number(_FRAME_RATE)) > 0:
             self.time_s = (first + np.arange(self.count)) / rate
             self.noted(f"no time stamps; times are counted with {rate} frames/s, 0 is the trigger")
-        if trigger_s >= 1:
-            self.start = datetime.fromtimestamp(trigger_s, UTC).isoformat()
+        if trigger[0]:
+            whole = datetime.fromtimestamp(trigger[0], UTC)
+            self.start = (whole + timedelta(seconds=trigger[1] * _TIME64_UNIT)).isoformat()
         if first:
             self.noted(f"the camera's number of frame 0 is {first}")
         if compression == _CFA and len(self.shape) == 2:
@@ -111,8 +111,8 @@ class CineRecording(Recording):
         which = self.bayer or "a pattern that is not known: give bayer"
         self.noted(f"a colour sensor's raw mosaic, {which}")
 
-    def _tagged_times(self, at: int, end: int) -> NDArray[np.float64] | None:
-        """Seconds since 1970 of every image; None where they are not there.
+    def _tagged_times(self, at: int, end: int, trigger: tuple[int, int]) -> NDArray[np.float64] | None:
+        """Seconds from the trigger of every image; None where they are not there.
 
         Blocks lie between the settings and the table of places: size, type, a reserved number, data.
         """
@@ -125,7 +125,8 @@ class CineRecording(Recording):
                     return None
                 times = self._file.numbers("<u4", 2 * self.count, at + 8, "the time stamps").reshape(-1, 2)
                 # The two last bits say whether the clock was synchronised, not the time.
-                return times[:, 1] + (times[:, 0] & ~np.uint32(3)) * _TIME64_UNIT
+                ticks = (times[:, 0] & ~np.uint32(3)).astype(np.int64) - trigger[1]
+                return (times[:, 1].astype(np.int64) - trigger[0]) + ticks * _TIME64_UNIT
             at += size
         return None
 

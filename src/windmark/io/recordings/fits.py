@@ -14,6 +14,9 @@ from windmark.io.recordings.base import Image, Recording, check_compressed, chec
 from windmark.io.recordings.hdf import time_unit
 from windmark.io.text import Pathlike
 
+_BLOCK = 2880
+"""FITS files consist of blocks; some programs leave the last one unfilled."""
+
 
 class FitsRecording(Recording):
     """The cube (NAXIS = 3) of a FITS file; or its pictures (NAXIS = 2) one after the other.
@@ -64,6 +67,8 @@ class FitsRecording(Recording):
         header, at = image.header, image.fileinfo()
         needed = int(np.prod(image.shape)) * abs(int(header["BITPIX"])) // 8
         size = os.path.getsize(self.path)
+        if int(at["datLoc"]) + int(at["datSpan"]) >= size + _BLOCK:
+            raise FileError(self.path, f"damaged or cut off: {size} bytes, its header tells of more")
         if type(image).__name__ == "CompImageHDU":
             check_compressed(self.path, needed, max(size - int(at["datLoc"]), 0))
         elif int(at["datLoc"]) + needed > size:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from windmark.io.bounded import BoundedFile
 from windmark.io.errors import FileError
 from windmark.io.recordings.base import Image, Recording, check_compressed, check_size
 from windmark.io.text import Pathlike
@@ -124,7 +125,8 @@ class Netcdf3Recording(_Stack):
         from scipy.io import netcdf_file
 
         super().__init__(path)
-        self._file = netcdf_file(path, "r", mmap=False)
+        with BoundedFile(path) as stream:  # closed, the arrays keep the map of the file as long as they live
+            self._file = netcdf_file(stream, "r", mmap=True)
         variables = {f"/{n}": v for n, v in self._file.variables.items()}
         name = place if place is not None else _only(path, [(n, v) for n, v in variables.items() if _may_be(v)])
         name = f"/{name.strip('/')}"

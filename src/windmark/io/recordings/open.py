@@ -44,7 +44,7 @@ def frames(path: Pathlike) -> Frames:
     address = frame_address(path)
     with decoding(address.file):
         recording = _recording(address)
-        recording.stem = address.stem
+        recording.stem, recording.address = address.stem, address.recording
         whole = Frames(recording)
     if address.number is None:
         return whole
