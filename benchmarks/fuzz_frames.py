@@ -48,7 +48,7 @@ def seeds(folder: Path) -> dict[str, list[Path]]:
         return path
 
     for name, options in (("a", {}), ("b", {"compression": "zlib"}), ("c", {"bigtiff": True}), ("d", {"imagej": True})):
-        tifffile.imwrite(at(f"{name}.tif", "tiff"), stack, **options)
+        tifffile.imwrite(at(f"{name}.tif", "tiff"), stack, photometric="minisblack", **options)
     for stored in (8, 10, 12, 16):
         made.setdefault("mraw", []).append(write_mraw(at(f"r{stored}.mraw", "mraw"), list(stack >> (12 - min(stored, 12))), stored))
     made["mraw"].append(write_mraw(at("x.mraw", "mraw"), list(stack), 12, xml=True))

@@ -6,6 +6,7 @@ import os
 import struct
 import threading
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, overload
 
@@ -61,6 +62,10 @@ class Recording:
 
     def close(self) -> None:
         """Give the file back."""
+
+    def __del__(self) -> None:
+        with suppress(Exception):  # at the interpreter's end, or where opening failed, parts may be missing
+            self.close()
 
     def noted(self, text: str) -> None:
         """Add a sentence to the note."""

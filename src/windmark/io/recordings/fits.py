@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from windmark.io.bounded import BoundedFile
 from windmark.io.errors import FileError
 from windmark.io.recordings.base import Image, Recording, check_compressed, check_size
 from windmark.io.recordings.hdf import time_unit
@@ -36,11 +37,12 @@ class FitsRecording(Recording):
         self._guard = threading.Lock()
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # astropy mends small faults of headers; what matters is checked below
-            self._file = fits.open(path, mode="readonly", memmap=False, lazy_load_hdus=False, uint=True)
+            self._stream = BoundedFile(path)  # opened here, as astropy leaves a damaged file open
             try:
+                self._file = fits.open(self._stream, mode="readonly", memmap=False, lazy_load_hdus=False, uint=True)
                 self._open()
             except BaseException:
-                self._file.close()
+                self._stream.close()
                 raise
 
     def _open(self) -> None:
@@ -99,3 +101,4 @@ class FitsRecording(Recording):
     def close(self) -> None:
         """Give the file back."""
         self._file.close()
+        self._stream.close()

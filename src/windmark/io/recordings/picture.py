@@ -12,7 +12,7 @@ import numpy as np
 from windmark.io.errors import FileError, decoding
 from windmark.io.recordings.address import frame_address
 from windmark.io.recordings.base import Frames, Image, Recording
-from windmark.io.recordings.folder import FolderRecording, is_pattern
+from windmark.io.recordings.folder import PICTURES, FolderRecording, is_pattern
 from windmark.io.recordings.open import frames, recording_kind
 from windmark.io.text import Pathlike
 
@@ -164,6 +164,8 @@ def _is_one_picture(file: Path) -> bool:
 
     try:
         kind = recording_kind(file)
+        if kind is None:
+            return file.suffix.lower() in PICTURES
         return kind == "picture" or (kind == "TIFF" and page_count(file) == 1)
     except FileError:
         return True
