@@ -218,14 +218,14 @@ def test_pictures_of_files_and_recordings(tmp_path, cine):
 def test_what_cannot_be_read_says_what_helps(tmp_path, suffix):
     path = tmp_path / f"run{suffix}"
     path.write_bytes(b"\0\1\2\3" * 100)
-    with pytest.raises(io.FileError, match="export|name the pictures"):
+    with pytest.raises(io.FileError, match=r"export|name the pictures"):
         io.frames(path)
     assert not io.is_recording(path)
 
 
 def test_raw_numbers_are_not_guessed(tmp_path):
     (tmp_path / "run.raw").write_bytes(STACK.tobytes())
-    with pytest.raises(io.FileError, match="raw numbers without a header: size, type and order .* not guessed"):
+    with pytest.raises(io.FileError, match=r"raw numbers without a header: size, type and order .* not guessed"):
         io.read_image(tmp_path / "run.raw")
 
 
@@ -278,7 +278,7 @@ def test_no_frames(tmp_path, cine):
         io.frames(tmp_path / "none.cine")
     struct.pack_into("<I", data, 20, 400)
     (tmp_path / "many.cine").write_bytes(data)
-    with pytest.raises(io.FileError, match="images lie outside the file|lies at"):
+    with pytest.raises(io.FileError, match=r"images lie outside the file|lies at"):
         io.frames(tmp_path / "many.cine")
     (tmp_path / "cut.cine").write_bytes(cine.read_bytes()[:-20])
     with pytest.raises(io.FileError, match="image 8 is not complete"):
