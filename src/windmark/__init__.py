@@ -16,8 +16,8 @@ _HOME = {
     "scene": ("Detections", "MarkerSet", "Matching", "Mesh", "Observations", "Tracks", "View"),
     "detection": ("detect", "detect_at"),
     "registration": (
-        "NotRegistered", "Registration", "RigRegistration", "TrackState", "pose_from_labels", "register",
-        "register_rig", "track",
+        "NotRegistered", "PoseCandidates", "Registration", "RigRegistration", "TrackState", "pose_candidates",
+        "pose_from_labels", "register", "register_rig", "track",
     ),
     "calibration": (
         "Calibration", "Distance", "Fixed", "Free", "NotCalibrated", "Weighted", "magnify_distortion",
@@ -33,6 +33,7 @@ _HOME = {
         "NodeView", "PixelMap", "map_pixels", "node_values", "orient_outward", "sample", "sample_line", "section",
         "see_nodes", "virtual_image",
     ),
+    "tasks.align2d": ("ImageAlignment", "NotAligned", "align_images"),
     "io": (
         "FileError", "read_camera", "read_image", "read_markers", "read_mesh",
         "write_camera", "write_image", "write_markers", "write_mesh",
@@ -85,9 +86,11 @@ if TYPE_CHECKING:
     from windmark.pipeline.reconstruct import NotReconstructed, Reconstruction, reconstruct
     from windmark.registration import (
         NotRegistered,
+        PoseCandidates,
         Registration,
         RigRegistration,
         TrackState,
+        pose_candidates,
         pose_from_labels,
         register,
         register_rig,
@@ -106,6 +109,7 @@ if TYPE_CHECKING:
         virtual_image,
     )
     from windmark.scene import Detections, MarkerSet, Matching, Mesh, Observations, Tracks, View
+    from windmark.tasks.align2d import ImageAlignment, NotAligned, align_images
 
 
 def __getattr__(name: str) -> Any:

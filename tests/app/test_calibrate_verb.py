@@ -233,3 +233,20 @@ def test_pictures_without_markers_are_refused(windmark, plate):
                     "q:m00=1,2")  # fmt: skip
     assert done.code == 2
     assert "picture 'q'" in done.err
+
+
+def test_the_papers_steps_end_where_newton_does(windmark, tmp_path):
+    case = networks.make(71, points=14, views=8)
+    net = case.network
+    io.write_markers(tmp_path / "rough.csv", MarkerSet.make([f"m{k:02d}" for k in range(14)], case.start.points))
+    io.write_camera(tmp_path / "camera.json", case.truth.cameras[0])
+    write_matches(tmp_path / "matches.csv", net.view, net.point, net.xy)
+    known = ("-c", tmp_path / "camera.json", "--free", "focal_px", "--prior-sigma", "focal_px=0.3")
+    found = {}
+    for solver in ("newton", "steps"):
+        options = ("--datum", "free", *known, "--solver", solver, "--json")
+        assert call(windmark, tmp_path, *options, size=False).code == 0
+        found[solver] = io.read_markers(tmp_path / "out" / "markers.csv")
+    off = found["steps"].xyz - found["newton"].xyz
+    assert 0 < np.abs(off / found["newton"].sigma).max() < 0.3  # another way, the same place
+    assert call(windmark, tmp_path, "--datum", "free", "--solver", "magic").code == 2

@@ -38,7 +38,7 @@ def test_an_image_without_markers_has_a_reason(windmark, tmp_path):
     io.write_image(tmp_path / "flat.png", np.full((40, 40), 9, np.uint8))
     done = windmark("detect", tmp_path / "flat.png", "-r", 3, "-o", tmp_path / "d.csv")
     assert done.code == 1
-    assert "no marker of radius 3 px (dark) was found: all pixels that can be used are equal" in done.err
+    assert "no marker of radius 3 px (dark or bright) was found: all pixels that can be used are equal" in done.err
     noise = np.random.default_rng(0).integers(90, 110, (80, 80)).astype(np.uint8)
     io.write_image(tmp_path / "noise.png", noise)
     done = windmark("detect", tmp_path / "noise.png", "-r", 2, "-o", tmp_path / "d.csv", "--json")

@@ -4,6 +4,7 @@ import re
 
 import numpy as np
 import pytest
+import xarray
 
 from windmark import io
 from windmark.app import verbs
@@ -108,10 +109,19 @@ def test_steps_alone_detect_register_resect(virtual_test, tmp_path, windmark):
     posed = tmp_path / "registered" / "wind-off" / "camera.json"
     done = windmark(
         "resect", image, "-c", posed, "-g", folder / "model.grid", "--unit", "mm", "-o", tmp_path / "mapped",
-        "--nodes", "csv",
+        "--nodes", "csv", "--pixels",
     )  # fmt: skip
     assert done.code == 0, done.err
-    assert sorted(p.name for p in (tmp_path / "mapped" / "wind-off").iterdir()) == ["camera.json", "nodes.csv"]
+    mapped = tmp_path / "mapped" / "wind-off"
+    assert sorted(p.name for p in mapped.iterdir()) == ["camera.json", "nodes.csv", "pixels.nc"]
+    camera, pose = io.read_camera(posed)
+    with xarray.open_dataset(mapped / "pixels.nc") as found:
+        xyz = np.stack([found[axis].values for axis in "xyz"], axis=-1)
+        rows, columns = np.nonzero(np.isfinite(xyz[..., 0]))
+        assert len(rows) > 100_000
+        xy = camera.project(pose.apply(xyz[rows, columns]))[0]
+        np.testing.assert_allclose(xy, np.stack([columns, rows], axis=-1), atol=1e-6)
+        np.testing.assert_array_equal(found["value"], io.read_image(image))
 
 
 def test_align_from_the_command_line(virtual_test, tmp_path, windmark):

@@ -133,3 +133,19 @@ def test_pictures_of_a_calibration_may_be_recordings(folder):
     assert expanded([folder / "markers.csv"]) == (folder / "markers.csv",)
     with pytest.raises(ValueError, match="two pictures have the name"):
         picture_names(inputs)
+
+
+def test_convert_recordings(windmark, folder, tmp_path):
+    done = windmark("convert", folder / "run.cine", tmp_path / "run.h5", "--frames", "1:4", "--json")
+    assert done.code == 0, done.err
+    assert done.json["frames"] == 3
+    assert done.json["read_back"] == {"frames": 3, "same": 3}
+    np.testing.assert_allclose(io.frames(tmp_path / "run.h5").time_s, TIMES[1:4], atol=1e-6)
+    for sources in ([folder / "f0.tif", folder / "f1.tif"], [f"{folder}/run.h5:/cam2/images"], [folder / "f*.tif"]):
+        done = windmark("convert", *sources, tmp_path / "all.tif")
+        assert done.code == 0, done.err
+        assert "every pixel is the same" in done.out
+    done = windmark("convert", folder / "run.h5", tmp_path / "none.tif")
+    assert done.code == 2
+    assert "2 arrays that may be pictures" in done.err
+    assert windmark("convert", folder / "camera.json", tmp_path / "c.yml", "--frames", "1").code == 2

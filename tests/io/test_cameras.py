@@ -144,7 +144,7 @@ def set_key(*keys, to):
         (set_key("cam_from_model", "pov", "fov", to=1), r"key 'cam_from_model\.pov\.fov': unknown key"),
         (set_key("windmark", to="registration"), "key 'windmark': 'registration'; expected 'camera'"),
         (set_key("version", to=2), "key 'version': 2; this windmark reads version 1"),
-        (lambda c: c.pop("focal_px"), "key 'focal_px': missing"),
+        (lambda c: (c.pop("focal_px"), c["cam_from_model"]["pov"].pop("fov_deg")), "key 'focal_px': missing"),
         (lambda c: c.pop("size_px"), "key 'size_px': missing"),
         (set_key("focal_px", to="1370"), "key 'focal_px': not finite numbers; expected a finite number"),
         (set_key("focal_px", to=[1370]), "key 'focal_px': the shape is"),
@@ -155,7 +155,6 @@ def set_key(*keys, to):
         (set_key("size_px", to=[1280]), r"key 'size_px': the shape is \(1,\)"),
         (set_key("length_unit", to="inch"), "key 'length_unit': 'inch'; expected one of in, ft, mm, cm, m"),
         (lambda c: c.pop("length_unit"), "key 'length_unit': None"),
-        (set_key("cam_from_model", "rotation", to=np.eye(3).tolist()), "key 'cam_from_model.pov': another pose"),
         (set_key("cam_from_model", "rotation", to=np.diag([1, 1, -1]).tolist()), "rotation must be orthonormal"),
         (
             set_key("cam_from_model", "rotation", to=(np.eye(3) * 1e300).tolist()),
@@ -163,8 +162,13 @@ def set_key(*keys, to):
         ),
         (set_key("cam_from_model", "rotation", to=[[1, 0], [0, 1]]), r"the shape is \(2, 2\); expected 3 x 3"),
         (set_key("cam_from_model", "translation", to=[1, 2, "3"]), r"key 'cam_from_model\.translation'"),
-        (set_key("cam_from_model", "pov", "fov_deg", to=20), r"pov\.fov_deg': 20\.0; expected 50\.0"),
-        (lambda c: c["cam_from_model"].pop("rotation"), "incomplete; expected rotation and translation, or pov"),
+        (set_key("cam_from_model", "pov", "fov_deg", to=0), r"pov\.fov_deg': 0; expected an angle between 0 and 180"),
+        (set_key("cam_from_model", "pov", "fov_deg", to=180), r"pov\.fov_deg': 180; expected an angle between"),
+        (set_key("cam_from_model", "pov", "rx_deg", to=None), r"pov\.rx_deg': not finite numbers; expected a finite"),
+        (set_key("cam_from_model", "covariance", to=[1, 2]), r"cam_from_model\.covariance': the shape is \(2,\)"),
+        (set_key("as_written", to={"pose": 3}), "key 'as_written': unusable; expected texts named focal, fov"),
+        (lambda c: c["cam_from_model"].pop("rotation"), "incomplete, translation alone; expected rotation and"),
+        (set_key("cam_from_model", to={}), "incomplete; expected rotation and translation, or pov"),
         (set_key("cam_from_model", to=[1, 2]), "key 'cam_from_model': not an object"),
         (set_key("covariance", to={"matrix": []}), r"covariance\.parameters': expected focal_px"),
     ],
@@ -186,6 +190,90 @@ def test_a_point_of_view_typed_by_hand(edited):
     np.testing.assert_allclose(pose.translation, POSE.translation)
     with pytest.raises(FileError, match=r"cam_from_model\.pov\.dz': missing"):
         read_camera(edited(set_key("cam_from_model", to={"pov": dict.fromkeys(POV_KEYS[:5], 0)})))
+
+
+TURNED = Pose.from_rotvec([0.2, -2.8, 0.1], [3.0, 0.5, 12.0])
+
+
+def pov_of(pose):
+    return {k: v for k, v in vars(pose.to_pov()).items() if k != "fov_deg"}
+
+
+def both_poses(content):
+    content["cam_from_model"]["rotation"] = TURNED.rotation.tolist()
+    content["cam_from_model"]["pov"]["dx"] = 4.5
+
+
+def rounded(content):
+    """As a program does that keeps seven digits."""
+    place = content["cam_from_model"]
+    place["rotation"] = [[float(f"{v:.9g}") for v in row] for row in place["rotation"]]
+    place["pov"] |= {k: float(f"{v:.9g}") for k, v in place["pov"].items()}
+    content["focal_px"] += 1e-5
+
+
+def test_an_edited_pose_or_point_of_view_is_taken_and_said(edited):
+    content = read_camera_file(edited(lambda c: c["cam_from_model"]["pov"].update(pov_of(TURNED))))
+    np.testing.assert_allclose(content.cam_from_model.rotation, TURNED.rotation, atol=1e-14)
+    assert "the numbers of pov were edited" in content.note
+    content = read_camera_file(edited(set_key("cam_from_model", "translation", to=[1, 2, 3])))
+    assert content.cam_from_model.translation.tolist() == [1, 2, 3]
+    assert "rotation or translation was edited" in content.note
+    tiny = POSE.to_pov().rx_deg + 1e-9  # less than any tolerance
+    content = read_camera_file(edited(set_key("cam_from_model", "pov", "rx_deg", to=tiny)))
+    assert content.cam_from_model.to_pov().rx_deg == pytest.approx(tiny, abs=1e-12)
+    assert content.cam_from_model.to_pov().rx_deg != pytest.approx(POSE.to_pov().rx_deg, abs=5e-10)
+    untouched = read_camera_file(edited(rounded))
+    assert untouched.note == ""
+    np.testing.assert_allclose(untouched.cam_from_model.translation, POSE.translation, rtol=1e-8)
+
+
+def test_an_edited_field_of_view_or_focal_length_is_taken_and_said(edited):
+    content = read_camera_file(edited(set_key("cam_from_model", "pov", "fov_deg", to=20)))
+    assert content.camera.fov_deg == pytest.approx(20)
+    assert "fov_deg was edited: it is taken (20 deg), not focal_px (1370.4 px)" in content.note
+    np.testing.assert_array_equal(content.cam_from_model.rotation, POSE.rotation)
+    content = read_camera_file(edited(set_key("focal_px", to=2000.0)))
+    assert content.camera.focal_px == 2000
+    assert "focal_px or size_px was edited" in content.note
+    content = read_camera_file(edited(lambda c: c.pop("focal_px")))
+    assert content.camera.focal_px == pytest.approx(CAMERA.focal_px)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (both_poses, r"'cam_from_model\.pov': another pose \(rx_deg .*dx 4\.5.*\) than rotation and .* \(rx_deg"),
+        (
+            lambda c: (c.pop("as_written"), c["cam_from_model"]["pov"].update(dx=4.5)),
+            "another pose .* expected the same one, or only one of the two",
+        ),
+        (
+            lambda c: (c.pop("as_written"), c.update(focal_px=1371.0)),
+            r"fov_deg': 50\.06.*, which is a focal length of 1370\.4 px, but focal_px is 1371",
+        ),
+        (
+            lambda c: (c.update(focal_px=1371.0), c["cam_from_model"]["pov"].update(fov_deg=20.0)),
+            "which is a focal length of .* px, but focal_px is 1371",
+        ),
+    ],
+)
+def test_two_poses_or_focal_lengths_that_disagree_are_refused_with_both_values(edited, change, message):
+    with pytest.raises(FileError, match=message):
+        read_camera(edited(change))
+
+
+def test_the_covariance_of_a_pose_is_kept_until_the_pose_is_edited(tmp_path):
+    cov = np.diag([1e-8, 2e-8, 3e-8, 1e-4, 2e-4, 3e-4])
+    path = tmp_path / "c.json"
+    write_camera(path, CAMERA, POSE, unit="mm", pose_cov=cov)
+    np.testing.assert_array_equal(read_camera_file(path).pose_cov, cov)
+    content = json.loads(path.read_text())
+    content["cam_from_model"]["pov"]["dx"] = 0.0
+    path.write_text(json.dumps(content))
+    assert read_camera_file(path).pose_cov is None
+    with pytest.raises(ValueError, match=r"pose_cov must be \(6, 6\)"):
+        write_camera(path, CAMERA, POSE, unit="mm", pose_cov=cov[:3, :3])
 
 
 def test_left_out_parameters_have_their_natural_value(tmp_path):

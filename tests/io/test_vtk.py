@@ -9,6 +9,7 @@ import pytest
 import pyvista as pv
 
 from windmark.io import FileError, read_mesh, write_mesh, write_nodes_vtk
+from windmark.io.vtk_read import read_vtk_nodes
 from windmark.scene import Mesh
 
 
@@ -51,6 +52,39 @@ def test_vtp_keeps_triangles_turned_round(tmp_path, make_mesh):
     turned = replace(mesh, triangles=np.ascontiguousarray(mesh.triangles[:, ::-1]))
     write_mesh(tmp_path / "a.vtp", turned)
     np.testing.assert_array_equal(read_mesh(tmp_path / "a.vtp").triangles, turned.triangles)
+
+
+@pytest.mark.parametrize("suffix", [".vtp", ".vtk", ".vtu", ".vtm"])
+def test_values_and_units_come_back(tmp_path, make_mesh, suffix):
+    mesh = replace(make_mesh([(5, 4, 1), (1, 6, 3)], blanked=True))
+    mesh = replace(mesh, volume=np.where(mesh.volume == "zone02", "flap ä", mesh.volume))
+    fields = values(mesh)
+    write_nodes_vtk(tmp_path / f"a{suffix}", mesh, fields, units={"p": "Pa", "length": "in"})
+    got, found, units, left_out = read_vtk_nodes(tmp_path / f"a{suffix}")
+    np.testing.assert_array_equal(got.vertices, mesh.vertices)
+    np.testing.assert_array_equal(got.triangles, mesh.triangles)
+    np.testing.assert_array_equal(got.volume, mesh.volume)
+    np.testing.assert_array_equal(got.blanked, mesh.blanked)
+    assert got.blocks == (() if suffix == ".vtu" else mesh.blocks)
+    assert units == {"p": "Pa", "length": "in"}
+    assert left_out == ()
+    for name, column in fields.items():
+        np.testing.assert_array_equal(found[name], column)
+        assert found[name].dtype == column.dtype
+
+
+def test_vectors_become_columns_and_the_rest_is_named(tmp_path, shell):
+    surface = pv.PolyData.from_regular_faces(shell.vertices, shell.triangles)
+    surface["shift [mm]"] = shell.vertices * 2
+    surface["tensor"] = np.zeros((surface.n_points, 9))
+    surface.cell_data["patch"] = np.arange(surface.n_cells)
+    surface.save(tmp_path / "a.vtp")
+    _, fields, units, left_out = read_vtk_nodes(tmp_path / "a.vtp")
+    np.testing.assert_array_equal(fields["shift_y"], 2 * shell.vertices[:, 1])
+    assert units == {"shift_x": "mm", "shift_y": "mm", "shift_z": "mm"}
+    assert left_out == (
+        "the array 'tensor', not a number or vector at every node", "the array 'patch', values at cells"
+    )  # fmt: skip
 
 
 def test_unstructured_round_trips(tmp_path, shell):
@@ -207,8 +241,8 @@ def test_truncated_files(tmp_path, make_mesh):
 
 
 def test_what_cannot_be_written(tmp_path, blocks):
-    with pytest.raises(ValueError, match=r"must end in .vtp or .vtm"):
-        write_nodes_vtk(tmp_path / "a.vtu", blocks)
+    with pytest.raises(ValueError, match=r"must end in one of .*'\.vtp', '\.vtm'"):
+        write_nodes_vtk(tmp_path / "a.vts", blocks)
     for fields, message in (
         ({"cp": np.zeros(3)}, r"'cp' must have shape \(66,\)"),
         ({"cp": np.zeros(66, complex)}, "'cp' must be real numbers"),

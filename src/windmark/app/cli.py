@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from windmark.app import console
-from windmark.app.commands import camera, deform, image, plan
+from windmark.app.commands import align, camera, deform, image, plan, pov
 from windmark.app.commands.matching_options import MaxTime, NoOcclusion, Roles
 from windmark.app.commands.options import Json, Seed
 
@@ -64,13 +64,20 @@ def simulate(
     deforming: Annotated[
         int | None, typer.Option(help="A deformation test instead: so many frames of a bending wing by two cameras.")
     ] = None,
+    infrared: Annotated[
+        bool, typer.Option("--infrared", help="An infrared test instead: a model that heats up, warm markers.")
+    ] = False,
     as_json: Json = False,
 ) -> None:
     """Write a synthetic test: images, markers, cameras, grid, project file and the truth."""
     from windmark.app import verbs
 
     with console.errors(as_json):
-        if deforming is None:
+        if infrared and deforming is not None:
+            raise ValueError("--infrared and --deforming are two different tests; give one of them")
+        if infrared:
+            verbs.simulate_infrared(folder, seed, as_json)
+        elif deforming is None:
             verbs.simulate(folder, seed, as_json)
         else:
             verbs.simulate_deforming(folder, seed, deforming, as_json)
@@ -83,19 +90,27 @@ def run(
     max_time: MaxTime = None,
     roles: Roles = None,
     no_occlusion: NoOcclusion = False,
+    method: Annotated[
+        str | None, typer.Option("--method", help="hash, or ransac: the paper's search. [default: the project's]")
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """The main job: from images to values on the grid, with pictures and one HTML report."""
     from windmark.app import verbs
 
     with console.errors(as_json):
-        verbs.run(project, output, as_json, max_time_s=max_time, roles=tuple(roles or ()), no_occlusion=no_occlusion)
+        verbs.run(
+            project, output, as_json, max_time_s=max_time, roles=tuple(roles or ()), no_occlusion=no_occlusion,
+            method=method,
+        )  # fmt: skip
 
 
 image.add(app)
+align.add(app)
 camera.add(app)
 deform.add(app)
 plan.add(app)
+pov.add(app)
 
 
 def main() -> None:

@@ -1,64 +1,85 @@
-"""The verb `windmark convert`: a camera file into another program's format, and proof that it is the same camera."""
+"""The verb `windmark convert`: what the source is, whether it can become the target, the job, and what it came to."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-import numpy as np
-
-from windmark import io
 from windmark.app import console
-from windmark.geometry import Camera
+from windmark.app.commands.matching_options import grid_settings
+from windmark.pipeline.convert_cameras import CameraOptions, convert_camera
+from windmark.pipeline.convert_frames import FrameOptions, convert_frames
+from windmark.pipeline.convert_frames import lines as frame_lines
+from windmark.pipeline.convert_grids import GridOptions, convert_grid
+from windmark.pipeline.convert_kind import WORDS, kind_of, refuse_target
+from windmark.pipeline.convert_markers import MarkerOptions, convert_markers
 
-_CHECKED = 41
-"""Pixels along each side at which the written camera is compared."""
+Record = dict[str, Any]
+
+OPTIONS_OF = {
+    "from_format": ("camera",), "to_format": ("camera",), "size": ("camera",), "pixel_mm": ("camera",),
+    "which": ("camera",), "no_pose": ("camera",), "unit": ("camera", "grid", "markers"),
+    "to_unit": ("camera", "grid", "markers"), "volume": ("grid",), "volume_face": ("grid",), "orientation": ("grid",),
+    "plot3d": ("grid",), "from_plot3d": ("grid",), "values": ("grid",), "frames": ("pictures",),
+    "pictures": ("pictures",),
+}  # fmt: skip
+"""What each option is for; given with another kind of source it is an error."""
+_NAMES = {"from_format": "from", "to_format": "to"}
 
 
 @dataclass(frozen=True)
 class Wishes:
-    """What is wanted of `windmark convert`; see its options."""
+    """What is wanted of `windmark convert`: what the source is said to be, and its options as typed."""
 
-    from_format: str | None = None
-    to_format: str | None = None
-    size_px: tuple[int, int] | None = None
-    unit: str | None = None
-    pixel_mm: tuple[float, ...] = ()
-    which: str | None = None
-    no_pose: bool = False
+    said: str | None
+    typed: Record
+
+    def of(self, *names: str) -> Record:
+        """Some of the options, those that were given."""
+        return {name: self.typed[name] for name in names if self.typed.get(name) not in (None, (), False)}
 
 
-def convert(source: Path, target: Path, wishes: Wishes, as_json: bool) -> None:
-    """Read, write, read back and compare, say it."""
-    if wishes.from_format is not None and wishes.from_format not in io.CAMERA_FORMATS:
-        raise ValueError(f"--from must be one of {', '.join(io.CAMERA_FORMATS)}, got {wishes.from_format!r}")
-    if len(wishes.pixel_mm) > 2:
-        raise ValueError(f"--pixel-mm must be given once, or for x and y, got {len(wishes.pixel_mm)} values")
-    content = io.read_camera_file(source, size_px=wishes.size_px, which=wishes.which)
-    if wishes.from_format not in (None, content.format):
-        raise io.FileError(source, f"this is {content.format}; expected {wishes.from_format}, as --from says")
-    camera, pose = content.camera, None if wishes.no_pose else content.cam_from_model
-    if wishes.size_px not in (None, camera.size_px):
-        raise io.FileError(source, f"a camera of {camera.size_px} px; expected {wishes.size_px}, as --size says")
-    unit = _unit(source, content, wishes.unit) if pose is not None else None
-    pixel_mm = (wishes.pixel_mm[0], wishes.pixel_mm[-1]) if wishes.pixel_mm else None
-    kind = io.written_camera_format(target, wishes.to_format)
-    io.write_camera(target, camera, pose, unit=unit, format=wishes.to_format, pixel_mm=pixel_mm)
-    again = io.read_camera_file(target)
-    off = largest_difference_px(camera, again.camera)
-    notes = [note for note in (content.note, *_lost(content, kind, wishes.no_pose)) if note]
-    record = {
-        "input": source, "from": content.format, "output": target, "to": kind, "size_px": camera.size_px,
-        "focal_px": camera.focal_px, "pose": pose is not None, "notes": notes,
-        "read_back_largest_px": off,
-    }  # fmt: skip
-    lines = [
-        f"{source} ({content.format}): {camera.size_px[0]} x {camera.size_px[1]} px, focal length"
-        f" {camera.focal_px:.3f} px, {'with' if pose is not None else 'no'} pose",
-        *notes,
-        f"written: {target} ({kind}); read back, it shows the same rays within {off:.2g} px",
-    ]
-    console.answer(record, as_json, lines)
+def convert(sources: list[Path], target: Path, wishes: Wishes, as_json: bool) -> None:
+    """Convert the sources, say what came of it."""
+    kinds = [kind_of(source, wishes.said) for source in sources]
+    kind = kinds[0]
+    if len(set(kinds)) > 1 or (len(sources) > 1 and kind != "pictures"):
+        which = ", ".join(f"{path} ({WORDS[k]})" for path, k in zip(sources, kinds, strict=True))
+        raise ValueError(f"several sources must all be pictures, which become one recording, got {which}")
+    for name in wishes.of(*OPTIONS_OF):
+        if kind not in OPTIONS_OF[name]:
+            option = f"--{_NAMES.get(name, name).replace('_', '-')}"
+            meant = ", ".join(OPTIONS_OF[name])
+            raise ValueError(f"{option} is for {meant}, and {sources[0]} is {WORDS[kind]}")
+    for source in sources:
+        if target.exists() and source.exists() and source.samefile(target):
+            raise ValueError(f"{target}: is the source itself; expected another file as the target")
+    if not (kind == "camera" and wishes.typed.get("to_format")):
+        refuse_target(sources[0], kind, target)
+    record = _JOBS[kind](sources, target, wishes)
+    console.answer(record, as_json, _LINES[kind](record))
+
+
+def _camera(sources: list[Path], target: Path, wishes: Wishes) -> Record:
+    given = wishes.of("from_format", "to_format", "unit", "to_unit", "pixel_mm", "which", "no_pose")
+    return convert_camera(sources[0], target, CameraOptions(size_px=parse_size(wishes.typed.get("size")), **given))
+
+
+def _grid(sources: list[Path], target: Path, wishes: Wishes) -> Record:
+    given = wishes.of("unit", "to_unit", "volume_face", "orientation", "plot3d", "from_plot3d", "values")
+    options = GridOptions(volumes=parse_volumes(wishes.typed.get("volume") or ()), **given)
+    return convert_grid(sources[0], target, options)
+
+
+def _markers(sources: list[Path], target: Path, wishes: Wishes) -> Record:
+    return convert_markers(sources[0], target, MarkerOptions(**wishes.of("unit", "to_unit")))
+
+
+def _pictures(sources: list[Path], target: Path, wishes: Wishes) -> Record:
+    with console.progress() as show:
+        return convert_frames(sources, target, FrameOptions(**wishes.of("frames", "pictures")), progress=show)
 
 
 def parse_size(text: str | None) -> tuple[int, int] | None:
@@ -71,28 +92,68 @@ def parse_size(text: str | None) -> tuple[int, int] | None:
     return int(width), int(height)
 
 
-def largest_difference_px(camera: Camera, other: Camera) -> float:
-    """How far apart two cameras show the rays of the first one's pixels, at the worst place of the image."""
-    width, height = camera.size_px
-    columns, rows = np.meshgrid(np.linspace(0, width - 1, _CHECKED), np.linspace(0, height - 1, _CHECKED))
-    rays = camera.unproject(np.stack([columns, rows], axis=-1).reshape(-1, 2))
-    distance = np.linalg.norm(other.project(rays)[0] - camera.project(rays)[0], axis=1)
-    return float(np.nanmax(distance, initial=0.0))
+def parse_volumes(texts: tuple[str, ...] | list[str]) -> dict[str, tuple[str, ...]]:
+    """``NAME=zone01,zone02`` (or a zone's own name) several times: the zones of each volume."""
+    volumes: dict[str, tuple[str, ...]] = grid_settings(Path(), list(texts)).get("volumes", {})
+    taken: dict[str, str] = {}
+    for name, zones in volumes.items():
+        for zone in zones:
+            if zone in taken:
+                raise ValueError(f"--volume: {zone} is in {taken[zone]} and in {name}; expected it once")
+            taken[zone] = name
+    return volumes
 
 
-def _unit(source: Path, content: io.CameraFile, unit: str | None) -> str:
-    if content.length_unit is not None and unit not in (None, content.length_unit):
-        raise io.FileError(source, f"the length unit is {content.length_unit}; expected {unit}, as --unit says")
-    found = content.length_unit or unit
-    if found is None:
-        raise ValueError(f"{source}: the file does not say the pose's length unit: give --unit, or --no-pose")
-    return found
+def _scaled(record: Record) -> list[str]:
+    """A change of unit, and what is lost."""
+    said = [f"scaled by {record['scale']:.10g}, into {record['length_unit']}"] if record["scale"] != 1 else []
+    return [*said, *(f"lost: {text}" for text in record.get("lost", ()))]
 
 
-def _lost(content: io.CameraFile, kind: str, no_pose: bool) -> list[str]:
-    lost = []
-    if content.camera.cov is not None and kind != "windmark":
-        lost.append(f"left out: the covariance, which {kind} cannot hold")
-    if no_pose and content.cam_from_model is not None:
-        lost.append("left out: the pose, as asked for")
-    return lost
+def _camera_lines(record: Record) -> list[str]:
+    width, height = record["size_px"]
+    return [
+        f"{record['input']} ({record['from']}): {width} x {height} px, focal length"
+        f" {record['focal_px']:.3f} px, {'with' if record['pose'] else 'no'} pose",
+        *record["notes"],
+        *_scaled(record),
+        f"written: {record['output']} ({record['to']}); read back, it shows the same rays within"
+        f" {record['read_back_largest_px']:.2g} px",
+    ]
+
+
+def _grid_lines(record: Record) -> list[str]:
+    volumes = record["volumes"]
+    some = f"{', '.join(volumes[:6])}{' ...' if len(volumes) > 6 else ''}"
+    holds = [f"{record['nodes']} nodes", f"{record['triangles']} triangles"]
+    holds += [f"{record['blocks']} block{'s' * (record['blocks'] > 1)}"] if record["blocks"] else []
+    holds += [f"volume{'s' * (len(volumes) > 1)} {some}"]
+    holds += [f"values {', '.join(record['values'])}"] if record["values"] else []
+    written = ", ".join(map(str, [record["output"], *record["beside"]]))
+    kind = f"{record['to']}: {record['layout']}" if record["layout"] else record["to"]
+    return [
+        f"{record['input']} ({record['from']}): {', '.join(holds)}",
+        *record["done"],
+        *_scaled(record),
+        f"written: {written} ({kind}); read back: {record['nodes_read_back']} nodes, {record['triangles']} triangles,"
+        f" {record['read_back']}",
+    ]
+
+
+def _marker_lines(record: Record) -> list[str]:
+    roles = ", ".join(f"{count} {role}" for role, count in record["roles"].items())
+    return [
+        f"{record['input']} ({record['from']}): {record['markers']} markers ({roles}), {record['with_normal']} with"
+        f" normal, {record['with_radius']} with radius",
+        *_scaled(record),
+        f"written: {record['output']} ({record['to']}); read back: {record['markers']} markers, every number within"
+        f" {record['read_back_largest']:.2g}",
+    ]
+
+
+_JOBS: dict[str, Callable[[list[Path], Path, Wishes], Record]] = {
+    "camera": _camera, "grid": _grid, "markers": _markers, "pictures": _pictures,
+}  # fmt: skip
+_LINES: dict[str, Callable[[Record], list[str]]] = {
+    "camera": _camera_lines, "grid": _grid_lines, "markers": _marker_lines, "pictures": frame_lines,
+}  # fmt: skip

@@ -56,7 +56,7 @@ def maps_picture(mesh: Mesh, groups: Sequence[Maps], *, direction: ArrayLike, up
     """Values on one surface side by side, seen along a direction; grey where there are none."""
     every = [v for g in groups for v in g.values.values()]
     known = np.any([np.isfinite(v) for v in every], axis=0)
-    focus = mesh.vertices[known] if known.any() else mesh.vertices
+    focus = mesh.vertices[known] if known.any() else mesh.vertices[mesh.used]
     wide, high = np.ptp(Pose.look_at(np.zeros(3), np.asarray(direction, dtype=float), up).rotate(focus)[:, :2], axis=0)
     size = WIDTH_PX, int(np.clip(WIDTH_PX * high / max(wide, 1e-12), *HEIGHT_PX))
     across = WIDTH_IN / (len(every) + 0.45 * len(groups))

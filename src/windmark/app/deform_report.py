@@ -205,7 +205,7 @@ def _view(loaded: Loaded) -> tuple[Array, Array]:
 
 def _used(mesh: Mesh) -> NDArray[np.int64]:
     """Nodes of the wanted volumes, some of them: enough to frame a picture."""
-    return np.asarray(np.unique(mesh.triangles)[::5])
+    return np.asarray(mesh.used[::5])
 
 
 def _extent(mesh: Mesh) -> float:

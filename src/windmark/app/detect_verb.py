@@ -46,6 +46,8 @@ class _Found:
     spots: Detections
     rejected: Rejected | None
     why_none: str = ""
+    polarity: str = "dark"
+    decided: str = ""
 
 
 def detect(images: list[Path], wishes: Wishes, as_json: bool) -> None:
@@ -117,21 +119,15 @@ def read_wished(path: io.PictureFile, wishes: Wishes) -> Image:
 
 def _detect_one(image: Image, wishes: Wishes) -> _Found:
     mask = used_pixels(image, wishes.mask, wishes.roi)
-    radii: Sequence[float] = wishes.radius_px
-    estimate = None
-    if not radii:
-        estimate = detection.estimate_radius(image, wishes.options["polarity"], mask=mask)
-        radii = estimate.radii_px
-    if estimate is not None and not estimate:
-        return _Found(image, mask, radii, estimate, Detections.make(np.empty((0, 2))), None, estimate.reason)
-    options = {**wishes.options, "radius_px": radii, "mask": mask}
-    rejected = None
-    if wishes.explain is None:
-        spots = detection.detect(image, **options)
+    options = {**wishes.options, "radius_px": wishes.radius_px or None, "mask": mask}
+    look = detection.find_markers(image, rejected=wishes.explain is not None, **options)
+    if look.radius is not None and not look.radius:
+        why = "; ".join(filter(None, [look.radius.reason, look.words]))
     else:
-        spots, rejected = detection.explain(image, **options)
-    why = "" if len(spots) else detection.why_none(image, **options)
-    return _Found(image, mask, radii, estimate, spots, rejected, why)
+        why = "" if len(look.detections) else detection.why_none(image, **options)
+    return _Found(
+        image, mask, look.radii_px, look.radius, look.detections, look.rejected, why, look.polarity, look.words
+    )
 
 
 def _rejected_columns(found: dict[str, _Found]) -> dict[str, Any]:
@@ -163,7 +159,7 @@ def _draw(found: dict[str, _Found], wishes: Wishes) -> None:
                 figure = spots_picture(one.image, one.spots, name)
             write_picture(wishes.picture, number, png(figure))
         if wishes.merit_map is not None and one.radii_px:
-            best, words = _best_merit(one, wishes.options["polarity"])
+            best, words = _best_merit(one, one.polarity)
             write_picture(
                 wishes.merit_map, number, png(merit_picture(best, wishes.options["merit_max"], f"{name}: {words}"))
             )
@@ -185,7 +181,12 @@ def write_picture(path: Path, number: int | None, data: bytes) -> None:
 
 
 def _record(one: _Found) -> Record:
-    record = {"spots": len(one.spots), "xy": one.spots.xy, "merit": one.spots.merit, "radius_px": list(one.radii_px)}
+    record = {
+        "spots": len(one.spots), "polarity": one.polarity, "xy": one.spots.xy, "merit": one.spots.merit,
+        "radius_px": list(one.radii_px),
+    }  # fmt: skip
+    if one.decided:
+        record["decided"] = one.decided
     if one.estimate is not None:
         record["radius_estimate"] = one.estimate.reason
     if one.rejected is not None:
@@ -196,7 +197,7 @@ def _record(one: _Found) -> Record:
 
 
 def _line(name: str, one: _Found) -> str:
-    parts = [f"{len(one.spots)} spots"]
+    parts = [f"{len(one.spots)} spots"] + ([one.decided] if one.decided else [])
     if one.rejected is not None:
         parts.append(f"{len(one.rejected)} candidates rejected")
     if one.estimate is not None:
@@ -207,6 +208,7 @@ def _line(name: str, one: _Found) -> str:
 
 
 def _why_none(found: dict[str, _Found], wishes: Wishes) -> str:
-    polarity, first = wishes.options["polarity"], next(iter(found.values()))
+    first = next(iter(found.values()))
+    polarity = "dark or bright" if wishes.options["polarity"] == detection.AUTO else first.polarity
     size = f" of radius {', '.join(f'{r:g}' for r in first.radii_px)} px" if first.radii_px else ""
     return f"no marker{size} ({polarity}) was found: {first.why_none}"

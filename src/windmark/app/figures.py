@@ -59,7 +59,8 @@ def surface_figure(item: ImageResult, mesh: Mesh) -> Figure:
     right, down = pose.rotation[0], pose.rotation[1]
     direction = ahead / np.linalg.norm(ahead) + 0.35 * down + 0.5 * right
     shown = surface_view(mesh, values, direction=direction, up=-down, focus=seen)
-    return pictures.surface_picture(shown.value, shown.shade, f"{item.name} mapped onto the surface")
+    title = f"{item.name} mapped onto the surface"
+    return pictures.surface_picture(shown.value, shown.shade, title, item.quantity.label)
 
 
 def alignment_figure(item: ImageResult, result: RunResult) -> Figure | None:
@@ -69,4 +70,7 @@ def alignment_figure(item: ImageResult, result: RunResult) -> Figure | None:
     reference = next(i for i in result.images if i.name == result.project.align.reference)
     if reference is item or reference.image is None:
         return None
-    return pictures.alignment_picture(reference.image, item.image, item.aligned, item.name)
+    taken = item.quantity.of(item.image)
+    return pictures.alignment_picture(
+        reference.quantity.of(reference.image), taken, item.aligned, item.name, item.quantity.label
+    )

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from windmark import io
 from windmark.app import console
 from windmark.app.detect_verb import Wishes, read_wished, uniquely_named, used_pixels, write_picture
-from windmark.detection import Guided
+from windmark.detection import AUTO, Guided
+from windmark.detection.either import FEW
 from windmark.pipeline.predictions import Predictions, from_camera, from_detections, look
 
 Record = dict[str, Any]
@@ -44,6 +45,8 @@ class _Seen:
     image: NDArray[np.generic]
     expected: Predictions
     got: Guided
+    polarity: str
+    decided: str = ""
 
 
 def detect(images: list[Path], wishes: Wishes, guide: Guide, as_json: bool) -> None:
@@ -51,15 +54,14 @@ def detect(images: list[Path], wishes: Wishes, guide: Guide, as_json: bool) -> N
     if len(wishes.radius_px) > 1 or wishes.merit_map is not None:
         raise ValueError("markers near predictions: give one --radius at most, and no --merit-map")
     seen: dict[str, _Seen] = {}
-    options = {"search_px": guide.search_px, "polarity": wishes.options["polarity"],
-               "photometry": wishes.options["photometry"]}  # fmt: skip
+    options = {"search_px": guide.search_px, "photometry": wishes.options["photometry"]}
     with console.progress() as show:
         for path in uniquely_named(images):
             show(f"detect {path.name}")
             image = read_wished(path, wishes)
             expected = _expected(guide, path.name, wishes.radius_px[0] if wishes.radius_px else None)
             mask = used_pixels(image, wishes.mask, wishes.roi)
-            seen[path.name] = _Seen(image, expected, look(image, expected, mask=mask, **options))
+            seen[path.name] = _look(image, expected, wishes.options["polarity"], {**options, "mask": mask})
         show("write")
         io.write_detections(
             wishes.output,
@@ -69,7 +71,7 @@ def detect(images: list[Path], wishes: Wishes, guide: Guide, as_json: bool) -> N
         if wishes.explain is not None:
             io.write_table(wishes.explain, _missing(seen))
         _draw(seen, wishes)
-    lines = [f"{name}: {one.got.found.sum()} of {len(one.expected)} expected markers{_why(one)}"
+    lines = [f"{name}: {one.got.found.sum()} of {len(one.expected)} expected markers{one.decided}{_why(one)}"
              for name, one in seen.items()]  # fmt: skip
     written = [p for p in (wishes.output, wishes.explain, wishes.picture) if p is not None]
     console.answer(
@@ -79,6 +81,19 @@ def detect(images: list[Path], wishes: Wishes, guide: Guide, as_json: bool) -> N
     )
     if not any(one.got.found.any() for one in seen.values()):
         console.refuse(f"none of the expected markers was found{_why(next(iter(seen.values())))}", as_json)
+
+
+def _look(image: NDArray[np.generic], expected: Predictions, polarity: str, options: dict[str, Any]) -> _Seen:
+    """Look for the expected markers; with "auto" for bright ones where there are hardly any dark ones."""
+    first = "dark" if polarity == AUTO else polarity
+    got = look(image, expected, polarity=first, **options)
+    few = min(FEW, len(expected))
+    if polarity != AUTO or got.found.sum() >= few:
+        return _Seen(image, expected, got, first)
+    other = look(image, expected, polarity="bright", **options)
+    if other.found.sum() < few:
+        return _Seen(image, expected, got, first)
+    return _Seen(image, expected, other, "bright", f", bright ones ({got.found.sum()} dark)")
 
 
 def _expected(guide: Guide, image: str, radius_px: float | None) -> Predictions:
@@ -140,6 +155,7 @@ def _why(one: _Seen) -> str:
 def _record(one: _Seen) -> Record:
     got = one.got
     return {
-        "expected": len(one.expected), "found": int(got.found.sum()), "name": list(one.expected.name), "xy": got.xy,
+        "expected": len(one.expected), "polarity": one.polarity, "found": int(got.found.sum()),
+        "name": list(one.expected.name), "xy": got.xy,
         "log10_nfa": got.log10_nfa, "answer": got.words, "blur_px": got.frame.blur_px,
     }  # fmt: skip

@@ -203,7 +203,7 @@ def view_picture(view: ViewImage, length_unit: str) -> Figure:
     return figure
 
 
-def section_picture(section: SectionValues, length_unit: str) -> Figure:
+def section_picture(section: SectionValues, length_unit: str, label: str = "grey level") -> Figure:
     """Values along a cut of the surface against arc length."""
     figure = Figure(figsize=(WIDTH_IN, 3.6), layout="constrained")
     axes = figure.add_subplot()
@@ -212,7 +212,7 @@ def section_picture(section: SectionValues, length_unit: str) -> Figure:
     for k in lines:
         mine = section.line == k
         axes.plot(section.xyz[mine, along], section.value[mine], lw=1.1, label=f"line {k + 1}")
-    axes.set(xlabel=f"{'xyz'[along]}, {length_unit}", ylabel="grey level")
+    axes.set(xlabel=f"{'xyz'[along]}, {length_unit}", ylabel=label)
     axes.set_title(f"Section “{section.name}”: gaps are where the camera does not see the surface")
     axes.grid(alpha=0.3)
     if 1 < len(lines) <= 10:
@@ -221,8 +221,9 @@ def section_picture(section: SectionValues, length_unit: str) -> Figure:
 
 
 def alignment_picture(
-    reference: NDArray[np.generic], raw: NDArray[np.generic], aligned: NDArray[np.float32], name: str
-) -> Figure:
+    reference: NDArray[np.generic], raw: NDArray[np.generic], aligned: NDArray[np.float32], name: str,
+    label: str = "grey level",
+) -> Figure:  # fmt: skip
     """Difference to the reference image, as taken and after 3D alignment, on one scale."""
     height, width = reference.shape
     figure = Figure(figsize=(WIDTH_IN, 0.5 * WIDTH_IN * height / width + 0.9), layout="constrained")
@@ -235,7 +236,7 @@ def alignment_picture(
         shown = axes.imshow(difference, cmap="coolwarm", vmin=-top, vmax=top, interpolation="nearest")
         axes.set(title=title, xlabel="x, px")
     left.set_ylabel("y, px")
-    figure.colorbar(shown, ax=[left, right], label="difference to the reference, grey level", extend="both")
+    figure.colorbar(shown, ax=[left, right], label=f"difference to the reference, {label}", extend="both")
     return figure
 
 

@@ -33,6 +33,7 @@ FILES = (
     ("matches.csv", "which spot is which marker, residual"),
     ("camera.json", "camera and its pose (windmark resect takes it)"),
     ("nodes.vtp, .dat, .f, .csv, .nc", "values on the grid: ParaView, Tecplot, PLOT3D function, CSV, NetCDF"),
+    ("pixels.nc", "on demand: the surface point behind every pixel, obliquity, volume (NetCDF)"),
     ("view-*.tif", "virtual images, float32, NaN where nothing was seen"),
     ("section-*.csv", "values along cuts"),
     ("aligned.tif", "the image as seen from the reference image's pose"),
@@ -47,6 +48,7 @@ def run_report(result: RunResult, clock: Clock, truth: Comparison | None = None)
     _overview(report, result)
     if truth is not None:
         _truth(report, truth)
+    _views(report, result)
     for item in result.images:
         _image(report, item, result)
     _times(report, result, clock.seconds)
@@ -95,6 +97,26 @@ def _overview(report: Report, result: RunResult) -> None:
         report.text(f"{item.name}: {item.problem}", "bad")
 
 
+def _views(report: Report, result: RunResult) -> None:
+    """How each view is framed: said once, because it is the same for all images."""
+    if not result.framed:
+        return
+    unit = result.project.length_unit
+    report.heading("Views")
+    report.text("One point of view for all images and cameras: a pixel of a view is the same place in each of them.")
+    rows = []
+    for view in result.framed:
+        pov = view.cam_from_model.to_pov(view.camera.focal_px, view.camera.size_px[0])
+        rows.append((
+            view.name, "{} × {}".format(*view.camera.size_px), f"{view.units_per_px:.5g}",
+            ", ".join(f"{round(v, 4) + 0.0:.4f}" for v in (pov.rx_deg, pov.ry_deg, pov.rz_deg)),
+            ", ".join(f"{round(v, 4) + 0.0:.4f}" for v in (pov.dx, pov.dy, pov.dz)), f"{pov.fov_deg:.4g}", view.how,
+        ))  # fmt: skip
+    report.table(
+        ["view", "size px", f"{unit} per px", "rx, ry, rz deg", f"dx, dy, dz {unit}", "fov deg", "point of view"], rows
+    )
+
+
 def _truth(report: Report, truth: Comparison) -> None:
     report.heading("Compared with the truth")
     report.text(truth.verdict, "good" if truth.good else "bad")
@@ -106,6 +128,8 @@ def _image(report: Report, item: ImageResult, result: RunResult) -> None:
     report.heading(f"Image {item.name}")
     if item.problem:
         report.text(item.problem, "bad")
+    if item.said:
+        report.text(f"{item.said[0].upper()}{item.said[1:]}.")
     if item.radius:
         report.text(item.radius.reason, "soft")
     if item.registered is not None and result.markers is not None:
@@ -121,7 +145,7 @@ def _image(report: Report, item: ImageResult, result: RunResult) -> None:
         )
     for section in item.sections:
         report.picture(
-            png(pictures.section_picture(section, result.project.length_unit)),
+            png(pictures.section_picture(section, result.project.length_unit, item.quantity.label)),
             f"Values along the cut “{section.name}”.",
         )
     alignment = figures.alignment_figure(item, result)
@@ -194,6 +218,8 @@ def _mapping(report: Report, item: ImageResult, result: RunResult) -> None:
     report.picture(
         png(figures.wireframe_figure(item, mesh)), "Visible grid lines projected with the pose found and the lens."
     )
+    if item.quantity.words:
+        report.text(f"{item.quantity.words[0].upper()}{item.quantity.words[1:]}.")
     if nodes.visible.any():
         report.picture(
             png(figures.surface_figure(item, mesh)),

@@ -75,7 +75,7 @@ def follow_files(wishes: Wishes, options: Record, change: tuple[float, float], a
     how = FollowOptions(**options, motion=motion, prior=prior, mask=mask)
     images = io.pictures(wishes.images)
     instants = stamped_instants(images) if wishes.frames is None else read_instants(wishes.frames, images)
-    start, last = time.perf_counter(), None
+    start, last, polarity = time.perf_counter(), None, ""
     rows: list[PoseRow] = []
     wishes.output.parent.mkdir(parents=True, exist_ok=True)
     with console.progress(len(images)) as show:
@@ -83,14 +83,19 @@ def follow_files(wishes: Wishes, options: Record, change: tuple[float, float], a
             show(f"{frame.name}: {frame.status}")
             rows.append(PoseRow.of(frame))
             last = frame if frame.registered is not None else last
+            polarity = frame.polarity or polarity
         show("write")
         with io.atomic_folder(wishes.output) as place:
             seconds = time.perf_counter() - start
-            record = {**sequence_summary(rows, camera, unit), "seconds": seconds, "folder": wishes.output}
+            record = {
+                **sequence_summary(rows, camera, unit), "seconds": seconds, "folder": wishes.output,
+                "polarity": polarity,
+            }  # fmt: skip
             _write(place, rows, markers, camera, unit, record, last)
     if last is None:
         console.refuse(f"no image gave a pose; the first: {rows[0].reason}", as_json, record)
-    console.answer(record, as_json, [*_lines(rows), f"report: {wishes.output / 'report.html'}"])
+    decided = ["bright markers: dark spots gave no pose"] if polarity == "bright" and how.polarity == "auto" else []
+    console.answer(record, as_json, [*_lines(rows), *decided, f"report: {wishes.output / 'report.html'}"])
 
 
 def stamped_instants(images: list[io.PictureFile]) -> list[float] | None:

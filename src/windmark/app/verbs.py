@@ -27,6 +27,7 @@ def run(
     max_time_s: float | None = None,
     roles: tuple[str, ...] = (),
     no_occlusion: bool = False,
+    method: str | None = None,
 ) -> None:
     """The main job from a project file; what is given besides replaces the file's own."""
     given: dict[str, dict[str, Any]] = {"register": {}}
@@ -36,6 +37,8 @@ def run(
         given["register"]["max_time_s"] = max_time_s
     if no_occlusion:
         given["register"]["occlusion"] = False
+    if method is not None:
+        given["register"]["method"] = method
     if roles:
         given["markers"] = {"roles": roles}
     project = read_project(path, given)
@@ -90,7 +93,7 @@ def finish(result: RunResult, record: Record, as_json: bool) -> None:
 
 def image_line(item: ImageResult, result: RunResult) -> str:
     """One image in one line."""
-    parts = [] if item.radius is None else [item.radius.reason]
+    parts = ([item.said] if item.said else []) + ([] if item.radius is None else [item.radius.reason])
     if item.problem:
         return f"{item.name}: {'; '.join(dict.fromkeys([*parts, item.problem]))}"
     answer = item.registered
@@ -104,7 +107,8 @@ def image_line(item: ImageResult, result: RunResult) -> str:
             bent = answer.deformation
             parts.append(f"model deformed by {100 * bent.largest:.2g} % of its size, up to {bent.largest_px:.1f} px")
     if item.values is not None and result.mesh is not None:
-        parts.append(f"values on {int((item.values == item.values).sum())} of {len(item.values)} nodes")
+        kind = "values" if item.quantity.name == "grey" else f"{item.quantity.name} ({item.quantity.unit})"
+        parts.append(f"{kind} on {int((item.values == item.values).sum())} of {len(item.values)} nodes")
     return f"{item.name}: " + "; ".join(parts)
 
 
@@ -126,6 +130,24 @@ def simulate(folder: Path, seed: int, as_json: bool) -> None:
     }
     lines = [
         f"{len(test.shots)} images, {len(test.markers)} markers, {len(test.mesh.vertices)} grid nodes: {folder}",
+        f"next: windmark run {folder / 'project.toml'}",
+    ]
+    console.answer(record, as_json, lines)
+
+
+def simulate_infrared(folder: Path, seed: int, as_json: bool) -> None:
+    """Write a synthetic infrared test."""
+    from windmark.pipeline.simulate_infrared import simulate_infrared as write_test
+
+    with console.progress() as show:
+        show("render the virtual wind tunnel")
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with io.atomic_folder(folder) as place:
+            made = write_test(place, seed)
+    markers, nodes = len(made.test.markers), len(made.test.mesh.vertices)
+    record = {"folder": folder, "seed": seed, "markers": markers, "grid_nodes": nodes, "images": list(made.frames)}
+    lines = [
+        f"{len(made.frames)} infrared images, {markers} markers, {nodes} grid nodes: {folder}",
         f"next: windmark run {folder / 'project.toml'}",
     ]
     console.answer(record, as_json, lines)

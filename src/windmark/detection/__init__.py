@@ -1,6 +1,7 @@
 """Find markers in an image: the paper's SPOT detector."""
 
 from windmark.detection.detect import detect, explain
+from windmark.detection.either import AUTO, Look, find_markers
 from windmark.detection.guided import Guided, detect_at
 from windmark.detection.guided_judge import ANSWERS
 from windmark.detection.merit import merit_map
@@ -9,6 +10,6 @@ from windmark.detection.rejected import REASONS, Rejected
 from windmark.detection.why_none import why_none
 
 __all__ = [
-    "ANSWERS", "REASONS", "Guided", "RadiusEstimate", "Rejected", "detect", "detect_at", "estimate_radius", "explain",
-    "merit_map", "why_none",
+    "ANSWERS", "AUTO", "REASONS", "Guided", "Look", "RadiusEstimate", "Rejected", "detect", "detect_at",
+    "estimate_radius", "explain", "find_markers", "merit_map", "why_none",
 ]  # fmt: skip

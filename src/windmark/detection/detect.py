@@ -50,7 +50,8 @@ def detect(
     radius_px : radius r0 of the markers in pixels, at least 1; or several radii, of which the best wins at each spot.
         One radius finds discs of about 0.8 ... 1.2 r0; rather take it a little too large than too small (paper, II.C).
         None takes what `estimate_radius` says; an image in which no size prevails has no spots
-    polarity : "dark" or "bright" markers on their surface
+    polarity : "dark" or "bright" markers on their surface; "auto" takes bright ones where fewer than three dark ones
+        are there, see `find_markers`, which also says what was decided
     merit_max : largest merit of a spot; the paper's 0.7 is a correlation of 0.778 with the top-hat
     refine : "template", a fit of the blurred ellipse to every candidate (`template.refine_template`), also to those
         whose merit is up to 1.43 `merit_max` or whose quality is down to half of `min_quality`; the fit decides: see
@@ -89,6 +90,14 @@ def detect(
     ValueError
         An image that is not (H, W) real numbers, a radius below 1, an unknown polarity or refinement.
     """
+    if polarity == "auto":
+        from windmark.detection.either import find_markers  # which calls this function
+
+        look = find_markers(
+            image, radius_px=radius_px, merit_max=merit_max, refine=refine, photometry=photometry, mask=mask,
+            max_spots=max_spots, min_depth=min_depth, min_quality=min_quality,
+        )  # fmt: skip
+        return look.detections
     options = Options(radius_px, polarity, merit_max, refine, photometry, mask, max_spots, min_depth, min_quality)
     return _examine(image, options, why=False)[0]
 
@@ -107,6 +116,11 @@ def explain(image: ArrayLike, **options: Any) -> tuple[Detections, Rejected]:
     -------
     found, rejected : `found` is exactly what `detect` returns
     """
+    if options.get("polarity") == "auto":
+        from windmark.detection.either import find_markers  # which calls this function
+
+        look = find_markers(image, rejected=True, **options)
+        return look.detections, look.rejected or Rejected.none()
     return _examine(image, Options(**options), why=True)
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from windmark.detection.detect import explain
+from windmark.detection.either import AUTO, find_markers
 from windmark.detection.image import check_image, check_mask, check_polarity, prepare, usable_sample
 from windmark.detection.options import Options, check_radii
 from windmark.detection.radius import prevailing
@@ -27,6 +28,8 @@ def why_none(image: ArrayLike, **options: Any) -> str:
         What is wrong with the image or the radius; else how many candidates were rejected, with the reasons, or that
         nothing of this size rises out of the noise.
     """
+    if options.get("polarity") == AUTO:
+        return _why_neither(image, options)
     asked, grey = Options(**options), check_image(image)
     height, width = grey.shape
     if usable_sample(grey, check_mask(asked.mask, grey.shape)).size == 0:
@@ -51,3 +54,12 @@ def why_none(image: ArrayLike, **options: Any) -> str:
     order = np.argsort(-counts, kind="stable")
     words = "; ".join(f"{counts[k]} {REASONS[int(codes[k])]}" for k in order)
     return f"{len(rejected)} candidate{'s were' if len(rejected) > 1 else ' was'} rejected: {words}"
+
+
+def _why_neither(image: ArrayLike, options: dict[str, Any]) -> str:
+    """Why there are neither dark nor bright markers; "" where there are."""
+    look = find_markers(image, **options)
+    if len(look.detections):
+        return ""
+    dark, bright = (why_none(image, **{**options, "polarity": polarity}) for polarity in ("dark", "bright"))
+    return dark if dark == bright else f"dark: {dark}; bright: {bright or look.words}"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,6 +19,9 @@ class PoV:
 
     ``R = Rz(rz) Ry(ry) Rx(rx)``, ``t = (dx, dy, dz)``; ``fov_deg`` is the full horizontal
     field of view, NaN where no camera was given. Source: AIAA 2005-5007, Fig. 5.
+
+    A PoV is a name for a pose and a focal length: `pose` and `focal_px` give them back, `Pose.to_pov` names them.
+    Any angles are taken (270 for -90); `canonical` gives the same point of view in the angles that `Pose.to_pov` uses.
     """
 
     rx_deg: float
@@ -30,8 +33,31 @@ class PoV:
     fov_deg: float = float("nan")
 
     def focal_px(self, width_px: float) -> float:
-        """Focal length in pixels of an image ``width_px`` wide with this field of view."""
+        """Focal length in pixels of an image ``width_px`` wide with this field of view.
+
+        Raises
+        ------
+        ValueError
+            For a field of view that is not between 0 and 180 degrees.
+        """
+        if not 0 < self.fov_deg < 180:
+            raise ValueError(f"PoV: fov_deg must be between 0 and 180 degrees, got {self.fov_deg:g}")
         return float(width_px / (2 * np.tan(np.radians(self.fov_deg) / 2)))
+
+    @property
+    def pose(self) -> Pose:
+        """The pose (cam_from_model) of these angles and distances."""
+        return Pose.from_pov(self)
+
+    @property
+    def canonical(self) -> PoV:
+        """The same point of view with ry in [-90, 90] and rx, rz in (-180, 180] degrees."""
+        return replace(self.pose.to_pov(), fov_deg=self.fov_deg)
+
+    @property
+    def singular(self) -> bool:
+        """Whether ry is ±90 degrees (to rounding): then only rz - rx (ry = 90) or rz + rx (ry = -90) is defined."""
+        return bool(abs(math.cos(math.radians(self.ry_deg))) < 1e-9)
 
 
 @dataclass(frozen=True)
@@ -148,6 +174,44 @@ class Pose:
         """Inverse of `to_pov`."""
         r = rotations.from_xyz_angles(*np.radians([pov.rx_deg, pov.ry_deg, pov.rz_deg]))
         return Pose(r, np.array([pov.dx, pov.dy, pov.dz]))
+
+    def pov_sigma(self, cov: ArrayLike, focal_px: float | None = None, width_px: float | None = None,
+                  focal_sigma_px: float = float("nan")) -> PoV:  # fmt: skip
+        """Standard deviations of the seven numbers of `to_pov`.
+
+        Parameters
+        ----------
+        cov : (6, 6) covariance of ``delta`` in ``exp(delta) @ pose``, rotation (rad) first
+        focal_px, width_px, focal_sigma_px : for the field of view; NaN without
+
+        Notes
+        -----
+        A turn w about the camera's axes changes the angles by E^-1 w with E = [Rz Ry e_x, Rz e_y, e_z], and the
+        distances by w x t. Where ry is ±90 degrees E has no inverse: rx and rz are infinitely uncertain, ry is not.
+        """
+        c = np.asarray(cov, dtype=float)
+        if c.shape != (6, 6) or self.rotation.ndim != 2:
+            raise ValueError(f"Pose.pov_sigma: expected a single pose and cov (6, 6), got {c.shape}")
+        _, turn_y, turn_z = rotations.to_xyz_angles(self.rotation)
+        sine, cosine = np.sin(turn_z), np.cos(turn_z)
+        # ry turns about Rz e_y; what is left of the turn in the plane of Rz e_x and e_z is shared by rx and rz.
+        about_y = np.array([-sine, cosine, 0.0])
+        rows = np.full((3, 3), np.inf)
+        rows[1] = about_y
+        if abs(np.cos(turn_y)) > 1e-9:
+            about_x = np.array([cosine, sine, 0.0]) / np.cos(turn_y)
+            rows[0], rows[2] = about_x, np.array([0.0, 0.0, 1.0]) + np.sin(turn_y) * about_x
+        out = np.full(6, np.inf)
+        for k in range(3):
+            if np.isfinite(rows[k]).all():
+                out[k] = np.degrees(np.sqrt(max(0.0, rows[k] @ c[:3, :3] @ rows[k])))
+        d = np.hstack([-rotations.hat(self.translation), np.eye(3)])
+        out[3:] = np.sqrt(np.maximum(np.diag(d @ c @ d.T), 0.0))
+        fov = float("nan")
+        if focal_px is not None and width_px is not None:
+            fov = float(np.degrees(width_px / (focal_px**2 + width_px**2 / 4) * focal_sigma_px))
+        rx, ry, rz, dx, dy, dz = out.tolist()
+        return PoV(rx, ry, rz, dx, dy, dz, fov)
 
     @staticmethod
     def look_at(eye: ArrayLike, target: ArrayLike, up: ArrayLike) -> Pose:

@@ -6,6 +6,7 @@ from windmark.io.cameras import (
     LENGTH_UNITS,
     CameraFile,
     ColmapModel,
+    is_camera_text,
     read_camera,
     read_camera_file,
     read_colmap,
@@ -16,6 +17,14 @@ from windmark.io.cameras import (
 from windmark.io.colour import CHANNELS, MOSAICS, from_mosaic, to_grey
 from windmark.io.csvtable import read_table, write_table
 from windmark.io.errors import FileError
+from windmark.io.grid_file import (
+    UNIT_FORMATS,
+    GridFile,
+    fitting_layouts,
+    read_grid_file,
+    write_grid_file,
+    written_grid_format,
+)
 from windmark.io.images import (
     page_count,
     read_grey,
@@ -24,15 +33,17 @@ from windmark.io.images import (
     write_image,
     write_images,
 )
-from windmark.io.markers import read_markers, write_markers
+from windmark.io.markers import read_marker_unit, read_markers, write_markers
 from windmark.io.masks import read_mask
-from windmark.io.mesh import read_mesh, write_mesh
+from windmark.io.mesh import GRID_FORMATS, GRID_SUFFIXES, grid_format, read_mesh, write_mesh
 from windmark.io.mode_tables import read_modes
 from windmark.io.netcdf import read_nodes_netcdf, write_nodes_netcdf
 from windmark.io.nodes_csv import write_nodes_csv
+from windmark.io.pixels import write_pixels
 from windmark.io.plot3d import detect_plot3d, read_plot3d, write_plot3d
 from windmark.io.plot3d_function import read_plot3d_function, write_plot3d_function
 from windmark.io.plot3d_layout import Plot3dLayout
+from windmark.io.quantity_told import told_quantity
 from windmark.io.recordings.address import FrameAddress, frame_address, picture_name
 from windmark.io.recordings.base import Frames
 from windmark.io.recordings.open import frames, is_recording
@@ -49,19 +60,22 @@ from windmark.io.tables import (
 from windmark.io.tecplot import write_tecplot
 from windmark.io.tecplot_read import read_tecplot
 from windmark.io.text import read_json, to_json, write_json
+from windmark.io.tgts import write_tgts
 from windmark.io.vtk_write import write_nodes_vtk
 
 __all__ = [
     "CAMERA_FORMATS", "CHANNELS", "LENGTH_UNITS", "MOSAICS", "CameraFile", "ColmapModel", "FileError", "MatchTable",
-    "atomic_folder", "atomic_path", "atomic_write", "from_mosaic", "read_detection_names",
+    "is_camera_text", "atomic_folder", "atomic_path", "atomic_write", "from_mosaic", "read_detection_names",
     "read_camera", "read_camera_file", "read_colmap", "write_colmap", "written_camera_format",
     "read_detections", "read_json", "read_markers", "read_matches", "read_modes", "read_table",
     "Plot3dLayout", "detect_plot3d", "read_mesh", "read_nodes_netcdf", "read_plot3d", "read_plot3d_function",
     "read_tecplot", "write_mesh", "write_nodes_csv", "write_nodes_netcdf", "write_nodes_vtk", "write_plot3d",
     "write_plot3d_function", "write_tecplot",
     "Frame", "FrameAddress", "Frames", "PictureFile", "addresses", "frame_address", "frames", "gathered",
-    "is_recording",    "picture_name", "pictures", "times_of", "write_frames",
+    "is_recording", "picture_name", "pictures", "times_of", "write_frames",
+    "GRID_FORMATS", "GRID_SUFFIXES", "UNIT_FORMATS", "GridFile", "fitting_layouts", "grid_format", "read_grid_file",
+    "write_grid_file", "written_grid_format", "read_marker_unit", "told_quantity", "write_tgts",
     "page_count", "read_grey", "read_image", "read_images", "read_mask", "to_grey", "to_json",
-    "write_image", "write_images",
+    "write_image", "write_images", "write_pixels",
     "write_camera", "write_detections", "write_json", "write_markers", "write_matches", "write_table",
 ]  # fmt: skip

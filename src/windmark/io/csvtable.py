@@ -191,10 +191,11 @@ def _check_header(
             raise FileError(path, f"the column {column!r} is there more than once", line)
 
 
-def write_table(path: Pathlike, columns: Mapping[str, ArrayLike]) -> None:
+def write_table(path: Pathlike, columns: Mapping[str, ArrayLike], *, comment: str = "") -> None:
     """Write columns of equal length as CSV, whole or not at all; the counterpart of `read_table`.
 
-    Floats keep every digit, NaN is an empty cell, booleans are 1 and 0. Lines end in a line feed.
+    Floats keep every digit, NaN is an empty cell, booleans are 1 and 0. Lines end in a line feed. A ``comment`` of one
+    line goes above the header, behind a ``#``.
 
     Raises
     ------
@@ -209,6 +210,7 @@ def write_table(path: Pathlike, columns: Mapping[str, ArrayLike]) -> None:
         raise ValueError(f"write_table: columns must be one-dimensional and equally long, got {lengths}")
     rows = max((len(array) for array in arrays.values()), default=0)
     with atomic_write(path) as stream:
+        stream.write(f"# {comment}\n" if comment else "")
         stream.write(",".join(map(_quoted, arrays)) + "\n")
         for start in range(0, rows, _CHUNK):  # as text a table takes many times its memory
             cells = [_cells(array[start : start + _CHUNK]) for array in arrays.values()]

@@ -184,7 +184,7 @@ def _checked(path: Pathlike, values: Image) -> Image:
 # --- writing ---------------------------------------------------------------------------------
 
 
-def write_image(path: Pathlike, image: ArrayLike) -> None:
+def write_image(path: Pathlike, image: ArrayLike, *, description: str = "") -> None:
     """Write an image, whole or not at all; the extension tells the format.
 
     Parameters
@@ -192,6 +192,7 @@ def write_image(path: Pathlike, image: ArrayLike) -> None:
     path : ``.png`` (uint8, uint16 grey), ``.tif``/``.tiff`` (any integers and floats, uncompressed),
         ``.jpg`` (uint8, quality 95, lossy) or ``.bmp`` (uint8)
     image : (H, W) or (H, W, 3 or 4); booleans (masks) become 0 and 255
+    description : what the values are, kept in a TIFF's own tag; other formats have no place for it
 
     Raises
     ------
@@ -204,7 +205,7 @@ def write_image(path: Pathlike, image: ArrayLike) -> None:
     kind = _EXTENSIONS[Path(path).suffix.lower()]
     if kind == "TIFF":
         with atomic_path(path) as temporary:
-            _write_tiff(temporary, [values])
+            _write_tiff(temporary, [values], description)
     else:
         # Pillow, writing to a file itself, does not notice that a full disk took only a part.
         content = _pillow.encode(kind, values)
@@ -251,13 +252,16 @@ def _writable(verb: str, path: Pathlike, image: ArrayLike) -> Image:
     return values
 
 
-def _write_tiff(path: Path, pictures: Iterable[Image]) -> int:
+def _write_tiff(path: Path, pictures: Iterable[Image], description: str = "") -> int:
     import tifffile
 
     count = 0
     with tifffile.TiffWriter(path) as writer:
         for values in pictures:
             photometric = "rgb" if values.ndim == 3 else "minisblack"
-            writer.write(np.ascontiguousarray(values), photometric=photometric, metadata=None, software="windmark")
+            writer.write(
+                np.ascontiguousarray(values), photometric=photometric, metadata=None, software="windmark",
+                description=description.encode() or None,
+            )  # fmt: skip
             count += 1
     return count

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 
 from windmark.io.csvtable import Table, read_table, write_table
 from windmark.io.errors import FileError
-from windmark.io.text import Pathlike
+from windmark.io.text import Pathlike, read_text
 from windmark.io.tgts import read_tgts
 from windmark.scene import ROLES, MarkerSet
 
@@ -25,6 +26,9 @@ COLUMNS = ("name", *XYZ, *NORMAL, "radius", "volume", "role", *SIGMA)
 
 TARGET_ROLES = ("model", "wall", "primary", "secondary")
 """Roles of painted markers that a detector may find. Taps and the like are not among them."""
+
+
+_UNIT = re.compile(r"^[ \t]*#[ \t]*length unit:[ \t]*(\S+)[ \t]*\r?$", re.MULTILINE | re.IGNORECASE)
 
 
 def read_markers(path: Pathlike, *, roles: Sequence[str] | None = TARGET_ROLES) -> MarkerSet:
@@ -64,10 +68,30 @@ def read_markers(path: Pathlike, *, roles: Sequence[str] | None = TARGET_ROLES) 
     return chosen
 
 
-def write_markers(path: Pathlike, markers: MarkerSet) -> None:
+def read_marker_unit(path: Pathlike) -> str:
+    """The length unit that a comment of a marker table says (``# length unit: mm``), "" where none does.
+
+    Raises
+    ------
+    FileError
+        When the file is no text, or says it twice and differently.
+    """
+    found = sorted(set(_UNIT.findall(read_text(path))))
+    if len(found) > 1:
+        raise FileError(path, f"says the length unit more than once: {', '.join(found)}; expected one")
+    return found[0] if found else ""
+
+
+def write_markers(path: Pathlike, markers: MarkerSet, *, length_unit: str = "") -> None:
     """Write a marker table as CSV, whole or not at all; columns in which nothing is known are left out.
 
     `read_markers` with ``roles=None`` gives back every bit.
+
+    Parameters
+    ----------
+    path : the file
+    markers : the markers
+    length_unit : unit of the coordinates, written as a comment, which `read_marker_unit` finds
 
     Raises
     ------
@@ -91,7 +115,7 @@ def write_markers(path: Pathlike, markers: MarkerSet) -> None:
     columns |= {"volume": markers.volume, "role": markers.role}
     if np.isfinite(markers.sigma).any():
         columns |= _columns(SIGMA, markers.sigma)
-    write_table(path, columns)
+    write_table(path, columns, comment=f"length unit: {length_unit}" if length_unit else "")
 
 
 def _columns(names: tuple[str, ...], values: Array) -> dict[str, NDArray]:

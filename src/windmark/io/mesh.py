@@ -20,11 +20,15 @@ from windmark.io.structured import Volumes, rename_volumes
 from windmark.io.tecplot import write_tecplot
 from windmark.io.tecplot_read import read_tecplot
 from windmark.io.vtk_read import VTK_SUFFIXES, read_vtk
+from windmark.io.vtk_write import SUFFIXES as VTK_WRITTEN
 from windmark.io.vtk_write import write_nodes_vtk
 from windmark.scene import Mesh
 
 PLOT3D_SUFFIXES = (".grid", ".grd", ".g", ".x", ".xyz", ".p3d", ".p3dfmt", ".fmt", ".unf")
 """Extensions under which `write_mesh` writes PLOT3D; any file that is nothing else is read as PLOT3D."""
+TECPLOT_SUFFIXES = (".dat", ".tec")
+GRID_SUFFIXES = (*PLOT3D_SUFFIXES, *TECPLOT_SUFFIXES, ".stl", ".obj", ".ply", ".tri", *VTK_WRITTEN, ".nc")
+"""All extensions that `write_mesh` writes."""
 _HEAD_BYTES = 4096
 
 
@@ -47,12 +51,16 @@ def read_mesh(path: str | os.PathLike[str], *, volumes: Volumes = None, volume_f
     FileError
         For a damaged file, one without faces, or nodes in use at NaN or infinity.
     """
-    reader = _reader(Path(path))
-    if reader is None:
+    kind = grid_format(path)
+    if kind == "PLOT3D":
         return read_plot3d(path, volumes=volumes, volume_face=volume_face)
     if volume_face is not None:
         raise ValueError(f"volume_face: is for PLOT3D volume blocks; {path} is another format")
-    mesh = reader(path, volumes)
+    return checked_nodes(path, _READERS[kind](path, volumes))
+
+
+def checked_nodes(path: str | os.PathLike[str], mesh: Mesh) -> Mesh:
+    """The same mesh, if every node in use is finite; else `FileError`."""
     bad = ~np.isfinite(mesh.vertices).all(axis=1)
     if mesh.blanked is not None:
         bad &= ~mesh.blanked
@@ -63,31 +71,37 @@ def read_mesh(path: str | os.PathLike[str], *, volumes: Volumes = None, volume_f
     return mesh
 
 
-def _reader(path: Path) -> Callable[[str | os.PathLike[str], Volumes], Mesh] | None:
-    """The reader for a file, None for PLOT3D."""
+def grid_format(path: str | os.PathLike[str]) -> str:
+    """The format in which `read_mesh` reads a file, one of `GRID_FORMATS`; "PLOT3D" for what is nothing else.
+
+    Raises
+    ------
+    FileError
+        For a file that cannot be read, and binary Tecplot and misnamed VTK files, which are not read.
+    """
     with reading(path), open(path, "rb") as stream:
         head = stream.read(_HEAD_BYTES)
-    suffix = path.suffix.lower()
+    suffix = Path(path).suffix.lower()
     first = head.lstrip()[:64].upper()
     if suffix == ".stl" or (first.startswith(b"SOLID") and b"facet" in head):
-        return lambda p, v: read_stl(p, volumes=v)
+        return "STL"
     if suffix == ".obj":
-        return lambda p, v: read_obj(p, volumes=v)
+        return "OBJ"
     if suffix == ".ply" or first.startswith((b"PLY\n", b"PLY\r")):
-        return lambda p, v: read_ply(p, volumes=v)
+        return "PLY"
     if suffix == ".tri":
-        return lambda p, v: read_cart3d(p, volumes=v)
+        return "Cart3D"
     if suffix in VTK_SUFFIXES:
-        return lambda p, v: read_vtk(p, volumes=v)
+        return "VTK"
     if head.startswith(b"\x89HDF\r\n\x1a\n") or suffix == ".nc":
-        return _read_netcdf
+        return "NetCDF"
     if head.startswith(b"#!TDV"):
         raise FileError(path, "is a binary Tecplot file; expected Tecplot ASCII (write data file as ASCII)")
     if first.startswith((b"# VTK", b"<VTKFILE", b"<?XML")):
         raise FileError(path, f"looks like a VTK file; expected its name to end in one of {VTK_SUFFIXES}")
     if first.startswith((b"TITLE", b"VARIABLES", b"ZONE", b"#")):
-        return lambda p, v: read_tecplot(p, volumes=v)[0]
-    return None
+        return "Tecplot"
+    return "PLOT3D"
 
 
 def _read_netcdf(path: str | os.PathLike[str], volumes: Volumes) -> Mesh:
@@ -97,13 +111,25 @@ def _read_netcdf(path: str | os.PathLike[str], volumes: Volumes) -> Mesh:
     return Mesh(mesh.vertices, mesh.triangles, names[which], mesh.blocks, mesh.blanked)
 
 
+_READERS: dict[str, Callable[[str | os.PathLike[str], Volumes], Mesh]] = {
+    "STL": lambda path, volumes: read_stl(path, volumes=volumes),
+    "OBJ": lambda path, volumes: read_obj(path, volumes=volumes),
+    "PLY": lambda path, volumes: read_ply(path, volumes=volumes),
+    "Cart3D": lambda path, volumes: read_cart3d(path, volumes=volumes),
+    "VTK": lambda path, volumes: read_vtk(path, volumes=volumes),
+    "NetCDF": _read_netcdf,
+    "Tecplot": lambda path, volumes: read_tecplot(path, volumes=volumes)[0],
+}
+GRID_FORMATS = ("PLOT3D", *_READERS)
+
+
 def write_mesh(path: str | os.PathLike[str], mesh: Mesh, *, length_unit: str = "") -> None:
     """Write a mesh in the format of the extension.
 
     PLOT3D (.grid, .x, .xyz, .g ..., meshes with blocks only), Tecplot ASCII (.dat, .tec), STL, OBJ, PLY,
-    Cart3D (.tri, text), VTK (.vtp, .vtm), NetCDF (.nc). Volumes survive in Tecplot, OBJ, VTK and NetCDF, as numbers
-    in Cart3D. Triangles of blocks that were turned round survive in all but PLOT3D, Tecplot and .vtm, which
-    hold blocks only.
+    Cart3D (.tri, text), VTK (.vtp, .vtm, .vtu, legacy .vtk), NetCDF (.nc). Volumes survive in Tecplot, OBJ, VTK and
+    NetCDF, as numbers in Cart3D. Triangles of blocks that were turned round survive in all but PLOT3D, Tecplot and
+    .vtm, which hold blocks only.
 
     Parameters
     ----------
@@ -121,7 +147,7 @@ def write_mesh(path: str | os.PathLike[str], mesh: Mesh, *, length_unit: str = "
     suffix, units = Path(path).suffix.lower(), {LENGTH: length_unit}
     if suffix in PLOT3D_SUFFIXES:
         write_plot3d(path, mesh)
-    elif suffix in (".dat", ".tec"):
+    elif suffix in TECPLOT_SUFFIXES:
         write_tecplot(path, mesh, units=units)
     elif suffix == ".stl":
         write_stl(path, mesh)
@@ -131,10 +157,9 @@ def write_mesh(path: str | os.PathLike[str], mesh: Mesh, *, length_unit: str = "
         write_cart3d(path, mesh)
     elif suffix == ".ply":
         write_ply(path, mesh, length_unit=length_unit)
-    elif suffix in (".vtp", ".vtm"):
+    elif suffix in VTK_WRITTEN:
         write_nodes_vtk(path, mesh, units=units)
     elif suffix == ".nc":
         write_nodes_netcdf(path, mesh, units=units)
     else:
-        known = (*PLOT3D_SUFFIXES, ".dat", ".tec", ".stl", ".obj", ".ply", ".tri", ".vtp", ".vtm", ".nc")
-        raise ValueError(f"path: {path} must end in one of {known}")
+        raise ValueError(f"path: {path} must end in one of {GRID_SUFFIXES}")

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.io.errors import FileError, reading
-from windmark.io.fields import split_label
+from windmark.io.fields import LENGTH, split_label
 from windmark.io.numbers_text import NumberText, parse_numbers
 from windmark.io.structured import Volumes, rename_volumes, structured_mesh
 from windmark.io.tecplot import equals_fill
@@ -92,6 +92,36 @@ def read_tecplot(
     """
     with reading(path):
         raw = Path(path).read_bytes()
+    mesh, columns, _ = _read(path, raw, volumes)
+    return mesh, columns
+
+
+def read_tecplot_nodes(
+    path: str | os.PathLike[str], *, volumes: Volumes = None
+) -> tuple[Mesh, dict[str, NDArray[np.floating]], dict[str, str]]:
+    """As `read_tecplot`, with names and units apart.
+
+    Returns
+    -------
+    mesh, fields (name -> (V,) values), units (name -> unit where the name carries one as ``name [unit]``, and "length"
+    of the coordinates)
+    """
+    with reading(path):
+        raw = Path(path).read_bytes()
+    mesh, columns, length_unit = _read(path, raw, volumes)
+    apart = {text: split_label(text) for text in columns}
+    short = [name for name, _ in apart.values()]
+    fields, units = {}, {LENGTH: length_unit}
+    for text, values in columns.items():
+        name, unit = apart[text] if short.count(apart[text][0]) == 1 else (text, "")
+        fields[name], units[name] = values, unit
+    return mesh, fields, {name: unit for name, unit in units.items() if unit}
+
+
+def _read(
+    path: str | os.PathLike[str], raw: bytes, volumes: Volumes
+) -> tuple[Mesh, dict[str, NDArray[np.floating]], str]:
+    """Mesh, columns by their variables' names, the coordinates' unit ("" where nothing says it)."""
     content = _parse(raw, Path(path))
     names = [quoted or bare for quoted, bare in _NAME.findall(content.variables)]
     parts: list[_Part] = []
@@ -106,8 +136,11 @@ def read_tecplot(
     if fill is not None:
         columns = {n: np.where(equals_fill(c, fill), np.nan, c) for n, c in columns.items()}
         columns.pop("valid", None)
+    axes = [split_label(name) for name in columns]
+    told = next((unit for name, unit in axes if name.strip().lower() == "x"), "")
     vertices = np.stack([_axis(content.path, columns, axis) for axis in "xyz"], axis=1)
-    return _mesh(vertices, parts, blanked, volumes), columns
+    fields: dict[str, NDArray[np.floating]] = dict(columns)
+    return _mesh(vertices, parts, blanked, volumes), fields, content.aux.get("lengthunit", told)
 
 
 def _fill(content: _Content) -> float | None:

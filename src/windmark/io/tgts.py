@@ -10,14 +10,23 @@ and are dropped.
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass
 
+import numpy as np
+
+from windmark.io.atomic import atomic_write
 from windmark.io.errors import FileError
+from windmark.io.fields import written_by
 from windmark.io.text import Pathlike, read_text
 from windmark.scene import MarkerSet
 
 SECTIONS = {"*targets": "model", "*taps": "tap", "*virtuals": "virtual", "*fiducials": "fiducial"}
 """Role of the entries of each section."""
+
+_TARGETS = "*targets"
+_NOT_WRITTEN = re.compile(r"\s{2,}|[^\S ]|^\s|\s$|^$")
+"""Spaces that a row of words does not give back."""
 
 _NUMBERS = ("index", "x", "y", "z", "nx", "ny", "nz", "size", "zone", "i", "j")
 
@@ -105,3 +114,48 @@ def _unique_names(path: Pathlike, entries: list[_Entry]) -> list[str]:
             raise FileError(path, what, entry.line)
         taken[name] = entry
     return list(taken)
+
+
+def write_tgts(path: Pathlike, markers: MarkerSet, *, length_unit: str = "") -> None:
+    """Write markers as a ``.tgts`` file: a section per role, whole or not at all.
+
+    Targets are model, wall, primary and secondary markers alike (`read_tgts` gives them back as model); their sigmas
+    and volumes have no place. An unknown radius is a size of 0, an unknown normal 0 0 0, and zone, i and j, which
+    nothing here knows, are 0. Every number keeps all its digits.
+
+    Parameters
+    ----------
+    path : the file
+    markers : the markers
+    length_unit : unit of the coordinates, written as a comment
+
+    Raises
+    ------
+    ValueError
+        For a name that is empty or has spaces which a row of words does not give back.
+    FileError
+        When the file cannot be written.
+    """
+    for name in markers.name.tolist():
+        if _NOT_WRITTEN.search(name):
+            raise ValueError(f"write_tgts: a name must not be empty, nor have double or outer spaces: {name!r}")
+    lines = [f"# {written_by()}"] + ([f"# length unit: {length_unit}"] if length_unit else [])
+    section_of = {role: key for key, role in SECTIONS.items()}
+    sections = [section_of.get(role, _TARGETS) for role in markers.role.tolist()]
+    taken: set[str] = set()
+    for section, role in SECTIONS.items():
+        rows = [k for k, of in enumerate(sections) if of == section]
+        lines += [f"*{section[1:].title()}"] if rows else []
+        for index, k in enumerate(rows, start=1):
+            bare = str(markers.name[k]).removeprefix(f"{role}:")
+            name = bare if bare in taken else str(markers.name[k])  # read_tgts puts the role in front again
+            lines.append(" ".join([str(index), *_words(markers, k), "0 0 0", name]))
+        taken.update(str(markers.name[k]) for k in rows)
+    with atomic_write(path) as stream:
+        stream.write("\n".join(lines) + "\n")
+
+
+def _words(markers: MarkerSet, k: int) -> list[str]:
+    """X y z nx ny nz size; 0 for what is not known."""
+    numbers = [*markers.xyz[k], *np.nan_to_num(markers.normal[k]), np.nan_to_num(2 * markers.radius[k])]
+    return [repr(float(v)) for v in numbers]

@@ -18,7 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.io.errors import FileError, reading
+from windmark.io.fields import LENGTH, split_label
 from windmark.io.structured import Volumes, rename_volumes, structured_mesh
+from windmark.io.vtk_values import point_values
 from windmark.scene import Block, Mesh
 
 _READERS = {
@@ -59,6 +61,35 @@ def read_vtk(path: str | os.PathLike[str], *, volumes: Volumes = None) -> Mesh:
     FileError
         For a file that VTK cannot read, or that has no faces.
     """
+    return _read(path, volumes)[0]
+
+
+def read_vtk_nodes(
+    path: str | os.PathLike[str], *, volumes: Volumes = None
+) -> tuple[Mesh, dict[str, NDArray[np.floating]], dict[str, str], tuple[str, ...]]:
+    """As `read_vtk`, with the values at the nodes.
+
+    Returns
+    -------
+    mesh
+    fields : name -> (V,) values; a vector a becomes a_x, a_y, a_z. Of a file of several pieces those that all have
+    units : name -> unit where the array's name carries one as ``name [unit]``, and "length" where the file says it
+    left_out : arrays that are no such values (at cells, other sizes, text), in words
+    """
+    mesh, leaves = _read(path, volumes)
+    columns, left_out = point_values(leaves)
+    if any(len(values) != len(mesh.vertices) for values in columns.values()):
+        raise FileError(path, f"its arrays do not have one value for each of {len(mesh.vertices)} nodes")
+    units = {LENGTH: next((u for leaf in leaves for u in _field_strings(leaf, "length_unit")), "")}
+    fields = {}
+    for text, values in columns.items():
+        name, unit = split_label(text)
+        fields[name], units[name] = values, unit
+    return mesh, fields, {name: unit for name, unit in units.items() if unit}, left_out
+
+
+def _read(path: str | os.PathLike[str], volumes: Volumes) -> tuple[Mesh, list[Any]]:
+    """The mesh and the data sets that it comes from, in the order of its nodes."""
     suffix = Path(path).suffix.lower()
     if suffix not in _READERS:
         raise ValueError(f"path: {path} must end in one of {VTK_SUFFIXES}")
@@ -78,7 +109,17 @@ def read_vtk(path: str | os.PathLike[str], *, volumes: Volumes = None) -> Mesh:
     mesh = _joined(parts)
     found, which = np.unique(mesh.volume, return_inverse=True)
     names = np.array(rename_volumes([str(n) for n in found], volumes), dtype=np.str_)
-    return replace(mesh, volume=names[which])
+    return replace(mesh, volume=names[which]), list(_leaves(data))
+
+
+def _leaves(data: Any) -> Iterator[Any]:
+    """The data sets with points, in the order of `_parts`."""
+    if data.IsA("vtkMultiBlockDataSet"):
+        for k in range(data.GetNumberOfBlocks()):
+            if data.GetBlock(k) is not None:
+                yield from _leaves(data.GetBlock(k))
+    else:
+        yield data
 
 
 def _checked_parts(path: str | os.PathLike[str], data: Any) -> list[_Part]:
@@ -172,10 +213,7 @@ def _poly_data(data: Any, name: str) -> Iterator[_Part]:
     """A surface; one that `write_nodes_vtk` has written comes back in its blocks."""
     vertices, blanked = _vertices(data), _blanked(data)
     triangles, cells = _triangles(data)
-    volume = np.full(len(triangles), name)
-    ids, names = data.GetCellData().GetArray("volume"), _field_strings(data, "volume_names")
-    if ids is not None and names:
-        volume = np.array(names)[_numpy(ids)[cells]]
+    volume = _volumes(data, data.GetCellData(), cells, name)
     shapes, blocks = data.GetFieldData().GetArray("block_shapes"), _field_strings(data, "block_names")
     if shapes is None:
         yield _Part(name, vertices, triangles, volume, None, blanked)
@@ -217,6 +255,14 @@ def _with_ids(attributes: Any, count: int, name: str) -> Any:
     return attributes
 
 
+def _volumes(data: Any, cells: Any, of_triangle: NDArray[np.int64], name: str) -> NDArray[np.str_]:
+    """The volume of each triangle, as `write_nodes_vtk` has written it, else ``name`` for all."""
+    ids, names = cells.GetArray("volume"), _field_strings(data, "volume_names")
+    if ids is None or not names:
+        return np.full(len(of_triangle), name)
+    return np.array(names)[_numpy(ids)[of_triangle]]
+
+
 def _surface(data: Any, name: str) -> _Part:
     """The outside of solid cells, and flat cells as they are, on the nodes of the file."""
     from vtkmodules.vtkFiltersGeometry import vtkGeometryFilter
@@ -229,9 +275,11 @@ def _surface(data: Any, name: str) -> _Part:
     surface = outside.GetOutput()
     if not surface.GetNumberOfCells():
         return _Part(name, _vertices(data), np.zeros((0, 3), dtype=np.int64), np.zeros(0, dtype=np.str_))
-    triangles, _ = _triangles(surface)
+    triangles, cells = _triangles(surface)
     node = _numpy(surface.GetPointData().GetArray("windmark_point"))
-    return _Part(name, _vertices(data), node[triangles].astype(np.int64), np.full(len(triangles), name))
+    data.GetPointData().RemoveArray("windmark_point")
+    volume = _volumes(data, surface.GetCellData(), cells, name)
+    return _Part(name, _vertices(data), node[triangles].astype(np.int64), volume, None, _blanked(data))
 
 
 def _joined(parts: list[_Part]) -> Mesh:

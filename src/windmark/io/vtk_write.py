@@ -19,6 +19,7 @@ from windmark.io.fields import LENGTH, checked_fields, label, single_is_exact, w
 from windmark.scene import Block, Mesh
 
 RESERVED = ("iblank", "volume", "vtkghosttype")
+SUFFIXES = (".vtp", ".vtm", ".vtk", ".vtu")
 _HIDDEN_POINT = 2  # vtkDataSetAttributes::HIDDENPOINT, the bit of vtkGhostType that hides a node
 _COMPRESSION = 1  # zlib level: higher ones take twice the time for a tenth of the size
 
@@ -34,8 +35,9 @@ def write_nodes_vtk(
 
     Parameters
     ----------
-    path : ``.vtp`` (one surface with all nodes in the mesh's order) or ``.vtm`` (one piece per block, each a
-        structured grid, or per volume for a mesh without blocks; the pieces are in a folder of the file's name)
+    path : ``.vtp`` or ``.vtk`` (legacy; one surface with all nodes in the mesh's order), ``.vtu`` (the same as an
+        unstructured grid, without blocks) or ``.vtm`` (one piece per block, each a structured grid, or per volume for
+        a mesh without blocks; the pieces are in a folder of the file's name)
     mesh : the mesh
     fields : name -> (V,) values
     units : name -> unit, written into the arrays' names, and "length" -> that of the coordinates, written as
@@ -49,14 +51,15 @@ def write_nodes_vtk(
         Where a file cannot be written; then nothing is.
     """
     suffix = Path(path).suffix.lower()
-    if suffix not in (".vtp", ".vtm"):
-        raise ValueError(f"path: {path} must end in .vtp or .vtm")
+    if suffix not in SUFFIXES:
+        raise ValueError(f"path: {path} must end in one of {SUFFIXES}")
     length_unit = (units or {}).get(LENGTH, "")
     arrays = {label(n, units): a for n, a in checked_fields(mesh, fields or {}, units, RESERVED).items()}
     if suffix == ".vtm":
         _write_multi_block(Path(path), mesh, arrays, length_unit)
         return
-    data = _xml(_poly_data(mesh, arrays, length_unit))
+    surface = _poly_data(mesh, arrays, length_unit)
+    data = _legacy(surface) if suffix == ".vtk" else _xml(_unstructured(surface) if suffix == ".vtu" else surface)
     with atomic_path(path) as temporary:
         temporary.write_bytes(data)
 
@@ -92,9 +95,10 @@ def _escaped(text: str) -> str:
 
 def _xml(data: Any) -> bytes:
     """A VTK XML file in memory."""
-    from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter, vtkXMLStructuredGridWriter
+    from vtkmodules import vtkIOXML
 
-    writer = vtkXMLPolyDataWriter() if data.IsA("vtkPolyData") else vtkXMLStructuredGridWriter()
+    kind = data.GetClassName().removeprefix("vtk")  # PolyData, StructuredGrid, UnstructuredGrid
+    writer = getattr(vtkIOXML, f"vtkXML{kind}Writer")()
     writer.SetInputData(data)
     writer.WriteToOutputStringOn()
     writer.SetDataModeToAppended()
@@ -105,6 +109,34 @@ def _xml(data: Any) -> bytes:
     writer.Write()
     text: str | bytes = writer.GetOutputString()
     return text if isinstance(text, bytes) else text.encode()
+
+
+def _legacy(surface: Any) -> bytes:
+    """A legacy VTK file (binary) in memory."""
+    from vtkmodules.vtkIOLegacy import vtkPolyDataWriter
+
+    writer = vtkPolyDataWriter()
+    writer.SetInputData(surface)
+    writer.SetFileTypeToBinary()
+    writer.WriteToOutputStringOn()
+    writer.Write()
+    text: str | bytes = writer.GetOutputStdString()  # text only where every byte is
+    return text if isinstance(text, bytes) else text.encode()
+
+
+def _unstructured(surface: Any) -> Any:
+    """The same triangles as an unstructured grid, without the blocks' shapes, which would mean nothing there."""
+    from vtkmodules.vtkCommonDataModel import VTK_TRIANGLE, vtkUnstructuredGrid
+
+    data = vtkUnstructuredGrid()
+    data.SetPoints(surface.GetPoints())
+    data.SetCells(VTK_TRIANGLE, surface.GetPolys())
+    data.GetPointData().ShallowCopy(surface.GetPointData())
+    data.GetCellData().ShallowCopy(surface.GetCellData())
+    data.GetFieldData().ShallowCopy(surface.GetFieldData())
+    for name in ("block_shapes", "block_names"):
+        data.GetFieldData().RemoveArray(name)
+    return data
 
 
 def _array(name: str, values: NDArray[Any]) -> Any:

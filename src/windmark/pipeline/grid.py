@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -16,21 +16,24 @@ from windmark.scene import MarkerSet, Mesh
 UNDER_GRID = 2e-3
 """A marker's table place may lie so far under the grid's flat triangles (of its diagonal); that does not hide it."""
 HIDDEN = resection.REASONS.index("hidden")
-_CLOSED = 1e-6
-"""Sum of the normals over the area below which a surface counts as closed."""
 
 
-def read_grid(entry: GridEntry) -> Mesh:
-    """Read a grid, keep the wanted volumes and orient it.
+def read_grid(entry: GridEntry, cameras: Sequence[tuple[Camera, Pose]] = ()) -> Mesh:
+    """Read a grid, keep the wanted volumes and orient it (see `oriented`).
 
     Nodes stay as they are in the file, so results can be written in its order; those of other volumes
-    are in no triangle any more.
+    are in no triangle any more, and nothing depends on where they are.
 
     Raises
     ------
     FileError
         When the file cannot be read or has no such zone.
     """
+    return oriented(read_surface(entry), entry, cameras)
+
+
+def read_surface(entry: GridEntry) -> Mesh:
+    """As `read_grid`, with the orientation that the file gives."""
     volume_of = {zone: name for name, zones in (entry.volumes or {}).items() for zone in zones}
     try:
         mesh = io.read_mesh(entry.file, volumes=volume_of or None, volume_face=entry.volume_face)
@@ -41,24 +44,15 @@ def read_grid(entry: GridEntry) -> Mesh:
     if volume_of:
         keep = np.isin(mesh.volume, list(volume_of.values()))
         mesh = replace(mesh, triangles=mesh.triangles[keep], volume=mesh.volume[keep])
-    if entry.orientation == "auto" and not is_outward(mesh):
-        mesh = resection.orient_outward(mesh)
     return mesh
 
 
-def is_outward(mesh: Mesh) -> bool:
-    """Whether the triangles form a closed surface around a positive volume.
+def oriented(mesh: Mesh, entry: GridEntry, cameras: Sequence[tuple[Camera, Pose]] = ()) -> Mesh:
+    """The grid with its triangles turned to the air, unless the entry says that the file is right.
 
-    The normals of a closed, consistently turned surface add up to nothing (divergence theorem), which
-    costs far less to see than to follow every edge.
+    ``cameras`` with their poses tell the air side of what they see: the inside of walls, the outside of the model.
     """
-    normals = mesh.triangle_normals()
-    area = np.linalg.norm(normals, axis=1).sum()
-    if not area > 0 or np.linalg.norm(normals.sum(axis=0)) > _CLOSED * area:
-        return False
-    # Six times the enclosed volume, from the middle of the box so that nothing large cancels.
-    middle = 0.5 * (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0))
-    return bool(np.sum((mesh.vertices[mesh.triangles[:, 0]] - middle) * normals) > 0)
+    return mesh if entry.orientation == "file" else resection.orient_outward(mesh, cameras=cameras)
 
 
 def sight(markers: MarkerSet, mesh: Mesh) -> Callable[[Pose, Camera], NDArray[np.bool_]]:

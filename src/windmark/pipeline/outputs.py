@@ -13,7 +13,7 @@ import windmark
 from windmark import io
 from windmark.geometry import Pose
 from windmark.pipeline.clock import Clock
-from windmark.pipeline.results import ImageResult, RunResult
+from windmark.pipeline.results import FramedView, ImageResult, RunResult
 from windmark.registration import NotRegistered, Registration, WeakDirection
 from windmark.scene import MarkerSet
 
@@ -39,20 +39,27 @@ def _write_image(item: ImageResult, result: RunResult, place: Path) -> None:
         io.write_matches(place / "matches.csv", item.detections, result.markers, answer.matching,
                          projected_xy(answer, result.markers), image=item.name)  # fmt: skip
     if item.cam_from_model is not None:
-        io.write_camera(place / "camera.json", item.camera, item.cam_from_model, unit=unit)
+        cov = None if answer is None else answer.cov[:6, :6]
+        io.write_camera(place / "camera.json", item.camera, item.cam_from_model, unit=unit, pose_cov=cov)
     for view in item.views:
-        io.write_image(place / f"view-{view.name}.tif", view.image)
+        io.write_image(place / f"view-{view.name}.tif", view.image, description=item.quantity.words)
         io.write_camera(place / f"view-{view.name}.json", view.camera, view.cam_from_model, unit=unit)
     for section in item.sections:
         io.write_table(
             place / f"section-{section.name}.csv",
             {
                 "line": section.line, "arc": section.arc, "x": section.xyz[:, 0], "y": section.xyz[:, 1],
-                "z": section.xyz[:, 2], "value": section.value,
+                "z": section.xyz[:, 2], item.quantity.column: section.value,
             },
         )  # fmt: skip
+    if item.pixels is not None and item.image is not None:
+        io.write_pixels(
+            place / "pixels.nc", item.image, item.pixels.xyz(), item.pixels.triangle_values(item.pixels.mesh.volume),
+            {"obliquity_deg": item.pixels.obliquity_deg().astype(np.float32)}, length_unit=unit,
+            units={"value": "grey level", "obliquity_deg": "deg"}, history=_history(item, result),
+        )  # fmt: skip
     if item.aligned is not None:
-        io.write_image(place / "aligned.tif", item.aligned)
+        io.write_image(place / "aligned.tif", item.aligned, description=item.quantity.words)
 
 
 def projected_xy(answer: Registration, markers: MarkerSet) -> NDArray[np.float64]:
@@ -66,9 +73,10 @@ def _write_nodes(item: ImageResult, result: RunResult, place: Path, clock: Clock
     assert mesh is not None
     assert nodes is not None
     assert values is not None
-    fields = {"value": values, "obliquity_deg": np.where(nodes.visible, nodes.obliquity_deg, np.nan)}
-    units = {"value": "grey level", "obliquity_deg": "deg", "length": result.project.length_unit}
-    history = {"image": item.name, "project": result.project.title, "windmark": windmark.__version__}
+    name = item.quantity.column
+    fields = {name: values, "obliquity_deg": np.where(nodes.visible, nodes.obliquity_deg, np.nan)}
+    units = {name: item.quantity.unit_words, "obliquity_deg": "deg", "length": result.project.length_unit}
+    history = _history(item, result)
     writers: dict[str, Callable[[], None]] = {
         "vtk": lambda: io.write_nodes_vtk(place / "nodes.vtp", mesh, fields, units=units),
         "tecplot": lambda: io.write_tecplot(place / "nodes.dat", mesh, fields, units=units),
@@ -79,11 +87,18 @@ def _write_nodes(item: ImageResult, result: RunResult, place: Path, clock: Clock
         "netcdf": lambda: io.write_nodes_netcdf(place / "nodes.nc", mesh, fields, units=units, history=history),
     }
     wanted = result.project.output.nodes
-    for name in writers if wanted is None else wanted:
-        if wanted is None and name == "plot3d" and not mesh.blocks:
+    for kind in writers if wanted is None else wanted:
+        if wanted is None and kind == "plot3d" and not mesh.blocks:
             continue  # "all that the grid allows"
-        with clock(f"write nodes: {name}"):
-            writers[name]()
+        with clock(f"write nodes: {kind}"):
+            writers[kind]()
+
+
+def _history(item: ImageResult, result: RunResult) -> Record:
+    return {
+        "image": item.name, "quantity": vars(item.quantity), "project": result.project.title,
+        "windmark": windmark.__version__,
+    }  # fmt: skip
 
 
 def _layout(result: RunResult) -> io.Plot3dLayout:
@@ -104,6 +119,7 @@ def summary(result: RunResult, clock: Clock) -> Record:
         "length_unit": result.project.length_unit,
         "markers": None if result.markers is None else len(result.markers),
         "grid_nodes": None if result.mesh is None else len(result.mesh.vertices),
+        "views": [view_summary(view) for view in result.framed],
         "images": [image_summary(item, result) for item in result.images],
         "failed": [item.name for item in result.failed],
         "notes": [f"{path}: {text}" for path, text in result.notes],
@@ -112,13 +128,24 @@ def summary(result: RunResult, clock: Clock) -> Record:
     }
 
 
+def view_summary(view: FramedView) -> Record:
+    """A view of the job in figures: where it is seen from, the same for all images."""
+    pov = view.cam_from_model.to_pov(view.camera.focal_px, view.camera.size_px[0])
+    return {
+        "name": view.name, "size_px": view.camera.size_px, "pov": vars(pov), "units_per_px": view.units_per_px,
+        "how": view.how,
+    }  # fmt: skip
+
+
 def image_summary(item: ImageResult, result: RunResult) -> Record:
     """One image in figures."""
     record: Record = {"name": item.name, "problem": item.problem, "seconds": item.seconds}
     if item.radius is not None:
         record["radius_estimate"] = item.radius.reason
     if item.detections is not None:
-        record["spots"] = len(item.detections)
+        record["spots"], record["polarity"] = len(item.detections), item.polarity
+    if item.said:
+        record["polarity_decided"] = item.said
     answer = item.registered
     if answer is not None and result.markers is not None:
         unit = result.project.length_unit
@@ -130,6 +157,7 @@ def image_summary(item: ImageResult, result: RunResult) -> Record:
             "weak": [weak_record(w, result.project.length_unit) for w in no.weak],
         }  # fmt: skip
     if item.nodes is not None and item.values is not None:
+        record["quantity"] = {**vars(item.quantity), "column": item.quantity.column}
         record["nodes_visible"] = int(item.nodes.visible.sum())
         record["nodes_with_value"] = int(np.isfinite(item.values).sum())
     record["views"] = {v.name: {"units_per_px": v.units_per_px, "valid_px": int(v.valid.sum())} for v in item.views}

@@ -6,6 +6,7 @@ Paths are relative to the project file.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -13,9 +14,11 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, ValidationError, model_validator
 
 from windmark.io import picture_name
+from windmark.pipeline.quantity import Quantity
 from windmark.pipeline.settings import Strict, existing, existing_picture, explained, read_toml, unusable_name
 
-Vector = tuple[float, float, float]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Vector = tuple[Finite, Finite, Finite]
 Place = tuple[float, float]
 Unit = Literal["in", "ft", "mm", "cm", "m"]
 NodeFormat = Literal["vtk", "tecplot", "plot3d", "csv", "netcdf"]
@@ -39,6 +42,8 @@ class ImageEntry(Strict):
     """One image, or a frame of a recording: ``file = "run.cine[120]"``, or ``page`` of a multipage TIFF.
 
     ``channel``: of a colour picture; grey is a weighted sum. ``bayer``: the file is a colour sensor's raw mosaic.
+    ``quantity``, ``unit``: what the values are, such as "temperature" in "K"; None: what the file says, else grey.
+    ``scale``, ``offset``: value = offset + scale * grey level, before anything is sampled.
     ``labels``: marker name -> (x, y) of its spot, which the registration must keep; ``exclude``: (x, y) of spots that
     take no part. The spot nearest to such a place is meant, at most ``register.label_distance_px`` away.
     """
@@ -49,8 +54,19 @@ class ImageEntry(Strict):
     page: Annotated[int, Field(ge=0)] | None = None
     channel: Literal["grey", "red", "green", "blue"] = "grey"
     bayer: Literal["RGGB", "BGGR", "GRBG", "GBRG"] | None = None
+    quantity: Literal["grey", "radiance", "temperature"] | None = None
+    unit: str | None = None
+    scale: Annotated[float, Field(allow_inf_nan=False)] = 1.0
+    offset: Annotated[float, Field(allow_inf_nan=False)] = 0.0
     labels: dict[str, Place] = Field(default_factory=dict)
     exclude: tuple[Place, ...] = ()
+
+    @model_validator(mode="after")
+    def _quantity(self) -> ImageEntry:
+        if self.quantity is None and self.unit is not None:
+            raise ValueError(f'unit {self.unit!r} without quantity; expected "temperature" or "radiance" there')
+        Quantity(self.quantity or "grey", self.unit or "", self.scale, self.offset)
+        return self
 
     @property
     def label(self) -> str:
@@ -70,14 +86,26 @@ class GridEntry(Strict):
 
     ``volumes``: the model's parts, each with the zones (blocks, or volumes of the file) it is made of; zones
     that are not named do not belong to the job (walls do not move with the model). All zones by default.
-    ``orientation``: "auto" turns the triangles outward unless they form a closed surface that is so already;
-    "file" takes them as they are. ``volume_face``: of a file with volume blocks, the face that is the surface.
+    ``orientation``: "auto" turns the triangles to the air: the side that the cameras see, the outside of a body and
+    the inside of walls (see `windmark.orient_outward`); "file" takes them as they are. ``volume_face``: of a file with
+    volume blocks, the face that is the surface.
     """
 
     file: Path
     volumes: dict[str, tuple[str, ...]] | None = None
     orientation: Literal["auto", "file"] = "auto"
     volume_face: Literal["imin", "imax", "jmin", "jmax", "kmin", "kmax"] | None = None
+
+    @model_validator(mode="after")
+    def _each_zone_once(self) -> GridEntry:
+        zones = [zone for zones in (self.volumes or {}).values() for zone in zones]
+        double = sorted({z for z in zones if zones.count(z) > 1})
+        if double:
+            raise ValueError(f"volumes: a zone belongs to one volume, given more than once: {', '.join(double)}")
+        empty = [name for name, zones in (self.volumes or {}).items() if not zones]
+        if empty or self.volumes == {}:
+            raise ValueError(f"volumes: {', '.join(empty) or 'none given'}; expected at least one zone in each")
+        return self
 
 
 class DetectOptions(Strict):
@@ -88,7 +116,7 @@ class DetectOptions(Strict):
     """
 
     radius_px: Positive | Annotated[tuple[Positive, ...], Field(min_length=1)] | None = None
-    polarity: Literal["dark", "bright"] = "dark"
+    polarity: Literal["auto", "dark", "bright"] = "auto"
     merit_max: Positive = 0.7
     refine: Literal["bowl", "template"] = "template"
     photometry: Literal["multiplicative", "additive"] | None = None
@@ -98,11 +126,13 @@ class DetectOptions(Strict):
 class RegisterOptions(Strict):
     """Options of `windmark.register`. ``prior``: a camera file whose pose the solution must be near to.
 
+    ``method``: "hash" looks up how neighbouring markers can look, "ransac" is the paper's search (section III.C).
     ``occlusion``: markers that the grid hides are neither expected nor matched.
     ``max_table_error``: as part of the distance between markers; larger for a rough table. ``max_deformation``: as part
     of the model's size.
     """
 
+    method: Literal["hash", "ransac"] = "hash"
     prior: Path | None = None
     prior_max_angle_deg: Annotated[float, Field(gt=0, le=180)] = 30.0
     prior_max_scale: Annotated[float, Field(gt=1)] = 1.3
@@ -123,14 +153,58 @@ class ResectOptions(Strict):
     interpolation: Literal["linear", "cubic"] = "cubic"
 
 
+class PovEntry(Strict):
+    """The paper's point of view (see docs/conventions.md): angles in degrees, distances in the length unit."""
+
+    rx_deg: Finite
+    ry_deg: Finite
+    rz_deg: Finite
+    dx: Finite
+    dy: Finite
+    dz: Finite
+
+
 class ViewEntry(Strict):
-    """A virtual image: looks along `direction` (model frame), `up` points to the top, framed on the surface seen."""
+    """A virtual image, the same for all images and cameras of the job. Its point of view is given in one of three ways.
+
+    - ``direction`` (model frame) and ``up`` (which points to the top): framed on all nodes of the grid that take part,
+      or on those of ``volumes``, whatever the images show of them.
+    - ``pov``: the paper's numbers, with ``fov_deg``.
+    - ``camera``: a camera file with a pose; its lens and size, unless ``size_px`` or ``fov_deg`` are given: then a
+      perfect camera of this size and field of view (its own by default) in the same place.
+    """
 
     name: str
-    direction: Vector
-    up: Vector
-    size_px: tuple[Annotated[int, Field(gt=0, le=20000)], Annotated[int, Field(gt=0, le=20000)]] = (1200, 800)
-    fov_deg: Annotated[float, Field(gt=0, lt=170)] = 2.0
+    direction: Vector | None = None
+    up: Vector | None = None
+    volumes: Annotated[tuple[str, ...], Field(min_length=1)] | None = None
+    pov: PovEntry | None = None
+    camera: Path | None = None
+    size_px: tuple[Annotated[int, Field(gt=0, le=20000)], Annotated[int, Field(gt=0, le=20000)]] | None = None
+    fov_deg: Annotated[float, Field(gt=0, lt=170)] | None = None
+
+    @model_validator(mode="after")
+    def _one_way(self) -> ViewEntry:
+        by = [k for k in ("direction", "pov", "camera") if getattr(self, k) is not None]
+        if len(by) != 1:
+            raise ValueError(
+                f"view {self.name}: expected one of direction (with up), pov, camera; got {', '.join(by) or 'none'}"
+            )
+        if (self.up is None) == (by == ["direction"]):
+            raise ValueError(f"view {self.name}: direction and up belong together")
+        if self.direction is not None and self.up is not None and _parallel(self.direction, self.up):
+            raise ValueError(f"view {self.name}: up is parallel to direction, or one of them is zero")
+        if self.volumes is not None and self.direction is None:
+            raise ValueError(f"view {self.name}: volumes say what a view by direction is framed on")
+        if self.pov is not None and self.fov_deg is None:
+            raise ValueError(f"view {self.name}: fov_deg is missing; a point of view needs a field of view")
+        return self
+
+
+def _parallel(a: Vector, b: Vector) -> bool:
+    """As `Pose.look_at` has it."""
+    across = math.hypot(a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+    return across <= 1e-12 * math.hypot(*a) * math.hypot(*b)
 
 
 class SectionEntry(Strict):
@@ -143,16 +217,26 @@ class SectionEntry(Strict):
 
 
 class AlignOptions(Strict):
-    """3D alignment: every image is recomputed as if taken from the reference image's pose."""
+    """3D alignment: every image is recomputed as if taken from the reference image's pose.
+
+    What the grid's volumes say moves; all else stays. ``background``: pixels that show none of it in the reference
+    image are "blank" (NaN), or, for images of one camera that stands still, "keep" the image's own grey level, but
+    for those that the model hides in that image (NaN).
+    """
 
     reference: str
+    background: Literal["blank", "keep"] = "blank"
 
 
 class OutputOptions(Strict):
-    """What is written, and where. ``nodes``: formats of the node values, by default all that the grid allows."""
+    """What is written, and where. ``nodes``: formats of the node values, by default all that the grid allows.
+
+    ``pixels``: also the surface point behind every pixel of each image (NetCDF).
+    """
 
     folder: Path = Path("results")
     nodes: tuple[NodeFormat, ...] | None = None
+    pixels: bool = False
 
 
 class Project(Strict):
@@ -198,8 +282,12 @@ class Project(Strict):
                 raise ValueError(f"[{missing[0]}] is missing: the cameras' poses are found from markers in the images")
         if self.align and self.align.reference not in [i.label for i in self.image]:
             raise ValueError(f"align: reference {self.align.reference!r} is not the name of an image")
+        if self.align and self.align.background == "keep" and len({self.camera_of(i).name for i in self.image}) > 1:
+            raise ValueError('align: background = "keep" needs images of one camera; these are of several')
         if self.grid is None and (self.view or self.section or self.align):
             raise ValueError("views, sections and alignment need a grid: add [grid] file = ...")
+        if self.align and len({(i.quantity, i.unit) for i in self.image}) > 1:
+            raise ValueError("align: all images must have the same quantity and unit, for they are subtracted")
         return self
 
     def camera_of(self, image: ImageEntry) -> CameraEntry:
@@ -253,8 +341,14 @@ def _with_absolute_paths(project: Project) -> Project:
     def found(i: int, entry: ImageEntry) -> ImageEntry:
         return entry.model_copy(update={"file": existing_picture(project.path, f"image[{i}].file", entry.file)})
 
+    def located(key: str, view: ViewEntry) -> ViewEntry:
+        if view.camera is None:
+            return view
+        return view.model_copy(update={"camera": existing(project.path, f"{key}.camera", view.camera)})
+
     return project.model_copy(
         update={
+            "view": tuple(located(f"view[{i}]", v) for i, v in enumerate(project.view)),
             "camera": tuple(moved(f"camera[{i}]", c) for i, c in enumerate(project.camera)),
             "image": tuple(found(i, c) for i, c in enumerate(project.image)),
             "markers": moved("markers", project.markers) if project.markers else None,

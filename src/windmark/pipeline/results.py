@@ -11,11 +11,27 @@ from numpy.typing import NDArray
 from windmark.detection import RadiusEstimate
 from windmark.geometry import Camera, Pose
 from windmark.pipeline.project import Project
+from windmark.pipeline.quantity import Quantity
 from windmark.registration import NotRegistered, Registration
-from windmark.resection import NodeView
+from windmark.resection import NodeView, PixelMap
 from windmark.scene import Detections, MarkerSet, Mesh
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class FramedView:
+    """The virtual camera of a ``[[view]]``, the same for all images of the job.
+
+    ``units_per_px``: length units per pixel at the mean depth of the surface that it is framed on (or, of a given
+    point of view, of the grid). ``how``: in words, where its point of view is from.
+    """
+
+    name: str
+    camera: Camera
+    cam_from_model: Pose
+    units_per_px: float
+    how: str
 
 
 @dataclass(frozen=True)
@@ -47,7 +63,9 @@ class ImageResult:
 
     ``camera`` and ``cam_from_model`` are the final ones; ``published`` is the pose that the camera's
     file carried, for comparison; ``expected`` are the markers that must be in view from the pose found.
-    ``radius`` is the estimate that detection used where the project gives none.
+    ``radius`` is the estimate that detection used where the project gives none; ``polarity`` that of the spots, and
+    ``said`` what was decided about it. ``image`` is as in the file; values, views, sections and ``aligned`` are in
+    ``quantity``.
     ``problem`` says in words why it went no further; None when all is well.
     """
 
@@ -57,11 +75,15 @@ class ImageResult:
     cam_from_model: Pose | None = None
     published: Pose | None = None
     radius: RadiusEstimate | None = None
+    polarity: str = ""
+    said: str = ""
+    quantity: Quantity = field(default_factory=Quantity)
     detections: Detections | None = None
     registration: Registration | NotRegistered | None = None
     expected: NDArray[np.int64] | None = None
     nodes: NodeView | None = None
     values: NDArray[np.float32] | None = None
+    pixels: PixelMap | None = None
     views: tuple[ViewImage, ...] = ()
     sections: tuple[SectionValues, ...] = ()
     aligned: NDArray[np.float32] | None = None
@@ -85,6 +107,8 @@ class RunResult:
     seconds: dict[str, float]
     notes: tuple[tuple[Path, str], ...] = ()
     """Files, and what had to be done to read them."""
+    framed: tuple[FramedView, ...] = ()
+    """The virtual cameras, one per ``[[view]]`` of the project."""
 
     @property
     def failed(self) -> tuple[ImageResult, ...]:

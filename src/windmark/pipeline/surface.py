@@ -36,7 +36,7 @@ def surface_view(
     fov_deg: float = 25.0,
 ) -> SurfaceView:
     """Node values (V,) on the surface, looked at along ``direction``; ``focus`` (N, 3) is what must be in view."""
-    focus = mesh.vertices if focus is None else focus
+    focus = mesh.vertices[mesh.used] if focus is None else focus
     camera, pose = frame_view(focus, direction=direction, up=up, size_px=size_px, fov_deg=fov_deg)
     # Walls and the inside of open surfaces must not stand before what they surround.
     pixels = resection.map_pixels(mesh, camera, pose, cull_backfaces=True)

@@ -32,7 +32,7 @@ class FollowOptions:
     Parameters
     ----------
     radius_px : of `detect`; None finds it in the first image that shows one
-    polarity, merit_max, photometry : of `detect`
+    polarity, merit_max, photometry : of `detect`; "auto" takes what gives the first pose, dark markers first
     channel, bayer : of `io.read_grey`
     mask : (H, W) pixels that are used; None for all
     motion, prior : of `registration.track.track`
@@ -65,6 +65,7 @@ class FollowedFrame:
     status : "cold", "tracked", "reacquired" or "lost", see `TrackState`
     reason : why it is lost, or had to be searched for
     guided : its spots were looked for near the prediction only
+    polarity : that of its spots, "dark" or "bright"
     detections, registration : the spots, and what they gave; None for an image that cannot be read
     seconds : wall time, reading included
     time_s : when it was taken by its recording's clock, NaN where unknown
@@ -76,6 +77,7 @@ class FollowedFrame:
     status: str
     reason: str
     guided: bool = False
+    polarity: str = ""
     detections: Detections | None = None
     registration: Registration | NotRegistered | None = None
     seconds: float = 0.0
@@ -136,6 +138,7 @@ class _Follower:
         self._state: TrackState | None = None
         self._known: Known | None = None  # blur and noise of the last image
         self._radius: tuple[float, ...] | None = options.radius_px
+        self._polarity = "" if options.polarity == detection.AUTO else options.polarity  # "": not decided yet
         self._last: tuple[int, float] = (0, np.nan)  # markers and their radius in the last good image
 
     def frame(self, index: int, item: io.PictureFile | tuple[str, Image], instant: float, dt: float) -> FollowedFrame:
@@ -146,20 +149,20 @@ class _Follower:
             image = self._read(item)
         except io.FileError as error:
             return self._lost(index, name, instant, dt, str(error), start)
-        before = self._state
         if (guided := self._guided(image, dt)) is not None and guided[0]:
             spots, (answer, self._state), near = guided[0], guided[1], True
         else:
-            everything, near = self._everything(image), False
-            if everything is None:
+            near = False
+            tried = self._polarities(image, dt)
+            if not tried:
                 return self._lost(index, name, instant, dt, "no radius prevails among the spots", start)
-            spots = everything
-            answer, self._state = self._track(before, spots, dt)
+            spots, (answer, self._state) = tried
         if isinstance(answer, Registration):
             self._last = len(answer.matching), float(np.median(spots.radius_px[answer.matching.detection]))
         state = self._state
         return FollowedFrame(
-            index, name, instant, state.status, state.reason, near, spots, answer, time.perf_counter() - start
+            index, name, instant, state.status, state.reason, near, self._polarity, spots, answer,
+            time.perf_counter() - start,
         )  # fmt: skip
 
     def _read(self, item: io.PictureFile | tuple[str, Image]) -> Image:
@@ -197,7 +200,7 @@ class _Follower:
         reach, options = max(reach, LEAST_PX), self._options
         found, known = look_again(
             image, expected, expected.row, len(self._markers), self._known, search_px=reach,
-            polarity=options.polarity, photometry=options.photometry, mask=options.mask,
+            polarity=self._polarity, photometry=options.photometry, mask=options.mask,
         )  # fmt: skip
         spots = found.detections
         if len(spots) < FEWER * self._last[0]:
@@ -208,16 +211,32 @@ class _Follower:
         self._known = known
         return spots, answer
 
-    def _everything(self, image: Image) -> Detections | None:
-        """All spots of an image; None where their size is not known and cannot be found."""
+    def _polarities(
+        self, image: Image, dt: float
+    ) -> tuple[Detections, tuple[Registration | NotRegistered, TrackState]] | None:
+        """All spots of an image and what they give; None where their size is not known and cannot be found.
+
+        Where the polarity is open, bright spots are tried where dark ones give no pose; the first pose decides it.
+        """
+        first = None
+        for polarity in (self._polarity,) if self._polarity else ("dark", "bright"):
+            look = self._everything(image, polarity)
+            if look.radius is not None and not look.radius:
+                continue
+            result = look.detections, self._track(self._state, look.detections, dt)
+            if isinstance(result[1][0], Registration):
+                self._polarity = polarity
+            if self._polarity:
+                self._radius = look.radii_px
+                return result
+            first = first or result
+        return first
+
+    def _everything(self, image: Image, polarity: str) -> detection.Look:
+        """All spots of one polarity."""
         options = self._options
-        if self._radius is None:
-            estimate = detection.estimate_radius(image, options.polarity, mask=options.mask)
-            if not estimate:
-                return None
-            self._radius = tuple(estimate.radii_px)
-        return detection.detect(
-            image, radius_px=self._radius, polarity=options.polarity, merit_max=options.merit_max,
+        return detection.find_markers(
+            image, radius_px=self._radius, polarity=polarity, merit_max=options.merit_max,
             photometry=options.photometry, mask=options.mask,
         )  # fmt: skip
 

@@ -32,8 +32,8 @@ def frame_view(
     if not len(xyz):
         raise ValueError("frame_view: there are no points to frame")
     width, height = size_px
-    focal = width / (2 * np.tan(np.radians(fov_deg) / 2))
-    camera = Camera(size_px=size_px, focal_px=focal)
+    camera = perfect_camera(size_px, fov_deg)
+    focal = camera.focal_px
     ahead = np.asarray(direction, dtype=float)
     turned = Pose.look_at(np.zeros(3), ahead, up)
     p = turned.rotate(xyz)
@@ -48,7 +48,13 @@ def frame_view(
     return camera, Pose(turned.rotation, -center)
 
 
+def perfect_camera(size_px: tuple[int, int], fov_deg: float) -> Camera:
+    """A camera without a lens' faults; ``fov_deg`` is the full horizontal field of view."""
+    return Camera(size_px=size_px, focal_px=size_px[0] / (2 * np.tan(np.radians(fov_deg) / 2)))
+
+
 def units_per_px(camera: Camera, cam_from_model: Pose, xyz: NDArray[np.float64]) -> float:
-    """Length units per pixel of a view at the mean depth of the points."""
+    """Length units per pixel of a view at the mean depth of the points before it; NaN where none is."""
     depth = cam_from_model.apply(xyz)[:, 2]
-    return float(np.mean(depth) / camera.focal_px)
+    depth = depth[depth > 0]
+    return float(np.mean(depth) / camera.focal_px) if len(depth) else float("nan")

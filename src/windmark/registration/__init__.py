@@ -1,5 +1,6 @@
 """Which spot is which marker and where the camera was, from unlabelled or labelled spots."""
 
+from windmark.registration.candidates import PoseCandidates, pose_candidates
 from windmark.registration.directions import WeakDirection
 from windmark.registration.labelled import pose_from_labels
 from windmark.registration.register import prepare, register
@@ -9,5 +10,6 @@ from windmark.registration.track import Motion, TrackState, predict, track
 
 __all__ = [
     "register", "register_rig", "prepare", "pose_from_labels", "Registration", "RigRegistration", "Deformation",
-    "NotRegistered", "RunnerUp", "WeakDirection", "CAUSES", "track", "predict", "TrackState", "Motion",
+    "NotRegistered", "PoseCandidates", "pose_candidates", "RunnerUp", "WeakDirection", "CAUSES", "track", "predict",
+    "TrackState", "Motion",
 ]  # fmt: skip

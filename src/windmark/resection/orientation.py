@@ -1,12 +1,15 @@
-"""Turn the triangles of a mesh outward, block by block, whatever the file's habits."""
+"""Turn the triangles of a mesh to the air, sheet by sheet, whatever the file's habits."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from windmark.geometry import Camera, Pose
+from windmark.resection.casting import cast, single_pose, to_camera_frame
 from windmark.resection.chains import weld
 from windmark.resection.visibility import checked_tolerance
 from windmark.scene import Mesh
@@ -18,38 +21,143 @@ Ints = NDArray[np.int64]
 _FLAT = 1e-6
 
 
-def orient_outward(mesh: Mesh, *, outside: ArrayLike | None = None, tolerance: float | None = None) -> Mesh:
-    """A mesh whose triangles are counter-clockwise seen from outside, as `Mesh` promises.
+# Rays of one camera that ask which side of a sheet it sees: a sheet of some pixels is met by one.
+_RAYS = 1 << 17
+# Points of the other sheets at which it is asked whether a sheet surrounds them, and how deep inside it they must be,
+# as part of the mesh's diagonal: a patch that is laid over a body may lie a little under its flat triangles.
+_SAMPLES, _DEPTH = 16, 2e-3
+
+
+def orient_outward(
+    mesh: Mesh,
+    *,
+    outside: ArrayLike | None = None,
+    cameras: Sequence[tuple[Camera, Pose]] = (),
+    tolerance: float | None = None,
+) -> Mesh:
+    """A mesh whose triangles are counter-clockwise seen from the air, as `Mesh` promises.
 
     Structured files give each block an orientation of its own. Triangles that meet at an edge are
     turned alike (across blocks too, where they meet within ``tolerance``), so each connected sheet has
-    one orientation left to choose: a sheet is turned so that it encloses positive volume, an open one
-    (a half model) as seen from its own centroid.
+    one orientation left to choose:
+
+    1. A camera stands in the air: the side of a sheet that cameras see is its air side (of the larger
+       part of what they see, where they see both).
+    2. What no camera sees, or without any: a sheet that surrounds all others is a wall, its air is
+       inside. It surrounds a point from which it covers more than half of all directions, also a little
+       (0.2 % of the mesh's diagonal) beside it: a patch laid over a body is not surrounded by it.
+    3. Any other sheet is turned so that it encloses positive volume, an open one (a half model) as seen
+       from its own centroid.
 
     Parameters
     ----------
     mesh : any orientation
-    outside : (3,) a point in the air, such as a camera's station. It decides for sheets that enclose
-        nothing (a flat plate); without it they keep the orientation that most of their area has
+    outside : (3,) a point in the air. It decides for sheets that enclose nothing (a flat plate) and that no
+        camera sees; without it they keep the orientation that most of their area has
+    cameras : cameras with their poses (cam_from_model), as they took images of this surface
     tolerance : distance at which nodes of different blocks are the same; 1e-5 of the mesh's diagonal
 
     Returns
     -------
     Mesh with the same nodes, blocks and order of triangles; some triangles have their second and third
     node exchanged. Sheets with only one side (a Moebius strip) are left as they are. Edges in which more than two
-    triangles meet do not connect. A shell inside another is turned outward by itself.
+    triangles meet do not connect. Of a body with one closed shell inside it the outer one is taken for a wall
+    unless a camera sees it from outside; a shell that is not the outermost is turned outward by itself.
+
+    Notes
+    -----
+    The part of all directions that a sheet covers is its winding number: A. Jacobson, L. Kavan,
+    O. Sorkine-Hornung, "Robust inside-outside segmentation using generalized winding numbers", ACM
+    Transactions on Graphics 32 (2013); solid angle of a triangle: A. van Oosterom, J. Strackee, IEEE
+    Transactions on Biomedical Engineering 30 (1983).
     """
     if not len(mesh.triangles):
         return mesh
     toward = None if outside is None else np.asarray(outside, dtype=float)
     if toward is not None and (toward.shape != (3,) or not np.isfinite(toward).all()):
         raise ValueError(f"orient_outward: outside must be three finite numbers, got {outside!r}")
-    number, _ = weld(np.nan_to_num(mesh.vertices), checked_tolerance(tolerance, mesh, "orient_outward"))
-    sheet, turned = _consistent(number[mesh.triangles])
-    flip = turned ^ _inward(mesh, sheet, turned, toward)[sheet]
+    number = _welded(mesh, checked_tolerance(tolerance, mesh, "orient_outward"))
+    sheet, turned = _consistent(number)
+    inward = _inward(mesh, sheet, turned, toward)
+    wall = _surrounding(mesh, number, sheet, turned)
+    if wall is not None:
+        inward[wall[0]] = wall[1]
+    seen = _seen_side(mesh, sheet, turned, cameras)
+    inward = np.where(seen != 0, seen < 0, inward)
+    flip = turned ^ inward[sheet]
     triangles = mesh.triangles.copy()
     triangles[flip, 1], triangles[flip, 2] = mesh.triangles[flip, 2], mesh.triangles[flip, 1]
     return replace(mesh, triangles=triangles)
+
+
+def _welded(mesh: Mesh, tolerance: float) -> Ints:
+    """(T, 3) corners of the triangles, numbered alike where they coincide; nodes in no triangle connect nothing."""
+    used = mesh.used
+    place = np.empty(len(mesh.vertices), np.int64)
+    place[used] = weld(np.nan_to_num(mesh.vertices[used]), tolerance)[0]
+    return np.asarray(place[mesh.triangles])
+
+
+def _seen_side(
+    mesh: Mesh, sheet: Ints, turned: NDArray[np.bool_], cameras: Sequence[tuple[Camera, Pose]]
+) -> Array:
+    """Per sheet: rays of all cameras that meet its front (once its triangles agree) minus those that meet its back."""
+    votes = np.zeros(int(sheet.max()) + 1)
+    for camera, cam_from_model in cameras:
+        pose = single_pose(cam_from_model, "orient_outward")
+        width, height = camera.size_px
+        step = max(1, int(np.ceil(np.sqrt(width * height / _RAYS))))
+        column, row = np.meshgrid(np.arange(step // 2, width, step), np.arange(step // 2, height, step))
+        rays = camera.unproject(np.stack([column.ravel(), row.ravel()], axis=1).astype(float))
+        corners = to_camera_frame(pose, mesh.vertices)
+        hit = cast(corners, mesh.triangles, np.ascontiguousarray(rays[:, :2])).triangle
+        met = hit[hit >= 0]
+        a, b, c = (corners[mesh.triangles[met, k]] for k in range(3))
+        front = -np.sign(np.einsum("nk,nk->n", np.cross(b - a, c - a), rays[hit >= 0]))
+        votes += np.bincount(sheet[met], weights=np.where(turned[met], -front, front), minlength=len(votes))
+    return votes
+
+
+def _surrounding(mesh: Mesh, number: Ints, sheet: Ints, turned: NDArray[np.bool_]) -> tuple[int, bool] | None:
+    """The sheet that surrounds all others and whether it is inside out with its air inside; None where there is none.
+
+    From a point outside a sheet's box the sheet covers less than half of all directions, so only the sheet whose box
+    holds all the others can be one.
+    """
+    corners = mesh.vertices[mesh.triangles]
+    real = (number != np.roll(number, 1, axis=1)).all(axis=1)  # a collapsed cell at a pole is no sheet
+    count = int(sheet.max()) + 1
+    low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
+    np.minimum.at(low, sheet[real], corners[real].min(axis=1))
+    np.maximum.at(high, sheet[real], corners[real].max(axis=1))
+    there = np.isfinite(low).all(axis=1)
+    if there.sum() < 2:
+        return None
+    outer = int(np.argmax(np.where(there, np.linalg.norm(np.where(there[:, None], high - low, 0.0), axis=1), -1.0)))
+    if (low[there] < low[outer]).any() or (high[there] > high[outer]).any():
+        return None
+    mine, others = (sheet == outer) & real, np.flatnonzero((sheet != outer) & real)
+    wall, sign = corners[mine], np.where(turned[mine], -1.0, 1.0)
+    some = others[np.linspace(0, len(others) - 1, min(_SAMPLES, len(others))).astype(int)]
+    around = _DEPTH * mesh.diagonal * np.concatenate([np.eye(3), -np.eye(3)])
+    total = 0.0
+    for point in (corners[some].mean(axis=1)[:, None] + around).reshape(-1, 3):
+        covered = float(sign @ solid_angles(wall - point)) / (4 * np.pi)
+        if not abs(covered) > 0.5:
+            return None
+        total += covered
+    return outer, total > 0
+
+
+def solid_angles(corners: Array) -> Array:
+    """(T,) signed solid angles of triangles (T, 3, 3) seen from the origin: positive when seen from behind."""
+    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+    la, lb, lc = (np.sqrt(np.einsum("tk,tk->t", v, v)) for v in (a, b, c))
+    volume = np.einsum("tk,tk->t", a, np.cross(b, c))
+    dots = la * lb * lc + sum(
+        np.einsum("tk,tk->t", u, v) * length for u, v, length in ((a, b, lc), (b, c, la), (c, a, lb))
+    )
+    return np.asarray(2 * np.arctan2(volume, dots))
 
 
 def _consistent(corners: Ints) -> tuple[Ints, NDArray[np.bool_]]:

@@ -107,9 +107,7 @@ def _upright_plane(mesh: Mesh, a: Array, b: Array, normal: Array | None) -> Arra
 
 def _normal_near(mesh: Mesh, point: Array) -> Array:
     """Unit mean normal of the triangles round the node nearest to a point; zero if it has no direction."""
-    in_use = np.zeros(len(mesh.vertices), bool)
-    in_use[mesh.triangles] = True
-    used = np.flatnonzero(in_use)
+    used = mesh.used
     if not len(used):
         raise ValueError("sample_line: the mesh has no triangles")
     node = used[np.nanargmin(np.linalg.norm(mesh.vertices[used] - point, axis=1))]

@@ -176,12 +176,7 @@ def is_hidden(vertices_cam: Array, triangles: NDArray[np.int32], points_cam: Arr
 def checked_tolerance(tolerance: float | None, mesh: Mesh, verb: str) -> float:
     """The tolerance in length units."""
     if tolerance is None:
-        # Unused nodes may hold anything, NaN or 1e30, and must not set the scale.
-        used = mesh.vertices if mesh.blanked is None else mesh.vertices[~mesh.blanked]
-        if not len(used):
-            return 0.0
-        extent = [np.fmax.reduce(used[:, k]) - np.fmin.reduce(used[:, k]) for k in range(3)]
-        return _TOLERANCE * float(np.nan_to_num(np.linalg.norm(extent)))
+        return _TOLERANCE * mesh.diagonal
     if not 0 <= tolerance < np.inf:
         raise ValueError(f"{verb}: tolerance must be a length >= 0, got {tolerance}")
     return float(tolerance)

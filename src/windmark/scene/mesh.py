@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,13 +86,30 @@ class Mesh:
         length = np.linalg.norm(total, axis=1, keepdims=True)
         return np.divide(total, length, out=np.full_like(total, np.nan), where=length > 0)
 
+    @cached_property
+    def used(self) -> NDArray[np.intp]:
+        """(U,) the nodes that are a corner of a triangle, in order. Others may hold anything: NaN, another zone."""
+        mark = np.zeros(len(self.vertices), dtype=bool)
+        mark[self.triangles.ravel()] = True
+        return np.flatnonzero(mark)
+
     @property
+    def box(self) -> tuple[Array, Array]:
+        """Lowest and highest coordinates (3,) of the nodes in use; NaN where there is none."""
+        corners = self._box
+        return corners[0].copy(), corners[1].copy()
+
+    @cached_property
+    def _box(self) -> Array:
+        nodes = self.vertices[self.used]
+        nodes = nodes[np.isfinite(nodes).all(axis=1)]
+        return np.stack([nodes.min(axis=0), nodes.max(axis=0)]) if len(nodes) else np.full((2, 3), np.nan)
+
+    @cached_property
     def diagonal(self) -> float:
-        """Length of the bounding box's diagonal; blanked nodes, which may hold anything, are left out."""
-        used = self.vertices if self.blanked is None else self.vertices[~self.blanked]
-        if not len(used):
-            return 0.0
-        return float(np.linalg.norm(used.max(axis=0) - used.min(axis=0)))
+        """Length of the diagonal of `box`, 0 for a mesh without triangles: the scale of every tolerance."""
+        low, high = self._box
+        return float(np.nan_to_num(np.linalg.norm(high - low)))
 
 
 def structured_triangles(ni: int, nj: int, first: int = 0, reverse: bool = False) -> NDArray[np.int32]:

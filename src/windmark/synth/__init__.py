@@ -10,6 +10,7 @@ from windmark.synth.boards import BoardSpots, board_spots
 from windmark.synth.decals import Decals
 from windmark.synth.degrade import Sensor
 from windmark.synth.discs import SheetTruth, disc_image, marker_sheet
+from windmark.synth.infrared import InfraredTest, infrared_test
 from windmark.synth.layout import rows_layout
 from windmark.synth.marks import Clutter, Marks
 from windmark.synth.motion import bend, flex, random_poses
@@ -26,9 +27,10 @@ from windmark.synth.wing import HalfModel
 from windmark.synth.world import World
 
 __all__ = [
-    "WIND_OFF", "WIND_ON", "BoardSpots", "Clutter", "Decals", "Flow", "HalfModel", "MarkerTruth", "Marks", "Paint",
-    "Patch", "Rays", "Rendering", "Scene", "Sensor", "SheetTruth", "Shot", "TransonicFlow", "TunnelTest", "WingState",
-    "World", "assemble", "bend", "board_spots", "default_stations", "deformed_world", "deforming_sequence", "degrade",
-    "disc_image", "flex", "marker_scene", "marker_sheet", "marker_truth", "random_poses", "render", "rows_layout",
-    "stereo_layout", "stereo_stations", "stereo_wing", "swinging", "tunnel_sequence", "wind_tunnel",
+    "WIND_OFF", "WIND_ON", "BoardSpots", "Clutter", "Decals", "Flow", "HalfModel", "InfraredTest", "MarkerTruth",
+    "Marks", "Paint", "Patch", "Rays", "Rendering", "Scene", "Sensor", "SheetTruth", "Shot", "TransonicFlow",
+    "TunnelTest", "WingState", "World", "assemble", "bend", "board_spots", "default_stations", "deformed_world",
+    "deforming_sequence", "degrade", "disc_image", "flex", "infrared_test", "marker_scene", "marker_sheet",
+    "marker_truth", "random_poses", "render", "rows_layout", "stereo_layout", "stereo_stations", "stereo_wing",
+    "swinging", "tunnel_sequence", "wind_tunnel",
 ]  # fmt: skip

@@ -96,6 +96,8 @@ def wind_tunnel(
     unevenness: float = 0.03,
     grain: float = 0.01,
     clearance: float = 3.0,
+    paint: Paint | None = None,
+    marker_contrast: float = 0.85,
 ) -> TunnelTest:
     """Make a test: same seed and options, same bytes.
 
@@ -113,13 +115,16 @@ def wind_tunnel(
     tip_fraction, twist_deg : bending of the wing under wind, see `motion.bend`
     mach, unevenness, grain : see `TransonicFlow` and `Paint.random`
     clearance : dirt keeps this many marker radii from every marker's centre
+    paint : coating and lamps instead of the default ones (``unevenness`` and ``grain`` do nothing then)
+    marker_contrast : see `World`; negative for markers that shine more than what is round them
 
     Returns
     -------
     TunnelTest
     """
-    paint = Paint.random(_stream(seed, 2), _LEVELS, _LAMPS, unevenness=unevenness, grain=grain)
-    still = _scene(seed, shape, nodes, layout, paint, clutter, clearance)
+    if paint is None:
+        paint = Paint.random(_stream(seed, 2), _LEVELS, _LAMPS, unevenness=unevenness, grain=grain)
+    still = replace(_scene(seed, shape, nodes, layout, paint, clutter, clearance), marker_contrast=marker_contrast)
     motion = _default_motion(shape) if motion is None else motion
     blown = _under_wind(still, shape, motion, tip_fraction, twist_deg, mach)
     if isinstance(stations, int):

@@ -44,6 +44,7 @@ def calibrate(
     tolerance_px: a.Tolerance = None,
     max_time: a.MaxTime = 2.0,
     roles: Roles = None,
+    solver: a.Solver = "newton",
     seed: a.Seed = 0,
     output: a.Output = Path("calibration"),
     as_json: a.AsJson = False,
@@ -64,7 +65,7 @@ def calibrate(
         settings = CalibrateSettings(
             typed.parse_datum(datum, needed=dots is None), typed.parse_free(lens, free),
             typed.parse_distances(distance or ()), rig, tuple(free_focal or ()), typed.parse_priors(prior_sigma or ()),
-            eccentricity, reject, max_sigma0, seed,
+            eccentricity, reject, max_sigma0, seed, solver,
         )  # fmt: skip
         match = MatchOptions(
             tuple(radius or ()), polarity, merit_max, channel, bayer, mask, typed.parse_labels(label or (), labels),

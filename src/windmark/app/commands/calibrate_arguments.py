@@ -108,6 +108,13 @@ Tolerance = Annotated[
     float | None, typer.Option(help="Pictures: how far rough markers may be off. [default: 0.3 of their spacing]")
 ]
 MaxTime = Annotated[float, typer.Option(help="Pictures: seconds of CPU time per matching.")]
+Solver = Annotated[
+    str,
+    typer.Option(
+        help="newton, or steps: the paper's own growing and shrinking steps per parameter, to compare; hundreds of"
+        " times slower, and a valley of focal length and distance may hold it up."
+    ),
+]
 Seed = Annotated[int, typer.Option(help="Seed of every random choice: same seed, same result.")]
 Output = Annotated[Path, typer.Option("--output", "-o", help="Folder of the results.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON, for machines.")]

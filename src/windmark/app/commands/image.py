@@ -9,19 +9,25 @@ import typer
 
 from windmark.app import console
 from windmark.app.commands.matching_options import (
-    ROLES_ALIGN,
     Exclude,
     Label,
     Mask,
     MaxTime,
-    NoOcclusion,
+    Method,
+    Offset,
     Prior,
     PriorMaxAngle,
     PriorMaxScale,
+    Quantity,
+    QuantityUnit,
     Roles,
+    Scale,
+    VolumeParts,
+    grid_settings,
     image_settings,
     markers_settings,
     register_settings,
+    values_settings,
 )
 from windmark.app.commands.options import CameraFile, GridFile, Json, Markers, MeritMax, Polarity, Radius, Seed, Unit
 
@@ -38,10 +44,6 @@ def add(app: typer.Typer) -> None:
         epilog="Example: windmark resect run12.tif -c run12-registration/run12/camera.json -g wing.grid --unit mm"
     )(resect)
     app.command(
-        epilog="Example: windmark align off.tif on.tif --reference off -m markers.csv -c camera.json -g wing.grid"
-        " -r 3 --unit mm"
-    )(align)
-    app.command(
         epilog="Example: windmark track run12-*.tif -m markers.csv -c camera.json -r 3 --unit mm -o run12-track"
     )(track)
 
@@ -49,7 +51,7 @@ def add(app: typer.Typer) -> None:
 def detect(
     images: Annotated[list[Path], typer.Argument(help="Images; recordings; frames: run.cine[120].")],
     radius: Radius = None,
-    polarity: Polarity = "dark",
+    polarity: Polarity = "auto",
     merit_max: MeritMax = 0.7,
     refine: Annotated[
         str, typer.Option(help="bowl (the paper's centre) or template (fit of a blurred ellipse).")
@@ -116,7 +118,7 @@ def register(
     camera: CameraFile,
     unit: Unit,
     radius: Radius = None,
-    polarity: Polarity = "dark",
+    polarity: Polarity = "auto",
     merit_max: MeritMax = 0.7,
     tolerance_px: Annotated[float | None, typer.Option(help="Largest distance of a spot to its marker.")] = None,
     free_focal: Annotated[bool, typer.Option(help="The focal length is only roughly known: find it too.")] = False,
@@ -126,6 +128,7 @@ def register(
     label: Label = None,
     exclude: Exclude = None,
     roles: Roles = None,
+    method: Method = "hash",
     max_time: MaxTime = None,
     mask: Mask = None,
     seed: Seed = 0,
@@ -159,6 +162,7 @@ def register(
                 prior_max_scale,
                 tolerance_px=tolerance_px,
                 free_focal=free_focal,
+                method=method,
             ),
             "output": {"folder": output or Path(f"{picture_name(image)}-registration"), "nodes": ()},
         }
@@ -170,6 +174,7 @@ def resect(
     camera: Annotated[Path, typer.Option("--camera", "-c", help="Camera with a pose, as register writes it.")],
     grid: GridFile,
     unit: Unit,
+    volume: VolumeParts = None,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="Folder of the results. [default: IMAGE-resection]")
     ] = None,
@@ -178,6 +183,13 @@ def resect(
         typer.Option(help="Formats of the node values: vtk, tecplot, plot3d, csv, netcdf. [default: all]"),
     ] = None,
     max_obliquity_deg: Annotated[float, typer.Option(help="Surface seen more obliquely than this gets no value.")] = 80,
+    quantity: Quantity = None,
+    quantity_unit: QuantityUnit = None,
+    scale: Scale = 1.0,
+    offset: Offset = 0.0,
+    pixels: Annotated[
+        bool, typer.Option("--pixels", help="Also the surface point behind every pixel: pixels.nc (NetCDF).")
+    ] = False,
     as_json: Json = False,
 ) -> None:
     """Map a registered image onto the grid: values on nodes, pictures."""
@@ -189,56 +201,11 @@ def resect(
             "title": f"Resection of {image.name}",
             "length_unit": unit,
             "camera": [{"file": camera, "pose": "known"}],
-            "image": [{"file": image}],
-            "grid": {"file": grid},
+            "image": [{"file": image, **values_settings(quantity, quantity_unit, scale, offset)}],
+            "grid": grid_settings(grid, volume),
             "resect": {"max_obliquity_deg": max_obliquity_deg},
-            "output": {"folder": output or Path(f"{picture_name(image)}-resection")}
+            "output": {"folder": output or Path(f"{picture_name(image)}-resection"), "pixels": pixels}
             | ({"nodes": nodes} if nodes else {}),
-        }
-        verbs.run_settings(settings, as_json)
-
-
-def align(
-    images: Annotated[list[Path], typer.Argument(help="Images of one camera, or its recording.")],
-    reference: Annotated[str, typer.Option(help="Name (file stem) of the image that the others are aligned to.")],
-    markers: Markers,
-    camera: CameraFile,
-    grid: GridFile,
-    unit: Unit,
-    radius: Radius = None,
-    polarity: Polarity = "dark",
-    prior: Prior = None,
-    prior_max_angle: PriorMaxAngle = 30.0,
-    prior_max_scale: PriorMaxScale = 1.3,
-    roles: Roles = None,
-    no_occlusion: NoOcclusion = False,
-    max_time: MaxTime = None,
-    mask: Mask = None,
-    output: Annotated[Path, typer.Option("--output", "-o", help="Folder of the results.")] = Path("aligned"),
-    seed: Seed = 0,
-    as_json: Json = False,
-) -> None:
-    """3D alignment: recompute images as if all had been taken from the reference image's pose.
-
-    Markers on the walls take no part unless --roles names them: they do not move with the model.
-    """
-    from windmark.app import verbs
-    from windmark.io import addresses
-
-    with console.errors(as_json):
-        settings: dict[str, Any] = {
-            "title": f"Alignment to {reference}",
-            "length_unit": unit,
-            "camera": [{"file": camera}],
-            "image": [{"file": path} for path in addresses(images)],
-            "markers": markers_settings(markers, roles or ROLES_ALIGN),
-            "grid": {"file": grid},
-            "detect": {"radius_px": tuple(radius) if radius else None, "polarity": polarity, "mask": mask},
-            "register": register_settings(
-                seed, max_time, prior, prior_max_angle, prior_max_scale, occlusion=not no_occlusion
-            ),
-            "align": {"reference": reference},
-            "output": {"folder": output, "nodes": ()},
         }
         verbs.run_settings(settings, as_json)
 
@@ -251,7 +218,7 @@ def track(
     camera: CameraFile,
     unit: Unit,
     radius: Radius = None,
-    polarity: Polarity = "dark",
+    polarity: Polarity = "auto",
     merit_max: MeritMax = 0.7,
     channel: Annotated[str, typer.Option(help="Of colour pictures: grey, red, green, blue.")] = "grey",
     mask: Mask = None,

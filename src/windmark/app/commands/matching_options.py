@@ -9,7 +9,15 @@ import typer
 
 MaxTime = Annotated[
     float | None,
-    typer.Option("--max-time", help="Seconds of CPU time per image, then an honest refusal. [default: 0.2]"),
+    typer.Option(
+        "--max-time", help="Seconds of CPU time per image, then an honest refusal. [default: 0.2, of ransac 20]"
+    ),
+]
+Method = Annotated[
+    str,
+    typer.Option(
+        "--method", help="hash (a table of how four neighbours can look), or ransac: the paper's search, slower."
+    ),
 ]
 Roles = Annotated[
     list[str] | None,
@@ -36,6 +44,24 @@ NoOcclusion = Annotated[
     bool, typer.Option("--no-occlusion", help="Markers that the grid hides are expected and matched all the same.")
 ]
 
+Quantity = Annotated[
+    str | None,
+    typer.Option(help="What the values are: grey, radiance or temperature. [default: what the file says, else grey]"),
+]
+QuantityUnit = Annotated[
+    str | None, typer.Option(help="Unit of the values: K, degC or degF; of a radiance such as W/m2/sr.")
+]
+Scale = Annotated[float, typer.Option(help="Values are OFFSET + SCALE x grey level.")]
+Offset = Annotated[float, typer.Option(help="Values are OFFSET + SCALE x grey level.")]
+VolumeParts = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--volume",
+        help="NAME=zone01,zone02 (or one zone's own name): what of the grid takes part; several times for several."
+        " Zones that are not named are as if they were not in the file. [default: all]",
+    ),
+]
+
 ROLES_ALIGN = ("model", "primary", "secondary")
 """What moves with the model."""
 
@@ -55,6 +81,30 @@ def markers_settings(file: Path, roles: list[str] | tuple[str, ...] | None) -> d
     return {"file": file} | ({"roles": tuple(roles)} if roles else {})
 
 
+def values_settings(quantity: str | None, unit: str | None, scale: float, offset: float) -> dict[str, Any]:
+    """What the values of an image are, of table [[image]] of a project."""
+    return {"quantity": quantity, "unit": unit, "scale": scale, "offset": offset}
+def grid_settings(file: Path, volumes: list[str] | None) -> dict[str, Any]:
+    """Table [grid] of a project.
+
+    Raises
+    ------
+    ValueError
+        For a volume that is neither NAME=zone,zone nor a zone's name, or comes twice.
+    """
+    parts: dict[str, tuple[str, ...]] = {}
+    for text in volumes or ():
+        name, sign, zones = text.partition("=")
+        name = name.strip()
+        found = tuple(z.strip() for z in zones.split(",")) if sign else (name,)
+        if not name or not all(found):
+            raise ValueError(f"--volume: expected NAME=zone01,zone02 or the name of a zone, got {text!r}")
+        if name in parts:
+            raise ValueError(f"--volume: {name} is given twice; give all its zones at once, {name}=zone01,zone02")
+        parts[name] = found
+    return {"file": file} | ({"volumes": parts} if parts else {})
+
+
 def image_settings(file: Path, labels: list[str] | None, exclude: list[str] | None) -> dict[str, Any]:
     """Table [[image]] of a project.
 
@@ -63,6 +113,12 @@ def image_settings(file: Path, labels: list[str] | None, exclude: list[str] | No
     ValueError
         For a label that is not NAME=x,y, a place that is not x,y, or a name that comes twice.
     """
+    excluded = tuple(_place(t, "--exclude", "x,y", t) for t in exclude or ())
+    return {"file": file, "labels": label_places(labels), "exclude": excluded}
+
+
+def label_places(labels: list[str] | None) -> dict[str, tuple[float, float]]:
+    """Places by name from ``NAME=x,y``; errors as `image_settings`."""
     places: dict[str, tuple[float, float]] = {}
     for text in labels or ():
         name, sign, place = text.rpartition("=")
@@ -71,7 +127,7 @@ def image_settings(file: Path, labels: list[str] | None, exclude: list[str] | No
         if name in places:
             raise ValueError(f"--label: {name} is given twice; a marker has one place")
         places[name] = _place(place, "--label", "NAME=x,y", text)
-    return {"file": file, "labels": places, "exclude": tuple(_place(t, "--exclude", "x,y", t) for t in exclude or ())}
+    return places
 
 
 def _place(text: str, option: str, form: str, whole: str) -> tuple[float, float]:

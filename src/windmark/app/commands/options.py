@@ -14,7 +14,12 @@ Radius = Annotated[
         "--radius", "-r", help="Marker radius in pixels; several times for a range. [default: found in the image]"
     ),
 ]
-Polarity = Annotated[str, typer.Option(help="dark (markers on paint) or bright (infrared).")]
+Polarity = Annotated[
+    str,
+    typer.Option(
+        help="dark (markers on paint), bright (warm ones in infrared), or auto: bright where dark ones are not there."
+    ),
+]
 MeritMax = Annotated[float, typer.Option(help="Largest merit of a marker; 0 is a perfect inverse top-hat.")]
 Markers = Annotated[Path, typer.Option("--markers", "-m", help="Marker table: CSV or .tgts.")]
 CameraFile = Annotated[

@@ -17,10 +17,17 @@ australis       xp, yp in mm from the middle,        *backward*, in mm: refitted
 """
 
 from windmark.io.cameras.colmap import ColmapModel, read_colmap, write_colmap
-from windmark.io.cameras.files import CAMERA_FORMATS, read_camera, read_camera_file, write_camera, written_camera_format
+from windmark.io.cameras.files import (
+    CAMERA_FORMATS,
+    is_camera_text,
+    read_camera,
+    read_camera_file,
+    write_camera,
+    written_camera_format,
+)
 from windmark.io.cameras.record import LENGTH_UNITS, CameraFile
 
 __all__ = [
-    "CAMERA_FORMATS", "LENGTH_UNITS", "CameraFile", "ColmapModel", "read_camera", "read_camera_file", "read_colmap",
-    "write_camera", "write_colmap", "written_camera_format",
+    "CAMERA_FORMATS", "LENGTH_UNITS", "CameraFile", "ColmapModel", "is_camera_text", "read_camera", "read_camera_file",
+    "read_colmap", "write_camera", "write_colmap", "written_camera_format",
 ]  # fmt: skip

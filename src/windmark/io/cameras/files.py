@@ -5,6 +5,9 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from windmark.geometry import Camera, Pose
 from windmark.io.cameras import colmap, record
 from windmark.io.cameras.australis import is_australis, parse_australis, write_australis
@@ -102,6 +105,12 @@ def read_camera_file(path: Pathlike, *, size_px: tuple[int, int] | None = None, 
     raise FileError(path, what)
 
 
+def is_camera_text(text: str) -> bool:
+    """Whether a text has the marks of a camera file that `read_camera_file` knows; nothing is checked."""
+    keys = ("camera_matrix", "cameraMatrix", NASA_MATRIX)
+    return colmap.is_colmap(text) or is_mrcal(text) or is_australis(text) or any(key in text for key in keys)
+
+
 def _parse_xml(path: Pathlike, text: str, size_px: tuple[int, int] | None) -> CameraFile:
     root = parse_xml(path, text)
     if root.tag == METASHAPE_ROOT:
@@ -119,6 +128,7 @@ def write_camera(
     unit: str | None = None,
     format: str | None = None,
     pixel_mm: float | tuple[float, float] | None = None,
+    pose_cov: NDArray[np.float64] | None = None,
 ) -> None:
     """Write a camera and perhaps its pose, whole or not at all.
 
@@ -134,6 +144,7 @@ def write_camera(
     format : one of `CAMERA_FORMATS` but nasa, instead of what the extension says; opencv with ``.json`` is
         OpenCV's JSON
     pixel_mm : pitch of the pixels (one number, or along x and y) for australis, which counts in mm
+    pose_cov : (6, 6) covariance of the pose, of ``delta`` in ``exp(delta) @ pose``; other formats leave it out
 
     Raises
     ------
@@ -153,7 +164,9 @@ def write_camera(
     if pose is not None and kind in _WITHOUT_POSE:
         raise ValueError(f"write_camera: {kind} holds no pose; expected pose None")
     if kind == "windmark":
-        write_json(path, own_content(camera, pose, unit))
+        if pose_cov is not None and (pose is None or np.shape(pose_cov) != (6, 6)):
+            raise ValueError(f"write_camera: pose_cov must be (6, 6), with a pose; got {np.shape(pose_cov)}")
+        write_json(path, own_content(camera, pose, unit, pose_cov))
     elif kind == "opencv":
         write_opencv(path, camera, pose, unit)
     elif kind == "mrcal":

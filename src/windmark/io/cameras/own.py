@@ -6,9 +6,11 @@ import math
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from windmark.geometry import PARAMETERS, Camera, Pose, PoV
 from windmark.io.cameras import record
+from windmark.io.cameras.edited import ANGLES_DISTANCES, as_written, chosen_focal, chosen_pose, read_as_written
 from windmark.io.cameras.record import LENGTH_UNITS, CameraFile
 from windmark.io.text import Pathlike
 
@@ -16,11 +18,14 @@ VERSION = 1
 
 _FILE_NAMES = {"cx": "cx_px", "cy": "cy_px", "tilt_x": "tilt_x_rad", "tilt_y": "tilt_y_rad"}
 _PARAMETER_KEYS = {_FILE_NAMES.get(name, name): name for name in PARAMETERS}
-_KEYS = ("windmark", "version", "size_px", *_PARAMETER_KEYS, "covariance", "cam_from_model", "length_unit", "note")
-_POV_KEYS = ("rx_deg", "ry_deg", "rz_deg", "dx", "dy", "dz", "fov_deg")
+_KEYS = ("windmark", "version", "size_px", *_PARAMETER_KEYS, "covariance", "cam_from_model", "length_unit",
+         "as_written", "note")  # fmt: skip
+_POV_KEYS = (*ANGLES_DISTANCES, "fov_deg")
 
 
-def own_content(camera: Camera, pose: Pose | None, unit: str | None) -> dict[str, Any]:
+def own_content(
+    camera: Camera, pose: Pose | None, unit: str | None, pose_cov: NDArray[np.float64] | None = None
+) -> dict[str, Any]:
     """What is written as JSON."""
     content: dict[str, Any] = {"windmark": "camera", "version": VERSION, "size_px": camera.size_px}
     content |= {key: getattr(camera, name) for key, name in _PARAMETER_KEYS.items()}
@@ -29,33 +34,56 @@ def own_content(camera: Camera, pose: Pose | None, unit: str | None) -> dict[str
     if pose is not None:
         pov = pose.to_pov(camera.focal_px, camera.size_px[0])
         content["cam_from_model"] = {"rotation": pose.rotation, "translation": pose.translation, "pov": pov}
+        if pose_cov is not None:
+            content["cam_from_model"]["covariance"] = pose_cov
         content["length_unit"] = unit
+        content["as_written"] = as_written(camera.size_px[0], camera.focal_px, pose, pov)
     return content
 
 
 def parse_own(path: Pathlike, content: dict[str, Any]) -> CameraFile:
-    """The camera, and the pose where the file has one, of a parsed file."""
+    """The camera, and the pose where the file has one, of a parsed file.
+
+    What the file holds twice (pose and point of view, focal length and field of view) may be given once. Where both
+    are there and disagree the one that was edited counts (see `edited`), and that is said in the note.
+    """
     kind = content["windmark"]
     if kind != "camera":
         raise record.key_error(path, "windmark", f"{kind!r}; expected 'camera'")
     _refuse_unknown(path, content, _KEYS)
     if content.get("version") != VERSION:
         raise record.key_error(path, "version", f"{content.get('version')}; this windmark reads version {VERSION}")
-    for key in ("size_px", "focal_px"):
-        if key not in content:
-            raise record.key_error(path, key, "missing; expected it in every camera")
+    if "size_px" not in content:
+        raise record.key_error(path, "size_px", "missing; expected it in every camera")
+    written = read_as_written(path, content.get("as_written"))
+    place = content.get("cam_from_model")
+    pov = None if place is None else _own_pov(path, place)
+    camera, notes = _own_camera(path, content, pov, written)
+    pose, pose_cov = None, None
+    if place is not None:
+        pose, note = chosen_pose(path, _own_matrix(path, place), pov, written)
+        pose_cov = _pose_covariance(path, place.get("covariance"), edited=bool(note))
+        notes += [note] if note else []
+    unit = content.get("length_unit")
+    if (unit is None and pose is not None) or (unit is not None and unit not in LENGTH_UNITS):
+        raise record.key_error(path, "length_unit", f"{unit!r}; expected one of {', '.join(LENGTH_UNITS)}")
+    return CameraFile(camera, pose, unit, "windmark", "; ".join(notes), pose_cov)
+
+
+def _own_camera(path: Pathlike, content: dict[str, Any], pov: PoV | None, written: dict[str, str]
+                ) -> tuple[Camera, list[str]]:  # fmt: skip
     parameters = {
         name: float(record.numbers(path, key, content[key], ()))
         for key, name in _PARAMETER_KEYS.items()
         if key in content
     }
     size_px = record.image_size(path, "size_px", content["size_px"])
-    camera = record.camera(path, size_px, parameters, _covariance(path, content.get("covariance")))
-    pose = None if content.get("cam_from_model") is None else _own_pose(path, content["cam_from_model"], camera)
-    unit = content.get("length_unit")
-    if (unit is None and pose is not None) or (unit is not None and unit not in LENGTH_UNITS):
-        raise record.key_error(path, "length_unit", f"{unit!r}; expected one of {', '.join(LENGTH_UNITS)}")
-    return CameraFile(camera, pose, unit, "windmark")
+    given = None if pov is None or math.isnan(pov.fov_deg) else pov.fov_deg
+    parameters["focal_px"], note = chosen_focal(path, parameters.get("focal_px"), given, size_px[0], written)
+    cov = _covariance(path, content.get("covariance"))
+    if note and cov is not None:
+        cov, note = None, f"{note}; the camera's covariance is that of another focal length and is left out"
+    return record.camera(path, size_px, parameters, cov), [note] if note else []
 
 
 def _refuse_unknown(path: Pathlike, content: Any, known: tuple[str, ...], within: str = "") -> None:
@@ -83,38 +111,38 @@ def _covariance(path: Pathlike, content: Any) -> Any:
     return np.where(undetermined, np.nan, values)
 
 
-def _own_pose(path: Pathlike, content: Any, camera: Camera) -> Pose:
-    """Rotation and translation, or a point of view typed by hand; where both are given they must agree."""
-    _refuse_unknown(path, content, ("rotation", "translation", "pov"), "cam_from_model")
-    pov = None if content.get("pov") is None else _pov(path, content["pov"])
-    if pov is not None and not math.isnan(pov.fov_deg) and abs(pov.fov_deg - camera.fov_deg) > 1e-6:
-        what = f"{pov.fov_deg}; expected {camera.fov_deg} (from focal_px and size_px), or no fov_deg"
-        raise record.key_error(path, "cam_from_model.pov.fov_deg", what)
-    given = [key for key in ("rotation", "translation") if key in content]
-    if pov is not None and not given:
-        return Pose.from_pov(pov)
-    if len(given) < 2:
-        raise record.key_error(path, "cam_from_model", "incomplete; expected rotation and translation, or pov")
-    rotation = record.numbers(path, "cam_from_model.rotation", content["rotation"], (3, 3))
-    translation = record.numbers(path, "cam_from_model.translation", content["translation"], (3,))
-    pose = record.pose(path, "cam_from_model.rotation", rotation, translation)
-    if pov is not None and not _agree(pose, Pose.from_pov(pov)):
-        what = "another pose than rotation and translation; expected the same one, or only one of the two"
-        raise record.key_error(path, "cam_from_model.pov", what)
-    return pose
-
-
-def _pov(path: Pathlike, content: Any) -> PoV:
-    _refuse_unknown(path, content, _POV_KEYS, "cam_from_model.pov")
-    missing = [key for key in _POV_KEYS[:6] if key not in content]
+def _own_pov(path: Pathlike, content: Any) -> PoV | None:
+    """The point of view of a pose, None where it has none; the field of view NaN where that is not given."""
+    _refuse_unknown(path, content, ("rotation", "translation", "covariance", "pov"), "cam_from_model")
+    if content.get("pov") is None:
+        return None
+    _refuse_unknown(path, content["pov"], _POV_KEYS, "cam_from_model.pov")
+    missing = [key for key in ANGLES_DISTANCES if key not in content["pov"]]
     if missing:
         raise record.key_error(
             path, f"cam_from_model.pov.{missing[0]}", "missing; expected three angles, three distances"
         )
-    return PoV(**{k: float(record.numbers(path, f"cam_from_model.pov.{k}", v, ())) for k, v in content.items()})
+    return PoV(
+        **{k: float(record.numbers(path, f"cam_from_model.pov.{k}", v, ())) for k, v in content["pov"].items()}
+    )
 
 
-def _agree(a: Pose, b: Pose) -> bool:
-    size = max(1.0, math.hypot(*a.translation))
-    apart = math.hypot(*(a.translation - b.translation)) / size
-    return bool(np.allclose(a.rotation, b.rotation, rtol=0, atol=1e-6) and apart < 1e-6)
+def _own_matrix(path: Pathlike, content: Any) -> Pose | None:
+    """The pose of rotation and translation, None where neither is given."""
+    given = [key for key in ("rotation", "translation") if key in content]
+    if not given:
+        return None
+    if len(given) < 2:
+        what = f"incomplete, {given[0]} alone; expected rotation and translation, or pov"
+        raise record.key_error(path, "cam_from_model", what)
+    rotation = record.numbers(path, "cam_from_model.rotation", content["rotation"], (3, 3))
+    translation = record.numbers(path, "cam_from_model.translation", content["translation"], (3,))
+    return record.pose(path, "cam_from_model.rotation", rotation, translation)
+
+
+def _pose_covariance(path: Pathlike, content: Any, edited: bool) -> NDArray[np.float64] | None:
+    """(6, 6); that of a pose which was edited says nothing any more."""
+    if content is None:
+        return None
+    cov = record.numbers(path, "cam_from_model.covariance", content, (6, 6))
+    return None if edited else cov

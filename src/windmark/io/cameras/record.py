@@ -33,6 +33,8 @@ class CameraFile:
     length_unit : of the pose, None where the file does not say
     format : one of `CAMERA_FORMATS`
     note : what had to be done to read it, empty where nothing had to be
+    pose_cov : (6, 6) covariance of the pose, of ``delta`` in ``exp(delta) @ cam_from_model``; None where the file
+        has none
     """
 
     camera: Camera
@@ -40,6 +42,7 @@ class CameraFile:
     length_unit: str | None
     format: str
     note: str = ""
+    pose_cov: Array | None = None
 
 
 def key_error(path: Pathlike, key: str, what: str) -> FileError:

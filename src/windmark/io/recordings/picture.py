@@ -65,6 +65,9 @@ class Frame:
         """The pixels."""
         return self.frames[self.number]
 
+    def __fspath__(self) -> str:
+        return str(self)
+
     def __str__(self) -> str:
         return f"{self.frames.address}[{self.frames.number(self.number)}]"
 

@@ -9,6 +9,7 @@ from windmark.calibration import Calibration, Distance, NotCalibrated, self_cali
 from windmark.calibration.datum import Datum
 from windmark.calibration.quality import SplitHalf, split_half
 from windmark.calibration.self_calibrate import FREE, MAX_SIGMA0
+from windmark.calibration.setup import SOLVERS
 from windmark.pipeline.calibrate.diagnose import diagnosis
 from windmark.pipeline.calibrate.marks import Marks
 from windmark.pipeline.clock import Clock
@@ -28,6 +29,7 @@ class CalibrateSettings:
     reject: bool = True
     max_sigma0: float = MAX_SIGMA0
     seed: int = 0
+    solver: str = SOLVERS[0]
 
 
 @dataclass(frozen=True)
@@ -75,7 +77,7 @@ def adjusted(marks: Marks, settings: CalibrateSettings, datum: Datum | None = No
         free=settings.free, distances=_known(settings.distances, marks) if datum else settings.distances,
         rig=settings.rig, free_focal=[n for n in settings.free_focal if n in used] if datum else settings.free_focal,
         prior_sigma=settings.prior_sigma, eccentricity=settings.eccentricity, ellipses=marks.ellipses,
-        reject=settings.reject, max_sigma0=settings.max_sigma0, seed=settings.seed,
+        reject=settings.reject, max_sigma0=settings.max_sigma0, solver=settings.solver, seed=settings.seed,
     )  # fmt: skip
 
 

@@ -50,7 +50,10 @@ def load(project: DeformProject) -> Loaded:
         Naming the project's key, or the file, that is wrong.
     """
     markers = io.read_markers(project.markers.file, roles=project.markers.roles)
-    mesh = None if project.grid is None else read_grid(project.grid)
+    rig = tuple(_station(project, i, c) for i, c in enumerate(project.camera))
+    # The grid is that of the model where it stands without load: near enough to know which side the cameras see.
+    posed = [(s.camera, s.cam_from_tunnel) for s in rig]
+    mesh = None if project.grid is None else read_grid(project.grid, posed)
     volumes, remarks = _volumes(project, markers)
     stations = None
     if project.stations is not None:
@@ -68,7 +71,7 @@ def load(project: DeformProject) -> Loaded:
         look.max_deformation, look.seed,
     )  # fmt: skip
     test = DeformationTest(
-        tuple(_station(project, i, c) for i, c in enumerate(project.camera)), markers, volumes, project.motion.free,
+        rig, markers, volumes, project.motion.free,
         sight(markers, mesh) if mesh is not None and look.occlusion else None, None, options,
     )  # fmt: skip
     return Loaded(project, test, mesh, stations, tuple(remarks))

@@ -143,7 +143,7 @@ class Mapper:
         state = frame.state
         assert state is not None
         moved, rest = state.mesh(self._mesh).vertices, state.tunnel_from_model.apply(self._mesh.vertices)
-        size = float(np.linalg.norm(moved - rest, axis=1).max())
+        size = float(np.linalg.norm((moved - rest)[self._mesh.used], axis=1).max())
         whole = as_a_whole(frame, self._test, name) if size > self._most else None
         if whole is None:
             return

@@ -60,7 +60,7 @@ class Stage:
         if self.mesh is None:
             return points
         margin = WIDENED * np.linalg.norm(np.ptp(points, axis=0))
-        nodes = self.mesh.vertices[np.unique(self.mesh.triangles)]
+        nodes = self.mesh.vertices[self.mesh.used]
         near = ((nodes > points.min(axis=0) - margin) & (nodes < points.max(axis=0) + margin)).all(axis=1)
         nodes = nodes[near]
         return np.concatenate([points, nodes[:: max(1, len(nodes) // OUTLINE)]])

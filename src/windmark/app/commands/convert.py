@@ -1,0 +1,111 @@
+"""The command ``windmark convert``. Heavy imports wait until it runs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from windmark.app import console
+from windmark.app.commands.options import Json
+
+EPILOG = (
+    "Examples: windmark convert camera.xml camera.json; windmark convert wing.grid wing.vtp --unit mm;"
+    " windmark convert wing.grid wing-in.grid --unit mm --to-unit in --plot3d big,double;"
+    " windmark convert targets.tgts markers.csv --unit in"
+)
+
+
+def convert(
+    paths: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="SOURCE... TARGET",
+            help="What is converted, and what it becomes: told by content and extension. A camera becomes .json"
+            " (windmark), .yml (OpenCV), .cameramodel (mrcal), .xml (Metashape), .txt (Australis), a name without"
+            " extension (folder of a COLMAP model); a grid .grid .x .xyz ... (PLOT3D), .dat (Tecplot), .stl, .obj,"
+            " .ply, .tri (Cart3D), .vtp, .vtm, .vtu, .vtk, .nc; a table of markers .csv or .tgts; pictures and"
+            " recordings .tif (stack), .h5, .nc, .avi, or a name without extension (folder).",
+        ),
+    ],
+    said: Annotated[
+        str | None,
+        typer.Option("--as", help="What the source is, where that is open: camera, grid, markers, pictures."),
+    ] = None,
+    unit: Annotated[
+        str | None, typer.Option(help="Length unit of the source, for files that do not say: in, ft, mm, cm, m.")
+    ] = None,
+    to_unit: Annotated[str | None, typer.Option(help="Scale all lengths into this unit.")] = None,
+    from_format: Annotated[
+        str | None,
+        typer.Option("--from", help="Cameras: refuse other formats than this. [default: told by the content]"),
+    ] = None,
+    to_format: Annotated[
+        str | None,
+        typer.Option(
+            "--to",
+            help="Cameras: windmark, opencv (YAML or JSON), colmap, mrcal, metashape, australis."
+            " [default: by extension]",
+        ),
+    ] = None,
+    size: Annotated[
+        str | None, typer.Option(help="Cameras: WIDTHxHEIGHT of the images, for files that do not say.")
+    ] = None,
+    pixel_mm: Annotated[
+        list[float] | None, typer.Option(help="Cameras: pitch of the pixels in mm, for Australis; twice for x and y.")
+    ] = None,
+    which: Annotated[
+        str | None, typer.Option(help="Cameras: of a COLMAP model an image (with its pose) or a camera's number.")
+    ] = None,
+    no_pose: Annotated[bool, typer.Option("--no-pose", help="Cameras: leave the pose out.")] = False,
+    volume: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Grids: NAME=zone01,zone02 (or one zone's own name): what is kept; several times. Others are left out."
+        ),
+    ] = None,
+    volume_face: Annotated[
+        str | None, typer.Option(help="Grids: of PLOT3D volume blocks the surface: imin, imax, jmin, jmax, kmin, kmax.")
+    ] = None,
+    orientation: Annotated[
+        str | None, typer.Option(help="Grids: file (as they are) or auto (triangles turned outward). [default: file]")
+    ] = None,
+    plot3d: Annotated[
+        str | None,
+        typer.Option(
+            help="Grids: how PLOT3D is written: words of ascii, binary, little, big, records, records8, stream, whole,"
+            " component, plane, single, double, iblank, no-iblank, multi-block, one-block, with commas."
+            " [default: as the source, else binary,little,records,multi-block]"
+        ),
+    ] = None,
+    from_plot3d: Annotated[
+        str | None, typer.Option(help="Grids: how the source is stored, where its sizes leave it open; the same words.")
+    ] = None,
+    values: Annotated[
+        Path | None, typer.Option(help="Grids: PLOT3D function file with the values of a PLOT3D source.")
+    ] = None,
+    frames: Annotated[
+        str | None, typer.Option(help="Pictures: which frames, first:stop:step from 0, as in 0:100:2. [default: all]")
+    ] = None,
+    pictures: Annotated[
+        str | None, typer.Option(help="Pictures: png or tif, where the target is a folder. [default: tif]")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Turn cameras, surface grids, tables of markers, pictures and recordings into other formats.
+
+    What the other format cannot hold is refused or said ("lost: ..."); the result is read back and compared.
+    """
+    with console.errors(as_json):
+        from windmark.app import convert_verb
+
+        if len(paths) < 2:
+            raise ValueError(f"convert needs a source and a target, got {paths[0]} alone")
+        typed = {
+            "from_format": from_format, "to_format": to_format, "size": size, "unit": unit, "to_unit": to_unit,
+            "pixel_mm": tuple(pixel_mm or ()), "which": which, "no_pose": no_pose, "volume": tuple(volume or ()),
+            "volume_face": volume_face, "orientation": orientation, "plot3d": plot3d, "from_plot3d": from_plot3d,
+            "values": values, "frames": frames, "pictures": pictures,
+        }  # fmt: skip
+        convert_verb.convert(paths[:-1], paths[-1], convert_verb.Wishes(said, typed), as_json)

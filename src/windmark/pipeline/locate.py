@@ -1,0 +1,164 @@
+"""The first part of the main job: one image read, its markers found, its camera's place known."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark import detection, io, registration, resection
+from windmark.geometry import Camera, Pose
+from windmark.pipeline.clock import Clock, Progress
+from windmark.pipeline.grid import UNDER_GRID, sight
+from windmark.pipeline.labels import excluded_spots, fixed_spots
+from windmark.pipeline.project import ImageEntry, Project
+from windmark.pipeline.quantity import Quantity, quantity_of
+from windmark.pipeline.results import ImageResult
+from windmark.registration import Registration
+from windmark.scene import MarkerSet, Mesh
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """What all images of a project share. The grid's orientation does not matter here."""
+
+    project: Project
+    markers: MarkerSet | None
+    mesh: Mesh | None
+    cameras: Mapping[str, io.CameraFile]
+    prior: Pose | None
+
+
+def locate(entry: ImageEntry, inputs: Inputs, progress: Progress) -> ImageResult:
+    """Read, detect and register one image. A failure that the data cause becomes ``problem``."""
+    source = inputs.project.camera_of(entry)
+    content = inputs.cameras[source.name]
+    camera, pose = content.camera, content.cam_from_model
+    clock = Clock(progress, entry.label)
+    result = ImageResult(entry.label, None, camera)
+    try:
+        with clock("read image"):
+            page = {} if entry.page is None else {"page": entry.page}
+            image = io.read_grey(entry.file, channel=entry.channel, bayer=entry.bayer, **page)
+        result = replace(result, image=image, quantity=_quantity(entry, image))
+        _check_size(image, camera, entry)
+        if source.pose == "known":
+            if pose is None:
+                raise io.FileError(source.file, 'has no pose; expected one, or pose = "find"')
+            result = replace(result, cam_from_model=pose)
+        else:
+            result = _register(replace(result, published=pose), entry, image, inputs, clock)
+    except ValueError as error:
+        result = replace(result, problem=str(error))
+    return replace(result, seconds=clock.seconds)
+
+
+def _register(
+    result: ImageResult, entry: ImageEntry, image: NDArray[np.generic], inputs: Inputs, clock: Clock
+) -> ImageResult:
+    """Detect and register one image; bright markers where dark ones give no pose, unless the project says which."""
+    options = inputs.project.detect
+    assert options is not None
+    refusal: ValueError | None = None
+    try:
+        result = _attempt(result, entry, image, inputs, clock, options.polarity)
+    except ValueError as error:  # a label where no dark spot is
+        if options.polarity != detection.AUTO:
+            raise
+        refusal = error
+    if options.polarity != detection.AUTO or result.registered is not None or result.polarity == "bright":
+        return result
+    # The false-alarm number decides, so what is tried second cannot pass for markers by chance.
+    try:
+        other = _attempt(result, entry, image, inputs, clock, "bright")
+    except ValueError:
+        other = result
+    if other.registered is not None and other.detections is not None:
+        dark = 0 if result.detections is None else len(result.detections)
+        words = f"bright markers: {len(other.detections)} found (dark spots, {dark}, gave no pose)"
+        return replace(other, said=words, problem=None)
+    if refusal is not None:
+        raise refusal
+    return result
+
+
+def _attempt(
+    result: ImageResult, entry: ImageEntry, image: NDArray[np.generic], inputs: Inputs, clock: Clock, polarity: str
+) -> ImageResult:
+    """Detect and register spots of one polarity (or as "auto" decides)."""
+    options, wanted = inputs.project.detect, inputs.project.register_
+    assert options is not None
+    assert inputs.markers is not None
+    mask = None if options.mask is None else io.read_mask(options.mask, image.shape[:2])
+    with clock("detect"):
+        look = detection.find_markers(
+            image,
+            polarity=polarity,
+            radius_px=options.radius_px,
+            merit_max=options.merit_max,
+            refine=options.refine,
+            photometry=options.photometry,
+            mask=mask,
+        )
+    result = replace(result, radius=look.radius, polarity=look.polarity, said=look.words)
+    if look.radius is not None and not look.radius:
+        return replace(result, problem=look.radius.reason)
+    found = look.detections
+    result = replace(result, detections=found)
+    fixed = fixed_spots(found, entry.labels, wanted.label_distance_px)
+    excluded = excluded_spots(found, entry.exclude, wanted.label_distance_px)
+    with clock("register"):
+        answer = registration.register(
+            found,
+            inputs.markers,
+            result.camera,
+            prior=inputs.prior,
+            prior_max_angle_deg=wanted.prior_max_angle_deg,
+            prior_max_scale=wanted.prior_max_scale,
+            fixed=fixed,
+            excluded=excluded,
+            visible=sight(inputs.markers, inputs.mesh) if wanted.occlusion and inputs.mesh is not None else None,
+            tolerance_px=wanted.tolerance_px,
+            free_focal=wanted.free_focal,
+            method=wanted.method,
+            max_time_s=wanted.max_time_s,
+            max_table_error=wanted.max_table_error,
+            max_deformation=wanted.max_deformation,
+            seed=wanted.seed,
+        )
+    result = replace(result, registration=answer)
+    if not isinstance(answer, Registration):
+        return replace(result, problem=f"not registered: {answer.reason}")
+    result = replace(result, camera=answer.camera, cam_from_model=answer.cam_from_model)
+    return replace(result, expected=_expected(inputs.markers, answer, inputs.mesh))
+
+
+def _quantity(entry: ImageEntry, image: NDArray[np.generic]) -> Quantity:
+    """What the image's values are: what the project says, else the file; whole numbers are levels, whatever it says."""
+    file = io.frame_address(entry.file).file
+    told = io.told_quantity(file) if file.is_file() and image.dtype.kind == "f" else None
+    try:
+        return quantity_of(entry.quantity, entry.unit, entry.scale, entry.offset, told)
+    except ValueError as error:
+        raise io.FileError(entry.file, str(error)) from None
+
+
+def _expected(markers: MarkerSet, answer: Registration, mesh: Mesh | None) -> NDArray[np.int64]:
+    """Markers that the camera must see: in the picture, facing it where the normal is known, not hidden by the grid."""
+    tolerance = None if mesh is None else UNDER_GRID * mesh.diagonal
+    seen = resection.see_points(markers.xyz, answer.camera, answer.cam_from_model, mesh=mesh, tolerance=tolerance)
+    sight = answer.cam_from_model.center - markers.xyz
+    away = np.sum(sight * markers.normal, axis=1) <= 0
+    return np.flatnonzero(seen.visible & answer.camera.in_image(seen.xy) & ~away)
+
+
+def _check_size(image: NDArray[np.generic], camera: Camera, entry: ImageEntry) -> None:
+    height, width = image.shape[:2]
+    if (width, height) != camera.size_px:
+        expected = "{} x {}".format(*camera.size_px)
+        raise io.FileError(
+            entry.file,
+            f"is {width} x {height} pixels but its camera is {expected}; expected the camera that took this image",
+        )

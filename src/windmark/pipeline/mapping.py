@@ -1,0 +1,155 @@
+"""The second part of the main job: what images with known poses show of the grid, all in the same views."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation
+
+from windmark import resection
+from windmark.geometry import Camera, Pose
+from windmark.pipeline.clock import Clock, Progress
+from windmark.pipeline.project import Project, ResectOptions, SectionEntry
+from windmark.pipeline.results import FramedView, ImageResult, SectionValues, ViewImage
+from windmark.resection import PixelMap
+from windmark.scene import Mesh
+
+Array = NDArray[np.float64]
+
+
+def map_views(framed: Sequence[FramedView], mesh: Mesh) -> tuple[PixelMap, ...]:
+    """Which point of the surface each pixel of each view shows; made once for all images.
+
+    Raises
+    ------
+    ValueError
+        For a view in which no pixel shows any surface, naming it.
+    """
+    maps = tuple(resection.map_pixels(mesh, view.camera, view.cam_from_model) for view in framed)
+    for view, pixels in zip(framed, maps, strict=True):
+        if not pixels.valid.any():
+            raise ValueError(f"view {view.name}: no pixel shows the surface; check its point of view")
+    return maps
+
+
+def map_image(
+    result: ImageResult,
+    project: Project,
+    mesh: Mesh,
+    framed: Sequence[FramedView],
+    pixels: Sequence[PixelMap],
+    progress: Progress,
+) -> ImageResult:
+    """Values of one located image on nodes, in views and along sections; as it is where it has no pose.
+
+    ``framed`` are the views and ``pixels`` their maps. A failure that the data cause becomes ``problem``.
+    """
+    options, pose = project.resect, result.cam_from_model
+    if pose is None or result.image is None:
+        return result
+    image = result.quantity.of(result.image)
+    clock = Clock(progress, result.name)
+    try:
+        with clock("visibility"):
+            nodes = resection.see_nodes(mesh, result.camera, pose, max_obliquity_deg=options.max_obliquity_deg)
+        with clock("node values"):
+            values = resection.node_values(image, nodes, interpolation=options.interpolation)
+        views: list[ViewImage] = []
+        sections: list[SectionValues] = []
+        if project.view and not nodes.visible.any():
+            raise ValueError("no node of the grid is visible in the image, there is nothing to show in the views")
+        for view, seen in zip(framed, pixels, strict=True):
+            with clock("virtual images"):
+                views.append(_view(view, seen, image, result.camera, pose, options))
+        for cut in project.section:
+            with clock("sections"):
+                sections.append(_section(cut, image, result.camera, pose, mesh, options))
+        result = replace(result, nodes=nodes, values=values, views=tuple(views), sections=tuple(sections))
+        if project.output.pixels:
+            with clock("pixel map"):
+                result = replace(result, pixels=resection.map_pixels(mesh, result.camera, pose))
+    except ValueError as error:
+        result = replace(result, problem=str(error))
+    return replace(result, seconds={**result.seconds, **clock.seconds})
+
+
+def _view(
+    view: FramedView,
+    pixels: PixelMap,
+    image: NDArray[np.generic],
+    camera: Camera,
+    cam_from_model: Pose,
+    options: ResectOptions,
+) -> ViewImage:
+    values, valid = resection.virtual_image(image, pixels, camera, cam_from_model, interpolation=options.interpolation)
+    return ViewImage(view.name, values, valid, view.camera, view.cam_from_model, view.units_per_px)
+
+
+def _section(
+    entry: SectionEntry,
+    image: NDArray[np.generic],
+    camera: Camera,
+    cam_from_model: Pose,
+    mesh: Mesh,
+    options: ResectOptions,
+) -> SectionValues:
+    """Values along a plane cut of the surface; NaN where the camera does not see it."""
+    cut = resection.section(mesh, entry.point, entry.normal, spacing=entry.spacing)
+    if not len(cut):
+        raise ValueError(f"section {entry.name}: the plane does not meet the grid; check its point and normal")
+    seen = resection.see_points(cut.xyz, camera, cam_from_model, mesh=mesh)
+    values = resection.node_values(image, seen, interpolation=options.interpolation)
+    return SectionValues(entry.name, cut.line, cut.arc, cut.xyz, values)
+
+
+def align_images(images: Sequence[ImageResult], project: Project, mesh: Mesh) -> list[ImageResult]:
+    """3D alignment (the paper's section III.D): every image as seen from the reference's pose.
+
+    The grid moves with the model. Pixels that show none of it in the reference are NaN, or, on demand, what stands
+    still: the image's own pixels, where the model does not hide it in that image.
+    """
+    assert project.align is not None
+    reference = next(i for i in images if i.name == project.align.reference)
+    if reference.cam_from_model is None:
+        why = f"not aligned: the reference image {reference.name} has no pose"
+        return [replace(i, problem=i.problem or why) for i in images]
+    pixels = resection.map_pixels(mesh, reference.camera, reference.cam_from_model)
+    wanted = reference.quantity.column
+    other = f"not aligned: its values are not {wanted}, as those of the reference, but "
+    aligned = [
+        _aligned(item, pixels, project.resect)
+        if item.quantity.column == wanted
+        else replace(item, problem=item.problem or other + item.quantity.column)
+        for item in images
+    ]
+    if project.align.background == "keep":
+        aligned = [_with_background(item, pixels, still=item.name == reference.name) for item in aligned]
+    return aligned
+
+
+def _aligned(item: ImageResult, pixels: PixelMap, options: ResectOptions) -> ImageResult:
+    if item.cam_from_model is None or item.image is None:
+        return item
+    values, _ = resection.virtual_image(
+        item.quantity.of(item.image), pixels, item.camera, item.cam_from_model, interpolation=options.interpolation
+    )
+    return replace(item, aligned=values)
+
+
+def _with_background(item: ImageResult, pixels: PixelMap, *, still: bool) -> ImageResult:
+    """The aligned image with what stands still behind the model, as this image shows it.
+
+    ``pixels`` are those of the reference; the model hides the background in either image, in this one with a border of
+    a pixel, because pixels at the model's outline mix both. ``still``: it is the reference itself.
+    """
+    if item.aligned is None or item.image is None or item.cam_from_model is None:
+        return item
+    open_here = ~pixels.valid
+    if not still:
+        hidden = resection.map_pixels(pixels.mesh, item.camera, item.cam_from_model).valid
+        open_here &= ~binary_dilation(hidden, np.ones((3, 3), dtype=bool))
+    taken = item.quantity.of(item.image).astype(np.float32)
+    return replace(item, aligned=np.where(open_here, taken, item.aligned))
