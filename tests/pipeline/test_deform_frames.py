@@ -5,8 +5,11 @@ import threading
 import time
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
+from camera_files import write_cine
 
+from windmark import io
 from windmark.io import FileError
 from windmark.pipeline.deform.frames import frames_on_disk, key_of, read_frame_table, watch
 
@@ -92,3 +95,19 @@ def test_it_ends_after_so_many_frames(tmp_path):
 def test_there_must_be_a_folder(tmp_path):
     with pytest.raises(FileError, match="is no folder"):
         next(watch(project(tmp_path, "*.tif"), tmp_path / "none"))
+
+
+def test_recordings_are_frames_of_their_number(tmp_path):
+    (tmp_path / "a").mkdir()
+    stack = np.arange(3 * 20, dtype=np.uint16).reshape(3, 4, 5)
+    write_cine(tmp_path / "a" / "run7.cine", list(stack), 16, times=1e9 + 0.5 * np.arange(3), trigger_s=1e9)
+    io.write_images(tmp_path / "b.tif", stack[:2])
+    for pattern in ("a/run7.cine", "a/*.cine"):
+        frames = frames_on_disk(project(tmp_path, pattern, "b.tif"))
+        assert [(f.key, sorted(f.images)) for f in frames] == [
+            ("0", ["cam1", "cam2"]), ("1", ["cam1", "cam2"]), ("2", ["cam1"])
+        ]  # fmt: skip
+        np.testing.assert_array_equal(io.read_grey(frames[2].images["cam1"]), stack[2])
+        assert abs(frames[1].images["cam1"].time_s - 0.5) < 1e-6
+    (frame,) = frames_on_disk(project(tmp_path, "a/run7.cine[2]"))
+    assert frame.key == "2"

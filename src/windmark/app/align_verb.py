@@ -33,7 +33,7 @@ class Wishes:
 
 def align(wishes: Wishes, as_json: bool) -> None:
     """Align every image to the reference; everything is written into the output folder, whole or not at all."""
-    base, others = split_reference(wishes.images, wishes.reference)
+    base, others = split_reference(io.pictures(wishes.images), wishes.reference)
     checked_kind(wishes.options.get("kind", "auto"))
     named = None if wishes.matches is None else read_named(wishes.matches)
     settings = AlignSettings(**wishes.options, named=named)
@@ -66,7 +66,9 @@ def align(wishes: Wishes, as_json: bool) -> None:
         console.refuse(f"no image could be aligned; {rows[0]['image']}: {rows[0]['problem']}", as_json, record)
 
 
-def split_reference(images: Sequence[Path], reference: str | None) -> tuple[Path, list[Path]]:
+def split_reference(
+    images: Sequence[io.PictureFile], reference: str | None
+) -> tuple[io.PictureFile, list[io.PictureFile]]:
     """The reference, by stem or file name (the first image if not said), and the others.
 
     Raises

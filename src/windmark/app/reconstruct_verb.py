@@ -56,7 +56,7 @@ class Files:
     distances : known ones, with a free frame
     """
 
-    images: tuple[Path, ...]
+    images: tuple[io.PictureFile, ...]
     cameras: Mapping[str, Camera]
     patterns: Mapping[str, str]
     primary: Path | None

@@ -45,6 +45,11 @@ from windmark.io.plot3d_function import read_plot3d_function, write_plot3d_funct
 from windmark.io.plot3d_layout import Plot3dLayout
 from windmark.io.point_tables import PointList, read_points, write_point_values
 from windmark.io.quantity_told import told_quantity
+from windmark.io.recordings.address import FrameAddress, frame_address, picture_name
+from windmark.io.recordings.base import Frames
+from windmark.io.recordings.open import frames, is_recording
+from windmark.io.recordings.picture import Frame, PictureFile, addresses, gathered, pictures, times_of
+from windmark.io.recordings.write import write_frames
 from windmark.io.tables import (
     MatchTable,
     read_detection_names,
@@ -68,6 +73,8 @@ __all__ = [
     "Plot3dLayout", "detect_plot3d", "read_mesh", "read_nodes_netcdf", "read_plot3d", "read_plot3d_function",
     "read_tecplot", "write_mesh", "write_nodes_csv", "write_nodes_netcdf", "write_nodes_vtk", "write_plot3d",
     "write_plot3d_function", "write_tecplot",
+    "Frame", "FrameAddress", "Frames", "PictureFile", "addresses", "frame_address", "frames", "gathered",
+    "is_recording", "picture_name", "pictures", "times_of", "write_frames",
     "GRID_FORMATS", "GRID_SUFFIXES", "UNIT_FORMATS", "GridFile", "fitting_layouts", "grid_format", "read_grid_file",
     "write_grid_file", "written_grid_format", "read_marker_unit", "told_quantity", "write_tgts",
     "page_count", "read_grey", "read_image", "read_images", "read_mask", "to_grey", "to_json",

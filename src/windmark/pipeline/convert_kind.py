@@ -22,7 +22,7 @@ TARGETS = {
 PICTURE_SUFFIXES = (
     ".tif", ".tiff", ".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm", ".pnm", ".jp2", ".fits", ".fit", ".fts", ".cine",
     ".mraw", ".cih", ".cihx", ".avi", ".mp4", ".mov", ".mkv", ".npy", ".npz", ".h5", ".hdf5", ".hdf", ".raw", ".seq",
-    ".ptw", ".im7", ".b16",
+    ".ptw", ".im7", ".b16", ".spe", ".fz",
 )  # fmt: skip
 _BY_SUFFIX = {
     **dict.fromkeys((".tgts",), "markers"),
@@ -69,7 +69,12 @@ def kind_of(source: Path, said: str | None = None) -> str:
     """
     if said is not None and said not in KINDS:
         raise ValueError(f"--as must be one of {', '.join(KINDS)}, got {said!r}")
+    address = io.frame_address(source)
+    if address.number is not None or address.dataset is not None:
+        return "pictures"
     if not source.exists():
+        if io.is_recording(source):  # a pattern
+            return "pictures"
         raise io.FileError(source, "no such file")
     if said is not None:
         return said

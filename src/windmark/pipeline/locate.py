@@ -40,7 +40,8 @@ def locate(entry: ImageEntry, inputs: Inputs, progress: Progress) -> ImageResult
     result = ImageResult(entry.label, None, camera)
     try:
         with clock("read image"):
-            image = io.read_grey(entry.file, page=entry.page, channel=entry.channel, bayer=entry.bayer)
+            page = {} if entry.page is None else {"page": entry.page}
+            image = io.read_grey(entry.file, channel=entry.channel, bayer=entry.bayer, **page)
         result = replace(result, image=image, quantity=_quantity(entry, image))
         _check_size(image, camera, entry)
         if source.pose == "known":
@@ -136,7 +137,8 @@ def _attempt(
 
 def _quantity(entry: ImageEntry, image: NDArray[np.generic]) -> Quantity:
     """What the image's values are: what the project says, else the file; whole numbers are levels, whatever it says."""
-    told = io.told_quantity(entry.file) if image.dtype.kind == "f" else None
+    file = io.frame_address(entry.file).file
+    told = io.told_quantity(file) if file.is_file() and image.dtype.kind == "f" else None
     try:
         return quantity_of(entry.quantity, entry.unit, entry.scale, entry.offset, told)
     except ValueError as error:

@@ -40,7 +40,7 @@ def add(app: typer.Typer) -> None:
 
 
 def align(
-    images: Annotated[list[Path], typer.Argument(help="Images of one camera.")],
+    images: Annotated[list[Path], typer.Argument(help="Images of one camera, or its recording.")],
     reference: Annotated[
         str | None,
         typer.Option(help="Name (file stem) of the image that the others are aligned to. [default: the first]"),
@@ -133,8 +133,10 @@ def align(
             align_verb.align(align_verb.Wishes(images, reference, matches, output, options), as_json)
             return
         from windmark.app import verbs
+        from windmark.io import addresses, picture_name
 
-        reference = reference or images[0].stem
+        images = addresses(images)
+        reference = reference or picture_name(images[0])
         settings: dict[str, Any] = {
             "title": f"Alignment to {reference}",
             "length_unit": unit,

@@ -25,7 +25,8 @@ def convert(
             help="What is converted, and what it becomes: told by content and extension. A camera becomes .json"
             " (windmark), .yml (OpenCV), .cameramodel (mrcal), .xml (Metashape), .txt (Australis), a name without"
             " extension (folder of a COLMAP model); a grid .grid .x .xyz ... (PLOT3D), .dat (Tecplot), .stl, .obj,"
-            " .ply, .tri (Cart3D), .vtp, .vtm, .vtu, .vtk, .nc; a table of markers .csv or .tgts.",
+            " .ply, .tri (Cart3D), .vtp, .vtm, .vtu, .vtk, .nc; a table of markers .csv or .tgts; pictures and"
+            " recordings .tif (stack), .h5, .nc, .avi, or a name without extension (folder).",
         ),
     ],
     said: Annotated[
@@ -84,9 +85,15 @@ def convert(
     values: Annotated[
         Path | None, typer.Option(help="Grids: PLOT3D function file with the values of a PLOT3D source.")
     ] = None,
+    frames: Annotated[
+        str | None, typer.Option(help="Pictures: which frames, first:stop:step from 0, as in 0:100:2. [default: all]")
+    ] = None,
+    pictures: Annotated[
+        str | None, typer.Option(help="Pictures: png or tif, where the target is a folder. [default: tif]")
+    ] = None,
     as_json: Json = False,
 ) -> None:
-    """Turn cameras, surface grids and tables of markers into other formats.
+    """Turn cameras, surface grids, tables of markers, pictures and recordings into other formats.
 
     What the other format cannot hold is refused or said ("lost: ..."); the result is read back and compared.
     """
@@ -99,6 +106,6 @@ def convert(
             "from_format": from_format, "to_format": to_format, "size": size, "unit": unit, "to_unit": to_unit,
             "pixel_mm": tuple(pixel_mm or ()), "which": which, "no_pose": no_pose, "volume": tuple(volume or ()),
             "volume_face": volume_face, "orientation": orientation, "plot3d": plot3d, "from_plot3d": from_plot3d,
-            "values": values,
+            "values": values, "frames": frames, "pictures": pictures,
         }  # fmt: skip
         convert_verb.convert(paths[:-1], paths[-1], convert_verb.Wishes(said, typed), as_json)

@@ -50,7 +50,7 @@ def add(app: typer.Typer) -> None:
 
 
 def detect(
-    images: Annotated[list[Path], typer.Argument(help="Images.")],
+    images: Annotated[list[Path], typer.Argument(help="Images; recordings; frames: run.cine[120].")],
     radius: Radius = None,
     polarity: Polarity = "auto",
     merit_max: MeritMax = 0.7,
@@ -114,7 +114,7 @@ def detect(
 
 
 def register(
-    image: Annotated[Path, typer.Argument(help="The image.")],
+    image: Annotated[Path, typer.Argument(help="The image, or a frame of a recording: run.cine[120].")],
     markers: Markers,
     camera: CameraFile,
     unit: Unit,
@@ -140,6 +140,7 @@ def register(
 ) -> None:
     """Find which spot is which marker and where the camera was; no start pose is needed."""
     from windmark.app import verbs
+    from windmark.io import picture_name
 
     with console.errors(as_json):
         settings: dict[str, Any] = {
@@ -164,13 +165,13 @@ def register(
                 free_focal=free_focal,
                 method=method,
             ),
-            "output": {"folder": output or Path(f"{image.stem}-registration"), "nodes": ()},
+            "output": {"folder": output or Path(f"{picture_name(image)}-registration"), "nodes": ()},
         }
         verbs.run_settings(settings, as_json)
 
 
 def resect(
-    image: Annotated[Path, typer.Argument(help="The image.")],
+    image: Annotated[Path, typer.Argument(help="The image, or a frame of a recording: run.cine[120].")],
     camera: Annotated[Path, typer.Option("--camera", "-c", help="Camera with a pose, as register writes it.")],
     grid: GridFile,
     unit: Unit,
@@ -202,6 +203,7 @@ def resect(
 ) -> None:
     """Map a registered image onto the grid: values on nodes and at points, pictures."""
     from windmark.app import verbs
+    from windmark.io import picture_name
 
     with console.errors(as_json):
         settings: dict[str, Any] = {
@@ -212,14 +214,16 @@ def resect(
             "grid": grid_settings(grid, volume),
             "resect": {"max_obliquity_deg": max_obliquity_deg},
             "points": [{"file": path, "max_distance": max_distance} for path in points or ()],
-            "output": {"folder": output or Path(f"{image.stem}-resection"), "pixels": pixels}
+            "output": {"folder": output or Path(f"{picture_name(image)}-resection"), "pixels": pixels}
             | ({"nodes": nodes} if nodes else {}),
         }
         verbs.run_settings(settings, as_json)
 
 
 def track(
-    images: Annotated[list[Path], typer.Argument(help="Images of one camera, in the order in which they were taken.")],
+    images: Annotated[
+        list[Path], typer.Argument(help="Images of one camera in the order in which they were taken, or its recording.")
+    ],
     markers: Markers,
     camera: CameraFile,
     unit: Unit,

@@ -94,8 +94,8 @@ def reconstruct(
         from windmark.pipeline.calibrate import MatchOptions
 
         files = Files(
-            tuple(images), typed.read_cameras(camera), typed.parse_patterns(images_of or ()), primary, labels, rough,
-            poses, typed.parse_free(None, free or ""), model_px, pair, unit or "", output, free_frame,
+            typed.expanded(images), typed.read_cameras(camera), typed.parse_patterns(images_of or ()), primary, labels,
+            rough, poses, typed.parse_free(None, free or ""), model_px, pair, unit or "", output, free_frame,
             typed.parse_distances(distance or ()),
         )  # fmt: skip
         match = MatchOptions(tuple(radius or ()), polarity, merit_max, channel, bayer, mask, seed=seed)

@@ -59,6 +59,6 @@ def read_named(path: Path) -> Mapping[str, NamedSpots]:
     return found
 
 
-def of_image(table: Mapping[str, NamedSpots], path: Path) -> NamedSpots | None:
+def of_image(table: Mapping[str, NamedSpots], path: io.PictureFile) -> NamedSpots | None:
     """The spots of a picture; its column `image` holds the file's name with or without extension."""
     return table.get(path.name, table.get(path.stem))

@@ -52,7 +52,7 @@ class Reference:
     ``radius_note`` says how radius and polarity were found, "" where they were given.
     """
 
-    path: Path
+    path: io.PictureFile
     image: Image
     spots: Detections
     radii_px: tuple[float, ...]
@@ -65,7 +65,7 @@ class Reference:
 class AlignedFile:
     """What became of one image: ``problem`` says why there is no alignment ("" where there is one)."""
 
-    path: Path
+    path: io.PictureFile
     image: Image | None
     answer: ImageAlignment | NotAligned | None
     problem: str
@@ -82,7 +82,7 @@ class AlignedFile:
         return self.answer if isinstance(self.answer, ImageAlignment) else None
 
 
-def read_reference(path: Path, settings: AlignSettings) -> Reference:
+def read_reference(path: io.PictureFile, settings: AlignSettings) -> Reference:
     """Read the reference and find its markers.
 
     Raises
@@ -106,7 +106,7 @@ def read_reference(path: Path, settings: AlignSettings) -> Reference:
 
 
 def align_files(
-    paths: Sequence[Path], reference: Reference, settings: AlignSettings, *, progress: Progress = silent,
+    paths: Sequence[io.PictureFile], reference: Reference, settings: AlignSettings, *, progress: Progress = silent,
     workers: int | None = None,
 ) -> Iterator[AlignedFile]:  # fmt: skip
     """Align images in their order; only some more than there are threads are in memory at a time.
@@ -128,7 +128,7 @@ def align_files(
             raise
 
 
-def _align_one(path: Path, reference: Reference, settings: AlignSettings, progress: Progress) -> AlignedFile:
+def _align_one(path: io.PictureFile, reference: Reference, settings: AlignSettings, progress: Progress) -> AlignedFile:
     start = time.perf_counter()
     progress(f"align {path.name}")
     image: Image | None = None
@@ -143,7 +143,7 @@ def _align_one(path: Path, reference: Reference, settings: AlignSettings, progre
 
 
 def _answer(
-    path: Path, image: Image, reference: Reference, settings: AlignSettings
+    path: io.PictureFile, image: Image, reference: Reference, settings: AlignSettings
 ) -> ImageAlignment | NotAligned:  # fmt: skip
     """One image; where the radius is not given the reference's is tried first, then the image's own."""
     common: dict[str, Any] = {"kind": settings.kind, "polarity": reference.polarity, "merit_max": settings.merit_max,

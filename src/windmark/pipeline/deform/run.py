@@ -150,7 +150,8 @@ def _followed(frames: Iterable[FrameImages], loaded: Loaded) -> Iterator[tuple[D
 
     def noted() -> Iterator[FrameImages]:
         for frame in frames:
-            paths = [p for p in frame.images.values() if isinstance(p, Path)]
+            items = [p for p in frame.images.values() if isinstance(p, io.PictureFile)]
+            paths = [p if isinstance(p, Path) else p.path for p in items]
             taken.append((frame, max((p.stat().st_mtime for p in paths if p.exists()), default=time.time())))
             yield frame
 
@@ -159,12 +160,16 @@ def _followed(frames: Iterable[FrameImages], loaded: Loaded) -> Iterator[tuple[D
 
 
 def _time(frame: DeformedFrame, images: FrameImages, table: FrameTable, rate_hz: float | None) -> float:
+    """By the cameras' clocks, the table, the rate, or the first camera whose recording has time stamps."""
     if np.isfinite(images.time_s):
         return images.time_s
     row = table.row(frame.key)
     if row is not None and np.isfinite(table.time_s[row]):
         return float(table.time_s[row])
-    return frame.instant / rate_hz if rate_hz else float("nan")
+    if rate_hz:
+        return frame.instant / rate_hz
+    stamps = [item.time_s for item in images.images.values() if isinstance(item, io.Frame)]
+    return next((t for t in stamps if np.isfinite(t)), float("nan"))
 
 
 def zeroed(

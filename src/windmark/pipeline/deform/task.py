@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark import io
 from windmark.deformation import Deformation, Volumes
 from windmark.geometry import Camera, Pose
 from windmark.scene import MarkerSet, Observations
@@ -102,7 +102,7 @@ class Shot:
     """A picture of a camera with a clock of its own: when it was taken, in the unit of the instants."""
 
     instant: float
-    image: Path | Image
+    image: io.PictureFile | Image
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,7 @@ class FrameImages:
     ----------
     key : what the instant is called
     instant : when it was, in frames; in seconds where cameras have clocks
-    images : camera -> path or grey image; a camera that has none (a dropped frame) is left out
+    images : camera -> path, frame of a recording or grey image; a camera that has none (a dropped frame) is left out
     shots : camera -> its pictures round the instant, by time, for cameras that took none just then; their spots are
         interpolated. ``images`` then has the nearest one
     missing : camera -> why it has no image; "no image" where nothing is said
@@ -122,7 +122,7 @@ class FrameImages:
 
     key: str
     instant: float
-    images: Mapping[str, Path | Image]
+    images: Mapping[str, io.PictureFile | Image]
     shots: Mapping[str, tuple[Shot, ...]] = field(default_factory=dict)
     missing: Mapping[str, str] = field(default_factory=dict)
     time_s: float = float("nan")

@@ -39,7 +39,7 @@ class Reel:
     name: str
     key: tuple[str, ...]
     time_s: Array
-    path: tuple[Path, ...]
+    path: tuple[io.PictureFile, ...]
 
     @property
     def spacing_s(self) -> float:
@@ -57,7 +57,7 @@ class Timeline:
 
 
 def timeline(
-    project: DeformProject, found: Mapping[str, Mapping[str, Path]], recorded: Mapping[str, Array]
+    project: DeformProject, found: Mapping[str, Mapping[str, io.PictureFile]], recorded: Mapping[str, Array]
 ) -> Timeline:
     """Instants and pictures of cameras of which at least one has a clock.
 
@@ -92,7 +92,7 @@ def timeline(
 
 
 def _reel(
-    project: DeformProject, i: int, camera: CameraEntry, files: Mapping[str, Path], recorded: Array | None,
+    project: DeformProject, i: int, camera: CameraEntry, files: Mapping[str, io.PictureFile], recorded: Array | None,
     remarks: list[str],
 ) -> Reel:  # fmt: skip
     """A camera's pictures with their times, by the order of their frames, which must be that of the times."""
@@ -165,7 +165,7 @@ def _of_table(path: Path, keys: list[str]) -> Array:
 def _frame(own: Reel, n: int, reels: Mapping[str, Reel], max_lag_s: float | None) -> FrameImages:
     """The instant of picture n of the camera that is the clock."""
     time = float(own.time_s[n])
-    images: dict[str, Path] = {}
+    images: dict[str, io.PictureFile] = {}
     shots: dict[str, tuple[Shot, ...]] = {}
     missing: dict[str, str] = {}
     for name, reel in reels.items():
