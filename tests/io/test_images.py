@@ -131,14 +131,17 @@ def test_stack(tmp_path):
     frames = [GREY16 // (k + 1) for k in range(5)]
     write_images(path, iter(frames))
     assert page_count(path) == 5
-    assert_same(read_image(path), frames[0])
+    with pytest.raises(FileError, match=r"has 5 pages: say .*s\.tif\[0\] for the first one"):
+        read_image(path)
+    assert_same(read_image(path, page=0), frames[0])
+    assert_same(read_image(f"{path}[3]"), frames[3])
     assert_same(read_image(path, page=4), frames[4])
     for a, b in zip(read_images(path), frames, strict=True):
         assert_same(a, b)
     assert_same(read_image(path, page=None), np.stack(frames))
     with pytest.raises(FileError, match="no page 5; expected 0 to 4"):
         read_image(path, page=5)
-    with pytest.raises(ValueError, match="page must be a number from 0 or None, got -1"):
+    with pytest.raises(ValueError, match='page must be a number from 0, "only" or None, got -1'):
         read_image(path, page=-1)
 
 
@@ -465,14 +468,41 @@ def test_missing_file_and_folder(tmp_path):
         page_count(tmp_path)
 
 
-def test_sixteen_bit_colour_png_is_not_cut_to_eight(tmp_path):
-    ihdr = struct.pack(">IIBBBBB", 2, 1, 16, 2, 0, 0, 0)
-    chunks = [(b"IHDR", ihdr), (b"IDAT", zlib.compress(b"\0" * 13)), (b"IEND", b"")]
-    (tmp_path / "c.png").write_bytes(
-        b"\x89PNG\r\n\x1a\n"
-        + b"".join(struct.pack(">I", len(d)) + t + d + struct.pack(">I", zlib.crc32(t + d)) for t, d in chunks)
+def deep_png(image, adam7=False):
+    """A PNG of 16 bits per channel from the standard (ISO/IEC 15948), each filter in turn; written without Pillow."""
+    height, width, channels = image.shape
+    passes = [(0, 0, 1, 1)]
+    if adam7:
+        passes = [(0, 0, 8, 8), (0, 4, 8, 8), (4, 0, 8, 4), (0, 2, 4, 4), (2, 0, 4, 2), (0, 1, 2, 2), (1, 0, 2, 1)]
+    step, out = 2 * channels, b""
+    for row, column, down, right in passes:
+        part = image[row::down, column::right]
+        if not part.size:
+            continue
+        rows = np.ascontiguousarray(part).astype(">u2").view(np.uint8).reshape(len(part), -1).astype(int)
+        before = np.zeros(rows.shape[1], int)
+        for k, line in enumerate(rows):
+            left, corner = (np.concatenate([np.zeros(step, int), v])[: len(v)] for v in (line, before))
+            away = [abs(left + before - corner - v) for v in (left, before, corner)]
+            nearest = np.choose(np.argmin(away, axis=0), [left, before, corner])
+            filters = [0 * line, left, before, (left + before) // 2, nearest]
+            out += bytes([k % 5]) + ((line - filters[k % 5]) % 256).astype(np.uint8).tobytes()
+            before = line
+    header = struct.pack(">IIBBBBB", width, height, 16, {2: 4, 3: 2, 4: 6}[channels], 0, 0, adam7)
+    chunks = [(b"IHDR", header), (b"IDAT", zlib.compress(out)), (b"IEND", b"")]
+    return b"\x89PNG\r\n\x1a\n" + b"".join(
+        struct.pack(">I", len(d)) + t + d + struct.pack(">I", zlib.crc32(t + d)) for t, d in chunks
     )
-    with pytest.raises(FileError, match="a PNG with 16 bits per colour; expected 8 bits, or 16-bit grey"):
+
+
+@pytest.mark.parametrize("adam7", [False, True])
+@pytest.mark.parametrize("channels", [2, 3, 4])
+def test_sixteen_bit_colour_png_keeps_every_bit(tmp_path, channels, adam7):
+    image = RNG.integers(0, 65536, (17, 23, channels), dtype=np.uint16)
+    (tmp_path / "c.png").write_bytes(deep_png(image, adam7))
+    assert_same(read_image(tmp_path / "c.png"), image)
+    (tmp_path / "c.png").write_bytes(deep_png(image)[:-40])
+    with pytest.raises(FileError, match="damaged or cut off"):
         read_image(tmp_path / "c.png")
 
 
@@ -533,7 +563,7 @@ def test_impossible_size_is_refused_before_the_memory_fills(tmp_path, whole_file
             data = data.replace(old, struct.pack("<HHII", tag, 4, 1, 60_000))
     (tmp_path / name).write_bytes(data)
     with pytest.raises(FileError, match="60000 x 60000 pixels cannot come from a file this small"):
-        read_image(tmp_path / name)
+        read_image(tmp_path / name, page=0)
 
 
 def test_missing_rows_are_not_black(tmp_path):

@@ -14,6 +14,8 @@ from windmark.geometry import PARAMETERS, Camera
 from windmark.pipeline.calibrate import Board
 from windmark.pipeline.calibrate.board import MARK_KINDS
 
+TABLES = (".csv", ".txt")
+"""Matches, not pictures."""
 LENSES = {"pinhole": FREE[:4], "radial": FREE[:6], "brown": FREE}
 MORE = {"k3": ("k3",), "tilts": ("tilt_x", "tilt_y")}
 
@@ -60,6 +62,12 @@ def parse_datum(text: str | None, needed: bool = True) -> Datum | None:
     if sigma is not None and not sigma > 0:
         raise ValueError(f"--datum weighted: sigma must be > 0, got {sigma:g}")
     return Weighted(names or None, sigma)
+
+
+def expanded(inputs: Sequence[Path]) -> tuple[io.PictureFile, ...]:
+    """The inputs with recordings frame by frame; tables stay as they are."""
+    parts = [[path] if path.suffix.lower() in TABLES else io.pictures([path]) for path in inputs]
+    return tuple(item for part in parts for item in part)
 
 
 def parse_free(lens: str | None, free: str | None) -> tuple[str, ...]:

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
-from pathlib import Path
 
 import numpy as np
 
 import windmark
+from windmark import io
 from windmark.app import calibrate_pictures as drawn
 from windmark.app import space_pictures as space
 from windmark.app.lens_pictures import correction_picture, distortion_picture, residual_map_picture, visible_factor
@@ -58,7 +58,7 @@ class Shown:
 
     unit: str
     pictures: Sequence[Picture] | None
-    paths: Mapping[str, Path] | None
+    paths: Mapping[str, io.PictureFile] | None
     match: MatchOptions
     against: Comparison | None
     other: str
@@ -144,7 +144,9 @@ def add_camera(report: Report, result: Calibration, name: str) -> None:
         )
 
 
-def _corrected(report: Report, result: Calibration, name: str, paths: Mapping[str, Path], match: MatchOptions) -> None:
+def _corrected(
+    report: Report, result: Calibration, name: str, paths: Mapping[str, io.PictureFile], match: MatchOptions
+) -> None:
     """The picture of a camera with the most marks: as taken, lens undone, distortion magnified."""
     camera, views = result.cameras[name], [v.name for v in result.views]
     count = np.bincount(result.observations.view[result.used], minlength=len(views))

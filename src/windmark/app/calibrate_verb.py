@@ -9,6 +9,7 @@ from typing import Any
 
 from windmark import io
 from windmark.app import console
+from windmark.app.calibrate_options import TABLES
 from windmark.calibration import NotCalibrated
 from windmark.calibration.quality import Comparison, SplitHalf, compare
 from windmark.geometry import Camera
@@ -33,7 +34,6 @@ from windmark.scene import MarkerSet
 
 Record = dict[str, Any]
 Pictures = Sequence[Picture] | None
-TABLES = (".csv", ".txt")
 MOST_REASONS, MOST_NAMES = 4, 8
 """Reasons, and names for each, that a refusal lists."""
 
@@ -56,7 +56,7 @@ class Files:
     output : folder of the results
     """
 
-    inputs: tuple[Path, ...]
+    inputs: tuple[io.PictureFile, ...]
     markers: Path | None
     board: Board | None
     roles: tuple[str, ...]
@@ -131,7 +131,7 @@ def _solve(
     files: Files, settings: CalibrateSettings, match: MatchOptions, clock: Clock
 ) -> tuple[Calibrated | NotCalibrated, Pictures]:
     """From matches, from pictures, or from pictures of a board."""
-    tables = [p for p in files.inputs if p.suffix.lower() in TABLES]
+    tables = [p for p in files.inputs if isinstance(p, Path) and p.suffix.lower() in TABLES]
     if len(files.inputs) > 1 and tables:
         raise ValueError(f"expected one table of matches or several pictures, got {len(files.inputs)} files with "
                          f"{tables[0].name} among them")  # fmt: skip

@@ -10,6 +10,8 @@ from typing import Any
 from windmark.app import console
 from windmark.app.commands.matching_options import grid_settings
 from windmark.pipeline.convert_cameras import CameraOptions, convert_camera
+from windmark.pipeline.convert_frames import FrameOptions, convert_frames
+from windmark.pipeline.convert_frames import lines as frames_lines
 from windmark.pipeline.convert_grids import GridOptions, convert_grid
 from windmark.pipeline.convert_kind import WORDS, kind_of, refuse_target
 from windmark.pipeline.convert_markers import MarkerOptions, convert_markers
@@ -20,7 +22,8 @@ OPTIONS_OF = {
     "from_format": ("camera",), "to_format": ("camera",), "size": ("camera",), "pixel_mm": ("camera",),
     "which": ("camera",), "no_pose": ("camera",), "unit": ("camera", "grid", "markers"),
     "to_unit": ("camera", "grid", "markers"), "volume": ("grid",), "volume_face": ("grid",), "orientation": ("grid",),
-    "plot3d": ("grid",), "from_plot3d": ("grid",), "values": ("grid",),
+    "plot3d": ("grid",), "from_plot3d": ("grid",), "values": ("grid",), "frames": ("pictures",),
+    "pictures": ("pictures",),
 }  # fmt: skip
 """What each option is for; given with another kind of source it is an error."""
 _NAMES = {"from_format": "from", "to_format": "to"}
@@ -75,7 +78,9 @@ def _markers(sources: list[Path], target: Path, wishes: Wishes) -> Record:
 
 
 def _pictures(sources: list[Path], target: Path, wishes: Wishes) -> Record:
-    raise ValueError(f"{sources[0]}: is a picture or a recording, which this version does not convert into {target}")
+    options = FrameOptions(**wishes.of("frames", "pictures"))
+    with console.progress() as show:
+        return {"kind": "pictures", **convert_frames(sources, target, options, progress=show)}
 
 
 def parse_size(text: str | None) -> tuple[int, int] | None:
@@ -148,7 +153,7 @@ def _marker_lines(record: Record) -> list[str]:
 
 
 def _picture_lines(record: Record) -> list[str]:
-    return [str(line) for line in record.get("lines", ())] or [f"written: {record['output']}"]
+    return frames_lines(record)
 
 
 _JOBS: dict[str, Callable[[list[Path], Path, Wishes], Record]] = {

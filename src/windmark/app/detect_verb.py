@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -54,9 +54,11 @@ def detect(images: list[Path], wishes: Wishes, as_json: bool) -> None:
     """Detect in each image; one table for all."""
     found: dict[str, _Found] = {}
     with console.progress() as show:
-        for path in images:
+        for path in uniquely_named(images):
             show(f"detect {path.name}")
-            found[path.name] = _detect_one(read_wished(path, wishes), wishes)
+            one = _detect_one(read_wished(path, wishes), wishes)
+            drawn = wishes.picture is not None or wishes.merit_map is not None
+            found[path.name] = one if drawn else replace(one, image=one.image[:0], mask=None)  # recordings are long
         show("write")
         io.write_detections(wishes.output, {name: one.spots for name, one in found.items()})
         if wishes.explain is not None:
@@ -100,7 +102,17 @@ def used_pixels(image: Image, mask: Path | None, roi: tuple[int, int, int, int] 
     return use
 
 
-def read_wished(path: Path, wishes: Wishes) -> Image:
+def uniquely_named(images: list[Path]) -> list[io.PictureFile]:
+    """The pictures, recordings frame by frame; refused where two have one name, as results go by names."""
+    items = io.pictures(images)
+    names = [item.name for item in items]
+    if len(set(names)) < len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise ValueError(f"images: two are called {twice}; the results are named after the images")
+    return items
+
+
+def read_wished(path: io.PictureFile, wishes: Wishes) -> Image:
     """An image, its colours reduced as asked for."""
     return io.read_grey(path, channel=wishes.channel, bayer=wishes.bayer)
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from windmark import io
 from windmark.app import console
-from windmark.app.detect_verb import Wishes, read_wished, used_pixels, write_picture
+from windmark.app.detect_verb import Wishes, read_wished, uniquely_named, used_pixels, write_picture
 from windmark.detection import AUTO, Guided
 from windmark.detection.either import FEW
 from windmark.pipeline.predictions import Predictions, from_camera, from_detections, look
@@ -56,7 +56,7 @@ def detect(images: list[Path], wishes: Wishes, guide: Guide, as_json: bool) -> N
     seen: dict[str, _Seen] = {}
     options = {"search_px": guide.search_px, "photometry": wishes.options["photometry"]}
     with console.progress() as show:
-        for path in images:
+        for path in uniquely_named(images):
             show(f"detect {path.name}")
             image = read_wished(path, wishes)
             expected = _expected(guide, path.name, wishes.radius_px[0] if wishes.radius_px else None)

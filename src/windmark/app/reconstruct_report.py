@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
-from pathlib import Path
 
 import numpy as np
 
 import windmark
+from windmark import io
 from windmark.app import calibrate_pictures as drawn
 from windmark.app.calibrate_report import add_camera, add_errors, add_space
 from windmark.app.epipolar_pictures import pair_picture, views_picture
@@ -62,13 +62,13 @@ class Shown:
     unit: str
     primary: MarkerSet
     pictures: Sequence[Picture]
-    paths: Mapping[str, Path]
+    paths: Mapping[str, io.PictureFile]
     match: MatchOptions
     pair: PairLines | None
     pair_drawn: bytes | None
 
 
-def pair_png(pair: PairLines, paths: Mapping[str, Path], match: MatchOptions) -> bytes:
+def pair_png(pair: PairLines, paths: Mapping[str, io.PictureFile], match: MatchOptions) -> bytes:
     """Two pictures with the epipolar lines of their markers, as PNG."""
     images = [read_image(paths[side.name], match)[0] for side in (pair.a, pair.b)]
     return png(pair_picture(pair, *images), dpi=110)

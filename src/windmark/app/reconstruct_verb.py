@@ -40,7 +40,7 @@ class Files:
     output : folder of the results
     """
 
-    images: tuple[Path, ...]
+    images: tuple[io.PictureFile, ...]
     cameras: Mapping[str, Camera]
     patterns: Mapping[str, str]
     primary: Path

@@ -73,12 +73,13 @@ def follow_files(wishes: Wishes, options: Record, change: tuple[float, float], a
     mask = None if wishes.mask is None else io.read_mask(wishes.mask, camera.size_px[::-1])
     motion = Motion(float(np.radians(change[0])), change[1] / 100)
     how = FollowOptions(**options, motion=motion, prior=prior, mask=mask)
-    instants = None if wishes.frames is None else read_instants(wishes.frames, wishes.images)
+    images = io.pictures(wishes.images)
+    instants = stamped_instants(images) if wishes.frames is None else read_instants(wishes.frames, images)
     start, last, polarity = time.perf_counter(), None, ""
     rows: list[PoseRow] = []
     wishes.output.parent.mkdir(parents=True, exist_ok=True)
-    with console.progress(len(wishes.images)) as show:
-        for frame in follow(wishes.images, markers, camera, options=how, instants=instants):
+    with console.progress(len(images)) as show:
+        for frame in follow(images, markers, camera, options=how, instants=instants):
             show(f"{frame.name}: {frame.status}")
             rows.append(PoseRow.of(frame))
             last = frame if frame.registered is not None else last
@@ -97,7 +98,16 @@ def follow_files(wishes: Wishes, options: Record, change: tuple[float, float], a
     console.answer(record, as_json, [*_lines(rows), *decided, f"report: {wishes.output / 'report.html'}"])
 
 
-def read_instants(path: Path, images: list[Path]) -> list[float]:
+def stamped_instants(images: list[io.PictureFile]) -> list[float] | None:
+    """The instants by a recording's own time stamps, in frames: dropped frames leave gaps. None without stamps."""
+    times = io.times_of(images)
+    if times is None or len(times) < 3:
+        return None
+    step = float(np.median(np.diff(times)))
+    return [(t - times[0]) / step for t in times]
+
+
+def read_instants(path: Path, images: list[io.PictureFile]) -> list[float]:
     """The instants of the images from a table ``image,frame``; the number of a frame need not be whole."""
     table = io.read_table(path, required=("image", "frame"), known=("image", "frame"))
     known = dict(zip(table.text("image"), table.numbers("frame").tolist(), strict=True))

@@ -16,7 +16,7 @@ from windmark.calibration import undistort as correct
 from windmark.geometry import Camera
 
 _SHOWN = 3.0  # the paper's factor
-_LOSSLESS = {".png": ".png", ".tif": ".tif", ".tiff": ".tiff"}
+_AS_PNG = (".png", ".jpg", ".jpeg", ".bmp")
 Image = NDArray[np.generic]
 
 
@@ -35,7 +35,8 @@ def undistort(images: list[Path], camera_file: Path, wishes: Wishes, as_json: bo
     """Correct each image, write all into one folder, say it."""
     if wishes.keep not in KEEP:
         raise ValueError(f"--keep must be one of {', '.join(KEEP)}, got {wishes.keep!r}")
-    names = [path.stem for path in images]
+    images = [file for path in images for file in _files(path)]
+    names = [io.picture_name(path) for path in images]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise ValueError(f"images: {twice[0]} is there twice; the results are named after the images")
@@ -69,20 +70,35 @@ def undistort(images: list[Path], camera_file: Path, wishes: Wishes, as_json: bo
     console.answer(record, as_json, lines)
 
 
+def _files(path: Path) -> list[Path]:
+    """The file; the pictures of a folder or pattern."""
+    items = io.pictures([path]) if path.is_dir() or not path.exists() else [path]
+    return [item for item in items if isinstance(item, Path)] or [path]
+
+
 def _one(path: Path, place: Path, camera: Camera, target: Camera, magnified: Camera | None, wishes: Wishes
          ) -> list[str]:  # fmt: skip
     """Correct one file, a stack page by page; the names written."""
-    suffix = _LOSSLESS.get(path.suffix.lower(), ".png")
-    names = [_write(path, place / f"{path.stem}{suffix}", lambda page: redraw(page, camera, target).image)]
+    stem, suffix = io.picture_name(path), _suffix(path)
+    names = [_write(path, place / f"{stem}{suffix}", lambda page: redraw(page, camera, target).image)]
     if magnified is not None:
-        name = f"{path.stem}-x{wishes.magnify:g}{suffix}"
+        name = f"{stem}-x{wishes.magnify:g}{suffix}"
         names.append(_write(path, place / name, lambda page: redraw(page, camera, magnified).image))
     return names
 
 
+def _suffix(path: Path) -> str:
+    """PNG where it holds what comes out, else TIFF."""
+    suffix = path.suffix.lower()
+    if suffix not in _AS_PNG:
+        return ".tiff" if suffix == ".tiff" else ".tif"
+    with io.frames(path) as picture:
+        return ".tif" if picture.dtype != np.uint8 and len(picture.shape) == 3 else ".png"
+
+
 def _write(source: Path, target: Path, change: Callable[[Image], Image]) -> str:
     def pages() -> Iterator[Image]:
-        for page in io.read_images(source):
+        for page in _grey_of_mosaics(source):
             try:
                 yield change(page)
             except ValueError as error:
@@ -93,6 +109,16 @@ def _write(source: Path, target: Path, change: Callable[[Image], Image]) -> str:
     else:
         io.write_image(target, next(pages()))
     return target.name
+
+
+def _grey_of_mosaics(source: Path) -> Iterator[Image]:
+    """All pictures of a file; neighbours of a raw mosaic have other colours and must not be mixed by a redrawing."""
+    mosaic = None
+    if source.suffix.lower() == ".cine" or "[" in source.name:
+        with io.frames(source) as recording:
+            mosaic = recording.bayer
+    pages = io.read_images(source)
+    return pages if mosaic is None else (io.from_mosaic(page, mosaic) for page in pages)
 
 
 def _draw(images: list[Path], camera: Camera, name: str, place: Path, wishes: Wishes) -> None:
@@ -107,7 +133,7 @@ def _draw(images: list[Path], camera: Camera, name: str, place: Path, wishes: Wi
     if wishes.picture:
         factor = _SHOWN if wishes.magnify is None else wishes.magnify
         for path in images:
-            image = io.read_image(path)
+            image = next(_grey_of_mosaics(path))
             shown = correct(image, camera), magnify_distortion(image, camera, factor)
             figure = correction_picture(image, camera, *shown, factor)
-            (place / f"{path.stem}-picture.png").write_bytes(png(figure))
+            (place / f"{io.picture_name(path)}-picture.png").write_bytes(png(figure))

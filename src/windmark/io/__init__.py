@@ -44,6 +44,11 @@ from windmark.io.plot3d import detect_plot3d, read_plot3d, write_plot3d
 from windmark.io.plot3d_function import read_plot3d_function, write_plot3d_function
 from windmark.io.plot3d_layout import Plot3dLayout
 from windmark.io.quantity_told import told_quantity
+from windmark.io.recordings.address import FrameAddress, frame_address, picture_name
+from windmark.io.recordings.base import Frames
+from windmark.io.recordings.open import frames, is_recording
+from windmark.io.recordings.picture import Frame, PictureFile, addresses, gathered, pictures, times_of
+from windmark.io.recordings.write import write_frames
 from windmark.io.tables import (
     MatchTable,
     read_detection_names,
@@ -68,6 +73,8 @@ __all__ = [
     "write_plot3d_function", "write_tecplot",
     "GRID_FORMATS", "GRID_SUFFIXES", "UNIT_FORMATS", "GridFile", "fitting_layouts", "grid_format", "read_grid_file",
     "write_grid_file", "written_grid_format", "read_marker_unit", "told_quantity", "write_tgts",
+    "Frame", "FrameAddress", "Frames", "PictureFile", "addresses", "frame_address", "frames", "gathered",
+    "is_recording",    "picture_name", "pictures", "times_of", "write_frames",
     "page_count", "read_grey", "read_image", "read_images", "read_mask", "to_grey", "to_json",
     "write_image", "write_images", "write_pixels",
     "write_camera", "write_detections", "write_json", "write_markers", "write_matches", "write_table",

@@ -10,6 +10,7 @@ from typing import IO, TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.io.bounded import BoundedFile
 from windmark.io.errors import FileError
 from windmark.io.text import Pathlike
 
@@ -29,16 +30,17 @@ def decode(path: Pathlike, formats: tuple[str, ...], frame: int = 0, content: IO
     Raises
     ------
     FileError
-        When the picture is damaged, or Pillow would cut 16-bit colours to 8 bits.
+        When the picture is damaged.
     """
     with open_picture(path if content is None else content, formats) as picture:
         picture.seek(frame)
         check_plausible(path, picture.size)
         if picture.format == "TIFF":  # Pillow turns a TIFF by its metadata while it loads
             picture.getexif()[ORIENTATION] = 1
-        if picture.format == "PNG" and _is_deep_colour(path):
-            raise FileError(path, "a PNG with 16 bits per colour; expected 8 bits, or 16-bit grey (or a TIFF)")
-        return _array(picture)
+        deep = picture.format == "PNG" and _is_deep_colour(path)
+        if not deep:
+            return _array(picture)
+    return _deep_colours(path)
 
 
 def open_picture(source: Pathlike | IO[bytes], formats: tuple[str, ...]) -> Image:
@@ -51,7 +53,16 @@ def open_picture(source: Pathlike | IO[bytes], formats: tuple[str, ...]) -> Imag
     with _GUARD:
         limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None
         try:
-            return Image.open(source, formats=formats)
+            if not isinstance(source, str | os.PathLike):
+                return Image.open(source, formats=formats)
+            stream = BoundedFile(source)  # chunks of damaged files may name any size
+            try:
+                picture = Image.open(stream, formats=formats)
+            except BaseException:
+                stream.close()
+                raise
+            picture._exclusive_fp = True
+            return picture
         finally:
             Image.MAX_IMAGE_PIXELS = limit
 
@@ -97,6 +108,31 @@ def _grey_if_grey(colours: NDArray[np.uint8]) -> NDArray[np.uint8]:
     if all((colours[..., k] == first).all() for k in (1, 2)):
         return np.ascontiguousarray(first)
     return colours
+
+
+def _deep_colours(path: Pathlike) -> NDArray[np.uint16]:
+    """A PNG with 16 bits per channel, of which Pillow gives the upper 8: decoded twice, for each half of the bits.
+
+    Its decoder unfilters bytes whatever they mean; the raw mode says which of them become pixels.
+    """
+    with open(path, "rb") as stream:
+        kind = stream.read(26)[25]
+    if kind == 4:  # grey with alpha: four bytes, as RGBA has
+        both = _decoded_as(path, "RGBA", "RGBA")
+        return both[..., 0::2] << np.uint16(8) | both[..., 1::2]
+    if kind not in (2, 6):
+        raise FileError(path, f"damaged: a PNG of 16 bits and colour type {kind}")
+    mode = "RGB" if kind == 2 else "RGBA"
+    return _decoded_as(path, mode, f"{mode};16B") << np.uint16(8) | _decoded_as(path, mode, f"{mode};16L")
+
+
+def _decoded_as(path: Pathlike, mode: str, raw: str) -> NDArray[np.uint16]:
+    """The pixels with the raw mode that is asked for, instead of the one that Pillow chose."""
+    with open_picture(path, ("PNG",)) as opened:
+        picture: Any = opened
+        picture._mode = mode
+        picture.tile = [(*picture.tile[0][:3], raw)]
+        return np.array(picture).astype(np.uint16)
 
 
 def _is_deep_colour(path: Pathlike) -> bool:

@@ -51,6 +51,16 @@ class TiffStack:
         """Number of pictures."""
         return self._hidden or len(self._pages)
 
+    @property
+    def bits(self) -> int:
+        """Bits of a sample of the first picture."""
+        return int(self._tif.pages[self._pages[0]].bitspersample)
+
+    @property
+    def file(self) -> Any:
+        """The open file, for what it says of all pictures."""
+        return self._tif
+
     def read(self, number: int) -> NDArray[Any]:
         """One picture: (H, W) or (H, W, channels), the file's own type."""
         page = self._tif.pages[self._pages[0 if self._hidden else number]]

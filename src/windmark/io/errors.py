@@ -60,3 +60,20 @@ def reading(path: str | os.PathLike[str]) -> Iterator[None]:
         # Windows calls opening a folder "permission denied".
         what = _REASONS[errno.EISDIR] if os.path.isdir(path) else reason(error)
         raise FileError(path, what) from error
+
+
+@contextmanager
+def decoding(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Whatever a decoder raises on a damaged file becomes `FileError`."""
+    with reading(path):
+        try:
+            yield
+        except FileError:
+            raise
+        except MemoryError as error:
+            raise FileError(path, "damaged, or too large for the memory") from error
+        except Exception as error:  # decoders raise nearly anything
+            if isinstance(error, OSError) and error.errno not in (None, errno.EINVAL):
+                raise  # the operating system's own refusal; EINVAL is a place before the file's start
+            said = " ".join(str(error).split())[:300]
+            raise FileError(path, f"damaged or cut off: {said or type(error).__name__}") from error

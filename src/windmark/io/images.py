@@ -1,4 +1,4 @@
-"""Images: PNG, JPEG, TIFF (stacks, 12-bit, float) and BMP, as the camera stored them.
+"""Images: PNG, JPEG, TIFF (stacks, 12-bit, float) and BMP, and frames of any recording, as the camera stored them.
 
 Pixels come back in the sensor's own rows and columns: an orientation tag (EXIF) is *not* applied,
 because the camera's interior parameters belong to the sensor, and a picture turned for the eye no
@@ -9,12 +9,11 @@ The only changes are: a palette is expanded, 1 to 4 bits per pixel are stretched
 
 from __future__ import annotations
 
-import errno
 import os
-from collections.abc import Generator, Iterable, Iterator
-from contextlib import closing, contextmanager
+from collections.abc import Generator, Iterable
+from contextlib import closing
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,25 +22,30 @@ from windmark.io import _pillow
 from windmark.io._tiff import open_tiff
 from windmark.io.atomic import atomic_path, atomic_write
 from windmark.io.colour import check_channel, check_mosaic, from_mosaic, to_grey
-from windmark.io.errors import FileError, reading
+from windmark.io.errors import FileError, decoding
+from windmark.io.recordings.address import FrameAddress, frame_address
+from windmark.io.recordings.open import frames, recording_kind
+from windmark.io.recordings.picture import Frame
 from windmark.io.text import Pathlike
 
 Image = NDArray[Any]
 
-_MAGIC = {
-    b"\x89PNG\r\n\x1a\n": "PNG", b"\xff\xd8\xff": "JPEG", b"BM": "BMP",
-    b"II*\0": "TIFF", b"MM\0*": "TIFF", b"II+\0": "TIFF", b"MM\0+": "TIFF",
-}  # fmt: skip
 _EXTENSIONS = {".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG", ".bmp": "BMP", ".tif": "TIFF", ".tiff": "TIFF"}
 
 
-def read_image(path: Pathlike, *, page: int | None = 0) -> Image:
+ONLY: Literal["only"] = "only"
+Page = int | Literal["only"] | None
+
+
+def read_image(path: Pathlike, *, page: Page = ONLY) -> Image:
     """Read an image; the content tells the format, not the extension.
 
     Parameters
     ----------
-    path : PNG, JPEG, TIFF or BMP
-    page : which picture of a TIFF stack, from 0; None for all of them, stacked along a first axis
+    path : PNG, JPEG, TIFF or BMP; or any recording that `frames` takes, with an address: ``run.cine[120]``,
+        ``stack.tif[3]``, ``file.h5:/cam1/images[5]``
+    page : which picture of a stack or recording, from 0; "only" for that of a file that has just one; None for all of
+        them, stacked along a first axis
 
     Returns
     -------
@@ -51,10 +55,10 @@ def read_image(path: Pathlike, *, page: int | None = 0) -> Image:
     Raises
     ------
     FileError
-        When the file is missing, empty, no image, damaged, cut off, or has no such page.
+        When the file is missing, empty, no image, damaged, cut off, has no such page, or several and none was named.
     """
-    if page is not None and (not isinstance(page, int | np.integer) or page < 0):
-        raise ValueError(f"read_image: page must be a number from 0 or None, got {page!r}")
+    if page not in (None, ONLY) and (not isinstance(page, int | np.integer) or page < 0):
+        raise ValueError(f'read_image: page must be a number from 0, "only" or None, got {page!r}')
     if page is not None:
         with closing(_pictures(path, page)) as pictures:
             return next(pictures)
@@ -71,22 +75,30 @@ def read_images(path: Pathlike) -> Generator[Image, None, None]:
 
 
 def page_count(path: Pathlike) -> int:
-    """Number of pictures in a file: 1, but for TIFF stacks. Errors as `read_image`."""
-    with _decoding(path):
-        if _format(path) != "TIFF":
+    """Number of pictures in a file: 1, but for TIFF stacks and other recordings. Errors as `read_image`."""
+    address = frame_address(path)
+    kind = _kind(address)
+    with decoding(address.file):
+        if kind == "TIFF" and address.number is None:
+            with open_tiff(address.file) as stack:
+                return stack.count
+        if kind in ("TIFF", "picture"):
             return 1
-        with open_tiff(path) as stack:
-            return stack.count
+        with frames(path) as recording:
+            return len(recording)
 
 
-def read_grey(path: Pathlike, *, page: int = 0, channel: str = "grey", bayer: str | None = None) -> Image:
+def read_grey(
+    path: Pathlike | Frame, *, page: int | Literal["only"] = ONLY, channel: str = "grey", bayer: str | None = None
+) -> Image:  # fmt: skip
     """Read an image as one grey level per pixel: (H, W), linear in what the file says.
 
     Parameters
     ----------
-    path, page : see `read_image`
+    path, page : see `read_image`; or a picture of an open recording
     channel : "grey", "red", "green" or "blue", see `to_grey`
-    bayer : pattern of a raw colour mosaic, "RGGB" and its like, see `from_mosaic`; None where the file is none
+    bayer : pattern of a raw colour mosaic, "RGGB" and its like, see `from_mosaic`; None takes what the file says,
+        which is none but for recordings of colour cameras that say so
 
     Raises
     ------
@@ -96,7 +108,8 @@ def read_grey(path: Pathlike, *, page: int = 0, channel: str = "grey", bayer: st
     check_channel(channel)
     if bayer is not None:
         check_mosaic(bayer)
-    picture = read_image(path, page=page)
+    picture, said = (path.read(), path.frames.bayer) if isinstance(path, Frame) else _with_mosaic(path, page)
+    path, bayer = str(path), bayer or said
     if bayer is not None and (picture.ndim != 2 or min(picture.shape) < 2):
         raise FileError(path, f"the shape is {picture.shape}; expected (H, W), the mosaic of a colour sensor, as bayer")
     if channel != "grey" and bayer is None and (picture.ndim == 2 or picture.shape[2] < 3):
@@ -104,25 +117,59 @@ def read_grey(path: Pathlike, *, page: int = 0, channel: str = "grey", bayer: st
     return to_grey(picture, channel=channel) if bayer is None else from_mosaic(picture, bayer, channel=channel)
 
 
-def _pictures(path: Pathlike, page: int | None) -> Generator[Image, None, None]:
+def _pictures(path: Pathlike, page: Page) -> Generator[Image, None, None]:
     """The chosen picture, or all."""
-    with _decoding(path):
-        kind = _format(path)
+    return (picture for picture, _ in _pictures_with_mosaic(path, page))
+
+
+def _with_mosaic(path: Pathlike, page: Page) -> tuple[Image, str | None]:
+    """The chosen picture, and the pattern of the mosaic that it is."""
+    with closing(_pictures_with_mosaic(path, page)) as pictures:
+        return next(pictures)
+
+
+def _pictures_with_mosaic(path: Pathlike, page: Page) -> Generator[tuple[Image, str | None], None, None]:
+    address, kind = frame_address(path), _kind(frame_address(path))
+    if address.number is not None:
+        if page not in (None, ONLY, address.number):
+            raise FileError(path, f"names a frame, and page {page} another one; expected one of them")
+        page = address.number
+    with decoding(address.file):
         if kind == "TIFF":
-            with open_tiff(path) as stack:
-                _check_page(path, page, stack.count)
-                for number in range(stack.count) if page is None else (page,):
-                    yield _checked(path, stack.read(number))
+            with open_tiff(address.file) as stack:
+                for number in _numbers(address, page, stack.count, "pages"):
+                    yield _checked(path, stack.read(number)), None
+        elif kind == "picture":
+            list(_numbers(address, page, 1, "pages"))
+            yield _checked(path, _pillow.decode(address.file, ("PNG", "JPEG", "BMP"))), None
         else:
-            _check_page(path, page, 1)
-            yield _checked(path, _pillow.decode(path, (kind,)))
+            with frames(address.recording) as recording:
+                for number in _numbers(address, page, len(recording), "frames"):
+                    yield _checked(path, recording[number]), recording.bayer
 
 
-def _check_page(path: Pathlike, page: int | None, count: int) -> None:
-    if page is not None and page >= count:
+def _kind(address: FrameAddress) -> str | None:
+    """The format; a folder or pattern is none of its own."""
+    if address.number is not None and not os.path.isfile(address.file):
+        return None
+    with decoding(address.file):
+        return recording_kind(address.file)
+
+
+def _numbers(address: FrameAddress, page: Page, count: int, word: str) -> range:
+    """Which pictures are wanted."""
+    if page is None:
+        return range(count)
+    if isinstance(page, str):
+        if count > 1:
+            raise FileError(address.recording, f"has {count} {word}: say {address.recording}[0] for the first one")
+        page = 0
+    if page >= count:
         raise FileError(
-            path, f"no page {page}; expected 0 to {count - 1}" if count > 1 else f"no page {page}; it has one"
+            address.recording,
+            f"no page {page}; expected 0 to {count - 1}" if count > 1 else f"no page {page}; it has one",
         )
+    return range(page, page + 1)
 
 
 def _checked(path: Pathlike, values: Image) -> Image:
@@ -132,33 +179,6 @@ def _checked(path: Pathlike, values: Image) -> Image:
     if values.dtype.kind not in "uif":
         raise FileError(path, f"the pixels are {values.dtype}; expected integers or floats")
     return np.require(values, dtype=values.dtype.newbyteorder("="), requirements=["C", "W", "O"])
-
-
-def _format(path: Pathlike) -> str:
-    with open(path, "rb") as stream:
-        head = stream.read(8)
-    if not head:
-        raise FileError(path, "the file is empty; expected an image")
-    for magic, kind in _MAGIC.items():
-        if head.startswith(magic):
-            return kind
-    raise FileError(path, "not an image that windmark reads; expected PNG, JPEG, TIFF or BMP")
-
-
-@contextmanager
-def _decoding(path: Pathlike) -> Iterator[None]:
-    """Whatever a decoder raises on a damaged file becomes `FileError`."""
-    with reading(path):
-        try:
-            yield
-        except FileError:
-            raise
-        except MemoryError as error:
-            raise FileError(path, "damaged, or too large for the memory") from error
-        except Exception as error:  # decoders raise nearly anything
-            if isinstance(error, OSError) and error.errno not in (None, errno.EINVAL):
-                raise  # the operating system's own refusal; EINVAL is a place before the file's start
-            raise FileError(path, f"damaged or cut off: {error or type(error).__name__}") from error
 
 
 # --- writing ---------------------------------------------------------------------------------

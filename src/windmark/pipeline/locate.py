@@ -40,7 +40,8 @@ def locate(entry: ImageEntry, inputs: Inputs, progress: Progress) -> ImageResult
     result = ImageResult(entry.label, None, camera)
     try:
         with clock("read image"):
-            image = io.read_grey(entry.file, page=entry.page, channel=entry.channel, bayer=entry.bayer)
+            page = {} if entry.page is None else {"page": entry.page}
+            image = io.read_grey(entry.file, channel=entry.channel, bayer=entry.bayer, **page)
         result = replace(result, image=image, quantity=_quantity(entry, image))
         _check_size(image, camera, entry)
         if source.pose == "known":

@@ -13,8 +13,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationError, model_validator
 
+from windmark.io import picture_name
 from windmark.pipeline.quantity import Quantity
-from windmark.pipeline.settings import Strict, existing, explained, read_toml, unusable_name
+from windmark.pipeline.settings import Strict, existing, existing_picture, explained, read_toml, unusable_name
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Vector = tuple[Finite, Finite, Finite]
@@ -38,7 +39,7 @@ class CameraEntry(Strict):
 
 
 class ImageEntry(Strict):
-    """One image (or one page of a multipage TIFF).
+    """One image, or a frame of a recording: ``file = "run.cine[120]"``, or ``page`` of a multipage TIFF.
 
     ``channel``: of a colour picture; grey is a weighted sum. ``bayer``: the file is a colour sensor's raw mosaic.
     ``quantity``, ``unit``: what the values are, such as "temperature" in "K"; None: what the file says, else grey.
@@ -50,7 +51,7 @@ class ImageEntry(Strict):
     file: Path
     name: str | None = None
     camera: str | None = None
-    page: Annotated[int, Field(ge=0)] = 0
+    page: Annotated[int, Field(ge=0)] | None = None
     channel: Literal["grey", "red", "green", "blue"] = "grey"
     bayer: Literal["RGGB", "BGGR", "GRBG", "GBRG"] | None = None
     quantity: Literal["grey", "radiance", "temperature"] | None = None
@@ -70,7 +71,7 @@ class ImageEntry(Strict):
     @property
     def label(self) -> str:
         """Name of the image in results and of its folder."""
-        return self.name or self.file.stem
+        return self.name or picture_name(self.file)
 
 
 class MarkersEntry(Strict):
@@ -332,7 +333,7 @@ def _with_absolute_paths(project: Project) -> Project:
 
     detect = project.detect
     if detect is not None and detect.mask is not None:
-        detect = detect.model_copy(update={"mask": existing(project.path, "detect.mask", detect.mask)})
+        detect = detect.model_copy(update={"mask": existing_picture(project.path, "detect.mask", detect.mask)})
 
     def moved(key: str, entry: Strict) -> Strict:
         return entry.model_copy(update={"file": existing(project.path, f"{key}.file", entry.file)})  # type: ignore[attr-defined]
@@ -342,11 +343,14 @@ def _with_absolute_paths(project: Project) -> Project:
             return view
         return view.model_copy(update={"camera": existing(project.path, f"{key}.camera", view.camera)})
 
+    def found(i: int, entry: ImageEntry) -> ImageEntry:
+        return entry.model_copy(update={"file": existing_picture(project.path, f"image[{i}].file", entry.file)})
+
     return project.model_copy(
         update={
             "view": tuple(located(f"view[{i}]", v) for i, v in enumerate(project.view)),
             "camera": tuple(moved(f"camera[{i}]", c) for i, c in enumerate(project.camera)),
-            "image": tuple(moved(f"image[{i}]", c) for i, c in enumerate(project.image)),
+            "image": tuple(found(i, c) for i, c in enumerate(project.image)),
             "markers": moved("markers", project.markers) if project.markers else None,
             "grid": moved("grid", project.grid) if project.grid else None,
             "register_": register,

@@ -9,6 +9,7 @@ from typing import Annotated, Any, Union, get_args, get_origin
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
+from windmark.io import FrameAddress, frame_address
 from windmark.io.errors import FileError, reading
 
 
@@ -62,6 +63,21 @@ def existing(settings: Path, key: str, relative: Path) -> Path:
     if not full.is_file():
         raise FileError(settings, f"there is no file {full}; expected an existing file", key)
     return full
+
+
+def existing_picture(settings: Path, key: str, relative: Path) -> Path:
+    """A picture that a settings file names: a file, or the address of a frame (``run.cine[120]``); absolute.
+
+    Raises
+    ------
+    FileError
+        When there is no such file or folder, naming both.
+    """
+    address = frame_address(settings.parent / relative)
+    full = address.file.resolve()
+    if not (full.is_file() or (full.is_dir() and address.number is not None)):
+        raise FileError(settings, f"there is no file {full}; expected an existing file", key)
+    return Path(FrameAddress(full, address.dataset, address.number).text)
 
 
 def unusable_name(names: list[str]) -> str | None:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
-from pathlib import Path
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,6 +68,7 @@ class FollowedFrame:
     polarity : that of its spots, "dark" or "bright"
     detections, registration : the spots, and what they gave; None for an image that cannot be read
     seconds : wall time, reading included
+    time_s : when it was taken by its recording's clock, NaN where unknown
     """
 
     index: int
@@ -81,6 +81,7 @@ class FollowedFrame:
     detections: Detections | None = None
     registration: Registration | NotRegistered | None = None
     seconds: float = 0.0
+    time_s: float = np.nan
 
     @property
     def registered(self) -> Registration | None:
@@ -89,7 +90,7 @@ class FollowedFrame:
 
 
 def follow(
-    images: Iterable[Path | tuple[str, Image]],
+    images: Iterable[io.PictureFile | tuple[str, Image]],
     markers: MarkerSet,
     camera: Camera,
     *,
@@ -105,7 +106,7 @@ def follow(
 
     Parameters
     ----------
-    images : paths, or names with grey images
+    images : paths, frames of recordings, or names with grey images
     markers : those that move with the model (or those that stand still): one rigid body
     camera : interior parameters
     options : see `FollowOptions`
@@ -124,7 +125,8 @@ def follow(
         instant = float(index) if instants is None else float(instants[index])
         if not (np.isfinite(instant) and instant > last):
             raise ValueError(f"follow: instants must increase strictly, number {index} is {instant:g} after {last:g}")
-        yield follower.frame(index, item, instant, 1.0 if index == 0 else instant - last)
+        frame = follower.frame(index, item, instant, 1.0 if index == 0 else instant - last)
+        yield replace(frame, time_s=item.time_s) if isinstance(item, io.Frame) else frame
         last = instant
 
 
@@ -139,10 +141,10 @@ class _Follower:
         self._polarity = "" if options.polarity == detection.AUTO else options.polarity  # "": not decided yet
         self._last: tuple[int, float] = (0, np.nan)  # markers and their radius in the last good image
 
-    def frame(self, index: int, item: Path | tuple[str, Image], instant: float, dt: float) -> FollowedFrame:
+    def frame(self, index: int, item: io.PictureFile | tuple[str, Image], instant: float, dt: float) -> FollowedFrame:
         """Follow one image."""
         start = time.perf_counter()
-        name = item.name if isinstance(item, Path) else item[0]
+        name = item[0] if isinstance(item, tuple) else item.name
         try:
             image = self._read(item)
         except io.FileError as error:
@@ -163,16 +165,16 @@ class _Follower:
             time.perf_counter() - start,
         )  # fmt: skip
 
-    def _read(self, item: Path | tuple[str, Image]) -> Image:
+    def _read(self, item: io.PictureFile | tuple[str, Image]) -> Image:
         options = self._options
-        if isinstance(item, Path):
+        if not isinstance(item, tuple):
             image = io.read_grey(item, channel=options.channel, bayer=options.bayer)
         else:
             image = item[1]
         height, width = image.shape[:2]
         if (width, height) != self._camera.size_px:
             expected = "{} x {}".format(*self._camera.size_px)
-            name = item if isinstance(item, Path) else item[0]
+            name = item[0] if isinstance(item, tuple) else str(item)
             raise io.FileError(name, f"is {width} x {height} pixels but the camera is {expected}")
         return image
 

@@ -28,6 +28,7 @@ class PoseRow:
     frame : the FollowedFrame without its spots
     pov, sigma : (6,) the point of view (`POV`) and its 1 sigma, NaN where there is no pose
     matches : marker, x, y, dx, dy (projected - detected) of the K matches
+    time_s : by the recording's clock; NaN where unknown
     """
 
     index: int
@@ -44,6 +45,7 @@ class PoseRow:
     sigma: Array
     cam_from_model: Pose | None
     matches: tuple[NDArray[np.int64], Array]
+    time_s: float = np.nan
 
     @staticmethod
     def of(frame: FollowedFrame) -> PoseRow:
@@ -54,12 +56,13 @@ class PoseRow:
         )  # fmt: skip
         if answer is None or frame.detections is None:
             none = (np.zeros(0, np.int64), np.zeros((0, 4)))
-            return PoseRow(*common, 0, 0, np.nan, np.full(6, np.nan), np.full(6, np.nan), None, none)
+            return PoseRow(*common, 0, 0, np.nan, np.full(6, np.nan), np.full(6, np.nan), None, none, frame.time_s)
         xy = frame.detections.xy[answer.matching.detection]
         matches = (answer.matching.marker, np.concatenate([xy, answer.residuals], axis=1))
         pov, sigma = pov_with_sigma(answer.cam_from_model, answer.cov)
         return PoseRow(
-            *common, len(answer.matching), answer.n_expected, answer.rms_px, pov, sigma, answer.cam_from_model, matches
+            *common, len(answer.matching), answer.n_expected, answer.rms_px, pov, sigma, answer.cam_from_model, matches,
+            frame.time_s,
         )  # fmt: skip
 
 
@@ -91,13 +94,14 @@ def _numbers(pose: Pose) -> Array:
 
 
 def pose_columns(rows: list[PoseRow]) -> dict[str, Any]:
-    """``frame,image,instant,status,matched,expected,rms_px``, `POV`, their sigmas, the camera's station, reason."""
+    """``frame,image,instant[,time_s],status,matched,expected,rms_px``, `POV`, their sigmas, station, reason."""
     pov, sigma = (np.array([getattr(row, key) for row in rows]).reshape(-1, 6) for key in ("pov", "sigma"))
     station = np.array([np.full(3, np.nan) if r.cam_from_model is None else r.cam_from_model.center for r in rows])
     return {
         "frame": [row.index for row in rows],
         "image": [row.name for row in rows],
         "instant": [row.instant for row in rows],
+        **({"time_s": [row.time_s for row in rows]} if any(row.time_s == row.time_s for row in rows) else {}),
         "status": [row.status for row in rows],
         "matched": [row.matched for row in rows],
         "expected": [row.expected for row in rows],

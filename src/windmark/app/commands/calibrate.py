@@ -72,7 +72,7 @@ def calibrate(
             tolerance_px, max_time, seed,
         )  # fmt: skip
         files = Files(
-            tuple(inputs), markers, dots, tuple(roles or ()), typed.read_cameras(camera or ()),
+            typed.expanded(inputs), markers, dots, tuple(roles or ()), typed.read_cameras(camera or ()),
             typed.parse_patterns(images_of or ()), parse_size(size), focal, unit, sigma_px, against, output,
         )  # fmt: skip
         run(files, settings, match, as_json)

@@ -12,8 +12,8 @@ Texts = list[str] | None
 Inputs = Annotated[
     list[Path],
     typer.Argument(
-        help="A table of matches (CSV: image,name,x,y[,sigma_x,sigma_y][,camera][,frame]), or pictures, in which the "
-        "markers (or, with --board, the dots) are found."
+        help="A table of matches (CSV: image,name,x,y[,sigma_x,sigma_y][,camera][,frame]), or pictures or "
+        "recordings, in which the markers (or, with --board, the dots) are found."
     ),
 ]
 Markers = Annotated[

@@ -13,7 +13,8 @@ from windmark.app.commands.options import Json
 EPILOG = (
     "Examples: windmark convert camera.xml camera.json; windmark convert wing.grid wing.vtp --unit mm;"
     " windmark convert wing.grid wing-in.grid --unit mm --to-unit in --plot3d big,double;"
-    " windmark convert targets.tgts markers.csv --unit in"
+    " windmark convert targets.tgts markers.csv --unit in; windmark convert run.cine run.h5 --frames 0:100;"
+    " windmark convert a.tif b.tif stack.tif"
 )
 
 
@@ -25,7 +26,8 @@ def convert(
             help="What is converted, and what it becomes: told by content and extension. A camera becomes .json"
             " (windmark), .yml (OpenCV), .cameramodel (mrcal), .xml (Metashape), .txt (Australis), a name without"
             " extension (folder of a COLMAP model); a grid .grid .x .xyz ... (PLOT3D), .dat (Tecplot), .stl, .obj,"
-            " .ply, .tri (Cart3D), .vtp, .vtm, .vtu, .vtk, .nc; a table of markers .csv or .tgts.",
+            " .ply, .tri (Cart3D), .vtp, .vtm, .vtu, .vtk, .nc; a table of markers .csv or .tgts; a recording, or"
+            " several pictures, a stack .tif, .h5, .nc, a film .avi, .mkv, or a folder.",
         ),
     ],
     said: Annotated[
@@ -84,9 +86,15 @@ def convert(
     values: Annotated[
         Path | None, typer.Option(help="Grids: PLOT3D function file with the values of a PLOT3D source.")
     ] = None,
+    frames: Annotated[
+        str | None, typer.Option(help="Recordings: which frames, first:stop:step as 0:100:2 or -10:, or one number.")
+    ] = None,
+    pictures: Annotated[
+        str | None, typer.Option(help="Recordings: tif or png, of the pictures in a folder. [default: tif]")
+    ] = None,
     as_json: Json = False,
 ) -> None:
-    """Turn cameras, surface grids and tables of markers into other formats.
+    """Turn cameras, surface grids, tables of markers, pictures and recordings into other formats.
 
     What the other format cannot hold is refused or said ("lost: ..."); the result is read back and compared.
     """
@@ -99,6 +107,6 @@ def convert(
             "from_format": from_format, "to_format": to_format, "size": size, "unit": unit, "to_unit": to_unit,
             "pixel_mm": tuple(pixel_mm or ()), "which": which, "no_pose": no_pose, "volume": tuple(volume or ()),
             "volume_face": volume_face, "orientation": orientation, "plot3d": plot3d, "from_plot3d": from_plot3d,
-            "values": values,
+            "values": values, "frames": frames, "pictures": pictures,
         }  # fmt: skip
         convert_verb.convert(paths[:-1], paths[-1], convert_verb.Wishes(said, typed), as_json)

@@ -55,7 +55,7 @@ def add(app: typer.Typer) -> None:
 
 
 def detect(
-    images: Annotated[list[Path], typer.Argument(help="Images.")],
+    images: Annotated[list[Path], typer.Argument(help="Images; recordings; frames: run.cine[120].")],
     radius: Radius = None,
     polarity: Polarity = "auto",
     merit_max: MeritMax = 0.7,
@@ -119,7 +119,7 @@ def detect(
 
 
 def register(
-    image: Annotated[Path, typer.Argument(help="The image.")],
+    image: Annotated[Path, typer.Argument(help="The image, or a frame of a recording: run.cine[120].")],
     markers: Markers,
     camera: CameraFile,
     unit: Unit,
@@ -145,6 +145,7 @@ def register(
 ) -> None:
     """Find which spot is which marker and where the camera was; no start pose is needed."""
     from windmark.app import verbs
+    from windmark.io import picture_name
 
     with console.errors(as_json):
         settings: dict[str, Any] = {
@@ -169,13 +170,13 @@ def register(
                 free_focal=free_focal,
                 method=method,
             ),
-            "output": {"folder": output or Path(f"{image.stem}-registration"), "nodes": ()},
+            "output": {"folder": output or Path(f"{picture_name(image)}-registration"), "nodes": ()},
         }
         verbs.run_settings(settings, as_json)
 
 
 def resect(
-    image: Annotated[Path, typer.Argument(help="The image.")],
+    image: Annotated[Path, typer.Argument(help="The image, or a frame of a recording: run.cine[120].")],
     camera: Annotated[Path, typer.Option("--camera", "-c", help="Camera with a pose, as register writes it.")],
     grid: GridFile,
     unit: Unit,
@@ -199,6 +200,7 @@ def resect(
 ) -> None:
     """Map a registered image onto the grid: values on nodes, pictures."""
     from windmark.app import verbs
+    from windmark.io import picture_name
 
     with console.errors(as_json):
         settings: dict[str, Any] = {
@@ -208,14 +210,14 @@ def resect(
             "image": [{"file": image, **values_settings(quantity, quantity_unit, scale, offset)}],
             "grid": grid_settings(grid, volume),
             "resect": {"max_obliquity_deg": max_obliquity_deg},
-            "output": {"folder": output or Path(f"{image.stem}-resection"), "pixels": pixels}
+            "output": {"folder": output or Path(f"{picture_name(image)}-resection"), "pixels": pixels}
             | ({"nodes": nodes} if nodes else {}),
         }
         verbs.run_settings(settings, as_json)
 
 
 def align(
-    images: Annotated[list[Path], typer.Argument(help="Images of one camera.")],
+    images: Annotated[list[Path], typer.Argument(help="Images of one camera, or its recording.")],
     reference: Annotated[str, typer.Option(help="Name (file stem) of the image that the others are aligned to.")],
     markers: Markers,
     camera: CameraFile,
@@ -254,13 +256,16 @@ def align(
     along with it.
     """
     from windmark.app import verbs
+    from windmark.io import addresses
 
     with console.errors(as_json):
         settings: dict[str, Any] = {
             "title": f"Alignment to {reference}",
             "length_unit": unit,
             "camera": [{"file": camera}],
-            "image": [{"file": path, **values_settings(quantity, quantity_unit, scale, offset)} for path in images],
+            "image": [
+                {"file": path, **values_settings(quantity, quantity_unit, scale, offset)} for path in addresses(images)
+            ],
             "markers": markers_settings(markers, roles or ROLES_ALIGN),
             "grid": grid_settings(grid, volume),
             "detect": {"radius_px": tuple(radius) if radius else None, "polarity": polarity, "mask": mask},
@@ -274,7 +279,9 @@ def align(
 
 
 def track(
-    images: Annotated[list[Path], typer.Argument(help="Images of one camera, in the order in which they were taken.")],
+    images: Annotated[
+        list[Path], typer.Argument(help="Images of one camera in the order in which they were taken, or its recording.")
+    ],
     markers: Markers,
     camera: CameraFile,
     unit: Unit,

@@ -77,8 +77,8 @@ def reconstruct(
         from windmark.pipeline.calibrate import MatchOptions
 
         files = Files(
-            tuple(images), typed.read_cameras(camera), typed.parse_patterns(images_of or ()), primary, labels, rough,
-            poses, typed.parse_free(None, free or ""), model_px, pair, unit, output,
+            typed.expanded(images), typed.read_cameras(camera), typed.parse_patterns(images_of or ()), primary, labels,
+            rough, poses, typed.parse_free(None, free or ""), model_px, pair, unit, output,
         )  # fmt: skip
         match = MatchOptions(tuple(radius or ()), polarity, merit_max, channel, bayer, mask, seed=seed)
         run(files, match, as_json)

@@ -9,12 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark import detection
+from windmark import detection, io
 from windmark.calibration import BoardNotFound, BoardView, Calibration, Fixed, Free, NotCalibrated
 from windmark.calibration.board import FREEDOMS, find_board, find_boards
 from windmark.calibration.datum import Datum
@@ -93,7 +92,7 @@ class BoardPicture(Picture):
 
 
 def calibrate_board(
-    paths: Sequence[Path],
+    paths: Sequence[io.PictureFile],
     board: Board,
     cameras: Mapping[str, Camera | None],
     options: MatchOptions,
@@ -128,7 +127,7 @@ def calibrate_board(
     if not board.marks and board.layout == "square":
         _refuse_moves(settings.datum or Fixed(), settings.rig)
 
-    def look(path: Path, name: str, taken: Taken) -> BoardPicture:
+    def look(path: io.PictureFile, name: str, taken: Taken) -> BoardPicture:
         return _detect(path, name, taken, board, options, clock)
 
     with clock("detect"):
@@ -159,7 +158,9 @@ def calibrate_board(
     return calibrate_marks(marks, settings, clock), tuple(replace(p, excess_px=excess) for p in pictures)
 
 
-def _detect(path: Path, name: str, taken: Taken, board: Board, options: MatchOptions, clock: Clock) -> BoardPicture:
+def _detect(
+    path: io.PictureFile, name: str, taken: Taken, board: Board, options: MatchOptions, clock: Clock
+) -> BoardPicture:
     clock.progress(f"detect {name}")
     image, mask = read_image(path, options)
     spots = find_spots(image, mask, options)

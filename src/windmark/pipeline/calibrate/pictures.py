@@ -9,12 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from windmark import registration
+from windmark import io, registration
 from windmark.calibration import Calibration, Free, NotCalibrated
 from windmark.geometry import Camera
 from windmark.pipeline.calibrate.marks import Marks, Taken, with_sigma
@@ -84,7 +83,7 @@ class MatchedPicture(Picture):
 
 
 def calibrate_pictures(
-    paths: Sequence[Path],
+    paths: Sequence[io.PictureFile],
     markers: MarkerSet,
     cameras: Mapping[str, Camera | None],
     options: MatchOptions,
@@ -116,7 +115,7 @@ def calibrate_pictures(
     """
     _check_labels(picture_names(paths), markers, options)
 
-    def look(path: Path, name: str, taken: Taken) -> MatchedPicture:
+    def look(path: io.PictureFile, name: str, taken: Taken) -> MatchedPicture:
         return _detect(path, name, taken, options, clock)
 
     with clock("detect"):
@@ -174,7 +173,7 @@ def _check_labels(names: Sequence[str], markers: MarkerSet, options: MatchOption
         raise ValueError(f"a label names the marker {wrong[0]!r}, which is not in the table of markers")
 
 
-def _detect(path: Path, name: str, taken: Taken, options: MatchOptions, clock: Clock) -> MatchedPicture:
+def _detect(path: io.PictureFile, name: str, taken: Taken, options: MatchOptions, clock: Clock) -> MatchedPicture:
     clock.progress(f"detect {name}")
     image, mask = read_image(path, options)
     spots = find_spots(image, mask, options)

@@ -93,11 +93,11 @@ P = TypeVar("P", bound=Picture)
 
 
 def read_pictures(
-    paths: Sequence[Path],
+    paths: Sequence[io.PictureFile],
     cameras: Mapping[str, Camera | None],
     patterns: Mapping[str, str],
     focal_px: float | None,
-    make: Callable[[Path, str, Taken], P],
+    make: Callable[[io.PictureFile, str, Taken], P],
 ) -> tuple[list[P], dict[str, Camera]]:
     """All pictures, read and searched side by side, and the cameras with their sizes.
 
@@ -126,7 +126,7 @@ def read_pictures(
     return pictures, {name: sized[name] for name in cameras if name in sized}
 
 
-def picture_names(paths: Sequence[Path]) -> list[str]:
+def picture_names(paths: Sequence[io.PictureFile]) -> list[str]:
     """Stems of the files; with the folder's name where stems come twice."""
     names = [p.stem for p in paths]
     if len(set(names)) < len(names):
@@ -137,7 +137,7 @@ def picture_names(paths: Sequence[Path]) -> list[str]:
     return names
 
 
-def read_image(path: Path, options: MatchOptions) -> tuple[Image, NDArray[np.bool_] | None]:
+def read_image(path: io.PictureFile, options: MatchOptions) -> tuple[Image, NDArray[np.bool_] | None]:
     """Grey levels of a picture, and which pixels are used (None: all)."""
     image = io.read_grey(path, channel=options.channel, bayer=options.bayer)
     return image, None if options.mask is None else io.read_mask(options.mask, image.shape)

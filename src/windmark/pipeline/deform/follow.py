@@ -6,7 +6,6 @@ import time
 from collections.abc import Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -108,7 +107,7 @@ class _Follower:
         images, troubles = {}, []
         jobs = {
             n: self._pool.submit(read, item, self._test.station(n))
-            for n, item in frame.images.items() if isinstance(item, Path)
+            for n, item in frame.images.items() if isinstance(item, io.PictureFile)
         }  # fmt: skip
         for station in self._test.stations:
             name = station.name

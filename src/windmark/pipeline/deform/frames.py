@@ -90,11 +90,11 @@ def key_of(stem: str) -> str:
     return str(int(numbers[-1])) if numbers else stem
 
 
-def _images(project: DeformProject, i: int, camera: CameraEntry) -> dict[str, Path]:
+def _images(project: DeformProject, i: int, camera: CameraEntry) -> dict[str, io.PictureFile]:
     base = project.path.parent
-    out: dict[str, Path] = {}
+    out: dict[str, io.PictureFile] = {}
     for pattern in camera.patterns:
-        files = sorted(Path(p) for p in glob(str(base / pattern), recursive=True) if Path(p).is_file())
+        files = _files(base / pattern)
         if not files:
             raise io.FileError(project.path, f"no file matches {pattern!r} beside the project", f"camera[{i}].images")
         for file in files:
@@ -106,6 +106,14 @@ def _images(project: DeformProject, i: int, camera: CameraEntry) -> dict[str, Pa
                 )  # fmt: skip
             out[key] = file
     return out
+
+
+def _files(pattern: Path) -> list[io.PictureFile]:
+    """The pictures that a pattern names; recordings and folders frame by frame."""
+    address = io.frame_address(pattern)
+    if address.dataset is not None or address.number is not None or address.file.exists():
+        return io.pictures([pattern]) if address.file.exists() else []
+    return io.pictures(sorted(Path(p) for p in glob(str(pattern), recursive=True) if Path(p).is_file()))
 
 
 def _order(key: str) -> tuple[int, int, str]:

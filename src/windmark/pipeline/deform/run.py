@@ -104,7 +104,7 @@ def run_sequence(
                 latency = time.time() - arrived if live else float("nan")
                 row = record(
                     frame, out.zero, loaded.stations, test.markers, centre,
-                    _time(frame, table, project.sequence.rate_hz), latency, len(test.volumes.names),
+                    _time(frame, images, table, project.sequence.rate_hz), latency, len(test.volumes.names),
                 )  # fmt: skip
                 values = mapper.frame(frame, images) if mapper and gridded(project.output, frame) else {}
                 writer.add(frame, row, values)
@@ -137,7 +137,8 @@ def _followed(frames: Iterable[FrameImages], loaded: Loaded) -> Iterator[tuple[D
 
     def noted() -> Iterator[FrameImages]:
         for frame in frames:
-            paths = [p for p in frame.images.values() if isinstance(p, Path)]
+            items = [p for p in frame.images.values() if isinstance(p, io.PictureFile)]
+            paths = [p if isinstance(p, Path) else p.path for p in items]
             taken.append((frame, max((p.stat().st_mtime for p in paths if p.exists()), default=time.time())))
             yield frame
 
@@ -145,11 +146,15 @@ def _followed(frames: Iterable[FrameImages], loaded: Loaded) -> Iterator[tuple[D
         yield frame, *taken.pop(0)
 
 
-def _time(frame: DeformedFrame, table: FrameTable, rate_hz: float | None) -> float:
+def _time(frame: DeformedFrame, images: FrameImages, table: FrameTable, rate_hz: float | None) -> float:
+    """By the table, by the rate, or by the clock of the first camera whose recording has time stamps."""
     row = table.row(frame.key)
     if row is not None and np.isfinite(table.time_s[row]):
         return float(table.time_s[row])
-    return frame.instant / rate_hz if rate_hz else float("nan")
+    if rate_hz:
+        return frame.instant / rate_hz
+    stamps = [item.time_s for item in images.images.values() if isinstance(item, io.Frame)]
+    return next((t for t in stamps if np.isfinite(t)), float("nan"))
 
 
 def _zeroed(loaded: Loaded) -> tuple[Loaded, Zero | None, Array | None, list[tuple[DeformedFrame, FrameImages]]]:

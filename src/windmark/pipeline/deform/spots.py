@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -75,7 +74,7 @@ class Labelled:
         )
 
 
-def read(item: Path | Image, station: Station) -> Image:
+def read(item: io.PictureFile | Image, station: Station) -> Image:
     """The grey image of a camera.
 
     Raises
@@ -83,11 +82,11 @@ def read(item: Path | Image, station: Station) -> Image:
     FileError
         When it cannot be read or has another size.
     """
-    image = io.read_grey(item) if isinstance(item, Path) else item
+    image = io.read_grey(item) if isinstance(item, io.PictureFile) else item
     height, width = image.shape[:2]
     if (width, height) != station.camera.size_px:
         expected = "{} x {}".format(*station.camera.size_px)
-        name = item if isinstance(item, Path) else f"image of {station.name}"
+        name = str(item) if isinstance(item, io.PictureFile) else f"image of {station.name}"
         raise io.FileError(name, f"is {width} x {height} pixels but camera {station.name} is {expected}")
     return image
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark import io
 from windmark.deformation import Deformation, Volumes
 from windmark.geometry import Camera, Pose
 from windmark.scene import MarkerSet, Observations
@@ -105,12 +105,12 @@ class FrameImages:
     ----------
     key : what the instant is called
     instant : when it was, in frames
-    images : camera -> path or grey image; a camera that has none (a dropped frame) is left out
+    images : camera -> path, frame of a recording or grey image; a camera that has none (a dropped frame) is left out
     """
 
     key: str
     instant: float
-    images: Mapping[str, Path | Image]
+    images: Mapping[str, io.PictureFile | Image]
 
 
 @dataclass(frozen=True, eq=False)

@@ -108,7 +108,7 @@ def read_poses(folder: Path, images: Sequence[str]) -> dict[str, Pose]:
 
 
 def read_spots(
-    paths: Sequence[Path], cameras: Mapping[str, Camera], patterns: Mapping[str, str], options: MatchOptions,
+    paths: Sequence[io.PictureFile], cameras: Mapping[str, Camera], patterns: Mapping[str, str], options: MatchOptions,
     clock: Clock,
 ) -> tuple[list[Picture], tuple[View, ...]]:  # fmt: skip
     """All pictures with their spots, and the views that they are.
@@ -119,7 +119,7 @@ def read_spots(
         For unreadable pictures, sizes that are not those of their camera, names that say no camera.
     """
 
-    def look(path: Path, name: str, taken: Taken) -> Picture:
+    def look(path: io.PictureFile, name: str, taken: Taken) -> Picture:
         clock.progress(f"detect {name}")
         image, mask = read_image(path, options)
         size = (int(image.shape[1]), int(image.shape[0]))

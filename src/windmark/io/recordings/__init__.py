@@ -1,0 +1,1 @@
+"""Recordings: every camera's files as a lazy sequence of frames."""

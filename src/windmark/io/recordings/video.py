@@ -1,0 +1,131 @@
+"""AVI, MP4, MOV and other films, through PyAV (the extra ``video``)."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from windmark.io.errors import FileError
+from windmark.io.recordings.base import Image, Recording, check_size
+from windmark.io.text import Pathlike
+
+_LOSSLESS = (
+    "rawvideo", "ffv1", "huffyuv", "ffvhuff", "utvideo", "png", "v210", "v410", "v308", "magicyuv", "qtrle", "lagarith",
+    "tiff", "bmp", "y41p", "yuv4", "r210", "zlib", "mszh", "bitpacked", "dpx",
+)  # fmt: skip
+_GREY = {"gray": "gray", "gray8": "gray", "gray8a": "gray", "ya8": "gray", "monow": "gray", "monob": "gray"}
+_MOST_PIXELS = 400_000_000
+
+
+class VideoRecording(Recording):
+    """Frames of a film in the order of showing: grey where it is stored so, else red, green, blue.
+
+    Frames are counted once, from their packets; the way to one leads from the key frame before it.
+    """
+
+    kind = "film"
+
+    def __init__(self, path: Pathlike) -> None:
+        try:
+            import av
+        except ModuleNotFoundError:
+            raise FileError(path, "films need PyAV: pip install windmark[video]") from None
+        super().__init__(path)
+        self._guard = threading.Lock()
+        self._av, self._file = av, av.open(str(path), mode="r")
+        try:
+            self._open()
+        except BaseException:
+            self._file.close()
+            raise
+
+    def _open(self) -> None:
+        if not self._file.streams.video:
+            raise FileError(self.path, "holds no pictures; expected a film")
+        self._stream = self._file.streams.video[0]
+        codec = self._stream.codec_context
+        width, height = codec.width, codec.height
+        check_size(self.path, width, height, 1)
+        if width * height > _MOST_PIXELS:
+            raise FileError(self.path, f"damaged: pictures of {width} x {height} pixels")
+        packets = [p for p in self._file.demux(self._stream) if p.size and not p.is_discard]
+        stamps = [p.pts if p.pts is not None else p.dts for p in packets]
+        if any(s is None for s in stamps) or len(set(stamps)) != len(stamps):
+            raise FileError(self.path, "its frames have no time stamps; write it again with another program")
+        self._stamps = sorted(stamps)
+        self.count = len(stamps)
+        check_size(self.path, width, height, self.count)
+        if self._stream.time_base:
+            base = self._stream.time_base
+            self.time_s = np.array([float(s * base) for s in self._stamps])
+        self._at = self.count
+        self._frames: Iterator[Any] = iter(())
+        first = self.read(0)
+        self.shape, self.dtype = first.shape, first.dtype
+        self.kind = f"film ({codec.name})"
+        if codec.name not in _LOSSLESS:
+            self.noted(f"{codec.name} loses grey levels: they are not the sensor's")
+        if (codec.pix_fmt or "").startswith("yuv"):
+            self.noted(f"stored as {codec.pix_fmt}: colours are recomputed")
+
+    def read(self, number: int) -> Image:
+        """One frame."""
+        with self._guard:
+            if not self._at < number <= self._at + 8:
+                self._seek(number)
+            frame = self._decoded(number)
+            if frame is None and number:  # a container whose key frames are marked wrongly
+                self._seek(0)
+                frame = self._decoded(number)
+            if frame is None:
+                raise FileError(self.path, f"damaged or cut off: frame {number} cannot be decoded")
+            return self._pixels(frame)
+
+    def _seek(self, number: int) -> None:
+        self._file.seek(self._stamps[number], stream=self._stream, backward=True, any_frame=False)
+        self._frames, self._at = self._file.decode(self._stream), -1
+
+    def _decoded(self, number: int) -> Any:
+        """The frame with this frame's time stamp, decoding on from where the decoder is."""
+        wanted = self._stamps[number]
+        for frame in self._frames:
+            stamp = frame.pts if frame.pts is not None else frame.dts
+            if stamp == wanted:
+                self._at = number
+                return frame
+            if stamp is not None and stamp > wanted:
+                break
+        self._at = len(self._stamps)  # the decoder is somewhere else: the next read seeks
+        return None
+
+    def _pixels(self, frame: Any) -> Image:
+        kind = frame.format.name
+        if kind == "pal8":
+            indices, colours = frame.to_ndarray(format="pal8")
+            colours = colours[:, 1:] if colours.shape[1] == 4 else colours
+            grey = bool((colours == colours[:, :1]).all())
+            return np.ascontiguousarray(colours[:, 0][indices] if grey else colours[indices])
+        if kind in _GREY:
+            self.bits = 8
+            return np.ascontiguousarray(frame.to_ndarray(format="gray"))
+        depth = max(c.bits for c in frame.format.components)
+        self.bits = depth
+        if kind.startswith("gray") and depth <= 16:
+            return _grey_levels(frame, depth)
+        return np.ascontiguousarray(frame.to_ndarray(format="rgb24" if depth <= 8 else "rgb48le"))
+
+    def close(self) -> None:
+        """Give the file back."""
+        with self._guard:
+            self._file.close()
+
+
+def _grey_levels(frame: Any, depth: int) -> Image:
+    """Grey of 9 to 16 bits as it is stored: the decoder's rows, without what fills them up."""
+    plane = frame.planes[0]
+    order = ">u2" if frame.format.name.endswith("be") else "<u2"
+    rows = np.frombuffer(plane, np.uint8).reshape(-1, plane.line_size)[: frame.height, : 2 * frame.width]
+    return np.ascontiguousarray(rows).view(order).astype(np.uint16) & np.uint16(2**depth - 1)
