@@ -129,7 +129,7 @@ def _hdf(source: Path) -> str:
     try:
         with h5py.File(source, "r") as file:
             return "grid" if "vertices" in file and "triangles" in file else "pictures"
-    except OSError:  # the reader says what is wrong
+    except Exception:  # HDF5 reports damage in many ways; the reader says what is wrong
         return "grid"
 
 
