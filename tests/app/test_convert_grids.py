@@ -172,8 +172,19 @@ def test_values_beside_plot3d(windmark, results, tmp_path):
     )
     assert back.json["values"] == ["temperature_K", "Größe"]
     assert io.read_grid_file(tmp_path / "back.nc").units == {"temperature_K": "K"}
+    rough = windmark("convert", results, tmp_path / "single.grid", "--plot3d", "single")
+    assert "lost: digits of" not in rough.out  # these values are whole numbers or single already
     lost = windmark("convert", results, tmp_path / "to.stl")
     assert "lost: the values temperature_K, Größe" in lost.out
+
+
+def test_digits_of_values_that_are_lost_are_said(windmark, tmp_path):
+    fields = {"cp": np.linspace(0, 1, 59) / 3}
+    io.write_nodes_netcdf(tmp_path / "a.nc", wing(), fields, units={"length": "mm"})
+    done = windmark("convert", tmp_path / "a.nc", tmp_path / "b.grid", "--plot3d", "single")
+    assert "lost: digits of cp (off by" in done.out
+    assert "lost: digits" not in windmark("convert", tmp_path / "a.nc", tmp_path / "c.grid").out
+    assert "lost: digits of cp (off by" in windmark("convert", tmp_path / "a.nc", tmp_path / "d.dat").out
 
 
 def test_volumes_from_zones(windmark, results, tmp_path):
