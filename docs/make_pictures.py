@@ -26,6 +26,8 @@ from windmark.app import (
 )
 from windmark.app.detect_pictures import explained_picture, merit_picture
 from windmark.app.figures import alignment_figure, matching_figure, surface_figure, wireframe_figure
+from windmark.app.pov_pictures import pov_picture
+from windmark.app.pov_verb import Viewpoint
 from windmark.deformation.laws import CATALOG
 from windmark.geometry import imaged_ellipse
 from windmark.pipeline.job import run_project
@@ -33,7 +35,7 @@ from windmark.pipeline.marker_check import CheckSettings, check_markers
 from windmark.pipeline.predictions import from_camera, look
 from windmark.pipeline.project import read_project
 from windmark.pipeline.reconstruct.pair import pair_lines
-from windmark.pipeline.results import ImageResult
+from windmark.pipeline.results import ImageResult, RunResult
 from windmark.pipeline.simulate import simulate
 from windmark.pipeline.study import StudySettings, examples, run_study
 from windmark.synth import disc_image, marker_scene, marker_sheet
@@ -171,6 +173,9 @@ def job_pictures() -> dict[str, Figure]:
         simulate(Path(folder), seed=1)
         result = run_project(read_project(Path(folder) / "project.toml"))
         markers = wm.read_markers(Path(folder) / "markers.csv")
+        keep = (Path(folder) / "project.toml").read_text().replace("[align]", '[align]\nbackground = "keep"')
+        (Path(folder) / "keep.toml").write_text(keep)
+        kept = run_project(read_project(Path(folder) / "keep.toml")).images[-1]
     before, item = result.images[0], result.images[-1]
     drawn = {
         "matching": matching_figure(item, result.markers),
@@ -179,9 +184,31 @@ def job_pictures() -> dict[str, Figure]:
         "view-top": pictures.view_picture(item.views[0], "mm"),
         "section": pictures.section_picture(item.sections[0], "mm"),
         "alignment": alignment_figure(item, result),
+        "align-keep": kept_figure(kept),
+        "pov": pov_figure(before, result),
         "guided": guided_figure(item, before, markers),
     }
     return {name: figure for name, figure in drawn.items() if figure is not None}
+
+
+def kept_figure(item: ImageResult) -> Figure:
+    """An aligned image in which what stands still is kept; blank pixels pink."""
+    assert item.aligned is not None
+    figure, axes = pictures.image_axes(item.aligned)
+    axes.set_facecolor("#ff80ab")
+    axes.set_title(f"{item.name} aligned, walls kept; blank: the model hides the wall in this image")
+    return figure
+
+
+def pov_figure(item: ImageResult, result: RunResult) -> Figure:
+    """What ``windmark pov --picture`` draws of a registered camera."""
+    answer = item.registered
+    assert answer is not None
+    assert result.markers is not None
+    pose, camera = answer.cam_from_model, answer.camera
+    sigma = pose.pov_sigma(answer.cov[:6, :6])
+    view = Viewpoint(f"{item.name}/camera.json", camera, pose, "mm", sigma)
+    return pov_picture(view, result.mesh, result.markers.xyz[result.markers.role != "wall"])
 
 
 def guided_figure(item: ImageResult, before: ImageResult, markers: wm.MarkerSet) -> Figure:

@@ -30,9 +30,10 @@ _HOME = {
     "epipolar": ("NotMatched", "PairMatching", "match_pair"),
     "pipeline.reconstruct": ("NotReconstructed", "Reconstruction", "reconstruct"),
     "resection": (
-        "NodeView", "PixelMap", "map_pixels", "node_values", "orient_outward", "sample", "sample_line", "section",
-        "see_nodes", "virtual_image",
+        "NodeView", "Picture", "PixelMap", "map_pixels", "merge_views", "node_values", "noise_law", "orient_outward",
+        "sample", "sample_line", "sample_points", "section", "see_nodes", "virtual_image",
     ),
+    "tasks.align2d": ("ImageAlignment", "NotAligned", "align_images"),
     "io": (
         "FileError", "read_camera", "read_image", "read_markers", "read_mesh",
         "write_camera", "write_image", "write_markers", "write_mesh",
@@ -97,17 +98,22 @@ if TYPE_CHECKING:
     )
     from windmark.resection import (
         NodeView,
+        Picture,
         PixelMap,
         map_pixels,
+        merge_views,
         node_values,
+        noise_law,
         orient_outward,
         sample,
         sample_line,
+        sample_points,
         section,
         see_nodes,
         virtual_image,
     )
     from windmark.scene import Detections, MarkerSet, Matching, Mesh, Observations, Tracks, View
+    from windmark.tasks.align2d import ImageAlignment, NotAligned, align_images
 
 
 def __getattr__(name: str) -> Any:

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from windmark.app import console
-from windmark.app.commands import camera, deform, image, plan, pov
+from windmark.app.commands import align, camera, deform, image, plan, pov
 from windmark.app.commands.matching_options import MaxTime, NoOcclusion, Roles
 from windmark.app.commands.options import Json, Seed
 
@@ -57,7 +57,10 @@ def demo(
         verbs.demo(folder, seed, as_json)
 
 
-@app.command(epilog="Example: windmark simulate my-test --seed 7, or windmark simulate my-wing --deforming 12")
+@app.command(
+    epilog="Example: windmark simulate my-test --seed 7, or windmark simulate my-wing --deforming 12, or"
+    " windmark simulate my-rig --cameras 3"
+)
 def simulate(
     folder: Annotated[Path, typer.Argument(help="Where the test is written.")],
     seed: Seed = 1,
@@ -67,16 +70,21 @@ def simulate(
     infrared: Annotated[
         bool, typer.Option("--infrared", help="An infrared test instead: a model that heats up, warm markers.")
     ] = False,
+    cameras: Annotated[
+        int | None, typer.Option(help="Several cameras instead (2-5), one picture each at one moment, to be merged.")
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Write a synthetic test: images, markers, cameras, grid, project file and the truth."""
     from windmark.app import verbs
 
     with console.errors(as_json):
-        if infrared and deforming is not None:
-            raise ValueError("--infrared and --deforming are two different tests; give one of them")
+        if sum((infrared, deforming is not None, cameras is not None)) > 1:
+            raise ValueError("--infrared, --deforming and --cameras are different tests; give one of them")
         if infrared:
             verbs.simulate_infrared(folder, seed, as_json)
+        elif cameras is not None:
+            verbs.simulate_cameras(folder, seed, cameras, as_json)
         elif deforming is None:
             verbs.simulate(folder, seed, as_json)
         else:
@@ -106,6 +114,7 @@ def run(
 
 
 image.add(app)
+align.add(app)
 camera.add(app)
 deform.add(app)
 plan.add(app)

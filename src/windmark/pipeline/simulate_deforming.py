@@ -9,6 +9,7 @@ import numpy as np
 from windmark import io
 from windmark.geometry import Pose
 from windmark.pipeline.simulate import zones_of
+from windmark.pipeline.simulate_taps import write_taps
 from windmark.synth import HalfModel, Sensor, TunnelTest, WingState, deforming_sequence, stereo_wing
 
 ZEROS = 2
@@ -67,6 +68,9 @@ zero = [{zeros}]
 cameras = ["cam1"]
 black = {black}
 
+[[points]]
+file = "taps.csv"
+
 [output]
 folder = "{folder}"
 grid = ["vtk"]
@@ -105,7 +109,8 @@ def simulate_deforming(folder: Path, seed: int, frames: int = 12, size_px: tuple
     """Make a deformation test and write it into ``folder`` (existing, empty or not).
 
     Files: deform.toml and deform-own-law.toml (the same with my_law.py), cam1.json and cam2.json (with poses),
-    markers.csv, model.grid, frames.csv (angle of attack), images/, and truth/states.csv.
+    markers.csv, model.grid, taps.csv and taps.tgts (pressure taps), frames.csv (angle of attack), images/, and
+    truth/states.csv.
 
     Raises
     ------
@@ -120,6 +125,7 @@ def simulate_deforming(folder: Path, seed: int, frames: int = 12, size_px: tuple
         io.write_camera(folder / f"{name}.json", camera, test.cam_from_tunnel[name], unit="mm")
     io.write_markers(folder / "markers.csv", test.markers)
     io.write_mesh(folder / "model.grid", test.mesh)
+    write_taps(folder, test.shape)
     (folder / "images").mkdir(exist_ok=True)
     for k, images in enumerate(deforming_sequence(test, states, seed=seed)):
         for name, image in images.items():

@@ -9,13 +9,11 @@ import typer
 
 from windmark.app import console
 from windmark.app.commands.matching_options import (
-    ROLES_ALIGN,
     Exclude,
     Label,
     Mask,
     MaxTime,
     Method,
-    NoOcclusion,
     Offset,
     Prior,
     PriorMaxAngle,
@@ -44,11 +42,8 @@ def add(app: typer.Typer) -> None:
     app.command(epilog="Example: windmark register run12.tif -m markers.csv -c camera.json -r 3 --unit mm")(register)
     app.command(
         epilog="Example: windmark resect run12.tif -c run12-registration/run12/camera.json -g wing.grid --unit mm"
+        " --points taps.tgts"
     )(resect)
-    app.command(
-        epilog="Example: windmark align off.tif on.tif --reference off -m markers.csv -c camera.json -g wing.grid"
-        " -r 3 --unit mm"
-    )(align)
     app.command(
         epilog="Example: windmark track run12-*.tif -m markers.csv -c camera.json -r 3 --unit mm -o run12-track"
     )(track)
@@ -196,9 +191,17 @@ def resect(
     pixels: Annotated[
         bool, typer.Option("--pixels", help="Also the surface point behind every pixel: pixels.nc (NetCDF).")
     ] = False,
+    points: Annotated[
+        list[Path] | None,
+        typer.Option(help="Points at which values are wanted: taps of a .tgts file, or CSV name,x,y,z[,nx,ny,nz]."),
+    ] = None,
+    max_distance: Annotated[
+        float | None,
+        typer.Option(help="How far --points may be from the surface. [default: 0.002 of the grid's diagonal]"),
+    ] = None,
     as_json: Json = False,
 ) -> None:
-    """Map a registered image onto the grid: values on nodes, pictures."""
+    """Map a registered image onto the grid: values on nodes and at points, pictures."""
     from windmark.app import verbs
     from windmark.io import picture_name
 
@@ -210,70 +213,9 @@ def resect(
             "image": [{"file": image, **values_settings(quantity, quantity_unit, scale, offset)}],
             "grid": grid_settings(grid, volume),
             "resect": {"max_obliquity_deg": max_obliquity_deg},
+            "points": [{"file": path, "max_distance": max_distance} for path in points or ()],
             "output": {"folder": output or Path(f"{picture_name(image)}-resection"), "pixels": pixels}
             | ({"nodes": nodes} if nodes else {}),
-        }
-        verbs.run_settings(settings, as_json)
-
-
-def align(
-    images: Annotated[list[Path], typer.Argument(help="Images of one camera, or its recording.")],
-    reference: Annotated[str, typer.Option(help="Name (file stem) of the image that the others are aligned to.")],
-    markers: Markers,
-    camera: CameraFile,
-    grid: GridFile,
-    unit: Unit,
-    volume: VolumeParts = None,
-    radius: Radius = None,
-    polarity: Polarity = "auto",
-    prior: Prior = None,
-    prior_max_angle: PriorMaxAngle = 30.0,
-    prior_max_scale: PriorMaxScale = 1.3,
-    roles: Roles = None,
-    no_occlusion: NoOcclusion = False,
-    method: Method = "hash",
-    max_time: MaxTime = None,
-    mask: Mask = None,
-    quantity: Quantity = None,
-    quantity_unit: QuantityUnit = None,
-    scale: Scale = 1.0,
-    offset: Offset = 0.0,
-    background: Annotated[
-        str,
-        typer.Option(
-            help="Pixels that show no part of --volume: blank (NaN), or keep (as they are in that image, where the"
-            " model does not hide them; for a camera that stands still)."
-        ),
-    ] = "blank",
-    output: Annotated[Path, typer.Option("--output", "-o", help="Folder of the results.")] = Path("aligned"),
-    seed: Seed = 0,
-    as_json: Json = False,
-) -> None:
-    """3D alignment: recompute images as if all had been taken from the reference image's pose.
-
-    Markers on the walls take no part unless --roles names them: they do not move with the model. Neither do zones
-    of the grid that are walls: where the grid has some, name the model's own with --volume, or the walls are dragged
-    along with it.
-    """
-    from windmark.app import verbs
-    from windmark.io import addresses
-
-    with console.errors(as_json):
-        settings: dict[str, Any] = {
-            "title": f"Alignment to {reference}",
-            "length_unit": unit,
-            "camera": [{"file": camera}],
-            "image": [
-                {"file": path, **values_settings(quantity, quantity_unit, scale, offset)} for path in addresses(images)
-            ],
-            "markers": markers_settings(markers, roles or ROLES_ALIGN),
-            "grid": grid_settings(grid, volume),
-            "detect": {"radius_px": tuple(radius) if radius else None, "polarity": polarity, "mask": mask},
-            "register": register_settings(
-                seed, max_time, prior, prior_max_angle, prior_max_scale, occlusion=not no_occlusion, method=method
-            ),
-            "align": {"reference": reference, "background": background},
-            "output": {"folder": output, "nodes": ()},
         }
         verbs.run_settings(settings, as_json)
 

@@ -113,6 +113,12 @@ def image_settings(file: Path, labels: list[str] | None, exclude: list[str] | No
     ValueError
         For a label that is not NAME=x,y, a place that is not x,y, or a name that comes twice.
     """
+    excluded = tuple(_place(t, "--exclude", "x,y", t) for t in exclude or ())
+    return {"file": file, "labels": label_places(labels), "exclude": excluded}
+
+
+def label_places(labels: list[str] | None) -> dict[str, tuple[float, float]]:
+    """Places by name from ``NAME=x,y``; errors as `image_settings`."""
     places: dict[str, tuple[float, float]] = {}
     for text in labels or ():
         name, sign, place = text.rpartition("=")
@@ -121,7 +127,7 @@ def image_settings(file: Path, labels: list[str] | None, exclude: list[str] | No
         if name in places:
             raise ValueError(f"--label: {name} is given twice; a marker has one place")
         places[name] = _place(place, "--label", "NAME=x,y", text)
-    return {"file": file, "labels": places, "exclude": tuple(_place(t, "--exclude", "x,y", t) for t in exclude or ())}
+    return places
 
 
 def _place(text: str, option: str, form: str, whole: str) -> tuple[float, float]:

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from windmark.app import console
-from windmark.app.commands.matching_options import VolumeParts
+from windmark.app.commands.matching_options import VolumeParts, label_places
 from windmark.app.commands.options import Json
 
 
@@ -18,7 +18,8 @@ def add(app: typer.Typer) -> None:
         epilog="Examples: windmark pov camera.json --picture pov.png; windmark pov camera.json other.json -g wing.grid;"
         " windmark pov --rx 180 --ry 0 --rz 0 --dx -200 --dy 300 --dz 2400 --fov 30 --size 1280x800 --unit mm"
         " -o top.json;"
-        " windmark pov --direction 0,0,-1 --up 0,1,0 -g wing.grid --size 1280x800 --unit mm -o top.json"
+        " windmark pov --direction 0,0,-1 --up 0,1,0 -g wing.grid --size 1280x800 --unit mm -o top.json;"
+        " windmark pov camera.json -m markers.csv --label W1=512,401 --label W2=600,380 --label W3=558,610 --unit mm"
     )(pov)
 
 
@@ -48,6 +49,13 @@ def pov(
     markers: Annotated[
         Path | None, typer.Option("--markers", "-m", help="Marker table, to be framed and drawn.")
     ] = None,
+    label: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--label", help="NAME=x,y: this marker's spot. Three give every pose that shows them so, a fourth decides."
+        ),
+    ] = None,
+    sigma_px: Annotated[float, typer.Option(help="Of the spots of --label, per coordinate.")] = 0.1,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="Write the point of view as a camera file (see convert).")
     ] = None,
@@ -58,9 +66,9 @@ def pov(
 ) -> None:
     """Print, convert and draw a point of view: three angles, three distances and the field of view.
 
-    It is given by a camera file, by its seven numbers (which replace those of a file), or by a direction. The model is
-    turned by rx, ry, rz about the camera's x, y, z axis (right, down, ahead), in this order, and its origin is then dx,
-    dy, dz along them.
+    It is given by a camera file, by its seven numbers (which replace those of a file), by a direction, or by the spots
+    of three and more markers. The model is turned by rx, ry, rz about the camera's x, y, z axis (right, down, ahead),
+    in this order, and its origin is then dx, dy, dz along them.
     """
     with console.errors(as_json):
         from windmark.app import pov_verb
@@ -70,4 +78,9 @@ def pov(
             tuple(cameras or ()), {k: v for k, v in numbers.items() if v is not None}, size, unit, direction, up, grid,
             tuple(volume or ()), markers, output, picture,
         )  # fmt: skip
-        pov_verb.show(wishes, as_json)
+        if label:
+            from windmark.app import pov_candidates_verb
+
+            pov_candidates_verb.show(wishes, label_places(label), sigma_px, as_json)
+        else:
+            pov_verb.show(wishes, as_json)

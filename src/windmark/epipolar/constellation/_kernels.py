@@ -142,7 +142,7 @@ def predict(xa: Array, na: Ints, xb: Array, match: Ints, a: int, out: Array) -> 
             t[2, c] += w * v * y
     c00, c01, c02 = s11 * s22 - s12 * s12, s02 * s12 - s01 * s22, s01 * s12 - s02 * s11
     det = s00 * c00 + s01 * c01 + s02 * c02
-    if det < 1e-3 * s00 * s11 * s22:
+    if not det > 1e-3 * s00 * s11 * s22:  # 0 > 0 where all lie on a row
         return -1
     for c in range(2):
         out[c] = (c00 * t[0, c] + c01 * t[1, c] + c02 * t[2, c]) / det

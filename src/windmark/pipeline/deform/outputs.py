@@ -16,6 +16,7 @@ from windmark import io
 from windmark.deformation import Deformation
 from windmark.pipeline.deform.frames import FrameTable
 from windmark.pipeline.deform.load import Loaded
+from windmark.pipeline.deform.points import COLUMNS, FramePoints
 from windmark.pipeline.deform.project import OutputEntry
 from windmark.pipeline.deform.record import MOTION, FrameRecord
 from windmark.pipeline.deform.task import DeformedFrame
@@ -37,7 +38,8 @@ class Writer:
     """Open files of a running sequence; a context manager.
 
     ``deformation.csv`` has one row per frame, ``span.csv`` one per frame and station, ``markers.csv`` one per frame and
-    marker seen, ``deformation.nc`` all of it as arrays over frames.
+    marker seen, ``deformation.nc`` all of it as arrays over frames; ``points-NAME.csv`` has one per frame, camera and
+    point.
     """
 
     def __init__(self, folder: Path, loaded: Loaded, table: FrameTable) -> None:
@@ -64,6 +66,9 @@ class Writer:
         self._open("markers.csv", [
             "frame", "marker", "x", "y", "z", "dx", "dy", "dz", "sigma_dx", "sigma_dy", "sigma_dz", "outlier",
         ])  # fmt: skip
+        for entry in self._loaded.project.points:
+            about = f"# length unit: {unit}\n# value, sigma: grey level\n"
+            self._open(f"points-{entry.label}.csv", COLUMNS, about)
         (self._folder / "units.json").write_text(
             json.dumps({"length": unit, "parameters": dict(zip(self._names, of_laws, strict=True))}, indent=2) + "\n",
             encoding="utf-8",
@@ -80,8 +85,10 @@ class Writer:
             stream.close()
         self._netcdf.close()
 
-    def add(self, frame: DeformedFrame, row: FrameRecord, mapped: Mapping[str, Array]) -> None:
-        """Write one frame; ``mapped`` are values at the grid's nodes, see `Mapper.frame`."""
+    def add(
+        self, frame: DeformedFrame, row: FrameRecord, mapped: Mapping[str, Array], points: Sequence[FramePoints] = ()
+    ) -> None:
+        """Write one frame; ``mapped`` are values at the grid's nodes, see `Mapper.frame`; ``points`` at points."""
         at = self._table.row(row.key)
         more = [_cell(v[at]) if at is not None else "" for v in self._table.columns.values()]
         cells = [row.key, _cell(row.time_s), *more, row.status, row.spots, row.outliers, len(row.doubtful),
@@ -97,6 +104,8 @@ class Writer:
         if frame.state is not None:
             self._markers(frame, frame.state)
             self._grid(frame, frame.state, mapped)
+        for found in points:
+            self._points(frame, found)
         self._rows.append(row)
         if len(self._rows) == CHUNK:
             self._flush()
@@ -107,8 +116,9 @@ class Writer:
             stream.flush()
 
     # --- parts -----------------------------------------------------------------------------
-    def _open(self, name: str, head: Sequence[str]) -> None:
+    def _open(self, name: str, head: Sequence[str], about: str = "") -> None:
         self._streams[name] = open(self._folder / name, "w", encoding="utf-8", newline="")  # noqa: SIM115 (closed on exit)
+        self._streams[name].write(about)
         self._line(name, [_quoted(h) for h in head])
 
     def _line(self, name: str, cells: Sequence[Any]) -> None:
@@ -127,6 +137,14 @@ class Writer:
             numbers = (*place[k], *moved[k], *sigma[k])
             name = _quoted(str(markers.name[p]))
             self._line("markers.csv", [frame.key, name, *map(_cell, numbers), int(p in bad)])
+
+    def _points(self, frame: DeformedFrame, found: FramePoints) -> None:
+        """A camera's values at one list of points."""
+        v, words = found.values, found.values.words
+        for k, name in enumerate(found.of.names.tolist()):
+            numbers = (*v.xyz[k], v.value[k], v.sigma[k], found.ratio[k], found.sigma_ratio[k])
+            self._line(f"points-{found.of.name}.csv",
+                       [frame.key, found.camera, _quoted(name), *map(_cell, numbers), words[k]])  # fmt: skip
 
     def _grid(self, frame: DeformedFrame, state: Deformation, mapped: Mapping[str, Array]) -> None:
         wanted = self._loaded.project.output

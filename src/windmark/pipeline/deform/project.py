@@ -9,6 +9,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from windmark.pipeline.project import GridEntry, Positive, Role, Unit, Vector
 from windmark.pipeline.settings import Strict, existing, explained, read_toml, unusable_name
+from windmark.pipeline.wanted import PointsEntry
 
 Image = Annotated[str, Field(min_length=1)]
 
@@ -152,11 +153,16 @@ class DeformProject(Strict):
     stations: StationsEntry | None = None
     sequence: SequenceEntry = Field(default_factory=SequenceEntry)
     values: ValuesEntry | None = None
+    points: tuple[PointsEntry, ...] = ()
     output: OutputEntry = Field(default_factory=OutputEntry)
 
     @model_validator(mode="after")
     def _consistent(self) -> DeformProject:
-        for kind, names in (("camera", [c.name for c in self.camera]), ("volume", [v.name for v in self.volume])):
+        for kind, names in (
+            ("camera", [c.name for c in self.camera]),
+            ("volume", [v.name for v in self.volume]),
+            ("points", [p.label for p in self.points]),
+        ):
             twice = sorted({n for n in names if names.count(n) > 1})
             if twice:
                 raise ValueError(f"{kind} names must be unique, more than once: {', '.join(twice)}")
@@ -166,6 +172,8 @@ class DeformProject(Strict):
             raise ValueError("nothing is free: give a volume a law, or set motion.free")
         if self.output.grid and self.grid is None:
             raise ValueError("output.grid: a deformed grid needs [grid] file = ...")
+        if self.points and self.grid is None:
+            raise ValueError("points: they are moved with the deformed grid: add [grid] file = ...")
         if self.values is not None:
             unknown = sorted(set(self.values.cameras) - {c.name for c in self.camera})
             if unknown:
@@ -214,6 +222,10 @@ def read_deform_project(path: str | Path, output: Path | None = None) -> DeformP
     values = project.values
     if values is not None and not values.cameras:
         values = values.model_copy(update={"cameras": tuple(c.name for c in cameras)})
+    points = tuple(
+        p.model_copy(update={"file": existing(project.path, f"points[{i}].file", p.file)})
+        for i, p in enumerate(project.points)
+    )
     folder = project.output.model_copy(update={"folder": (base / project.output.folder).resolve()})
     return project.model_copy(
         update={
@@ -222,6 +234,7 @@ def read_deform_project(path: str | Path, output: Path | None = None) -> DeformP
             "grid": grid,
             "sequence": sequence,
             "values": values,
+            "points": points,
             "output": folder,
         }
     )

@@ -16,6 +16,7 @@ from windmark.pipeline.deform.follow import follow_deformation, identified_again
 from windmark.pipeline.deform.frames import FrameTable, frames_on_disk, key_of, read_frame_table
 from windmark.pipeline.deform.load import Loaded
 from windmark.pipeline.deform.outputs import Writer, gridded
+from windmark.pipeline.deform.points import PointMapper
 from windmark.pipeline.deform.record import FrameRecord, Zero, record
 from windmark.pipeline.deform.task import DeformedFrame, FrameImages
 from windmark.pipeline.deform.values import Compared, Mapper
@@ -93,9 +94,12 @@ def run_sequence(
     table = read_frame_table(project)
     frames = frames_on_disk(project) if frames is None else frames
     out = Sequence(table=table)
+    points = PointMapper(loaded) if project.points and loaded.mesh is not None else None
     loaded, out.zero, out.moved, still = _zeroed(loaded)
     test = loaded.test
     mapper = _mapper(loaded, still)
+    if points is not None:
+        points.reference(still)
     model = test.markers.role != "wall"
     centre = test.markers.xyz[model].mean(axis=0)
     with Writer(folder, loaded, table) as writer:
@@ -107,7 +111,7 @@ def run_sequence(
                     _time(frame, images, table, project.sequence.rate_hz), latency, len(test.volumes.names),
                 )  # fmt: skip
                 values = mapper.frame(frame, images) if mapper and gridded(project.output, frame) else {}
-                writer.add(frame, row, values)
+                writer.add(frame, row, values, points.frame(frame, images) if points is not None else ())
                 out.keep(row, frame.state)
                 if live:
                     writer.live()

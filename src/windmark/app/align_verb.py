@@ -1,0 +1,137 @@
+"""The verb `windmark align` without camera and grid: 2D alignment; tables, pictures and page in one folder."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from windmark import io
+from windmark.app import console
+from windmark.pipeline.align2d import AlignedFile, AlignSettings, Reference, align_files, read_named, read_reference
+from windmark.pipeline.align2d.outputs import ratios, record_of, write_one
+from windmark.tasks.align2d.align import checked_kind
+
+Record = dict[str, Any]
+
+DRAWN = 6
+"""Images that the report shows: the worst ones."""
+
+
+@dataclass(frozen=True)
+class Wishes:
+    """Files of `windmark align` in 2D; ``options`` go to `AlignSettings`."""
+
+    images: list[Path]
+    reference: str | None
+    matches: Path | None
+    output: Path
+    options: Record
+
+
+def align(wishes: Wishes, as_json: bool) -> None:
+    """Align every image to the reference; everything is written into the output folder, whole or not at all."""
+    base, others = split_reference(wishes.images, wishes.reference)
+    checked_kind(wishes.options.get("kind", "auto"))
+    named = None if wishes.matches is None else read_named(wishes.matches)
+    settings = AlignSettings(**wishes.options, named=named)
+    start = time.perf_counter()
+    wishes.output.parent.mkdir(parents=True, exist_ok=True)
+    with console.progress() as show:
+        show(f"find the markers of {base.name}")
+        reference = read_reference(base, settings)
+        rows: list[Record] = []
+        shown = Shown(reference)
+        with io.atomic_folder(wishes.output) as place:
+            for item in align_files(others, reference, settings, progress=show):
+                write_one(item, reference, place / item.name)
+                rows.append(record_of(item, reference))
+                shown.add(item)
+            record = {
+                "reference": base.name, "images": rows, "radius": reference.radius_note,
+                "options": {**wishes.options, "reference": base.name, "matches": wishes.matches},
+                "seconds": time.perf_counter() - start, "folder": wishes.output,
+            }  # fmt: skip
+            show("draw the report")
+            _report(place, record, shown)
+            io.write_json(place / "summary.json", record)
+    lines = [reference.radius_note] if reference.radius_note else []
+    lines += [line(row) for row in rows]
+    good = [row for row in rows if row["aligned"]]
+    if good or not as_json:
+        console.answer(record, as_json, [*lines, f"report: {wishes.output / 'report.html'}"])
+    if not good:
+        console.refuse(f"no image could be aligned; {rows[0]['image']}: {rows[0]['problem']}", as_json, record)
+
+
+def split_reference(images: Sequence[Path], reference: str | None) -> tuple[Path, list[Path]]:
+    """The reference, by stem or file name (the first image if not said), and the others.
+
+    Raises
+    ------
+    ValueError
+        For a name that is no image's, two images of one name, or no image besides the reference.
+    """
+    stems = [path.stem for path in images]
+    double = sorted({s for s in stems if stems.count(s) > 1})
+    if double:
+        raise ValueError(f"two images are called {double[0]}; expected a name of its own for each one's results")
+    chosen = [p for p in images if reference in (None, p.stem, p.name)]
+    if not chosen:
+        raise ValueError(f"--reference: {reference!r} is no image's name; expected one of {', '.join(stems[:8])}")
+    others = [p for p in images if p != chosen[0]]
+    if not others:
+        raise ValueError("align needs the reference and at least one more image")
+    return chosen[0], others
+
+
+class Shown:
+    """The images that are drawn, the worst of those seen so far; the others are let go."""
+
+    def __init__(self, reference: Reference) -> None:
+        self.reference = reference
+        self.items: list[AlignedFile] = []
+
+    def add(self, item: AlignedFile) -> None:
+        """One more image."""
+        if item.alignment is not None:
+            self.items.append(item)
+            self.items.sort(key=lambda i: -(i.alignment.held_out_px if i.alignment is not None else 0.0))
+            del self.items[DRAWN:]
+
+    def pictures(self) -> dict[str, list[tuple[bytes, str]]]:
+        """PNGs with their captions, by file name."""
+        from windmark.app.align_pictures import ratio_picture, residual_map
+        from windmark.app.pictures import png
+
+        out: dict[str, list[tuple[bytes, str]]] = {}
+        for item in sorted(self.items, key=lambda i: i.name):
+            answer = item.alignment
+            assert answer is not None
+            drawn = [(png(residual_map(self.reference.image, answer, item.name)), "Residuals of held-out markers.")]
+            if (pair := ratios(item, self.reference)) is not None:
+                caption = "Ratio of reference and image, as taken and aligned; dashed: hull of the markers."
+                drawn.append((png(ratio_picture(*pair, answer, item.name)), caption))
+            out[item.path.name] = drawn
+        return out
+
+
+def line(row: Record) -> str:
+    """One image in one line."""
+    if not row["aligned"]:
+        return f"{row['image']}: {row['problem']}"
+    rejected = f", {row['rejected_pairs']} rejected" if row["rejected_pairs"] else ""
+    rejected += f", {row['standing_still']} stand still" if row["standing_still"] else ""
+    return (
+        f"{row['image']}: {row['pairs']} pairs{rejected}, {row['kind']}, held-out RMS {row['held_out_rms_px']:.3f} px, "
+        f"motion up to {row['largest_shift_px']:.1f} px, {100 * row['outside_the_markers']:.0f} % of the picture is "
+        "outside the markers"
+    )
+
+
+def _report(place: Path, record: Record, shown: Shown) -> None:
+    from windmark.app.align_report import align_report
+
+    (place / "report.html").write_text(align_report(record, shown.pictures()), encoding="utf-8")

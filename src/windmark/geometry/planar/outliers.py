@@ -1,0 +1,98 @@
+"""Wrong pairs: those that the others, taken together, do not bear."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+from scipy.stats import f as f_distribution
+
+from windmark.geometry.errors import DegenerateGeometry
+from windmark.geometry.planar.fit import PlanarFit, fit_planar
+from windmark.geometry.planar.transform import NEEDED
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+CHANCE = 1e-5
+"""A good pair looks so wrong as rarely as this."""
+GROSS = 80.0
+"""And one that is so many times the median is wrong, too: several wrong ones hide each other in the sum."""
+LEAST_PX, SIGMAS = 0.1, 5.0
+"""By less than this nothing is called wrong, nor within so many sigma of its own marks."""
+NOISE_ONLY = 2.0
+"""A simple transformation explains pairs if it leaves no more than so many sigma of their marks."""
+MOST = 0.3
+"""Part of the pairs that may be wrong."""
+NEIGHBOURS = 6
+
+
+def sound_pairs(x: Array, y: Array, cov_x: Array, cov_y: Array) -> Mask:
+    """Which pairs (N,) of places are sound.
+
+    Judged is by how much the weighted sum of squares falls when a pair is left out (the externally studentised
+    residual: a mark with much leverage cannot hide, for its residual is that of a fit without it). A pair is wrong
+
+    - if without it an affine transformation explains all others to their noise: deformation that one mark alone shows
+      is a wrong mark;
+    - if it stands out from a smoothing spline through the others, so that deformation is not taken for wrong pairs.
+
+    Pairs go one after the other, or together where they are no neighbours.
+    """
+    kept = np.ones(len(x), dtype=bool)
+    spread = np.sqrt((np.trace(cov_x, axis1=1, axis2=2) + np.trace(cov_y, axis1=1, axis2=2)) / 2)
+    spread = np.nan_to_num(spread, nan=0.0, posinf=0.0)
+
+    def fitted(kind: str, at: NDArray[np.int64]) -> PlanarFit | None:
+        if len(at) <= NEEDED[kind]:
+            return None
+        try:
+            return fit_planar(kind, x[at], y[at], cov_x[at], cov_y[at])
+        except DegenerateGeometry:
+            return None
+
+    bent: list[int] = []
+    while kept.sum() > max(3, (1 - MOST) * len(x)):
+        at = np.flatnonzero(kept)
+        wrong = None
+        for kind in ("affine", "similarity"):
+            if (fit := fitted(kind, at)) is not None:
+                one = _stands_out(fit, spread[at], 0.0) & (np.arange(len(at)) == int(fit.evidence.argmax()))
+                rest = fitted(kind, at[~one]) if one.any() else None
+                if rest is not None and rest.transform.misfit_px < NOISE_ONLY * float(np.median(spread[at])):
+                    wrong = one
+                break
+        if wrong is None and (fit := fitted("spline", at)) is not None:
+            wrong = _local_worst(_stands_out(fit, spread[at], GROSS), fit.evidence, x[at])
+            bent += at[wrong].tolist()
+        if wrong is None or not wrong.any():
+            break
+        kept[at[wrong]] = False
+    # A pair near a wrong one may have looked wrong with it.
+    if bent and (fit := fitted("spline", np.flatnonzero(kept))) is not None:
+        off = fit.transform.apply(x[bent]) - y[bent]
+        sigma = np.hypot(fit.transform.sigma_px(x[bent]), spread[bent])
+        kept[np.array(bent)[np.hypot(*off.T) < SIGMAS * sigma]] = True
+    return kept
+
+
+def _stands_out(fit: PlanarFit, spread: Array, gross: float) -> Mask:
+    """Pairs that chance does not explain."""
+    # Of a spline the weighted sum holds the bending, too, so that only its plane takes degrees of freedom.
+    free = 2 * len(spread) - min(fit.freedom, 6.0) - 2
+    if free < 1:
+        return np.zeros(len(spread), dtype=bool)
+    rest = np.maximum(fit.weighted - fit.evidence, 1e-12 * max(fit.weighted, 1e-300))
+    out = np.asarray(f_distribution.sf(fit.evidence / 2 / (rest / free), 2, free) < CHANCE)
+    if gross:
+        out |= fit.evidence > gross * max(float(np.median(fit.evidence)), 1e-300)
+    off = np.hypot(*fit.held_out.T)
+    return np.asarray(out & (off > LEAST_PX) & (off > SIGMAS * spread))
+
+
+def _local_worst(wrong: Mask, evidence: Array, x: Array) -> Mask:
+    """Of neighbours the worst: what is next to a wrong pair looks wrong, too."""
+    if not wrong.any():
+        return wrong
+    near = cKDTree(x).query(x, min(NEIGHBOURS + 1, len(x)))[1]
+    return np.asarray(wrong & (evidence >= evidence[near].max(axis=1)))

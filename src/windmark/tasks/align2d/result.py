@@ -1,0 +1,151 @@
+"""What 2D alignment gives: the transformation with all that speaks for it, or why there is none."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.geometry.planar import PlanarTransform, Trial, hull_of, inside_hull
+from windmark.scene import Detections
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+CAUSES = {
+    "no_spots": "no markers were found",
+    "too_few": "fewer than three markers",
+    "undetermined": "too few pairs, or on a line, for the transformation asked for",
+    "nothing": "no piece of the reference's markers is found in the image",
+    "weak": "the best matching could be chance",
+    "ambiguous": "two different matchings explain the markers",
+    "mirrored": "one picture is the other's mirror image",
+}
+"""Every cause of a `NotAligned`, in words."""
+Cause = Literal["no_spots", "too_few", "undetermined", "nothing", "weak", "ambiguous", "mirrored"]
+
+
+@dataclass(frozen=True)
+class ImageAlignment:
+    """An image aligned to a reference.
+
+    Parameters
+    ----------
+    image : (H, W[, C]) float32 of the reference's size: the image recomputed on it; NaN where the image shows nothing
+    transform : reference -> image, pixels
+    reference_spots, image_spots : the markers of both pictures
+    pairs : (K, 2) which spot of the reference is which of the image, those that the transformation is fitted to
+    rejected : (R, 2) pairs that contradict the others
+    still : (S, 2) pairs that stand still while the others move, taken for walls and left out
+    residual : (K, 2) mapped - seen, image pixels
+    held_out : (K, 2) the same from a fit without the pair: what to expect at a place between the markers
+    trials : every kind with its fit, or why it has none
+    choice : why this kind, in words
+    log10_nfa : false-alarm number of the matching, decimal logarithm; NaN where the pairs were given
+    rival : (pairs, sigma_px) of the best matching with other pairs; None where none came near
+    options : everything it was made with, by name
+    """
+
+    image: NDArray[np.float32]
+    transform: PlanarTransform
+    reference_spots: Detections
+    image_spots: Detections
+    pairs: Ints
+    rejected: Ints
+    still: Ints
+    residual: Array
+    held_out: Array
+    trials: tuple[Trial, ...]
+    choice: str
+    log10_nfa: float
+    rival: tuple[int, float] | None = None
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    def __bool__(self) -> bool:
+        return True
+
+    @property
+    def kind(self) -> str:
+        """Kind of the transformation."""
+        return self.transform.kind
+
+    @property
+    def rms_px(self) -> float:
+        """Root mean square length of the residuals."""
+        return float(np.sqrt((self.residual**2).sum(axis=1).mean()))
+
+    @property
+    def held_out_px(self) -> float:
+        """Root mean square length of the held-out residuals."""
+        return float(np.sqrt((self.held_out**2).sum(axis=1).mean()))
+
+    @property
+    def reference_xy(self) -> Array:
+        """(K, 2) the paired markers in the reference."""
+        return self.reference_spots.xy[self.pairs[:, 0]]
+
+    @property
+    def image_xy(self) -> Array:
+        """(K, 2) the paired markers in the image."""
+        return self.image_spots.xy[self.pairs[:, 1]]
+
+    @property
+    def shift_px(self) -> Array:
+        """(K, 2) how far each marker moved in the picture."""
+        return self.image_xy - self.reference_xy
+
+    @property
+    def hull(self) -> Array:
+        """(H, 2) corners of the convex hull of the reference's paired markers; fewer than three where they are flat."""
+        return hull_of(self.reference_xy)
+
+    def extrapolated(self) -> Mask:
+        """(H, W) pixels of the reference outside the hull of its paired markers: no marker vouches for them."""
+        height, width = self.image.shape[:2]
+        inside = np.zeros((height, width), dtype=bool)
+        corners = self.hull
+        if len(corners) > 2:
+            x0, y0 = np.maximum(np.floor(corners.min(axis=0)).astype(int), 0)
+            x1, y1 = np.minimum(np.ceil(corners.max(axis=0)).astype(int) + 1, [width, height])
+            at = np.stack(np.meshgrid(np.arange(x0, x1), np.arange(y0, y1)), axis=-1)
+            inside[y0:y1, x0:x1] = inside_hull(corners, at, 1e-9)
+        return ~inside
+
+    def sigma_map(self) -> NDArray[np.float32]:
+        """(H, W) 1 sigma per coordinate of the mapped place of every pixel, pixels; linear between nodes."""
+        height, width = self.image.shape[:2]
+        step = max(2, round(max(width, height) / 128))
+        x, y = (np.arange((n - 1) // step + 2) * float(step) for n in (width, height))
+        at = self.transform.sigma_px(np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)).reshape(len(y), len(x))
+        rows = np.stack([np.interp(np.arange(height), y, column) for column in at.T], axis=1)
+        return np.stack([np.interp(np.arange(width), x, row) for row in rows]).astype(np.float32)
+
+
+@dataclass(frozen=True)
+class NotAligned:
+    """Why an image was not aligned; falsy.
+
+    Parameters
+    ----------
+    reason : in words, with the numbers
+    cause : one of `CAUSES`
+    count : pairs of the best matching that was seen
+    log10_nfa : its false-alarm number
+    reference_spots, image_spots : the markers found, None where it did not come so far
+    options : everything it was made with, by name
+    """
+
+    reason: str
+    cause: Cause
+    count: int = 0
+    log10_nfa: float = float("inf")
+    reference_spots: Detections | None = None
+    image_spots: Detections | None = None
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    def __bool__(self) -> bool:
+        return False
