@@ -61,10 +61,12 @@ def _write_image(item: ImageResult, result: RunResult, place: Path) -> None:
             comment=f"length unit: {unit}\n{item.quantity.column}: {item.quantity.unit_words}",
         )  # fmt: skip
     if item.pixels is not None and item.image is not None:
+        name = item.quantity.column
         io.write_pixels(
-            place / "pixels.nc", item.image, item.pixels.xyz(), item.pixels.triangle_values(item.pixels.mesh.volume),
-            {"obliquity_deg": item.pixels.obliquity_deg().astype(np.float32)}, length_unit=unit,
-            units={"value": "grey level", "obliquity_deg": "deg"}, history=_history(item, result),
+            place / "pixels.nc", item.quantity.of(item.image), item.pixels.xyz(),
+            item.pixels.triangle_values(item.pixels.mesh.volume),
+            {"obliquity_deg": item.pixels.obliquity_deg().astype(np.float32)}, length_unit=unit, name=name,
+            units={name: item.quantity.unit_words, "obliquity_deg": "deg"}, history=_history(item, result),
         )  # fmt: skip
     write_points(item, place, unit)
     if item.aligned is not None:
