@@ -43,7 +43,8 @@ def convert(source: Path, target: Path, wishes: Wishes, as_json: bool) -> None:
     unit = _unit(source, content, wishes.unit) if pose is not None else None
     pixel_mm = (wishes.pixel_mm[0], wishes.pixel_mm[-1]) if wishes.pixel_mm else None
     kind = io.written_camera_format(target, wishes.to_format)
-    io.write_camera(target, camera, pose, unit=unit, format=wishes.to_format, pixel_mm=pixel_mm)
+    pose_cov = None if pose is None else content.pose_cov
+    io.write_camera(target, camera, pose, unit=unit, format=wishes.to_format, pixel_mm=pixel_mm, pose_cov=pose_cov)
     again = io.read_camera_file(target)
     off = largest_difference_px(camera, again.camera)
     notes = [note for note in (content.note, *_lost(content, kind, wishes.no_pose)) if note]
@@ -93,6 +94,8 @@ def _lost(content: io.CameraFile, kind: str, no_pose: bool) -> list[str]:
     lost = []
     if content.camera.cov is not None and kind != "windmark":
         lost.append(f"left out: the covariance, which {kind} cannot hold")
+    if content.pose_cov is not None and kind != "windmark" and not no_pose:
+        lost.append(f"left out: the pose's covariance, which {kind} cannot hold")
     if no_pose and content.cam_from_model is not None:
         lost.append("left out: the pose, as asked for")
     return lost
