@@ -20,6 +20,7 @@ from windmark.app import (
     laws_pictures,
     lens_pictures,
     markers_pictures,
+    merge_pictures,
     pictures,
     space_pictures,
     study_pictures,
@@ -37,6 +38,7 @@ from windmark.pipeline.project import read_project
 from windmark.pipeline.reconstruct.pair import pair_lines
 from windmark.pipeline.results import ImageResult, RunResult
 from windmark.pipeline.simulate import simulate
+from windmark.pipeline.simulate_cameras import simulate_cameras
 from windmark.pipeline.study import StudySettings, examples, run_study
 from windmark.synth import disc_image, marker_scene, marker_sheet
 
@@ -59,6 +61,7 @@ def main() -> None:
         pair_pictures,
         deformation_pictures,
         law_pictures,
+        merged_pictures,
     ):
         for name, figure in part().items():
             (HERE / f"{name}.png").write_bytes(_small(pictures.png(figure, dpi=80)))
@@ -85,6 +88,22 @@ def deformation_pictures() -> dict[str, Figure]:
     return {
         "deform-span": span_picture(sequence.good, loaded.stations.eta, "mm"), "deform-surface": deformed,
         "deform-paint": deformation_paint.picture(deformation_paint.mapped()),
+    }  # fmt: skip
+
+
+def merged_pictures() -> dict[str, Figure]:
+    """Four cameras round the wing, merged."""
+    with tempfile.TemporaryDirectory() as place:
+        simulate_cameras(Path(place), 3, 4)
+        result = run_project(read_project(Path(place) / "project.toml"))
+    (group,) = result.merged
+    merged = group.merged
+    assert merged is not None
+    return {
+        "merged-source": merge_pictures.source_figure(merged),
+        "merged-seams": merge_pictures.seams_figure(merged, "mm"),
+        "merged-top": pictures.view_picture(group.views[0].view, "mm"),
+        "merged-line": merge_pictures.line_figure(group.points[1], "mm"),
     }  # fmt: skip
 
 

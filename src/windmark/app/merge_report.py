@@ -97,7 +97,7 @@ def _seams(report: Report, item: MergeResult, record: dict, unit: str) -> None:
             [("", *(float(seams[k]) for k in ("mean", "mean_size", "typical", "rms", "max")))],
         )
         report.picture(png(merge_pictures.seams_figure(merged, unit)),
-                       "Where one image takes over from another: the difference of both at nodes that both see.")  # fmt: skip
+                       "Where one image takes over from another: what both differ by there.")  # fmt: skip
     if seams["unchecked_edges"]:
         report.text(
             f"At {seams['unchecked_edges']} of {seams['edges']} edges of the grid on seams no node is seen soundly by"

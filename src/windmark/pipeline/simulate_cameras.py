@@ -122,7 +122,8 @@ def simulate_cameras(folder: Path, seed: int, count: int, *, size_px: tuple[int,
     volumes = ", ".join(f"{name} = {zones}" for name, zones in zones_of(test.mesh).items() if name != "wall")
     start, end = _chord(test)
     text = _PROJECT.format(count=count, seed=seed, cameras="\n".join(parts), volumes=volumes,
-                           radius=RADIUS_PX * size_px[0] / 1280, black=Sensor().black, start=start, end=end)  # fmt: skip
+                           radius=RADIUS_PX * size_px[0] / 1280, black=Sensor().black, start=start,
+                           end=end)  # fmt: skip
     with io.atomic_write(folder / "project.toml") as stream:
         stream.write(text)
     return test

@@ -179,7 +179,7 @@ def _trust(i: Array, weight: Array, gain: Array, shift: Array, use: Mask) -> Arr
 
 
 def _reduced(i: Array, w: Array, gain: Array, shift: Array) -> tuple[Array, Array, Array]:
-    """Normal matrix (2C, 2C), right side (2C,) and scores (2C, N) of gains and offsets; every node's V is eliminated."""
+    """Normal matrix (2C, 2C), right side (2C,) and scores (2C, N) of gains and offsets; all V are eliminated."""
     known, residual, diagonal = _fit(i, w, gain, shift)
     own = [(w * known**2).sum(axis=1), (w * known).sum(axis=1), w.sum(axis=1)]
     direct = np.block([[np.diag(own[0]), np.diag(own[1])], [np.diag(own[1]), np.diag(own[2])]])
