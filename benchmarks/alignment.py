@@ -122,7 +122,8 @@ def wing(seed: int, state: synth.WingState, size_px: tuple[int, int]) -> Case:
     ways = {}
     observed = _observations(found[1], perfect[1].markers.ellipse_xy, perfect[1].markers.visible)
     for name, laws in (("3D rigid", []), ("3D law", scenes.volumes(test.shape))):
-        got = identify(observed, test.markers, laws, {CAMERA: camera}, [View(CAMERA, CAMERA, "", station)])
+        view = View(CAMERA, CAMERA, "", station)
+        got = identify(observed, test.markers, laws, {CAMERA: camera}, [view], reject=bool(laws))
         if got:
             ways[name] = seen(got.mesh(still.mesh).vertices, triangle, weights)
     true = seen(blown.mesh.vertices, triangle, weights)

@@ -7,7 +7,8 @@ PIV-E plate     two-level plate moved towards the camera in steps of 1 mm; camer
 frame sway      a swaying building model of four rows of seven discs that move as rigid bars, each by its own amount:
                 held-out residual when each row has a similarity of its own
 DICe discs      a flat printed board in poses that differ by up to some hundred pixels: no parallax, but a lens and
-                perspective; regular, so that some poses are refused
+                perspective. It is regular, so the constellation alone is refused; the discs are named by their
+                place on the board (`calibration.find_board`)
 
 Every figure is the root mean square length of held-out residuals, pixels.
 """
@@ -24,15 +25,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 import windmark as wm
+from boards import DICE_MARKS, dice_spots
 from windmark import io
+from windmark.calibration import BoardView, find_board
 from windmark.geometry.planar import fit_planar
 from windmark.scene import Detections
 
 Array = NDArray[np.float64]
 
 DATA = Path(__file__).parents[1].parent / "shared" / "data"
-BLOCK = 4  # pixels of the DICe pictures averaged to one: discs of 12 px are plenty
-
 
 @dataclass(frozen=True)
 class Row:
@@ -68,14 +69,25 @@ def sway(folder: Path, every: int = 8) -> Iterator[Row]:
 
 
 def dice(folder: Path, most: int = 6) -> Iterator[Row]:
-    """The first left picture of the board against the next ones."""
-    pictures = sorted((folder / "dice-stereo-dots" / "images").glob("*_0.jp*g"))
-    small = [_halved(io.read_grey(p)) for p in pictures[: most + 1]]
-    spots = [_full_size(wm.detect(image, radius_px=(8, 12))) for image in small]
+    """The first left picture of the board against the next ones; discs named by their place on the board."""
+    pictures = sorted((folder / "dice-stereo-dots" / "images").glob("*_0.jp*g"))[: most + 1]
+    named = [_board(io.read_grey(p)) for p in pictures]
     blank = np.zeros((2048, 2448), np.float32)
-    for path, found in zip(pictures[1:], spots[1:], strict=False):
-        answer = wm.align_images(blank, blank, detections=found, reference_detections=spots[0])
-        yield Row(path.stem, answer, answer.held_out_px if answer else float("nan"))
+    spots, cells = named[0]
+    for path, (found, there) in zip(pictures[1:], named[1:], strict=True):
+        pairs = np.array([(cells[c], there[c]) for c in cells if c in there])
+        answer = wm.align_images(blank, blank, detections=found, reference_detections=spots, pairs=pairs)
+        yield Row(path.stem, answer, float("nan"))
+
+
+def _board(image: NDArray[np.generic]) -> tuple[Detections, dict[tuple[int, int], int]]:
+    """Spots, and which is the disc of each column and row; the three discs with a hole give the origin."""
+    spots, holes = dice_spots(image)
+    view = find_board(spots, marks=DICE_MARKS, mark_spots=holes, size_px=image.shape[::-1])
+    if not isinstance(view, BoardView):
+        raise SystemExit(f"alignment_real: {view.reason}")
+    cells = zip(view.column.tolist(), view.row.tolist(), strict=True)
+    return spots, dict(zip(cells, view.spot.tolist(), strict=True))
 
 
 def _listed(folder: Path) -> Array:
@@ -109,15 +121,6 @@ def _rows(answer: wm.ImageAlignment) -> float:
             fit = fit_planar("similarity", answer.reference_xy[part], answer.image_xy[part])
             square.append((fit.held_out**2).sum(axis=1))
     return float(np.sqrt(np.concatenate(square).mean()))
-
-
-def _halved(image: NDArray[np.generic]) -> Array:
-    height, width = (n // BLOCK * BLOCK for n in image.shape)
-    return image[:height, :width].reshape(height // BLOCK, BLOCK, width // BLOCK, BLOCK).mean(axis=(1, 3))
-
-
-def _full_size(spots: Detections) -> Detections:
-    return Detections.make(spots.xy * BLOCK + (BLOCK - 1) / 2, cov=spots.cov * BLOCK**2)
 
 
 def main(quick: bool = False) -> dict[str, object]:

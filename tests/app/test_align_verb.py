@@ -97,7 +97,8 @@ def test_markers_by_name_from_matches_and_from_detections(folder, tmp_path, wind
         assert row["pairs"] == 12
         assert row["held_out_rms_px"] < 0.01
         assert "is not in the column image" in other["problem"]
-    done = windmark("align", folder / "on2.tif", folder / "on1.tif", "--matches", tmp_path / table, "-o", tmp_path / "n")
+    images = folder / "on2.tif", folder / "on1.tif"
+    done = windmark("align", *images, "--matches", tmp_path / table, "-o", tmp_path / "n")
     assert done.code == 2
     assert "expected the reference there" in done.err
     assert not (tmp_path / "n").exists()

@@ -103,7 +103,7 @@ def test_identical_pictures_are_aligned_by_nothing(pictures):
 
 def test_a_picture_of_another_size_is_put_on_the_references_size(pictures):
     reference, _, markers = pictures
-    image = shot(lambda u: u + [60.0, 40.0], seed=3, size=(640, 480), markers=markers)
+    image = shot(lambda u: u + np.array([60.0, 40.0]), seed=3, size=(640, 480), markers=markers)
     answer = wm.align_images(image, reference, radius_px=4)
     assert answer.image.shape == reference.shape
     assert np.abs(answer.shift_px - [60, 40]).max() < 0.1
@@ -149,7 +149,7 @@ def given(a, b, **options):
 
 def test_pairs_by_name_need_no_constellation():
     grid = np.stack(np.meshgrid(np.arange(5), np.arange(4)), axis=-1).reshape(-1, 2) * 100.0
-    moved = grid + [100.0, 0.0]
+    moved = grid + np.array([100.0, 0.0])
     assert given(grid, moved).cause == "ambiguous"
     answer = given(grid, moved, pairs=np.stack([np.arange(20)] * 2, axis=1))
     assert answer
@@ -160,7 +160,7 @@ def test_pairs_by_name_need_no_constellation():
 def test_a_wrong_name_is_rejected_and_said():
     rng = np.random.default_rng(1)
     x = rng.uniform(0, 1000, (20, 2))
-    y = x + [30.0, 5.0] + rng.normal(0, 0.03, x.shape)
+    y = x + np.array([30.0, 5.0]) + rng.normal(0, 0.03, x.shape)
     pairs = np.stack([np.arange(20)] * 2, axis=1)
     pairs[[3, 11], 1] = pairs[[11, 3], 1]
     answer = given(x, y, pairs=pairs)
@@ -172,7 +172,7 @@ def test_markers_on_the_walls_stand_still_and_take_no_part():
     rng = np.random.default_rng(2)
     x = rng.uniform([300, 100], [700, 900], (25, 2))
     wall = rng.uniform(0, 250, (8, 2))
-    y = x + [3.0, -1.0] + 1e-5 * (x - 500) ** 2 + rng.normal(0, 0.02, x.shape)
+    y = x + np.array([3.0, -1.0]) + 1e-5 * (x - 500) ** 2 + rng.normal(0, 0.02, x.shape)
     a, b = np.vstack([x, wall]), np.vstack([y, wall + rng.normal(0, 0.02, wall.shape)])
     answer = given(a, b)
     assert sorted(answer.still[:, 0]) == list(range(25, 33))
@@ -194,7 +194,7 @@ def test_a_marker_on_the_axis_of_the_rotation_does_not_count_as_standing_still()
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_kind_can_be_asked_for(kind):
     x = np.random.default_rng(4).uniform(0, 1000, (40, 2))
-    answer = given(x, 1.01 * x + [5.0, 3.0], kind=kind)
+    answer = given(x, 1.01 * x + np.array([5.0, 3.0]), kind=kind)
     assert answer.kind == kind
     assert np.allclose(answer.transform.apply([[400.0, 300.0]]), [[409.0, 306.0]], atol=1e-3)
 
@@ -213,7 +213,7 @@ def test_a_kind_that_the_markers_do_not_determine_is_refused_with_the_reason():
 
 def test_three_named_markers_bear_a_similarity():
     x = np.array([[100.0, 100.0], [700.0, 160.0], [300.0, 600.0]])
-    answer = given(x, x + [40.0, 10.0], pairs=np.stack([np.arange(3)] * 2, axis=1))
+    answer = given(x, x + np.array([40.0, 10.0]), pairs=np.stack([np.arange(3)] * 2, axis=1))
     assert answer.kind == "similarity"
     assert given(x[:2], x[:2], pairs=np.array([[0, 0], [1, 1]])).cause == "undetermined"
 
