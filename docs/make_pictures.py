@@ -51,6 +51,7 @@ def main() -> None:
     HERE.mkdir(exist_ok=True)
     for part in (
         job_pictures,
+        alignment_2d_pictures,
         detection_pictures,
         faint_pictures,
         lens_pictures_drawn,
@@ -65,6 +66,27 @@ def main() -> None:
     ):
         for name, figure in part().items():
             (HERE / f"{name}.png").write_bytes(_small(pictures.png(figure, dpi=80)))
+
+
+def alignment_2d_pictures() -> dict[str, Figure]:
+    """A bent wing put back by its markers alone: what ``align`` without a camera draws."""
+    from windmark.app.align_pictures import ratio_picture, residual_map
+    from windmark.pipeline.align2d import AlignSettings, align_files, read_reference
+    from windmark.pipeline.align2d.outputs import ratios
+    from windmark.pipeline.simulate_deforming import simulate_deforming
+
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+        simulate_deforming(folder, seed=1, frames=4)
+        settings = AlignSettings()
+        reference = read_reference(folder / "images" / "cam1-0000.tif", settings)
+        item = next(align_files([folder / "images" / "cam1-0003.tif"], reference, settings))
+    assert item.alignment is not None, item.problem
+    before, after = ratios(item, reference) or (reference.image, reference.image)
+    return {
+        "align-2d-residuals": residual_map(reference.image, item.alignment, item.name),
+        "align-2d-ratio": ratio_picture(before, after, item.alignment, item.name),
+    }
 
 
 def deformation_pictures() -> dict[str, Figure]:

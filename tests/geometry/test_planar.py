@@ -9,6 +9,7 @@ from windmark.geometry import DegenerateGeometry
 from windmark.geometry.planar import (
     KINDS,
     NEEDED,
+    bases,
     choose,
     fit_planar,
     hull_of,
@@ -16,10 +17,11 @@ from windmark.geometry.planar import (
     planar_from_record,
     sound_pairs,
 )
+from windmark.geometry.planar._kernels import plate_places
 
 TURN = np.array([[np.cos(0.3), -np.sin(0.3)], [np.sin(0.3), np.cos(0.3)]])
 OWN = {
-    "similarity": lambda x: 1.3 * x @ TURN.T + [80.0, -40.0],
+    "similarity": lambda x: 1.3 * x @ TURN.T + np.array([80.0, -40.0]),
     "affine": lambda x: x @ [[1.1, 0.1], [-0.2, 0.9]] + [5.0, 7.0],
     "projective": lambda x: (x @ [[1.1, 0.1], [-0.2, 0.9]] + [5.0, 7.0]) / (1 + x @ [1e-4, -5e-5])[:, None],
     "poly2": lambda x: x @ TURN.T + 1e-5 * x**2 + 2e-5 * x[:, :1] * x[:, 1:],
@@ -59,6 +61,15 @@ def test_residuals_jacobian_and_inverse_agree_with_apply(kind):
     again = planar_from_record(json.loads(json.dumps(t.record())))
     assert np.array_equal(again.apply(at), t.apply(at))
     assert np.array_equal(again.cov_at(at), t.cov_at(at))
+
+
+def test_the_splines_kernel_is_its_readable_twin():
+    rng = np.random.default_rng(11)
+    u, nodes, weights = rng.normal(size=(50, 2)), rng.normal(size=(9, 2)), rng.normal(size=(2, 12))
+    u[3] = nodes[4]  # r = 0
+    got = np.empty_like(u)
+    plate_places(u, nodes, weights, got)
+    assert np.allclose(got, np.column_stack([np.ones(50), u, bases.plate(u, nodes)]) @ weights.T, atol=1e-12)
 
 
 @pytest.mark.parametrize("kind", ["similarity", "affine", "poly2"])

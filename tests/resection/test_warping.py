@@ -46,7 +46,7 @@ def test_nothing_moved_gives_the_picture_itself():
 def test_nan_pixels_and_the_border_are_as_in_interpolate_image():
     image = picture(1)
     image[40:42, 50:53] = np.nan
-    shifted = lambda xy: xy + [0.4, -0.3]  # noqa: E731
+    shifted = lambda xy: xy + np.array([0.4, -0.3])  # noqa: E731
     got, want = warp_image(image, shifted, (140, 90)), direct(image, shifted, (140, 90))
     assert np.array_equal(np.isnan(got), np.isnan(want))
     assert np.nanmax(np.abs(got - want)) < 1e-4

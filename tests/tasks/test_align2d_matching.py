@@ -108,7 +108,8 @@ def test_a_mirror_image_is_refused_as_one():
 
 @pytest.mark.parametrize("count", [0, 1, 2])
 def test_too_few_spots_are_said(count):
-    few, many = Detections.make(np.arange(2.0 * count).reshape(-1, 2)), Detections.make(np.random.rand(9, 2) * 100)
+    some = np.random.default_rng(1).uniform(0, 100, (9, 2))
+    few, many = Detections.make(some[:count]), Detections.make(some)
     for pair in ((few, many), (many, few)):
         answer = match_spots(*pair)
         assert answer.cause == "too_few"
@@ -116,7 +117,7 @@ def test_too_few_spots_are_said(count):
 
 def test_three_markers_are_no_evidence_by_themselves():
     x = np.array([[100.0, 100.0], [700.0, 160.0], [300.0, 600.0]])
-    answer = match_spots(Detections.make(x), Detections.make(x + [40.0, 10.0]))
+    answer = match_spots(Detections.make(x), Detections.make(x + np.array([40.0, 10.0])))
     assert answer.cause == "weak"
     assert "max_shift_px" in answer.reason
 
@@ -149,7 +150,8 @@ def slow_seeds(a, na, b, nb, first, allowed):
                         continue
                     tried += 1
                     step = z * (za[na[p]] - za[p])
-                    off = np.abs(zb[q] + step[:, None] - zb[nb[q]]).min(axis=1) / (SEED_TOLERANCE * abs(step) + NOISE_PX)
+                    reach = SEED_TOLERANCE * abs(step) + NOISE_PX
+                    off = np.abs(zb[q] + step[:, None] - zb[nb[q]]).min(axis=1) / reach
                     key = ((off < 1).sum(), -(off[off < 1] ** 2).sum())
                     if key > (met[s, q], -offset[s, q]):
                         met[s, q], offset[s, q], turn[s, q] = key[0], -key[1], (z.real, z.imag)

@@ -12,7 +12,7 @@ from windmark import io
 from windmark.app import console
 from windmark.pipeline.align2d import AlignedFile, AlignSettings, Reference, align_files, read_named, read_reference
 from windmark.pipeline.align2d.outputs import ratios, record_of, write_one
-from windmark.tasks.align2d.align import checked_kind
+from windmark.tasks.align2d.align import check_options
 
 Record = dict[str, Any]
 
@@ -34,7 +34,7 @@ class Wishes:
 def align(wishes: Wishes, as_json: bool) -> None:
     """Align every image to the reference; everything is written into the output folder, whole or not at all."""
     base, others = split_reference(io.pictures(wishes.images), wishes.reference)
-    checked_kind(wishes.options.get("kind", "auto"))
+    check_options(wishes.options["kind"], wishes.options["max_shift_px"])
     named = None if wishes.matches is None else read_named(wishes.matches)
     settings = AlignSettings(**wishes.options, named=named)
     start = time.perf_counter()

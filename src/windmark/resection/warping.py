@@ -13,12 +13,12 @@ Array = NDArray[np.float64]
 
 STEPS = (32, 16, 8, 4, 2, 1)
 """Distances of the nodes at which the map is computed, pixels; the first that is exact enough is taken."""
-_PROBES = 4096
+_PROBES = 2048
 """Places at which that is measured."""
 
 
 def warp_image(
-    image: ArrayLike, place: Callable[[Array], Array], size_px: tuple[int, int], *, tolerance_px: float = 5e-4
+    image: ArrayLike, place: Callable[[Array], Array], size_px: tuple[int, int], *, tolerance_px: float = 1e-3
 ) -> Image:
     """Recompute a picture: pixel xy of the result has the value that the image has at ``place(xy)``.
 

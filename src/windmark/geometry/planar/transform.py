@@ -49,7 +49,7 @@ class PlanarTransform:
         """Places in the image of places (..., 2) in the reference."""
         p, shape = self._normalised(xy, "apply")
         if self.kind == "spline":
-            place = self._spline_basis(p) @ self.parameters.reshape(2, -1).T
+            place = self._spline_places(p)
         else:
             place = bases.evaluate(self.kind, p, self.parameters)
         return (self.origin + place).reshape(shape)
@@ -130,6 +130,13 @@ class PlanarTransform:
             nodes = [f"r^2 ln r of node {k}" for k in range(len(self.nodes))]
             return [f"{c}: {t}" for c in "xy" for t in ("1", "u", "v", *nodes)]
         return [f"{c}: u^{i} v^{j}" for c in "xy" for i, j in bases.exponents(bases.ORDER[self.kind])]
+
+    def _spline_places(self, u: Array) -> Array:
+        from windmark.geometry.planar._kernels import plate_places
+
+        out = np.empty_like(u)
+        plate_places(np.ascontiguousarray(u), self.nodes, self.parameters.reshape(2, -1), out)
+        return out
 
     def _spline_basis(self, u: Array) -> Array:
         return np.column_stack([np.ones(len(u)), u, bases.plate(u, self.nodes)])

@@ -70,9 +70,7 @@ def align_images(
     Source: AIAA 2005-5007, section III.A; held-out marks as the judge: Bell, NTRS 20020034950. The folds of a
     polynomial far from the markers show nothing (NaN).
     """
-    checked_kind(kind)
-    if max_shift_px is not None and not (np.isfinite(max_shift_px) and max_shift_px > 0):
-        raise ValueError(f"align_images: max_shift_px must be > 0, got {max_shift_px}")
+    check_options(kind, max_shift_px)
     picture, base = np.asarray(image), np.asarray(reference)
     for name, array in (("image", picture), ("reference", base)):
         if array.ndim not in (2, 3) or not array.size:
@@ -106,10 +104,12 @@ def align_images(
     )  # fmt: skip
 
 
-def checked_kind(kind: str) -> None:
-    """The kind, if there is one of this name."""
+def check_options(kind: str, max_shift_px: float | None) -> None:
+    """Raise `ValueError` for a kind that there is not, or a largest motion that is none."""
     if kind != "auto" and kind not in KINDS:
         raise ValueError(f"align_images: kind must be auto, {', '.join(KINDS)}, got {kind!r}")
+    if max_shift_px is not None and not (np.isfinite(max_shift_px) and max_shift_px > 0):
+        raise ValueError(f"align_images: max_shift_px must be > 0, got {max_shift_px}")
 
 
 def checked_pairs(pairs: ArrayLike, count_a: int, count_b: int) -> Ints:
