@@ -22,6 +22,8 @@ DISTANCE, FIELD_MM = 1250.0, 950.0
 PRIMARIES = 6
 CLICKED = 9
 """Markers that clicks.csv has in the first two pictures; its last row is a wrong click."""
+ROUGH_MM = 2.0
+"""How far the rough coordinates are off, 1 sigma along each axis."""
 CLICK_PX = 1.5
 """How far a hand is off, 1 sigma."""
 
@@ -29,8 +31,9 @@ CLICK_PX = 1.5
 def simulate_photos(folder: Path, seed: int, count: int = 20) -> TunnelTest:
     """Take pictures of the virtual wing by hand and write them into ``folder`` (existing, empty or not).
 
-    Files: photos/P01.tif and so on, camera.json (interior parameters), primary.csv (six known markers), clicks.csv
-    (markers in the first two pictures by hand, one of them wrong), and truth/markers.csv, truth/poses/P01.json.
+    Files: photos/P01.tif and so on, camera.json (interior parameters), primary.csv (six known markers), rough.csv (all
+    markers, 2 mm off), clicks.csv (markers in the first two pictures by hand, one of them wrong), and
+    truth/markers.csv, truth/poses/P01.json.
 
     Raises
     ------
@@ -59,6 +62,8 @@ def simulate_photos(folder: Path, seed: int, count: int = 20) -> TunnelTest:
     io.write_markers(folder / "truth" / "markers.csv", test.markers)
     io.write_markers(folder / "primary.csv", _primaries(test.markers, [v for _, v in seen]))
     _write_clicks(folder / "clicks.csv", test.markers, seen, rng)
+    off = np.random.default_rng([seed, 14]).normal(0, ROUGH_MM, test.markers.xyz.shape)
+    io.write_markers(folder / "rough.csv", replace(test.markers, xyz=test.markers.xyz + off))
     return test
 
 
