@@ -30,8 +30,9 @@ _HOME = {
     "epipolar": ("NotMatched", "PairMatching", "match_pair"),
     "pipeline.reconstruct": ("NotReconstructed", "Reconstruction", "reconstruct"),
     "resection": (
-        "NodeView", "Picture", "PixelMap", "map_pixels", "merge_views", "node_values", "noise_law", "orient_outward",
-        "sample", "sample_line", "sample_points", "section", "see_nodes", "virtual_image",
+        "MergedViews", "NodeView", "NotMerged", "Picture", "PixelMap", "PointValues", "map_pixels", "merge_views",
+        "node_values", "noise_law", "orient_outward", "sample", "sample_line", "sample_points", "section", "see_nodes",
+        "virtual_image",
     ),
     "tasks.align2d": ("ImageAlignment", "NotAligned", "align_images"),
     "io": (
@@ -97,9 +98,12 @@ if TYPE_CHECKING:
         track,
     )
     from windmark.resection import (
+        MergedViews,
         NodeView,
+        NotMerged,
         Picture,
         PixelMap,
+        PointValues,
         map_pixels,
         merge_views,
         node_values,

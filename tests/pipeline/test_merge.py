@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,7 @@ from windmark.geometry import Camera, Pose
 from windmark.pipeline.merge import merge_images
 from windmark.pipeline.merge_outputs import merge_summary
 from windmark.pipeline.project import make_project
+from windmark.pipeline.quantity import Quantity
 from windmark.pipeline.results import ImageResult
 from windmark.pipeline.wanted import LineEntry, MergeOptions, check_merge, groups
 from windmark.resection import NotMerged
@@ -85,3 +88,32 @@ def test_a_lost_reference_gives_way_to_another(tmp_path):
     (found,) = merge_images(wanted, [result("a"), result("bb", 0.5), result("ccc", -0.5)], plate(), (), (), ())
     assert merge_summary(found)["reference"] == "bb"
     assert list(found.missing) == ["a"]
+
+
+def test_temperatures_are_merged_as_they_are_and_never_with_grey_levels(tmp_path):
+    wanted = project(tmp_path, ("a", "bb"))
+    kelvin = Quantity("temperature", "K", 0.1, 200.0)
+    warm = [replace(result(n, x), quantity=kelvin) for n, x in (("a", 0.5), ("bb", -0.8))]
+    (found,) = merge_images(wanted, warm, plate(), (), (), ())
+    record = merge_summary(found)
+    assert not record["gain_estimated"]
+    assert record["quantity"]["unit"] == "K"
+    assert found.merged is not None
+    assert abs(np.nanmedian(found.merged.nodes.value) - 300) < 0.5
+    (mixed,) = merge_images(wanted, [warm[0], result("bb", -0.8)], plate(), (), (), ())
+    assert "different quantities (a: temperature, K, bb: grey level)" in merge_summary(mixed)["reason"]
+
+
+def test_pose_covariance_of_a_camera_file_counts(tmp_path):
+    wanted = project(tmp_path, ("a", "bb"))
+    ramp = np.linspace(500, 1500, 120)[None] + np.zeros((90, 1))
+    items = [replace(result(n, x), image=ramp + np.random.default_rng(k).normal(size=(90, 120)))
+             for k, (n, x) in enumerate((("a", 0.0), ("bb", 1e-3)))]  # fmt: skip
+    (exact,) = merge_images(wanted, items, plate(), (), (), ())
+    loose = [replace(i, pose_cov=np.diag([1e-2] * 3 + [1e-9] * 3) ** 2) for i in items]
+    (known,) = merge_images(wanted, loose, plate(), (), (), ())
+    assert exact.merged is not None
+    assert known.merged is not None
+    # 0.01 rad x 150 px x 8.4 grey levels per px, of two pictures together.
+    assert np.nanmedian(exact.merged.nodes.sigma) < 2
+    assert 7 < np.nanmedian(known.merged.nodes.sigma) < 12

@@ -115,6 +115,16 @@ def test_sigma_of_gains_by_monte_carlo():
         assert 0.75 < np.sqrt(np.mean(np.square(deviates))) < 1.15
 
 
+def test_outlines_have_a_sigma_that_knows_of_the_mixed_pixels():
+    """Nodes on the plate's very border are up to half background in every picture."""
+    rng = np.random.default_rng(11)
+    merged = merge_views(MESH, [picture(k, sigma=2, rng=rng) for k in range(3)])
+    border = (np.abs(MESH.vertices) > [1.999, 1.499, 1]).any(axis=1)
+    off = np.abs(merged.nodes.value - field(MESH.vertices))[border]
+    assert np.median(off) > 30  # of a noise of 2
+    assert np.median(off / merged.nodes.sigma[border]) < 3
+
+
 def test_gain_stands_markers_that_differ():
     """A tenth of the surface shows something else in one picture: dirt, a glint."""
     rng = np.random.default_rng(5)

@@ -125,7 +125,7 @@ def take(
     xy = view.xy[good]
     noise = _variance(source, value[good], xy)
     cam, jacobian = _projected(source.picture, xyz[good])
-    variance[good] = noise * _noise_share(source, xy) + _of_place(source, cam, jacobian, xy)
+    variance[good] = noise * _noise_share(source, xy) + _of_place(source, cam, jacobian, xy) + _of_mixing(source, xy)
     turned = source.picture.cam_from_model.rotate(np.nan_to_num(normal[good]))
     density = np.abs(np.einsum("nk,nk->n", turned, np.cross(jacobian[:, 0], jacobian[:, 1])))
     # A node whose normals cancel out (a fold) still has its value.
@@ -203,6 +203,17 @@ def _of_place(source: Prepared, cam: Array, jacobian: Array, xy: Array) -> Array
         cov = cov[:7, :7]
     by = np.concatenate([by_pose, by_focal], axis=1)
     return np.asarray(np.einsum("nj,jk,nk->n", by, cov, by) + rounding)
+
+
+def _of_mixing(source: Prepared, xy: Array) -> Array:
+    """Variance of the values next to an outline, whose pixels may show the other surface: anywhere within `EDGE_PX`."""
+    if source.inside_px is None or not np.isfinite(source.inside_px).any():
+        return np.zeros(len(xy))
+    near = interpolate_image(source.inside_px, xy, interpolation="linear") < EDGE_PX
+    out = np.zeros(len(xy))
+    gradient = _gradient(source, xy[near])
+    out[near] = np.einsum("nk,nk->n", gradient, gradient) * EDGE_PX**2 / 3
+    return out
 
 
 def _noise_share(source: Prepared, xy: Array) -> Array:
