@@ -46,7 +46,7 @@ def _write_image(item: ImageResult, result: RunResult, place: Path) -> None:
         io.write_matches(place / "matches.csv", item.detections, result.markers, answer.matching,
                          projected_xy(answer, result.markers), image=item.name)  # fmt: skip
     if item.cam_from_model is not None:
-        cov = None if answer is None else answer.cov[:6, :6]
+        cov = None if answer is None or not np.isfinite(answer.cov).all() else answer.cov[:6, :6]
         io.write_camera(place / "camera.json", item.camera, item.cam_from_model, unit=unit, pose_cov=cov)
     for view in item.views:
         io.write_image(place / f"view-{view.name}.tif", view.image, description=item.quantity.words)

@@ -164,8 +164,9 @@ def write_camera(
     if pose is not None and kind in _WITHOUT_POSE:
         raise ValueError(f"write_camera: {kind} holds no pose; expected pose None")
     if kind == "windmark":
-        if pose_cov is not None and (pose is None or np.shape(pose_cov) != (6, 6)):
-            raise ValueError(f"write_camera: pose_cov must be (6, 6), with a pose; got {np.shape(pose_cov)}")
+        if pose_cov is not None and (pose is None or np.shape(pose_cov) != (6, 6) or not np.isfinite(pose_cov).all()):
+            what = f"got {np.shape(pose_cov)}" + ("" if pose is not None else " without a pose")
+            raise ValueError(f"write_camera: pose_cov must be (6, 6) finite numbers, with a pose; {what}")
         write_json(path, own_content(camera, pose, unit, pose_cov))
     elif kind == "opencv":
         write_opencv(path, camera, pose, unit)
