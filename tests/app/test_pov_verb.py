@@ -159,5 +159,9 @@ def test_the_covariance_of_a_pose_goes_along_where_it_can(windmark, file, tmp_pa
     assert done.code == 0, done.err
     kept = io.read_camera_file(tmp_path / "again.json").pose_cov
     np.testing.assert_array_equal(kept, np.diag([1e-8] * 3 + [1e-4] * 3))
+    done = windmark("convert", file, tmp_path / "metres.json", "--to-unit", "m")
+    assert done.code == 0, done.err
+    kept = io.read_camera_file(tmp_path / "metres.json").pose_cov
+    np.testing.assert_allclose(np.diag(kept), [1e-8] * 3 + [1e-10] * 3)
     done = windmark("convert", file, tmp_path / "again.yml")
     assert "left out: the pose's covariance, which opencv cannot hold" in done.out

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from dataclasses import replace
 
@@ -143,6 +144,16 @@ def test_a_view_by_the_numbers_of_a_camera_is_what_that_camera_sees(two_cameras)
     own = result.images[0].views[1]
     raw = io.read_grey(folder / "wind-off.tif").astype(float)
     assert np.abs(own.image - raw)[own.valid].max() < 1e-2
+
+
+def test_an_edited_point_of_view_of_a_camera_file_is_taken_and_said(two_cameras):
+    folder = two_cameras[0]
+    content = json.loads((folder / "one.json").read_text())
+    content["cam_from_model"]["pov"]["dz"] = 2000.0
+    (folder / "edited.json").write_text(json.dumps(content))
+    result = run_project(job(two_cameras, '[[view]]\nname = "v"\ncamera = "edited.json"\nsize_px = [64, 51]\n'))
+    assert result.framed[0].cam_from_model.translation[2] == 2000.0
+    assert "the numbers of pov were edited" in result.framed[0].how
 
 
 @pytest.mark.parametrize(

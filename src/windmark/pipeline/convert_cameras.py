@@ -60,11 +60,13 @@ def convert_camera(source: Path, target: Path, options: CameraOptions) -> Record
         factor, unit = scale_to(source, _unit(source, content, options.unit), options.to_unit)
         pose = replace(pose, translation=factor * pose.translation)
         if content.pose_cov is not None:
-            scaled = np.array([1.0, 1.0, 1.0, factor, factor, factor])
-            pose_cov = content.pose_cov * np.outer(scaled, scaled)
+            scale = np.array([1.0] * 3 + [factor] * 3)
+            pose_cov = content.pose_cov * np.outer(scale, scale)
     pixel_mm = (options.pixel_mm[0], options.pixel_mm[-1]) if options.pixel_mm else None
     kind = io.written_camera_format(target, options.to_format)
-    io.write_camera(target, camera, pose, unit=unit, format=options.to_format, pixel_mm=pixel_mm, pose_cov=pose_cov)
+    io.write_camera(
+        target, camera, pose, unit=unit, format=options.to_format, pixel_mm=pixel_mm, pose_cov=pose_cov
+    )
     again = io.read_camera_file(target)
     return {
         "kind": "camera", "input": source, "from": content.format, "output": target, "to": kind,
@@ -97,7 +99,7 @@ def _lost(content: io.CameraFile, kind: str, no_pose: bool) -> list[str]:
     if content.camera.cov is not None and kind != "windmark":
         lost.append(f"left out: the covariance, which {kind} cannot hold")
     if content.pose_cov is not None and kind != "windmark" and not no_pose:
-        lost.append(f"left out: the covariance of the pose, which {kind} cannot hold")
+        lost.append(f"left out: the pose's covariance, which {kind} cannot hold")
     if no_pose and content.cam_from_model is not None:
         lost.append("left out: the pose, as asked for")
     return lost

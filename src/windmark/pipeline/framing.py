@@ -82,6 +82,8 @@ def _from_file(project: Project, k: int, entry: ViewEntry) -> tuple[Camera, Pose
     if entry.size_px is not None or entry.fov_deg is not None:
         camera = perfect_camera(entry.size_px or camera.size_px, entry.fov_deg or camera.fov_deg)
         how = f"from {entry.camera.name}, with a perfect lens"
+    if content.note:
+        how = f"{how} ({content.note})"
     return camera, content.cam_from_model, how
 
 

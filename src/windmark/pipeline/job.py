@@ -9,7 +9,7 @@ from dataclasses import replace
 from typing import TypeVar
 
 from windmark import io
-from windmark.geometry import Pose
+from windmark.geometry import Camera, Pose
 from windmark.pipeline.clock import Clock, Progress, silent
 from windmark.pipeline.framing import check_unit, frame_views
 from windmark.pipeline.grid import oriented, read_surface
@@ -22,6 +22,8 @@ from windmark.pipeline.results import FramedView, ImageResult, RunResult
 from windmark.resection import PixelMap
 
 T = TypeVar("T")
+_POSES = 8
+"""Of one camera, as many tell the air side of the grid."""
 
 
 def run_project(project: Project, *, progress: Progress = silent, workers: int | None = None) -> RunResult:
@@ -59,13 +61,21 @@ def run_project(project: Project, *, progress: Progress = silent, workers: int |
     points: tuple[PointSet, ...] = ()
     if inputs.mesh is not None and project.grid is not None:
         with clock("turn the grid to the air"):
-            posed = [(i.camera, i.cam_from_model) for i in images if i.cam_from_model is not None]
-            inputs = replace(inputs, mesh=oriented(inputs.mesh, project.grid, posed))
+            inputs = replace(inputs, mesh=oriented(inputs.mesh, project.grid, _some_poses(project, images)))
         assert inputs.mesh is not None
         points = load_points(project, lists, inputs.mesh)
     images, merged = _mapped(images, inputs, framed, points, threads, clock, progress)
     notes = tuple((c.file, text) for c in project.camera if (text := inputs.cameras[c.name].note))
     return RunResult(project, inputs.markers, inputs.mesh, tuple(images), clock.seconds, notes, framed, merged)
+
+
+def _some_poses(project: Project, images: Sequence[ImageResult]) -> list[tuple[Camera, Pose]]:
+    """Of each camera some poses, evenly spread over its images: a sequence sees the same side again and again."""
+    of_camera: dict[str, list[tuple[Camera, Pose]]] = {}
+    for entry, item in zip(project.image, images, strict=True):
+        if item.cam_from_model is not None:
+            of_camera.setdefault(project.camera_of(entry).name, []).append((item.camera, item.cam_from_model))
+    return [poses[k] for poses in of_camera.values() for k in range(0, len(poses), -(-len(poses) // _POSES))]
 
 
 def _mapped(

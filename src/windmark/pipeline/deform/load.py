@@ -55,6 +55,7 @@ def load(project: DeformProject) -> Loaded:
     posed = [(s.camera, s.cam_from_tunnel) for s in rig]
     mesh = None if project.grid is None else read_grid(project.grid, posed)
     volumes, remarks = volumes_of(project, markers)
+    remarks += [f"{c.file}: {note}" for c in project.camera if (note := io.read_camera_file(c.file).note)]
     stations = None
     if project.stations is not None:
         given = project.stations
