@@ -121,7 +121,9 @@ def _check(path: Pathlike, page: Any) -> None:
         raise FileError(path, f"damaged or cut off: {page.nbytes} bytes of pixels cannot come from a file this small")
     segments = int(np.prod(page.chunked)) if page.chunked else 0
     counts = page.databytecounts
-    if not segments or len(counts) < segments or len(page.dataoffsets) < segments or not all(counts[:segments]):
+    most = os.path.getsize(path)
+    whole = len(counts) >= segments and all(0 < count <= most for count in counts[:segments])
+    if not segments or not whole or len(page.dataoffsets) < segments:
         raise FileError(path, f"page {page.index} lacks a part of its pixels")
 
 
