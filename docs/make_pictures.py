@@ -20,12 +20,15 @@ from windmark.app import (
     laws_pictures,
     lens_pictures,
     markers_pictures,
+    merge_pictures,
     pictures,
     space_pictures,
     study_pictures,
 )
 from windmark.app.detect_pictures import explained_picture, merit_picture
 from windmark.app.figures import alignment_figure, matching_figure, surface_figure, wireframe_figure
+from windmark.app.pov_pictures import pov_picture
+from windmark.app.pov_verb import Viewpoint
 from windmark.deformation.laws import CATALOG
 from windmark.geometry import imaged_ellipse
 from windmark.pipeline.job import run_project
@@ -33,8 +36,9 @@ from windmark.pipeline.marker_check import CheckSettings, check_markers
 from windmark.pipeline.predictions import from_camera, look
 from windmark.pipeline.project import read_project
 from windmark.pipeline.reconstruct.pair import pair_lines
-from windmark.pipeline.results import ImageResult
+from windmark.pipeline.results import ImageResult, RunResult
 from windmark.pipeline.simulate import simulate
+from windmark.pipeline.simulate_cameras import simulate_cameras
 from windmark.pipeline.study import StudySettings, examples, run_study
 from windmark.synth import disc_image, marker_scene, marker_sheet
 
@@ -57,6 +61,7 @@ def main() -> None:
         pair_pictures,
         deformation_pictures,
         law_pictures,
+        merged_pictures,
     ):
         for name, figure in part().items():
             (HERE / f"{name}.png").write_bytes(_small(pictures.png(figure, dpi=80)))
@@ -83,6 +88,22 @@ def deformation_pictures() -> dict[str, Figure]:
     return {
         "deform-span": span_picture(sequence.good, loaded.stations.eta, "mm"), "deform-surface": deformed,
         "deform-paint": deformation_paint.picture(deformation_paint.mapped()),
+    }  # fmt: skip
+
+
+def merged_pictures() -> dict[str, Figure]:
+    """Four cameras round the wing, merged."""
+    with tempfile.TemporaryDirectory() as place:
+        simulate_cameras(Path(place), 3, 4)
+        result = run_project(read_project(Path(place) / "project.toml"))
+    (group,) = result.merged
+    merged = group.merged
+    assert merged is not None
+    return {
+        "merged-source": merge_pictures.source_figure(merged),
+        "merged-seams": merge_pictures.seams_figure(merged, "mm"),
+        "merged-top": pictures.view_picture(group.views[0].view, "mm"),
+        "merged-line": merge_pictures.line_figure(group.points[1], "mm"),
     }  # fmt: skip
 
 
@@ -171,6 +192,9 @@ def job_pictures() -> dict[str, Figure]:
         simulate(Path(folder), seed=1)
         result = run_project(read_project(Path(folder) / "project.toml"))
         markers = wm.read_markers(Path(folder) / "markers.csv")
+        keep = (Path(folder) / "project.toml").read_text().replace("[align]", '[align]\nbackground = "keep"')
+        (Path(folder) / "keep.toml").write_text(keep)
+        kept = run_project(read_project(Path(folder) / "keep.toml")).images[-1]
     before, item = result.images[0], result.images[-1]
     drawn = {
         "matching": matching_figure(item, result.markers),
@@ -179,9 +203,31 @@ def job_pictures() -> dict[str, Figure]:
         "view-top": pictures.view_picture(item.views[0], "mm"),
         "section": pictures.section_picture(item.sections[0], "mm"),
         "alignment": alignment_figure(item, result),
+        "align-keep": kept_figure(kept),
+        "pov": pov_figure(before, result),
         "guided": guided_figure(item, before, markers),
     }
     return {name: figure for name, figure in drawn.items() if figure is not None}
+
+
+def kept_figure(item: ImageResult) -> Figure:
+    """An aligned image in which what stands still is kept; blank pixels pink."""
+    assert item.aligned is not None
+    figure, axes = pictures.image_axes(item.aligned)
+    axes.set_facecolor("#ff80ab")
+    axes.set_title(f"{item.name} aligned, walls kept; blank: the model hides the wall in this image")
+    return figure
+
+
+def pov_figure(item: ImageResult, result: RunResult) -> Figure:
+    """What ``windmark pov --picture`` draws of a registered camera."""
+    answer = item.registered
+    assert answer is not None
+    assert result.markers is not None
+    pose, camera = answer.cam_from_model, answer.camera
+    sigma = pose.pov_sigma(answer.cov[:6, :6])
+    view = Viewpoint(f"{item.name}/camera.json", camera, pose, "mm", sigma)
+    return pov_picture(view, result.mesh, result.markers.xyz[result.markers.role != "wall"])
 
 
 def guided_figure(item: ImageResult, before: ImageResult, markers: wm.MarkerSet) -> Figure:

@@ -30,8 +30,8 @@ _HOME = {
     "epipolar": ("NotMatched", "PairMatching", "match_pair"),
     "pipeline.reconstruct": ("NotReconstructed", "Reconstruction", "reconstruct"),
     "resection": (
-        "NodeView", "PixelMap", "map_pixels", "node_values", "orient_outward", "sample", "sample_line", "section",
-        "see_nodes", "virtual_image",
+        "NodeView", "Picture", "PixelMap", "map_pixels", "merge_views", "node_values", "noise_law", "orient_outward",
+        "sample", "sample_line", "sample_points", "section", "see_nodes", "virtual_image",
     ),
     "tasks.align2d": ("ImageAlignment", "NotAligned", "align_images"),
     "io": (
@@ -98,12 +98,16 @@ if TYPE_CHECKING:
     )
     from windmark.resection import (
         NodeView,
+        Picture,
         PixelMap,
         map_pixels,
+        merge_views,
         node_values,
+        noise_law,
         orient_outward,
         sample,
         sample_line,
+        sample_points,
         section,
         see_nodes,
         virtual_image,

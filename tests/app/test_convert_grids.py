@@ -172,8 +172,19 @@ def test_values_beside_plot3d(windmark, results, tmp_path):
     )
     assert back.json["values"] == ["temperature_K", "Größe"]
     assert io.read_grid_file(tmp_path / "back.nc").units == {"temperature_K": "K"}
+    rough = windmark("convert", results, tmp_path / "single.grid", "--plot3d", "single")
+    assert "lost: digits of" not in rough.out  # these values are whole numbers or single already
     lost = windmark("convert", results, tmp_path / "to.stl")
     assert "lost: the values temperature_K, Größe" in lost.out
+
+
+def test_digits_of_values_that_are_lost_are_said(windmark, tmp_path):
+    fields = {"cp": np.linspace(0, 1, 59) / 3}
+    io.write_nodes_netcdf(tmp_path / "a.nc", wing(), fields, units={"length": "mm"})
+    done = windmark("convert", tmp_path / "a.nc", tmp_path / "b.grid", "--plot3d", "single")
+    assert "lost: digits of cp (off by" in done.out
+    assert "lost: digits" not in windmark("convert", tmp_path / "a.nc", tmp_path / "c.grid").out
+    assert "lost: digits of cp (off by" in windmark("convert", tmp_path / "a.nc", tmp_path / "d.dat").out
 
 
 def test_volumes_from_zones(windmark, results, tmp_path):
@@ -252,3 +263,24 @@ def test_a_file_that_reads_back_as_another_surface_is_not_written(monkeypatch, w
     assert done.code == 2
     assert "read back, a corner of a triangle is off by 0.01; expected the same surface" in done.err
     assert [p.name for p in tmp_path.iterdir()] == ["wing.grid"]
+
+
+@pytest.mark.parametrize("name", ["nodes.nc", "s.dat", "s.obj", "s.ply", "s.tri", "s.fmt"])
+def test_changed_bytes_give_a_sentence_or_a_surface(windmark, results, tmp_path, name):
+    """No change of bytes ends the process or leaves half a file; what is refused is refused in one line."""
+    if name != "nodes.nc":
+        words = ["--plot3d", "ascii"] if name.endswith(".fmt") else []
+        assert windmark("convert", results, tmp_path / name, *words).code == 0
+    raw, rng = (tmp_path / name).read_bytes(), np.random.default_rng(0)
+    target = tmp_path / "out.vtu"
+    for k in range(10):
+        changed = bytearray(raw)
+        for at in rng.integers(len(raw), size=1 + k % 4):
+            changed[at] = rng.integers(256)
+        (tmp_path / name).write_bytes(changed)
+        done = windmark("convert", tmp_path / name, target, "--unit", "mm")
+        assert done.code in (0, 2)
+        assert target.exists() == (done.code == 0)
+        assert len(done.err.splitlines()) == (done.code == 2)
+        assert not [p for p in tmp_path.iterdir() if p.name.startswith(".windmark")]
+        target.unlink(missing_ok=True)

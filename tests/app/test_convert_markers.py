@@ -125,16 +125,38 @@ def test_what_is_none(windmark, tmp_path, name, content, message):
 
 
 def test_an_open_question_is_asked(windmark, tmp_path):
-    cells = "\n".join(" ".join(str(float(v)) for v in range(20)) for _ in range(4))
-    grid = "1 20 1 1 " + " ".join("1.0" for _ in range(60))  # a stream of words on lines of 16
-    words = grid.split()
-    text = "\n".join(" ".join(words[k : k + 16]) for k in range(0, 64, 16))
-    (tmp_path / "open.dat").write_text(text)
-    with pytest.raises(ValueError, match="could be a surface grid or pictures; say which with --as grid or --as pict"):
-        kind_of(tmp_path / "open.dat")
-    assert kind_of(tmp_path / "open.dat", "grid") == "grid"
-    (tmp_path / "picture.txt").write_text(cells)
-    assert kind_of(tmp_path / "picture.txt") == "pictures"
+    """Sixteen numbers in each of four lines: a grid of one block of 20 nodes, or a picture."""
+    numbers = [*["1", "20", "1", "1"], *["1.0"] * 60]
+    (tmp_path / "open.csv").write_text("\n".join(",".join(numbers[k : k + 16]) for k in range(0, 64, 16)) + "\n")
+    done = windmark("convert", tmp_path / "open.csv", tmp_path / "a.tif")
+    assert done.code == 2
+    assert "could be a surface grid or pictures; say which with --as grid or --as pictures" in done.err
+    assert windmark("convert", tmp_path / "open.csv", tmp_path / "a.tif", "--as", "pictures").code == 0
+    assert io.read_image(tmp_path / "a.tif").shape == (4, 16)
+
+
+def test_pictures_become_recordings(windmark, tmp_path):
+    rng = np.random.default_rng(0)
+    for name in ("a", "b"):
+        io.write_image(tmp_path / f"{name}.tif", rng.integers(0, 4000, (24, 32)).astype(np.uint16))
+    done = windmark("convert", tmp_path / "a.tif", tmp_path / "b.tif", tmp_path / "run.h5")
+    assert done.code == 0, done.err
+    assert "written:" in done.out
+    assert "2 frames: every pixel is the same" in done.out
+    second = windmark("convert", tmp_path / "run.h5[1]", tmp_path / "one.png", "--json")
+    assert second.json["kind"] == "pictures"
+    np.testing.assert_array_equal(io.read_image(tmp_path / "one.png"), io.read_image(tmp_path / "b.tif"))
+    first = windmark("convert", tmp_path / "run.h5", tmp_path / "pictures", "--frames", "0", "--pictures", "png")
+    assert first.code == 0, first.err
+    assert len(list((tmp_path / "pictures").iterdir())) == 1
+    for target, options, message in (
+        ("a.stl", [], "is pictures; the target's path must end in one of .tif"),
+        ("c.tif", ["--unit", "mm"], "--unit is for camera, grid, markers, and"),
+        ("a.tif", [], "is the source itself"),
+    ):
+        done = windmark("convert", tmp_path / "a.tif", tmp_path / target, *options)
+        assert done.code == 2
+        assert message in done.err
 
 
 def test_wrong_pairs_and_numbers_of_files(windmark, table, tmp_path):

@@ -77,3 +77,15 @@ def test_a_pose_without_a_unit(windmark, own, tmp_path):
     done = windmark("convert", tmp_path / "c.cameramodel", tmp_path / "c.json")
     assert done.code == 2
     assert "does not say the pose's length unit: give --unit, or --no-pose" in done.err
+
+
+def test_a_pose_in_another_unit(windmark, own, tmp_path):
+    done = windmark("convert", own, tmp_path / "mm.json", "--to-unit", "mm")
+    assert "scaled by 25.4, into mm" in done.out
+    again = read_camera_file(tmp_path / "mm.json")
+    assert again.length_unit == "mm"
+    np.testing.assert_allclose(again.cam_from_model.translation, 25.4 * POSE.translation, rtol=1e-15)
+    windmark("convert", own, tmp_path / "c.cameramodel")
+    done = windmark("convert", tmp_path / "c.cameramodel", tmp_path / "c.json", "--to-unit", "mm")
+    assert done.code == 2
+    assert "give --unit" in done.err

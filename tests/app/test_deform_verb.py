@@ -93,6 +93,42 @@ def test_all_files_agree(made, done):
     assert len(moved.vertices) == len(rest.vertices)
 
 
+def test_taps_move_with_the_wing_and_have_values(made, done):
+    """Place of every tap in the last frame against the truth; ratio wind-off / frame of two cameras within sigma."""
+    from windmark.pipeline.simulate_deforming import _states
+    from windmark.synth import HalfModel, flex
+
+    text = (made / "deformation" / "points-taps.csv").read_text()
+    assert text.startswith("# length unit: mm")
+    table = list(csv.DictReader(line for line in text.splitlines() if line[0] != "#"))
+    assert len(table) == FRAMES * 2 * 54
+    last = [r for r in table if r["frame"] == str(FRAMES - 1) and r["name"].startswith("U")]
+    points = io.read_points(made / "taps.csv")
+    taps = dict(zip(points.name, points.xyz, strict=True))
+    state, shape = _states(FRAMES)[-1], HalfModel()
+    for r in last:
+        bent = flex(taps[r["name"]][None], state.tip_fraction, state.twist_deg, root=shape.body_radius, span=shape.span,
+                    sweep_deg=shape.sweep_deg, axis_x=0.25 * shape.root_chord)  # fmt: skip
+        assert np.linalg.norm(state.motion.apply(bent)[0] - [float(r[c]) for c in "xyz"]) < 0.15
+    seen = {c: {r["name"]: r for r in last if r["camera"] == c and r["ratio"]} for c in ("cam1", "cam2")}
+    both = sorted(set(seen["cam1"]) & set(seen["cam2"]))
+    assert len(both) > 15
+    a, b = (np.array([[float(seen[c][n][k]) for n in both] for k in ("ratio", "sigma_ratio")]) for c in seen)
+    assert np.median(np.abs(a[0] - b[0]) / np.hypot(a[1], b[1])) < 1.2
+    assert all(r["reason"] for r in table if not r["value"])
+    assert not any(r["reason"] for r in table if r["value"])
+
+
+def test_points_need_a_grid_and_a_table(copy, windmark):
+    done = windmark("deform", edited(copy, ('file = "taps.csv"', 'file = "no.csv"')))
+    assert done.code == 2
+    assert "points[0].file" in done.err
+    (copy / "no.csv").write_text("name,x,y,z\n")
+    done = windmark("deform", copy / "deform.toml")
+    assert done.code == 2
+    assert "no points" in done.err
+
+
 def test_a_users_own_law_gives_the_same(made, done, windmark):
     assert len([line for line in (made / "my_law.py").read_text().splitlines() if line.strip()]) <= 15
     alone = windmark("laws", made / "my_law.py", "-m", made / "markers.csv", "--volume", "wing")

@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+import xarray
 
 from windmark import io
 
@@ -80,7 +81,7 @@ def test_temperatures_are_named_everywhere(windmark, registered, warm, tmp_path)
     camera = registered[1] / "wind-off" / "camera.json"
     call = ["resect", warm / "wind-off.tif", "-c", camera, "-g", warm / "model.grid", "--unit", "mm"]
     scaled = ["--quantity", "temperature", "--quantity-unit", "K", "--scale", 0.01, "--offset", 273.15]
-    done = windmark(*call, *scaled, "-o", tmp_path / "k")
+    done = windmark(*call, *scaled, "--pixels", "-o", tmp_path / "k")
     assert done.code == 0, done.err
     assert "temperature (K) on " in done.out
     windmark(*call, "-o", tmp_path / "grey")
@@ -93,6 +94,10 @@ def test_temperatures_are_named_everywhere(windmark, registered, warm, tmp_path)
         again = io.read_grid_file(place / name)
         assert again.units["temperature_K"] == "K"
         np.testing.assert_allclose(again.fields["temperature_K"], grid.fields["temperature_K"], rtol=1e-6)
+    with xarray.open_dataset(place / "pixels.nc", engine="h5netcdf") as pixels:
+        assert pixels["temperature_K"].attrs["units"] == "K"
+        kelvin = 273.15 + 0.01 * io.read_image(warm / "wind-off.tif").astype(float)
+        np.testing.assert_allclose(pixels["temperature_K"].values, kelvin, rtol=1e-6)
     assert "temperature_K [K]" in (place / "nodes.csv").read_text().split("\n", 1)[0]
     assert (place / "nodes.nam").read_text().startswith("temperature_K [K]")
     page = (tmp_path / "k" / "report.html").read_text(encoding="utf-8")

@@ -2,6 +2,7 @@
 
 import json
 
+import numpy as np
 import pytest
 
 from windmark import io
@@ -115,3 +116,68 @@ def test_labels_of_a_project(windmark, virtual_test, tmp_path):
     done = windmark("run", tmp_path / "project.toml")
     assert done.code == 2
     assert "image[0].labels.nobody" in done.err
+
+
+def test_align_and_resect_take_the_volumes_as_run_does(windmark, arguments, virtual_test, tmp_path):
+    """The walls of the grid are dragged along with the model unless the zones say what the model is."""
+    from windmark.pipeline.simulate import zones_of
+
+    folder, test = virtual_test
+    zones = {n: z for n, z in zones_of(test.mesh).items() if n != "wall"}
+    volumes = [a for n, z in zones.items() for a in ("--volume", f"{n}={','.join(z)}")]
+    call = [*arguments("align", "wind-off.tif", "wind-on.tif"), "--reference", "wind-off", "-g", folder / "model.grid"]
+    seen = {}
+    for name, more in (("all", []), ("blank", volumes), ("keep", [*volumes, "--background", "keep"])):
+        done = windmark(*call, *more, "-o", tmp_path / name, "--json")
+        assert done.code == 0, done.err
+        seen[name] = io.read_image(tmp_path / name / "wind-on" / "aligned.tif")
+    assert done.json["options"]["grid"]["volumes"] == zones
+    is_model = np.isin(test.mesh.volume, list(zones))
+    off = test.shot("wind-off").perfect
+    wall = (off.triangle >= 0) & ~is_model[off.triangle]
+    raw = io.read_image(folder / "wind-on.tif").astype(np.float32)
+    assert np.isnan(seen["blank"][wall]).mean() > 0.99
+    kept = wall & np.isfinite(seen["keep"])
+    assert kept.sum() > 0.9 * wall.sum()
+    np.testing.assert_array_equal(seen["keep"][kept & np.isnan(seen["blank"])], raw[kept & np.isnan(seen["blank"])])
+    both = np.isfinite(seen["blank"]) & np.isfinite(seen["all"])
+    assert np.median(np.abs(seen["blank"][both] - seen["all"][both])) == 0
+
+    run = windmark("run", folder / "project.toml", "-o", tmp_path / "run", "--json")
+    posed = tmp_path / "run" / "wind-off" / "camera.json"
+    step = windmark("resect", folder / "wind-off.tif", "-c", posed, "-g", folder / "model.grid", "--unit", "mm",
+                    *volumes, "-o", tmp_path / "step", "--nodes", "csv", "--json")  # fmt: skip
+    assert step.code == 0, step.err
+    for key in ("nodes_visible", "nodes_with_value"):
+        assert step.json["images"][0][key] == run.json["images"][0][key]
+
+
+@pytest.mark.parametrize(
+    ("volumes", "words"),
+    [
+        (["=zone01"], "--volume: expected NAME=zone01,zone02 or the name of a zone, got '=zone01'"),
+        (["wing="], "--volume: expected NAME=zone01"),
+        (["wing=zone01,,zone02"], "--volume: expected NAME=zone01"),
+        (["wing=zone01", "wing=zone02"], "--volume: wing is given twice"),
+        (["wing=zone01", "tail=zone01"], "a zone belongs to one volume, given more than once: zone01"),
+        (["wing=zone77"], "the file has no ['zone77']; it has ['zone01'"),
+        (["wing"], "the file has no ['wing']"),
+    ],
+)
+def test_volumes_that_cannot_be_are_refused(windmark, arguments, virtual_test, tmp_path, volumes, words):
+    folder, _ = virtual_test
+    options = [a for v in volumes for a in ("--volume", v)]
+    done = windmark(*arguments("align", "wind-off.tif"), "--reference", "wind-off", "-g", folder / "model.grid",
+                    *options, "-o", tmp_path / "out")  # fmt: skip
+    assert done.code == 2
+    assert words in done.err
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_background_that_is_none_is_refused(windmark, arguments, virtual_test, tmp_path):
+    folder, _ = virtual_test
+    done = windmark(*arguments("align", "wind-off.tif"), "--reference", "wind-off", "-g", folder / "model.grid",
+                    "--background", "black", "-o", tmp_path / "out")  # fmt: skip
+    assert done.code == 2
+    assert "align.background" in done.err
+    assert "'blank' or 'keep'" in done.err

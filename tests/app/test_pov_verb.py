@@ -152,3 +152,12 @@ def test_a_model_behind_the_camera_is_said_and_drawn(windmark, virtual_test, tmp
     assert done.code == 0, done.err
     assert done.json["model"]["in_front"] == 0
     assert "whole model is behind" in windmark("pov", *numbers, "-m", virtual_test[0] / "markers.csv").out
+
+
+def test_the_covariance_of_a_pose_goes_along_where_it_can(windmark, file, tmp_path):
+    done = windmark("convert", file, tmp_path / "again.json")
+    assert done.code == 0, done.err
+    kept = io.read_camera_file(tmp_path / "again.json").pose_cov
+    np.testing.assert_array_equal(kept, np.diag([1e-8] * 3 + [1e-4] * 3))
+    done = windmark("convert", file, tmp_path / "again.yml")
+    assert "left out: the pose's covariance, which opencv cannot hold" in done.out

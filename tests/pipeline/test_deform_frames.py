@@ -15,7 +15,7 @@ from windmark.pipeline.deform.frames import frames_on_disk, key_of, read_frame_t
 
 
 def project(folder, *patterns, frames=None):
-    cameras = [SimpleNamespace(name=f"cam{k + 1}", patterns=(p,)) for k, p in enumerate(patterns)]
+    cameras = [SimpleNamespace(name=f"cam{k + 1}", patterns=(p,), has_clock=False) for k, p in enumerate(patterns)]
     return SimpleNamespace(path=folder / "p.toml", camera=cameras, sequence=SimpleNamespace(frames=frames))
 
 

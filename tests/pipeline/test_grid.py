@@ -1,5 +1,7 @@
 """The grid as a job uses it: volumes by name, orientation."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -41,3 +43,41 @@ def test_zones_become_volumes_and_the_rest_drops_out(virtual_test):
     assert len(mesh.triangles) < len(test.mesh.triangles)
     with pytest.raises(io.FileError, match=r"model\.grid.*zone77.*zone01"):
         read_grid(GridEntry(file=grid, volumes={"wing": ("zone77",)}))
+
+
+def test_zones_that_take_no_part_may_hold_anything(virtual_test, tmp_path):
+    """NaN in a zone of the far field: refused where the zone takes part, no matter where it does not."""
+    test = virtual_test[1]
+    vertices = test.mesh.vertices.copy()
+    last = test.mesh.blocks[-1]
+    vertices[last.first + 3] = np.nan
+    io.write_mesh(tmp_path / "far.grid", replace(test.mesh, vertices=vertices))
+    with pytest.raises(io.FileError, match=r"zone06: node i=3, j=0, k=0.*expected finite"):
+        read_grid(GridEntry(file=tmp_path / "far.grid"))
+    mesh = read_grid(GridEntry(file=tmp_path / "far.grid", volumes={"wing": ("zone01", "zone02", "zone03")}))
+    whole = read_grid(GridEntry(file=virtual_test[0] / "model.grid", volumes={"wing": ("zone01", "zone02", "zone03")}))
+    np.testing.assert_array_equal(mesh.triangles, whole.triangles)
+    assert mesh.diagonal == whole.diagonal > 0
+    with pytest.raises(io.FileError, match="expected finite"):
+        read_grid(GridEntry(file=tmp_path / "far.grid", volumes={"far": ("zone06",)}))
+
+
+def test_a_zone_with_the_name_of_a_volume_takes_no_part_unless_named(tmp_path):
+    mesh = replace(box(), volume=np.array(["wing"] * 6 + ["part"] * 6))
+    io.write_mesh(tmp_path / "box.obj", mesh)
+    got = read_grid(GridEntry(file=tmp_path / "box.obj", volumes={"wing": ("part",)}))
+    assert len(got.triangles) == 6
+    assert set(got.volume) == {"wing"}
+
+
+@pytest.mark.parametrize(
+    ("volumes", "words"),
+    [
+        ({"wing": ("a", "b"), "body": ("b",)}, "one volume, given more than once: b"),
+        ({"wing": ()}, "volumes: wing; expected at least one zone in each"),
+        ({}, "volumes: none given"),
+    ],
+)
+def test_volumes_that_say_nothing_or_too_much_are_refused(volumes, words, tmp_path):
+    with pytest.raises(ValueError, match=words):
+        GridEntry(file=tmp_path, volumes=volumes)

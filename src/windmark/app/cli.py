@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from windmark.app import console
-from windmark.app.commands import align, camera, deform, image, plan, pov
+from windmark.app.commands import align, camera, deform, epipolar, image, plan, pov
 from windmark.app.commands.matching_options import MaxTime, NoOcclusion, Roles
 from windmark.app.commands.options import Json, Seed
 
@@ -57,7 +57,10 @@ def demo(
         verbs.demo(folder, seed, as_json)
 
 
-@app.command(epilog="Example: windmark simulate my-test --seed 7, or windmark simulate my-wing --deforming 12")
+@app.command(
+    epilog="Example: windmark simulate my-test --seed 7, or windmark simulate my-wing --deforming 12, or"
+    " windmark simulate my-rig --cameras 3"
+)
 def simulate(
     folder: Annotated[Path, typer.Argument(help="Where the test is written.")],
     seed: Seed = 1,
@@ -67,20 +70,35 @@ def simulate(
     infrared: Annotated[
         bool, typer.Option("--infrared", help="An infrared test instead: a model that heats up, warm markers.")
     ] = False,
+    cameras: Annotated[
+        int | None, typer.Option(help="Several cameras instead (2-5), one picture each at one moment, to be merged.")
+    ] = None,
+    photos: Annotated[
+        int | None, typer.Option(help="Hand-held pictures of the model instead: so many, with a few known markers.")
+    ] = None,
+    clocks: Annotated[
+        bool, typer.Option("--clocks", help="With --deforming: cameras of different rates, a swinging wing.")
+    ] = False,
     as_json: Json = False,
 ) -> None:
     """Write a synthetic test: images, markers, cameras, grid, project file and the truth."""
     from windmark.app import verbs
 
     with console.errors(as_json):
-        if infrared and deforming is not None:
-            raise ValueError("--infrared and --deforming are two different tests; give one of them")
+        if sum((infrared, deforming is not None, cameras is not None, photos is not None)) > 1:
+            raise ValueError("--infrared, --deforming, --cameras and --photos are different tests; give one of them")
+        if clocks and deforming is None:
+            raise ValueError("--clocks belongs to --deforming")
         if infrared:
             verbs.simulate_infrared(folder, seed, as_json)
+        elif cameras is not None:
+            verbs.simulate_cameras(folder, seed, cameras, as_json)
+        elif photos is not None:
+            verbs.simulate_photos(folder, seed, photos, as_json)
         elif deforming is None:
             verbs.simulate(folder, seed, as_json)
         else:
-            verbs.simulate_deforming(folder, seed, deforming, as_json)
+            verbs.simulate_deforming(folder, seed, deforming, as_json, clocks)
 
 
 @app.command(epilog="Example: windmark run project.toml")
@@ -108,6 +126,7 @@ def run(
 image.add(app)
 align.add(app)
 camera.add(app)
+epipolar.add(app)
 deform.add(app)
 plan.add(app)
 pov.add(app)

@@ -11,7 +11,7 @@ from windmark.app import console
 from windmark.app.commands.matching_options import grid_settings
 from windmark.pipeline.convert_cameras import CameraOptions, convert_camera
 from windmark.pipeline.convert_frames import FrameOptions, convert_frames
-from windmark.pipeline.convert_frames import lines as frame_lines
+from windmark.pipeline.convert_frames import lines as frames_lines
 from windmark.pipeline.convert_grids import GridOptions, convert_grid
 from windmark.pipeline.convert_kind import WORDS, kind_of, refuse_target
 from windmark.pipeline.convert_markers import MarkerOptions, convert_markers
@@ -78,8 +78,9 @@ def _markers(sources: list[Path], target: Path, wishes: Wishes) -> Record:
 
 
 def _pictures(sources: list[Path], target: Path, wishes: Wishes) -> Record:
+    options = FrameOptions(**wishes.of("frames", "pictures"))
     with console.progress() as show:
-        return convert_frames(sources, target, FrameOptions(**wishes.of("frames", "pictures")), progress=show)
+        return {"kind": "pictures", **convert_frames(sources, target, options, progress=show)}
 
 
 def parse_size(text: str | None) -> tuple[int, int] | None:
@@ -155,5 +156,5 @@ _JOBS: dict[str, Callable[[list[Path], Path, Wishes], Record]] = {
     "camera": _camera, "grid": _grid, "markers": _markers, "pictures": _pictures,
 }  # fmt: skip
 _LINES: dict[str, Callable[[Record], list[str]]] = {
-    "camera": _camera_lines, "grid": _grid_lines, "markers": _marker_lines, "pictures": frame_lines,
+    "camera": _camera_lines, "grid": _grid_lines, "markers": _marker_lines, "pictures": frames_lines,
 }  # fmt: skip

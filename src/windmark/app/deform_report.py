@@ -28,6 +28,7 @@ Array = NDArray[np.float64]
 
 FILM_FRAMES, FILM_SIZE, CAPTION_PX = 48, (720, 480), 40
 SHOWN_DOUBTFUL = 12
+SHOWN_FEW = 200
 VISIBLE_PART = 0.12
 """The film magnifies so that the largest deformation is this part of the model."""
 WORDS = {
@@ -62,6 +63,7 @@ def deform_page(loaded: Loaded, sequence: Sequence, record: dict[str, Any], fold
             if spectrum is not None:
                 report.picture(png(spectrum), "Spectrum of the tip (Hann window)")
         _surface(report, loaded, sequence)
+    _cameras(report, sequence, record)
     _tables(report, loaded, sequence)
     _files(report, folder)
     return report.html()
@@ -109,6 +111,29 @@ def _overview(report: Report, loaded: Loaded, sequence: Sequence, record: dict[s
     )
 
 
+def _cameras(report: Report, sequence: Sequence, record: dict[str, Any]) -> None:
+    """What every camera saw, and why it saw little."""
+    report.heading("Cameras")
+    if sequence.clock:
+        report.text(
+            f"The instants are the pictures of {sequence.clock}. Cameras that took none just then take part with their "
+            "spots interpolated between their own pictures, whose covariance holds what that may leave; where the "
+            "pictures before and after are too far apart they take no part."
+        )
+    for remark in sequence.remarks:
+        report.text(remark, "bad")
+    report.table(["camera", "median of its spots", "frames with few", "largest lag, ms"], [
+        [name, of["median_spots"], len(of["few"]), None if of["max_lag_s"] is None else 1e3 * of["max_lag_s"]]
+        for name, of in record["cameras"].items()
+    ])  # fmt: skip
+    few = [[f["frame"], name, f["spots"], f["expected"], f["reason"]]
+           for name, of in record["cameras"].items() for f in of["few"]]  # fmt: skip
+    if few:
+        report.table(["frame", "camera", "spots", "expected", "why so few"], few[:SHOWN_FEW], scroll=len(few) > 15)
+        if len(few) > SHOWN_FEW:
+            report.text(f"{len(few) - SHOWN_FEW} more are in cameras.csv.", "soft")
+
+
 def _abscissa(loaded: Loaded, sequence: Sequence) -> tuple[Array, str]:
     """What the curves are drawn over."""
     rows, wanted = sequence.records, loaded.project.sequence.against
@@ -143,6 +168,7 @@ def _plain(value: float) -> str:
 def _files(report: Report, folder: Path) -> None:
     about = {
         "deformation.csv": "one row per frame: parameters, rigid motion, their sigma, quality",
+        "cameras.csv": "one row per frame and camera: markers expected and seen, lag of its picture, why few were seen",
         "span.csv": "one row per frame and station: bending and twist with sigma, with and without the rigid motion",
         "markers.csv": "one row per frame and marker seen: place, displacement and its sigma in the tunnel's axes",
         "deformation.nc": "all of it over frames, NetCDF-4",

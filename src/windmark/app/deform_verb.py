@@ -17,6 +17,9 @@ from windmark.pipeline.deform import FrameRecord, Loaded, Sequence, load, read_d
 
 Record = dict[str, Any]
 
+FEW_SHOWN = 5
+"""Frames of a camera with few markers that are listed; all are in cameras.csv."""
+
 
 def deform(
     path: Path, output: Path | None, watched: Path | None, idle_s: float | None, frames: int | None, as_json: bool
@@ -92,7 +95,9 @@ def _finish(loaded: Loaded, sequence: Sequence, folder: Path, start: float) -> R
 def summary(loaded: Loaded, sequence: Sequence) -> Record:
     """The figures of a sequence."""
     rows, good = sequence.records, sequence.good
-    record: Record = {"frames": len(rows)}
+    record: Record = {"frames": len(rows), "cameras": cameras_record(sequence)}
+    if sequence.clock:
+        record["clock"] = sequence.clock
     for status in ("cold", "tracked", "lost"):
         record[status] = sum(r.status == status for r in rows)
     if good:
@@ -116,6 +121,22 @@ def summary(loaded: Loaded, sequence: Sequence) -> Record:
     return record
 
 
+def cameras_record(sequence: Sequence) -> Record:
+    """For each camera: frames without an image, frames with few markers, the reasons, and its largest lag."""
+    out: Record = {}
+    for name in dict.fromkeys(n for r in sequence.records for n in r.cameras):
+        seen = [(r.key, r.cameras[name]) for r in sequence.records if name in r.cameras]
+        lag = np.array([s.lag_s for _, s in seen])
+        few = [
+            {"frame": key, "expected": s.expected, "spots": s.found, "reason": s.reason} for key, s in seen if s.reason
+        ]
+        out[name] = {
+            "few": few, "median_spots": float(np.median([s.found for _, s in seen])),
+            "max_lag_s": float(np.nanmax(np.abs(lag))) if np.isfinite(lag).any() else None,
+        }  # fmt: skip
+    return out
+
+
 def weakest(loaded: Loaded, sequence: Sequence) -> tuple[str, ...]:
     """What the last frame that was kept says of the set-up."""
     if not sequence.film:
@@ -132,6 +153,16 @@ def _lines(loaded: Loaded, sequence: Sequence, record: Record) -> list[str]:
     lines = [f"{record['frames']} frames: {record['tracked']} tracked, {record['cold']} found without help, "
              f"{record['lost']} lost" + (", interrupted" if sequence.interrupted else "")]  # fmt: skip
     lines += [f"  frame {r.key}: {r.status}: {r.reason}" for r in sequence.records if r.reason][:20]
+    for name, of in record["cameras"].items():
+        lines += [f"  few markers: {name}, frame {few['frame']}: {few['spots']} of {few['expected']}: {few['reason']}"
+                  for few in of["few"][:FEW_SHOWN]]  # fmt: skip
+        lines += [f"  ... {len(of['few']) - FEW_SHOWN} more of {name}"] if len(of["few"]) > FEW_SHOWN else []
+    lines += [f"  {remark}" for remark in sequence.remarks]
+    if sequence.clock:
+        lags = ", ".join(f"{n} up to {1e3 * of['max_lag_s']:.3g} ms" for n, of in record["cameras"].items()
+                         if n != sequence.clock and of["max_lag_s"] is not None)  # fmt: skip
+        lines.append(f"instants: those of {sequence.clock}; others' spots are interpolated between their pictures "
+                     f"(nearest picture off by: {lags or 'none'})")  # fmt: skip
     if sequence.good:
         lines.append(
             f"median: {record['median_spots']:.0f} spots, RMS {record['median_rms_px']:.3f} px, sigma0 "

@@ -20,7 +20,13 @@ from windmark.pipeline.calibrate.outputs import datum_words, sigma_rms
 from windmark.pipeline.calibrate.read import read_image
 from windmark.pipeline.clock import Clock
 from windmark.pipeline.reconstruct import Reconstruction
-from windmark.pipeline.reconstruct.outputs import marks_of, network, picture_records, primary_residuals
+from windmark.pipeline.reconstruct.outputs import (
+    marks_of,
+    network,
+    picture_records,
+    primary_residuals,
+    primary_sigma_words,
+)  # fmt: skip
 from windmark.pipeline.reconstruct.pair import PairLines
 from windmark.scene import MarkerSet
 
@@ -41,6 +47,7 @@ FILES = (
     ("poses.csv, poses.json", "station and direction of each picture with sigma; the whole covariances"),
     ("residuals.csv", "every mark: picture, name, place, residual, test value, used or left out"),
     ("matches.csv", "which spot is which marker in every picture; calibrate takes it instead of pictures"),
+    ("open.csv", "of two pictures: spots with several possible partners, which stayed open"),
     ("pair.png", "with --pair: two pictures with their epipolar lines"),
     ("summary.json", "the figures of this report"),
 )
@@ -134,10 +141,22 @@ def _pictures(report: Report, result: Reconstruction, shown: Shown) -> None:
 
 
 def _primaries(report: Report, result: Reconstruction, shown: Shown) -> None:
-    report.heading("Primary markers")
-    for words in datum_words(result.calibration):
-        report.text(words)
     known, unit = primary_residuals(result, shown.primary), shown.unit
+    if result.frame:
+        report.heading("Frame")
+        report.text(f"{result.frame[0].upper()}{result.frame[1:]}. Sigmas are those of the shape (inner constraints).")
+        if result.free_scale:
+            report.text("length_unit: free. No length here has a unit: a known distance (--distance) gives one.", "bad")
+    if any(len(s) for s in result.open_spots.values()):
+        report.text("Spots with several possible partners, or one that could be chance, stay open (open.csv): "
+                    + ", ".join(f"{n} {len(s)}" for n, s in result.open_spots.items()) + ".")  # fmt: skip
+    if not len(shown.primary):
+        return
+    report.heading("Primary markers")
+    for words in () if result.frame else datum_words(result.calibration):
+        report.text(words)
+    for words in primary_sigma_words(shown.primary, unit):
+        report.text(words[0].upper() + words[1:] + ".")
     report.table(
         ["marker", f"dx, {unit}", "dy", "dz", "distance", "1 sigma x of the table", "y", "z"],
         [
@@ -145,8 +164,7 @@ def _primaries(report: Report, result: Reconstruction, shown: Shown) -> None:
             for name, d, s in zip(known.name, known.difference, known.sigma, strict=True)
         ],
     )
-    report.text(f"Reconstructed less given coordinates, {unit}. Where the table has no sigma, 1e-4 of the primaries' "
-                "extent was taken.", "soft")  # fmt: skip
+    report.text(f"Reconstructed less given coordinates, {unit}.", "soft")
     if known.missing:
         report.text(
             f"Not recognised: {', '.join(known.missing)}. They have too few spots, or are not where the table says.",

@@ -7,20 +7,34 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from windmark import io
 from windmark.app import console
+from windmark.calibration import Distance
 from windmark.geometry import Camera
 from windmark.pipeline.calibrate import MatchOptions, Picture
 from windmark.pipeline.calibrate.outputs import sigma_rms
 from windmark.pipeline.calibrate.read import picture_names
 from windmark.pipeline.clock import Clock
 from windmark.pipeline.reconstruct import NotReconstructed, Reconstruction, reconstruct
-from windmark.pipeline.reconstruct.outputs import picture_records, primary_residuals, record, write_reconstruction
+from windmark.pipeline.reconstruct.outputs import (
+    length_words,
+    picture_records,
+    primary_residuals,
+    primary_sigma_words,
+    record,
+    write_reconstruction,
+)  # fmt: skip
 from windmark.pipeline.reconstruct.pair import PairLines, pair_lines
 from windmark.pipeline.reconstruct.read import read_labels, read_poses, read_spots
 from windmark.scene import MarkerSet
 
 Record = dict[str, Any]
+
+FREE_UNIT = "free"
+"""Length unit of a result whose scale is free."""
+NO_MARKERS = MarkerSet.make([], np.zeros((0, 3)))
 
 
 @dataclass(frozen=True)
@@ -38,12 +52,14 @@ class Files:
     pair : names of two pictures to be drawn with their epipolar lines
     unit : length unit of the markers
     output : folder of the results
+    free_frame : no primary markers
+    distances : known ones, with a free frame
     """
 
     images: tuple[io.PictureFile, ...]
     cameras: Mapping[str, Camera]
     patterns: Mapping[str, str]
-    primary: Path
+    primary: Path | None
     labels: Path | None
     rough: Path | None
     poses: Path | None
@@ -52,12 +68,25 @@ class Files:
     pair: tuple[str, str] | None
     unit: str
     output: Path
+    free_frame: bool = False
+    distances: tuple[Distance, ...] = ()
 
     def __post_init__(self) -> None:
         if not 0 <= self.model_px < float("inf"):
             raise ValueError(f"--model-px must be 0 or more, got {self.model_px:g}")
-        if self.unit not in io.LENGTH_UNITS:
-            raise ValueError(f"--unit must be one of {', '.join(io.LENGTH_UNITS)}, got {self.unit!r}")
+        if self.free_frame == (self.primary is not None):
+            raise ValueError("give --primary, the known markers, or --free-frame where there are none; one of the two")
+        if self.distances and not self.free_frame:
+            raise ValueError("--distance is for --free-frame; the primary markers have a scale of their own")
+        if self.distances and self.poses is not None:
+            raise ValueError("--poses have a scale of their own: leave --distance out")
+        if self.distances and self.labels is None:
+            raise ValueError("--distance names markers: --labels must say where they are (image,name,x,y)")
+        metric = self.primary is not None or self.poses is not None or bool(self.distances)
+        if not metric and self.unit not in ("", FREE_UNIT):
+            raise ValueError("--unit has no meaning without --primary, --poses or --distance: the scale is free")
+        if metric and self.unit not in io.LENGTH_UNITS:
+            raise ValueError(f"--unit must be one of {', '.join(io.LENGTH_UNITS)}, got {self.unit or 'none'!r}")
         if self.patterns and set(self.patterns) != set(self.cameras):
             raise ValueError(f"--images-of is for the cameras {', '.join(self.patterns)}, --camera for "
                              f"{', '.join(self.cameras)}; expected the same")  # fmt: skip
@@ -74,7 +103,7 @@ class Files:
 
 def run(files: Files, match: MatchOptions, as_json: bool) -> None:
     """Reconstruct and write everything into a folder, whole or not at all."""
-    primary = io.read_markers(files.primary)
+    primary = NO_MARKERS if files.primary is None else io.read_markers(files.primary)
     rough = None if files.rough is None else io.read_markers(files.rough)
     table = None if files.labels is None else read_labels(files.labels, files.names, primary)
     poses = {} if files.poses is None else read_poses(files.poses, files.names)
@@ -85,12 +114,15 @@ def run(files: Files, match: MatchOptions, as_json: bool) -> None:
         labels = None if table is None else table.spots(pictures)
         with clock("reconstruct"):
             result = reconstruct(
-                [p.detections for p in pictures], files.cameras, primary, views=views, labels=labels, rough=rough,
-                free=files.free, model_px=files.model_px, seed=match.seed,
+                [p.detections for p in pictures], files.cameras, None if files.free_frame else primary, views=views,
+                labels=labels, rough=rough, free=files.free, model_px=files.model_px, distances=files.distances,
+                seed=match.seed,
             )  # fmt: skip
         if isinstance(result, NotReconstructed):
             console.refuse(_why(result), as_json, _refusal(result, pictures))
             return
+        if result.free_scale:
+            files = replace(files, unit=FREE_UNIT)
         pair = _pair(files, result, pictures)
         content = _write(files, result, primary, pictures, pair, match, clock)
     console.answer({**content, "folder": files.output}, as_json, _lines(result, primary, pictures, pair, files))
@@ -115,7 +147,7 @@ def _write(
     files.output.parent.mkdir(parents=True, exist_ok=True)
     with io.atomic_folder(files.output) as place:
         with clock("write"):
-            write_reconstruction(result, place, files.unit)
+            write_reconstruction(result, place, files.unit, {p.name: p.detections for p in pictures})
         content = record(result, primary, pictures, files.unit, pair)
         with clock("draw report"):
             paths = dict(zip(files.names, files.images, strict=True))
@@ -153,9 +185,16 @@ def _lines(
         f"{posed} of {len(pictures)} pictures used, {len(result.markers)} markers ({len(against.name)} primary), in "
         f"{seen.min()} to {seen.max()} pictures each; {int(done.used.sum())} marks, "
         f"{int((~done.used).sum())} left out; sigma0 {done.sigma0:.3f}, RMS {result.rms_px:.3f} px",
-        f"markers, 1 sigma: {rms[0]:.2g}, {rms[1]:.2g}, {rms[2]:.2g} {unit} along x, y, z",
-        f"primaries against their table: {(against.difference**2).sum(axis=1).mean() ** 0.5:.2g} {unit} RMS",
+        f"markers, 1 sigma: {rms[0]:.2g}, {rms[1]:.2g}, {rms[2]:.2g} {length_words(unit)} along x, y, z",
     ]
+    if result.frame:
+        lines.append(f"{result.frame}; 1 sigma is that of the shape (inner constraints)")
+    if len(against.name):
+        rms_known = (against.difference**2).sum(axis=1).mean() ** 0.5
+        lines.append(f"primaries against their table: {rms_known:.2g} {unit} RMS")
+    lines += [f"primaries: {words}" for words in primary_sigma_words(primary, unit)]
+    lines += [f"  open: {name}: {len(spots)} spots have several possible partners, or one that could be chance"
+              for name, spots in result.open_spots.items() if len(spots)]  # fmt: skip
     lines += [f"  primary marker {name} was not recognised" for name in against.missing]
     for name, camera in result.cameras.items():
         free = [f"{p} {getattr(camera, p):.6g} ({done.sigma(name, p):.2g})" for p in files.free]

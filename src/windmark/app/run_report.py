@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 import windmark
-from windmark.app import figures, pictures
+from windmark.app import figures, merge_report, pictures
 from windmark.app.pictures import png
 from windmark.app.report import Report
 from windmark.pipeline.clock import Clock
@@ -51,10 +51,12 @@ def run_report(result: RunResult, clock: Clock, truth: Comparison | None = None)
     _views(report, result)
     for item in result.images:
         _image(report, item, result)
+    for group in result.merged:
+        merge_report.merged_part(report, group, project.length_unit)
     _times(report, result, clock.seconds)
     report.heading("Files beside this report")
     report.text("One folder per image:")
-    report.table(["file", "content"], FILES)
+    report.table(["file", "content"], (*FILES, *merge_report.FILES))
     report.heading("Options")
     report.table(["key", "value"], _flat(project.model_dump(mode="json", exclude={"path"}, by_alias=True)))
     return report.html()
@@ -148,6 +150,7 @@ def _image(report: Report, item: ImageResult, result: RunResult) -> None:
             png(pictures.section_picture(section, result.project.length_unit, item.quantity.label)),
             f"Values along the cut “{section.name}”.",
         )
+    merge_report.tables(report, item.points, result.project.length_unit, item.quantity.label)
     alignment = figures.alignment_figure(item, result)
     if alignment is not None:
         report.picture(png(alignment), "3D alignment: what differs before and after the motion is compensated.")
@@ -175,16 +178,19 @@ def _registration(report: Report, item: ImageResult, answer: Registration, marke
 
 def _pose_table(report: Report, item: ImageResult, answer: Registration, unit: str) -> None:
     pov = answer.cam_from_model.to_pov(answer.camera.focal_px, answer.camera.size_px[0])
-    sigma = np.sqrt(np.diag(answer.cov))
+    pose, cov = answer.cam_from_model, answer.cov[:6, :6]
+    sigma = pose.pov_sigma(cov)
+    station = np.sqrt(np.diag(pose.rotation.T @ cov[3:, 3:] @ pose.rotation))
     report.heading("Where the camera was", 3)
     report.table(
         ["point of view", "x", "y", "z"],
         [
             ("angles, deg", *(f"{v:.4f}" for v in (pov.rx_deg, pov.ry_deg, pov.rz_deg))),
-            ("sigma about the camera's axes, deg", *(float(v) for v in np.degrees(sigma[:3]))),
+            ("their sigma, deg", *(float(v) for v in (sigma.rx_deg, sigma.ry_deg, sigma.rz_deg))),
             (f"distances, {unit}", *(f"{v:.4f}" for v in (pov.dx, pov.dy, pov.dz))),
-            (f"sigma along the camera's axes, {unit}", *(float(v) for v in sigma[3:6])),
-            (f"camera station in the model's frame, {unit}", *(f"{v:.4f}" for v in answer.cam_from_model.center)),
+            (f"their sigma, {unit}", *(float(v) for v in (sigma.dx, sigma.dy, sigma.dz))),
+            (f"camera station in the model's frame, {unit}", *(f"{v:.4f}" for v in pose.center)),
+            (f"its sigma, {unit}", *(float(v) for v in station)),
         ],
     )
     report.text(

@@ -130,7 +130,8 @@ def _write(
     io.write_json(place / "summary.json", record)
     (place / "motion.png").write_bytes(picture)
     if last is not None and last.registered is not None:  # a start for the images that come later
-        io.write_camera(place / "camera.json", camera, last.registered.cam_from_model, unit=unit)
+        io.write_camera(place / "camera.json", camera, last.registered.cam_from_model, unit=unit,
+                        pose_cov=last.registered.cov[:6, :6])  # fmt: skip
     (place / "report.html").write_text(_page(rows, record, unit, picture), encoding="utf-8")
 
 

@@ -53,7 +53,8 @@ def undistort(images: list[Path], camera_file: Path, wishes: Wishes, as_json: bo
         valid = redraw(np.ones(camera.size_px[::-1], np.uint8), camera, target).valid
         io.write_image(place / "valid.png", valid)
         pose = content.cam_from_model if content.length_unit else None
-        io.write_camera(place / "camera.json", target, pose, unit=content.length_unit)
+        pose_cov = None if pose is None else content.pose_cov
+        io.write_camera(place / "camera.json", target, pose, unit=content.length_unit, pose_cov=pose_cov)
         _draw(images, camera, camera_file.name, place, wishes)
     filled = 100 * float(valid.mean())
     width, height = target.size_px

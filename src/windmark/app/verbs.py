@@ -9,9 +9,10 @@ from typing import Any
 
 from windmark import io
 from windmark.app import console
-from windmark.pipeline import outputs
+from windmark.pipeline import merge_outputs, outputs
 from windmark.pipeline.clock import Clock
 from windmark.pipeline.job import run_project
+from windmark.pipeline.merge import MergeResult
 from windmark.pipeline.project import Project, make_project, read_project
 from windmark.pipeline.results import ImageResult, RunResult
 from windmark.pipeline.truth import Comparison
@@ -83,6 +84,7 @@ def finish(result: RunResult, record: Record, as_json: bool) -> None:
         console.note(path, text)
     folder = result.project.output.folder
     lines = [image_line(item, result) for item in result.images]
+    lines += [merge_line(item) for item in result.merged]
     nothing = bool(result.failed) and len(result.failed) == len(result.images)
     if not (nothing and as_json):  # a refusal brings the record with it: one document
         console.answer(record, as_json, [*lines, f"report: {folder / 'report.html'}"])
@@ -109,7 +111,30 @@ def image_line(item: ImageResult, result: RunResult) -> str:
     if item.values is not None and result.mesh is not None:
         kind = "values" if item.quantity.name == "grey" else f"{item.quantity.name} ({item.quantity.unit})"
         parts.append(f"{kind} on {int((item.values == item.values).sum())} of {len(item.values)} nodes")
+    parts += [_points_words(merge_outputs.table_summary(table)) for table in item.points]
     return f"{item.name}: " + "; ".join(parts)
+
+
+def merge_line(item: MergeResult) -> str:
+    """Merged images in one line."""
+    record = merge_outputs.merge_summary(item)
+    if not record["merged"]:
+        return f"{item.folder}: not merged: {record['reason']}"
+    parts = [f"{len(record['legend'])} images, values on {record['nodes_with_value']} nodes"]
+    if record["gain_estimated"]:
+        gains = ", ".join(f"{n} {g['gain']:.4f} ± {g['sigma']:.4f}" for n, g in record["gain"].items()
+                          if n != record["reference"])  # fmt: skip
+        parts.append(f"gains to {record['reference']}: {gains}")
+    seams = record["seams"]
+    if seams["nodes"]:
+        parts.append(f"seam steps {seams['mean_size']:.2f} sigma on average, {seams['typical']:.2f} typically")
+    parts += [f"{name} left out: {why}" for name, why in item.missing.items()]
+    parts += [_points_words(table) for table in record["points"]]
+    return f"{item.folder}: " + "; ".join(parts)
+
+
+def _points_words(table: Record) -> str:
+    return f"{table['kind']} {table['name']}: {table['with_value']} of {table['points']} have a value"
 
 
 def simulate(folder: Path, seed: int, as_json: bool) -> None:
@@ -153,7 +178,43 @@ def simulate_infrared(folder: Path, seed: int, as_json: bool) -> None:
     console.answer(record, as_json, lines)
 
 
-def simulate_deforming(folder: Path, seed: int, frames: int, as_json: bool) -> None:
+def simulate_cameras(folder: Path, seed: int, count: int, as_json: bool) -> None:
+    """Write a synthetic test of several cameras."""
+    from windmark.pipeline.simulate_cameras import simulate_cameras as write_test
+
+    with console.progress() as show:
+        show("render the virtual wind tunnel")
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with io.atomic_folder(folder) as place:
+            test = write_test(place, seed, count)
+    record = {"folder": folder, "seed": seed, "markers": len(test.markers), "grid_nodes": len(test.mesh.vertices),
+              "cameras": list(test.cameras)}  # fmt: skip
+    lines = [
+        f"a picture each of {count} cameras, {len(test.markers)} markers, {record['grid_nodes']} grid nodes: {folder}",
+        f"next: windmark run {folder / 'project.toml'}",
+    ]
+    console.answer(record, as_json, lines)
+
+
+def simulate_photos(folder: Path, seed: int, count: int, as_json: bool) -> None:
+    """Write hand-held pictures of a model."""
+    from windmark.pipeline.simulate_photos import simulate_photos as write_test
+
+    with console.progress() as show:
+        show("render the virtual wind tunnel")
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with io.atomic_folder(folder) as place:
+            test = write_test(place, seed, count)
+    record = {"folder": folder, "seed": seed, "markers": len(test.markers), "photos": count}
+    lines = [
+        f"{count} pictures, {len(test.markers)} markers: {folder}",
+        f"next: windmark reconstruct {folder / 'photos'}/*.tif -c {folder / 'camera.json'} -p {folder / 'primary.csv'} "
+        "--unit mm --radius 2.7",
+    ]
+    console.answer(record, as_json, lines)
+
+
+def simulate_deforming(folder: Path, seed: int, frames: int, as_json: bool, clocks: bool = False) -> None:
     """Write a synthetic deformation test."""
     from windmark.pipeline.simulate_deforming import simulate_deforming as write_test
 
@@ -161,7 +222,7 @@ def simulate_deforming(folder: Path, seed: int, frames: int, as_json: bool) -> N
         show("render the virtual wind tunnel")
         folder.parent.mkdir(parents=True, exist_ok=True)
         with io.atomic_folder(folder) as place:
-            test = write_test(place, seed, frames)
+            test = write_test(place, seed, frames, clocks=clocks)
     record = {"folder": folder, "seed": seed, "markers": len(test.markers), "frames": frames,
               "cameras": list(test.cameras)}  # fmt: skip
     lines = [

@@ -43,6 +43,7 @@ from windmark.io.pixels import write_pixels
 from windmark.io.plot3d import detect_plot3d, read_plot3d, write_plot3d
 from windmark.io.plot3d_function import read_plot3d_function, write_plot3d_function
 from windmark.io.plot3d_layout import Plot3dLayout
+from windmark.io.point_tables import PointList, read_points, write_point_values
 from windmark.io.quantity_told import told_quantity
 from windmark.io.recordings.address import FrameAddress, frame_address, picture_name
 from windmark.io.recordings.base import Frames
@@ -65,9 +66,10 @@ from windmark.io.vtk_write import write_nodes_vtk
 
 __all__ = [
     "CAMERA_FORMATS", "CHANNELS", "LENGTH_UNITS", "MOSAICS", "CameraFile", "ColmapModel", "FileError", "MatchTable",
+    "PointList",
     "is_camera_text", "atomic_folder", "atomic_path", "atomic_write", "from_mosaic", "read_detection_names",
     "read_camera", "read_camera_file", "read_colmap", "write_colmap", "written_camera_format",
-    "read_detections", "read_json", "read_markers", "read_matches", "read_modes", "read_table",
+    "read_detections", "read_json", "read_markers", "read_matches", "read_modes", "read_points", "read_table",
     "Plot3dLayout", "detect_plot3d", "read_mesh", "read_nodes_netcdf", "read_plot3d", "read_plot3d_function",
     "read_tecplot", "write_mesh", "write_nodes_csv", "write_nodes_netcdf", "write_nodes_vtk", "write_plot3d",
     "write_plot3d_function", "write_tecplot",
@@ -77,5 +79,6 @@ __all__ = [
     "write_grid_file", "written_grid_format", "read_marker_unit", "told_quantity", "write_tgts",
     "page_count", "read_grey", "read_image", "read_images", "read_mask", "to_grey", "to_json",
     "write_image", "write_images", "write_pixels",
-    "write_camera", "write_detections", "write_json", "write_markers", "write_matches", "write_table",
+    "write_camera", "write_detections", "write_json", "write_markers", "write_matches", "write_point_values",
+    "write_table",
 ]  # fmt: skip

@@ -195,7 +195,7 @@ def write_table(path: Pathlike, columns: Mapping[str, ArrayLike], *, comment: st
     """Write columns of equal length as CSV, whole or not at all; the counterpart of `read_table`.
 
     Floats keep every digit, NaN is an empty cell, booleans are 1 and 0. Lines end in a line feed. A ``comment`` of one
-    line goes above the header, behind a ``#``.
+    line or more goes above the header, behind a ``#``: what holds for the whole table, such as the length unit.
 
     Raises
     ------
@@ -210,7 +210,7 @@ def write_table(path: Pathlike, columns: Mapping[str, ArrayLike], *, comment: st
         raise ValueError(f"write_table: columns must be one-dimensional and equally long, got {lengths}")
     rows = max((len(array) for array in arrays.values()), default=0)
     with atomic_write(path) as stream:
-        stream.write(f"# {comment}\n" if comment else "")
+        stream.writelines(f"# {line}\n" for line in comment.splitlines())
         stream.write(",".join(map(_quoted, arrays)) + "\n")
         for start in range(0, rows, _CHUNK):  # as text a table takes many times its memory
             cells = [_cells(array[start : start + _CHUNK]) for array in arrays.values()]

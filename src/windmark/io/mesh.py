@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ from windmark.io.obj import read_obj, write_obj
 from windmark.io.plot3d import Face, read_plot3d, write_plot3d
 from windmark.io.ply import read_ply, write_ply
 from windmark.io.stl import read_stl, write_stl
-from windmark.io.structured import Volumes, rename_volumes
+from windmark.io.structured import Volumes, only_named, rename_volumes
 from windmark.io.tecplot import write_tecplot
 from windmark.io.tecplot_read import read_tecplot
 from windmark.io.vtk_read import VTK_SUFFIXES, read_vtk
@@ -30,9 +31,12 @@ TECPLOT_SUFFIXES = (".dat", ".tec")
 GRID_SUFFIXES = (*PLOT3D_SUFFIXES, *TECPLOT_SUFFIXES, ".stl", ".obj", ".ply", ".tri", *VTK_WRITTEN, ".nc")
 """All extensions that `write_mesh` writes."""
 _HEAD_BYTES = 4096
+_MARK = "\x01"
 
 
-def read_mesh(path: str | os.PathLike[str], *, volumes: Volumes = None, volume_face: Face | None = None) -> Mesh:
+def read_mesh(
+    path: str | os.PathLike[str], *, volumes: Volumes = None, volume_face: Face | None = None, only: bool = False
+) -> Mesh:
     """Read a surface grid: PLOT3D, Tecplot ASCII, STL, OBJ, PLY, Cart3D, VTK family, windmark's NetCDF.
 
     The content decides where it names its format, then the extension; what is left is taken for PLOT3D.
@@ -43,6 +47,8 @@ def read_mesh(path: str | os.PathLike[str], *, volumes: Volumes = None, volume_f
     volumes : one volume name for the whole mesh, or {name in the file: volume} for some of its parts. Names in the
         file are those of blocks (PLOT3D: zone01 ...), zones, solids, groups; "model" where there is none
     volume_face : for PLOT3D files of volume blocks: the face that is the model, e.g. "kmin"
+    only : parts that ``volumes`` does not name take no part: their nodes stay, whatever they are (NaN too), but they
+        have no triangles
 
     Raises
     ------
@@ -51,17 +57,32 @@ def read_mesh(path: str | os.PathLike[str], *, volumes: Volumes = None, volume_f
     FileError
         For a damaged file, one without faces, or nodes in use at NaN or infinity.
     """
+    if only and isinstance(volumes, Mapping):
+        # A part that is not named may have the name of a volume: a mark tells them apart.
+        marked = _read(path, {part: _MARK + name for part, name in volumes.items()}, volume_face, True)
+        found, which = np.unique(marked.volume, return_inverse=True)
+        names = np.array([str(name).removeprefix(_MARK) for name in found], dtype=np.str_)
+        return replace(marked, volume=names[which])
+    return _read(path, volumes, volume_face, False)
+
+
+def _read(path: str | os.PathLike[str], volumes: Volumes, volume_face: Face | None, only: bool) -> Mesh:
     kind = grid_format(path)
     if kind == "PLOT3D":
-        return read_plot3d(path, volumes=volumes, volume_face=volume_face)
+        return read_plot3d(path, volumes=volumes, volume_face=volume_face, only=only)
     if volume_face is not None:
         raise ValueError(f"volume_face: is for PLOT3D volume blocks; {path} is another format")
-    return checked_nodes(path, _READERS[kind](path, volumes))
+    mesh = _READERS[kind](path, volumes)
+    if only:
+        mesh = only_named(mesh, volumes)
+    return checked_nodes(path, mesh, only=only)
 
 
-def checked_nodes(path: str | os.PathLike[str], mesh: Mesh) -> Mesh:
-    """The same mesh, if every node in use is finite; else `FileError`."""
-    bad = ~np.isfinite(mesh.vertices).all(axis=1)
+def checked_nodes(path: str | os.PathLike[str], mesh: Mesh, *, only: bool = False) -> Mesh:
+    """The same mesh, if every node (with ``only``: every node in a triangle) is finite; else `FileError`."""
+    bad = np.asarray(~np.isfinite(mesh.vertices).all(axis=1))
+    if only:
+        bad &= np.isin(np.arange(len(mesh.vertices)), mesh.used)
     if mesh.blanked is not None:
         bad &= ~mesh.blanked
     if bad.any():

@@ -27,6 +27,7 @@ def write_pixels(
     fields: Mapping[str, ArrayLike] | None = None,
     *,
     length_unit: str,
+    name: str = "value",
     units: Mapping[str, str] | None = None,
     history: Mapping[str, Any] | None = None,
 ) -> None:
@@ -35,12 +36,13 @@ def write_pixels(
     Parameters
     ----------
     path : the file, usually ``.nc``
-    value : (H, W) the picture; variable ``value``
+    value : (H, W) the picture; variable ``name``
     xyz : (H, W, 3) surface points, NaN where the pixel shows none; variables ``x``, ``y``, ``z``
     volume : (H, W) str, the volume that each pixel shows, "" for none; variable ``volume``
     fields : further (H, W) values by name
     length_unit : of xyz
-    units : name -> unit of ``value`` and of the fields
+    name : of the picture's variable, such as ``temperature_K``
+    units : name -> unit of the picture's variable and of the fields
     history : how it was made (options, inputs); written as JSON
 
     Raises
@@ -58,16 +60,16 @@ def write_pixels(
             f"write_pixels: value, xyz and volume must be (H, W), (H, W, 3) and (H, W), got {picture.shape}, "
             f"{places.shape} and {parts.shape}"
         )
-    arrays: dict[str, NDArray[Any]] = {"value": picture, **dict(zip("xyz", np.moveaxis(places, 2, 0), strict=True))}
-    for name, more in (fields or {}).items():
+    arrays: dict[str, NDArray[Any]] = {name: picture, **dict(zip("xyz", np.moveaxis(places, 2, 0), strict=True))}
+    for key, more in (fields or {}).items():
         if np.shape(more) != picture.shape:
-            raise ValueError(f"write_pixels: field {name} must be {picture.shape}, got {np.shape(more)}")
-        arrays[name] = np.asarray(more)
+            raise ValueError(f"write_pixels: field {key} must be {picture.shape}, got {np.shape(more)}")
+        arrays[key] = np.asarray(more)
     unit = {**dict.fromkeys("xyz", length_unit), **(units or {})}
     names = sorted(set(parts[parts != ""].tolist()))
     number = np.full(picture.shape, -1, np.int16)
-    for k, name in enumerate(names):
-        number[parts == name] = k
+    for k, part in enumerate(names):
+        number[parts == part] = k
     variables: dict[str, Any] = {n: (("row", "column"), v, {"units": unit.get(n, "")}) for n, v in arrays.items()}
     variables["volume"] = (("row", "column"), number, {})
     variables["volume_names"] = ("volume_name", np.array(names, dtype=object))

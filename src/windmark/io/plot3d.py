@@ -7,7 +7,7 @@ function file (`plot3d_function`) that fits the same grid.
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Literal, get_args
 
 import numpy as np
@@ -20,7 +20,7 @@ from windmark.io.numbers_text import format_values
 from windmark.io.plot3d_choose import checked_iblank, choose
 from windmark.io.plot3d_detect import Source, load, read_blocks
 from windmark.io.plot3d_layout import Plot3dLayout, block_words, record_sizes
-from windmark.io.structured import Volumes, rename_volumes, structured_mesh, zone_names
+from windmark.io.structured import Volumes, only_named, rename_volumes, structured_mesh, zone_names
 from windmark.scene import Block, Mesh
 
 Array = NDArray[np.float64]
@@ -35,6 +35,7 @@ def read_plot3d(
     volumes: Volumes = None,
     volume_face: Face | None = None,
     layout: Plot3dLayout | None = None,
+    only: bool = False,
 ) -> Mesh:
     """Read a PLOT3D grid; byte order, record marks, precision, IBLANK and block count are found from its sizes.
 
@@ -49,6 +50,8 @@ def read_plot3d(
     volume_face : which face is the surface, for files with volume blocks (all three dimensions above 1), as
         flow solvers use them; its triangles face into the block, that is, into the flow
     layout : the layout, where sizes and numbers do not decide
+    only : blocks that ``volumes`` does not name are not looked at: their nodes stay as they are, NaN too, and they have
+        no triangles
 
     Raises
     ------
@@ -76,7 +79,8 @@ def read_plot3d(
             dims, xyz, iblank, turn = _face(dims, xyz, iblank, volume_face)
             turned += [k] if turn else []
         blocks.append(Block(names[k], dims, first))
-        _check_finite(source, blocks[-1], xyz, iblank)
+        if not only or _named(names[k], volumes):
+            _check_finite(source, blocks[-1], xyz, iblank)
         parts.append(xyz)
         blanks.append(iblank)
         first += blocks[-1].size
@@ -85,7 +89,8 @@ def read_plot3d(
         for block, xyz in zip(blocks, parts, strict=True):
             vertices[block.first : block.first + block.size] = xyz.T
     blanked = np.concatenate([b == 0 for b in blanks if b is not None]) if candidate.layout.iblank else None
-    return structured_mesh(vertices, tuple(blocks), blanked, volumes=rename_volumes(names, volumes), reverse=turned)
+    mesh = structured_mesh(vertices, tuple(blocks), blanked, volumes=rename_volumes(names, volumes), reverse=turned)
+    return only_named(mesh, volumes) if only else mesh
 
 
 def detect_plot3d(path: str | os.PathLike[str], kind: Literal["grid", "function"] = "grid") -> Plot3dLayout:
@@ -101,6 +106,10 @@ def detect_plot3d(path: str | os.PathLike[str], kind: Literal["grid", "function"
     if kind not in ("grid", "function"):
         raise ValueError(f"kind must be 'grid' or 'function', got {kind!r}")
     return choose(load(path), kind).layout
+
+
+def _named(name: str, volumes: Volumes) -> bool:
+    return not isinstance(volumes, Mapping) or name in volumes
 
 
 def _check_finite(source: Source, block: Block, xyz: NDArray[np.floating], iblank: NDArray[np.integer] | None) -> None:

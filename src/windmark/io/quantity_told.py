@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import re
 
 from windmark.io.errors import FileError, reading
+from windmark.io.recordings.address import frame_address
 from windmark.io.text import Pathlike
 
 _UNITS = {"k": "K", "kelvin": "K", "c": "degC", "°c": "degC", "degc": "degC", "celsius": "degC", "f": "degF",
@@ -37,6 +39,10 @@ def told_quantity(path: Pathlike) -> tuple[str, str] | None:
     FileError
         When the file cannot be opened.
     """
+    address = frame_address(path)
+    path = address.file
+    if os.path.isdir(path):
+        return None
     with reading(path), open(path, "rb") as stream:
         head = stream.read(_HEAD_BYTES)
     if head[:4] in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,6 +96,14 @@ def _not_a_line(u: list[Array], v: list[Array]) -> NDArray[np.bool_]:
         nz = u[0] * v[1] - u[1] * v[0]
         size = u[0] ** 2 + u[1] ** 2 + u[2] ** 2 + v[0] ** 2 + v[1] ** 2 + v[2] ** 2
         return nx**2 + ny**2 + nz**2 > (_LINE * size) ** 2
+
+
+def only_named(mesh: Mesh, volumes: Volumes) -> Mesh:
+    """The mesh without the triangles of parts that ``volumes``, as a dictionary, does not name; all nodes stay."""
+    if not isinstance(volumes, Mapping):
+        return mesh
+    keep = np.isin(mesh.volume, list(volumes.values()))
+    return replace(mesh, triangles=mesh.triangles[keep], volume=mesh.volume[keep])
 
 
 def rename_volumes(names: Sequence[str], volumes: Volumes) -> Sequence[str]:

@@ -55,13 +55,16 @@ def convert_camera(source: Path, target: Path, options: CameraOptions) -> Record
     camera, pose = content.camera, None if options.no_pose else content.cam_from_model
     if options.size_px not in (None, camera.size_px):
         raise io.FileError(source, f"a camera of {camera.size_px} px; expected {options.size_px}, as --size says")
-    unit, factor = None, 1.0
+    unit, factor, pose_cov = None, 1.0, None
     if pose is not None:
         factor, unit = scale_to(source, _unit(source, content, options.unit), options.to_unit)
         pose = replace(pose, translation=factor * pose.translation)
+        if content.pose_cov is not None:
+            scaled = np.array([1.0, 1.0, 1.0, factor, factor, factor])
+            pose_cov = content.pose_cov * np.outer(scaled, scaled)
     pixel_mm = (options.pixel_mm[0], options.pixel_mm[-1]) if options.pixel_mm else None
     kind = io.written_camera_format(target, options.to_format)
-    io.write_camera(target, camera, pose, unit=unit, format=options.to_format, pixel_mm=pixel_mm)
+    io.write_camera(target, camera, pose, unit=unit, format=options.to_format, pixel_mm=pixel_mm, pose_cov=pose_cov)
     again = io.read_camera_file(target)
     return {
         "kind": "camera", "input": source, "from": content.format, "output": target, "to": kind,
@@ -93,6 +96,8 @@ def _lost(content: io.CameraFile, kind: str, no_pose: bool) -> list[str]:
     lost = []
     if content.camera.cov is not None and kind != "windmark":
         lost.append(f"left out: the covariance, which {kind} cannot hold")
+    if content.pose_cov is not None and kind != "windmark" and not no_pose:
+        lost.append(f"left out: the covariance of the pose, which {kind} cannot hold")
     if no_pose and content.cam_from_model is not None:
         lost.append("left out: the pose, as asked for")
     return lost

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, cast, get_args
 
 import numpy as np
@@ -164,20 +165,24 @@ def _write(
 ) -> tuple[GridFile, list[Path], Difference]:
     """Write, read back, compare: the target appears only if it is the same surface."""
     suffix = target.suffix.lower()
-    if suffix == ".vtm":  # a file and a folder of its name, which belong together
-        beside = io.write_grid_file(target, meant)
-        again = io.read_grid_file(target)
-        return again, [*beside, target.with_suffix("")], _checked(target, meant, again)
+    if suffix == ".vtm":  # a file and a folder of its name, which belong together: tried elsewhere first
+        with TemporaryDirectory() as place:
+            io.write_grid_file(Path(place) / target.name, meant)
+            again = io.read_grid_file(Path(place) / target.name)
+            difference = _checked(target, meant, again)
+        io.write_grid_file(target, meant)
+        return again, [target.with_suffix("")], difference
     with io.atomic_path(target) as temporary:
         bare = replace(meant, fields={}) if kind == "PLOT3D" else meant  # its values are a file of their own
         io.write_grid_file(temporary, bare, layout=layout)
         again = io.read_grid_file(temporary, layout=layout)
-        again = replace(again, fields=meant.fields, units=meant.units) if kind == "PLOT3D" else again
         difference = _checked(target, meant, again)
         beside = []
-        if kind == "PLOT3D" and meant.fields:
+        if kind == "PLOT3D" and meant.fields and layout is not None:
             beside = [target.with_suffix(".f"), target.with_suffix(".nam")]
-            io.write_plot3d_function(beside[0], meant.mesh, meant.fields, units=meant.units, layout=layout)  # type: ignore[arg-type]
+            io.write_plot3d_function(beside[0], meant.mesh, meant.fields, units=meant.units, layout=layout)
+            again = io.read_grid_file(temporary, layout=layout, values=beside[0])
+            difference = _checked(target, meant, again)
     return again, beside, difference
 
 

@@ -16,13 +16,16 @@ TARGETS = {
     "camera": (".json", ".yml", ".yaml", ".cameramodel", ".xml", ".txt", "(no extension)"),
     "grid": io.GRID_SUFFIXES,
     "markers": (".csv", ".tgts"),
-}
-"""Extensions that each kind can be written under; those of pictures are the recordings' own affair."""
+    "pictures": (
+        ".tif", ".tiff", ".h5", ".hdf5", ".nc", ".avi", ".mkv", ".png", ".jpg", ".jpeg", ".bmp", "(no extension)",
+    ),
+}  # fmt: skip
+"""Extensions that each kind can be written under."""
 
 PICTURE_SUFFIXES = (
     ".tif", ".tiff", ".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm", ".pnm", ".jp2", ".fits", ".fit", ".fts", ".cine",
     ".mraw", ".cih", ".cihx", ".avi", ".mp4", ".mov", ".mkv", ".npy", ".npz", ".h5", ".hdf5", ".hdf", ".raw", ".seq",
-    ".ptw", ".im7", ".b16", ".spe", ".fz",
+    ".ptw", ".im7", ".b16", ".spe", ".m4v", ".mpg", ".mpeg", ".wmv", ".webm", ".fz",
 )  # fmt: skip
 _BY_SUFFIX = {
     **dict.fromkeys((".tgts",), "markers"),
@@ -95,9 +98,9 @@ def refuse_target(source: Path, kind: str, target: Path) -> None:
     ------
     ValueError
     """
-    suffixes = TARGETS.get(kind)
+    suffixes = TARGETS[kind]
     suffix = target.suffix.lower() or "(no extension)"
-    if suffixes is not None and suffix not in suffixes:
+    if suffix not in suffixes and not (kind == "pictures" and target.is_dir()):
         known = ", ".join(suffixes)
         raise ValueError(f"{source}: is {WORDS[kind]}; the target's path must end in one of {known}, got {target}")
 
@@ -106,9 +109,8 @@ def _guess(source: Path) -> Guess:
     if source.is_dir():
         if (source / "cameras.txt").is_file():
             return Guess(("camera",))
-        return Guess(("pictures",)) if any(p.suffix.lower() in PICTURE_SUFFIXES for p in source.iterdir()) else Guess(
-            (), "a folder without pictures and without cameras.txt"
-        )  # fmt: skip
+        pictures = io.is_recording(source)
+        return Guess(("pictures",) if pictures else (), "a folder without pictures and without cameras.txt")
     known = _BY_SUFFIX.get(source.suffix.lower())
     if known is not None:
         return Guess((known,))
@@ -130,12 +132,12 @@ def _hdf(source: Path) -> str:
     try:
         with h5py.File(source, "r") as file:
             return "grid" if "vertices" in file and "triangles" in file else "pictures"
-    except OSError:  # the reader says what is wrong
+    except Exception:  # HDF5 reports damage in many ways; the reader says what is wrong
         return "grid"
 
 
 def _binary(source: Path, head: bytes) -> Guess:
-    if head.startswith((b"\x89PNG", b"II*\0", b"MM\0*", b"\xff\xd8\xff", b"BM")):
+    if io.is_recording(source):
         return Guess(("pictures",))
     if head.startswith(b"#!TDV") or source.suffix.lower() == ".dat":
         return Guess(("grid",))  # binary Tecplot is refused by the reader, in words
@@ -168,6 +170,8 @@ def _text(source: Path, text: str) -> Guess:
         return _numbers(source, suffix, lines)
     if io.is_camera_text(text):
         return Guess(("camera",))
+    if suffix == ".csv" and io.is_recording(source):  # a table of an infrared camera, words at its head
+        return Guess(("pictures",))
     return Guess((), "text of no known form")
 
 
@@ -179,7 +183,7 @@ def _numbers(source: Path, suffix: str, lines: list[str]) -> Guess:
     except io.FileError:
         kinds = []
     cells = {len([c for c in re.split(r"[,;\s]+", line.strip()) if c]) for line in lines[:20]}
-    if suffix in (".csv", ".txt", ".asc", ".dat") and len(cells) == 1 and len(lines) > 1 and max(cells) >= _LEAST_WIDE:
+    if suffix == ".csv" and len(cells) == 1 and max(cells) >= _LEAST_WIDE and io.is_recording(source):
         kinds.append("pictures")
     what = f"a table of {max(cells)} numbers per line without a header (markers have name,x,y,z there)"
     return Guess(tuple(kinds), "" if kinds else what)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,15 +35,13 @@ def read_surface(entry: GridEntry) -> Mesh:
     """As `read_grid`, with the orientation that the file gives."""
     volume_of = {zone: name for name, zones in (entry.volumes or {}).items() for zone in zones}
     try:
-        mesh = io.read_mesh(entry.file, volumes=volume_of or None, volume_face=entry.volume_face)
+        return io.read_mesh(
+            entry.file, volumes=volume_of or None, volume_face=entry.volume_face, only=bool(volume_of)
+        )
     except io.FileError:
         raise
     except ValueError as error:  # a zone that the file has not, a face of a grid that has no volume blocks
         raise io.FileError(entry.file, str(error)) from error
-    if volume_of:
-        keep = np.isin(mesh.volume, list(volume_of.values()))
-        mesh = replace(mesh, triangles=mesh.triangles[keep], volume=mesh.volume[keep])
-    return mesh
 
 
 def oriented(mesh: Mesh, entry: GridEntry, cameras: Sequence[tuple[Camera, Pose]] = ()) -> Mesh:

@@ -15,8 +15,11 @@ from windmark.pipeline.framing import check_unit, frame_views
 from windmark.pipeline.grid import oriented, read_surface
 from windmark.pipeline.locate import Inputs, locate
 from windmark.pipeline.mapping import align_images, map_image, map_views
+from windmark.pipeline.merge import MergeResult, merge_images
+from windmark.pipeline.points import PointSet, load_points, read_lists
 from windmark.pipeline.project import Project
 from windmark.pipeline.results import FramedView, ImageResult, RunResult
+from windmark.resection import PixelMap
 
 T = TypeVar("T")
 
@@ -50,42 +53,52 @@ def run_project(project: Project, *, progress: Progress = silent, workers: int |
     if inputs.mesh is not None and not inputs.mesh.blocks and "plot3d" in (project.output.nodes or ()):
         raise io.FileError(project.path, "plot3d needs a grid of structured blocks, this one has none", "output.nodes")
     framed = () if inputs.mesh is None else frame_views(project, inputs.mesh)
+    lists = read_lists(project.points)
     threads = min(len(project.image), workers or os.cpu_count() or 1)
     images = _in_parallel(lambda entry: locate(entry, inputs, progress), project.image, threads)
+    points: tuple[PointSet, ...] = ()
     if inputs.mesh is not None and project.grid is not None:
         with clock("turn the grid to the air"):
             posed = [(i.camera, i.cam_from_model) for i in images if i.cam_from_model is not None]
             inputs = replace(inputs, mesh=oriented(inputs.mesh, project.grid, posed))
-    images = _mapped(images, inputs, framed, threads, clock, progress)
+        assert inputs.mesh is not None
+        points = load_points(project, lists, inputs.mesh)
+    images, merged = _mapped(images, inputs, framed, points, threads, clock, progress)
     notes = tuple((c.file, text) for c in project.camera if (text := inputs.cameras[c.name].note))
-    return RunResult(project, inputs.markers, inputs.mesh, tuple(images), clock.seconds, notes, framed)
+    return RunResult(project, inputs.markers, inputs.mesh, tuple(images), clock.seconds, notes, framed, merged)
 
 
 def _mapped(
     images: list[ImageResult],
     inputs: Inputs,
     framed: tuple[FramedView, ...],
+    points: tuple[PointSet, ...],
     threads: int,
     clock: Clock,
     progress: Progress,
-) -> list[ImageResult]:
+) -> tuple[list[ImageResult], tuple[MergeResult, ...]]:
     """The second part of the job: all that needs poses and a grid."""
     project, mesh = inputs.project, inputs.mesh
     if mesh is None:
-        return images
-    if framed and any(i.cam_from_model is not None for i in images):
+        return images, ()
+    pixels: tuple[PixelMap, ...] = ()
+    if any(i.cam_from_model is not None for i in images):
         with clock("map the views"):
             try:
                 pixels = map_views(framed, mesh)
             except ValueError as error:
                 raise io.FileError(project.path, str(error)) from error
-        images = _in_parallel(lambda i: map_image(i, project, mesh, framed, pixels, progress), images, threads)
     else:
-        images = _in_parallel(lambda i: map_image(i, project, mesh, (), (), progress), images, threads)
+        framed = ()
+    images = _in_parallel(lambda i: map_image(i, project, mesh, framed, pixels, progress, points), images, threads)
+    merged: tuple[MergeResult, ...] = ()
+    if project.merge:
+        with clock("merge"):
+            merged = merge_images(project, images, mesh, framed, pixels, points)
     if project.align:
         with clock("align"):
             images = align_images(images, project, mesh)
-    return images
+    return images, merged
 
 
 def _in_parallel(work: Callable[[T], ImageResult], items: Sequence[T], threads: int) -> list[ImageResult]:

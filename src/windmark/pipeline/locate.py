@@ -47,7 +47,7 @@ def locate(entry: ImageEntry, inputs: Inputs, progress: Progress) -> ImageResult
         if source.pose == "known":
             if pose is None:
                 raise io.FileError(source.file, 'has no pose; expected one, or pose = "find"')
-            result = replace(result, cam_from_model=pose)
+            result = replace(result, cam_from_model=pose, pose_cov=content.pose_cov)
         else:
             result = _register(replace(result, published=pose), entry, image, inputs, clock)
     except ValueError as error:

@@ -12,6 +12,8 @@ from scipy.ndimage import binary_dilation
 from windmark import resection
 from windmark.geometry import Camera, Pose
 from windmark.pipeline.clock import Clock, Progress
+from windmark.pipeline.merge import picture_of
+from windmark.pipeline.points import PointSet, image_points
 from windmark.pipeline.project import Project, ResectOptions, SectionEntry
 from windmark.pipeline.results import FramedView, ImageResult, SectionValues, ViewImage
 from windmark.resection import PixelMap
@@ -42,8 +44,9 @@ def map_image(
     framed: Sequence[FramedView],
     pixels: Sequence[PixelMap],
     progress: Progress,
+    points: tuple[PointSet, ...] = (),
 ) -> ImageResult:
-    """Values of one located image on nodes, in views and along sections; as it is where it has no pose.
+    """Values of one located image on nodes, in views, along sections and at points; as it is where it has no pose.
 
     ``framed`` are the views and ``pixels`` their maps. A failure that the data cause becomes ``problem``.
     """
@@ -67,7 +70,11 @@ def map_image(
         for cut in project.section:
             with clock("sections"):
                 sections.append(_section(cut, image, result.camera, pose, mesh, options))
-        result = replace(result, nodes=nodes, values=values, views=tuple(views), sections=tuple(sections))
+        with clock("points and lines"):
+            tables = image_points(points, picture_of(result), mesh, max_obliquity_deg=options.max_obliquity_deg,
+                                  interpolation=options.interpolation)  # fmt: skip
+        result = replace(result, nodes=nodes, values=values, views=tuple(views), sections=tuple(sections),
+                         points=tables)  # fmt: skip
         if project.output.pixels:
             with clock("pixel map"):
                 result = replace(result, pixels=resection.map_pixels(mesh, result.camera, pose))

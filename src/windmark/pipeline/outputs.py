@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ import windmark
 from windmark import io
 from windmark.geometry import Pose
 from windmark.pipeline.clock import Clock
+from windmark.pipeline.merge_outputs import merge_summary, table_summary, write_merged, write_points
 from windmark.pipeline.results import FramedView, ImageResult, RunResult
 from windmark.registration import NotRegistered, Registration, WeakDirection
 from windmark.scene import MarkerSet
@@ -28,7 +30,12 @@ def write_results(result: RunResult, folder: Path, clock: Clock) -> None:
         with clock("write tables and images"):
             _write_image(item, result, place)
         if item.nodes is not None and item.values is not None:
-            _write_nodes(item, result, place, clock)
+            _write_image_nodes(item, result, place, clock)
+    for group in result.merged:
+        place = folder / group.folder
+        place.mkdir()
+        with clock("write merged images"):
+            write_merged(group, place, result.project.length_unit, partial(_write_merged_nodes, result, clock))
 
 
 def _write_image(item: ImageResult, result: RunResult, place: Path) -> None:
@@ -39,7 +46,7 @@ def _write_image(item: ImageResult, result: RunResult, place: Path) -> None:
         io.write_matches(place / "matches.csv", item.detections, result.markers, answer.matching,
                          projected_xy(answer, result.markers), image=item.name)  # fmt: skip
     if item.cam_from_model is not None:
-        cov = None if answer is None else answer.cov[:6, :6]
+        cov = None if answer is None or not np.isfinite(answer.cov).all() else answer.cov[:6, :6]
         io.write_camera(place / "camera.json", item.camera, item.cam_from_model, unit=unit, pose_cov=cov)
     for view in item.views:
         io.write_image(place / f"view-{view.name}.tif", view.image, description=item.quantity.words)
@@ -51,13 +58,17 @@ def _write_image(item: ImageResult, result: RunResult, place: Path) -> None:
                 "line": section.line, "arc": section.arc, "x": section.xyz[:, 0], "y": section.xyz[:, 1],
                 "z": section.xyz[:, 2], item.quantity.column: section.value,
             },
+            comment=f"length unit: {unit}\n{item.quantity.column}: {item.quantity.unit_words}",
         )  # fmt: skip
     if item.pixels is not None and item.image is not None:
+        name = item.quantity.column
         io.write_pixels(
-            place / "pixels.nc", item.image, item.pixels.xyz(), item.pixels.triangle_values(item.pixels.mesh.volume),
-            {"obliquity_deg": item.pixels.obliquity_deg().astype(np.float32)}, length_unit=unit,
-            units={"value": "grey level", "obliquity_deg": "deg"}, history=_history(item, result),
+            place / "pixels.nc", item.quantity.of(item.image), item.pixels.xyz(),
+            item.pixels.triangle_values(item.pixels.mesh.volume),
+            {"obliquity_deg": item.pixels.obliquity_deg().astype(np.float32)}, length_unit=unit, name=name,
+            units={name: item.quantity.unit_words, "obliquity_deg": "deg"}, history=_history(item, result),
         )  # fmt: skip
+    write_points(item, place, unit)
     if item.aligned is not None:
         io.write_image(place / "aligned.tif", item.aligned, description=item.quantity.words)
 
@@ -68,15 +79,36 @@ def projected_xy(answer: Registration, markers: MarkerSet) -> NDArray[np.float64
     return answer.camera.project(answer.cam_from_model.apply(xyz[answer.matching.marker]))[0]
 
 
-def _write_nodes(item: ImageResult, result: RunResult, place: Path, clock: Clock) -> None:
-    mesh, nodes, values = result.mesh, item.nodes, item.values
-    assert mesh is not None
+def _write_image_nodes(item: ImageResult, result: RunResult, place: Path, clock: Clock) -> None:
+    nodes, values = item.nodes, item.values
     assert nodes is not None
     assert values is not None
     name = item.quantity.column
     fields = {name: values, "obliquity_deg": np.where(nodes.visible, nodes.obliquity_deg, np.nan)}
-    units = {name: item.quantity.unit_words, "obliquity_deg": "deg", "length": result.project.length_unit}
-    history = _history(item, result)
+    units = {name: item.quantity.unit_words, "obliquity_deg": "deg"}
+    _write_nodes(result, place, clock, fields, units, _history(item, result))
+
+
+def _write_merged_nodes(
+    result: RunResult, clock: Clock, place: Path, fields: Mapping[str, NDArray[Any]], units: Mapping[str, str],
+    of: Record,
+) -> None:
+    made = {"project": result.project.title, "windmark": windmark.__version__}
+    _write_nodes(result, place, clock, fields, units, {**of, **made})
+
+
+def _write_nodes(
+    result: RunResult,
+    place: Path,
+    clock: Clock,
+    fields: Mapping[str, NDArray[Any]],
+    units: Mapping[str, str],
+    history: Record,
+) -> None:
+    """Values at the nodes in all formats that are wanted."""
+    mesh = result.mesh
+    assert mesh is not None
+    units = {**units, "length": result.project.length_unit}
     writers: dict[str, Callable[[], None]] = {
         "vtk": lambda: io.write_nodes_vtk(place / "nodes.vtp", mesh, fields, units=units),
         "tecplot": lambda: io.write_tecplot(place / "nodes.dat", mesh, fields, units=units),
@@ -121,6 +153,7 @@ def summary(result: RunResult, clock: Clock) -> Record:
         "grid_nodes": None if result.mesh is None else len(result.mesh.vertices),
         "views": [view_summary(view) for view in result.framed],
         "images": [image_summary(item, result) for item in result.images],
+        "merged": [merge_summary(group) for group in result.merged],
         "failed": [item.name for item in result.failed],
         "notes": [f"{path}: {text}" for path, text in result.notes],
         "seconds": {**result.seconds, **clock.seconds},
@@ -160,6 +193,8 @@ def image_summary(item: ImageResult, result: RunResult) -> Record:
         record["quantity"] = {**vars(item.quantity), "column": item.quantity.column}
         record["nodes_visible"] = int(item.nodes.visible.sum())
         record["nodes_with_value"] = int(np.isfinite(item.values).sum())
+    if item.points:
+        record["points"] = [table_summary(table) for table in item.points]
     record["views"] = {v.name: {"units_per_px": v.units_per_px, "valid_px": int(v.valid.sum())} for v in item.views}
     return record
 

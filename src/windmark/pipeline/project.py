@@ -16,6 +16,7 @@ from pydantic import Field, ValidationError, model_validator
 from windmark.io import picture_name
 from windmark.pipeline.quantity import Quantity
 from windmark.pipeline.settings import Strict, existing, existing_picture, explained, read_toml, unusable_name
+from windmark.pipeline.wanted import LineEntry, MergeOptions, PointsEntry, check_merge
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Vector = tuple[Finite, Finite, Finite]
@@ -46,6 +47,7 @@ class ImageEntry(Strict):
     ``scale``, ``offset``: value = offset + scale * grey level, before anything is sampled.
     ``labels``: marker name -> (x, y) of its spot, which the registration must keep; ``exclude``: (x, y) of spots that
     take no part. The spot nearest to such a place is meant, at most ``register.label_distance_px`` away.
+    ``point``: of the test (a time, a step of a polar): images of the same point are merged.
     """
 
     file: Path
@@ -60,6 +62,7 @@ class ImageEntry(Strict):
     offset: Annotated[float, Field(allow_inf_nan=False)] = 0.0
     labels: dict[str, Place] = Field(default_factory=dict)
     exclude: tuple[Place, ...] = ()
+    point: str | None = None
 
     @model_validator(mode="after")
     def _quantity(self) -> ImageEntry:
@@ -254,6 +257,9 @@ class Project(Strict):
     resect: ResectOptions = Field(default_factory=ResectOptions)
     view: tuple[ViewEntry, ...] = ()
     section: tuple[SectionEntry, ...] = ()
+    points: tuple[PointsEntry, ...] = ()
+    line: tuple[LineEntry, ...] = ()
+    merge: MergeOptions | None = None
     align: AlignOptions | None = None
     output: OutputOptions = Field(default_factory=OutputOptions)
 
@@ -264,6 +270,9 @@ class Project(Strict):
             ("image", [i.label for i in self.image]),
             ("view", [v.name for v in self.view]),
             ("section", [s.name for s in self.section]),
+            ("points", [p.label for p in self.points]),
+            ("line", [n.name for n in self.line]),
+            ("point", list(dict.fromkeys(i.point for i in self.image if i.point is not None))),
         ):
             double = sorted({n for n in names if names.count(n) > 1})
             if double:
@@ -284,10 +293,15 @@ class Project(Strict):
             raise ValueError(f"align: reference {self.align.reference!r} is not the name of an image")
         if self.align and self.align.background == "keep" and len({self.camera_of(i).name for i in self.image}) > 1:
             raise ValueError('align: background = "keep" needs images of one camera; these are of several')
-        if self.grid is None and (self.view or self.section or self.align):
-            raise ValueError("views, sections and alignment need a grid: add [grid] file = ...")
         if self.align and len({(i.quantity, i.unit) for i in self.image}) > 1:
             raise ValueError("align: all images must have the same quantity and unit, for they are subtracted")
+        if self.grid is None and (self.view or self.section or self.align or self.points or self.line):
+            raise ValueError("views, sections, points, lines and alignment need a grid: add [grid] file = ...")
+        if self.merge is not None:
+            check_merge(self.merge, [(i.label, i.point, self.camera_of(i).name) for i in self.image], bool(self.grid))
+            taken = sorted({"merged", *(f"merged-{i.point}" for i in self.image)} & {i.label for i in self.image})
+            if taken:
+                raise ValueError(f"merge: its folder {taken[0]} has the name of an image; name the image otherwise")
         return self
 
     def camera_of(self, image: ImageEntry) -> CameraEntry:
@@ -352,6 +366,7 @@ def _with_absolute_paths(project: Project) -> Project:
             "camera": tuple(moved(f"camera[{i}]", c) for i, c in enumerate(project.camera)),
             "image": tuple(found(i, c) for i, c in enumerate(project.image)),
             "markers": moved("markers", project.markers) if project.markers else None,
+            "points": tuple(moved(f"points[{i}]", p) for i, p in enumerate(project.points)),
             "grid": moved("grid", project.grid) if project.grid else None,
             "register_": register,
             "detect": detect,

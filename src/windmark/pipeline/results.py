@@ -4,17 +4,22 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from windmark.detection import RadiusEstimate
 from windmark.geometry import Camera, Pose
+from windmark.pipeline.points import PointTable
 from windmark.pipeline.project import Project
 from windmark.pipeline.quantity import Quantity
 from windmark.registration import NotRegistered, Registration
 from windmark.resection import NodeView, PixelMap
 from windmark.scene import Detections, MarkerSet, Mesh
+
+if TYPE_CHECKING:
+    from windmark.pipeline.merge import MergeResult
 
 Array = NDArray[np.float64]
 
@@ -63,6 +68,7 @@ class ImageResult:
 
     ``camera`` and ``cam_from_model`` are the final ones; ``published`` is the pose that the camera's
     file carried, for comparison; ``expected`` are the markers that must be in view from the pose found.
+    ``pose_cov`` is what the camera's file says of a pose that was known; a registration has its own.
     ``radius`` is the estimate that detection used where the project gives none; ``polarity`` that of the spots, and
     ``said`` what was decided about it. ``image`` is as in the file; values, views, sections and ``aligned`` are in
     ``quantity``.
@@ -86,6 +92,8 @@ class ImageResult:
     pixels: PixelMap | None = None
     views: tuple[ViewImage, ...] = ()
     sections: tuple[SectionValues, ...] = ()
+    points: tuple[PointTable, ...] = ()
+    pose_cov: Array | None = None
     aligned: NDArray[np.float32] | None = None
     seconds: dict[str, float] = field(default_factory=dict)
     problem: str | None = None
@@ -109,6 +117,8 @@ class RunResult:
     """Files, and what had to be done to read them."""
     framed: tuple[FramedView, ...] = ()
     """The virtual cameras, one per ``[[view]]`` of the project."""
+    merged: tuple[MergeResult, ...] = ()
+    """Images merged with each other, one per point of the test."""
 
     @property
     def failed(self) -> tuple[ImageResult, ...]:

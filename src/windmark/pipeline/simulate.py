@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from windmark import io
+from windmark.pipeline.simulate_taps import write_taps
 from windmark.scene import Mesh
 from windmark.synth import Sensor, Shot, TunnelTest, degrade, wind_tunnel
 
@@ -54,12 +55,13 @@ def simulate(folder: Path, seed: int) -> TunnelTest:
     """Make the default virtual test and write it into ``folder`` (existing, empty or not).
 
     Files: project.toml, camera.json (interior parameters, no pose), markers.csv, model.grid (PLOT3D),
-    wind-off.tif, wind-on.tif, and truth/.
+    wind-off.tif, wind-on.tif, taps.tgts and taps.csv (pressure taps), and truth/.
     """
     test = wind_tunnel(seed)
     io.write_camera(folder / "camera.json", test.cameras["cam1"])
     io.write_markers(folder / "markers.csv", test.markers)
     io.write_mesh(folder / "model.grid", test.mesh)
+    write_taps(folder, test.shape)
     truth = folder / "truth"
     truth.mkdir(exist_ok=True)
     for shot in test.shots:

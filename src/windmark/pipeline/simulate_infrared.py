@@ -27,8 +27,7 @@ file = "model.grid"
 volumes = {{ {volumes} }}
 
 [detect]
-polarity = "bright"
-radius_px = [1.5, 2.0, 2.5]
+polarity = "auto"  # dark markers are not there, so the bright ones are taken; radius and polarity are said
 
 [[view]]
 name = "top"
@@ -39,6 +38,9 @@ up = [0, 1, 0]
 _IMAGE = """\
 [[image]]
 file = "{name}.tif"
+quantity = "temperature"
+unit = "K"
+scale = {scale}
 """
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.geometry import Camera, Pose
+from windmark.geometry import Camera, Pose, PoV
 from windmark.pipeline.track import FollowedFrame
 from windmark.scene import MarkerSet
 
@@ -16,7 +16,6 @@ Array = NDArray[np.float64]
 
 POV = ("rx_deg", "ry_deg", "rz_deg", "dx", "dy", "dz")
 """The paper's point of view: angles of the model before the camera, and distances in length units."""
-_STEP = 1e-6
 
 
 @dataclass(frozen=True)
@@ -73,23 +72,12 @@ def pov_with_sigma(pose: Pose, cov: Array) -> tuple[Array, Array]:
     ----------
     cov : (6, 6) of [rotation, translation] for ``exp(delta) @ pose``
 
-    At ry = +-90 degrees rx and rz are not determined apart; their sigma is then large.
+    At ry = +-90 degrees rx and rz are not determined apart; their sigma is then infinite.
     """
-    here = _numbers(pose)
-    columns = []
-    for k in range(6):
-        step = np.zeros(6)
-        step[k] = _STEP
-        ahead, behind = (_numbers(Pose.exp(s * step) @ pose) for s in (1, -1))
-        change = ahead - behind
-        change[:3] = (change[:3] + 180) % 360 - 180  # angles near +-180 degrees do not jump
-        columns.append(change / (2 * _STEP))
-    j = np.stack(columns, axis=1)
-    return here, np.sqrt(np.diagonal(j @ cov[:6, :6] @ j.T))
+    return _numbers(pose.to_pov()), _numbers(pose.pov_sigma(cov[:6, :6]))
 
 
-def _numbers(pose: Pose) -> Array:
-    pov = pose.to_pov()
+def _numbers(pov: PoV) -> Array:
     return np.array([pov.rx_deg, pov.ry_deg, pov.rz_deg, pov.dx, pov.dy, pov.dz])
 
 

@@ -1,18 +1,36 @@
 """Image to model surface and back: pixel maps, visibility, virtual images, values on nodes."""
 
+from windmark.resection.gains import Gains
+from windmark.resection.merging import MergedValues, MergedViews, NotMerged, merge_views
+from windmark.resection.nearest import SurfacePoints, nearest_on_surface
+from windmark.resection.noise import NoiseLaw, noise_law
 from windmark.resection.orientation import orient_outward
 from windmark.resection.pixelmap import PixelMap, map_pixels
-from windmark.resection.profiles import LineProfile, sample_line
+from windmark.resection.point_values import (
+    POINT_REASONS,
+    PointValues,
+    point_reasons,
+    point_values,
+    reason_words,
+    sample_points,
+)
+from windmark.resection.profiles import LineProfile, SurfaceLine, sample_line, surface_line
 from windmark.resection.reasons import REASONS
 from windmark.resection.sampling import INTERPOLATIONS, interpolate_image, node_values, sample
+from windmark.resection.seams import Seams
 from windmark.resection.sections import Section, section
 from windmark.resection.silhouettes import silhouette
+from windmark.resection.sources import Picture
+from windmark.resection.surface_view import see_surface
 from windmark.resection.virtual import see_pixels, virtual_image
 from windmark.resection.visibility import NodeView, see_nodes, see_points
 from windmark.resection.warping import warp_image
 
 __all__ = [
-    "INTERPOLATIONS", "REASONS", "LineProfile", "NodeView", "PixelMap", "Section", "interpolate_image", "map_pixels",
-    "node_values", "orient_outward", "sample", "sample_line", "section", "see_nodes", "see_pixels", "see_points",
-    "silhouette", "virtual_image", "warp_image",
+    "INTERPOLATIONS", "POINT_REASONS", "REASONS", "Gains", "LineProfile", "MergedValues", "MergedViews", "NodeView",
+    "NoiseLaw", "NotMerged", "Picture", "PixelMap", "PointValues", "Seams", "Section", "SurfaceLine", "SurfacePoints",
+    "interpolate_image", "map_pixels", "merge_views", "nearest_on_surface", "node_values", "noise_law",
+    "orient_outward", "point_reasons", "point_values", "reason_words", "sample", "sample_line", "sample_points",
+    "section", "see_nodes", "see_pixels", "see_points", "see_surface", "silhouette", "surface_line", "virtual_image",
+    "warp_image",
 ]  # fmt: skip

@@ -16,6 +16,10 @@ from windmark.scene import Mesh
 Array = NDArray[np.float64]
 
 
+MOST_POINTS = 1_000_000
+"""Of a line: more is a spacing in the wrong unit."""
+
+
 @dataclass(frozen=True)
 class LineProfile:
     """Values of an image along a line on the surface.
@@ -26,12 +30,23 @@ class LineProfile:
     arc : (n,) length along the surface from the first point
     values : (n,) or (n, C) float32, NaN where the camera does not see the point
     view : where the points are in the image, and why some are not seen
+    gaps : how far the line's ends are from the start and the end that were asked for
     """
 
     xyz: Array
     arc: Array
     values: Image
     view: NodeView
+    gaps: tuple[float, float] = (0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class SurfaceLine:
+    """A line along the surface: points (n, 3), arc length (n,), and how far its ends are from those asked for."""
+
+    xyz: Array
+    arc: Array
+    gaps: tuple[float, float]
 
 
 def sample_line(
@@ -73,18 +88,56 @@ def sample_line(
     """
     pixels = checked_image(image, camera.size_px, "sample_line")
     checked_interpolation(interpolation, "sample_line")
+    line = surface_line(mesh, start, end, n=n, normal=normal)
+    view = see_points(line.xyz, camera, cam_from_model, mesh=mesh)
+    return LineProfile(line.xyz, line.arc, node_values(pixels, view, interpolation=interpolation), view, line.gaps)
+
+
+def surface_line(
+    mesh: Mesh,
+    start: ArrayLike,
+    end: ArrayLike,
+    *,
+    n: int | None = None,
+    spacing: float | None = None,
+    normal: ArrayLike | None = None,
+) -> SurfaceLine:
+    """The line of `sample_line` without a picture.
+
+    Parameters
+    ----------
+    mesh, start, end, normal : as in `sample_line`
+    n : number of points, ends included; 200 by default
+    spacing : instead of n: the distance between points, adjusted to divide the line in whole steps
+
+    Returns
+    -------
+    SurfaceLine. Where the surface has a gap between start and end the line ends at its border: ``gaps`` says so.
+
+    Raises
+    ------
+    ValueError
+        As `sample_line`; for both n and spacing, or a spacing that is not positive.
+    """
     a, b = three_numbers(start, "sample_line: start"), three_numbers(end, "sample_line: end")
-    if n < 2:
+    if n is not None and spacing is not None:
+        raise ValueError("sample_line: give n or spacing, not both")
+    if n is not None and n < 2:
         raise ValueError(f"sample_line: n must be at least 2, got {n}")
+    if spacing is not None and not 0 < spacing < np.inf:
+        raise ValueError(f"sample_line: spacing must be a length > 0, got {spacing}")
     plane = _upright_plane(mesh, a, b, None if normal is None else three_numbers(normal, "sample_line: normal"))
     cut = section(mesh, a, plane)
     if not len(cut):
         raise ValueError("sample_line: the plane through start and end does not meet the mesh")
     path = _path_between(cut, a, b)
-    arc = np.linspace(0.0, arc_lengths(path)[-1], n)
-    xyz = at_arc(path, arc_lengths(path), arc)
-    view = see_points(xyz, camera, cam_from_model, mesh=mesh)
-    return LineProfile(xyz, arc, node_values(pixels, view, interpolation=interpolation), view)
+    along = arc_lengths(path)
+    count = (200 if n is None else n) if spacing is None else int(max(1, round(min(along[-1] / spacing, 1e9)))) + 1
+    if count > MOST_POINTS:
+        raise ValueError(f"sample_line: at most {MOST_POINTS} points, got {count} (of a line {along[-1]:.6g} long)")
+    arc = np.linspace(0.0, along[-1], count)
+    xyz = at_arc(path, along, arc)
+    return SurfaceLine(xyz, arc, (float(np.linalg.norm(xyz[0] - a)), float(np.linalg.norm(xyz[-1] - b))))
 
 
 def _upright_plane(mesh: Mesh, a: Array, b: Array, normal: Array | None) -> Array:

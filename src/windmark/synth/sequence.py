@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -102,8 +102,9 @@ def deforming_sequence(
     *,
     sensor: Sensor | None = Sensor(),  # noqa: B008 (frozen)
     seed: int = 0,
+    cameras: Sequence[str] | None = None,
 ) -> Iterator[dict[str, NDArray[np.generic]]]:
-    """Images of a bending, moving model by all cameras of a test; one set is made when it is asked for.
+    """Images of a bending, moving model by the cameras of a test; one set is made when it is asked for.
 
     Parameters
     ----------
@@ -111,15 +112,19 @@ def deforming_sequence(
     states : the model at each instant
     sensor : what spoils the images; None leaves them perfect (float64)
     seed : of the noise; that of a frame does not depend on how many frames there are
+    cameras : only these; None takes all
 
     Yields
     ------
     camera -> (H, W) image
     """
-    rays = {name: Rays.of(camera) for name, camera in test.cameras.items()}
+    wanted = tuple(test.cameras) if cameras is None else tuple(cameras)
+    rays = {name: Rays.of(test.cameras[name]) for name in wanted}
     for k, state in enumerate(states):
         world, images = deformed_world(test, state), {}
         for c, (name, camera) in enumerate(test.cameras.items()):
+            if name not in wanted:
+                continue
             station = test.cam_from_tunnel[name]
             if name in state.shaken:
                 station = state.shaken[name] @ station

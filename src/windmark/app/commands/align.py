@@ -141,7 +141,9 @@ def align(
             "title": f"Alignment to {reference}",
             "length_unit": unit,
             "camera": [{"file": camera}],
-            "image": [{"file": path, **values_settings(quantity, quantity_unit, scale, offset)} for path in images],
+            "image": [
+                {"file": path, **values_settings(quantity, quantity_unit, scale, offset)} for path in addresses(images)
+            ],
             "markers": markers_settings(markers, roles or ROLES_ALIGN),  # type: ignore[arg-type]
             "grid": grid_settings(grid, volume),  # type: ignore[arg-type]
             "detect": {

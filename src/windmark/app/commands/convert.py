@@ -13,7 +13,8 @@ from windmark.app.commands.options import Json
 EPILOG = (
     "Examples: windmark convert camera.xml camera.json; windmark convert wing.grid wing.vtp --unit mm;"
     " windmark convert wing.grid wing-in.grid --unit mm --to-unit in --plot3d big,double;"
-    " windmark convert targets.tgts markers.csv --unit in"
+    " windmark convert targets.tgts markers.csv --unit in; windmark convert run.cine run.h5 --frames 0:100;"
+    " windmark convert a.tif b.tif stack.tif"
 )
 
 
@@ -25,8 +26,8 @@ def convert(
             help="What is converted, and what it becomes: told by content and extension. A camera becomes .json"
             " (windmark), .yml (OpenCV), .cameramodel (mrcal), .xml (Metashape), .txt (Australis), a name without"
             " extension (folder of a COLMAP model); a grid .grid .x .xyz ... (PLOT3D), .dat (Tecplot), .stl, .obj,"
-            " .ply, .tri (Cart3D), .vtp, .vtm, .vtu, .vtk, .nc; a table of markers .csv or .tgts; pictures and"
-            " recordings .tif (stack), .h5, .nc, .avi, or a name without extension (folder).",
+            " .ply, .tri (Cart3D), .vtp, .vtm, .vtu, .vtk, .nc; a table of markers .csv or .tgts; a recording, or"
+            " several pictures, a stack .tif, .h5, .nc, a film .avi, .mkv, or a folder.",
         ),
     ],
     said: Annotated[
@@ -86,10 +87,10 @@ def convert(
         Path | None, typer.Option(help="Grids: PLOT3D function file with the values of a PLOT3D source.")
     ] = None,
     frames: Annotated[
-        str | None, typer.Option(help="Pictures: which frames, first:stop:step from 0, as in 0:100:2. [default: all]")
+        str | None, typer.Option(help="Recordings: which frames, first:stop:step as 0:100:2 or -10:, or one number.")
     ] = None,
     pictures: Annotated[
-        str | None, typer.Option(help="Pictures: png or tif, where the target is a folder. [default: tif]")
+        str | None, typer.Option(help="Recordings: tif or png, of the pictures in a folder. [default: tif]")
     ] = None,
     as_json: Json = False,
 ) -> None:

@@ -42,6 +42,7 @@ def add(app: typer.Typer) -> None:
     app.command(epilog="Example: windmark register run12.tif -m markers.csv -c camera.json -r 3 --unit mm")(register)
     app.command(
         epilog="Example: windmark resect run12.tif -c run12-registration/run12/camera.json -g wing.grid --unit mm"
+        " --points taps.tgts"
     )(resect)
     app.command(
         epilog="Example: windmark track run12-*.tif -m markers.csv -c camera.json -r 3 --unit mm -o run12-track"
@@ -190,9 +191,17 @@ def resect(
     pixels: Annotated[
         bool, typer.Option("--pixels", help="Also the surface point behind every pixel: pixels.nc (NetCDF).")
     ] = False,
+    points: Annotated[
+        list[Path] | None,
+        typer.Option(help="Points at which values are wanted: taps of a .tgts file, or CSV name,x,y,z[,nx,ny,nz]."),
+    ] = None,
+    max_distance: Annotated[
+        float | None,
+        typer.Option(help="How far --points may be from the surface. [default: 0.002 of the grid's diagonal]"),
+    ] = None,
     as_json: Json = False,
 ) -> None:
-    """Map a registered image onto the grid: values on nodes, pictures."""
+    """Map a registered image onto the grid: values on nodes and at points, pictures."""
     from windmark.app import verbs
     from windmark.io import picture_name
 
@@ -204,6 +213,7 @@ def resect(
             "image": [{"file": image, **values_settings(quantity, quantity_unit, scale, offset)}],
             "grid": grid_settings(grid, volume),
             "resect": {"max_obliquity_deg": max_obliquity_deg},
+            "points": [{"file": path, "max_distance": max_distance} for path in points or ()],
             "output": {"folder": output or Path(f"{picture_name(image)}-resection"), "pixels": pixels}
             | ({"nodes": nodes} if nodes else {}),
         }

@@ -14,9 +14,10 @@ from windmark.app.commands.options import Json, Seed, Unit
 def add(app: typer.Typer) -> None:
     """Add these commands to ``app``."""
     app.command(epilog="Example: windmark study --radius 3 --radius 5 --noise-percent 10 --output noisy-markers")(study)
-    app.command(epilog="Examples: windmark laws --pictures laws; windmark laws wing.py -m markers.csv --volume wing")(
-        laws
-    )
+    app.command(
+        epilog="Examples: windmark laws --pictures laws; windmark laws wing.py -m markers.csv --volume wing; "
+        "windmark laws --compare deform.toml --law modal_beam --law 'beam:twist=[2]'"
+    )(laws)
     markers = typer.Typer(help="Work on marker tables.", no_args_is_help=True, rich_markup_mode=None)
     app.add_typer(markers, name="markers")
     markers.command(
@@ -113,15 +114,40 @@ def laws(
     ] = None,
     volume: Annotated[str | None, typer.Option(help="Only the markers of this volume.")] = None,
     pictures: Annotated[
-        Path | None, typer.Option(help="Folder for one PNG per law: a wing moved by each parameter in turn.")
+        Path | None,
+        typer.Option(
+            help="Folder for one PNG per law: a wing moved by each parameter in turn; of --compare: its table and "
+            "picture [default: law-comparison]."
+        ),
     ] = None,
+    compare: Annotated[
+        Path | None,
+        typer.Option(help="Project of a deformation test: which law do its pictures ask for? Exit code 1: several."),
+    ] = None,
+    law: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="To be compared, besides the project's own and its [[volume.alternative]]: "
+            "[VOLUME/]LAW[:option=value;...]; several times."
+        ),
+    ] = None,
+    frames: Annotated[int, typer.Option(help="Compare on so many frames of the sequence, evenly spaced.")] = 8,
+    seed: Seed = 0,
     as_json: Json = False,
 ) -> None:
-    """The built-in deformation laws with options, parameters and units; or the check of a file with your own."""
+    """The deformation laws there are; the check of a file with your own; or which law a test's pictures ask for."""
     with console.errors(as_json):
         from windmark.app import laws_verb
 
-        if file is not None:
+        if compare is not None:
+            if file is not None or markers is not None or volume is not None:
+                raise ValueError("--compare takes everything from its project; leave out FILE, --markers and --volume")
+            from windmark.app import laws_compare
+
+            laws_compare.compare(compare, law or (), frames, pictures, seed, as_json)
+        elif law:
+            raise ValueError("--law belongs to --compare")
+        elif file is not None:
             laws_verb.check_file(file, markers, volume, pictures, as_json)
         elif markers is not None or volume is not None:
             raise ValueError("--markers and --volume are for a file with your own laws; give it first")

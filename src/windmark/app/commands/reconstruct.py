@@ -17,8 +17,23 @@ Cameras = Annotated[
     typer.Option("--camera", "-c", help="Interior parameters; several cameras as NAME=FILE, images' names begin so."),
 ]
 Primary = Annotated[
-    Path,
+    Path | None,
     typer.Option("--primary", "-p", help="The known markers: CSV or .tgts. Three with --labels, else four; six best."),
+]
+FreeFrame = Annotated[
+    bool,
+    typer.Option(
+        "--free-frame", help="No known markers: in the frame of --poses, or of the markers' mean plane with the scale "
+        "of --distance, or a free one."
+    ),
+]
+Distances = Annotated[
+    list[str] | None,
+    typer.Option("--distance", help="A,B,length,sigma: known distance of two markers in --labels; with --free-frame."),
+]
+Unit = Annotated[
+    str | None,
+    typer.Option("--unit", help="Length unit of primaries, poses or distances: in, ft, mm, cm, m."),
 ]
 Labels = Annotated[
     Path | None,
@@ -47,8 +62,10 @@ Output = Annotated[Path, typer.Option("--output", "-o", help="Folder of the resu
 def reconstruct(
     images: Images,
     camera: Cameras,
-    primary: Primary,
-    unit: a.Unit,
+    primary: Primary = None,
+    unit: Unit = None,
+    free_frame: FreeFrame = False,
+    distance: Distances = None,
     labels: Labels = None,
     rough: Rough = None,
     poses: Poses = None,
@@ -78,7 +95,8 @@ def reconstruct(
 
         files = Files(
             typed.expanded(images), typed.read_cameras(camera), typed.parse_patterns(images_of or ()), primary, labels,
-            rough, poses, typed.parse_free(None, free or ""), model_px, pair, unit, output,
+            rough, poses, typed.parse_free(None, free or ""), model_px, pair, unit or "", output, free_frame,
+            typed.parse_distances(distance or ()),
         )  # fmt: skip
         match = MatchOptions(tuple(radius or ()), polarity, merit_max, channel, bayer, mask, seed=seed)
         run(files, match, as_json)

@@ -19,6 +19,7 @@ from windmark.geometry.two_view.distances import (
 )
 from windmark.geometry.two_view.estimate import estimate_two_view
 from windmark.geometry.two_view.five_point import essential_five_point
+from windmark.geometry.two_view.fundamental import Fundamental, refine_fundamental
 from windmark.geometry.two_view.homography import fit_homography, robust_homography, transfer
 from windmark.geometry.two_view.homography_refine import Homography, refine_homography
 from windmark.geometry.two_view.linear import fundamental_eight_point, fundamental_seven_point
@@ -36,6 +37,7 @@ from windmark.geometry.two_view.result import TwoView
 
 __all__ = [
     "EpipolarDistance",
+    "Fundamental",
     "Homography",
     "PlanePose",
     "RelativePose",
@@ -62,6 +64,7 @@ __all__ = [
     "ray_depths",
     "rays_with_cov",
     "refine_essential",
+    "refine_fundamental",
     "refine_homography",
     "relative_pose_refine",
     "robust_homography",

@@ -19,7 +19,7 @@ from windmark.io.cameras.nasa import parse_nasa
 from windmark.io.cameras.opencv import has_camera_matrix, parse_opencv, write_opencv
 from windmark.io.cameras.opencv_text import parse_xml, parse_yaml, xml_content
 from windmark.io.cameras.own import own_content, parse_own
-from windmark.io.cameras.record import LENGTH_UNITS, CameraFile
+from windmark.io.cameras.record import FREE, LENGTH_UNITS, CameraFile
 from windmark.io.errors import FileError
 from windmark.io.text import Pathlike, parse_json, read_text, write_json
 
@@ -154,7 +154,7 @@ def write_camera(
     FileError
         When the file cannot be written.
     """
-    if unit is not None and unit not in LENGTH_UNITS:
+    if unit is not None and unit not in (*LENGTH_UNITS, FREE):
         raise ValueError(f"write_camera: unit must be one of {', '.join(LENGTH_UNITS)}, got {unit!r}")
     if pose is not None and unit is None:
         raise ValueError("write_camera: unit must say the length unit of the pose, got None")
@@ -164,8 +164,9 @@ def write_camera(
     if pose is not None and kind in _WITHOUT_POSE:
         raise ValueError(f"write_camera: {kind} holds no pose; expected pose None")
     if kind == "windmark":
-        if pose_cov is not None and (pose is None or np.shape(pose_cov) != (6, 6)):
-            raise ValueError(f"write_camera: pose_cov must be (6, 6), with a pose; got {np.shape(pose_cov)}")
+        if pose_cov is not None and (pose is None or np.shape(pose_cov) != (6, 6) or not np.isfinite(pose_cov).all()):
+            what = f"got {np.shape(pose_cov)}" + ("" if pose is not None else " without a pose")
+            raise ValueError(f"write_camera: pose_cov must be (6, 6) finite numbers, with a pose; {what}")
         write_json(path, own_content(camera, pose, unit, pose_cov))
     elif kind == "opencv":
         write_opencv(path, camera, pose, unit)

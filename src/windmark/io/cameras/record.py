@@ -16,6 +16,8 @@ from windmark.io.text import Pathlike
 Array = NDArray[np.float64]
 
 LENGTH_UNITS = ("in", "ft", "mm", "cm", "m")
+FREE = "free"
+"""Written as the unit of a reconstruction without scale; not read where a length matters."""
 
 _OPENCV_LENGTHS = (4, 5, 8, 12, 14)
 _ROUNDED = 1e-3

@@ -52,10 +52,11 @@ def write_network(result: Calibration, folder: Path, unit: str) -> None:
     io.write_json(folder / "poses.json", {"length_unit": unit, "views": pose_records(result)})
     place = folder / "views"
     place.mkdir()
-    for view, change in zip(result.views, result.focal_change, strict=True):
+    for view, change, cov in zip(result.views, result.focal_change, result.pose_cov, strict=True):
         camera = result.cameras[view.camera]
         camera = replace(camera, focal_px=camera.focal_px * (1 + float(change)))
-        io.write_camera(place / file_name(view.name), camera, view.cam_from_model, unit=unit)
+        known = cov if view.cam_from_model is not None and np.isfinite(cov).all() else None
+        io.write_camera(place / file_name(view.name), camera, view.cam_from_model, unit=unit, pose_cov=known)
     io.write_table(folder / "residuals.csv", residual_columns(result))
 
 

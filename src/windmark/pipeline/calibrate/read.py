@@ -48,6 +48,10 @@ class MatchOptions:
     max_time_s: float = 2.0
     seed: int = 0
 
+    def __post_init__(self) -> None:
+        if self.polarity not in ("dark", "bright"):  # one for all pictures of a calibration
+            raise ValueError(f"polarity must be one of dark, bright, got {self.polarity!r}")
+
 
 @dataclass(frozen=True)
 class Picture:

@@ -14,10 +14,12 @@ from numpy.typing import NDArray
 from windmark import io
 from windmark.deformation import Deformation, NotIdentified, identify
 from windmark.geometry import Camera, Pose
+from windmark.pipeline.deform.between import Shots, open_shots
 from windmark.pipeline.deform.memory import Memory, displaced, predicted, velocity_of
 from windmark.pipeline.deform.spots import LEAST_PX, MOST_PX, SIGMAS, Labelled, anywhere, around, everything, near, read
-from windmark.pipeline.deform.task import DeformationTest, DeformedFrame, FrameImages, Image, Station
+from windmark.pipeline.deform.task import DeformationTest, DeformedFrame, FrameImages, Image, Sight, Station
 from windmark.pipeline.deform.texture import Texture, texture_of, without_texture
+from windmark.pipeline.deform.why import Levels, few, levels_of, why_few
 from windmark.scene import Detections, MarkerSet, Observations, View
 
 Array = NDArray[np.float64]
@@ -72,11 +74,18 @@ class _Follower:
         self._memory: Memory | None = None
         self._hidden: dict[str, NDArray[np.bool_]] = {}
         self._texture: Texture | None = None
+        self._shots: dict[str, Shots] = {}
+        self._levels: dict[str, Levels] = {}
+        self._usual: dict[str, int] = {}
+        self._last: dict[str, Labelled] = {}
 
     def frame(self, index: int, frame: FrameImages) -> DeformedFrame:
         """Follow one instant."""
         start = time.perf_counter()
-        images, troubles = self._read(frame)
+        self._last = {}
+        images, bad = self._read(frame)
+        self._open(frame, images, bad)
+        troubles = [f"{n}: {why}" for n, why in bad.items()]
         status, why, found = "tracked", "", None
         if self._memory is not None and images:
             found = self._guided(images, frame.instant)
@@ -92,19 +101,63 @@ class _Follower:
                     troubles.append(f"labelled by the spots nearest to the last good frame's: {why}")
         if found is None:
             reason = "; ".join([*troubles, why] if why else troubles) or "no image"
-            return DeformedFrame(index, frame.key, frame.instant, "lost", reason, None,
-                                 seconds=time.perf_counter() - start)  # fmt: skip
+            return DeformedFrame(
+                index, frame.key, frame.instant, "lost", reason, None, seconds=time.perf_counter() - start,
+                cameras=self._sights(frame, images, bad, self._last, None),
+            )  # fmt: skip
         state, labelled, observations, errors = found
+        sights = self._sights(frame, images, bad, labelled, state)
         self._remember(state, labelled, errors, frame.instant, status)
         troubles += [f"{n}: {s.reason}" for n, s in labelled.items() if s.reason]
+        self._learn(images, labelled, sights, status)
         return DeformedFrame(
             index, frame.key, frame.instant, status, "; ".join(troubles), state, observations, tuple(labelled),
-            time.perf_counter() - start,
+            time.perf_counter() - start, sights,
         )  # fmt: skip
 
-    def _read(self, frame: FrameImages) -> tuple[dict[str, Image], list[str]]:
-        """The images that can be read, and what is wrong with the others."""
-        images, troubles = {}, []
+    def _sights(
+        self, frame: FrameImages, images: dict[str, Image], bad: dict[str, str], labelled: dict[str, Labelled],
+        state: Deformation | None,
+    ) -> dict[str, Sight]:  # fmt: skip
+        """What every camera saw, and where that is little, why; ``state`` None for a frame that is lost."""
+        out = {}
+        memory = self._memory
+        known = state if state is not None or memory is None else predicted(memory, frame.instant - memory.instant)
+        for station in self._test.stations:
+            name, lag = station.name, frame.lag(station.name)
+            if name not in images:
+                out[name] = Sight(reason=bad.get(name, ""), lag_s=lag)
+                continue
+            spots = labelled.get(name, Labelled.none(""))
+            count = 0 if state is None else len(spots.marker)
+            before = self._usual.get(name, 0)
+            why = ""
+            if few(count, spots.expected, before):
+                placed = None if known is None else displaced(self._test.markers, known)
+                pose = (known.cam_from_tunnel if known else {}).get(name, station.cam_from_tunnel)
+                if state is None:
+                    spots = replace(Labelled.none(spots.reason), not_found=spots.not_found, expected=spots.expected)
+                why = why_few(
+                    images[name], self._test, station, spots, self._levels.get(name), before, placed, station.camera,
+                    pose, self._hidden.get(name),
+                )  # fmt: skip
+            out[name] = Sight(spots.expected, count, why, lag)
+        return out
+
+    def _learn(
+        self, images: dict[str, Image], labelled: dict[str, Labelled], sights: dict[str, Sight], status: str
+    ) -> None:
+        """What good pictures are like."""
+        for name, spots in labelled.items():
+            if not sights[name].reason and name in images:
+                self._usual[name] = spots.expected
+                if status == "cold" or name not in self._levels:
+                    mask = self._test.station(name).mask
+                    self._levels[name] = levels_of(images[name], mask, spots.xy, spots.radius_px)
+
+    def _read(self, frame: FrameImages) -> tuple[dict[str, Image], dict[str, str]]:
+        """The images that can be read, and what is wrong with the others, by camera."""
+        images, troubles = {}, {}
         jobs = {
             n: self._pool.submit(read, item, self._test.station(n))
             for n, item in frame.images.items() if isinstance(item, io.PictureFile)
@@ -112,13 +165,29 @@ class _Follower:
         for station in self._test.stations:
             name = station.name
             if name not in frame.images:
-                troubles.append(f"{name}: no image")
+                troubles[name] = frame.missing.get(name, "no image")
                 continue
             try:
                 images[name] = jobs[name].result() if name in jobs else read(frame.images[name], station)
             except io.FileError as error:
-                troubles.append(f"{station.name}: {error}")
+                troubles[name] = str(error)
         return images, troubles
+
+    def _open(self, frame: FrameImages, images: dict[str, Image], troubles: dict[str, str]) -> None:
+        """Pictures round the instant of cameras that took none just then; what was seen in them before is kept."""
+        self._shots = {n: s for n, s in self._shots.items() if n in frame.shots}
+        for name, shots in frame.shots.items():
+            if name not in images:
+                continue
+            old = self._shots.get(name)
+            seen = None if old is None else old.seen
+            opened = open_shots(shots, self._test.station(name), frame.instant, images[name], seen)
+            if isinstance(opened, str):
+                del images[name]
+                self._shots.pop(name, None)
+                troubles[name] = opened
+            else:
+                self._shots[name] = opened
 
     # --- with expectations -----------------------------------------------------------------
     def _guided(self, images: dict[str, Image], instant: float) -> Any:
@@ -127,7 +196,8 @@ class _Follower:
         memory = self._memory
         expected = predicted(memory, instant - memory.instant)
         placed = displaced(self._test.markers, expected)
-        labelled = self._look_near(images, expected, placed, memory.error_px, memory.labelled)
+        labelled = self._look_near(images, expected, placed, memory.error_px, memory.labelled, instant)
+        self._last = labelled
         count = sum(len(s.marker) for s in labelled.values())
         usual = sum(len(memory.labelled[n].marker) for n in images if n in memory.labelled)
         if count < FEWER * usual:
@@ -147,15 +217,30 @@ class _Follower:
 
     def _look_near(
         self, images: dict[str, Image], state: Deformation, placed: MarkerSet, error_px: dict[str, float],
-        before: dict[str, Labelled],
+        before: dict[str, Labelled], instant: float | None = None,
     ) -> dict[str, Labelled]:  # fmt: skip
-        def look(name: str) -> Labelled:
+        """Markers near their places in ``state``; ``instant`` of it where it is a prediction by the memory."""
+
+        def one(name: str, image: Image, state: Deformation, placed: MarkerSet, error: float) -> Labelled:
             station = self._test.station(name)
             return near(
-                images[name], self._test, station, state.cameras.get(name, station.camera),
-                state.cam_from_tunnel.get(name, station.cam_from_tunnel), placed,
-                error_px.get(name, MOST_PX / SIGMAS), before.get(name), self._hidden.get(name),
+                image, self._test, station, state.cameras.get(name, station.camera),
+                state.cam_from_tunnel.get(name, station.cam_from_tunnel), placed, error, before.get(name),
+                self._hidden.get(name),
             )  # fmt: skip
+
+        def look(name: str) -> Labelled:
+            error, shots, memory = error_px.get(name, MOST_PX / SIGMAS), self._shots.get(name), self._memory
+            if shots is None:
+                return one(name, images[name], state, placed, error)
+
+            def at(image: Image, when: float) -> Labelled:
+                if instant is None or memory is None:  # how fast the model moves is not known
+                    return one(name, image, state, placed, MOST_PX / SIGMAS)
+                then = predicted(memory, when - memory.instant)
+                return one(name, image, then, displaced(self._test.markers, then), error)
+
+            return shots.look(at, again=instant is None)
 
         *others, own = images
         jobs = [self._pool.submit(look, name) for name in others]
@@ -167,7 +252,7 @@ class _Follower:
         view = np.repeat(np.arange(len(parts)), [len(s.marker) for s in parts])
         observations = Observations(
             view, np.concatenate([s.marker for s in parts]), np.concatenate([s.xy for s in parts]),
-            np.concatenate([without_texture(s, self._test, self._texture) for s in parts]),
+            np.concatenate([_own_cov(without_texture(s, self._test, self._texture), s) for s in parts]),
         )  # fmt: skip
         poses = {n: _start_pose(self._test.station(n), s) for n, s in labelled.items()}
         known = self._test.marker_cov if self._texture is None else self._texture.place_cov
@@ -185,6 +270,7 @@ class _Follower:
         """State, spots and observations from nothing; or why not, as text."""
         jobs = {n: self._pool.submit(anywhere, s, self._test, self._test.station(n)) for n, s in spots.items()}
         labelled = {name: job.result() for name, job in jobs.items()}
+        self._last = {n: s for n, s in self._last.items() if n in labelled} or labelled
         seen = {n: s for n, s in labelled.items() if len(s.marker)}
         if not seen:
             return "; ".join(f"{n}: {s.reason}" for n, s in labelled.items())
@@ -243,6 +329,9 @@ class _Follower:
             errors = {n: max(before.error_px.get(n, 0.0) * FORGET, e) for n, e in errors.items()}
         velocity = velocity_of(before, state, instant)
         kept = {n: s for n, s in (before.labelled if before else {}).items() if n not in labelled}
+        for name, shots in self._shots.items():
+            if name in labelled:
+                shots.keep()
         self._memory = Memory(state, instant, velocity, errors, {**kept, **labelled})
 
 
@@ -268,12 +357,23 @@ def _state(
     stations = [test.station(n) for n in poses]
     return identify(
         observations, test.markers, test.volumes, {s.name: s.camera for s in stations},
-        [View(n, n, "", pose) for n, pose in poses.items()],
-        free_motion=test.free_motion, free_poses=[s.name for s in stations if s.moves],
-        pose_cov={s.name: s.pose_cov for s in stations if s.moves and s.pose_cov is not None},
-        free_focal=[s.name for s in stations if s.free_focal], marker_cov=marker_cov, start=start,
-        eccentricity=eccentricity,
+        [View(n, n, "", pose) for n, pose in poses.items()], **what_is_free(test, tuple(poses)), marker_cov=marker_cov,
+        start=start, eccentricity=eccentricity,
     )  # fmt: skip
+
+
+def what_is_free(test: DeformationTest, names: tuple[str, ...]) -> dict[str, Any]:
+    """Options of `identify` that say what is free besides the laws, for the cameras of an instant."""
+    stations = [test.station(n) for n in names]
+    return {
+        "free_motion": test.free_motion, "free_poses": [s.name for s in stations if s.moves],
+        "pose_cov": {s.name: s.pose_cov for s in stations if s.moves and s.pose_cov is not None},
+        "free_focal": [s.name for s in stations if s.free_focal],
+    }  # fmt: skip
+
+
+def _own_cov(cov: Array, spots: Labelled) -> Array:
+    return cov if spots.between_cov is None else cov + spots.between_cov
 
 
 def _camera(test: DeformationTest, name: str) -> Camera:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -17,10 +16,10 @@ from numpy.typing import NDArray
 from windmark import io
 from windmark.pipeline.deform.project import CameraEntry, DeformProject
 from windmark.pipeline.deform.task import FrameImages
+from windmark.pipeline.deform.timeline import Timeline, key_of, timeline
 
 Array = NDArray[np.float64]
 
-NUMBER = re.compile(r"\d+")
 POLL_S = 0.005
 """How often a watched folder is looked at."""
 SETTLED_S = 0.02
@@ -67,27 +66,34 @@ def read_frame_table(project: DeformProject) -> FrameTable:
     return FrameTable(keys, columns.pop("time_s", np.full(len(keys), np.nan)), columns)
 
 
-def frames_on_disk(project: DeformProject) -> list[FrameImages]:
+def frames_on_disk(project: DeformProject, recorded: Mapping[str, Array] | None = None) -> list[FrameImages]:
     """The images of every instant, in order.
+
+    Parameters
+    ----------
+    project : names the cameras, their images and clocks
+    recorded : camera -> times in seconds that its recording holds, picture by picture
 
     Raises
     ------
     FileError
-        When a pattern matches no file, or two images of a camera are the same frame.
+        When a pattern matches no file, two images of a camera are the same frame, or the cameras' clocks do not fit.
     """
+    return instants_of(project, recorded).frames
+
+
+def instants_of(project: DeformProject, recorded: Mapping[str, Array] | None = None) -> Timeline:
+    """`frames_on_disk` with the camera that gives the instants and with what is odd about the clocks."""
     found = {c.name: _images(project, i, c) for i, c in enumerate(project.camera)}
+    if recorded or any(c.has_clock for c in project.camera):
+        return timeline(project, found, recorded or {})
     keys = sorted({k for images in found.values() for k in images}, key=_order)
     instants = _instants(keys)
-    return [
+    frames = [
         FrameImages(key, instants[key], {n: images[key] for n, images in found.items() if key in images})
         for key in keys
     ]
-
-
-def key_of(stem: str) -> str:
-    """The frame of an image: the last number in its name, without leading zeros; the name itself if it has none."""
-    numbers = NUMBER.findall(stem)
-    return str(int(numbers[-1])) if numbers else stem
+    return Timeline(frames, "")
 
 
 def _images(project: DeformProject, i: int, camera: CameraEntry) -> dict[str, io.PictureFile]:

@@ -54,7 +54,7 @@ def load(project: DeformProject) -> Loaded:
     # The grid is that of the model where it stands without load: near enough to know which side the cameras see.
     posed = [(s.camera, s.cam_from_tunnel) for s in rig]
     mesh = None if project.grid is None else read_grid(project.grid, posed)
-    volumes, remarks = _volumes(project, markers)
+    volumes, remarks = volumes_of(project, markers)
     stations = None
     if project.stations is not None:
         given = project.stations
@@ -96,7 +96,8 @@ def _pose_cov(pose: Pose, turn: float, shift: float) -> Array:
     return np.diag([turn**2] * 3 + [shift**2] * 3)
 
 
-def _volumes(project: DeformProject, markers: MarkerSet) -> tuple[Volumes, list[str]]:
+def volumes_of(project: DeformProject, markers: MarkerSet) -> tuple[Volumes, list[str]]:
+    """The volumes of a project with their laws, and what is odd about these; FileError where one cannot be made."""
     parts: list[Volume] = []
     remarks: list[str] = []
     for i, entry in enumerate(project.volume):

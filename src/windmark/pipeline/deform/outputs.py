@@ -16,10 +16,12 @@ from windmark import io
 from windmark.deformation import Deformation
 from windmark.pipeline.deform.frames import FrameTable
 from windmark.pipeline.deform.load import Loaded
+from windmark.pipeline.deform.points import COLUMNS, FramePoints
 from windmark.pipeline.deform.project import OutputEntry
 from windmark.pipeline.deform.record import MOTION, FrameRecord
 from windmark.pipeline.deform.task import DeformedFrame
 from windmark.pipeline.deform.values import units
+from windmark.pipeline.deform.why import words_of
 
 Array = NDArray[np.float64]
 
@@ -36,8 +38,9 @@ def gridded(wanted: OutputEntry, frame: DeformedFrame) -> bool:
 class Writer:
     """Open files of a running sequence; a context manager.
 
-    ``deformation.csv`` has one row per frame, ``span.csv`` one per frame and station, ``markers.csv`` one per frame and
-    marker seen, ``deformation.nc`` all of it as arrays over frames.
+    ``deformation.csv`` has one row per frame, ``cameras.csv`` one per frame and camera, ``span.csv`` one per frame and
+    station, ``markers.csv`` one per frame and marker seen, ``deformation.nc`` all of it as arrays over frames;
+    ``points-NAME.csv`` has one per frame, camera and point.
     """
 
     def __init__(self, folder: Path, loaded: Loaded, table: FrameTable) -> None:
@@ -55,7 +58,8 @@ class Writer:
                 "sigma0"]  # fmt: skip
         for name in (*self._names, *MOTION):
             head += [name, f"sigma_{name}"]
-        self._open("deformation.csv", [*head, "seconds", "reason"])
+        self._open("deformation.csv", [*head, "few", "seconds", "reason"])
+        self._open("cameras.csv", ["frame", "time_s", "camera", "lag_s", "expected", "spots", "reason"])
         if self._loaded.stations is not None:
             self._open("span.csv", [
                 "frame", "eta", "bending", "sigma_bending", "twist_deg", "sigma_twist_deg", "twist_with_motion_deg",
@@ -64,6 +68,9 @@ class Writer:
         self._open("markers.csv", [
             "frame", "marker", "x", "y", "z", "dx", "dy", "dz", "sigma_dx", "sigma_dy", "sigma_dz", "outlier",
         ])  # fmt: skip
+        for entry in self._loaded.project.points:
+            about = f"# length unit: {unit}\n# value, sigma: grey level\n"
+            self._open(f"points-{entry.label}.csv", COLUMNS, about)
         (self._folder / "units.json").write_text(
             json.dumps({"length": unit, "parameters": dict(zip(self._names, of_laws, strict=True))}, indent=2) + "\n",
             encoding="utf-8",
@@ -80,8 +87,10 @@ class Writer:
             stream.close()
         self._netcdf.close()
 
-    def add(self, frame: DeformedFrame, row: FrameRecord, mapped: Mapping[str, Array]) -> None:
-        """Write one frame; ``mapped`` are values at the grid's nodes, see `Mapper.frame`."""
+    def add(
+        self, frame: DeformedFrame, row: FrameRecord, mapped: Mapping[str, Array], points: Sequence[FramePoints] = ()
+    ) -> None:
+        """Write one frame; ``mapped`` are values at the grid's nodes, see `Mapper.frame`; ``points`` at points."""
         at = self._table.row(row.key)
         more = [_cell(v[at]) if at is not None else "" for v in self._table.columns.values()]
         cells = [row.key, _cell(row.time_s), *more, row.status, row.spots, row.outliers, len(row.doubtful),
@@ -89,7 +98,12 @@ class Writer:
         for values, sigma in ((row.q, row.q_sigma), (row.motion, row.motion_sigma)):
             for value, size in zip(values, sigma, strict=True):
                 cells += [_cell(value), _cell(size)]
-        self._line("deformation.csv", [*cells, _cell(row.seconds), _quoted(row.reason)])
+        self._line("deformation.csv", [*cells, _quoted(words_of(row.cameras)), _cell(row.seconds), _quoted(row.reason)])
+        for name, sight in row.cameras.items():
+            self._line("cameras.csv", [
+                row.key, _cell(row.time_s), _quoted(name), _cell(sight.lag_s), sight.expected, sight.found,
+                _quoted(sight.reason),
+            ])  # fmt: skip
         if self._loaded.stations is not None and frame.state is not None:
             columns = (row.bending, row.bending_sigma, row.twist, row.twist_sigma, row.pitch, row.pitch_sigma)
             for s, eta in enumerate(self._loaded.stations.eta):
@@ -97,6 +111,8 @@ class Writer:
         if frame.state is not None:
             self._markers(frame, frame.state)
             self._grid(frame, frame.state, mapped)
+        for found in points:
+            self._points(frame, found)
         self._rows.append(row)
         if len(self._rows) == CHUNK:
             self._flush()
@@ -107,8 +123,9 @@ class Writer:
             stream.flush()
 
     # --- parts -----------------------------------------------------------------------------
-    def _open(self, name: str, head: Sequence[str]) -> None:
+    def _open(self, name: str, head: Sequence[str], about: str = "") -> None:
         self._streams[name] = open(self._folder / name, "w", encoding="utf-8", newline="")  # noqa: SIM115 (closed on exit)
+        self._streams[name].write(about)
         self._line(name, [_quoted(h) for h in head])
 
     def _line(self, name: str, cells: Sequence[Any]) -> None:
@@ -127,6 +144,14 @@ class Writer:
             numbers = (*place[k], *moved[k], *sigma[k])
             name = _quoted(str(markers.name[p]))
             self._line("markers.csv", [frame.key, name, *map(_cell, numbers), int(p in bad)])
+
+    def _points(self, frame: DeformedFrame, found: FramePoints) -> None:
+        """A camera's values at one list of points."""
+        v, words = found.values, found.values.words
+        for k, name in enumerate(found.of.names.tolist()):
+            numbers = (*v.xyz[k], v.value[k], v.sigma[k], found.ratio[k], found.sigma_ratio[k])
+            self._line(f"points-{found.of.name}.csv",
+                       [frame.key, found.camera, _quoted(name), *map(_cell, numbers), words[k]])  # fmt: skip
 
     def _grid(self, frame: DeformedFrame, state: Deformation, mapped: Mapping[str, Array]) -> None:
         wanted = self._loaded.project.output
@@ -177,6 +202,14 @@ class Writer:
             variable(name, ("frame",), {})
         for name in ("rms_px", "sigma0", "spots", "outliers", "doubtful", "seconds"):
             variable(name, ("frame",), {})
+        cameras = [s.name for s in self._loaded.test.stations]
+        file.dimensions["camera"] = len(cameras)
+        labels = {"names": " ".join(cameras)}
+        variable("camera_lag", ("frame", "camera"), {
+            **labels, "units": "s", "long_name": "nearest picture later than the instant by; NaN without one",
+        })  # fmt: skip
+        variable("camera_expected", ("frame", "camera"), {**labels, "long_name": "markers that should be seen"})
+        variable("camera_spots", ("frame", "camera"), {**labels, "long_name": "markers that were seen"})
         if self._names:
             labels = {"names": " ".join(self._names), "units": " ".join(u or "1" for u in of_laws)}
             variable("parameters", ("frame", "parameter"), {**labels, "long_name": "law parameters less the zero"})
@@ -207,6 +240,11 @@ class Writer:
             file[name][first:end] = [np.nan if k is None else values[k] for k in at]
         for name in ("rms_px", "sigma0", "spots", "outliers", "seconds"):
             file[name][first:end] = [float(getattr(r, name)) for r in rows]
+        names = [s.name for s in self._loaded.test.stations]
+        for name, value in (("lag", "lag_s"), ("expected", "expected"), ("spots", "found")):
+            file[f"camera_{name}"][first:end] = np.array(
+                [[float(getattr(r.cameras[n], value)) if n in r.cameras else np.nan for n in names] for r in rows]
+            )
         file["doubtful"][first:end] = [float(len(r.doubtful)) for r in rows]
         pairs = [("motion", "motion", "motion_sigma")]
         if self._names:

@@ -9,6 +9,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from windmark.pipeline.project import GridEntry, Positive, Role, Unit, Vector
 from windmark.pipeline.settings import Strict, existing, explained, read_toml, unusable_name
+from windmark.pipeline.wanted import PointsEntry
 
 Image = Annotated[str, Field(min_length=1)]
 
@@ -20,6 +21,8 @@ class CameraEntry(Strict):
     last number in its name; cameras without numbers are paired by order.
     ``moves``: its pose is found in every frame; markers on walls hold it. ``pose_sigma_deg``, ``pose_sigma``: what is
     known of that pose beforehand (1 sigma per axis, degrees and length units). ``free_focal``: so is its focal length.
+    ``rate_hz`` or ``times`` (a table ``image,time_s`` or ``frame,time_s``): a clock of its own, whose zero is at
+    ``offset_s``; see `timeline`.
     """
 
     name: str
@@ -30,14 +33,24 @@ class CameraEntry(Strict):
     pose_sigma: Positive | None = None
     free_focal: bool = False
     mask: Path | None = None
+    rate_hz: Positive | None = None
+    offset_s: Annotated[float, Field(allow_inf_nan=False)] = 0.0
+    times: Path | None = None
 
     @model_validator(mode="after")
     def _both(self) -> CameraEntry:
+        if self.rate_hz is not None and self.times is not None:
+            raise ValueError("rate_hz and times both say when its pictures are; give one of them")
         if not self.images:
             raise ValueError("images: expected at least one name or pattern, got none")
         if (self.pose_sigma_deg is None) != (self.pose_sigma is None):
             raise ValueError("pose_sigma_deg and pose_sigma belong together")
         return self
+
+    @property
+    def has_clock(self) -> bool:
+        """Whether its pictures have times of their own."""
+        return self.rate_hz is not None or self.times is not None or self.offset_s != 0
 
     @property
     def patterns(self) -> tuple[str, ...]:
@@ -52,11 +65,22 @@ class MarkersEntry(Strict):
     roles: Annotated[tuple[Role, ...], Field(min_length=1)] = ("model", "wall", "primary", "secondary")
 
 
+class AlternativeEntry(Strict):
+    """Another law that a volume might have, for ``windmark laws --compare``; "none" is no law at all.
+
+    Options that are not given are the volume's own where the law has the same ones.
+    """
+
+    law: str
+    options: dict[str, Any] = Field(default_factory=dict)
+    parameters: dict[str, dict[str, float]] = Field(default_factory=dict)
+
+
 class VolumeEntry(Strict):
     """A part of the model. ``law``: a built-in one (``windmark laws``), or ``file.py:name`` of your own.
 
     ``options``: of the law. ``parameters``: start, sigma, lower, upper of its parameters. ``parent``: what it is fixed
-    to; ``attach``: at which point, as a rigid body.
+    to; ``attach``: at which point, as a rigid body. ``alternative``: other laws, to be compared.
     """
 
     name: str
@@ -65,6 +89,7 @@ class VolumeEntry(Strict):
     parameters: dict[str, dict[str, float]] = Field(default_factory=dict)
     parent: str | None = None
     attach: Vector | None = None
+    alternative: tuple[AlternativeEntry, ...] = ()
 
 
 class LookEntry(Strict):
@@ -103,12 +128,16 @@ class SequenceEntry(Strict):
 
     ``zero``: frames of the undeformed model (wind off): the markers' places are corrected by them, and everything is
     reported relative to their mean. ``against``: the column that the report's curves are drawn over, by default time.
+    ``clock``: where cameras have clocks, the one whose pictures are the instants; by default the fastest.
+    ``max_lag_s``: how far the nearest picture of another camera may be from an instant, by default 3/4 of its spacing.
     """
 
     rate_hz: Positive | None = None
     frames: Path | None = None
     zero: tuple[str, ...] = ()
     against: str | None = None
+    clock: str | None = None
+    max_lag_s: Positive | None = None
 
 
 class ValuesEntry(Strict):
@@ -152,11 +181,16 @@ class DeformProject(Strict):
     stations: StationsEntry | None = None
     sequence: SequenceEntry = Field(default_factory=SequenceEntry)
     values: ValuesEntry | None = None
+    points: tuple[PointsEntry, ...] = ()
     output: OutputEntry = Field(default_factory=OutputEntry)
 
     @model_validator(mode="after")
     def _consistent(self) -> DeformProject:
-        for kind, names in (("camera", [c.name for c in self.camera]), ("volume", [v.name for v in self.volume])):
+        for kind, names in (
+            ("camera", [c.name for c in self.camera]),
+            ("volume", [v.name for v in self.volume]),
+            ("points", [p.label for p in self.points]),
+        ):
             twice = sorted({n for n in names if names.count(n) > 1})
             if twice:
                 raise ValueError(f"{kind} names must be unique, more than once: {', '.join(twice)}")
@@ -166,15 +200,26 @@ class DeformProject(Strict):
             raise ValueError("nothing is free: give a volume a law, or set motion.free")
         if self.output.grid and self.grid is None:
             raise ValueError("output.grid: a deformed grid needs [grid] file = ...")
+        if self.points and self.grid is None:
+            raise ValueError("points: they are moved with the deformed grid: add [grid] file = ...")
         if self.values is not None:
             unknown = sorted(set(self.values.cameras) - {c.name for c in self.camera})
             if unknown:
                 raise ValueError(f"values: cameras: no camera is called {', '.join(unknown)}")
             if "vtk" not in self.output.grid:
                 raise ValueError('values: they are fields of the grid in VTK files: give output.grid = ["vtk"]')
+        if self.sequence.clock is not None and self.sequence.clock not in [c.name for c in self.camera]:
+            raise ValueError(f"sequence: clock: no camera is called {self.sequence.clock!r}")
+        if not self.has_clocks and (self.sequence.clock is not None or self.sequence.max_lag_s is not None):
+            raise ValueError("sequence: clock and max_lag_s need a camera with rate_hz, offset_s or times")
         if self.stations is not None and self.stations.volume not in [v.name for v in self.volume]:
             raise ValueError(f"stations: volume {self.stations.volume!r} is not one of the volumes")
         return self
+
+    @property
+    def has_clocks(self) -> bool:
+        """Whether cameras have clocks of their own; otherwise pictures of one number are of one instant."""
+        return any(c.has_clock for c in self.camera)
 
 
 def read_deform_project(path: str | Path, output: Path | None = None) -> DeformProject:
@@ -204,6 +249,8 @@ def read_deform_project(path: str | Path, output: Path | None = None) -> DeformP
         files = {"file": existing(project.path, f"camera[{i}].file", camera.file)}
         if camera.mask is not None:
             files["mask"] = existing(project.path, f"camera[{i}].mask", camera.mask)
+        if camera.times is not None:
+            files["times"] = existing(project.path, f"camera[{i}].times", camera.times)
         cameras.append(camera.model_copy(update=files))
     markers, grid, sequence = project.markers, project.grid, project.sequence
     markers = markers.model_copy(update={"file": existing(project.path, "markers.file", markers.file)})
@@ -214,6 +261,10 @@ def read_deform_project(path: str | Path, output: Path | None = None) -> DeformP
     values = project.values
     if values is not None and not values.cameras:
         values = values.model_copy(update={"cameras": tuple(c.name for c in cameras)})
+    points = tuple(
+        p.model_copy(update={"file": existing(project.path, f"points[{i}].file", p.file)})
+        for i, p in enumerate(project.points)
+    )
     folder = project.output.model_copy(update={"folder": (base / project.output.folder).resolve()})
     return project.model_copy(
         update={
@@ -222,6 +273,7 @@ def read_deform_project(path: str | Path, output: Path | None = None) -> DeformP
             "grid": grid,
             "sequence": sequence,
             "values": values,
+            "points": points,
             "output": folder,
         }
     )

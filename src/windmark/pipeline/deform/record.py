@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from windmark.deformation import Deformation, SpanValues, Stations, span_values
 from windmark.geometry import Pose
 from windmark.geometry.rotations import log_so3
-from windmark.pipeline.deform.task import DeformedFrame
+from windmark.pipeline.deform.task import DeformedFrame, Sight
 from windmark.scene import MarkerSet
 
 Array = NDArray[np.float64]
@@ -75,6 +75,7 @@ class FrameRecord:
     bending, bending_sigma, twist, twist_sigma : (S,) by the laws alone, less the zero
     pitch, pitch_sigma : (S,) twist with the rigid motion, less the zero
     latency_s : from the newest image's time stamp to the result; NaN unless live
+    cameras : camera -> what it saw, and why that is little
 
     Every sigma is that of the covariance times max(1, sigma0): the residuals may say that tables and lens are worse
     than what was stated, never that they are better.
@@ -103,6 +104,7 @@ class FrameRecord:
     pitch_sigma: Array = field(default_factory=lambda: np.zeros(0))
     latency_s: float = float("nan")
     doubtful: tuple[str, ...] = ()
+    cameras: Mapping[str, Sight] = field(default_factory=dict)
 
 
 def doubtful(frame: DeformedFrame, names: NDArray[np.str_]) -> tuple[str, ...]:
@@ -136,8 +138,9 @@ def record(
     if frame.state is None:
         nan, six, along = np.full(count, np.nan), np.full(6, np.nan), np.full(span, np.nan)
         return FrameRecord(
-            *common, 0, 0, np.nan, np.nan, nan, nan, six, six, along, along, along, along, along, along, latency_s
-        )
+            *common, 0, 0, np.nan, np.nan, nan, nan, six, six, along, along, along, along, along, along, latency_s,
+            cameras=frame.cameras,
+        )  # fmt: skip
     state = frame.state
     worse = max(1.0, state.sigma0) if np.isfinite(state.sigma0) else 1.0
     q_sigma = worse * np.array([state.sigma[n] for n in state.volumes.names])
@@ -147,7 +150,7 @@ def record(
     return FrameRecord(
         *common, len(state.used), int((~state.used).sum()), state.rms_px, state.sigma0,
         state.q - (zero.q if zero is not None else 0.0), q_sigma, motion, worse * motion_sigma, *bending, *twist,
-        *pitch, latency_s, doubtful(frame, markers.name),
+        *pitch, latency_s, doubtful(frame, markers.name), frame.cameras,
     )  # fmt: skip
 
 

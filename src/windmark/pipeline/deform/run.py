@@ -13,11 +13,13 @@ from numpy.typing import NDArray
 from windmark import io
 from windmark.deformation import Deformation, zero_markers
 from windmark.pipeline.deform.follow import follow_deformation, identified_again
-from windmark.pipeline.deform.frames import FrameTable, frames_on_disk, key_of, read_frame_table
+from windmark.pipeline.deform.frames import FrameTable, instants_of, read_frame_table
 from windmark.pipeline.deform.load import Loaded
 from windmark.pipeline.deform.outputs import Writer, gridded
+from windmark.pipeline.deform.points import PointMapper
 from windmark.pipeline.deform.record import FrameRecord, Zero, record
 from windmark.pipeline.deform.task import DeformedFrame, FrameImages
+from windmark.pipeline.deform.timeline import Timeline, key_of
 from windmark.pipeline.deform.values import Compared, Mapper
 from windmark.scene import View
 
@@ -40,6 +42,8 @@ class Sequence:
     table : what is known of the frames besides
     interrupted : Ctrl-C ended it
     compared : the most deformed frame mapped with and without its deformation; None without values and zero
+    clock : the camera whose pictures are the instants; "" where pictures of one number are of one instant
+    remarks : what is odd about the pictures' times
     """
 
     records: list[FrameRecord] = field(default_factory=list)
@@ -49,6 +53,8 @@ class Sequence:
     table: FrameTable = field(default_factory=FrameTable)
     interrupted: bool = False
     compared: Compared | None = None
+    clock: str = ""
+    remarks: tuple[str, ...] = ()
     _stride: int = 1
 
     def keep(self, row: FrameRecord, state: Deformation | None) -> None:
@@ -91,11 +97,18 @@ def run_sequence(
     """
     project = loaded.project
     table = read_frame_table(project)
-    frames = frames_on_disk(project) if frames is None else frames
-    out = Sequence(table=table)
-    loaded, out.zero, out.moved, still = _zeroed(loaded)
+    if frames is not None and project.has_clocks:
+        raise io.FileError(project.path, "images that arrive are paired by their numbers; cameras with clocks of their "
+                           "own are measured from the disk", "camera")  # fmt: skip
+    known = instants_of(project) if frames is None or project.sequence.zero else Timeline([], "")
+    frames = known.frames if frames is None else frames
+    out = Sequence(table=table, clock=known.clock, remarks=known.remarks)
+    points = PointMapper(loaded) if project.points and loaded.mesh is not None else None
+    loaded, out.zero, out.moved, still = zeroed(loaded, known)
     test = loaded.test
     mapper = _mapper(loaded, still)
+    if points is not None:
+        points.reference(still)
     model = test.markers.role != "wall"
     centre = test.markers.xyz[model].mean(axis=0)
     with Writer(folder, loaded, table) as writer:
@@ -107,7 +120,7 @@ def run_sequence(
                     _time(frame, images, table, project.sequence.rate_hz), latency, len(test.volumes.names),
                 )  # fmt: skip
                 values = mapper.frame(frame, images) if mapper and gridded(project.output, frame) else {}
-                writer.add(frame, row, values)
+                writer.add(frame, row, values, points.frame(frame, images) if points is not None else ())
                 out.keep(row, frame.state)
                 if live:
                     writer.live()
@@ -147,7 +160,9 @@ def _followed(frames: Iterable[FrameImages], loaded: Loaded) -> Iterator[tuple[D
 
 
 def _time(frame: DeformedFrame, images: FrameImages, table: FrameTable, rate_hz: float | None) -> float:
-    """By the table, by the rate, or by the clock of the first camera whose recording has time stamps."""
+    """By the cameras' clocks, the table, the rate, or the first camera whose recording has time stamps."""
+    if np.isfinite(images.time_s):
+        return images.time_s
     row = table.row(frame.key)
     if row is not None and np.isfinite(table.time_s[row]):
         return float(table.time_s[row])
@@ -157,13 +172,15 @@ def _time(frame: DeformedFrame, images: FrameImages, table: FrameTable, rate_hz:
     return next((t for t in stamps if np.isfinite(t)), float("nan"))
 
 
-def _zeroed(loaded: Loaded) -> tuple[Loaded, Zero | None, Array | None, list[tuple[DeformedFrame, FrameImages]]]:
+def zeroed(
+    loaded: Loaded, timeline: Timeline
+) -> tuple[Loaded, Zero | None, Array | None, list[tuple[DeformedFrame, FrameImages]]]:
     """The test with the markers where the wind-off frames show them, the wind-off state, and these frames."""
     project = loaded.project
     wanted = [key_of(k) for k in project.sequence.zero]
     if not wanted:
         return loaded, None, None, []
-    known = {f.key: f for f in frames_on_disk(project)}
+    known = {f.key: f for f in timeline.frames}
     missing = [k for k in wanted if k not in known]
     if missing:
         raise io.FileError(project.path, f"frame {missing[0]} has no image; expected a wind-off frame", "sequence.zero")

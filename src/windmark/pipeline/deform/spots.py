@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -10,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from windmark import detection, io
+from windmark.detection import Guided
 from windmark.detection.pairs import nearest
 from windmark.detection.template.result import BORDER, CONTAMINATED, ILL
 from windmark.geometry import Camera, Pose
@@ -49,6 +52,8 @@ class Labelled:
     pose : where the search put the camera (cold only)
     eccentricity_px : (n, 2) as the state that they were expected from has it (`Predictions`); None if unknown
     off_px : how far the spots were from where they were expected, root mean square per coordinate; inf if unknown
+    between_cov : (n, 2, 2) what interpolating between pictures adds to ``cov``; None for spots of one picture
+    not_found : what was at the other expected places -> how many
     """
 
     marker: Ints
@@ -64,6 +69,8 @@ class Labelled:
     pose: Pose | None = None
     off_px: float = np.inf
     eccentricity_px: Array | None = None
+    between_cov: Array | None = None
+    not_found: Mapping[str, int] = field(default_factory=dict)
 
     @staticmethod
     def none(reason: str) -> Labelled:
@@ -136,7 +143,16 @@ def near(
         which[good], found.xy[good], found.cov[good] * doubt[:, None, None], found.axes_px[good], found.angle[good],
         by_table[good], len(expected) - int(cut.sum()), told, size, why, off_px=off,
         eccentricity_px=None if expected.eccentricity_px is None else expected.eccentricity_px[good],
+        not_found=_not_found(found, cut),
     )  # fmt: skip
+
+
+def _not_found(found: Guided, cut: NDArray[np.bool_]) -> dict[str, int]:
+    """What was seen where markers were expected and none was taken."""
+    words = Counter(w for w, there in zip(found.words, found.found, strict=True) if not there)
+    ill = found.found & ~cut & ((found.flags & ILL) > 0)
+    words.update({"its place cannot be determined": int(ill.sum())} if ill.any() else {})
+    return dict(words.most_common())
 
 
 def _as_seen(expected: Predictions, which: Ints, before: Labelled | None) -> Predictions:

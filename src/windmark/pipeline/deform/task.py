@@ -98,19 +98,57 @@ class DeformationTest:
 
 
 @dataclass(frozen=True)
+class Shot:
+    """A picture of a camera with a clock of its own: when it was taken, in the unit of the instants."""
+
+    instant: float
+    image: io.PictureFile | Image
+
+
+@dataclass(frozen=True)
 class FrameImages:
     """The images of one instant.
 
     Parameters
     ----------
     key : what the instant is called
-    instant : when it was, in frames
+    instant : when it was, in frames; in seconds where cameras have clocks
     images : camera -> path, frame of a recording or grey image; a camera that has none (a dropped frame) is left out
+    shots : camera -> its pictures round the instant, by time, for cameras that took none just then; their spots are
+        interpolated. ``images`` then has the nearest one
+    missing : camera -> why it has no image; "no image" where nothing is said
+    time_s : the time in seconds; NaN where unknown
     """
 
     key: str
     instant: float
     images: Mapping[str, io.PictureFile | Image]
+    shots: Mapping[str, tuple[Shot, ...]] = field(default_factory=dict)
+    missing: Mapping[str, str] = field(default_factory=dict)
+    time_s: float = float("nan")
+
+    def lag(self, name: str) -> float:
+        """How much later than the instant the nearest picture of a camera is; 0 where it took one just then."""
+        if name not in self.shots:
+            return 0.0 if name in self.images else float("nan")
+        return min((s.instant - self.instant for s in self.shots[name]), key=abs)
+
+
+@dataclass(frozen=True)
+class Sight:
+    """What one camera saw in one instant.
+
+    Parameters
+    ----------
+    expected, found : markers that it should see, and spots of them
+    reason : why there are none, or few; "" where all is well
+    lag_s : how much later than the instant its nearest picture is; NaN without one
+    """
+
+    expected: int = 0
+    found: int = 0
+    reason: str = ""
+    lag_s: float = float("nan")
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,6 +164,7 @@ class DeformedFrame:
     observations : spots with their markers, of all cameras that saw any
     views : names of the cameras, in the order of ``observations.view``
     seconds : wall time from the images to the deformation
+    cameras : camera -> what it saw
     """
 
     index: int
@@ -137,3 +176,4 @@ class DeformedFrame:
     observations: Observations | None = None
     views: tuple[str, ...] = ()
     seconds: float = 0.0
+    cameras: Mapping[str, Sight] = field(default_factory=dict)

@@ -126,8 +126,8 @@ class Mapper:
         return out
 
     def _mapped(self, frame: DeformedFrame, images: FrameImages, name: str) -> Array | None:
-        if frame.state is None or name not in frame.views:
-            return None
+        if frame.state is None or name not in frame.views or name in images.shots:
+            return None  # a picture of another instant shows the model where it is not
         return self._values(images, name, frame.state.mesh(self._mesh), *self._seen_by(frame.state, name))
 
     def _seen_by(self, state: Deformation, name: str) -> tuple[Camera, Pose]:

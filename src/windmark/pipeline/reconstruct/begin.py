@@ -6,11 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 
+from windmark.geometry import triangulate
+from windmark.pipeline.reconstruct.free import meeting_point
 from windmark.pipeline.reconstruct.grow import from_nothing, grow, refined
 from windmark.pipeline.reconstruct.labelled import Begun, from_labels
 from windmark.pipeline.reconstruct.matched import PairMatcher
 from windmark.pipeline.reconstruct.structure import Structure, compact, linked
 from windmark.pipeline.reconstruct.task import Task
+from windmark.pipeline.reconstruct.ties import with_ties
 from windmark.registration import Registration, prepare, register
 from windmark.scene import MarkerSet
 
@@ -49,7 +52,7 @@ def _begun(task: Task, known: Begun) -> Structure | None:
             for name, c in known.cameras.items()
         }
         start = Structure(task.primary.xyz, nothing, nothing, nothing, known.poses, cov, cameras)
-        first = compact(linked(task, start))
+        first = _with_labels(task, compact(linked(task, start)))
         structure = refined(task, first) if len(first.point) else None
         if structure is not None and (best is None or len(structure.point) > len(best.point)):
             best = structure
@@ -58,10 +61,39 @@ def _begun(task: Task, known: Begun) -> Structure | None:
     return best
 
 
+def _with_labels(task: Task, structure: Structure) -> Structure:
+    """Two pictures: spots of the same name are one marker, whether or not their neighbours say so."""
+    if len(task.usable) != 2 or len(structure.posed) != 2:
+        return structure
+    a, b = structure.posed
+    names = sorted(task.ties[a].keys() & task.ties[b].keys())
+    tie_a, tie_b = (np.array([task.ties[v][n] for n in names], dtype=np.int64) for v in (a, b))
+    partner = dict(zip(structure.point[structure.view == a].tolist(), structure.spot[structure.view == a].tolist(),
+                       strict=True))  # fmt: skip
+    in_b = structure.view == b
+    old = [(partner[p], s) for p, s in zip(structure.point[in_b].tolist(), structure.spot[in_b].tolist(), strict=True)]
+    spot_a, spot_b = (np.array([o[k] for o in old], dtype=np.int64) for k in (0, 1))
+    spot_a, spot_b = with_ties(spot_a, spot_b, tie_a, tie_b)
+    spots, cameras = task.detections, [task.camera(v) for v in (a, b)]
+    points = triangulate(
+        cameras, [structure.poses[v] for v in (a, b)], np.stack([spots[a].xy[spot_a], spots[b].xy[spot_b]]),
+        np.stack([spots[a].cov[spot_a], spots[b].cov[spot_b]]),
+    )  # fmt: skip
+    good = np.flatnonzero(points.valid)
+    number = np.tile(np.arange(len(good)), 2)
+    return replace(
+        structure, xyz=points.xyz[good], point=number, view=np.repeat([a, b], len(good)),
+        spot=np.concatenate([spot_a[good], spot_b[good]]),
+    )  # fmt: skip
+
+
 def _known_poses(task: Task, rough: MarkerSet | None) -> Begun:
     """Poses in the primaries' frame that are given, follow from labels, or from rough coordinates."""
     known = from_labels(task)
-    centre = task.primary.xyz.mean(axis=0)
+    given = [task.given[v] for v in task.given]
+    centre = task.primary.xyz.mean(axis=0) if len(task.primary) else np.zeros(3)
+    if not len(task.primary) and len(given) > 1:
+        centre = meeting_point(given)
     for v in set(task.usable) & set(task.given):
         pose = task.given[v]
         far = float(np.linalg.norm(pose.apply(centre)))

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from windmark.geometry.similarity import Similarity
 from windmark.pipeline.reconstruct.begin import beginning
+from windmark.pipeline.reconstruct.free import transformed
 from windmark.pipeline.reconstruct.grow import from_nothing, refined
 from windmark.pipeline.reconstruct.matched import PairMatcher
 from windmark.pipeline.reconstruct.primaries import Located, locate
@@ -40,12 +40,12 @@ class Framed:
     Parameters
     ----------
     group : in the primaries' frame
-    located : its primaries
+    located : its primaries; None where there are none and its frame is a free one, or that of given poses
     others : groups that are not connected with it
     """
 
     group: Group
-    located: Located
+    located: Located | None
     others: tuple[Group, ...]
 
 
@@ -58,6 +58,8 @@ def framed(task: Task, rough: MarkerSet | None) -> Framed:
         Where nothing can be reconstructed, or the primaries are in no group; "unconnected" where there are several.
     """
     groups = _groups(task, rough)
+    if not len(task.primary):
+        return Framed(groups[0], None, tuple(groups[1:]))
     found: list[tuple[Group, Located]] = []
     refusals: list[Refused] = []
     for group in groups:
@@ -66,7 +68,10 @@ def framed(task: Task, rough: MarkerSet | None) -> Framed:
         except Refused as refusal:
             refusals.append(refusal)
             continue
-        found.append((replace(group, structure=moved(group.structure, located.frame)), located))
+        found.append((replace(group, structure=transformed(group.structure, located.frame)), located))
+    posed = sum(v in task.given for v in groups[0].views)
+    if not found and posed >= 2 and refusals[0].cause == "not_found":
+        return Framed(groups[0], None, tuple(groups[1:]))  # the poses hold the frame
     if not found:
         raise _refused(task, groups, refusals[0])
     (best, located), others = found[0], [g for g in groups if all(g.views != f.views for f, _ in found)]
@@ -77,14 +82,6 @@ def framed(task: Task, rough: MarkerSet | None) -> Framed:
         else:
             best, located = joined
     return Framed(best, located, tuple(others))
-
-
-def moved(structure: Structure, frame: Similarity) -> Structure:
-    """The structure in another frame; its lengths are then those of that frame."""
-    poses = {v: frame.moved(pose) for v, pose in structure.poses.items()}
-    scale = np.diag([1.0, 1, 1, frame.scale, frame.scale, frame.scale])
-    cov = {v: scale @ c @ scale for v, c in structure.pose_cov.items()}
-    return replace(structure, xyz=frame.apply(structure.xyz), poses=poses, pose_cov=cov)
 
 
 def why_left(task: Task, others: tuple[Group, ...], view: int) -> str:
@@ -153,5 +150,5 @@ def _joined(
         located = locate(task, structure)
     except Refused:
         return None
-    joined = Group(moved(structure, located.frame), {**group.found_by, **other.found_by})
+    joined = Group(transformed(structure, located.frame), {**group.found_by, **other.found_by})
     return joined, located

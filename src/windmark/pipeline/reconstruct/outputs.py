@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -18,8 +18,9 @@ from windmark.pipeline.calibrate.marks import Marks
 from windmark.pipeline.calibrate.outputs import match_columns, sigma_rms, write_network
 from windmark.pipeline.calibrate.read import Picture
 from windmark.pipeline.reconstruct.pair import PairLines
+from windmark.pipeline.reconstruct.primaries import PRIMARY_SIGMA, default_sigma
 from windmark.pipeline.reconstruct.result import NotReconstructed, Reconstruction
-from windmark.scene import MarkerSet
+from windmark.scene import Detections, MarkerSet
 
 Array = NDArray[np.float64]
 Record = dict[str, Any]
@@ -54,13 +55,40 @@ def primary_residuals(result: Reconstruction, primary: MarkerSet) -> Residuals:
     )  # fmt: skip
 
 
+def primary_sigma_words(primary: MarkerSet, unit: str) -> list[str]:
+    """With which sigma the primaries hold the frame, in a sentence; none without primaries."""
+    if not len(primary):
+        return []
+    none = ~np.isfinite(primary.sigma).all(axis=1)
+    extent = float(np.linalg.norm(np.ptp(primary.xyz, axis=0)))
+    own = primary.sigma[np.isfinite(primary.sigma)]
+    table = f"held with the sigma of their table ({own.min():.3g} to {own.max():.3g} {unit})" if len(own) else ""
+    default = (
+        f"held with 1 sigma of {default_sigma(primary):.3g} {unit} per coordinate, {PRIMARY_SIGMA:g} of their extent "
+        f"of {extent:.4g} {unit}: their table gives none"
+    )
+    if none.all():
+        return [default]
+    return [f"{table}; {int(none.sum())} of {len(primary)} {default}" if none.any() else table]
+
+
+def length_words(unit: str) -> str:
+    """A unit behind a number."""
+    return "(free scale)" if unit == "free" else unit
+
+
 def network(result: Reconstruction) -> Calibration:
     """The adjustment behind a reconstruction, its markers with their roles."""
     return replace(result.calibration, markers=result.markers)
 
 
-def write_reconstruction(result: Reconstruction, folder: Path, unit: str) -> None:
-    """The files of a calibration (cameras, markers, poses, residuals) and the matches, into ``folder``."""
+def write_reconstruction(
+    result: Reconstruction, folder: Path, unit: str, detections: Mapping[str, Detections]
+) -> None:
+    """The files of a calibration (cameras, markers, poses, residuals) and the matches, into ``folder``.
+
+    ``detections`` of the pictures by name: open.csv holds the spots of two pictures that stayed open.
+    """
     done = network(result)
     write_network(done, folder, unit)
     obs = done.observations
@@ -68,6 +96,15 @@ def write_reconstruction(result: Reconstruction, folder: Path, unit: str) -> Non
     links = replace(obs, view=obs.view[mine], point=obs.point[mine], xy=obs.xy[mine], cov=obs.cov[mine])
     marks = Marks(links, done.markers, done.cameras, done.views)
     io.write_table(folder / "matches.csv", match_columns(marks))
+    if result.free_scale:
+        path = folder / "markers.csv"
+        path.write_text(f"# length_unit: free; {result.frame}\n" + path.read_text(encoding="utf-8"), encoding="utf-8")
+    if any(len(s) for s in result.open_spots.values()):
+        rows = [(n, *detections[n].xy[k].tolist()) for n, some in result.open_spots.items() for k in some.tolist()]
+        io.write_table(folder / "open.csv", {
+            "image": np.array([r[0] for r in rows]), "x": np.array([r[1] for r in rows]),
+            "y": np.array([r[2] for r in rows]),
+        })  # fmt: skip
 
 
 def marks_of(result: Reconstruction) -> dict[str, int]:
@@ -112,6 +149,9 @@ def record(
             {"name": n, "difference": d, "sigma": s}
             for n, d, s in zip(against.name, against.difference, against.sigma, strict=True)
         ],
+        "frame": result.frame or "that of the primary markers",
+        "primary_sigma_default": default_sigma(primary) if len(primary) else None,
+        "open_spots": {n: len(s) for n, s in result.open_spots.items()},
         "primaries_not_found": list(against.missing), "cameras": cameras, "dropped": dict(result.dropped),
         "pair": None if pair is None else pair_record(pair),
     }  # fmt: skip

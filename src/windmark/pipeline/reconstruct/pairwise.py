@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from windmark.calibration.finish import adjoint
 from windmark.epipolar import PairLinks, chain, match_known_pair
 from windmark.geometry import Camera, Pose, triangulate
+from windmark.pipeline.reconstruct.result import Reconstruction
+from windmark.pipeline.reconstruct.task import Task
 from windmark.scene import Detections, Tracks
 
 Array = NDArray[np.float64]
@@ -49,6 +51,25 @@ def by_pairs(
         links.append(PairLinks(a, b, pair.spot_a, pair.spot_b, np.maximum(pair.log_odds, 1e-3)))
     tracks = chain([len(s) for s in spots], links).tracks
     return _placed(tracks, spots, cameras, poses)
+
+
+def open_spots(task: Task, result: Reconstruction) -> dict[str, NDArray[np.int64]]:
+    """Spots of two pictures that have possible partners, none of which stands out; nothing with more pictures."""
+    posed = [(k, v) for k, v in enumerate(result.views) if v.cam_from_model is not None]
+    if len(posed) != 2:
+        return {}
+    (a, view_a), (b, view_b) = posed
+    assert view_a.cam_from_model is not None
+    assert view_b.cam_from_model is not None
+    spots = task.detections[a], task.detections[b]
+    pair = match_known_pair(
+        *spots, result.cameras[view_a.camera], result.cameras[view_b.camera],
+        view_b.cam_from_model @ view_a.cam_from_model.inverse(),
+        depth_range=_depths((view_a.cam_from_model, view_b.cam_from_model), result.markers.xyz),
+    )  # fmt: skip
+    linked = [set(result.tracks.detection[result.tracks.view == v].tolist()) for v in (a, b)]
+    sides = ((view_a, pair.ambiguous_a, linked[0]), (view_b, pair.ambiguous_b, linked[1]))
+    return {v.name: np.array([s for s in some.tolist() if s not in mine], dtype=np.int64) for v, some, mine in sides}
 
 
 def _relative_cov(step: Pose, cov_a: Array | None, cov_b: Array | None) -> Array | None:

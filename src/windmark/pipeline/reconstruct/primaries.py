@@ -69,9 +69,14 @@ def check_primaries(primary: MarkerSet) -> None:
         raise Refused("line", f"the {len(primary)} primary markers are on a line: turns about it are not determined")
 
 
+def default_sigma(primary: MarkerSet) -> float:
+    """1 sigma of primaries without one in their table: `PRIMARY_SIGMA` of their extent."""
+    return PRIMARY_SIGMA * float(np.linalg.norm(np.ptp(primary.xyz, axis=0))) if len(primary) else 0.0
+
+
 def with_sigma(primary: MarkerSet) -> MarkerSet:
-    """The primaries, each with a sigma."""
-    sigma = PRIMARY_SIGMA * float(np.linalg.norm(np.ptp(primary.xyz, axis=0)))
+    """The primaries, each with a sigma: `default_sigma` where the table has none."""
+    sigma = default_sigma(primary)
     return replace(primary, sigma=np.where(np.isfinite(primary.sigma), primary.sigma, sigma))
 
 

@@ -77,7 +77,7 @@ def read_labels(path: Path, images: Sequence[str], primary: MarkerSet) -> LabelT
         out.append(image if image in known else str(Path(image).with_suffix("")))
         if out[-1] not in known:
             table.fail(row, f"a label is for the picture {image!r}; there are {', '.join(images[:5])}")
-        if name not in names and times[name] < 2:
+        if names and name not in names and times[name] < 2:
             table.fail(row, f"{name!r} is no primary marker ({', '.join(sorted(names)[:5])}), and in no other picture")
         if (out[-1], name) in seen:
             table.fail(row, f"{name} is already on line {seen[out[-1], name]} for this picture; expected it once")

@@ -10,11 +10,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.calibration import Calibration, Weighted
+from windmark.calibration import Calibration, Distance
 from windmark.geometry import Camera
+from windmark.pipeline.reconstruct.frame import Frame, FreeFrame, Held
+from windmark.pipeline.reconstruct.free import frame_words
 from windmark.pipeline.reconstruct.groups import framed, why_left
 from windmark.pipeline.reconstruct.normals import with_normals
-from windmark.pipeline.reconstruct.primaries import Located, check_primaries, with_sigma
+from windmark.pipeline.reconstruct.pairwise import open_spots
+from windmark.pipeline.reconstruct.primaries import check_primaries, with_sigma
 from windmark.pipeline.reconstruct.result import NotReconstructed, Reconstruction
 from windmark.pipeline.reconstruct.structure import Structure, adjusted, compact, linked, marks_of, rows_of
 from windmark.pipeline.reconstruct.task import FEWEST_SPOTS, Labels, Refused, Task
@@ -31,13 +34,14 @@ LIMIT_3D = 16.27
 def reconstruct(
     detections: Sequence[Detections],
     cameras: Camera | Mapping[str, Camera],
-    primary: MarkerSet,
+    primary: MarkerSet | None,
     *,
     views: Sequence[View] | None = None,
     labels: Labels | None = None,
     rough: MarkerSet | None = None,
     free: Sequence[str] = (),
     model_px: float = 0.0,
+    distances: Sequence[Distance] = (),
     seed: int = 0,
 ) -> Reconstruction | NotReconstructed:
     """Find which spot of which picture is which marker, and where the markers are (AIAA 2005-5007, section VI).
@@ -52,6 +56,7 @@ def reconstruct(
     cameras : interior parameters, one camera or several by name; known from a calibration, or roughly with ``free``
     primary : known markers: three with labels, four or more without (six are safe); their ``sigma`` counts, and is
         1e-4 of their extent where there is none
+        None: a free frame, see `free`; the scale is that of given poses or of ``distances``, or free
     views : one per picture: its name, its camera, and ``cam_from_model`` in the primaries' frame where it is known,
         roughly. None: one camera, pictures named by their numbers
     labels : {name of a view: {spot: name}} where some are known. Four primaries in a picture give its pose; any seven
@@ -60,6 +65,7 @@ def reconstruct(
     free : interior parameters to be found, too, in the last adjustment; see `self_calibrate`
     model_px : 1 sigma per coordinate of what the spots' covariances do not hold: what lens, light and compression
         leave. A calibration with the same camera measures it (`windmark calibrate`: beyond the detector's noise)
+    distances : known distances between labelled markers, which give a free frame its scale
     seed : of every random search
 
     Returns
@@ -74,45 +80,47 @@ def reconstruct(
     task = Task.checked(detections, cameras, primary, views, labels, free, seed, model_px)
     options: dict[str, Any] = {
         "free": tuple(free), "model_px": model_px, "seed": seed, "rough": rough is not None,
-        "poses": len(task.given),
+        "poses": len(task.given), "distances": tuple(distances),
     }  # fmt: skip
     dropped = {
         v.name: f"{len(d)} spots, at least {FEWEST_SPOTS} are needed"
         for v, d in zip(task.views, task.detections, strict=True)
         if len(d) < FEWEST_SPOTS
     }
+    if distances and primary is not None:
+        raise ValueError("reconstruct: distances give a free frame its scale; with primaries leave them out")
     try:
-        check_primaries(primary)
+        if primary is not None:
+            check_primaries(primary)
         known = framed(task, rough)
-        structure, result, names, linked_marks = _in_frame(task, known.group.structure, known.located, free)
+        begun: Frame = Held(task, known.group.structure, known.located) if known.located else FreeFrame(task, distances)
+        structure, result, names, linked_marks = _in_frame(task, known.group.structure, begun, free)
     except Refused as refusal:
         dropped |= {task.views[v].name: "could not be connected with the others" for v in refusal.alone}
         return NotReconstructed(refusal.reason, refusal.cause, dropped, options)  # type: ignore[arg-type]
     for v, view in enumerate(task.views):
         if v not in structure.poses and view.name not in dropped:
             dropped[view.name] = why_left(task, known.others, v)
-    return _result(task, structure, result, names, linked_marks, dropped, known.group.found_by, options)
+    out = _result(task, structure, result, names, linked_marks, dropped, known.group.found_by, options)
+    frame, unitless = ("", False) if known.located else frame_words(task, structure, distances)
+    return replace(out, frame=frame, free_scale=unitless, open_spots=open_spots(task, out))
 
 
 def _in_frame(
-    task: Task, structure: Structure, located: Located, free: Sequence[str]
+    task: Task, structure: Structure, frame: Frame, free: Sequence[str]
 ) -> tuple[Structure, Calibration, list[str], Mask]:
-    """Everything adjusted in the primaries' frame, with all links that the final poses allow.
+    """Everything adjusted in the frame that was asked for, with all links that the final poses allow.
 
     Names of the points, and which marks of the adjustment are links, are given, too.
     """
-    table = with_sigma(task.primary)
-    datum = Weighted(tuple(str(task.primary.name[p]) for p in located.primary))
-    where = structure.xyz[located.point]
     for linkings in range(FINAL_ROUNDS + 1):
-        names = _names(structure, table, located, where)
-        result = adjusted(task, structure, datum, free, names, table)
+        structure, names = frame.prepared(structure)
+        result = adjusted(task, structure, frame.datum, free, names, frame.table, frame.distances)
         if not isinstance(result, tuple):
             raise Refused("adjustment", result.reason)
         before = structure
         structure, calibration = result
-        index = {n: k for k, n in enumerate(names)}
-        where = structure.xyz[[index[n] for n in datum.markers or ()]]
+        frame.adjusted(structure, names)
         again = compact(linked(task, structure))
         if linkings == FINAL_ROUNDS or len(_spots(again) ^ _spots(before)) <= 0.001 * len(before.point):
             break
@@ -149,25 +157,14 @@ def _spots(structure: Structure) -> set[tuple[int, int]]:
     return set(zip(structure.view.tolist(), structure.spot.tolist(), strict=True))
 
 
-def _names(structure: Structure, table: MarkerSet, located: Located, where: Array) -> list[str]:
-    """Primaries by their names, other points by numbers; each primary is the point nearest to where it was."""
-    names = [f"s{k:0{max(3, len(str(len(structure.xyz))))}d}" for k in range(1, len(structure.xyz) + 1)]
-    taken: set[int] = set()
-    for p, place in zip(located.primary, where, strict=True):
-        nearest = int(np.linalg.norm(structure.xyz - place, axis=1).argmin())
-        if nearest in taken:
-            raise Refused("not_found", f"primary marker {table.name[p]} was lost when all spots were linked")
-        taken.add(nearest)
-        names[nearest] = str(table.name[p])
-    return names
-
-
 def _other_primaries(task: Task, calibration: Calibration) -> dict[str, str]:
     """{name: primary} of points that are where the table has a primary that took no part in finding the frame.
 
     It must be the only one within the uncertainty (99.9 %) of the place.
     """
     markers = calibration.markers
+    if not len(task.primary):
+        return {}
     table, taken = with_sigma(task.primary), set(markers.name.tolist())
     out: dict[str, str] = {}
     for name, place, sigma in zip(table.name, table.xyz, table.sigma, strict=True):

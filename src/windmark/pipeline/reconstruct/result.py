@@ -23,12 +23,14 @@ CAUSES = {
     "line": "the primary markers are on a line",
     "not_found": "the primary markers were not recognised among the reconstructed ones",
     "ambiguous": "the primary markers fit the reconstructed ones in several ways",
+    "poses": "the pictures contradict the given poses",
     "unconnected": "the pictures with the primary markers are not connected",
     "adjustment": "the adjustment of all pictures together failed",
 }
 """Every cause of a `NotReconstructed`, in words."""
 Cause = Literal[
-    "too_few", "no_pair", "baseline", "few_primaries", "line", "not_found", "ambiguous", "unconnected", "adjustment"
+    "too_few", "no_pair", "baseline", "few_primaries", "line", "not_found", "ambiguous", "poses", "unconnected",
+    "adjustment",
 ]  # fmt: skip
 
 
@@ -53,6 +55,10 @@ class Reconstruction:
     dropped : why views did not take part, by name
     found_by : how each view got its pose: "given", "labels", "pair", "register" or "neighbour"
     options : everything it was made with, by name
+    frame : what frame and scale are, in words; "" where primaries hold them
+    free_scale : lengths have no unit
+    open_spots : of two pictures: spots, by the picture, that have possible partners in the other one, none of which
+        stands out; they are in no track
     """
 
     markers: MarkerSet
@@ -67,6 +73,9 @@ class Reconstruction:
     dropped: Mapping[str, str]
     found_by: Mapping[str, str]
     options: Mapping[str, Any] = field(default_factory=dict)
+    frame: str = ""
+    free_scale: bool = False
+    open_spots: Mapping[str, NDArray[np.int64]] = field(default_factory=dict)
 
     def __bool__(self) -> bool:
         return True

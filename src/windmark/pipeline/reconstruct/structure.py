@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.calibration import Calibration, NotCalibrated, self_calibrate
+from windmark.calibration import Calibration, Distance, NotCalibrated, self_calibrate
 from windmark.calibration.datum import Datum
 from windmark.epipolar import associate
 from windmark.geometry import Camera, Pose
@@ -67,12 +67,16 @@ class Structure:
 
 def adjusted(
     task: Task, structure: Structure, datum: Datum, free: Sequence[str] = (), names: Sequence[str] | None = None,
-    table: MarkerSet | None = None,
+    table: MarkerSet | None = None, distances: Sequence[Distance] = (),
 ) -> tuple[Structure, Calibration] | NotCalibrated:  # fmt: skip
     """The structure after one adjustment of everything, without the links and points that do not fit.
 
-    ``names`` (N,) are those of the points and ``table`` holds the known ones among them, for the datum.
+    ``names`` (N,) are those of the points and ``table`` holds the known ones among them, for the datum. Where there
+    are only two pictures nothing is left out: a point has one observation more than unknowns then, and which of its two
+    marks is wrong cannot be known; that links fit was decided by their epipolar distance.
     """
+    if not len(structure.point):
+        return NotCalibrated("no spot is linked", "too_few")
     posed = structure.posed
     place = {v: k for k, v in enumerate(posed)}
     every = structure.observations(task)
@@ -80,10 +84,16 @@ def adjusted(
     views = [View(str(v), task.views[v].camera, str(v), structure.poses[v]) for v in posed]
     markers = _markers(structure, names, table)
     result = self_calibrate(
-        observations, markers, structure.cameras, views, datum=datum, free=free, eccentricity="off", seed=task.seed
+        observations, markers, structure.cameras, views, datum=datum, free=free, distances=distances,
+        eccentricity="off", reject=len(task.usable) > 2, seed=task.seed,
     )  # fmt: skip
     if isinstance(result, NotCalibrated):
-        return result
+        thin = _undetermined(structure, markers, result) if len(task.usable) == 2 else np.zeros(0, np.int64)
+        if not len(thin):
+            return result
+        rest = ~np.isin(structure.point, thin)
+        fewer = replace(structure, point=structure.point[rest], view=structure.view[rest], spot=structure.spot[rest])
+        return adjusted(task, fewer, datum, free, names, table, distances)
     kept = rows_of(markers.name, result)
     xyz = structure.xyz.copy()
     xyz[kept] = result.markers.xyz
@@ -91,6 +101,13 @@ def adjusted(
     poses = {int(v.name): v.cam_from_model for v in result.views if v.cam_from_model is not None}
     cov = {int(v.name): c for v, c in zip(result.views, result.pose_cov, strict=True)}
     return Structure(xyz, point, view, spot, poses, cov, {**structure.cameras, **result.cameras}), result
+
+
+def _undetermined(structure: Structure, markers: MarkerSet, no: NotCalibrated) -> Ints:
+    """Points that an adjustment names as not determined: lines of sight that hardly cross."""
+    named = {w.removeprefix("marker ") for w in no.weak}
+    used = np.unique(structure.point)
+    return np.array([p for p in used.tolist() if str(markers.name[p]) in named], dtype=np.int64)
 
 
 def rows_of(names: Sequence[str] | NDArray[np.str_], result: Calibration) -> Ints:
@@ -129,7 +146,7 @@ def linked(task: Task, structure: Structure) -> Structure:
     if len(posed) >= LEAST_VIEWS_ASSOCIATED:
         found = associate(
             spots, cameras, Pose(np.stack([p.rotation for p in poses]), np.stack([p.translation for p in poses])),
-            pose_cov=cov, points_near=near,
+            pose_cov=cov, points_near=near if len(near) else None,
         )  # fmt: skip
         moved = [Pose(found.poses.rotation[k], found.poses.translation[k]) for k in range(len(posed))]
         best = _structure(structure, found.xyz, found.tracks, moved, found.pose_cov)

@@ -54,10 +54,11 @@ class Task:
 
     @classmethod
     def checked(
-        cls, detections: Sequence[Detections], cameras: Camera | Mapping[str, Camera], primary: MarkerSet,
+        cls, detections: Sequence[Detections], cameras: Camera | Mapping[str, Camera], primary: MarkerSet | None,
         views: Sequence[View] | None, labels: Labels | None, free: Sequence[str], seed: int, model_px: float = 0.0,
     ) -> Task:  # fmt: skip
         """A task from the arguments of `reconstruct`; ValueError where they do not fit."""
+        free_frame, primary = primary is None, primary or MarkerSet.make([], np.zeros((0, 3)))
         if views is None:
             if not isinstance(cameras, Camera) and len(cameras) != 1:
                 raise ValueError("reconstruct: with several cameras, views must say which picture has which")
@@ -79,7 +80,7 @@ class Task:
             raise ValueError(f"reconstruct: free: {wrong[0]!r} is none of {', '.join(PARAMETERS)}")
         if not 0 <= model_px < np.inf:
             raise ValueError(f"reconstruct: model_px must be 0 or more, got {model_px}")
-        named = _checked_labels(labels or {}, names, detections, primary)
+        named = _checked_labels(labels or {}, names, detections, primary, free_frame)
         index = {str(n): i for i, n in enumerate(primary.name)}
         return cls(
             tuple(replace(d, cov=d.cov + model_px**2 * np.eye(2)) for d in detections), dict(cameras), tuple(views),
@@ -104,7 +105,7 @@ class Task:
 
 
 def _checked_labels(
-    labels: Labels, names: list[str], detections: Sequence[Detections], primary: MarkerSet
+    labels: Labels, names: list[str], detections: Sequence[Detections], primary: MarkerSet, free_frame: bool
 ) -> list[dict[int, str]]:
     """For each view {spot: name}."""
     known = set(primary.name.tolist())
@@ -115,7 +116,7 @@ def _checked_labels(
     out: list[dict[int, str]] = []
     for name, spots in zip(names, detections, strict=True):
         mine = labels.get(name, {})
-        wrong = [n for n in mine.values() if n not in known and times[n] < 2]
+        wrong = [n for n in mine.values() if n not in known and times[n] < 2 and not free_frame]
         if wrong:
             raise ValueError(
                 f"reconstruct: labels of view {name}: {wrong[0]!r} is no primary marker, and in no other view"

@@ -45,4 +45,11 @@ def tied_pairs(task: Task, views: list[int]) -> Iterator[TiedPair]:
         )  # fmt: skip
         for pose in () if view.b_from_a is None else (view.b_from_a, *view.alternatives):
             pair = match_known_pair(*spots, task.camera(a), task.camera(b), pose, pose_cov=view.cov)
-            yield TiedPair(a, b, pair.spot_a, pair.spot_b, view, pose)
+            spot_a, spot_b = with_ties(pair.spot_a, pair.spot_b, in_a[view.inliers], in_b[view.inliers])
+            yield TiedPair(a, b, spot_a, spot_b, view, pose)
+
+
+def with_ties(spot_a: Ints, spot_b: Ints, tie_a: Ints, tie_b: Ints) -> tuple[Ints, Ints]:
+    """Matches (K,) of two pictures with those given by hand, which go before all that share a spot with them."""
+    kept = ~(np.isin(spot_a, tie_a) | np.isin(spot_b, tie_b))
+    return np.concatenate([spot_a[kept], tie_a]), np.concatenate([spot_b[kept], tie_b])

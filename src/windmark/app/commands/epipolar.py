@@ -1,0 +1,56 @@
+"""The command ``windmark epipolar``. Heavy imports wait until it runs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from windmark.app import console
+from windmark.app.commands import calibrate_arguments as a
+from windmark.app.commands.matching_options import Mask
+
+
+def add(app: typer.Typer) -> None:
+    """Add this command to ``app``."""
+    app.command(epilog="Example: windmark epipolar P01.tif P02.tif --matches clicks.csv -c camera.json --radius 3")(
+        epipolar
+    )
+
+
+def epipolar(
+    first: Annotated[Path, typer.Argument(help="A picture.")],
+    second: Annotated[Path, typer.Argument(help="Another one of the same markers, from another place.")],
+    matches: Annotated[
+        Path,
+        typer.Option("--matches", "-m", help="Matches by hand: x_a,y_a,x_b,y_b, or image,name,x,y (within 10 px)."),
+    ],
+    camera: Annotated[
+        list[Path] | None,
+        typer.Option("--camera", "-c", help="Interior parameters; twice where the second picture has its own camera."),
+    ] = None,
+    sigma_px: Annotated[
+        float | None,
+        typer.Option(help="1 sigma per coordinate of a spot, its own noise left out. [default: 0.1; no camera: 1]"),
+    ] = None,
+    radius: a.Radius = None,
+    polarity: a.Polarity = "dark",
+    merit_max: a.MeritMax = 0.7,
+    channel: a.Channel = "grey",
+    bayer: a.Bayer = None,
+    mask: Mask = None,
+    seed: a.Seed = 0,
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder of the results.")] = Path("epipolar"),
+    as_json: a.AsJson = False,
+) -> None:
+    """Two pictures and a few matches by hand: fundamental matrix, wrong clicks, and all other matches along the lines.
+
+    Eight matches without a camera (markers in space, a lens without much distortion); six with one, also on a plane.
+    """
+    with console.errors(as_json):
+        from windmark.app import epipolar_verb
+        from windmark.pipeline.calibrate import MatchOptions
+
+        match = MatchOptions(tuple(radius or ()), polarity, merit_max, channel, bayer, mask, seed=seed)
+        epipolar_verb.run((first, second), matches, tuple(camera or ()), sigma_px, match, output, as_json)

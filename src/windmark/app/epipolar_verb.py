@@ -1,0 +1,128 @@
+"""The verb `windmark epipolar`: the geometry of two pictures from a few matches by hand, and then all matches."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from windmark import io
+from windmark.app import console
+from windmark.app.epipolar_pictures import pair_picture
+from windmark.app.pictures import MISSING, png
+from windmark.geometry import Camera
+from windmark.pipeline.calibrate import MatchOptions
+from windmark.pipeline.calibrate.read import find_spots, picture_names, read_image
+from windmark.pipeline.clicked_pair import ClickedPair, Clicks, clicked_pair, lines_of, read_clicks, relabelled
+from windmark.scene import Detections
+
+Record = dict[str, Any]
+
+
+def run(
+    images: tuple[Path, Path], table: Path, cameras: tuple[Path, ...], sigma_px: float | None, match: MatchOptions,
+    output: Path, as_json: bool,
+) -> None:  # fmt: skip
+    """Read, find the geometry, write a folder, say it."""
+    if len(cameras) > 2:
+        raise ValueError(f"--camera: expected one for both pictures or one for each, got {len(cameras)}")
+    if sigma_px is not None and not 0 < sigma_px < np.inf:
+        raise ValueError(f"--sigma-px must be positive, got {sigma_px:g}")
+    names = tuple(picture_names(images))
+    clicks = read_clicks(table, names)
+    lenses = [console.read_camera(path)[0] for path in cameras]
+    both = (lenses[0], lenses[-1]) if lenses else None
+    with console.progress() as show:
+        grey, spots = [], []
+        for k, (path, name) in enumerate(zip(images, names, strict=True)):
+            show(f"detect {name}")
+            image, mask = read_image(path, match)
+            _check_size(path, image.shape, both[k] if both else None)
+            grey.append(image)
+            spots.append(find_spots(image, mask, match))
+        show("match along the lines")
+        pair = (spots[0], spots[1])
+        result = clicked_pair(*pair, clicks, both, sigma_px=sigma_px, seed=match.seed)
+    record = _record(result, clicks, (names[0], names[1]), pair)
+    if not result:
+        console.refuse("; ".join([result.reason, *result.notes]), as_json, record)
+        return
+    sizes = [(int(g.shape[1]), int(g.shape[0])) for g in grey]
+    figure = pair_picture(lines_of(result, (names[0], names[1]), pair, sizes, both), *grey)
+    for axes, place in zip(figure.axes, (result.click_a, result.click_b), strict=False):
+        for name, xy in zip(np.array(clicks.name)[result.wrong], place[result.wrong], strict=True):
+            axes.plot(*xy, "x", color=MISSING, ms=11, mew=2.2)
+            axes.annotate(f"wrong click {name}", xy, xytext=(8, -12), textcoords="offset points", color=MISSING,
+                          fontsize=9)  # fmt: skip
+    output.parent.mkdir(parents=True, exist_ok=True)
+    with io.atomic_folder(output) as place_:
+        _write(place_, result, clicks, (names[0], names[1]), pair, record)
+        (place_ / "epipolar.png").write_bytes(png(figure, dpi=110))
+    console.answer({**record, "folder": output}, as_json, [*_lines(result, clicks, pair), f"results: {output}"])
+
+
+def _check_size(path: Path, shape: tuple[int, ...], camera: Camera | None) -> None:
+    if camera is not None and (shape[1], shape[0]) != tuple(camera.size_px):
+        raise io.FileError(path, f"is {shape[1]} x {shape[0]} px, but its camera {camera.size_px[0]} x "
+                           f"{camera.size_px[1]}")  # fmt: skip
+
+
+def _write(
+    folder: Path, result: ClickedPair, clicks: Clicks, names: tuple[str, str], spots: tuple[Detections, Detections],
+    record: Record,
+) -> None:  # fmt: skip
+    a, b = spots[0].xy[result.spot_a], spots[1].xy[result.spot_b]
+    io.write_table(folder / "matches.csv", {
+        "x_a": a[:, 0], "y_a": a[:, 1], "x_b": b[:, 0], "y_b": b[:, 1], "distance_px": result.distance_px,
+        "by_hand": result.by_hand.astype(int),
+    })  # fmt: skip
+    io.write_table(folder / "clicks.csv", {
+        "name": np.array(clicks.name), "x_a": result.click_a[:, 0], "y_a": result.click_a[:, 1],
+        "x_b": result.click_b[:, 0], "y_b": result.click_b[:, 1], "distance_px": result.click_px,
+        "wrong": result.wrong.astype(int),
+    })  # fmt: skip
+    io.write_table(folder / "labels.csv", relabelled(result, names, spots))
+    io.write_json(folder / "geometry.json", record)
+
+
+def _record(
+    result: ClickedPair, clicks: Clicks, names: tuple[str, str], spots: tuple[Detections, Detections]
+) -> Record:
+    if not result:
+        return {"determined": False, "reason": result.reason, "images": list(names), "clicks": len(clicks.name)}
+    estimate, pose = result.estimate, result.pose
+    rms = float(np.sqrt((result.distance_px**2).mean()))
+    return {
+        "determined": True, "images": list(names), "spots": [len(s) for s in spots], "clicks": len(clicks.name),
+        "wrong_clicks": [n for n, bad in zip(clicks.name, result.wrong, strict=True) if bad],
+        "matches": len(result.spot_a), "by_hand": int(result.by_hand.sum()), "rms_px": rms, "sigma0": result.sigma0,
+        "fundamental": result.fundamental, "pixels": "without lens distortion" if pose is not None else "as taken",
+        "fundamental_cov": None if estimate is None else estimate.cov,
+        "epipole_first_px": result.epipole_a, "epipole_second_px": result.epipole_b,
+        "epipole_first_cov": None if estimate is None else estimate.cov_a,
+        "epipole_second_cov": None if estimate is None else estimate.cov_b,
+        "second_from_first": None if pose is None else {"rotation": pose.rotation, "translation": pose.translation},
+        "second_from_first_cov": result.pose_cov, "length_unit": "the baseline" if pose is not None else None,
+        "notes": list(result.notes),
+    }  # fmt: skip
+
+
+def _lines(result: ClickedPair, clicks: Clicks, spots: tuple[Detections, Detections]) -> list[str]:
+    rms = float(np.sqrt((result.distance_px**2).mean()))
+    lines = [
+        f"{len(result.spot_a)} matches of {len(spots[0])} and {len(spots[1])} spots, {int(result.by_hand.sum())} of "
+        f"them by hand; {rms:.3f} px RMS from their epipolar lines, sigma0 {result.sigma0:.2f}",
+        f"epipoles: {_place(result.epipole_a)} in the first, {_place(result.epipole_b)} in the second picture"
+        + ("" if result.pose is None else " (pixels without lens distortion)"),
+    ]
+    for name, px, bad in zip(clicks.name, result.click_px, result.wrong, strict=True):
+        if bad and np.isfinite(px):
+            lines.append(f"wrong click: {name}, {abs(px):.2f} px from its line, contradicts the other matches")
+    return [*lines, *(f"  {note}" for note in result.notes)]
+
+
+def _place(xy: np.ndarray) -> str:
+    return f"({xy[0]:.0f}, {xy[1]:.0f})" if np.isfinite(xy).all() else "at infinity"
+
+

@@ -1,0 +1,108 @@
+"""The noise of a picture by its grey level, from the picture itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+BINS = 24
+"""Grey levels are told apart in so many groups of equally many pixels."""
+LEAST = 200
+"""Pixels of a group that are enough for its median."""
+MOST_PIXELS = 2_000_000
+"""More pixels are not looked at: rows are left out evenly."""
+_MEDIAN = 0.6744897501960817
+"""Median of |x| of a normal deviate."""
+
+
+@dataclass(frozen=True)
+class NoiseLaw:
+    """Variance of one pixel by its grey level v: ``constant + slope v``, at least ``least``.
+
+    Shot noise makes the slope; with a black level the constant may be negative (photon transfer curve).
+    """
+
+    constant: float
+    slope: float
+    least: float
+
+    def variance(self, level: ArrayLike) -> Array:
+        """Variance at grey levels (...), NaN kept."""
+        return np.maximum(self.constant + self.slope * np.asarray(level, dtype=float), self.least)
+
+
+def noise_law(image: ArrayLike) -> NoiseLaw:
+    """Noise of a picture by its grey level.
+
+    From the mixed second differences of 3 x 3 pixels, in which every surface that is smooth along rows or along columns
+    drops out: slopes, shading, and edges that are straight and upright. Medians in groups of equal grey level, so
+    markers and outlines do not count.
+
+    Parameters
+    ----------
+    image : (H, W), NaN pixels are left out
+
+    Returns
+    -------
+    NoiseLaw; of integer pictures at least 1/12 of a grey level squared, the noise of rounding. Noise that is correlated
+    from pixel to pixel (compressed or smoothed pictures, colour interpolated from a mosaic) is seen too small.
+
+    Raises
+    ------
+    ValueError
+        For another shape than (H, W).
+
+    Notes
+    -----
+    Source of the operator: J. Immerkaer, Computer Vision and Image Understanding 64 (1996).
+    """
+    pixels = np.asarray(image)
+    if pixels.ndim != 2:
+        raise ValueError(f"noise_law: image must be (H, W), got {pixels.shape}")
+    least = 1 / 12 if pixels.dtype.kind in "biu" else 0.0
+    step = max(1, int(np.ceil(pixels.size / MOST_PIXELS)))
+    rows = np.arange(1, max(pixels.shape[0] - 1, 1), step)
+    if not len(rows) or pixels.shape[1] < 3 or pixels.shape[0] < 3:
+        return NoiseLaw(least, 0.0, least)
+    above, middle, below = (pixels[rows + k].astype(float) for k in (-1, 0, 1))
+    down = above - 2 * middle + below
+    mixed = np.abs(down[:, :-2] - 2 * down[:, 1:-1] + down[:, 2:]) / 6
+    # The middle column's mean of 3 x 3 is nearly independent of the difference; the pixel itself is not.
+    total = above + middle + below
+    level = (total[:, :-2] + total[:, 1:-1] + total[:, 2:]) / 9
+    good = np.isfinite(mixed)
+    return _fitted(level[good], mixed[good], least)
+
+
+def _fitted(level: Array, mixed: Array, least: float) -> NoiseLaw:
+    """A line through the groups' variances, each as certain as it is large."""
+    if not len(level):
+        return NoiseLaw(least, 0.0, least)
+    edges = np.unique(np.quantile(level, np.linspace(0, 1, BINS + 1)))
+    group = np.clip(np.searchsorted(edges, level, side="right") - 1, 0, max(len(edges) - 2, 0))
+    order = np.argsort(group, kind="stable")
+    cuts = np.searchsorted(group[order], np.arange(1, max(len(edges) - 1, 1)))
+    groups = [g for g in np.split(order, cuts) if len(g) >= LEAST] or [order]
+    v = np.array([np.median(level[g]) for g in groups])
+    variance = np.array([(np.median(mixed[g]) / _MEDIAN) ** 2 for g in groups])
+    # No difference at all is rounding or a clipped sensor, not a noise of zero.
+    known = variance > 0
+    floor = max(least, 0.5 * float(variance[known].min()) if known.any() else 0.0)
+    if known.sum() < 2 or not np.ptp(v[known]) > 0:
+        constant = float(np.median(variance[known])) if known.any() else least
+        return NoiseLaw(max(constant, least), 0.0, floor)
+    v, variance = v[known], variance[known]
+    keep = np.ones(len(v), bool)
+    for _ in range(3):  # groups of texture or outlines stand out upwards
+        slope, constant = np.polyfit(v[keep], variance[keep], 1, w=1 / variance[keep])
+        ratio = variance / np.maximum(constant + slope * v, floor or 1e-300)
+        keep = ratio < 1.5 * max(float(np.median(ratio)), 1e-300)
+        if keep.sum() < 2:
+            break
+    if slope < 0:  # noise does not fall with the light: the spread of the groups is chance
+        return NoiseLaw(max(float(np.median(variance)), least), 0.0, floor)
+    return NoiseLaw(float(constant), float(slope), floor)

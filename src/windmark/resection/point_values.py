@@ -1,0 +1,144 @@
+"""Values of a picture at pressure taps or any list of points, each with its sigma or the reason why there is none."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from windmark.geometry import Camera, Pose
+from windmark.resection.nearest import SurfacePoints, nearest_on_surface
+from windmark.resection.noise import NoiseLaw
+from windmark.resection.reasons import REASONS, VISIBLE
+from windmark.resection.sampling import node_values
+from windmark.resection.sources import Picture, prepare, value_variance
+from windmark.resection.surface_view import see_surface
+from windmark.resection.visibility import NodeView
+from windmark.scene import Mesh
+
+Array = NDArray[np.float64]
+
+POINT_REASONS = (*REASONS, "far", "either_side", "no_pixel", "no_place")
+"""What a `PointValues.reason` code means: those of a node, then why a point has no place on the surface.
+
+far: farther from the surface than allowed; either_side: as near to both sides of a thin part, and no normal tells which
+is meant; no_pixel: the picture has no value there (NaN); no_place: the coordinates are no numbers.
+"""
+FAR, EITHER_SIDE, NO_PIXEL, NO_PLACE = range(len(REASONS), len(POINT_REASONS))
+
+
+@dataclass(frozen=True)
+class PointValues:
+    """Values at N points.
+
+    Parameters
+    ----------
+    value : (N,) NaN where there is none
+    sigma : (N,) of the picture's noise and the pose
+    reason : (N,) uint8, 0 or why there is no value, see `POINT_REASONS`
+    xy : (N, 2) pixels, NaN where the point has no place in the picture
+    xyz : (N, 3) the point of the surface that was looked at
+    moved : (N,) how far the point asked for was moved onto the surface
+    """
+
+    value: Array
+    sigma: Array
+    reason: NDArray[np.uint8]
+    xy: Array
+    xyz: Array
+    moved: Array
+
+    def __len__(self) -> int:
+        return len(self.reason)
+
+    @property
+    def words(self) -> NDArray[np.str_]:
+        """(N,) the reasons as words, empty where there is a value."""
+        return reason_words(self.reason)
+
+
+def reason_words(reason: NDArray[np.uint8]) -> NDArray[np.str_]:
+    """The words of codes; empty where all is well."""
+    return np.array(["", *POINT_REASONS[1:]], dtype=np.str_)[reason]
+
+
+def sample_points(
+    image: ArrayLike,
+    camera: Camera,
+    cam_from_model: Pose,
+    mesh: Mesh,
+    xyz: ArrayLike,
+    *,
+    normal: ArrayLike | None = None,
+    max_distance: float | None = None,
+    max_obliquity_deg: float | None = 80.0,
+    noise: float | ArrayLike | NoiseLaw | None = None,
+    pose_cov: Array | None = None,
+    interpolation: str = "cubic",
+    tolerance: float | None = None,
+) -> PointValues:
+    """Values of a picture at points on the surface or near it: pressure taps, any list.
+
+    Parameters
+    ----------
+    image, camera, cam_from_model, interpolation : as in `sample`
+    mesh : the surface; points are moved onto it, and it hides
+    xyz, normal, max_distance : as in `nearest_on_surface`
+    max_obliquity_deg, tolerance : as in `see_nodes`
+    noise, pose_cov : as in `Picture`
+
+    Returns
+    -------
+    PointValues
+
+    Raises
+    ------
+    ValueError
+        For wrong shapes or options.
+
+    Notes
+    -----
+    Source: AIAA 2005-5007, section III.D ("if the results are required on a given point set or on a line").
+    """
+    points = nearest_on_surface(mesh, xyz, normal=normal, max_distance=max_distance)
+    picture = Picture("image", np.asarray(image), camera, cam_from_model, noise, pose_cov)
+    return point_values(picture, mesh, np.asarray(xyz, dtype=float), points, max_obliquity_deg=max_obliquity_deg,
+                        interpolation=interpolation, tolerance=tolerance)  # fmt: skip
+
+
+def point_values(
+    picture: Picture,
+    mesh: Mesh,
+    asked: Array,
+    points: SurfacePoints,
+    *,
+    max_obliquity_deg: float | None = 80.0,
+    interpolation: str = "cubic",
+    tolerance: float | None = None,
+    place_cov: Array | None = None,
+) -> PointValues:
+    """`sample_points` for points (N, 3) whose places on the surface are known already.
+
+    ``mesh`` may be the grid on which they were found in another shape; ``moved`` stays as it was there. ``place_cov``
+    (N, 3, 3): covariance of the places on that grid.
+    """
+    source = prepare(picture, None, interpolation, "sample_points")
+    view = see_surface(mesh, points, picture.camera, picture.cam_from_model, max_obliquity_deg=max_obliquity_deg,
+                       tolerance=tolerance)  # fmt: skip
+    reason = point_reasons(asked, points, view)
+    value = node_values(source.pixels, view, interpolation=interpolation).astype(float)
+    value[reason != VISIBLE] = np.nan
+    place = points.on(mesh)
+    sigma = np.sqrt(value_variance(source, view, place, value, place_cov))
+    reason[(reason == VISIBLE) & ~np.isfinite(value)] = NO_PIXEL
+    return PointValues(value, sigma, reason, view.xy, place, points.distance)
+
+
+def point_reasons(asked: Array, points: SurfacePoints, view: NodeView) -> NDArray[np.uint8]:
+    """(N,) codes of `POINT_REASONS`: no place on the surface first, then why it is not seen."""
+    reason = view.reason.copy()
+    reason[points.either_side] = EITHER_SIDE
+    reason[points.triangle < 0] = FAR
+    reason[~np.isfinite(asked).all(axis=1)] = NO_PLACE
+    return reason
