@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import os
 import struct
 import zlib
 from collections.abc import Iterator
@@ -116,9 +117,13 @@ class TiffStack:
 def _check(path: Pathlike, page: Any) -> None:
     """Rows that are missing must not come back as black."""
     _pillow.check_plausible(path, (page.imagewidth, page.imagelength))
+    if page.nbytes > 10_000 * os.path.getsize(path) + 1_000_000:  # channels and bits may be damaged, too
+        raise FileError(path, f"damaged or cut off: {page.nbytes} bytes of pixels cannot come from a file this small")
     segments = int(np.prod(page.chunked)) if page.chunked else 0
     counts = page.databytecounts
-    if not segments or len(counts) < segments or len(page.dataoffsets) < segments or not all(counts[:segments]):
+    most = os.path.getsize(path)
+    whole = len(counts) >= segments and all(0 < count <= most for count in counts[:segments])
+    if not segments or not whole or len(page.dataoffsets) < segments:
         raise FileError(path, f"page {page.index} lacks a part of its pixels")
 
 
