@@ -16,7 +16,7 @@ Mask = NDArray[np.bool_]
 
 NEIGHBOURS = 6
 """Matched spots nearest to one, whose places predict its own."""
-ALONG, SLACK_PX = 0.25, 3.0
+ALONG, SLACK_PX = 0.15, 2.0
 """A prediction is off along the line by this part of the distance to the nearest of them, and some pixels (a gate)."""
 CLEAR = 3.0
 """The next candidate is so many times farther from the prediction."""
@@ -54,30 +54,6 @@ def match_along_lines(xy_a: ArrayLike, xy_b: ArrayLike, first: Ints, second: Int
             break
     known = np.flatnonzero(match >= 0)
     return known, match[known]
-
-
-def off_neighbours(xy_a: ArrayLike, xy_b: ArrayLike, first: Ints, second: Ints, which: Ints) -> Array:
-    """How far matches are from where the other ones put them, as part of what they may be off; over 1 is doubtful.
-
-    Parameters
-    ----------
-    first, second : (K,) all matches, at least four
-    which : (M,) those that are asked for, as indices into these
-
-    Returns
-    -------
-    (M,) the larger of both pictures' parts
-    """
-    a, b = np.asarray(xy_a, dtype=float), np.asarray(xy_b, dtype=float)
-    out = np.zeros(len(which))
-    for k, at in enumerate(which.tolist()):
-        rest = np.arange(len(first)) != at
-        for x, y, i, j in ((a, b, first, second), (b, a, second, first)):
-            match = np.full(len(x), -1, np.int64)
-            match[i[rest]] = j[rest]
-            place, reach = _prediction(x, y, match, int(i[at]))
-            out[k] = max(out[k], float(np.linalg.norm(y[j[at]] - place)) / reach)
-    return out
 
 
 def _nearest_first(xy: Array, match: Ints) -> Ints:

@@ -104,6 +104,8 @@ def refine_fundamental(xy_a: ArrayLike, xy_b: ArrayLike, *, sigma_px: float = 1.
         return _nothing(n, sigma_px, f"{n} matches; a fundamental matrix needs {FEWEST} (with a camera six will do)")
     if _line(a, sigma_px) or _line(b, sigma_px):
         return _nothing(n, sigma_px, "all matches are on a line: no epipolar geometry is determined")
+    if (planar := _planar(a, b, np.ones(n, dtype=np.bool_), sigma_px)) is not None:
+        return planar
     for wrong in range(most_wrong + 1):
         if wrong and n - wrong < PARAMETERS + LEFT:
             break
@@ -118,14 +120,8 @@ def refine_fundamental(xy_a: ArrayLike, xy_b: ArrayLike, *, sigma_px: float = 1.
             which = ", ".join(str(i + 1) for i in doubtful)
             return _nothing(n, sigma_px, f"{wrong} of the matches {which} must be wrong, but {n} matches do not tell "
                             "which; add matches", tuple(doubtful))  # fmt: skip
-        if (off := _off_plane(a, b, kept, sigma_px)) is not None:
-            but = f"all but the matches {', '.join(str(i + 1) for i in off)}" if len(off) else "all matches"
-            return _nothing(
-                n, sigma_px, f"a homography explains {but}: points on a plane, or no baseline, and fewer than "
-                f"{OFF_PLANE} off it do not determine and check a fundamental matrix"
-                + ("; those may as well be wrong" if len(off) else "")
-                + ". Match points off that plane, or give the camera", tuple(off),
-            )  # fmt: skip
+        if (planar := _planar(a, b, kept, sigma_px)) is not None:
+            return planar
         return _result(matrix, cost, kept, a, b, sigma_px)
     more = "; with more matches a wrong one can be named" if n < PARAMETERS + LEFT + 1 else ""
     tries = min(most_wrong, max(n - PARAMETERS - LEFT, 0))
@@ -250,6 +246,19 @@ def _epipole(matrix: Array, side: int) -> Array:
     null = np.linalg.svd(matrix if side == 0 else matrix.T)[2][2]
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(null[:2] / null[2])
+
+
+def _planar(a: Array, b: Array, kept: Mask, sigma: float) -> Fundamental | None:
+    """The refusal of points on a plane; None where enough are off every plane."""
+    off = _off_plane(a, b, kept, sigma)
+    if off is None:
+        return None
+    but = f"all but the matches {', '.join(str(i + 1) for i in off)}" if len(off) else "all matches"
+    return _nothing(
+        len(a), sigma, f"a homography explains {but}: points on a plane, or no baseline, and fewer than {OFF_PLANE} off "
+        "it do not determine and check a fundamental matrix" + ("; those may as well be wrong" if len(off) else "")
+        + ". Match points off that plane, or give the camera", tuple(off),
+    )  # fmt: skip
 
 
 def _off_plane(a: Array, b: Array, kept: Mask, sigma: float) -> list[int] | None:
