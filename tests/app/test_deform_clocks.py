@@ -116,7 +116,8 @@ def test_laws_that_the_data_cannot_tell_have_no_winner(made, windmark, tmp_path)
     text = (made / "deform.toml").read_text()
     extra = text.replace("[stations]", '[[volume.alternative]]\nlaw = "beam"\n\n[stations]')
     (made / "twice.toml").write_text(extra)
-    done = windmark("laws", "--compare", made / "twice.toml", "--frames", "1", "--pictures", tmp_path / "laws", "--json")
+    out = tmp_path / "laws"
+    done = windmark("laws", "--compare", made / "twice.toml", "--frames", "2", "--pictures", out, "--json")
     assert done.code == 1
     assert done.json["winner"] is None
     assert "cannot tell beam" in done.json["verdict"]

@@ -106,12 +106,14 @@ def test_pictures_that_are_exchanged_are_refused(windmark, photos, tmp_path):
 
 def test_two_pictures_with_poses_say_frame_unit_and_sigma(windmark, photos, tmp_path):
     two = [photos / "photos" / f"P0{k}.tif" for k in (1, 2)]
-    common = ("reconstruct", *two, "-c", photos / "camera.json", "--radius", "2.7", "--poses", photos / "truth" / "poses")
+    common = ("reconstruct", *two, "-c", photos / "camera.json", "--radius", "2.7", "--poses",
+              photos / "truth" / "poses")  # fmt: skip
     done = windmark(*common, "--free-frame", "--unit", "mm", "-o", tmp_path / "posed", "--json")
     assert done.code == 0
     assert "given poses" in done.json["frame"]
     assert done.json["length_unit"] == "mm"
-    markers, true = io.read_markers(tmp_path / "posed" / "markers.csv"), io.read_markers(photos / "truth" / "markers.csv")
+    markers = io.read_markers(tmp_path / "posed" / "markers.csv")
+    true = io.read_markers(photos / "truth" / "markers.csv")
     gap = np.linalg.norm(markers.xyz[:, None] - true.xyz[None], axis=2).min(axis=1)
     assert np.median(gap) < 0.3
     assert gap.max() < 3
@@ -124,17 +126,16 @@ def test_two_pictures_with_poses_say_frame_unit_and_sigma(windmark, photos, tmp_
 
 def test_a_free_scale_is_in_every_header(windmark, photos, tmp_path):
     two = [photos / "photos" / f"P0{k}.tif" for k in (1, 2)]
-    done = windmark("reconstruct", *two, "-c", photos / "camera.json", "--radius", "2.7", "--free-frame", "--labels",
-                    photos / "labels.csv", "-o", tmp_path / "free", "--json") if _labels(windmark, photos, tmp_path) else None  # fmt: skip
-    assert done is not None
+    common = ("reconstruct", *two, "-c", photos / "camera.json", "--radius", "2.7", "--free-frame")
+    labels = _labels(windmark, photos, tmp_path)
+    done = windmark(*common, "--labels", labels, "-o", tmp_path / "free", "--json")
     assert done.code == 0, done.err
     assert done.json["length_unit"] == "free"
     assert (tmp_path / "free" / "markers.csv").read_text().startswith("# length_unit: free")
     assert json.loads((tmp_path / "free" / "poses.json").read_text())["length_unit"] == "free"
     assert json.loads((tmp_path / "free" / "views" / "P01.json").read_text())["length_unit"] == "free"
     assert "length_unit: free" in (tmp_path / "free" / "report.html").read_text(encoding="utf-8")
-    posed = windmark("reconstruct", *two, "-c", photos / "camera.json", "--radius", "2.7", "--free-frame", "--unit", "mm",
-                     "--poses", tmp_path / "free" / "views", "-o", tmp_path / "no")  # fmt: skip
+    posed = windmark(*common, "--unit", "mm", "--poses", tmp_path / "free" / "views", "-o", tmp_path / "no")
     assert posed.code == 2  # lengths without a unit are not taken for millimetres
     assert "'free'" in posed.err
 
@@ -142,8 +143,8 @@ def test_a_free_scale_is_in_every_header(windmark, photos, tmp_path):
 def _labels(windmark, photos, tmp_path):
     """Matches of the two pictures as labels."""
     done = run(windmark, photos, photos / "clicks.csv", tmp_path / "epi", "-c", photos / "camera.json")
-    (photos / "labels.csv").write_bytes((tmp_path / "epi" / "labels.csv").read_bytes())
-    return done.code == 0
+    assert done.code == 0
+    return tmp_path / "epi" / "labels.csv"
 
 
 @pytest.mark.parametrize(

@@ -67,10 +67,11 @@ def test_exact_poses_give_what_is_unambiguous_and_nothing_wrong(model, n, base, 
 
 
 def test_labels_in_both_pictures_are_enough():
-    xyz, poses, spots, labels = pair(2, 67, 12, "model")
+    xyz, _, spots, labels = pair(2, 67, 12, "model")
     both = both_of(labels)
     table = primaries(xyz, both[np.argsort(-np.linalg.norm(xyz[both], axis=1))[:6]])
-    said = {f"v{k}": {int(np.flatnonzero(mine == int(n[1:]))[0]): n for n in table.name} for k, mine in enumerate(labels)}
+    said = {f"v{k}": {int(np.flatnonzero(mine == int(n[1:]))[0]): n for n in table.name}
+            for k, mine in enumerate(labels)}  # fmt: skip
     views = [View(f"v{k}", "cam") for k in range(2)]
     result = reconstruct(spots, {"cam": scenes.CAMERA}, table, views=views, labels=said)
     assert result, result.reason
@@ -80,7 +81,7 @@ def test_labels_in_both_pictures_are_enough():
 
 def test_poses_two_degrees_off_give_nothing_wrong():
     for seed in range(3):
-        xyz, poses, spots, labels = pair(seed, 67, 12, "plate")
+        _, poses, spots, labels = pair(seed, 67, 12, "plate")
         off = [poses[0], Pose.exp(np.radians([1.4, -1.4, 0, 0, 0, 0])) @ poses[1]]
         views = [View(f"v{k}", "cam", "", p) for k, p in enumerate(off)]
         result = reconstruct(spots, {"cam": scenes.CAMERA}, None, views=views)
@@ -88,7 +89,7 @@ def test_poses_two_degrees_off_give_nothing_wrong():
 
 
 def test_pictures_from_one_place_and_spots_on_a_line_are_refused():
-    xyz, poses, spots, _ = pair(0, 40, 12, "plate")
+    xyz, poses, _, _ = pair(0, 40, 12, "plate")
     turned = Pose.exp(np.array([0.0, 0.03, 0, 0, 0, 0])) @ poses[0]
     xy = [scenes.CAMERA.project(p.apply(xyz))[0] for p in (poses[0], turned)]
     from windmark.scene import Detections
@@ -127,11 +128,10 @@ def many():
 
 def shape_error(result, case, scale):
     """RMS distance of the markers from the truth after a rigid motion, in the result's unit."""
-    votes = [
-        np.bincount([case.labels[v][s] for v, s in zip(result.tracks.view[mine], result.tracks.detection[mine], strict=True)
-                     if case.labels[v][s] >= 0], minlength=1).argmax()
-        for mine in (result.tracks.track == m for m in range(len(result.markers)))
-    ]  # fmt: skip
+    track = result.tracks
+    label = np.array([case.labels[v][s] for v, s in zip(track.view, track.detection, strict=True)])
+    every = [label[(track.track == m) & (label >= 0)] for m in range(len(result.markers))]
+    votes = [np.bincount(some).argmax() for some in every]
     a, b = result.markers.xyz, scale * case.xyz[votes]
     a, b = a - a.mean(axis=0), b - b.mean(axis=0)
     u, _, vt = np.linalg.svd(a.T @ b)

@@ -18,8 +18,8 @@ NEIGHBOURS = 6
 """Matched spots nearest to one, whose places predict its own."""
 ALONG, SLACK_PX = 0.15, 2.0
 """A prediction is off along the line by this part of the distance to the nearest of them, and some pixels (a gate)."""
-CLEAR = 3.0
-"""The next candidate is so many times farther from the prediction."""
+ALONE = 4.0
+"""No other spot in the band may be within so many of these gates: a step in depth moves a marker along its line."""
 WEIGHT = 0.05
 """The affine part of a prediction is believed as if a neighbour's place were off by this part of its distance."""
 
@@ -64,7 +64,7 @@ def _nearest_first(xy: Array, match: Ints) -> Ints:
 
 
 def _candidate(a: Array, b: Array, match: Ints, back: Ints, allowed: Mask, spot: int) -> int:
-    """The only spot of b that is near enough to the prediction and clearly nearer than others; -1 for none."""
+    """The only spot of b near enough to the prediction, with no other one near; -1 for none."""
     place, reach = _prediction(a, b, match, spot)
     near = np.flatnonzero(allowed[spot] & ((back < 0) | (back == spot)))
     if not len(near):
@@ -72,7 +72,7 @@ def _candidate(a: Array, b: Array, match: Ints, back: Ints, allowed: Mask, spot:
     off = np.linalg.norm(b[near] - place, axis=1)
     order = np.argsort(off, kind="stable")
     best = float(off[order[0]])
-    if best > reach or (len(order) > 1 and off[order[1]] < max(CLEAR * best, reach)):
+    if best > reach or (len(order) > 1 and off[order[1]] < ALONE * reach):
         return -1
     return int(near[order[0]])
 

@@ -325,10 +325,14 @@ def _essential(pose: Pose) -> Array:
 
 def _doubts(job: _Job, clicks: int) -> tuple[str, ...]:
     """What the number of clicks leaves unchecked."""
-    if job.cameras is not None or clicks >= SAFE:
+    if job.cameras is not None:
         return ()
-    return (f"{clicks} matches without a camera: {clicks - 7} more than the geometry has unknowns, so that a wrong one "
-            f"may go unseen; {SAFE} or more, or a camera, are safe",)  # fmt: skip
+    along = "without a camera the neighbours alone say which spot on a line is meant: look at the picture"
+    if clicks >= SAFE:
+        return (along,)
+    unseen = (f"{clicks} matches without a camera are {clicks - 7} more than the geometry has unknowns: a wrong one may go "
+              f"unseen; {SAFE} or more, or a camera, are safe")  # fmt: skip
+    return along, unseen
 
 
 def _contradicted(job: _Job, geometry: _Geometry, spot_a: Ints, spot_b: Ints, clicked: Mask) -> Ints:
@@ -372,7 +376,7 @@ def _snapped(spots: Detections, xy: Array, names: Sequence[str], which: str) -> 
     spot = np.where(far <= SNAP_PX, spot, -1)
     found, count = np.unique(spot[spot >= 0], return_counts=True)
     if (count > 1).any():
-        twice = [names[k] for k in np.flatnonzero(spot == found[count > 1][0])]
+        twice = [names[k] for k in np.flatnonzero(spot == found[count > 1][0]).tolist()]
         raise ValueError(f"clicks {' and '.join(twice)} mean the same spot of the {which} picture; expected one click "
                          "for each")  # fmt: skip
     return np.asarray(spot, np.int64)

@@ -23,13 +23,13 @@ def test_it_is_right_and_its_covariance_is_what_repetition_shows():
     assert np.abs(np.abs((found[0].matrix * TRUE).sum()) / np.linalg.norm(TRUE) - 1) < 1e-9
     rng, clean = np.random.default_rng(5), pairs(20, 3, 0.0)
     ends = []
-    for _ in range(60):
+    for _ in range(30):
         noisy = [p + rng.normal(0, 0.1, p.shape) for p in clean]
         one = refine_fundamental(*noisy, sigma_px=0.1)
         ends.append(1 / one.epipole_b[0])  # far outside: its inverse is nearly normal
         cov, e = one.cov_b[0, 0], one.epipole_b[0]
         found.append(np.sqrt(cov) / e**2)
-    assert np.std(ends) == pytest.approx(np.median(found[1:]), rel=0.3)
+    assert np.std(ends) == pytest.approx(np.median(found[1:]), rel=0.4)
 
 
 def test_a_wrong_match_is_named():
