@@ -330,8 +330,8 @@ def _doubts(job: _Job, clicks: int) -> tuple[str, ...]:
     along = "without a camera the neighbours alone say which spot on a line is meant: look at the picture"
     if clicks >= SAFE:
         return (along,)
-    unseen = (f"{clicks} matches without a camera are {clicks - 7} more than the geometry has unknowns: a wrong one may "
-              f"go unseen; {SAFE} or more, or a camera, are safe")  # fmt: skip
+    unseen = (f"{clicks} matches without a camera are {clicks - 7} more than the geometry has unknowns: a wrong one "
+              f"may go unseen; {SAFE} or more, or a camera, are safe")  # fmt: skip
     return along, unseen
 
 
