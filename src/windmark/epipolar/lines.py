@@ -16,10 +16,10 @@ Mask = NDArray[np.bool_]
 
 NEIGHBOURS = 6
 """Matched spots nearest to one, whose places predict its own."""
-ALONG, SLACK_PX = 0.25, 3.0
+ALONG, SLACK_PX = 0.15, 2.0
 """A prediction is off along the line by this part of the distance to the nearest of them, and some pixels (a gate)."""
-CLEAR = 3.0
-"""The next candidate is so many times farther from the prediction."""
+ALONE = 4.0
+"""No other spot in the band may be within so many of these gates: a step in depth moves a marker along its line."""
 WEIGHT = 0.05
 """The affine part of a prediction is believed as if a neighbour's place were off by this part of its distance."""
 
@@ -56,30 +56,6 @@ def match_along_lines(xy_a: ArrayLike, xy_b: ArrayLike, first: Ints, second: Int
     return known, match[known]
 
 
-def off_neighbours(xy_a: ArrayLike, xy_b: ArrayLike, first: Ints, second: Ints, which: Ints) -> Array:
-    """How far matches are from where the other ones put them, as part of what they may be off; over 1 is doubtful.
-
-    Parameters
-    ----------
-    first, second : (K,) all matches, at least four
-    which : (M,) those that are asked for, as indices into these
-
-    Returns
-    -------
-    (M,) the larger of both pictures' parts
-    """
-    a, b = np.asarray(xy_a, dtype=float), np.asarray(xy_b, dtype=float)
-    out = np.zeros(len(which))
-    for k, at in enumerate(which.tolist()):
-        rest = np.arange(len(first)) != at
-        for x, y, i, j in ((a, b, first, second), (b, a, second, first)):
-            match = np.full(len(x), -1, np.int64)
-            match[i[rest]] = j[rest]
-            place, reach = _prediction(x, y, match, int(i[at]))
-            out[k] = max(out[k], float(np.linalg.norm(y[j[at]] - place)) / reach)
-    return out
-
-
 def _nearest_first(xy: Array, match: Ints) -> Ints:
     """Spots without a match, those nearest to matched ones first."""
     open_, known = np.flatnonzero(match < 0), np.flatnonzero(match >= 0)
@@ -88,7 +64,7 @@ def _nearest_first(xy: Array, match: Ints) -> Ints:
 
 
 def _candidate(a: Array, b: Array, match: Ints, back: Ints, allowed: Mask, spot: int) -> int:
-    """The only spot of b that is near enough to the prediction and clearly nearer than others; -1 for none."""
+    """The only spot of b near enough to the prediction, with no other one near; -1 for none."""
     place, reach = _prediction(a, b, match, spot)
     near = np.flatnonzero(allowed[spot] & ((back < 0) | (back == spot)))
     if not len(near):
@@ -96,7 +72,7 @@ def _candidate(a: Array, b: Array, match: Ints, back: Ints, allowed: Mask, spot:
     off = np.linalg.norm(b[near] - place, axis=1)
     order = np.argsort(off, kind="stable")
     best = float(off[order[0]])
-    if best > reach or (len(order) > 1 and off[order[1]] < max(CLEAR * best, reach)):
+    if best > reach or (len(order) > 1 and off[order[1]] < ALONE * reach):
         return -1
     return int(near[order[0]])
 

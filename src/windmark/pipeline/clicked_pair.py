@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from windmark import io
-from windmark.epipolar import match_along_lines, match_known_pair, off_neighbours
+from windmark.epipolar import match_along_lines, match_known_pair
 from windmark.geometry import Camera, Pose
 from windmark.geometry.two_view import (
     Fundamental,
@@ -39,8 +39,11 @@ SNAP_PX = 10.0
 SIGMA_PX, MODEL_PX = 1.0, 0.1
 """1 sigma per coordinate of matches without a camera, for a lens that nothing describes; and what a camera's model
 leaves beyond the spots' own."""
+SAFE = 12
 FEW = 40
 """Up to so many matches, every way to leave some out is tried."""
+GATE = 4.0
+"""A click so many sigmas off its line is wrong."""
 BAND = 3.5
 """Half width of the band along a line, in sigmas of spots and geometry."""
 ROUNDS = 3
@@ -142,7 +145,8 @@ def clicked_pair(
 
     A click means the nearest spot; two clicks on one spot are refused. With ``cameras`` the essential matrix is found
     from six matches or more, also of points on a plane; without, the fundamental matrix from eight. Clicks that
-    contradict the others or, when the neighbours are matched, these, are named and left out.
+    contradict the others or, with cameras, what the neighbours' depths say, are named and left out. Without cameras the
+    geometry may absorb a wrong click where there are few, which ``notes`` say.
 
     Raises
     ------
@@ -182,7 +186,7 @@ def clicked_pair(
         before, kept = kept, (spot_a[again.used], spot_b[again.used])
         if len(before[0]) == len(kept[0]) and (np.sort(before[0]) == np.sort(kept[0])).all():
             break
-    spot_a, spot_b = kept
+    wrong, spot_a, spot_b = _settled(job, geometry, (first, second), *kept)
     by_hand = np.array([bool(((first == i) & (second == j)).any()) for i, j in zip(spot_a, spot_b, strict=True)], bool)
     order = np.lexsort((spot_a, ~by_hand))
     spot_a, spot_b, by_hand = spot_a[order], spot_b[order], by_hand[order]
@@ -198,7 +202,7 @@ def clicked_pair(
     return ClickedPair(
         matrix, end_a, end_b, geometry.pose, geometry.pose_cov, geometry.estimate, xy_a, xy_b, click_px, gone,
         spot_a, spot_b, by_hand, job.distance(geometry, spot_a, spot_b), geometry.sigma0,
-        (*notes, *geometry.notes),
+        (*notes, *geometry.notes, *_doubts(job, int(on_spots.sum()))),
     )  # fmt: skip
 
 
@@ -319,36 +323,49 @@ def _essential(pose: Pose) -> Array:
     return essential_from_poses(pose)
 
 
-def _contradicted(job: _Job, geometry: _Geometry, spot_a: Ints, spot_b: Ints, clicked: Mask) -> Ints:
-    """Clicks among the matches whose spots, asked without them, match other ones.
+def _doubts(job: _Job, clicks: int) -> tuple[str, ...]:
+    """What the number of clicks leaves unchecked."""
+    if job.cameras is not None:
+        return ()
+    along = "without a camera the neighbours alone say which spot on a line is meant: look at the picture"
+    if clicks >= SAFE:
+        return (along,)
+    unseen = (f"{clicks} matches without a camera are {clicks - 7} more than the geometry has unknowns: a wrong one "
+              f"may go unseen; {SAFE} or more, or a camera, are safe")  # fmt: skip
+    return along, unseen
 
-    With a camera the neighbours' depths are evidence by themselves. Without, clicks far from where the others put them
-    are asked about, the worst first. Being off alone is no proof: a marker may be nearer to the cameras than its
-    neighbours in the picture.
+
+def _contradicted(job: _Job, geometry: _Geometry, spot_a: Ints, spot_b: Ints, clicked: Mask) -> Ints:
+    """Clicks among the matches whose spots, asked without any click, match other ones.
+
+    With a camera the neighbours' depths are evidence by themselves; without one there is nothing to ask.
     """
-    bad: list[int] = []
-    if geometry.pose is not None:
-        none = np.zeros(0, np.int64)
-        asked = np.flatnonzero(clicked).tolist()
-        match = dict(zip(*(s.tolist() for s in job.matched(geometry, none, none)), strict=True))
-        back = {j: i for i, j in match.items()}
-        return np.array([k for k in asked if match.get(int(spot_a[k]), spot_b[k]) != spot_b[k]
-                         or back.get(int(spot_b[k]), spot_a[k]) != spot_a[k]], dtype=np.int64)  # fmt: skip
-    for _ in range(int(clicked.sum())):
-        rest = np.setdiff1d(np.arange(len(spot_a)), bad)
-        asked = [k for k in np.flatnonzero(clicked).tolist() if k not in bad]
-        place = np.searchsorted(rest, asked)
-        off = off_neighbours(job.a.xy, job.b.xy, spot_a[rest], spot_b[rest], place)
-        worst = asked[int(off.argmax())]
-        without = np.setdiff1d(rest, [worst])
-        again = job.matched(geometry, spot_a[without], spot_b[without])
-        match = dict(zip(*(s.tolist() for s in again), strict=True))
-        back = {j: i for i, j in match.items()}
-        same = match.get(int(spot_a[worst]), spot_b[worst]) == spot_b[worst]
-        if off.max() <= 1 or (same and back.get(int(spot_b[worst]), spot_a[worst]) == spot_a[worst]):
-            break
-        bad.append(worst)
-    return np.array(bad, dtype=np.int64)
+    if geometry.pose is None:
+        return np.zeros(0, np.int64)
+    none = np.zeros(0, np.int64)
+    match = dict(zip(*(s.tolist() for s in job.matched(geometry, none, none)), strict=True))
+    back = {j: i for i, j in match.items()}
+    return np.array([k for k in np.flatnonzero(clicked).tolist() if match.get(int(spot_a[k]), spot_b[k]) != spot_b[k]
+                     or back.get(int(spot_b[k]), spot_a[k]) != spot_a[k]], dtype=np.int64)  # fmt: skip
+
+
+def _settled(
+    job: _Job, geometry: _Geometry, clicks: tuple[Ints, Ints], spot_a: Ints, spot_b: Ints
+) -> tuple[Mask, Ints, Ints]:
+    """Which clicks the final geometry or the final matches contradict, and all matches with the other clicks."""
+    match, back = (dict(zip(*(s.tolist() for s in p), strict=True)) for p in ((spot_a, spot_b), (spot_b, spot_a)))
+    off = np.abs(job.distance(geometry, *clicks))
+    usual = float(np.sqrt((job.distance(geometry, spot_a, spot_b) ** 2).mean()))
+    limit = GATE * max(usual, job.sigma_px or (MODEL_PX if job.cameras else SIGMA_PX))
+    wrong = np.zeros(len(off), bool)
+    for k, (i, j) in enumerate(zip(*(c.tolist() for c in clicks), strict=True)):
+        if match.get(i) == j:
+            continue
+        wrong[k] = i in match or j in back or bool(off[k] > limit)
+        if not wrong[k]:
+            match[i], back[j] = j, i
+    pairs = np.array(list(match.items()), dtype=np.int64).reshape(-1, 2)
+    return wrong, pairs[:, 0], pairs[:, 1]
 
 
 def _snapped(spots: Detections, xy: Array, names: Sequence[str], which: str) -> Ints:
@@ -359,7 +376,7 @@ def _snapped(spots: Detections, xy: Array, names: Sequence[str], which: str) -> 
     spot = np.where(far <= SNAP_PX, spot, -1)
     found, count = np.unique(spot[spot >= 0], return_counts=True)
     if (count > 1).any():
-        twice = [names[k] for k in np.flatnonzero(spot == found[count > 1][0])]
+        twice = [names[k] for k in np.flatnonzero(spot == found[count > 1][0]).tolist()]
         raise ValueError(f"clicks {' and '.join(twice)} mean the same spot of the {which} picture; expected one click "
                          "for each")  # fmt: skip
     return np.asarray(spot, np.int64)

@@ -20,7 +20,7 @@ SIZE_PX = (1024, 768)
 DISTANCE, FIELD_MM = 1250.0, 950.0
 """Of the photographer from the wing, and the width of the picture there."""
 PRIMARIES = 6
-CLICKED = 9
+CLICKED = 13
 """Markers that clicks.csv has in the first two pictures; its last row is a wrong click."""
 ROUGH_MM = 2.0
 """How far the rough coordinates are off, 1 sigma along each axis."""

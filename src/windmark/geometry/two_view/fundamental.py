@@ -32,7 +32,9 @@ LEVEL = 1e-3
 """Probability that right pairs are taken for wrong ones, or a true plane is not seen as one."""
 LEFT = 2
 """What is left out is only believed if so many more pairs than parameters remain."""
-MOST_SETS = 3000
+MOST_SETS = 300
+SMALL = 14
+"""Up to so many pairs, every way to leave some off a plane is tried."""
 OFF_PLANE = 3
 """Two points off a plane give the epipole of its homography, whatever they are; a third one checks it."""
 
@@ -104,6 +106,8 @@ def refine_fundamental(xy_a: ArrayLike, xy_b: ArrayLike, *, sigma_px: float = 1.
         return _nothing(n, sigma_px, f"{n} matches; a fundamental matrix needs {FEWEST} (with a camera six will do)")
     if _line(a, sigma_px) or _line(b, sigma_px):
         return _nothing(n, sigma_px, "all matches are on a line: no epipolar geometry is determined")
+    if (planar := _planar(a, b, np.ones(n, dtype=np.bool_), sigma_px)) is not None:
+        return planar
     for wrong in range(most_wrong + 1):
         if wrong and n - wrong < PARAMETERS + LEFT:
             break
@@ -118,14 +122,8 @@ def refine_fundamental(xy_a: ArrayLike, xy_b: ArrayLike, *, sigma_px: float = 1.
             which = ", ".join(str(i + 1) for i in doubtful)
             return _nothing(n, sigma_px, f"{wrong} of the matches {which} must be wrong, but {n} matches do not tell "
                             "which; add matches", tuple(doubtful))  # fmt: skip
-        if (off := _off_plane(a, b, kept, sigma_px)) is not None:
-            but = f"all but the matches {', '.join(str(i + 1) for i in off)}" if len(off) else "all matches"
-            return _nothing(
-                n, sigma_px, f"a homography explains {but}: points on a plane, or no baseline, and fewer than "
-                f"{OFF_PLANE} off it do not determine and check a fundamental matrix"
-                + ("; those may as well be wrong" if len(off) else "")
-                + ". Match points off that plane, or give the camera", tuple(off),
-            )  # fmt: skip
+        if (planar := _planar(a, b, kept, sigma_px)) is not None:
+            return planar
         return _result(matrix, cost, kept, a, b, sigma_px)
     more = "; with more matches a wrong one can be named" if n < PARAMETERS + LEFT + 1 else ""
     tries = min(most_wrong, max(n - PARAMETERS - LEFT, 0))
@@ -252,25 +250,50 @@ def _epipole(matrix: Array, side: int) -> Array:
         return np.asarray(null[:2] / null[2])
 
 
+def _planar(a: Array, b: Array, kept: Mask, sigma: float) -> Fundamental | None:
+    """The refusal of points on a plane; None where enough are off every plane."""
+    off = _off_plane(a, b, kept, sigma)
+    if off is None:
+        return None
+    but = f"all but the matches {', '.join(str(i + 1) for i in off)}" if len(off) else "all matches"
+    return _nothing(
+        len(a), sigma, f"a homography explains {but}: points on a plane, or no baseline, and fewer than {OFF_PLANE} "
+        "off it do not determine and check a fundamental matrix" + ("; those may as well be wrong" if len(off) else "")
+        + ". Match points off that plane, or give the camera", tuple(off),
+    )  # fmt: skip
+
+
 def _off_plane(a: Array, b: Array, kept: Mask, sigma: float) -> list[int] | None:
     """Pairs off a plane that holds all others, fewer than `OFF_PLANE`; None where there is no such plane."""
     rows = np.flatnonzero(kept)
-    limit = chdtri(2, LEVEL / len(rows))
     for count in range(OFF_PLANE):
-        for out in combinations(range(len(rows)), count):
-            on = np.delete(rows, out)
-            if len(on) < 5:
-                return None
-            h, back = fit_homography(a[on], b[on]), fit_homography(b[on], a[on])
-            if h is None or back is None:
-                continue
-            ahead, behind = ((transfer(m, x) - y) ** 2 for m, x, y in ((h, a[on], b[on]), (back, b[on], a[on])))
-            square = np.minimum(ahead.sum(axis=1), behind.sum(axis=1)) / (2 * sigma**2)  # noise of both pictures
-            if square.sum() <= chdtri(2 * len(on) - 8, LEVEL) and (square <= limit).all():
+        for out in combinations(range(len(rows)), count) if len(rows) <= SMALL else _worst(a, b, rows, count):
+            if len(rows) - count >= 5 and _on_plane(a, b, np.delete(rows, out), sigma):
                 return [int(k) for k in rows[list(out)]]
-        if _count(len(rows), count + 1) > MOST_SETS:
-            break
     return None
+
+
+def _worst(a: Array, b: Array, rows: Ints, count: int) -> list[tuple[int, ...]]:
+    """The pairs that homographies of the others say least of, taken out one after the other."""
+    out: list[int] = []
+    for _ in range(count):
+        rest = [k for k in range(len(rows)) if k not in out]
+        h = fit_homography(a[rows[rest]], b[rows[rest]])
+        if h is None:
+            return []
+        off = ((transfer(h, a[rows[rest]]) - b[rows[rest]]) ** 2).sum(axis=1)
+        out.append(rest[int(off.argmax())])
+    return [tuple(out)]
+
+
+def _on_plane(a: Array, b: Array, on: Ints, sigma: float) -> bool:
+    h, back = fit_homography(a[on], b[on]), fit_homography(b[on], a[on])
+    if h is None or back is None:
+        return False
+    ahead, behind = ((transfer(m, x) - y) ** 2 for m, x, y in ((h, a[on], b[on]), (back, b[on], a[on])))
+    square = np.minimum(ahead.sum(axis=1), behind.sum(axis=1)) / (2 * sigma**2)  # noise of both pictures
+    limit = chdtri(2, LEVEL / len(on))
+    return bool(square.sum() <= chdtri(2 * len(on) - 8, LEVEL) and (square <= limit).all())
 
 
 def _line(p: Array, sigma: float) -> bool:
