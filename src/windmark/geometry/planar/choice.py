@@ -46,8 +46,9 @@ def choose(x: Array, y: Array, cov_x: Array, cov_y: Array, kinds: Sequence[str] 
     """Fit every kind and choose the simplest that predicts held-out marks no worse than the best.
 
     No worse: the mean difference of the squared held-out residuals, mark by mark, is within two standard errors, and
-    within a fifth of the best one's mean: a few marks that differ much are no licence. The same marks judge all kinds: those inside the hull of the others, for without a corner of the hull the fit
-    extrapolates to it, and what is wanted lies between the marks.
+    within a fifth of the best one's mean: a few marks that differ much are no licence. The same marks judge all kinds:
+    those inside the hull of the others, for without a corner of the hull the fit extrapolates to it, and what is wanted
+    lies between the marks.
 
     Parameters
     ----------

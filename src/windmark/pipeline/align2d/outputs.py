@@ -66,7 +66,7 @@ def record_of(item: AlignedFile, reference: Reference) -> Record:
         "reference_spots": len(answer.reference_spots), "image_spots": len(answer.image_spots),
         "held_out_rms_px": answer.held_out_px, "rms_px": answer.rms_px,
         "largest_shift_px": float(shift.max()), "median_shift_px": float(np.median(shift)),
-        "log10_nfa": answer.log10_nfa, "rival": answer.rival,
+        "log10_nfa": max(answer.log10_nfa, -999.0), "rival": answer.rival,
         "outside_the_markers": float(outside.mean()), "ratio_scatter_before": before, "ratio_scatter_after": after,
         "kinds": {t.kind: {"held_out_rms_px": None if t.fit is None else t.fit.held_out_px,
                            "rms_px": None if t.fit is None else t.fit.rms_px, "reason": t.reason}
