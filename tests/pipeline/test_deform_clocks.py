@@ -2,12 +2,14 @@
 
 from types import SimpleNamespace
 
+import h5py
 import numpy as np
 import pytest
 
 from windmark.io import FileError
 from windmark.pipeline.deform.between import interpolated, lagrange
 from windmark.pipeline.deform.frames import frames_on_disk, instants_of
+from windmark.pipeline.deform.project import RECORDING
 from windmark.pipeline.deform.spots import Labelled
 
 
@@ -131,3 +133,28 @@ def test_markers_must_be_seen_just_before_and_just_after():
     none = interpolated({0.0: labelled([1], [[0, 0]]), 1.0: labelled([2], [[0, 0]])}, 0.5)
     assert len(none.marker) == 0
     assert "before and after" in none.reason
+
+
+def test_a_recordings_own_time_stamps(tmp_path):
+    stamps = {"a": np.arange(6) * 0.02, "b": 0.005 + np.arange(4) * 0.03}
+    for name, times in stamps.items():
+        with h5py.File(tmp_path / f"{name}.h5", "w") as file:
+            file["images"] = np.zeros((len(times), 8, 9), np.uint16)
+            file["time_s"] = times
+    cameras = [replaced(entry(n, times=RECORDING), patterns=(f"{n}.h5",)) for n in stamps]
+    made = SimpleNamespace(
+        path=tmp_path / "p.toml", camera=cameras, sequence=SimpleNamespace(rate_hz=None, clock=None, max_lag_s=None)
+    )
+    found = instants_of(made)
+    assert found.clock == "a"
+    assert [f.time_s for f in found.frames] == pytest.approx(stamps["a"])
+    assert [s.instant for s in found.frames[3].shots["b"]] == pytest.approx(stamps["b"][:3])
+    assert found.frames[3].lag("b") == pytest.approx(0.065 - 0.06)
+    (tmp_path / "c-000.tif").write_bytes(b"x")
+    made.camera.append(replaced(entry("c", times=RECORDING)))
+    with pytest.raises(FileError, match="hold no time stamps"):
+        instants_of(made)
+
+
+def replaced(made, **changes):
+    return SimpleNamespace(**{**vars(made), **changes})

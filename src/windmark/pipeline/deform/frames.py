@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark import io
-from windmark.pipeline.deform.project import CameraEntry, DeformProject
+from windmark.pipeline.deform.project import RECORDING, CameraEntry, DeformProject
 from windmark.pipeline.deform.task import FrameImages
 from windmark.pipeline.deform.timeline import Timeline, key_of, timeline
 
@@ -86,7 +86,7 @@ def instants_of(project: DeformProject, recorded: Mapping[str, Array] | None = N
     """`frames_on_disk` with the camera that gives the instants and with what is odd about the clocks."""
     found = {c.name: _images(project, i, c) for i, c in enumerate(project.camera)}
     if recorded or any(c.has_clock for c in project.camera):
-        return timeline(project, found, recorded or {})
+        return timeline(project, found, {**_stamps(project, found), **(recorded or {})})
     keys = sorted({k for images in found.values() for k in images}, key=_order)
     instants = _instants(keys)
     frames = [
@@ -94,6 +94,24 @@ def instants_of(project: DeformProject, recorded: Mapping[str, Array] | None = N
         for key in keys
     ]
     return Timeline(frames, "")
+
+
+def _stamps(project: DeformProject, found: Mapping[str, Mapping[str, io.PictureFile]]) -> dict[str, Array]:
+    """Camera -> the times that its recording holds, for cameras of which nothing else says when their pictures were."""
+    out = {}
+    for i, camera in enumerate(project.camera):
+        if camera.rate_hz is not None or camera.times not in (None, RECORDING):
+            continue
+        files = [found[camera.name][key] for key in sorted(found[camera.name], key=_order)]
+        stamps = np.array([f.time_s if isinstance(f, io.Frame) else np.nan for f in files])
+        if np.isfinite(stamps).any():
+            out[camera.name] = stamps
+        elif camera.times == RECORDING:
+            raise io.FileError(
+                project.path, f"{files[0].name} and the other pictures of camera {camera.name} hold no time stamps; "
+                "expected a recording that does, a table, or rate_hz", f"camera[{i}].times",
+            )  # fmt: skip
+    return out
 
 
 def _images(project: DeformProject, i: int, camera: CameraEntry) -> dict[str, io.PictureFile]:

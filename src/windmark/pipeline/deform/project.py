@@ -14,6 +14,10 @@ from windmark.pipeline.wanted import PointsEntry
 Image = Annotated[str, Field(min_length=1)]
 
 
+RECORDING = Path("recording")
+"""In place of a table of times: those that the recording itself holds."""
+
+
 class CameraEntry(Strict):
     """One camera: a file with its interior parameters and its pose (cam_from_tunnel), and its images.
 
@@ -21,8 +25,8 @@ class CameraEntry(Strict):
     last number in its name; cameras without numbers are paired by order.
     ``moves``: its pose is found in every frame; markers on walls hold it. ``pose_sigma_deg``, ``pose_sigma``: what is
     known of that pose beforehand (1 sigma per axis, degrees and length units). ``free_focal``: so is its focal length.
-    ``rate_hz`` or ``times`` (a table ``image,time_s`` or ``frame,time_s``): a clock of its own, whose zero is at
-    ``offset_s``; see `timeline`.
+    ``rate_hz`` or ``times`` (a table ``image,time_s`` or ``frame,time_s``, or "recording": the time stamps that its
+    recording holds): a clock of its own, whose zero is at ``offset_s``; see `timeline`.
     """
 
     name: str
@@ -249,7 +253,7 @@ def read_deform_project(path: str | Path, output: Path | None = None) -> DeformP
         files = {"file": existing(project.path, f"camera[{i}].file", camera.file)}
         if camera.mask is not None:
             files["mask"] = existing(project.path, f"camera[{i}].mask", camera.mask)
-        if camera.times is not None:
+        if camera.times not in (None, RECORDING):
             files["times"] = existing(project.path, f"camera[{i}].times", camera.times)
         cameras.append(camera.model_copy(update=files))
     markers, grid, sequence = project.markers, project.grid, project.sequence

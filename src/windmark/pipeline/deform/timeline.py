@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark import io
-from windmark.pipeline.deform.project import CameraEntry, DeformProject
+from windmark.pipeline.deform.project import RECORDING, CameraEntry, DeformProject
 from windmark.pipeline.deform.task import FrameImages, Shot
 
 Array = NDArray[np.float64]
@@ -129,7 +129,7 @@ def _times(
     project: DeformProject, i: int, camera: CameraEntry, keys: list[str], recorded: Array | None
 ) -> Array:
     """Seconds of each picture: from its table, its recording, or its rate; NaN where a table has none."""
-    if camera.times is not None:
+    if camera.times not in (None, RECORDING):
         return _of_table(camera.times, keys)
     if recorded is not None:
         if np.shape(recorded) != (len(keys),):
