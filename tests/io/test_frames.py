@@ -174,6 +174,30 @@ def test_a_folder_in_natural_order(tmp_path):
     assert len(io.frames(tmp_path / "*.tif")) == 5
 
 
+def test_a_pattern_in_a_folder_with_brackets(tmp_path):
+    (tmp_path / "run [2]").mkdir()
+    for k in range(3):
+        io.write_image(tmp_path / "run [2]" / f"a{k}.tif", STACK[k])
+    assert len(io.frames(tmp_path / "run [2]" / "a*.tif")) == 3
+    assert len(io.frames(tmp_path / "run [[]2]" / "a*.tif")) == 3
+
+
+def test_arrays_that_are_no_pictures(tmp_path):
+    with h5py.File(tmp_path / "run.h5", "w") as file:
+        file["empty"], file["complex"] = h5py.Empty("f"), STACK.astype(np.complex64)
+        file["none"], file["wide"] = np.zeros((0, 4, 5)), np.zeros((3, 4, 5, 7))
+        file["loop"], file["away"] = h5py.SoftLink("/"), h5py.ExternalLink("none.h5", "/a")
+        file["group/pictures"] = STACK
+    np.testing.assert_array_equal(io.frames(tmp_path / "run.h5")[2], STACK[2])
+    for name, message in (
+        ("empty", "expected"), ("complex", "expected integers or floats"), ("none", "holds no frame"),
+        ("wide", "up to 4 colours"), ("loop", "there is no loop|there is no /loop"), ("away", "there is no"),
+        ("group", "there is no"),
+    ):  # fmt: skip
+        with pytest.raises(io.FileError, match=message):
+            io.frames(f"{tmp_path / 'run.h5'}:/{name}")
+
+
 def test_sizes_that_differ_are_named(tmp_path):
     io.write_image(tmp_path / "a1.tif", STACK[0])
     io.write_image(tmp_path / "a2.tif", STACK[0][:5])

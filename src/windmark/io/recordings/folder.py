@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from glob import glob, has_magic
+from glob import escape, glob, has_magic
 from itertools import pairwise
 from pathlib import Path
 
@@ -66,7 +66,9 @@ def picture_files(path: Pathlike) -> list[Path]:
             if not files:
                 raise FileError(path, f"a folder without pictures; expected {', '.join(PICTURES)}")
         else:
-            files = [Path(p) for p in glob(text, recursive=True) if os.path.isfile(p)]
+            parent, name = os.path.split(text)
+            pattern = os.path.join(escape(parent), name) if os.path.isdir(parent) else text  # a folder "run [2]"
+            files = [Path(p) for p in glob(pattern, recursive=True) if os.path.isfile(p)]
             if not files:
                 raise FileError(path, "no file matches this pattern")
             if (odd := next((f for f in files if not _is_picture(f.name, ".csv")), None)) is not None:

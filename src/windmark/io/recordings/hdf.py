@@ -27,7 +27,7 @@ class _Stack(Recording):
 
     def _take(self, array: Any, place: str) -> None:
         """Set what is known of the frames from their array."""
-        shape = tuple(int(n) for n in array.shape)
+        shape = tuple(int(n) for n in array.shape or ())
         self._single = len(shape) == 2
         if self._single:
             shape = (1, *shape)
@@ -188,6 +188,8 @@ def _datasets(file: Any, path: Pathlike) -> list[tuple[str, Any]]:
 
 
 def _may_be(array: Any) -> bool:
+    if array.shape is None or not all(array.shape):  # HDF5 knows arrays without any extent
+        return False
     shape, kind = tuple(array.shape), np.dtype(getattr(array, "dtype", None) or array.data.dtype)
     size = shape[1:3] if len(shape) in (3, 4) else shape if len(shape) == 2 else (0, 0)
     return kind.kind in "uif" and min(size) >= 2 and (len(shape) != 4 or shape[3] <= 4)
