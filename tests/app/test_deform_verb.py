@@ -129,6 +129,20 @@ def test_points_need_a_grid_and_a_table(copy, windmark):
     assert "no points" in done.err
 
 
+def test_one_camera_alone_and_cameras_that_move(made, windmark, tmp_path):
+    tip = truth(made)[-1][1] - truth(made)[0][1]
+    for k, options in enumerate((("--camera", "cam1"), ("--moves", "cam2"))):
+        done = windmark("deform", made / "deform.toml", *options, "-o", tmp_path / str(k), "--json")
+        assert done.code == 0, done.err
+        last = rows(tmp_path / str(k) / "span.csv")[-1]
+        assert abs(float(last["twist_deg"]) - tip) < max(5 * float(last["sigma_twist_deg"]), 0.02)
+    with xarray.open_dataset(tmp_path / "0" / "deformation.nc") as found:
+        assert found.sizes["camera"] == 1
+    wrong = windmark("deform", made / "deform.toml", "--camera", "cam9", "-o", tmp_path / "no")
+    assert wrong.code == 2
+    assert "expected one of cam1, cam2" in wrong.err
+
+
 def test_a_users_own_law_gives_the_same(made, done, windmark):
     assert len([line for line in (made / "my_law.py").read_text().splitlines() if line.strip()]) <= 15
     alone = windmark("laws", made / "my_law.py", "-m", made / "markers.csv", "--volume", "wing")

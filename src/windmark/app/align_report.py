@@ -82,6 +82,7 @@ def _row(row: Record) -> list[Any]:
     return [
         row["image"], row["pairs"], row["rejected_pairs"], row["standing_still"], row["kind"],
         row["held_out_rms_px"], row["rms_px"],
-        row["largest_shift_px"], "given" if nfa != nfa else f"10^{max(nfa, -300):.0f}", 100 * row["outside_the_markers"],
+        row["largest_shift_px"], "given" if nfa != nfa else f"10^{max(nfa, -300):.0f}",
+        100 * row["outside_the_markers"],
         *scatter, row["seconds"], "aligned",
     ]  # fmt: skip

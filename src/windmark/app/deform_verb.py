@@ -13,7 +13,16 @@ from windmark import io
 from windmark.app import console
 from windmark.app.deform_report import deform_page, film
 from windmark.deformation import weak_directions
-from windmark.pipeline.deform import FrameRecord, Loaded, Sequence, load, read_deform_project, run_sequence, watch
+from windmark.pipeline.deform import (
+    Changes,
+    FrameRecord,
+    Loaded,
+    Sequence,
+    load,
+    read_deform_project,
+    run_sequence,
+    watch,
+)
 
 Record = dict[str, Any]
 
@@ -22,7 +31,7 @@ FEW_SHOWN = 5
 
 
 def deform(
-    path: Path, output: Path | None, watched: Path | None, idle_s: float | None, frames: int | None, as_json: bool
+    path: Path, changed: Changes, watched: Path | None, idle_s: float | None, frames: int | None, as_json: bool
 ) -> None:
     """Follow, write whole, say how it went.
 
@@ -31,7 +40,7 @@ def deform(
     if watched is None and (idle_s is not None or frames is not None):
         raise ValueError("--idle and --frames belong to --watch")
     start = time.perf_counter()
-    loaded = load(read_deform_project(path, output))
+    loaded = load(read_deform_project(path, changed))
     for remark in loaded.remarks:
         console.note(path, remark)
     folder = loaded.project.output.folder

@@ -21,6 +21,14 @@ def add(app: typer.Typer) -> None:
 def deform(
     project: Annotated[Path, typer.Argument(help="Project file (TOML) of a deformation test.")],
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Folder instead of the project's own.")] = None,
+    camera: Annotated[
+        list[str] | None,
+        typer.Option("--camera", help="Only this one of the project's cameras; several times for several."),
+    ] = None,
+    moves: Annotated[
+        list[str] | None,
+        typer.Option("--moves", help="This camera moves; markers on walls hold it. Several times for several."),
+    ] = None,
     watch: Annotated[
         Path | None, typer.Option(help="Live: a folder that the cameras' images appear in; Ctrl-C ends.")
     ] = None,
@@ -31,5 +39,7 @@ def deform(
     """Model deformation from one camera or several: laws, rigid motion, twist and bending, frame by frame."""
     with console.errors(as_json):
         from windmark.app import deform_verb
+        from windmark.pipeline.deform.project import Changes
 
-        deform_verb.deform(project, output, watch, idle, frames, as_json)
+        changed = Changes(output, tuple(camera or ()), tuple(moves or ()))
+        deform_verb.deform(project, changed, watch, idle, frames, as_json)

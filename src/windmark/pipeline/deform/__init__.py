@@ -4,13 +4,13 @@ from windmark.pipeline.deform.follow import follow_deformation
 from windmark.pipeline.deform.frames import frames_on_disk, watch
 from windmark.pipeline.deform.load import Loaded, load
 from windmark.pipeline.deform.memory import displaced
-from windmark.pipeline.deform.project import DeformProject, read_deform_project
+from windmark.pipeline.deform.project import Changes, DeformProject, read_deform_project
 from windmark.pipeline.deform.record import FrameRecord, Zero
 from windmark.pipeline.deform.run import Sequence, run_sequence
 from windmark.pipeline.deform.task import DeformationTest, DeformedFrame, FrameImages, LookOptions, Station
 
 __all__ = [
-    "DeformProject", "DeformationTest", "DeformedFrame", "FrameImages", "FrameRecord", "Loaded", "LookOptions",
-    "Sequence", "Station", "Zero", "displaced", "follow_deformation", "frames_on_disk", "load", "read_deform_project",
-    "run_sequence", "watch",
+    "Changes", "DeformProject", "DeformationTest", "DeformedFrame", "FrameImages", "FrameRecord", "Loaded",
+    "LookOptions", "Sequence", "Station", "Zero", "displaced", "follow_deformation", "frames_on_disk", "load",
+    "read_deform_project", "run_sequence", "watch",
 ]  # fmt: skip

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -226,25 +227,40 @@ class DeformProject(Strict):
         return any(c.has_clock for c in self.camera)
 
 
-def read_deform_project(path: str | Path, output: Path | None = None) -> DeformProject:
+@dataclass(frozen=True)
+class Changes:
+    """What is wanted otherwise than the project file says.
+
+    ``output``: another folder. ``cameras``: only these take part; none given means all. ``moves``: these move, too.
+    """
+
+    output: Path | None = None
+    cameras: tuple[str, ...] = ()
+    moves: tuple[str, ...] = ()
+
+
+def read_deform_project(path: str | Path, changed: Changes | Path | None = None) -> DeformProject:
     """Read and check a project file of a deformation test.
 
     Parameters
     ----------
     path : the TOML file
-    output : a folder instead of the file's own
+    changed : what is wanted otherwise; a folder is another folder for the results
 
     Raises
     ------
     FileError
         When the file is missing, no TOML, has an unknown or wrong key, or names a file that is absent.
+    ValueError
+        When ``changed`` names a camera that the project has not.
     """
     path = Path(path)
+    wish = changed if isinstance(changed, Changes) else Changes(changed)
     data = read_toml(path, DeformProject)
-    if output is not None and isinstance(data.setdefault("output", {}), dict):
-        data["output"]["folder"] = output.resolve()
+    if wish.output is not None and isinstance(data.setdefault("output", {}), dict):
+        data["output"]["folder"] = wish.output.resolve()
     try:
-        project = DeformProject(path=path.resolve(), **data)
+        project = _changed(DeformProject(path=path.resolve(), **data), wish)
     except ValidationError as error:
         raise explained(path, error, DeformProject) from None
     base = project.path.parent
@@ -281,3 +297,20 @@ def read_deform_project(path: str | Path, output: Path | None = None) -> DeformP
             "output": folder,
         }
     )
+
+
+def _changed(project: DeformProject, wish: Changes) -> DeformProject:
+    names = [c.name for c in project.camera]
+    unknown = [n for n in (*wish.cameras, *wish.moves) if n not in names]
+    if unknown:
+        raise ValueError(f"the project has no camera {unknown[0]!r}; expected one of {', '.join(names)}")
+    kept = [c for c in project.camera if not wish.cameras or c.name in wish.cameras]
+    cameras = tuple(c.model_copy(update={"moves": c.moves or c.name in wish.moves}) for c in kept)
+    values, sequence = project.values, project.sequence
+    left = {c.name for c in cameras}
+    if values is not None:
+        mapped = tuple(n for n in values.cameras if n in left)
+        values = values.model_copy(update={"cameras": mapped}) if mapped or not values.cameras else None
+    if sequence.clock is not None and sequence.clock not in left:
+        sequence = sequence.model_copy(update={"clock": None})
+    return project.model_copy(update={"camera": cameras, "values": values, "sequence": sequence})
