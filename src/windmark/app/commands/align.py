@@ -34,7 +34,7 @@ from windmark.app.commands.options import Json, MeritMax, Polarity, Radius, Seed
 def add(app: typer.Typer) -> None:
     """Add this command to ``app``."""
     app.command(
-        epilog="Examples: windmark align off.tif on*.tif -r 4 (2D: the markers alone), or windmark align off.tif on.tif"
+        epilog="Example: windmark align off.tif on*.tif -r 4 (2D: the markers alone), or windmark align off.tif on.tif"
         " --reference off -m markers.csv -c camera.json -g wing.grid -r 3 --unit mm (3D)"
     )(align)
 
