@@ -156,3 +156,14 @@ def slow_seeds(a, na, b, nb, first, allowed):
                     if key > (met[s, q], -offset[s, q]):
                         met[s, q], offset[s, q], turn[s, q] = key[0], -key[1], (z.real, z.imag)
     return met, offset, turn, tried
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_another_model_of_the_same_plan_is_not_aligned_by_force(seed):
+    """A stated largest motion pairs neighbours, whatever they are; how far they lie off says that they are others."""
+    rng = np.random.default_rng(seed)
+    a, b = (Detections.make(lattice(8, 6, 80, 5.0)(rng)) for _ in range(2))
+    for options in ({}, {"max_shift_px": 30}):
+        answer = match_spots(a, b, **options)
+        assert not answer
+    assert "of their spacing" in answer.reason or answer.cause in ("weak", "nothing", "ambiguous")

@@ -7,6 +7,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 from scipy.stats import binom
 
 from windmark.geometry import DegenerateGeometry
@@ -29,6 +30,10 @@ LEAD = 12.0
 """and is not behind by so many nats (1 to 160,000) in what tells: precision and spots left out in its midst."""
 LN_HOLE = 3.0
 """A spot left out in the midst of a matching: found in the other picture it would be in 19 of 20 cases."""
+LOOSE = 0.05
+"""Markers of one model lie, 1 sigma per coordinate, within this part of their spacing of where the others say. Two
+models painted to one regular plan match as well as one, but for the painter's hand
+(tests/tasks/test_align2d_matching.py)."""
 FLOOR_PX = 0.02
 """No matching is called more precise than this."""
 
@@ -133,6 +138,14 @@ def match_spots(
             "ambiguous", best.count, best.log10_nfa,
         )  # fmt: skip
     at = np.flatnonzero(best.match >= 0)
+    spacing = _spacing(a[at])
+    if best.sigma_px > LOOSE * spacing:
+        return NoMatching(
+            f"{best.count} markers match, but lie {best.sigma_px:.2g} px from where the others say, "
+            f"{100 * best.sigma_px / spacing:.0f} % of their spacing: another model of the same plan, or relief that "
+            "moved against its surroundings (then align in 3D); or give matches by name",
+            "weak", best.count, best.log10_nfa,
+        )  # fmt: skip
     rival = max(rivals, key=lambda j: j.count, default=None)
     return SpotMatching(
         at, best.match[at], best.log10_nfa, best.sigma_px, None if rival is None else (rival.count, rival.sigma_px)
@@ -195,8 +208,7 @@ def _holes(spots: Array, matched: Array, index: Ints) -> int:
 def _log10_nfa(off: Array, b: Array, y: Array, expected: int, free: float, tried: int) -> float:
     """Decimal logarithm of how many such matchings chance gives among those tried."""
     corners = hull_of(b)
-    area = 0.5 * abs(float(np.dot(corners[:, 0], np.roll(corners[:, 1], -1)) -
-                           np.dot(corners[:, 1], np.roll(corners[:, 0], -1)))) if len(corners) > 2 else 0.0  # fmt: skip
+    area = _area(corners) if len(corners) > 2 else 0.0
     # Spots in a narrow strip: it is at least as wide as the levels that are asked for.
     area = max(area, float(np.ptp(b, axis=0).max()) * 2 * LEVELS_PX[-1])
     density = len(b) / area
@@ -223,3 +235,15 @@ def _lead(best: _Judged, rival: _Judged) -> float:
     """
     precision = 2 * (rival.count - rival.free) * np.log(rival.sigma_px / best.sigma_px)
     return float(precision + LN_HOLE * (rival.holes - best.holes * rival.count / best.count))
+
+
+def _spacing(xy: Array) -> float:
+    """Usual distance of neighbours (N, 2): of the nearest, or by the area for each, where that is larger."""
+    nearest = float(np.median(cKDTree(xy).query(xy, 2)[0][:, 1]))
+    corners = hull_of(xy)
+    return max(nearest, float(np.sqrt(_area(corners) / len(xy))) if len(corners) > 2 else 0.0)
+
+
+def _area(corners: Array) -> float:
+    x, y = corners.T
+    return 0.5 * abs(float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))))
