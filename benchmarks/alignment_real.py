@@ -10,8 +10,8 @@ DICe discs      a flat printed board in poses that differ by up to some hundred 
                 perspective. It is regular, so the constellation alone is refused; the discs are named by their
                 place on the board (`calibration.find_board`)
 
-Every figure is the root mean square length of held-out residuals, pixels; the last column is what the detector states for
-a pair of spots (1 sigma, both coordinates of both).
+Every figure is the root mean square length of held-out residuals, pixels; the last column is what the detector states
+for a pair of spots (1 sigma, both coordinates of both).
 """
 
 from __future__ import annotations

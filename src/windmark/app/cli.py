@@ -82,23 +82,11 @@ def simulate(
     as_json: Json = False,
 ) -> None:
     """Write a synthetic test: images, markers, cameras, grid, project file and the truth."""
-    from windmark.app import verbs
-
     with console.errors(as_json):
-        if sum((infrared, deforming is not None, cameras is not None, photos is not None)) > 1:
-            raise ValueError("--infrared, --deforming, --cameras and --photos are different tests; give one of them")
-        if clocks and deforming is None:
-            raise ValueError("--clocks belongs to --deforming")
-        if infrared:
-            verbs.simulate_infrared(folder, seed, as_json)
-        elif cameras is not None:
-            verbs.simulate_cameras(folder, seed, cameras, as_json)
-        elif photos is not None:
-            verbs.simulate_photos(folder, seed, photos, as_json)
-        elif deforming is None:
-            verbs.simulate(folder, seed, as_json)
-        else:
-            verbs.simulate_deforming(folder, seed, deforming, as_json, clocks)
+        from windmark.app import simulate_verb
+
+        wishes = simulate_verb.Wishes(deforming, infrared, cameras, photos, clocks)
+        simulate_verb.simulate(folder, seed, wishes, as_json)
 
 
 @app.command(epilog="Example: windmark run project.toml")

@@ -1,0 +1,114 @@
+"""The verb `windmark simulate`: synthetic tests of every kind, written whole, and what to do with them next."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from windmark import io
+from windmark.app import console
+
+Record = dict[str, Any]
+Kind = tuple[Callable[[Path], Any], Callable[[Any, Path], tuple[Record, list[str]]]]
+
+
+@dataclass(frozen=True)
+class Wishes:
+    """Which test: none of them is the default one, a wing wind-off and wind-on before one camera."""
+
+    deforming: int | None = None
+    infrared: bool = False
+    cameras: int | None = None
+    photos: int | None = None
+    clocks: bool = False
+
+
+def simulate(folder: Path, seed: int, wishes: Wishes, as_json: bool) -> None:
+    """Make the test, say what it holds."""
+    kinds = {"infrared": wishes.infrared, "deforming": wishes.deforming is not None,
+             "cameras": wishes.cameras is not None, "photos": wishes.photos is not None}  # fmt: skip
+    chosen = [name for name, asked in kinds.items() if asked]
+    if len(chosen) > 1:
+        raise ValueError("--infrared, --deforming, --cameras and --photos are different tests; give one of them")
+    if wishes.clocks and wishes.deforming is None:
+        raise ValueError("--clocks belongs to --deforming")
+    make = {"infrared": _infrared, "deforming": _deforming, "cameras": _cameras, "photos": _photos, "": _default}
+    write, describe = make[chosen[0] if chosen else ""](seed, wishes)
+    with console.progress() as show:
+        show("render the virtual wind tunnel")
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with io.atomic_folder(folder) as place:
+            made = write(place)
+    record, lines = describe(made, folder)
+    console.answer({"folder": folder, "seed": seed, **record}, as_json, lines)
+
+
+def _next(folder: Path, verb: str = "run", project: str = "project.toml") -> str:
+    return f"next: windmark {verb} {folder / project}"
+
+
+def _default(seed: int, wishes: Wishes) -> Kind:
+    from windmark.pipeline.simulate import simulate as write
+
+    def describe(test: Any, folder: Path) -> tuple[Record, list[str]]:
+        markers, nodes = len(test.markers), len(test.mesh.vertices)
+        record = {"markers": markers, "grid_nodes": nodes, "images": [shot.view.frame for shot in test.shots]}
+        said = f"{len(test.shots)} images, {markers} markers, {nodes} grid nodes: {folder}"
+        return record, [said, _next(folder)]
+
+    return lambda place: write(place, seed), describe
+
+
+def _infrared(seed: int, wishes: Wishes) -> Kind:
+    from windmark.pipeline.simulate_infrared import simulate_infrared as write
+
+    def describe(made: Any, folder: Path) -> tuple[Record, list[str]]:
+        markers, nodes = len(made.test.markers), len(made.test.mesh.vertices)
+        said = f"{len(made.frames)} infrared images, {markers} markers, {nodes} grid nodes: {folder}"
+        return {"markers": markers, "grid_nodes": nodes, "images": list(made.frames)}, [said, _next(folder)]
+
+    return lambda place: write(place, seed), describe
+
+
+def _cameras(seed: int, wishes: Wishes) -> Kind:
+    from windmark.pipeline.simulate_cameras import simulate_cameras as write
+
+    count = wishes.cameras or 0
+
+    def describe(test: Any, folder: Path) -> tuple[Record, list[str]]:
+        markers, nodes = len(test.markers), len(test.mesh.vertices)
+        said = f"a picture each of {count} cameras, {markers} markers, {nodes} grid nodes: {folder}"
+        return {"markers": markers, "grid_nodes": nodes, "cameras": list(test.cameras)}, [said, _next(folder)]
+
+    return lambda place: write(place, seed, count), describe
+
+
+def _photos(seed: int, wishes: Wishes) -> Kind:
+    from windmark.pipeline.simulate_photos import simulate_photos as write
+
+    count = wishes.photos or 0
+
+    def describe(test: Any, folder: Path) -> tuple[Record, list[str]]:
+        then = (
+            f"next: windmark reconstruct {folder / 'photos'}/*.tif -c {folder / 'camera.json'} -p "
+            f"{folder / 'primary.csv'} --unit mm --radius 2.7"
+        )
+        said = f"{count} pictures, {len(test.markers)} markers: {folder}"
+        return {"markers": len(test.markers), "photos": count}, [said, then]
+
+    return lambda place: write(place, seed, count), describe
+
+
+def _deforming(seed: int, wishes: Wishes) -> Kind:
+    from windmark.pipeline.simulate_deforming import simulate_deforming as write
+
+    frames = wishes.deforming or 0
+
+    def describe(test: Any, folder: Path) -> tuple[Record, list[str]]:
+        record = {"markers": len(test.markers), "frames": frames, "cameras": list(test.cameras)}
+        said = f"{frames} frames of {len(test.cameras)} cameras, {len(test.markers)} markers: {folder}"
+        return record, [said, _next(folder, "deform", "deform.toml")]
+
+    return lambda place: write(place, seed, frames, clocks=wishes.clocks), describe
