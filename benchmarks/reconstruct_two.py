@@ -3,8 +3,8 @@
 A nearly flat plate (3 mm) and a wing with its body before walls, 25, 67 or 150 markers, 6, 15 or 30 degrees between
 the pictures, 0.1 or 0.3 px noise, 10 % of the spots missing and 10 % false. "poses": both poses are given, exact;
 "labels": the six primary markers that both pictures show are named in both. "Both" are markers with a spot in both
-pictures, "right" those with a track of these two spots, "wrong" tracks of any other two spots, "open" the rest; "refused"
-are whole cases.
+pictures, "right" those with a track of these two spots, "wrong" tracks of any other two spots, "open" the rest;
+"refused" are whole cases.
 """
 
 from __future__ import annotations

@@ -55,8 +55,12 @@ def pictures(shape: str, seed: int, camera: Camera, noise: float) -> tuple[list[
     return true, poses, [t + rng.normal(0, noise, t.shape) for t in true]
 
 
-def one(shape: str, number: int, seed: int, cameras: bool, wrong: bool) -> NDArray[np.int64] | None:
-    """The columns of one set; None where the pictures share too few markers."""
+def one(shape: str, number: int, seed: int, kind: str, wrong: bool) -> NDArray[np.int64] | None:
+    """The columns of one set; None where the pictures share too few markers.
+
+    ``kind`` is "no camera", "camera", or "bare": with a camera, and no spots but the clicked ones.
+    """
+    cameras = kind != "no camera"
     camera, noise = (scenes.CAMERA, 0.1) if cameras else (PINHOLE, 1.0)
     true, poses, spots = pictures(shape, seed, camera, noise)
     rng = np.random.default_rng([seed, number])
@@ -71,6 +75,8 @@ def one(shape: str, number: int, seed: int, cameras: bool, wrong: bool) -> NDArr
         turn, far = rng.uniform(0, 2 * np.pi), np.exp(rng.uniform(np.log(15), np.log(200)))
         clicks[1][bad] = clicks[1][bad] + far * np.array([np.cos(turn), np.sin(turn)])
         spots[1] = np.vstack([spots[1], clicks[1][bad]])
+    if kind == "bare":
+        spots = clicks
     a, b = (Detections.make(s, sigma_px=noise) for s in spots)
     names = tuple(str(k) for k in range(number))
     try:
@@ -85,7 +91,7 @@ def one(shape: str, number: int, seed: int, cameras: bool, wrong: bool) -> NDArr
     count = [1, 0, named, (wrong and off and not named) or (not wrong and off), not off and not named,
              not off and is_off(found, true, poses, camera, noise), (found.wrong & right).sum(),
              (found.unchecked & right).sum(), len(found.spot_a),
-             ((found.spot_a != found.spot_b) & (found.click != bad)).sum()]  # fmt: skip
+             ((found.spot_a != found.spot_b) & ((found.click != bad) | (bad < 0))).sum()]  # fmt: skip
     return np.array(count, dtype=int)
 
 
