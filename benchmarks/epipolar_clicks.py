@@ -26,7 +26,7 @@ NUMBERS = (8, 9, 10, 11, 12, 14, 16)
 SHAPES = ("wing", "block", "plate")
 
 
-def main(quick: bool = False, seeds: int = 10) -> dict[str, dict[str, int]]:
+def main(quick: bool = False, seeds: int = 3) -> dict[str, dict[str, int]]:
     """Print one table; return its rows."""
     figures: dict[str, dict[str, int]] = {}
     print(f"{'':34s} " + " ".join(f"{c:>12s}" for c in scenes.COLUMNS) + "      s")

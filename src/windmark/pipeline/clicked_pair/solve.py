@@ -134,9 +134,11 @@ def _checked(
     unchecked[who] = hangs | off
     notes = []
     if hangs.any():
-        more = "match more markers near them"
+        more = "match more markers" + ("" if hangs.all() else " near them")
         if job.cameras is None:
-            more += ", give the camera, or a smaller --sigma-px if the lens distorts so little"
+            more += ", or give the camera"
+            if np.isfinite(said.sigma_px[hangs]).all():
+                more += ", or a smaller --sigma-px if the lens distorts so little"
         every = "all clicks" if hangs.all() else f"clicks {_listed(names, who[hangs])}"
         notes.append(f"unchecked, {every}: the geometry hangs on them, and a wrong one would not show; {more}")
     notes += [f"unchecked, click {names[k]}: {abs(d):.1f} px from where the others expect it, {abs(d) / s:.1f} sigma; "
