@@ -64,15 +64,37 @@ def test_a_few_clicks_and_a_camera_match_the_pictures(windmark, photos, tmp_path
     assert again.json["wrong_clicks"] == []
 
 
-def test_without_a_camera_there_is_the_fundamental_matrix_with_covariance(windmark, photos, tmp_path):
+def test_without_a_camera_there_is_the_fundamental_matrix_and_no_further_match(windmark, photos, tmp_path):
     done = run(windmark, photos, photos / "clicks.csv", tmp_path / "out")
     assert done.code == 0
-    assert str(CLICKED) in done.json["wrong_clicks"]
+    assert done.json["wrong_clicks"] == [str(CLICKED)]
     assert np.linalg.matrix_rank(np.array(done.json["fundamental"]), tol=1e-9) == 2
     assert np.linalg.matrix_rank(np.array(done.json["fundamental_cov"]), tol=1e-25) >= 7
     table = rows(tmp_path / "out" / "matches.csv")
-    assert wrong_matches(photos, table) <= 0.03 * len(table)
-    assert len(table) > 30
+    assert len(table) == done.json["matches"] == done.json["by_hand"] == CLICKED - 1
+    assert wrong_matches(photos, table) == 0
+    clicked = rows(tmp_path / "out" / "clicks.csv")
+    assert [r["name"] for r in clicked if r["checked"] == "0"] == [*done.json["unchecked_clicks"], str(CLICKED)]
+    assert 0 < len(done.json["unchecked_clicks"]) < CLICKED - 1
+    assert all(float(r["shows_px"]) <= 10 for r in clicked if r["checked"] == "1")
+    assert any("unchecked" in note for note in done.json["notes"])
+    said = windmark("epipolar", *[photos / "photos" / f"P0{k}.tif" for k in (1, 2)], "--matches", photos / "clicks.csv",
+                    "--radius", "2.7", "-o", tmp_path / "said")  # fmt: skip
+    assert "only with --camera" in said.out
+
+
+def test_names_of_the_user_stay_in_the_labels(windmark, photos, tmp_path):
+    table = rows(photos / "clicks.csv")[:-1]
+    text = "name,x_a,y_a,x_b,y_b\n" + "".join(
+        f"{'m002' if k else 'tip'}{'' if k < 2 else k},{r['x_a']},{r['y_a']},{r['x_b']},{r['y_b']}\n"
+        for k, r in enumerate(table)
+    )
+    (tmp_path / "named.csv").write_text(text)
+    done = run(windmark, photos, tmp_path / "named.csv", tmp_path / "out", "-c", photos / "camera.json")
+    assert done.code == 0
+    label = [r["name"] for r in rows(tmp_path / "out" / "labels.csv") if r["image"] == "P01"]
+    assert {"tip", "m002", "m0022", "m001"} <= set(label)
+    assert len(set(label)) == len(label) == done.json["matches"]
 
 
 @pytest.mark.parametrize(
@@ -85,6 +107,7 @@ def test_without_a_camera_there_is_the_fundamental_matrix_with_covariance(windma
         ("image,name,x,y\nP01,a,1,2\nP01,a,3,4\n", 2, "a is there before"),
         ("image,name,x,y\nP01,a,1,2\nP02,b,3,4\n", 2, "no name is in both"),
         ("name,x\na,1\n", 2, "has no column image"),
+        ("name,x_a,y_a,x_b,y_b\na,1,2,3,4\na,5,6,7,8\n", 2, "the name a is there before"),
         ("x_a,y_a,x_b,y_b\n", 1, "0 matches"),
     ],
 )

@@ -66,6 +66,17 @@ def test_exact_poses_give_what_is_unambiguous_and_nothing_wrong(model, n, base, 
         assert not linked[v] & set(result.open_spots[name].tolist())
 
 
+def test_a_primary_without_a_point_does_not_take_its_neighbours():
+    """150 markers: some primaries' links stay open, and the next point is another marker."""
+    xyz, poses, spots, labels = pair(8, 150, 6, "plate", noise=0.1)
+    both = both_of(labels)
+    far = both[np.argsort(-np.linalg.norm(xyz[both] - xyz[both].mean(axis=0), axis=1))[:6]]
+    views = [View(f"v{k}", "cam", "", p) for k, p in enumerate(poses)]
+    result = reconstruct(spots, {"cam": scenes.CAMERA}, primaries(xyz, far), views=views)
+    assert result, result.reason
+    assert count(result, labels)[1] == 0
+
+
 def test_labels_in_both_pictures_are_enough():
     xyz, _, spots, labels = pair(2, 67, 12, "model")
     both = both_of(labels)

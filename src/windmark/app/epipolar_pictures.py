@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -27,7 +28,23 @@ NAMED = 80
 """Markers are named up to so many."""
 
 
-def pair_picture(lines: PairLines, image_a: Image, image_b: Image) -> Figure:
+@dataclass(frozen=True)
+class PairWords:
+    """How the picture of a pair calls what both pictures have, one and many, and what one alone has.
+
+    ``missed`` is what is said of a line without a spot; "" where no such lines are drawn.
+    """
+
+    one: str = "marker in both pictures"
+    many: str = "markers"
+    alone: str = "marker in this picture alone"
+    missed: str = "its line in the other one, where it has no spot"
+
+
+MARKERS = PairWords()
+
+
+def pair_picture(lines: PairLines, image_a: Image, image_b: Image, *, words: PairWords = MARKERS) -> Figure:
     """Two images side by side; a marker and its line in the other image have one colour (AIAA 2005-5007, Fig. 12).
 
     The line of a marker that the other image has not is red and dashed there, and its spot is a red square.
@@ -35,23 +52,23 @@ def pair_picture(lines: PairLines, image_a: Image, image_b: Image) -> Figure:
     shape = np.maximum(image_a.shape[:2], image_b.shape[:2])
     figure = Figure(figsize=(PAIR_WIDTH_IN, PAIR_WIDTH_IN / 2 * shape[0] / shape[1] + 1.1), layout="constrained")
     for axes, image, side in zip(figure.subplots(1, 2), (image_a, image_b), (lines.a, lines.b), strict=True):
-        _draw_side(axes, image, side, lines.names)
+        _draw_side(axes, image, side, lines.names, words)
     alone = len(lines.a.alone) + len(lines.b.alone)
     handles = [
         Line2D([], [], color=COLOURS[0], marker="o", mfc="none", ms=8, mew=1.4,
-               label=f"marker in both pictures ({len(lines.names)}), and its epipolar line in the same colour"),
-        Line2D([], [], ls="", marker="s", mfc="none", mec=MISSING, ms=8, mew=1.4,
-               label=f"marker in this picture alone ({alone})"),
-        Line2D([], [], color=MISSING, ls="--", lw=1.4, label="its line in the other one, where it has no spot"),
+               label=f"{words.one} ({len(lines.names)}), and its epipolar line in the same colour"),
+        Line2D([], [], ls="", marker="s", mfc="none", mec=MISSING, ms=8, mew=1.4, label=f"{words.alone} ({alone})"),
     ]  # fmt: skip
+    if words.missed:
+        handles.append(Line2D([], [], color=MISSING, ls="--", lw=1.4, label=words.missed))
     figure.legend(handles=handles, loc="outside lower center", ncols=3, fontsize=9, frameon=False)
     figure.suptitle(
-        f"Epipolar lines: the spots of {len(lines.names)} markers are {lines.rms_px:.3f} px RMS from their lines"
+        f"Epipolar lines: the spots of {len(lines.names)} {words.many} are {lines.rms_px:.3f} px RMS from their lines"
     )
     return figure
 
 
-def _draw_side(axes: Axes, image: Image, side: Side, names: tuple[str, ...]) -> None:
+def _draw_side(axes: Axes, image: Image, side: Side, names: tuple[str, ...], words: PairWords) -> None:
     height, width = image.shape[:2]
     # Darker than it is, so that lines show on paper; wide percentiles, as markers are a small part of the pixels.
     axes.imshow(0.6 * stretched(image, 0.02, 99.98), cmap="gray", vmin=0, vmax=1, interpolation="nearest")
@@ -73,7 +90,8 @@ def _draw_side(axes: Axes, image: Image, side: Side, names: tuple[str, ...]) -> 
             )  # fmt: skip
     axes.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), xlabel="x, px", ylabel="y, px")
     markers, missed = len(side.spots) + len(side.alone), len(side.missed)
-    axes.set_title(f"{side.name}: {markers} markers, lines without a spot: {missed}", fontsize=10)
+    said = f"{markers} markers, lines without a spot: {missed}" if words.missed else f"{markers} spots"
+    axes.set_title(f"{side.name}: {said}", fontsize=10)
 
 
 def views_picture(count: NDArray[np.int64]) -> Figure:

@@ -1,15 +1,16 @@
-"""The verb `windmark epipolar`: the geometry of two pictures from a few matches by hand, and then all matches."""
+"""The verb `windmark epipolar`: the geometry of two pictures from a few matches by hand; with cameras all matches."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib.patheffects import withStroke
 
 from windmark import io
 from windmark.app import console
-from windmark.app.epipolar_pictures import pair_picture
+from windmark.app.epipolar_pictures import PairWords, pair_picture
 from windmark.app.pictures import MISSING, png
 from windmark.geometry import Camera
 from windmark.pipeline.calibrate import MatchOptions
@@ -17,7 +18,14 @@ from windmark.pipeline.calibrate.read import find_spots, picture_names, read_ima
 from windmark.pipeline.clicked_pair import ClickedPair, Clicks, clicked_pair, lines_of, read_clicks, relabelled
 from windmark.scene import Detections
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 Record = dict[str, Any]
+
+SPOTS = PairWords("match", "matches", "spot without a match", "")
+WHY_NONE = ("the other spots are matched only with --camera: which of the spots on a line is meant, nothing tells "
+            "without one")  # fmt: skip
 
 
 def run(
@@ -41,7 +49,7 @@ def run(
             _check_size(path, image.shape, both[k] if both else None)
             grey.append(image)
             spots.append(find_spots(image, mask, match))
-        show("match along the lines")
+        show("match along the lines" if both else "fundamental matrix")
         pair = (spots[0], spots[1])
         result = clicked_pair(*pair, clicks, both, sigma_px=sigma_px, seed=match.seed)
     record = _record(result, clicks, (names[0], names[1]), pair)
@@ -49,17 +57,26 @@ def run(
         console.refuse("; ".join([result.reason, *result.notes]), as_json, record)
         return
     sizes = [(int(g.shape[1]), int(g.shape[0])) for g in grey]
-    figure = pair_picture(lines_of(result, (names[0], names[1]), pair, sizes, both), *grey)
-    for axes, place in zip(figure.axes, (result.click_a, result.click_b), strict=False):
-        for name, xy in zip(np.array(clicks.name)[result.wrong], place[result.wrong], strict=True):
-            axes.plot(*xy, "x", color=MISSING, ms=11, mew=2.2)
-            axes.annotate(f"wrong click {name}", xy, xytext=(8, -12), textcoords="offset points", color=MISSING,
-                          fontsize=9)  # fmt: skip
+    figure = pair_picture(lines_of(result, clicks, (names[0], names[1]), pair, sizes, both), *grey, words=SPOTS)
+    _mark_clicks(figure, result, clicks)
     output.parent.mkdir(parents=True, exist_ok=True)
     with io.atomic_folder(output) as place_:
         _write(place_, result, clicks, (names[0], names[1]), pair, record)
         (place_ / "epipolar.png").write_bytes(png(figure, dpi=110))
     console.answer({**record, "folder": output}, as_json, [*_lines(result, clicks, pair), f"results: {output}"])
+
+
+def _mark_clicks(figure: Figure, result: ClickedPair, clicks: Clicks) -> None:
+    """Wrong clicks as crosses, unchecked ones by a word."""
+    for axes, place in zip(figure.axes, (result.click_a, result.click_b), strict=False):
+        for which, word, colour, around in (
+            (result.wrong, "wrong click", MISSING, "white"), (result.unchecked, "unchecked", "white", "black"),
+        ):  # fmt: skip
+            for name, xy in zip(np.array(clicks.name)[which], place[which], strict=True):
+                if colour == MISSING:
+                    axes.plot(*xy, "x", color=colour, ms=11, mew=2.2)
+                axes.annotate(f"{word} {name}", xy, xytext=(8, -12), textcoords="offset points", color=colour,
+                              fontsize=8, path_effects=[withStroke(linewidth=1.5, foreground=around)])  # fmt: skip
 
 
 def _check_size(path: Path, shape: tuple[int, ...], camera: Camera | None) -> None:
@@ -80,9 +97,10 @@ def _write(
     io.write_table(folder / "clicks.csv", {
         "name": np.array(clicks.name), "x_a": result.click_a[:, 0], "y_a": result.click_a[:, 1],
         "x_b": result.click_b[:, 0], "y_b": result.click_b[:, 1], "distance_px": result.click_px,
-        "wrong": result.wrong.astype(int),
+        "wrong": result.wrong.astype(int), "checked": (~result.wrong & ~result.unchecked).astype(int),
+        "shows_px": result.shows_px,
     })  # fmt: skip
-    io.write_table(folder / "labels.csv", relabelled(result, names, spots))
+    io.write_table(folder / "labels.csv", relabelled(result, clicks, names, spots))
     io.write_json(folder / "geometry.json", record)
 
 
@@ -96,6 +114,7 @@ def _record(
     return {
         "determined": True, "images": list(names), "spots": [len(s) for s in spots], "clicks": len(clicks.name),
         "wrong_clicks": [n for n, bad in zip(clicks.name, result.wrong, strict=True) if bad],
+        "unchecked_clicks": [n for n, bad in zip(clicks.name, result.unchecked, strict=True) if bad],
         "matches": len(result.spot_a), "by_hand": int(result.by_hand.sum()), "rms_px": rms, "sigma0": result.sigma0,
         "fundamental": result.fundamental, "pixels": "without lens distortion" if pose is not None else "as taken",
         "fundamental_cov": None if estimate is None else estimate.cov,
@@ -119,6 +138,8 @@ def _lines(result: ClickedPair, clicks: Clicks, spots: tuple[Detections, Detecti
     for name, px, bad in zip(clicks.name, result.click_px, result.wrong, strict=True):
         if bad and np.isfinite(px):
             lines.append(f"wrong click: {name}, {abs(px):.2f} px from its line, contradicts the other matches")
+    if result.pose is None:
+        lines.append(WHY_NONE)
     return [*lines, *(f"  {note}" for note in result.notes)]
 
 

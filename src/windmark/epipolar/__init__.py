@@ -3,11 +3,10 @@
 from windmark.epipolar.associate import WHY, Association, associate
 from windmark.epipolar.chain import CUT, Chain, PairLinks, chain
 from windmark.epipolar.known import KnownPair, match_known_pair
-from windmark.epipolar.lines import match_along_lines
 from windmark.epipolar.pair import match_pair
 from windmark.epipolar.result import NotMatched, PairMatching
 
 __all__ = [
     "CUT", "WHY", "Association", "Chain", "KnownPair", "NotMatched", "PairLinks", "PairMatching", "associate", "chain",
-    "match_along_lines", "match_known_pair", "match_pair",
+    "match_known_pair", "match_pair",
 ]  # fmt: skip

@@ -44,9 +44,10 @@ def epipolar(
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder of the results.")] = Path("epipolar"),
     as_json: a.AsJson = False,
 ) -> None:
-    """Two pictures and a few matches by hand: fundamental matrix, wrong clicks, and all other matches along the lines.
+    """Two pictures and a few matches by hand: F, wrong and unchecked clicks; with --camera all other matches too.
 
-    Eight matches without a camera (markers in space, a lens without much distortion); six with one, also on a plane.
+    Six matches with a camera, also on a plane. Without one eight or better 16 (markers in space, a lens without much
+    distortion), and the other spots are not matched: which of those on a line is meant needs depths, so a camera.
     """
     with console.errors(as_json):
         from windmark.app import epipolar_verb

@@ -31,11 +31,13 @@ from windmark.geometry.two_view.matrices import (
     fundamental_from_poses,
     ideal_pixels,
 )
+from windmark.geometry.two_view.others import ByOthers, fundamental_by_others, pose_by_others
 from windmark.geometry.two_view.pairs import rays_with_cov
 from windmark.geometry.two_view.refine import RelativePose, refine_essential, relative_pose_refine
 from windmark.geometry.two_view.result import TwoView
 
 __all__ = [
+    "ByOthers",
     "EpipolarDistance",
     "Fundamental",
     "Homography",
@@ -55,12 +57,14 @@ __all__ = [
     "estimate_two_view",
     "fit_homography",
     "fundamental_eight_point",
+    "fundamental_by_others",
     "fundamental_from_essential",
     "fundamental_from_poses",
     "fundamental_seven_point",
     "homography_from_plane",
     "ideal_pixels",
     "pose_from_essential",
+    "pose_by_others",
     "ray_depths",
     "rays_with_cov",
     "refine_essential",

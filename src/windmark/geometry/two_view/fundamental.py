@@ -8,7 +8,6 @@ Nonlinear estimation of the fundamental matrix with minimal parameters, PAMI 200
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import suppress
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -16,27 +15,19 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import chdtri
 
-from windmark.geometry.errors import DegenerateGeometry
-from windmark.geometry.rotations import exp_so3
 from windmark.geometry.two_view.distances import sampson_distance
-from windmark.geometry.two_view.homography import fit_homography, transfer
-from windmark.geometry.two_view.linear import fundamental_eight_point, fundamental_seven_point
+from windmark.geometry.two_view.fundamental_fit import PARAMETERS, fits, spread_of
+from windmark.geometry.two_view.fundamental_plane import OFF_PLANE, off_plane, on_line
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-Ints = NDArray[np.int64]
 
-PARAMETERS = 7
 FEWEST = 8
 LEVEL = 1e-3
-"""Probability that right pairs are taken for wrong ones, or a true plane is not seen as one."""
+"""Probability that right pairs are taken for wrong ones."""
 LEFT = 2
 """What is left out is only believed if so many more pairs than parameters remain."""
 MOST_SETS = 300
-SMALL = 14
-"""Up to so many pairs, every way to leave some off a plane is tried."""
-OFF_PLANE = 3
-"""Two points off a plane give the epipole of its homography, whatever they are; a third one checks it."""
 
 
 @dataclass(frozen=True)
@@ -104,7 +95,7 @@ def refine_fundamental(xy_a: ArrayLike, xy_b: ArrayLike, *, sigma_px: float = 1.
     n = len(a)
     if n < FEWEST:
         return _nothing(n, sigma_px, f"{n} matches; a fundamental matrix needs {FEWEST} (with a camera six will do)")
-    if _line(a, sigma_px) or _line(b, sigma_px):
+    if on_line(a, sigma_px) or on_line(b, sigma_px):
         return _nothing(n, sigma_px, "all matches are on a line: no epipolar geometry is determined")
     if (planar := _planar(a, b, np.ones(n, dtype=np.bool_), sigma_px)) is not None:
         return planar
@@ -140,8 +131,8 @@ def _subsets(a: Array, b: Array, wrong: int, sigma: float) -> Iterator[Mask]:
     while _count(len(among), wrong) > MOST_SETS:
         among = among[:-1]
     if len(among) < n:  # the pairs that a fit of all says least of come last
-        first = _fit(a, b, sigma)
-        size = np.zeros(n) if first is None else np.abs(sampson_distance(first[0], a, b))
+        first = fits(a, b, sigma)
+        size = np.abs(sampson_distance(first[0][0], a, b)) if first else np.zeros(n)
         among = np.argsort(-size, kind="stable")[: len(among)]
     for out in combinations(among.tolist(), wrong):
         kept = np.ones(n, dtype=np.bool_)
@@ -155,91 +146,25 @@ def _count(n: int, k: int) -> float:
 
 def _attempt(a: Array, b: Array, kept: Mask, sigma: float) -> tuple[Array, float, Mask] | None:
     """F of the kept pairs with its cost where they agree and every other pair does not; None elsewhere."""
-    fit = _fit(a[kept], b[kept], sigma)
-    if fit is None:
+    found = fits(a[kept], b[kept], sigma)
+    if not found:
         return None
-    matrix, cost = fit
+    matrix, cost = found[0]
     dof = int(kept.sum()) - PARAMETERS
     if cost > chdtri(dof, LEVEL):
         return None
     return matrix, cost, kept
 
 
-def _fit(a: Array, b: Array, sigma: float) -> tuple[Array, float] | None:
-    """F and its cost in sigma^2 from linear starts; None where there is none."""
-    starts: list[Array] = []
-    with suppress(DegenerateGeometry, ValueError):
-        starts.append(fundamental_eight_point(a, b))
-    spread = np.unique(np.linspace(0, len(a) - 1, PARAMETERS).round().astype(int))
-    if len(spread) == PARAMETERS:
-        starts += [f for f in fundamental_seven_point(a[spread], b[spread]) if np.isfinite(f).all()]
-    best: tuple[Array, float] | None = None
-    for start in starts:
-        matrix, cost = _minimise(start, a, b, sigma)
-        if np.isfinite(cost) and (best is None or cost < best[1]):
-            best = matrix, cost
-    return best
-
-
-def _minimise(start: Array, a: Array, b: Array, sigma: float) -> tuple[Array, float]:
-    """Levenberg-Marquardt over the seven parameters, in coordinates of unit size."""
-    scale = _scaled(a, b)
-    u, s, v = _factors(np.linalg.inv(scale[1]).T @ start @ np.linalg.inv(scale[0]))
-
-    def moved(p: Array) -> Array:
-        middle = np.diag([1.0, s + p[6], 0.0])
-        return np.asarray(scale[1].T @ (u @ exp_so3(p[:3])) @ middle @ (v @ exp_so3(p[3:6])).T @ scale[0])
-
-    from scipy.optimize import least_squares
-
-    done = least_squares(lambda p: sampson_distance(moved(p), a, b) / sigma, np.zeros(PARAMETERS), method="lm"
-                         if len(a) >= PARAMETERS else "trf", max_nfev=200)  # fmt: skip
-    matrix = moved(done.x)
-    return matrix / np.linalg.norm(matrix), float(2 * done.cost)
-
-
-def _factors(f: Array) -> tuple[Array, float, Array]:
-    """Rotations U, V and s of the rank-two matrix nearest to f, up to its scale and sign."""
-    u, s, vt = np.linalg.svd(f)
-    u = u * np.array([1, 1, np.linalg.det(u)])
-    v = vt.T * np.array([1, 1, np.linalg.det(vt)])
-    return u, float(s[1] / s[0]), v
-
-
-def _scaled(a: Array, b: Array) -> tuple[Array, Array]:
-    out = []
-    for p in (a, b):
-        middle = p.mean(axis=0)
-        size = max(float(np.sqrt(((p - middle) ** 2).sum(axis=1).mean() / 2)), 1e-12)
-        out.append(np.array([[1 / size, 0, -middle[0] / size], [0, 1 / size, -middle[1] / size], [0, 0, 1]]))
-    return out[0], out[1]
-
-
 def _result(matrix: Array, cost: float, kept: Mask, a: Array, b: Array, sigma: float) -> Fundamental:
     """With covariance: that of the seven parameters, carried on."""
-    scale = _scaled(a[kept], b[kept])
-    u, s, v = _factors(np.linalg.inv(scale[1]).T @ matrix @ np.linalg.inv(scale[0]))
-    sign = 1.0
-
-    def moved(p: Array) -> Array:
-        f = scale[1].T @ (u @ exp_so3(p[:3])) @ np.diag([1.0, s + p[6], 0.0]) @ (v @ exp_so3(p[3:6])).T @ scale[0]
-        return np.asarray(sign * f / np.linalg.norm(f))
-
-    sign = 1.0 if (moved(np.zeros(PARAMETERS)) * matrix).sum() > 0 else -1.0
-    steps = 1e-6 * np.eye(PARAMETERS)
-    slope = np.stack([(sampson_distance(moved(h), a[kept], b[kept]) - sampson_distance(moved(-h), a[kept], b[kept]))
-                      / 2e-6 / sigma for h in steps], axis=1)  # fmt: skip
-    cov7 = np.linalg.pinv(slope.T @ slope, rcond=1e-14)
+    cov7, slope = spread_of(matrix, a[kept], b[kept], sigma)
     dof = int(kept.sum()) - PARAMETERS
-    by_f = np.stack([(moved(h) - moved(-h)).ravel() / 2e-6 for h in steps], axis=1)
-    ends, covs = [], []
-    for side in (0, 1):
-        slope_e = np.stack([(_epipole(moved(h), side) - _epipole(moved(-h), side)) / 2e-6 for h in steps], axis=1)
-        ends.append(_epipole(matrix, side))
-        covs.append(slope_e @ cov7 @ slope_e.T)
+    by_f = slope(lambda f: f.ravel())
+    by_a, by_b = slope(lambda f: _epipole(f, 0)), slope(lambda f: _epipole(f, 1))
     return Fundamental(
-        matrix, by_f @ cov7 @ by_f.T, kept, sampson_distance(matrix, a, b), ends[0], ends[1], covs[0], covs[1], sigma,
-        float(np.sqrt(cost / dof)) if dof > 0 else float("nan"),
+        matrix, by_f @ cov7 @ by_f.T, kept, sampson_distance(matrix, a, b), _epipole(matrix, 0), _epipole(matrix, 1),
+        by_a @ cov7 @ by_a.T, by_b @ cov7 @ by_b.T, sigma, float(np.sqrt(cost / dof)) if dof > 0 else float("nan"),
     )  # fmt: skip
 
 
@@ -252,7 +177,7 @@ def _epipole(matrix: Array, side: int) -> Array:
 
 def _planar(a: Array, b: Array, kept: Mask, sigma: float) -> Fundamental | None:
     """The refusal of points on a plane; None where enough are off every plane."""
-    off = _off_plane(a, b, kept, sigma)
+    off = off_plane(a, b, kept, sigma)
     if off is None:
         return None
     but = f"all but the matches {', '.join(str(i + 1) for i in off)}" if len(off) else "all matches"
@@ -261,43 +186,6 @@ def _planar(a: Array, b: Array, kept: Mask, sigma: float) -> Fundamental | None:
         "off it do not determine and check a fundamental matrix" + ("; those may as well be wrong" if len(off) else "")
         + ". Match points off that plane, or give the camera", tuple(off),
     )  # fmt: skip
-
-
-def _off_plane(a: Array, b: Array, kept: Mask, sigma: float) -> list[int] | None:
-    """Pairs off a plane that holds all others, fewer than `OFF_PLANE`; None where there is no such plane."""
-    rows = np.flatnonzero(kept)
-    for count in range(OFF_PLANE):
-        for out in combinations(range(len(rows)), count) if len(rows) <= SMALL else _worst(a, b, rows, count):
-            if len(rows) - count >= 5 and _on_plane(a, b, np.delete(rows, out), sigma):
-                return [int(k) for k in rows[list(out)]]
-    return None
-
-
-def _worst(a: Array, b: Array, rows: Ints, count: int) -> list[tuple[int, ...]]:
-    """The pairs that homographies of the others say least of, taken out one after the other."""
-    out: list[int] = []
-    for _ in range(count):
-        rest = [k for k in range(len(rows)) if k not in out]
-        h = fit_homography(a[rows[rest]], b[rows[rest]])
-        if h is None:
-            return []
-        off = ((transfer(h, a[rows[rest]]) - b[rows[rest]]) ** 2).sum(axis=1)
-        out.append(rest[int(off.argmax())])
-    return [tuple(out)]
-
-
-def _on_plane(a: Array, b: Array, on: Ints, sigma: float) -> bool:
-    h, back = fit_homography(a[on], b[on]), fit_homography(b[on], a[on])
-    if h is None or back is None:
-        return False
-    ahead, behind = ((transfer(m, x) - y) ** 2 for m, x, y in ((h, a[on], b[on]), (back, b[on], a[on])))
-    square = np.minimum(ahead.sum(axis=1), behind.sum(axis=1)) / (2 * sigma**2)  # noise of both pictures
-    limit = chdtri(2, LEVEL / len(on))
-    return bool(square.sum() <= chdtri(2 * len(on) - 8, LEVEL) and (square <= limit).all())
-
-
-def _line(p: Array, sigma: float) -> bool:
-    return bool(np.linalg.svd(p - p.mean(axis=0), compute_uv=False)[1] <= 3 * sigma * np.sqrt(len(p)))
 
 
 def _nothing(n: int, sigma: float, reason: str, suspects: tuple[int, ...] = ()) -> Fundamental:

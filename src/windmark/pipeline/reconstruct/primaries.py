@@ -37,6 +37,9 @@ HELD = 0.02
 """Given poses hold the frame where the adjusted ones are so near to them, as part of the distance to the primaries."""
 CLEAR = 3.0
 """A primary's place names the nearest point if the next one is so many times farther off, and than poses moved."""
+OWN = 6.0
+"""And if it is not so many times farther off than the primaries' places usually are: one without a point of its own
+would take its neighbour's."""
 FINEST = 1e-4
 """Residuals count as at least so large, as part of the extent: two pictures may agree by chance."""
 
@@ -132,7 +135,9 @@ def _by_place(task: Task, structure: Structure) -> Located | None:
         return None
     error = float(np.median(moved))
     gap, near = cKDTree(structure.xyz).query(known, 2)
-    primary = np.flatnonzero(gap[:, 1] > CLEAR * np.maximum(gap[:, 0], error))
+    clear = gap[:, 1] > CLEAR * np.maximum(gap[:, 0], error)
+    usual = float(np.median(gap[clear, 0])) if clear.any() else 0.0
+    primary = np.flatnonzero(clear & (gap[:, 0] <= OWN * max(usual, error)))
     point = near[primary, 0].astype(np.int64)
     if len(primary) < 3 or len(np.unique(point)) < len(point):
         return None

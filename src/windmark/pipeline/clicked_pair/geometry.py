@@ -1,0 +1,152 @@
+"""The geometry of two pictures from matched spots, with cameras or without."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.epipolar import match_known_pair
+from windmark.geometry import Camera, Pose
+from windmark.geometry.two_view import (
+    ByOthers,
+    Fundamental,
+    TwoView,
+    epipolar_distance,
+    essential_from_poses,
+    estimate_two_view,
+    fundamental_by_others,
+    fundamental_eight_point,
+    fundamental_from_essential,
+    pose_by_others,
+    refine_fundamental,
+    sampson_distance,
+)  # fmt: skip
+from windmark.scene import Detections
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+SIGMA_PX, MODEL_PX = 1.0, 0.1
+"""1 sigma per coordinate of matches without a camera, for a lens that nothing describes; and what a camera's model
+leaves beyond the spots' own."""
+FEW = 40
+"""Up to so many matches, every way to leave some out is tried."""
+READING = 1.3
+"""Of two readings of a plane the one that matches so many times more spots is taken."""
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """F on pixels without lens distortion, which of the given matches agree, and what else a way to it gives."""
+
+    matrix: Array
+    used: Mask
+    sigma0: float
+    pose: Pose | None = None
+    pose_cov: Array | None = None
+    estimate: Fundamental | None = None
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Job:
+    """Two pictures, with cameras or without."""
+
+    a: Detections
+    b: Detections
+    cameras: tuple[Camera, Camera] | None
+    sigma_px: float | None
+    seed: int
+
+    def geometry(self, i: Ints, j: Ints) -> Geometry | str:
+        """The geometry of matched spots; or why there is none."""
+        if self.cameras is None:
+            return self._fundamental(i, j)
+        if len(i) < 6:
+            return f"{len(i)} matches; with a camera six are needed (five fix the geometry, one checks it)"
+        view = estimate_two_view(
+            self.a.xy[i], self.b.xy[j], *self.cameras, cov_a=self.a.cov[i] + self._extra,
+            cov_b=self.b.cov[j] + self._extra, seed=self.seed,
+        )  # fmt: skip
+        if not view:
+            return f"the matches give no geometry: {view.reason}"
+        if view.b_from_a is None:
+            return f"no baseline shows: {view.reason}; the pictures must be taken from different places"
+        if int(view.inliers.sum()) - 5 < 1:
+            return f"{int(view.inliers.sum())} matches agree: five fix the geometry, and nothing checks it; add matches"
+        pose, note = self._reading(view, i[view.inliers], j[view.inliers])
+        if pose is None:
+            return note
+        matrix = fundamental_from_essential(essential_from_poses(pose), *self.cameras)
+        return Geometry(matrix / np.linalg.norm(matrix), view.inliers, view.sigma0, pose, view.cov, None,
+                         (note,) if note else ())  # fmt: skip
+
+    def _reading(self, view: TwoView, i: Ints, j: Ints) -> tuple[Pose | None, str]:
+        """The pose; of several that explain the matches the one along whose lines far more spots match."""
+        assert view.b_from_a is not None
+        if not view.alternatives:
+            return view.b_from_a, ""
+        every = (view.b_from_a, *view.alternatives)
+        counts = [len(self._known(pose, view.cov, i, j)[0]) for pose in every]
+        order = np.argsort(counts)[::-1]
+        if counts[order[0]] < READING * counts[order[1]]:
+            return None, (
+                f"{view.reason or 'two poses explain the matches'}, and the other spots do not decide "
+                f"({counts[order[0]]} and {counts[order[1]]} match); add matches off the plane"
+            )
+        return every[order[0]], f"{view.reason}: the one along whose lines more spots match was taken"
+
+    def _fundamental(self, i: Ints, j: Ints) -> Geometry | str:
+        sigma = self.sigma_px or SIGMA_PX
+        a, b = self.a.xy[i], self.b.xy[j]
+        if len(i) <= FEW:
+            done = refine_fundamental(a, b, sigma_px=sigma)
+            return Geometry(done.matrix, done.used, done.sigma0, estimate=done) if done else done.reason
+        use = np.arange(len(i))
+        while True:  # many: the worst one leaves until the rest agree
+            done = refine_fundamental(a[use], b[use], sigma_px=sigma, most_wrong=0)
+            if done or done.suspects or len(use) < 0.8 * len(i) or "homography" in done.reason:
+                break
+            off = np.abs(sampson_distance(fundamental_eight_point(a[use], b[use]), a[use], b[use]))
+            use = np.delete(use, int(off.argmax()))
+        if not done:
+            return done.reason
+        used = np.zeros(len(i), bool)
+        used[use] = True
+        return Geometry(done.matrix, used, done.sigma0, estimate=done)
+
+    def distance(self, geometry: Geometry, i: Ints, j: Ints) -> Array:
+        """Signed distance of matches from their lines, px."""
+        if self.cameras is None or geometry.pose is None:
+            return sampson_distance(geometry.matrix, self.a.xy[i], self.b.xy[j])
+        return epipolar_distance(self.a.xy[i], self.b.xy[j], *self.cameras, geometry.pose).sampson_px
+
+    def matched(self, geometry: Geometry, i: Ints, j: Ints) -> tuple[Ints, Ints]:
+        """All matches along the lines of cameras, those given among them."""
+        assert geometry.pose is not None
+        return self._known(geometry.pose, geometry.pose_cov, i, j)
+
+    def _known(self, pose: Pose, cov: Array | None, i: Ints, j: Ints) -> tuple[Ints, Ints]:
+        assert self.cameras is not None
+        pair = match_known_pair(self.a, self.b, *self.cameras, pose, pose_cov=cov, model_px=self.sigma_px or MODEL_PX)
+        rest = ~(np.isin(pair.spot_a, i) | np.isin(pair.spot_b, j))
+        return np.concatenate([i, pair.spot_a[rest]]), np.concatenate([j, pair.spot_b[rest]])
+
+    def by_others(self, geometry: Geometry, i: Ints, j: Ints, which: Ints) -> ByOthers:
+        """What all other matches say of some of them."""
+        a, b = self.a.xy[i], self.b.xy[j]
+        if self.cameras is None or geometry.pose is None:
+            said = fundamental_by_others(a, b, geometry.matrix, sigma_px=self.sigma_px or SIGMA_PX)
+            return ByOthers(said.distance_px[which], said.sigma_px[which], said.own_px[which])
+        return pose_by_others(
+            a, b, *self.cameras, geometry.pose, cov_a=self.a.cov[i] + self._extra, cov_b=self.b.cov[j] + self._extra,
+            which=which,
+        )  # fmt: skip
+
+    @property
+    def _extra(self) -> Array:
+        """(2, 2) what the spots' covariances do not hold."""
+        return np.asarray((self.sigma_px or MODEL_PX) ** 2 * np.eye(2))
