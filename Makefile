@@ -4,7 +4,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 DEMO   := windmark-demo
 
-.PHONY: demo test lint bench clean
+.PHONY: demo test bench paper-map clean
 
 demo: $(VENV)/.installed
 	$(BIN)/windmark demo $(DEMO)
@@ -14,6 +14,10 @@ test: $(VENV)/.installed-test
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/pytest
+
+# Every command of docs/paper-map.md, from start to end (some fifteen minutes).
+paper-map: $(VENV)/.installed
+	$(BIN)/python docs/run_paper_map.py
 
 bench: $(VENV)/.installed-test
 	$(BIN)/python benchmarks/run.py
