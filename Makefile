@@ -3,6 +3,8 @@ PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
 DEMO   := windmark-demo
+# A file of tests is run by one process; two files at a time halve the wait on two cores.
+TEST_PROCESSES ?= 2
 
 .PHONY: demo test bench paper-map clean
 
@@ -13,7 +15,7 @@ test: $(VENV)/.installed-test
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/pytest
+	$(BIN)/pytest --numprocesses $(TEST_PROCESSES) --dist loadfile
 
 # Every command of docs/paper-map.md, from start to end (some fifteen minutes).
 paper-map: $(VENV)/.installed
