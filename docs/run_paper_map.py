@@ -124,7 +124,7 @@ def main() -> int:
     only = chosen(options.only)
     with tempfile.TemporaryDirectory() as temporary:
         folder = (options.folder or Path(temporary)).resolve()
-        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "out").mkdir(parents=True, exist_ok=True)
         jobs = [(0, c) for c in data_commands()]
         jobs += [(row.number, c) for row in rows() for c in row.commands if only is None or row.number in only]
         done: set[str] = set()
