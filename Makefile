@@ -17,7 +17,7 @@ test: $(VENV)/.installed-test
 	$(BIN)/lint-imports
 	$(BIN)/pytest --numprocesses $(TEST_PROCESSES) --dist loadfile
 
-# Every command of docs/paper-map.md, from start to end (some fifteen minutes).
+# Every command of docs/paper-map.md, from start to end (some eight minutes).
 paper-map: $(VENV)/.installed
 	$(BIN)/python docs/run_paper_map.py
 
