@@ -42,6 +42,24 @@ class Table:
         k = self.columns.index(column)
         return [row[k] for row in self.rows]
 
+    def names(self) -> list[str]:
+        """The column ``name``: no cell empty, none twice.
+
+        Raises
+        ------
+        FileError
+            Names the line of the first name that is missing or there before.
+        """
+        names = self.text("name")
+        first: dict[str, int] = {}
+        for row, name in enumerate(names):
+            if not name:
+                self.fail(row, "name is empty; expected a name")
+            if name in first:
+                self.fail(row, f"the name {name!r} is already on line {self.lines[first[name]]}; names must be unique")
+            first[name] = row
+        return names
+
     def numbers(self, column: str, *, optional: bool = False) -> Array:
         """One column as (N,) finite numbers; with ``optional`` an empty cell (or nan) is NaN.
 

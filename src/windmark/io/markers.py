@@ -124,7 +124,7 @@ def _columns(names: tuple[str, ...], values: Array) -> dict[str, NDArray]:
 
 def _read_csv(path: Pathlike) -> MarkerSet:
     table = read_table(path, required=("name", *XYZ), known=COLUMNS)
-    names = _names(table)
+    names = table.names()
     xyz = np.stack([table.numbers(column) for column in XYZ], axis=1)
     normal = table.together(*NORMAL)
     if normal is not None:
@@ -141,18 +141,6 @@ def _read_csv(path: Pathlike) -> MarkerSet:
         names, xyz, sigma=sigma, radius=radius, normal=normal, volume=_words(table, "volume"), role=_roles(table)
     )
     return _with_own_unit_normals(markers, normal)
-
-
-def _names(table: Table) -> list[str]:
-    names = table.text("name")
-    first: dict[str, int] = {}
-    for row, name in enumerate(names):
-        if not name:
-            table.fail(row, "name is empty; expected a name")
-        if name in first:
-            table.fail(row, f"the name {name!r} is already on line {table.lines[first[name]]}; names must be unique")
-        first[name] = row
-    return names
 
 
 def _words(table: Table, column: str) -> list[str]:

@@ -74,14 +74,7 @@ def _of_tgts(path: Pathlike, roles: Sequence[str] | None) -> PointList:
 
 def _of_csv(path: Pathlike) -> PointList:
     table = read_table(path, required=("name", "x", "y", "z"), known=None)
-    names = table.text("name")
-    first: dict[str, int] = {}
-    for row, name in enumerate(names):
-        if not name:
-            table.fail(row, "name is empty; expected a name")
-        if name in first:
-            table.fail(row, f"the name {name!r} is already on line {table.lines[first[name]]}; names must be unique")
-        first[name] = row
+    names = table.names()
     normal = table.together("nx", "ny", "nz")
     if normal is None:
         normal = np.full((len(table), 3), np.nan)

@@ -12,7 +12,6 @@ import numpy as np
 from windmark import io
 
 Record = dict[str, Any]
-LOSSY = "loses grey levels"
 
 
 @dataclass(frozen=True)
