@@ -181,3 +181,14 @@ def test_a_background_that_is_none_is_refused(windmark, arguments, virtual_test,
     assert done.code == 2
     assert "align.background" in done.err
     assert "'blank' or 'keep'" in done.err
+
+
+def test_a_table_in_another_unit_than_the_project_is_refused(virtual_test, tmp_path, windmark):
+    folder, _ = virtual_test
+    done = windmark("convert", folder / "markers.csv", tmp_path / "inch.csv", "--unit", "mm", "--to-unit", "in")
+    assert done.code == 0
+    done = windmark("register", folder / "wind-off.tif", "-m", tmp_path / "inch.csv", "-c", folder / "camera.json",
+                    "-r", 4, "--unit", "mm", "-o", tmp_path / "out")  # fmt: skip
+    assert done.code == 2
+    assert "is in in, the project's length unit is mm" in done.err
+    assert not (tmp_path / "out").exists()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -99,3 +101,17 @@ def check_unit(project: Project, path: object, content: io.CameraFile) -> None:
     if content.cam_from_model is not None and unit not in (None, project.length_unit):
         what = f"its pose is in {unit}, the project's length unit is {project.length_unit}; expected the same"
         raise io.FileError(str(path), what, "key 'length_unit'")
+
+
+def check_table_unit(project: Project, path: Path) -> None:
+    """Refuse a table of markers or points that says another unit than the project's; one that says none is trusted.
+
+    Raises
+    ------
+    FileError
+        Naming both units.
+    """
+    unit = io.read_marker_unit(path)
+    if unit not in ("", project.length_unit):
+        what = f"is in {unit}, the project's length unit is {project.length_unit}; expected the same"
+        raise io.FileError(path, f"{what} (windmark convert --to-unit {project.length_unit})", "length unit")

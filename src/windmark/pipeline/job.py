@@ -11,7 +11,7 @@ from typing import TypeVar
 from windmark import io
 from windmark.geometry import Camera, Pose
 from windmark.pipeline.clock import Clock, Progress, silent
-from windmark.pipeline.framing import check_unit, frame_views
+from windmark.pipeline.framing import check_table_unit, check_unit, frame_views
 from windmark.pipeline.grid import oriented, read_surface
 from windmark.pipeline.locate import Inputs, locate
 from windmark.pipeline.mapping import align_images, map_image, map_views
@@ -50,6 +50,8 @@ def run_project(project: Project, *, progress: Progress = silent, workers: int |
             _read_prior(project),
         )
     _check_labels(inputs)
+    for file in ([project.markers.file] if project.markers else []) + [entry.file for entry in project.points]:
+        check_table_unit(project, file)
     for c in project.camera:
         check_unit(project, c.file, inputs.cameras[c.name])
     if inputs.mesh is not None and not inputs.mesh.blocks and "plot3d" in (project.output.nodes or ()):
