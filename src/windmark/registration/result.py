@@ -26,12 +26,16 @@ CAUSES = {
     "ambiguous": "two different solutions explain the spots about equally well",
     "focal": "the focal length is not determined by this view",
     "wrong_focal": "the given focal length does not fit",
+    "wrong_camera": "the given camera does not fit: its principal point, aspect or lens",
+    "mirrored": "the mirror image of the table fits the picture, the table does not",
+    "one_pair": "a single pair holds the pose",
     "labels": "a fixed label contradicts what the spots show",
     "time": "the time limit came first",
 }
 """Every cause of a `NotRegistered`, in words."""
 Cause = Literal[
-    "too_few", "degenerate", "nothing", "weak", "misfit", "ambiguous", "focal", "wrong_focal", "labels", "time"
+    "too_few", "degenerate", "nothing", "weak", "misfit", "ambiguous", "focal", "wrong_focal", "wrong_camera",
+    "mirrored", "one_pair", "labels", "time",
 ]  # fmt: skip
 
 
@@ -51,6 +55,22 @@ class RunnerUp:
     cam_from_model: Pose
     count: int
     same_labels: bool
+
+
+@dataclass(frozen=True)
+class Unchecked:
+    """Something that the picture cannot tell: an error of it would go unnoticed and move the pose.
+
+    Parameters
+    ----------
+    what : "focal length", "principal point", "aspect", "lens", "scale", "mirror" or "place on the lattice"
+    words : why, and how large an error this picture would show
+    camera : number of the camera, of a rig
+    """
+
+    what: str
+    words: str
+    camera: int = 0
 
 
 @dataclass(frozen=True)
@@ -110,6 +130,7 @@ class Registration:
     report : why the last adjustment stopped
     xyz : (N, 3) the markers of the table
     deformation : None if the rigid model explains the spots. Otherwise the residuals are those of the deformed one
+    unchecked : what this picture cannot tell, though the pose rests on it
     options : everything the registration was made with, by name
     """
 
@@ -128,6 +149,7 @@ class Registration:
     report: SolveReport
     xyz: Array
     deformation: Deformation | None = None
+    unchecked: tuple[Unchecked, ...] = ()
     options: Mapping[str, Any] = field(default_factory=dict)
 
     @cached_property

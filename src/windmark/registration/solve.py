@@ -1,4 +1,4 @@
-"""Search, judge, and what comes of it."""
+"""Search, judge, and the registration that comes of it, for one image."""
 
 from __future__ import annotations
 
@@ -8,28 +8,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.registration._kernels.raster import project_kernel
-from windmark.registration.bent.solution import BentSolution
+from windmark.adjust import SolveReport
+from windmark.geometry import PARAMETERS, Camera
 from windmark.registration.budget import Budget
 from windmark.registration.directions import WeakDirection, weak_directions
-from windmark.registration.final import Final, finish, is_bent
-from windmark.registration.result import NotRegistered, Registration
-from windmark.registration.search.fixed import FixedSearch
+from windmark.registration.judge.answer import answer
+from windmark.registration.judge.solve import WINDOW, judge, search_for
+from windmark.registration.judge.source import Source
+from windmark.registration.judge.verdict import Verdict
+from windmark.registration.result import Deformation, NotRegistered, Registration
 from windmark.registration.search.layout import Layout
 from windmark.registration.search.plane import Plane
-from windmark.registration.search.quads import QuadSearch
-from windmark.registration.search.ransac import Search
+from windmark.registration.settle._kernels.state import COST_END, COST_START, STEPS
+from windmark.registration.settle.solution import Solution
+from windmark.registration.settle.views import Views
 from windmark.registration.task import Limits, Task
-from windmark.registration.verdict import Judge, Verdict
 from windmark.scene import Matching
 
 Array = NDArray[np.float64]
 
-STOP_AT = 45.0
-"""Search score (nats) from which a candidate is worth a verdict."""
-PATIENCE = 40_000
-"""Links (some milliseconds) that a refused candidate has to wait before it is tried on a deformed model, which takes
-longer: most often it was wrong, and a better one is found meanwhile."""
 LENS_STARTS, OTHER_FOCAL = 4, 0.005
 """How often a search is begun with the lens at another focal length, and how much (relative) that must differ."""
 
@@ -49,31 +46,30 @@ def solve(
     tried = 0
     for _ in range(LENS_STARTS):
         plane = Plane(task, layout)
-        search = _search(plane, options)
-        verdict, late = _judge(search, limits, options["max_hypotheses"], budget)
-        tried += search.links
+        source = Source(Views.of([plane]), [search_for(plane, options)], WINDOW)
+        verdict, late = judge(source, limits, options["max_hypotheses"], budget)
+        tried += source.links
         moved = None if late else _with_other_lens(task, verdict)
         if moved is None:
             break
         task = moved
     if verdict.cause is None and verdict.best is not None:
-        return _registration(plane, finish(plane, verdict.best), verdict, tried, index, options)
+        return _registration(verdict.best, verdict, tried, index, options)
     cause, reason, best = verdict.cause or "nothing", verdict.reason, verdict.best
-    if cause == "time" or (late and cause not in ("ambiguous", "focal", "wrong_focal", "labels")):
+    if cause == "time" or (late and cause in ("nothing", "weak", "misfit")):
         cause, reason = "time", f"stopped after max_time_s = {options['max_time_s']:g} s; so far: {reason}"
     if best is None:
         return NotRegistered(reason, cause, n_hypotheses=tried, options=options)
     weak: tuple[WeakDirection, ...] = ()
     if cause == "focal":
-        weak = weak_directions(best.cam_from_model, best.focal_px, best.cov, task.markers.xyz[best.marker])
-    return NotRegistered(reason, cause, best.count, best.cam_from_model, verdict.runner_up, tried, weak, options)
+        xyz = task.markers.xyz[best.pairs()[1]]
+        weak = weak_directions(best.cam_from_model(), best.camera().focal_px, _cov(best, best.unit_cov), xyz)
+    return NotRegistered(reason, cause, best.count, best.cam_from_model(), verdict.runner_up, tried, weak, options)
 
 
-def _search(plane: Plane, options: dict[str, Any]) -> Search | QuadSearch:
-    if options["method"] == "hash" and not plane.task.fixed:
-        return QuadSearch(plane, STOP_AT)
-    rng = np.random.default_rng(options["seed"])
-    return FixedSearch(plane, rng, STOP_AT) if plane.task.fixed else Search(plane, rng)
+def is_bent(camera: Camera) -> bool:
+    """Whether the lens does anything but a pinhole does."""
+    return any(getattr(camera, name) != 0.0 for name in ("k1", "k2", "p1", "p2", "k3", "tilt_x", "tilt_y"))
 
 
 def _with_other_lens(task: Task, verdict: Verdict) -> Task | None:
@@ -84,61 +80,75 @@ def _with_other_lens(task: Task, verdict: Verdict) -> Task | None:
     best = verdict.best
     if not (task.free_focal and is_bent(task.camera) and verdict.cause in ("weak", "misfit")) or best is None:
         return None
-    if abs(np.log(best.focal_px / task.camera.focal_px)) < OTHER_FOCAL:
+    focal = best.camera().focal_px
+    if abs(np.log(focal / task.camera.focal_px)) < OTHER_FOCAL:
         return None
-    camera = replace(task.camera, focal_px=best.focal_px)
+    camera = replace(task.camera, focal_px=focal)
     return replace(task, camera=camera) if np.isfinite(camera.unproject(task.xy)).all() else None
 
 
-def _judge(search: Search | QuadSearch, limits: Limits, max_links: int, budget: Budget) -> tuple[Verdict, bool]:
-    """Search until the verdict is clear; the verdict, and whether the time limit struck."""
-    judge = Judge(search, limits, budget)
-    judged, patience, late = None, np.inf, False
-    for links in search.batches():
-        best = search.best
-        fresh = best is not judged
-        if best is not None and best.score > STOP_AT and (fresh or links > patience):
-            verdict = judge.verdict(deformed=not fresh)
-            patience = links + PATIENCE if fresh else np.inf
-            deformed = verdict.cause is None and isinstance(verdict.best, BentSolution)
-            if (verdict.cause is None and not deformed) or verdict.cause in ("focal", "wrong_focal", "labels"):
-                return verdict, False
-            judged = search.best
-            if deformed or verdict.cause == "ambiguous":
-                # Of two equally good solutions both may be wrong, and a deformation can stand in for the rigid
-                # solution that is not yet found: search on, but not for long.
-                max_links = min(max_links, 3 * links + 50_000)
-        late = budget.over
-        if links >= max_links or late:
-            break
-    return judge.verdict(), late
-
-
 def _registration(
-    plane: Plane, final: Final, verdict: Verdict, tried: int, index: NDArray[np.int64], options: dict[str, Any]
+    best: Solution, verdict: Verdict, tried: int, index: NDArray[np.int64], options: dict[str, Any]
 ) -> Registration:
-    best, xyz = final.solution, plane.task.markers.xyz
-    if final.deformation is not None:
-        xyz = xyz + final.deformation.displacement
-    pose, camera = final.cam_from_model, final.camera
-    seen = project_kernel(camera.packed(), pose.rotation, pose.translation, xyz[best.marker])
-    residuals = seen + final.eccentricity_px - plane.task.xy[best.detection]
+    final, unit_cov = answer(best)
+    spot, marker = final.pairs()
+    residuals = final.state.residual[0, marker]
     distance = np.hypot(residuals[:, 0], residuals[:, 1])
+    report = final.state.report
+    steps = int(report[STEPS])
     return Registration(
-        cam_from_model=pose,
-        camera=camera,
-        matching=Matching(index[best.detection], best.marker, distance),
+        cam_from_model=final.cam_from_model(),
+        camera=_camera(final, unit_cov),
+        matching=Matching(index[spot], marker, distance),
         rms_px=float(np.sqrt((distance**2).mean())),
         residuals=residuals,
-        cov=final.cov,
-        excess_px=best.excess_px,
-        score=best.evidence.score,
-        log10_nfa=best.evidence.log10_nfa,
+        cov=_cov(final, unit_cov),
+        excess_px=float(final.excess_px[0]),
+        score=best.score,
+        log10_nfa=best.log10_nfa,
         runner_up=verdict.runner_up,
         n_expected=best.expected,
         n_hypotheses=tried,
-        report=final.report,
-        xyz=plane.task.markers.xyz,
-        deformation=final.deformation,
+        report=SolveReport("converged_gradient", True, steps, steps, float(report[COST_START]), float(report[COST_END])),
+        xyz=final.views.planes[0].task.markers.xyz,
+        deformation=_deformation(final, unit_cov) if final.is_bent else None,
+        unchecked=verdict.unchecked,
         options=options,
     )
+
+
+def _cov(best: Solution, unit_cov: Array) -> Array:
+    """(6, 6) of [rotation, translation] of the model; (7, 7) with a free focal length in pixels last."""
+    task = best.views.planes[0].task
+    change = np.zeros((7, len(unit_cov)))
+    change[:6, :6] = best.to_model()
+    if not task.free_focal:
+        change = change[:6]
+    else:
+        change[6, 6] = task.focal_sigma * best.camera().focal_px
+    return np.asarray(change @ unit_cov @ change.T)
+
+
+def _camera(best: Solution, unit_cov: Array) -> Camera:
+    """The camera as found, with the covariance of what was open of it."""
+    camera, loose = best.camera(), best.views.loose[0]
+    if not loose.shape[1]:
+        return camera
+    columns = loose[: len(PARAMETERS)].copy()
+    columns[0] *= camera.focal_px
+    own = slice(6, 6 + loose.shape[1])
+    return replace(camera, cov=columns @ unit_cov[own, own] @ columns.T)
+
+
+def _deformation(best: Solution, unit_cov: Array) -> Deformation:
+    """The deformation in the model's own units and in the picture."""
+    views, modes = best.views, best.views.modes
+    scale, cov = views.layout.frame.scale, unit_cov[-len(modes) :, -len(modes) :]
+    displacement = scale * best.displacement
+    variance = np.einsum("knc,kj,jnc->nc", modes, cov, modes, optimize=True)
+    xyz, pose, camera = views.planes[0].task.markers.xyz, best.cam_from_model(), best.camera()
+    shift = camera.project(pose.apply(xyz + displacement))[0] - camera.project(pose.apply(xyz))[0]
+    seen = (best.state.match >= 0).any(axis=0)
+    largest = float(np.linalg.norm(displacement[seen], axis=1).max()) / (scale * views.layout.size)
+    parameters = float(len(modes) - np.trace(best.unit_cov[-len(modes) :, -len(modes) :]))
+    return Deformation(displacement, scale * np.sqrt(variance), shift, largest, parameters)

@@ -40,6 +40,7 @@ class Task:
     fixed : pairs (spot, marker) that a solution must contain
     visible : what hides what, or None
     radius_px : (M,) of the spots as seen, NaN where unknown; None: of none
+    binding : the fixed pairs are facts: they are not left however far off their gates they are
     """
 
     markers: MarkerSet
@@ -54,6 +55,12 @@ class Task:
     fixed: tuple[tuple[int, int], ...] = ()
     visible: Visible | None = None
     radius_px: Array | None = None
+    binding: bool = False
+
+    @property
+    def focal_sigma(self) -> float:
+        """1 sigma of the logarithm of a free focal length; 0 where it is given."""
+        return 0.5 * float(np.log(self.focal_factors[-1])) if self.free_focal else 0.0
 
     @property
     def free_focal(self) -> bool:
@@ -91,9 +98,13 @@ class Task:
 
     def hidden(self, pose: Pose, focal_px: float) -> NDArray[np.bool_]:
         """(N,) markers that something hides."""
+        return self.hidden_from(pose, with_focal(self.camera, focal_px))
+
+    def hidden_from(self, pose: Pose, camera: Camera) -> NDArray[np.bool_]:
+        """(N,) markers that something hides from a camera."""
         if self.visible is None:
             return np.zeros(len(self.markers), dtype=bool)
-        seen = np.asarray(self.visible(pose, with_focal(self.camera, focal_px)))
+        seen = np.asarray(self.visible(pose, camera))
         if seen.dtype != bool or seen.shape != (len(self.markers),):
             raise ValueError(
                 f"register: visible must return ({len(self.markers)},) bool, got {seen.dtype} {seen.shape}"

@@ -20,7 +20,7 @@ REACH = 1.2
 STIFF = 0.1
 """Least amplitude along a wide axis, as part of that along the thinnest one."""
 MOST_MODES = 24
-FAINT = 2e-3
+FAINT = 0.01
 """Modes with an amplitude below this part of the strongest one's are left out."""
 
 

@@ -97,6 +97,12 @@ class Layout:
         return symmetries_kernel(self.model, spread, least, SYMMETRIES)
 
     @cached_property
+    def mirrors(self) -> tuple[Ints, Array, Array]:
+        """Improper near-symmetries (stub until merged)."""
+        n = len(self.model.xyz)
+        return np.zeros((0, n), np.int32), np.zeros((0, 3, 3)), np.zeros((0, 3))
+
+    @cached_property
     def spacing(self) -> Array:
         """(N,) distance of every marker to the nearest other one, in length units."""
         xyz = self.markers.xyz

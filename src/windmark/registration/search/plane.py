@@ -59,6 +59,21 @@ class Plane:
         known = 0.5 * float(np.log(task.focal_factors[-1])) if task.free_focal else np.inf
         self.fit = Fit(task.tolerance_px, task.camera.focal_px, known**-2)
 
+    @property
+    def radius(self) -> float:
+        """Pixels, of the spots; 0 where unknown."""
+        return float(self._radius)
+
+    @property
+    def fixed_count(self) -> int:
+        """Pairs that fix pose and camera."""
+        return 4 if self.task.free_focal else 3
+
+    def log_shares(self, leads: tuple[int, ...]) -> Array:
+        """(L,) what priors and labels leave of the ways to begin with the best so many spots, as logarithms."""
+        share = float(np.log(self.task.prior_share))
+        return np.array([share + self.task.log_label_share(lead, self.fixed_count) for lead in leads])
+
     def picture(self, lead: int) -> Picture:
         """The best ``lead`` spots for the kernels."""
         if lead not in self._pictures:
@@ -93,10 +108,10 @@ def _picture(packed: Array, size: Array, p: Array, bounds: tuple[Array, Array], 
     columns, rows = np.maximum(1, np.ceil((high - low) / cell).astype(int)).tolist()
     raster = raster_kernel(packed, size, p, low, cell, columns, rows, reach, radius)
     near, distance = nearest(p, min(len(p) - 1, SPOT_NEIGHBOURS))
-    return Picture(p, _density(distance, size), near, raster, float(low[0]), float(low[1]), 1 / cell)
+    return Picture(p, density_of(distance, size), near, raster, float(low[0]), float(low[1]), 1 / cell)
 
 
-def _density(distance: Array, size: Array) -> Array:
+def density_of(distance: Array, size: Array) -> Array:
     """(M,) spots per px^2: round each spot (four neighbours) or on average, whichever is more.
 
     Dust and rivet rows come in clusters; with the average alone they would pass for evidence. From the distances

@@ -1,0 +1,68 @@
+"""Bent explanations: the rigid core of a candidate, grown with a smooth deformation."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.registration.judge.source import distinct, start_of
+from windmark.registration.search.pool import Candidate
+from windmark.registration.settle.solution import SAME_SHARE, Solution, settle
+from windmark.registration.settle.views import Views
+
+Array = NDArray[np.float64]
+
+PRIOR = 0.3
+"""1 sigma of the prior of the displacement, as part of the largest one allowed."""
+CORE_ANGLE = float(np.radians(10.0))
+"""A candidate within this angle of a solution that has most of its pairs is a core of it."""
+
+
+class Bender:
+    """Grows candidates into solutions of a model that may be bent; what was grown is kept.
+
+    Parameters
+    ----------
+    views : what was seen, rigid
+    most : largest displacement of a marker, as part of the model's size; 0: the model is rigid
+    """
+
+    def __init__(self, views: Views, most: float) -> None:
+        layout = views.layout
+        self.modes = PRIOR * most * layout.size * layout.modes if most > 0 else layout.modes[:0]
+        self._views, self._most, self._size = views.bent(self.modes), most, layout.size
+        self._grown: dict[Candidate, Solution | None] = {}
+
+    def solutions(self, candidates: Sequence[tuple[int, Candidate]]) -> list[Solution]:
+        """Distinct bent solutions, best first; a core of one that is known already is not grown again."""
+        found: list[Solution] = []
+        for c, candidate in candidates if len(self.modes) else ():
+            if any(_core_of(c, candidate, known) for known in found):
+                continue
+            if candidate not in self._grown:
+                start = start_of(self._views, c, candidate)
+                self._grown[candidate] = settle(self._views, *start, focal_px=candidate.focal_px)
+            solution = self._grown[candidate]
+            if solution is not None and all(
+                plane.task.keeps(match) for plane, match in zip(self._views.planes, solution.state.match, strict=True)
+            ):
+                found.append(solution)
+        return distinct(found)
+
+    def largest(self, solution: Solution) -> float:
+        """Largest displacement of a labelled marker, as part of the model's size."""
+        seen = (solution.state.match >= 0).any(axis=0)
+        return float(np.linalg.norm(solution.displacement[seen], axis=1).max()) / self._size
+
+    def allows(self, solution: Solution) -> bool:
+        """Whether a solution is bent by no more than the model may be."""
+        return self.largest(solution) <= self._most
+
+
+def _core_of(c: int, candidate: Candidate, known: Solution) -> bool:
+    """Whether a candidate has mostly the pairs and nearly the pose of a bent solution."""
+    shared = (candidate.match == known.state.match[c]) & (candidate.match >= 0)
+    alike = candidate.cam_from_model.angle_to(known.cam_from_model(c)) < CORE_ANGLE
+    return bool(alike and shared.sum() > SAME_SHARE * candidate.count)

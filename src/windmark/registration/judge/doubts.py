@@ -1,0 +1,246 @@
+"""Other explanations of the residuals: a camera that is not as given, a model that is bent; and what cannot be told.
+
+Both are the same least squares with more unknowns, whose priors say how large such errors are. To first order their
+gain is known from the normal equations; only where that promises something are they settled.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.registration.judge import rules
+from windmark.registration.judge.own import is_loose
+from windmark.registration.result import Unchecked
+from windmark.registration.settle._kernels.doubt import doubt_kernel
+from windmark.registration.settle.solution import Solution, copied, with_freedom
+from windmark.registration.settle.views import DOUBTS, Views
+
+Array = NDArray[np.float64]
+
+PARTS = {"focal length": (0,), "aspect": (1,), "principal point": (2, 3), "lens": (4,)}
+"""Columns of `doubted_camera`."""
+UNSEEN = {
+    "focal length": "a focal length that is off by less than {size:.2g} %",
+    "aspect": "an aspect that is off by less than {size:.2g} %",
+    "principal point": "a principal point that is off by less than {size:.3g} px",
+    "lens": "a lens that shifts the image's corner by less than {size:.2g} % of its distance from the centre",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Doubts:
+    """What a rigid solution leaves to doubt.
+
+    Parameters
+    ----------
+    views : what was seen, rigid and with the cameras as given
+    best : the solution; rigid, or the bent one that is to be judged
+    modes : (K, N, 3) how the model may be bent; K = 0: not at all
+    margin : lead (nats) that counts as one
+    """
+
+    views: Views
+    best: Solution
+    modes: Array
+    margin: float
+
+    @cached_property
+    def _cameras(self) -> FirstOrder:
+        views = self.views.doubted()
+        cameras, columns = len(views.planes), views.loose.shape[2]
+        own = columns - len(DOUBTS)
+        asked = [6 + c * columns + own + k for c in range(cameras) for k in range(len(DOUBTS))]
+        return FirstOrder(*doubt_kernel(views.sights, copied(views, self.best.state)), np.array(asked))
+
+    @cached_property
+    def camera_promises(self) -> bool:
+        """Whether another camera may explain the spots better."""
+        if self.best.count < rules.UNFOUND * self.best.expected:
+            return True
+        first, every = self._cameras, len(DOUBTS)
+        single = [[every * c + k for k in part] for c in range(len(self.best.counts)) for part in PARTS.values()]
+        return any(first.gain(np.array(part)) > rules.DOUBT for part in [*single, range(len(first.asked))])
+
+    @cached_property
+    def bending_promises(self) -> bool:
+        """Whether a bent model may explain the spots better."""
+        if not len(self.modes):
+            return False
+        if any(is_loose(self.best, c) for c in range(len(self.best.counts))):
+            return True
+        if self.best.count < self.best.expected and self._near_missing():
+            return True
+        views = self.views.bent(self.modes)
+        state = copied(views, self.best.state)
+        asked = np.arange(len(state.factor) - len(self.modes), len(state.factor))
+        return FirstOrder(*doubt_kernel(views.sights, state), asked).gain(np.arange(len(self.modes))) > rules.DOUBT
+
+    def _near_missing(self) -> bool:
+        """Whether more of the missing markers than by chance have a free spot near, as far as bending could be."""
+        for c, plane in enumerate(self.best.views.planes):
+            if _free_spots_near(self.best, c, plane.task.tolerance_px):
+                return True
+        return False
+
+    @cached_property
+    def camera(self) -> Solution | None:
+        """The solution with cameras that may be wrong in everything; None where that falls apart."""
+        return with_freedom(self.views.doubted(), self.best)
+
+    def other_camera(self, than: Solution) -> tuple[str, str] | None:
+        """What of a camera is wrong, and by how much in words; None where no other camera is better by the margin
+        ``than`` a solution, or none that is off by as much as a picture should show.
+        """  # fmt: skip
+        found: list[tuple[float, str, int, Solution]] = []
+        for what, columns in PARTS.items():
+            single = with_freedom(self.views.doubted(columns=columns), self.best)
+            if single is not None:
+                off = [self._off(single, what, columns, c) for c in range(len(self.best.counts))]
+                found.append((single.evidence, what, int(np.argmax(off)), single))
+        if not found or self.camera is None:
+            return None
+        evidence, what, c, single = max(found, key=lambda f: f[0])
+        if max(evidence, self.camera.evidence) < than.evidence + self.margin:
+            return None
+        if not any(
+            self._off(self.camera, name, columns, c) > rules.CHECKED[name] or
+            self._off(single, what, PARTS[what], c) > rules.CHECKED[what]
+            for name, columns in PARTS.items()
+        ):  # fmt: skip
+            return None
+        return what, self._words(what, c, single)
+
+    def _off(self, solution: Solution, what: str, columns: tuple[int, ...], c: int) -> float:
+        """How far a camera is from the given one, in the units of `rules.CHECKED`."""
+        given, found = self.best.state.camera[c], solution.state.camera[c]
+        return _parts(what, self.best.views, c, (found - given)[:11], float(np.log(found[0] / given[0])))
+
+    def _words(self, what: str, c: int, single: Solution) -> str:
+        given, found = self.best.camera(c), single.camera(c)
+        head = f"camera {c}: " if len(self.best.counts) > 1 else ""
+        misfit = f"the misfit falls from {self.best.misfit_px[c]:.2g} to {single.misfit_px[c]:.2g} px"
+        if what == "focal length":
+            return (
+                f"{head}the given focal length of {given.focal_px:.5g} px does not fit: with {found.focal_px:.5g} px "
+                f"{misfit}; correct it, or set free_focal"
+            )
+        if what == "principal point":
+            return (
+                f"{head}the given principal point does not fit: with one that is {found.cx - given.cx:+.0f}, "
+                f"{found.cy - given.cy:+.0f} px away {misfit}; is the picture a crop of the calibrated one?"
+            )
+        if what == "aspect":
+            return f"{head}the given aspect does not fit: with {found.aspect:.4f} for {given.aspect:.4f} {misfit}"
+        return (
+            f"{head}the given lens does not fit: with k1 = {found.k1:.3g} for {given.k1:.3g} {misfit}; "
+            "calibrate its distortion"
+        )
+
+    def unchecked(self) -> tuple[Unchecked, ...]:
+        """What of the cameras this picture would not show if it alone were wrong."""
+        found = []
+        for c in np.flatnonzero(self.best.counts).tolist():
+            for what, columns in PARTS.items():
+                if what == "focal length" and self.views.planes[c].task.free_focal:
+                    continue
+                size = max(self._cameras.shown(len(DOUBTS) * c + k, self.margin) for k in columns)
+                size *= _unit(what)
+                if size > rules.CHECKED[what]:
+                    shown = 100 * size if what != "principal point" else size * _diagonal(self.views, c)
+                    words = UNSEEN[what].format(size=shown) + " would go unnoticed here"
+                    found.append(Unchecked(what, words, c))
+        return tuple(found)
+
+
+@dataclass(frozen=True, eq=False)
+class FirstOrder:
+    """Normal equations with unknowns that are asked about, each with a unit normal prior, and others beside them.
+
+    Parameters
+    ----------
+    normal, side : (P, P) J'WJ and (P,) J'W(seen - projected), without priors
+    asked : (M,) the unknowns asked about; those before the others' end are nuisances: six of the pose, then with priors
+    """
+
+    normal: Array
+    side: Array
+    asked: NDArray[np.int64]
+
+    @cached_property
+    def _reduced(self) -> tuple[Array, Array]:
+        """The same for the unknowns that are asked about alone, the others eliminated."""
+        rest = np.setdiff1d(np.arange(len(self.side)), self.asked)
+        own = self.normal[np.ix_(rest, rest)] + np.diag((rest >= 6).astype(float))
+        both = np.column_stack([self.normal[np.ix_(rest, self.asked)], self.side[rest]])
+        try:
+            solved = np.linalg.solve(own, both)
+        except np.linalg.LinAlgError:
+            return np.zeros((len(self.asked),) * 2), np.zeros(len(self.asked))
+        across = self.normal[np.ix_(self.asked, rest)] @ solved
+        return self.normal[np.ix_(self.asked, self.asked)] - across[:, :-1], self.side[self.asked] - across[:, -1]
+
+    def gain(self, part: NDArray[np.int64]) -> float:
+        """What some of them gain (nats): what the residuals lose, less what the freedom costs (Occam factor)."""
+        part = np.asarray(part)
+        normal, side = self._reduced
+        own = normal[np.ix_(part, part)] + np.eye(len(part))
+        return float(0.5 * side[part] @ np.linalg.solve(own, side[part]) - 0.5 * np.linalg.slogdet(own)[1])
+
+    def shown(self, k: int, margin: float) -> float:
+        """How large (in prior sigmas) one of them must be to lead by a margin (nats)."""
+        information = 1.0 + max(float(self._reduced[0][k, k]), 0.0)
+        return float(np.sqrt(2 * (margin + 0.5 * np.log(information)) / information))
+
+
+def _diagonal(views: Views, c: int) -> float:
+    return float(np.hypot(*views.planes[c].task.camera.size_px))
+
+
+def _unit(what: str) -> float:
+    """1 sigma of the prior of a doubted parameter in the units of `rules.CHECKED`."""
+    from windmark.registration.settle import views as v
+
+    return {
+        "focal length": v.DOUBTED_FOCAL, "aspect": v.DOUBTED_ASPECT, "principal point": v.DOUBTED_CENTRE,
+        "lens": v.DOUBTED_EDGE,
+    }[what]  # fmt: skip
+
+
+def _parts(what: str, views: Views, c: int, change: Array, focal: float) -> float:
+    """A change (12,) of a packed camera in the units of `rules.CHECKED`; ``focal`` is that of the log focal length."""
+    if what == "focal length":
+        return abs(focal)
+    if what == "aspect":
+        return abs(float(change[1]))
+    if what == "principal point":
+        return float(np.hypot(change[2], change[3])) / _diagonal(views, c)
+    corner2 = (0.5 * _diagonal(views, c) / views.planes[c].task.camera.focal_px) ** 2
+    return abs(float(change[4])) * corner2
+
+
+NEAR_BY_CHANCE, MORE = np.array([0.15, 0.03, 0.006]), 2.0
+"""A sign of bending: a number of missing markers with a free spot near, this many sigma above chance; near is where the
+chance of a foreign spot is one of these."""
+
+
+def _free_spots_near(best: Solution, c: int, most_px: float) -> bool:
+    from windmark.registration.settle._kernels.places import places_kernel
+
+    plane, state = best.views.planes[c], best.state
+    free = np.delete(plane.task.xy, best.pairs(c)[0], axis=0)
+    missing = np.flatnonzero((state.match[c] < 0) & state.faces[c])
+    seen = places_kernel(best.views.sights, state, c)[missing]
+    seen = seen[np.isfinite(seen[:, 0])]
+    if not len(free) or not len(seen):
+        return False
+    density = len(free) / float(np.prod(plane.task.camera.size_px))
+    widest = 6 * most_px
+    reach2 = np.minimum(widest**2, NEAR_BY_CHANCE / (np.pi * density))
+    u, v = free[:, 0] - seen[:, :1], free[:, 1] - seen[:, 1:]
+    nearest2 = (u * u + v * v).min(axis=1)
+    near, expected = (nearest2[:, None] < reach2).sum(axis=0), len(seen) * np.pi * reach2 * density
+    return bool((near > 1 + expected + MORE * np.sqrt(expected)).any())

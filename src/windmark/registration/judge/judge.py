@@ -1,0 +1,219 @@
+"""Accept or refuse: explanations of the same spots compete by evidence.
+
+The count of matched markers decides nothing here. On near-regular rows a shifted labelling may match all markers
+in view, so a solution is accepted only when others were looked for on purpose and are clearly worse: chance, other
+labellings, the mirrored table, a second copy of the model, another camera, a bent model, one pair less.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from windmark.registration.budget import Budget
+from windmark.registration.judge import own, rules, words
+from windmark.registration.judge.bending import Bender
+from windmark.registration.judge.doubts import Doubts
+from windmark.registration.judge.mirror import mirror_of
+from windmark.registration.judge.source import Source, distinct
+from windmark.registration.judge.symmetric import told_by_table_errors
+from windmark.registration.judge.verdict import Verdict, runner_up
+from windmark.registration.result import Cause, RunnerUp, Unchecked
+from windmark.registration.settle.solution import Solution, settle
+from windmark.registration.task import Limits
+
+DOUBTFUL: tuple[Cause | None, ...] = ("nothing", "weak", "misfit", "ambiguous", "time", "one_pair")
+"""Of the best rigid solution; as opposed to a clear one with something wrong about it."""
+BENT = 5
+"""Candidates from which a bent model is grown."""
+MIRRORS = 8
+"""Improper near-symmetries that are tried."""
+
+
+class Judge:
+    """Weighs the candidates of a source; settled solutions are kept, so asking again costs little."""
+
+    def __init__(self, source: Source, limits: Limits, budget: Budget, names: Sequence[int] = (0,)) -> None:
+        self._source, self._limits, self._budget, self._names = source, limits, budget, tuple(names)
+        self._views = source.views
+        self._bender = Bender(self._views, limits.deformation)
+        self._kept: dict[Solution, Solution] = {}
+        self._challenged: list[Solution] = []
+        self._unchallenged = False  # the work was over before all rivals had been looked for
+
+    # --- the verdict ---------------------------------------------------------------------
+    def verdict(self, *, deformed: bool = True) -> Verdict:
+        """Look for rivals of the best solution and decide.
+
+        Where the rigid model is refused as `DOUBTFUL`, a bent one is tried only if asked for.
+        """
+        self._challenge()
+        rigid = self._rigid()
+        if rigid.cause == "labels" or (rigid.cause in DOUBTFUL and not deformed):
+            return rigid
+        verdict = self._bent(rigid) if len(self._bender.modes) else rigid
+        if verdict.cause is not None or verdict.best is None:
+            return verdict
+        return self._checked(verdict, verdict.best)
+
+    def _rigid(self) -> Verdict:
+        """The verdict on the rigid model with the cameras as given."""
+        solutions = self._solutions()
+        kept = [s for s in solutions if self._keeps(s)]
+        if labels := self._contradicted(kept, [s for s in solutions if not self._keeps(s)]):
+            return labels
+        if not kept:
+            reason = words.beyond_prior(self._views.planes[0].task, self._source.best, self._limits.score)
+            reason = reason or f"no pose explains the neighbourhood of any three markers{words.what_may_be(self._views)}"
+            return Verdict(None, None, "nothing", reason)
+        return self._judged(kept[0], kept[1:])
+
+    def _bent(self, rigid: Verdict) -> Verdict:
+        """The verdict on a bent model if that explains the spots better, otherwise the rigid one."""
+        best = rigid.best
+        if rigid.cause is None and best is not None and not self._doubts(best).bending_promises:
+            return rigid
+        found = self._bender.solutions(self._source.candidates()[:BENT])
+        if not found or self._budget.over:
+            return rigid
+        bent = found[0]
+        if best is not None and bent.evidence < best.evidence:
+            return rigid
+        most, everywhere = rules.BENT_MOST
+        free = any(plane.task.free_focal for plane in self._views.planes)
+        if bent.count < (most if own.is_cluttered(bent) or free else everywhere) * bent.expected:
+            return rigid
+        others = [s for s in [*found[1:], *self._source.solutions()] if not s.same_as(bent)]
+        verdict = self._judged(bent, sorted(others, key=lambda s: -s.evidence))
+        if verdict.cause is not None or not self._bender.allows(bent):
+            return rigid
+        if bent.count <= rules.FEW and any(s.evidence > bent.evidence for s in self._with_one_less(bent)):
+            return rigid
+        return verdict
+
+    def _judged(self, best: Solution, others: Sequence[Solution]) -> Verdict:
+        """A solution beside its rivals."""
+        answer = runner_up(best, others[0]) if others else None
+        cause, reason = self._refusal(best, others)
+        if cause is None and self._unchallenged:
+            cause = "time"
+            reason = f"whether another solution is as good as one of {best.count} of {best.expected} markers is unknown"
+        return Verdict(best, answer, cause, reason)
+
+    def _refusal(self, best: Solution, others: Sequence[Solution]) -> tuple[Cause | None, str]:
+        limits, least = self._limits, own.least_score(best, self._limits)
+        if not (best.log10_nfa < limits.log10_nfa and best.score > least):
+            return "weak", words.could_be_chance(best, limits, least)
+        for c in np.flatnonzero(best.counts):
+            if misfit := own.misfit_of(best, int(c), limits):
+                where = f"in camera {self._names[c]} {misfit}, or a wrong cam_from_rig" if len(self._names) > 1 else misfit
+                return "misfit", f"{words.seen(best)}, but {where}"
+        for other in others:
+            second = words._apart(best, other) and own.beyond_chance(other, limits)
+            if best.lead_over(other) < limits.margin or second:
+                return "ambiguous", words.ambiguity(best, other, runner_up(best, other))
+            if told_by_table_errors(best, other, limits.margin):
+                return "ambiguous", words.ambiguity(best, other, runner_up(best, other), by_table_errors=True)
+        if held := own.held_by_one(best):
+            return "one_pair", f"{words.seen(best)}, but {held}"
+        return None, ""
+
+    # --- what an accepted solution must still stand ---------------------------------------
+    def _checked(self, verdict: Verdict, best: Solution) -> Verdict:
+        """Other cameras, the mirror image, a free focal length that is not determined; and what stays unchecked."""
+        doubts = self._doubts(best)
+        if doubts.camera_promises and (other := doubts.other_camera(best)):
+            cause: Cause = "wrong_focal" if other[0] == "focal length" else "wrong_camera"
+            return Verdict(best, verdict.runner_up, cause, other[1])
+        if loose := self._focal(best):
+            return Verdict(best, verdict.runner_up, "focal", loose)
+        unchecked = list(doubts.unchecked())
+        if (mirror := mirror_of(best, MIRRORS)) is not None:
+            lead = best.lead_over(mirror)
+            if mirror.lead_over(best) > self._limits.margin:
+                return Verdict(best, RunnerUp(best.score - lead, mirror.cam_from_model(), mirror.count, False), "mirrored", (
+                    f"the mirror image of the table explains the spots better than the table (by {-lead:.0f} nats, "
+                    f"{mirror.count} and {best.count} markers matched): the picture or the table is mirrored"
+                ))  # fmt: skip
+            if lead < self._limits.margin:
+                unchecked.append(Unchecked("mirror", (
+                    "the mirror image of the table explains the spots about as well: whether picture or table is "
+                    "mirrored cannot be seen here"
+                )))  # fmt: skip
+        if len(self._views.planes) == 1:
+            words_ = "one camera sees no scale: a table that is too large looks like one that is nearer"
+            unchecked.append(Unchecked("scale", words_))
+        return Verdict(best, verdict.runner_up, None, "", tuple(unchecked))
+
+    def _focal(self, best: Solution) -> str:
+        """Why a free focal length is not determined; empty if it is."""
+        for c, plane in enumerate(self._views.planes):
+            if not plane.task.free_focal:
+                continue
+            sigma = plane.task.focal_sigma * float(np.sqrt(best.unit_cov[6 + c * best.views.loose.shape[2]][6 + c * best.views.loose.shape[2]]))
+            if sigma > self._limits.focal_sigma:
+                return (
+                    f"the labelling is clear, but this view fixes the focal length only to {100 * sigma:.0f} % "
+                    f"(1 sigma; limit {100 * self._limits.focal_sigma:.0f} %): give the focal length, or a view that "
+                    "is less frontal or of a less flat set of markers"
+                )
+        return ""
+
+    def _doubts(self, best: Solution) -> Doubts:
+        return Doubts(self._views, best, self._bender.modes, self._limits.margin)
+
+    # --- solutions -----------------------------------------------------------------------
+    def _challenge(self) -> None:
+        """Look for rivals until the best solution has none better, or the work is over."""
+        while (solutions := self._source.solutions()) and not self._unchallenged:
+            best = solutions[0]
+            if any(best.same_as(old) for old in self._challenged):
+                return
+            self._challenged.append(best)
+            self._unchallenged = not self._source.rivals(best, lambda: self._budget.over)
+
+    def _solutions(self) -> list[Solution]:
+        """Distinct solutions, best first; among few pairs without a wrong one that opened the gates for itself."""
+        found = [*self._source.solutions(), *self._source.contradictions()]
+        least = max((s.evidence for s in found), default=0.0) - rules.ONE_WRONG
+        return distinct([self._without_wrong(s) if s.evidence > least else s for s in found])
+
+    def _without_wrong(self, solution: Solution) -> Solution:
+        if solution not in self._kept:
+            loose = any(own.is_loose(solution, c) for c in range(len(solution.counts)))
+            others = self._with_one_less(solution) if solution.count <= rules.FEW and loose else ()
+            self._kept[solution] = max([solution, *others], key=lambda s: s.evidence)
+        return self._kept[solution]
+
+    def _with_one_less(self, solution: Solution) -> Iterator[Solution]:
+        """Rigid solutions that begin without one of the pairs."""
+        for c, marker in zip(*np.nonzero(solution.state.match >= 0), strict=True):
+            match = solution.state.match.copy()
+            match[c, marker] = -1
+            start = solution.state.rotation, solution.state.translation, match
+            if (other := settle(self._views, *start, focal_px=float(solution.state.camera[0, 0]))) is not None:
+                yield other
+
+    # --- labels --------------------------------------------------------------------------
+    def _keeps(self, solution: Solution) -> bool:
+        return all(p.task.keeps(m) for p, m in zip(self._views.planes, solution.state.match, strict=True))
+
+    def _contradicted(self, kept: list[Solution], others: list[Solution]) -> Verdict | None:
+        """The verdict where a solution without the labels is clearly better than the best with them.
+
+        One that is about equally good is what labels are there to rule out.
+        """
+        if not others:
+            return None
+        best = others[0]
+        if not own.beyond_chance(best, self._limits):
+            return None
+        if kept and (best.lead_over(kept[0]) < self._limits.margin
+                     or told_by_table_errors(best, kept[0], self._limits.margin)):  # fmt: skip
+            return None
+        having = f"{kept[0].count} of {kept[0].expected}" if kept else "no solution"
+        return Verdict(best, runner_up(best, kept[0]) if kept else None, "labels", (
+            f"fixed labels contradict the spots: {best.count} of {best.expected} markers in view are matched without "
+            f"them, {having} with them; {words.contradiction(best)}"
+        ))  # fmt: skip

@@ -1,0 +1,60 @@
+"""The mirror image of the table as an explanation: a picture or a table that is mirrored.
+
+A symmetric model looks like its mirror image with left and right exchanged, a nearly flat one like the one with its
+relief turned over. Where the mirrored table explains the spots better, picture or table are mirrored; where it explains
+them as well, the picture cannot tell.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.registration.settle._kernels.settle import STEADY, settle_kernel
+from windmark.registration.settle._kernels.state import state_of
+from windmark.registration.settle.solution import Solution
+from windmark.registration.settle.views import Views
+
+Array = NDArray[np.float64]
+
+FLIP = np.diag([-1.0, 1.0, 1.0])
+
+
+def mirrored_views(views: Views) -> Views:
+    """The same spots with the mirrored table; normals unknown, what faces away is hidden instead."""
+    sights = views.sights
+    other = replace(views, modes=views.modes @ FLIP)
+    other.__dict__["leads"], other.__dict__["densities"] = views.leads, views.densities
+    other.__dict__["sights"] = sights._replace(
+        xyz=np.ascontiguousarray(sights.xyz @ FLIP), normal=np.zeros_like(sights.normal),
+        modes=np.ascontiguousarray(sights.modes @ FLIP),
+    )  # fmt: skip
+    return other
+
+
+def mirror_of(best: Solution, most: int) -> Solution | None:
+    """The best solution with the mirrored table that the layout's improper near-symmetries make of one.
+
+    ``most`` of them are tried, those that bring most markers onto others first. None without any.
+    """
+    onto, turn, shift = best.views.layout.mirrors
+    found, views = None, mirrored_views(best.views)
+    for image, a, s in zip(onto[:most], turn, shift, strict=False):
+        moved = np.flatnonzero(image >= 0)
+        match, hidden = np.full_like(best.state.match, -1), np.ones_like(best.state.hidden)
+        match[:, image[moved]] = best.state.match[:, moved]
+        hidden[:, image[moved]] = ~(best.state.faces | (best.state.match >= 0))[:, moved]
+        if (match >= 0).sum() < 4:
+            continue
+        # F x_o is about F (A x_m + s) and must be seen where x_m was.
+        rotation = best.state.rotation @ (FLIP @ a).T
+        state = state_of(views.sights, rotation, best.state.translation - rotation @ (FLIP @ s), match)
+        state.hidden[:] = hidden
+        if settle_kernel(views.sights, state, 0) != STEADY:
+            continue
+        solution = Solution(views, state)
+        if found is None or solution.evidence > found.evidence:
+            found = solution
+    return found

@@ -1,0 +1,119 @@
+"""What a solution must pass by itself: against chance, within the table, with every pair checked by the others."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.geometry.order import median
+from windmark.registration.judge import rules
+from windmark.registration.settle.solution import Solution
+from windmark.registration.task import Limits
+
+Array = NDArray[np.float64]
+
+MOST_TURN = 0.2
+"""A rotation that is known to no better than this (radians, 1 sigma) is none."""
+
+
+def is_loose(best: Solution, c: int) -> bool:
+    """Whether a camera's residuals are larger than its spots' covariances say, and the markers' do not explain it."""
+    sigma = best.views.planes[c].task.typical_sigma_px
+    return bool(best.counts[c] and best.misfit_px[c] > rules.LOOSE * sigma and best.excess_px[c] > sigma)
+
+
+def is_cluttered(best: Solution) -> bool:
+    """Whether any camera has many more spots than there are markers."""
+    return any(len(p.task.xy) > rules.CLUTTER * len(p.task.markers) for p in best.views.planes)
+
+
+def least_score(best: Solution, limits: Limits) -> float:
+    """Evidence (nats) that a solution needs against chance.
+
+    What a prior or labels rule out lowers it. A labelling whose residuals are too large may be right in parts only: it
+    needs more for every marker that is missing, and much more where half are.
+    """
+    task = best.views.planes[0].task
+    least = limits.score + math.log(task.prior_share) - len(task.fixed) * math.log(len(task.markers))
+    loose = [c for c in range(len(best.counts)) if is_loose(best, c)]
+    if not loose:
+        return least
+    count, expected = best.count, best.expected
+    missing = sum(best.state.numbers[c, 2] - best.counts[c] for c in loose)
+    missed = rules.MISSED * float(missing)
+    if is_cluttered(best):
+        return least + (rules.SPARSE if 2 * count <= expected else 0.0) + missed
+    sparse = min(max((1 - 2 * count / expected) / rules.FADE, 0.0), 1.0)
+    least += max(rules.SPARSE * sparse, missed)
+    return max(least, rules.HALF * expected) if 2 * count <= expected else least
+
+
+def beyond_chance(best: Solution, limits: Limits) -> bool:
+    """Whether chance does not give such a solution."""
+    return best.log10_nfa < limits.log10_nfa and best.score > limits.score
+
+
+def misfit_of(best: Solution, c: int, limits: Limits) -> str:
+    """Why a camera's residuals are too large for the markers' own picture; empty if they are not.
+
+    Another model of the same design is matched completely, well beyond chance and without a rival: chance and
+    rivals say nothing against it, only what one expects of the table. The few pairs of a part of it may agree by
+    luck, so the excess counts with its own sigma on top. The spots may be twice as bad as they say.
+    """
+    task, layout = best.views.planes[c].task, best.views.layout
+    misfit, excess = float(best.misfit_px[c]), float(best.excess_px[c])
+    if rules.MISFIT * misfit > task.tolerance_px:
+        return (
+            f"with a misfit of {misfit:.1f} px (1 sigma per coordinate) it is too loose for tolerance_px = "
+            f"{task.tolerance_px:.1f}: another or a deformed model, wrong camera parameters, or too small a tolerance"
+        )
+    marker = best.pairs(c)[1]
+    depth = best.cam_from_model(c).apply(task.markers.xyz[marker])[:, 2]
+    spacing = median(layout.spacing[marker] * float(best.state.camera[c, 0]) / depth)
+    redundancy = 2 * len(marker) - float(best.state.numbers[c, 3])
+    allowed = math.hypot(limits.table_error * spacing, rules.DOUBLED * task.typical_sigma_px)
+    excess *= 1 + 1 / math.sqrt(2 * max(redundancy, 1.0))
+    if excess <= allowed:
+        return ""
+    return (
+        f"the markers are off their table by {excess:.2g} px (1 sigma per coordinate; limit {allowed:.2g} "
+        f"px with max_table_error = {100 * limits.table_error:.3g} % of their spacing): another model of the "
+        "same design, a deformed model, wrong camera parameters, or a table that needs its sigma"
+    )
+
+
+def held_by_one(best: Solution) -> str:
+    """Which pair holds the pose alone, or what else of it is open; empty if every pair is checked by the others.
+
+    A pair whose place the others do not predict fits wherever its spot is: it says nothing for the labelling, and the
+    pose follows it. Without it the projection of its marker has the covariance N D^-1 N - N, D = N - S, for the noise
+    N and the projection's covariance S (see `settle._kernels.label.leave_one_out`).
+    """
+    turn = float(np.sqrt(np.linalg.eigvalsh(best.unit_cov[:3, :3])[-1]))
+    if not turn < MOST_TURN:
+        return f"the matched markers leave a rotation open ({np.degrees(turn):.0f} deg, 1 sigma): they lie on one line"
+    for c, plane in enumerate(best.views.planes):
+        spot, marker = best.pairs(c)
+        if not len(marker):
+            continue
+        noise, place = _square(best.state.spread[c, marker]), _square(best.state.place[c, marker])
+        value, vector = np.linalg.eigh(noise - place)
+        value = np.maximum(value, 1e-9 * np.trace(noise, axis1=1, axis2=2)[:, None])
+        loose = noise @ (vector / value[:, None]) @ vector.transpose(0, 2, 1) @ noise - noise
+        wide = np.sqrt(np.maximum(np.linalg.eigvalsh(loose)[:, -1], 0.0))
+        worst = int(wide.argmax())
+        if wide[worst] > rules.HELD * plane.task.tolerance_px:
+            x, y = plane.task.xy[spot[worst]]
+            return (
+                f"a single pair holds the pose: marker {plane.task.markers.name[marker[worst]]} at ({x:.0f}, {y:.0f}), "
+                f"whose place the {best.count - 1} others leave open by {wide[worst]:.2g} px (1 sigma); without it the "
+                "pose is not determined, and with it nothing checks it"
+            )
+    return ""
+
+
+def _square(packed: Array) -> Array:
+    """(n, 2, 2) symmetric matrices from xx, xy, yy (n, 3)."""
+    return packed[:, [0, 1, 1, 2]].reshape(-1, 2, 2)

@@ -1,0 +1,47 @@
+"""The rules of the judge: every number it decides by, what it means, and the benchmark that guards it.
+
+All evidence is in nats: a lead of 10 is odds of 22,000 to 1. What the user may change comes as `Limits`.
+"""
+
+from __future__ import annotations
+
+import math
+
+MISFIT = 4.0
+"""The residuals' sigma times this must fit into the neighbourhood of the search, or another labelling would fit, too
+(`matching_refusals`)."""
+DOUBLED = math.sqrt(3.0)
+"""Spots may be twice as bad as they say: an excess of so many of their sigma (`pose_covariance`)."""
+LOOSE = 1.8
+"""A misfit of so many sigma of the spots is loose: it may hide a labelling that is right in parts only."""
+MISSED = math.log(5.0)
+"""Nats that a loose labelling needs more for each missing marker, as if four of five were seen (`matching_refusals`:
+another wing)."""
+SPARSE = 40.0
+"""Nats that it needs more where half of the markers in view are missing."""
+FADE = 0.2
+"""Without clutter that fades in from half of the markers to this part below ..."""
+HALF = 2.8
+"""... and is so much for every marker in view where half are missing: half of a large model has much evidence."""
+CLUTTER = 6.0
+"""So many spots for each marker are clutter."""
+ONE_WRONG = 40.0
+"""So much (nats) below the best a solution cannot owe to one wrong pair."""
+FEW = 16
+"""With so few pairs each is left out once: a single wrong one can open the gates for itself (`matching_refusals`)."""
+HELD = 1 / 3
+"""A pair whose place the others leave open by more than this part of the neighbourhood (1 sigma) is no check
+(`attacks`: one pair holds the pose)."""
+DOUBT = 3.0
+"""Nats that another camera or a bent model must promise to first order before they are tried (one picture in 50)."""
+UNFOUND = 0.6
+"""Below this part of the markers in view they are tried in any case: what they would bring into its gate is not seen in
+the residuals."""
+BENT_MOST = (0.7, 0.35)
+"""A bent model must label so many of the markers in view: in clutter or with a free focal length, and everywhere
+(`matching_bent`)."""
+SYMMETRIC = 5.0
+"""A lead of so many sigma of itself is no chance, where a table made symmetric fits better (`attacks`: rough tables)."""
+CHECKED = {"focal length": 0.01, "aspect": 0.005, "principal point": 0.01, "lens": 0.005}
+"""A given camera counts as checked by a picture that would show such an error: parts of the focal length and of the
+aspect, and of the image's diagonal (`attacks`: wrong cameras)."""

@@ -1,0 +1,61 @@
+"""Search, judge, and what comes of it, for one camera or several."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.registration.budget import Budget
+from windmark.registration.judge.judge import Judge
+from windmark.registration.judge.source import Source
+from windmark.registration.judge.verdict import Verdict
+from windmark.registration.search.fixed import FixedSearch
+from windmark.registration.search.plane import Plane
+from windmark.registration.search.quads import QuadSearch
+from windmark.registration.search.ransac import Search
+from windmark.registration.task import Limits
+
+STOP_AT = 45.0
+"""Search score (nats) from which a candidate is worth a verdict."""
+PATIENCE = 40_000
+"""Links (some milliseconds) that a refused candidate has to wait before it is tried on a bent model, which takes
+longer: most often it was wrong, and a better one is found meanwhile."""
+WINDOW = 60.0
+"""Candidates whose search score (nats) is this much below the best are no rivals."""
+CLEAR = ("focal", "wrong_focal", "wrong_camera", "mirrored", "labels")
+"""Causes that no better candidate would change."""
+
+
+def search_for(plane: Plane, options: dict[str, Any]) -> Search | QuadSearch:
+    """The search of a single camera."""
+    if options["method"] == "hash" and not plane.task.fixed:
+        return QuadSearch(plane, STOP_AT)
+    rng = np.random.default_rng(options["seed"])
+    return FixedSearch(plane, rng, STOP_AT) if plane.task.fixed else Search(plane, rng)
+
+
+def judge(source: Source, limits: Limits, max_links: int, budget: Budget, names: Sequence[int] = (0,)) -> tuple[Verdict, bool]:
+    """Search until the verdict is clear; the verdict, and whether the limit of work struck."""
+    judge_ = Judge(source, limits, budget, names)
+    judged, patience, late = None, np.inf, False
+    for links in source.batches():
+        best = source.best
+        fresh = best is not judged
+        if best is not None and best.score > STOP_AT and (fresh or links > patience):
+            verdict = judge_.verdict(deformed=not fresh)
+            patience = links + PATIENCE if fresh else np.inf
+            bent = verdict.cause is None and verdict.best is not None and verdict.best.is_bent
+            if (verdict.cause is None and not bent) or verdict.cause in CLEAR:
+                return verdict, False
+            judged = source.best
+            if bent or verdict.cause == "ambiguous":
+                # Of two equally good solutions both may be wrong, and a deformation can stand in for the rigid
+                # solution that is not yet found: search on, but not for long.
+                max_links = min(max_links, 3 * links + 50_000)
+        late = budget.over
+        if links >= max_links or late:
+            break
+    return judge_.verdict(), late

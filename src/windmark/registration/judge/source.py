@@ -1,0 +1,155 @@
+"""Where explanations come from: the searches of all cameras, and what their candidates settle to."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.registration.search.fixed import FixedSearch
+from windmark.registration.search.pool import Candidate
+from windmark.registration.search.quads import POOL, QuadSearch
+from windmark.registration.search.ransac import Search
+from windmark.registration.settle.solution import Solution, settle
+from windmark.registration.settle.views import Views
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int32]
+
+CONFIRMED = 20.0
+"""A camera of a rig with so much evidence (nats; two pairs or so) confirms a solution, however many markers it misses."""
+KEPT = 24
+"""Distinct solutions of a rig that are kept."""
+
+
+class Source:
+    """The searches of C cameras; every candidate of one is carried to all of them and settled.
+
+    Parameters
+    ----------
+    views : what was seen
+    searches : of each camera, None where it has too few spots
+    window : candidates whose search score (nats) is this much below the best of their camera are no rivals
+    """
+
+    def __init__(self, views: Views, searches: Sequence[Search | QuadSearch | None], window: float) -> None:
+        self.views, self._window = views, window
+        self._searches = tuple(searches)
+        self._running = {c: search.batches() for c, search in enumerate(searches) if search is not None}
+        self._settled: dict[Candidate, Solution | None] = {}
+        self._more: list[Solution] = []
+
+    @property
+    def links(self) -> int:
+        """Links of three markers to three spots that were tried."""
+        return sum(search.links for search in self._searches if search is not None)
+
+    @property
+    def best(self) -> Candidate | None:
+        """The best candidate of all searches by its search score."""
+        found = [s.best for s in self._searches if s is not None and s.best is not None]
+        return max(found, key=lambda c: c.score, default=None)
+
+    @property
+    def fixed(self) -> FixedSearch | None:
+        """The search of the first camera if some of its labels are known."""
+        first = self._searches[0]
+        return first if isinstance(first, FixedSearch) else None
+
+    def batches(self) -> Iterator[int]:
+        """Yields the links tried so far; the caller looks at the solutions after each batch of one camera."""
+        while self._running:
+            for c in range(len(self._searches)):
+                if c in self._running:  # a search for rivals may have ended it meanwhile
+                    if next(self._running[c], None) is None:
+                        del self._running[c]
+                    yield self.links
+
+    def solutions(self, candidates: Sequence[tuple[int, Candidate]] | None = None) -> list[Solution]:
+        """Distinct solutions, best first: of the given candidates (camera, candidate), or of all worth a look."""
+        chosen = self.candidates() if candidates is None else candidates
+        found = [s for c, candidate in chosen if (s := self._solution(c, candidate)) is not None]
+        return distinct([*found, *(self._more if candidates is None else ())])
+
+    def candidates(self) -> list[tuple[int, Candidate]]:
+        """Those worth a look, of every camera."""
+        chosen = []
+        for c, search in enumerate(self._searches):
+            top = search.top(POOL) if search is not None else []
+            chosen.extend((c, candidate) for candidate in top if candidate.score > top[0].score - self._window)
+        return chosen
+
+    def contradictions(self) -> list[Solution]:
+        """Solutions that do not have the fixed labels, best first."""
+        if self.fixed is None:
+            return []
+        free = [s for candidate in self.fixed.contradictions(POOL) if (s := self._solution(0, candidate)) is not None]
+        task = self.views.planes[0].task
+        return distinct([s for s in free if not task.keeps(s.state.match[0])])
+
+    def add(self, solution: Solution | None) -> None:
+        """Keep a solution that did not come from the search."""
+        if solution is not None:
+            self._more.append(solution)
+
+    def rivals(self, best: Solution, over: Callable[[], bool]) -> bool:
+        """Look for other solutions on purpose: by near-symmetries, and by the spots of each camera.
+
+        A camera that has nothing to do with the solution is searched to the end: it may see the model elsewhere.
+        False if the work was ``over`` before all of this was done.
+        """
+        if len(self._searches) > 1:
+            self._turn_about(best)
+        for c, search in enumerate(self._searches):
+            if search is None:
+                continue
+            if len(self._searches) > 1 and best.scores[c] <= CONFIRMED:
+                while c in self._running:
+                    if over():
+                        return False
+                    if next(self._running[c], None) is None:
+                        del self._running[c]
+            if best.counts[c] == 0:
+                continue
+            match = best.state.match[c].copy()
+            camera = float(best.state.camera[c, 0])
+            seen = Candidate(best.cam_from_model(c), camera, float(best.scores[c]), int(best.counts[c]), match)
+            if not search.rivals(seen, over):
+                return False
+        return True
+
+    def _turn_about(self, best: Solution) -> None:
+        """What the near-symmetries of the model make of a solution, in all cameras at once."""
+        state = best.state
+        for onto, turn, shift in zip(*self.views.layout.symmetries, strict=True):
+            # The spot of marker m is taken for that of marker onto[m], so the rig sees the model moved back.
+            match = np.full_like(state.match, -1)
+            match[:, onto[onto >= 0]] = state.match[:, onto >= 0]
+            rotation = state.rotation @ turn.T
+            self.add(settle(self.views, rotation, state.translation - rotation @ shift, match))
+        self._more = distinct(self._more)[:KEPT]
+
+    def _solution(self, c: int, candidate: Candidate) -> Solution | None:
+        if candidate not in self._settled:
+            self._settled[candidate] = settle(
+                self.views, *start_of(self.views, c, candidate), focal_px=candidate.focal_px
+            )
+        return self._settled[candidate]
+
+
+def start_of(views: Views, c: int, candidate: Candidate) -> tuple[Array, Array, Ints]:
+    """Pose of the unit model in the rig and labels (C, N) to start from, of a candidate of camera c."""
+    pose = views.cam_from_rig[c].inverse() @ candidate.cam_from_model
+    match = np.full((len(views.planes), len(candidate.match)), -1, np.int32)
+    match[c] = candidate.match
+    return (*views.layout.frame.unit(pose), match)
+
+
+def distinct(solutions: Sequence[Solution]) -> list[Solution]:
+    """Solutions that are not the same as a better one, best first."""
+    kept: list[Solution] = []
+    for solution in sorted(solutions, key=lambda s: -s.evidence):
+        if not any(solution.same_as(better) for better in kept):
+            kept.append(solution)
+    return kept

@@ -1,0 +1,25 @@
+"""What the judge says."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from windmark.registration.result import Cause, RunnerUp, Unchecked
+from windmark.registration.settle.solution import SAME_SHARE, Solution
+
+
+@dataclass(frozen=True, eq=False)
+class Verdict:
+    """The best explanation, the best distinct other one, why it is refused (None: accepted), and what is unchecked."""
+
+    best: Solution | None
+    runner_up: RunnerUp | None
+    cause: Cause | None
+    reason: str
+    unchecked: tuple[Unchecked, ...] = ()
+
+
+def runner_up(best: Solution, other: Solution) -> RunnerUp:
+    """Another solution beside the best, with the score that it has in comparison."""
+    lead = best.lead_over(other)
+    return RunnerUp(best.score - lead, other.cam_from_model(), other.count, best.shared(other) > SAME_SHARE)

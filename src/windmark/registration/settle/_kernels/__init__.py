@@ -1,0 +1,1 @@
+"""Numba kernels of `registration.settle`: arrays in, arrays changed in place; private."""

@@ -1,0 +1,242 @@
+"""Weighted least squares of all unknowns for given labels, and what the residuals say of their own size."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.geometry._cholesky_kernels import cholesky, inverse_factor, solve_factored
+from windmark.geometry._jit import nb
+from windmark.registration._kernels.growth import PRIOR_WORTH, _move
+from windmark.registration.settle._kernels.project import place_cameras, see
+from windmark.registration.settle._kernels.state import (
+    COST_END,
+    COST_START,
+    EXCESS,
+    MISFIT,
+    STEPS,
+    TAKEN,
+    Sights,
+    State,
+)
+
+Array = NDArray[np.float64]
+
+MIN_MATCHES = 4
+MOST_STEPS = 20
+AT_REST = 1e-10
+"""Expected decrease of twice the cost below which a step was the last: the next one would be its square."""
+TRIM, TRIM_COST = 0.8, 1.2
+"""The smallest squared residuals, which are exponential variables, that tell the misfit's variance; its sigma is so
+much larger for that."""
+LARGEST_TURN = 1.0
+"""A step that turns the model by more (radians) runs away."""
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def refine(sights: Sights, state: State, table: Array) -> bool:
+    """Gauss-Newton on the matched markers; False if it is singular or runs away. ``table`` (C, N, 3) is brought up to
+    date: the covariance of the projections by the markers' sigma.
+    """  # fmt: skip
+    a, size, open_ = state.factor, state.factor.shape[0], state.nuisance.shape[1]
+    cameras, n = state.match.shape
+    pairs = 0
+    for s in state.match.flat:
+        pairs += s >= 0
+    if pairs < MIN_MATCHES:
+        return False
+    g, decrease = np.empty(size), math.inf
+    state.report[STEPS] = 0.0
+    for _ in range(MOST_STEPS):
+        place_cameras(sights, state)
+        cost = _normal_equations(sights, state, table, a, g)
+        if not cholesky(a, size, 1e-12):
+            return False
+        if state.report[STEPS] == 0.0:
+            state.report[COST_START] = cost
+        state.report[STEPS] += 1.0
+        state.report[COST_END] = cost
+        if decrease < AT_REST:
+            break
+        decrease = _step(state, a, g, cameras, open_)
+        if not decrease < math.inf:
+            return False
+    return decrease < 1e-6
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _step(state: State, a: Array, g: Array, cameras: int, open_: int) -> float:
+    """Apply the Gauss-Newton step; twice the expected decrease of the cost, infinite if it runs away."""
+    step, decrease = g.copy(), 0.0
+    solve_factored(a, step, a.shape[0])
+    for i in range(a.shape[0]):
+        decrease += g[i] * step[i]
+    if not step[0] ** 2 + step[1] ** 2 + step[2] ** 2 < LARGEST_TURN:
+        return math.inf
+    _move(state.rotation, state.translation, step)
+    for c in range(cameras):
+        for p in range(open_):
+            state.nuisance[c, p] += min(2.0, max(-2.0, step[6 + c * open_ + p]))
+    for k in range(state.bent.shape[0]):
+        state.bent[k] += step[6 + cameras * open_ + k]
+    return decrease
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _normal_equations(sights: Sights, state: State, table: Array, a: Array, g: Array) -> float:
+    """J'WJ (lower half) and J'W(seen - projected) with the priors; the cost. Residuals and ``table`` on the way."""
+    size, (cameras, n), open_ = g.shape[0], state.match.shape, state.nuisance.shape[1]
+    u, v, cu, cv = np.empty(size), np.empty(size), np.empty(size), np.empty(size)
+    by_xyz, other = np.empty((2, 3)), np.empty(12)
+    a[:] = 0.0
+    g[:] = 0.0
+    cost = 0.0
+    for c in range(cameras):
+        for p in range(open_):
+            g[6 + c * open_ + p] = -state.nuisance[c, p]
+            cost += 0.5 * state.nuisance[c, p] ** 2
+    for k in range(state.bent.shape[0]):
+        g[6 + cameras * open_ + k] = -state.bent[k]
+        cost += 0.5 * state.bent[k] ** 2
+    for i in range(6, size):
+        a[i, i] = 1.0
+    for c in range(cameras):
+        excess, first = state.numbers[c, EXCESS], sights.first[c]
+        for m in range(n):
+            if state.match[c, m] < 0:
+                continue
+            s = first + state.match[c, m]
+            x, y, valid = see(sights, state, c, m, u, v, by_xyz, other)
+            if not valid:
+                return math.nan
+            table_of(sights.sigma, m, by_xyz, table[c, m])
+            du, dv = sights.xy[s, 0] - x, sights.xy[s, 1] - y
+            state.residual[c, m, 0], state.residual[c, m, 1] = -du, -dv
+            xx = sights.cov[s, 0] + table[c, m, 0] + excess
+            xy = sights.cov[s, 1] + table[c, m, 1]
+            yy = sights.cov[s, 2] + table[c, m, 2] + excess
+            k2 = 1.0 / (xx * yy - xy * xy)
+            wuu, wuv, wvv = k2 * yy, -k2 * xy, k2 * xx
+            bu, bv = wuu * du + wuv * dv, wuv * du + wvv * dv
+            cost += 0.5 * (bu * du + bv * dv)
+            for i in range(size):
+                g[i] += u[i] * bu + v[i] * bv
+                cu[i], cv[i] = wuu * u[i] + wuv * v[i], wuv * u[i] + wvv * v[i]
+            for i in range(size):
+                if cu[i] == 0.0 and cv[i] == 0.0:
+                    continue
+                for j in range(i + 1):
+                    a[i, j] += cu[i] * u[j] + cv[i] * v[j]
+    return cost
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def table_of(sigma: Array, m: int, by_xyz: Array, out: Array) -> None:
+    """Covariance xx, xy, yy of a projection by the marker's own sigma."""
+    out[0], out[1], out[2] = 0.0, 0.0, 0.0
+    for k in range(3):
+        du, dv = sigma[m, k] * by_xyz[0, k], sigma[m, k] * by_xyz[1, k]
+        out[0] += du * du
+        out[1] += du * dv
+        out[2] += dv * dv
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def spread_places(sights: Sights, state: State) -> None:
+    """Covariance of every projection by that of the unknowns (`State.place`), and what the fit has taken.
+
+    The sum of the leverages of a camera's pairs is the number of coordinates that the fit has taken of it.
+    """
+    size, (cameras, n) = state.factor.shape[0], state.match.shape
+    u, v, by_xyz, other = np.empty(size), np.empty(size), np.empty((2, 3)), np.empty(12)
+    inverse = inverse_factor(state.factor, size)
+    for c in range(cameras):
+        for m in range(n):
+            valid = see(sights, state, c, m, u, v, by_xyz, other)[2]
+            state.place[c, m, 0] = state.place[c, m, 2] = math.inf if not valid else 0.0
+            if valid:
+                by_unknowns(inverse, u, v, size, state.place[c, m])
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def by_unknowns(inverse: Array, u: Array, v: Array, size: int, out: Array) -> None:
+    """Covariance xx, xy, yy of a projection by that of the unknowns, from the inverse of their Cholesky factor."""
+    xx, xy, yy = 0.0, 0.0, 0.0
+    for i in range(size):
+        along_u, along_v = 0.0, 0.0
+        for k in range(i + 1):
+            along_u += inverse[i, k] * u[k]
+            along_v += inverse[i, k] * v[k]
+        xx += along_u * along_u
+        xy += along_u * along_v
+        yy += along_v * along_v
+    out[0], out[1], out[2] = xx, xy, yy
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def taken_of(sights: Sights, state: State, table: Array, c: int) -> float:
+    """Coordinates that the fit has taken of a camera's pairs: the sum of their leverages, from `State.place`."""
+    taken, first = 0.0, sights.first[c]
+    for m in range(table.shape[1]):
+        if state.match[c, m] >= 0:
+            s = first + state.match[c, m]
+            xx = sights.cov[s, 0] + table[c, m, 0] + state.numbers[c, EXCESS]
+            xy = sights.cov[s, 1] + table[c, m, 1]
+            yy = sights.cov[s, 2] + table[c, m, 2] + state.numbers[c, EXCESS]
+            place, det = state.place[c, m], xx * yy - xy * xy
+            taken += (yy * place[0] - 2.0 * xy * place[1] + xx * place[2]) / det
+    return taken
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def excess_of(sights: Sights, state: State, table: Array, c: int, doubt2: float, luck: float) -> tuple[float, float]:
+    """Variance per coordinate beyond the given covariances of a camera's pairs, and the mean of those of its spots.
+
+    From the smaller four fifths of the squared residuals, so that one false spot in a gate does not open the gate for
+    itself; a weak prior, the given covariances and ``doubt2`` beyond them, steadies few pairs. So many sigma of the
+    estimate as ``luck`` says are no excess: without it the mean of ``max(0, ...)`` would be one of its own. Without
+    pairs it is only doubted.
+    """
+    n, first, taken = table.shape[1], sights.first[c], state.numbers[c, TAKEN]
+    squares, count, known, noise = np.empty(n), 0, 0.0, 0.0
+    for m in range(n):
+        if state.match[c, m] >= 0:
+            s = first + state.match[c, m]
+            squares[count] = state.residual[c, m, 0] ** 2 + state.residual[c, m, 1] ** 2
+            noise += 0.5 * (sights.cov[s, 0] + sights.cov[s, 2])
+            known += 0.5 * (table[c, m, 0] + table[c, m, 2])
+            count += 1
+    if count == 0:
+        return doubt2, 0.0
+    noise /= count
+    known = known / count + noise
+    kept = math.ceil(TRIM * count)
+    squares = np.sort(squares[:count])
+    # The j-th smallest of n unit exponentials has the mean 1 / n + 1 / (n - 1) + ... + 1 / (n - j + 1).
+    expected = 0.0
+    for j in range(kept):
+        expected += (kept - j) / (count - j)
+    redundancy = max(2 * count - taken, 0.0)
+    variance = 0.5 * squares[:kept].sum() / expected * 2 * count / max(redundancy, 1.0)
+    pooled = (PRIOR_WORTH * (known + doubt2) + redundancy * variance) / (PRIOR_WORTH + redundancy)
+    chance = luck * TRIM_COST * math.sqrt(2.0 * redundancy) / (PRIOR_WORTH + redundancy)
+    return max(0.0, pooled - known * (1.0 + chance)), noise
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def weigh_residuals(sights: Sights, state: State, table: Array) -> None:
+    """Covariance of the residuals, and their variance by the redundancy: coordinates less those the fit has taken."""
+    for c in range(table.shape[0]):
+        squares, count, excess, first = 0.0, 0, state.numbers[c, EXCESS], sights.first[c]
+        for m in range(table.shape[1]):
+            if state.match[c, m] < 0:
+                continue
+            s = first + state.match[c, m]
+            count += 1
+            squares += state.residual[c, m, 0] ** 2 + state.residual[c, m, 1] ** 2
+            state.spread[c, m, 0] = sights.cov[s, 0] + table[c, m, 0] + excess
+            state.spread[c, m, 1] = sights.cov[s, 1] + table[c, m, 1]
+            state.spread[c, m, 2] = sights.cov[s, 2] + table[c, m, 2] + excess
+        state.numbers[c, MISFIT] = squares / max(2 * count - state.numbers[c, TAKEN], 1.0)

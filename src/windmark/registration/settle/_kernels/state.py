@@ -1,0 +1,81 @@
+"""What the settle kernels share: the sights of C cameras on N markers, and a solution that is changed in place.
+
+Unknowns stand in one order everywhere: the pose of the unit model in the rig [rotation 3, translation 3], then for
+each camera P *nuisances* (its interior parameters as far as they are open), then K coefficients of the deformation.
+Nuisances and coefficients are in sigmas of their priors, so the prior of each is the unit normal distribution.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int32]
+Mask = NDArray[np.bool_]
+
+EXCESS, MISFIT, EXPECTED, TAKEN, NUMBERS = range(5)
+"""Columns of `State.numbers`: excess and misfit variance, markers expected, coordinates taken by the fit."""
+STEPS, COST_START, COST_END, REPORT = range(4)
+"""Places in `State.report`: Gauss-Newton steps of the last fit, and its cost at the start and the end."""
+
+
+class Sights(NamedTuple):
+    """C cameras with known places in a rig, their spots one camera after the other, and the N markers."""
+
+    xyz: Array  # (N, 3) markers, centred and scaled to unit size
+    normal: Array  # (N, 3), zero where unknown
+    sigma: Array  # (N, 3), zero where unknown
+    modes: Array  # (K, N, 3) displacement by 1 sigma of each coefficient
+    rotation: Array  # (C, 3, 3) of cam_from_rig
+    translation: Array  # (C, 3) of it, in sizes of the model
+    first: NDArray[np.int64]  # (C + 1,) first spot of every camera, and the number of all
+    xy: Array  # (S, 2) spots in pixels
+    cov: Array  # (S, 3) their covariance xx, xy, yy
+    density: Array  # (S,) spots per px^2 round each
+    by_x: NDArray[np.int64]  # (S,) spots of a camera in order of x, numbered within the camera
+    x: Array  # (S,) that coordinate, in this order
+    size: Array  # (C, 2) of the images
+    radius: Array  # (C,) px, of the spots; 0 where unknown
+    tolerance: Array  # (C,) px, the neighbourhood of the search
+    camera: Array  # (C, 12) `Camera.packed`, as given
+    loose: Array  # (C, 12, P) change of the packed camera by 1 sigma of each nuisance; row 0 is of the log focal length
+
+
+class State(NamedTuple):
+    """A solution."""
+
+    rotation: Array  # (3, 3) of the unit model in the rig
+    translation: Array  # (3,)
+    nuisance: Array  # (C, P)
+    bent: Array  # (K,)
+    camera: Array  # (C, 12) with the nuisances
+    rotations: Array  # (C, 3, 3) as each camera sees the model
+    translations: Array  # (C, 3)
+    numbers: Array  # (C, 4) see EXCESS and the names beside it
+    report: Array  # (3,) see STEPS and the names beside it
+    match: Ints  # (C, N) spot of every marker, numbered within the camera, or -1
+    residual: Array  # (C, N, 2) projected - seen of matched markers
+    spread: Array  # (C, N, 3) covariance of the residuals: spot, table and excess
+    place: Array  # (C, N, 3) covariance of the projections by that of the unknowns
+    must: Mask  # (C, N) markers that should be seen
+    faces: Mask  # (C, N) markers that turn towards the camera and that nothing hides, in the image or not
+    hidden: Mask  # (C, N) what something hides: neither matched nor expected
+    offset: Array  # (C, N, 2) px, of the imaged disc's centre from the projection
+    bound: Ints  # (C, N) spots that the markers are bound to, or -1
+    factor: Array  # (P', P') lower Cholesky factor of the normal equations, priors included
+
+
+def state_of(sights: Sights, rotation: Array, translation: Array, match: Ints) -> State:
+    """A state to start from: the pose of the unit model in the rig, and labels (C, N)."""
+    (c, n), p, k = match.shape, sights.loose.shape[2], len(sights.modes)
+    size = 6 + c * p + k
+    return State(
+        np.array(rotation, dtype=np.float64), np.array(translation, dtype=np.float64), np.zeros((c, p)), np.zeros(k),
+        sights.camera.copy(), np.zeros((c, 3, 3)), np.zeros((c, 3)), np.zeros((c, NUMBERS)), np.zeros(REPORT),
+        np.array(match, dtype=np.int32), np.zeros((c, n, 2)), np.zeros((c, n, 3)), np.zeros((c, n, 3)),
+        np.zeros((c, n), np.bool_), np.zeros((c, n), np.bool_), np.zeros((c, n), np.bool_), np.zeros((c, n, 2)),
+        np.full((c, n), -1, np.int32), np.zeros((size, size)),
+    )  # fmt: skip

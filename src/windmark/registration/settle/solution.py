@@ -1,0 +1,314 @@
+"""A settled explanation of the spots: labels, pose, cameras and deformation that agree, and what they are worth."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
+
+from windmark.geometry import Camera, Pose
+from windmark.registration.settle._kernels.settle import STEADY, accept_kernel, fit_kernel, settle_kernel
+from windmark.registration.settle._kernels.state import EXCESS, EXPECTED, MISFIT, State, state_of
+from windmark.registration.settle._kernels.worth import (
+    ALONE,
+    CLOSED,
+    LOG10_NFA,
+    PAIRS,
+    PIECES,
+    SYSTEMATIC,
+    worth_kernel,
+)
+from windmark.registration.settle.views import Views
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int32]
+
+SAME_SHARE, SAME_ANGLE, SAME_DISTANCE2 = 0.6, float(np.radians(3.0)), 36.0
+"""Two solutions are one if more than this share of the pairs is, and the poses agree in angle or in so many sigma."""
+HIDING_ROUNDS = 3
+"""How often what hides what is asked again from a better pose; markers on a silhouette may never rest."""
+SCALES = float(np.log(100.0))
+"""Logarithm of the range of distances that a model may be at: a factor of ten either way."""
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """A settled explanation.
+
+    Parameters
+    ----------
+    views : what it explains, and with how much freedom
+    state : the kernels' view of it
+    """
+
+    views: Views
+    state: State
+
+    # --- unknowns ------------------------------------------------------------------------
+    @cached_property
+    def rig_from_model(self) -> Pose:
+        """The pose in the rig; for a single camera that of the camera."""
+        return self.views.layout.frame.pose(self.state.rotation, self.state.translation)
+
+    def cam_from_model(self, c: int = 0) -> Pose:
+        """The pose as camera c sees it."""
+        return self.views.layout.frame.pose(self.state.rotations[c], self.state.translations[c])
+
+    def camera(self, c: int = 0) -> Camera:
+        """Camera c as it has it."""
+        return self.views.camera(c, self.state.camera[c])
+
+    @cached_property
+    def inverse(self) -> Array:
+        """(P, P) inverse of the lower Cholesky factor of the normal equations."""
+        factor = self.state.factor
+        return np.asarray(solve_triangular(factor, np.eye(len(factor)), lower=True, check_finite=False))
+
+    @cached_property
+    def unit_cov(self) -> Array:
+        """(P, P) covariance of all unknowns: pose of the unit model, nuisances, coefficients."""
+        return np.asarray(self.inverse.T @ self.inverse)
+
+    @cached_property
+    def cov(self) -> Array:
+        """(6, 6) of [rotation, translation] for ``exp(delta) @ rig_from_model``, model errors as random ones."""
+        change = self.to_model()
+        return np.asarray(change @ self.unit_cov[:6, :6] @ change.T)
+
+    def to_model(self) -> Array:
+        """(6, 6) from the unit model, turned about its centre, to the model and ``exp(delta) @ pose``."""
+        scale, (x, y, z) = self.views.layout.frame.scale, self.state.translation
+        change = np.eye(6)
+        change[3:, :3] = scale * np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+        change[3:, 3:] *= scale
+        return change
+
+    @cached_property
+    def displacement(self) -> Array:
+        """(N, 3) of all markers of the unit model."""
+        return np.tensordot(self.state.bent, self.views.modes, 1)
+
+    @property
+    def is_bent(self) -> bool:
+        """Whether the model may be deformed in it."""
+        return len(self.state.bent) > 0
+
+    # --- labels --------------------------------------------------------------------------
+    @cached_property
+    def counts(self) -> NDArray[np.int64]:
+        """(C,) matched markers of each camera."""
+        return np.asarray((self.state.match >= 0).sum(axis=1))
+
+    @cached_property
+    def count(self) -> int:
+        """Pairs of all cameras."""
+        return int(self.counts.sum())
+
+    @cached_property
+    def expected(self) -> int:
+        """Markers that should be seen, over all cameras."""
+        return int(self.state.numbers[:, EXPECTED].sum())
+
+    def pairs(self, c: int = 0) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Spots and markers (K,) of camera c, in order of markers."""
+        marker = np.flatnonzero(self.state.match[c] >= 0)
+        return self.state.match[c, marker].astype(np.int64), marker
+
+    @property
+    def excess_px(self) -> Array:
+        """(C,) 1 sigma per coordinate of the misfit that the given covariances do not explain."""
+        return np.asarray(np.sqrt(self.state.numbers[:, EXCESS]))
+
+    @property
+    def misfit_px(self) -> Array:
+        """(C,) 1 sigma per coordinate of the residuals, by the redundancy."""
+        return np.asarray(np.sqrt(self.state.numbers[:, MISFIT]))
+
+    def shared(self, other: Solution) -> float:
+        """Share of the pairs that two solutions have in common, of the smaller one's."""
+        same = (self.state.match == other.state.match) & (self.state.match >= 0)
+        return float(same.sum()) / min(self.count, other.count)
+
+    def same_as(self, other: Solution) -> bool:
+        """Mostly the same pairs, and poses that agree within three degrees or six sigma of the less certain one."""
+        if self.shared(other) <= SAME_SHARE:
+            return False
+        if self.rig_from_model.angle_to(other.rig_from_model) < SAME_ANGLE:
+            return True
+        delta = (self.rig_from_model @ other.rig_from_model.inverse()).log()
+        return bool(min(delta @ np.linalg.solve(s.cov, delta) for s in (self, other)) < SAME_DISTANCE2)
+
+    # --- worth ---------------------------------------------------------------------------
+    @cached_property
+    def readings(self) -> Array:
+        """(C, READINGS) what each camera's labels are worth, see `worth_kernel`."""
+        views, state = self.views, self.state
+        return np.stack([
+            worth_kernel(
+                views.sights, state, views.layout.model.near, c, leads, density, plane.fixed_count,
+                plane.log_shares(tuple(leads)),
+            )
+            for c, (plane, leads, density) in enumerate(zip(views.planes, views.leads, views.densities, strict=True))
+        ])  # fmt: skip
+
+    @cached_property
+    def freedom(self) -> float:
+        """What the unknowns' freedom costs (nats, negative): the volume that the spots leave of the prior's.
+
+        Laplace's approximation: rotations, places in the first image that has pairs and distances within
+        a factor of ten either way are alike before the picture; nuisances and coefficients have their normal priors.
+        """
+        state, c = self.state, int(self.counts.argmax())
+        task = self.views.planes[c].task
+        volume = 3 * np.log(2 * np.pi) - float(np.log(np.diag(state.factor)).sum())
+        depth = max(float(state.translations[c, 2]), 1e-9)
+        volume += 2 * np.log(state.camera[c, 0] / depth) - np.log(depth)
+        prior = np.log(8 * np.pi**2 * float(np.prod(task.camera.size_px)) * SCALES * task.prior_share)
+        fit = 0.5 * float((state.nuisance**2).sum() + (state.bent**2).sum())
+        return float(volume - prior - fit)
+
+    @cached_property
+    def scores(self) -> Array:
+        """(C,) log-likelihood ratio of each camera in nats: matched spots against chance, missing markers against it.
+
+        Markers are missing each by itself, or hidden in one piece, whichever is likelier.
+        """
+        r = self.readings
+        empty = self.counts == 0
+        value = r[:, PAIRS] + np.maximum(r[:, ALONE], r[:, PIECES])
+        return np.where(empty, r[:, ALONE] if not empty.any() else _missed(self), value)
+
+    @cached_property
+    def score(self) -> float:
+        """Log-likelihood ratio in nats of all cameras, against "the spots are where they are by chance"."""
+        return float(self.scores.sum())
+
+    @cached_property
+    def evidence(self) -> float:
+        """Nats against chance, the price of the unknowns' freedom included: what explanations compete by."""
+        return self.score + self.freedom
+
+    @cached_property
+    def log10_nfa(self) -> float:
+        """Decimal logarithm of the false-alarm number; of several cameras the pairs of the best one."""
+        return float(self.readings[:, LOG10_NFA].min())
+
+    def lead_over(self, other: Solution) -> float:
+        """How much (nats) more it explains than another solution, in the reading that is worst for it.
+
+        A lead that comes from an image border that hides what would be missing, or from random errors where smooth
+        ones of lens or table would do, is none.
+        """
+        leads = []
+        for hiding in (np.maximum(self._of(ALONE), self._of(PIECES)) - np.maximum(other._of(ALONE), other._of(PIECES)),
+                       np.maximum(self._of(CLOSED), self._of(PIECES)) - np.maximum(other._of(CLOSED), other._of(PIECES))):
+            for smooth in (0.0, self._of(SYSTEMATIC) - other._of(SYSTEMATIC)):
+                pairs = self._of(PAIRS) - other._of(PAIRS)
+                leads.append(float(np.sum(pairs + hiding + smooth)))
+        return min(leads) + self.freedom - other.freedom
+
+    def _of(self, reading: int) -> Array:
+        return np.where(self.counts > 0, self.readings[:, reading], 0.0)
+
+
+def _missed(solution: Solution) -> Array:
+    return np.zeros(len(solution.counts))
+
+
+def settle(
+    views: Views, rotation: Array, translation: Array, match: Ints, *, focal_px: float | None = None, trusted: int = 0
+) -> Solution | None:
+    """Refine a start to a fixed point of labelling; None where it falls apart or leaves the prior.
+
+    Parameters
+    ----------
+    views : what was seen, and with how much freedom it is to be explained
+    rotation, translation : pose of the unit model in the rig
+    match : (C, N) spots of the markers in each camera, or -1
+    focal_px : of the first camera, where its focal length is free
+    trusted : rounds that the labels stay at most while the excess settles
+    """
+    state = state_of(views.sights, rotation, translation, match)
+    task = views.planes[0].task
+    if focal_px is not None and task.free_focal:
+        state.nuisance[0, 0] = np.log(focal_px / task.camera.focal_px) / task.focal_sigma
+    return settle_state(views, state, trusted=trusted)
+
+
+def settle_state(views: Views, state: State, *, trusted: int = 0) -> Solution | None:
+    """`settle` from a state, which is changed."""
+    _bind(views, state)
+    if settle_kernel(views.sights, state, trusted) != STEADY:
+        return None
+    if any(plane.task.visible is not None for plane in views.planes) and not _with_hiding(views, state):
+        return None
+    solution = Solution(views, state)
+    for c, plane in enumerate(views.planes):
+        if plane.task.prior is not None and not plane.task.allows(solution.cam_from_model(c), state.camera[c, 0]):
+            return None
+    return solution
+
+
+def _bind(views: Views, state: State) -> None:
+    for c, plane in enumerate(views.planes):
+        if plane.task.binding:
+            for spot, marker in plane.task.fixed:
+                state.bound[c, marker] = spot
+                state.match[c, marker] = spot
+
+
+def _with_hiding(views: Views, state: State) -> bool:
+    """Settle with what hides what. It depends on the pose and the pose on what is matched; it comes to rest at once
+    but for markers on a silhouette, which stay as the last pose has them. False where it falls apart.
+    """  # fmt: skip
+    for _ in range(HIDING_ROUNDS):
+        hidden = np.stack([
+            plane.task.hidden_from(
+                views.layout.frame.pose(state.rotations[c], state.translations[c]), views.camera(c, state.camera[c])
+            )
+            for c, plane in enumerate(views.planes)
+        ])  # fmt: skip
+        if (hidden == state.hidden).all():
+            return True
+        state.hidden[:] = hidden
+        state.match[hidden] = -1
+        if settle_kernel(views.sights, state, 0) != STEADY:
+            return False
+    return True
+
+
+def copied(views: Views, state: State) -> State:
+    """A state of its own, with the freedom of other views of the same spots; what it has not had before is zero."""
+    (c, p), k = (views.loose.shape[0], views.loose.shape[2]), len(views.modes)
+    size = 6 + c * p + k
+    nuisance, bent = np.zeros((c, p)), np.zeros(k)
+    same = min(p, state.nuisance.shape[1])
+    nuisance[:, :same] = state.nuisance[:, :same]
+    if len(state.bent) == k:
+        bent[:] = state.bent
+    parts = {name: getattr(state, name).copy() for name in State._fields}
+    return State(**{**parts, "nuisance": nuisance, "bent": bent, "factor": np.zeros((size, size))})
+
+
+def with_freedom(views: Views, solution: Solution, *, relabel: bool = True) -> Solution | None:
+    """The solution as it is with the freedom of other views; None where it falls apart."""
+    state = copied(views, solution.state)
+    if relabel:
+        return settle_state(views, state)
+    return Solution(views, state) if fit_kernel(views.sights, state) else None
+
+
+def accepted(solution: Solution) -> Solution:
+    """The solution as it is reported: its excess by the residuals alone.
+
+    While labels may still be wrong, the gates are kept a little open. Once they are accepted that doubt has
+    no place in the covariance.
+    """
+    state = copied(solution.views, solution.state)
+    if not accept_kernel(solution.views.sights, state):
+        return solution
+    return replace(solution, state=state)

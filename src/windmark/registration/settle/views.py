@@ -1,0 +1,159 @@
+"""C cameras that see the same markers at once, as the settle kernels want them, and how their interiors may vary."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.geometry import Camera, Pose
+from windmark.registration.search.layout import Layout
+from windmark.registration.search.near import nearest
+from windmark.registration.search.plane import Plane, density_of
+from windmark.registration.settle._kernels.state import Sights
+
+Array = NDArray[np.float64]
+
+PARAMETERS_PACKED = 11
+"""Interior parameters at the head of a packed camera."""
+DOUBTED_FOCAL, DOUBTED_ASPECT, DOUBTED_CENTRE, DOUBTED_EDGE = 0.15, 0.02, 0.04, 0.02
+"""1 sigma of a given camera that is doubted: of the logarithm of its focal length, of its aspect, of its principal
+point as part of the image's diagonal, and of the lens' shift of the corner as part of its distance from the centre."""
+DOUBTS = ("focal length", "aspect", "principal point", "principal point", "lens")
+"""What the columns of `doubted_camera` are."""
+
+
+@dataclass(frozen=True, eq=False)
+class Views:
+    """What C cameras saw.
+
+    Parameters
+    ----------
+    planes : of each camera: task, layout and search plane
+    cam_from_rig : of each camera; the identity for a single one
+    loose : (C, 12, P) how the cameras may vary, see `Sights`
+    modes : (K, N, 3) how the unit model may be deformed, by 1 sigma
+    """
+
+    planes: tuple[Plane, ...]
+    cam_from_rig: tuple[Pose, ...]
+    loose: Array
+    modes: Array
+
+    @classmethod
+    def of(cls, planes: Sequence[Plane], cam_from_rig: Sequence[Pose] | None = None) -> Views:
+        """Rigid, with the cameras as open as their tasks say."""
+        poses = tuple(cam_from_rig) if cam_from_rig is not None else (Pose.identity(),) * len(planes)
+        columns = [known_camera(p.task.camera, p.task.focal_sigma) for p in planes]
+        return cls(tuple(planes), poses, _stacked(columns), np.zeros((0, len(planes[0].model.xyz), 3)))
+
+    @property
+    def layout(self) -> Layout:
+        """Of the markers."""
+        return self.planes[0].layout
+
+    def bent(self, modes: Array) -> Views:
+        """The same with a model that may be deformed."""
+        return self._with(modes=modes)
+
+    def doubted(self, *, columns: Sequence[int] = range(len(DOUBTS))) -> Views:
+        """The same with cameras that may be wrong, in some columns of `doubted_camera` (of each)."""
+        extra = [doubted_camera(p.task.camera)[:, list(columns)] for p in self.planes]
+        both = [np.concatenate([own, more], axis=1) for own, more in zip(self.loose, extra, strict=True)]
+        return self._with(loose=_stacked(both))
+
+    def _with(self, *, loose: Array | None = None, modes: Array | None = None) -> Views:
+        loose, modes = self.loose if loose is None else loose, self.modes if modes is None else modes
+        other = replace(self, loose=loose, modes=modes)
+        other.__dict__["sights"] = self.sights._replace(loose=loose, modes=np.ascontiguousarray(modes))
+        other.__dict__["leads"], other.__dict__["densities"] = self.leads, self.densities
+        return other
+
+    @cached_property
+    def sights(self) -> Sights:
+        """All of it for the kernels."""
+        planes, layout = self.planes, self.layout
+        xy = [np.ascontiguousarray(p.task.xy) for p in planes]
+        order = [np.argsort(p[:, 0], kind="stable") for p in xy]
+        cov = [np.stack([p.task.cov[:, 0, 0], p.task.cov[:, 0, 1], p.task.cov[:, 1, 1]], axis=1) for p in planes]
+        return Sights(
+            planes[0].markers.xyz, planes[0].markers.normal, planes[0].markers.sigma, np.ascontiguousarray(self.modes),
+            np.stack([pose.rotation for pose in self.cam_from_rig]),
+            np.stack([pose.translation for pose in self.cam_from_rig]) / layout.frame.scale,
+            np.cumsum([0, *(len(p) for p in xy)]), _joined(xy), _joined(cov),
+            _joined([d[-1] for d in self.densities]), _joined(order),
+            _joined([p[o, 0] for p, o in zip(xy, order, strict=True)]),
+            np.array([p.task.camera.size_px for p in planes], dtype=float), np.array([p.radius for p in planes]),
+            np.array([p.task.tolerance_px for p in planes]), np.stack([p.task.camera.packed() for p in planes]),
+            self.loose,
+        )  # fmt: skip
+
+    @cached_property
+    def leads(self) -> tuple[NDArray[np.int64], ...]:
+        """Of each camera, the prefixes of its list of spots."""
+        return tuple(np.array(plane.leads) for plane in self.planes)
+
+    @cached_property
+    def densities(self) -> tuple[Array, ...]:
+        """Of each camera, (L, M) the spots per px^2 round each spot, among the spots of each prefix."""
+        return tuple(_densities(plane) for plane in self.planes)
+
+    def camera(self, c: int, packed: Array) -> Camera:
+        """Camera c with the parameters (12,) of a state."""
+        given = self.planes[c].task.camera
+        if np.array_equal(packed, given.packed()):
+            return given
+        names = ("focal_px", "aspect", "cx", "cy", "k1", "k2", "p1", "p2", "k3", "tilt_x", "tilt_y")
+        return replace(given, **dict(zip(names, packed[:PARAMETERS_PACKED].tolist(), strict=True)))
+
+
+def known_camera(camera: Camera, focal_sigma: float) -> Array:
+    """(12, P) how a camera may vary by what is known of it: `Camera.cov`, and a free focal length of so large a sigma.
+
+    A free focal length comes first; row 0 is of its logarithm.
+    """
+    cov = np.zeros((PARAMETERS_PACKED,) * 2) if camera.cov is None else np.array(camera.cov)
+    if focal_sigma > 0:
+        cov[0, :], cov[:, 0] = 0.0, 0.0
+    unit = np.sqrt(np.diag(cov))
+    safe = np.where(unit > 0, unit, 1.0)  # the parameters' units differ by orders
+    value, vector = np.linalg.eigh(cov / np.outer(safe, safe))
+    kept = value > 1e-9
+    columns = np.zeros((12, int(kept.sum())))
+    columns[:PARAMETERS_PACKED] = unit[:, None] * vector[:, kept] * np.sqrt(value[kept])
+    columns[0] /= camera.focal_px
+    if focal_sigma > 0:
+        columns = np.concatenate([np.eye(12, 1) * focal_sigma, columns], axis=1)
+    return columns
+
+
+def doubted_camera(camera: Camera) -> Array:
+    """(12, 5) how a camera may be wrong: focal length, aspect, principal point in x and y, lens (see `DOUBTS`)."""
+    columns = np.zeros((12, len(DOUBTS)))
+    diagonal = float(np.hypot(*camera.size_px))
+    corner2 = (0.5 * diagonal / camera.focal_px) ** 2
+    columns[0, 0], columns[1, 1] = DOUBTED_FOCAL, DOUBTED_ASPECT
+    columns[2, 2] = columns[3, 3] = DOUBTED_CENTRE * diagonal
+    columns[4, 4] = DOUBTED_EDGE / corner2
+    return columns
+
+
+def _densities(plane: Plane) -> Array:
+    xy, size = plane.task.xy, np.array(plane.task.camera.size_px, dtype=float)
+    out = np.full((len(plane.leads), len(xy)), np.nan)
+    for row, lead in zip(out, plane.leads, strict=True):
+        row[:lead] = density_of(nearest(xy[:lead], min(4, lead - 1))[1], size)
+    return out
+
+
+def _stacked(columns: Sequence[Array]) -> Array:
+    """(C, 12, P) of (12, p) each, filled up with columns that change nothing."""
+    most = max(c.shape[1] for c in columns)
+    return np.stack([np.pad(c, ((0, 0), (0, most - c.shape[1]))) for c in columns])
+
+
+def _joined(parts: Sequence[NDArray]) -> NDArray:  # type: ignore[type-arg]
+    return np.ascontiguousarray(np.concatenate(list(parts)))
