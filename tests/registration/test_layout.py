@@ -5,6 +5,9 @@ import pytest
 import registration_scenes as scenes
 
 from windmark.registration import NotRegistered, prepare, register
+from windmark.registration._kernels.cells import celled
+from windmark.registration.bent import field
+from windmark.registration.bent.field import modes_of
 from windmark.registration.search.layout import Layout
 from windmark.scene import MarkerSet
 
@@ -19,14 +22,14 @@ def brought(onto):
     return [int((row >= 0).sum()) for row in onto]
 
 
-def assert_motions(layout):
-    """Every motion is a rotation and brings the markers that it says, to within a third of their spacing."""
-    onto, rotation, translation = layout.symmetries
+def assert_motions(layout, motions=None, determinant=1):
+    """Every motion keeps lengths and brings the markers that it says, to within a third of their spacing."""
+    onto, rotation, translation = motions or layout.symmetries
     xyz = layout.model.xyz
     spacing = np.linalg.norm(xyz - xyz[layout.model.near[:, 0]], axis=1)
     for row, r, t in zip(onto, rotation, translation, strict=True):
         np.testing.assert_allclose(r @ r.T, np.eye(3), atol=1e-9)
-        assert np.linalg.det(r) == pytest.approx(1)
+        assert np.linalg.det(r) == pytest.approx(determinant)
         m = np.flatnonzero(row >= 0)
         assert len(set(row[m].tolist())) == len(m)
         moved = xyz[m] @ r.T + t
@@ -69,6 +72,63 @@ def test_rows_are_nearly_symmetric_and_random_points_are_not():
     assert len(Layout(scattered).symmetries[0]) == 0
 
 
+def test_symmetries_of_many_markers():
+    """Half a turn and the shortest shifts of a wall of 2,400 dots, none of which is quite in its place."""
+    wall = grid(60, 40)
+    wall.xyz[:] += np.random.default_rng(2).normal(0, 0.002, wall.xyz.shape)
+    layout = Layout(wall)
+    assert_motions(layout)
+    onto, number = layout.symmetries[0], np.arange(2400)
+    assert brought(onto) == sorted(brought(onto), reverse=True)
+    assert onto[0].tolist() == number[::-1].tolist()
+    for shift, gone in ((1, 40), (-1, 40), (60, 60), (-60, 60)):
+        row = next(row for row in onto if ((row - number)[row >= 0] == shift).all())
+        assert (row >= 0).sum() == 2400 - gone
+
+
+def test_modes_of_some_stand_for_those_of_many_markers(monkeypatch):
+    """The covariance of the displacements that they make is that of the whole process."""
+    xyz = np.random.default_rng(4).uniform(-1, 1, size=(900, 3)) * [1.6, 1.2, 0.1]
+    rigid = np.arange(900) % 50 == 0
+    some = modes_of(xyz, rigid)
+    monkeypatch.setattr(field, "LANDMARKS", 900)
+    exact = modes_of(xyz, rigid)
+    covariances = [np.einsum("kna,kma->nm", modes, modes) for modes in (some, exact)]
+    np.testing.assert_allclose(*covariances, atol=0.005)
+    assert covariances[1].max() > 1
+
+
+def test_mirrors_of_a_grid():
+    """Left and right exchanged, or up and down; with normals the plane's own is a choice of ours, and the first one."""
+    layout = Layout(grid(6, 4))
+    onto, turn, shift = layout.mirrors
+    assert_motions(layout, (onto, turn, shift), -1)
+    place = np.arange(24).reshape(4, 6)
+    np.testing.assert_array_equal(onto[0], np.arange(24))
+    np.testing.assert_allclose(turn[0], np.diag([1.0, 1.0, -1.0]), atol=1e-12)
+    assert place[:, ::-1].ravel().tolist() in onto.tolist()
+    assert place[::-1].ravel().tolist() in onto.tolist()
+
+
+def test_mirrors_of_a_wing_with_relief_and_of_scattered_markers():
+    wing = Layout(scenes.scene(1, "A").markers)
+    onto, turn, shift = wing.mirrors
+    np.testing.assert_array_equal(onto[0], np.arange(24))
+    moved = wing.model.xyz @ turn[0].T + shift[0]
+    assert 0 < np.linalg.norm(moved - wing.model.xyz, axis=1).max() < 0.3
+    assert_motions(wing, (onto[1:], turn[1:], shift[1:]), -1)
+    rng = np.random.default_rng(0)
+    scattered = MarkerSet.make([f"m{i}" for i in range(30)], rng.normal(size=(30, 3)))
+    assert max(brought(Layout(scattered).mirrors[0])) < 10  # in the plane of three of them, those that lie near it
+
+
+def test_port_and_starboard_can_be_taken_for_each_other():
+    layout = Layout(scenes.scene(1, "B").markers)
+    onto, _, _ = layout.mirrors
+    exchanged = [*range(15, 30), *range(15)]
+    assert max((row[:30] == exchanged).sum() for row in onto) > 20
+
+
 @pytest.mark.parametrize("count", [4, 5, 7])
 def test_few_markers_can_be_prepared(count):
     layout = prepare(grid(3, 3).take(np.arange(count))).ready()
@@ -100,3 +160,13 @@ def test_the_moved_marker_of_a_grid_hidden_is_ambiguous():
     assert isinstance(hidden, NotRegistered)
     assert hidden.cause == "ambiguous"
     assert np.degrees(hidden.best_candidate.angle_to(hidden.runner_up.cam_from_model)) > 100
+
+
+def test_every_marker_is_in_its_cell():
+    xyz = np.random.default_rng(6).normal(size=(200, 3)) * [1.0, 0.5, 0.0]
+    first, member, low, per_unit, size = celled(xyz)
+    assert sorted(member.tolist()) == list(range(200))
+    assert 200 < np.prod(size) <= 4 * 200 + 8
+    cell = np.repeat(np.arange(len(first) - 1), np.diff(first))
+    place = np.minimum(((xyz[member] - low) * per_unit).astype(int), size - 1)
+    np.testing.assert_array_equal(cell, (place[:, 0] * size[1] + place[:, 1]) * size[2] + place[:, 2])

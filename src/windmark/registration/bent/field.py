@@ -20,6 +20,8 @@ REACH = 1.2
 STIFF = 0.1
 """Least amplitude along a wide axis, as part of that along the thinnest one."""
 MOST_MODES = 24
+LANDMARKS = 600
+"""The modes of more markers are those of about so many of them: the process is far smoother than they are apart."""
 FAINT = 0.01
 """Modes with an amplitude below this part of the strongest one's are left out."""
 
@@ -40,16 +42,25 @@ def modes_of(xyz: Array, rigid: NDArray[np.bool_]) -> Array:
     count = min(len(soft), MOST_MODES)
     shape = np.zeros((count, len(xyz)))
     if count:
-        distance2 = ((xyz[soft, None] - xyz[None, soft]) ** 2).sum(axis=2)
-        last = (len(soft) - count, len(soft) - 1)
-        value, vector = eigh(np.exp(-0.5 * distance2 / REACH**2), subset_by_index=last)
-        shape[:, soft] = (vector * np.sqrt(np.maximum(value, 0.0))).T[::-1]
+        some = soft[:: -(-len(soft) // LANDMARKS)]
+        last = (max(len(some) - count, 0), len(some) - 1)
+        value, vector = eigh(_correlation(xyz[some], xyz[some]), subset_by_index=last)
+        value = np.maximum(value, FAINT**2 * value[-1])
+        # The process at the landmarks, carried to all (Nystroem's method); exact where these are all.
+        shape = np.zeros((len(value), len(xyz)))
+        shape[:, soft] = (_correlation(xyz[soft], xyz[some]) @ (vector / np.sqrt(value))).T[::-1]
     strength = np.sqrt((shape**2).mean(axis=1))
     modes = []
     for axis, stiff in zip(*amplitudes(xyz), strict=True):
         kept = shape[strength * stiff > FAINT * strength.max(initial=0.0)]
         modes.append(stiff * kept[:, :, None] * axis)
     return np.concatenate(modes)
+
+
+def _correlation(a: Array, b: Array) -> Array:
+    """(A, B) of the process at places (A, 3) and (B, 3)."""
+    distance2 = sum((a[:, None, axis] - b[None, :, axis]) ** 2 for axis in range(3))
+    return np.asarray(np.exp(-0.5 * distance2 / REACH**2))
 
 
 def amplitudes(xyz: Array) -> tuple[Array, Array]:

@@ -31,6 +31,11 @@ SYMMETRIES, LEAST_BROUGHT = 200, 0.2
 """Near-symmetries kept at most, and the part of the markers that each must bring onto others."""
 SEEDS = 6
 """Triangles whose like is looked for; a near-symmetry that takes all of them off the model is of no use."""
+FLAT = 0.15
+"""Markers are nearly flat if they are so thin (rms) beside their extent (rms)."""
+MANY = 1_000
+"""Of more markers than this enough neighbours are always seen: the small table does, the large one would take 300 MB of
+4,000 markers."""
 PERSPECTIVE = (0.0,)
 """Strengths of perspective (size of the model over distance) with which they are tabled; the cells forgive the rest."""
 
@@ -82,6 +87,7 @@ class Layout:
 
     def table(self, reach: int) -> Table:
         """Quads by key, from so many neighbours of each marker: one of `REACHES`, or more if most are hidden."""
+        reach = min(reach, REACHES[0]) if len(self.model.xyz) > MANY else reach
         if reach not in self._tables:
             self._tables[reach] = self._tabled(reach)
         return self._tables[reach]
@@ -92,15 +98,38 @@ class Layout:
 
         Of the unit model. The identity is not among them.
         """
-        spread = spread_corners(self.model.xyz, np.arange(len(self.model.xyz), dtype=np.int32), SEEDS)
-        least = max(5, int(np.ceil(LEAST_BROUGHT * len(self.model.xyz))))
-        return symmetries_kernel(self.model, spread, least, SYMMETRIES)
+        return self._motions(mirrored=False)
 
     @cached_property
     def mirrors(self) -> tuple[Ints, Array, Array]:
-        """Improper near-symmetries (stub until merged)."""
-        n = len(self.model.xyz)
-        return np.zeros((0, n), np.int32), np.zeros((0, 3, 3)), np.zeros((0, 3))
+        """The same with a reflection (determinant -1), by which the mirrored model can be taken for the model.
+
+        Of a nearly flat model the first one is the mirroring in its plane, which brings every marker (nearly) onto
+        itself: the normals may say that it cannot be seen so, but the relief may well be wrong by its sign.
+        """
+        motions = self._motions(mirrored=True)
+        axes, rms = _axes(self.model.xyz)
+        if rms[2] > FLAT * float(np.linalg.norm(rms)):
+            return motions
+        onto, turn, shift = motions
+        itself = np.arange(len(self.model.xyz), dtype=np.int32)
+        other = (onto == itself).sum(axis=1) * 2 < (onto >= 0).sum(axis=1)
+        plane = np.eye(3) - 2 * np.outer(axes[2], axes[2])
+        return (
+            np.concatenate([itself[None], onto[other]]),
+            np.concatenate([plane[None], turn[other]]),
+            np.concatenate([np.zeros((1, 3)), shift[other]]),
+        )
+
+    @cached_property
+    def _seeds(self) -> Ints:
+        """(T, 3) compact triangles, spread over the markers, whose like is looked for."""
+        return spread_corners(self.model.xyz, np.arange(len(self.model.xyz), dtype=np.int32), SEEDS)
+
+    def _motions(self, *, mirrored: bool) -> tuple[Ints, Array, Array]:
+        least = max(5, int(np.ceil(LEAST_BROUGHT * len(self.model.xyz))))
+        found: tuple[Ints, Array, Array] = symmetries_kernel(self.model, self._seeds, least, SYMMETRIES, mirrored)
+        return found
 
     @cached_property
     def spacing(self) -> Array:
@@ -137,6 +166,12 @@ def unit_model(xyz: Array, normal: Array) -> tuple[Model, Frame]:
     known = np.where(np.isfinite(normal).all(axis=1, keepdims=True), normal, 0.0)
     near = nearest(unit, min(NEIGHBOURS, len(xyz) - 1))[0]
     return Model(unit, np.ascontiguousarray(known), near), Frame(centre, scale)
+
+
+def _axes(xyz: Array) -> tuple[Array, Array]:
+    """Principal axes (3, 3) of centred markers (N, 3) as rows, widest first, and their rms (3,) along each."""
+    value, vector = np.linalg.eigh(xyz.T @ xyz / len(xyz))
+    return vector.T[::-1], np.sqrt(np.maximum(value[::-1], 0.0))
 
 
 def sphere(n: int) -> Array:
