@@ -1,8 +1,9 @@
-"""The verb `register`: from unlabelled spots to labels and pose, without the user's help."""
+"""The verb `register`: from unlabelled spots to labels and pose, of one camera or a rig, without the user's help."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,19 +12,19 @@ from windmark.geometry import Camera, Pose
 from windmark.geometry.order import median
 from windmark.registration.labels import Fixed, fixed_pairs, used_spots
 from windmark.registration.line import off_line, on_line
-from windmark.registration.result import NotRegistered, Registration
-from windmark.registration.task import Limits, Task, Visible
+from windmark.registration.result import Cause, NotRegistered, Registration
+from windmark.registration.rig_result import RigRegistration
+from windmark.registration.task import MIN_COUNT, Limits, Task, Visible
 from windmark.scene import Detections, MarkerSet
 
 if TYPE_CHECKING:
     from windmark.registration.search.layout import Layout
 
 Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 DEFAULT_TIME_S = {"hash": 0.2, "ransac": 20.0}
 """The methods, and the CPU time that each may take by default."""
-MIN_COUNT = 4
-"""Three pairs fix a pose, a fourth is needed to check it."""
 FOCAL_STEPS = 5
 MOST_DEFORMATION = 0.1
 DEFAULT_TOLERANCE, MAX_SPACING, TABLE_SIGMAS = 0.004, 0.2, 5.0
@@ -33,18 +34,29 @@ ROUND = 4
 """Neighbours all round a marker."""
 
 
+@overload
 def register(
-    detections: Detections,
+    detections: Detections, markers: MarkerSet, camera: Camera, *, cam_from_rig: None = None, **options: Any
+) -> Registration | NotRegistered: ...
+@overload
+def register(
+    detections: Sequence[Detections], markers: MarkerSet, camera: Sequence[Camera], *, cam_from_rig: Sequence[Pose],
+    **options: Any,
+) -> RigRegistration | NotRegistered: ...  # fmt: skip
+def register(
+    detections: Detections | Sequence[Detections],
     markers: MarkerSet,
-    camera: Camera,
+    camera: Camera | Sequence[Camera],
     *,
+    cam_from_rig: Sequence[Pose] | None = None,
     prior: Pose | None = None,
     prior_max_angle_deg: float = 30.0,
     prior_max_scale: float = 1.3,
-    fixed: Fixed | None = None,
-    excluded: ArrayLike | None = None,
+    fixed: Fixed | Sequence[Fixed | None] | None = None,
+    binding: bool = False,
+    excluded: ArrayLike | Sequence[ArrayLike | None] | None = None,
     visible: Visible | None = None,
-    free_focal: bool = False,
+    free_focal: bool | Sequence[bool] = False,
     focal_range: float = 1.5,
     max_focal_sigma: float = 0.05,
     tolerance_px: float | None = None,
@@ -58,26 +70,39 @@ def register(
     max_table_error: float = 0.025,
     max_deformation: float = 0.05,
     seed: int = 0,
-) -> Registration | NotRegistered:
-    """Find which spot is which marker and where the camera was.
+) -> Registration | RigRegistration | NotRegistered:
+    """Find which spot is which marker and where the camera was, in one image or in those of a rig.
 
     Nothing is needed but the spots, the table of markers and the camera. A solution is accepted only if chance
-    would not give it and no other solution comes near; otherwise the result is falsy and says why.
+    would not give it and no other explanation comes near; otherwise the result is falsy and says why. What the picture
+    cannot tell is named in ``unchecked``.
+
+    With a rig each camera proposes poses by its own spots. Every proposal, also one that a camera alone would find
+    weak, is carried to the other cameras; pose and labels settle in all of them together, and the sum of their evidence
+    counts. An ambiguity of one camera that another one resolves is none.
 
     Parameters
     ----------
-    detections : spots of one image, best first; false ones and missing markers are expected
+    detections : spots of one image, best first; false ones and missing markers are expected. Of a rig, of each of its C
+        images; a camera without spots takes no part
     markers : table of markers. Known normals halve the search and exclude what cannot be seen
-    camera : interior parameters
-    prior : expected pose; solutions too far from it are rejected (AIAA 2005-5007, section III.C)
+    camera : interior parameters; with ``Camera.cov`` they are found together with the pose as far as that leaves them
+        open, and the pose's covariance has it. Of a rig, of each camera
+    cam_from_rig : of a rig, where each camera is in its frame (any frame fixed to them, as that of one of them), in the
+        markers' length unit. They are taken as exact: the excess shows what small errors they have, a camera
+        that contradicts the others is a reason to refuse ("misfit") and named
+    prior : expected pose (of a rig, rig_from_model); solutions too far from it are rejected (AIAA 2005-5007, section III.C)
     prior_max_angle_deg : largest angle between the solution and the prior
     prior_max_scale : largest ratio of the scales of solution and prior, either way; > 1
     fixed : labels that are known: spot index -> name or index of its marker. Every solution must have them; they decide
-        between solutions that are about equally good. Where the spots clearly say otherwise the result is a refusal
-    excluded : spots that take no part: indices, or a mask (M,)
+        between solutions that are about equally good. Where the spots clearly say otherwise the result is a refusal.
+        Of a rig, for each camera
+    binding : the fixed labels are facts: no other solution is compared with them, and no gate drops them
+    excluded : spots that take no part: indices, or a mask (M,); of a rig, for each camera
     visible : ``visible(cam_from_model, camera)`` says which markers nothing hides, (N,) bool, as a ray cast against the
         model's mesh does. Hidden markers are not expected and cannot be matched
-    free_focal : solve for the focal length too. On flat markers seen frontally it is not determined: refused
+    free_focal : solve for the focal length too; of a rig, of all cameras or of those that are named. On flat markers
+        seen frontally it is not determined: refused
     focal_range : with free_focal, focal lengths from 1 / focal_range to focal_range times the camera's are started
     max_focal_sigma : largest relative 1 sigma at which a free focal length counts as determined
     tolerance_px : neighbourhood in which a projected marker looks for its spot during the search; None takes
@@ -98,15 +123,17 @@ def register(
 
     Returns
     -------
-    A `Registration`, or a falsy `NotRegistered` with its reason.
+    A `Registration`, of a rig a `RigRegistration`, or a falsy `NotRegistered` with its reason.
 
     Raises
     ------
     ValueError
-        For options out of range.
+        For options out of range, and numbers of images, cameras and poses that differ.
     """
+    verb = "register" if cam_from_rig is None else "register_rig"
+    spots, cameras, poses = _of_cameras(verb, detections, camera, cam_from_rig)
     if max_time_s is None:
-        max_time_s = DEFAULT_TIME_S.get(method, 0.2)
+        max_time_s = DEFAULT_TIME_S.get(method, 0.2) * len(spots)
     limits = Limits(max_log10_nfa, min_score, min_margin, max_focal_sigma, max_table_error, max_deformation)
     options: dict[str, Any] = {
         "prior_max_angle_deg": prior_max_angle_deg, "prior_max_scale": prior_max_scale, "free_focal": free_focal,
@@ -115,29 +142,98 @@ def register(
         "max_log10_nfa": max_log10_nfa, "min_score": min_score, "min_margin": min_margin,
         "max_table_error": max_table_error, "max_deformation": max_deformation, "seed": seed,
     }  # fmt: skip
-    _check_options(options, prior)
+    _check_options(verb, options, prior)
     if layout is not None and not layout.is_of(markers):
         raise ValueError(
-            "register: layout must be prepared from the same markers; their coordinates, normals or walls differ"
+            f"{verb}: layout must be prepared from the same markers; their coordinates, normals or walls differ"
         )
     options["prior"], options["occlusion"] = prior, visible is not None
-    usable = used_spots(np.asarray(np.isfinite(camera.unproject(detections.xy)).all(axis=1)), excluded)
-    pairs = fixed_pairs(fixed, detections, markers, usable)
-    options["fixed"] = {int(np.flatnonzero(usable)[s]): str(markers.name[m]) for s, m in pairs}
-    options["excluded"] = np.flatnonzero(~usable)
-    xy, cov = detections.xy[usable], detections.cov[usable]
-    refusal = _refuse_early(xy, cov, markers, layout)
-    if refusal is not None:
+    tasks, index = [], []
+    for c, (d, one) in enumerate(zip(spots, cameras, strict=True)):
+        if not np.isfinite(d.cov).all():
+            where = "detections" if cam_from_rig is None else f"detections[{c}]"
+            raise ValueError(f"{verb}: {where}.cov must be finite")
+        task, used = _task(
+            d, markers, one, prior if poses is None or prior is None else poses[c] @ prior,
+            _of(fixed, c, poses), _of(excluded, c, poses), bool(_of(free_focal, c, poses)), visible, binding, options,
+        )  # fmt: skip
+        tasks.append(task)
+        index.append(used)
+    options["fixed"] = _told([_labels(t, u, markers) for t, u in zip(tasks, index, strict=True)], poses)
+    options["excluded"] = _told(
+        [np.setdiff1d(np.arange(len(d)), used) for d, used in zip(spots, index, strict=True)], poses
+    )
+    if (refusal := _refuse_early(tasks, markers, layout)) is not None:
         return NotRegistered(*refusal, options=options)
-    options["tolerance_px"] = tolerance_px = tolerance_px or default_tolerance(xy, camera, markers)
-    task = Task(
-        markers, camera, xy, cov, tolerance_px, prior, float(np.radians(prior_max_angle_deg)), prior_max_scale,
-        tuple(np.geomspace(1 / focal_range, focal_range, FOCAL_STEPS)) if free_focal else (1.0,), pairs,
-        visible, detections.radius_px[usable],
-    )  # fmt: skip
+    options["tolerance_px"] = _told([task.tolerance_px for task in tasks], poses)
     from windmark.registration.solve import solve  # this brings numba; importing the verb should cost nothing
 
-    return solve(task, layout, limits, np.flatnonzero(usable), options)
+    return solve(tasks, poses, layout, limits, index, options)
+
+
+def register_rig(
+    detections: Sequence[Detections], markers: MarkerSet, cameras: Sequence[Camera], cam_from_rig: Sequence[Pose],
+    **options: Any,
+) -> RigRegistration | NotRegistered:  # fmt: skip
+    """`register` of several images taken at once, with its options; ``cam_from_rig`` says where the cameras are."""
+    return register(detections, markers, cameras, cam_from_rig=cam_from_rig, **options)
+
+
+def _of_cameras(
+    verb: str, detections: Detections | Sequence[Detections], camera: Camera | Sequence[Camera],
+    cam_from_rig: Sequence[Pose] | None,
+) -> tuple[list[Detections], list[Camera], list[Pose] | None]:  # fmt: skip
+    """Images, cameras and poses as lists; raises for numbers that differ."""
+    if cam_from_rig is None:
+        if not (isinstance(detections, Detections) and isinstance(camera, Camera)):
+            raise ValueError(f"{verb}: several images need cam_from_rig, where their cameras are")
+        return [detections], [camera], None
+    spots, cameras, poses = list(detections), list(camera), list(cam_from_rig)  # type: ignore[arg-type]
+    if not len(spots) == len(cameras) == len(poses) or not len(cameras):
+        raise ValueError(
+            f"{verb}: as many detections, cameras and poses are needed, and at least one, got {len(spots)}, "
+            f"{len(cameras)} and {len(poses)}"
+        )
+    for n, pose in enumerate(poses):
+        if pose.rotation.ndim != 2:
+            raise ValueError(f"{verb}: cam_from_rig[{n}] must be a single pose, got a batch {pose.rotation.shape[:-2]}")
+    return spots, cameras, poses
+
+
+def _of(given: Any, c: int, poses: Sequence[Pose] | None) -> Any:
+    """An option of one camera: of a rig it may be given for each."""
+    if poses is None or given is None or isinstance(given, bool):
+        return given
+    if len(given) != len(poses):
+        raise ValueError(f"register_rig: fixed, excluded and free_focal are for each of {len(poses)} cameras, "
+                         f"got {len(given)}")  # fmt: skip
+    return given[c]
+
+
+def _told(values: list[Any], poses: Sequence[Pose] | None) -> Any:
+    """What is told of each camera: a value, or one for each."""
+    return values[0] if poses is None else tuple(values)
+
+
+def _task(
+    detections: Detections, markers: MarkerSet, camera: Camera, prior: Pose | None, fixed: Fixed | None,
+    excluded: ArrayLike | None, free_focal: bool, visible: Visible | None, binding: bool, options: dict[str, Any],
+) -> tuple[Task, Ints]:  # fmt: skip
+    """One camera's task, and which spots take part."""
+    usable = used_spots(np.asarray(np.isfinite(camera.unproject(detections.xy)).all(axis=1)), excluded)
+    pairs = fixed_pairs(fixed, detections, markers, usable)
+    xy, factor = detections.xy[usable], options["focal_range"]
+    task = Task(
+        markers, camera, xy, detections.cov[usable], options["tolerance_px"] or default_tolerance(xy, camera, markers),
+        prior, float(np.radians(options["prior_max_angle_deg"])), options["prior_max_scale"],
+        tuple(np.geomspace(1 / factor, factor, FOCAL_STEPS)) if free_focal else (1.0,), pairs,
+        visible, detections.radius_px[usable], binding,
+    )  # fmt: skip
+    return task, np.flatnonzero(usable)
+
+
+def _labels(task: Task, used: Ints, markers: MarkerSet) -> dict[int, str]:
+    return {int(used[s]): str(markers.name[m]) for s, m in task.fixed}
 
 
 def prepare(markers: MarkerSet) -> Layout:
@@ -147,10 +243,10 @@ def prepare(markers: MarkerSet) -> Layout:
     return Layout(markers)
 
 
-def _check_options(options: dict[str, Any], prior: Pose | None) -> None:
+def _check_options(verb: str, options: dict[str, Any], prior: Pose | None) -> None:
     if options["method"] not in DEFAULT_TIME_S:
-        raise ValueError(f"register: method must be one of {', '.join(DEFAULT_TIME_S)}, got {options['method']!r}")
-    check_ranges("register", options, prior)
+        raise ValueError(f"{verb}: method must be one of {', '.join(DEFAULT_TIME_S)}, got {options['method']!r}")
+    check_ranges(verb, options, prior)
 
 
 def check_ranges(verb: str, options: dict[str, Any], prior: Pose | None) -> None:
@@ -177,16 +273,19 @@ def check_ranges(verb: str, options: dict[str, Any], prior: Pose | None) -> None
         raise ValueError(f"{verb}: min_margin must be >= 0, got {options['min_margin']}")
 
 
-def _refuse_early(xy: Array, cov: Array, markers: MarkerSet, layout: Layout | None) -> tuple[str, Any] | None:
+def _refuse_early(tasks: list[Task], markers: MarkerSet, layout: Layout | None) -> tuple[str, Cause] | None:
     """What needs no search to say no: (reason, cause) or None."""
-    if not np.isfinite(cov).all():
-        raise ValueError("register: detections.cov must be finite")
-    for count, what in ((len(xy), "spots"), (len(markers), "markers")):
+    most = max(len(task.xy) for task in tasks)
+    where = "" if len(tasks) == 1 else " in the fullest image"
+    for count, what in ((most, f"spots{where}"), (len(markers), "markers")):
         if count < MIN_COUNT:
             return f"{count} {what}: three pairs fix a pose and a fourth is needed to check it", "too_few"
-    width = off_line(xy)
-    if width < 0.5 + float(np.sqrt(cov.max())):
-        return f"all {len(xy)} spots lie on one line (within {width:.2g} px)", "degenerate"
+    widths = [off_line(task.xy) for task in tasks if len(task.xy) >= MIN_COUNT]
+    worst = max(float(task.cov.max()) for task in tasks if len(task.xy))
+    if all(width < 0.5 + np.sqrt(worst) for width in widths):
+        if len(tasks) == 1:
+            return f"all {most} spots lie on one line (within {widths[0]:.2g} px)", "degenerate"
+        return "the spots of every image lie on one line", "degenerate"
     if layout.on_line if layout is not None else on_line(markers.xyz):
         return f"all {len(markers)} markers lie on one line", "degenerate"
     return None

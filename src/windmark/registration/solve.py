@@ -1,7 +1,8 @@
-"""Search, judge, and the registration that comes of it, for one image."""
+"""Search, judge, and the registration that comes of it, for one camera or several."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -9,62 +10,79 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.adjust import SolveReport
-from windmark.geometry import PARAMETERS, Camera
+from windmark.geometry import PARAMETERS, Camera, Pose
 from windmark.registration.budget import Budget
 from windmark.registration.directions import WeakDirection, weak_directions
 from windmark.registration.judge.answer import answer
-from windmark.registration.judge.solve import WINDOW, judge, search_for
+from windmark.registration.judge.solve import WINDOW, judge, search_for, searches_of_rig
 from windmark.registration.judge.source import Source
 from windmark.registration.judge.verdict import Verdict
 from windmark.registration.result import Deformation, NotRegistered, Registration
+from windmark.registration.rig_result import RigRegistration
 from windmark.registration.search.layout import Layout
 from windmark.registration.search.plane import Plane
-from windmark.registration.settle._kernels.state import COST_END, COST_START, STEPS
+from windmark.registration.settle._kernels.state import COST_END, COST_START, EXPECTED, STEPS
 from windmark.registration.settle.solution import Solution
 from windmark.registration.settle.views import Views
 from windmark.registration.task import Limits, Task
 from windmark.scene import Matching
 
 Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 LENS_STARTS, OTHER_FOCAL = 4, 0.005
 """How often a search is begun with the lens at another focal length, and how much (relative) that must differ."""
 
 
 def solve(
-    task: Task, layout: Layout | None, limits: Limits, index: NDArray[np.int64], options: dict[str, Any]
-) -> Registration | NotRegistered:
-    """Register a task.
+    tasks: Sequence[Task], cam_from_rig: Sequence[Pose] | None, layout: Layout | None, limits: Limits,
+    index: Sequence[Ints], options: dict[str, Any],
+) -> Registration | RigRegistration | NotRegistered:  # fmt: skip
+    """Register the tasks of one camera, or of several with known places in a rig.
 
-    ``layout`` is of its markers, ``index`` names its spots, ``options`` are those of `register`, all checked.
+    ``layout`` is of their markers, ``index`` names their spots, ``options`` are those of `register`, all checked.
+    Cameras without spots take no part.
     """
-    layout = layout or Layout(task.markers)
+    layout = layout or Layout(tasks[0].markers)
     if options["method"] == "hash":
         layout.ready()
     budget = Budget(options["max_time_s"])
-    task = replace(task, visible=budget.without(task.visible))
+    names = [c for c, task in enumerate(tasks) if len(task.xy)]
+    used = [replace(tasks[c], visible=budget.without(tasks[c].visible)) for c in names]
+    poses = None if cam_from_rig is None else [cam_from_rig[c] for c in names]
     tried = 0
     for _ in range(LENS_STARTS):
-        plane = Plane(task, layout)
-        source = Source(Views.of([plane]), [search_for(plane, options)], WINDOW)
-        verdict, late = judge(source, limits, options["max_hypotheses"], budget)
+        planes = [Plane(task, layout) for task in used]
+        searches = [search_for(planes[0], options)] if poses is None else searches_of_rig(planes, options)
+        source = Source(Views.of(planes, poses), searches, WINDOW if poses is None else np.inf)
+        verdict, late = judge(source, limits, options["max_hypotheses"], budget, names)
         tried += source.links
-        moved = None if late else _with_other_lens(task, verdict)
+        moved = None if late else _with_other_lenses(used, verdict)
         if moved is None:
             break
-        task = moved
+        used = moved
     if verdict.cause is None and verdict.best is not None:
-        return _registration(verdict.best, verdict, tried, index, options)
+        if cam_from_rig is None:
+            return _registration(verdict.best, verdict, tried, index[0], options)
+        return _of_rig(verdict.best, verdict, tried, tasks, names, cam_from_rig, index, options)
+    return _refused(verdict, late, tried, tasks, cam_from_rig, options)
+
+
+def _refused(
+    verdict: Verdict, late: bool, tried: int, tasks: Sequence[Task], cam_from_rig: Sequence[Pose] | None,
+    options: dict[str, Any],
+) -> NotRegistered:  # fmt: skip
     cause, reason, best = verdict.cause or "nothing", verdict.reason, verdict.best
-    if cause == "time" or (late and cause in ("nothing", "weak", "misfit")):
+    if cause == "time" or (late and cause in ("nothing", "weak")):
         cause, reason = "time", f"stopped after max_time_s = {options['max_time_s']:g} s; so far: {reason}"
     if best is None:
         return NotRegistered(reason, cause, n_hypotheses=tried, options=options)
     weak: tuple[WeakDirection, ...] = ()
-    if cause == "focal":
-        xyz = task.markers.xyz[best.pairs()[1]]
+    if cause == "focal" and cam_from_rig is None:
+        xyz = tasks[0].markers.xyz[best.pairs()[1]]
         weak = weak_directions(best.cam_from_model(), best.camera().focal_px, _cov(best, best.unit_cov), xyz)
-    return NotRegistered(reason, cause, best.count, best.cam_from_model(), verdict.runner_up, tried, weak, options)
+    pose = best.rig_from_model if cam_from_rig is None else cam_from_rig[0] @ best.rig_from_model
+    return NotRegistered(reason, cause, best.count, pose, verdict.runner_up, tried, weak, options)
 
 
 def is_bent(camera: Camera) -> bool:
@@ -72,30 +90,31 @@ def is_bent(camera: Camera) -> bool:
     return any(getattr(camera, name) != 0.0 for name in ("k1", "k2", "p1", "p2", "k3", "tilt_x", "tilt_y"))
 
 
-def _with_other_lens(task: Task, verdict: Verdict) -> Task | None:
-    """The task with the lens at the focal length of a refused solution; None where that is not the trouble.
+def _with_other_lenses(tasks: Sequence[Task], verdict: Verdict) -> list[Task] | None:
+    """The tasks with the lenses at the focal lengths of a refused solution; None where that is not the trouble.
 
     The search straightens the spots with the camera as given. A strong lens at a wrong focal length does not fit.
     """
     best = verdict.best
-    if not (task.free_focal and is_bent(task.camera) and verdict.cause in ("weak", "misfit")) or best is None:
+    if best is None or verdict.cause not in ("weak", "misfit"):
         return None
-    focal = best.camera().focal_px
-    if abs(np.log(focal / task.camera.focal_px)) < OTHER_FOCAL:
-        return None
-    camera = replace(task.camera, focal_px=focal)
-    return replace(task, camera=camera) if np.isfinite(camera.unproject(task.xy)).all() else None
+    moved = list(tasks)
+    for c, task in enumerate(tasks):
+        focal = best.camera(c).focal_px
+        if task.free_focal and is_bent(task.camera) and abs(np.log(focal / task.camera.focal_px)) > OTHER_FOCAL:
+            camera = replace(task.camera, focal_px=focal)
+            if np.isfinite(camera.unproject(task.xy)).all():
+                moved[c] = replace(task, camera=camera)
+    return moved if any(a is not b for a, b in zip(moved, tasks, strict=True)) else None
 
 
 def _registration(
-    best: Solution, verdict: Verdict, tried: int, index: NDArray[np.int64], options: dict[str, Any]
+    best: Solution, verdict: Verdict, tried: int, index: Ints, options: dict[str, Any]
 ) -> Registration:
     final, unit_cov = answer(best)
     spot, marker = final.pairs()
     residuals = final.state.residual[0, marker]
     distance = np.hypot(residuals[:, 0], residuals[:, 1])
-    report = final.state.report
-    steps = int(report[STEPS])
     return Registration(
         cam_from_model=final.cam_from_model(),
         camera=_camera(final, unit_cov),
@@ -109,12 +128,57 @@ def _registration(
         runner_up=verdict.runner_up,
         n_expected=best.expected,
         n_hypotheses=tried,
-        report=SolveReport("converged_gradient", True, steps, steps, float(report[COST_START]), float(report[COST_END])),
+        report=_report(final),
         xyz=final.views.planes[0].task.markers.xyz,
         deformation=_deformation(final, unit_cov) if final.is_bent else None,
         unchecked=verdict.unchecked,
         options=options,
     )
+
+
+def _of_rig(
+    best: Solution, verdict: Verdict, tried: int, tasks: Sequence[Task], names: list[int],
+    cam_from_rig: Sequence[Pose], index: Sequence[Ints], options: dict[str, Any],
+) -> RigRegistration:  # fmt: skip
+    """What several cameras found; those without spots are given back as they were."""
+    final, unit_cov = answer(best)
+    nothing = np.zeros(0, np.int64)
+    matchings = [Matching(nothing, nothing, np.zeros(0)) for _ in tasks]
+    residuals = [np.zeros((0, 2)) for _ in tasks]
+    cameras, excess, expected = [task.camera for task in tasks], np.full(len(tasks), np.nan), [0] * len(tasks)
+    for c, name in enumerate(names):
+        spot, marker = final.pairs(c)
+        residuals[name] = final.state.residual[c, marker]
+        matchings[name] = Matching(index[name][spot], marker, np.hypot(residuals[name][:, 0], residuals[name][:, 1]))
+        cameras[name], expected[name] = _camera(final, unit_cov, c), int(final.state.numbers[c, EXPECTED])
+        excess[name] = final.excess_px[c] if len(marker) else np.nan
+    to_model = best.to_model()
+    return RigRegistration(
+        rig_from_model=final.rig_from_model,
+        cameras=tuple(cameras),
+        cam_from_rig=tuple(cam_from_rig),
+        matchings=tuple(matchings),
+        rms_px=float(np.sqrt((np.concatenate(residuals) ** 2).sum(axis=1).mean())),
+        residuals=tuple(residuals),
+        cov=to_model @ unit_cov[:6, :6] @ to_model.T,
+        excess_px=excess,
+        score=best.score,
+        log10_nfa=best.log10_nfa,
+        runner_up=verdict.runner_up,
+        n_expected=tuple(expected),
+        n_hypotheses=tried,
+        report=_report(final),
+        xyz=tasks[0].markers.xyz,
+        deformation=_deformation(final, unit_cov) if final.is_bent else None,
+        unchecked=verdict.unchecked,
+        options=options,
+    )
+
+
+def _report(final: Solution) -> SolveReport:
+    report = final.state.report
+    steps = int(report[STEPS])
+    return SolveReport("converged_gradient", True, steps, steps, float(report[COST_START]), float(report[COST_END]))
 
 
 def _cov(best: Solution, unit_cov: Array) -> Array:
@@ -129,14 +193,14 @@ def _cov(best: Solution, unit_cov: Array) -> Array:
     return np.asarray(change @ unit_cov @ change.T)
 
 
-def _camera(best: Solution, unit_cov: Array) -> Camera:
-    """The camera as found, with the covariance of what was open of it."""
-    camera, loose = best.camera(), best.views.loose[0]
-    if not loose.shape[1]:
+def _camera(best: Solution, unit_cov: Array, c: int = 0) -> Camera:
+    """Camera c as found, with the covariance of what was open of it."""
+    camera, loose = best.camera(c), best.views.loose[c]
+    if not loose.any():
         return camera
     columns = loose[: len(PARAMETERS)].copy()
     columns[0] *= camera.focal_px
-    own = slice(6, 6 + loose.shape[1])
+    own = slice(6 + c * loose.shape[1], 6 + (c + 1) * loose.shape[1])
     return replace(camera, cov=columns @ unit_cov[own, own] @ columns.T)
 
 

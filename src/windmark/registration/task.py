@@ -17,6 +17,8 @@ from windmark.scene import MarkerSet
 Array = NDArray[np.float64]
 
 
+MIN_COUNT = 4
+"""Three pairs fix a pose, a fourth is needed to check it."""
 Visible = Callable[[Pose, Camera], NDArray[np.bool_]]
 """``visible(cam_from_model, camera)`` says which of the N markers nothing hides from there: (N,) bool.
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.registration.judge.source import distinct, start_of
+from windmark.registration.judge.source import distinct, focal_of, start_of
 from windmark.registration.search.pool import Candidate
 from windmark.registration.settle.solution import SAME_SHARE, Solution, settle
 from windmark.registration.settle.views import Views
@@ -43,7 +43,7 @@ class Bender:
                 continue
             if candidate not in self._grown:
                 start = start_of(self._views, c, candidate)
-                self._grown[candidate] = settle(self._views, *start, focal_px=candidate.focal_px)
+                self._grown[candidate] = settle(self._views, *start, focal_px=focal_of(self._views, c, candidate))
             solution = self._grown[candidate]
             if solution is not None and all(
                 plane.task.keeps(match) for plane, match in zip(self._views.planes, solution.state.match, strict=True)

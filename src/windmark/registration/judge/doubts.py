@@ -117,7 +117,7 @@ class Doubts:
     def _off(self, solution: Solution, what: str, columns: tuple[int, ...], c: int) -> float:
         """How far a camera is from the given one, in the units of `rules.CHECKED`."""
         given, found = self.best.state.camera[c], solution.state.camera[c]
-        return _parts(what, self.best.views, c, (found - given)[:11], float(np.log(found[0] / given[0])))
+        return _parts(what, self.best.views, c, found[:11] - given[:11], float(np.log(found[0] / given[0])))
 
     def _words(self, what: str, c: int, single: Solution) -> str:
         given, found = self.best.camera(c), single.camera(c)

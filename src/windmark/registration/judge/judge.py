@@ -14,6 +14,7 @@ import numpy as np
 from windmark.registration.budget import Budget
 from windmark.registration.judge import own, rules, words
 from windmark.registration.judge.bending import Bender
+from windmark.registration.judge.cameras import contradiction
 from windmark.registration.judge.doubts import Doubts
 from windmark.registration.judge.mirror import mirror_of
 from windmark.registration.judge.source import Source, distinct
@@ -105,6 +106,9 @@ class Judge:
         limits, least = self._limits, own.least_score(best, self._limits)
         if not (best.log10_nfa < limits.log10_nfa and best.score > least):
             return "weak", words.could_be_chance(best, limits, least)
+        for c in range(len(self._names)) if len(self._names) > 1 else ():
+            if contradicted := contradiction(best, others, c):
+                return "misfit", f"{words.seen(best)}, but camera {self._names[c]} {contradicted}"
         for c in np.flatnonzero(best.counts):
             if misfit := own.misfit_of(best, int(c), limits):
                 where = f"in camera {self._names[c]} {misfit}, or a wrong cam_from_rig" if len(self._names) > 1 else misfit
@@ -129,7 +133,7 @@ class Judge:
         if loose := self._focal(best):
             return Verdict(best, verdict.runner_up, "focal", loose)
         unchecked = list(doubts.unchecked())
-        if (mirror := mirror_of(best, MIRRORS)) is not None:
+        if (mirror := mirror_of(self._views, best, MIRRORS)) is not None:
             lead = best.lead_over(mirror)
             if mirror.lead_over(best) > self._limits.margin:
                 return Verdict(best, RunnerUp(best.score - lead, mirror.cam_from_model(), mirror.count, False), "mirrored", (
@@ -151,7 +155,8 @@ class Judge:
         for c, plane in enumerate(self._views.planes):
             if not plane.task.free_focal:
                 continue
-            sigma = plane.task.focal_sigma * float(np.sqrt(best.unit_cov[6 + c * best.views.loose.shape[2]][6 + c * best.views.loose.shape[2]]))
+            at = 6 + c * best.views.loose.shape[2]
+            sigma = plane.task.focal_sigma * float(np.sqrt(best.unit_cov[at, at]))
             if sigma > self._limits.focal_sigma:
                 return (
                     f"the labelling is clear, but this view fixes the focal length only to {100 * sigma:.0f} % "
@@ -192,7 +197,7 @@ class Judge:
             match = solution.state.match.copy()
             match[c, marker] = -1
             start = solution.state.rotation, solution.state.translation, match
-            if (other := settle(self._views, *start, focal_px=float(solution.state.camera[0, 0]))) is not None:
+            if (other := settle(self._views, *start, focal_px=solution.state.camera[:, 0])) is not None:
                 yield other
 
     # --- labels --------------------------------------------------------------------------

@@ -29,18 +29,21 @@ def mirrored_views(views: Views) -> Views:
     other.__dict__["leads"], other.__dict__["densities"] = views.leads, views.densities
     other.__dict__["sights"] = sights._replace(
         xyz=np.ascontiguousarray(sights.xyz @ FLIP), normal=np.zeros_like(sights.normal),
-        modes=np.ascontiguousarray(sights.modes @ FLIP),
+        modes=np.ascontiguousarray(other.modes),
     )  # fmt: skip
     return other
 
 
-def mirror_of(best: Solution, most: int) -> Solution | None:
+def mirror_of(views: Views, best: Solution, most: int) -> Solution | None:
     """The best solution with the mirrored table that the layout's improper near-symmetries make of one.
 
-    ``most`` of them are tried, those that bring most markers onto others first. None without any.
+    The mirrored model may be as bent as the solution, and is tried rigid, too, as in ``views``: with a table that is
+    mirrored a deformation explains what is none. ``most`` motions are tried, those that bring most markers onto others
+    first. None without any.
     """
-    onto, turn, shift = best.views.layout.mirrors
-    found, views = None, mirrored_views(best.views)
+    onto, turn, shift = views.layout.mirrors
+    ways = [mirrored_views(views), *([mirrored_views(best.views)] if best.is_bent else [])]
+    found: Solution | None = None
     for image, a, s in zip(onto[:most], turn, shift, strict=False):
         moved = np.flatnonzero(image >= 0)
         match, hidden = np.full_like(best.state.match, -1), np.ones_like(best.state.hidden)
@@ -50,11 +53,12 @@ def mirror_of(best: Solution, most: int) -> Solution | None:
             continue
         # F x_o is about F (A x_m + s) and must be seen where x_m was.
         rotation = best.state.rotation @ (FLIP @ a).T
-        state = state_of(views.sights, rotation, best.state.translation - rotation @ (FLIP @ s), match)
-        state.hidden[:] = hidden
-        if settle_kernel(views.sights, state, 0) != STEADY:
-            continue
-        solution = Solution(views, state)
-        if found is None or solution.evidence > found.evidence:
-            found = solution
+        for way in ways:
+            state = state_of(way.sights, rotation, best.state.translation - rotation @ (FLIP @ s), match)
+            state.hidden[:] = hidden
+            if settle_kernel(way.sights, state, 0) != STEADY:
+                continue
+            solution = Solution(way, state)
+            if found is None or solution.evidence > found.evidence:
+                found = solution
     return found

@@ -14,10 +14,6 @@ from windmark.registration.task import Limits
 
 Array = NDArray[np.float64]
 
-MOST_TURN = 0.2
-"""A rotation that is known to no better than this (radians, 1 sigma) is none."""
-
-
 def is_loose(best: Solution, c: int) -> bool:
     """Whether a camera's residuals are larger than its spots' covariances say, and the markers' do not explain it."""
     sigma = best.views.planes[c].task.typical_sigma_px
@@ -91,9 +87,8 @@ def held_by_one(best: Solution) -> str:
     pose follows it. Without it the projection of its marker has the covariance N D^-1 N - N, D = N - S, for the noise
     N and the projection's covariance S (see `settle._kernels.label.leave_one_out`).
     """
-    turn = float(np.sqrt(np.linalg.eigvalsh(best.unit_cov[:3, :3])[-1]))
-    if not turn < MOST_TURN:
-        return f"the matched markers leave a rotation open ({np.degrees(turn):.0f} deg, 1 sigma): they lie on one line"
+    if not best.is_bent and (open_ := _leaves_open(best)):
+        return open_
     for c, plane in enumerate(best.views.planes):
         spot, marker = best.pairs(c)
         if not len(marker):
@@ -110,6 +105,27 @@ def held_by_one(best: Solution) -> str:
                 f"a single pair holds the pose: marker {plane.task.markers.name[marker[worst]]} at ({x:.0f}, {y:.0f}), "
                 f"whose place the {best.count - 1} others leave open by {wide[worst]:.2g} px (1 sigma); without it the "
                 "pose is not determined, and with it nothing checks it"
+            )
+    return ""
+
+
+def _leaves_open(best: Solution) -> str:
+    """Where the matched markers put the others of the model, if that is no place; empty if it is one.
+
+    Markers on one line, or a few beside each other, say little of the rest: nothing then is missed there.
+    """
+    for c, plane in enumerate(best.views.planes):
+        rest = np.flatnonzero(best.state.faces[c] & (best.state.match[c] < 0))
+        if not best.counts[c] or not len(rest):
+            continue
+        wide = np.sqrt(np.linalg.eigvalsh(_square(best.state.place[c, rest]))[:, -1])
+        worst = int(wide.argmax())
+        if not wide[worst] < plane.task.tolerance_px:
+            turn = float(np.sqrt(np.linalg.eigvalsh(best.unit_cov[:3, :3])[-1]))
+            return (
+                f"the matched markers leave the place of others open: of {plane.task.markers.name[rest[worst]]} by "
+                f"{wide[worst]:.2g} px and the rotation by {np.degrees(turn):.2g} deg (1 sigma), as where they lie on "
+                "one line or close together"
             )
     return ""
 

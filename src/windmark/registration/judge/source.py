@@ -51,6 +51,16 @@ class Source:
         found = [s.best for s in self._searches if s is not None and s.best is not None]
         return max(found, key=lambda c: c.score, default=None)
 
+    def worth_judging(self, least: float) -> Candidate | Solution | None:
+        """What there is to judge, if that is worth so many nats: the best candidate, of a rig the best solution.
+
+        One camera of a rig may find its candidates weak that all of them together are sure of.
+        """
+        if len(self._searches) == 1:
+            return self.best if self.best is not None and self.best.score > least else None
+        found = self.solutions()
+        return found[0] if found and found[0].score > least else None
+
     @property
     def fixed(self) -> FixedSearch | None:
         """The search of the first camera if some of its labels are known."""
@@ -127,13 +137,15 @@ class Source:
             match = np.full_like(state.match, -1)
             match[:, onto[onto >= 0]] = state.match[:, onto >= 0]
             rotation = state.rotation @ turn.T
-            self.add(settle(self.views, rotation, state.translation - rotation @ shift, match))
+            self.add(settle(
+                self.views, rotation, state.translation - rotation @ shift, match, focal_px=state.camera[:, 0]
+            ))
         self._more = distinct(self._more)[:KEPT]
 
     def _solution(self, c: int, candidate: Candidate) -> Solution | None:
         if candidate not in self._settled:
             self._settled[candidate] = settle(
-                self.views, *start_of(self.views, c, candidate), focal_px=candidate.focal_px
+                self.views, *start_of(self.views, c, candidate), focal_px=focal_of(self.views, c, candidate)
             )
         return self._settled[candidate]
 
@@ -144,6 +156,13 @@ def start_of(views: Views, c: int, candidate: Candidate) -> tuple[Array, Array, 
     match = np.full((len(views.planes), len(candidate.match)), -1, np.int32)
     match[c] = candidate.match
     return (*views.layout.frame.unit(pose), match)
+
+
+def focal_of(views: Views, c: int, candidate: Candidate) -> Array:
+    """(C,) focal lengths to start from: the candidate's for its own camera, the given ones for the others."""
+    focal = np.array([plane.task.camera.focal_px for plane in views.planes])
+    focal[c] = candidate.focal_px
+    return focal
 
 
 def distinct(solutions: Sequence[Solution]) -> list[Solution]:

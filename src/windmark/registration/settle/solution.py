@@ -11,11 +11,13 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
 from windmark.geometry import Camera, Pose
+from windmark.registration._kernels.evidence import log10_nfa
 from windmark.registration.settle._kernels.settle import STEADY, accept_kernel, fit_kernel, settle_kernel
 from windmark.registration.settle._kernels.state import EXCESS, EXPECTED, MISFIT, State, state_of
 from windmark.registration.settle._kernels.worth import (
     ALONE,
     CLOSED,
+    LEAD,
     LOG10_NFA,
     PAIRS,
     PIECES,
@@ -194,8 +196,34 @@ class Solution:
 
     @cached_property
     def log10_nfa(self) -> float:
-        """Decimal logarithm of the false-alarm number; of several cameras the pairs of the best one."""
-        return float(self.readings[:, LOG10_NFA].min())
+        """Decimal logarithm of the false-alarm number: how many labellings this good chance would give.
+
+        The spots of all cameras are one list, which counts the ways to fix a pose by three of them on the safe side.
+        """
+        if len(self.counts) == 1:
+            return float(self.readings[0, LOG10_NFA])
+        residuals, densities, spots, leads, fixed = [], [], 0, 0.0, 3
+        for c, plane in enumerate(self.views.planes):
+            fixed += int(plane.task.free_focal)
+            if not np.isfinite(self.readings[c, LEAD]):
+                spots += len(plane.task.xy)
+                continue
+            k = int(self.readings[c, LEAD])
+            lead = int(self.views.leads[c][k])
+            spot, marker = self.pairs(c)
+            used = spot < lead
+            residuals.append(self.state.residual[c, marker[used]])
+            densities.append(self.views.densities[c][k, spot[used]])
+            spots, leads = spots + lead, leads + float(np.log10(len(self.views.leads[c])))
+        if not residuals:
+            return np.inf
+        task = self.views.planes[0].task
+        share = float(np.log(task.prior_share)) + sum(
+            plane.task.log_label_share(len(plane.task.xy), 3) for plane in self.views.planes
+        )
+        return leads + float(log10_nfa(
+            np.concatenate(residuals), np.concatenate(densities), self.expected, len(task.markers), spots, fixed, share
+        ))  # fmt: skip
 
     def lead_over(self, other: Solution) -> float:
         """How much (nats) more it explains than another solution, in the reading that is worst for it.
@@ -220,7 +248,7 @@ def _missed(solution: Solution) -> Array:
 
 
 def settle(
-    views: Views, rotation: Array, translation: Array, match: Ints, *, focal_px: float | None = None, trusted: int = 0
+    views: Views, rotation: Array, translation: Array, match: Ints, *, focal_px: float | Array | None = None, trusted: int = 0
 ) -> Solution | None:
     """Refine a start to a fixed point of labelling; None where it falls apart or leaves the prior.
 
@@ -229,13 +257,15 @@ def settle(
     views : what was seen, and with how much freedom it is to be explained
     rotation, translation : pose of the unit model in the rig
     match : (C, N) spots of the markers in each camera, or -1
-    focal_px : of the first camera, where its focal length is free
+    focal_px : (C,) or one for all, of the cameras whose focal lengths are free
     trusted : rounds that the labels stay at most while the excess settles
     """
     state = state_of(views.sights, rotation, translation, match)
-    task = views.planes[0].task
-    if focal_px is not None and task.free_focal:
-        state.nuisance[0, 0] = np.log(focal_px / task.camera.focal_px) / task.focal_sigma
+    if focal_px is not None:
+        for c, plane in enumerate(views.planes):
+            if (task := plane.task).free_focal:
+                focal = float(np.broadcast_to(focal_px, len(views.planes))[c])
+                state.nuisance[c, 0] = np.log(focal / task.camera.focal_px) / task.focal_sigma
     return settle_state(views, state, trusted=trusted)
 
 

@@ -31,10 +31,10 @@ FEWEST = 6
 SMOOTH = (ORDERS + 1) * (ORDERS + 2) // 2 - 1
 PARTS = np.array([0.0, 0.5, 0.8, 0.95, 1.0])
 """Parts of the excess that may be smooth."""
-PAIRS, ALONE, PIECES, CLOSED, SYSTEMATIC, LOG10_NFA, READINGS = range(7)
+PAIRS, ALONE, PIECES, CLOSED, SYSTEMATIC, LOG10_NFA, LEAD, READINGS = range(8)
 """Places in the answer of `worth_kernel`: the pairs against chance; the markers without a spot if each is missing
 by itself, if they are hidden in one piece, and if each is missing by itself and the image has no border; what
-a smooth misfit explains better; the false-alarm number."""
+a smooth misfit explains better; the false-alarm number; which of the prefixes counts."""
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
@@ -67,6 +67,7 @@ def worth_kernel(
         out[LOG10_NFA] = min(out[LOG10_NFA], nfa)
         if pairs + alone > best:
             best = pairs + alone
+            out[LEAD] = k
             out[PAIRS], out[ALONE] = pairs - math.log(leads.shape[0]), alone
             out[CLOSED] = _alone(count, _facing(state, c))
             out[PIECES] = _pieces(state, near, c, leads[k])

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from windmark.adjust import SolveReport
 from windmark.geometry import Camera, Pose
-from windmark.registration.result import RunnerUp
+from windmark.registration.result import Deformation, RunnerUp, Unchecked
 from windmark.scene import Matching
 
 Array = NDArray[np.float64]
@@ -24,7 +24,8 @@ class RigRegistration:
     Parameters
     ----------
     rig_from_model : the pose
-    cameras, cam_from_rig : as given
+    cameras : with a free focal length as found, and moved within ``Camera.cov`` where that was given; else as given
+    cam_from_rig : as given
     matchings : of each camera, the pairs in order of markers; empty where a camera had no spots
     rms_px : root mean square length of all residuals
     residuals : of each camera, (K, 2) projected - detected, pixels, in the order of its matching. Projected is the
@@ -38,6 +39,9 @@ class RigRegistration:
     n_expected : of each camera, markers that should be seen, matched ones included; 0 where it had no spots
     n_hypotheses : links of three markers to three spots that were tried, in all cameras
     report : why the last adjustment stopped
+    xyz : (N, 3) the markers of the table
+    deformation : None if the rigid model explains the spots; its ``shift_px`` is that in the first camera
+    unchecked : what these pictures cannot tell, though the pose rests on it
     options : everything the registration was made with, by name
     """
 
@@ -55,6 +59,9 @@ class RigRegistration:
     n_expected: tuple[int, ...]
     n_hypotheses: int
     report: SolveReport
+    xyz: Array
+    deformation: Deformation | None = None
+    unchecked: tuple[Unchecked, ...] = ()
     options: Mapping[str, Any] = field(default_factory=dict)
 
     def __bool__(self) -> bool:
