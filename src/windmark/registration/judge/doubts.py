@@ -50,7 +50,7 @@ class Doubts:
 
     @cached_property
     def _cameras(self) -> FirstOrder:
-        views = self.views.doubted()
+        views = self.best.views.doubted()
         cameras, columns = len(views.planes), views.loose.shape[2]
         own = columns - len(DOUBTS)
         asked = [6 + c * columns + own + k for c in range(cameras) for k in range(len(DOUBTS))]
@@ -59,7 +59,7 @@ class Doubts:
     @cached_property
     def camera_promises(self) -> bool:
         """Whether another camera may explain the spots better."""
-        if self.best.count < rules.UNFOUND * self.best.expected:
+        if self.best.is_bent or self.best.count < rules.UNFOUND * self.best.expected:
             return True
         first, every = self._cameras, len(DOUBTS)
         single = [[every * c + k for k in part] for c in range(len(self.best.counts)) for part in PARTS.values()]
@@ -92,8 +92,8 @@ class Doubts:
         return with_freedom(self.views.doubted(), self.best)
 
     def other_camera(self, than: Solution) -> tuple[str, str] | None:
-        """What of a camera is wrong, and by how much in words; None where no other camera is better by the margin
-        ``than`` a solution, or none that is off by as much as a picture should show.
+        """What of a camera is wrong, and by how much in words; None where no other camera is better ``than`` a solution
+        by the margin, or none that is off by as much as a picture should show.
         """  # fmt: skip
         found: list[tuple[float, str, int, Solution]] = []
         for what, columns in PARTS.items():
@@ -101,18 +101,17 @@ class Doubts:
             if single is not None:
                 off = [self._off(single, what, columns, c) for c in range(len(self.best.counts))]
                 found.append((single.evidence, what, int(np.argmax(off)), single))
-        if not found or self.camera is None:
+        if not found:
             return None
         evidence, what, c, single = max(found, key=lambda f: f[0])
-        if max(evidence, self.camera.evidence) < than.evidence + self.margin:
+        everything = self.camera or single
+        # A bent model has as many unknowns as the camera has not: of these two the better one it is.
+        if max(evidence, everything.evidence) < than.evidence + (0.0 if than.is_bent else self.margin):
             return None
-        if not any(
-            self._off(self.camera, name, columns, c) > rules.CHECKED[name] or
-            self._off(single, what, PARTS[what], c) > rules.CHECKED[what]
-            for name, columns in PARTS.items()
-        ):  # fmt: skip
-            return None
-        return what, self._words(what, c, single)
+        off = self._off(single, what, PARTS[what], c) > rules.CHECKED[what] or any(
+            self._off(everything, name, columns, c) > rules.CHECKED[name] for name, columns in PARTS.items()
+        )
+        return (what, self._words(what, c, single)) if off else None
 
     def _off(self, solution: Solution, what: str, columns: tuple[int, ...], c: int) -> float:
         """How far a camera is from the given one, in the units of `rules.CHECKED`."""

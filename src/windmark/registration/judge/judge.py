@@ -40,6 +40,7 @@ class Judge:
         self._views = source.views
         self._bender = Bender(self._views, limits.deformation)
         self._kept: dict[Solution, Solution] = {}
+        self._doubted: dict[Solution, Doubts] = {}
         self._challenged: list[Solution] = []
         self._unchallenged = False  # the work was over before all rivals had been looked for
 
@@ -166,7 +167,9 @@ class Judge:
         return ""
 
     def _doubts(self, best: Solution) -> Doubts:
-        return Doubts(self._views, best, self._bender.modes, self._limits.margin)
+        if best not in self._doubted:
+            self._doubted[best] = Doubts(self._views, best, self._bender.modes, self._limits.margin)
+        return self._doubted[best]
 
     # --- solutions -----------------------------------------------------------------------
     def _challenge(self) -> None:
