@@ -87,6 +87,11 @@ class Doubts:
         return False
 
     @cached_property
+    def better(self) -> Solution | None:
+        """The best solution with another camera, once `other_camera` was asked."""
+        return None
+
+    @cached_property
     def camera(self) -> Solution | None:
         """The solution with cameras that may be wrong in everything; None where that falls apart."""
         return with_freedom(self.views.doubted(), self.best)
@@ -105,6 +110,7 @@ class Doubts:
             return None
         evidence, what, c, single = max(found, key=lambda f: f[0])
         everything = self.camera or single
+        self.__dict__["better"] = max(single, everything, key=lambda s: s.evidence)
         # A bent model has as many unknowns as the camera has not: of these two the better one it is.
         if max(evidence, everything.evidence) < than.evidence + (0.0 if than.is_bent else self.margin):
             return None

@@ -45,19 +45,20 @@ class Judge:
         self._unchallenged = False  # the work was over before all rivals had been looked for
 
     # --- the verdict ---------------------------------------------------------------------
-    def verdict(self, *, deformed: bool = True) -> Verdict:
+    def verdict(self, *, deformed: bool = True, final: bool = False) -> Verdict:
         """Look for rivals of the best solution and decide.
 
-        Where the rigid model is refused as `DOUBTFUL`, a bent one is tried only if asked for.
+        Where the rigid model is refused as `DOUBTFUL`, a bent one is tried only if asked for. Of the ``final`` verdict
+        the reason is looked for, too: what else would explain the spots.
         """
         self._challenge()
         rigid = self._rigid()
         if rigid.cause == "labels" or (rigid.cause in DOUBTFUL and not deformed):
             return rigid
         verdict = self._bent(rigid) if len(self._bender.modes) else rigid
-        if verdict.cause is not None or verdict.best is None:
-            return verdict
-        return self._checked(verdict, verdict.best)
+        if verdict.cause is None and verdict.best is not None:
+            return self._checked(verdict, verdict.best)
+        return self._explained(verdict) if final else verdict
 
     def _rigid(self) -> Verdict:
         """The verdict on the rigid model with the cameras as given."""
@@ -151,6 +152,18 @@ class Judge:
             unchecked.append(Unchecked("scale", words_))
         return Verdict(best, verdict.runner_up, None, "", tuple(unchecked))
 
+    def _explained(self, verdict: Verdict) -> Verdict:
+        """A refusal, with the camera as its reason if another one makes of the best solution a sound one."""
+        best = verdict.best
+        if best is None or verdict.cause not in ("weak", "misfit"):
+            return verdict
+        doubts = self._doubts(best)
+        found = doubts.other_camera(best)
+        sound = doubts.better
+        if found is None or sound is None or self._refusal(sound, ())[0] is not None:
+            return verdict
+        return Verdict(best, verdict.runner_up, "wrong_focal" if found[0] == "focal length" else "wrong_camera", found[1])
+
     def _focal(self, best: Solution) -> str:
         """Why a free focal length is not determined; empty if it is."""
         for c, plane in enumerate(self._views.planes):
@@ -215,7 +228,7 @@ class Judge:
         if not others:
             return None
         best = others[0]
-        if not own.beyond_chance(best, self._limits):
+        if not own.beyond_chance(best, self._limits) or self._refusal(best, ())[0] is not None:
             return None
         if kept and (best.lead_over(kept[0]) < self._limits.margin
                      or told_by_table_errors(best, kept[0], self._limits.margin)):  # fmt: skip

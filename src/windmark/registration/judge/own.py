@@ -99,7 +99,7 @@ def held_by_one(best: Solution) -> str:
         loose = noise @ (vector / value[:, None]) @ vector.transpose(0, 2, 1) @ noise - noise
         wide = np.sqrt(np.maximum(np.linalg.eigvalsh(loose)[:, -1], 0.0))
         worst = int(wide.argmax())
-        if wide[worst] > rules.HELD * plane.task.tolerance_px:
+        if wide[worst] > plane.task.tolerance_px:
             x, y = plane.task.xy[spot[worst]]
             return (
                 f"a single pair holds the pose: marker {plane.task.markers.name[marker[worst]]} at ({x:.0f}, {y:.0f}), "

@@ -29,9 +29,6 @@ ONE_WRONG = 40.0
 """So much (nats) below the best a solution cannot owe to one wrong pair."""
 FEW = 16
 """With so few pairs each is left out once: a single wrong one can open the gates for itself (`matching_refusals`)."""
-HELD = 1 / 3
-"""A pair whose place the others leave open by more than this part of the neighbourhood (1 sigma) is no check
-(`attacks`: one pair holds the pose)."""
 DOUBT = 3.0
 """Nats that another camera or a bent model must promise to first order before they are tried (one picture in 50)."""
 UNFOUND = 0.6

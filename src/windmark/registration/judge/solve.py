@@ -77,4 +77,4 @@ def judge(source: Source, limits: Limits, max_links: int, budget: Budget, names:
         late = budget.over
         if links >= max_links or late:
             break
-    return judge_.verdict(), late
+    return judge_.verdict(final=True), late

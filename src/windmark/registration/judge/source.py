@@ -144,6 +144,11 @@ class Source:
 
     def _solution(self, c: int, candidate: Candidate) -> Solution | None:
         if candidate not in self._settled:
+            if len(self._searches) > 1 and any(
+                candidate.is_like(known.state.rotations[c], known.state.match[c], int(known.counts[c]))
+                for known in self._settled.values() if known is not None
+            ):  # fmt: skip
+                return None  # it would become what is known
             self._settled[candidate] = settle(
                 self.views, *start_of(self.views, c, candidate), focal_px=focal_of(self.views, c, candidate)
             )

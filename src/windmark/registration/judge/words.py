@@ -45,7 +45,8 @@ def what_may_be(views: Views, *, with_prior: bool = True) -> str:
     if any(task.fixed for task in tasks):
         may.append("some labels were given")
     if any(task.visible is not None for task in tasks):
-        may.append("markers that the grid hides were left out (try without occlusion)")
+        may.append("markers that the grid hides were left out: one that does not fit the markers hides many (try without "
+                   "occlusion)")
     if not any(task.free_focal for task in tasks):
         may.append("the focal length was taken as given (or try free_focal)")
     if len(tasks) > 1:
