@@ -1,0 +1,162 @@
+"""How an attack's answer is judged; the words and causes of a refusal that count as the right reason are here alone."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from _attack_pictures import Trial, Truth
+from windmark.geometry import Pose
+from windmark.registration import Registration, register
+from windmark.scene import Matching
+
+Array = NDArray[np.float64]
+
+WRONG_PX = 1.0
+"""Mean displacement of the counted markers, in the true camera, beyond which a pose is off."""
+WRONG_SIGMA = 5.0
+"""And root of chi-square over six degrees of freedom beyond which its stated covariance does not own up to it."""
+NEAR_SIGMA = 3.0
+"""A spot so near to where a marker truly is counts as its own."""
+KINDS = ("right", "said", "reason", "refused", "WRONG")
+
+SPARSE = ({"too_few", "degenerate", "weak", "nothing", "ambiguous"}, ())
+TIE = ({"ambiguous", "weak", "degenerate"}, ("symmetric", "regular"))
+CAMERA = ({"wrong_focal", "misfit", "focal"}, ("focal", "principal", "lens", "camera", "aspect"))
+REASONS: dict[str, tuple[set[str], tuple[str, ...]]] = {
+    "one-pair": SPARSE,
+    "ties": TIE,
+    "grid": TIE,
+    "mirror": ({"misfit", "nothing", "ambiguous", "weak"}, ("mirror", "behind", "symmetric")),
+    "board": TIE,
+    "camera": CAMERA,
+    "copy": ({"ambiguous", "misfit"}, ("second", "copy", "twice", "ghost")),
+    "covariance": ({"ambiguous"}, ()),
+    "bent": ({"misfit", "ambiguous"}, ("bent", "deform")),
+    "track": ({"misfit", "ambiguous"}, ("bent", "deform")),
+    "sparse": (set(), ()),
+    "rig": ({"misfit"}, ("camera",)),
+    "mixed": (TIE[0] | CAMERA[0], TIE[1] + CAMERA[1]),
+}
+"""Attack -> causes, and words of the reason (lower case), of a refusal for the right reason."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One answer, judged.
+
+    Parameters
+    ----------
+    kind : one of `KINDS`
+    error_px, sigmas : of the pose, against the nearest right one; inf where none is right, NaN of a refusal
+    wrong, matched : labels
+    milliseconds : thread CPU time
+    word : cause and reason of a refusal, or what was wrong
+    """
+
+    kind: str
+    error_px: float
+    sigmas: float
+    wrong: int
+    matched: int
+    milliseconds: float
+    word: str
+
+
+def pose_error(truth: Truth, pose: Pose, cov: Array) -> tuple[float, float]:
+    """Mean displacement in px and root of chi-square over six, against the right pose that is nearest in px."""
+    best = (np.inf, np.inf)
+    for right in truth.poses:
+        xyz = truth.xyz[truth.counted]
+        true, _ = truth.camera.project(right.apply(xyz))
+        found, _ = truth.camera.project(pose.apply(xyz))
+        offset = np.linalg.norm(found - true, axis=1)
+        off = np.inf if np.isnan(offset).any() else float(offset.mean())
+        if off < best[0]:
+            delta = (right @ pose.inverse()).log()
+            best = (off, float(np.sqrt(max(delta @ np.linalg.solve(cov[:6, :6], delta), 0.0) / 6)))
+    return best
+
+
+def wrong_labels(trial: Trial, matching: Matching) -> int:
+    """Labels that are another marker's, or nobody's; but those that no eye could tell from the right ones."""
+    truth, spots = trial.truth, trial.detections
+    wrong = truth.label[matching.detection] != matching.marker
+    if truth.poses:
+        where, _ = truth.camera.project(truth.poses[0].apply(truth.xyz[matching.marker]))
+        offset = np.linalg.norm(spots.xy[matching.detection] - where, axis=1)
+        sigma = np.sqrt(spots.cov[matching.detection, 0, 0])
+        wrong &= ~(offset < NEAR_SIGMA * sigma)
+    return int(wrong.sum())
+
+
+def refusal(attack: str, answer: Any, milliseconds: float) -> Outcome:
+    """A refusal, for the right reason or another."""
+    causes, words = REASONS[attack]
+    right = answer.cause in causes or any(word in answer.reason.lower() for word in words)
+    word = f"{answer.cause}: {answer.reason}"
+    return Outcome("reason" if right else "refused", np.nan, np.nan, 0, 0, milliseconds, word)
+
+
+def judged(attack: str, trial: Trial, answer: Any, milliseconds: float) -> Outcome:
+    """The answer to one picture."""
+    if not isinstance(answer, Registration):
+        return refusal(attack, answer, milliseconds)
+    error, sigmas = pose_error(trial.truth, answer.cam_from_model, answer.cov)
+    wrong, matched = wrong_labels(trial, answer.matching), len(answer.matching.marker)
+    faults = []
+    if error > WRONG_PX and sigmas > WRONG_SIGMA:
+        faults.append("pose" if trial.truth.poses else "no pose is right")
+    if 2 * wrong > matched:
+        faults.append("labels")
+    named = {str(item.what) for item in getattr(answer, "unchecked", ())}
+    kind = "right" if not faults else "said" if named & trial.unseen else "WRONG"
+    return Outcome(kind, error, sigmas, wrong, matched, milliseconds, " and ".join(faults))
+
+
+def answered(trial: Trial) -> tuple[Any, float]:
+    """The answer of `register`, and the milliseconds it took (CPU time of this thread)."""
+    start = time.thread_time()
+    answer = register(trial.detections, trial.markers, trial.camera, **trial.options)
+    return answer, 1e3 * (time.thread_time() - start)
+
+
+def told(trial: Trial, answer: Any, outcome: Outcome) -> str:
+    """Both poses, labels, sigmas and result of one trial in words."""
+    lines = [f"{outcome.kind}: {outcome.word}", f"given: {trial.camera}", f"true:  {trial.truth.camera}"]
+    lines += [f"{len(trial.markers)} markers, {len(trial.detections)} spots, {(trial.truth.label >= 0).sum()} true"]
+    lines += [f"options: {trial.options}"]
+    lines += [f"right pose: {p.rotvec().round(5)} {p.translation.round(5)}" for p in trial.truth.poses]
+    if not isinstance(answer, Registration):
+        return "\n".join([*lines, f"best count {answer.best_count}, candidate {answer.best_candidate}"])
+    pose, match = answer.cam_from_model, answer.matching
+    lines += [f"found pose: {pose.rotvec().round(5)} {pose.translation.round(5)}"]
+    lines += [f"off by {outcome.error_px:.2f} px mean, {outcome.sigmas:.1f} sigma"]
+    lines += [f"1 sigma: {np.sqrt(np.diag(answer.cov)).round(6)}"]
+    lines += [
+        f"{outcome.matched} of {answer.n_expected} matched, {outcome.wrong} wrong; rms {answer.rms_px:.2f} px, excess "
+        f"{answer.excess_px:.2f} px, score {answer.score:.0f}, log10 nfa {answer.log10_nfa:.1f}, runner-up "
+        f"{answer.runner_up and (round(answer.runner_up.score), answer.runner_up.count, answer.runner_up.same_labels)}"
+    ]
+    bend = answer.deformation
+    lines += [f"deformation: {'none' if bend is None else f'{bend.largest:.2%}, {bend.parameters:.1f} parameters'}"]
+    lines += [f"unchecked: {[item.what for item in getattr(answer, 'unchecked', ())]}"]
+    pairs = zip(match.detection.tolist(), match.marker.tolist(), strict=True)
+    lines += ["spot:found(true) " + " ".join(f"{d}:{m}({trial.truth.label[d]})" for d, m in pairs)]
+    return "\n".join(lines)
+
+
+def run(attack: str, trial: Trial) -> Outcome:
+    """Answer and judge one trial."""
+    answer, milliseconds = answered(trial)
+    return judged(attack, trial, answer, milliseconds)
+
+
+def shown(attack: str, trial: Trial) -> str:
+    """One trial in words."""
+    answer, milliseconds = answered(trial)
+    return told(trial, answer, judged(attack, trial, answer, milliseconds))

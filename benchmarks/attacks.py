@@ -1,0 +1,101 @@
+"""Attacks on registration: pictures and tables that invite a wrong answer with a small sigma.
+
+    python benchmarks/attacks.py [TRIALS] [ATTACK ...] [--seed S] [--json FILE]
+    python benchmarks/attacks.py --show ATTACK/VARIANT/SEED
+
+An attack is a kind of scene in which a matcher that does not look far enough is sure of something false: a pose that
+hangs on one spot, a regular layout, a mirrored table, a board larger than its table, a camera that is not as stated, a
+second copy of the model. Attacks are given by number or name, none means all. Every seed makes one trial; nothing but
+the public verbs of `windmark.registration` is called, so the table can be compared across versions.
+
+An answer is WRONG where it displaces the counted markers by more than 1 px on average, in the camera that took the
+picture, and that error is more than five of the stated sigmas (root of chi-square over six, from ``result.cov``); or
+where more than half of its labels are wrong. Where no pose is right (a mirrored picture) every accepted one is wrong.
+A wrong answer is "said" instead where the picture cannot show the fault and the result names it (``unchecked``). Of a
+bent model the right pose is that of what stands still; of a bent wing alone that of the root, of the least squares in
+space or of those in the picture, whichever is nearest. A refusal is for the right reason if its cause or a word of it
+is in the table `_attack_judge.REASONS`.
+
+"labels": wrong labels of all the accepted answers, in percent. "chi2/6": mean and 99 % quantile over the answers that
+are right in labels; 1 and 2.8 for a true covariance, if the errors are normal.
+
+What the figures leave out: the share of attacks among real pictures (every trial here is an attack), answers that
+are off by less than a pixel, and covariances that are too large.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+
+import _attack_judge as judge
+from _attack_scenes import ATTACKS, Attack, attack, trial
+
+TRIALS, SEED = 500, 7_000_000
+WRONG_SHOWN = 3
+"""Seeds of wrong answers that a row names."""
+
+
+def row(one: Attack, variant: str, seeds: range) -> dict[str, object]:
+    """Judge all trials of a variant."""
+    outcomes = {seed: judge.run(one.name, one.variants[variant](seed)) for seed in seeds}
+    count = Counter(o.kind for o in outcomes.values())
+    accepted = [o for o in outcomes.values() if o.matched]
+    chi2 = [o.sigmas**2 for o in accepted if o.kind == "right" and np.isfinite(o.sigmas)]
+    return {
+        "attack": one.name, "variant": variant, "trials": len(seeds), **{kind: count[kind] for kind in judge.KINDS},
+        "wrong_labels_percent": 100 * sum(o.wrong for o in accepted) / max(sum(o.matched for o in accepted), 1),
+        "chi2_mean": float(np.mean(chi2)) if chi2 else float("nan"),
+        "chi2_99": float(np.quantile(chi2, 0.99)) if chi2 else float("nan"),
+        "median_ms": float(np.median([o.milliseconds for o in outcomes.values()])),
+        "wrong_seeds": [seed for seed, o in outcomes.items() if o.kind == "WRONG"],
+        "refusals": dict(Counter(o.word.split(":")[0] for o in outcomes.values() if o.kind in ("reason", "refused"))),
+    }  # fmt: skip
+
+
+def told(r: dict[str, object]) -> str:
+    """One row of the table."""
+    counts = "".join(f"{r[kind]:>8}" for kind in judge.KINDS)
+    figures = f"{r['wrong_labels_percent']:7.1f}%{r['chi2_mean']:8.2f}{r['chi2_99']:8.1f}{r['median_ms']:8.1f}"
+    seeds = r["wrong_seeds"]
+    assert isinstance(seeds, list)
+    refusals = r["refusals"]
+    assert isinstance(refusals, dict)
+    words = ", ".join(f"{n} {cause}" for cause, n in refusals.items())
+    wrong = f"  wrong: {' '.join(map(str, seeds[:WRONG_SHOWN]))}" if seeds else ""
+    return f"{r['attack']!s:11s}{r['variant']!s:30s}{r['trials']:>6}{counts}{figures}  {words}{wrong}"
+
+
+def main(trials: int, attacks: tuple[Attack, ...], first: int) -> list[dict[str, object]]:
+    """Judge the attacks, print one table, return its rows."""
+    kinds = "".join(f"{kind:>8}" for kind in judge.KINDS)
+    print(f"{'attack':11s}{'variant':30s}{'trials':>6}{kinds}{'labels':>8}{'chi2/6':>8}{'99 %':>8}{'ms':>8}  refused as")
+    judge.run("sparse", trial("sparse/5 of 24/0"))  # the kernels are compiled or loaded
+    rows = []
+    for one in attacks:
+        for variant in one.variants:
+            rows.append(row(one, variant, range(first, first + trials)))
+            print(told(rows[-1]), flush=True)
+    total = Counter({kind: sum(int(str(r[kind])) for r in rows) for kind in judge.KINDS})
+    print(f"{'all':41s}{sum(total.values()):6d}" + "".join(f"{total[kind]:8d}" for kind in judge.KINDS))
+    return rows
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
+    parser.add_argument("words", nargs="*", help="how many trials (the first number), then numbers or names of attacks")
+    parser.add_argument("--seed", type=int, default=SEED, help="of the first trial")
+    parser.add_argument("--json", type=Path, help="write the rows to this file")
+    parser.add_argument("--show", metavar="ATTACK/VARIANT/SEED", help="print one trial in full")
+    given = parser.parse_args()
+    if given.show:
+        print(judge.shown(attack(given.show.split("/")[0]).name, trial(given.show)))
+    else:
+        count = int(given.words[0]) if given.words else TRIALS
+        made = main(count, tuple(attack(word) for word in given.words[1:]) or ATTACKS, given.seed)
+        if given.json:
+            given.json.write_text(json.dumps(made, indent=1))
