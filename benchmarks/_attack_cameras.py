@@ -21,6 +21,8 @@ NAMES = {
 }
 """Fault of the camera -> what a result says that owns up to it."""
 FOCAL_OFF = (0.02, 0.05, 0.1, 0.2)
+WIDE_DEG = (30.0, 75.0)
+"""Fields of view in which a lens with k1 = -0.15 can be seen."""
 
 
 def misstated(rng: np.random.Generator, true: Camera, fault: str) -> tuple[Camera, Camera]:
@@ -40,7 +42,7 @@ def wrong_camera(seed: int, *, fault: str, flat: bool, rigid: bool) -> Trial:
     """A model before a camera that is not as stated; what the picture cannot show must be said."""
     rng = np.random.default_rng(seed)
     markers = models.some(rng, models.FLAT if flat else models.SOLID)
-    true, pose = view(rng, markers)
+    true, pose = view(rng, markers, fov_deg=WIDE_DEG if fault == "lens" else None)
     taken, given = misstated(rng, true, fault)
     shot = picture(rng, markers, taken, pose, **clutter_of(rng))
     options: dict[str, Any] = {"max_deformation": 0.0} if rigid else {}

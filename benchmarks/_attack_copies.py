@@ -9,7 +9,10 @@ from _attack_pictures import Array, Picture, Trial, picture, seen_by, trial_of, 
 from windmark.geometry import Pose
 
 NOISE_PX = 0.2
-"""1 sigma of the spots of a copy about their places."""
+"""1 sigma of all spots."""
+THINNED = (0.0, 0.1)
+"""Part of the copy, and of the model, that is hidden at random."""
+SAYS = ("copy", "second copy")
 
 
 def _half(rng: np.random.Generator, xy: Array, hidden: bool) -> Array:
@@ -27,11 +30,12 @@ def _scene(seed: int) -> tuple[np.random.Generator, models.MarkerSet, Picture]:
 
 
 def _with(rng: np.random.Generator, markers: models.MarkerSet, shot: Picture, copy: Array, hidden: bool) -> Trial:
-    """The picture with the spots of a copy in it, half of the true ones hidden or none."""
+    """The picture with the spots of a copy in it, half of the true ones hidden or none; either may lack some."""
     keep = _half(rng, seen_by(markers, shot.camera, shot.pose)[0], hidden)
-    made = picture(rng, markers, shot.camera, shot.pose, keep=keep, hidden=rng.choice([0.0, 0.1]),
+    copy = copy[rng.random(len(copy)) >= rng.choice(THINNED)]
+    made = picture(rng, markers, shot.camera, shot.pose, keep=keep, hidden=rng.choice(THINNED),
                    false=rng.choice([0.0, 0.3]), extra=copy, noise_px=NOISE_PX)  # fmt: skip
-    return trial_of(made, markers)
+    return trial_of(made, markers, unseen=SAYS)
 
 
 def reflection(seed: int, *, hidden: bool = False) -> Trial:

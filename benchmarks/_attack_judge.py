@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import time
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from _attack_pictures import Trial, Truth
+from _attack_pictures import RigTrial, SequenceTrial, Trial, Truth
 from windmark.geometry import Pose
-from windmark.registration import Registration, register
+from windmark.registration import Registration, RigRegistration, TrackState, register, register_rig, track
 from windmark.scene import Matching
 
 Array = NDArray[np.float64]
@@ -130,11 +132,11 @@ def told(trial: Trial, answer: Any, outcome: Outcome) -> str:
     lines = [f"{outcome.kind}: {outcome.word}", f"given: {trial.camera}", f"true:  {trial.truth.camera}"]
     lines += [f"{len(trial.markers)} markers, {len(trial.detections)} spots, {(trial.truth.label >= 0).sum()} true"]
     lines += [f"options: {trial.options}"]
-    lines += [f"right pose: {p.rotvec().round(5)} {p.translation.round(5)}" for p in trial.truth.poses]
+    lines += [f"right pose: {p.rotvec.round(5)} {p.translation.round(5)}" for p in trial.truth.poses]
     if not isinstance(answer, Registration):
         return "\n".join([*lines, f"best count {answer.best_count}, candidate {answer.best_candidate}"])
     pose, match = answer.cam_from_model, answer.matching
-    lines += [f"found pose: {pose.rotvec().round(5)} {pose.translation.round(5)}"]
+    lines += [f"found pose: {pose.rotvec.round(5)} {pose.translation.round(5)}"]
     lines += [f"off by {outcome.error_px:.2f} px mean, {outcome.sigmas:.1f} sigma"]
     lines += [f"1 sigma: {np.sqrt(np.diag(answer.cov)).round(6)}"]
     lines += [
@@ -150,13 +152,67 @@ def told(trial: Trial, answer: Any, outcome: Outcome) -> str:
     return "\n".join(lines)
 
 
-def run(attack: str, trial: Trial) -> Outcome:
+def _tracked(attack: str, frames: Sequence[Trial]) -> Outcome:
+    """A sequence is wrong where one of its frames is, and right where most of them are followed."""
+    state: TrackState | None = None
+    outcomes = []
+    for frame in frames:
+        start = time.thread_time()
+        answer, state = track(state, frame.detections, frame.markers, frame.camera, **frame.options)
+        outcomes.append(judged(attack, frame, answer, 1e3 * (time.thread_time() - start)))
+    kinds = Counter(o.kind for o in outcomes)
+    most = max(kinds, key=lambda kind: kinds[kind])
+    kind = next((k for k in ("WRONG", "said") if kinds[k]), most)
+    chosen = max((o for o in outcomes if o.kind == kind), key=lambda o: np.nan_to_num(o.sigmas))
+    wrong, matched = sum(o.wrong for o in outcomes), sum(o.matched for o in outcomes)
+    ms = float(np.median([o.milliseconds for o in outcomes]))
+    frames_of = f"{chosen.word}; of {len(outcomes)} frames " + ", ".join(f"{n} {k}" for k, n in kinds.items())
+    return Outcome(kind, chosen.error_px, chosen.sigmas, wrong, matched, ms, frames_of)
+
+
+def _of_rig(attack: str, trial: RigTrial) -> tuple[Any, Outcome]:
+    """The answer of a rig; its pose must be right for every camera in which it matched markers."""
+    start = time.thread_time()
+    answer = register_rig(*trial.arguments(), **trial.options)
+    ms = 1e3 * (time.thread_time() - start)
+    if not isinstance(answer, RigRegistration):
+        return answer, refusal(attack, answer, ms)
+    wrong = matched = 0
+    errors, faults = [(0.0, 0.0)], []
+    for i, (one, given) in enumerate(zip(trial.views, trial.cam_from_rig, strict=True)):
+        if not answer.counts[i]:
+            continue
+        # A camera that is elsewhere than the rig has it would need this pose of the model in the rig.
+        right = given.inverse() @ one.truth.poses[0]
+        pixels = pose_error(one.truth, answer.cam_from_model(i), np.eye(6))[0]
+        delta = (right @ answer.rig_from_model.inverse()).log()
+        errors.append((pixels, float(np.sqrt(delta @ np.linalg.solve(answer.cov, delta) / 6))))
+        matched += answer.counts[i]
+        wrong += wrong_labels(one, answer.matchings[i])
+    if any(pixels > WRONG_PX and sigma > WRONG_SIGMA for pixels, sigma in errors):
+        faults.append("pose")
+    if 2 * wrong > matched:
+        faults.append("labels")
+    kind = "WRONG" if faults else "right"
+    worst = max(errors)
+    return answer, Outcome(kind, worst[0], worst[1], wrong, matched, ms, " and ".join(faults))
+
+
+def run(attack: str, trial: Trial | SequenceTrial | RigTrial) -> Outcome:
     """Answer and judge one trial."""
+    if isinstance(trial, SequenceTrial):
+        return _tracked(attack, trial.frames)
+    if isinstance(trial, RigTrial):
+        return _of_rig(attack, trial)[1]
     answer, milliseconds = answered(trial)
     return judged(attack, trial, answer, milliseconds)
 
 
-def shown(attack: str, trial: Trial) -> str:
+def shown(attack: str, trial: Trial | SequenceTrial | RigTrial) -> str:
     """One trial in words."""
+    if isinstance(trial, SequenceTrial):
+        return str(_tracked(attack, trial.frames))
+    if isinstance(trial, RigTrial):
+        return "\n".join(map(str, _of_rig(attack, trial)))
     answer, milliseconds = answered(trial)
     return told(trial, answer, judged(attack, trial, answer, milliseconds))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -59,8 +59,29 @@ class Trial:
 
 
 @dataclass(frozen=True)
+class SequenceTrial:
+    """One call of `track` for each of some frames in a row."""
+
+    frames: tuple[Trial, ...]
+
+
+@dataclass(frozen=True)
+class RigTrial:
+    """One call of `register_rig`: what is true of each view, and where the cameras are said to be."""
+
+    views: tuple[Trial, ...]
+    cam_from_rig: tuple[Pose, ...]
+    options: dict[str, Any] = field(default_factory=dict)
+
+    def arguments(self) -> tuple[list[Detections], MarkerSet, list[Camera], list[Pose]]:
+        """What `register_rig` is given."""
+        spots, cameras = [v.detections for v in self.views], [v.camera for v in self.views]
+        return spots, self.views[0].markers, cameras, list(self.cam_from_rig)
+
+
+@dataclass(frozen=True)
 class Picture:
-    """The spots of one model before one camera, ``label`` (M,) their markers or -1, and who would be seen unhidden (N,)."""
+    """Spots of one model before a camera, ``label`` (M,) their markers or -1, who would be seen if not hidden (N,)."""
 
     detections: Detections
     label: Ints
@@ -220,8 +241,3 @@ def near(rng: np.random.Generator, pose: Pose, xyz: Array, angle_deg: float, sca
     centre = xyz.mean(axis=0)
     rotation = pose.rotation @ turn
     return Pose(rotation, pose.apply(centre) * np.exp(rng.uniform(-scale, scale)) - rotation @ centre)
-
-
-def with_camera(shot: Picture, camera: Camera) -> Picture:
-    """The picture as taken by another camera."""
-    return replace(shot, camera=camera)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 
@@ -10,7 +10,11 @@ import _attack_boards as boards
 import _attack_cameras as cameras
 import _attack_copies as copies
 import _attack_layouts as layouts
-from _attack_pictures import Trial
+import _attack_many as many
+import _attack_mixed as mixed
+from _attack_pictures import RigTrial, SequenceTrial, Trial
+
+AnyTrial = Trial | SequenceTrial | RigTrial
 
 
 @dataclass(frozen=True)
@@ -19,7 +23,7 @@ class Attack:
 
     number: int
     name: str
-    variants: dict[str, Callable[[int], Trial]]
+    variants: Mapping[str, Callable[[int], AnyTrial]]
 
 
 ONE_PAIR = {
@@ -103,16 +107,30 @@ BENT = {
     for tip in (0.01, 0.02, 0.04)
     for rigid in (False, True)
 }
+TRACK = {
+    f"sway {tip:.0%}{word}": partial(many.sway, tip=tip, **options)
+    for tip in (0.01, 0.02, 0.03)
+    for word, options in (("", {}), (", clutter", {"hidden": 0.2, "false": 0.5}), (", regular", {"jitter": 0.0}))
+}
 SPARSE = {
     "5 of 24": partial(copies.sparse, count=5, kind="A"),
     "8 of 60": partial(copies.sparse, count=8, kind="B"),
     "4 on a wall, prior": copies.wall,
 }
+RIG: dict[str, Callable[[int], RigTrial]] = {
+    "70 % hidden, 100 % false": many.rig,
+    "clean": partial(many.rig, hidden=0.0, false=0.0),
+    "one turned": partial(many.rig, hidden=0.3, false=0.5, displaced="turned"),
+    "one shifted": partial(many.rig, hidden=0.3, false=0.5, displaced="shifted"),
+    "one turned, 70 % hidden": partial(many.rig, displaced="turned"),
+}
+MIXED = {"any two": mixed.two, "any two, prior": partial(mixed.two, prior=True)}
 
 ATTACKS = (
     Attack(1, "one-pair", ONE_PAIR), Attack(2, "ties", TIES), Attack(3, "grid", GRID), Attack(4, "mirror", MIRROR),
     Attack(5, "board", BOARD | REAL), Attack(6, "camera", CAMERA), Attack(7, "copy", COPY),
-    Attack(8, "covariance", COVARIANCE), Attack(9, "bent", BENT), Attack(11, "sparse", SPARSE),
+    Attack(8, "covariance", COVARIANCE), Attack(9, "bent", BENT), Attack(10, "track", TRACK),
+    Attack(11, "sparse", SPARSE), Attack(12, "rig", RIG), Attack(13, "mixed", MIXED),
 )  # fmt: skip
 
 
@@ -124,7 +142,7 @@ def attack(word: str) -> Attack:
     raise ValueError(f"no attack {word!r}; there are {', '.join(f'{a.number} {a.name}' for a in ATTACKS)}")
 
 
-def trial(path: str) -> Trial:
+def trial(path: str) -> AnyTrial:
     """The trial ATTACK/VARIANT/SEED."""
     word, variant, seed = path.split("/")
     return attack(word).variants[variant](int(seed))

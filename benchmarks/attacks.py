@@ -73,7 +73,9 @@ def told(r: dict[str, object]) -> str:
 def main(trials: int, attacks: tuple[Attack, ...], first: int) -> list[dict[str, object]]:
     """Judge the attacks, print one table, return its rows."""
     kinds = "".join(f"{kind:>8}" for kind in judge.KINDS)
-    print(f"{'attack':11s}{'variant':30s}{'trials':>6}{kinds}{'labels':>8}{'chi2/6':>8}{'99 %':>8}{'ms':>8}  refused as")
+    print(
+        f"{'attack':11s}{'variant':30s}{'trials':>6}{kinds}{'labels':>8}{'chi2/6':>8}{'99 %':>8}{'ms':>8}  refused as"
+    )
     judge.run("sparse", trial("sparse/5 of 24/0"))  # the kernels are compiled or loaded
     rows = []
     for one in attacks:
