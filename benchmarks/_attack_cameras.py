@@ -93,7 +93,7 @@ def bent_body(seed: int, *, tip: float, rigid: bool = False) -> Trial:
     camera, pose = view(rng, markers, least=16)
     shot = picture(rng, models.moved(markers, real), camera, pose, **clutter_of(rng))
     options: dict[str, Any] = {"max_deformation": 0.0} if rigid else {}
-    return trial_of(shot, markers, real=real, counted=counted, unseen=("deformation",), **options)
+    return trial_of(shot, markers, real=real, counted=counted, unseen=("deformation", "bending"), **options)
 
 
 def bent_wing(seed: int, *, tip: float, rigid: bool = False) -> Trial:
@@ -106,4 +106,4 @@ def bent_wing(seed: int, *, tip: float, rigid: bool = False) -> Trial:
     shot = picture(rng, models.moved(markers, real), camera, pose, **clutter_of(rng))
     poses = rigid_fits(camera, pose, markers.xyz, real, shot.seen)
     options: dict[str, Any] = {"max_deformation": 0.0} if rigid else {}
-    return trial_of(shot, markers, real=real, poses=poses, unseen=("deformation",), **options)
+    return trial_of(shot, markers, real=real, poses=poses, unseen=("deformation", "bending"), **options)

@@ -41,7 +41,7 @@ REASONS: dict[str, tuple[set[str], tuple[str, ...]]] = {
     "bent": ({"misfit", "ambiguous"}, ("bent", "deform")),
     "track": ({"misfit", "ambiguous"}, ("bent", "deform")),
     "sparse": (set(), ()),
-    "rig": ({"misfit"}, ("camera",)),
+    "rig": ({"misfit"}, ("cam_from_rig",)),
     "mixed": (TIE[0] | CAMERA[0], TIE[1] + CAMERA[1]),
 }
 """Attack -> causes, and words of the reason (lower case), of a refusal for the right reason."""
@@ -70,18 +70,25 @@ class Outcome:
 
 
 def pose_error(truth: Truth, pose: Pose, cov: Array) -> tuple[float, float]:
-    """Mean displacement in px and root of chi-square over six, against the right pose that is nearest in px."""
-    best = (np.inf, np.inf)
+    """Mean displacement in px and root of chi-square over six, against the right pose that is nearest.
+
+    A right pose within `WRONG_SIGMA` goes before one that is nearer in the picture.
+    """
+    all_of = [(np.inf, np.inf)]
     for right in truth.poses:
         xyz = truth.xyz[truth.counted]
         true, _ = truth.camera.project(right.apply(xyz))
         found, _ = truth.camera.project(pose.apply(xyz))
         offset = np.linalg.norm(found - true, axis=1)
         off = np.inf if np.isnan(offset).any() else float(offset.mean())
-        if off < best[0]:
-            delta = (right @ pose.inverse()).log()
-            best = (off, float(np.sqrt(max(delta @ np.linalg.solve(cov[:6, :6], delta), 0.0) / 6)))
-    return best
+        delta = (right @ pose.inverse()).log()
+        all_of.append((off, float(np.sqrt(max(delta @ np.linalg.solve(cov[:6, :6], delta), 0.0) / 6))))
+    return min(all_of, key=lambda error: (is_off(*error), error[0]))
+
+
+def is_off(pixels: float, sigmas: float) -> bool:
+    """Whether a pose is wrong, and surer of itself than it may be."""
+    return pixels > WRONG_PX and sigmas > WRONG_SIGMA
 
 
 def wrong_labels(trial: Trial, matching: Matching) -> int:
@@ -96,10 +103,11 @@ def wrong_labels(trial: Trial, matching: Matching) -> int:
     return int(wrong.sum())
 
 
-def refusal(attack: str, answer: Any, milliseconds: float) -> Outcome:
-    """A refusal, for the right reason or another."""
+def refusal(attack: str, answer: Any, milliseconds: float, must_name: str = "") -> Outcome:
+    """A refusal, for the right reason or another; the right one has the words ``must_name``, too."""
     causes, words = REASONS[attack]
     right = answer.cause in causes or any(word in answer.reason.lower() for word in words)
+    right &= must_name in answer.reason.lower()
     word = f"{answer.cause}: {answer.reason}"
     return Outcome("reason" if right else "refused", np.nan, np.nan, 0, 0, milliseconds, word)
 
@@ -111,7 +119,7 @@ def judged(attack: str, trial: Trial, answer: Any, milliseconds: float) -> Outco
     error, sigmas = pose_error(trial.truth, answer.cam_from_model, answer.cov)
     wrong, matched = wrong_labels(trial, answer.matching), len(answer.matching.marker)
     faults = []
-    if error > WRONG_PX and sigmas > WRONG_SIGMA:
+    if is_off(error, sigmas):
         faults.append("pose" if trial.truth.poses else "no pose is right")
     if 2 * wrong > matched:
         faults.append("labels")
@@ -173,10 +181,11 @@ def _tracked(attack: str, frames: Sequence[Trial]) -> Outcome:
 def _of_rig(attack: str, trial: RigTrial) -> tuple[Any, Outcome]:
     """The answer of a rig; its pose must be right for every camera in which it matched markers."""
     start = time.thread_time()
-    answer = register_rig(*trial.arguments(), **trial.options)
+    answer = register_rig(*trial.arguments())
     ms = 1e3 * (time.thread_time() - start)
     if not isinstance(answer, RigRegistration):
-        return answer, refusal(attack, answer, ms)
+        # Nothing is wrong about a rig without a displaced camera.
+        return answer, refusal(attack, answer, ms, trial.displaced or "no camera is displaced")
     wrong = matched = 0
     errors, faults = [(0.0, 0.0)], []
     for i, (one, given) in enumerate(zip(trial.views, trial.cam_from_rig, strict=True)):
@@ -189,7 +198,7 @@ def _of_rig(attack: str, trial: RigTrial) -> tuple[Any, Outcome]:
         errors.append((pixels, float(np.sqrt(delta @ np.linalg.solve(answer.cov, delta) / 6))))
         matched += answer.counts[i]
         wrong += wrong_labels(one, answer.matchings[i])
-    if any(pixels > WRONG_PX and sigma > WRONG_SIGMA for pixels, sigma in errors):
+    if any(is_off(*error) for error in errors):
         faults.append("pose")
     if 2 * wrong > matched:
         faults.append("labels")

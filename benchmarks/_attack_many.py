@@ -51,7 +51,7 @@ def sway(seed: int, *, tip: float, hidden: float = 0.0, false: float = 0.0, jitt
 
 
 def rig(seed: int, *, hidden: float = 0.7, false: float = 1.0, displaced: str = "") -> RigTrial:
-    """Three cameras; with ``displaced`` the last one is turned by 0.3 to 10 degrees, or shifted by 1 to 10 %."""
+    """Three cameras; with ``displaced`` one of them is turned by 0.3 to 10 degrees, or shifted by 1 to 10 %."""
     rng = np.random.default_rng(seed)
     made = scenes.rig_scene(seed, "AB"[seed % 2], 3, hidden=hidden, false=false)
     views = []
@@ -59,13 +59,13 @@ def rig(seed: int, *, hidden: float = 0.7, false: float = 1.0, displaced: str = 
         _, seen = scenes.visible(one.markers, one.camera, one.cam_from_model)
         truth = Truth(one.camera, (one.cam_from_model,), one.markers.xyz, one.label, seen)
         views.append(Trial(one.detections, one.markers, one.camera, truth))
-    poses = list(made.cam_from_rig)
+    poses, moved = list(made.cam_from_rig), int(rng.integers(3))
     axis = rng.normal(size=3)
     axis /= np.linalg.norm(axis)
     if displaced == "turned":
         angle = np.radians(np.exp(rng.uniform(np.log(0.3), np.log(10.0))))
-        poses[2] = Pose.from_rotvec(angle * axis, np.zeros(3)) @ poses[2]
+        poses[moved] = Pose.from_rotvec(angle * axis, np.zeros(3)) @ poses[moved]
     elif displaced == "shifted":
-        far = np.linalg.norm(made.views[2].cam_from_model.apply(made.views[2].markers.xyz.mean(axis=0)))
-        poses[2] = Pose(np.eye(3), axis * far * np.exp(rng.uniform(np.log(0.01), np.log(0.1)))) @ poses[2]
-    return RigTrial(tuple(views), tuple(poses))
+        far = np.linalg.norm(views[moved].truth.poses[0].apply(views[moved].markers.xyz.mean(axis=0)))
+        poses[moved] = Pose(np.eye(3), axis * far * np.exp(rng.uniform(np.log(0.01), np.log(0.1)))) @ poses[moved]
+    return RigTrial(tuple(views), tuple(poses), f"camera {moved}" if displaced else "")

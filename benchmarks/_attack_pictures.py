@@ -67,11 +67,11 @@ class SequenceTrial:
 
 @dataclass(frozen=True)
 class RigTrial:
-    """One call of `register_rig`: what is true of each view, and where the cameras are said to be."""
+    """One call of `register_rig`: what is true of each view, where the cameras are said to be, who is elsewhere."""
 
     views: tuple[Trial, ...]
     cam_from_rig: tuple[Pose, ...]
-    options: dict[str, Any] = field(default_factory=dict)
+    displaced: str
 
     def arguments(self) -> tuple[list[Detections], MarkerSet, list[Camera], list[Pose]]:
         """What `register_rig` is given."""

@@ -77,7 +77,7 @@ BOARD: dict[str, Callable[[int], Trial]] = {
 }
 REAL = {
     f"real {kind}{word}": partial(boards.real_board, kind=kind, **options)
-    for kind in boards.PICTURES
+    for kind in (boards.PICTURES if boards.real_cases.DATA.is_dir() else ())
     for word, options in ((", prior", {}), (", labels", {"prior": False, "labels": 3}), (", both", {"labels": 3}))
 }
 CAMERA = {
