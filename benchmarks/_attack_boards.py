@@ -56,7 +56,7 @@ def board(seed: int, *, prior: bool = False, missing: int = 0, labels: int = 0) 
     markers = models.table(whole.xyz[inside], whole.normal[inside])
     options = {"prior": near(rng, pose, markers.xyz, PRIOR_DEG, PRIOR_SCALE)} if prior else {}
     shot = replace(shot, label=known, seen=shot.seen[inside])
-    return trial_of(shot, markers, camera=camera, **options, **_labelled(rng, known, labels))
+    return trial_of(shot, markers, camera=camera, must=labels > 0, **options, **_labelled(rng, known, labels))
 
 
 def _renumbered(label: NDArray[np.int64], inside: NDArray[np.bool_]) -> NDArray[np.int64]:
@@ -166,4 +166,5 @@ def real_board(seed: int, *, kind: str, labels: int = 0, prior: bool = True) -> 
     markers = models.table(made.xyz[inside])
     options: dict[str, Any] = {"prior": near(rng, made.pose, markers.xyz, PRIOR_DEG, PRIOR_SCALE)} if prior else {}
     truth = Truth(made.camera, (made.pose,), markers.xyz, known, present[inside])
-    return Trial(made.detections, markers, made.camera, truth, {**options, **_labelled(rng, known, labels)})
+    options |= _labelled(rng, known, labels)
+    return Trial(made.detections, markers, made.camera, truth, options, must=labels > 0)

@@ -88,7 +88,7 @@ def sparse(seed: int, *, count: int, kind: str) -> Trial:
     camera, pose = view(rng, markers, least=2 * count)
     seen = rng.permutation(np.flatnonzero(seen_by(markers, camera, pose)[1]))
     keep = np.isin(np.arange(len(markers)), seen[:count])
-    return trial_of(picture(rng, markers, camera, pose, keep=keep, honest=True), markers)
+    return trial_of(picture(rng, markers, camera, pose, keep=keep, honest=True), markers, must=True)
 
 
 def wall(seed: int) -> Trial:
@@ -98,4 +98,4 @@ def wall(seed: int) -> Trial:
     markers = models.table(np.column_stack([flat, np.zeros(4)]), np.tile([0.0, 0.0, 1.0], (4, 1)))
     camera, pose = view(rng, markers, least=4)
     shot = picture(rng, markers, camera, pose, honest=True)
-    return trial_of(shot, markers, prior=pose, prior_max_angle_deg=3.0, prior_max_scale=1.05)
+    return trial_of(shot, markers, prior=pose, prior_max_angle_deg=3.0, prior_max_scale=1.05, must=True)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -103,11 +102,11 @@ def wrong_labels(trial: Trial, matching: Matching) -> int:
     return int(wrong.sum())
 
 
-def refusal(attack: str, answer: Any, milliseconds: float, must_name: str = "") -> Outcome:
-    """A refusal, for the right reason or another; the right one has the words ``must_name``, too."""
+def refusal(attack: str, answer: Any, milliseconds: float, must_name: str | None = "") -> Outcome:
+    """A refusal, for the right reason or another; the right one has the words ``must_name``, and None has none."""
     causes, words = REASONS[attack]
     right = answer.cause in causes or any(word in answer.reason.lower() for word in words)
-    right &= must_name in answer.reason.lower()
+    right &= must_name is not None and must_name in answer.reason.lower()
     word = f"{answer.cause}: {answer.reason}"
     return Outcome("reason" if right else "refused", np.nan, np.nan, 0, 0, milliseconds, word)
 
@@ -115,7 +114,7 @@ def refusal(attack: str, answer: Any, milliseconds: float, must_name: str = "") 
 def judged(attack: str, trial: Trial, answer: Any, milliseconds: float) -> Outcome:
     """The answer to one picture."""
     if not isinstance(answer, Registration):
-        return refusal(attack, answer, milliseconds)
+        return refusal(attack, answer, milliseconds, None if trial.must else "")
     error, sigmas = pose_error(trial.truth, answer.cam_from_model, answer.cov)
     wrong, matched = wrong_labels(trial, answer.matching), len(answer.matching.marker)
     faults = []
@@ -160,22 +159,39 @@ def told(trial: Trial, answer: Any, outcome: Outcome) -> str:
     return "\n".join(lines)
 
 
-def _tracked(attack: str, frames: Sequence[Trial]) -> Outcome:
-    """A sequence is wrong where one of its frames is, and right where most of them are followed."""
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """One frame of a sequence: what it was, what came, and how that is judged."""
+
+    trial: Trial
+    answer: Any
+    outcome: Outcome
+
+
+def _tracked(attack: str, trial: SequenceTrial) -> list[Frame]:
+    """The answers to a sequence, frame by frame."""
     state: TrackState | None = None
-    outcomes = []
-    for frame in frames:
+    frames = []
+    for one in trial.frames:
         start = time.thread_time()
-        answer, state = track(state, frame.detections, frame.markers, frame.camera, **frame.options)
-        outcomes.append(judged(attack, frame, answer, 1e3 * (time.thread_time() - start)))
-    kinds = Counter(o.kind for o in outcomes)
-    most = max(kinds, key=lambda kind: kinds[kind])
-    kind = next((k for k in ("WRONG", "said") if kinds[k]), most)
-    chosen = max((o for o in outcomes if o.kind == kind), key=lambda o: np.nan_to_num(o.sigmas))
+        answer, state = track(state, one.detections, one.markers, one.camera, **one.options)
+        frames.append(Frame(one, answer, judged(attack, one, answer, 1e3 * (time.thread_time() - start))))
+    return frames
+
+
+def _worst(frames: list[Frame]) -> Frame:
+    """The frame that stands for a sequence: the worst wrong one if there is any, else the worst of the usual kind."""
+    kinds = Counter(f.outcome.kind for f in frames)
+    kind = next((k for k in ("WRONG", "said") if kinds[k]), kinds.most_common(1)[0][0])
+    return max((f for f in frames if f.outcome.kind == kind), key=lambda f: float(np.nan_to_num(f.outcome.sigmas)))
+
+
+def _of_sequence(frames: list[Frame]) -> Outcome:
+    """A sequence is wrong where one of its frames is, and right where most of them are followed."""
+    outcomes = [f.outcome for f in frames]
     wrong, matched = sum(o.wrong for o in outcomes), sum(o.matched for o in outcomes)
     ms = float(np.median([o.milliseconds for o in outcomes]))
-    frames_of = f"{chosen.word}; of {len(outcomes)} frames " + ", ".join(f"{n} {k}" for k, n in kinds.items())
-    return Outcome(kind, chosen.error_px, chosen.sigmas, wrong, matched, ms, frames_of)
+    return replace(_worst(frames).outcome, wrong=wrong, matched=matched, milliseconds=ms)
 
 
 def _of_rig(attack: str, trial: RigTrial) -> tuple[Any, Outcome]:
@@ -185,7 +201,7 @@ def _of_rig(attack: str, trial: RigTrial) -> tuple[Any, Outcome]:
     ms = 1e3 * (time.thread_time() - start)
     if not isinstance(answer, RigRegistration):
         # Nothing is wrong about a rig without a displaced camera.
-        return answer, refusal(attack, answer, ms, trial.displaced or "no camera is displaced")
+        return answer, refusal(attack, answer, ms, trial.displaced or None)
     wrong = matched = 0
     errors, faults = [(0.0, 0.0)], []
     for i, (one, given) in enumerate(zip(trial.views, trial.cam_from_rig, strict=True)):
@@ -210,7 +226,7 @@ def _of_rig(attack: str, trial: RigTrial) -> tuple[Any, Outcome]:
 def run(attack: str, trial: Trial | SequenceTrial | RigTrial) -> Outcome:
     """Answer and judge one trial."""
     if isinstance(trial, SequenceTrial):
-        return _tracked(attack, trial.frames)
+        return _of_sequence(_tracked(attack, trial))
     if isinstance(trial, RigTrial):
         return _of_rig(attack, trial)[1]
     answer, milliseconds = answered(trial)
@@ -220,7 +236,10 @@ def run(attack: str, trial: Trial | SequenceTrial | RigTrial) -> Outcome:
 def shown(attack: str, trial: Trial | SequenceTrial | RigTrial) -> str:
     """One trial in words."""
     if isinstance(trial, SequenceTrial):
-        return str(_tracked(attack, trial.frames))
+        frames = _tracked(attack, trial)
+        worst = _worst(frames)
+        kinds = ", ".join(f"{n} {kind}" for kind, n in Counter(f.outcome.kind for f in frames).items())
+        return f"{kinds}; frame {frames.index(worst)}:\n{told(worst.trial, worst.answer, worst.outcome)}"
     if isinstance(trial, RigTrial):
         return "\n".join(map(str, _of_rig(attack, trial)))
     answer, milliseconds = answered(trial)

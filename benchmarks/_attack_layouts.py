@@ -178,13 +178,18 @@ def flat_mirrored(seed: int, *, normals: bool, relief: float = 0.0) -> Trial:
     return trial_of(shot, given if normals else models.without_normals(given), poses=(), unseen=MIRROR)
 
 
-def behind(seed: int, *, symmetric: bool = False) -> Trial:
-    """A flat table without normals of a body that bends by 2 to 4 %, also under a long lens."""
+def behind(seed: int, *, irregular: float | None = None) -> Trial:
+    """A flat table without normals of a body that bends by 2 to 4 %, also under a long lens.
+
+    With ``irregular`` the layout is symmetric but for so much (1 sigma, as part of the span), so that it looks nearly
+    the same from behind.
+    """
     rng = np.random.default_rng(seed)
     markers = models.flat_wing(rng)
-    if symmetric:
+    if irregular is not None:
         half = markers.xyz[:14] * [1, 0.5, 1] + [0, 0.05, 0]
-        markers = models.table(np.concatenate([half, half * [1, -1, 1]]), markers.normal)
+        other = half * [1, -1, 1] + rng.normal(0, irregular, half.shape) * [1, 1, 0]
+        markers = models.table(np.concatenate([half, other]), markers.normal)
     real, _ = bent(markers.xyz, rng.choice([-1, 1]) * rng.uniform(0.02, 0.04))
     camera, pose = view(rng, markers, fov_deg=((4, 10), (20, 50))[rng.integers(2)], least=22)
     shot = picture(rng, models.moved(markers, real), camera, pose, hidden=rng.choice([0.0, 0.3]),

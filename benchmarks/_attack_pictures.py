@@ -48,7 +48,13 @@ class Truth:
 
 @dataclass(frozen=True)
 class Trial:
-    """One call of `register`, and what is true. ``unseen``: names of faults that no picture of it can show."""
+    """One call of `register`, and what is true.
+
+    Parameters
+    ----------
+    unseen : names of faults that no picture of it can show
+    must : nothing is wrong about it: no reason to refuse is a right one
+    """
 
     detections: Detections
     markers: MarkerSet
@@ -56,6 +62,7 @@ class Trial:
     truth: Truth
     options: dict[str, Any] = field(default_factory=dict)
     unseen: frozenset[str] = frozenset()
+    must: bool = False
 
 
 @dataclass(frozen=True)
@@ -189,6 +196,7 @@ def trial_of(
     poses: Sequence[Pose] | None = None,
     counted: Bools | None = None,
     unseen: Sequence[str] = (),
+    must: bool = False,
     **options: Any,
 ) -> Trial:
     """A trial with this table and, where they are other than the picture's, camera, real places and right poses."""
@@ -196,7 +204,7 @@ def trial_of(
         shot.camera, (shot.pose,) if poses is None else tuple(poses), markers.xyz if real is None else real, shot.label,
         shot.seen if counted is None else counted,
     )  # fmt: skip
-    return Trial(shot.detections, markers, camera or shot.camera, truth, options, frozenset(unseen))
+    return Trial(shot.detections, markers, camera or shot.camera, truth, options, frozenset(unseen), must)
 
 
 def clutter_of(rng: np.random.Generator) -> dict[str, float]:

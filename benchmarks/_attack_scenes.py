@@ -66,7 +66,8 @@ MIRROR = {
     "flat, y reversed, no normals": partial(layouts.flat_mirrored, normals=False),
     "1 %, y reversed, no normals": partial(layouts.flat_mirrored, normals=False, relief=0.01),
     "bent, no normals": layouts.behind,
-    "bent, symmetric, no normals": partial(layouts.behind, symmetric=True),
+    "bent, symmetric, no normals": partial(layouts.behind, irregular=0.0),
+    "bent, nearly symmetric": partial(layouts.behind, irregular=0.01),
 }
 BOARD: dict[str, Callable[[int], Trial]] = {
     "larger": boards.board,
