@@ -27,6 +27,8 @@ from windmark.scene import Detections
 
 PRIOR_DEG, PRIOR_SCALE = 1.0, 0.01
 """A "true" prior is known to so much."""
+REAL_PX = 4.0
+"""The true pose of a real picture is known to so much; the neighbouring row is ten times as far."""
 MOST_CUT = 0.25
 """Part of the rows on a side that the table may lack."""
 
@@ -54,9 +56,11 @@ def board(seed: int, *, prior: bool = False, missing: int = 0, labels: int = 0) 
     shot = picture(rng, whole, replace(camera, k1=k1), pose, keep=keep, noise_px=0.05)
     known = _renumbered(shot.label, inside)
     markers = models.table(whole.xyz[inside], whole.normal[inside])
-    options = {"prior": near(rng, pose, markers.xyz, PRIOR_DEG, PRIOR_SCALE)} if prior else {}
+    prior_given = {"prior": near(rng, pose, markers.xyz, PRIOR_DEG, PRIOR_SCALE)} if prior else {}
     shot = replace(shot, label=known, seen=shot.seen[inside])
-    return trial_of(shot, markers, camera=camera, must=labels > 0, **options, **_labelled(rng, known, labels))
+    return trial_of(
+        shot, markers, camera=camera, must=labels > 0, options={**prior_given, **_labelled(rng, known, labels)}
+    )
 
 
 def _renumbered(label: NDArray[np.int64], inside: NDArray[np.bool_]) -> NDArray[np.int64]:
@@ -165,6 +169,6 @@ def real_board(seed: int, *, kind: str, labels: int = 0, prior: bool = True) -> 
     known = _renumbered(made.label, inside)
     markers = models.table(made.xyz[inside])
     options: dict[str, Any] = {"prior": near(rng, made.pose, markers.xyz, PRIOR_DEG, PRIOR_SCALE)} if prior else {}
-    truth = Truth(made.camera, (made.pose,), markers.xyz, known, present[inside])
+    truth = Truth(made.camera, (made.pose,), markers.xyz, known, present[inside], within_px=REAL_PX)
     options |= _labelled(rng, known, labels)
     return Trial(made.detections, markers, made.camera, truth, options, must=labels > 0)

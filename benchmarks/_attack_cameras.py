@@ -46,7 +46,7 @@ def wrong_camera(seed: int, *, fault: str, flat: bool, rigid: bool) -> Trial:
     taken, given = misstated(rng, true, fault)
     shot = picture(rng, markers, taken, pose, **clutter_of(rng))
     options: dict[str, Any] = {"max_deformation": 0.0} if rigid else {}
-    return trial_of(shot, markers, camera=given, unseen=NAMES[fault], **options)
+    return trial_of(shot, markers, camera=given, unseen=NAMES[fault], options=options)
 
 
 def uncertain(seed: int, *, table_sigma: float = 0.0, tip: float = 0.0) -> Trial:
@@ -93,7 +93,7 @@ def bent_body(seed: int, *, tip: float, rigid: bool = False) -> Trial:
     camera, pose = view(rng, markers, least=16)
     shot = picture(rng, models.moved(markers, real), camera, pose, **clutter_of(rng))
     options: dict[str, Any] = {"max_deformation": 0.0} if rigid else {}
-    return trial_of(shot, markers, real=real, counted=counted, unseen=("deformation", "bending"), **options)
+    return trial_of(shot, markers, real=real, counted=counted, unseen=("deformation", "bending"), options=options)
 
 
 def bent_wing(seed: int, *, tip: float, rigid: bool = False) -> Trial:
@@ -106,4 +106,4 @@ def bent_wing(seed: int, *, tip: float, rigid: bool = False) -> Trial:
     shot = picture(rng, models.moved(markers, real), camera, pose, **clutter_of(rng))
     poses = rigid_fits(camera, pose, markers.xyz, real, shot.seen)
     options: dict[str, Any] = {"max_deformation": 0.0} if rigid else {}
-    return trial_of(shot, markers, real=real, poses=poses, unseen=("deformation", "bending"), **options)
+    return trial_of(shot, markers, real=real, poses=poses, unseen=("deformation", "bending"), options=options)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 import _attack_models as models
-from _attack_pictures import Array, Picture, Trial, picture, seen_by, trial_of, view
+from _attack_pictures import Array, Bools, Picture, Trial, picture, seen_by, trial_of, view
 from windmark.geometry import Pose
 
 NOISE_PX = 0.2
@@ -15,10 +15,10 @@ THINNED = (0.0, 0.1)
 SAYS = ("copy", "second copy")
 
 
-def _half(rng: np.random.Generator, xy: Array, hidden: bool) -> Array:
+def _half(rng: np.random.Generator, xy: Array, hidden: bool) -> Bools:
     """(N,) bool: all of it, or the half on one side of the picture."""
     across = xy @ rng.normal(size=2)
-    return across > np.median(across) if hidden else np.ones(len(xy), dtype=bool)
+    return np.asarray(across > np.median(across)) if hidden else np.ones(len(xy), dtype=bool)
 
 
 def _scene(seed: int) -> tuple[np.random.Generator, models.MarkerSet, Picture]:
@@ -98,4 +98,5 @@ def wall(seed: int) -> Trial:
     markers = models.table(np.column_stack([flat, np.zeros(4)]), np.tile([0.0, 0.0, 1.0], (4, 1)))
     camera, pose = view(rng, markers, least=4)
     shot = picture(rng, markers, camera, pose, honest=True)
-    return trial_of(shot, markers, prior=pose, prior_max_angle_deg=3.0, prior_max_scale=1.05, must=True)
+    exact = {"prior": pose, "prior_max_angle_deg": 3.0, "prior_max_scale": 1.05}
+    return trial_of(shot, markers, must=True, options=exact)

@@ -17,10 +17,8 @@ from windmark.scene import Matching
 
 Array = NDArray[np.float64]
 
-WRONG_PX = 1.0
-"""Mean displacement of the counted markers, in the true camera, beyond which a pose is off."""
 WRONG_SIGMA = 5.0
-"""And root of chi-square over six degrees of freedom beyond which its stated covariance does not own up to it."""
+"""Root of chi-square over six degrees of freedom beyond which a stated covariance does not own up to an error."""
 NEAR_SIGMA = 3.0
 """A spot so near to where a marker truly is counts as its own."""
 KINDS = ("right", "said", "reason", "refused", "WRONG")
@@ -82,12 +80,12 @@ def pose_error(truth: Truth, pose: Pose, cov: Array) -> tuple[float, float]:
         off = np.inf if np.isnan(offset).any() else float(offset.mean())
         delta = (right @ pose.inverse()).log()
         all_of.append((off, float(np.sqrt(max(delta @ np.linalg.solve(cov[:6, :6], delta), 0.0) / 6))))
-    return min(all_of, key=lambda error: (is_off(*error), error[0]))
+    return min(all_of, key=lambda error: (is_off(truth, *error), error[0]))
 
 
-def is_off(pixels: float, sigmas: float) -> bool:
+def is_off(truth: Truth, pixels: float, sigmas: float) -> bool:
     """Whether a pose is wrong, and surer of itself than it may be."""
-    return pixels > WRONG_PX and sigmas > WRONG_SIGMA
+    return pixels > truth.within_px and sigmas > WRONG_SIGMA
 
 
 def wrong_labels(trial: Trial, matching: Matching) -> int:
@@ -118,7 +116,7 @@ def judged(attack: str, trial: Trial, answer: Any, milliseconds: float) -> Outco
     error, sigmas = pose_error(trial.truth, answer.cam_from_model, answer.cov)
     wrong, matched = wrong_labels(trial, answer.matching), len(answer.matching.marker)
     faults = []
-    if is_off(error, sigmas):
+    if is_off(trial.truth, error, sigmas):
         faults.append("pose" if trial.truth.poses else "no pose is right")
     if 2 * wrong > matched:
         faults.append("labels")
@@ -214,7 +212,7 @@ def _of_rig(attack: str, trial: RigTrial) -> tuple[Any, Outcome]:
         errors.append((pixels, float(np.sqrt(delta @ np.linalg.solve(answer.cov, delta) / 6))))
         matched += answer.counts[i]
         wrong += wrong_labels(one, answer.matchings[i])
-    if any(is_off(*error) for error in errors):
+    if any(is_off(trial.views[0].truth, *error) for error in errors):
         faults.append("pose")
     if 2 * wrong > matched:
         faults.append("labels")

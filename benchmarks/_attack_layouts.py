@@ -66,7 +66,7 @@ def equal_pitch(seed: int, *, normals: bool = True, jitter: float = 0.0, prior: 
     keep = _one_piece(rng, xyz[:, 0], rng.uniform(0.35, 0.6))
     shot = picture(rng, markers, camera, pose, keep=keep, hidden=rng.choice([0.0, 0.1]), false=rng.choice([0.0, 0.3]))
     options = {"prior": near(rng, pose, xyz, 8.0, 0.05)} if prior else {}
-    return trial_of(shot, markers if normals else models.without_normals(markers), **options)
+    return trial_of(shot, markers if normals else models.without_normals(markers), options=options)
 
 
 def _one_piece(rng: np.random.Generator, x: Array, hidden: float) -> Bools:
@@ -89,7 +89,7 @@ def odd_hidden(seed: int, *, prior: bool = False) -> Trial:
     camera, pose = view(rng, markers, least=len(markers) - 4)
     shot = picture(rng, markers, camera, pose, keep=np.arange(len(xyz)) != odd, hidden=rng.uniform(0, 0.3),
                    false=rng.choice([0.0, 0.3]))  # fmt: skip
-    return trial_of(shot, markers, **({"prior": near(rng, pose, xyz, 15.0, 0.1)} if prior else {}))
+    return trial_of(shot, markers, options={"prior": near(rng, pose, xyz, 15.0, 0.1)} if prior else {})
 
 
 def beyond_frame(seed: int, *, jitter: float = 0.0, prior: bool = False) -> Trial:
@@ -112,7 +112,7 @@ def beyond_frame(seed: int, *, jitter: float = 0.0, prior: bool = False) -> Tria
         step = Pose.from_rotvec(-0.02 * axis / max(np.linalg.norm(axis), 1e-9), np.zeros(3))
         pose = step @ pose
     shot = picture(rng, markers, camera, pose, keep=keep, hidden=rng.choice([0.0, 0.1]), false=rng.choice([0.0, 0.3]))
-    return trial_of(shot, markers, **({"prior": near(rng, pose, xyz, 8.0, 0.05)} if prior else {}))
+    return trial_of(shot, markers, options={"prior": near(rng, pose, xyz, 8.0, 0.05)} if prior else {})
 
 
 # --- 4: mirrored ------------------------------------------------------------------------------

@@ -42,7 +42,7 @@ def sway(seed: int, *, tip: float, hidden: float = 0.0, false: float = 0.0, jitt
         real = xyz + np.outer(mode, [wave[0], 0.0, wave[1]])
         shot = picture(rng, models.moved(markers, real), camera, pose, hidden=hidden, false=false, noise_px=noise)
         options = {"prior": pose} if not k else {}
-        frames.append(trial_of(shot, markers, real=real, counted=foot, **options))
+        frames.append(trial_of(shot, markers, real=real, counted=foot, options=options))
         middle = pose.apply(xyz.mean(axis=0))
         drift = Pose.from_rotvec(np.radians(DRIFT_DEG) * rng.normal(size=3), np.zeros(3)).rotation
         step = Pose(drift, middle - drift @ middle + DRIFT * middle[2] * rng.normal(size=3))

@@ -72,4 +72,4 @@ def _taken(rng: np.random.Generator, made: _Picture, prior: bool) -> Trial:
     )  # fmt: skip
     table = table if made.normals else models.without_normals(table)
     options = {"prior": near(rng, pose, markers.xyz, 10.0, 0.1)} if prior else {}
-    return trial_of(shot, table, real=real, camera=given, poses=poses, unseen=made.unseen, **options)
+    return trial_of(shot, table, real=real, camera=given, poses=poses, unseen=made.unseen, options=options)

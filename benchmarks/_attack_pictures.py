@@ -37,6 +37,7 @@ class Truth:
     xyz : (N, 3) where the markers of the table really are
     label : (M,) marker of every spot, or -1
     counted : (N,) bool: where the pose is judged; the markers in view, hidden ones too, or those that stand still
+    within_px : mean displacement of these up to which a pose is right
     """
 
     camera: Camera
@@ -44,6 +45,7 @@ class Truth:
     xyz: Array
     label: Ints
     counted: Bools
+    within_px: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -105,7 +107,9 @@ def seen_by(markers: MarkerSet, camera: Camera, pose: Pose) -> tuple[Array, Bool
     return xy, ok & camera.in_image(xy) & ~(cosine < np.cos(np.radians(GRAZING_DEG)))
 
 
-def _own_view(rng: np.random.Generator, markers: MarkerSet, tilt_max: float, fov: tuple[float, float] | None):
+def _own_view(
+    rng: np.random.Generator, markers: MarkerSet, tilt_max: float, fov: tuple[float, float] | None
+) -> tuple[Camera, Pose]:
     size = SIZES[rng.integers(len(SIZES))]
     angle = np.radians(rng.uniform(*fov)) if fov else np.radians(np.exp(rng.uniform(np.log(8), np.log(75))))
     focal = size[0] / (2 * np.tan(angle / 2))
@@ -197,17 +201,17 @@ def trial_of(
     counted: Bools | None = None,
     unseen: Sequence[str] = (),
     must: bool = False,
-    **options: Any,
+    options: dict[str, Any] | None = None,
 ) -> Trial:
     """A trial with this table and, where they are other than the picture's, camera, real places and right poses."""
     truth = Truth(
         shot.camera, (shot.pose,) if poses is None else tuple(poses), markers.xyz if real is None else real, shot.label,
         shot.seen if counted is None else counted,
     )  # fmt: skip
-    return Trial(shot.detections, markers, camera or shot.camera, truth, options, frozenset(unseen), must)
+    return Trial(shot.detections, markers, camera or shot.camera, truth, options or {}, frozenset(unseen), must)
 
 
-def clutter_of(rng: np.random.Generator) -> dict[str, float]:
+def clutter_of(rng: np.random.Generator) -> dict[str, Any]:
     """Part of the markers hidden, and of false spots: none, some, or many."""
     hidden, false = ((0.0, 0.0), (0.25, 0.3), (0.4, 0.8))[rng.integers(3)]
     return {"hidden": hidden, "false": false}

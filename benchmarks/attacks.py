@@ -9,12 +9,12 @@ second copy of the model. Attacks are given by number or name, none means all. E
 the public verbs of `windmark.registration` is called, so the table can be compared across versions.
 
 An answer is WRONG where it displaces the counted markers by more than 1 px on average, in the camera that took the
-picture, and that error is more than five of the stated sigmas (root of chi-square over six, from ``result.cov``); or
-where more than half of its labels are wrong. Where no pose is right (a mirrored picture) every accepted one is wrong.
-A wrong answer is "said" instead where the picture cannot show the fault and the result names it (``unchecked``). Of a
-bent model the right pose is that of what stands still; of a bent wing alone that of the root, of the least squares in
-space or of those in the picture, whichever is nearest. A refusal is for the right reason if its cause or a word of it
-is in the table `_attack_judge.REASONS`.
+picture (4 px in real pictures), and that error is more than five of the stated sigmas (root of chi-square over six,
+from ``result.cov``); or where more than half of its labels are wrong. Where no pose is right (a mirrored picture) every
+accepted one is wrong. A wrong answer is "said" instead where the picture cannot show the fault and the result names it
+(``unchecked``). Of a bent model the right pose is that of what stands still; of a bent wing alone that of the root, of
+the least squares in space or of those in the picture, whichever is nearest. A refusal is for the right reason if its
+cause or a word of it is in the table `_attack_judge.REASONS`; of what must be accepted no reason is right.
 
 "labels": wrong labels of all the accepted answers, in percent. "chi2/6": of the pose, mean and 99 % quantile over the
 accepted answers with mostly right labels; 1 and 2.8 for a true covariance, if the errors are normal. Of a sequence the
