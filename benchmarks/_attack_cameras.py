@@ -20,6 +20,8 @@ NAMES = {
     "aspect": ("aspect",),
 }
 """Fault of the camera -> what a result says that owns up to it."""
+KINDS = {"solid": models.SOLID, "flat": models.FLAT, "deep field": (models.field,)}
+"""Models before a camera with a fault."""
 FOCAL_OFF = (0.02, 0.05, 0.1, 0.2)
 WIDE_DEG = (30.0, 75.0)
 """Fields of view in which a lens with k1 = -0.15 can be seen."""
@@ -38,10 +40,10 @@ def misstated(rng: np.random.Generator, true: Camera, fault: str) -> tuple[Camer
     return true, replace(true, aspect=true.aspect * (1 + 0.02 * rng.choice([-1, 1])))
 
 
-def wrong_camera(seed: int, *, fault: str, flat: bool, rigid: bool) -> Trial:
+def wrong_camera(seed: int, *, fault: str, kind: str, rigid: bool) -> Trial:
     """A model before a camera that is not as stated; what the picture cannot show must be said."""
     rng = np.random.default_rng(seed)
-    markers = models.some(rng, models.FLAT if flat else models.SOLID)
+    markers = models.some(rng, KINDS[kind])
     true, pose = view(rng, markers, fov_deg=WIDE_DEG if fault == "lens" else None)
     taken, given = misstated(rng, true, fault)
     shot = picture(rng, markers, taken, pose, **clutter_of(rng))

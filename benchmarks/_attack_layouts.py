@@ -51,6 +51,35 @@ def grazing(seed: int) -> Trial:
     return trial_of(picture(rng, markers, camera, pose, keep=keep, false=rng.choice([0.0, 0.3])), markers)
 
 
+def eight_left(seed: int, *, false: float = 0.0) -> Trial:
+    """Eight neighbouring spots of a rounded body; other poses show eight alone, with the rest turned away."""
+    rng = np.random.default_rng(seed)
+    markers = models.some(rng, (models.scenes.wing_and_body, models.building, models.fuselage, models.delta))
+    camera, pose = view(rng, markers, tilt_max_deg=80, least=16)
+    xy, seen = seen_by(markers, camera, pose)
+    index = np.flatnonzero(seen)
+    middle = xy[rng.choice(index)]
+    nearest = index[np.argsort(np.linalg.norm(xy[index] - middle, axis=1))[:8]]
+    keep = np.isin(np.arange(len(markers)), nearest)
+    shot = picture(rng, markers, camera, pose, keep=keep, false=false)
+    return trial_of(shot, markers)
+
+
+def oblique(seed: int, *, left: int = 1) -> Trial:
+    """Two rows on a flat plate that is itself seen at 64 to 74 degrees, of the second so many spots."""
+    rng = np.random.default_rng(seed)
+    count = int(rng.integers(7, 15))
+    markers = models.rows(rng, count, apart=rng.uniform(0.3, 0.8), relief=0.002)
+    for _ in range(500):
+        camera, pose = view(rng, markers, tilt_max_deg=74)
+        eye = pose.center - markers.xyz.mean(axis=0)
+        if eye[2] < np.cos(np.radians(64)) * np.linalg.norm(eye) and seen_by(markers, camera, pose)[1].sum() > count:
+            break
+    keep = np.arange(2 * count) < count
+    keep[count + rng.permutation(count)[:left]] = True
+    return trial_of(picture(rng, markers, camera, pose, keep=keep, false=rng.choice([0.0, 0.3])), markers)
+
+
 # --- 2: ties never looked at ------------------------------------------------------------------
 
 

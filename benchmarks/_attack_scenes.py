@@ -37,6 +37,10 @@ ONE_PAIR = {
     "two left": partial(layouts.one_row, left=2),
     "two left, relief": partial(layouts.one_row, left=2, relief=0.01),
     "grazing": layouts.grazing,
+    "oblique, one left": layouts.oblique,
+    "oblique, two left": partial(layouts.oblique, left=2),
+    "eight left": layouts.eight_left,
+    "eight left, false": partial(layouts.eight_left, false=1.0),
 }
 TIES = {
     "normals": layouts.equal_pitch,
@@ -82,11 +86,9 @@ REAL = {
     for word, options in ((", prior", {}), (", labels", {"prior": False, "labels": 3}), (", both", {"labels": 3}))
 }
 CAMERA = {
-    f"{fault}, {'flat' if flat else 'solid'}{', rigid' if rigid else ''}": partial(
-        cameras.wrong_camera, fault=fault, flat=flat, rigid=rigid
-    )
+    f"{fault}, {kind}{', rigid' if rigid else ''}": partial(cameras.wrong_camera, fault=fault, kind=kind, rigid=rigid)
     for fault in cameras.NAMES
-    for flat in (False, True)
+    for kind in cameras.KINDS
     for rigid in (False, True)
 }
 COPY = {

@@ -62,7 +62,7 @@ def row(one: Attack, variant: str, seeds: range) -> dict[str, Any]:
 def told(attack_name: str, variant: str, r: dict[str, Any]) -> str:
     """One row of the table."""
     counts = "".join(f"{r[kind]:>8}" for kind in judge.KINDS)
-    figures = f"{r['wrong_labels_percent']:7.1f}%{r['chi2_mean']:8.2f}{r['chi2_99']:8.1f}{r['median_ms']:8.1f}"
+    figures = f"{r['wrong_labels_percent']:7.1f}%{r['chi2_mean']:9.3g}{r['chi2_99']:9.3g}{r['median_ms']:8.1f}"
     words = ", ".join(f"{n} {cause}" for cause, n in r["refusals"].items())
     wrong = f"  wrong: {' '.join(map(str, r['wrong_seeds'][:WRONG_SHOWN]))}" if r["wrong_seeds"] else ""
     return f"{attack_name:14s}{variant:30s}{r['trials']:>6}{counts}{figures}  {words}{wrong}"
@@ -75,7 +75,7 @@ def main(
     seeds = range(first, first + (QUICK if quick else trials))
     kinds = "".join(f"{kind:>8}" for kind in judge.KINDS)
     print(
-        f"{'attack':14s}{'variant':30s}{'trials':>6}{kinds}{'labels':>8}{'chi2/6':>8}{'99 %':>8}{'ms':>8}  refused as"
+        f"{'attack':14s}{'variant':30s}{'trials':>6}{kinds}{'labels':>8}{'chi2/6':>9}{'99 %':>9}{'ms':>8}  refused as"
     )
     judge.run("sparse", trial("sparse/5 of 24/0"))  # the kernels are compiled or loaded
     figures: dict[str, dict[str, Any]] = {}
