@@ -25,7 +25,7 @@ KINDS = ("right", "said", "reason", "refused", "WRONG")
 
 SPARSE = ({"too_few", "degenerate", "weak", "nothing", "ambiguous"}, ())
 TIE = ({"ambiguous", "weak", "degenerate"}, ("symmetric", "regular"))
-CAMERA = ({"wrong_focal", "misfit", "focal"}, ("focal", "principal", "lens", "camera", "aspect"))
+CAMERA = ({"wrong_focal", "misfit", "focal"}, ("principal point", "lens", "aspect"))
 REASONS: dict[str, tuple[set[str], tuple[str, ...]]] = {
     "one-pair": SPARSE,
     "ties": TIE,
@@ -41,7 +41,10 @@ REASONS: dict[str, tuple[set[str], tuple[str, ...]]] = {
     "rig": ({"misfit"}, ("cam_from_rig",)),
     "mixed": (TIE[0] | CAMERA[0], TIE[1] + CAMERA[1]),
 }
-"""Attack -> causes, and words of the reason (lower case), of a refusal for the right reason."""
+"""Attack -> causes, and words of the reason (lower case), of a refusal for the right reason.
+
+Words that stand in a list of guesses ("likely a wrong focal length") are no reason.
+"""
 
 
 @dataclass(frozen=True)
