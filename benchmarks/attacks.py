@@ -20,8 +20,10 @@ cause or a word of it is in the table `_attack_judge.REASONS`; of what must be a
 accepted answers with mostly right labels; 1 and 2.8 for a true covariance, if the errors are normal. Of a sequence the
 worst frame counts. "ms": median CPU time of this thread.
 
-What the figures leave out: the share of attacks among real pictures (every trial here is an attack), answers that
-are off by less than a pixel, and covariances that are too large.
+What the figures leave out: the share of attacks among real pictures (every trial here is an attack); answers that are
+off by less than a pixel, and those whose covariance owns up to it; covariances that are too large. Where the time limit
+of a search strikes, its answer is that of this machine. Spots of the real boards take half a minute to detect; where
+their data are absent those rows are left out.
 """
 
 from __future__ import annotations
