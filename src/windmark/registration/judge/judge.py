@@ -78,7 +78,7 @@ class Judge:
         if rigid.cause is None and best is not None and not self._doubts(best).bending_promises:
             return rigid
         found = self._bender.solutions(self._source.candidates()[:BENT])
-        if not found or self._budget.over:
+        if not found:
             return rigid
         bent = found[0]
         if best is not None and bent.evidence < best.evidence:

@@ -180,9 +180,7 @@ class Solution:
         Markers are missing each by itself, or hidden in one piece, whichever is likelier.
         """
         r = self.readings
-        empty = self.counts == 0
-        value = r[:, PAIRS] + np.maximum(r[:, ALONE], r[:, PIECES])
-        return np.where(empty, r[:, ALONE] if not empty.any() else _missed(self), value)
+        return np.where(self.counts > 0, r[:, PAIRS] + np.maximum(r[:, ALONE], r[:, PIECES]), 0.0)
 
     @cached_property
     def score(self) -> float:
@@ -241,10 +239,6 @@ class Solution:
 
     def _of(self, reading: int) -> Array:
         return np.where(self.counts > 0, self.readings[:, reading], 0.0)
-
-
-def _missed(solution: Solution) -> Array:
-    return np.zeros(len(solution.counts))
 
 
 def settle(
