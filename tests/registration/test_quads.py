@@ -12,10 +12,12 @@ from windmark.registration._kernels import best as kept
 from windmark.registration._kernels import growth as growth
 from windmark.registration._kernels import match as match
 from windmark.registration._kernels import quad as quads
+from windmark.registration._kernels import rival as rival
 from windmark.registration._kernels import screen as screen
 from windmark.registration.search.layout import DIRECTIONS, Layout, sphere
 from windmark.registration.search.plane import Plane
 from windmark.registration.search.quads import QuadSearch
+from windmark.registration.search.ransac import make_gates
 from windmark.registration.task import Task
 
 CHECK = 0.5 * TOLERANCE
@@ -34,6 +36,36 @@ def coordinates(a, b, c, d):
     """Barycentric coordinates of a in the triangle b, c, d, by linear equations; and twice its signed area."""
     system = np.array([[b[0], c[0], d[0]], [b[1], c[1], d[1]], [1.0, 1.0, 1.0]])
     return np.linalg.solve(system, [a[0], a[1], 1.0]), np.linalg.det(system)
+
+
+@pytest.mark.parametrize("kind", ["A", "A0", "B"])
+def test_no_rival_grows_beyond_its_promise(kind):
+    """What a near-symmetry makes of the right pose: not grown where its promise is too low, so that must be enough."""
+    grown = 0
+    for seed in range(12):
+        scene = scenes.scene(seed, kind, hidden=0.25 * (seed % 2), false=0.5)
+        plane = plane_of(scene)
+        picture, gates = plane.picture(len(scene.detections)), make_gates(plane)
+        rotation, translation = plane.frame.unit(scene.cam_from_model)
+        for onto, turn, shift in zip(*plane.layout.symmetries, strict=True):
+            match = np.full(len(onto), -1, np.int32)
+            for spot, marker in enumerate(scene.label.tolist()):
+                if marker >= 0 and onto[marker] >= 0:
+                    match[onto[marker]] = spot
+            r = rotation @ turn.T
+            t = translation - r @ shift
+            room = np.empty((7, 7)), np.empty(7)
+            if (match >= 0).sum() < 4 or not growth._refine(
+                plane.model.xyz, picture.p, match, r, t, scene.camera.focal_px, *room, 6, gates.sigma**2
+            )[0]:
+                continue
+            promised = rival.promise(plane.model, picture, gates, r, t, scene.camera.focal_px)
+            score = growth.grow(
+                plane.model, picture, gates, match, r, t, scene.camera.focal_px, int((match >= 0).sum())
+            )[0]  # fmt: skip
+            grown += score > -np.inf
+            assert score <= promised
+    assert grown > 1
 
 
 def test_barycentric_coordinates_do_not_change_under_affine_maps():
@@ -178,11 +210,12 @@ def test_search_grows_what_its_slow_twin_grows():
     tried, cells = quads.spot_quads_kernel(picture.p, picture.near, 0, 7, table.first)
     tried, cells = tried[:400], cells[:400]
     best, none = kept.room_for_best(60, 24), np.full((1, 24), -1, np.int32)
-    got, links = match.search_kernel(
+    got, links, work = match.search_kernel(
         model, picture, RULES, gates, table, np.array([focal]), CHECK, tried, cells, 0, 10**6, np.inf, best, none
     )
     assert got == len(tried)
     assert links == np.diff(table.first)[cells].sum()
+    assert links < work
     outcomes = slow_search(model, picture, gates, table, focal, tried, cells)
     # Solutions seen before are not grown again.
     assert 3 < best.serial[-1] <= len(outcomes)

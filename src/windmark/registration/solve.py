@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from windmark.registration._kernels.raster import project_kernel
 from windmark.registration.bent.solution import BentSolution
-from windmark.registration.budget import Budget
+from windmark.registration.budget import Budget, work_for
 from windmark.registration.directions import WeakDirection, weak_directions
 from windmark.registration.final import Final, finish, is_bent
 from windmark.registration.result import NotRegistered, Registration
@@ -44,12 +44,12 @@ def solve(
     layout = layout or Layout(task.markers)
     if options["method"] == "hash":
         layout.ready()
-    budget = Budget(options["max_time_s"])
+    budget = Budget.of(work_for(task, options["method"]), options["max_time_s"])
     task = replace(task, visible=budget.without(task.visible))
     tried = 0
     for _ in range(LENS_STARTS):
         plane = Plane(task, layout)
-        search = _search(plane, options)
+        search = _search(plane, options, budget)
         verdict, late = _judge(search, limits, options["max_hypotheses"], budget)
         tried += search.links
         moved = None if late else _with_other_lens(task, verdict)
@@ -59,8 +59,10 @@ def solve(
     if verdict.cause is None and verdict.best is not None:
         return _registration(plane, finish(plane, verdict.best), verdict, tried, index, options)
     cause, reason, best = verdict.cause or "nothing", verdict.reason, verdict.best
-    if cause == "time" or (late and cause not in ("ambiguous", "focal", "wrong_focal", "labels")):
-        cause, reason = "time", f"stopped after max_time_s = {options['max_time_s']:g} s; so far: {reason}"
+    if cause == "time" or (budget.out_of_time and cause not in ("ambiguous", "focal", "wrong_focal", "labels")):
+        cause, reason = "time", f"{budget.why}; so far: {reason}"
+    elif late:
+        reason = f"{reason}; {budget.why}"
     if best is None:
         return NotRegistered(reason, cause, n_hypotheses=tried, options=options)
     weak: tuple[WeakDirection, ...] = ()
@@ -69,11 +71,11 @@ def solve(
     return NotRegistered(reason, cause, best.count, best.cam_from_model, verdict.runner_up, tried, weak, options)
 
 
-def _search(plane: Plane, options: dict[str, Any]) -> Search | QuadSearch:
+def _search(plane: Plane, options: dict[str, Any], budget: Budget) -> Search | QuadSearch:
     if options["method"] == "hash" and not plane.task.fixed:
-        return QuadSearch(plane, STOP_AT)
+        return QuadSearch(plane, STOP_AT, budget=budget)
     rng = np.random.default_rng(options["seed"])
-    return FixedSearch(plane, rng, STOP_AT) if plane.task.fixed else Search(plane, rng)
+    return FixedSearch(plane, rng, STOP_AT, budget) if plane.task.fixed else Search(plane, rng, budget)
 
 
 def _with_other_lens(task: Task, verdict: Verdict) -> Task | None:
@@ -91,7 +93,7 @@ def _with_other_lens(task: Task, verdict: Verdict) -> Task | None:
 
 
 def _judge(search: Search | QuadSearch, limits: Limits, max_links: int, budget: Budget) -> tuple[Verdict, bool]:
-    """Search until the verdict is clear; the verdict, and whether the time limit struck."""
+    """Search until the verdict is clear; the verdict, and whether it took all the work or time."""
     judge = Judge(search, limits, budget)
     judged, patience, late = None, np.inf, False
     for links in search.batches():

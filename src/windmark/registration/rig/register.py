@@ -21,8 +21,6 @@ if TYPE_CHECKING:
 
 Ints = NDArray[np.int64]
 
-TIME_PER_CAMERA_S = 0.2
-
 
 def register_rig(
     detections: Sequence[Detections],
@@ -67,8 +65,8 @@ def register_rig(
     max_hypotheses : links of three markers to three spots to try before giving up, in all cameras; None takes a million
         for each
     max_time_s : CPU time after which the search gives up, without that for the ``layout`` (but with its table of far
-        quads, made and kept there when most markers are hidden); None takes 0.2 s for each camera. The result depends
-        on the machine only if it strikes
+        quads, made and kept there when most markers are hidden); None is no limit. In any case it gives up after the
+        work that takes 0.2 s for each camera on a quiet machine, or ``max_time_s`` if that is more
     max_log10_nfa, min_score, min_margin : limits of acceptance, see `registration.task.Limits`
     max_table_error : see `register`
 
@@ -87,7 +85,7 @@ def register_rig(
         "prior": prior, "prior_max_angle_deg": prior_max_angle_deg, "prior_max_scale": prior_max_scale,
         "tolerance_px": tolerance_px,
         "max_hypotheses": 1_000_000 * len(cameras) if max_hypotheses is None else max_hypotheses,
-        "max_time_s": TIME_PER_CAMERA_S * len(cameras) if max_time_s is None else max_time_s,
+        "max_time_s": max_time_s,
         "max_log10_nfa": max_log10_nfa, "min_score": min_score, "min_margin": min_margin,
         "max_table_error": max_table_error,
     }  # fmt: skip

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.registration.budget import SETTLE, SETTLE_PAIR, Budget
 from windmark.registration.register import MIN_COUNT
 from windmark.registration.rig.joint import Cameras, Joint
 from windmark.registration.search.plane import Plane
@@ -29,10 +30,10 @@ KEPT = 8
 class RigSearch:
     """The state of a search: one `QuadSearch` per camera with enough spots, and the best distinct joint solutions."""
 
-    def __init__(self, cameras: Cameras) -> None:
-        self.cameras = cameras
+    def __init__(self, cameras: Cameras, budget: Budget | None = None) -> None:
+        self.cameras, self._budget = cameras, budget or Budget()
         self.solutions: list[Joint] = []
-        self._searches = [_search(plane) for plane in cameras.planes]
+        self._searches = [_search(plane, self._budget) for plane in cameras.planes]
         self._running = {c: search.batches() for c, search in enumerate(self._searches) if search is not None}
         self._tried: set[Candidate] = set()
 
@@ -103,7 +104,8 @@ class RigSearch:
                 self._add(self.cameras.settle(*self.cameras.layout.frame.unit(pose), match))
 
     def _add(self, new: Joint | None) -> None:
-        """Keep a solution unless one like it is as good."""
+        """Keep a solution that was settled, unless one like it is as good."""
+        self._budget.spend(SETTLE + SETTLE_PAIR * len(self.cameras.planes) * len(self.cameras.layout.markers))
         if new is None:
             return
         alike = [old for old in self.solutions if new.same_as(old)]
@@ -113,12 +115,12 @@ class RigSearch:
         self.solutions = sorted(kept, key=lambda s: -s.evidence.score)[:KEPT]
 
 
-def _search(plane: Plane) -> QuadSearch | None:
+def _search(plane: Plane, budget: Budget) -> QuadSearch | None:
     if len(plane.task.xy) < MIN_COUNT:
         return None
     rules = make_rules(plane)._replace(p_seen=P_SEEN, reject_at=REJECT_AT, grow_at=GROW_AT)
     # Cameras are searched to their end, so there would be no gain from a first round with strict checks.
-    return QuadSearch(plane, WORTH_CARRYING, rules, len(FAR_STAGES), CHECKS[-1:])
+    return QuadSearch(plane, WORTH_CARRYING, rules, len(FAR_STAGES), CHECKS[-1:], budget)
 
 
 def _explained(candidate: Candidate, known: Joint, c: int) -> bool:

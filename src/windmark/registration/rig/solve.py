@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.geometry import Pose
-from windmark.registration.budget import Budget
+from windmark.registration.budget import PER_CAMERA, Budget
 from windmark.registration.result import NotRegistered
 from windmark.registration.rig.joint import Cameras
 from windmark.registration.rig.result import RigRegistration
@@ -30,16 +30,18 @@ def solve_rig(
 ) -> RigRegistration | NotRegistered:  # fmt: skip
     """Register the tasks of all cameras together; ``index`` names their spots, the options are checked."""
     layout = (layout or Layout(tasks[0].markers)).ready()
-    budget = Budget(options["max_time_s"])
+    budget = Budget.of(PER_CAMERA * len(tasks), options["max_time_s"])
     names = [c for c, task in enumerate(tasks) if len(task.xy)]
     cameras = Cameras([Plane(tasks[c], layout) for c in names], [cam_from_rig[c] for c in names])
-    search = RigSearch(cameras)
+    search = RigSearch(cameras, budget)
     verdict, late = _judge(search, RigJudge(search, names, limits, budget), options["max_hypotheses"], budget)
     if verdict.cause is None:
         return _registration(cameras, names, verdict, search.links, tasks, cam_from_rig, index, options)
     cause, reason, best = verdict.cause, verdict.reason, verdict.best
-    if late and cause not in ("ambiguous", "misfit", "wrong_focal"):
-        cause, reason = "time", f"stopped after max_time_s = {options['max_time_s']:g} s; so far: {reason}"
+    if cause == "time" or (budget.out_of_time and cause not in ("ambiguous", "misfit", "wrong_focal")):
+        cause, reason = "time", f"{budget.why}; so far: {reason}"
+    elif late:
+        reason = f"{reason}; {budget.why}"
     if best is None:
         return NotRegistered(reason, cause, n_hypotheses=search.links, options=options)
     pose = cam_from_rig[0] @ best.rig_from_model
@@ -47,7 +49,7 @@ def solve_rig(
 
 
 def _judge(search: RigSearch, judge: RigJudge, max_links: int, budget: Budget) -> tuple[RigVerdict, bool]:
-    """Search until the verdict is clear; the verdict, and whether the time limit struck."""
+    """Search until the verdict is clear; the verdict, and whether it took all the work or time."""
     judged, late = None, False
     for links in search.batches():
         best = next(iter(search.solutions), None)

@@ -77,7 +77,7 @@ class RigJudge:
             if any(best.same_as(old) for old in self._challenged):
                 return
             self._challenged.append(best)
-            self._unchallenged = not self._search.rivals(best, lambda: self._budget.over)
+            self._unchallenged = not self._search.rivals(best, lambda: self._budget.exhausted)
 
     def _refusal(self, best: Joint, runner_up: RunnerUp | None) -> tuple[Cause | None, str]:
         limits, evidence = self._limits, best.evidence

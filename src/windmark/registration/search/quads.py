@@ -16,6 +16,7 @@ from windmark.registration._kernels.hypothesis import Picture, Rules
 from windmark.registration._kernels.match import search_kernel
 from windmark.registration._kernels.quad import Table, first_of_each_kernel, spot_quads_kernel
 from windmark.registration._kernels.rival import rivals_kernel
+from windmark.registration.budget import LINK, Budget
 from windmark.registration.search.layout import REACHES
 from windmark.registration.search.near import nearest
 from windmark.registration.search.plane import Plane
@@ -50,10 +51,10 @@ class QuadSearch:
 
     def __init__(
         self, plane: Plane, stop_at: float, rules: Rules | None = None, far_stages: int = 1,
-        checks: Sequence[float] = CHECKS,
+        checks: Sequence[float] = CHECKS, budget: Budget | None = None,
     ) -> None:  # fmt: skip
         task = plane.task
-        self.plane, self.links = plane, 0
+        self.plane, self.links, self._budget = plane, 0, budget or Budget()
         far = FAR_STAGES[:far_stages] if len(task.markers) <= FAR_MARKERS else ()
         self._stop_at, self._stages, self._checks = stop_at, (*STAGES, *far), checks
         self._focals = task.camera.focal_px * np.array(task.focal_factors)
@@ -79,13 +80,15 @@ class QuadSearch:
             high = min(high, picture.near.shape[1])
             table = self.plane.layout.table(reach)
             quads, cells = spot_quads_kernel(picture.p, picture.near, low, high, table.first)
+            self._budget.spend(LINK * lead * high**3 / 12)
             start = 0
             while start < len(quads):
-                start, links = search_kernel(
+                start, links, work = search_kernel(
                     self.plane.model, picture, self._rules, self._gates, table, self._focals, check,
                     quads, cells, start, WORK, self._stop_at, self._best, self._best.match,
                 )  # fmt: skip
                 self.links += int(links)
+                self._budget.spend(LINK * work)
                 yield self.links
 
     def _check(self, part: float) -> float:
@@ -115,10 +118,11 @@ class QuadSearch:
         others = np.flatnonzero(free).astype(np.int32)
         table = self.plane.layout.table(REACHES[1])
         rotation, translation = self.plane.frame.unit(candidate.cam_from_model)
-        rivals_kernel(
+        work = rivals_kernel(
             self.plane.model, picture, self._gates, self._best, self._symmetries(rotation),
             rotation, translation, candidate.focal_px, candidate.match,
         )  # fmt: skip
+        self._budget.spend(LINK * work)
         check = self._check(CHECKS[-1])
         others_known = np.where((self._best.match == candidate.match).all(axis=1)[:, None], -1, self._best.match)
         for some, most in ((spots, RIVAL_QUADS), (others, RIVAL_QUADS // 2)):
@@ -131,11 +135,12 @@ class QuadSearch:
                 for _ in range(RIVAL_TURNS):
                     if over():
                         return False
-                    start, links = search_kernel(
+                    start, links, work = search_kernel(
                         self.plane.model, picture, self._rules, self._gates, table, self._focals, check,
                         quads[part], cells[part], start, WORK, np.inf, self._best, known,
                     )  # fmt: skip
                     self.links += int(links)
+                    self._budget.spend(LINK * work)
                     if start == len(quads[part]):
                         break
         return True
