@@ -1,5 +1,6 @@
 """The quad search against slow, readable twins."""
 
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -14,6 +15,7 @@ from windmark.registration._kernels import match as match
 from windmark.registration._kernels import quad as quads
 from windmark.registration._kernels import rival as rival
 from windmark.registration._kernels import screen as screen
+from windmark.registration.register import default_tolerance
 from windmark.registration.search.layout import DIRECTIONS, Layout, sphere
 from windmark.registration.search.plane import Plane
 from windmark.registration.search.quads import QuadSearch
@@ -248,3 +250,38 @@ def test_search_finds_the_pose_and_the_planes_mirror_image():
     angles = sorted(float(np.degrees(c.cam_from_model.angle_to(pose))) for c in (first, second))
     assert angles[0] < 3
     assert angles[1] > 20
+
+
+def solved(scene):
+    """A search that has found a solution and looked for its rivals."""
+    spots = scene.detections
+    tolerance = default_tolerance(spots.xy, scene.camera, scene.markers)
+    search = QuadSearch(Plane(Task(scene.markers, scene.camera, spots.xy, spots.cov, tolerance)), 45.0)
+    for _ in search.batches():
+        if search.best is not None and search.best.score > 45.0:
+            break
+    assert search.rivals(search.best, lambda: False)
+    return search
+
+
+def test_half_a_copy_is_found_beside_the_model():
+    """A ghost of every second spot, shifted by 30 px, in most of some pictures; and none where there is none."""
+    found = 0
+    for seed in range(6):
+        scene = scenes.scene(seed, "B", hidden=0.25, false=0.5, noise_px=0.2)
+        label, xy = scene.label, scene.detections.xy
+        seen = np.flatnonzero(label >= 0)[::2]
+        ghost = xy[seen] + [24.0, 18.0] + np.random.default_rng(seed).normal(0, 0.2, (len(seen), 2))
+        doubled = replace(scene, detections=scenes.Detections.make(np.concatenate([xy, ghost]), sigma_px=0.2))
+        shadow = np.full(60, -1)
+        shadow[label[seen]] = np.arange(len(xy), len(xy) + len(seen))
+        search = solved(doubled)
+        first = search.best
+        assert not search.copies(first, lambda: True)
+        assert search.copies(first, lambda: False)
+        found += max(((c.match == shadow) & (shadow >= 0)).sum() for c in search.top(12)) > 0.8 * len(seen)
+        alone = solved(scene)
+        before = [(c.score, c.count) for c in alone.top(12)]
+        assert alone.copies(alone.best, lambda: False)
+        assert all(c.score < 45.0 for c in alone.top(12) if (c.score, c.count) not in before)
+    assert found >= 4

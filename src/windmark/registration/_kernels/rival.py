@@ -28,19 +28,25 @@ HOPELESS = 80.0
 def rivals_kernel(
     model: Model, picture: Picture, gates: Gates, best: Best, symmetries: tuple[Ints, Array, Array],
     rotation: Array, translation: Array, focal: float, match: Ints,
-) -> int:  # fmt: skip
+) -> tuple[int, bool]:  # fmt: skip
     """Grow what the near-symmetries of the model make of a solution, and its mirror image in a plane.
+
+    It ends as soon as one is better by far: the solution is no answer, and the rivals of that one are to be looked for.
 
     Returns
     -------
-    The work done, in links.
+    The work done, in links; whether it ended so.
     """
     onto, turn, shift = symmetries
-    n, work = match.shape[0], 0
-    least = best.score.max() - HOPELESS
+    n, work = match.shape[0], GROWTH * match.shape[0]
     r, t, new = np.empty((3, 3)), np.empty(3), np.empty(n, np.int32)
     factor, step = np.empty((7, 7)), np.empty(7)
+    r[:], t[:], new[:] = rotation, translation, match
+    own = grow(model, picture, gates, new, r, t, focal, (match >= 0).sum())[0]
+    least = max(own, best.score.max()) - HOPELESS
     for s in range(onto.shape[0]):
+        if own > -math.inf and best.score.max() > own + HOPELESS:
+            return work, True
         # The spot of marker m is taken for that of marker onto[m], so the camera sees the model moved back.
         new[:] = -1
         pairs = 0
@@ -64,7 +70,7 @@ def rivals_kernel(
             work += _regrow(model, picture, gates, best, r, t, focal, new, pairs)
     pairs = _mirrored(model.xyz, match, rotation, translation, r, t)
     new[:] = match
-    return work + _regrow(model, picture, gates, best, r, t, focal, new, pairs)
+    return work + _regrow(model, picture, gates, best, r, t, focal, new, pairs), False
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")

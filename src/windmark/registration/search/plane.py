@@ -19,6 +19,7 @@ from windmark.registration.search.near import nearest
 from windmark.registration.task import Task
 
 Array = NDArray[np.float64]
+Ints = NDArray[np.int32]
 
 SPOT_NEIGHBOURS = 16
 """Neighbours of a spot that a search looks at, if it asks for no more."""
@@ -67,6 +68,14 @@ class Plane:
                 neighbours,
             )  # fmt: skip
         return self._pictures[lead, neighbours]
+
+    def part(self, spots: Ints) -> Picture:
+        """Some of the spots for the kernels, numbered anew; as dense as among all."""
+        part = _picture(
+            self._packed, self._size, np.ascontiguousarray(self._p[spots]), self._bounds, 3 * self.task.tolerance_px,
+            self._radius, SPOT_NEIGHBOURS,
+        )  # fmt: skip
+        return part._replace(density=self.picture(len(self._p)).density[spots])
 
 
 def spots_at(plane: Plane, xy: Array) -> Spots:
