@@ -525,3 +525,16 @@ def test_five_hundred_markers_and_two_thousand_spots():
     assert result, result.reason
     assert scenes.pose_error_px(result.cam_from_model, scene) < 2
     assert len(result.matching) >= 0.99 * (scene.label >= 0).sum()
+
+
+def test_work_is_counted_so_time_limits_no_answer():
+    """The same refusal, after the same links, however slow the machine; a longer time lets it work more."""
+    scene = scenes.scene(63, "B")
+    clutter = Detections.make(np.random.default_rng(0).uniform(0, 1000, (80, 2)), sigma_px=0.2)
+    first, second = (register(clutter, scene.markers, scene.camera) for _ in range(2))
+    assert_refused(first, "weak")
+    assert "max_time_s" in first.reason
+    assert first.reason == second.reason
+    assert first.n_hypotheses == second.n_hypotheses
+    longer = register(clutter, scene.markers, scene.camera, max_time_s=5.0)
+    assert longer.n_hypotheses > 1.5 * first.n_hypotheses

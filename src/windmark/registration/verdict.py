@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from windmark.registration.bent.solution import Bender, BentSolution
-from windmark.registration.budget import Budget
+from windmark.registration.budget import SETTLE, SETTLE_PAIR, Budget
 from windmark.registration.criteria import (
     FEW_PAIRS,
     ambiguity,
@@ -169,6 +169,7 @@ class Judge:
         for marker in solution.marker.tolist():
             match = solution.state.match.copy()
             match[marker] = -1
+            self._budget.spend(SETTLE + SETTLE_PAIR * solution.count)
             start = Candidate(solution.cam_from_model, solution.focal_px, 0.0, solution.count - 1, match)
             if (other := settle(self._plane, start)) is not None:
                 yield other
@@ -187,13 +188,14 @@ class Judge:
             if any(best.like(old) for old in self._challenged):
                 return
             self._challenged.append(best)
-            self._unchallenged = not self._search.rivals(best, lambda: self._budget.over)
+            self._unchallenged = not self._search.rivals(best, lambda: self._budget.exhausted)
 
     def _solutions(self, candidates: list[Candidate], *, labelled: bool = True) -> list[Solution]:
         """Distinct refined solutions, best first; with the fixed labels, or (if not ``labelled``) any."""
         close = _close(candidates)
         for candidate in close:
             if candidate not in self._settled:
+                self._budget.spend(SETTLE + SETTLE_PAIR * candidate.count)
                 self._settled[candidate] = settle(self._plane, candidate)
         settled = [s for c in close if (s := self._settled[c]) is not None]
         least = max((s.evidence.score for s in settled), default=0.0) - ONE_WRONG

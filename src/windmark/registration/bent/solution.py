@@ -23,7 +23,7 @@ from windmark.registration._kernels.fit import (
 )
 from windmark.registration.bent.fit import Bent, Setting
 from windmark.registration.bent.grow import Grown, finish, grow
-from windmark.registration.budget import Budget
+from windmark.registration.budget import BEND, BEND_PAIR, Budget
 from windmark.registration.evidence import Evidence, weigh
 from windmark.registration.result import Deformation
 from windmark.registration.search.plane import Plane
@@ -34,8 +34,8 @@ Array = NDArray[np.float64]
 
 PRIOR = 0.3
 """1 sigma of the prior of the displacement, as part of the largest one allowed."""
-SHARE = 0.25
-"""No more is grown once that has taken this part of the time limit."""
+SHARE = 0.6
+"""No more is grown once that has taken this part of the limit of work."""
 CORE_ANGLE = float(np.radians(10.0))
 """A candidate within this angle of a solution that has most of its pairs is a core of it."""
 LOOSE = 1.5
@@ -102,19 +102,19 @@ class Bender:
     ----------
     plane : the task
     max_deformation : largest displacement of a marker, as part of the model's size; > 0
-    budget : time of the whole registration
+    budget : work of the whole registration
     """
 
     def __init__(self, plane: Plane, max_deformation: float, budget: Budget) -> None:
         self._plane, self._most, self._budget = plane, max_deformation, budget
         self._setting: Setting | None = None
-        self._seconds = 0.0
+        self._spent = 0.0
         self._settled: dict[Candidate, BentSolution | None] = {}
 
     def solutions(self, candidates: list[Candidate], *, in_a_hurry: bool = True) -> list[BentSolution]:
         """Distinct deformed solutions, best first; a core of one that is known already is not grown again.
 
-        ``in_a_hurry`` no more than `SHARE` of the time is taken, and some candidates may be left.
+        ``in_a_hurry`` no more than `SHARE` of the work is done, and some candidates may be left.
         """
         found: list[BentSolution] = []
         share = SHARE if in_a_hurry else 1.0
@@ -122,11 +122,12 @@ class Bender:
             if any(_core_of(candidate, known) for known in found):
                 continue
             if candidate not in self._settled:
-                if self._budget.over or self._seconds > share * self._budget.seconds:
+                if self._budget.over or self._spent > share * self._budget.max_work:
                     break
-                start = self._budget.spent
+                work = BEND + BEND_PAIR * candidate.count
+                self._spent += work
+                self._budget.spend(work)
                 self._settled[candidate] = self._settle(candidate)
-                self._seconds += max(self._budget.spent - start, 0.0)
             solution = self._settled[candidate]
             if solution is not None:
                 found.append(solution)

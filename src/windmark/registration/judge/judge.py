@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from windmark.registration.budget import Budget
+from windmark.registration.budget import SETTLE, SETTLE_PAIR, Budget
 from windmark.registration.judge import own, rules, words
 from windmark.registration.judge.bending import Bender
 from windmark.registration.judge.cameras import contradiction
@@ -38,10 +38,11 @@ class Judge:
     def __init__(self, source: Source, limits: Limits, budget: Budget, names: Sequence[int] = (0,)) -> None:
         self._source, self._limits, self._budget, self._names = source, limits, budget, tuple(names)
         self._views = source.views
-        self._bender = Bender(self._views, limits.deformation)
+        self._bender = Bender(self._views, limits.deformation, budget)
         self._kept: dict[Solution, Solution] = {}
         self._doubted: dict[Solution, Doubts] = {}
         self._challenged: list[Solution] = []
+        self._copied: list[Solution] = []
         self._unchallenged = False  # the work was over before all rivals had been looked for
 
     # --- the verdict ---------------------------------------------------------------------
@@ -56,6 +57,8 @@ class Judge:
         if rigid.cause == "labels" or (rigid.cause in DOUBTFUL and not deformed):
             return rigid
         verdict = self._bent(rigid) if len(self._bender.modes) else rigid
+        if verdict.cause is None and verdict.best is not None:
+            verdict = self._beside_copies(verdict, verdict.best)
         if verdict.cause is None and verdict.best is not None:
             return self._checked(verdict, verdict.best)
         return self._explained(verdict) if final else verdict
@@ -116,7 +119,7 @@ class Judge:
                 where = f"in camera {self._names[c]} {misfit}, or a wrong cam_from_rig" if len(self._names) > 1 else misfit
                 return "misfit", f"{words.seen(best)}, but {where}"
         for other in others:
-            second = words._apart(best, other) and own.beyond_chance(other, limits)
+            second = words.apart(best, other) and own.beyond_chance(other, limits)
             if best.lead_over(other) < limits.margin or second:
                 return "ambiguous", words.ambiguity(best, other, runner_up(best, other))
             if told_by_table_errors(best, other, limits.margin):
@@ -126,6 +129,18 @@ class Judge:
         return None, ""
 
     # --- what an accepted solution must still stand ---------------------------------------
+    def _beside_copies(self, verdict: Verdict, best: Solution) -> Verdict:
+        """The verdict beside a second copy of the model among the spots that the best solution leaves."""
+        if any(best.same_as(old) for old in self._copied):
+            return verdict
+        self._copied.append(best)
+        self._source.copies(best, lambda: self._budget.exhausted)
+        for other in self._source.solutions():
+            if words.apart(best, other) and own.beyond_chance(other, self._limits):
+                answer = runner_up(best, other)
+                return Verdict(best, answer, "ambiguous", words.ambiguity(best, other, answer))
+        return verdict
+
     def _checked(self, verdict: Verdict, best: Solution) -> Verdict:
         """Other cameras, the mirror image, a free focal length that is not determined; and what stays unchecked."""
         doubts = self._doubts(best)
@@ -192,7 +207,7 @@ class Judge:
             if any(best.same_as(old) for old in self._challenged):
                 return
             self._challenged.append(best)
-            self._unchallenged = not self._source.rivals(best, lambda: self._budget.over)
+            self._unchallenged = not self._source.rivals(best, lambda: self._budget.exhausted)
 
     def _solutions(self) -> list[Solution]:
         """Distinct solutions, best first; among few pairs without a wrong one that opened the gates for itself."""
@@ -210,6 +225,7 @@ class Judge:
     def _with_one_less(self, solution: Solution) -> Iterator[Solution]:
         """Rigid solutions that begin without one of the pairs."""
         for c, marker in zip(*np.nonzero(solution.state.match >= 0), strict=True):
+            self._budget.spend(SETTLE + SETTLE_PAIR * solution.count)
             match = solution.state.match.copy()
             match[c, marker] = -1
             start = solution.state.rotation, solution.state.translation, match

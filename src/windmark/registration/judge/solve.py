@@ -33,15 +33,17 @@ CLEAR = ("focal", "wrong_focal", "wrong_camera", "mirrored", "labels")
 """Causes that no better candidate would change."""
 
 
-def search_for(plane: Plane, options: dict[str, Any]) -> Search | QuadSearch:
+def search_for(plane: Plane, options: dict[str, Any], budget: Budget) -> Search | QuadSearch:
     """The search of a single camera."""
     if options["method"] == "hash" and not plane.task.fixed:
-        return QuadSearch(plane, STOP_AT)
+        return QuadSearch(plane, STOP_AT, budget=budget)
     rng = np.random.default_rng(options["seed"])
-    return FixedSearch(plane, rng, STOP_AT) if plane.task.fixed else Search(plane, rng)
+    return FixedSearch(plane, rng, STOP_AT, budget) if plane.task.fixed else Search(plane, rng, budget)
 
 
-def searches_of_rig(planes: Sequence[Plane], options: dict[str, Any]) -> list[Search | QuadSearch | None]:
+def searches_of_rig(
+    planes: Sequence[Plane], options: dict[str, Any], budget: Budget
+) -> list[Search | QuadSearch | None]:
     """The searches of several cameras: neighbourhoods may look weak, since the other cameras will judge."""
     found: list[Search | QuadSearch | None] = []
     for plane in planes:
@@ -50,9 +52,9 @@ def searches_of_rig(planes: Sequence[Plane], options: dict[str, Any]) -> list[Se
         if len(plane.task.xy) < MIN_COUNT:
             found.append(None)
         elif plane.task.fixed or options["method"] != "hash":
-            found.append(search_for(plane, options))
+            found.append(search_for(plane, options, budget))
         else:
-            found.append(QuadSearch(plane, WORTH_CARRYING, rules, len(FAR_STAGES), CHECKS[-1:]))
+            found.append(QuadSearch(plane, WORTH_CARRYING, rules, len(FAR_STAGES), CHECKS[-1:], budget))
     return found
 
 

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.registration.budget import SETTLE, SETTLE_PAIR, Budget
 from windmark.registration.search.fixed import FixedSearch
 from windmark.registration.search.pool import Candidate
 from windmark.registration.search.quads import POOL, QuadSearch
@@ -31,10 +32,11 @@ class Source:
     views : what was seen
     searches : of each camera, None where it has too few spots
     window : candidates whose search score (nats) is this much below the best of their camera are no rivals
+    budget : of the whole registration
     """
 
-    def __init__(self, views: Views, searches: Sequence[Search | QuadSearch | None], window: float) -> None:
-        self.views, self._window = views, window
+    def __init__(self, views: Views, searches: Sequence[Search | QuadSearch | None], window: float, budget: Budget) -> None:  # fmt: skip
+        self.views, self._window, self._budget = views, window, budget
         self._searches = tuple(searches)
         self._running = {c: search.batches() for c, search in enumerate(searches) if search is not None}
         self._settled: dict[Candidate, Solution | None] = {}
@@ -122,12 +124,20 @@ class Source:
                         del self._running[c]
             if best.counts[c] == 0:
                 continue
-            match = best.state.match[c].copy()
-            camera = float(best.state.camera[c, 0])
-            seen = Candidate(best.cam_from_model(c), camera, float(best.scores[c]), int(best.counts[c]), match)
-            if not search.rivals(seen, over):
+            if not search.rivals(self._as_candidate(best, c), over):
                 return False
         return True
+
+    def copies(self, best: Solution, over: Callable[[], bool]) -> bool:
+        """Look for the model among the spots that a solution leaves, in each camera; False if the work was ``over``."""
+        for c, search in enumerate(self._searches):
+            if isinstance(search, QuadSearch) and not search.copies(self._as_candidate(best, c), over):
+                return False
+        return True
+
+    def _as_candidate(self, best: Solution, c: int) -> Candidate:
+        match, focal = best.state.match[c].copy(), float(best.state.camera[c, 0])
+        return Candidate(best.cam_from_model(c), focal, float(best.scores[c]), int(best.counts[c]), match)
 
     def _turn_about(self, best: Solution) -> None:
         """What the near-symmetries of the model make of a solution, in all cameras at once."""
@@ -149,6 +159,7 @@ class Source:
                 for known in self._settled.values() if known is not None
             ):  # fmt: skip
                 return None  # it would become what is known
+            self._budget.spend(SETTLE + SETTLE_PAIR * candidate.count * len(self._searches))
             self._settled[candidate] = settle(
                 self.views, *start_of(self.views, c, candidate), focal_px=focal_of(self.views, c, candidate)
             )

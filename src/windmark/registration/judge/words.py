@@ -76,7 +76,7 @@ def ambiguity(best: Solution, other: Solution, answer: RunnerUp, *, by_table_err
             f"two poses {angle:.1f} degrees apart explain the same labels about equally well (lead {lead:.1f} nats), "
             "as a flat set of markers far away does: give a prior pose"
         )
-    if _apart(best, other):
+    if apart(best, other):
         return (
             f"the model is seen twice: {best.count} markers matched in one place and {other.count} in another, by "
             "other spots, as with a reflection, a ghost or a second model in view: exclude its spots, or give "
@@ -97,7 +97,7 @@ def ambiguity(best: Solution, other: Solution, answer: RunnerUp, *, by_table_err
     )
 
 
-def _apart(best: Solution, other: Solution) -> bool:
+def apart(best: Solution, other: Solution) -> bool:
     """Whether two solutions explain mostly different spots."""
     shared = 0
     for c in range(len(best.counts)):
