@@ -42,7 +42,7 @@ class Judge:
         self._kept: dict[Solution, Solution] = {}
         self._doubted: dict[Solution, Doubts] = {}
         self._challenged: list[Solution] = []
-        self._copied: list[Solution] = []
+        self._copies: list[tuple[Solution, Solution | None]] = []
         self._unchallenged = False  # the work was over before all rivals had been looked for
 
     # --- the verdict ---------------------------------------------------------------------
@@ -131,15 +131,15 @@ class Judge:
     # --- what an accepted solution must still stand ---------------------------------------
     def _beside_copies(self, verdict: Verdict, best: Solution) -> Verdict:
         """The verdict beside a second copy of the model among the spots that the best solution leaves."""
-        if any(best.same_as(old) for old in self._copied):
+        known = [copy for old, copy in self._copies if best.same_as(old)]
+        if not known:
+            found = self._source.copies(best, lambda: self._budget.exhausted)
+            known = [next((s for s in found if words.apart(best, s) and own.is_copy(s)), None)]
+            self._copies.append((best, known[0]))
+        if (other := known[0]) is None:
             return verdict
-        self._copied.append(best)
-        self._source.copies(best, lambda: self._budget.exhausted)
-        for other in self._source.solutions():
-            if words.apart(best, other) and own.beyond_chance(other, self._limits):
-                answer = runner_up(best, other)
-                return Verdict(best, answer, "ambiguous", words.ambiguity(best, other, answer))
-        return verdict
+        answer = runner_up(best, other)
+        return Verdict(best, answer, "ambiguous", words.ambiguity(best, other, answer))
 
     def _checked(self, verdict: Verdict, best: Solution) -> Verdict:
         """Other cameras, the mirror image, a free focal length that is not determined; and what stays unchecked."""

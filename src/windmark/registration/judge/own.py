@@ -51,6 +51,11 @@ def beyond_chance(best: Solution, limits: Limits) -> bool:
     return best.log10_nfa < limits.log10_nfa and best.score > limits.score
 
 
+def is_copy(other: Solution) -> bool:
+    """Whether a solution of spots that the best one leaves is no chance: the model is there, too, if half hidden."""
+    return other.evidence > rules.COPY and other.log10_nfa < rules.COPY_NFA
+
+
 def misfit_of(best: Solution, c: int, limits: Limits) -> str:
     """Why a camera's residuals are too large for the markers' own picture; empty if they are not.
 

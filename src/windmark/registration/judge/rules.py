@@ -29,6 +29,8 @@ ONE_WRONG = 40.0
 """So much (nats) below the best a solution cannot owe to one wrong pair."""
 FEW = 16
 """With so few pairs each is left out once: a single wrong one can open the gates for itself (`matching_refusals`)."""
+COPY, COPY_NFA = 15.0, -5.0
+"""A second copy of the model has so much evidence (nats) and no larger a false-alarm number (`attacks`: copies)."""
 DOUBT = 3.0
 """Nats that another camera or a bent model must promise to first order before they are tried (one picture in 50)."""
 UNFOUND = 0.6

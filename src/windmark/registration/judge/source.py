@@ -128,12 +128,19 @@ class Source:
                 return False
         return True
 
-    def copies(self, best: Solution, over: Callable[[], bool]) -> bool:
-        """Look for the model among the spots that a solution leaves, in each camera; False if the work was ``over``."""
+    def copies(self, best: Solution, over: Callable[[], bool]) -> list[Solution]:
+        """Solutions of mostly other spots than the best one explains, also weak ones; best first."""
+        found = []
         for c, search in enumerate(self._searches):
-            if isinstance(search, QuadSearch) and not search.copies(self._as_candidate(best, c), over):
-                return False
-        return True
+            if search is None:
+                continue
+            if isinstance(search, QuadSearch):
+                search.copies(self._as_candidate(best, c), over)
+            for candidate in search.top(POOL):
+                spots = candidate.match[candidate.match >= 0]
+                if 2 * len(np.intersect1d(spots, best.state.match[c])) < len(spots):
+                    found.append((c, candidate))
+        return self.solutions(found)
 
     def _as_candidate(self, best: Solution, c: int) -> Candidate:
         match, focal = best.state.match[c].copy(), float(best.state.camera[c, 0])
