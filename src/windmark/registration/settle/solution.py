@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -231,13 +230,16 @@ class Solution:
         A lead that comes from an image border that hides what would be missing, or from random errors where smooth
         ones of lens or table would do, is none.
         """
-        leads = []
-        for hiding in (np.maximum(self._of(ALONE), self._of(PIECES)) - np.maximum(other._of(ALONE), other._of(PIECES)),
-                       np.maximum(self._of(CLOSED), self._of(PIECES)) - np.maximum(other._of(CLOSED), other._of(PIECES))):
+        leads, pairs = [], self._of(PAIRS) - other._of(PAIRS)
+        for border in (ALONE, CLOSED):
+            hiding = self._hiding(border) - other._hiding(border)
             for smooth in (0.0, self._of(SYSTEMATIC) - other._of(SYSTEMATIC)):
-                pairs = self._of(PAIRS) - other._of(PAIRS)
                 leads.append(float(np.sum(pairs + hiding + smooth)))
         return min(leads) + self.freedom - other.freedom
+
+    def _hiding(self, alone: int) -> Array:
+        """(C,) what the markers without a spot are worth: each missing by itself (a reading of that) or in pieces."""
+        return np.maximum(self._of(alone), self._of(PIECES))
 
     def _of(self, reading: int) -> Array:
         return np.where(self.counts > 0, self.readings[:, reading], 0.0)
@@ -248,8 +250,9 @@ def _missed(solution: Solution) -> Array:
 
 
 def settle(
-    views: Views, rotation: Array, translation: Array, match: Ints, *, focal_px: float | Array | None = None, trusted: int = 0
-) -> Solution | None:
+    views: Views, rotation: Array, translation: Array, match: Ints, *, focal_px: float | Array | None = None,
+    trusted: int = 0,
+) -> Solution | None:  # fmt: skip
     """Refine a start to a fixed point of labelling; None where it falls apart or leaves the prior.
 
     Parameters

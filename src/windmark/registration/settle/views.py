@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -155,5 +156,5 @@ def _stacked(columns: Sequence[Array]) -> Array:
     return np.stack([np.pad(c, ((0, 0), (0, most - c.shape[1]))) for c in columns])
 
 
-def _joined(parts: Sequence[NDArray]) -> NDArray:  # type: ignore[type-arg]
+def _joined(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
     return np.ascontiguousarray(np.concatenate(list(parts)))
