@@ -6,8 +6,8 @@ import registration_scenes as scenes
 
 from windmark.registration import NotRegistered, prepare, register
 from windmark.registration._kernels.cells import celled
-from windmark.registration.bent import field
-from windmark.registration.bent.field import modes_of
+from windmark.registration.search import field
+from windmark.registration.search.field import modes_of
 from windmark.registration.search.layout import Layout
 from windmark.scene import MarkerSet
 

@@ -9,22 +9,24 @@ from numpy.typing import NDArray
 
 from windmark.geometry import Camera, Pose
 from windmark.geometry._p3p_kernels import p3p_batch_kernel
-from windmark.registration._kernels.evidence import likelihood_ratio, log10_nfa
-from windmark.registration._kernels.fit import focal_score_kernel, pose_covariance_kernel
+from windmark.registration._kernels.evidence import log10_nfa
 from windmark.registration._kernels.growth import growth_kernel
 from windmark.registration._kernels.hypothesis import hypotheses_kernel
 from windmark.registration._kernels.match import search_kernel
 from windmark.registration._kernels.quad import first_of_each_kernel, spot_quads_kernel, table_kernel
-from windmark.registration._kernels.rig import accept_rig_kernel, settle_rig_kernel
 from windmark.registration._kernels.rival import rivals_kernel
-from windmark.registration._kernels.settle import settle_kernel
 from windmark.registration._kernels.symmetry import symmetries_kernel
+from windmark.registration.settle._kernels.doubt import doubt_kernel
+from windmark.registration.settle._kernels.places import places_kernel
+from windmark.registration.settle._kernels.settle import accept_kernel, fit_kernel, settle_kernel
+from windmark.registration.settle._kernels.smooth import smooth_cov_kernel
+from windmark.registration.settle._kernels.worth import worth_kernel
 from windmark.registration.task import Task, Visible
 
 _KERNELS = (
-    likelihood_ratio, log10_nfa, growth_kernel, hypotheses_kernel, p3p_batch_kernel, rivals_kernel, search_kernel,
-    spot_quads_kernel, table_kernel, settle_kernel, symmetries_kernel, settle_rig_kernel, accept_rig_kernel,
-    first_of_each_kernel, focal_score_kernel, pose_covariance_kernel,
+    log10_nfa, growth_kernel, hypotheses_kernel, p3p_batch_kernel, rivals_kernel, search_kernel, spot_quads_kernel,
+    table_kernel, symmetries_kernel, first_of_each_kernel, settle_kernel, fit_kernel, accept_kernel, worth_kernel,
+    doubt_kernel, places_kernel, smooth_cov_kernel,
 )  # fmt: skip
 
 PER_SECOND = 1e7

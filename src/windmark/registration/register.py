@@ -42,7 +42,7 @@ def register(
     detections: Sequence[Detections], markers: MarkerSet, camera: Sequence[Camera], *, cam_from_rig: Sequence[Pose],
     **options: Any,
 ) -> RigRegistration | NotRegistered: ...  # fmt: skip
-def register(
+def register(  # type: ignore[misc]  # the overloads leave the options to this one
     detections: Detections | Sequence[Detections],
     markers: MarkerSet,
     camera: Camera | Sequence[Camera],
@@ -90,7 +90,8 @@ def register(
     cam_from_rig : of a rig, where each camera is in its frame (any frame fixed to them, as that of one of them), in the
         markers' length unit. They are taken as exact: the excess shows what small errors they have, a camera
         that contradicts the others is a reason to refuse ("misfit") and named
-    prior : expected pose (of a rig, rig_from_model); solutions too far from it are rejected (AIAA 2005-5007, section III.C)
+    prior : expected pose (of a rig, rig_from_model); solutions too far from it are rejected (AIAA 2005-5007, section
+        III.C)
     prior_max_angle_deg : largest angle between the solution and the prior
     prior_max_scale : largest ratio of the scales of solution and prior, either way; > 1
     fixed : labels that are known: spot index -> name or index of its marker. Every solution must have them; they decide

@@ -54,7 +54,8 @@ class Doubts:
         cameras, columns = len(views.planes), views.loose.shape[2]
         own = columns - len(DOUBTS)
         asked = [6 + c * columns + own + k for c in range(cameras) for k in range(len(DOUBTS))]
-        return FirstOrder(*doubt_kernel(views.sights, copied(views, self.best.state)), np.array(asked))
+        normal, side = doubt_kernel(views.sights, copied(views, self.best.state))
+        return FirstOrder(normal, side, np.array(asked))
 
     @cached_property
     def camera_promises(self) -> bool:
@@ -77,7 +78,8 @@ class Doubts:
         views = self.views.bent(self.modes)
         state = copied(views, self.best.state)
         asked = np.arange(len(state.factor) - len(self.modes), len(state.factor))
-        return FirstOrder(*doubt_kernel(views.sights, state), asked).gain(np.arange(len(self.modes))) > rules.DOUBT
+        normal, side = doubt_kernel(views.sights, state)
+        return FirstOrder(normal, side, asked).gain(np.arange(len(self.modes))) > rules.DOUBT
 
     def _near_missing(self) -> bool:
         """Whether more of the missing markers than by chance have a free spot near, as far as bending could be."""
@@ -114,10 +116,10 @@ class Doubts:
         # A bent model has as many unknowns as the camera has not: of these two the better one it is.
         if max(evidence, everything.evidence) < than.evidence + (0.0 if than.is_bent else self.margin):
             return None
-        off = self._off(single, what, PARTS[what], c) > rules.CHECKED[what] or any(
+        is_off = self._off(single, what, PARTS[what], c) > rules.CHECKED[what] or any(
             self._off(everything, name, columns, c) > rules.CHECKED[name] for name, columns in PARTS.items()
         )
-        return (what, self._words(what, c, single)) if off else None
+        return (what, self._words(what, c, single)) if is_off else None
 
     def _off(self, solution: Solution, what: str, columns: tuple[int, ...], c: int) -> float:
         """How far a camera is from the given one, in the units of `rules.CHECKED`."""

@@ -71,7 +71,9 @@ class Judge:
             return labels
         if not kept:
             reason = words.beyond_prior(self._views.planes[0].task, self._source.best, self._limits.score)
-            reason = reason or f"no pose explains the neighbourhood of any three markers{words.what_may_be(self._views)}"
+            reason = reason or "no pose explains the neighbourhood of any three markers" + words.what_may_be(
+                self._views
+            )
             return Verdict(None, None, "nothing", reason)
         return self._judged(kept[0], kept[1:])
 
@@ -114,9 +116,10 @@ class Judge:
         for c in range(len(self._names)) if len(self._names) > 1 else ():
             if contradicted := contradiction(best, others, c):
                 return "misfit", f"{words.seen(best)}, but camera {self._names[c]} {contradicted}"
-        for c in np.flatnonzero(best.counts):
-            if misfit := own.misfit_of(best, int(c), limits):
-                where = f"in camera {self._names[c]} {misfit}, or a wrong cam_from_rig" if len(self._names) > 1 else misfit
+        for c in np.flatnonzero(best.counts).tolist():
+            if misfit := own.misfit_of(best, c, limits):
+                several = len(self._names) > 1
+                where = f"in camera {self._names[c]} {misfit}, or a wrong cam_from_rig" if several else misfit
                 return "misfit", f"{words.seen(best)}, but {where}"
         for other in others:
             second = words.apart(best, other) and own.beyond_chance(other, limits)
@@ -153,18 +156,12 @@ class Judge:
         if (mirror := mirror_of(self._views, best, MIRRORS)) is not None:
             lead = best.lead_over(mirror)
             if mirror.lead_over(best) > self._limits.margin:
-                return Verdict(best, RunnerUp(best.score - lead, mirror.cam_from_model(), mirror.count, False), "mirrored", (
-                    f"the mirror image of the table explains the spots better than the table (by {-lead:.0f} nats, "
-                    f"{mirror.count} and {best.count} markers matched): the picture or the table is mirrored"
-                ))  # fmt: skip
+                second = RunnerUp(best.score - lead, mirror.cam_from_model(), mirror.count, False)
+                return Verdict(best, second, "mirrored", words.mirrored(best, mirror, lead))
             if lead < self._limits.margin:
-                unchecked.append(Unchecked("mirror", (
-                    "the mirror image of the table explains the spots about as well: whether picture or table is "
-                    "mirrored cannot be seen here"
-                )))  # fmt: skip
+                unchecked.append(Unchecked("mirror", words.MIRROR_UNSEEN))
         if len(self._views.planes) == 1:
-            words_ = "one camera sees no scale: a table that is too large looks like one that is nearer"
-            unchecked.append(Unchecked("scale", words_))
+            unchecked.append(Unchecked("scale", words.SCALE_UNSEEN))
         return Verdict(best, verdict.runner_up, None, "", tuple(unchecked))
 
     def _explained(self, verdict: Verdict) -> Verdict:
@@ -177,7 +174,9 @@ class Judge:
         sound = doubts.better
         if found is None or sound is None or self._refusal(sound, ())[0] is not None:
             return verdict
-        return Verdict(best, verdict.runner_up, "wrong_focal" if found[0] == "focal length" else "wrong_camera", found[1])
+        return Verdict(
+            best, verdict.runner_up, "wrong_focal" if found[0] == "focal length" else "wrong_camera", found[1]
+        )
 
     def _focal(self, best: Solution) -> str:
         """Why a free focal length is not determined; empty if it is."""

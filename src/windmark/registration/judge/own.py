@@ -14,6 +14,7 @@ from windmark.registration.task import Limits
 
 Array = NDArray[np.float64]
 
+
 def is_loose(best: Solution, c: int) -> bool:
     """Whether a camera's residuals are larger than its spots' covariances say, and the markers' do not explain it."""
     sigma = best.views.planes[c].task.typical_sigma_px

@@ -34,13 +34,14 @@ COPY, COPY_NFA = 15.0, -5.0
 DOUBT = 3.0
 """Nats that another camera or a bent model must promise to first order before they are tried (one picture in 50)."""
 UNFOUND = 0.6
-"""Below this part of the markers in view they are tried in any case: what they would bring into its gate is not seen in
-the residuals."""
+"""Below this part of the markers in view they are tried in any case: what they would bring into its gate is not seen
+in the residuals."""
 BENT_MOST = (0.7, 0.35)
 """A bent model must label so many of the markers in view: in clutter or with a free focal length, and everywhere
 (`matching_bent`)."""
 SYMMETRIC = 5.0
-"""A lead of so many sigma of itself is no chance, where a table made symmetric fits better (`attacks`: rough tables)."""
+"""A lead of so many sigma of itself is no chance, where a table made symmetric fits better (`attacks`: rough tables).
+"""
 CHECKED = {"focal length": 0.01, "aspect": 0.005, "principal point": 0.01, "lens": 0.005}
 """A given camera counts as checked by a picture that would show such an error: parts of the focal length and of the
 aspect, and of the image's diagonal (`attacks`: wrong cameras)."""

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from windmark.registration.budget import Budget
 from windmark.registration.judge.judge import Judge
@@ -58,7 +57,9 @@ def searches_of_rig(
     return found
 
 
-def judge(source: Source, limits: Limits, max_links: int, budget: Budget, names: Sequence[int] = (0,)) -> tuple[Verdict, bool]:
+def judge(
+    source: Source, limits: Limits, max_links: int, budget: Budget, names: Sequence[int] = (0,)
+) -> tuple[Verdict, bool]:
     """Search until the verdict is clear; the verdict, and whether the limit of work struck."""
     judge_ = Judge(source, limits, budget, names)
     judged, patience, late = None, np.inf, False

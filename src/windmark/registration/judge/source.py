@@ -19,7 +19,8 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int32]
 
 CONFIRMED = 20.0
-"""A camera of a rig with so much evidence (nats; two pairs or so) confirms a solution, however many markers it misses."""
+"""A camera of a rig with so much evidence (nats; two pairs or so) confirms a solution, however many markers it misses.
+"""
 KEPT = 24
 """Distinct solutions of a rig that are kept."""
 
@@ -86,7 +87,7 @@ class Source:
 
     def candidates(self) -> list[tuple[int, Candidate]]:
         """Those worth a look, of every camera."""
-        chosen = []
+        chosen: list[tuple[int, Candidate]] = []
         for c, search in enumerate(self._searches):
             top = search.top(POOL) if search is not None else []
             chosen.extend((c, candidate) for candidate in top if candidate.score > top[0].score - self._window)
@@ -154,9 +155,9 @@ class Source:
             match = np.full_like(state.match, -1)
             match[:, onto[onto >= 0]] = state.match[:, onto >= 0]
             rotation = state.rotation @ turn.T
-            self.add(settle(
-                self.views, rotation, state.translation - rotation @ shift, match, focal_px=state.camera[:, 0]
-            ))
+            self.add(
+                settle(self.views, rotation, state.translation - rotation @ shift, match, focal_px=state.camera[:, 0])
+            )
         self._more = distinct(self._more)[:KEPT]
 
     def _solution(self, c: int, candidate: Candidate) -> Solution | None:

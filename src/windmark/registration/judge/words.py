@@ -14,6 +14,11 @@ from windmark.registration.task import Limits, Task
 
 FEW_SPOTS, FEW_PART = 8, 0.2
 """Fewer spots than so many, or than this part of the markers, are few."""
+MIRROR_UNSEEN = (
+    "the mirror image of the table explains the spots about as well: whether picture or table is mirrored cannot be "
+    "seen here"
+)
+SCALE_UNSEEN = "one camera sees no scale: a table that is too large looks like one that is nearer"
 
 
 def seen(best: Solution) -> str:
@@ -45,8 +50,7 @@ def what_may_be(views: Views, *, with_prior: bool = True) -> str:
     if any(task.fixed for task in tasks):
         may.append("some labels were given")
     if any(task.visible is not None for task in tasks):
-        may.append("markers that the grid hides were left out: one that does not fit the markers hides many (try without "
-                   "occlusion)")
+        may.append("markers that the grid hides were left out: a grid that does not fit the markers hides many")
     if not any(task.free_focal for task in tasks):
         may.append("the focal length was taken as given (or try free_focal)")
     if len(tasks) > 1:
@@ -94,6 +98,14 @@ def ambiguity(best: Solution, other: Solution, answer: RunnerUp, *, by_table_err
         f"two labellings are about equally good: {best.count} and {other.count} markers matched, poses {angle:.1f} "
         f"degrees apart, lead {lead:.1f} nats; the layout is (nearly) symmetric or regular: give {decides}, "
         f"or {more}"
+    )
+
+
+def mirrored(best: Solution, mirror: Solution, lead: float) -> str:
+    """That the mirrored table explains the spots better; ``lead`` (nats, negative) is that of the table over it."""
+    return (
+        f"the mirror image of the table explains the spots better than the table (by {-lead:.0f} nats, {mirror.count} "
+        f"and {best.count} markers matched): the picture or the table is mirrored"
     )
 
 

@@ -12,8 +12,8 @@ from windmark.geometry import Pose
 from windmark.registration._kernels.hypothesis import Model
 from windmark.registration._kernels.quad import Table, table_kernel
 from windmark.registration._kernels.symmetry import symmetries_kernel
-from windmark.registration.bent.field import extents, modes_of
 from windmark.registration.line import on_line
+from windmark.registration.search.field import extents, modes_of
 from windmark.registration.search.near import nearest
 from windmark.registration.search.triplets import spread_corners
 from windmark.scene import MarkerSet

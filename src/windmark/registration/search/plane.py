@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.geometry import Camera
-from windmark.registration._kernels.fit import Fit, Markers, Spots, spot_radius
+from windmark.geometry.order import median
 from windmark.registration._kernels.hypothesis import Picture
-from windmark.registration._kernels.raster import plane_covariance_kernel, raster_kernel
+from windmark.registration._kernels.raster import raster_kernel
 from windmark.registration.search.layout import Layout
 from windmark.registration.search.near import nearest
 from windmark.registration.task import Task
@@ -35,35 +35,22 @@ _BORDER = np.concatenate(
 
 
 class Plane:
-    """A task in its search plane: what the search, the fit and the evidence share.
+    """A task in its search plane; ``radius`` is that of its spots (px, their median), 0 where unknown.
 
-    ``layout``, ``model`` and ``frame`` are the markers, ``markers``, ``spots`` and ``fit`` the same for the fit;
-    ``picture(n)`` the best n spots for the search.
+    ``layout``, ``model`` and ``frame`` are the markers, ``picture(n)`` the best n spots for the search.
     """
 
     def __init__(self, task: Task, layout: Layout | None = None) -> None:
         self.task, self.layout = task, layout or Layout(task.markers)
         self.model, self.frame = self.layout.model, self.layout.frame
-        sigma = np.where(np.isfinite(task.markers.sigma), task.markers.sigma, 0.0) / self.frame.scale
-        self.markers = Markers(self.model.xyz, self.model.normal, sigma)
         self._packed = task.camera.packed()
         self._size = np.array(task.camera.size_px, dtype=float)
         self._p = np.ascontiguousarray(to_plane(task.camera, task.xy))
-        self._radius = 0.0 if task.radius_px is None else spot_radius(task.radius_px)
+        known = np.zeros(0) if task.radius_px is None else task.radius_px[np.isfinite(task.radius_px)]
+        self.radius = median(known) if len(known) else 0.0
         self._bounds = _bounds(task.camera, self._p)
         self._pictures: dict[tuple[int, int], Picture] = {}
         self.leads = lead_sizes(len(task.xy), len(task.markers))
-        cov = plane_covariance_kernel(self._packed, self._p, np.ascontiguousarray(task.cov))
-        density = self.picture(len(task.xy)).density
-        by_x = np.argsort(self._p[:, 0], kind="stable")
-        self.spots = Spots(self._p, cov, density, by_x, self._p[by_x, 0], self._packed, self._size, self._radius)
-        known = 0.5 * float(np.log(task.focal_factors[-1])) if task.free_focal else np.inf
-        self.fit = Fit(task.tolerance_px, task.camera.focal_px, known**-2)
-
-    @property
-    def radius(self) -> float:
-        """Pixels, of the spots; 0 where unknown."""
-        return float(self._radius)
 
     @property
     def fixed_count(self) -> int:
@@ -79,7 +66,7 @@ class Plane:
         """The best ``lead`` spots for the kernels, each with so many ``neighbours``."""
         if (lead, neighbours) not in self._pictures:
             self._pictures[lead, neighbours] = _picture(
-                self._packed, self._size, self._p[:lead], self._bounds, 3 * self.task.tolerance_px, self._radius,
+                self._packed, self._size, self._p[:lead], self._bounds, 3 * self.task.tolerance_px, self.radius,
                 neighbours,
             )  # fmt: skip
         return self._pictures[lead, neighbours]
@@ -88,14 +75,9 @@ class Plane:
         """Some of the spots for the kernels, numbered anew; as dense as among all."""
         part = _picture(
             self._packed, self._size, np.ascontiguousarray(self._p[spots]), self._bounds, 3 * self.task.tolerance_px,
-            self._radius, SPOT_NEIGHBOURS,
+            self.radius, SPOT_NEIGHBOURS,
         )  # fmt: skip
         return part._replace(density=self.picture(len(self._p)).density[spots])
-
-
-def spots_at(plane: Plane, xy: Array) -> Spots:
-    """The spots of a plane with their places in the image moved a little to (M, 2)."""
-    return plane.spots._replace(p=np.ascontiguousarray(to_plane(plane.task.camera, xy)))
 
 
 def to_plane(camera: Camera, xy: Array) -> Array:

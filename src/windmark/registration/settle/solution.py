@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -272,8 +271,9 @@ def _worth_of(solution: Solution, c: int, marker: NDArray[np.int64]) -> Array:
 
 
 def settle(
-    views: Views, rotation: Array, translation: Array, match: Ints, *, focal_px: float | Array | None = None, trusted: int = 0
-) -> Solution | None:
+    views: Views, rotation: Array, translation: Array, match: Ints, *, focal_px: float | Array | None = None,
+    trusted: int = 0,
+) -> Solution | None:  # fmt: skip
     """Refine a start to a fixed point of labelling; None where it falls apart or leaves the prior.
 
     Parameters

@@ -107,7 +107,7 @@ def step(
 
 
 def _refusal(n: list[float], done: Stepped, limits: Limits, before: int) -> NotRegistered | None:
-    """Why the labelling is not accepted: the tests of `verdict.Judge`, and the motion; None if it is.
+    """Why the labelling is not accepted: the tests of `judge.own`, and the motion; None if it is.
 
     ``before`` markers were matched in the last good frame.
     """

@@ -159,8 +159,8 @@ def smooth_part(sights: Sights, state: State, c: int) -> tuple[NDArray[np.int64]
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def _residuals(sights: Sights, state: State, c: int) -> tuple[NDArray[np.int64], Array, Array, Array]:
-    """Matched markers (K,), cosines over the image at their spots (K, SMOOTH), the variance of the residuals without the
-    excess (K,), and the residuals (K, 2); nothing where there is no excess or too few pairs.
+    """Matched markers (K,), cosines over the image at their spots (K, SMOOTH), the variance of the residuals without
+    the excess (K,), and the residuals (K, 2); nothing where there is no excess or too few pairs.
     """  # fmt: skip
     n, first, excess = state.match.shape[1], sights.first[c], state.numbers[c, EXCESS]
     at, count = np.empty(n, np.int64), 0
