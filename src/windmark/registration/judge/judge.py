@@ -41,6 +41,7 @@ class Judge:
         self._bender = Bender(self._views, limits.deformation, budget)
         self._kept: dict[Solution, Solution] = {}
         self._doubted: dict[Solution, Doubts] = {}
+        self._plain = -np.inf  # evidence of the best rigid solution
         self._challenged: list[Solution] = []
         self._copies: list[tuple[Solution, Solution | None]] = []
         self._unchallenged = False  # the work was over before all rivals had been looked for
@@ -54,13 +55,14 @@ class Judge:
         """
         self._challenge()
         rigid = self._rigid()
+        self._plain = rigid.best.evidence if rigid.best is not None else -np.inf
         if rigid.cause == "labels" or (rigid.cause in DOUBTFUL and not deformed):
             return rigid
         verdict = self._bent(rigid) if len(self._bender.modes) else rigid
         if verdict.cause is None and verdict.best is not None:
             verdict = self._beside_copies(verdict, verdict.best)
         if verdict.cause is None and verdict.best is not None:
-            return self._checked(verdict, verdict.best)
+            return self._checked(verdict, verdict.best, rigid)
         return self._explained(verdict) if final else verdict
 
     def _rigid(self) -> Verdict:
@@ -85,8 +87,12 @@ class Judge:
         found = self._bender.solutions(self._source.candidates()[:BENT])
         if not found:
             return rigid
+        if best is not None:
+            # What bending brings the best one it may bring a rival, too.
+            least = 2 * best.evidence - found[0].evidence - self._limits.margin
+            found = self._bender.solutions([*self._source.candidates()[:BENT], *self._source.above(least)])
         bent = found[0]
-        if best is not None and bent.evidence < best.evidence:
+        if best is not None and bent.evidence < best.evidence + (rules.BENT_LEAD if rigid.cause is None else 0.0):
             return rigid
         most, everywhere = rules.BENT_MOST
         free = any(plane.task.free_focal for plane in self._views.planes)
@@ -144,15 +150,21 @@ class Judge:
         answer = runner_up(best, other)
         return Verdict(best, answer, "ambiguous", words.ambiguity(best, other, answer))
 
-    def _checked(self, verdict: Verdict, best: Solution) -> Verdict:
+    def _checked(self, verdict: Verdict, best: Solution, rigid: Verdict) -> Verdict:
         """Other cameras, the mirror image, a free focal length that is not determined; and what stays unchecked."""
-        doubts = self._doubts(best)
-        if doubts.camera_promises and (other := doubts.other_camera(best)):
-            cause: Cause = "wrong_focal" if other[0] == "focal length" else "wrong_camera"
-            return Verdict(best, verdict.runner_up, cause, other[1])
+        doubts, beside = self._doubts(best), None
+        unchecked = list(doubts.unchecked())
+        if doubts.camera_promises and (other := doubts.other_camera(self._plain)):
+            if best.is_bent and rigid.cause is None and rigid.best is not None:
+                # Then it is no bending, and the rigid model may do.
+                return self._checked(rigid, rigid.best, rigid)
+            if best.is_bent or not doubts.is_slight:
+                cause: Cause = "wrong_focal" if other[0] == "focal length" else "wrong_camera"
+                return Verdict(best, verdict.runner_up, cause, other[1])
+            beside = doubts.better
+            unchecked.append(Unchecked(other[0], f"{other[1]}; the sigma of the pose has what that would change"))
         if loose := self._focal(best):
             return Verdict(best, verdict.runner_up, "focal", loose)
-        unchecked = list(doubts.unchecked())
         if (mirror := mirror_of(self._views, best, MIRRORS)) is not None:
             lead = best.lead_over(mirror)
             if mirror.lead_over(best) > self._limits.margin:
@@ -162,7 +174,7 @@ class Judge:
                 unchecked.append(Unchecked("mirror", words.MIRROR_UNSEEN))
         if len(self._views.planes) == 1:
             unchecked.append(Unchecked("scale", words.SCALE_UNSEEN))
-        return Verdict(best, verdict.runner_up, None, "", tuple(unchecked))
+        return Verdict(best, verdict.runner_up, None, "", tuple(unchecked), beside)
 
     def _explained(self, verdict: Verdict) -> Verdict:
         """A refusal, with the camera as its reason if another one makes of the best solution a sound one."""
@@ -170,7 +182,7 @@ class Judge:
         if best is None or verdict.cause not in ("weak", "misfit"):
             return verdict
         doubts = self._doubts(best)
-        found = doubts.other_camera(best)
+        found = doubts.other_camera(self._plain)
         sound = doubts.better
         if found is None or sound is None or self._refusal(sound, ())[0] is not None:
             return verdict

@@ -31,6 +31,14 @@ FEW = 16
 """With so few pairs each is left out once: a single wrong one can open the gates for itself (`matching_refusals`)."""
 COPY, COPY_NFA = 15.0, -5.0
 """A second copy of the model has so much evidence (nats) and no larger a false-alarm number (`attacks`: copies)."""
+MOVED = 3.0
+"""Another camera matters where it moves the pose by so many of its stated sigmas (root of chi-square over six)."""
+SLIGHT_PX = 0.5
+"""A camera that does not fit but leaves less than this (1 sigma per coordinate) beyond the noise is slightly wrong, as
+calibrations are: the pose is given with what another camera would make of it in its sigma (`tests/real`)."""
+BENT_LEAD = 5.0
+"""How much better (nats) a bent model must be than a rigid one that is no worse than its table: a random table error
+looks a little bent (`matching_bent`)."""
 DOUBT = 3.0
 """Nats that another camera or a bent model must promise to first order before they are tried (one picture in 50)."""
 UNFOUND = 0.6

@@ -36,7 +36,9 @@ class Source:
     budget : of the whole registration
     """
 
-    def __init__(self, views: Views, searches: Sequence[Search | QuadSearch | None], window: float, budget: Budget) -> None:  # fmt: skip
+    def __init__(
+        self, views: Views, searches: Sequence[Search | QuadSearch | None], window: float, budget: Budget
+    ) -> None:
         self.views, self._window, self._budget = views, window, budget
         self._searches = tuple(searches)
         self._running = {c: search.batches() for c, search in enumerate(searches) if search is not None}
@@ -92,6 +94,15 @@ class Source:
             top = search.top(POOL) if search is not None else []
             chosen.extend((c, candidate) for candidate in top if candidate.score > top[0].score - self._window)
         return chosen
+
+    def above(self, evidence: float) -> list[tuple[int, Candidate]]:
+        """Candidates whose solutions have more evidence (nats) than so much."""
+        found = []
+        for c, candidate in self.candidates():
+            solution = self._solution(c, candidate)
+            if solution is not None and solution.evidence > evidence:
+                found.append((c, candidate))
+        return found
 
     def contradictions(self) -> list[Solution]:
         """Solutions that do not have the fixed labels, best first."""
