@@ -164,6 +164,18 @@ class Doubts:
             "calibrate its distortion"
         )
 
+    def focal_sigma(self, c: int) -> float:
+        """Relative 1 sigma of a free focal length where the lens is not known to the last digit.
+
+        A focal length that is read out of the distortion alone is as good as the lens model.
+        """
+        first = self._cameras
+        lens = first.asked[len(DOUBTS) * c + PARTS["lens"][0]]
+        kept = np.setdiff1d(np.arange(len(first.side)), np.setdiff1d(first.asked, lens))
+        at = int(np.flatnonzero(kept == 6 + c * (self.views.loose.shape[2] + len(DOUBTS)))[0])
+        normal = first.normal[np.ix_(kept, kept)] + np.diag((kept >= 6).astype(float))
+        return self.views.planes[c].task.focal_sigma * float(np.sqrt(np.linalg.inv(normal)[at, at]))
+
     def unchecked(self) -> tuple[Unchecked, ...]:
         """What of the cameras this picture would not show if it alone were wrong."""
         found = []

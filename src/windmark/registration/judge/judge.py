@@ -195,8 +195,7 @@ class Judge:
         for c, plane in enumerate(self._views.planes):
             if not plane.task.free_focal:
                 continue
-            at = 6 + c * best.views.loose.shape[2]
-            sigma = plane.task.focal_sigma * float(np.sqrt(best.unit_cov[at, at]))
+            sigma = self._doubts(best).focal_sigma(c)
             if sigma > self._limits.focal_sigma:
                 return (
                     f"the labelling is clear, but this view fixes the focal length only to {100 * sigma:.0f} % "
