@@ -239,7 +239,7 @@ def test_what_is_unchecked_goes_unnoticed_and_more_does_not(what):
 
 
 def test_unchecked_is_what_the_picture_would_not_show():
-    """Few markers of a flat wing far away say little of the camera; a wide picture with depth says all but the scale."""
+    """A flat wing far away says little of the camera; a wide picture with depth says all but the scale."""
     far = scenes.scene(74, "A", noise_px=0.3)
     found = register(far.detections, far.markers, far.camera, max_time_s=2.0)
     whats = [u.what for u in found.unchecked]
