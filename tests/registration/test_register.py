@@ -315,8 +315,8 @@ def test_prior_rejects_the_truth_when_it_is_wrong():
 
 
 def test_prior_lets_fewer_markers_suffice():
-    rng = np.random.default_rng(5)
-    markers = scenes.wing(rng).take([0, 5, 10, 15, 20])
+    rng = np.random.default_rng(2)
+    markers = scenes.wing(rng).take([0, 3, 7, 10, 13, 16, 20, 23])
     camera, pose = scenes.random_view(rng, markers)
     scene = scenes.image_of(rng, markers, camera, pose, noise_px=0.2, false=0.5)
     alone = register(scene.detections, markers, camera)
