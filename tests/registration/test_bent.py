@@ -173,7 +173,9 @@ def test_fixed_labels_are_kept_on_a_bent_model():
     scene, _ = bent_scenes.scene(7181, "B", Bend(0.02), hidden=0.25, false=0.5)
     spots = np.flatnonzero(scene.label >= 0)[:2]
     fixed = {int(s): int(scene.label[s]) for s in spots}
-    result = register(scene.detections, scene.markers, scene.camera, fixed=fixed)
+    result = register(scene.detections, scene.markers, scene.camera, fixed=fixed, max_time_s=5.0)
+    assert result, result.reason
+    assert result.deformation is not None
     labels = dict(zip(result.matching.detection.tolist(), result.matching.marker.tolist(), strict=True))
     assert all(labels[s] == m for s, m in fixed.items())
 

@@ -1,5 +1,7 @@
 """What cameras saw as the settle wants it: their covariances and doubts as columns, spots in order, freedom added."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import registration_scenes as scenes
@@ -99,6 +101,16 @@ def test_sights_are_the_spots_of_all_cameras_one_after_the_other():
         pose = views.layout.frame.pose(sights.rotation[c], sights.translation[c])
         centre = views.layout.frame.centre
         np.testing.assert_allclose(pose.apply(centre), rig.cam_from_rig[c].translation, atol=1e-9)
+
+
+def test_sigmas_of_the_table_are_those_of_the_unit_model():
+    scene = scenes.scene(54, "A")
+    sigma = np.full((24, 3), 0.003) * [1.0, 2.0, 3.0]
+    sigma[5] = np.nan
+    views = settling.views_of(replace(scene, markers=replace(scene.markers, sigma=sigma)))
+    expected = np.where(np.isfinite(sigma), sigma, 0.0)
+    np.testing.assert_allclose(views.sights.sigma * views.layout.frame.scale, expected)
+    assert views.layout.frame.scale != pytest.approx(1.0, abs=0.1)
 
 
 def test_views_with_more_freedom_are_those_made_anew():

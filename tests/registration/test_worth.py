@@ -280,16 +280,21 @@ def test_false_alarm_number_bounds_false_alarms():
     assert hits <= 0.1 * trials
 
 
-def test_false_alarms_of_a_rig_count_all_spots_and_pairs():
+@pytest.mark.parametrize("free", [0, 1, 2])
+def test_false_alarms_of_a_rig_count_all_spots_and_pairs(free):
+    """Three pairs fix the pose, and one more each free focal length."""
     rig = scenes.rig_scene(36, "B", 2, hidden=0.5, false=0.5)
-    views = settling.views_of_rig(rig)
+    views = settling.views_of_rig(
+        rig, each=tuple({"focal_factors": settling.FREE} if c < free else {} for c in range(2))
+    )
     both = settling.settled(views, rig)
     ones = [settled(view) for view in rig.views]
     assert both.log10_nfa < min(one.log10_nfa for one in ones)
     residuals = np.concatenate([both.state.residual[c, both.pairs(c)[1]] for c in range(2)])
     density = np.concatenate([views.densities[c][-1][both.pairs(c)[0]] for c in range(2)])
     spots = sum(len(view.detections) for view in rig.views)
-    assert both.log10_nfa == pytest.approx(log10_nfa(residuals, density, both.expected, 60, spots, 3, 0.0))
+    expected = log10_nfa(residuals, density, both.expected, 60, spots, 3 + free, 0.0)
+    assert both.log10_nfa == pytest.approx(expected)
 
 
 # --- evidence and leads --------------------------------------------------------------------------
@@ -307,6 +312,37 @@ def test_freedom_is_the_volume_of_the_posterior_in_that_of_the_prior():
     prior = settled(scene, prior=scene.cam_from_model, prior_max_angle_rad=0.5, prior_max_scale=1.3)
     share = prior.views.planes[0].task.prior_share
     assert prior.freedom == pytest.approx(solution.freedom - np.log(share), abs=1e-6)
+
+
+def test_freedom_is_that_of_place_and_distance():
+    """The posterior's volume by rotation, place of the centre in the image (px) and the logarithm of its distance."""
+    scene = scenes.scene(37, "B", noise_px=0.2)
+    solution = settled(scene)
+    camera, at = scene.camera, solution.state.translation
+
+    def seen(t):
+        return np.append(camera.project(t)[0], np.log(t[2]))
+
+    change = np.eye(6)
+    change[3:, 3:] = np.stack([(seen(at + d) - seen(at - d)) / 2e-6 for d in 1e-6 * np.eye(3)], axis=1)
+    cov = change @ solution.unit_cov @ change.T
+    volume = 0.5 * np.linalg.slogdet(2 * np.pi * cov)[1]
+    prior = np.log(8 * np.pi**2) + np.log(np.prod(camera.size_px)) + np.log(np.log(100.0))
+    assert solution.freedom == pytest.approx(volume - prior, abs=1e-5)
+
+
+def test_freedom_has_the_priors_of_cameras_and_shape():
+    """Two sigma of a nuisance cost two nats, one of a coefficient half a nat."""
+    scene = scenes.scene(37, "B", noise_px=0.2)
+    best = settled(scene)
+    views = settling.bent_views(best.views.doubted(columns=(1,)))
+    best = with_freedom(views, best)
+    best.state.nuisance[:], best.state.bent[:] = 0.0, 0.0
+    before = best.freedom
+    for at, size, cost in ((best.state.nuisance, 2.0, 2.0), (best.state.bent, 1.0, 0.5)):
+        at.flat[0] = size
+        assert Solution(views, best.state).freedom == pytest.approx(before - cost)
+        at.flat[0] = 0.0
 
 
 @pytest.mark.parametrize("columns", [(0,), (1,), (2, 3), (4,), range(5)])
