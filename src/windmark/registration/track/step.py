@@ -94,7 +94,10 @@ def step(
     state: TrackState, detections: Detections, dt: float, motion: Motion, limits: Limits, options: dict[str, Any],
     least_density: float,
 ) -> tuple[Registration | NotRegistered, TrackState]:  # fmt: skip
-    """Follow one frame; a falsy answer, and the state as it was, where the prediction does not lead to a labelling."""
+    """Follow one frame; a falsy answer, and the state as it was, where the prediction does not lead to a labelling.
+
+    Where only the rigid model is in doubt, its labels go to the judge.
+    """
     assert state.estimate is not None, "step: a first frame is registered"
     prepared, layout = state.prepared, state.prepared.layout
     if len(detections) < MIN_COUNT:
@@ -113,10 +116,28 @@ def step(
         return NotRegistered(OUTCOMES[n[OUTCOME]], "nothing", options=options), state
     if (refusal := _refusal(n, done, limits, len(state.marker))) is not None:
         return replace(refusal, options=options), state
+    if n[BENDING] > rules.DOUBT:
+        return _doubted(state, detections, done, n, dt, motion, limits, {**options, "dt": dt})
     answer = _registration(prepared, done, n, {**options, "dt": dt})
     estimate = Estimate(done.new_rotation, done.new_translation, done.new_velocity, done.new_cov)
     new = TrackState("tracked", "", estimate, done.change, done.marker, state.n_frames + 1, 0.0, prepared)
     return answer, new
+
+
+def _doubted(
+    state: TrackState, detections: Detections, done: Stepped, n: list[float], dt: float, motion: Motion,
+    limits: Limits, options: dict[str, Any],
+) -> tuple[Registration | NotRegistered, TrackState]:  # fmt: skip
+    """What the judge says of labels that look like those of a bent model."""
+    from windmark.registration.track.doubted import judged  # seldom needed, and it brings more of numba
+
+    match = np.full(len(state.prepared.layout.markers), -1, np.int32)
+    match[done.marker] = done.spot
+    pose = Pose(done.rotation, done.translation)
+    answer = judged(state.prepared, detections, pose, match, n[WORTH], n[TOLERANCE], limits, options)
+    if isinstance(answer, str):
+        return NotRegistered(answer, "misfit", int(n[COUNT]), pose, _runner_up(n, done), options=options), state
+    return answer, restart(state, answer, dt, motion, "tracked", "")
 
 
 def _refusal(n: list[float], done: Stepped, limits: Limits, before: int) -> NotRegistered | None:
@@ -141,8 +162,6 @@ def _refusal(n: list[float], done: Stepped, limits: Limits, before: int) -> NotR
         )  # fmt: skip
     elif rules.MISFIT * n[MISFIT_PX] > n[TOLERANCE] or excess > allowed:
         cause, but = "misfit", f"but with a misfit of {n[MISFIT_PX]:.2g} px (1 sigma per coordinate)"
-    elif n[BENDING] > rules.DOUBT:
-        cause, but = "misfit", f"but they look like those of a bent model ({n[BENDING]:.0f} nats)"
     elif n[DISTANCE2] > ABRUPT:
         cause, but = "nothing", f"but the motion was abrupt ({n[DISTANCE2] ** 0.5:.0f} sigma)"
     elif n[SUPPOSED] and (count < FEWER * before or count < LEAST_SEEN * expected):
