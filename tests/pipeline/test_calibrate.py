@@ -28,7 +28,7 @@ from windmark.pipeline.calibrate import (
 from windmark.pipeline.calibrate import pictures as rounds
 from windmark.pipeline.calibrate.marks import Marks, start_camera, with_focal
 from windmark.pipeline.calibrate.outputs import datum_words, pose_columns, stations
-from windmark.pipeline.calibrate.rig import beside, rig_record
+from windmark.pipeline.calibrate.rig import beside
 from windmark.pipeline.clock import Clock
 from windmark.scene import Detections, MarkerSet, Matching, Observations, View
 
@@ -113,7 +113,7 @@ def test_a_rig_of_two_cameras():
     assert abs(one.angle_deg - true[1]) < 4 * one.angle_sigma_deg
     scale = align(out.result.markers.xyz, case.truth.points, scale=True).scale
     assert abs(one.distance * scale - np.linalg.norm(true[0])) < 4 * one.distance_sigma
-    assert rig_record(out.result, "mm")["cam_from_rig"]["a"]["rotation"].tolist() == np.eye(3).tolist()
+    assert out.result.cam_from_rig["a"].rotation.tolist() == np.eye(3).tolist()
 
 
 def test_cameras_that_share_no_instant_are_no_rig():

@@ -90,3 +90,62 @@ def test_missing_and_binary_files_are_clear(tmp_path):
     binary.write_bytes(bytes(range(256)))
     with pytest.raises(FileError, match="TOML"):
         read_project(binary)
+
+
+RIG = GOOD.replace('file = "camera.json"\n[[image]]\nfile = "a.tif"', """name = "left"
+file = "camera.json"
+[[camera]]
+name = "right"
+file = "camera.json"
+[[image]]
+file = "a.tif"
+camera = "left"
+[[image]]
+file = "b.tif"
+camera = "right"
+[rig]""")
+
+
+def test_images_of_a_rig_are_of_one_instant(write):
+    project = read_project(write(RIG))
+    assert project.rig_cameras == ("left", "right")
+    assert [[i.label for i in group] for group in project.instants] == [["a", "b"]]
+    assert read_project(write(GOOD)).instants == ()
+    other = RIG.replace('file = "b.tif"', 'file = "b.tif"\npoint = "2"').replace('"a.tif"', '"a.tif"\npoint = "1"')
+    assert read_project(write(other)).instants == ()
+    turned = read_project(write(RIG.replace("[rig]", '[rig]\ncameras = ["right", "left"]')))
+    assert [[i.label for i in group] for group in turned.instants] == [["b", "a"]]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("[rig]", '[rig]\nfile = "none.json"', "rig.file"),
+        ("[rig]", '[rig]\ncameras = ["left", "top"]', "'top' is not the name of a camera; they are left, right"),
+        ("[rig]", '[rig]\ncameras = ["left", "left"]', "named once"),
+        ("[rig]", '[rig]\ncameras = ["left"]', "rig.cameras"),
+        ("[rig]", '[rig]\ntrust = ["top"]', "'top' is not a camera of the rig"),
+        ('name = "left"', 'name = "left"\npose = "known"', "at least two cameras whose pose is to be found, got right"),
+        ('"b.tif"\ncamera = "right"', '"b.tif"\ncamera = "left"', "images a and b are both of camera left"),
+        ('"b.tif"', '"b.tif"\npoint = "1"', "image a has no point while others have one"),
+    ],
+)
+def test_a_rig_that_does_not_fit_is_refused(write, old, new, words):
+    with pytest.raises(FileError) as error:
+        read_project(write(RIG.replace(old, new)))
+    assert words in str(error.value)
+
+
+def test_a_rig_takes_no_camera_of_known_pose(write):
+    third = '[[camera]]\nname = "top"\nfile = "camera.json"\npose = "known"\n[rig]\n'
+    assert read_project(write(RIG.replace("[rig]", third))).rig_cameras == ("left", "right")
+    with pytest.raises(FileError, match="the pose of camera top is known"):
+        read_project(write(RIG.replace("[rig]", third + 'cameras = ["left", "right", "top"]')))
+
+
+def test_binding_is_for_labels(write):
+    binding = GOOD + "[register]\nbinding = true\n"
+    with pytest.raises(FileError, match="no image has labels"):
+        read_project(write(binding))
+    project = read_project(write(binding.replace('"a.tif"', '"a.tif"\nlabels = { w03 = [5, 6] }')))
+    assert project.register_.binding

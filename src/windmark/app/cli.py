@@ -10,7 +10,7 @@ import typer
 
 from windmark.app import console
 from windmark.app.commands import align, camera, deform, epipolar, image, plan, pov
-from windmark.app.commands.matching_options import MaxTime, NoOcclusion, Roles
+from windmark.app.commands.matching_options import Binding, MaxTime, NoOcclusion, Roles
 from windmark.app.commands.options import Json, Seed
 
 app = typer.Typer(
@@ -96,6 +96,7 @@ def run(
     max_time: MaxTime = None,
     roles: Roles = None,
     no_occlusion: NoOcclusion = False,
+    binding: Binding = False,
     method: Annotated[
         str | None, typer.Option("--method", help="hash, or ransac: the paper's search. [default: the project's]")
     ] = None,
@@ -107,7 +108,7 @@ def run(
     with console.errors(as_json):
         verbs.run(
             project, output, as_json, max_time_s=max_time, roles=tuple(roles or ()), no_occlusion=no_occlusion,
-            method=method,
+            binding=binding, method=method,
         )  # fmt: skip
 
 

@@ -80,7 +80,7 @@ def _overview(report: Report, result: RunResult) -> None:
             item.name,
             None if item.detections is None else len(item.detections),
             None if answer is None else len(answer.matching),
-            None if answer is None else answer.rms_px,
+            None if answer is None or not len(answer.matching) else answer.rms_px,
             None if answer is None else f"10^{answer.log10_nfa:.0f}",
             None if item.values is None else int(np.isfinite(item.values).sum()),
             sum(item.seconds.values()),
@@ -159,9 +159,14 @@ def _image(report: Report, item: ImageResult, result: RunResult) -> None:
 def _registration(report: Report, item: ImageResult, answer: Registration, markers: MarkerSet, unit: str) -> None:
     assert item.detections is not None
     _pose_table(report, item, answer, unit)
+    _together(report, item)
+    if answer.unchecked:
+        report.text(f"This picture cannot tell: {'; '.join(u.words for u in answer.unchecked)}.", "soft")
     report.picture(
         png(figures.matching_figure(item, markers)), "Which spot is which marker; yellow: residual vectors, magnified."
     )
+    if not len(answer.matching):
+        return
     names, _, residual = figures.matched(item, markers)
     report.picture(png(pictures.residual_picture(names, residual), dpi=88), "Residuals of the matched markers.")
     xy, merit = (column[answer.matching.detection] for column in (item.detections.xy, item.detections.merit))
@@ -174,6 +179,21 @@ def _registration(report: Report, item: ImageResult, answer: Registration, marke
         scroll=True,
     )
     report.side_by_side(2)
+
+
+def _together(report: Report, item: ImageResult) -> None:
+    """With which cameras of the rig an image was registered."""
+    found = None if item.instant is None else item.instant.registered
+    if item.instant is None or found is None or len(found.cameras) < 2:
+        return
+    each = ", ".join(
+        f"{name} {count} of {expected}"
+        for name, count, expected in zip(item.instant.together.names, found.counts, found.n_expected, strict=True)
+    )
+    report.text(
+        f"Registered together with the other cameras of the rig, from one instant (markers matched: {each}). The pose"
+        f" follows from all of them, and the false-alarm number is that of all; RMS of all {found.rms_px:.3g} px."
+    )
 
 
 def _pose_table(report: Report, item: ImageResult, answer: Registration, unit: str) -> None:
@@ -205,8 +225,9 @@ def _pose_table(report: Report, item: ImageResult, answer: Registration, unit: s
         )
     if item.published is not None:
         off = pose_difference(answer.cam_from_model, item.published)
+        used = "not used" if item.instant is None else "at most its place in the rig is used"
         report.text(
-            f"The camera's file holds a pose too (not used): it differs by {off['angle_deg']:.3f} deg, its station by"
+            f"The camera's file holds a pose too ({used}): it differs by {off['angle_deg']:.3f} deg, its station by"
             f" {off['station_distance']:.4g} {unit}."
         )
 

@@ -16,6 +16,7 @@ from windmark.pipeline.merge import MergeResult
 from windmark.pipeline.project import Project, make_project, read_project
 from windmark.pipeline.results import ImageResult, RunResult
 from windmark.pipeline.truth import Comparison
+from windmark.registration import Registration
 
 Record = dict[str, Any]
 
@@ -28,6 +29,7 @@ def run(
     max_time_s: float | None = None,
     roles: tuple[str, ...] = (),
     no_occlusion: bool = False,
+    binding: bool = False,
     method: str | None = None,
 ) -> None:
     """The main job from a project file; what is given besides replaces the file's own."""
@@ -38,6 +40,8 @@ def run(
         given["register"]["max_time_s"] = max_time_s
     if no_occlusion:
         given["register"]["occlusion"] = False
+    if binding:
+        given["register"]["binding"] = True
     if method is not None:
         given["register"]["method"] = method
     if roles:
@@ -100,10 +104,12 @@ def image_line(item: ImageResult, result: RunResult) -> str:
         return f"{item.name}: {'; '.join(dict.fromkeys([*parts, item.problem]))}"
     answer = item.registered
     if answer is not None:
+        rms = f" RMS {answer.rms_px:.3f} px," if len(answer.matching) else ""
         parts.append(
-            f"{len(answer.matching)} of {len(item.detections or ())} spots are markers,"
-            f" RMS {answer.rms_px:.3f} px, log10(NFA) {answer.log10_nfa:.0f}"
+            f"{len(answer.matching)} of {len(item.detections or ())} spots are markers,{rms}"
+            f" log10(NFA) {answer.log10_nfa:.0f}"
         )
+        parts.extend(_together_words(item, answer))
         parts.extend(f"weak {weak.words(result.project.length_unit)}" for weak in answer.weak)
         if answer.deformation is not None:
             bent = answer.deformation
@@ -113,6 +119,15 @@ def image_line(item: ImageResult, result: RunResult) -> str:
         parts.append(f"{kind} on {int((item.values == item.values).sum())} of {len(item.values)} nodes")
     parts += [_points_words(merge_outputs.table_summary(table)) for table in item.points]
     return f"{item.name}: " + "; ".join(parts)
+
+
+def _together_words(item: ImageResult, answer: Registration) -> list[str]:
+    """With how many cameras an image was registered; and where its pose rests on these alone, that."""
+    if item.instant is None:
+        return []
+    others = len(item.instant.together.names) - 1
+    words = [f"together with {others} other camera{'s' if others > 1 else ''} of the rig"] if others else []
+    return [*words, *(u.words for u in answer.unchecked if u.what == "place in the rig")]
 
 
 def merge_line(item: MergeResult) -> str:

@@ -6,12 +6,15 @@ from windmark.io.cameras import (
     LENGTH_UNITS,
     CameraFile,
     ColmapModel,
+    RigFile,
     is_camera_text,
     read_camera,
     read_camera_file,
     read_colmap,
+    read_rig,
     write_camera,
     write_colmap,
+    write_rig,
     written_camera_format,
 )
 from windmark.io.colour import CHANNELS, MOSAICS, from_mosaic, to_grey
@@ -66,7 +69,7 @@ from windmark.io.vtk_write import write_nodes_vtk
 
 __all__ = [
     "CAMERA_FORMATS", "CHANNELS", "LENGTH_UNITS", "MOSAICS", "CameraFile", "ColmapModel", "FileError", "MatchTable",
-    "PointList",
+    "PointList", "RigFile", "read_rig", "write_rig",
     "is_camera_text", "atomic_folder", "atomic_path", "atomic_write", "from_mosaic", "read_detection_names",
     "read_camera", "read_camera_file", "read_colmap", "write_colmap", "written_camera_format",
     "read_detections", "read_json", "read_markers", "read_matches", "read_modes", "read_points", "read_table",

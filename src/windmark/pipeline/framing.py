@@ -97,10 +97,15 @@ def check_unit(project: Project, path: object, content: io.CameraFile) -> None:
     FileError
         Naming both units.
     """
-    unit = content.length_unit
-    if content.cam_from_model is not None and unit not in (None, project.length_unit):
-        what = f"its pose is in {unit}, the project's length unit is {project.length_unit}; expected the same"
-        raise io.FileError(str(path), what, "key 'length_unit'")
+    if content.cam_from_model is not None and content.length_unit is not None:
+        refuse_unit(project, path, content.length_unit, "pose is")
+
+
+def refuse_unit(project: Project, path: object, unit: str, what: str) -> None:
+    """Refuse poses (``what`` of a file "is" or "are") in another unit than the project's lengths; see `check_unit`."""
+    if unit != project.length_unit:
+        words = f"its {what} in {unit}, the project's length unit is {project.length_unit}; expected the same"
+        raise io.FileError(str(path), words, "key 'length_unit'")
 
 
 def check_table_unit(project: Project, path: Path) -> None:

@@ -13,6 +13,7 @@ from windmark.geometry import Camera, Pose
 from windmark.pipeline.clock import Clock, Progress, silent
 from windmark.pipeline.framing import check_table_unit, check_unit, frame_views
 from windmark.pipeline.grid import oriented, read_surface
+from windmark.pipeline.instants import locate_together, read_rig
 from windmark.pipeline.locate import Inputs, locate
 from windmark.pipeline.mapping import align_images, map_image, map_views
 from windmark.pipeline.merge import MergeResult, merge_images
@@ -29,8 +30,8 @@ _POSES = 8
 def run_project(project: Project, *, progress: Progress = silent, workers: int | None = None) -> RunResult:
     """Detect, register and map every image of a project. Nothing is written.
 
-    Two parts: first every image is read, detected and registered, by itself; then, with all poses known, the
-    views are framed once and every image is mapped into the same ones.
+    Two parts: first every image is read, detected and registered, by itself or, with a rig, together with the others of
+    its instant; then, with all poses known, the views are framed once and every image is mapped into the same ones.
 
     An image that fails (unreadable, not registered) is kept with its reason in ``problem``; it never
     stops the others. What all images need (markers, cameras, grid) fails at once.
@@ -42,12 +43,14 @@ def run_project(project: Project, *, progress: Progress = silent, workers: int |
     """
     clock = Clock(progress)
     with clock("read markers, cameras and grid"):
+        cameras = {c.name: io.read_camera_file(c.file) for c in project.camera}
         inputs = Inputs(
             project,
             io.read_markers(project.markers.file, roles=project.markers.roles) if project.markers else None,
             read_surface(project.grid) if project.grid else None,
-            {c.name: io.read_camera_file(c.file) for c in project.camera},
+            cameras,
             _read_prior(project),
+            read_rig(project, cameras),
         )
     _check_labels(inputs)
     for file in ([project.markers.file] if project.markers else []) + [entry.file for entry in project.points]:
@@ -59,7 +62,7 @@ def run_project(project: Project, *, progress: Progress = silent, workers: int |
     framed = () if inputs.mesh is None else frame_views(project, inputs.mesh)
     lists = read_lists(project.points)
     threads = min(len(project.image), workers or os.cpu_count() or 1)
-    images = _in_parallel(lambda entry: locate(entry, inputs, progress), project.image, threads)
+    images = _located(inputs, progress, threads)
     points: tuple[PointSet, ...] = ()
     if inputs.mesh is not None and project.grid is not None:
         with clock("turn the grid to the air"):
@@ -69,6 +72,17 @@ def run_project(project: Project, *, progress: Progress = silent, workers: int |
     images, merged = _mapped(images, inputs, framed, points, threads, clock, progress)
     notes = tuple((c.file, text) for c in project.camera if (text := inputs.cameras[c.name].note))
     return RunResult(project, inputs.markers, inputs.mesh, tuple(images), clock.seconds, notes, framed, merged)
+
+
+def _located(inputs: Inputs, progress: Progress, threads: int) -> list[ImageResult]:
+    """Every image read, detected and registered: those that a rig took at one instant together, the others alone."""
+    project = inputs.project
+    done: dict[str, ImageResult] = {}
+    if project.instants:
+        done = locate_together(inputs, progress, lambda work, items: _in_parallel(work, items, threads))
+    alone = [entry for entry in project.image if entry.label not in done]
+    done |= {r.name: r for r in _in_parallel(lambda entry: locate(entry, inputs, progress), alone, threads)}
+    return [done[entry.label] for entry in project.image]
 
 
 def _some_poses(project: Project, images: Sequence[ImageResult]) -> list[tuple[Camera, Pose]]:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,26 +18,51 @@ from windmark.pipeline.project import ImageEntry, Project
 from windmark.pipeline.quantity import Quantity, quantity_of
 from windmark.pipeline.results import ImageResult
 from windmark.registration import Registration
-from windmark.scene import MarkerSet, Mesh
+from windmark.scene import Detections, MarkerSet, Mesh
 
 
 @dataclass(frozen=True)
 class Inputs:
-    """What all images of a project share. The grid's orientation does not matter here."""
+    """What all images of a project share. The grid's orientation does not matter here.
+
+    ``cam_from_rig``: where the cameras of the rig are, by name, the first one first; ``prior`` is then of this one.
+    """
 
     project: Project
     markers: MarkerSet | None
     mesh: Mesh | None
     cameras: Mapping[str, io.CameraFile]
     prior: Pose | None
+    cam_from_rig: Mapping[str, Pose] = field(default_factory=dict)
+
+    def prior_of(self, camera: str) -> Pose | None:
+        """The expected pose of a camera."""
+        if self.prior is None or camera not in self.cam_from_rig:
+            return self.prior
+        return self.cam_from_rig[camera] @ next(iter(self.cam_from_rig.values())).inverse() @ self.prior
 
 
 def locate(entry: ImageEntry, inputs: Inputs, progress: Progress) -> ImageResult:
     """Read, detect and register one image. A failure that the data cause becomes ``problem``."""
     source = inputs.project.camera_of(entry)
-    content = inputs.cameras[source.name]
-    camera, pose = content.camera, content.cam_from_model
+    pose = inputs.cameras[source.name].cam_from_model
     clock = Clock(progress, entry.label)
+    result = opened(entry, inputs, clock)
+    try:
+        if result.problem is None and source.pose == "known":
+            if pose is None:
+                raise io.FileError(source.file, 'has no pose; expected one, or pose = "find"')
+            result = replace(result, cam_from_model=pose, pose_cov=inputs.cameras[source.name].pose_cov)
+        elif result.problem is None:
+            result = _register(replace(result, published=pose), entry, inputs, clock)
+    except ValueError as error:
+        result = replace(result, problem=str(error))
+    return replace(result, seconds=clock.seconds)
+
+
+def opened(entry: ImageEntry, inputs: Inputs, clock: Clock) -> ImageResult:
+    """An image read; one that cannot be, or does not fit its camera, says so in ``problem``."""
+    camera = inputs.cameras[inputs.project.camera_of(entry).name].camera
     result = ImageResult(entry.label, None, camera)
     try:
         with clock("read image"):
@@ -44,26 +70,18 @@ def locate(entry: ImageEntry, inputs: Inputs, progress: Progress) -> ImageResult
             image = io.read_grey(entry.file, channel=entry.channel, bayer=entry.bayer, **page)
         result = replace(result, image=image, quantity=_quantity(entry, image))
         _check_size(image, camera, entry)
-        if source.pose == "known":
-            if pose is None:
-                raise io.FileError(source.file, 'has no pose; expected one, or pose = "find"')
-            result = replace(result, cam_from_model=pose, pose_cov=content.pose_cov)
-        else:
-            result = _register(replace(result, published=pose), entry, image, inputs, clock)
     except ValueError as error:
         result = replace(result, problem=str(error))
-    return replace(result, seconds=clock.seconds)
+    return result
 
 
-def _register(
-    result: ImageResult, entry: ImageEntry, image: NDArray[np.generic], inputs: Inputs, clock: Clock
-) -> ImageResult:
+def _register(result: ImageResult, entry: ImageEntry, inputs: Inputs, clock: Clock) -> ImageResult:
     """Detect and register one image; bright markers where dark ones give no pose, unless the project says which."""
     options = inputs.project.detect
     assert options is not None
     refusal: ValueError | None = None
     try:
-        result = _attempt(result, entry, image, inputs, clock, options.polarity)
+        result = _attempt(result, entry, inputs, clock, options.polarity)
     except ValueError as error:  # a label where no dark spot is
         if options.polarity != detection.AUTO:
             raise
@@ -72,25 +90,46 @@ def _register(
         return result
     # The false-alarm number decides, so what is tried second cannot pass for markers by chance.
     try:
-        other = _attempt(result, entry, image, inputs, clock, "bright")
+        other = _attempt(result, entry, inputs, clock, "bright")
     except ValueError:
         other = result
-    if other.registered is not None and other.detections is not None:
-        dark = 0 if result.detections is None else len(result.detections)
-        words = f"bright markers: {len(other.detections)} found (dark spots, {dark}, gave no pose)"
-        return replace(other, said=words, problem=None)
+    if other.registered is not None:
+        return as_bright(other, result)
     if refusal is not None:
         raise refusal
     return result
 
 
-def _attempt(
-    result: ImageResult, entry: ImageEntry, image: NDArray[np.generic], inputs: Inputs, clock: Clock, polarity: str
-) -> ImageResult:
+def as_bright(result: ImageResult, dark: ImageResult) -> ImageResult:
+    """An image whose bright spots gave a pose that its dark ones did not give, with what is said of it."""
+    bright = 0 if result.detections is None else len(result.detections)
+    tried = 0 if dark.detections is None else len(dark.detections)
+    return replace(result, said=f"bright markers: {bright} found (dark spots, {tried}, gave no pose)", problem=None)
+
+
+def _attempt(result: ImageResult, entry: ImageEntry, inputs: Inputs, clock: Clock, polarity: str) -> ImageResult:
     """Detect and register spots of one polarity (or as "auto" decides)."""
-    options, wanted = inputs.project.detect, inputs.project.register_
-    assert options is not None
+    result = looked(result, inputs, clock, polarity)
+    found = result.detections
+    if result.problem is not None or found is None:
+        return result
     assert inputs.markers is not None
+    fixed, excluded = told(found, entry, inputs)
+    with clock("register"):
+        answer = registration.register(
+            found, inputs.markers, result.camera, prior=inputs.prior_of(inputs.project.camera_of(entry).name),
+            fixed=fixed, excluded=excluded, **register_options(inputs),
+        )  # fmt: skip
+    if isinstance(answer, Registration):
+        return posed(result, answer, inputs)
+    return replace(result, registration=answer, problem=f"not registered: {answer.reason}")
+
+
+def looked(result: ImageResult, inputs: Inputs, clock: Clock, polarity: str) -> ImageResult:
+    """An image with its spots; without any where no radius prevails, and ``problem`` says it."""
+    options, image = inputs.project.detect, result.image
+    assert options is not None
+    assert image is not None
     mask = None if options.mask is None else io.read_mask(options.mask, image.shape[:2])
     with clock("detect"):
         look = detection.find_markers(
@@ -105,34 +144,35 @@ def _attempt(
     result = replace(result, radius=look.radius, polarity=look.polarity, said=look.words)
     if look.radius is not None and not look.radius:
         return replace(result, problem=look.radius.reason)
-    found = look.detections
-    result = replace(result, detections=found)
-    fixed = fixed_spots(found, entry.labels, wanted.label_distance_px)
-    excluded = excluded_spots(found, entry.exclude, wanted.label_distance_px)
-    with clock("register"):
-        answer = registration.register(
-            found,
-            inputs.markers,
-            result.camera,
-            prior=inputs.prior,
-            prior_max_angle_deg=wanted.prior_max_angle_deg,
-            prior_max_scale=wanted.prior_max_scale,
-            fixed=fixed,
-            excluded=excluded,
-            visible=sight(inputs.markers, inputs.mesh) if wanted.occlusion and inputs.mesh is not None else None,
-            tolerance_px=wanted.tolerance_px,
-            free_focal=wanted.free_focal,
-            method=wanted.method,
-            max_time_s=wanted.max_time_s,
-            max_table_error=wanted.max_table_error,
-            max_deformation=wanted.max_deformation,
-            seed=wanted.seed,
-        )
-    result = replace(result, registration=answer)
-    if not isinstance(answer, Registration):
-        return replace(result, problem=f"not registered: {answer.reason}")
-    result = replace(result, camera=answer.camera, cam_from_model=answer.cam_from_model)
-    return replace(result, expected=_expected(inputs.markers, answer, inputs.mesh))
+    return replace(result, detections=look.detections)
+
+
+def told(found: Detections, entry: ImageEntry, inputs: Inputs) -> tuple[dict[int, str], NDArray[np.int64]]:
+    """Labels and exclusions of an image by spot; errors as `fixed_spots`."""
+    within = inputs.project.register_.label_distance_px
+    return fixed_spots(found, entry.labels, within), excluded_spots(found, entry.exclude, within)
+
+
+def register_options(inputs: Inputs) -> dict[str, Any]:
+    """Options of `register` that all images share, but for the prior."""
+    wanted = inputs.project.register_
+    assert inputs.markers is not None
+    return {
+        "prior_max_angle_deg": wanted.prior_max_angle_deg, "prior_max_scale": wanted.prior_max_scale,
+        "binding": wanted.binding, "tolerance_px": wanted.tolerance_px, "free_focal": wanted.free_focal,
+        "method": wanted.method, "max_time_s": wanted.max_time_s, "max_table_error": wanted.max_table_error,
+        "max_deformation": wanted.max_deformation, "seed": wanted.seed,
+        "visible": sight(inputs.markers, inputs.mesh) if wanted.occlusion and inputs.mesh is not None else None,
+    }  # fmt: skip
+
+
+def posed(result: ImageResult, answer: Registration, inputs: Inputs) -> ImageResult:
+    """An image with its registration, and the markers that it must show."""
+    assert inputs.markers is not None
+    expected = _expected(inputs.markers, answer, inputs.mesh)
+    return replace(
+        result, registration=answer, camera=answer.camera, cam_from_model=answer.cam_from_model, expected=expected
+    )
 
 
 def _quantity(entry: ImageEntry, image: NDArray[np.generic]) -> Quantity:

@@ -15,7 +15,7 @@ from windmark import io
 from windmark.geometry import Pose
 from windmark.pipeline.clock import Clock
 from windmark.pipeline.merge_outputs import merge_summary, table_summary, write_merged, write_points
-from windmark.pipeline.results import FramedView, ImageResult, RunResult
+from windmark.pipeline.results import FramedView, ImageResult, Instant, RunResult
 from windmark.registration import NotRegistered, Registration, WeakDirection
 from windmark.scene import MarkerSet
 
@@ -90,7 +90,11 @@ def _write_image_nodes(item: ImageResult, result: RunResult, place: Path, clock:
 
 
 def _write_merged_nodes(
-    result: RunResult, clock: Clock, place: Path, fields: Mapping[str, NDArray[Any]], units: Mapping[str, str],
+    result: RunResult,
+    clock: Clock,
+    place: Path,
+    fields: Mapping[str, NDArray[Any]],
+    units: Mapping[str, str],
     of: Record,
 ) -> None:
     made = {"project": result.project.title, "windmark": windmark.__version__}
@@ -153,6 +157,7 @@ def summary(result: RunResult, clock: Clock) -> Record:
         "grid_nodes": None if result.mesh is None else len(result.mesh.vertices),
         "views": [view_summary(view) for view in result.framed],
         "images": [image_summary(item, result) for item in result.images],
+        "instants": [instant_summary(instant) for instant in result.instants],
         "merged": [merge_summary(group) for group in result.merged],
         "failed": [item.name for item in result.failed],
         "notes": [f"{path}: {text}" for path, text in result.notes],
@@ -167,6 +172,20 @@ def view_summary(view: FramedView) -> Record:
     return {
         "name": view.name, "size_px": view.camera.size_px, "pov": vars(pov), "units_per_px": view.units_per_px,
         "how": view.how,
+    }  # fmt: skip
+
+
+def instant_summary(instant: Instant) -> Record:
+    """What the cameras of a rig gave together at one instant, in figures."""
+    done, found = instant.together, instant.registered
+    record: Record = {"point": instant.point, "cameras": done.names, "left_out": dict(done.left_out)}
+    if found is None:
+        return {**record, "registered": False, "reason": done.answer.reason, "cause": done.answer.cause}  # type: ignore[union-attr]
+    pose = found.rig_from_model
+    return {
+        **record, "registered": True, "matched": found.counts, "expected": found.n_expected, "rms_px": found.rms_px,
+        "excess_px": found.excess_px, "log10_nfa": found.log10_nfa,
+        "rig_from_model": {"rotation": pose.rotation, "translation": pose.translation, "covariance": found.cov},
     }  # fmt: skip
 
 
@@ -218,6 +237,7 @@ def registration_summary(answer: Registration, names: NDArray[np.str_], publishe
         "focal_px": answer.camera.focal_px,
         "cov": answer.cov,
         "weak": [weak_record(w, unit) for w in answer.weak],
+        "unchecked": [{"what": u.what, "words": u.words} for u in answer.unchecked],
     }
     if answer.deformation is not None:
         bent = answer.deformation

@@ -15,6 +15,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from windmark.io import picture_name
 from windmark.pipeline.quantity import Quantity
+from windmark.pipeline.rig_settings import RigOptions, check_rig, instants, rig_cameras
 from windmark.pipeline.settings import Strict, existing, existing_picture, explained, read_toml, unusable_name
 from windmark.pipeline.wanted import LineEntry, MergeOptions, PointsEntry, check_merge
 
@@ -47,7 +48,8 @@ class ImageEntry(Strict):
     ``scale``, ``offset``: value = offset + scale * grey level, before anything is sampled.
     ``labels``: marker name -> (x, y) of its spot, which the registration must keep; ``exclude``: (x, y) of spots that
     take no part. The spot nearest to such a place is meant, at most ``register.label_distance_px`` away.
-    ``point``: of the test (a time, a step of a polar): images of the same point are merged.
+    ``point``: of the test (a time, a step of a polar): images of the same point are merged; with a ``[rig]`` they
+    are of one instant.
     """
 
     file: Path
@@ -132,7 +134,7 @@ class RegisterOptions(Strict):
     ``method``: "hash" looks up how neighbouring markers can look, "ransac" is the paper's search (section III.C).
     ``occlusion``: markers that the grid hides are neither expected nor matched.
     ``max_table_error``: as part of the distance between markers; larger for a rough table. ``max_deformation``: as part
-    of the model's size.
+    of the model's size. ``binding``: the images' labels are facts, which no other solution is compared with.
     """
 
     method: Literal["hash", "ransac"] = "hash"
@@ -146,6 +148,7 @@ class RegisterOptions(Strict):
     max_table_error: Positive = 0.025
     max_deformation: Annotated[float, Field(ge=0, le=0.1)] = 0.05
     label_distance_px: Positive = 10.0
+    binding: bool = False
     occlusion: bool = True
 
 
@@ -249,6 +252,7 @@ class Project(Strict):
     title: str
     length_unit: Unit
     camera: Annotated[tuple[CameraEntry, ...], Field(min_length=1)]
+    rig: RigOptions | None = None
     image: Annotated[tuple[ImageEntry, ...], Field(min_length=1)]
     markers: MarkersEntry | None = None
     grid: GridEntry | None = None
@@ -289,6 +293,12 @@ class Project(Strict):
             missing = [name for name in ("markers", "detect") if getattr(self, name) is None]
             if missing:
                 raise ValueError(f"[{missing[0]}] is missing: the cameras' poses are found from markers in the images")
+        if self.rig is not None:
+            found = [c.name for c in self.camera if c.pose == "find"]
+            known = [c.name for c in self.camera if c.pose == "known"]
+            check_rig(self.rig, found, known, self._taken())
+        if self.register_.binding and not any(i.labels for i in self.image):
+            raise ValueError("register: binding says that labels are facts, but no image has labels")
         if self.align and self.align.reference not in [i.label for i in self.image]:
             raise ValueError(f"align: reference {self.align.reference!r} is not the name of an image")
         if self.align and self.align.background == "keep" and len({self.camera_of(i).name for i in self.image}) > 1:
@@ -298,7 +308,7 @@ class Project(Strict):
         if self.grid is None and (self.view or self.section or self.align or self.points or self.line):
             raise ValueError("views, sections, points, lines and alignment need a grid: add [grid] file = ...")
         if self.merge is not None:
-            check_merge(self.merge, [(i.label, i.point, self.camera_of(i).name) for i in self.image], bool(self.grid))
+            check_merge(self.merge, self._taken(), bool(self.grid))
             taken = sorted({"merged", *(f"merged-{i.point}" for i in self.image)} & {i.label for i in self.image})
             if taken:
                 raise ValueError(f"merge: its folder {taken[0]} has the name of an image; name the image otherwise")
@@ -307,6 +317,22 @@ class Project(Strict):
     def camera_of(self, image: ImageEntry) -> CameraEntry:
         """The camera that took an image."""
         return next(c for c in self.camera if image.camera in (None, c.name))
+
+    def _taken(self) -> list[tuple[str, str | None, str]]:
+        """Name, point and camera of every image."""
+        return [(i.label, i.point, self.camera_of(i).name) for i in self.image]
+
+    @property
+    def rig_cameras(self) -> tuple[str, ...]:
+        """The cameras of the rig; none without one."""
+        return rig_cameras(self.rig, [c.name for c in self.camera if c.pose == "find"])
+
+    @property
+    def instants(self) -> tuple[tuple[ImageEntry, ...], ...]:
+        """Images that cameras of the rig took at the same instant, two and more of each."""
+        of_label = {i.label: i for i in self.image}
+        groups = instants(self.rig, [c.name for c in self.camera if c.pose == "find"], self._taken()).values()
+        return tuple(tuple(of_label[name] for name, _ in group) for group in groups if len(group) > 1)
 
 
 def read_project(path: str | Path, given: Mapping[str, Mapping[str, Any]] | None = None) -> Project:
@@ -345,6 +371,10 @@ def _with_absolute_paths(project: Project) -> Project:
     if register.prior is not None:
         register = register.model_copy(update={"prior": existing(project.path, "register.prior", register.prior)})
 
+    rig = project.rig
+    if rig is not None and rig.file is not None:
+        rig = rig.model_copy(update={"file": existing(project.path, "rig.file", rig.file)})
+
     detect = project.detect
     if detect is not None and detect.mask is not None:
         detect = detect.model_copy(update={"mask": existing_picture(project.path, "detect.mask", detect.mask)})
@@ -369,6 +399,7 @@ def _with_absolute_paths(project: Project) -> Project:
             "points": tuple(moved(f"points[{i}]", p) for i, p in enumerate(project.points)),
             "grid": moved("grid", project.grid) if project.grid else None,
             "register_": register,
+            "rig": rig,
             "detect": detect,
             "output": project.output.model_copy(update={"folder": (base / project.output.folder).resolve()}),
         }

@@ -14,7 +14,8 @@ from windmark.geometry import Camera, Pose
 from windmark.pipeline.points import PointTable
 from windmark.pipeline.project import Project
 from windmark.pipeline.quantity import Quantity
-from windmark.registration import NotRegistered, Registration
+from windmark.pipeline.together import Together
+from windmark.registration import NotRegistered, Registration, RigRegistration
 from windmark.resection import NodeView, PixelMap
 from windmark.scene import Detections, MarkerSet, Mesh
 
@@ -63,6 +64,26 @@ class SectionValues:
 
 
 @dataclass(frozen=True)
+class Instant:
+    """What the cameras of a rig gave together at one instant.
+
+    Parameters
+    ----------
+    point : of the test; None where there is only one
+    together : what came of them
+    """
+
+    point: str | None
+    together: Together
+
+    @property
+    def registered(self) -> RigRegistration | None:
+        """The registration when there is one."""
+        answer = self.together.answer
+        return answer if isinstance(answer, RigRegistration) else None
+
+
+@dataclass(frozen=True)
 class ImageResult:
     """Everything known about one image.
 
@@ -70,8 +91,8 @@ class ImageResult:
     file carried, for comparison; ``expected`` are the markers that must be in view from the pose found.
     ``pose_cov`` is what the camera's file says of a pose that was known; a registration has its own.
     ``radius`` is the estimate that detection used where the project gives none; ``polarity`` that of the spots, and
-    ``said`` what was decided about it. ``image`` is as in the file; values, views, sections and ``aligned`` are in
-    ``quantity``.
+    ``said`` what was decided about it. ``instant`` has the cameras of a rig with which it was registered.
+    ``image`` is as in the file; values, views, sections and ``aligned`` are in ``quantity``.
     ``problem`` says in words why it went no further; None when all is well.
     """
 
@@ -85,6 +106,7 @@ class ImageResult:
     said: str = ""
     quantity: Quantity = field(default_factory=Quantity)
     detections: Detections | None = None
+    instant: Instant | None = None
     registration: Registration | NotRegistered | None = None
     expected: NDArray[np.int64] | None = None
     nodes: NodeView | None = None
@@ -119,6 +141,12 @@ class RunResult:
     """The virtual cameras, one per ``[[view]]`` of the project."""
     merged: tuple[MergeResult, ...] = ()
     """Images merged with each other, one per point of the test."""
+
+    @property
+    def instants(self) -> tuple[Instant, ...]:
+        """What the cameras of the rig gave together, one per instant."""
+        every = {id(i.instant): i.instant for i in self.images if i.instant is not None}
+        return tuple(every.values())
 
     @property
     def failed(self) -> tuple[ImageResult, ...]:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from windmark import io
+from windmark.geometry import Pose
 from windmark.pipeline.simulate import RADIUS_PX, true_levels, zones_of
 from windmark.pipeline.simulate_taps import write_taps
 from windmark.scene import View
@@ -25,7 +26,11 @@ title = "{count} cameras round one model, seed {seed}"
 length_unit = "mm"
 
 {cameras}
-# The poses of the cameras are found from the model's markers.
+# The cameras do not move against each other (rig.json, as windmark calibrate --rig writes it), and their pictures are
+# of one instant: they are registered together. Their poses to the model are found from its markers.
+[rig]
+file = "rig.json"
+
 [markers]
 file = "markers.csv"
 roles = ["model"]
@@ -95,8 +100,8 @@ def simulate_cameras(folder: Path, seed: int, count: int, *, size_px: tuple[int,
                      nodes: int = 60_000) -> TunnelTest:  # fmt: skip
     """Make a test of several cameras and write it into ``folder`` (existing, empty or not).
 
-    Files: project.toml, cam1.json, ... (interior parameters, no pose), cam1.tif, ..., markers.csv, model.grid (PLOT3D),
-    taps.tgts, taps.csv, and truth/.
+    Files: project.toml, cam1.json, ... (interior parameters, no pose), rig.json (their places to the first one),
+    cam1.tif, ..., markers.csv, model.grid (PLOT3D), taps.tgts, taps.csv, and truth/.
 
     Raises
     ------
@@ -107,6 +112,9 @@ def simulate_cameras(folder: Path, seed: int, count: int, *, size_px: tuple[int,
     io.write_markers(folder / "markers.csv", test.markers)
     io.write_mesh(folder / "model.grid", test.mesh)
     write_taps(folder, test.shape)
+    first, *others = test.cam_from_tunnel
+    beside = {n: test.cam_from_tunnel[n] @ test.cam_from_tunnel[first].inverse() for n in others}
+    io.write_rig(folder / "rig.json", {first: Pose.identity(), **beside}, unit="mm")
     truth = folder / "truth"
     truth.mkdir(exist_ok=True)
     parts = []

@@ -154,7 +154,9 @@ class Registration:
 
     @cached_property
     def weak(self) -> tuple[WeakDirection, ...]:
-        """Directions that the spots hardly determine, weakest first."""
+        """Directions that the spots hardly determine, weakest first; of a camera without a marker of its own none."""
+        if not len(self.matching):
+            return ()
         xyz = self.xyz if self.deformation is None else self.xyz + self.deformation.displacement
         return weak_directions(self.cam_from_model, self.camera.focal_px, self.cov, xyz[self.matching.marker])
 

@@ -9,6 +9,7 @@ import typer
 
 from windmark.app import console
 from windmark.app.commands.matching_options import (
+    Binding,
     Exclude,
     Label,
     Mask,
@@ -128,6 +129,7 @@ def register(
     prior_max_scale: PriorMaxScale = 1.3,
     label: Label = None,
     exclude: Exclude = None,
+    binding: Binding = False,
     roles: Roles = None,
     method: Method = "hash",
     max_time: MaxTime = None,
@@ -164,6 +166,7 @@ def register(
                 tolerance_px=tolerance_px,
                 free_focal=free_focal,
                 method=method,
+                binding=binding,
             ),
             "output": {"folder": output or Path(f"{picture_name(image)}-registration"), "nodes": ()},
         }

@@ -40,6 +40,12 @@ Exclude = Annotated[
     list[str] | None,
     typer.Option("--exclude", help="x,y: the spot there (within 10 px) takes no part; several times for several."),
 ]
+Binding = Annotated[
+    bool,
+    typer.Option(
+        "--binding", help="Given labels are facts: no solution without them is compared, and nothing overrules them."
+    ),
+]
 NoOcclusion = Annotated[
     bool, typer.Option("--no-occlusion", help="Markers that the grid hides are expected and matched all the same.")
 ]
@@ -84,6 +90,8 @@ def markers_settings(file: Path, roles: list[str] | tuple[str, ...] | None) -> d
 def values_settings(quantity: str | None, unit: str | None, scale: float, offset: float) -> dict[str, Any]:
     """What the values of an image are, of table [[image]] of a project."""
     return {"quantity": quantity, "unit": unit, "scale": scale, "offset": offset}
+
+
 def grid_settings(file: Path, volumes: list[str] | None) -> dict[str, Any]:
     """Table [grid] of a project.
 

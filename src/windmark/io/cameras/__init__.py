@@ -26,8 +26,9 @@ from windmark.io.cameras.files import (
     written_camera_format,
 )
 from windmark.io.cameras.record import LENGTH_UNITS, CameraFile
+from windmark.io.cameras.rig import RigFile, read_rig, write_rig
 
 __all__ = [
-    "CAMERA_FORMATS", "LENGTH_UNITS", "CameraFile", "ColmapModel", "is_camera_text", "read_camera", "read_camera_file",
-    "read_colmap", "write_camera", "write_colmap", "written_camera_format",
+    "CAMERA_FORMATS", "LENGTH_UNITS", "CameraFile", "ColmapModel", "RigFile", "is_camera_text", "read_camera",
+    "read_camera_file", "read_colmap", "read_rig", "write_camera", "write_colmap", "write_rig", "written_camera_format",
 ]  # fmt: skip

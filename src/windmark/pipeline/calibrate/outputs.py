@@ -19,7 +19,7 @@ from windmark.calibration.snooping import LIMIT
 from windmark.geometry import PARAMETERS
 from windmark.pipeline.calibrate.marks import Marks
 from windmark.pipeline.calibrate.read import Picture
-from windmark.pipeline.calibrate.rig import beside, beside_record, rig_record
+from windmark.pipeline.calibrate.rig import beside, beside_record
 from windmark.pipeline.calibrate.run import Calibrated
 from windmark.scene import MarkerSet
 
@@ -48,7 +48,7 @@ def write_network(result: Calibration, folder: Path, unit: str) -> None:
     io.write_table(folder / MARKERS_COV, {"name": result.markers.name, **cov})
     io.write_table(folder / "poses.csv", pose_columns(result))
     if result.cam_from_rig:
-        io.write_json(folder / "rig.json", rig_record(result, unit))
+        io.write_rig(folder / "rig.json", result.cam_from_rig, unit=unit, cov=result.rig_cov)
     io.write_json(folder / "poses.json", {"length_unit": unit, "views": pose_records(result)})
     place = folder / "views"
     place.mkdir()

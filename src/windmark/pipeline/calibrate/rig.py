@@ -1,4 +1,4 @@
-"""The cameras of a rig to each other, as records and figures."""
+"""The cameras of a rig to each other, in figures."""
 
 from __future__ import annotations
 
@@ -43,21 +43,6 @@ def beside(result: Calibration) -> tuple[Beside, ...]:
         sigma = [np.sqrt(max(float(a @ c @ a), 0.0)) for a, c in zip(along, (cov[3:, 3:], cov[:3, :3]), strict=True)]
         out.append(Beside(name, distance, sigma[0], float(np.degrees(angle)), float(np.degrees(sigma[1]))))
     return tuple(out)
-
-
-def rig_record(result: Calibration, unit: str) -> Record:
-    """``cam_from_rig`` of every camera with its covariance, for a file."""
-    cameras = {
-        name: {
-            "rotation": pose.rotation, "translation": pose.translation, "station": pose.center,
-            "covariance": result.rig_cov[name],
-        }
-        for name, pose in result.cam_from_rig.items()
-    }  # fmt: skip
-    return {
-        "length_unit": unit, "cam_from_rig": cameras,
-        "covariance_of": "exp(delta) @ cam_from_rig, delta = [rotation in radians, translation]",
-    }  # fmt: skip
 
 
 def beside_record(one: Beside) -> Record:
