@@ -8,11 +8,8 @@ import registration_scenes as scenes
 
 from windmark.geometry import Pose
 from windmark.registration import prepare
-<<<<<<< HEAD
-=======
 from windmark.registration.judge.doubts import FirstOrder
 from windmark.registration.judge.own import held_by_one
->>>>>>> 7226e0b26aac037e33fe015830ab84679285f46b
 from windmark.registration.register import default_tolerance
 from windmark.registration.search.plane import Plane
 from windmark.registration.settle._kernels.doubt import doubt_kernel
@@ -45,33 +42,7 @@ def views_of(scene, prepared, tolerance):
 def view():
     scene = scenes.scene(21, "B", hidden=0.2, false=0.5)
     prepared = Prepared.of(scene.markers, scene.camera, prepare(scene.markers))
-<<<<<<< HEAD
-    plane = spots.to_plane_kernel(prepared.packed, prepared.size, scene.detections.xy, scene.detections.cov)
-    made, columns, tolerance = spots.spots_of(
-        prepared.packed, prepared.size, *plane, scene.detections.radius_px, 0.0, 0.0
-    )
-    return scene, prepared, made, columns, tolerance
-
-
-def in_the_plane(camera, xy, cov):
-    """(M, 3) xx, xy, yy of covariances of image points, brought to the search plane by difference quotients."""
-    columns = [(to_plane(camera, xy + h) - to_plane(camera, xy - h)) / 1e-2 for h in 5e-3 * np.eye(2)]
-    turn = np.stack(columns, axis=-1)
-    return (turn @ cov @ turn.transpose(0, 2, 1)).reshape(-1, 4)[:, [0, 1, 3]]
-
-
-@pytest.mark.parametrize("lens", [{}, {"k1": -0.2, "k2": 0.05, "p1": 1e-3, "tilt_x": 0.02, "aspect": 1.02}])
-def test_plane_points_are_those_of_the_camera(lens):
-    camera = Camera((1280, 1000), 1100.0, **lens)
-    rng = np.random.default_rng(1)
-    xy, root = rng.uniform(0, 1, (50, 2)) * camera.size_px, rng.normal(0, 0.2, (50, 2, 2))
-    cov = root @ root.transpose(0, 2, 1)
-    got, spread = spots.to_plane_kernel(camera.packed(), np.array(camera.size_px, dtype=float), xy, cov)
-    np.testing.assert_allclose(got, to_plane(camera, xy), atol=1e-6)
-    np.testing.assert_allclose(spread, in_the_plane(camera, xy, cov), rtol=2e-5, atol=1e-7)
-=======
     return scene, prepared, *sights_of(scene, prepared)
->>>>>>> 7226e0b26aac037e33fe015830ab84679285f46b
 
 
 def test_points_in_order_and_columns_that_miss_none():
@@ -87,22 +58,10 @@ def test_points_in_order_and_columns_that_miss_none():
             assert place == exact or asked - sorted_x[place] <= 1.01 * np.ptp(x) / (2 * len(x))
 
 
-<<<<<<< HEAD
-def test_spots_are_those_of_the_search_plane(view):
-    scene, _, made, _, tolerance = view
-    plane = Plane(Task(scene.markers, scene.camera, scene.detections.xy, scene.detections.cov, tolerance))
-    picture = plane.picture(len(scene.detections))
-    np.testing.assert_allclose(made.density, picture.density, rtol=1e-9)
-    np.testing.assert_allclose(
-        made.cov, in_the_plane(scene.camera, scene.detections.xy, scene.detections.cov), rtol=1e-6
-    )
-    np.testing.assert_array_equal(made.x, np.sort(picture.p[:, 0]))
-=======
 def test_the_picture_is_that_of_a_search(view):
     scene, prepared, sights, _ = view
     for name, expected in views_of(scene, prepared, sights.tolerance[0]).sights._asdict().items():
         np.testing.assert_allclose(getattr(sights, name), expected, rtol=1e-9, err_msg=name)
->>>>>>> 7226e0b26aac037e33fe015830ab84679285f46b
 
 
 def test_prediction_is_that_of_the_matrices():

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.geometry import Pose
-from windmark.registration.budget import Budget
+from windmark.registration.budget import Budget, work_for
 from windmark.registration.judge.judge import Judge
 from windmark.registration.judge.solve import WINDOW
 from windmark.registration.judge.source import Source
@@ -61,8 +61,8 @@ def judged(
         radius_px=detections.radius_px[usable],
     )  # fmt: skip
     candidate = Candidate(pose, prepared.camera.focal_px, worth, int((match >= 0).sum()), within[match])
-    source = Source(Views.of([Plane(task, prepared.layout)]), [cast(Any, _Followed(candidate))], WINDOW)
-    budget = Budget(options["max_time_s"] or MOST_S)
+    budget = Budget.of(work_for(task, "hash"), options["max_time_s"])
+    source = Source(Views.of([Plane(task, prepared.layout)]), [cast(Any, _Followed(candidate))], WINDOW, budget)
     verdict = Judge(source, replace(limits, deformation=BENT), budget).verdict()
     if verdict.cause is not None or verdict.best is None:
         return verdict.reason

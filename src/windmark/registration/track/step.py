@@ -141,11 +141,7 @@ def _doubted(
 
 
 def _refusal(n: list[float], done: Stepped, limits: Limits, before: int) -> NotRegistered | None:
-<<<<<<< HEAD
-    """Why the labelling is not accepted: the tests of `judge.own`, and the motion; None if it is.
-=======
     """Why the labelling is not accepted: the tests of the judge (`judge.own`), and the motion; None if it is.
->>>>>>> 7226e0b26aac037e33fe015830ab84679285f46b
 
     ``before`` markers were matched in the last good frame.
     """
@@ -175,10 +171,13 @@ def _refusal(n: list[float], done: Stepped, limits: Limits, before: int) -> NotR
             "ambiguous",
             (f"but a labelling of {n[RIVAL_COUNT]:.0f} is about as good (lead {n[LEAD]:.1f} nats, with the motion)"),
         )
-    elif n[HELD_PX] > rules.HELD * n[TOLERANCE] or not n[OPEN_PX] < n[TOLERANCE]:
-        cause, but = "one_pair", (
-            f"but they leave the place of others open by {n[OPEN_PX]:.2g} px, and of one of them all others by "
-            f"{n[HELD_PX]:.2g} px"
+    elif n[HELD_PX] > n[TOLERANCE] or not n[OPEN_PX] < n[TOLERANCE]:
+        cause, but = (
+            "one_pair",
+            (
+                f"but they leave the place of others open by {n[OPEN_PX]:.2g} px, and of one of them all others by "
+                f"{n[HELD_PX]:.2g} px"
+            ),
         )
     else:
         return None
@@ -221,8 +220,8 @@ def restart(
     """The state after a frame that was searched for.
 
     Where its pose goes on with the motion, it is a frame like others. Where it does not, the motion is as good as
-    unknown. The velocity before stays the best guess after a single jump. Where the frame before had to be searched for, too,
-    the motion is too fast for what was known of it: then the difference of the two poses is the better guess.
+    unknown. The velocity before stays the best guess after a single jump. Where the frame before had to be searched for,
+    too, the motion is too fast for what was known of it: then the difference of the two poses is the better guess.
     """
     frame, cov, velocity = state.prepared.layout.frame, np.zeros((12, 12)), np.zeros(6)
     rotation, translation = (np.ascontiguousarray(v) for v in frame.unit(answer.cam_from_model))
@@ -246,6 +245,7 @@ def restart(
 
 def _continued(state: TrackState, now: Estimate, measured: Array, dt: float, motion: Motion) -> TrackState | None:
     """The state after a pose that was searched for, but that goes on with the motion; None if it does not."""
+    assert state.estimate is not None
     dt, innovation = dt + state.missed, np.empty(6)
     then = predict_kernel(Estimate(*state.estimate), state.change, dt)
     difference(now.rotation, now.translation, then.rotation, then.translation, innovation)

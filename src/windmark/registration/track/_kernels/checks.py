@@ -18,8 +18,8 @@ Array = NDArray[np.float64]
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def widest_open(state: State) -> tuple[float, float]:
-    """Pixels (1 sigma) by which the pairs leave the place of a marker without a spot open, and by which all others leave
-    that of a pair open: the widest of each.
+    """Pixels (1 sigma) by which the pairs leave the place of a marker without a spot open, and by which all others
+    leave that of a pair open: the widest of each.
 
     Without a pair its projection has the covariance N D^-1 N - N, D = N - S, for the residual's covariance N and the
     projection's S (see `judge.own.held_by_one`).
