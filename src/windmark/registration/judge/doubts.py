@@ -6,6 +6,8 @@ gain is known from the normal equations; only where that promises something are 
 
 from __future__ import annotations
 
+import math
+
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -209,7 +211,9 @@ class FirstOrder:
     @cached_property
     def _reduced(self) -> tuple[Array, Array]:
         """The same for the unknowns that are asked about alone, the others eliminated."""
-        rest = np.setdiff1d(np.arange(len(self.side)), self.asked)
+        asked = np.zeros(len(self.side), dtype=bool)
+        asked[self.asked] = True
+        rest = np.flatnonzero(~asked)
         own = self.normal[np.ix_(rest, rest)] + np.diag((rest >= 6).astype(float))
         both = np.column_stack([self.normal[np.ix_(rest, self.asked)], self.side[rest]])
         try:
@@ -223,13 +227,16 @@ class FirstOrder:
         """What some of them gain (nats): what the residuals lose, less what the freedom costs (Occam factor)."""
         part = np.asarray(part)
         normal, side = self._reduced
+        if len(part) == 1:
+            information, pull = 1.0 + float(normal[part[0], part[0]]), float(side[part[0]])
+            return 0.5 * pull * pull / information - 0.5 * math.log(max(information, 1.0))
         own = normal[np.ix_(part, part)] + np.eye(len(part))
         return float(0.5 * side[part] @ np.linalg.solve(own, side[part]) - 0.5 * np.linalg.slogdet(own)[1])
 
     def shown(self, k: int, margin: float) -> float:
         """How large (in prior sigmas) one of them must be to lead by a margin (nats)."""
         information = 1.0 + max(float(self._reduced[0][k, k]), 0.0)
-        return float(np.sqrt(2 * (margin + 0.5 * np.log(information)) / information))
+        return math.sqrt(2 * (margin + 0.5 * math.log(information)) / information)
 
 
 def _diagonal(views: Views, c: int) -> float:

@@ -118,7 +118,9 @@ def known_camera(camera: Camera, focal_sigma: float) -> Array:
 
     A free focal length comes first; row 0 is of its logarithm.
     """
-    cov = np.zeros((PARAMETERS_PACKED,) * 2) if camera.cov is None else np.array(camera.cov)
+    if camera.cov is None:
+        return np.eye(12, int(focal_sigma > 0)) * focal_sigma
+    cov = np.array(camera.cov)
     if focal_sigma > 0:
         cov[0, :], cov[:, 0] = 0.0, 0.0
     unit = np.sqrt(np.diag(cov))
@@ -154,8 +156,10 @@ def _densities(plane: Plane) -> Array:
 
 def _stacked(columns: Sequence[Array]) -> Array:
     """(C, 12, P) of (12, p) each, filled up with columns that change nothing."""
-    most = max(c.shape[1] for c in columns)
-    return np.stack([np.pad(c, ((0, 0), (0, most - c.shape[1]))) for c in columns])
+    out = np.zeros((len(columns), 12, max(c.shape[1] for c in columns)))
+    for own, c in zip(out, columns, strict=True):
+        own[:, : c.shape[1]] = c
+    return out
 
 
 def _joined(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:

@@ -220,8 +220,8 @@ def restart(
     """The state after a frame that was searched for.
 
     Where its pose goes on with the motion, it is a frame like others. Where it does not, the motion is as good as
-    unknown. The velocity before stays the best guess after a single jump. Where the frame before had to be searched for,
-    too, the motion is too fast for what was known of it: then the difference of the two poses is the better guess.
+    unknown. The velocity before stays the best guess after a single jump. Where the frame before had to be searched
+    for, too, the motion is too fast for what was known of it: then the difference of the two poses is the better guess.
     """
     frame, cov, velocity = state.prepared.layout.frame, np.zeros((12, 12)), np.zeros(6)
     rotation, translation = (np.ascontiguousarray(v) for v in frame.unit(answer.cam_from_model))
