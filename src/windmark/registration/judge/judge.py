@@ -167,7 +167,7 @@ class Judge:
             return Verdict(best, verdict.runner_up, "focal", loose)
         if (mirror := mirror_of(self._views, best, MIRRORS)) is not None:
             lead = best.lead_over(mirror)
-            if mirror.lead_over(best) > self._limits.margin:
+            if mirror.lead_over(best) > self._limits.margin and mirror.misfit_px.max() < rules.SHARPER * best.misfit_px.max():
                 second = RunnerUp(best.score - lead, mirror.cam_from_model(), mirror.count, False)
                 return Verdict(best, second, "mirrored", words.mirrored(best, mirror, lead))
             if lead < self._limits.margin:

@@ -36,6 +36,9 @@ MOVED = 3.0
 SLIGHT_PX = 0.5
 """A camera that does not fit but leaves less than this (1 sigma per coordinate) beyond the noise is slightly wrong, as
 calibrations are: the pose is given with what another camera would make of it in its sigma (`tests/real`)."""
+SHARPER = 0.7
+"""The mirrored table is the answer only where it leaves less than this part of the misfit: else either is wrong by
+something else, and which is the less wrong says little (`attacks`: real boards with labels)."""
 BENT_LEAD = 5.0
 """How much better (nats) a bent model must be than a rigid one that is no worse than its table: a random table error
 looks a little bent (`matching_bent`)."""

@@ -30,6 +30,8 @@ Ints = NDArray[np.int32]
 
 SAME_SHARE, SAME_ANGLE, SAME_DISTANCE2 = 0.6, float(np.radians(3.0)), 36.0
 """Two solutions are one if more than this share of the pairs is, and the poses agree in angle or in so many sigma."""
+AS_MANY = 0.8
+"""A labelling that is shifted on a board beyond its table explains at least this part of the spots."""
 HIDING_ROUNDS = 3
 """How often what hides what is asked again from a better pose; markers on a silhouette may never rest."""
 SCALES = float(np.log(100.0))
@@ -256,7 +258,8 @@ def _where_both(a: Solution, b: Solution, c: int) -> float | None:
     (spot_a, marker_a), (spot_b, marker_b) = a.pairs(c), b.pairs(c)
     both, at_a, at_b = np.intersect1d(spot_a, spot_b, assume_unique=True, return_indices=True)
     only_a, only_b = len(spot_a) - len(both), len(spot_b) - len(both)
-    if a.shared(b) > SAME_SHARE or 2 * len(both) < min(len(spot_a), len(spot_b)) or 2 * only_b < only_a or only_b < 2:
+    alike = AS_MANY * a.count < b.count and 2 * len(both) >= min(len(spot_a), len(spot_b))
+    if not alike or a.shared(b) > SAME_SHARE or 2 * only_b < only_a or only_b < 2:
         return None
     worth = (_worth_of(s, c, marker[at]).sum() for s, marker, at in ((a, marker_a, at_a), (b, marker_b, at_b)))
     return float(next(worth) - next(worth))

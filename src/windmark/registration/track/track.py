@@ -49,7 +49,7 @@ def track(
     The pose is predicted with constant velocity. Every marker looks for its spot in a gate as wide as the uncertainty
     of the prediction; where gates overlap, single pairs are supposed and the others decide. The labelling is refined
     and accepted by the tests of `register`: false-alarm number, evidence, misfit, no pair that holds the pose alone,
-    and a lead over the labellings that the near-symmetries of the model offer, with picture and motion counted together.
+    and a lead over the labellings that the near-symmetries of the model offer, picture and motion counted together.
     Where the residuals look like those of a bent model, the judge of `register` is asked; that takes some 50 ms. What
     fails, or contradicts the motion, goes to `register` with the prediction as prior, and then without one; its answer
     is then the frame's.
