@@ -22,6 +22,7 @@ from windmark.registration.judge.symmetric import told_by_table_errors
 from windmark.registration.search.pool import Candidate
 from windmark.registration.settle import views as v
 from windmark.registration.settle._kernels.fit import refine
+from windmark.registration.settle._kernels.state import EXPECTED
 from windmark.registration.settle.solution import copied
 from windmark.registration.task import Limits
 from windmark.scene import MarkerSet
@@ -352,6 +353,18 @@ def test_a_camera_of_a_rig_that_shows_something_else_contradicts():
     assert "among its 40 spots" in words
     assert "cam_from_rig" in words
     assert contradiction(best, [], 0) == ""
+
+
+def test_few_of_many_markers_confirm_what_the_others_see():
+    """Ten pairs of sixty are evidence enough, though the other camera sees nearly all."""
+    rig = scenes.rig_scene(78, "B", 2, noise_px=0.2)
+    kept = np.flatnonzero(rig.views[1].label >= 0)[:10]
+    few = replace(rig.views[1], detections=rig.views[1].detections.take(kept), label=rig.views[1].label[kept])
+    off = scenes.RigScene((rig.views[0], few), rig.cam_from_rig, rig.rig_from_model)
+    best = settling.settled(settling.views_of_rig(off), off)
+    assert best.counts[1] == 10
+    assert best.state.numbers[1, EXPECTED] > 40
+    assert contradiction(best, [], 1) == ""
 
 
 # --- the answer ------------------------------------------------------------------------------------
