@@ -68,6 +68,11 @@ def table_of(views, state):
     return np.einsum("cnik,nk,cnjk->cnij", by, views.sights.sigma**2, by)
 
 
+def cov_of(state):
+    """(P', P') covariance of the unknowns."""
+    return np.linalg.inv(state.factor @ state.factor.T)
+
+
 def spots(views, state):
     """(C, N, 2) spots of the matched markers, NaN for the others."""
     xy = np.full((*state.match.shape, 2), np.nan)

@@ -215,3 +215,10 @@ def test_search_finds_the_pose_and_the_planes_mirror_image():
     angles = sorted(float(np.degrees(c.cam_from_model.angle_to(pose))) for c in (first, second))
     assert angles[0] < 3
     assert angles[1] > 20
+
+
+def test_first_quads_of_anchors():
+    quad = np.array([[3, 0, 1, 2], [1, 0, 2, 3], [3, 1, 2, 0], [0, 1, 2, 3], [1, 2, 3, 0]], np.int32)
+    assert quads.first_of_each_kernel(quad, 4, 9).tolist() == [0, 1, 3]
+    assert quads.first_of_each_kernel(quad, 4, 2).tolist() == [0, 1]
+    assert quads.first_of_each_kernel(quad[:0], 4, 2).tolist() == []
