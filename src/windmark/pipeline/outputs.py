@@ -90,7 +90,11 @@ def _write_image_nodes(item: ImageResult, result: RunResult, place: Path, clock:
 
 
 def _write_merged_nodes(
-    result: RunResult, clock: Clock, place: Path, fields: Mapping[str, NDArray[Any]], units: Mapping[str, str],
+    result: RunResult,
+    clock: Clock,
+    place: Path,
+    fields: Mapping[str, NDArray[Any]],
+    units: Mapping[str, str],
     of: Record,
 ) -> None:
     made = {"project": result.project.title, "windmark": windmark.__version__}

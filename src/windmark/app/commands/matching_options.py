@@ -84,6 +84,8 @@ def markers_settings(file: Path, roles: list[str] | tuple[str, ...] | None) -> d
 def values_settings(quantity: str | None, unit: str | None, scale: float, offset: float) -> dict[str, Any]:
     """What the values of an image are, of table [[image]] of a project."""
     return {"quantity": quantity, "unit": unit, "scale": scale, "offset": offset}
+
+
 def grid_settings(file: Path, volumes: list[str] | None) -> dict[str, Any]:
     """Table [grid] of a project.
 
