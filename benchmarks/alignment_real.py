@@ -35,6 +35,7 @@ Array = NDArray[np.float64]
 
 DATA = Path(__file__).parents[1].parent / "shared" / "data"
 
+
 @dataclass(frozen=True)
 class Row:
     """One picture: what became of it, and its held-out residual with what is not smooth taken into account."""

@@ -44,9 +44,7 @@ def pictures(
     return xyz, poses, [s for s, _ in seen], [label for _, label in seen]
 
 
-def one(
-    model: str, route: str, seed: int, number: int, angle_deg: float, noise: float
-) -> tuple[np.ndarray, str]:
+def one(model: str, route: str, seed: int, number: int, angle_deg: float, noise: float) -> tuple[np.ndarray, str]:
     """The columns of a case, and the cause of a refusal."""
     xyz, poses, spots, labels = pictures(model, seed, number, angle_deg, noise)
     both = np.intersect1d(*(label[label >= 0] for label in labels))

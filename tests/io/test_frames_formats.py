@@ -133,9 +133,7 @@ def test_linearisation_is_that_of_video_and_rises():
 def test_cine_colours(tmp_path):
     write_cine(tmp_path / "m.cine", list(STACK8), 8, cfa=4)
     assert assert_frames(tmp_path / "m.cine", STACK8)[3] == "RGGB"
-    np.testing.assert_allclose(
-        io.read_grey(tmp_path / "m.cine[2]"), io.from_mosaic(STACK8[2], "RGGB")
-    )
+    np.testing.assert_allclose(io.read_grey(tmp_path / "m.cine[2]"), io.from_mosaic(STACK8[2], "RGGB"))
     np.testing.assert_array_equal(io.read_image(tmp_path / "m.cine[2]"), STACK8[2])
     write_cine(tmp_path / "c.cine", list(RGB8), 24, bgr=True)
     assert_frames(tmp_path / "c.cine", RGB8)

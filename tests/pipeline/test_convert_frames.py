@@ -49,8 +49,9 @@ def test_time_stamps_are_kept_or_said_to_be_lost(folder, target):
     assert again.start == io.frames(folder / "grey.cine").start
     assert "left out: the time stamps" in convert_frames([folder / "grey.cine"], folder / "a.tif")["notes"]
     pytest.importorskip("av")
-    assert "left out: the time stamps, which are not even" in (
-        convert_frames([folder / "grey.cine"], folder / "a.avi")["notes"]
+    assert (
+        "left out: the time stamps, which are not even"
+        in (convert_frames([folder / "grey.cine"], folder / "a.avi")["notes"])
     )
     convert_frames([folder / "rgb.mraw"], folder / "b.avi")
     np.testing.assert_allclose(np.diff(io.frames(folder / "b.avi").time_s), 0.02)

@@ -68,6 +68,11 @@ def table_of(views, state):
     return np.einsum("cnik,nk,cnjk->cnij", by, views.sights.sigma**2, by)
 
 
+def cov_of(state):
+    """(P', P') covariance of the unknowns."""
+    return np.linalg.inv(state.factor @ state.factor.T)
+
+
 def spots(views, state):
     """(C, N, 2) spots of the matched markers, NaN for the others."""
     xy = np.full((*state.match.shape, 2), np.nan)
@@ -114,7 +119,7 @@ def label(views, state, *, shut=False):
                 odds = 1 / (2 * np.pi * root * density[s])
                 if d2 < min(GATE, 2 * np.log(odds / (CLEAR if is_bent and not held else 1.0))) and (held or not shut):
                     pairs.append((d2, m, s, held))
-        chosen.append(_one_to_one(pairs, bound, is_bent))
+        chosen.append(one_to_one(pairs, bound, is_bent))
     return chosen, must
 
 
@@ -128,7 +133,8 @@ def leave_one_out(offset, noise, place, held):
     return offset @ np.linalg.solve(left, offset), np.linalg.det(noise) / np.sqrt(np.linalg.det(left))
 
 
-def _one_to_one(pairs, bound, is_bent):
+def one_to_one(pairs, bound, is_bent):
+    """{marker: spot} of pairs (distance, marker, spot, held): closest first, of a bent model clear of all others."""
     chosen = dict(bound)
     for d2, m, s, held in sorted(pairs):
         others = [d for d, n, t, _ in pairs if (n == m) != (t == s)]

@@ -285,3 +285,10 @@ def test_half_a_copy_is_found_beside_the_model():
         assert alone.copies(alone.best, lambda: False)
         assert all(c.score < 45.0 for c in alone.top(12) if (c.score, c.count) not in before)
     assert found >= 4
+
+
+def test_first_quads_of_anchors():
+    quad = np.array([[3, 0, 1, 2], [1, 0, 2, 3], [3, 1, 2, 0], [0, 1, 2, 3], [1, 2, 3, 0]], np.int32)
+    assert quads.first_of_each_kernel(quad, 4, 9).tolist() == [0, 1, 3]
+    assert quads.first_of_each_kernel(quad, 4, 2).tolist() == [0, 1]
+    assert quads.first_of_each_kernel(quad[:0], 4, 2).tolist() == []

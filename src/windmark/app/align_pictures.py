@@ -42,8 +42,9 @@ def residual_map(reference: NDArray[np.generic], answer: ImageAlignment, name: s
     if len(wrong):
         handles += axes.plot([], [], "x", ms=8, mew=2, color=MISSING, label=f"{len(wrong)} rejected")
     if len(walls):
-        handles += axes.plot([], [], "s", ms=7, mew=1.2, mfc="none", color=SPARE,
-                             label=f"{len(walls)} stand still: left out")
+        handles += axes.plot(
+            [], [], "s", ms=7, mew=1.2, mfc="none", color=SPARE, label=f"{len(walls)} stand still: left out"
+        )
     figure.legend(handles=handles, loc="outside lower center", ncols=2, fontsize=8, frameon=False)
     axes.set_title(f"{name} on the reference: {len(place)} markers, {answer.kind}")
     return figure

@@ -145,5 +145,3 @@ def _lines(result: ClickedPair, clicks: Clicks, spots: tuple[Detections, Detecti
 
 def _place(xy: np.ndarray) -> str:
     return f"({xy[0]:.0f}, {xy[1]:.0f})" if np.isfinite(xy).all() else "at infinity"
-
-

@@ -64,9 +64,7 @@ def convert_camera(source: Path, target: Path, options: CameraOptions) -> Record
             pose_cov = content.pose_cov * np.outer(scale, scale)
     pixel_mm = (options.pixel_mm[0], options.pixel_mm[-1]) if options.pixel_mm else None
     kind = io.written_camera_format(target, options.to_format)
-    io.write_camera(
-        target, camera, pose, unit=unit, format=options.to_format, pixel_mm=pixel_mm, pose_cov=pose_cov
-    )
+    io.write_camera(target, camera, pose, unit=unit, format=options.to_format, pixel_mm=pixel_mm, pose_cov=pose_cov)
     again = io.read_camera_file(target)
     return {
         "kind": "camera", "input": source, "from": content.format, "output": target, "to": kind,

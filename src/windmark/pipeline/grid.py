@@ -35,9 +35,7 @@ def read_surface(entry: GridEntry) -> Mesh:
     """As `read_grid`, with the orientation that the file gives."""
     volume_of = {zone: name for name, zones in (entry.volumes or {}).items() for zone in zones}
     try:
-        return io.read_mesh(
-            entry.file, volumes=volume_of or None, volume_face=entry.volume_face, only=bool(volume_of)
-        )
+        return io.read_mesh(entry.file, volumes=volume_of or None, volume_face=entry.volume_face, only=bool(volume_of))
     except io.FileError:
         raise
     except ValueError as error:  # a zone that the file has not, a face of a grid that has no volume blocks

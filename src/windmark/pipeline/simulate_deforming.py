@@ -194,9 +194,7 @@ def _write_tables(folder: Path, states: list[WingState], time_s: Array | None) -
     })  # fmt: skip
 
 
-def _write_projects(
-    folder: Path, seed: int, test: TunnelTest, radius_px: float, every: int, clocks: bool
-) -> None:
+def _write_projects(folder: Path, seed: int, test: TunnelTest, radius_px: float, every: int, clocks: bool) -> None:
     shape = test.shape
     root, tip = (_on_axis(shape, y) for y in (shape.body_radius, shape.span))
     start, end = (_middle(shape, y) for y in (shape.body_radius, shape.span))

@@ -98,9 +98,7 @@ def _welded(mesh: Mesh, tolerance: float) -> Ints:
     return np.asarray(place[mesh.triangles])
 
 
-def _seen_side(
-    mesh: Mesh, sheet: Ints, turned: NDArray[np.bool_], cameras: Sequence[tuple[Camera, Pose]]
-) -> Array:
+def _seen_side(mesh: Mesh, sheet: Ints, turned: NDArray[np.bool_], cameras: Sequence[tuple[Camera, Pose]]) -> Array:
     """Per sheet: rays of all cameras that meet its front (once its triangles agree) minus those that meet its back."""
     votes = np.zeros(int(sheet.max()) + 1)
     for camera, cam_from_model in cameras:

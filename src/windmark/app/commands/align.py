@@ -56,9 +56,7 @@ def align(
     radius: Radius = None,
     polarity: Polarity = "auto",
     merit_max: MeritMax = 0.7,
-    kind: Annotated[
-        str, typer.Option(help="2D: auto, similarity, affine, projective, poly2, poly3, spline.")
-    ] = "auto",
+    kind: Annotated[str, typer.Option(help="2D: auto, similarity, affine, projective, poly2, poly3, spline.")] = "auto",
     max_shift_px: Annotated[
         float | None, typer.Option(help="2D: no marker has moved farther; tells regular layouts apart.")
     ] = None,

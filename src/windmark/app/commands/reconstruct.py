@@ -23,8 +23,9 @@ Primary = Annotated[
 FreeFrame = Annotated[
     bool,
     typer.Option(
-        "--free-frame", help="No known markers: in the frame of --poses, or of the markers' mean plane with the scale "
-        "of --distance, or a free one."
+        "--free-frame",
+        help="No known markers: in the frame of --poses, or of the markers' mean plane with the scale "
+        "of --distance, or a free one.",
     ),
 ]
 Distances = Annotated[

@@ -96,7 +96,8 @@ def pose_by_others(
         )  # fmt: skip
         with np.errstate(invalid="ignore", divide="ignore"):
             said[:, row] = [
-                float(own.sampson_px[0]), *(float(np.abs(e.sampson_px / e.sigmas)[0]) for e in (whole, own))
+                float(own.sampson_px[0]),
+                *(float(np.abs(e.sampson_px / e.sigmas)[0]) for e in (whole, own)),
             ]
     said[1:] = np.where(np.isfinite(said[1:]), said[1:], np.inf)
     return ByOthers(*said)

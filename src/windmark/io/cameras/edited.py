@@ -94,9 +94,7 @@ def chosen_focal(
     raise record.key_error(path, key, what)
 
 
-def chosen_pose(
-    path: Pathlike, matrix: Pose | None, pov: PoV | None, written: Mapping[str, str]
-) -> tuple[Pose, str]:
+def chosen_pose(path: Pathlike, matrix: Pose | None, pov: PoV | None, written: Mapping[str, str]) -> tuple[Pose, str]:
     """The pose that is meant, and what to say about it. ``matrix`` is that of rotation and translation.
 
     Raises

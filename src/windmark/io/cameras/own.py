@@ -122,9 +122,7 @@ def _own_pov(path: Pathlike, content: Any) -> PoV | None:
         raise record.key_error(
             path, f"cam_from_model.pov.{missing[0]}", "missing; expected three angles, three distances"
         )
-    return PoV(
-        **{k: float(record.numbers(path, f"cam_from_model.pov.{k}", v, ())) for k, v in content["pov"].items()}
-    )
+    return PoV(**{k: float(record.numbers(path, f"cam_from_model.pov.{k}", v, ())) for k, v in content["pov"].items()})
 
 
 def _own_matrix(path: Pathlike, content: Any) -> Pose | None:

@@ -140,9 +140,7 @@ def _patterns(seen: Mapping[float, Labelled], times: list[float], marker: NDArra
     for k in range(len(times) - 3, -1, -1):
         there[k] &= there[k + 1]
     kinds, kind = np.unique(there, axis=1, return_inverse=True)
-    return [
-        _Pattern(tuple(kinds[:, n].tolist()), np.flatnonzero(kind.reshape(-1) == n)) for n in range(kinds.shape[1])
-    ]
+    return [_Pattern(tuple(kinds[:, n].tolist()), np.flatnonzero(kind.reshape(-1) == n)) for n in range(kinds.shape[1])]
 
 
 def _rows(spots: Labelled, marker: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -254,8 +254,12 @@ def _verdict(good: Sequence[Score], scale: float) -> tuple[str, str]:
     """The winner, "" for none, and why."""
     if not good:
         return "", "no law could be identified"
-    misfit = "" if scale < 4 else (
-        f"; yet residuals are {np.sqrt(scale):.1f} times what the spots' noise is: no law given explains them all"
+    misfit = (
+        ""
+        if scale < 4
+        else (
+            f"; yet residuals are {np.sqrt(scale):.1f} times what the spots' noise is: no law given explains them all"
+        )
     )
     first = good[0]
     if len(good) == 1:

@@ -125,9 +125,7 @@ def key_of(stem: str) -> str:
     return str(int(numbers[-1])) if numbers else stem
 
 
-def _times(
-    project: DeformProject, i: int, camera: CameraEntry, keys: list[str], recorded: Array | None
-) -> Array:
+def _times(project: DeformProject, i: int, camera: CameraEntry, keys: list[str], recorded: Array | None) -> Array:
     """Seconds of each picture: from its table, its recording, or its rate; NaN where a table has none."""
     if camera.times not in (None, RECORDING):
         return _of_table(camera.times, keys)

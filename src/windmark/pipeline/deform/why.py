@@ -122,9 +122,7 @@ def why_few(
     return "; ".join(parts)
 
 
-def _in_sight(
-    placed: MarkerSet, camera: Camera, pose: Pose, hidden: Mask | None, before: int
-) -> tuple[Array, str]:
+def _in_sight(placed: MarkerSet, camera: Camera, pose: Pose, hidden: Mask | None, before: int) -> tuple[Array, str]:
     """Where markers should be seen, and how many of them are out of the picture, turned away or hidden."""
     center, normal = pose.apply(placed.xyz), pose.rotate(placed.normal)
     xy, valid = camera.project(center)

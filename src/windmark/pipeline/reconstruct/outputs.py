@@ -82,9 +82,7 @@ def network(result: Reconstruction) -> Calibration:
     return replace(result.calibration, markers=result.markers)
 
 
-def write_reconstruction(
-    result: Reconstruction, folder: Path, unit: str, detections: Mapping[str, Detections]
-) -> None:
+def write_reconstruction(result: Reconstruction, folder: Path, unit: str, detections: Mapping[str, Detections]) -> None:
     """The files of a calibration (cameras, markers, poses, residuals) and the matches, into ``folder``.
 
     ``detections`` of the pictures by name: open.csv holds the spots of two pictures that stayed open.

@@ -1,0 +1,145 @@
+"""Other explanations of the residuals: another camera, a bent model; and what a picture cannot tell."""
+
+from dataclasses import replace
+
+import bent_scenes
+import numpy as np
+import pytest
+import registration_scenes as scenes
+import settle_scenes as settling
+
+from windmark.geometry import Camera
+from windmark.registration import CAUSES, Unchecked, register
+from windmark.registration.judge.bending import Bender
+from windmark.registration.judge.doubts import PARTS, Doubts, FirstOrder
+from windmark.registration.search.pool import Candidate
+from windmark.registration.settle import views as v
+
+MARGIN = 10.0
+
+
+# --- other cameras ---------------------------------------------------------------------------------
+
+
+WRONG = {
+    "focal length": Camera((1280, 1000), 990.0),
+    "aspect": Camera((1280, 1000), 900.0, aspect=1.03),
+    "principal point": Camera((1280, 1000), 900.0, cx=719.5, cy=449.5),
+    "lens": Camera((1280, 1000), 900.0, k1=-0.08),
+}
+
+
+@pytest.mark.parametrize("what", WRONG)
+def test_what_is_wrong_with_a_camera_is_named(what):
+    """Focal length by 10 %, aspect by 3 %, principal point by 94 px, a lens that shifts the corner by 6 %."""
+    scene = settling.wide_scene(66, WRONG[what])
+    views, best = settling.best_of(scene)
+    doubts = Doubts(views, best, views.layout.modes[:0], MARGIN)
+    assert doubts.camera_promises
+    named, words = doubts.other_camera(best)
+    assert named == what
+    assert "the misfit falls from" in words
+    found = register(scene.detections, scene.markers, scene.camera, max_time_s=2.0)
+    assert not found
+    assert found.cause == ("wrong_focal" if what == "focal length" else "wrong_camera"), found.reason
+    assert found.cause in CAUSES
+
+
+def test_the_right_camera_is_not_doubted():
+    for seed in range(67, 72):
+        scene = settling.wide_scene(seed)
+        views, best = settling.best_of(scene)
+        doubts = Doubts(views, best, views.layout.modes[:0], MARGIN)
+        assert not doubts.camera_promises or doubts.other_camera(best) is None
+
+
+def test_gain_to_first_order_is_that_of_least_squares():
+    """With unknowns beside those that are asked about, six without a prior and the others with one."""
+    rng = np.random.default_rng(5)
+    by, seen = rng.normal(size=(60, 11)), rng.normal(size=60) * 3
+    first = FirstOrder(by.T @ by, by.T @ seen, np.array([8, 9, 10]))
+    prior = np.diag((np.arange(11) >= 6).astype(float))
+
+    def evidence(columns):
+        normal = (by.T @ by + prior)[np.ix_(columns, columns)]
+        side = (by.T @ seen)[columns]
+        return 0.5 * side @ np.linalg.solve(normal, side) - 0.5 * np.linalg.slogdet(normal)[1]
+
+    for part in ([0], [1, 2], [0, 1, 2]):
+        gain = evidence([*range(8), *np.array([8, 9, 10])[part]]) - evidence(list(range(8)))
+        assert first.gain(np.array(part)) == pytest.approx(gain)
+
+
+def test_an_error_of_the_size_that_shows_leads_by_the_margin():
+    """One unknown, no noise: moved by what `shown` says it gains the margin exactly."""
+    rng = np.random.default_rng(6)
+    by = rng.normal(size=(40, 7))
+    for margin in (3.0, 10.0):
+        size = FirstOrder(by.T @ by, np.zeros(7), np.array([6])).shown(0, margin)
+        first = FirstOrder(by.T @ by, by.T @ (by[:, 6] * size), np.array([6]))
+        information = 1 + first._reduced[0][0, 0]
+        # What is shown is seen less the prior's pull.
+        assert first.gain(np.array([0])) == pytest.approx(margin * (information - 1) ** 2 / information**2, rel=0.2)
+
+
+@pytest.mark.parametrize("what", ["principal point", "lens", "aspect"])
+def test_what_is_unchecked_goes_unnoticed_and_more_does_not(what):
+    """Off by 0.4 of what is said a camera gives no reason to doubt it; by 2.5 times that it is named."""
+    plain = settling.wide_scene(73, noise_px=0.3)
+    views, best = settling.best_of(plain)
+    doubts = Doubts(views, best, views.layout.modes[:0], MARGIN)
+    k = PARTS[what][0]
+    size = doubts._cameras.shown(k, MARGIN)
+    column = v.doubted_camera(plain.camera)[:11, k]
+    for factor, noticed in ((0.4, False), (2.5, True)):
+        given = Camera(plain.camera.size_px, *(plain.camera.packed()[:11] + factor * size * column))
+        views, best = settling.best_of(replace(plain, camera=given))
+        other = Doubts(views, best, views.layout.modes[:0], MARGIN)
+        found = other.other_camera(best) if other.camera_promises else None
+        assert (found is not None) == noticed
+
+
+def test_unchecked_is_what_the_picture_would_not_show():
+    """A flat wing far away says little of the camera; a wide picture with depth says all but the scale."""
+    far = scenes.scene(74, "A", noise_px=0.3)
+    found = register(far.detections, far.markers, far.camera, max_time_s=2.0)
+    whats = [u.what for u in found.unchecked]
+    assert {"focal length", "principal point", "scale"} <= set(whats)
+    assert all(isinstance(u, Unchecked) and u.camera == 0 and u.words for u in found.unchecked)
+    near = settling.wide_scene(75, noise_px=0.02)
+    told = register(near.detections, near.markers, near.camera, max_time_s=2.0)
+    assert told, told.reason
+    assert [u.what for u in told.unchecked] == ["scale"]
+    free = register(far.detections, far.markers, far.camera, free_focal=True, max_focal_sigma=1.0, max_time_s=2.0)
+    assert not free or "focal length" not in [u.what for u in free.unchecked]
+
+
+# --- bent models -----------------------------------------------------------------------------------
+
+
+def test_a_bender_grows_the_core_of_a_candidate():
+    scene, _ = bent_scenes.scene(7110, "B", bent_scenes.Bend(0.02), hidden=0.25, false=0.25)
+    views = settling.views_of(scene)
+    core = settling.labels_of(scene, keep=lambda c, m: m >= 30)[0]
+    candidate = Candidate(scene.cam_from_model, scene.camera.focal_px, 50.0, int((core >= 0).sum()), core)
+    bender = Bender(views, 0.05)
+    (bent,) = bender.solutions([(0, candidate)])
+    assert (scene.label[bent.pairs()[0]] == bent.pairs()[1]).all()
+    assert bent.count == (scene.label >= 0).sum()
+    size = views.layout.size
+    largest = np.linalg.norm(bent.displacement[bent.pairs()[1]], axis=1).max() / size
+    assert bender.largest(bent) == pytest.approx(largest)
+    assert bender.allows(bent)
+    assert not Bender(views, 0.9 * largest).allows(bent)
+    assert bender.solutions([(0, candidate)])[0] is bent  # what was grown is kept
+    assert Bender(views, 0.0).solutions([(0, candidate)]) == []
+
+
+def test_bending_is_tried_where_the_residuals_or_free_spots_speak_for_it():
+    bent, _ = bent_scenes.scene(7140, "B", bent_scenes.Bend(0.02))
+    straight = scenes.scene(7112, "A", noise_px=0.2)
+    for scene, promising in ((bent, True), (straight, False)):
+        views, best = settling.best_of(scene)
+        doubts = Doubts(views, best, Bender(views, 0.05).modes, MARGIN)
+        assert doubts.bending_promises == promising
+    assert not Doubts(*settling.best_of(bent), views.layout.modes[:0], MARGIN).bending_promises
