@@ -116,7 +116,8 @@ def step(
         return NotRegistered(OUTCOMES[n[OUTCOME]], "nothing", options=options), state
     if (refusal := _refusal(n, done, limits, len(state.marker))) is not None:
         return replace(refusal, options=options), state
-    if n[BENDING] > rules.DOUBT:
+    # The excess of loose residuals has taken most of the gain already: what is left of it counts.
+    if n[BENDING] > (0.0 if _is_loose(n) else rules.DOUBT):
         return _doubted(state, detections, done, n, dt, motion, limits, {**options, "dt": dt})
     answer = _registration(prepared, done, n, {**options, "dt": dt})
     estimate = Estimate(done.new_rotation, done.new_translation, done.new_velocity, done.new_cov)
@@ -146,7 +147,7 @@ def _refusal(n: list[float], done: Stepped, limits: Limits, before: int) -> NotR
     ``before`` markers were matched in the last good frame.
     """
     count, expected = int(n[COUNT]), int(n[SEEN])
-    loose = n[MISFIT_PX] > rules.LOOSE * n[SIGMA] and n[EXCESS_PX] > n[SIGMA]
+    loose = _is_loose(n)
     least = limits.score
     if loose:  # it may be right in parts only: being near the prediction says nothing for it
         least += rules.MISSED * (expected - count) + (rules.SPARSE if 2 * count <= expected else 0.0)
@@ -172,14 +173,22 @@ def _refusal(n: list[float], done: Stepped, limits: Limits, before: int) -> NotR
             (f"but a labelling of {n[RIVAL_COUNT]:.0f} is about as good (lead {n[LEAD]:.1f} nats, with the motion)"),
         )
     elif n[HELD_PX] > rules.HELD * n[TOLERANCE] or not n[OPEN_PX] < n[TOLERANCE]:
-        cause, but = "one_pair", (
-            f"but they leave the place of others open by {n[OPEN_PX]:.2g} px, and of one of them all others by "
-            f"{n[HELD_PX]:.2g} px"
+        cause, but = (
+            "one_pair",
+            (
+                f"but they leave the place of others open by {n[OPEN_PX]:.2g} px, and of one of them all others by "
+                f"{n[HELD_PX]:.2g} px"
+            ),
         )
     else:
         return None
     reason = f"the prediction matches {count} of {expected} markers in view, {but}"
     return NotRegistered(reason, cause, count, runner_up=_runner_up(n, done))
+
+
+def _is_loose(n: list[float]) -> bool:
+    """See `judge.own.is_loose`."""
+    return n[MISFIT_PX] > rules.LOOSE * n[SIGMA] and n[EXCESS_PX] > n[SIGMA]
 
 
 def _runner_up(n: list[float], done: Stepped) -> RunnerUp | None:
@@ -217,8 +226,8 @@ def restart(
     """The state after a frame that was searched for.
 
     Where its pose goes on with the motion, it is a frame like others. Where it does not, the motion is as good as
-    unknown. The velocity before stays the best guess after a single jump. Where the frame before had to be searched for, too,
-    the motion is too fast for what was known of it: then the difference of the two poses is the better guess.
+    unknown. The velocity before stays the best guess after a single jump. Where the frame before had to be searched
+    for, too, the motion is too fast for what was known of it: then the difference of the two poses is the better guess.
     """
     frame, cov, velocity = state.prepared.layout.frame, np.zeros((12, 12)), np.zeros(6)
     rotation, translation = (np.ascontiguousarray(v) for v in frame.unit(answer.cam_from_model))
@@ -242,8 +251,9 @@ def restart(
 
 def _continued(state: TrackState, now: Estimate, measured: Array, dt: float, motion: Motion) -> TrackState | None:
     """The state after a pose that was searched for, but that goes on with the motion; None if it does not."""
+    assert state.estimate is not None, "step: nothing to continue"
     dt, innovation = dt + state.missed, np.empty(6)
-    then = predict_kernel(Estimate(*state.estimate), state.change, dt)
+    then = predict_kernel(state.estimate, state.change, dt)
     difference(now.rotation, now.translation, then.rotation, then.translation, innovation)
     if not distance2_of(innovation, then.cov, measured) < ABRUPT:
         return None

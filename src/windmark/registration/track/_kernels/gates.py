@@ -151,9 +151,7 @@ def label_in_gates(sights: Sights, sight: Sight, columns: Columns, floor2: float
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def fit_with_prior(
-    sights: Sights, state: State, prior: tuple[Array, Array, Array], floor2: float, cov: Array
-) -> bool:
+def fit_with_prior(sights: Sights, state: State, prior: tuple[Array, Array, Array], floor2: float, cov: Array) -> bool:
     """Pose of the matched markers and the prediction, robust (Huber); ``prior`` is its pose and information.
 
     The state's pose is changed, its covariance comes in ``cov`` (6, 6).

@@ -238,7 +238,10 @@ def _weigh(sights: Sights, near: Ints, best: State, prior: Array, t0: Array, out
     readings = readings_of(sights, best, near, math.log(share))
     out[COUNT], out[SEEN], out[SHARE] = count, best.numbers[0, EXPECTED], share
     out[WORTH], out[LOG10_NFA] = readings[PAIRS] + max(readings[ALONE], readings[PIECES]), readings[READ_NFA]
-    out[SPACING], out[SIGMA] = np.median(spacing[:count]), np.median(np.sqrt(0.5 * (sights.cov[:, 0] + sights.cov[:, 2])))
+    out[SPACING], out[SIGMA] = (
+        np.median(spacing[:count]),
+        np.median(np.sqrt(0.5 * (sights.cov[:, 0] + sights.cov[:, 2]))),
+    )
     out[REDUNDANCY] = 2 * count - best.numbers[0, TAKEN]
     out[EXCESS_PX], out[MISFIT_PX] = math.sqrt(best.numbers[0, EXCESS]), math.sqrt(best.numbers[0, MISFIT])
     out[OPEN_PX], out[HELD_PX] = widest_open(best)

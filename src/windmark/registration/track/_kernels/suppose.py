@@ -100,9 +100,7 @@ def _spots_round(
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _narrow(
-    sights: Sights, sight: Sight, m: int, cov: Array, s: int, floor2: float, step: Array, out: Array
-) -> None:
+def _narrow(sights: Sights, sight: Sight, m: int, cov: Array, s: int, floor2: float, step: Array, out: Array) -> None:
     """What one pair does to the pose: the step, and the covariance after it (Kalman)."""
     j, xx, yy = sight.by_pose, sight.spread[m, 0] + floor2, sight.spread[m, 2] + floor2
     a, b, c = xx + sights.cov[s, 0], sight.spread[m, 1] + sights.cov[s, 1], yy + sights.cov[s, 2]
