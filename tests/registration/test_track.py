@@ -157,6 +157,26 @@ def test_a_regular_grid_does_not_slip(part):
             assert answer.cause in ("ambiguous", "time")
 
 
+def test_a_swaying_tower_keeps_its_labels_and_is_said_to_be_bent():
+    """Rows of one pitch, which a search without the motion could not tell apart, and a foot that stands still."""
+    rng = np.random.default_rng(11)
+    x, y = np.meshgrid(np.arange(7) * 0.1, np.arange(4) * 0.45)
+    xyz = np.stack([x.ravel(), y.ravel(), np.zeros(28)], axis=1)
+    names, normal = [f"m{k}" for k in range(28)], np.tile([0.0, 0.0, 1.0], (28, 1))
+    markers = MarkerSet.make(names, xyz, normal=normal)
+    camera, pose = scenes.random_view(rng, markers, tilt_max_deg=40)
+    away = np.outer((xyz[:, 1] / 1.35) ** 1.5, [0.0, 0.0, 0.02 * 1.35])
+    state, bent = None, 0
+    for k in range(10):
+        real = MarkerSet.make(names, xyz + np.sin(2 * np.pi * k / 12) * away, normal=normal)
+        scene = scenes.image_of(rng, real, camera, pose, noise_px=0.1)
+        answer, state = track(state, scene.detections, markers, camera, prior=pose if k == 0 else None, search=k == 0)
+        if answer:
+            np.testing.assert_array_equal(scene.label[answer.matching.detection], answer.matching.marker)
+            bent += answer.deformation is not None
+    assert bent >= 5
+
+
 def test_clutter_alone_is_never_the_model():
     images = sequences.sequence(9, "A", sequences.SLOW, frames=5)
     _, states = followed(images)

@@ -21,7 +21,8 @@ from windmark.registration.judge.source import Source, distinct
 from windmark.registration.judge.symmetric import told_by_table_errors
 from windmark.registration.judge.verdict import Verdict, runner_up
 from windmark.registration.result import Cause, RunnerUp, Unchecked
-from windmark.registration.settle.solution import Solution, settle
+from windmark.registration.settle._kernels.settle import STEADY, settle_kernel
+from windmark.registration.settle.solution import Solution, copied, settle
 from windmark.registration.task import Limits
 
 DOUBTFUL: tuple[Cause | None, ...] = ("nothing", "weak", "misfit", "ambiguous", "time", "one_pair")
@@ -59,6 +60,8 @@ class Judge:
         if rigid.cause == "labels" or (rigid.cause in DOUBTFUL and not deformed):
             return rigid
         verdict = self._bent(rigid) if len(self._bender.modes) else rigid
+        if verdict.best is not None and verdict.cause in (None, "misfit", "weak"):
+            verdict = self._unbound(verdict.best) or verdict
         if verdict.cause is None and verdict.best is not None:
             verdict = self._beside_copies(verdict, verdict.best)
         if verdict.cause is None and verdict.best is not None:
@@ -167,7 +170,8 @@ class Judge:
             return Verdict(best, verdict.runner_up, "focal", loose)
         if (mirror := mirror_of(self._views, best, MIRRORS)) is not None:
             lead = best.lead_over(mirror)
-            if mirror.lead_over(best) > self._limits.margin and mirror.misfit_px.max() < rules.SHARPER * best.misfit_px.max():
+            sharper = mirror.misfit_px.max() < rules.SHARPER * best.misfit_px.max()
+            if sharper and mirror.lead_over(best) > self._limits.margin:
                 second = RunnerUp(best.score - lead, mirror.cam_from_model(), mirror.count, False)
                 return Verdict(best, second, "mirrored", words.mirrored(best, mirror, lead))
             if lead < self._limits.margin:
@@ -246,12 +250,30 @@ class Judge:
     def _keeps(self, solution: Solution) -> bool:
         return all(p.task.keeps(m) for p, m in zip(self._views.planes, solution.state.match, strict=True))
 
+    def _unbound(self, best: Solution) -> Verdict | None:
+        """The verdict where binding labels are against all others: without them a rigid model explains more."""
+        if not any(plane.task.binding and plane.task.fixed for plane in self._views.planes):
+            return None
+        state = copied(self._views, best.state)
+        for c, plane in enumerate(self._views.planes):
+            marker = [m for _, m in plane.task.fixed]
+            state.bound[c], state.match[c, marker] = -1, -1
+        if settle_kernel(self._views.sights, state, 0) != STEADY:
+            return None
+        free = Solution(self._views, state)
+        if self._keeps(free) or free.evidence < best.evidence:
+            return None
+        return Verdict(free, None, "labels", (
+            f"binding labels contradict the others: {free.count} of {free.expected} markers in view fit without them, "
+            f"and better; {words.contradiction(free)}"
+        ))  # fmt: skip
+
     def _contradicted(self, kept: list[Solution], others: list[Solution]) -> Verdict | None:
         """The verdict where a solution without the labels is clearly better than the best with them.
 
         One that is about equally good is what labels are there to rule out.
         """
-        if not others:
+        if not others or any(plane.task.binding for plane in self._views.planes):
             return None
         best = others[0]
         if not own.beyond_chance(best, self._limits) or self._refusal(best, ())[0] is not None:

@@ -51,13 +51,13 @@ class TrackState:
 
     Parameters
     ----------
-    status : "cold" (registered without help), "tracked" (from the prediction), "reacquired" (registered again after a
-        jump or a loss) or "lost"
+    status : "cold" (registered without help), "tracked" (labelled from the prediction), "reacquired" (registered again
+        after a jump or a loss) or "lost"
     reason : why it is lost or had to be registered again; "" otherwise
     estimate : pose and motion in the matcher's own units; None before the first good frame
     change : (2,) how much the motion changes per frame, as seen lately; see `Motion`
     marker : (K,) markers that were matched in the last good frame
-    n_frames : good frames since the last (re)start
+    n_frames : good frames since the motion was last unknown
     missed : frames (or time, in units of ``dt``) since the last good one
     prepared : markers and camera
     """

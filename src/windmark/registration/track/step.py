@@ -116,7 +116,8 @@ def step(
         return NotRegistered(OUTCOMES[n[OUTCOME]], "nothing", options=options), state
     if (refusal := _refusal(n, done, limits, len(state.marker))) is not None:
         return replace(refusal, options=options), state
-    if n[BENDING] > rules.DOUBT:
+    # The excess of loose residuals has taken most of the gain already: what is left of it counts.
+    if n[BENDING] > (0.0 if _is_loose(n) else rules.DOUBT):
         return _doubted(state, detections, done, n, dt, motion, limits, {**options, "dt": dt})
     answer = _registration(prepared, done, n, {**options, "dt": dt})
     estimate = Estimate(done.new_rotation, done.new_translation, done.new_velocity, done.new_cov)
@@ -146,7 +147,7 @@ def _refusal(n: list[float], done: Stepped, limits: Limits, before: int) -> NotR
     ``before`` markers were matched in the last good frame.
     """
     count, expected = int(n[COUNT]), int(n[SEEN])
-    loose = n[MISFIT_PX] > rules.LOOSE * n[SIGMA] and n[EXCESS_PX] > n[SIGMA]
+    loose = _is_loose(n)
     least = limits.score
     if loose:  # it may be right in parts only: being near the prediction says nothing for it
         least += rules.MISSED * (expected - count) + (rules.SPARSE if 2 * count <= expected else 0.0)
@@ -183,6 +184,11 @@ def _refusal(n: list[float], done: Stepped, limits: Limits, before: int) -> NotR
         return None
     reason = f"the prediction matches {count} of {expected} markers in view, {but}"
     return NotRegistered(reason, cause, count, runner_up=_runner_up(n, done))
+
+
+def _is_loose(n: list[float]) -> bool:
+    """See `judge.own.is_loose`."""
+    return n[MISFIT_PX] > rules.LOOSE * n[SIGMA] and n[EXCESS_PX] > n[SIGMA]
 
 
 def _runner_up(n: list[float], done: Stepped) -> RunnerUp | None:
@@ -245,9 +251,9 @@ def restart(
 
 def _continued(state: TrackState, now: Estimate, measured: Array, dt: float, motion: Motion) -> TrackState | None:
     """The state after a pose that was searched for, but that goes on with the motion; None if it does not."""
-    assert state.estimate is not None
+    assert state.estimate is not None, "step: nothing to continue"
     dt, innovation = dt + state.missed, np.empty(6)
-    then = predict_kernel(Estimate(*state.estimate), state.change, dt)
+    then = predict_kernel(state.estimate, state.change, dt)
     difference(now.rotation, now.translation, then.rotation, then.translation, innovation)
     if not distance2_of(innovation, then.cov, measured) < ABRUPT:
         return None

@@ -54,7 +54,7 @@ def label(sights: Sights, state: State, table: Array, new: Ints, shut: bool) -> 
             facing = _towards(
                 sights.normal, m, ex - sights.xyz[m, 0], ey - sights.xyz[m, 1], ez - sights.xyz[m, 2]
             )  # fmt: skip
-            if facing <= 0.0 or state.hidden[c, m]:
+            if (facing <= 0.0 or state.hidden[c, m]) and state.bound[c, m] < 0:
                 continue
             x, y, valid = see(sights, state, c, m, u, v, by_xyz, other)
             if not valid:
@@ -68,7 +68,7 @@ def label(sights: Sights, state: State, table: Array, new: Ints, shut: bool) -> 
             if state.bound[c, m] >= 0:
                 new[c, m] = state.bound[c, m]
                 continue
-            if used + (last - first) > pair_d.shape[0]:
+            while used + (last - first) > pair_d.shape[0]:
                 pair_m, pair_s = np.append(pair_m, pair_m), np.append(pair_s, pair_s)
                 pair_d = np.append(pair_d, pair_d)
             used = _near_spots(sights, state, table[c, m], c, m, x, y, largest, shut, used, pair_m, pair_s, pair_d)

@@ -43,6 +43,8 @@ def open_camera(given: Array, loose: Array, nuisance: Array, out: Array) -> None
         out[0] *= math.exp(loose[0, p] * nuisance[p])
         for i in range(1, 11):
             out[i] += loose[i, p] * nuisance[p]
+        if loose[4, p] != 0.0 or loose[5, p] != 0.0 or loose[8, p] != 0.0:
+            out[11] = math.inf  # another lens ends elsewhere; `project_point` sees where it folds
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")

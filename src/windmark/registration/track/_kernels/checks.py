@@ -18,12 +18,12 @@ Array = NDArray[np.float64]
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def widest_open(state: State) -> tuple[float, float]:
-    """Pixels (1 sigma) by which the pairs leave the place of a marker without a spot open, and by which all others
-    leave that of a pair open: the widest of each.
+    """Pixels (1 sigma) by which the pairs leave the place of a bare marker open, and all others that of a pair.
 
+    The widest of each; a bare marker has no spot.
     Without a pair its projection has the covariance N D^-1 N - N, D = N - S, for the residual's covariance N and the
     projection's S (see `judge.own.held_by_one`).
-    """  # fmt: skip
+    """
     bare, held = 0.0, 0.0
     for m in range(state.match.shape[1]):
         xx, xy, yy = state.place[0, m, 0], state.place[0, m, 1], state.place[0, m, 2]

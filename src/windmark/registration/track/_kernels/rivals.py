@@ -183,7 +183,7 @@ def _typical_variance(best: State) -> float:
 def _least_lead(
     sights: Sights, near: Ints, columns: Columns, r: Array, t: Array, gain: Array, readings: Array
 ) -> float:
-    """The least lead over a rival at a pose: spots near its markers fit with no residual, worth ``gain`` (M,) each."""
+    """The least lead over a rival at a pose: spots near its markers fit without residuals, worth ``gain`` (M,) each."""
     n, xyz, camera = sights.xyz.shape[0], sights.xyz, sights.camera[0]
     ex = -(r[0, 0] * t[0] + r[1, 0] * t[1] + r[2, 0] * t[2])
     ey = -(r[0, 1] * t[0] + r[1, 1] * t[1] + r[2, 1] * t[2])
