@@ -18,8 +18,8 @@ class RigOptions(Strict):
 
     ``file``: where they are, as ``windmark calibrate --rig`` writes it (rig.json), by the names of the cameras; without
     it the poses in the cameras' own files, all from one frame (the tunnel's, or that of the model at some instant).
-    ``cameras``: which ones, by default all whose pose is to be found. ``trust``: those that get their pose from the others
-    even where none of their own markers checks it, as an infrared camera that sees none. Images with the same
+    ``cameras``: which ones, by default all whose pose is to be found. ``trust``: those that get their pose from the
+    others even where none of their own markers checks it, as an infrared camera that sees none. Images with the same
     ``point`` are of one instant; where no image has one, all are.
     """
 
