@@ -1,12 +1,10 @@
-"""Slow, readable twins of the hypothesis, growth and labelling kernels, and small kernel inputs."""
+"""Slow, readable twins of the hypothesis and growth kernels, and small kernel inputs."""
 
 import numpy as np
 import registration_scenes as scenes
 
-from windmark.registration._kernels import fit as fits
 from windmark.registration._kernels import growth as growth
 from windmark.registration._kernels import hypothesis as hypo
-from windmark.registration._kernels import settle as settling
 from windmark.registration.search import plane
 from windmark.registration.search.layout import unit_model
 
@@ -146,41 +144,3 @@ def slow_growth(model, picture, gates, rotation, translation, focal, pairs):
         if (match == before).all() or (round_ > 0 and score < gates.min_score):
             break
     return (match, score) if score >= gates.min_score else None
-
-
-def slow_label(plane, solution):
-    """Twin of `label`: pairs of a settled solution, from dense matrices."""
-    state, markers, spots = solution.state, plane.markers, plane.spots
-    factor = np.tril(state.factor[:6, :6])
-    focal, excess = state.numbers[fits.FOCAL], state.numbers[fits.EXCESS]
-    eye = -state.rotation.T @ state.translation
-    facing = ((eye - markers.xyz) * markers.normal).sum(axis=1) > 0
-    points = markers.xyz @ state.rotation.T + state.translation
-    pairs = []
-    for m in np.flatnonzero(facing & (points[:, 2] > 0)):
-        turned, step = points[m] - state.translation, 1e-6
-
-        def project(delta, turned=turned):
-            p = scenes.Pose.from_rotvec(delta[:3], [0, 0, 0]).apply(turned) + state.translation + delta[3:]
-            return focal * p[:2] / p[2]
-
-        j = np.stack([(project(step * e) - project(-step * e)) / (2 * step) for e in np.eye(6)], axis=1)
-        half = np.linalg.solve(factor, j.T)
-        by_pose, seen = half.T @ half, project(np.zeros(6))
-        for s in range(len(spots.p)):
-            noise = np.array([[spots.cov[s, 0], spots.cov[s, 1]], [spots.cov[s, 1], spots.cov[s, 2]]])
-            noise = noise + excess * np.eye(2)
-            sign = -1 if state.match[m] == s else 1
-            value, vector = np.linalg.eigh(noise + sign * by_pose)
-            gate = (vector * np.maximum(value, 0.05 * np.trace(noise) if sign < 0 else 0)) @ vector.T
-            offset = seen - spots.p[s]
-            d2 = offset @ np.linalg.solve(gate, offset)
-            likely = 2 * np.log(1 / (2 * np.pi * np.sqrt(np.linalg.det(gate)) * spots.density[s]))
-            if d2 < min(settling.GATE, likely):
-                pairs.append((d2, m, s))
-    chosen, taken = {}, set()
-    for _, m, s in sorted(pairs):
-        if m not in chosen and s not in taken:
-            chosen[m] = s
-            taken.add(s)
-    return chosen

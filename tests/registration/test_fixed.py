@@ -82,6 +82,44 @@ def test_four_labels_let_few_markers_be_enough():
     assert all(found.get(k) == scene.label[keep[k]] for k in range(7))
 
 
+def one_spot_off(off_px):
+    """A picture in which one spot is so far off its marker, and that spot and marker."""
+    scene = scenes.scene(78, "B", noise_px=0.2)
+    spot = int(np.flatnonzero(scene.label >= 0)[7])
+    xy = scene.detections.xy.copy()
+    xy[spot] += [off_px, 0.0]
+    moved = scenes.Scene(
+        Detections.make(xy, sigma_px=0.2), scene.markers, scene.camera, scene.cam_from_model, scene.label
+    )
+    return moved, spot, int(scene.label[spot])
+
+
+def test_a_binding_label_is_a_fact():
+    """A true label whose spot is 3 px off contradicts the others, unless it is binding; then the residual says so."""
+    scene, spot, marker = one_spot_off(3.0)
+    given = (scene.detections, scene.markers, scene.camera)
+    refused = register(*given, fixed={spot: marker}, max_time_s=2.0)
+    assert refused.cause == "labels"
+    told = register(*given, fixed={spot: marker}, binding=True, max_time_s=2.0)
+    assert told, told.reason
+    at = told.matching.detection.tolist().index(spot)
+    assert told.matching.marker[at] == marker
+    assert told.matching.distance_px[at] > 2
+    others = np.delete(told.matching.distance_px, at)
+    assert np.median(others) < 0.5
+
+
+def test_binding_changes_nothing_where_labels_agree():
+    scene = scenes.scene(72, "A", hidden=0.25, false=0.5)
+    fixed = labels_of(scene, np.random.default_rng(3), 3)
+    plain, bound = (
+        register(scene.detections, scene.markers, scene.camera, fixed=fixed, binding=b, max_time_s=2.0)
+        for b in (False, True)
+    )
+    np.testing.assert_array_equal(plain.matching.detection, bound.matching.detection)
+    np.testing.assert_allclose(plain.cam_from_model.translation, bound.cam_from_model.translation, rtol=1e-6)
+
+
 def test_excluded_spots_take_no_part():
     scene = scenes.scene(76, "A")
     some = [0, 5]

@@ -6,8 +6,8 @@ import registration_scenes as scenes
 
 from windmark.registration import NotRegistered, prepare, register
 from windmark.registration._kernels.cells import celled
-from windmark.registration.bent import field
-from windmark.registration.bent.field import modes_of
+from windmark.registration.search import field
+from windmark.registration.search.field import modes_of
 from windmark.registration.search.layout import Layout
 from windmark.scene import MarkerSet
 
@@ -23,7 +23,7 @@ def brought(onto):
 
 
 def assert_motions(layout, motions=None, determinant=1):
-    """Every motion keeps lengths and brings the markers that it says, to within a third of their spacing."""
+    """Every motion keeps lengths and brings the markers that it says, to within two fifths of their spacing."""
     onto, rotation, translation = motions or layout.symmetries
     xyz = layout.model.xyz
     spacing = np.linalg.norm(xyz - xyz[layout.model.near[:, 0]], axis=1)
@@ -33,7 +33,7 @@ def assert_motions(layout, motions=None, determinant=1):
         m = np.flatnonzero(row >= 0)
         assert len(set(row[m].tolist())) == len(m)
         moved = xyz[m] @ r.T + t
-        assert (np.linalg.norm(moved - xyz[row[m]], axis=1) < 0.3 * spacing[m]).all()
+        assert (np.linalg.norm(moved - xyz[row[m]], axis=1) < 0.4 * spacing[m]).all()
 
 
 def test_symmetries_of_a_grid():

@@ -76,7 +76,7 @@ def test_a_body_that_hides_all_is_likely_the_wrong_one():
     scene, _, _ = ball_before_a_wall(5)
     none = register(scene.detections, scene.markers, scene.camera, visible=lambda pose, camera: np.zeros(50, bool))
     assert not none
-    assert "does not fit the markers" in none.reason
+    assert "try without occlusion" in none.reason
 
 
 def test_a_wrong_answer_of_the_function_is_named():

@@ -1,4 +1,4 @@
-"""Triplets, the search plane, the pool and the evidence, each by itself."""
+"""Triplets, the search plane and the pool, each by itself."""
 
 from itertools import combinations
 
@@ -8,14 +8,12 @@ import registration_scenes as scenes
 
 from windmark.geometry import Camera, Pose
 from windmark.registration._kernels.hypothesis import Model
-from windmark.registration.criteria import beyond_prior
-from windmark.registration.evidence import weigh
+from windmark.registration.judge.words import beyond_prior
 from windmark.registration.search import plane, triplets
 from windmark.registration.search.layout import unit_model
 from windmark.registration.search.near import nearest
 from windmark.registration.search.pool import Candidate, Pool
 from windmark.registration.task import Task, with_focal
-from windmark.scene import Detections
 
 
 def candidate(score, match, angle_deg=0.0):
@@ -148,49 +146,6 @@ def test_prior_share_of_a_narrow_prior():
     assert with_prior.prior_share == pytest.approx(share * np.log10(1.3), rel=0.05)
     anything = task_of(scene, prior=scene.cam_from_model, prior_max_angle_rad=np.pi, prior_max_scale=10.0)
     assert anything.prior_share == pytest.approx(1)
-
-
-def evidence_of(residual_px, matched, expected, spots=30, seed=0, **more):
-    rng = np.random.default_rng(seed)
-    base = scenes.scene(1)
-    xy = rng.uniform(0, 1000, (spots, 2))
-    scene = scenes.Scene(Detections.make(xy, sigma_px=0.2), base.markers, base.camera, base.cam_from_model, base.label)
-    residuals = rng.normal(0, residual_px, (matched, 2))
-    spread = np.tile(max(residual_px, 0.05) ** 2 * np.array([1.0, 0.0, 1.0]), (matched, 1))
-    return weigh(plane.Plane(task_of(scene, **more)), np.arange(matched), residuals, spread, expected)
-
-
-def test_evidence_orders_solutions():
-    good = evidence_of(0.3, 15, 16)
-    assert good.score > evidence_of(0.3, 12, 16).score > evidence_of(0.3, 8, 16).score
-    assert good.score > evidence_of(0.3, 15, 24).score > evidence_of(3.0, 15, 24).score
-    assert good.score > evidence_of(0.3, 15, 16, spots=300).score > good.score - 25
-    assert good.log10_nfa < evidence_of(3.0, 15, 16).log10_nfa < evidence_of(30.0, 15, 16).log10_nfa
-    assert evidence_of(0.3, 3, 3).log10_nfa == np.inf
-    prior = evidence_of(0.3, 15, 16, prior=Pose.identity(), prior_max_angle_rad=0.2, prior_max_scale=1.1)
-    assert prior.log10_nfa < good.log10_nfa - 3
-
-
-def test_false_alarm_number_bounds_false_alarms():
-    """Random spots against random predictions: fewer than 1 in 1/NFA trials is as good (here without the tests)."""
-    rng = np.random.default_rng(3)
-    scene = scenes.scene(1)
-    spots, markers, trials, hits = 30, 12, 400, 0
-    for _ in range(trials):
-        xy = rng.uniform(0, 1, (spots, 2)) * scene.camera.size_px
-        drawn = rng.uniform(0, 1, (markers, 2)) * scene.camera.size_px
-        distance = np.linalg.norm(xy[None] - drawn[:, None], axis=2)
-        spot = distance.argmin(axis=1)
-        _, first = np.unique(spot, return_index=True)
-        task = Task(scene.markers, scene.camera, xy, np.broadcast_to(0.04 * np.eye(2), (spots, 2, 2)), 6.0)
-        residuals = (drawn - xy[spot])[first]
-        spread = np.tile([1.0, 0.0, 1.0], (len(first), 1))
-        # Three exact pairs stand for the ones that fixed the pose.
-        residuals[:3] = 0
-        evidence = weigh(plane.Plane(task), spot[first], residuals, spread, markers)
-        tests = np.log10(4 * 2024 * 30 * 29 * 28)
-        hits += evidence.log10_nfa - tests < -1
-    assert hits <= 0.1 * trials
 
 
 @pytest.mark.parametrize("count", [5, 40, 301])

@@ -1,5 +1,6 @@
 """The quad search against slow, readable twins."""
 
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -12,10 +13,13 @@ from windmark.registration._kernels import best as kept
 from windmark.registration._kernels import growth as growth
 from windmark.registration._kernels import match as match
 from windmark.registration._kernels import quad as quads
+from windmark.registration._kernels import rival as rival
 from windmark.registration._kernels import screen as screen
+from windmark.registration.register import default_tolerance
 from windmark.registration.search.layout import DIRECTIONS, Layout, sphere
 from windmark.registration.search.plane import Plane
 from windmark.registration.search.quads import QuadSearch
+from windmark.registration.search.ransac import make_gates
 from windmark.registration.task import Task
 
 CHECK = 0.5 * TOLERANCE
@@ -34,6 +38,36 @@ def coordinates(a, b, c, d):
     """Barycentric coordinates of a in the triangle b, c, d, by linear equations; and twice its signed area."""
     system = np.array([[b[0], c[0], d[0]], [b[1], c[1], d[1]], [1.0, 1.0, 1.0]])
     return np.linalg.solve(system, [a[0], a[1], 1.0]), np.linalg.det(system)
+
+
+@pytest.mark.parametrize("kind", ["A", "A0", "B"])
+def test_no_rival_grows_beyond_its_promise(kind):
+    """What a near-symmetry makes of the right pose: not grown where its promise is too low, so that must be enough."""
+    grown = 0
+    for seed in range(12):
+        scene = scenes.scene(seed, kind, hidden=0.25 * (seed % 2), false=0.5)
+        plane = plane_of(scene)
+        picture, gates = plane.picture(len(scene.detections)), make_gates(plane)
+        rotation, translation = plane.frame.unit(scene.cam_from_model)
+        for onto, turn, shift in zip(*plane.layout.symmetries, strict=True):
+            match = np.full(len(onto), -1, np.int32)
+            for spot, marker in enumerate(scene.label.tolist()):
+                if marker >= 0 and onto[marker] >= 0:
+                    match[onto[marker]] = spot
+            r = rotation @ turn.T
+            t = translation - r @ shift
+            room = np.empty((7, 7)), np.empty(7)
+            if (match >= 0).sum() < 4 or not growth._refine(
+                plane.model.xyz, picture.p, match, r, t, scene.camera.focal_px, *room, 6, gates.sigma**2
+            )[0]:
+                continue
+            promised = rival.promise(plane.model, picture, gates, r, t, scene.camera.focal_px)
+            score = growth.grow(
+                plane.model, picture, gates, match, r, t, scene.camera.focal_px, int((match >= 0).sum())
+            )[0]  # fmt: skip
+            grown += score > -np.inf
+            assert score <= promised
+    assert grown > 1
 
 
 def test_barycentric_coordinates_do_not_change_under_affine_maps():
@@ -178,11 +212,12 @@ def test_search_grows_what_its_slow_twin_grows():
     tried, cells = quads.spot_quads_kernel(picture.p, picture.near, 0, 7, table.first)
     tried, cells = tried[:400], cells[:400]
     best, none = kept.room_for_best(60, 24), np.full((1, 24), -1, np.int32)
-    got, links = match.search_kernel(
+    got, links, work = match.search_kernel(
         model, picture, RULES, gates, table, np.array([focal]), CHECK, tried, cells, 0, 10**6, np.inf, best, none
     )
     assert got == len(tried)
     assert links == np.diff(table.first)[cells].sum()
+    assert links < work
     outcomes = slow_search(model, picture, gates, table, focal, tried, cells)
     # Solutions seen before are not grown again.
     assert 3 < best.serial[-1] <= len(outcomes)
@@ -215,3 +250,38 @@ def test_search_finds_the_pose_and_the_planes_mirror_image():
     angles = sorted(float(np.degrees(c.cam_from_model.angle_to(pose))) for c in (first, second))
     assert angles[0] < 3
     assert angles[1] > 20
+
+
+def solved(scene):
+    """A search that has found a solution and looked for its rivals."""
+    spots = scene.detections
+    tolerance = default_tolerance(spots.xy, scene.camera, scene.markers)
+    search = QuadSearch(Plane(Task(scene.markers, scene.camera, spots.xy, spots.cov, tolerance)), 45.0)
+    for _ in search.batches():
+        if search.best is not None and search.best.score > 45.0:
+            break
+    assert search.rivals(search.best, lambda: False)
+    return search
+
+
+def test_half_a_copy_is_found_beside_the_model():
+    """A ghost of every second spot, shifted by 30 px, in most of some pictures; and none where there is none."""
+    found = 0
+    for seed in range(6):
+        scene = scenes.scene(seed, "B", hidden=0.25, false=0.5, noise_px=0.2)
+        label, xy = scene.label, scene.detections.xy
+        seen = np.flatnonzero(label >= 0)[::2]
+        ghost = xy[seen] + [24.0, 18.0] + np.random.default_rng(seed).normal(0, 0.2, (len(seen), 2))
+        doubled = replace(scene, detections=scenes.Detections.make(np.concatenate([xy, ghost]), sigma_px=0.2))
+        shadow = np.full(60, -1)
+        shadow[label[seen]] = np.arange(len(xy), len(xy) + len(seen))
+        search = solved(doubled)
+        first = search.best
+        assert not search.copies(first, lambda: True)
+        assert search.copies(first, lambda: False)
+        found += max(((c.match == shadow) & (shadow >= 0)).sum() for c in search.top(12)) > 0.8 * len(seen)
+        alone = solved(scene)
+        before = [(c.score, c.count) for c in alone.top(12)]
+        assert alone.copies(alone.best, lambda: False)
+        assert all(c.score < 45.0 for c in alone.top(12) if (c.score, c.count) not in before)
+    assert found >= 4

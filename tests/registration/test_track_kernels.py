@@ -6,36 +6,43 @@ import numpy as np
 import pytest
 import registration_scenes as scenes
 
-from windmark.geometry import Camera, Pose
+from windmark.geometry import Pose
 from windmark.registration import prepare
-from windmark.registration._kernels.raster import plane_covariance_kernel
+from windmark.registration.judge.doubts import FirstOrder
+from windmark.registration.judge.own import held_by_one
 from windmark.registration.register import default_tolerance
-from windmark.registration.search.plane import Plane, to_plane
+from windmark.registration.search.plane import Plane
+from windmark.registration.settle._kernels.doubt import doubt_kernel
+from windmark.registration.settle._kernels.project import place_cameras
+from windmark.registration.settle.solution import copied, settle
+from windmark.registration.settle.views import Views
 from windmark.registration.task import Task
-from windmark.registration.track._kernels import gates, motion, spots
+from windmark.registration.track._kernels import checks, gates, motion, spots, suppose
 from windmark.registration.track.prepared import Prepared
+from windmark.scene import MarkerSet
+
+
+def sights_of(scene, prepared):
+    """What the kernels make of a picture."""
+    model, found = prepared.layout.model, scene.detections
+    return spots.sights_of(
+        model.xyz, model.normal, prepared.sigma, prepared.packed, prepared.loose, prepared.size, found.xy, found.cov,
+        found.radius_px, 0.0, prepared.rough, 0.0,
+    )  # fmt: skip
+
+
+def views_of(scene, prepared, tolerance):
+    """The same as a search would have it."""
+    found = scene.detections
+    task = Task(scene.markers, scene.camera, found.xy, found.cov, tolerance, radius_px=found.radius_px)
+    return Views.of([Plane(task, prepared.layout)])
 
 
 @pytest.fixture(scope="module")
 def view():
     scene = scenes.scene(21, "B", hidden=0.2, false=0.5)
     prepared = Prepared.of(scene.markers, scene.camera, prepare(scene.markers))
-    plane = spots.to_plane_kernel(prepared.packed, prepared.size, scene.detections.xy, scene.detections.cov)
-    made, columns, tolerance = spots.spots_of(
-        prepared.packed, prepared.size, *plane, scene.detections.radius_px, 0.0, 0.0
-    )
-    return scene, prepared, made, columns, tolerance
-
-
-@pytest.mark.parametrize("lens", [{}, {"k1": -0.2, "k2": 0.05, "p1": 1e-3, "tilt_x": 0.02, "aspect": 1.02}])
-def test_plane_points_are_those_of_the_camera(lens):
-    camera = Camera((1280, 1000), 1100.0, **lens)
-    rng = np.random.default_rng(1)
-    xy, root = rng.uniform(0, 1, (50, 2)) * camera.size_px, rng.normal(0, 0.2, (50, 2, 2))
-    cov = root @ root.transpose(0, 2, 1)
-    got, spread = spots.to_plane_kernel(camera.packed(), np.array(camera.size_px, dtype=float), xy, cov)
-    np.testing.assert_allclose(got, to_plane(camera, xy), atol=1e-6)
-    np.testing.assert_allclose(spread, plane_covariance_kernel(camera.packed(), got, cov), rtol=2e-5, atol=1e-7)
+    return scene, prepared, *sights_of(scene, prepared)
 
 
 def test_points_in_order_and_columns_that_miss_none():
@@ -51,12 +58,10 @@ def test_points_in_order_and_columns_that_miss_none():
             assert place == exact or asked - sorted_x[place] <= 1.01 * np.ptp(x) / (2 * len(x))
 
 
-def test_spots_are_those_of_the_search_plane(view):
-    scene, _, made, _, tolerance = view
-    plane = Plane(Task(scene.markers, scene.camera, scene.detections.xy, scene.detections.cov, tolerance))
-    np.testing.assert_allclose(made.density, plane.spots.density, rtol=1e-9)
-    np.testing.assert_allclose(made.cov, plane.spots.cov)
-    np.testing.assert_array_equal(made.x, plane.spots.x)
+def test_the_picture_is_that_of_a_search(view):
+    scene, prepared, sights, _ = view
+    for name, expected in views_of(scene, prepared, sights.tolerance[0]).sights._asdict().items():
+        np.testing.assert_allclose(getattr(sights, name), expected, rtol=1e-9, err_msg=name)
 
 
 def test_prediction_is_that_of_the_matrices():
@@ -102,22 +107,26 @@ def test_difference_leads_from_one_pose_to_the_other(turn):
     np.testing.assert_allclose(out, [*turn, 0.5, 0.5, 0.5], atol=1e-7)
 
 
+def placed(sights, rotation, translation):
+    """An empty state at a pose."""
+    state = spots.room(sights, 0)
+    state.rotation[:], state.translation[:] = rotation, translation
+    return state
+
+
 def test_labels_in_gates_are_those_of_the_slow_twin(view):
-    scene, prepared, made, columns, tolerance = view
-    r, t = prepared.layout.frame.unit(scene.cam_from_model)
-    cov = np.diag([1e-6] * 3 + [4e-5] * 3)
-    sight = gates.sight_from(
-        prepared.markers, prepared.layout.model.near, r, np.ascontiguousarray(t), scene.camera.focal_px, cov
-    )
-    match, floor2 = np.empty(len(scene.markers), np.int32), (0.25 * tolerance) ** 2
-    count = gates.label_in_gates(sight, made, columns, floor2, match)
+    scene, prepared, sights, columns = view
+    cov, floor2 = np.diag([1e-6] * 3 + [4e-5] * 3), (0.25 * sights.tolerance[0]) ** 2
+    state = placed(sights, *prepared.layout.frame.unit(scene.cam_from_model))
+    sight = gates.sight_from(sights, state, prepared.layout.model.near, cov)
+    match = np.empty(len(scene.markers), np.int32)
+    count = gates.label_in_gates(sights, sight, columns, floor2, match)
     pairs = []
     for m in np.flatnonzero(sight.seen):
         spread = sight.by_pose[m] @ cov @ sight.by_pose[m].T + floor2 * np.eye(2)
-        for s in range(len(made.p)):
-            offset = made.p[s] - sight.uv[m]
-            total = spread + made.cov[s][[0, 1, 1, 2]].reshape(2, 2)
-            d2 = offset @ np.linalg.solve(total, offset)
+        for s, (xy, noise) in enumerate(zip(scene.detections.xy, scene.detections.cov, strict=True)):
+            offset = xy - sight.xy[m]
+            d2 = offset @ np.linalg.solve(spread + noise, offset)
             near = np.linalg.norm(offset) < gates.SHARE * sight.spacing[m]
             if d2 < gates.GATE and near and abs(offset[0]) <= np.sqrt(gates.GATE * spread[0, 0]):
                 pairs.append((d2, m, s))
@@ -131,17 +140,66 @@ def test_labels_in_gates_are_those_of_the_slow_twin(view):
 
 def test_a_supposed_pair_brings_back_a_common_shift(view):
     """A prediction that is off by more than the markers' spacing."""
-    scene, prepared, made, columns, tolerance = view
+    scene, prepared, sights, columns = view
     r, t = prepared.layout.frame.unit(scene.cam_from_model)
-    focal, near = scene.camera.focal_px, prepared.layout.model.near
-    true = gates.sight_from(prepared.markers, near, r, np.ascontiguousarray(t), focal, np.eye(6))
-    shift = 40.0 * t[2] / focal
-    r0, t0, cov = r.copy(), t + np.array([shift, -0.5 * shift, 0.0]), np.diag([1e-6] * 3 + [shift**2, shift**2, 1e-6])
-    sight = gates.sight_from(prepared.markers, near, r0, t0, focal, cov)
-    worth = gates.supposed(prepared.markers, sight, made, columns, focal, r0, t0, cov, (0.25 * tolerance) ** 2)
-    found = gates.sight_from(prepared.markers, near, r0, t0, focal, cov)
+    near = prepared.layout.model.near
+    true = gates.sight_from(sights, placed(sights, r, t), near, np.eye(6))
+    shift = 40.0 * t[2] / scene.camera.focal_px
+    cov = np.diag([1e-6] * 3 + [shift**2, shift**2, 1e-6])
+    state = placed(sights, r, t + np.array([shift, -0.5 * shift, 0.0]))
+    sight = gates.sight_from(sights, state, near, cov)
+    worth = suppose.supposed(sights, sight, columns, state, cov, (0.25 * sights.tolerance[0]) ** 2)
+    found = gates.sight_from(sights, state, near, cov)
     assert worth > 50
-    assert np.abs(found.uv - true.uv).max() < 4
+    assert np.abs(found.xy - true.xy)[true.seen].max() < 4
+
+
+def settled(scene, prepared, sights, kept):
+    """The solution from the true labels of some markers."""
+    match = np.full((1, len(scene.markers)), -1, np.int32)
+    match[0, scene.label[scene.label >= 0]] = np.flatnonzero(scene.label >= 0)
+    match[:, ~kept] = -1
+    views = views_of(scene, prepared, sights.tolerance[0])
+    state = placed(sights, *prepared.layout.frame.unit(scene.cam_from_model))
+    solution = settle(views, state.rotation, state.translation, match)
+    assert solution is not None
+    return solution
+
+
+def test_what_pairs_leave_open_is_what_the_judge_says():
+    """Two rows of which one is hidden but for one spot: that spot holds the pose."""
+    rng = np.random.default_rng(5)
+    xyz = np.array([[0.1 * k, 0.5 * row, 0.0] for row in range(2) for k in range(8)]) + rng.normal(0, 0.004, (16, 3))
+    markers = MarkerSet.make([f"m{k}" for k in range(16)], xyz)
+    camera, pose = scenes.random_view(rng, markers)
+    scene = scenes.image_of(rng, markers, camera, pose, noise_px=0.1)
+    prepared = Prepared.of(markers, camera, prepare(markers))
+    for row in (8, 1):  # how many of the second row are seen
+        kept = np.isin(scene.label, np.arange(8 + row))
+        part = scenes.Scene(scene.detections.take(kept), markers, camera, pose, scene.label[kept])
+        sights = sights_of(part, prepared)[0]
+        best = settled(part, prepared, sights, np.arange(16) < 8 + row)
+        bare, held = checks.widest_open(best.state)
+        tolerance = sights.tolerance[0]
+        words = held_by_one(best)
+        assert bool(words) == (held > tolerance / 3 or bare > tolerance) == (row == 1)
+        if bare > tolerance:
+            assert f"{bare:.2g} px" in words
+        elif row == 1:
+            assert f"{held:.2g} px" in words
+
+
+def test_the_gain_of_bending_is_that_of_the_judge(view):
+    scene, prepared, sights, _ = view
+    best = settled(scene, prepared, sights, np.arange(len(scene.markers)) >= 0)
+    modes = prepared.modes[:20]
+    best.state.residual[0, :, 1] += 0.5 * np.sin(4 * prepared.layout.model.xyz[:, 0])
+    views = best.views.bent(modes)
+    wide = copied(views, best.state)
+    place_cameras(views.sights, wide)
+    first = FirstOrder(*doubt_kernel(views.sights, wide), np.arange(6, 6 + len(modes)))
+    assert first.gain(np.arange(len(modes))) > 3
+    assert checks.bending_gain(sights, modes, best.state) == pytest.approx(first.gain(np.arange(len(modes))), abs=0.05)
 
 
 @pytest.mark.parametrize("share", [0.0, 0.01, 0.06])
@@ -151,9 +209,6 @@ def test_the_usual_tolerance_is_that_of_register(view, share):
     sigma = np.full((len(scene.markers), 3), share * np.ptp(scene.markers.xyz))
     markers = replace(scene.markers, sigma=sigma)
     prepared = Prepared.of(markers, scene.camera, prepare(markers))
-    plane = spots.to_plane_kernel(prepared.packed, prepared.size, scene.detections.xy, scene.detections.cov)
-    radius = scene.detections.radius_px
-    tolerance = spots.spots_of(prepared.packed, prepared.size, *plane, radius, 0.0, prepared.rough)[2]
-    # The kernel takes distances in the search plane, where the lens has no distortion: so has this one.
+    tolerance = sights_of(scene, prepared)[0].tolerance[0]
     assert tolerance == pytest.approx(default_tolerance(scene.detections.xy, scene.camera, markers), rel=1e-9)
-    assert (tolerance > view[4]) == (share > 0)
+    assert (tolerance > view[2].tolerance[0]) == (share > 0)

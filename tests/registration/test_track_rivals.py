@@ -7,32 +7,17 @@ import track_scenes as sequences
 
 from windmark.geometry import Pose
 from windmark.registration import prepare
-from windmark.registration._kernels import fit as fits
 from windmark.registration._kernels.rival import thinnest
-from windmark.registration._kernels.settle import STEADY, settle_kernel
+from windmark.registration.search.plane import Plane
+from windmark.registration.settle.solution import settle
+from windmark.registration.settle.views import Views
+from windmark.registration.task import Task
 from windmark.registration.track._kernels import rivals, spots
 from windmark.registration.track.prepared import Prepared
 
 
-def settled(prepared, made, fit, r, t, match):
-    state = fits.state_of(r, t, fit.focal_start, match)
-    return state if settle_kernel(prepared.markers, made, fit, state, 0) == STEADY else None
-
-
-def worth(made, state):
-    seen = state.match >= 0
-    count, expected = seen.sum(), state.numbers[fits.EXPECTED]
-    p = np.clip((count + 1) / (expected + 2), 0.25, 0.95)
-    total = (expected - count) * np.log(1 - p)
-    for residual, spread, s in zip(state.residual[seen], state.spread[seen], state.match[seen], strict=True):
-        cov = spread[[0, 1, 1, 2]].reshape(2, 2)
-        total += np.log(p / (2 * np.pi * np.sqrt(np.linalg.det(cov)) * made.density[s]))
-        total -= 0.5 * residual @ np.linalg.solve(cov, residual)
-    return total
-
-
 def pose_cov(state):
-    lower = np.tril(state.factor[:6, :6])
+    lower = np.tril(state.factor)
     return np.linalg.inv(lower @ lower.T)
 
 
@@ -47,11 +32,11 @@ def starts(prepared, best):
     """Pose and labels of every rival before it is refined, and whether it is another labelling."""
     r0, t0 = best.rotation, best.translation
     for onto, turn, shift in zip(*prepared.layout.symmetries, strict=True):
-        match = np.full(len(onto), -1, np.int32)
-        match[onto[onto >= 0]] = best.match[onto >= 0]
+        match = np.full((1, len(onto)), -1, np.int32)
+        match[0, onto[onto >= 0]] = best.match[0, onto >= 0]
         r = r0 @ turn.T
         yield r, t0 - r @ shift, match, True
-    xyz = prepared.markers.xyz[best.match >= 0]
+    xyz = prepared.layout.model.xyz[best.match[0] >= 0]
     centre = xyz.mean(axis=0)
     normal = np.linalg.eigh((xyz - centre).T @ (xyz - centre))[1][:, 0]
     sight = t0 + r0 @ centre
@@ -60,26 +45,25 @@ def starts(prepared, best):
     yield r, sight - r @ centre, best.match, False
 
 
-def slow_lead(prepared, made, fit, predicted, best):
+def slow_lead(prepared, best, predicted):
     """Lead over the best of all rivals, none left out, and the labels of that one."""
-    own, lead, labels = worth(made, best) - against(best, predicted), np.inf, None
-    for r, t, match, other_labels in starts(prepared, best):
-        if not other_labels and np.linalg.norm(Pose(r @ best.rotation.T, np.zeros(3)).rotvec) > 5 * np.sqrt(
+    lead, labels = np.inf, None
+    for r, t, match, other_labels in starts(prepared, best.state):
+        if not other_labels and np.linalg.norm(Pose(r @ best.state.rotation.T, np.zeros(3)).rotvec) > 5 * np.sqrt(
             np.trace(predicted[2][:3, :3])
         ):
             continue
-        trial = settled(prepared, made, fit, r, t, match)
+        trial = settle(best.views, r, t, match)
         if trial is None:
             continue
-        both = ((trial.match == best.match) & (best.match >= 0)).sum()
-        few = min((best.match >= 0).sum(), (trial.match >= 0).sum())
-        turned = np.linalg.norm(Pose(trial.rotation @ best.rotation.T, np.zeros(3)).rotvec)
-        close = turned < 3 * np.sqrt(np.trace(pose_cov(best)[:3, :3]))
-        if both > rivals.SAME * few if other_labels else close:
+        turned = np.linalg.norm(Pose(trial.state.rotation @ best.state.rotation.T, np.zeros(3)).rotvec)
+        close = turned < 3 * np.sqrt(np.trace(pose_cov(best.state)[:3, :3]))
+        if best.shared(trial) > rivals.SAME if other_labels else close:
             continue
-        its = own - worth(made, trial) + against(trial, predicted)
+        its = best.lead_over(trial) - best.freedom + trial.freedom
+        its += against(trial.state, predicted) - against(best.state, predicted)
         if its < lead:
-            lead, labels = its, trial.match.copy()
+            lead, labels = its, trial.state.match.copy()
     return lead, labels
 
 
@@ -95,24 +79,25 @@ def test_the_lead_is_that_over_all_rivals(kind, hidden, sigma, margin):
         camera, pose = scenes.random_view(rng, markers)
         scene = scenes.image_of(rng, markers, camera, pose, hidden=hidden, false=1.0, noise_px=0.2)
         prepared = Prepared.of(markers, camera, prepare(markers))
-        plane = spots.to_plane_kernel(prepared.packed, prepared.size, scene.detections.xy, scene.detections.cov)
-        made, columns, tolerance = spots.spots_of(
-            prepared.packed, prepared.size, *plane, scene.detections.radius_px, 0.0, 0.0
-        )
-        fit = fits.Fit(tolerance, camera.focal_px, 0.0)
+        model, found = prepared.layout.model, scene.detections
+        sights, columns = spots.sights_of(
+            model.xyz, model.normal, prepared.sigma, prepared.packed, prepared.loose, prepared.size, found.xy,
+            found.cov, found.radius_px, 0.0, 0.0, 0.0,
+        )  # fmt: skip
+        task = Task(markers, camera, found.xy, found.cov, sights.tolerance[0], radius_px=found.radius_px)
         r, t = prepared.layout.frame.unit(pose)
-        match = np.full(len(markers), -1, np.int32)
-        match[scene.label[scene.label >= 0]] = np.flatnonzero(scene.label >= 0)
-        best = settled(prepared, made, fit, r, t, match)
+        match = np.full((1, len(markers)), -1, np.int32)
+        match[0, scene.label[scene.label >= 0]] = np.flatnonzero(scene.label >= 0)
+        best = settle(Views.of([Plane(task, prepared.layout)]), r, t, match)
         if best is None:
             continue
         predicted = (r, np.ascontiguousarray(t), np.diag([sigma**2] * 3 + [(sigma * t[2]) ** 2] * 3))
-        rival = fits.state_of(np.eye(3), np.zeros(3), camera.focal_px, match)
+        rival = spots.room(sights, 0)
+        readings = rivals.readings_of(sights, best.state, model.near, 0.0)
         lead = rivals.rival_kernel(
-            prepared.markers, prepared.layout.model.near, made, columns, fit, prepared.layout.symmetries, predicted,
-            best, worth(made, best) - against(best, predicted), margin, rival,
-        )  # fmt: skip
-        expected, labels = slow_lead(prepared, made, fit, predicted, best)
+            sights, model.near, columns, prepared.layout.symmetries, predicted, best.state, readings, margin, rival
+        )
+        expected, labels = slow_lead(prepared, best, predicted)
         assert min(lead, margin) == pytest.approx(min(expected, margin), abs=1e-6)
         if expected < margin:
             near += 1

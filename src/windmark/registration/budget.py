@@ -1,4 +1,4 @@
-"""The time that a search may take."""
+"""The work, and the time, that a search may take."""
 
 from __future__ import annotations
 
@@ -9,48 +9,95 @@ from numpy.typing import NDArray
 
 from windmark.geometry import Camera, Pose
 from windmark.geometry._p3p_kernels import p3p_batch_kernel
-from windmark.registration._kernels.evidence import likelihood_ratio, log10_nfa
-from windmark.registration._kernels.fit import focal_score_kernel, pose_covariance_kernel
+from windmark.registration._kernels.evidence import log10_nfa
 from windmark.registration._kernels.growth import growth_kernel
 from windmark.registration._kernels.hypothesis import hypotheses_kernel
 from windmark.registration._kernels.match import search_kernel
 from windmark.registration._kernels.quad import first_of_each_kernel, spot_quads_kernel, table_kernel
-from windmark.registration._kernels.rig import accept_rig_kernel, settle_rig_kernel
 from windmark.registration._kernels.rival import rivals_kernel
-from windmark.registration._kernels.settle import settle_kernel
 from windmark.registration._kernels.symmetry import symmetries_kernel
-from windmark.registration.task import Visible
+from windmark.registration.settle._kernels.doubt import doubt_kernel
+from windmark.registration.settle._kernels.places import places_kernel
+from windmark.registration.settle._kernels.settle import accept_kernel, fit_kernel, settle_kernel
+from windmark.registration.settle._kernels.smooth import smooth_cov_kernel
+from windmark.registration.settle._kernels.worth import worth_kernel
+from windmark.registration.task import Task, Visible
 
 _KERNELS = (
-    likelihood_ratio, log10_nfa, growth_kernel, hypotheses_kernel, p3p_batch_kernel, rivals_kernel, search_kernel,
-    spot_quads_kernel, table_kernel, settle_kernel, symmetries_kernel, settle_rig_kernel, accept_rig_kernel,
-    first_of_each_kernel, focal_score_kernel, pose_covariance_kernel,
+    log10_nfa, growth_kernel, hypotheses_kernel, p3p_batch_kernel, rivals_kernel, search_kernel, spot_quads_kernel,
+    table_kernel, symmetries_kernel, first_of_each_kernel, settle_kernel, fit_kernel, accept_kernel, worth_kernel,
+    doubt_kernel, places_kernel, smooth_cov_kernel,
 )  # fmt: skip
+
+PER_SECOND = 1e7
+"""Units of work that a core of 2024 does in a second."""
+LINK, TRIPLET, SETTLE, SETTLE_PAIR, BEND, BEND_PAIR = 1, 10, 900, 35, 35_000, 700
+"""What is counted, in units of about 0.1 us: a link of a quad, one of a triplet (P3P and its neighbourhood), a
+candidate that is refined, for each marker of it, and the same with a deformation. Guarded by
+`benchmarks/matching_refusals.py`: the time of a refusal is as even as these are right."""
+LEAST, PER_POINT = 200_000, 2_500
+"""The search may do so much work, and so much for each marker and each spot, times the root of the number of focal
+lengths to try. With half of the markers hidden and as many false spots, 99 of 100 right solutions need no more than
+half of it, with all that is done to check them."""
+RANSAC, PER_CAMERA = 200_000_000, 2_000_000
+"""The paper's search may do so much work, and a rig so much for each camera."""
 
 
 class Budget:
-    """CPU time of this thread, so that other work on the machine changes no result.
+    """Units of work, counted as they are done: the same answer on any machine. And the time, where a user limits it.
 
-    When numba has compiled a kernel, or read it from its cache, the clock starts again: the first call of a process
-    shall not be refused for that.
+    The time is the CPU time of this thread, so that other work on the machine changes no result. When numba has
+    compiled a kernel, or read it from its cache, that clock starts again: the first call of a process shall not be
+    refused for it.
+
+    Parameters
+    ----------
+    max_work : units of work
+    seconds : None for no limit
     """
 
-    def __init__(self, seconds: float) -> None:
-        self.seconds = seconds
-        self._start, self._compiled = time.thread_time(), _compiled()
+    def __init__(self, max_work: float = np.inf, seconds: float | None = None) -> None:
+        self.max_work, self.seconds, self.spent = max_work, seconds, 0.0
+        self._start, self._compiled = time.thread_time(), 0 if seconds is None else _compiled()
+
+    @classmethod
+    def of(cls, work: float, limit_s: float | None) -> Budget:
+        """So much work, and the time if there is a limit; a long one lets it work as long, too."""
+        return cls(max(work, PER_SECOND * (limit_s or 0.0)), limit_s)
+
+    def spend(self, units: float) -> None:
+        """Count work."""
+        self.spent += units
 
     @property
-    def spent(self) -> float:
-        """Seconds so far."""
+    def out_of_time(self) -> bool:
+        """Whether the time is over."""
+        if self.seconds is None:
+            return False
         now, compiled = time.thread_time(), _compiled()
         if compiled != self._compiled:
             self._start, self._compiled = now, compiled
-        return now - self._start
+        return now - self._start > self.seconds
 
     @property
     def over(self) -> bool:
-        """Whether the time is spent."""
-        return self.spent > self.seconds
+        """Whether the work or the time is spent."""
+        return self.spent > self.max_work or self.out_of_time
+
+    @property
+    def exhausted(self) -> bool:
+        """Whether twice the work or the time is spent: what was found near the end can still be checked."""
+        return self.spent > 2 * self.max_work or self.out_of_time
+
+    @property
+    def why(self) -> str:
+        """Why it is over."""
+        if self.seconds is not None and (self.out_of_time or self.spent <= self.max_work):
+            return f"stopped after max_time_s = {self.seconds:g} s"
+        return (
+            f"stopped after the work of {self.max_work / PER_SECOND:.2g} s on a quiet machine (a larger max_time_s "
+            "lets it do more)"
+        )
 
     def without(self, function: Visible | None) -> Visible | None:
         """The function, its own time not counted."""
@@ -64,6 +111,13 @@ class Budget:
             return seen
 
         return uncounted
+
+
+def work_for(task: Task, method: str) -> float:
+    """What the search may do for one picture."""
+    if method == "ransac":
+        return RANSAC
+    return (LEAST + PER_POINT * (len(task.markers) + len(task.xy))) * float(len(task.focal_factors)) ** 0.5
 
 
 def _compiled() -> int:

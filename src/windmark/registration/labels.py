@@ -1,18 +1,13 @@
-"""What the user says about single spots: fixed labels and excluded spots, checked; and where labels contradict."""
+"""What the user says about single spots: fixed labels and excluded spots, checked."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from windmark.registration.task import Task, with_focal
 from windmark.scene import Detections, MarkerSet
-
-if TYPE_CHECKING:
-    from windmark.registration.solution import Solution  # this brings numba
 
 Fixed = Mapping[int, int | str] | Sequence[tuple[int, int | str]]
 
@@ -72,19 +67,3 @@ def fixed_pairs(
         if len(set(seen)) < len(seen):
             raise ValueError(f"register: every {what} may be fixed only once, got {given}")
     return tuple(pairs)
-
-
-def contradiction(task: Task, found: Solution) -> str:
-    """Which labels a solution without them contradicts, in words."""
-    names, parts = task.markers.name, []
-    camera = with_focal(task.camera, found.focal_px)
-    for spot, marker in task.fixed:
-        if found.state.match[marker] == spot:
-            continue
-        x, y = task.xy[spot]
-        seen, valid = camera.project(found.cam_from_model.apply(task.markers.xyz[marker]))
-        away = f"{float(np.hypot(*(seen - task.xy[spot]))):.1f} px away" if valid else "out of sight"
-        holder = np.flatnonzero(found.state.match == spot)
-        held = f" and takes the spot for {names[holder[0]]}" if len(holder) else ""
-        parts.append(f"{names[marker]} at ({x:.1f}, {y:.1f}): it has this marker {away}{held}")
-    return "; ".join(parts)

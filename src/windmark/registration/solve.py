@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from windmark.adjust import SolveReport
 from windmark.geometry import PARAMETERS, Camera, Pose
-from windmark.registration.budget import Budget
+from windmark.registration.budget import PER_CAMERA, Budget, work_for
 from windmark.registration.directions import WeakDirection, weak_directions
 from windmark.registration.judge.answer import answer
 from windmark.registration.judge.solve import WINDOW, judge, search_for, searches_of_rig
@@ -46,15 +46,19 @@ def solve(
     layout = layout or Layout(tasks[0].markers)
     if options["method"] == "hash":
         layout.ready()
-    budget = Budget(options["max_time_s"])
+    one = work_for(tasks[0], options["method"])
+    work = one if cam_from_rig is None else max(one, PER_CAMERA) * len(tasks)
+    budget = Budget.of(work, options["max_time_s"])
     names = [c for c, task in enumerate(tasks) if len(task.xy)]
     used = [replace(tasks[c], visible=budget.without(tasks[c].visible)) for c in names]
     poses = None if cam_from_rig is None else [cam_from_rig[c] for c in names]
     tried = 0
     for _ in range(LENS_STARTS):
         planes = [Plane(task, layout) for task in used]
-        searches = [search_for(planes[0], options)] if poses is None else searches_of_rig(planes, options)
-        source = Source(Views.of(planes, poses), searches, WINDOW if poses is None else np.inf)
+        searches = (
+            [search_for(planes[0], options, budget)] if poses is None else searches_of_rig(planes, options, budget)
+        )
+        source = Source(Views.of(planes, poses), searches, WINDOW if poses is None else np.inf, budget)
         verdict, late = judge(source, limits, options["max_hypotheses"], budget, names)
         tried += source.links
         moved = None if late else _with_other_lenses(used, verdict)
@@ -65,16 +69,18 @@ def solve(
         if cam_from_rig is None:
             return _registration(verdict.best, verdict, tried, index[0], options)
         return _of_rig(verdict.best, verdict, tried, tasks, names, cam_from_rig, index, options)
-    return _refused(verdict, late, tried, tasks, cam_from_rig, options)
+    return _refused(verdict, late, budget, tried, tasks, cam_from_rig, options)
 
 
 def _refused(
-    verdict: Verdict, late: bool, tried: int, tasks: Sequence[Task], cam_from_rig: Sequence[Pose] | None,
-    options: dict[str, Any],
+    verdict: Verdict, late: bool, budget: Budget, tried: int, tasks: Sequence[Task],
+    cam_from_rig: Sequence[Pose] | None, options: dict[str, Any],
 ) -> NotRegistered:  # fmt: skip
     cause, reason, best = verdict.cause or "nothing", verdict.reason, verdict.best
-    if cause == "time" or (late and cause in ("nothing", "weak")):
-        cause, reason = "time", f"stopped after max_time_s = {options['max_time_s']:g} s; so far: {reason}"
+    if cause == "time" or (budget.out_of_time and cause in ("nothing", "weak")):
+        cause, reason = "time", f"{budget.why}; so far: {reason}"
+    elif late and cause in ("nothing", "weak"):
+        reason = f"{reason}; {budget.why}"
     if best is None:
         return NotRegistered(reason, cause, n_hypotheses=tried, options=options)
     weak: tuple[WeakDirection, ...] = ()
@@ -108,10 +114,8 @@ def _with_other_lenses(tasks: Sequence[Task], verdict: Verdict) -> list[Task] | 
     return moved if any(a is not b for a, b in zip(moved, tasks, strict=True)) else None
 
 
-def _registration(
-    best: Solution, verdict: Verdict, tried: int, index: Ints, options: dict[str, Any]
-) -> Registration:
-    final, unit_cov = answer(best)
+def _registration(best: Solution, verdict: Verdict, tried: int, index: Ints, options: dict[str, Any]) -> Registration:
+    final, unit_cov = answer(best, verdict.beside)
     spot, marker = final.pairs()
     residuals = final.state.residual[0, marker]
     distance = np.hypot(residuals[:, 0], residuals[:, 1])
@@ -141,7 +145,7 @@ def _of_rig(
     cam_from_rig: Sequence[Pose], index: Sequence[Ints], options: dict[str, Any],
 ) -> RigRegistration:  # fmt: skip
     """What several cameras found; those without spots are given back as they were."""
-    final, unit_cov = answer(best)
+    final, unit_cov = answer(best, verdict.beside)
     nothing = np.zeros(0, np.int64)
     matchings = [Matching(nothing, nothing, np.zeros(0)) for _ in tasks]
     residuals = [np.zeros((0, 2)) for _ in tasks]

@@ -1,4 +1,13 @@
-"""The worth of a labelling as numba kernels; `evidence` has the meaning. Twin: tests/registration/test_parts.py."""
+"""How much a labelling is worth, as numba kernels: a log-likelihood ratio and a false-alarm number.
+
+Both compare "the spots are images of the markers" with "the spots are where they are by chance", with the *local*
+density of spots, because dust and rivets come in clusters.
+
+The false-alarm number is that of a-contrario methods (Desolneux, Moisan and Morel; Moisan, Moulon and Monasse 2012).
+A pose is fixed by s pairs (three; four with unknown focal length). Of all the ways to choose them, count those that
+would by chance have k - s more spots within the k-th smallest probability; the scale is not given but taken where
+this is smallest, for the price of having looked at every k.
+"""
 
 from __future__ import annotations
 

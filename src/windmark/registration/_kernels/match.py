@@ -35,7 +35,7 @@ MOST_GROWN = 24
 def search_kernel(
     model: Model, picture: Picture, rules: Rules, gates: Gates, table: Table, focals: Array, check: float,
     quads: Ints, cells: Ints, start: int, work: int, stop_at: float, best: Best, known: Ints,
-) -> tuple[int, int]:  # fmt: skip
+) -> tuple[int, int, int]:  # fmt: skip
     """Try quads of spots from number ``start`` on, until so much work is done (in links) or a better solution is met.
 
     The anchor must lie within ``check`` px of where the other three have it. Pairs that a solution in ``known``
@@ -43,8 +43,8 @@ def search_kernel(
 
     Returns
     -------
-    The number of the quad to go on with, and the links tried. It stops after a quad that brought a solution with
-    a score above ``stop_at``.
+    The number of the quad to go on with, the links tried, and the work done (links, and growth in links). It stops
+    after a quad that brought a solution with a score above ``stop_at``.
     """
     p, density, raster = picture.p, picture.density, picture.raster
     xyz, normal, near = model.xyz, model.normal, model.near
@@ -59,7 +59,7 @@ def search_kernel(
     links, grown = 0, 0
     for q in range(start, quads.shape[0]):
         if links + GROWTH * xyz.shape[0] * grown >= work:
-            return q, links
+            return q, links, links + GROWTH * xyz.shape[0] * grown
         a, b, c, d = quads[q, 0], quads[q, 1], quads[q, 2], quads[q, 3]
         met, before = False, grown
         for f in focals:
@@ -103,5 +103,5 @@ def search_kernel(
                     if score > -math.inf and keep(best, r[s], t[s], focal, score, count, match):
                         met = met or score > stop_at
         if met:
-            return q + 1, links
-    return quads.shape[0], links
+            return q + 1, links, links + GROWTH * xyz.shape[0] * grown
+    return quads.shape[0], links, links + GROWTH * xyz.shape[0] * grown

@@ -11,24 +11,42 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.geometry._jit import nb
+from windmark.geometry._kernels import to_camera
 from windmark.registration._kernels.best import Best, keep
-from windmark.registration._kernels.growth import Gates, grow
-from windmark.registration._kernels.hypothesis import Model, Picture
+from windmark.registration._kernels.growth import PRIOR_WORTH, Gates, _refine, grow
+from windmark.registration._kernels.hypothesis import GRAZING, OUT, Model, Picture, _towards, lookup
+from windmark.registration._kernels.match import GROWTH
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int32]
+
+HOPELESS = 80.0
+"""What can at best come so much (nats) below the best solution is not grown: no rival of it."""
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def rivals_kernel(
     model: Model, picture: Picture, gates: Gates, best: Best, symmetries: tuple[Ints, Array, Array],
     rotation: Array, translation: Array, focal: float, match: Ints,
-) -> None:  # fmt: skip
-    """Grow what the near-symmetries of the model make of a solution, and its mirror image in a plane."""
+) -> tuple[int, bool]:  # fmt: skip
+    """Grow what the near-symmetries of the model make of a solution, and its mirror image in a plane.
+
+    It ends as soon as one is better by far: the solution is no answer, and the rivals of that one are to be looked for.
+
+    Returns
+    -------
+    The work done, in links; whether it ended so.
+    """
     onto, turn, shift = symmetries
-    n = match.shape[0]
+    n, work = match.shape[0], GROWTH * match.shape[0]
     r, t, new = np.empty((3, 3)), np.empty(3), np.empty(n, np.int32)
+    factor, step = np.empty((7, 7)), np.empty(7)
+    r[:], t[:], new[:] = rotation, translation, match
+    own = grow(model, picture, gates, new, r, t, focal, (match >= 0).sum())[0]
+    least = max(own, best.score.max()) - HOPELESS
     for s in range(onto.shape[0]):
+        if own > -math.inf and best.score.max() > own + HOPELESS:
+            return work, True
         # The spot of marker m is taken for that of marker onto[m], so the camera sees the model moved back.
         new[:] = -1
         pairs = 0
@@ -45,21 +63,56 @@ def rivals_kernel(
             t[i] = translation[i]
             for j in range(3):
                 t[i] -= r[i, j] * shift[s, j]
-        _regrow(model, picture, gates, best, r, t, focal, new, pairs)
+        work += n
+        if pairs < 4 or not _refine(model.xyz, picture.p, new, r, t, focal, factor, step, 6, gates.sigma**2)[0]:
+            continue
+        if promise(model, picture, gates, r, t, focal) > least:
+            work += _regrow(model, picture, gates, best, r, t, focal, new, pairs)
     pairs = _mirrored(model.xyz, match, rotation, translation, r, t)
     new[:] = match
-    _regrow(model, picture, gates, best, r, t, focal, new, pairs)
+    return work + _regrow(model, picture, gates, best, r, t, focal, new, pairs), False
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def _regrow(
     model: Model, picture: Picture, gates: Gates, best: Best, r: Array, t: Array, f: float, match: Ints, pairs: int
-) -> None:
+) -> int:
+    """Grow so many pairs and keep what becomes of them; the work done, in links."""
     if pairs < 4:
-        return
+        return 0
     score, focal, count = grow(model, picture, gates, match, r, t, f, pairs)
     if score > -math.inf:
         keep(best, r, t, focal, score, count, match)
+    return GROWTH * match.shape[0]
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def promise(model: Model, picture: Picture, gates: Gates, r: Array, t: Array, f: float) -> float:
+    """More than the score that can be grown from a pose, unless that moves much farther.
+
+    As if every marker that has a spot within the reach of the raster had it for itself and exactly, see
+    `growth.likelihood`.
+    """
+    xyz, normal, density, raster = model.xyz, model.normal, picture.density, picture.raster
+    grid = (picture.x0, picture.y0, picture.per_px)
+    ex = -(r[0, 0] * t[0] + r[1, 0] * t[1] + r[2, 0] * t[2])
+    ey = -(r[0, 1] * t[0] + r[1, 1] * t[1] + r[2, 1] * t[2])
+    ez = -(r[0, 2] * t[0] + r[1, 2] * t[1] + r[2, 2] * t[2])
+    hits, missed, gain = 0, 0, 0.0
+    for m in range(xyz.shape[0]):
+        facing = _towards(normal, m, ex - xyz[m, 0], ey - xyz[m, 1], ez - xyz[m, 2])
+        x, y, z = to_camera(r, t, xyz[m, 0], xyz[m, 1], xyz[m, 2])
+        if z <= 0.0 or facing < 0.0:
+            continue
+        s = lookup(raster, grid, f * x / z, f * y / z)
+        if s >= 0:
+            hits += 1
+            gain -= math.log(density[s])
+        elif s != OUT and facing > GRAZING:
+            missed += 1
+    p_seen = min(0.95, max(0.25, (hits + 1.0) / (hits + missed + 2.0)))
+    variance = PRIOR_WORTH * gates.sigma**2 / (PRIOR_WORTH + 2.0 * hits)
+    return gain + hits * math.log(p_seen / (2.0 * math.pi * variance)) + missed * math.log(1.0 - p_seen)
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")

@@ -48,13 +48,14 @@ def fits(
     g22 = e2x * e2x + e2y * e2y + e2z * e2z
     h1, h2 = e1x * e3x + e1y * e3y + e1z * e3z, e2x * e3x + e2y * e3y + e2z * e3z
     det = g11 * g22 - g12 * g12
+    per = 1.0 / det  # divisions are half of the time that this takes
     # The anchor is alpha e1 + gamma e2 + height (e1 cross e2) from b.
-    alpha, gamma = (h1 * g22 - h2 * g12) / det, (h2 * g11 - h1 * g12) / det
-    height = ((e1y * e2z - e1z * e2y) * e3x + (e1z * e2x - e1x * e2z) * e3y + (e1x * e2y - e1y * e2x) * e3z) / det
+    alpha, gamma = (h1 * g22 - h2 * g12) * per, (h2 * g11 - h1 * g12) * per
+    height = ((e1y * e2z - e1z * e2y) * e3x + (e1z * e2x - e1x * e2z) * e3y + (e1x * e2y - e1y * e2x) * e3z) * per
     ux, uy, vx, vy = cx - bx, cy - by, dx - bx, dy - by
     u2, v2, uv = ux * ux + uy * uy, vx * vx + vy * vy, ux * vx + uy * vy
     half = 0.5 * (u2 * g22 + v2 * g11 - 2.0 * uv * g12)
-    s2 = (half + math.sqrt(max(half * half - det * (u2 * v2 - uv * uv), 0.0))) / det
+    s2 = (half + math.sqrt(max(half * half - det * (u2 * v2 - uv * uv), 0.0))) * per
     w1, w2 = math.sqrt(max(s2 * g11 - u2, 0.0)), math.sqrt(max(s2 * g22 - v2, 0.0))
     if s2 * g12 < uv:
         w2 = -w2

@@ -22,8 +22,12 @@ Array = NDArray[np.float64]
 DISC_ROUNDS = 2
 
 
-def answer(best: Solution) -> tuple[Solution, Array]:
-    """The solution as it is reported, and the covariance (P, P) of all its unknowns."""
+def answer(best: Solution, beside: Solution | None = None) -> tuple[Solution, Array]:
+    """The solution as it is reported, and the covariance (P, P) of all its unknowns.
+
+    Where another camera fits slightly better ``beside``, the covariance of the pose is that one's, with the way between
+    the two poses.
+    """
     best = accepted(best)
     discs = _are_discs(best)
     for _ in range(DISC_ROUNDS if discs.any() else 0):
@@ -33,7 +37,12 @@ def answer(best: Solution) -> tuple[Solution, Array]:
         if not accept_kernel(best.views.sights, state):
             break
         best = Solution(best.views, state)
-    return best, smooth_cov_kernel(best.views.sights, best.state, best.unit_cov)
+    cov = smooth_cov_kernel(best.views.sights, best.state, best.unit_cov)
+    if beside is not None:
+        away = (beside.rig_from_model @ best.rig_from_model.inverse()).log()
+        way = np.linalg.solve(best.to_model(), away)
+        cov[:6, :6] += beside.unit_cov[:6, :6] + np.outer(way, way)
+    return best, cov
 
 
 def _are_discs(best: Solution) -> NDArray[np.bool_]:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.registration.budget import BEND, BEND_PAIR, Budget
 from windmark.registration.judge.source import distinct, focal_of, start_of
 from windmark.registration.search.pool import Candidate
 from windmark.registration.settle.solution import SAME_SHARE, Solution, settle
@@ -27,9 +28,11 @@ class Bender:
     ----------
     views : what was seen, rigid
     most : largest displacement of a marker, as part of the model's size; 0: the model is rigid
+    budget : of the whole registration
     """
 
-    def __init__(self, views: Views, most: float) -> None:
+    def __init__(self, views: Views, most: float, budget: Budget) -> None:
+        self._budget = budget
         layout = views.layout
         self.modes = PRIOR * most * layout.size * layout.modes if most > 0 else layout.modes[:0]
         self._views, self._most, self._size = views.bent(self.modes), most, layout.size
@@ -42,6 +45,7 @@ class Bender:
             if any(_core_of(c, candidate, known) for known in found):
                 continue
             if candidate not in self._grown:
+                self._budget.spend(BEND + BEND_PAIR * candidate.count)
                 start = start_of(self._views, c, candidate)
                 self._grown[candidate] = settle(self._views, *start, focal_px=focal_of(self._views, c, candidate))
             solution = self._grown[candidate]

@@ -54,7 +54,8 @@ class Doubts:
         cameras, columns = len(views.planes), views.loose.shape[2]
         own = columns - len(DOUBTS)
         asked = [6 + c * columns + own + k for c in range(cameras) for k in range(len(DOUBTS))]
-        return FirstOrder(*doubt_kernel(views.sights, copied(views, self.best.state)), np.array(asked))
+        normal, side = doubt_kernel(views.sights, copied(views, self.best.state))
+        return FirstOrder(normal, side, np.array(asked))
 
     @cached_property
     def camera_promises(self) -> bool:
@@ -77,7 +78,8 @@ class Doubts:
         views = self.views.bent(self.modes)
         state = copied(views, self.best.state)
         asked = np.arange(len(state.factor) - len(self.modes), len(state.factor))
-        return FirstOrder(*doubt_kernel(views.sights, state), asked).gain(np.arange(len(self.modes))) > rules.DOUBT
+        normal, side = doubt_kernel(views.sights, state)
+        return FirstOrder(normal, side, asked).gain(np.arange(len(self.modes))) > rules.DOUBT
 
     def _near_missing(self) -> bool:
         """Whether more of the missing markers than by chance have a free spot near, as far as bending could be."""
@@ -87,33 +89,56 @@ class Doubts:
         return False
 
     @cached_property
+    def better(self) -> Solution | None:
+        """The best solution with another camera, once `other_camera` was asked."""
+        return None
+
+    @cached_property
     def camera(self) -> Solution | None:
         """The solution with cameras that may be wrong in everything; None where that falls apart."""
         return with_freedom(self.views.doubted(), self.best)
 
-    def other_camera(self, than: Solution) -> tuple[str, str] | None:
-        """What of a camera is wrong, and by how much in words; None where no other camera is better ``than`` a solution
-        by the margin, or none that is off by as much as a picture should show.
-        """  # fmt: skip
-        found: list[tuple[float, str, int, Solution]] = []
-        for what, columns in PARTS.items():
-            single = with_freedom(self.views.doubted(columns=columns), self.best)
-            if single is not None:
-                off = [self._off(single, what, columns, c) for c in range(len(self.best.counts))]
-                found.append((single.evidence, what, int(np.argmax(off)), single))
+    def other_camera(self, rigid: float) -> tuple[str, str] | None:
+        """What of a camera is wrong, and by how much in words; None where no other camera explains the spots better.
+
+        It must be better than the rigid model with the given camera, of evidence ``rigid`` (nats), by the margin; at
+        least as good as a bent one; off by as much as a picture should show; and the pose must be another by it, in
+        its own sigmas: a misfit that the sigmas know of does no harm.
+        """
+        found = [
+            (single, what) for what, columns in PARTS.items()
+            if (single := with_freedom(self.views.doubted(columns=columns), self.best)) is not None
+        ]  # fmt: skip
+        if self.camera is not None:
+            far = max(PARTS, key=lambda what: self._most_off(self.camera, what)[0] / rules.CHECKED[what])
+            found.append((self.camera, far))
         if not found:
             return None
-        evidence, what, c, single = max(found, key=lambda f: f[0])
-        everything = self.camera or single
-        # A bent model has as many unknowns as the camera has not: of these two the better one it is.
-        if max(evidence, everything.evidence) < than.evidence + (0.0 if than.is_bent else self.margin):
+        other, what = max(found, key=lambda f: f[0].evidence)
+        self.__dict__["better"] = other
+        least = max(rigid + self.margin, self.best.evidence if self.best.is_bent else -np.inf)
+        size, c = self._most_off(other, what)
+        if other.evidence < least or size < rules.CHECKED[what] or not self._moves(other):
             return None
-        off = self._off(single, what, PARTS[what], c) > rules.CHECKED[what] or any(
-            self._off(everything, name, columns, c) > rules.CHECKED[name] for name, columns in PARTS.items()
-        )
-        return (what, self._words(what, c, single)) if off else None
+        return what, self._words(what, c, other)
 
-    def _off(self, solution: Solution, what: str, columns: tuple[int, ...], c: int) -> float:
+    @property
+    def is_slight(self) -> bool:
+        """Whether the camera as given leaves so little that its pose can be had with a sigma that covers it."""
+        return all(self.best.excess_px[c] < rules.SLIGHT_PX for c in np.flatnonzero(self.best.counts))
+
+    def _moves(self, other: Solution) -> bool:
+        """Whether another solution has another pose, by the sigmas of the one that is judged."""
+        delta = (other.rig_from_model @ self.best.rig_from_model.inverse()).log()
+        return bool(delta @ np.linalg.solve(self.best.cov, delta) > 6 * rules.MOVED**2)
+
+    def _most_off(self, solution: Solution | None, what: str) -> tuple[float, int]:
+        """How far the farthest camera is from the given one, in the units of `rules.CHECKED`, and which it is."""
+        assert solution is not None
+        off = [self._off(solution, what, c) for c in range(len(self.best.counts))]
+        return max(off), int(np.argmax(off))
+
+    def _off(self, solution: Solution, what: str, c: int) -> float:
         """How far a camera is from the given one, in the units of `rules.CHECKED`."""
         given, found = self.best.state.camera[c], solution.state.camera[c]
         return _parts(what, self.best.views, c, found[:11] - given[:11], float(np.log(found[0] / given[0])))
@@ -138,6 +163,18 @@ class Doubts:
             f"{head}the given lens does not fit: with k1 = {found.k1:.3g} for {given.k1:.3g} {misfit}; "
             "calibrate its distortion"
         )
+
+    def focal_sigma(self, c: int) -> float:
+        """Relative 1 sigma of a free focal length where the lens is not known to the last digit.
+
+        A focal length that is read out of the distortion alone is as good as the lens model.
+        """
+        first = self._cameras
+        lens = first.asked[len(DOUBTS) * c + PARTS["lens"][0]]
+        kept = np.setdiff1d(np.arange(len(first.side)), np.setdiff1d(first.asked, lens))
+        at = int(np.flatnonzero(kept == 6 + c * (self.views.loose.shape[2] + len(DOUBTS)))[0])
+        normal = first.normal[np.ix_(kept, kept)] + np.diag((kept >= 6).astype(float))
+        return self.views.planes[c].task.focal_sigma * float(np.sqrt(np.linalg.inv(normal)[at, at]))
 
     def unchecked(self) -> tuple[Unchecked, ...]:
         """What of the cameras this picture would not show if it alone were wrong."""

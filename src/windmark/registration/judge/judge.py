@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from windmark.registration.budget import Budget
+from windmark.registration.budget import SETTLE, SETTLE_PAIR, Budget
 from windmark.registration.judge import own, rules, words
 from windmark.registration.judge.bending import Bender
 from windmark.registration.judge.cameras import contradiction
@@ -38,26 +38,32 @@ class Judge:
     def __init__(self, source: Source, limits: Limits, budget: Budget, names: Sequence[int] = (0,)) -> None:
         self._source, self._limits, self._budget, self._names = source, limits, budget, tuple(names)
         self._views = source.views
-        self._bender = Bender(self._views, limits.deformation)
+        self._bender = Bender(self._views, limits.deformation, budget)
         self._kept: dict[Solution, Solution] = {}
         self._doubted: dict[Solution, Doubts] = {}
+        self._plain = -np.inf  # evidence of the best rigid solution
         self._challenged: list[Solution] = []
+        self._copies: list[tuple[Solution, Solution | None]] = []
         self._unchallenged = False  # the work was over before all rivals had been looked for
 
     # --- the verdict ---------------------------------------------------------------------
-    def verdict(self, *, deformed: bool = True) -> Verdict:
+    def verdict(self, *, deformed: bool = True, final: bool = False) -> Verdict:
         """Look for rivals of the best solution and decide.
 
-        Where the rigid model is refused as `DOUBTFUL`, a bent one is tried only if asked for.
+        Where the rigid model is refused as `DOUBTFUL`, a bent one is tried only if asked for. Of the ``final`` verdict
+        the reason is looked for, too: what else would explain the spots.
         """
         self._challenge()
         rigid = self._rigid()
+        self._plain = rigid.best.evidence if rigid.best is not None else -np.inf
         if rigid.cause == "labels" or (rigid.cause in DOUBTFUL and not deformed):
             return rigid
         verdict = self._bent(rigid) if len(self._bender.modes) else rigid
-        if verdict.cause is not None or verdict.best is None:
-            return verdict
-        return self._checked(verdict, verdict.best)
+        if verdict.cause is None and verdict.best is not None:
+            verdict = self._beside_copies(verdict, verdict.best)
+        if verdict.cause is None and verdict.best is not None:
+            return self._checked(verdict, verdict.best, rigid)
+        return self._explained(verdict) if final else verdict
 
     def _rigid(self) -> Verdict:
         """The verdict on the rigid model with the cameras as given."""
@@ -67,7 +73,9 @@ class Judge:
             return labels
         if not kept:
             reason = words.beyond_prior(self._views.planes[0].task, self._source.best, self._limits.score)
-            reason = reason or f"no pose explains the neighbourhood of any three markers{words.what_may_be(self._views)}"
+            reason = reason or "no pose explains the neighbourhood of any three markers" + words.what_may_be(
+                self._views
+            )
             return Verdict(None, None, "nothing", reason)
         return self._judged(kept[0], kept[1:])
 
@@ -77,10 +85,14 @@ class Judge:
         if rigid.cause is None and best is not None and not self._doubts(best).bending_promises:
             return rigid
         found = self._bender.solutions(self._source.candidates()[:BENT])
-        if not found or self._budget.over:
+        if not found:
             return rigid
+        if best is not None:
+            # What bending brings the best one it may bring a rival, too.
+            least = 2 * best.evidence - found[0].evidence - self._limits.margin
+            found = self._bender.solutions([*self._source.candidates()[:BENT], *self._source.above(least)])
         bent = found[0]
-        if best is not None and bent.evidence < best.evidence:
+        if best is not None and bent.evidence < best.evidence + (rules.BENT_LEAD if rigid.cause is None else 0.0):
             return rigid
         most, everywhere = rules.BENT_MOST
         free = any(plane.task.free_focal for plane in self._views.planes)
@@ -110,12 +122,13 @@ class Judge:
         for c in range(len(self._names)) if len(self._names) > 1 else ():
             if contradicted := contradiction(best, others, c):
                 return "misfit", f"{words.seen(best)}, but camera {self._names[c]} {contradicted}"
-        for c in np.flatnonzero(best.counts):
-            if misfit := own.misfit_of(best, int(c), limits):
-                where = f"in camera {self._names[c]} {misfit}, or a wrong cam_from_rig" if len(self._names) > 1 else misfit
+        for c in np.flatnonzero(best.counts).tolist():
+            if misfit := own.misfit_of(best, c, limits):
+                several = len(self._names) > 1
+                where = f"in camera {self._names[c]} {misfit}, or a wrong cam_from_rig" if several else misfit
                 return "misfit", f"{words.seen(best)}, but {where}"
         for other in others:
-            second = words._apart(best, other) and own.beyond_chance(other, limits)
+            second = words.apart(best, other) and own.beyond_chance(other, limits)
             if best.lead_over(other) < limits.margin or second:
                 return "ambiguous", words.ambiguity(best, other, runner_up(best, other))
             if told_by_table_errors(best, other, limits.margin):
@@ -125,39 +138,64 @@ class Judge:
         return None, ""
 
     # --- what an accepted solution must still stand ---------------------------------------
-    def _checked(self, verdict: Verdict, best: Solution) -> Verdict:
+    def _beside_copies(self, verdict: Verdict, best: Solution) -> Verdict:
+        """The verdict beside a second copy of the model among the spots that the best solution leaves."""
+        known = [copy for old, copy in self._copies if best.same_as(old)]
+        if not known:
+            found = self._source.copies(best, lambda: self._budget.exhausted)
+            known = [next((s for s in found if words.apart(best, s) and own.is_copy(s)), None)]
+            self._copies.append((best, known[0]))
+        if (other := known[0]) is None:
+            return verdict
+        answer = runner_up(best, other)
+        return Verdict(best, answer, "ambiguous", words.ambiguity(best, other, answer))
+
+    def _checked(self, verdict: Verdict, best: Solution, rigid: Verdict) -> Verdict:
         """Other cameras, the mirror image, a free focal length that is not determined; and what stays unchecked."""
-        doubts = self._doubts(best)
-        if doubts.camera_promises and (other := doubts.other_camera(best)):
-            cause: Cause = "wrong_focal" if other[0] == "focal length" else "wrong_camera"
-            return Verdict(best, verdict.runner_up, cause, other[1])
+        doubts, beside = self._doubts(best), None
+        unchecked = list(doubts.unchecked())
+        if doubts.camera_promises and (other := doubts.other_camera(self._plain)):
+            if best.is_bent and rigid.cause is None and rigid.best is not None:
+                # Then it is no bending, and the rigid model may do.
+                return self._checked(rigid, rigid.best, rigid)
+            if best.is_bent or not doubts.is_slight:
+                cause: Cause = "wrong_focal" if other[0] == "focal length" else "wrong_camera"
+                return Verdict(best, verdict.runner_up, cause, other[1])
+            beside = doubts.better
+            unchecked.append(Unchecked(other[0], f"{other[1]}; the sigma of the pose has what that would change"))
         if loose := self._focal(best):
             return Verdict(best, verdict.runner_up, "focal", loose)
-        unchecked = list(doubts.unchecked())
         if (mirror := mirror_of(self._views, best, MIRRORS)) is not None:
             lead = best.lead_over(mirror)
             if mirror.lead_over(best) > self._limits.margin:
-                return Verdict(best, RunnerUp(best.score - lead, mirror.cam_from_model(), mirror.count, False), "mirrored", (
-                    f"the mirror image of the table explains the spots better than the table (by {-lead:.0f} nats, "
-                    f"{mirror.count} and {best.count} markers matched): the picture or the table is mirrored"
-                ))  # fmt: skip
+                second = RunnerUp(best.score - lead, mirror.cam_from_model(), mirror.count, False)
+                return Verdict(best, second, "mirrored", words.mirrored(best, mirror, lead))
             if lead < self._limits.margin:
-                unchecked.append(Unchecked("mirror", (
-                    "the mirror image of the table explains the spots about as well: whether picture or table is "
-                    "mirrored cannot be seen here"
-                )))  # fmt: skip
+                unchecked.append(Unchecked("mirror", words.MIRROR_UNSEEN))
         if len(self._views.planes) == 1:
-            words_ = "one camera sees no scale: a table that is too large looks like one that is nearer"
-            unchecked.append(Unchecked("scale", words_))
-        return Verdict(best, verdict.runner_up, None, "", tuple(unchecked))
+            unchecked.append(Unchecked("scale", words.SCALE_UNSEEN))
+        return Verdict(best, verdict.runner_up, None, "", tuple(unchecked), beside)
+
+    def _explained(self, verdict: Verdict) -> Verdict:
+        """A refusal, with the camera as its reason if another one makes of the best solution a sound one."""
+        best = verdict.best
+        if best is None or verdict.cause not in ("weak", "misfit"):
+            return verdict
+        doubts = self._doubts(best)
+        found = doubts.other_camera(self._plain)
+        sound = doubts.better
+        if found is None or sound is None or self._refusal(sound, ())[0] is not None:
+            return verdict
+        return Verdict(
+            best, verdict.runner_up, "wrong_focal" if found[0] == "focal length" else "wrong_camera", found[1]
+        )
 
     def _focal(self, best: Solution) -> str:
         """Why a free focal length is not determined; empty if it is."""
         for c, plane in enumerate(self._views.planes):
             if not plane.task.free_focal:
                 continue
-            at = 6 + c * best.views.loose.shape[2]
-            sigma = plane.task.focal_sigma * float(np.sqrt(best.unit_cov[at, at]))
+            sigma = self._doubts(best).focal_sigma(c)
             if sigma > self._limits.focal_sigma:
                 return (
                     f"the labelling is clear, but this view fixes the focal length only to {100 * sigma:.0f} % "
@@ -179,7 +217,7 @@ class Judge:
             if any(best.same_as(old) for old in self._challenged):
                 return
             self._challenged.append(best)
-            self._unchallenged = not self._source.rivals(best, lambda: self._budget.over)
+            self._unchallenged = not self._source.rivals(best, lambda: self._budget.exhausted)
 
     def _solutions(self) -> list[Solution]:
         """Distinct solutions, best first; among few pairs without a wrong one that opened the gates for itself."""
@@ -197,6 +235,7 @@ class Judge:
     def _with_one_less(self, solution: Solution) -> Iterator[Solution]:
         """Rigid solutions that begin without one of the pairs."""
         for c, marker in zip(*np.nonzero(solution.state.match >= 0), strict=True):
+            self._budget.spend(SETTLE + SETTLE_PAIR * solution.count)
             match = solution.state.match.copy()
             match[c, marker] = -1
             start = solution.state.rotation, solution.state.translation, match
@@ -215,7 +254,7 @@ class Judge:
         if not others:
             return None
         best = others[0]
-        if not own.beyond_chance(best, self._limits):
+        if not own.beyond_chance(best, self._limits) or self._refusal(best, ())[0] is not None:
             return None
         if kept and (best.lead_over(kept[0]) < self._limits.margin
                      or told_by_table_errors(best, kept[0], self._limits.margin)):  # fmt: skip

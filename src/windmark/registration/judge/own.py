@@ -14,6 +14,7 @@ from windmark.registration.task import Limits
 
 Array = NDArray[np.float64]
 
+
 def is_loose(best: Solution, c: int) -> bool:
     """Whether a camera's residuals are larger than its spots' covariances say, and the markers' do not explain it."""
     sigma = best.views.planes[c].task.typical_sigma_px
@@ -49,6 +50,11 @@ def least_score(best: Solution, limits: Limits) -> float:
 def beyond_chance(best: Solution, limits: Limits) -> bool:
     """Whether chance does not give such a solution."""
     return best.log10_nfa < limits.log10_nfa and best.score > limits.score
+
+
+def is_copy(other: Solution) -> bool:
+    """Whether a solution of spots that the best one leaves is no chance: the model is there, too, if half hidden."""
+    return other.evidence > rules.COPY and other.log10_nfa < rules.COPY_NFA
 
 
 def misfit_of(best: Solution, c: int, limits: Limits) -> str:
@@ -99,7 +105,7 @@ def held_by_one(best: Solution) -> str:
         loose = noise @ (vector / value[:, None]) @ vector.transpose(0, 2, 1) @ noise - noise
         wide = np.sqrt(np.maximum(np.linalg.eigvalsh(loose)[:, -1], 0.0))
         worst = int(wide.argmax())
-        if wide[worst] > rules.HELD * plane.task.tolerance_px:
+        if wide[worst] > plane.task.tolerance_px:
             x, y = plane.task.xy[spot[worst]]
             return (
                 f"a single pair holds the pose: marker {plane.task.markers.name[marker[worst]]} at ({x:.0f}, {y:.0f}), "

@@ -29,19 +29,27 @@ ONE_WRONG = 40.0
 """So much (nats) below the best a solution cannot owe to one wrong pair."""
 FEW = 16
 """With so few pairs each is left out once: a single wrong one can open the gates for itself (`matching_refusals`)."""
-HELD = 1 / 3
-"""A pair whose place the others leave open by more than this part of the neighbourhood (1 sigma) is no check
-(`attacks`: one pair holds the pose)."""
+COPY, COPY_NFA = 15.0, -5.0
+"""A second copy of the model has so much evidence (nats) and no larger a false-alarm number (`attacks`: copies)."""
+MOVED = 3.0
+"""Another camera matters where it moves the pose by so many of its stated sigmas (root of chi-square over six)."""
+SLIGHT_PX = 0.5
+"""A camera that does not fit but leaves less than this (1 sigma per coordinate) beyond the noise is slightly wrong, as
+calibrations are: the pose is given with what another camera would make of it in its sigma (`tests/real`)."""
+BENT_LEAD = 5.0
+"""How much better (nats) a bent model must be than a rigid one that is no worse than its table: a random table error
+looks a little bent (`matching_bent`)."""
 DOUBT = 3.0
 """Nats that another camera or a bent model must promise to first order before they are tried (one picture in 50)."""
 UNFOUND = 0.6
-"""Below this part of the markers in view they are tried in any case: what they would bring into its gate is not seen in
-the residuals."""
+"""Below this part of the markers in view they are tried in any case: what they would bring into its gate is not seen
+in the residuals."""
 BENT_MOST = (0.7, 0.35)
 """A bent model must label so many of the markers in view: in clutter or with a free focal length, and everywhere
 (`matching_bent`)."""
 SYMMETRIC = 5.0
-"""A lead of so many sigma of itself is no chance, where a table made symmetric fits better (`attacks`: rough tables)."""
+"""A lead of so many sigma of itself is no chance, where a table made symmetric fits better (`attacks`: rough tables).
+"""
 CHECKED = {"focal length": 0.01, "aspect": 0.005, "principal point": 0.01, "lens": 0.005}
 """A given camera counts as checked by a picture that would show such an error: parts of the focal length and of the
 aspect, and of the image's diagonal (`attacks`: wrong cameras)."""

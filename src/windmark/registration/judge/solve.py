@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from windmark.registration.budget import Budget
 from windmark.registration.judge.judge import Judge
@@ -33,15 +32,17 @@ CLEAR = ("focal", "wrong_focal", "wrong_camera", "mirrored", "labels")
 """Causes that no better candidate would change."""
 
 
-def search_for(plane: Plane, options: dict[str, Any]) -> Search | QuadSearch:
+def search_for(plane: Plane, options: dict[str, Any], budget: Budget) -> Search | QuadSearch:
     """The search of a single camera."""
     if options["method"] == "hash" and not plane.task.fixed:
-        return QuadSearch(plane, STOP_AT)
+        return QuadSearch(plane, STOP_AT, budget=budget)
     rng = np.random.default_rng(options["seed"])
-    return FixedSearch(plane, rng, STOP_AT) if plane.task.fixed else Search(plane, rng)
+    return FixedSearch(plane, rng, STOP_AT, budget) if plane.task.fixed else Search(plane, rng, budget)
 
 
-def searches_of_rig(planes: Sequence[Plane], options: dict[str, Any]) -> list[Search | QuadSearch | None]:
+def searches_of_rig(
+    planes: Sequence[Plane], options: dict[str, Any], budget: Budget
+) -> list[Search | QuadSearch | None]:
     """The searches of several cameras: neighbourhoods may look weak, since the other cameras will judge."""
     found: list[Search | QuadSearch | None] = []
     for plane in planes:
@@ -50,13 +51,15 @@ def searches_of_rig(planes: Sequence[Plane], options: dict[str, Any]) -> list[Se
         if len(plane.task.xy) < MIN_COUNT:
             found.append(None)
         elif plane.task.fixed or options["method"] != "hash":
-            found.append(search_for(plane, options))
+            found.append(search_for(plane, options, budget))
         else:
-            found.append(QuadSearch(plane, WORTH_CARRYING, rules, len(FAR_STAGES), CHECKS[-1:]))
+            found.append(QuadSearch(plane, WORTH_CARRYING, rules, len(FAR_STAGES), CHECKS[-1:], budget))
     return found
 
 
-def judge(source: Source, limits: Limits, max_links: int, budget: Budget, names: Sequence[int] = (0,)) -> tuple[Verdict, bool]:
+def judge(
+    source: Source, limits: Limits, max_links: int, budget: Budget, names: Sequence[int] = (0,)
+) -> tuple[Verdict, bool]:
     """Search until the verdict is clear; the verdict, and whether the limit of work struck."""
     judge_ = Judge(source, limits, budget, names)
     judged, patience, late = None, np.inf, False
@@ -77,4 +80,4 @@ def judge(source: Source, limits: Limits, max_links: int, budget: Budget, names:
         late = budget.over
         if links >= max_links or late:
             break
-    return judge_.verdict(), late
+    return judge_.verdict(final=True), late

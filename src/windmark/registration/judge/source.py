@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.registration.budget import SETTLE, SETTLE_PAIR, Budget
 from windmark.registration.search.fixed import FixedSearch
 from windmark.registration.search.pool import Candidate
 from windmark.registration.search.quads import POOL, QuadSearch
@@ -18,7 +19,8 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int32]
 
 CONFIRMED = 20.0
-"""A camera of a rig with so much evidence (nats; two pairs or so) confirms a solution, however many markers it misses."""
+"""A camera of a rig with so much evidence (nats; two pairs or so) confirms a solution, however many markers it misses.
+"""
 KEPT = 24
 """Distinct solutions of a rig that are kept."""
 
@@ -31,10 +33,13 @@ class Source:
     views : what was seen
     searches : of each camera, None where it has too few spots
     window : candidates whose search score (nats) is this much below the best of their camera are no rivals
+    budget : of the whole registration
     """
 
-    def __init__(self, views: Views, searches: Sequence[Search | QuadSearch | None], window: float) -> None:
-        self.views, self._window = views, window
+    def __init__(
+        self, views: Views, searches: Sequence[Search | QuadSearch | None], window: float, budget: Budget
+    ) -> None:
+        self.views, self._window, self._budget = views, window, budget
         self._searches = tuple(searches)
         self._running = {c: search.batches() for c, search in enumerate(searches) if search is not None}
         self._settled: dict[Candidate, Solution | None] = {}
@@ -84,11 +89,20 @@ class Source:
 
     def candidates(self) -> list[tuple[int, Candidate]]:
         """Those worth a look, of every camera."""
-        chosen = []
+        chosen: list[tuple[int, Candidate]] = []
         for c, search in enumerate(self._searches):
             top = search.top(POOL) if search is not None else []
             chosen.extend((c, candidate) for candidate in top if candidate.score > top[0].score - self._window)
         return chosen
+
+    def above(self, evidence: float) -> list[tuple[int, Candidate]]:
+        """Candidates whose solutions have more evidence (nats) than so much."""
+        found = []
+        for c, candidate in self.candidates():
+            solution = self._solution(c, candidate)
+            if solution is not None and solution.evidence > evidence:
+                found.append((c, candidate))
+        return found
 
     def contradictions(self) -> list[Solution]:
         """Solutions that do not have the fixed labels, best first."""
@@ -122,12 +136,27 @@ class Source:
                         del self._running[c]
             if best.counts[c] == 0:
                 continue
-            match = best.state.match[c].copy()
-            camera = float(best.state.camera[c, 0])
-            seen = Candidate(best.cam_from_model(c), camera, float(best.scores[c]), int(best.counts[c]), match)
-            if not search.rivals(seen, over):
+            if not search.rivals(self._as_candidate(best, c), over):
                 return False
         return True
+
+    def copies(self, best: Solution, over: Callable[[], bool]) -> list[Solution]:
+        """Solutions of mostly other spots than the best one explains, also weak ones; best first."""
+        found = []
+        for c, search in enumerate(self._searches):
+            if search is None:
+                continue
+            if isinstance(search, QuadSearch):
+                search.copies(self._as_candidate(best, c), over)
+            for candidate in search.top(POOL):
+                spots = candidate.match[candidate.match >= 0]
+                if 2 * len(np.intersect1d(spots, best.state.match[c])) < len(spots):
+                    found.append((c, candidate))
+        return self.solutions(found)
+
+    def _as_candidate(self, best: Solution, c: int) -> Candidate:
+        match, focal = best.state.match[c].copy(), float(best.state.camera[c, 0])
+        return Candidate(best.cam_from_model(c), focal, float(best.scores[c]), int(best.counts[c]), match)
 
     def _turn_about(self, best: Solution) -> None:
         """What the near-symmetries of the model make of a solution, in all cameras at once."""
@@ -137,13 +166,19 @@ class Source:
             match = np.full_like(state.match, -1)
             match[:, onto[onto >= 0]] = state.match[:, onto >= 0]
             rotation = state.rotation @ turn.T
-            self.add(settle(
-                self.views, rotation, state.translation - rotation @ shift, match, focal_px=state.camera[:, 0]
-            ))
+            self.add(
+                settle(self.views, rotation, state.translation - rotation @ shift, match, focal_px=state.camera[:, 0])
+            )
         self._more = distinct(self._more)[:KEPT]
 
     def _solution(self, c: int, candidate: Candidate) -> Solution | None:
         if candidate not in self._settled:
+            if len(self._searches) > 1 and any(
+                candidate.is_like(known.state.rotations[c], known.state.match[c], int(known.counts[c]))
+                for known in self._settled.values() if known is not None
+            ):  # fmt: skip
+                return None  # it would become what is known
+            self._budget.spend(SETTLE + SETTLE_PAIR * candidate.count * len(self._searches))
             self._settled[candidate] = settle(
                 self.views, *start_of(self.views, c, candidate), focal_px=focal_of(self.views, c, candidate)
             )

@@ -10,13 +10,17 @@ from windmark.registration.settle.solution import SAME_SHARE, Solution
 
 @dataclass(frozen=True, eq=False)
 class Verdict:
-    """The best explanation, the best distinct other one, why it is refused (None: accepted), and what is unchecked."""
+    """The best explanation, the best distinct other one, why it is refused (None: accepted), and what is unchecked.
+
+    ``beside`` is another camera's that is slightly better, whose pose the covariance has to cover.
+    """
 
     best: Solution | None
     runner_up: RunnerUp | None
     cause: Cause | None
     reason: str
     unchecked: tuple[Unchecked, ...] = ()
+    beside: Solution | None = None
 
 
 def runner_up(best: Solution, other: Solution) -> RunnerUp:

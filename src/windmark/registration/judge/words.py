@@ -14,6 +14,11 @@ from windmark.registration.task import Limits, Task
 
 FEW_SPOTS, FEW_PART = 8, 0.2
 """Fewer spots than so many, or than this part of the markers, are few."""
+MIRROR_UNSEEN = (
+    "the mirror image of the table explains the spots about as well: whether picture or table is mirrored cannot be "
+    "seen here"
+)
+SCALE_UNSEEN = "one camera sees no scale: a table that is too large looks like one that is nearer"
 
 
 def seen(best: Solution) -> str:
@@ -45,7 +50,7 @@ def what_may_be(views: Views, *, with_prior: bool = True) -> str:
     if any(task.fixed for task in tasks):
         may.append("some labels were given")
     if any(task.visible is not None for task in tasks):
-        may.append("markers that the grid hides were left out (try without occlusion)")
+        may.append("markers that the grid hides were left out: a grid that does not fit the markers hides many")
     if not any(task.free_focal for task in tasks):
         may.append("the focal length was taken as given (or try free_focal)")
     if len(tasks) > 1:
@@ -75,7 +80,7 @@ def ambiguity(best: Solution, other: Solution, answer: RunnerUp, *, by_table_err
             f"two poses {angle:.1f} degrees apart explain the same labels about equally well (lead {lead:.1f} nats), "
             "as a flat set of markers far away does: give a prior pose"
         )
-    if _apart(best, other):
+    if apart(best, other):
         return (
             f"the model is seen twice: {best.count} markers matched in one place and {other.count} in another, by "
             "other spots, as with a reflection, a ghost or a second model in view: exclude its spots, or give "
@@ -96,7 +101,15 @@ def ambiguity(best: Solution, other: Solution, answer: RunnerUp, *, by_table_err
     )
 
 
-def _apart(best: Solution, other: Solution) -> bool:
+def mirrored(best: Solution, mirror: Solution, lead: float) -> str:
+    """That the mirrored table explains the spots better; ``lead`` (nats, negative) is that of the table over it."""
+    return (
+        f"the mirror image of the table explains the spots better than the table (by {-lead:.0f} nats, {mirror.count} "
+        f"and {best.count} markers matched): the picture or the table is mirrored"
+    )
+
+
+def apart(best: Solution, other: Solution) -> bool:
     """Whether two solutions explain mostly different spots."""
     shared = 0
     for c in range(len(best.counts)):

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from windmark.geometry import Pose, p3p
 from windmark.registration._kernels.hypothesis import PAIRS
+from windmark.registration.budget import Budget
 from windmark.registration.search.plane import Plane
 from windmark.registration.search.pool import Candidate
 from windmark.registration.search.quads import QuadSearch
@@ -33,9 +34,11 @@ TRIPLETS = 40
 class FixedSearch(Search):
     """A search for solutions that contain the task's fixed pairs; `contradictions` are the best ones that do not."""
 
-    def __init__(self, plane: Plane, rng: np.random.Generator, stop_at: float) -> None:
-        super().__init__(plane, rng)
-        self._free, self._stop_at = QuadSearch(plane, stop_at), stop_at
+    def __init__(
+        self, plane: Plane, rng: np.random.Generator, stop_at: float, budget: Budget | None = None
+    ) -> None:  # fmt: skip
+        super().__init__(plane, rng, budget)
+        self._free, self._stop_at = QuadSearch(plane, stop_at, budget=budget), stop_at
         self._spots = np.array([spot for spot, _ in self.task.fixed], dtype=np.int32)
         self._markers = np.array([marker for _, marker in self.task.fixed], dtype=np.int32)
         self._leads = [n for n in plane.leads if n > self._spots.max()]

@@ -11,17 +11,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.geometry import Camera
-from windmark.registration._kernels.fit import Fit, Markers, Spots, spot_radius
+from windmark.geometry.order import median
 from windmark.registration._kernels.hypothesis import Picture
-from windmark.registration._kernels.raster import plane_covariance_kernel, raster_kernel
+from windmark.registration._kernels.raster import raster_kernel
 from windmark.registration.search.layout import Layout
 from windmark.registration.search.near import nearest
 from windmark.registration.task import Task
 
 Array = NDArray[np.float64]
+Ints = NDArray[np.int32]
 
-SPOT_NEIGHBOURS = 33
-"""Neighbours of a spot that the search may look at."""
+SPOT_NEIGHBOURS = 16
+"""Neighbours of a spot that a search looks at, if it asks for no more."""
 FIRST_SPOTS, PER_MARKER = 40, 1.25
 """Spots come best first: so many at least, and so many per marker, are searched, then twice as many, ..."""
 _FINEST, _COARSEST = 1024, 128
@@ -34,35 +35,22 @@ _BORDER = np.concatenate(
 
 
 class Plane:
-    """A task in its search plane: what the search, the fit and the evidence share.
+    """A task in its search plane; ``radius`` is that of its spots (px, their median), 0 where unknown.
 
-    ``layout``, ``model`` and ``frame`` are the markers, ``markers``, ``spots`` and ``fit`` the same for the fit;
-    ``picture(n)`` the best n spots for the search.
+    ``layout``, ``model`` and ``frame`` are the markers, ``picture(n)`` the best n spots for the search.
     """
 
     def __init__(self, task: Task, layout: Layout | None = None) -> None:
         self.task, self.layout = task, layout or Layout(task.markers)
         self.model, self.frame = self.layout.model, self.layout.frame
-        sigma = np.where(np.isfinite(task.markers.sigma), task.markers.sigma, 0.0) / self.frame.scale
-        self.markers = Markers(self.model.xyz, self.model.normal, sigma)
         self._packed = task.camera.packed()
         self._size = np.array(task.camera.size_px, dtype=float)
         self._p = np.ascontiguousarray(to_plane(task.camera, task.xy))
-        self._radius = 0.0 if task.radius_px is None else spot_radius(task.radius_px)
+        known = np.zeros(0) if task.radius_px is None else task.radius_px[np.isfinite(task.radius_px)]
+        self.radius = median(known) if len(known) else 0.0
         self._bounds = _bounds(task.camera, self._p)
-        self._pictures: dict[int, Picture] = {}
+        self._pictures: dict[tuple[int, int], Picture] = {}
         self.leads = lead_sizes(len(task.xy), len(task.markers))
-        cov = plane_covariance_kernel(self._packed, self._p, np.ascontiguousarray(task.cov))
-        density = self.picture(len(task.xy)).density
-        by_x = np.argsort(self._p[:, 0], kind="stable")
-        self.spots = Spots(self._p, cov, density, by_x, self._p[by_x, 0], self._packed, self._size, self._radius)
-        known = 0.5 * float(np.log(task.focal_factors[-1])) if task.free_focal else np.inf
-        self.fit = Fit(task.tolerance_px, task.camera.focal_px, known**-2)
-
-    @property
-    def radius(self) -> float:
-        """Pixels, of the spots; 0 where unknown."""
-        return float(self._radius)
 
     @property
     def fixed_count(self) -> int:
@@ -74,17 +62,22 @@ class Plane:
         share = float(np.log(self.task.prior_share))
         return np.array([share + self.task.log_label_share(lead, self.fixed_count) for lead in leads])
 
-    def picture(self, lead: int) -> Picture:
-        """The best ``lead`` spots for the kernels."""
-        if lead not in self._pictures:
-            reach = 3 * self.task.tolerance_px
-            self._pictures[lead] = _picture(self._packed, self._size, self._p[:lead], self._bounds, reach, self._radius)
-        return self._pictures[lead]
+    def picture(self, lead: int, neighbours: int = SPOT_NEIGHBOURS) -> Picture:
+        """The best ``lead`` spots for the kernels, each with so many ``neighbours``."""
+        if (lead, neighbours) not in self._pictures:
+            self._pictures[lead, neighbours] = _picture(
+                self._packed, self._size, self._p[:lead], self._bounds, 3 * self.task.tolerance_px, self.radius,
+                neighbours,
+            )  # fmt: skip
+        return self._pictures[lead, neighbours]
 
-
-def spots_at(plane: Plane, xy: Array) -> Spots:
-    """The spots of a plane with their places in the image moved a little to (M, 2)."""
-    return plane.spots._replace(p=np.ascontiguousarray(to_plane(plane.task.camera, xy)))
+    def part(self, spots: Ints) -> Picture:
+        """Some of the spots for the kernels, numbered anew; as dense as among all."""
+        part = _picture(
+            self._packed, self._size, np.ascontiguousarray(self._p[spots]), self._bounds, 3 * self.task.tolerance_px,
+            self.radius, SPOT_NEIGHBOURS,
+        )  # fmt: skip
+        return part._replace(density=self.picture(len(self._p)).density[spots])
 
 
 def to_plane(camera: Camera, xy: Array) -> Array:
@@ -98,16 +91,19 @@ def picture(camera: Camera, xy: Array, reach_px: float) -> Picture:
     Spots must have a finite `to_plane`.
     """
     p = np.ascontiguousarray(to_plane(camera, xy))
-    return _picture(camera.packed(), np.array(camera.size_px, dtype=float), p, _bounds(camera, p), reach_px, 0.0)
+    size, bounds = np.array(camera.size_px, dtype=float), _bounds(camera, p)
+    return _picture(camera.packed(), size, p, bounds, reach_px, 0.0, SPOT_NEIGHBOURS)
 
 
-def _picture(packed: Array, size: Array, p: Array, bounds: tuple[Array, Array], reach: float, radius: float) -> Picture:
+def _picture(
+    packed: Array, size: Array, p: Array, bounds: tuple[Array, Array], reach: float, radius: float, neighbours: int
+) -> Picture:
     low, high = bounds
     longest = float((high - low).max())
     cell = min(max(0.25 * reach, longest / _FINEST), longest / _COARSEST)
     columns, rows = np.maximum(1, np.ceil((high - low) / cell).astype(int)).tolist()
     raster = raster_kernel(packed, size, p, low, cell, columns, rows, reach, radius)
-    near, distance = nearest(p, min(len(p) - 1, SPOT_NEIGHBOURS))
+    near, distance = nearest(p, min(len(p) - 1, neighbours))
     return Picture(p, density_of(distance, size), near, raster, float(low[0]), float(low[1]), 1 / cell)
 
 

@@ -11,11 +11,12 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.registration._kernels.best import room_for_best
+from windmark.registration._kernels.best import Best, room_for_best
 from windmark.registration._kernels.hypothesis import Picture, Rules
 from windmark.registration._kernels.match import search_kernel
 from windmark.registration._kernels.quad import Table, first_of_each_kernel, spot_quads_kernel
 from windmark.registration._kernels.rival import rivals_kernel
+from windmark.registration.budget import LINK, Budget
 from windmark.registration.search.layout import REACHES
 from windmark.registration.search.near import nearest
 from windmark.registration.search.plane import Plane
@@ -44,16 +45,22 @@ PRIOR_SLACK = float(np.radians(5.0))
 RIVAL_NEAR, RIVAL_QUADS, AGAIN = 6, 24, 8
 """Neighbours and number of the quads that rivals are looked for with; from so many the candidate is grown again."""
 
+LEAST_SPOTS = 5
+"""So many spots at least make a solution."""
+COPIES, COPY_NEAR, COPY_WORK = 4, 7, 20_000
+"""Solutions kept of those among the spots that one does not explain, the neighbours that their quads are taken from,
+and the work (links; 2 ms) spent on them."""
+
 
 class QuadSearch:
     """The state of one search: the kernels' view of the task, the best solutions, the number of links tried."""
 
     def __init__(
         self, plane: Plane, stop_at: float, rules: Rules | None = None, far_stages: int = 1,
-        checks: Sequence[float] = CHECKS,
+        checks: Sequence[float] = CHECKS, budget: Budget | None = None,
     ) -> None:  # fmt: skip
         task = plane.task
-        self.plane, self.links = plane, 0
+        self.plane, self.links, self._budget = plane, 0, budget or Budget()
         far = FAR_STAGES[:far_stages] if len(task.markers) <= FAR_MARKERS else ()
         self._stop_at, self._stages, self._checks = stop_at, (*STAGES, *far), checks
         self._focals = task.camera.focal_px * np.array(task.focal_factors)
@@ -79,13 +86,15 @@ class QuadSearch:
             high = min(high, picture.near.shape[1])
             table = self.plane.layout.table(reach)
             quads, cells = spot_quads_kernel(picture.p, picture.near, low, high, table.first)
+            self._budget.spend(LINK * lead * high**3 / 12)
             start = 0
             while start < len(quads):
-                start, links = search_kernel(
+                start, links, work = search_kernel(
                     self.plane.model, picture, self._rules, self._gates, table, self._focals, check,
                     quads, cells, start, WORK, self._stop_at, self._best, self._best.match,
                 )  # fmt: skip
                 self.links += int(links)
+                self._budget.spend(LINK * work)
                 yield self.links
 
     def _check(self, part: float) -> float:
@@ -106,7 +115,8 @@ class QuadSearch:
         A shifted, turned or mirrored labelling uses mostly the same spots, so it has a quad among the explained ones,
         where no false spot and hardly a hidden marker disturbs. One that takes every n-th spot of a lattice leaves most
         of the spots, so quads of the others are tried, too. What the near-symmetries of the model make of the candidate
-        is tried in any case. False if the time was ``over`` before all of this was done.
+        is tried in any case; if that is better by far, the candidate is no answer and nothing else is tried. False if
+        the time was ``over`` before all of this was done.
         """
         spots = candidate.match[candidate.match >= 0]
         picture = self.plane.picture(next(n for n in self.plane.leads if n > spots.max()))
@@ -115,10 +125,13 @@ class QuadSearch:
         others = np.flatnonzero(free).astype(np.int32)
         table = self.plane.layout.table(REACHES[1])
         rotation, translation = self.plane.frame.unit(candidate.cam_from_model)
-        rivals_kernel(
+        work, beaten = rivals_kernel(
             self.plane.model, picture, self._gates, self._best, self._symmetries(rotation),
             rotation, translation, candidate.focal_px, candidate.match,
         )  # fmt: skip
+        self._budget.spend(LINK * work)
+        if beaten:
+            return True
         check = self._check(CHECKS[-1])
         others_known = np.where((self._best.match == candidate.match).all(axis=1)[:, None], -1, self._best.match)
         for some, most in ((spots, RIVAL_QUADS), (others, RIVAL_QUADS // 2)):
@@ -131,14 +144,63 @@ class QuadSearch:
                 for _ in range(RIVAL_TURNS):
                     if over():
                         return False
-                    start, links = search_kernel(
+                    start, links, work = search_kernel(
                         self.plane.model, picture, self._rules, self._gates, table, self._focals, check,
                         quads[part], cells[part], start, WORK, np.inf, self._best, known,
                     )  # fmt: skip
                     self.links += int(links)
+                    self._budget.spend(LINK * work)
                     if start == len(quads[part]):
                         break
         return True
+
+    def copies(self, candidate: Candidate, over: Callable[[], bool]) -> bool:
+        """Look for another solution among the spots that a candidate does not explain: a second copy of the model.
+
+        A reflection, a ghost of a double exposure or a second model leaves spots of its own, which neighbour each other
+        when the explained ones are taken away. Quads of near ones are tried, those whose key fewest quads of markers
+        share first, up to `COPY_WORK`, until one grows to a solution; it is grown among these spots alone, or the copy
+        beside it would take it over. False if the time was ``over`` before all of this was done.
+        """
+        free = np.ones(len(self.plane.task.xy), dtype=bool)
+        free[candidate.match[candidate.match >= 0]] = False
+        spots = np.flatnonzero(free).astype(np.int32)
+        if len(spots) < LEAST_SPOTS:
+            return True
+        picture, found = self.plane.part(spots), room_for_best(COPIES, len(candidate.match))
+        table, done, start = self.plane.layout.table(REACHES[0]), 0, 0
+        near = min(COPY_NEAR, picture.near.shape[1])
+        quads, cells = spot_quads_kernel(picture.p, picture.near, 0, near, table.first)
+        self._budget.spend(LINK * len(spots) * near**3 / 12)
+        while start < len(quads) and done < COPY_WORK and not (found.score > self._stop_at).any():
+            if over():
+                return False
+            start, links, work = search_kernel(
+                self.plane.model, picture, self._rules, self._gates, table, self._focals, self._check(CHECKS[-1]),
+                quads, cells, start, COPY_WORK - done, self._stop_at, found, found.match,
+            )  # fmt: skip
+            self.links, done = self.links + int(links), done + int(work)
+            self._budget.spend(LINK * work)
+        for n in np.argsort(-found.score).tolist():
+            if found.score[n] > -np.inf:
+                self._keep(found, n, np.where(found.match[n] >= 0, spots[found.match[n]], -1))
+        return True
+
+    def _keep(self, found: Best, n: int, match: Ints) -> None:
+        """Keep solution n of others, with this match, as `_kernels.best.keep` does; compiled it would cost a second."""
+        best, alike = self._best, []
+        for k in np.flatnonzero(best.score > -np.inf).tolist():
+            if self._candidate(k).is_like(found.rotation[n], match, int(found.matched[n])):
+                alike.append(k)
+        place = int(best.score.argmin())
+        if max([best.score[place], *best.score[alike]]) >= found.score[n]:
+            return
+        best.score[alike], best.match[alike] = -np.inf, -1
+        best.rotation[place], best.translation[place] = found.rotation[n], found.translation[n]
+        best.focal[place], best.score[place] = found.focal[n], found.score[n]
+        best.matched[place], best.match[place] = found.matched[n], match
+        best.serial[POOL] += 1
+        best.serial[place] = best.serial[POOL]
 
     def _symmetries(self, rotation: Array) -> tuple[Ints, Array, Array]:
         """The model's near-symmetries; with a prior only those that lead to a pose it allows.

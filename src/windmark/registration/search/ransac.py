@@ -20,6 +20,8 @@ from numpy.typing import NDArray
 from windmark.registration._kernels.growth import Gates, growth_kernel
 from windmark.registration._kernels.growth import room_for as room_to_grow
 from windmark.registration._kernels.hypothesis import Picture, Rules, hypotheses_kernel, room_for
+from windmark.registration._kernels.match import GROWTH
+from windmark.registration.budget import LINK, TRIPLET, Budget
 from windmark.registration.search.plane import Plane
 from windmark.registration.search.pool import Candidate, Pool
 from windmark.registration.search.triplets import marker_triplets, spread_corners, turns_of
@@ -56,10 +58,10 @@ class _Batch:
 class Search:
     """The state of one search: the kernels' view of the task, the pool, the number of links tried."""
 
-    def __init__(self, plane: Plane, rng: np.random.Generator) -> None:
+    def __init__(self, plane: Plane, rng: np.random.Generator, budget: Budget | None = None) -> None:
         self.plane, self.task, self.model = plane, plane.task, plane.model
         self.pool = Pool()
-        self.links = 0
+        self.links, self._budget = 0, budget or Budget()
         self._rng = rng
         self._focals = plane.task.camera.focal_px * np.array(plane.task.focal_factors)
         self._rules, self._gates = make_rules(plane), make_gates(plane)
@@ -82,7 +84,7 @@ class Search:
         """
         searched = 0
         for stage, lead in self._schedule():
-            picture = self.plane.picture(lead)
+            picture = self.plane.picture(lead, STAGES[-1][1])
             triplets = marker_triplets(self.model, stage[0])
             turns = turns_of(self.model, triplets)
             anchors = np.arange(lead, dtype=np.int32)
@@ -140,12 +142,14 @@ class Search:
             batch.triplets, batch.turns, batch.anchors, batch.reach, self._focals,
         )  # fmt: skip
         self.links += int(links)
+        self._budget.spend(TRIPLET * links)
         self._grow(batch.picture, min(int(found), ROOM))
         return int(links)
 
     def _grow(self, picture: Picture, found: int) -> None:
         """Grow the first ``found`` hypotheses and pool what becomes of them."""
         grown = self._grown
+        self._budget.spend(LINK * GROWTH * found * len(self.model.xyz))
         growth_kernel(self.model, picture, self._gates, self._hypotheses, found, grown)
         # Best first, so that the many copies of one solution meet the best of them in the pool.
         for n in np.argsort(-grown.score[:found], kind="stable"):

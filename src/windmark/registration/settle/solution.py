@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -180,9 +179,7 @@ class Solution:
         Markers are missing each by itself, or hidden in one piece, whichever is likelier.
         """
         r = self.readings
-        empty = self.counts == 0
-        value = r[:, PAIRS] + np.maximum(r[:, ALONE], r[:, PIECES])
-        return np.where(empty, r[:, ALONE] if not empty.any() else _missed(self), value)
+        return np.where(self.counts > 0, r[:, PAIRS] + np.maximum(r[:, ALONE], r[:, PIECES]), 0.0)
 
     @cached_property
     def score(self) -> float:
@@ -228,28 +225,55 @@ class Solution:
     def lead_over(self, other: Solution) -> float:
         """How much (nats) more it explains than another solution, in the reading that is worst for it.
 
-        A lead that comes from an image border that hides what would be missing, or from random errors where smooth
-        ones of lens or table would do, is none.
+        No lead is one that comes from an image border that hides what would be missing, from random errors where
+        smooth ones of lens or table would do, or from the edge of the table where the picture goes on beyond it.
         """
-        leads = []
-        for hiding in (np.maximum(self._of(ALONE), self._of(PIECES)) - np.maximum(other._of(ALONE), other._of(PIECES)),
-                       np.maximum(self._of(CLOSED), self._of(PIECES)) - np.maximum(other._of(CLOSED), other._of(PIECES))):
-            for smooth in (0.0, self._of(SYSTEMATIC) - other._of(SYSTEMATIC)):
-                pairs = self._of(PAIRS) - other._of(PAIRS)
-                leads.append(float(np.sum(pairs + hiding + smooth)))
+        pairs = self._of(PAIRS) - other._of(PAIRS)
+        alone, closed = (self._hiding(r) - other._hiding(r) for r in (ALONE, CLOSED))
+        smooth = self._of(SYSTEMATIC) - other._of(SYSTEMATIC)
+        leads = [float(np.sum(pairs + hiding + s)) for hiding in (alone, closed) for s in (0.0 * smooth, smooth)]
+        common = [_where_both(self, other, c) for c in range(len(self.counts))]
+        if any(lead is not None for lead in common):
+            shared = sum(lead for lead in common if lead is not None)
+            leads += [float(shared), float(shared + smooth.sum())]
         return min(leads) + self.freedom - other.freedom
+
+    def _hiding(self, reading: int) -> Array:
+        return np.maximum(self._of(reading), self._of(PIECES))
 
     def _of(self, reading: int) -> Array:
         return np.where(self.counts > 0, self.readings[:, reading], 0.0)
 
 
-def _missed(solution: Solution) -> Array:
-    return np.zeros(len(solution.counts))
+def _where_both(a: Solution, b: Solution, c: int) -> float | None:
+    """The lead of one solution over another from the spots that both explain, where a regular layout goes on in the
+    picture beyond its table; None where it does not.
+
+    A board that is larger than its table shows as many spots under a labelling that is shifted by a row: those beyond
+    the table, which the one explains and the other does not. They are no chance, so how many each of the two finds is
+    no evidence.
+    """
+    (spot_a, marker_a), (spot_b, marker_b) = a.pairs(c), b.pairs(c)
+    both, at_a, at_b = np.intersect1d(spot_a, spot_b, assume_unique=True, return_indices=True)
+    only_a, only_b = len(spot_a) - len(both), len(spot_b) - len(both)
+    if a.shared(b) > SAME_SHARE or 2 * len(both) < min(len(spot_a), len(spot_b)) or 2 * only_b < only_a or only_b < 2:
+        return None
+    worth = (_worth_of(s, c, marker[at]).sum() for s, marker, at in ((a, marker_a, at_a), (b, marker_b, at_b)))
+    return float(next(worth) - next(worth))
+
+
+def _worth_of(solution: Solution, c: int, marker: NDArray[np.int64]) -> Array:
+    """(K,) logarithm of the density of each residual."""
+    r, (xx, xy, yy) = solution.state.residual[c, marker], solution.state.spread[c, marker].T
+    det = xx * yy - xy * xy
+    square = (yy * r[:, 0] ** 2 - 2 * xy * r[:, 0] * r[:, 1] + xx * r[:, 1] ** 2) / det
+    return np.asarray(-np.log(2 * np.pi * np.sqrt(det)) - 0.5 * square)
 
 
 def settle(
-    views: Views, rotation: Array, translation: Array, match: Ints, *, focal_px: float | Array | None = None, trusted: int = 0
-) -> Solution | None:
+    views: Views, rotation: Array, translation: Array, match: Ints, *, focal_px: float | Array | None = None,
+    trusted: int = 0,
+) -> Solution | None:  # fmt: skip
     """Refine a start to a fixed point of labelling; None where it falls apart or leaves the prior.
 
     Parameters

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,11 +77,13 @@ class Views:
     def sights(self) -> Sights:
         """All of it for the kernels."""
         planes, layout = self.planes, self.layout
+        given = planes[0].task.markers.sigma
+        sigma = np.where(np.isfinite(given), given, 0.0) / layout.frame.scale
         xy = [np.ascontiguousarray(p.task.xy) for p in planes]
         order = [np.argsort(p[:, 0], kind="stable") for p in xy]
         cov = [np.stack([p.task.cov[:, 0, 0], p.task.cov[:, 0, 1], p.task.cov[:, 1, 1]], axis=1) for p in planes]
         return Sights(
-            planes[0].markers.xyz, planes[0].markers.normal, planes[0].markers.sigma, np.ascontiguousarray(self.modes),
+            layout.model.xyz, layout.model.normal, sigma, np.ascontiguousarray(self.modes),
             np.stack([pose.rotation for pose in self.cam_from_rig]),
             np.stack([pose.translation for pose in self.cam_from_rig]) / layout.frame.scale,
             np.cumsum([0, *(len(p) for p in xy)]), _joined(xy), _joined(cov),
@@ -155,5 +158,5 @@ def _stacked(columns: Sequence[Array]) -> Array:
     return np.stack([np.pad(c, ((0, 0), (0, most - c.shape[1]))) for c in columns])
 
 
-def _joined(parts: Sequence[NDArray]) -> NDArray:  # type: ignore[type-arg]
+def _joined(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
     return np.ascontiguousarray(np.concatenate(list(parts)))

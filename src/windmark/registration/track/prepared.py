@@ -8,25 +8,33 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.geometry import Camera
-from windmark.registration._kernels.fit import Markers
+from windmark.registration.judge.bending import PRIOR
 from windmark.registration.register import roughness
 from windmark.registration.search.layout import Layout
+from windmark.registration.settle.views import known_camera
 from windmark.scene import MarkerSet
 
 Array = NDArray[np.float64]
+
+
+BENT = 0.05
+"""Largest displacement of a marker, as part of the model's size, that is asked for; the default of `register`."""
 
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
     """Markers and camera as the kernels want them; ``layout`` and ``camera`` are the nouns they come from.
 
-    ``rough`` is the table's `roughness`, which the search must bridge.
+    ``rough`` is the table's `roughness`, which the search must bridge; ``sigma`` and ``modes`` are of the unit model,
+    ``modes`` what a bent one may look like; ``loose`` is how the camera may vary, see `settle.views.known_camera`.
     """
 
     layout: Layout
     camera: Camera
-    markers: Markers
+    sigma: Array
+    modes: Array
     packed: Array
+    loose: Array
     size: Array
     rough: float
 
@@ -35,10 +43,12 @@ class Prepared:
         """Prepare; ``layout`` saves its milliseconds."""
         layout = (layout or Layout(markers)).ready()
         sigma = np.where(np.isfinite(markers.sigma), markers.sigma, 0.0) / layout.frame.scale
-        unit = Markers(layout.model.xyz, layout.model.normal, np.ascontiguousarray(sigma))
+        modes = PRIOR * BENT * layout.size * layout.modes
         return Prepared(
-            layout, camera, unit, camera.packed(), np.array(camera.size_px, dtype=float), roughness(markers)
-        )
+            layout, camera, np.ascontiguousarray(sigma), np.ascontiguousarray(modes), camera.packed(),
+            np.ascontiguousarray(known_camera(camera, 0.0)[None]), np.array(camera.size_px, dtype=float),
+            roughness(markers),
+        )  # fmt: skip
 
     def fits(self, markers: MarkerSet, camera: Camera) -> bool:
         """Whether it was made from these; the same objects are known without a look."""
@@ -46,5 +56,7 @@ class Prepared:
             mine = self.layout.markers.sigma
             if not (self.layout.is_of(markers) and np.array_equal(mine, markers.sigma, equal_nan=True)):
                 return False
-        same = self.camera is camera or np.array_equal(self.packed, camera.packed())
-        return same and self.camera.size_px == camera.size_px
+        if self.camera is camera:
+            return True
+        same = self.camera.size_px == camera.size_px and np.array_equal(self.packed, camera.packed())
+        return same and np.array_equal(self.loose[0], known_camera(camera, 0.0))

@@ -12,23 +12,36 @@ from numpy.typing import NDArray
 from windmark.adjust import SolveReport
 from windmark.geometry import Pose
 from windmark.geometry.rotations import hat
-from windmark.registration.criteria import MISFIT, least_evidence, table_excess, too_large
+from windmark.registration.judge import rules
 from windmark.registration.result import Cause, NotRegistered, Registration, RunnerUp
 from windmark.registration.task import Limits
-from windmark.registration.track._kernels.motion import MOST_CHANGE, Estimate, difference, predict_kernel
+from windmark.registration.track._kernels.motion import (
+    MOST_CHANGE,
+    Estimate,
+    adapted,
+    difference,
+    distance2_of,
+    predict_kernel,
+    update_kernel,
+)
 from windmark.registration.track._kernels.step import (
+    BENDING,
     COUNT,
     DISTANCE2,
     EXCESS_PX,
     FIRST_COST,
+    HELD_PX,
     LABELLED,
     LAST_COST,
     LEAD,
     LOG10_NFA,
     LOST,
+    MIN_COUNT,
     MISFIT_PX,
     NOT_FINITE,
+    OPEN_PX,
     OUTCOME,
+    REDUNDANCY,
     RIVAL_COUNT,
     RIVAL_SHARED,
     RMS_PX,
@@ -39,11 +52,10 @@ from windmark.registration.track._kernels.step import (
     STEPS,
     SUPPOSED,
     TOLERANCE,
-    TOO_FEW,
     UNSURE,
     WORTH,
     step_kernel,
-)  # fmt: skip
+)
 from windmark.registration.track.prepared import Prepared
 from windmark.registration.track.state import Motion, Status, TrackState
 from windmark.scene import Detections, Matching
@@ -82,47 +94,73 @@ def step(
     state: TrackState, detections: Detections, dt: float, motion: Motion, limits: Limits, options: dict[str, Any],
     least_density: float,
 ) -> tuple[Registration | NotRegistered, TrackState]:  # fmt: skip
-    """Follow one frame; a falsy answer, and the state as it was, where the prediction does not lead to a labelling."""
+    """Follow one frame; a falsy answer, and the state as it was, where the prediction does not lead to a labelling.
+
+    Where only the rigid model is in doubt, its labels go to the judge.
+    """
     assert state.estimate is not None, "step: a first frame is registered"
     prepared, layout = state.prepared, state.prepared.layout
+    if len(detections) < MIN_COUNT:
+        return NotRegistered(f"{len(detections)} spots: too few", "too_few", options=options), state
     xy, cov, frame = np.ascontiguousarray(detections.xy), np.ascontiguousarray(detections.cov), layout.frame
     done = Stepped(*step_kernel(
-        *prepared.markers, layout.model.near, *layout.symmetries, prepared.packed, prepared.size, frame.centre,
-        frame.scale, xy, cov, detections.radius_px, *state.estimate, state.change, motion.change, dt + state.missed,
-        options["tolerance_px"] or 0.0, prepared.rough, least_density, limits.margin,
+        layout.model.xyz, layout.model.normal, prepared.sigma, prepared.modes, layout.model.near, *layout.symmetries,
+        prepared.packed, prepared.loose, prepared.size, frame.centre, frame.scale, xy, cov, detections.radius_px,
+        *state.estimate, state.change, motion.change, dt + state.missed, options["tolerance_px"] or 0.0,
+        prepared.rough, least_density, limits.margin,
     ))  # fmt: skip
     n = done.numbers.tolist()  # plain floats are faster
     if n[OUTCOME] == NOT_FINITE:
         raise ValueError("track: detections.cov must be finite")
-    if n[OUTCOME] == TOO_FEW:
-        return NotRegistered(f"{n[COUNT]:.0f} spots: too few", "too_few", options=options), state
     if n[OUTCOME] != LABELLED:
         return NotRegistered(OUTCOMES[n[OUTCOME]], "nothing", options=options), state
     if (refusal := _refusal(n, done, limits, len(state.marker))) is not None:
         return replace(refusal, options=options), state
+    if n[BENDING] > rules.DOUBT:
+        return _doubted(state, detections, done, n, dt, motion, limits, {**options, "dt": dt})
     answer = _registration(prepared, done, n, {**options, "dt": dt})
     estimate = Estimate(done.new_rotation, done.new_translation, done.new_velocity, done.new_cov)
     new = TrackState("tracked", "", estimate, done.change, done.marker, state.n_frames + 1, 0.0, prepared)
     return answer, new
 
 
+def _doubted(
+    state: TrackState, detections: Detections, done: Stepped, n: list[float], dt: float, motion: Motion,
+    limits: Limits, options: dict[str, Any],
+) -> tuple[Registration | NotRegistered, TrackState]:  # fmt: skip
+    """What the judge says of labels that look like those of a bent model."""
+    from windmark.registration.track.doubted import judged  # seldom needed, and it brings more of numba
+
+    match = np.full(len(state.prepared.layout.markers), -1, np.int32)
+    match[done.marker] = done.spot
+    pose = Pose(done.rotation, done.translation)
+    answer = judged(state.prepared, detections, pose, match, n[WORTH], n[TOLERANCE], limits, options)
+    if isinstance(answer, str):
+        return NotRegistered(answer, "misfit", int(n[COUNT]), pose, _runner_up(n, done), options=options), state
+    return answer, restart(state, answer, dt, motion, "tracked", "")
+
+
 def _refusal(n: list[float], done: Stepped, limits: Limits, before: int) -> NotRegistered | None:
-    """Why the labelling is not accepted: the tests of `verdict.Judge`, and the motion; None if it is.
+    """Why the labelling is not accepted: the tests of the judge (`judge.own`), and the motion; None if it is.
 
     ``before`` markers were matched in the last good frame.
     """
     count, expected = int(n[COUNT]), int(n[SEEN])
-    loose = too_large(n[MISFIT_PX], n[EXCESS_PX], n[SIGMA])
-    # A labelling that is right in parts only is loose: being near the prediction says nothing for it.
-    least = least_evidence(limits, 1.0 if loose else n[SHARE], count, expected, loose)
-    excess, allowed = table_excess(limits, n[EXCESS_PX], 2 * count - 6, n[SPACING], n[SIGMA])
+    loose = n[MISFIT_PX] > rules.LOOSE * n[SIGMA] and n[EXCESS_PX] > n[SIGMA]
+    least = limits.score
+    if loose:  # it may be right in parts only: being near the prediction says nothing for it
+        least += rules.MISSED * (expected - count) + (rules.SPARSE if 2 * count <= expected else 0.0)
+    else:
+        least += math.log(n[SHARE])
+    excess = n[EXCESS_PX] * (1 + 1 / math.sqrt(2 * max(n[REDUNDANCY], 1.0)))
+    allowed = math.hypot(limits.table_error * n[SPACING], rules.DOUBLED * n[SIGMA])
     cause: Cause
     if not (n[LOG10_NFA] < limits.log10_nfa and n[WORTH] > least):
         cause, but = "weak", (
             f"which could be chance: false-alarm number 1e{n[LOG10_NFA]:+.1f}, evidence {n[WORTH]:.0f} nats (at least "
             f"{least:.0f})"
         )  # fmt: skip
-    elif MISFIT * n[MISFIT_PX] > n[TOLERANCE] or excess > allowed:
+    elif rules.MISFIT * n[MISFIT_PX] > n[TOLERANCE] or excess > allowed:
         cause, but = "misfit", f"but with a misfit of {n[MISFIT_PX]:.2g} px (1 sigma per coordinate)"
     elif n[DISTANCE2] > ABRUPT:
         cause, but = "nothing", f"but the motion was abrupt ({n[DISTANCE2] ** 0.5:.0f} sigma)"
@@ -132,6 +170,14 @@ def _refusal(n: list[float], done: Stepped, limits: Limits, before: int) -> NotR
         cause, but = (
             "ambiguous",
             (f"but a labelling of {n[RIVAL_COUNT]:.0f} is about as good (lead {n[LEAD]:.1f} nats, with the motion)"),
+        )
+    elif n[HELD_PX] > n[TOLERANCE] or not n[OPEN_PX] < n[TOLERANCE]:
+        cause, but = (
+            "one_pair",
+            (
+                f"but they leave the place of others open by {n[OPEN_PX]:.2g} px, and of one of them all others by "
+                f"{n[HELD_PX]:.2g} px"
+            ),
         )
     else:
         return None
@@ -171,27 +217,45 @@ def _registration(prepared: Prepared, done: Stepped, n: list[float], options: di
 def restart(
     state: TrackState, answer: Registration, dt: float, motion: Motion, status: Status, reason: str
 ) -> TrackState:
-    """The state after a frame that was searched for: its pose, and a motion that is as good as unknown.
+    """The state after a frame that was searched for.
 
-    The velocity before stays the best guess after a single jump. Where the frame before had to be searched for, too,
-    the motion is too fast for what was known of it: then the difference of the two poses is the better guess.
+    Where its pose goes on with the motion, it is a frame like others. Where it does not, the motion is as good as
+    unknown. The velocity before stays the best guess after a single jump. Where the frame before had to be searched for,
+    too, the motion is too fast for what was known of it: then the difference of the two poses is the better guess.
     """
     frame, cov, velocity = state.prepared.layout.frame, np.zeros((12, 12)), np.zeros(6)
     rotation, translation = (np.ascontiguousarray(v) for v in frame.unit(answer.cam_from_model))
     back = np.linalg.inv(_change(frame.scale, translation))
-    cov[:6, :6] = back @ answer.cov @ back.T
+    measured = back @ answer.cov[:6, :6] @ back.T
+    marker, now = answer.matching.marker, Estimate(rotation, translation, velocity, cov)
+    if state.estimate is not None and (new := _continued(state, now, measured, dt, motion)) is not None:
+        return replace(new, status=status, reason=reason, marker=marker)
+    cov[:6, :6] = measured
     first = np.repeat(motion.change * motion.first, 3) ** 2
     first[3:] *= translation @ translation
     cov[6:, 6:] = np.diag(first)
     if state.estimate is not None:
-        velocity = state.estimate.velocity
+        velocity[:] = state.estimate.velocity
         if state.n_frames == 1 and state.missed == 0:
-            velocity = np.empty(6)
             difference(rotation, translation, state.estimate.rotation, state.estimate.translation, velocity)
             velocity /= dt
     change = np.clip(state.change, motion.change, MOST_CHANGE * motion.change)
-    estimate = Estimate(rotation, translation, velocity, cov)
-    return TrackState(status, reason, estimate, change, answer.matching.marker, 1, 0.0, state.prepared)
+    return TrackState(status, reason, now, change, marker, 1, 0.0, state.prepared)
+
+
+def _continued(state: TrackState, now: Estimate, measured: Array, dt: float, motion: Motion) -> TrackState | None:
+    """The state after a pose that was searched for, but that goes on with the motion; None if it does not."""
+    assert state.estimate is not None
+    dt, innovation = dt + state.missed, np.empty(6)
+    then = predict_kernel(Estimate(*state.estimate), state.change, dt)
+    difference(now.rotation, now.translation, then.rotation, then.translation, innovation)
+    if not distance2_of(innovation, then.cov, measured) < ABRUPT:
+        return None
+    known = np.diag(then.cov)[:6] + np.diag(measured)
+    distance2 = float(then.translation @ then.translation)
+    change = adapted(state.change, motion.change, innovation, known, distance2, dt)
+    after = update_kernel(then, innovation, measured)
+    return replace(state, estimate=after, change=change, n_frames=state.n_frames + 1, missed=0.0)
 
 
 def carried_over(state: TrackState, prepared: Prepared) -> TrackState:

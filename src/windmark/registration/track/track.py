@@ -48,9 +48,11 @@ def track(
 
     The pose is predicted with constant velocity. Every marker looks for its spot in a gate as wide as the uncertainty
     of the prediction; where gates overlap, single pairs are supposed and the others decide. The labelling is refined
-    and accepted by the tests of `register`: false-alarm number, evidence, misfit, and a lead over the labellings that
-    the near-symmetries of the model offer, in which picture and motion count together. What fails that, or contradicts
-    the motion, goes to `register` with the prediction as prior, and then without one; its answer is then the frame's.
+    and accepted by the tests of `register`: false-alarm number, evidence, misfit, no pair that holds the pose alone, and
+    a lead over the labellings that the near-symmetries of the model offer, in which picture and motion count together.
+    Where the residuals look like those of a bent model, the judge of `register` is asked; that takes some 50 ms. What
+    fails, or contradicts the motion, goes to `register` with the prediction as prior, and then without one; its answer
+    is then the frame's.
 
     Each frame's pose is its own: the motion chooses the labels but does not pull the pose. The state's pose is that
     of all frames so far (Kalman). A frame without a pose changes nothing but the time that has passed, so the next

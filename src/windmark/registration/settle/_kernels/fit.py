@@ -41,10 +41,9 @@ def refine(sights: Sights, state: State, table: Array) -> bool:
     date: the covariance of the projections by the markers' sigma.
     """  # fmt: skip
     a, size, open_ = state.factor, state.factor.shape[0], state.nuisance.shape[1]
-    cameras, n = state.match.shape
-    pairs = 0
+    cameras, pairs = state.match.shape[0], 0
     for s in state.match.flat:
-        pairs += s >= 0
+        pairs += 1 if s >= 0 else 0
     if pairs < MIN_MATCHES:
         return False
     g, decrease = np.empty(size), math.inf

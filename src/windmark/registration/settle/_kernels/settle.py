@@ -105,7 +105,7 @@ def fit_kernel(sights: Sights, state: State) -> bool:
 def accept_kernel(sights: Sights, state: State) -> bool:
     """The excess by the residuals alone, once the labels are accepted and the doubt about them has no place."""
     table = np.zeros((*state.match.shape, 3))
-    for round_ in range(FINAL_ROUNDS):
+    for _ in range(FINAL_ROUNDS):
         if not refine(sights, state, table):
             return False
         spread_places(sights, state)

@@ -22,7 +22,7 @@ def smooth_cov_kernel(sights: Sights, state: State, cov: Array) -> Array:
     The likeliest split of each camera's excess into a random part and a smooth one (`worth.smooth_part`) has the
     covariance S of the residuals; the estimate with the weights W has C J'W S W J C.
     """
-    size, (cameras, n) = cov.shape[0], state.match.shape
+    size, cameras = cov.shape[0], state.match.shape[0]
     u, v, by_xyz, other = np.empty(size), np.empty(size), np.empty((2, 3)), np.empty(12)
     middle, any_ = np.zeros((size, size)), False
     for c in range(cameras):

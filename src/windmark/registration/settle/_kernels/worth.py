@@ -42,7 +42,8 @@ def worth_kernel(
     sights: Sights, state: State, near: Ints, c: int, leads: NDArray[np.int64], density: Array, fixed: int,
     log_share: Array,
 ) -> Array:  # fmt: skip
-    """The readings (`READINGS`,) of camera c; -inf (and an infinite false-alarm number) without three pairs.
+    """The readings (`READINGS`,) of camera c; -inf (and an infinite false-alarm number) without three pairs, of a rig
+    without one.
 
     Spots come best first, and a detector may add hundreds of doubtful ones behind the good ones: of the prefixes of
     the list, ``leads`` (L,) long with ``density`` (L, M), the best one counts, charged with their number.
@@ -59,7 +60,7 @@ def worth_kernel(
             if 0 <= s < leads[k]:
                 residual[count], spread[count], dense[count] = state.residual[c, m], state.spread[c, m], density[k, s]
                 count += 1
-        if count < 3:
+        if count < (3 if state.match.shape[0] == 1 else 1):
             continue
         pairs = _pairs(residual[:count], spread[:count], dense[:count])
         alone = _alone(count, expected)
@@ -158,8 +159,8 @@ def smooth_part(sights: Sights, state: State, c: int) -> tuple[NDArray[np.int64]
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def _residuals(sights: Sights, state: State, c: int) -> tuple[NDArray[np.int64], Array, Array, Array]:
-    """Matched markers (K,), cosines over the image at their spots (K, SMOOTH), the variance of the residuals without the
-    excess (K,), and the residuals (K, 2); nothing where there is no excess or too few pairs.
+    """Matched markers (K,), cosines over the image at their spots (K, SMOOTH), the variance of the residuals without
+    the excess (K,), and the residuals (K, 2); nothing where there is no excess or too few pairs.
     """  # fmt: skip
     n, first, excess = state.match.shape[1], sights.first[c], state.numbers[c, EXCESS]
     at, count = np.empty(n, np.int64), 0

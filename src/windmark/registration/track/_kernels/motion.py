@@ -82,12 +82,13 @@ def difference(r: Array, t: Array, r0: Array, t0: Array, out: Array) -> None:
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def invert_factored(factor: Array, out: Array) -> None:
-    """Inverse (6, 6) of a matrix from its Cholesky factor."""
-    root = inverse_factor(factor, 6)
+    """The first (6, 6) of the inverse of a matrix (P, P), from its Cholesky factor."""
+    size = factor.shape[0]
+    root = inverse_factor(factor, size)
     for i in range(6):
         for j in range(i + 1):
             total = 0.0
-            for k in range(i, 6):
+            for k in range(i, size):
                 total += root[k, i] * root[k, j]
             out[i, j] = out[j, i] = total
 

@@ -1,7 +1,7 @@
 """Rivals of a tracked labelling as a numba kernel: by the model's near-symmetries, and mirrored in a plane.
 
 On regular rows a labelling that has slipped by one spacing fits nearly as well. Every near-symmetry of the model makes
-such a rival of the solution; those that could come near are refined, and the better worth, of picture and motion
+such a rival of the solution; those that could come near are settled, and the better worth, of picture and motion
 together, decides. Private to the registration room. Readable twin: tests/registration/test_track_rivals.py.
 """
 
@@ -14,13 +14,22 @@ from numpy.typing import NDArray
 
 from windmark.geometry._jit import nb
 from windmark.geometry._kernels import project_point, to_camera
-from windmark.registration._kernels.evidence import likelihood_ratio
-from windmark.registration._kernels.fit import EXPECTED, FOCAL, Fit, Markers, Spots, State
 from windmark.registration._kernels.hypothesis import GRAZING, _towards
 from windmark.registration._kernels.rival import _mirrored
-from windmark.registration._kernels.settle import STEADY, settle_kernel, whole
+from windmark.registration.settle._kernels.label import _whole
+from windmark.registration.settle._kernels.settle import STEADY, settle_kernel
+from windmark.registration.settle._kernels.state import Sights, State
+from windmark.registration.settle._kernels.worth import (
+    ALONE,
+    CLOSED,
+    PAIRS,
+    PIECES,
+    SYSTEMATIC,
+    _alone,
+    worth_kernel,
+)
 from windmark.registration.track._kernels.motion import difference, distance2_of, invert_factored
-from windmark.registration.track._kernels.spots import Columns, place_of
+from windmark.registration.track._kernels.spots import Columns, place_of, room
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int32]
@@ -35,19 +44,28 @@ LOOSER = 4.0
 """The covariance of a rival's pose is taken for so many times that of the solution."""
 SAME = 0.6
 """With more than this share of the pairs in common a rival is the solution itself."""
+FIXED = 3
+"""Pairs that determine a pose."""
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def worth_of(spots: Spots, state: State) -> float:
-    """Log-likelihood ratio of a settled solution with all spots."""
-    n, count = state.match.shape[0], 0
-    residual, spread, density = np.empty((n, 2)), np.empty((n, 3)), np.empty(n)
-    for m in range(n):
-        if state.match[m] >= 0:
-            residual[count], spread[count] = state.residual[m], state.spread[m]
-            density[count] = spots.density[state.match[m]]
-            count += 1
-    return likelihood_ratio(residual[:count], spread[:count], density[:count], int(state.numbers[EXPECTED]))
+def readings_of(sights: Sights, state: State, near: Ints, log_share: float) -> Array:
+    """What a settled solution is worth with all spots, see `worth_kernel`."""
+    m = sights.x.shape[0]
+    return worth_kernel(
+        sights, state, near, 0, np.array([m]), sights.density.reshape(1, m), FIXED, np.array([log_share])
+    )  # fmt: skip
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def lead_of(best: Array, other: Array) -> float:
+    """Lead (nats) of one solution's readings over another's, in the reading that is worst for it.
+
+    As `Solution.lead_over`; the freedom of the pose costs both the same, since the motion is its prior and far wider.
+    """
+    hiding = max(best[ALONE], best[PIECES]) - max(other[ALONE], other[PIECES])
+    closed = max(best[CLOSED], best[PIECES]) - max(other[CLOSED], other[PIECES])
+    return best[PAIRS] - other[PAIRS] + min(hiding, closed) + min(0.0, best[SYSTEMATIC] - other[SYSTEMATIC])
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
@@ -67,49 +85,43 @@ def against(distance2: float) -> float:
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def rival_kernel(
-    markers: Markers, near: Ints, spots: Spots, columns: Columns, fit: Fit, symmetries: tuple[Ints, Array, Array],
-    predicted: tuple[Array, Array, Array], best: State, worth: float, margin: float, rival: State,
+    sights: Sights, near: Ints, columns: Columns, symmetries: tuple[Ints, Array, Array],
+    predicted: tuple[Array, Array, Array], best: State, readings: Array, margin: float, rival: State,
 ) -> float:  # fmt: skip
     """Lead in nats of a solution over its best rival, which is left in ``rival``; infinite if none comes near.
 
-    ``predicted`` is pose and covariance by the motion so far, ``worth`` that of the solution by picture and motion;
-    only rivals that can come within ``margin`` are refined.
+    ``predicted`` is pose and covariance by the motion so far, ``readings`` what the solution is worth; only rivals that
+    can come within ``margin`` by picture and motion are refined.
     """
     onto, turn, shift = symmetries
-    n = best.match.shape[0]
-    trial = State(
-        np.empty((3, 3)), np.empty(3), np.zeros(7), np.empty(n, np.int32), np.zeros((n, 2)), np.zeros((n, 3)),
-        np.zeros((7, 7)),
-    )  # fmt: skip
-    r, t, lead = trial.rotation, trial.translation, math.inf
-    gain = -np.log(2.0 * math.pi * _typical_variance(best) * spots.density)
-    slack, spread = _slack(markers.xyz, near), np.empty((6, 6))
+    n, trial, lead = best.match.shape[1], room(sights, 0), math.inf
+    r, t, own = trial.rotation, trial.translation, unlikely(best, predicted)
+    gain = -np.log(2.0 * math.pi * _typical_variance(best) * sights.density)
+    slack, spread = _slack(sights.xyz, near), np.empty((6, 6))
     invert_factored(best.factor, spread)
     spread = predicted[2] + LOOSER * spread
     for k in range(onto.shape[0] + 1):
-        trial.numbers[:] = 0.0
-        trial.numbers[FOCAL] = best.numbers[FOCAL]
+        trial.nuisance[:] = 0.0
         if k < onto.shape[0]:
             _moved_back(best, turn[k], shift[k], r, t)
             trial.match[:] = -1
             for m in range(n):
                 if onto[k, m] >= 0:
-                    trial.match[onto[k, m]] = best.match[m]
-            least = worth - margin + _motion_least(r, t, predicted, spread, slack)
-            if _most(markers, near, spots, columns, r, t, best.numbers[FOCAL], gain) < least:
+                    trial.match[0, onto[k, m]] = best.match[0, m]
+            least = _motion_least(r, t, predicted, spread, slack) - own
+            if least + _least_lead(sights, near, columns, r, t, gain, readings) >= margin:
                 continue
         else:
-            _mirrored(markers.xyz, best.match, best.rotation, best.translation, r, t)
+            _mirrored(sights.xyz, best.match[0], best.rotation, best.translation, r, t)
             trial.match[:] = best.match
             if _turned_too_far(r, best.rotation, predicted[2]):
                 continue
-        if settle_kernel(markers, spots, fit, trial, 0) != STEADY or _same(best, trial, k < onto.shape[0]):
+        if settle_kernel(sights, trial, 0) != STEADY or _same(best, trial, k < onto.shape[0]):
             continue
-        other = worth - worth_of(spots, trial) + unlikely(trial, predicted)
+        other = lead_of(readings, readings_of(sights, trial, near, 0.0)) + unlikely(trial, predicted) - own
         if other < lead:
             lead = other
             rival.rotation[:], rival.translation[:], rival.match[:] = r, t, trial.match
-            rival.numbers[:] = trial.numbers
     return lead
 
 
@@ -160,53 +172,55 @@ def _motion_least(r: Array, t: Array, predicted: tuple[Array, Array, Array], spr
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def _typical_variance(best: State) -> float:
     total, count = 0.0, 0
-    for m in range(best.match.shape[0]):
-        if best.match[m] >= 0:
-            total += math.sqrt(max(best.spread[m, 0] * best.spread[m, 2] - best.spread[m, 1] ** 2, 1e-300))
+    for m in range(best.match.shape[1]):
+        if best.match[0, m] >= 0:
+            total += math.sqrt(max(best.spread[0, m, 0] * best.spread[0, m, 2] - best.spread[0, m, 1] ** 2, 1e-300))
             count += 1
     return total / max(count, 1)
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _most(
-    markers: Markers, near: Ints, spots: Spots, columns: Columns, r: Array, t: Array, f: float, gain: Array
+def _least_lead(
+    sights: Sights, near: Ints, columns: Columns, r: Array, t: Array, gain: Array, readings: Array
 ) -> float:
-    """The most that a rival can be worth: spots near its markers fit without a residual, worth ``gain`` (M,) each."""
-    n, xyz = markers.xyz.shape[0], markers.xyz
+    """The least lead over a rival at a pose: spots near its markers fit with no residual, worth ``gain`` (M,) each."""
+    n, xyz, camera = sights.xyz.shape[0], sights.xyz, sights.camera[0]
     ex = -(r[0, 0] * t[0] + r[1, 0] * t[1] + r[2, 0] * t[2])
     ey = -(r[0, 1] * t[0] + r[1, 1] * t[1] + r[2, 1] * t[2])
     ez = -(r[0, 2] * t[0] + r[1, 2] * t[1] + r[2, 2] * t[2])
-    expected, count, total = 0, 0, 0.0
+    expected, faces, count, total = 0, 0, 0, 0.0
     for m in range(n):
-        facing = _towards(markers.normal, m, ex - xyz[m, 0], ey - xyz[m, 1], ez - xyz[m, 2])
+        facing = _towards(sights.normal, m, ex - xyz[m, 0], ey - xyz[m, 1], ez - xyz[m, 2])
         x, y, z = to_camera(r, t, xyz[m, 0], xyz[m, 1], xyz[m, 2])
-        if z <= 0.0 or facing <= 0.0:
+        u, v, valid = project_point(camera, x, y, z)
+        if facing <= 0.0 or not valid:
             continue
-        u, v, o = f * x / z, f * y / z, near[m, 0]
-        px, py, valid = project_point(spots.camera, x / z, y / z, 1.0)
-        if not valid:
-            continue
-        apart = 0.0
+        apart, o = 0.0, near[m, 0]
         for i in range(3):
             apart += (xyz[m, i] - xyz[o, i]) ** 2
-        reach2 = REACH**2 * apart * (f / z) ** 2
+        reach2 = REACH**2 * apart * (camera[0] / z) ** 2
         reach, best = math.sqrt(reach2), -math.inf
-        for place in range(place_of(columns, u - reach), spots.x.shape[0]):
-            s = spots.by_x[place]
-            if spots.p[s, 0] - u > reach:
+        for place in range(place_of(columns, u - reach), sights.x.shape[0]):
+            s = sights.by_x[place]
+            if sights.xy[s, 0] - u > reach:
                 break
-            if (spots.p[s, 0] - u) ** 2 + (spots.p[s, 1] - v) ** 2 < reach2:
+            if (sights.xy[s, 0] - u) ** 2 + (sights.xy[s, 1] - v) ** 2 < reach2:
                 best = max(best, gain[s])
         if best > -math.inf:
             total += best
             count += 1
             expected += 1
+            faces += 1
         elif facing > GRAZING:
-            expected += whole(spots, px, py)
+            expected += _whole(sights, 0, u, v)
+            faces += 1
     if count < 4:
-        return -math.inf
-    p_seen = min(0.95, max(0.25, (count + 1.0) / (expected + 2.0)))
-    return total + count * math.log(p_seen) + (expected - count) * math.log(1.0 - p_seen)
+        return math.inf
+    # What is hidden in one piece costs the logarithm of the number of markers at least.
+    pieces = -math.log(n)
+    hiding = max(readings[ALONE], readings[PIECES]) - max(_alone(count, expected), pieces)
+    closed = max(readings[CLOSED], readings[PIECES]) - max(_alone(count, faces), pieces)
+    return readings[PAIRS] - total + min(hiding, closed)
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
@@ -230,8 +244,8 @@ def _same(best: State, trial: State, by_labels: bool) -> bool:
         invert_factored(best.factor, spread)
         return away**2 < 9.0 * (spread[0, 0] + spread[1, 1] + spread[2, 2])
     shared, one, other = 0, 0, 0
-    for m in range(best.match.shape[0]):
-        one += best.match[m] >= 0
-        other += trial.match[m] >= 0
-        shared += best.match[m] >= 0 and best.match[m] == trial.match[m]
+    for m in range(best.match.shape[1]):
+        one += best.match[0, m] >= 0
+        other += trial.match[0, m] >= 0
+        shared += best.match[0, m] >= 0 and best.match[0, m] == trial.match[0, m]
     return shared > SAME * min(one, other)

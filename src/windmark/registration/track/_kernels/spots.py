@@ -1,4 +1,4 @@
-"""Spots of one frame as the tracking wants them, as numba kernels; twin: tests/registration/test_track_kernels.py."""
+"""The spots of one frame as the settle wants them, as numba kernels; twin: tests/registration/test_track_kernels.py."""
 
 from __future__ import annotations
 
@@ -9,16 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.geometry._jit import nb
-from windmark.geometry._kernels import project_point
-from windmark.registration._kernels.fit import Spots, spot_radius
+from windmark.registration.settle._kernels.state import NUMBERS, REPORT, Sights, State
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int32]
 
 NEIGHBOURS = 4
 """The density of spots is taken from so many neighbours, as in the search (`search.plane`); see `_with`."""
-NEWTON = 20
-"""Most steps to invert the lens."""
 LEAST_TOLERANCE, TOLERANCE, SPACING = 0.5, 0.004, 0.2
 """Neighbourhood in pixels, as part of the image's diagonal and of the spots' spacing, as in `register`."""
 
@@ -32,56 +29,17 @@ class Columns(NamedTuple):
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def to_plane_kernel(camera: Array, size: Array, xy: Array, spot_cov: Array) -> tuple[Array, Array]:
-    """Image points (M, 2) in the search plane, NaN where the lens has no inverse (`Camera.unproject`).
+def sights_of(
+    xyz: Array, normal: Array, sigma: Array, camera: Array, loose: Array, size: Array, xy: Array, cov: Array,
+    radius: Array, given_tolerance: float, rough: float, least_density: float,
+) -> tuple[Sights, Columns]:  # fmt: skip
+    """One camera's sight of rigid markers; its spots are (M, 2), with (M, 2, 2) covariance, of (M,) radius.
 
-    And their covariances (M, 2, 2) there, as (M, 3) xx, xy, yy. Newton's method from the undistorted place; the
-    derivative of the packed camera is by differences, which costs no accuracy of the points, only steps. That of the
-    last step, less than 0.01 px away, brings the covariance over.
+    A ``given_tolerance`` of 0 takes the usual one, for a table with so much `roughness`.
     """
-    out, cov, f, h = np.empty((xy.shape[0], 2)), np.empty((xy.shape[0], 3)), camera[0], 1e-6
-    close = 1e-10 * math.hypot(size[0], size[1])
-    for j in range(xy.shape[0]):
-        u, v = (xy[j, 0] - camera[2]) / f, (xy[j, 1] - camera[3]) / (f * camera[1])
-        good, det = False, 0.0
-        a, b, c, d = 1.0, 0.0, 0.0, 1.0
-        for _ in range(NEWTON):
-            x, y, valid = project_point(camera, u, v, 1.0)
-            if not valid:
-                break
-            dx, dy = xy[j, 0] - x, xy[j, 1] - y
-            good = abs(dx) + abs(dy) < close
-            if good and det > 0.0:
-                break
-            xu, yu, ok_u = project_point(camera, u + h, v, 1.0)
-            xv, yv, ok_v = project_point(camera, u, v + h, 1.0)
-            a, b, c, d = (xu - x) / h, (xv - x) / h, (yu - y) / h, (yv - y) / h
-            det = a * d - b * c
-            if good or not (ok_u and ok_v and det > 0.0):
-                break
-            u += (d * dx - b * dy) / det
-            v += (a * dy - c * dx) / det
-        out[j, 0], out[j, 1] = (f * u, f * v) if good else (math.nan, math.nan)
-        # At the last point that the lens can invert the difference may fail; spots are not blown up there.
-        a, b, c, d = (f * d / det, -f * b / det, -f * c / det, f * a / det) if det > 0.0 else (1.0, 0.0, 0.0, 1.0)
-        xx, xy_, yy = spot_cov[j, 0, 0], spot_cov[j, 0, 1], spot_cov[j, 1, 1]
-        cov[j, 0] = a * a * xx + 2.0 * a * b * xy_ + b * b * yy
-        cov[j, 1] = a * c * xx + (a * d + b * c) * xy_ + b * d * yy
-        cov[j, 2] = c * c * xx + 2.0 * c * d * xy_ + d * d * yy
-    return out, cov
-
-
-@nb.njit(cache=True, nogil=True, error_model="numpy")
-def spots_of(
-    camera: Array, size: Array, p: Array, cov: Array, radius: Array, least_density: float, rough: float
-) -> tuple[Spots, Columns, float]:
-    """The spots (M, 2) of the search plane, covariance (M, 3), with what the fit needs, and the usual tolerance.
-
-    ``radius`` are those of all spots of the image, ``rough`` is the table's `roughness`.
-    """
-    m = p.shape[0]
-    by_x, x, y, columns = _in_order(p)
-    density, nearest, fourth = np.empty(m), np.empty(m), np.empty(m)
+    m = xy.shape[0]
+    by_x, x, y, columns = _in_order(xy)
+    density, nearest, fourth, packed = np.empty(m), np.empty(m), np.empty(m), np.empty((m, 3))
     average = max(m / (size[0] * size[1]), least_density)
     k = min(NEIGHBOURS, m - 1)
     for place in range(m):
@@ -94,13 +52,36 @@ def spots_of(
             if not (x[other] - x[place]) ** 2 < d2[3]:
                 break
             d2 = _with((x[other] - x[place]) ** 2 + (y[other] - y[place]) ** 2, d2)
-        nearest[by_x[place]], fourth[by_x[place]] = math.sqrt(d2[0]), math.sqrt(d2[k - 1])
-        density[by_x[place]] = max(average, k / (math.pi * max(d2[k - 1], 1e-6)))
-    wanted = TOLERANCE * math.hypot(size[0], size[1])
-    if rough > 0.0:
-        wanted = max(wanted, rough * np.median(fourth))
-    tolerance = max(LEAST_TOLERANCE, min(wanted, SPACING * np.median(nearest)))
-    return Spots(p, cov, density, by_x, x, camera, size, spot_radius(radius)), columns, tolerance
+        s = by_x[place]
+        nearest[s], fourth[s] = math.sqrt(d2[0]), math.sqrt(d2[k - 1])
+        density[s] = max(average, k / (math.pi * max(d2[k - 1], 1e-6)))
+        packed[s, 0], packed[s, 1], packed[s, 2] = cov[s, 0, 0], cov[s, 0, 1], cov[s, 1, 1]
+    tolerance = given_tolerance
+    if not tolerance > 0.0:
+        wanted = TOLERANCE * math.hypot(size[0], size[1])
+        if rough > 0.0:
+            wanted = max(wanted, rough * np.median(fourth))
+        tolerance = max(LEAST_TOLERANCE, min(wanted, SPACING * np.median(nearest)))
+    known = radius[np.isfinite(radius)]
+    sights = Sights(
+        xyz, normal, sigma, np.zeros((0, xyz.shape[0], 3)), np.eye(3).reshape(1, 3, 3), np.zeros((1, 3)),
+        np.array([0, m]), xy, packed, density, by_x, x, size.reshape(1, 2),
+        np.array([np.median(known) if known.size else 0.0]), np.array([tolerance]), camera.reshape(1, 12), loose,
+    )  # fmt: skip
+    return sights, columns
+
+
+@nb.njit(cache=True, nogil=True)
+def room(sights: Sights, modes: int) -> State:
+    """An empty state of one camera, with so many coefficients of a deformation."""
+    n, open_ = sights.xyz.shape[0], sights.loose.shape[2]
+    size = 6 + open_ + modes
+    return State(
+        np.eye(3), np.zeros(3), np.zeros((1, open_)), np.zeros(modes), sights.camera.copy(), np.zeros((1, 3, 3)),
+        np.zeros((1, 3)), np.zeros((1, NUMBERS)), np.zeros(REPORT), np.full((1, n), -1, np.int32), np.zeros((1, n, 2)),
+        np.zeros((1, n, 3)), np.zeros((1, n, 3)), np.zeros((1, n), np.bool_), np.zeros((1, n), np.bool_),
+        np.zeros((1, n), np.bool_), np.zeros((1, n, 2)), np.full((1, n), -1, np.int32), np.zeros((size, size)),
+    )  # fmt: skip
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")

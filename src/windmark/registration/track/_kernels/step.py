@@ -1,6 +1,6 @@
-"""One frame of tracking as a numba kernel: predict, label, refine, weigh, look for rivals.
+"""One frame of tracking as a numba kernel: predict, label, settle, weigh, look for rivals.
 
-Private to the registration room; the acceptance is in `registration.track.accept`. Readable twins of the parts:
+Private to the registration room; the acceptance is in `registration.track.step`. Readable twins of the parts:
 tests/registration/test_track_kernels.py.
 """
 
@@ -11,32 +11,26 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.geometry._cholesky_kernels import cholesky
+from windmark.geometry._cholesky_kernels import cholesky, inverse_factor
 from windmark.geometry._jit import nb
-from windmark.geometry._kernels import project_point, to_camera
-from windmark.registration._kernels.evidence import log10_nfa
-from windmark.registration._kernels.fit import (
+from windmark.geometry._kernels import to_camera
+from windmark.registration.settle._kernels.settle import STEADY, accept_kernel, settle_kernel
+from windmark.registration.settle._kernels.smooth import smooth_cov_kernel
+from windmark.registration.settle._kernels.state import (
     COST_END,
     COST_START,
     EXCESS,
     EXPECTED,
-    FOCAL,
-    ITERATIONS,
     MISFIT,
-    Fit,
-    Markers,
-    Spots,
+    TAKEN,
+    Sights,
     State,
 )
-from windmark.registration._kernels.settle import STEADY, accept_kernel, settle_kernel
-from windmark.registration.track._kernels.gates import (
-    ROUNDS,
-    fit_with_prior,
-    gates_overlap,
-    label_in_gates,
-    sight_from,
-    supposed,
-)
+from windmark.registration.settle._kernels.state import STEPS as FIT_STEPS
+from windmark.registration.settle._kernels.worth import ALONE, PAIRS, PIECES
+from windmark.registration.settle._kernels.worth import LOG10_NFA as READ_NFA
+from windmark.registration.track._kernels.checks import bending_gain, widest_open
+from windmark.registration.track._kernels.gates import ROUNDS, fit_with_prior, gates_overlap, label_in_gates, sight_from
 from windmark.registration.track._kernels.motion import (
     Estimate,
     adapted,
@@ -46,33 +40,35 @@ from windmark.registration.track._kernels.motion import (
     predict_kernel,
     update_kernel,
 )
-from windmark.registration.track._kernels.rivals import against, rival_kernel, worth_of
-from windmark.registration.track._kernels.spots import Columns, spots_of, to_plane_kernel
+from windmark.registration.track._kernels.rivals import readings_of, rival_kernel
+from windmark.registration.track._kernels.spots import Columns, room, sights_of
+from windmark.registration.track._kernels.suppose import supposed
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int32]
 
 (
-    OUTCOME, COUNT, SEEN, WORTH, LOG10_NFA, LEAD, RIVAL_COUNT, RIVAL_SHARED, DISTANCE2, SPACING, SIGMA, EXCESS_PX,
-    MISFIT_PX, RMS_PX, TOLERANCE, SHARE, SUPPOSED, STEPS, FIRST_COST, LAST_COST, NUMBERS,
-) = range(21)  # fmt: skip
+    OUTCOME, COUNT, SEEN, WORTH, LOG10_NFA, LEAD, RIVAL_COUNT, RIVAL_SHARED, DISTANCE2, SPACING, SIGMA, REDUNDANCY,
+    EXCESS_PX, MISFIT_PX, RMS_PX, TOLERANCE, SHARE, SUPPOSED, OPEN_PX, HELD_PX, BENDING, STEPS, FIRST_COST, LAST_COST,
+    NUMBERS,
+) = range(25)  # fmt: skip
 """Places in the numbers of a step, and how many there are."""
 ANGLE_LEAST, SCALE_LEAST, SIGMAS = math.radians(5.0), 0.05, 4.0
 """What the prediction rules out counts as that of a prior: within so many sigma, and no sharper than this."""
-FIXED, MIN_COUNT = 3, 4
-"""Pairs that determine a pose, and that fix it and check it."""
+MIN_COUNT = 4
+"""Pairs that fix a pose and check it."""
 UNSURE_RAD, UNSURE_SCALE = 0.15, 0.08
 """A prediction with a larger sigma is not worth a trial."""
 TRUSTED = 4
 """Labels from the gates stay for so many rounds at most while the excess settles, see `settle_kernel`."""
-UNSURE, LOST, LABELLED, TOO_FEW, NOT_FINITE = range(5)
+UNSURE, LOST, LABELLED, NOT_FINITE = range(4)
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def step_kernel(
-    xyz: Array, normal: Array, sigma: Array, near: Ints, onto: Ints, turn: Array, shift: Array, camera: Array,
-    size: Array, centre: Array, scale: float, xy: Array, spot_cov: Array, radius: Array, rotation: Array,
-    translation: Array, velocity: Array, cov: Array, change: Array, expected_change: Array, dt: float,
+    xyz: Array, normal: Array, sigma: Array, modes: Array, near: Ints, onto: Ints, turn: Array, shift: Array,
+    camera: Array, loose: Array, size: Array, centre: Array, scale: float, xy: Array, spot_cov: Array, radius: Array,
+    rotation: Array, translation: Array, velocity: Array, cov: Array, change: Array, expected_change: Array, dt: float,
     given_tolerance: float, rough: float, least_density: float, margin: float,
 ) -> tuple[
     Array, Array, Array, Array, NDArray[np.int64], NDArray[np.int64], Array, Array, Array, Array, Array, Array, Array,
@@ -82,10 +78,10 @@ def step_kernel(
 
     Parameters
     ----------
-    xyz, normal, sigma, near, onto, turn, shift, centre, scale : the unit model, its near-symmetries, and its `Frame`;
-        one by one, since numba takes ten times as long over tuples of arrays
-    xy, spot_cov, radius : (M, 2) spots in the image, (M, 2, 2) their covariance, (M,); those that the lens has no
-        inverse for are left out
+    xyz, normal, sigma, modes, near, onto, turn, shift, centre, scale : the unit model, how it may be bent, its
+        near-symmetries, and its `Frame`; one by one, since numba takes ten times as long over tuples of arrays
+    camera, loose, size : packed, how it may vary (see `Sights`), and the image's
+    xy, spot_cov, radius : (M, 2) spots in the image, at least `MIN_COUNT`, (M, 2, 2) their covariance, (M,)
     rotation, translation, velocity, cov, change, dt : see `Estimate` and `predict_kernel`
     expected_change : (2,) that the adapted one stays near to
     given_tolerance, rough : of the search; 0 takes the usual one, wider for a table with so much `roughness`
@@ -95,50 +91,50 @@ def step_kernel(
     -------
     The fields of `registration.track.step.Stepped`; a plain tuple, since numba is slow to give back a named one.
     """
-    markers = Markers(xyz, normal, sigma)
-    p, plane_cov = to_plane_kernel(camera, size, xy, spot_cov)
-    index = np.flatnonzero(p[:, 0] == p[:, 0])
-    if len(index) < len(xy):
-        p, plane_cov, xy, spot_cov = p[index], plane_cov[index], xy[index], spot_cov[index]
-    predicted = predict_kernel(Estimate(rotation, translation, velocity, cov), change, dt)
-    r0, t0, prior = predicted.rotation, predicted.translation, predicted.cov[:6, :6].copy()
-    best, rival, out = _room(markers), _room(markers), np.zeros(NUMBERS)
-    out[LEAD], f = math.inf, camera[0]
-    distance2 = t0[0] ** 2 + t0[1] ** 2 + t0[2] ** 2
-    innovation, measured, known, spread = np.empty(6), np.eye(6), np.empty(6), np.eye(6)
+    out = np.zeros(NUMBERS)
+    out[LEAD] = math.inf
     if not math.isfinite(spot_cov.sum()):
         out[OUTCOME] = NOT_FINITE
-    elif len(index) < MIN_COUNT:
-        out[OUTCOME], out[COUNT] = TOO_FEW, len(index)
-    elif max(prior[0, 0], prior[1, 1], prior[2, 2]) < UNSURE_RAD**2 and prior[5, 5] < UNSURE_SCALE**2 * distance2:
-        out[OUTCOME] = LOST
-        spots, columns, tolerance = spots_of(camera, size, p, plane_cov, radius, least_density, rough)
-        out[TOLERANCE] = tolerance = given_tolerance if given_tolerance > 0.0 else tolerance
-        fit = Fit(tolerance, f, 0.0)
-        if _label(markers, near, spots, columns, f, tolerance, (r0, t0, prior), best, out):
-            best.numbers[FOCAL] = f
-            if settle_kernel(markers, spots, fit, best, TRUSTED) == STEADY:
-                out[OUTCOME] = LABELLED
+    sights, columns = sights_of(
+        xyz, normal, sigma, camera, loose, size, xy, spot_cov, radius, given_tolerance, rough, least_density
+    )  # fmt: skip
+    predicted = predict_kernel(Estimate(rotation, translation, velocity, cov), change, dt)
+    r0, t0, prior = predicted.rotation, predicted.translation, predicted.cov[:6, :6].copy()
+    best, rival = room(sights, 0), room(sights, 0)
+    distance2, spread = t0[0] ** 2 + t0[1] ** 2 + t0[2] ** 2, np.eye(6)
+    sure = max(prior[0, 0], prior[1, 1], prior[2, 2]) < UNSURE_RAD**2 and prior[5, 5] < UNSURE_SCALE**2 * distance2
+    if out[OUTCOME] == UNSURE and sure:
+        out[OUTCOME], out[TOLERANCE] = LOST, sights.tolerance[0]
+        labelled = _label(sights, near, columns, (r0, t0, prior), best, out)
+        if labelled and settle_kernel(sights, best, TRUSTED) == STEADY:
+            out[OUTCOME] = LABELLED
     if out[OUTCOME] == LABELLED:
-        _weigh(markers, near, spots, xy, spot_cov, best, prior, t0, out)
+        innovation, measured, known = np.empty(6), np.empty((6, 6)), np.empty(6)
+        readings = _weigh(sights, near, best, prior, t0, out)
         difference(best.rotation, best.translation, r0, t0, innovation)
         invert_factored(best.factor, measured)
         out[DISTANCE2] = distance2_of(innovation, prior, measured)
-        worth = out[WORTH] - against(out[DISTANCE2])
         out[LEAD] = rival_kernel(
-            markers, near, spots, columns, fit, (onto, turn, shift), (r0, t0, prior), best, worth, margin, rival
-        )
-        if accept_kernel(markers, spots, fit, best):
-            invert_factored(best.factor, measured)
+            sights, near, columns, (onto, turn, shift), (r0, t0, prior), best, readings, margin, rival
+        )  # fmt: skip
+        _compare(best, rival, out)
+        if accept_kernel(sights, best):
+            measured = _covariance(sights, best)
             difference(best.rotation, best.translation, r0, t0, innovation)
-            out[EXCESS_PX] = math.sqrt(best.numbers[EXCESS])
+            out[EXCESS_PX] = math.sqrt(best.numbers[0, EXCESS])
+            if out[EXCESS_PX] > 0.0 and modes.shape[0] > 0:
+                out[BENDING] = bending_gain(sights, modes, best)
         for k in range(6):
             known[k] = prior[k, k] + measured[k, k]
         spread = _of_model(measured, best.translation, scale)
-        _compare(best, rival, out)
+        out[STEPS], out[FIRST_COST], out[LAST_COST] = (
+            best.report[FIT_STEPS], best.report[COST_START], best.report[COST_END]
+        )  # fmt: skip
         change = adapted(change, expected_change, innovation, known, distance2, dt)
         predicted = update_kernel(predicted, innovation, measured)
-    marker, spot, residual, distance = _pairs(markers, camera, xy, index, best)
+    marker = np.flatnonzero(best.match[0] >= 0)
+    spot, residual = best.match[0][marker].astype(np.int64), best.residual[0][marker]
+    distance = np.sqrt(residual[:, 0] ** 2 + residual[:, 1] ** 2)
     if len(distance):
         out[RMS_PX] = math.sqrt((distance**2).mean())
     return (
@@ -148,48 +144,20 @@ def step_kernel(
     )  # fmt: skip
 
 
-@nb.njit(cache=True, nogil=True)
-def _room(markers: Markers) -> State:
-    n = markers.xyz.shape[0]
-    return State(
-        np.eye(3), np.zeros(3), np.zeros(7), np.full(n, -1, np.int32), np.zeros((n, 2)), np.zeros((n, 3)),
-        np.zeros((7, 7)),
-    )  # fmt: skip
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _covariance(sights: Sights, state: State) -> Array:
+    """(6, 6) of the unit model's pose; misfit that is smooth over the image counts as such, see `smooth_cov_kernel`."""
+    root = inverse_factor(state.factor, state.factor.shape[0])
+    cov = np.ascontiguousarray(root.T) @ root
+    return smooth_cov_kernel(sights, state, cov)[:6, :6].copy()
 
 
 @nb.njit(cache=True, nogil=True)
 def _compare(best: State, rival: State, out: Array) -> None:
-    """Counts of the rival, and how the fit went."""
-    for m in range(best.match.shape[0]):
-        out[RIVAL_COUNT] += rival.match[m] >= 0
-        out[RIVAL_SHARED] += rival.match[m] >= 0 and rival.match[m] == best.match[m]
-    out[STEPS], out[FIRST_COST], out[LAST_COST] = (
-        best.numbers[ITERATIONS], best.numbers[COST_START], best.numbers[COST_END]
-    )  # fmt: skip
-
-
-@nb.njit(cache=True, nogil=True, error_model="numpy")
-def _pairs(
-    markers: Markers, camera: Array, xy: Array, index: NDArray[np.int64], best: State
-) -> tuple[NDArray[np.int64], NDArray[np.int64], Array, Array]:
-    """Markers, spots, residuals in the image and their length."""
-    count = 0
-    for m in range(best.match.shape[0]):
-        count += best.match[m] >= 0
-    marker, spot = np.empty(count, np.int64), np.empty(count, np.int64)
-    residual, distance = np.empty((count, 2)), np.empty(count)
-    k = 0
-    for m in range(best.match.shape[0]):
-        s = best.match[m]
-        if s < 0:
-            continue
-        x, y, z = to_camera(best.rotation, best.translation, markers.xyz[m, 0], markers.xyz[m, 1], markers.xyz[m, 2])
-        u, v, _ = project_point(camera, x, y, z)
-        marker[k], spot[k] = m, index[s]
-        residual[k, 0], residual[k, 1] = u - xy[s, 0], v - xy[s, 1]
-        distance[k] = math.hypot(residual[k, 0], residual[k, 1])
-        k += 1
-    return marker, spot, residual, distance
+    """Counts of the rival."""
+    for m in range(best.match.shape[1]):
+        out[RIVAL_COUNT] += rival.match[0, m] >= 0
+        out[RIVAL_SHARED] += rival.match[0, m] >= 0 and rival.match[0, m] == best.match[0, m]
 
 
 @nb.njit(cache=True, nogil=True)
@@ -225,65 +193,56 @@ def _of_model(cov: Array, t: Array, scale: float) -> Array:
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def _label(
-    markers: Markers, near: Ints, spots: Spots, columns: Columns, f: float, tolerance: float,
-    predicted: tuple[Array, Array, Array], best: State, out: Array,
-) -> bool:  # fmt: skip
+    sights: Sights, near: Ints, columns: Columns, predicted: tuple[Array, Array, Array], best: State, out: Array
+) -> bool:
     """First labels and pose, from the prediction's gates."""
-    r, t, cov = best.rotation, best.translation, predicted[2].copy()
-    r[:], t[:] = predicted[0], predicted[1]
-    information = np.zeros((6, 6))
-    factor = predicted[2].copy()
+    cov, factor, information = predicted[2].copy(), predicted[2].copy(), np.empty((6, 6))
+    best.rotation[:], best.translation[:] = predicted[0], predicted[1]
     if not cholesky(factor, 6, 1e-14):
         return False
     invert_factored(factor, information)
-    floor2 = (0.25 * tolerance) ** 2
-    sight = sight_from(markers, near, r, t, f, cov)
-    if gates_overlap(sight, spots.size):
+    floor2 = (0.25 * sights.tolerance[0]) ** 2
+    sight = sight_from(sights, best, near, cov)
+    if gates_overlap(sights, sight):
         out[SUPPOSED] = 1.0
-        if supposed(markers, sight, spots, columns, f, r, t, cov, floor2) <= 0.0:
+        if supposed(sights, sight, columns, best, cov, floor2) <= 0.0:
             return False
-        sight = sight_from(markers, near, r, t, f, cov)
+        sight = sight_from(sights, best, near, cov)
     for round_ in range(ROUNDS):
-        if label_in_gates(sight, spots, columns, floor2, best.match) < 4:
+        if label_in_gates(sights, sight, columns, floor2, best.match[0]) < MIN_COUNT:
             return False
-        if round_ == ROUNDS - 1:
-            break
-        if not fit_with_prior(
-            markers, spots, f, best.match, (predicted[0], predicted[1], information), floor2, r, t, cov
-        ):
-            return False
-        sight = sight_from(markers, near, r, t, f, cov)
+        if round_ < ROUNDS - 1:
+            if not fit_with_prior(sights, best, (predicted[0], predicted[1], information), floor2, cov):
+                return False
+            sight = sight_from(sights, best, near, cov)
     return True
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _weigh(
-    markers: Markers, near: Ints, spots: Spots, xy: Array, spot_cov: Array, best: State, prior: Array, t0: Array,
-    out: Array,
-) -> None:  # fmt: skip
-    """Evidence and what the tests of acceptance need."""
-    n, count = best.match.shape[0], 0
-    residual, density, spacing = np.empty((n, 2)), np.empty(n), np.empty(n)
-    for m in range(n):
-        if best.match[m] < 0:
+def _weigh(sights: Sights, near: Ints, best: State, prior: Array, t0: Array, out: Array) -> Array:
+    """The readings of a settled solution, and what the tests of acceptance need."""
+    n, count = best.match.shape[1], 0
+    spacing = np.empty(n)
+    for k in range(n):
+        if best.match[0, k] < 0:
             continue
-        residual[count], density[count] = best.residual[m], spots.density[best.match[m]]
-        apart, o = 0.0, near[m, 0]
+        apart, o = 0.0, near[k, 0]
         for i in range(3):
-            apart += (markers.xyz[m, i] - markers.xyz[o, i]) ** 2
-        z = to_camera(best.rotation, best.translation, markers.xyz[m, 0], markers.xyz[m, 1], markers.xyz[m, 2])[2]
-        spacing[count] = math.sqrt(apart) * best.numbers[FOCAL] / z
+            apart += (sights.xyz[k, i] - sights.xyz[o, i]) ** 2
+        z = to_camera(best.rotation, best.translation, sights.xyz[k, 0], sights.xyz[k, 1], sights.xyz[k, 2])[2]
+        spacing[count] = math.sqrt(apart) * best.camera[0, 0] / z
         count += 1
-    sigma = np.empty(xy.shape[0])
-    for s in range(xy.shape[0]):
-        sigma[s] = math.sqrt(0.5 * (spot_cov[s, 0, 0] + spot_cov[s, 1, 1]))
-    angle = max(ANGLE_LEAST, SIGMAS * math.sqrt(max(prior[0, 0], prior[1, 1], prior[2, 2])))
-    angle = min(angle, math.pi)
+    angle = min(max(ANGLE_LEAST, SIGMAS * math.sqrt(max(prior[0, 0], prior[1, 1], prior[2, 2]))), math.pi)
     scale = max(SCALE_LEAST, SIGMAS * math.sqrt(prior[5, 5]) / max(t0[2], 1e-300))
     share = (angle - math.sin(angle)) / math.pi * min(1.0, math.log10(1.0 + scale))
-    expected = int(best.numbers[EXPECTED])
-    out[COUNT], out[SEEN], out[SHARE] = count, expected, share
-    out[WORTH] = worth_of(spots, best)
-    out[LOG10_NFA] = log10_nfa(residual[:count], density[:count], expected, n, xy.shape[0], FIXED, math.log(share))
-    out[SPACING], out[SIGMA] = np.median(spacing[:count]), np.median(sigma)
-    out[EXCESS_PX], out[MISFIT_PX] = math.sqrt(best.numbers[EXCESS]), math.sqrt(best.numbers[MISFIT])
+    readings = readings_of(sights, best, near, math.log(share))
+    out[COUNT], out[SEEN], out[SHARE] = count, best.numbers[0, EXPECTED], share
+    out[WORTH], out[LOG10_NFA] = readings[PAIRS] + max(readings[ALONE], readings[PIECES]), readings[READ_NFA]
+    out[SPACING], out[SIGMA] = (
+        np.median(spacing[:count]),
+        np.median(np.sqrt(0.5 * (sights.cov[:, 0] + sights.cov[:, 2]))),
+    )
+    out[REDUNDANCY] = 2 * count - best.numbers[0, TAKEN]
+    out[EXCESS_PX], out[MISFIT_PX] = math.sqrt(best.numbers[0, EXCESS]), math.sqrt(best.numbers[0, MISFIT])
+    out[OPEN_PX], out[HELD_PX] = widest_open(best)
+    return readings

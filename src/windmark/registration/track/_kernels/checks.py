@@ -1,0 +1,79 @@
+"""What a tracked solution must stand besides chance and rivals, as numba kernels; as `judge.own` and `judge.doubts`."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.geometry._cholesky_kernels import cholesky, forward
+from windmark.geometry._jit import nb
+from windmark.registration.settle._kernels.doubt import doubt_kernel
+from windmark.registration.settle._kernels.state import Sights, State
+from windmark.registration.track._kernels.spots import room
+
+Array = NDArray[np.float64]
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def widest_open(state: State) -> tuple[float, float]:
+    """Pixels (1 sigma) by which the pairs leave the place of a marker without a spot open, and by which all others
+    leave that of a pair open: the widest of each.
+
+    Without a pair its projection has the covariance N D^-1 N - N, D = N - S, for the residual's covariance N and the
+    projection's S (see `judge.own.held_by_one`).
+    """  # fmt: skip
+    bare, held = 0.0, 0.0
+    for m in range(state.match.shape[1]):
+        xx, xy, yy = state.place[0, m, 0], state.place[0, m, 1], state.place[0, m, 2]
+        if state.match[0, m] < 0:
+            if state.faces[0, m]:
+                bare = max(bare, _wide(xx, xy, yy))
+            continue
+        a, b, c = state.spread[0, m, 0], state.spread[0, m, 1], state.spread[0, m, 2]
+        mean, half = 0.5 * (a + c - xx - yy), math.hypot(0.5 * (a - c - xx + yy), b - xy)
+        floor = 1e-9 * (a + c)
+        high, low = max(mean + half, floor), max(mean - half, floor)
+        angle = 0.5 * math.atan2(2.0 * (b - xy), a - c - xx + yy)
+        cos, sin = math.cos(angle), math.sin(angle)
+        # Rows of N in the axes of D.
+        pu, qu, pv, qv = a * cos + b * sin, b * cos - a * sin, b * cos + c * sin, c * cos - b * sin
+        held = max(held, _wide(
+            pu * pu / high + qu * qu / low - a, pu * pv / high + qu * qv / low - b, pv * pv / high + qv * qv / low - c
+        ))  # fmt: skip
+    return bare, held
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _wide(xx: float, xy: float, yy: float) -> float:
+    return math.sqrt(max(0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy), 0.0))
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def bending_gain(sights: Sights, modes: Array, state: State) -> float:
+    """What a smooth deformation would gain (nats) to first order, the price of its freedom included.
+
+    ``modes`` (K, N, 3) are of 1 sigma each. With the unknowns in question last, the factor of all normal equations has
+    theirs, the others eliminated, as its last corner.
+    """
+    wide = room(sights, modes.shape[0])
+    wide.rotation[:], wide.translation[:], wide.nuisance[:] = state.rotation, state.translation, state.nuisance
+    wide.match[:], wide.residual[:], wide.spread[:] = state.match, state.residual, state.spread
+    bent = Sights(
+        sights.xyz, sights.normal, sights.sigma, modes, sights.rotation, sights.translation, sights.first, sights.xy,
+        sights.cov, sights.density, sights.by_x, sights.x, sights.size, sights.radius, sights.tolerance, sights.camera,
+        sights.loose,
+    )  # fmt: skip
+    a, g = doubt_kernel(bent, wide)
+    size = g.shape[0]
+    for i in range(6, size):
+        a[i, i] += 1.0
+        g[i] -= wide.nuisance[0, i - 6] if i < size - modes.shape[0] else 0.0
+    if not cholesky(a, size, 1e-14):
+        return 0.0
+    forward(a, g, size)
+    gain = 0.0
+    for i in range(size - modes.shape[0], size):
+        gain += 0.5 * g[i] ** 2 - math.log(a[i, i])
+    return gain

@@ -1,0 +1,96 @@
+"""The attacks' own truth and judge: spots lie where the truth says, and each kind of answer is told from the others."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from windmark.geometry import Pose
+from windmark.registration import register
+from windmark.scene import Matching
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+import _attack_judge as judge
+import _attack_scenes as attacks
+
+VARIANTS = [
+    f"{one.name}/{variant}" for one in attacks.ATTACKS for variant in one.variants if not variant.startswith("real")
+]
+MOST_PX = 8.0
+"""Spots have tails as heavy as Student's t with 4 degrees of freedom, and 1 sigma of up to 0.4 px."""
+
+
+@dataclass(frozen=True)
+class Named:
+    """A thing that a result says was not checked."""
+
+    what: str
+
+
+@pytest.mark.parametrize("name", VARIANTS)
+def test_the_labelled_spots_are_the_markers_as_the_right_pose_has_them(name):
+    for seed in range(2):
+        made = attacks.trial(f"{name}/{seed}")
+        for one in getattr(made, "frames", getattr(made, "views", (made,))):
+            truth = one.truth
+            on = truth.label >= 0
+            assert on.sum() >= 4
+            assert len(np.unique(truth.label[on])) == on.sum()
+            for pose in truth.poses[:1]:
+                xy, _ = truth.camera.project(pose.apply(truth.xyz[truth.label[on]]))
+                assert np.linalg.norm(xy - one.detections.xy[on], axis=1).max() < MOST_PX
+
+
+@pytest.fixture(scope="module")
+def answered():
+    """A trial and its right answer."""
+    trial = attacks.trial("mirror/aircraft/3")
+    answer = register(trial.detections, trial.markers, trial.camera)
+    assert answer, answer.reason
+    return trial, answer
+
+
+def kind(trial, answer):
+    return judge.judged("mirror", trial, answer, 0.0).kind
+
+
+def test_a_right_answer_is_right_and_a_displaced_one_wrong_unless_its_sigma_says_so(answered):
+    trial, answer = answered
+    assert kind(trial, answer) == "right"
+    place = answer.cam_from_model.apply(trial.markers.xyz.mean(axis=0))
+    aside = Pose(np.eye(3), [5.0 * place[2] / trial.camera.focal_px, 0.0, 0.0])
+    displaced = replace(answer, cam_from_model=aside @ answer.cam_from_model)
+    assert judge.judged("mirror", trial, displaced, 0.0).error_px == pytest.approx(5.0, rel=0.2)
+    assert kind(trial, displaced) == "WRONG"
+    assert kind(trial, replace(displaced, cov=1e6 * answer.cov)) == "right"
+
+
+def test_wrong_labels_are_wrong_though_the_pose_is_right(answered):
+    trial, answer = answered
+    match = answer.matching
+    turned = Matching(np.roll(match.detection, 1), match.marker, match.distance_px)
+    outcome = judge.judged("mirror", trial, replace(answer, matching=turned), 0.0)
+    assert outcome.kind == "WRONG"
+    assert outcome.word == "labels"
+
+
+def test_a_fault_that_cannot_be_seen_counts_as_said_only_if_it_is_named(answered):
+    trial, answer = answered
+    nothing_right = replace(trial, truth=replace(trial.truth, poses=()))
+    assert kind(nothing_right, answer) == "WRONG"
+    for what, expected in (("mirror", "said"), ("lens", "WRONG")):
+        said = replace(answer)
+        object.__setattr__(said, "unchecked", (Named(what),))
+        assert kind(nothing_right, said) == expected
+
+
+def test_what_must_be_accepted_is_not_refused_for_a_right_reason(answered):
+    trial, _ = answered
+    few = replace(trial, detections=trial.detections.take(np.arange(3)))
+    answer = register(few.detections, few.markers, few.camera)
+    assert judge.judged("one-pair", few, answer, 0.0).kind == "reason"
+    assert judge.judged("one-pair", replace(few, must=True), answer, 0.0).kind == "refused"
