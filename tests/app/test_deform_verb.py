@@ -10,6 +10,7 @@ import pytest
 import xarray
 
 from windmark import io
+from windmark.geometry import Pose
 from windmark.pipeline.simulate_deforming import simulate_deforming
 
 FRAMES = 5
@@ -169,6 +170,31 @@ def test_a_bad_frame_is_flagged_and_the_next_one_recovers(copy, windmark):
     assert table[3]["wing.bend_2"] == ""
     twist = truth(copy)[4][1]
     assert float(table[4]["wing.twist_2"]) == pytest.approx(twist, abs=4 * float(table[4]["sigma_wing.twist_2"]))
+
+
+def test_a_camera_that_contradicts_the_other_is_left_out_until_it_agrees(copy, windmark):
+    """Something else in the first picture of a camera: the test goes on without it, and with it from the next."""
+    edited(copy, ('zero = ["0", "1"]', "zero = []"))
+    image = io.read_image(copy / "images" / "cam2-0000.tif")
+    io.write_image(copy / "images" / "cam2-0000.tif", image[::-1])
+    done = windmark("deform", copy / "deform.toml", "--json")
+    assert done.code == 0, done.err
+    table = rows(copy / "deformation" / "deformation.csv")
+    assert [r["status"] for r in table] == ["cold"] + ["tracked"] * (FRAMES - 1)
+    assert table[0]["reason"].startswith("cam2: left out, it contradicts cam1: ")
+    second = [r for r in rows(copy / "deformation" / "cameras.csv") if r["camera"] == "cam2"]
+    assert [int(r["spots"]) > 20 for r in second] == [False] + [True] * (FRAMES - 1)
+    assert second[0]["reason"].startswith("left out")
+
+
+def test_a_camera_that_is_not_where_its_file_says_is_no_measurement(copy, windmark):
+    """Of two cameras nobody knows which one was moved: nothing is measured, where one was by a degree."""
+    camera, pose = io.read_camera(copy / "cam2.json")
+    turned = Pose.from_rotvec([0.0, np.radians(1.0), 0.0], np.zeros(3)) @ pose
+    io.write_camera(copy / "cam2.json", camera, turned, unit="mm")
+    done = windmark("deform", copy / "deform.toml")
+    assert done.code == 2
+    assert "without cam1 or cam2 the rest is registered, so which of them is wrong is not clear" in done.err
 
 
 def test_dropped_frames_leave_gaps(copy, windmark):

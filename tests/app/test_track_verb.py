@@ -57,7 +57,11 @@ def test_a_sequence_becomes_tables_a_picture_and_a_page(windmark, folder, tmp_pa
     assert len(matches) == sum(int(row["matched"]) for row in rows)
     assert json.loads((out / "summary.json").read_text())["images"] == FRAMES
     assert io.read_camera(out / "camera.json")[1] is not None
-    assert "f3.tif" in (out / "report.html").read_text()
+    page = (out / "report.html").read_text()
+    assert "f3.tif" in page
+    # One camera sees no scale; the first image says so, and nothing after it can.
+    assert "scale" in [u["what"] for u in done.json["unchecked"]]
+    assert "The images cannot tell: " in page
 
 
 def test_numbers_of_frames_come_from_a_table(windmark, folder, tmp_path):

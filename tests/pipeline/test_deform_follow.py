@@ -7,6 +7,7 @@ from windmark.deformation import Volumes
 from windmark.geometry import Camera, Pose
 from windmark.pipeline.deform import DeformationTest, FrameImages, Station, follow_deformation
 from windmark.pipeline.deform import follow as follow_module
+from windmark.pipeline.deform.cold import Found
 from windmark.pipeline.deform.spots import Labelled, around
 from windmark.pipeline.deform.task import LookOptions
 from windmark.scene import Detections, MarkerSet
@@ -69,7 +70,7 @@ def test_a_jump_that_the_search_of_the_whole_image_refuses_is_followed_by_the_ne
     frames = [FrameImages(str(k), float(k), {"cam": i}) for k, i in enumerate(images)]
     followed = follow_deformation(frames, test)
     assert [next(followed).status for _ in range(2)] == ["cold", "tracked"]
-    monkeypatch.setattr(follow_module, "anywhere", lambda *_: Labelled.none("refused"))
+    monkeypatch.setattr(follow_module, "anywhere", lambda *_: Found({"cam": Labelled.none("refused")}))
     jumped = next(followed)
     assert jumped.status == "tracked"
     assert "nearest to the last good frame's: " in jumped.reason

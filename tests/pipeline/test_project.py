@@ -92,7 +92,9 @@ def test_missing_and_binary_files_are_clear(tmp_path):
         read_project(binary)
 
 
-RIG = GOOD.replace('file = "camera.json"\n[[image]]\nfile = "a.tif"', """name = "left"
+RIG = GOOD.replace(
+    'file = "camera.json"\n[[image]]\nfile = "a.tif"',
+    """name = "left"
 file = "camera.json"
 [[camera]]
 name = "right"
@@ -103,7 +105,8 @@ camera = "left"
 [[image]]
 file = "b.tif"
 camera = "right"
-[rig]""")
+[rig]""",
+)
 
 
 def test_images_of_a_rig_are_of_one_instant(write):

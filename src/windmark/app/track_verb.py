@@ -146,6 +146,9 @@ def _page(rows: list[PoseRow], record: Record, unit: str, picture: bytes) -> str
         f"{1e3 * record['median_seconds']:.0f} ms per image, reading included. In {record['guided']} images the "
         "markers were looked for near their predicted places only."
     )
+    if record["unchecked"]:
+        words = "; ".join(u["words"] for u in record["unchecked"])
+        report.text(f"The images cannot tell: {words}.", "soft")
     for row in rows:
         if row.status == "lost":
             report.text(f"{row.name}: {row.reason}", "bad")

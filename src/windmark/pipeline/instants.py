@@ -127,7 +127,7 @@ def _together(
         return out
     prior = None if inputs.prior is None else next(iter(inputs.cam_from_rig.values())).inverse() @ inputs.prior
     with clocks[entries[0].label]("register together"):
-        done = register_together(views, inputs.markers, prior=prior, **register_options(inputs))
+        done = register_together(views, inputs.markers, priors=(prior,), **register_options(inputs))
     instant = Instant(entries[0].point, done)
     for entry in entries:
         if entry.label not in out:

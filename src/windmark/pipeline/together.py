@@ -54,11 +54,13 @@ class Together:
     answer : of those that took part; its reason has their names
     names : of those that took part, in the answer's order
     left_out : name -> why, of a camera that contradicted the others
+    disputed : where there is no answer, cameras that contradict each other, of which nobody knows which is wrong
     """
 
     answer: RigRegistration | NotRegistered
     names: tuple[str, ...]
     left_out: Mapping[str, str] = field(default_factory=dict)
+    disputed: tuple[str, ...] = ()
 
     def of(self, name: str) -> Registration | None:
         """The registration as one camera has it; None where there is none, or the camera took no part."""
@@ -67,7 +69,9 @@ class Together:
         return of_camera(self.answer, self.names.index(name))
 
 
-def register_together(views: Sequence[RigView], markers: MarkerSet, **options: Any) -> Together:
+def register_together(
+    views: Sequence[RigView], markers: MarkerSet, *, priors: Sequence[Pose | None] = (None,), **options: Any
+) -> Together:
     """`register` of all cameras of an instant; without the one that contradicts the others, where that is clear.
 
     Where all together are refused, each camera is left out once. If the others then are registered for one of them
@@ -77,39 +81,46 @@ def register_together(views: Sequence[RigView], markers: MarkerSet, **options: A
     Parameters
     ----------
     views : at least one
-    options : of `register`, for all cameras; ``prior`` is rig_from_model
+    priors : where the model is expected (rig_from_model), tried one after the other; None is anywhere
+    options : of `register`, for all cameras
     """
     views = sorted(views, key=lambda v: len(v.spots) == 0)  # those without a spot last
     every = tuple(v.name for v in views)
-    answer = _registered(views, markers, options)
+    answer = _registered(views, markers, priors, options)
     seeing = [v for v in views if len(v.spots)]
-    if isinstance(answer, RigRegistration) or answer.cause not in CONTRADICTED or len(seeing) < 2:
+    if isinstance(answer, RigRegistration):
+        return Together(answer, every)
+    if answer.cause not in CONTRADICTED or len(seeing) < 2:
         return Together(answer, every)
     without = []
     for view in seeing:
         rest = [v for v in views if v is not view]
-        if isinstance(found := _registered(rest, markers, options), RigRegistration):
+        if isinstance(found := _registered(rest, markers, priors, options), RigRegistration):
             without.append(Together(found, tuple(v.name for v in rest), {view.name: answer.reason}))
     if len(without) == 1:
         return without[0]
-    if without:
-        either = " or ".join(name for one in without for name in one.left_out)
+    disputed = tuple(name for one in without for name in one.left_out)
+    if disputed:
+        either = " or ".join(disputed)
         reason = f"{answer.reason}; without {either} the rest is registered, so which of them is wrong is not clear"
         answer = replace(answer, reason=reason)
-    return Together(answer, every)
+    return Together(answer, every, disputed=disputed)
 
 
 def _registered(
-    views: Sequence[RigView], markers: MarkerSet, options: Mapping[str, Any]
+    views: Sequence[RigView], markers: MarkerSet, priors: Sequence[Pose | None], options: Mapping[str, Any]
 ) -> RigRegistration | NotRegistered:
     """`register` of a rig, its reason with the names of the cameras."""
-    answer = register(
-        [v.spots for v in views], markers, [v.camera for v in views], cam_from_rig=[v.cam_from_rig for v in views],
-        fixed=[v.fixed for v in views], excluded=[v.excluded for v in views], **options,
-    )  # fmt: skip
-    if isinstance(answer, RigRegistration):
-        return answer
-    return replace(answer, reason=with_names(answer.reason, [v.name for v in views]))
+    refusals = []
+    for prior in priors:
+        answer = register(
+            [v.spots for v in views], markers, [v.camera for v in views], cam_from_rig=[v.cam_from_rig for v in views],
+            prior=prior, fixed=[v.fixed for v in views], excluded=[v.excluded for v in views], **options,
+        )  # fmt: skip
+        if isinstance(answer, RigRegistration):
+            return answer
+        refusals.append(answer)
+    return replace(refusals[-1], reason=with_names(refusals[-1].reason, [v.name for v in views]))
 
 
 def with_names(reason: str, names: Sequence[str]) -> str:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from windmark.geometry import Camera, Pose, PoV
 from windmark.pipeline.track import FollowedFrame
+from windmark.registration import Unchecked
 from windmark.scene import MarkerSet
 
 Array = NDArray[np.float64]
@@ -28,6 +29,7 @@ class PoseRow:
     pov, sigma : (6,) the point of view (`POV`) and its 1 sigma, NaN where there is no pose
     matches : marker, x, y, dx, dy (projected - detected) of the K matches
     time_s : by the recording's clock; NaN where unknown
+    unchecked : what the image cannot tell, of those that were registered without help
     """
 
     index: int
@@ -45,6 +47,7 @@ class PoseRow:
     cam_from_model: Pose | None
     matches: tuple[NDArray[np.int64], Array]
     time_s: float = np.nan
+    unchecked: tuple[Unchecked, ...] = ()
 
     @staticmethod
     def of(frame: FollowedFrame) -> PoseRow:
@@ -61,7 +64,7 @@ class PoseRow:
         pov, sigma = pov_with_sigma(answer.cam_from_model, answer.cov)
         return PoseRow(
             *common, len(answer.matching), answer.n_expected, answer.rms_px, pov, sigma, answer.cam_from_model, matches,
-            frame.time_s,
+            frame.time_s, answer.unchecked,
         )  # fmt: skip
 
 
@@ -117,6 +120,7 @@ def sequence_summary(rows: list[PoseRow], camera: Camera, unit: str) -> dict[str
     """A followed sequence in figures."""
     status = [row.status for row in rows]
     good = [row for row in rows if row.cam_from_model is not None]
+    unchecked = next((row.unchecked for row in reversed(rows) if row.unchecked), ())
     return {
         "images": len(rows),
         **{key: status.count(key) for key in ("cold", "tracked", "reacquired", "lost")},
@@ -126,5 +130,6 @@ def sequence_summary(rows: list[PoseRow], camera: Camera, unit: str) -> dict[str
         "median_rms_px": float(np.median([row.rms_px for row in good])) if good else np.nan,
         "median_matched": float(np.median([row.matched for row in good])) if good else 0.0,
         "median_seconds": float(np.median([row.seconds for row in rows])) if rows else np.nan,
+        "unchecked": [{"what": u.what, "words": u.words} for u in unchecked],
         "lost_images": {row.name: row.reason for row in rows if row.status == "lost"},
     }

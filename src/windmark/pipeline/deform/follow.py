@@ -15,8 +15,9 @@ from windmark import io
 from windmark.deformation import Deformation, NotIdentified, identify
 from windmark.geometry import Camera, Pose
 from windmark.pipeline.deform.between import Shots, open_shots
+from windmark.pipeline.deform.cold import anywhere, reasons
 from windmark.pipeline.deform.memory import Memory, displaced, predicted, velocity_of
-from windmark.pipeline.deform.spots import LEAST_PX, MOST_PX, SIGMAS, Labelled, anywhere, around, everything, near, read
+from windmark.pipeline.deform.spots import LEAST_PX, MOST_PX, SIGMAS, Labelled, around, everything, near, read
 from windmark.pipeline.deform.task import DeformationTest, DeformedFrame, FrameImages, Image, Sight, Station
 from windmark.pipeline.deform.texture import Texture, texture_of, without_texture
 from windmark.pipeline.deform.why import Levels, few, levels_of, why_few
@@ -78,6 +79,7 @@ class _Follower:
         self._levels: dict[str, Levels] = {}
         self._usual: dict[str, int] = {}
         self._last: dict[str, Labelled] = {}
+        self._left_out: dict[str, str] = {}  # cameras that contradict the others, and why
 
     def frame(self, index: int, frame: FrameImages) -> DeformedFrame:
         """Follow one instant."""
@@ -87,8 +89,8 @@ class _Follower:
         self._open(frame, images, bad)
         troubles = [f"{n}: {why}" for n, why in bad.items()]
         status, why, found = "tracked", "", None
-        if self._memory is not None and images:
-            found = self._guided(images, frame.instant)
+        if self._memory is not None and self._believed(images):
+            found = self._tracked(images, frame.instant)
             if isinstance(found, str):
                 why, found = found, None
         if found is None and images:
@@ -96,7 +98,8 @@ class _Follower:
             found = self._cold(images, spots)
             if isinstance(found, str):
                 why = "; ".join(part for part in (why, found) if part)
-                status, found = "tracked", self._nearest(images, spots)
+                believed = self._believed(images)
+                status, found = "tracked", self._nearest(believed, {n: spots[n] for n in believed})
                 if found is not None:
                     troubles.append(f"labelled by the spots nearest to the last good frame's: {why}")
         if found is None:
@@ -106,6 +109,7 @@ class _Follower:
                 cameras=self._sights(frame, images, bad, self._last, None),
             )  # fmt: skip
         state, labelled, observations, errors = found
+        troubles += [f"{n}: {why}" for n, why in self._left_out.items() if n in images]
         sights = self._sights(frame, images, bad, labelled, state)
         self._remember(state, labelled, errors, frame.instant, status)
         troubles += [f"{n}: {s.reason}" for n, s in labelled.items() if s.reason]
@@ -127,6 +131,9 @@ class _Follower:
             name, lag = station.name, frame.lag(station.name)
             if name not in images:
                 out[name] = Sight(reason=bad.get(name, ""), lag_s=lag)
+                continue
+            if name in self._left_out and state is not None:
+                out[name] = Sight(self._usual.get(name, 0), 0, self._left_out[name], lag)
                 continue
             spots = labelled.get(name, Labelled.none(""))
             count = 0 if state is None else len(spots.marker)
@@ -190,6 +197,14 @@ class _Follower:
                 self._shots[name] = opened
 
     # --- with expectations -----------------------------------------------------------------
+    def _tracked(self, images: dict[str, Image], instant: float) -> Any:
+        """`_guided` by the cameras that are believed; and by all of them once one can be believed again."""
+        found = self._guided(self._believed(images), instant)
+        if isinstance(found, str) or not self._left_out or not self._admitted(images, found[0]):
+            return found
+        again = self._guided(self._believed(images), instant)
+        return found if isinstance(again, str) else again
+
     def _guided(self, images: dict[str, Image], instant: float) -> Any:
         """State, spots and observations near the prediction; or why not, as text."""
         assert self._memory is not None
@@ -268,13 +283,30 @@ class _Follower:
 
     def _cold(self, images: dict[str, Image], spots: dict[str, Detections | str]) -> Any:
         """State, spots and observations from nothing; or why not, as text."""
-        jobs = {n: self._pool.submit(anywhere, s, self._test, self._test.station(n)) for n, s in spots.items()}
-        labelled = {name: job.result() for name, job in jobs.items()}
+        found = anywhere(spots, self._test, [n for n in spots if n not in self._shots], self._pool)
+        labelled, self._left_out = found.labelled, found.left_out
         self._last = {n: s for n, s in self._last.items() if n in labelled} or labelled
         seen = {n: s for n, s in labelled.items() if len(s.marker)}
         if not seen:
-            return "; ".join(f"{n}: {s.reason}" for n, s in labelled.items())
-        return self._settled(images, seen, None)
+            return reasons(labelled)
+        return self._settled(self._believed(images), seen, None)
+
+    def _believed(self, images: dict[str, Image]) -> dict[str, Image]:
+        """Images of the cameras that do not contradict the others."""
+        return {n: image for n, image in images.items() if n not in self._left_out}
+
+    def _admitted(self, images: dict[str, Image], state: Deformation) -> bool:
+        """Whether cameras are believed again, because they show the markers where the others say that they are."""
+        before, placed = len(self._left_out), displaced(self._test.markers, state)
+        for name in [n for n in self._left_out if n in images and n not in self._shots]:
+            station = self._test.station(name)
+            there = near(
+                images[name], self._test, station, station.camera, station.cam_from_tunnel, placed, 0.0, None,
+                self._hidden_from(name, state),
+            )  # fmt: skip
+            if len(there.marker) > FEWER * there.expected:
+                del self._left_out[name]
+        return len(self._left_out) < before
 
     def _nearest(self, images: dict[str, Image], spots: dict[str, Detections | str]) -> Any:
         """State, spots and observations with every spot clearly nearest to a marker's last place; None if none fit."""

@@ -19,7 +19,6 @@ from windmark.geometry import Camera, Pose
 from windmark.geometry.order import median
 from windmark.pipeline.deform.task import DeformationTest, Image, Station
 from windmark.pipeline.predictions import Known, Predictions, from_camera, look_again
-from windmark.registration import Registration, register
 from windmark.scene import Detections, MarkerSet
 
 Array = NDArray[np.float64]
@@ -211,54 +210,14 @@ def around(spots: Detections | str, camera: Camera, pose: Pose, placed: MarkerSe
     away, spot = cKDTree(spots.xy).query(xy[seen], k=2)
     back = cKDTree(xy[seen]).query(spots.xy)[1]
     good = (back[spot[:, 0]] == np.arange(len(seen))) & (away[:, 0] <= CLEARLY * away[:, 1])
-    return _of_spots(spots, spot[good, 0], seen[good], len(seen), pose)
+    return labelled_spots(spots, spot[good, 0], seen[good], len(seen), pose)
 
 
-def anywhere(spots: Detections | str, test: DeformationTest, station: Station) -> Labelled:
-    """Markers without an idea where the model is: all spots are matched to the model and the walls, each for itself."""
-    if isinstance(spots, str):
-        return Labelled.none(spots)
-    wall = test.markers.role == "wall"
-    options: dict[str, Any] = {
-        "max_time_s": test.look.max_time_s, "max_table_error": test.look.max_table_error, "seed": test.look.seed,
-    }  # fmt: skip
-    station_pose, pairs = station.cam_from_tunnel, []
-    if station.moves and wall.sum() >= 4:
-        answer = register(spots, test.markers.take(wall), station.camera, prior=station_pose, **options)
-        if isinstance(answer, Registration):
-            station_pose = answer.cam_from_model
-            pairs.append((answer, np.flatnonzero(wall)))
-    model = np.flatnonzero(~wall)
-    answer = _model(spots, test, station, station_pose, model, options)
-    if not isinstance(answer, Registration):
-        return replace(Labelled.none(f"model: {answer.reason}"), pose=station_pose)
-    pairs.append((answer, model))
-    spot = np.concatenate([a.matching.detection for a, _ in pairs])
-    marker = np.concatenate([which[a.matching.marker] for a, which in pairs])
-    _, once = np.unique(spot, return_index=True)
-    return _of_spots(spots, spot[once], marker[once], sum(a.n_expected for a, _ in pairs), station_pose)
-
-
-def _of_spots(spots: Detections, spot: Ints, marker: Ints, expected: int, pose: Pose) -> Labelled:
+def labelled_spots(spots: Detections, spot: Ints, marker: Ints, expected: int, pose: Pose) -> Labelled:
+    """Spots of the whole image with their markers; ``pose`` of the camera, cam_from_tunnel."""
     if not len(spot):
         return replace(Labelled.none("no spot is clearly nearest to a marker"), pose=pose)
     return Labelled(
         marker, spots.xy[spot], spots.cov[spot], spots.axes_px[spot], spots.angle[spot],
         np.full((len(spot), 3), np.nan), expected, None, float(np.median(spots.radius_px[spot])), "", pose,
     )  # fmt: skip
-
-
-def _model(
-    spots: Detections, test: DeformationTest, station: Station, prior: Pose, model: Ints, options: dict[str, Any]
-) -> Any:
-    """Register the model's markers, first near a pose, then anywhere."""
-    markers, visible = test.markers.take(model), None
-    if test.visible is not None:
-        every = test.visible
-
-        def visible(pose: Pose, camera: Camera) -> NDArray[np.bool_]:
-            return every(pose, camera)[model]
-
-    more = {**options, "max_deformation": test.look.max_deformation, "visible": visible}
-    answer = register(spots, markers, station.camera, prior=prior, **more)
-    return answer if answer else register(spots, markers, station.camera, **more)
