@@ -7,7 +7,6 @@ gain is known from the normal equations; only where that promises something are 
 from __future__ import annotations
 
 import math
-
 from dataclasses import dataclass
 from functools import cached_property
 
