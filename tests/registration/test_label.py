@@ -107,7 +107,7 @@ def test_a_pair_is_weighed_as_if_it_had_been_left_out():
         cov = noise + by @ twins.cov_of(alone) @ by.T
         off = twins.project(views, alone)[0, m] - scene.detections.xy[spot]
         du, dv = state.residual[0, m]
-        got, root = label.leave_one_out(du, dv, *state.spread[0, m], state.place[0, m], True)
+        got, root = label.leave_one_out(du, dv, *state.spread[0, m], *state.place[0, m], True)
         assert got == pytest.approx(off @ np.linalg.solve(cov, off), rel=0.01, abs=1e-4)
         assert root == pytest.approx(np.sqrt(np.linalg.det(cov)), rel=0.01)
 
@@ -120,7 +120,7 @@ def test_leave_one_out_is_that_of_the_matrices(du, dv, sx, r, sy, px, q, py, hel
     """Also where a pair alone determines part of the solution: then a part of its variance is left to it."""
     noise = np.array([[sx * sx, r * sx * sy], [r * sx * sy, sy * sy]])
     place = np.array([[px * px, q * px * py], [q * px * py, py * py]])
-    got = label.leave_one_out(du, dv, *noise[[0, 0, 1], [0, 1, 1]], place[[0, 0, 1], [0, 1, 1]], held)
+    got = label.leave_one_out(du, dv, *noise[[0, 0, 1], [0, 1, 1]], *place[[0, 0, 1], [0, 1, 1]], held)
     np.testing.assert_allclose(got, twins.leave_one_out(np.array([du, dv]), noise, place, held), rtol=1e-6, atol=1e-9)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.geometry._jit import nb
-from windmark.registration.settle._kernels.project import place_cameras, see
+from windmark.registration.settle._kernels.project import place_cameras, see, sight_of
 from windmark.registration.settle._kernels.state import Sights, State
 
 Array = NDArray[np.float64]
@@ -23,12 +23,18 @@ def doubt_kernel(sights: Sights, state: State) -> tuple[Array, Array]:
     u, v, by_xyz, other = np.empty(size), np.empty(size), np.empty((2, 3)), np.empty(12)
     place_cameras(sights, state)
     for c in range(cameras):
+        match, spread, residual = state.match[c], state.spread[c], state.residual[c]
+        xyz, modes, bend, rot, turn, rot_c, shift_c, cam, loose, offset = sight_of(sights, state, c)
         for m in range(n):
-            if state.match[c, m] < 0 or not see(sights, state, c, m, u, v, by_xyz, other)[2]:
+            if match[m] < 0:
                 continue
-            xx, xy, yy = state.spread[c, m, 0], state.spread[c, m, 1], state.spread[c, m, 2]
+            if not see(
+                m, xyz, modes, bend, rot, turn, rot_c, shift_c, cam, loose, offset, c, u, v, by_xyz, other
+            )[2]:  # fmt: skip
+                continue
+            xx, xy, yy = spread[m, 0], spread[m, 1], spread[m, 2]
             k2 = 1.0 / (xx * yy - xy * xy)
-            du, dv = -state.residual[c, m, 0], -state.residual[c, m, 1]
+            du, dv = -residual[m, 0], -residual[m, 1]
             for i in range(size):
                 cu, cv = k2 * (yy * u[i] - xy * v[i]), k2 * (xx * v[i] - xy * u[i])
                 g[i] += cu * du + cv * dv

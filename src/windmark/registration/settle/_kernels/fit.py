@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from windmark.geometry._cholesky_kernels import cholesky, inverse_factor, solve_factored
 from windmark.geometry._jit import nb
 from windmark.registration._kernels.growth import PRIOR_WORTH, _move
-from windmark.registration.settle._kernels.project import place_cameras, see
+from windmark.registration.settle._kernels.project import place_cameras, see, sight_of
 from windmark.registration.settle._kernels.state import (
     COST_END,
     COST_START,
@@ -101,21 +101,25 @@ def _normal_equations(sights: Sights, state: State, table: Array, a: Array, g: A
         cost += 0.5 * state.bent[k] ** 2
     for i in range(6, size):
         a[i, i] = 1.0
+    # Arrays are taken out of their tuples once: that counts references, which costs as much as seeing a marker does.
+    sigma, spots, noise = sights.sigma, sights.xy, sights.cov
     for c in range(cameras):
         excess, first = state.numbers[c, EXCESS], sights.first[c]
+        match, residual, own = state.match[c], state.residual[c], table[c]
+        xyz, modes, bend, rot, turn, rot_c, shift_c, cam, loose, offset = sight_of(sights, state, c)
         for m in range(n):
-            if state.match[c, m] < 0:
+            if match[m] < 0:
                 continue
-            s = first + state.match[c, m]
-            x, y, valid = see(sights, state, c, m, u, v, by_xyz, other)
+            s = first + match[m]
+            x, y, valid = see(
+                m, xyz, modes, bend, rot, turn, rot_c, shift_c, cam, loose, offset, c, u, v, by_xyz, other
+            )  # fmt: skip
             if not valid:
                 return math.nan
-            table_of(sights.sigma, m, by_xyz, table[c, m])
-            du, dv = sights.xy[s, 0] - x, sights.xy[s, 1] - y
-            state.residual[c, m, 0], state.residual[c, m, 1] = -du, -dv
-            xx = sights.cov[s, 0] + table[c, m, 0] + excess
-            xy = sights.cov[s, 1] + table[c, m, 1]
-            yy = sights.cov[s, 2] + table[c, m, 2] + excess
+            table_of(sigma, m, by_xyz, own)
+            du, dv = spots[s, 0] - x, spots[s, 1] - y
+            residual[m, 0], residual[m, 1] = -du, -dv
+            xx, xy, yy = noise[s, 0] + own[m, 0] + excess, noise[s, 1] + own[m, 1], noise[s, 2] + own[m, 2] + excess
             k2 = 1.0 / (xx * yy - xy * xy)
             wuu, wuv, wvv = k2 * yy, -k2 * xy, k2 * xx
             bu, bv = wuu * du + wuv * dv, wuv * du + wvv * dv
@@ -133,13 +137,14 @@ def _normal_equations(sights: Sights, state: State, table: Array, a: Array, g: A
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def table_of(sigma: Array, m: int, by_xyz: Array, out: Array) -> None:
-    """Covariance xx, xy, yy of a projection by the marker's own sigma."""
-    out[0], out[1], out[2] = 0.0, 0.0, 0.0
+    """Covariance xx, xy, yy of the projection of marker m by its own sigma, into ``out`` (N, 3)."""
+    xx, xy, yy = 0.0, 0.0, 0.0
     for k in range(3):
         du, dv = sigma[m, k] * by_xyz[0, k], sigma[m, k] * by_xyz[1, k]
-        out[0] += du * du
-        out[1] += du * dv
-        out[2] += dv * dv
+        xx += du * du
+        xy += du * dv
+        yy += dv * dv
+    out[m, 0], out[m, 1], out[m, 2] = xx, xy, yy
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
@@ -152,16 +157,23 @@ def spread_places(sights: Sights, state: State) -> None:
     u, v, by_xyz, other = np.empty(size), np.empty(size), np.empty((2, 3)), np.empty(12)
     inverse = inverse_factor(state.factor, size)
     for c in range(cameras):
+        place = state.place[c]
+        xyz, modes, bend, rot, turn, rot_c, shift_c, cam, loose, offset = sight_of(sights, state, c)
         for m in range(n):
-            valid = see(sights, state, c, m, u, v, by_xyz, other)[2]
-            state.place[c, m, 0] = state.place[c, m, 2] = math.inf if not valid else 0.0
+            valid = see(
+                m, xyz, modes, bend, rot, turn, rot_c, shift_c, cam, loose, offset, c, u, v, by_xyz, other
+            )[2]  # fmt: skip
+            place[m, 0] = place[m, 2] = math.inf
             if valid:
-                by_unknowns(inverse, u, v, size, state.place[c, m])
+                by_unknowns(inverse, u, v, size, m, place)
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def by_unknowns(inverse: Array, u: Array, v: Array, size: int, out: Array) -> None:
-    """Covariance xx, xy, yy of a projection by that of the unknowns, from the inverse of their Cholesky factor."""
+def by_unknowns(inverse: Array, u: Array, v: Array, size: int, m: int, out: Array) -> None:
+    """Covariance xx, xy, yy of the projection of marker m by that of the unknowns, into ``out`` (N, 3).
+
+    From the inverse of their Cholesky factor and the derivatives of `see`.
+    """
     xx, xy, yy = 0.0, 0.0, 0.0
     for i in range(size):
         along_u, along_v = 0.0, 0.0
@@ -171,7 +183,7 @@ def by_unknowns(inverse: Array, u: Array, v: Array, size: int, out: Array) -> No
         xx += along_u * along_u
         xy += along_u * along_v
         yy += along_v * along_v
-    out[0], out[1], out[2] = xx, xy, yy
+    out[m, 0], out[m, 1], out[m, 2] = xx, xy, yy
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")

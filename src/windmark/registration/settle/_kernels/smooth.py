@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.geometry._jit import nb
-from windmark.registration.settle._kernels.project import see
+from windmark.registration.settle._kernels.project import see, sight_of
 from windmark.registration.settle._kernels.state import EXCESS, Sights, State
 from windmark.registration.settle._kernels.worth import smooth_part
 
@@ -32,9 +32,12 @@ def smooth_cov_kernel(sights: Sights, state: State, cov: Array) -> Array:
         any_ = True
         excess = state.numbers[c, EXCESS]
         pulls = np.zeros((2 * basis.shape[1], size))
+        xyz, modes, bend, rot, turn, rot_c, shift_c, cam, loose, offset = sight_of(sights, state, c)
         for k in range(at.shape[0]):
             m = at[k]
-            see(sights, state, c, m, u, v, by_xyz, other)
+            see(
+                m, xyz, modes, bend, rot, turn, rot_c, shift_c, cam, loose, offset, c, u, v, by_xyz, other
+            )  # fmt: skip
             xx, xy, yy = state.spread[c, m, 0], state.spread[c, m, 1], state.spread[c, m, 2]
             k2 = 1.0 / (xx * yy - xy * xy)
             for i in range(size):

@@ -16,7 +16,7 @@ from windmark.geometry._cholesky_kernels import solved
 from windmark.geometry._jit import nb
 from windmark.registration._kernels.growth import _move
 from windmark.registration._kernels.hypothesis import _towards
-from windmark.registration.settle._kernels.project import place_cameras, see
+from windmark.registration.settle._kernels.project import place_cameras, see, sight_of
 from windmark.registration.settle._kernels.state import Sights, State
 from windmark.registration.track._kernels.motion import difference, invert_factored
 from windmark.registration.track._kernels.spots import Columns, place_of
@@ -60,11 +60,14 @@ def sight_from(sights: Sights, state: State, near: Ints, cov: Array) -> Sight:
     ey = -(r[0, 1] * t[0] + r[1, 1] * t[1] + r[2, 1] * t[2])
     ez = -(r[0, 2] * t[0] + r[1, 2] * t[1] + r[2, 2] * t[2])
     place_cameras(sights, state)
+    xyz, modes, bend, rot, turn, rot_c, shift_c, cam, loose, offset = sight_of(sights, state, 0)
     for m in range(n):
         facing = _towards(sights.normal, m, ex - sights.xyz[m, 0], ey - sights.xyz[m, 1], ez - sights.xyz[m, 2])
         seen[m] = False
         if facing > 0.0:
-            xy[m, 0], xy[m, 1], seen[m] = see(sights, state, 0, m, u, v, by_xyz, other)
+            xy[m, 0], xy[m, 1], seen[m] = see(
+                m, xyz, modes, bend, rot, turn, rot_c, shift_c, cam, loose, offset, 0, u, v, by_xyz, other
+            )  # fmt: skip
         if seen[m]:
             by_pose[m, 0], by_pose[m, 1] = u[:6], v[:6]
             spread[m, 0], spread[m, 1], spread[m, 2] = spread_of(by_pose[m], cov)
@@ -167,10 +170,13 @@ def fit_with_prior(sights: Sights, state: State, prior: tuple[Array, Array, Arra
             for j in range(6):
                 a[i, j] = prior[2][i, j]  # the factorisation looks at the lower half only
                 g[i] += prior[2][i, j] * away[j]
+        xyz, modes, bend, rot, turn, rot_c, shift_c, cam, loose, offset = sight_of(sights, state, 0)
         for m in range(match.shape[0]):
             if match[m] < 0:
                 continue
-            x, y, valid = see(sights, state, 0, m, u, v, by_xyz, other)
+            x, y, valid = see(
+                m, xyz, modes, bend, rot, turn, rot_c, shift_c, cam, loose, offset, 0, u, v, by_xyz, other
+            )  # fmt: skip
             if not valid:
                 return False
             s = match[m]
