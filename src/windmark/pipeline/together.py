@@ -197,5 +197,5 @@ def _unchecked(found: RigRegistration, c: int) -> tuple[Unchecked, ...]:
     own = tuple(u for u in found.unchecked if u.camera == c or u.what in OF_ALL)
     if (count := len(found.matchings[c])) >= CHECKED:
         return own
-    words = f"{count} of its spots are markers: its pose is that of the rig, and nothing in this picture checks it"
+    words = f"whether its camera is where the rig says ({count} of its spots are markers)"
     return (Unchecked("place in the rig", words, c), *own)
