@@ -144,7 +144,7 @@ def _registered(
     last = refusals[-1]
     reason = with_names(last.reason, [v.name for v in views])
     if len(views) > 1 and last.cause in ("wrong_camera", "wrong_focal"):
-        reason += "; or it is not where the rig says"
+        reason = f"a camera is not where it is said to be, or is another one: {reason}"
     return replace(last, reason=reason)
 
 
