@@ -69,13 +69,16 @@ def test_the_covariance_is_that_of_the_camera_s_pose():
     np.testing.assert_allclose(one.cov, change @ found.cov @ change.T, rtol=1e-4, atol=1e-9 * np.abs(one.cov).max())
 
 
-def test_the_camera_that_contradicts_the_others_is_left_out_and_named():
+@pytest.mark.parametrize("part", [0.3, 0.05, 0.01])
+def test_the_camera_that_contradicts_the_others_is_left_out_and_named(part):
+    """Off by this part of its distance; by little, any two of the three would do, but two fit much better."""
     rig = scenes.rig_scene(520, "A", 3)
     views = views_of(rig)
-    views[1] = moved(views[1], 0.05 * np.linalg.norm(views[1].cam_from_rig.translation) * np.array([1.0, 0, 0]))
+    away = part * np.linalg.norm(rig.views[1].cam_from_model.translation) * np.array([1.0, 0, 0])
+    views[1] = moved(views[1], away)
     done = register_together(views, rig.views[0].markers)
     assert list(done.left_out) == ["right"]
-    assert "camera right" in done.left_out["right"]
+    assert "camera " in done.left_out["right"]
     assert done.of("right") is None
     assert right(done, rig, "left")
     assert right(done, rig, "top")

@@ -118,7 +118,8 @@ def matching_picture(
         axes.plot(missing_xy[:, 0], missing_xy[:, 1], "D", mfc="none", mec=MISSING, ms=9, mew=1.3)
     _name_points(axes, xy, names, "white", image.shape)
     _name_points(axes, missing_xy, missing_names, MISSING, image.shape)
-    axes.set_title(f"{title}: {len(xy)} markers {'found' if guided else 'matched'}, {rms} {_rms(residual):.3f} px")
+    size = f", {rms} {_rms(residual):.3f} px" if len(xy) else ""
+    axes.set_title(f"{title}: {len(xy)} markers {'found' if guided else 'matched'}{size}")
     draw_legend(axes, [
         (MATCHED, "o", f"{'marker found' if guided else 'matched spot'} ({len(xy)})"),
         (SPARE, "o", f"spot of no marker ({int((~matched).sum())})"),

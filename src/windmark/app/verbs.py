@@ -127,7 +127,7 @@ def _together_words(item: ImageResult, answer: Registration) -> list[str]:
         return []
     others = len(item.instant.together.names) - 1
     words = [f"together with {others} other camera{'s' if others > 1 else ''} of the rig"] if others else []
-    return [*words, *(u.words for u in answer.unchecked if u.what == "place in the rig")]
+    return [*words, *(f"unchecked: {u.words}" for u in answer.unchecked if u.what == "place in the rig")]
 
 
 def merge_line(item: MergeResult) -> str:

@@ -17,8 +17,11 @@ from windmark.scene import Detections, MarkerSet
 
 Array = NDArray[np.float64]
 
-CONTRADICTED = ("nothing", "weak", "misfit")
-"""Causes of a refusal that a single camera of several can bring about: one that has moved, or sees something else."""
+CONTRADICTED = ("nothing", "weak", "misfit", "wrong_camera", "wrong_focal")
+"""Causes of a refusal that a single camera of several can bring about: one that has moved, is another one, or sees
+something else."""
+LEAD = 10.0
+"""Nats by which one camera must be likelier to be the wrong one than any other, odds of 22,000 to 1."""
 CHECKED = 2
 """So many markers of its own show that a camera is where the rig says; a single one may be there by chance."""
 OF_ALL = ("scale", "mirror", "place on the lattice")
@@ -76,7 +79,8 @@ def register_together(
 
     Where all together are refused, each camera is left out once. If the others then are registered for one of them
     only, that is the one which has moved, or shows something else; it is named with the reason. If they are for
-    several, nobody knows which of them is wrong, and the refusal stands.
+    several, the evidence of the others together and that of the camera by itself decide, summed. Where that is no clear
+    lead, as of two cameras always, the refusal stands.
 
     Parameters
     ----------
@@ -97,14 +101,31 @@ def register_together(
         rest = [v for v in views if v is not view]
         if isinstance(found := _registered(rest, markers, priors, options), RigRegistration):
             without.append(Together(found, tuple(v.name for v in rest), {view.name: answer.reason}))
-    if len(without) == 1:
-        return without[0]
+    if (chosen := _likeliest(without, seeing, markers, options)) is not None:
+        return chosen
     disputed = tuple(name for one in without for name in one.left_out)
     if disputed:
         either = " or ".join(disputed)
         reason = f"{answer.reason}; without {either} the rest is registered, so which of them is wrong is not clear"
         answer = replace(answer, reason=reason)
     return Together(answer, every, disputed=disputed)
+
+
+def _likeliest(
+    without: Sequence[Together], seeing: Sequence[RigView], markers: MarkerSet, options: Mapping[str, Any]
+) -> Together | None:
+    """The only way, or the clearly likeliest one, to leave a camera out; None where there is none."""
+    if len(without) < 2:
+        return without[0] if without else None
+    if len(seeing) == 2:
+        return None
+    worth = []
+    for one in without:
+        assert isinstance(one.answer, RigRegistration)
+        alone = _registered([v for v in seeing if v.name in one.left_out], markers, (None,), options)
+        worth.append(one.answer.score + (alone.score if isinstance(alone, RigRegistration) else 0.0))
+    second, best = sorted(worth)[-2:]
+    return without[worth.index(best)] if best > second + LEAD else None
 
 
 def _registered(
@@ -120,7 +141,11 @@ def _registered(
         if isinstance(answer, RigRegistration):
             return answer
         refusals.append(answer)
-    return replace(refusals[-1], reason=with_names(refusals[-1].reason, [v.name for v in views]))
+    last = refusals[-1]
+    reason = with_names(last.reason, [v.name for v in views])
+    if len(views) > 1 and last.cause in ("wrong_camera", "wrong_focal"):
+        reason = f"a camera is not where it is said to be, or is another one: {reason}"
+    return replace(last, reason=reason)
 
 
 def with_names(reason: str, names: Sequence[str]) -> str:
@@ -172,5 +197,5 @@ def _unchecked(found: RigRegistration, c: int) -> tuple[Unchecked, ...]:
     own = tuple(u for u in found.unchecked if u.camera == c or u.what in OF_ALL)
     if (count := len(found.matchings[c])) >= CHECKED:
         return own
-    words = f"{count} of its spots are markers: its pose is that of the rig, and nothing in this picture checks it"
+    words = f"whether its camera is where the rig says ({count} of its spots are markers)"
     return (Unchecked("place in the rig", words, c), *own)
