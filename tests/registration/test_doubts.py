@@ -10,6 +10,7 @@ import settle_scenes as settling
 
 from windmark.geometry import Camera
 from windmark.registration import CAUSES, Unchecked, register
+from windmark.registration.budget import Budget
 from windmark.registration.judge.bending import Bender
 from windmark.registration.judge.doubts import PARTS, Doubts, FirstOrder
 from windmark.registration.search.pool import Candidate
@@ -36,7 +37,7 @@ def test_what_is_wrong_with_a_camera_is_named(what):
     views, best = settling.best_of(scene)
     doubts = Doubts(views, best, views.layout.modes[:0], MARGIN)
     assert doubts.camera_promises
-    named, words = doubts.other_camera(best)
+    named, words = doubts.other_camera(best.evidence)
     assert named == what
     assert "the misfit falls from" in words
     found = register(scene.detections, scene.markers, scene.camera, max_time_s=2.0)
@@ -50,7 +51,7 @@ def test_the_right_camera_is_not_doubted():
         scene = settling.wide_scene(seed)
         views, best = settling.best_of(scene)
         doubts = Doubts(views, best, views.layout.modes[:0], MARGIN)
-        assert not doubts.camera_promises or doubts.other_camera(best) is None
+        assert not doubts.camera_promises or doubts.other_camera(best.evidence) is None
 
 
 def test_gain_to_first_order_is_that_of_least_squares():
@@ -95,7 +96,7 @@ def test_what_is_unchecked_goes_unnoticed_and_more_does_not(what):
         given = Camera(plain.camera.size_px, *(plain.camera.packed()[:11] + factor * size * column))
         views, best = settling.best_of(replace(plain, camera=given))
         other = Doubts(views, best, views.layout.modes[:0], MARGIN)
-        found = other.other_camera(best) if other.camera_promises else None
+        found = other.other_camera(best.evidence) if other.camera_promises else None
         assert (found is not None) == noticed
 
 
@@ -122,7 +123,7 @@ def test_a_bender_grows_the_core_of_a_candidate():
     views = settling.views_of(scene)
     core = settling.labels_of(scene, keep=lambda c, m: m >= 30)[0]
     candidate = Candidate(scene.cam_from_model, scene.camera.focal_px, 50.0, int((core >= 0).sum()), core)
-    bender = Bender(views, 0.05)
+    bender = Bender(views, 0.05, Budget())
     (bent,) = bender.solutions([(0, candidate)])
     assert (scene.label[bent.pairs()[0]] == bent.pairs()[1]).all()
     assert bent.count == (scene.label >= 0).sum()
@@ -130,9 +131,9 @@ def test_a_bender_grows_the_core_of_a_candidate():
     largest = np.linalg.norm(bent.displacement[bent.pairs()[1]], axis=1).max() / size
     assert bender.largest(bent) == pytest.approx(largest)
     assert bender.allows(bent)
-    assert not Bender(views, 0.9 * largest).allows(bent)
+    assert not Bender(views, 0.9 * largest, Budget()).allows(bent)
     assert bender.solutions([(0, candidate)])[0] is bent  # what was grown is kept
-    assert Bender(views, 0.0).solutions([(0, candidate)]) == []
+    assert Bender(views, 0.0, Budget()).solutions([(0, candidate)]) == []
 
 
 def test_bending_is_tried_where_the_residuals_or_free_spots_speak_for_it():
@@ -140,6 +141,6 @@ def test_bending_is_tried_where_the_residuals_or_free_spots_speak_for_it():
     straight = scenes.scene(7112, "A", noise_px=0.2)
     for scene, promising in ((bent, True), (straight, False)):
         views, best = settling.best_of(scene)
-        doubts = Doubts(views, best, Bender(views, 0.05).modes, MARGIN)
+        doubts = Doubts(views, best, Bender(views, 0.05, Budget()).modes, MARGIN)
         assert doubts.bending_promises == promising
     assert not Doubts(*settling.best_of(bent), views.layout.modes[:0], MARGIN).bending_promises

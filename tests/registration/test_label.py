@@ -85,7 +85,7 @@ def test_pairs_are_one_to_one_closest_first_and_clear_of_a_bent_model(is_bent):
         d = rng.uniform(0, 20, len(m))
         pairs = [(*pair, state.match[0, pair[1]] == pair[2]) for pair in zip(d, m.tolist(), s.tolist(), strict=True)]
         expected = twins.one_to_one(pairs, {59: 7}, is_bent)
-        label._pair_up(views.sights, state, 0, m.astype(np.int32), s.astype(np.int32), d, new)
+        label._pair_up(state.match[0], is_bent, 8, m.astype(np.int32), s.astype(np.int32), d, new[0])
         assert {int(k): int(new[0, k]) for k in np.flatnonzero(new[0] >= 0)} == expected
         for k, spot in expected.items():
             kept[int(state.match[0, k] == spot)] += 1

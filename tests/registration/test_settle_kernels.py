@@ -45,8 +45,9 @@ def test_projections_and_derivatives_are_those_of_the_cameras(everything):
     seen, by, by_marker = twins.project(views, state), twins.by_unknowns(views, state), twins.by_markers(views, state)
     u, v, by_xyz, scratch = np.empty(size), np.empty(size), np.empty((2, 3)), np.empty(12)
     for c in range(2):
+        sight = project.sight_of(views.sights, state, c)
         for m in range(0, 60, 7):
-            x, y, valid = project.see(views.sights, state, c, m, u, v, by_xyz, scratch)
+            x, y, valid = project.see(m, *sight, c, u, v, by_xyz, scratch)
             assert valid
             np.testing.assert_allclose([x, y], seen[c, m], atol=1e-8)
             scale = np.abs(by[c, m]).max(axis=0) + 1.0

@@ -12,17 +12,15 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.registration.settle._kernels.fit import MIN_MATCHES
-from windmark.registration.settle._kernels.settle import STEADY, settle_kernel
-from windmark.registration.settle._kernels.state import state_of
+from windmark.registration.settle._kernels.settle import STEADY, fit_kernel, settle_kernel
+from windmark.registration.settle._kernels.state import EXCESS, State, state_of
 from windmark.registration.settle.solution import Solution
 from windmark.registration.settle.views import Views
 
 Array = NDArray[np.float64]
 
-FAR = 10.0
-"""A mirrored marker this many times the misfit away from its spot (in the middle) is no rival. Some of the way is
-depth, which the pose takes."""
+FAR = 5.0
+"""Mirrored markers that leave residuals of so many times the misfit (in the middle) make no rival."""
 FLIP = np.diag([-1.0, 1.0, 1.0])
 
 
@@ -46,10 +44,9 @@ def mirror_of(views: Views, best: Solution, most: int) -> Solution | None:
     first. None without any.
     """
     onto, turn, shift = views.layout.mirrors
-    near = [k for k in range(min(most, len(onto))) if _could_be(best, onto[k], turn[k], shift[k])]
-    ways = [mirrored_views(views), *([mirrored_views(best.views)] if best.is_bent else [])] if near else []
     found: Solution | None = None
-    for image, a, s in ((onto[k], turn[k], shift[k]) for k in near):
+    ways = [mirrored_views(views), *([mirrored_views(best.views)] if best.is_bent else [])]
+    for image, a, s in zip(onto[:most], turn, shift, strict=False):
         moved = np.flatnonzero(image >= 0)
         match, hidden = np.full_like(best.state.match, -1), np.ones_like(best.state.hidden)
         match[:, image[moved]] = best.state.match[:, moved]
@@ -59,6 +56,9 @@ def mirror_of(views: Views, best: Solution, most: int) -> Solution | None:
         for way in ways:
             state = state_of(way.sights, rotation, best.state.translation - rotation @ (FLIP @ s), match)
             state.hidden[:] = hidden
+            state.numbers[:, EXCESS] = best.state.numbers[:, EXCESS]
+            if not (fit_kernel(way.sights, state) and _is_near(best, state)):
+                continue
             if settle_kernel(way.sights, state, 0) != STEADY:
                 continue
             solution = Solution(way, state)
@@ -67,24 +67,15 @@ def mirror_of(views: Views, best: Solution, most: int) -> Solution | None:
     return found
 
 
-def _could_be(best: Solution, onto: NDArray[np.int32], turn: Array, shift: Array) -> bool:
-    """Whether the mirrored table could explain the spots as well, by how far its markers are seen from their spots.
+def _is_near(best: Solution, state: State) -> bool:
+    """Whether the mirrored table could explain the spots as well, by its residuals with the labels as they are.
 
-    Where a picture is mirrored, that is what the best solution without a mirror leaves as its misfit: it takes the
-    markers for others that are about where they are. So a near-symmetry that is much coarser than the misfit is none.
+    Where a picture is mirrored, what the best solution without a mirror leaves is its misfit: it takes markers for
+    others that are about where they are. So a near-symmetry that is much coarser than the misfit is none.
     """
-    pairs = (best.state.match >= 0) & (onto >= 0)
-    if pairs.sum() < MIN_MATCHES:
-        return False
-    marker = np.flatnonzero(pairs.any(axis=0))
-    xyz = best.views.sights.xyz
-    off = (xyz[onto[marker]] - shift) @ turn - xyz[marker]  # in the model, A^-1 = A'
-    for c in np.flatnonzero(pairs.any(axis=1)):
-        place = xyz[marker] @ best.state.rotations[c].T + best.state.translations[c]
-        moved = off @ best.state.rotations[c].T
-        across = moved[:, :2] - place[:, :2] * moved[:, 2:] / place[:, 2:]
-        away = best.state.camera[c, 0] * np.median(np.linalg.norm(across, axis=1) / place[:, 2])
+    for c in np.flatnonzero((state.match >= 0).any(axis=1)):
+        away = np.linalg.norm(state.residual[c, state.match[c] >= 0], axis=1)
         noise = max(float(best.misfit_px[c]), best.views.planes[c].task.typical_sigma_px)
-        if away > FAR * noise:
+        if np.median(away) > FAR * noise:
             return False
     return True
