@@ -9,10 +9,14 @@ from numpy.typing import NDArray
 
 from windmark.geometry.order import median
 from windmark.registration.judge import rules
+from windmark.registration.settle._kernels.state import TAKEN
 from windmark.registration.settle.solution import Solution
 from windmark.registration.task import Limits
 
 Array = NDArray[np.float64]
+
+SIGMAS = 21
+"""Values of the residuals' sigma over which the odds of few pairs are averaged."""
 
 
 def is_loose(best: Solution, c: int) -> bool:
@@ -50,6 +54,40 @@ def least_score(best: Solution, limits: Limits) -> float:
 def beyond_chance(best: Solution, limits: Limits) -> bool:
     """Whether chance does not give such a solution."""
     return best.log10_nfa < limits.log10_nfa and best.score > limits.score
+
+
+def is_sure_of_few(best: Solution, limits: Limits) -> bool:
+    """Whether a rigid solution that explains (nearly) all of few spots is no chance.
+
+    Few pairs cannot reach the score and the false-alarm number that many must have, whose limits leave room for clutter
+    that is not as uniform as both suppose. Where there is hardly any clutter the odds against chance themselves decide.
+    """
+    plane = best.views.planes[0]
+    least = plane.task.least_explained
+    if len(best.views.planes) > 1 or best.is_bent or not least or best.count < least or is_loose(best, 0):
+        return False
+    known = len(plane.task.fixed) * math.log(len(plane.task.markers))
+    return odds_of_few(best) > limits.score - rules.PRICE - known
+
+
+def odds_of_few(best: Solution) -> float:
+    """Evidence (nats) of a single camera's solution, where neither the clutter's rate nor the excess is known before.
+
+    `Solution.evidence` charges the solution with clutter as dense as all spots are, and with the excess that the gates
+    are kept open for. Here the rate of the clutter has Jeffreys' prior under both explanations, and the residuals'
+    sigma is anything (by its logarithm) from that of the spots to the one it has. By its construction chance gives odds
+    above exp(t) in less than exp(-t) of the pictures (Markov's inequality).
+    """
+    spots, count = len(best.views.planes[0].task.xy), best.count
+    rate = math.lgamma(spots - count + 0.5) - math.lgamma(spots + 0.5) + count * math.log(spots)
+    spot, marker = best.pairs()
+    spread, residual = _square(best.state.spread[0, marker]), best.state.residual[0, marker]
+    square = float(np.einsum("ki,kij,kj->", residual, np.linalg.inv(spread), residual))
+    noise = np.linalg.det(best.views.planes[0].task.cov[spot]) / np.linalg.det(spread)
+    sigma = np.geomspace(min(float(noise.mean()) ** 0.25, 1.0), 1.0, SIGMAS)
+    redundancy = 2 * count - float(best.state.numbers[0, TAKEN])
+    narrower = -redundancy * np.log(sigma) - 0.5 * square * (1 / sigma**2 - 1)
+    return best.evidence + rate + float(np.log(np.exp(narrower).mean()))
 
 
 def is_copy(other: Solution) -> bool:

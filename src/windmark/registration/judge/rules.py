@@ -23,6 +23,9 @@ FADE = 0.2
 """Without clutter that fades in from half of the markers to this part below ..."""
 HALF = 2.8
 """... and is so much for every marker in view where half are missing: half of a large model has much evidence."""
+PRICE = 50.0
+"""Nats by which `Limits.score` is higher than the odds it stands for, as it leaves out what the pose's freedom costs
+(about 45): the odds of few spots, which have that price in them, need so much less, 10 nats (`attacks`: sparse)."""
 CLUTTER = 6.0
 """So many spots for each marker are clutter."""
 ONE_WRONG = 40.0
