@@ -64,7 +64,11 @@ def sparse_kernel(
                 i, j, k = triplets[n, ORDERS[o, 0]], triplets[n, ORDERS[o, 1]], triplets[n, ORDERS[o, 2]]
                 if area * turns[n] * (1.0 if o < 3 else -1.0) < 0.0:
                     continue
-                if (only[a] >= 0 and only[a] != i) or (only[b] >= 0 and only[b] != j) or (only[c] >= 0 and only[c] != k):
+                if (
+                    (only[a] >= 0 and only[a] != i)
+                    or (only[b] >= 0 and only[b] != j)
+                    or (only[c] >= 0 and only[c] != k)
+                ):
                     continue
                 links += 1
                 for axis in range(3):
@@ -130,7 +134,7 @@ def _explains(
             continue
         u, v = f * x / z, f * y / z
         s = lookup(raster, grid, u, v)
-        if s < 0 or s == a or s == b or s == c or m == i or m == j or m == k:
+        if s < 0 or s in (a, b, c) or m in (i, j, k):
             continue
         reach = tolerance * min(3.0, 1.0 + 0.5 * math.sqrt(((u - cx) ** 2 + (v - cy) ** 2) / size2))
         d2 = (p[s, 0] - u) ** 2 + (p[s, 1] - v) ** 2

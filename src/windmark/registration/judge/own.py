@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from windmark.geometry.order import median
 from windmark.registration.judge import rules
+from windmark.registration.settle._kernels.fit import spread_places
 from windmark.registration.settle._kernels.state import TAKEN
 from windmark.registration.settle.solution import Solution
 from windmark.registration.task import Limits
@@ -131,13 +132,14 @@ def held_by_one(best: Solution) -> str:
     pose follows it. Without it the projection of its marker has the covariance N D^-1 N - N, D = N - S, for the noise
     N and the projection's covariance S (see `settle._kernels.label.leave_one_out`).
     """
-    if not best.is_bent and (open_ := _leaves_open(best)):
+    placed = _with_prior(best)
+    if not best.is_bent and (open_ := _leaves_open(best, placed)):
         return open_
     for c, plane in enumerate(best.views.planes):
         spot, marker = best.pairs(c)
         if not len(marker):
             continue
-        noise, place = _square(best.state.spread[c, marker]), _square(best.state.place[c, marker])
+        noise, place = _square(best.state.spread[c, marker]), _square(placed[c, marker])
         value, vector = np.linalg.eigh(noise - place)
         value = np.maximum(value, 1e-9 * np.trace(noise, axis1=1, axis2=2)[:, None])
         loose = noise @ (vector / value[:, None]) @ vector.transpose(0, 2, 1) @ noise - noise
@@ -153,7 +155,28 @@ def held_by_one(best: Solution) -> str:
     return ""
 
 
-def _leaves_open(best: Solution) -> str:
+def _with_prior(best: Solution) -> Array:
+    """(C, N, 3) covariance of the projections where the prior, too, says where the model is.
+
+    It is a range: a rotation vector in a ball of radius a has a sigma of a / sqrt(5) along each axis, a number between
+    -a and a one of a / sqrt(3).
+    """
+    state, task = best.state, best.views.planes[0].task
+    if task.prior is None:
+        return state.place
+    # By the rotation, and by the distance along the first camera's axis; in the rig's frame as the unknowns are.
+    axis = best.views.cam_from_rig[0].rotation[2]
+    known = np.zeros_like(state.factor)
+    known[:3, :3] = np.eye(3) * 5.0 / task.prior_max_angle_rad**2
+    distance = math.log(task.prior_max_scale) * float(state.translations[0, 2])
+    known[3:6, 3:6] = np.outer(axis, axis) * 3.0 / distance**2
+    factor = np.asarray(np.linalg.cholesky(np.tril(state.factor) @ np.tril(state.factor).T + known), dtype=np.float64)
+    prior = state._replace(factor=factor, place=np.zeros_like(state.place))
+    spread_places(best.views.sights, prior)
+    return prior.place
+
+
+def _leaves_open(best: Solution, placed: Array) -> str:
     """Where the matched markers put the others of the model, if that is no place; empty if it is one.
 
     Markers on one line, or a few beside each other, say little of the rest: nothing then is missed there.
@@ -162,7 +185,7 @@ def _leaves_open(best: Solution) -> str:
         rest = np.flatnonzero(best.state.faces[c] & (best.state.match[c] < 0))
         if not best.counts[c] or not len(rest):
             continue
-        wide = np.sqrt(np.linalg.eigvalsh(_square(best.state.place[c, rest]))[:, -1])
+        wide = np.sqrt(np.linalg.eigvalsh(_square(placed[c, rest]))[:, -1])
         worst = int(wide.argmax())
         if not wide[worst] < plane.task.tolerance_px:
             turn = float(np.sqrt(np.linalg.eigvalsh(best.unit_cov[:3, :3])[-1]))

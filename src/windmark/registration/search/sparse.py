@@ -20,6 +20,8 @@ from windmark.registration.search.triplets import turns_of
 Array = NDArray[np.float64]
 Ints = NDArray[np.int32]
 
+PRIOR_SLACK = float(np.radians(5.0))
+"""Three spots alone may put the pose so far beyond the prior's angle; what all of them say is checked later."""
 KEPT = 12
 """Solutions kept: those that come near the best one are its rivals."""
 
@@ -32,6 +34,8 @@ def sparse(plane: Plane, rules: Rules, gates: Gates, focals: Array, budget: Budg
     task = plane.task
     picture, least = plane.picture(len(task.xy)), task.least_explained
     gates = gates._replace(least=least, least_part=0.0)
+    if task.prior is not None:
+        rules = rules._replace(prior_cosine=float(np.cos(min(task.prior_max_angle_rad + PRIOR_SLACK, np.pi))))
     triplets = np.array(list(combinations(range(len(task.markers)), 3)), dtype=np.int32)
     turns = turns_of(plane.model, triplets)
     free, bound = np.full(len(task.xy), -1, np.int32), np.full(len(task.xy), -1, np.int32)
@@ -54,7 +58,8 @@ def wide_triplets(p: Array, count: int) -> Ints:
     """(count, 3) of the spots (M, 2), none in two of them, widest first."""
     triplets = np.array(list(combinations(range(len(p)), 3)), dtype=np.int32)
     one, two = p[triplets[:, 1]] - p[triplets[:, 0]], p[triplets[:, 2]] - p[triplets[:, 0]]
-    area, chosen = np.abs(one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0]), []
+    area = np.abs(one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0])
+    chosen: list[Ints] = []
     for n in np.argsort(-area, kind="stable"):
         if len(chosen) < count and not np.isin(triplets[n], chosen).any():
             chosen.append(triplets[n])
