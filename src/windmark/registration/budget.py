@@ -15,6 +15,7 @@ from windmark.registration._kernels.hypothesis import hypotheses_kernel
 from windmark.registration._kernels.match import search_kernel
 from windmark.registration._kernels.quad import first_of_each_kernel, spot_quads_kernel, table_kernel
 from windmark.registration._kernels.rival import rivals_kernel
+from windmark.registration._kernels.sparse import sparse_kernel
 from windmark.registration._kernels.symmetry import symmetries_kernel
 from windmark.registration.settle._kernels.doubt import doubt_kernel
 from windmark.registration.settle._kernels.places import places_kernel
@@ -26,19 +27,19 @@ from windmark.registration.task import Task, Visible
 _KERNELS = (
     log10_nfa, growth_kernel, hypotheses_kernel, p3p_batch_kernel, rivals_kernel, search_kernel, spot_quads_kernel,
     table_kernel, symmetries_kernel, first_of_each_kernel, settle_kernel, fit_kernel, accept_kernel, worth_kernel,
-    doubt_kernel, places_kernel, smooth_cov_kernel,
+    doubt_kernel, places_kernel, smooth_cov_kernel, sparse_kernel,
 )  # fmt: skip
 
 PER_SECOND = 1e7
 """Units of work that a core of 2024 does in a second."""
-LINK, TRIPLET, SETTLE, SETTLE_PAIR, BEND, BEND_PAIR = 1, 10, 900, 35, 35_000, 700
-"""What is counted, in units of about 0.1 us: a link of a quad, one of a triplet (P3P and its neighbourhood), a
-candidate that is refined, for each marker of it, and the same with a deformation. Guarded by
+LINK, SPARSE, TRIPLET, SETTLE, SETTLE_PAIR, BEND, BEND_PAIR = 1, 5, 10, 900, 35, 35_000, 700
+"""What is counted, in units of about 0.1 us: a link of a quad, one of three spots far apart, one of a triplet (P3P and
+its neighbourhood), a candidate that is refined, for each marker of it, and the same with a deformation. Guarded by
 `benchmarks/matching_refusals.py`: the time of a refusal is as even as these are right."""
 LEAST, PER_POINT = 200_000, 2_500
 """The search may do so much work, and so much for each marker and each spot, times the root of the number of focal
 lengths to try. With half of the markers hidden and as many false spots, 99 of 100 right solutions need no more than
-half of it, with all that is done to check them."""
+half of it, with all that is done to check them. Few spots are searched in full besides."""
 RANSAC, PER_CAMERA = 200_000_000, 2_000_000
 """The paper's search may do so much work, and a rig so much for each camera."""
 
@@ -117,7 +118,8 @@ def work_for(task: Task, method: str) -> float:
     """What the search may do for one picture."""
     if method == "ransac":
         return RANSAC
-    return (LEAST + PER_POINT * (len(task.markers) + len(task.xy))) * float(len(task.focal_factors)) ** 0.5
+    work = (LEAST + PER_POINT * (len(task.markers) + len(task.xy))) * float(len(task.focal_factors)) ** 0.5
+    return work + SPARSE * task.sparse_links
 
 
 def _compiled() -> int:

@@ -116,7 +116,9 @@ def register(  # type: ignore[misc]  # the overloads leave the options to this o
         limit. In any case it gives up after the work that takes a quiet machine some 25 ms for 24 markers and 100 ms
         for 150 and as many spots (20 s with "ransac", 0.2 s for each camera of a rig), or ``max_time_s`` if that is
         more. Work is counted, so the result depends on the machine only if the time strikes
-    max_log10_nfa, min_score, min_margin : limits of acceptance, see `registration.task.Limits`
+    max_log10_nfa, min_score, min_margin : limits of acceptance, see `registration.task.Limits`. A picture of
+        few spots (at most twelve) that explains nearly all of them is judged by its odds, price of the pose included,
+        which must be above ``min_score`` - 50 nats
     max_table_error : markers that are farther off their table (1 sigma per coordinate beyond its sigma, as part of the
         distance to the nearest other marker) are those of another model of the same design
     max_deformation : a model whose residuals show that it is bent or twisted may differ from its table by a smooth

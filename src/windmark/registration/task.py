@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from math import lgamma
+from math import ceil, lgamma, perm
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,10 @@ Array = NDArray[np.float64]
 
 MIN_COUNT = 4
 """Three pairs fix a pose, a fourth is needed to check it."""
+SPARSE_SPOTS, SPARSE_MARKERS = 12, 100
+"""So few spots are searched in full, with so few markers: three spots can be as many markers in a million ways."""
+EXPLAINED, CHECKED = 0.8, 5
+"""Part of few spots that must be explained, at least so many: with one less hardly anything checks the pose."""
 Visible = Callable[[Pose, Camera], NDArray[np.bool_]]
 """``visible(cam_from_model, camera)`` says which of the N markers nothing hides from there: (N,) bool.
 
@@ -86,6 +90,21 @@ class Task:
             return 1.0
         angle = min(self.prior_max_angle_rad, np.pi)
         return float((angle - np.sin(angle)) / np.pi * min(1.0, np.log10(self.prior_max_scale)))
+
+    @property
+    def least_explained(self) -> int:
+        """Of few spots, those that a solution must explain; 0 where there are too many spots or markers to try all."""
+        spots = len(self.xy)
+        if not (MIN_COUNT <= spots <= SPARSE_SPOTS and len(self.markers) <= SPARSE_MARKERS):
+            return 0
+        return min(spots, max(CHECKED, ceil(EXPLAINED * spots)))
+
+    @property
+    def sparse_links(self) -> int:
+        """Ways to take three spots for three markers that the search in full tries."""
+        if not (least := self.least_explained):
+            return 0
+        return (len(self.xy) - least + 1) * perm(len(self.markers), 3) * len(self.focal_factors)
 
     def log_label_share(self, spots: int, pairs: int) -> float:
         """Logarithm of the share of all ways to pair so many markers and spots that the fixed pairs leave."""

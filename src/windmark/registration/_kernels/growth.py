@@ -36,6 +36,8 @@ class Gates(NamedTuple):
     min_score: float  # a solution worth less is given up
     focal_low: float  # range of a free focal length; equal where it is fixed
     focal_high: float
+    least: int = 5  # a solution with fewer pairs is given up, and one ...
+    least_part: float = 0.2  # ... with less than this part of the markers that should be seen
 
 
 class Grown(NamedTuple):
@@ -93,7 +95,7 @@ def grow(
         for m in range(markers):
             last[m] = match[m]
         count, expected, squares = _assign(model, picture, gates, r, t, f, factor, size, variance, match, owner, best)
-        if count < 5 or count < 0.2 * expected:
+        if count < gates.least or count < gates.least_part * expected:
             break
         # The expected misfit takes part, so that few markers do not fake precision.
         variance = (PRIOR_WORTH * gates.sigma**2 + squares) / (PRIOR_WORTH + max(2 * count - size, 0))

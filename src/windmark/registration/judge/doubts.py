@@ -131,7 +131,7 @@ class Doubts:
     def _moves(self, other: Solution) -> bool:
         """Whether another solution has another pose, by the sigmas of the one that is judged."""
         delta = (other.rig_from_model @ self.best.rig_from_model.inverse()).log()
-        return bool(delta @ np.linalg.solve(self.best.cov, delta) > 6 * rules.MOVED**2)
+        return bool(delta @ np.linalg.solve(self.best.cov, delta) > rules.MOVED**2)
 
     def _most_off(self, solution: Solution | None, what: str) -> tuple[float, int]:
         """How far the farthest camera is from the given one, in the units of `rules.CHECKED`, and which it is."""

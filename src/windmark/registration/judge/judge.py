@@ -120,7 +120,8 @@ class Judge:
 
     def _refusal(self, best: Solution, others: Sequence[Solution]) -> tuple[Cause | None, str]:
         limits, least = self._limits, own.least_score(best, self._limits)
-        if not (best.log10_nfa < limits.log10_nfa and best.score > least):
+        beyond = best.log10_nfa < limits.log10_nfa and best.score > least
+        if not beyond and not own.is_sure_of_few(best, limits):
             return "weak", words.could_be_chance(best, limits, least)
         for c in range(len(self._names)) if len(self._names) > 1 else ():
             if contradicted := contradiction(best, others, c):

@@ -9,10 +9,15 @@ from numpy.typing import NDArray
 
 from windmark.geometry.order import median
 from windmark.registration.judge import rules
+from windmark.registration.settle._kernels.fit import spread_places
+from windmark.registration.settle._kernels.state import TAKEN
 from windmark.registration.settle.solution import Solution
 from windmark.registration.task import Limits
 
 Array = NDArray[np.float64]
+
+SIGMAS = 21
+"""Values of the residuals' sigma over which the odds of few pairs are averaged."""
 
 
 def is_loose(best: Solution, c: int) -> bool:
@@ -50,6 +55,40 @@ def least_score(best: Solution, limits: Limits) -> float:
 def beyond_chance(best: Solution, limits: Limits) -> bool:
     """Whether chance does not give such a solution."""
     return best.log10_nfa < limits.log10_nfa and best.score > limits.score
+
+
+def is_sure_of_few(best: Solution, limits: Limits) -> bool:
+    """Whether a rigid solution that explains (nearly) all of few spots is no chance.
+
+    Few pairs cannot reach the score and the false-alarm number that many must have, whose limits leave room for clutter
+    that is not as uniform as both suppose. Where there is hardly any clutter the odds against chance themselves decide.
+    """
+    plane = best.views.planes[0]
+    least = plane.task.least_explained
+    if len(best.views.planes) > 1 or best.is_bent or not least or best.count < least or is_loose(best, 0):
+        return False
+    known = len(plane.task.fixed) * math.log(len(plane.task.markers))
+    return odds_of_few(best) > limits.score - rules.PRICE - known
+
+
+def odds_of_few(best: Solution) -> float:
+    """Evidence (nats) of a single camera's solution, where neither the clutter's rate nor the excess is known before.
+
+    `Solution.evidence` charges the solution with clutter as dense as all spots are, and with the excess that the gates
+    are kept open for. Here the rate of the clutter has Jeffreys' prior under both explanations, and the residuals'
+    sigma is anything (by its logarithm) from that of the spots to the one it has. By its construction chance gives odds
+    above exp(t) in less than exp(-t) of the pictures (Markov's inequality).
+    """
+    spots, count = len(best.views.planes[0].task.xy), best.count
+    rate = math.lgamma(spots - count + 0.5) - math.lgamma(spots + 0.5) + count * math.log(spots)
+    spot, marker = best.pairs()
+    spread, residual = _square(best.state.spread[0, marker]), best.state.residual[0, marker]
+    square = float(np.einsum("ki,kij,kj->", residual, np.linalg.inv(spread), residual))
+    noise = np.linalg.det(best.views.planes[0].task.cov[spot]) / np.linalg.det(spread)
+    sigma = np.geomspace(min(float(noise.mean()) ** 0.25, 1.0), 1.0, SIGMAS)
+    redundancy = 2 * count - float(best.state.numbers[0, TAKEN])
+    narrower = -redundancy * np.log(sigma) - 0.5 * square * (1 / sigma**2 - 1)
+    return best.evidence + rate + float(np.log(np.exp(narrower).mean()))
 
 
 def is_copy(other: Solution) -> bool:
@@ -93,13 +132,14 @@ def held_by_one(best: Solution) -> str:
     pose follows it. Without it the projection of its marker has the covariance N D^-1 N - N, D = N - S, for the noise
     N and the projection's covariance S (see `settle._kernels.label.leave_one_out`).
     """
-    if not best.is_bent and (open_ := _leaves_open(best)):
+    placed = _with_prior(best)
+    if not best.is_bent and (open_ := _leaves_open(best, placed)):
         return open_
     for c, plane in enumerate(best.views.planes):
         spot, marker = best.pairs(c)
         if not len(marker):
             continue
-        noise, place = _square(best.state.spread[c, marker]), _square(best.state.place[c, marker])
+        noise, place = _square(best.state.spread[c, marker]), _square(placed[c, marker])
         value, vector = np.linalg.eigh(noise - place)
         value = np.maximum(value, 1e-9 * np.trace(noise, axis1=1, axis2=2)[:, None])
         loose = noise @ (vector / value[:, None]) @ vector.transpose(0, 2, 1) @ noise - noise
@@ -115,7 +155,28 @@ def held_by_one(best: Solution) -> str:
     return ""
 
 
-def _leaves_open(best: Solution) -> str:
+def _with_prior(best: Solution) -> Array:
+    """(C, N, 3) covariance of the projections where the prior, too, says where the model is.
+
+    It is a range: a rotation vector in a ball of radius a has a sigma of a / sqrt(5) along each axis, a number between
+    -a and a one of a / sqrt(3).
+    """
+    state, task = best.state, best.views.planes[0].task
+    if task.prior is None:
+        return state.place
+    # By the rotation, and by the distance along the first camera's axis; in the rig's frame as the unknowns are.
+    axis = best.views.cam_from_rig[0].rotation[2]
+    known = np.zeros_like(state.factor)
+    known[:3, :3] = np.eye(3) * 5.0 / task.prior_max_angle_rad**2
+    distance = math.log(task.prior_max_scale) * float(state.translations[0, 2])
+    known[3:6, 3:6] = np.outer(axis, axis) * 3.0 / distance**2
+    factor = np.asarray(np.linalg.cholesky(np.tril(state.factor) @ np.tril(state.factor).T + known), dtype=np.float64)
+    prior = state._replace(factor=factor, place=np.zeros_like(state.place))
+    spread_places(best.views.sights, prior)
+    return prior.place
+
+
+def _leaves_open(best: Solution, placed: Array) -> str:
     """Where the matched markers put the others of the model, if that is no place; empty if it is one.
 
     Markers on one line, or a few beside each other, say little of the rest: nothing then is missed there.
@@ -124,7 +185,7 @@ def _leaves_open(best: Solution) -> str:
         rest = np.flatnonzero(best.state.faces[c] & (best.state.match[c] < 0))
         if not best.counts[c] or not len(rest):
             continue
-        wide = np.sqrt(np.linalg.eigvalsh(_square(best.state.place[c, rest]))[:, -1])
+        wide = np.sqrt(np.linalg.eigvalsh(_square(placed[c, rest]))[:, -1])
         worst = int(wide.argmax())
         if not wide[worst] < plane.task.tolerance_px:
             turn = float(np.sqrt(np.linalg.eigvalsh(best.unit_cov[:3, :3])[-1]))

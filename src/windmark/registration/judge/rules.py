@@ -23,6 +23,9 @@ FADE = 0.2
 """Without clutter that fades in from half of the markers to this part below ..."""
 HALF = 2.8
 """... and is so much for every marker in view where half are missing: half of a large model has much evidence."""
+PRICE = 50.0
+"""Nats by which `Limits.score` is higher than the odds it stands for, as it leaves out what the pose's freedom costs
+(about 45): the odds of few spots, which have that price in them, need so much less, 10 nats (`attacks`: sparse)."""
 CLUTTER = 6.0
 """So many spots for each marker are clutter."""
 ONE_WRONG = 40.0
@@ -31,8 +34,8 @@ FEW = 16
 """With so few pairs each is left out once: a single wrong one can open the gates for itself (`matching_refusals`)."""
 COPY, COPY_NFA = 15.0, -5.0
 """A second copy of the model has so much evidence (nats) and no larger a false-alarm number (`attacks`: copies)."""
-MOVED = 3.0
-"""Another camera matters where it moves the pose by so many of its stated sigmas (root of chi-square over six)."""
+MOVED = 5.0
+"""Another camera matters where it moves the pose by so many of its stated sigmas (root of chi-square)."""
 SLIGHT_PX = 0.5
 """A camera that does not fit but leaves less than this (1 sigma per coordinate) beyond the noise is slightly wrong, as
 calibrations are: the pose is given with what another camera would make of it in its sigma (`tests/real`)."""

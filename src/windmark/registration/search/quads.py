@@ -22,6 +22,7 @@ from windmark.registration.search.near import nearest
 from windmark.registration.search.plane import Plane
 from windmark.registration.search.pool import Candidate
 from windmark.registration.search.ransac import make_gates, make_rules
+from windmark.registration.search.sparse import sparse
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int32]
@@ -81,6 +82,12 @@ class QuadSearch:
 
     def batches(self) -> Iterator[int]:
         """Yields the links tried so far; the caller looks at the candidates after each batch."""
+        if self.plane.task.least_explained:
+            for found, links in sparse(self.plane, self._rules, self._gates, self._focals, self._budget):
+                for n in np.flatnonzero(found.score > -np.inf).tolist():
+                    self._keep(found, n, found.match[n])
+                self.links += links
+                yield self.links
         for check, (reach, low, high), lead in self._schedule():
             picture = self.plane.picture(lead)
             high = min(high, picture.near.shape[1])
