@@ -482,7 +482,10 @@ def test_markers_that_fit_at_a_wrong_focal_length_are_refused(seed, factor):
     scene = scenes.scene(seed, "ABC"[seed % 3], hidden=hidden, false=false)
     camera = replace(scene.camera, focal_px=scene.camera.focal_px * factor)
     result = register(scene.detections, scene.markers, camera)
-    assert not result
+    if result:  # half of 24 markers on a flat wing do not tell it, and the answer says so
+        assert "focal length" in [u.what for u in result.unchecked]
+        assert scenes.wrong_labels(result.matching.detection, result.matching.marker, scene) == 0
+        return
     assert result.cause in ("wrong_focal", "weak", "misfit", "time"), result.reason
 
 

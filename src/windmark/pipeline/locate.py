@@ -90,7 +90,7 @@ def _register(result: ImageResult, entry: ImageEntry, inputs: Inputs, clock: Clo
         return result
     # The false-alarm number decides, so what is tried second cannot pass for markers by chance.
     try:
-        other = _attempt(result, entry, inputs, clock, "bright")
+        other = _attempt(replace(result, problem=None), entry, inputs, clock, "bright")
     except ValueError:
         other = result
     if other.registered is not None:

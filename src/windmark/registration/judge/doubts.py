@@ -102,31 +102,35 @@ class Doubts:
     def other_camera(self, rigid: float) -> tuple[str, str] | None:
         """What of a camera is wrong, and by how much in words; None where no other camera explains the spots better.
 
-        It must be better than the rigid model with the given camera, of evidence ``rigid`` (nats), by the margin; at
-        least as good as a bent one; off by as much as a picture should show; and the pose must be another by it, in
-        its own sigmas: a misfit that the sigmas know of does no harm.
+        It must be better by the margin than a rigid model with the given camera (``rigid`` nats, where that is an
+        answer beside a bent one), and at least as good as a bent one. And the pose must be another by it, in its own
+        sigmas: a misfit that the sigmas know of does no harm.
         """
+        free = all(plane.task.free_focal for plane in self.views.planes)
+        parts = {what: columns for what, columns in PARTS.items() if not (free and what == "focal length")}
         found = [
-            (single, what) for what, columns in PARTS.items()
+            (single, what) for what, columns in parts.items()
             if (single := with_freedom(self.views.doubted(columns=columns), self.best)) is not None
         ]  # fmt: skip
         if self.camera is not None:
-            far = max(PARTS, key=lambda what: self._most_off(self.camera, what)[0] / rules.CHECKED[what])
+            far = max(parts, key=lambda what: self._most_off(self.camera, what)[0] / rules.CHECKED[what])
             found.append((self.camera, far))
         if not found:
             return None
         other, what = max(found, key=lambda f: f[0].evidence)
         self.__dict__["better"] = other
-        least = max(rigid + self.margin, self.best.evidence if self.best.is_bent else -np.inf)
-        size, c = self._most_off(other, what)
-        if other.evidence < least or size < rules.CHECKED[what] or not self._moves(other):
+        least = max(rigid + self.margin, self.best.evidence + (0.0 if self.best.is_bent else self.margin))
+        if other.evidence < least or not self._moves(other):
             return None
+        c = self._most_off(other, what)[1]
         return what, self._words(what, c, other)
 
-    @property
-    def is_slight(self) -> bool:
-        """Whether the camera as given leaves so little that its pose can be had with a sigma that covers it."""
-        return all(self.best.excess_px[c] < rules.SLIGHT_PX for c in np.flatnonzero(self.best.counts))
+    def is_slight(self, what: str) -> bool:
+        """Whether the camera is off by so little that the pose as given can be had with a sigma that covers it."""
+        other, best = self.better, self.best
+        if other is None or self._most_off(other, what)[0] > rules.SLIGHT * rules.CHECKED[what]:
+            return False
+        return all(best.excess_px[c] < rules.SLIGHT_PX for c in np.flatnonzero(best.counts))
 
     def _moves(self, other: Solution) -> bool:
         """Whether another solution has another pose, by the sigmas of the one that is judged."""

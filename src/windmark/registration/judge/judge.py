@@ -42,7 +42,7 @@ class Judge:
         self._bender = Bender(self._views, limits.deformation, budget)
         self._kept: dict[Solution, Solution] = {}
         self._doubted: dict[Solution, Doubts] = {}
-        self._plain = -np.inf  # evidence of the best rigid solution
+        self._plain = -np.inf  # evidence of the rigid solution, if it is an answer
         self._challenged: list[Solution] = []
         self._copies: list[tuple[Solution, Solution | None]] = []
         self._unchallenged = False  # the work was over before all rivals had been looked for
@@ -56,11 +56,12 @@ class Judge:
         """
         self._challenge()
         rigid = self._rigid()
-        self._plain = rigid.best.evidence if rigid.best is not None else -np.inf
+        accepted = rigid.best is not None and rigid.cause is None
+        self._plain = rigid.best.evidence if accepted and rigid.best is not None else -np.inf
         if rigid.cause == "labels" or (rigid.cause in DOUBTFUL and not deformed):
             return rigid
         verdict = self._bent(rigid) if len(self._bender.modes) else rigid
-        if verdict.best is not None and verdict.cause in (None, "misfit", "weak"):
+        if verdict.best is not None and (verdict.cause in ("misfit", "weak") or verdict.best.is_bent):
             verdict = self._unbound(verdict.best) or verdict
         if verdict.cause is None and verdict.best is not None:
             verdict = self._beside_copies(verdict, verdict.best)
@@ -162,7 +163,7 @@ class Judge:
             if best.is_bent and rigid.cause is None and rigid.best is not None:
                 # Then it is no bending, and the rigid model may do.
                 return self._checked(rigid, rigid.best, rigid)
-            if best.is_bent or not doubts.is_slight:
+            if best.is_bent or not doubts.is_slight(other[0]):
                 cause: Cause = "wrong_focal" if other[0] == "focal length" else "wrong_camera"
                 return Verdict(best, verdict.runner_up, cause, other[1])
             beside = doubts.better
@@ -262,7 +263,7 @@ class Judge:
         if settle_kernel(self._views.sights, state, 0) != STEADY:
             return None
         free = Solution(self._views, state)
-        if self._keeps(free) or free.evidence < best.evidence:
+        if self._keeps(free) or free.evidence < best.evidence + self._limits.margin:
             return None
         return Verdict(free, None, "labels", (
             f"binding labels contradict the others: {free.count} of {free.expected} markers in view fit without them, "

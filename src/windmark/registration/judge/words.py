@@ -50,7 +50,7 @@ def what_may_be(views: Views, *, with_prior: bool = True) -> str:
     if any(task.fixed for task in tasks):
         may.append("some labels were given")
     if any(task.visible is not None for task in tasks):
-        may.append("markers that the grid hides were left out: a grid that does not fit the markers hides many")
+        may.append("markers that the grid hides were left out (does it fit the markers? try without occlusion)")
     if not any(task.free_focal for task in tasks):
         may.append("the focal length was taken as given (or try free_focal)")
     if len(tasks) > 1:
