@@ -103,8 +103,8 @@ class Doubts:
         """What of a camera is wrong, and by how much in words; None where no other camera explains the spots better.
 
         It must be better by the margin than a rigid model with the given camera (``rigid`` nats, where that is an
-        answer beside a bent one), and at least as good as a bent one. And the pose must be another by it, in its own
-        sigmas: a misfit that the sigmas know of does no harm.
+        answer beside a bent one), and at least as good as a bent one, clearly better where only that is an answer.
+        And the pose must be another by it, in its own sigmas: a misfit that the sigmas know of does no harm.
         """
         free = all(plane.task.free_focal for plane in self.views.planes)
         parts = {what: columns for what, columns in PARTS.items() if not (free and what == "focal length")}
@@ -119,7 +119,10 @@ class Doubts:
             return None
         other, what = max(found, key=lambda f: f[0].evidence)
         self.__dict__["better"] = other
-        least = max(rigid + self.margin, self.best.evidence + (0.0 if self.best.is_bent else self.margin))
+        lead = self.margin
+        if self.best.is_bent:
+            lead = 0.0 if rigid > -np.inf else rules.BENT_LEAD
+        least = max(rigid + self.margin, self.best.evidence + lead)
         if other.evidence < least or not self._moves(other):
             return None
         c = self._most_off(other, what)[1]
