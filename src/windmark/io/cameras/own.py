@@ -50,7 +50,7 @@ def parse_own(path: Pathlike, content: dict[str, Any]) -> CameraFile:
     kind = content["windmark"]
     if kind != "camera":
         raise record.key_error(path, "windmark", f"{kind!r}; expected 'camera'")
-    _refuse_unknown(path, content, _KEYS)
+    record.refuse_unknown(path, content, _KEYS)
     if content.get("version") != VERSION:
         raise record.key_error(path, "version", f"{content.get('version')}; this windmark reads version {VERSION}")
     if "size_px" not in content:
@@ -86,20 +86,11 @@ def _own_camera(path: Pathlike, content: dict[str, Any], pov: PoV | None, writte
     return record.camera(path, size_px, parameters, cov), [note] if note else []
 
 
-def _refuse_unknown(path: Pathlike, content: Any, known: tuple[str, ...], within: str = "") -> None:
-    if not isinstance(content, dict):
-        raise record.key_error(path, within, f"not an object; expected the keys {', '.join(known)}")
-    for key in content:
-        if key not in known:
-            where = f"{within}.{key}" if within else key
-            raise record.key_error(path, where, f"unknown key; known are {', '.join(known)}")
-
-
 def _covariance(path: Pathlike, content: Any) -> Any:
     """(11, 11) in the order of `PARAMETERS`; null (NaN: not determined) is allowed."""
     if content is None:
         return None
-    _refuse_unknown(path, content, ("parameters", "matrix"), "covariance")
+    record.refuse_unknown(path, content, ("parameters", "matrix"), "covariance")
     if content.get("parameters") != list(_PARAMETER_KEYS):
         raise record.key_error(path, "covariance.parameters", f"expected {', '.join(_PARAMETER_KEYS)}")
     n = len(PARAMETERS)
@@ -113,10 +104,10 @@ def _covariance(path: Pathlike, content: Any) -> Any:
 
 def _own_pov(path: Pathlike, content: Any) -> PoV | None:
     """The point of view of a pose, None where it has none; the field of view NaN where that is not given."""
-    _refuse_unknown(path, content, ("rotation", "translation", "covariance", "pov"), "cam_from_model")
+    record.refuse_unknown(path, content, ("rotation", "translation", "covariance", "pov"), "cam_from_model")
     if content.get("pov") is None:
         return None
-    _refuse_unknown(path, content["pov"], _POV_KEYS, "cam_from_model.pov")
+    record.refuse_unknown(path, content["pov"], _POV_KEYS, "cam_from_model.pov")
     missing = [key for key in ANGLES_DISTANCES if key not in content["pov"]]
     if missing:
         raise record.key_error(

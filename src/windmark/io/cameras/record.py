@@ -52,6 +52,16 @@ def key_error(path: Pathlike, key: str, what: str) -> FileError:
     return FileError(path, what, f"key {key!r}")
 
 
+def refuse_unknown(path: Pathlike, content: Any, known: tuple[str, ...], within: str = "") -> None:
+    """Raise for content that is no object, or has a key that is not known."""
+    if not isinstance(content, dict):
+        raise key_error(path, within, f"not an object; expected the keys {', '.join(known)}")
+    for key in content:
+        if key not in known:
+            where = f"{within}.{key}" if within else key
+            raise key_error(path, where, f"unknown key; known are {', '.join(known)}")
+
+
 def numbers(path: Pathlike, key: str, value: Any, shape: tuple[int, ...]) -> Array:
     """A list (of lists) of finite numbers of the given shape; one-dimensional lists of the same size are taken too."""
     wanted = f"expected {' x '.join(map(str, shape))} finite numbers" if shape else "expected a finite number"

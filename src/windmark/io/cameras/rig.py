@@ -65,7 +65,7 @@ def read_rig(path: Pathlike) -> RigFile:
         Naming the file and the key that is wrong.
     """
     content = read_json(path)
-    _known(path, content, _KEYS, "")
+    record.refuse_unknown(path, content, _KEYS)
     unit = content.get("length_unit")
     if unit not in LENGTH_UNITS:
         raise record.key_error(path, "length_unit", f"{unit!r}; expected one of {', '.join(LENGTH_UNITS)}")
@@ -75,7 +75,7 @@ def read_rig(path: Pathlike) -> RigFile:
     poses = {}
     for name, place in cameras.items():
         key = f"cam_from_rig.{name}"
-        _known(path, place, _CAMERA_KEYS, key)
+        record.refuse_unknown(path, place, _CAMERA_KEYS, key)
         parts = {}
         for part, shape in (("rotation", (3, 3)), ("translation", (3,))):
             if part not in place:
@@ -83,12 +83,3 @@ def read_rig(path: Pathlike) -> RigFile:
             parts[part] = record.numbers(path, f"{key}.{part}", place[part], shape)
         poses[name] = record.pose(path, f"{key}.rotation", parts["rotation"], parts["translation"], mend=True)
     return RigFile(poses, unit)
-
-
-def _known(path: Pathlike, content: Any, keys: tuple[str, ...], within: str) -> None:
-    if not isinstance(content, dict):
-        raise record.key_error(path, within, f"not an object; expected the keys {', '.join(keys)}")
-    for key in content:
-        if key not in keys:
-            where = f"{within}.{key}" if within else key
-            raise record.key_error(path, where, f"unknown key; known are {', '.join(keys)}")
