@@ -37,9 +37,9 @@ def test_what_is_wrong_with_a_camera_is_named(what):
     views, best = settling.best_of(scene)
     doubts = Doubts(views, best, views.layout.modes[:0], MARGIN)
     assert doubts.camera_promises
-    named, words = doubts.other_camera(best.evidence)
-    assert named == what
-    assert "the misfit falls from" in words
+    named = doubts.other_camera(best.evidence)
+    assert named.what == what
+    assert "the misfit falls from" in named.words
     found = register(scene.detections, scene.markers, scene.camera, max_time_s=2.0)
     assert not found
     assert found.cause == ("wrong_focal" if what == "focal length" else "wrong_camera"), found.reason

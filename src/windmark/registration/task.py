@@ -117,10 +117,6 @@ class Task:
         """Whether (N,) spots of the markers contain all fixed pairs."""
         return all(match[marker] == spot for spot, marker in self.fixed)
 
-    def hidden(self, pose: Pose, focal_px: float) -> NDArray[np.bool_]:
-        """(N,) markers that something hides."""
-        return self.hidden_from(pose, with_focal(self.camera, focal_px))
-
     def hidden_from(self, pose: Pose, camera: Camera) -> NDArray[np.bool_]:
         """(N,) markers that something hides from a camera."""
         if self.visible is None:

@@ -1,4 +1,4 @@
-"""How much a labelling is worth, as numba kernels: a log-likelihood ratio and a false-alarm number.
+"""The false-alarm number of a labelling, as numba kernels; its likelihood is in `settle._kernels.worth`.
 
 Both compare "the spots are images of the markers" with "the spots are where they are by chance", with the *local*
 density of spots, because dust and rivets come in clusters.
@@ -22,23 +22,6 @@ Array = NDArray[np.float64]
 
 MIN_RADIUS_PX = 0.1
 """Residuals below this are luck, not evidence."""
-
-
-@nb.njit(cache=True, nogil=True, error_model="numpy")
-def likelihood_ratio(residual: Array, spread: Array, density: Array, expected: int) -> float:
-    """Gaussian misfit against local density, and the missing markers; the chance to see one is the solution's own.
-
-    residual (K, 2), spread (K, 3) its covariance xx, xy, yy, density (K,).
-    """
-    count = residual.shape[0]
-    p_seen = min(0.95, max(0.25, (count + 1.0) / (expected + 2.0)))
-    total = (expected - count) * math.log(1.0 - p_seen)
-    for k in range(count):
-        xx, xy, yy, u, v = spread[k, 0], spread[k, 1], spread[k, 2], residual[k, 0], residual[k, 1]
-        det = xx * yy - xy * xy
-        total += math.log(p_seen / (2.0 * math.pi * math.sqrt(det) * density[k]))
-        total -= 0.5 * (yy * u * u - 2.0 * xy * u * v + xx * v * v) / det
-    return total
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")

@@ -49,9 +49,7 @@ class Bender:
                 start = start_of(self._views, c, candidate)
                 self._grown[candidate] = settle(self._views, *start, focal_px=focal_of(self._views, c, candidate))
             solution = self._grown[candidate]
-            if solution is not None and all(
-                plane.task.keeps(match) for plane, match in zip(self._views.planes, solution.state.match, strict=True)
-            ):
+            if solution is not None and solution.keeps_labels:
                 found.append(solution)
         return distinct(found)
 

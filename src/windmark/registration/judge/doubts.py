@@ -15,21 +15,47 @@ from numpy.typing import NDArray
 
 from windmark.registration.judge import rules
 from windmark.registration.judge.own import is_loose
-from windmark.registration.result import Unchecked
+from windmark.registration.result import Cause, Unchecked
 from windmark.registration.settle._kernels.doubt import doubt_kernel
+from windmark.registration.settle._kernels.places import places_kernel
 from windmark.registration.settle.solution import Solution, copied, with_freedom
-from windmark.registration.settle.views import DOUBTS, Views
+from windmark.registration.settle.views import (
+    DOUBTED_ASPECT,
+    DOUBTED_CENTRE,
+    DOUBTED_EDGE,
+    DOUBTED_FOCAL,
+    DOUBTS,
+    Views,
+)
 
 Array = NDArray[np.float64]
 
 PARTS = {"focal length": (0,), "aspect": (1,), "principal point": (2, 3), "lens": (4,)}
 """Columns of `doubted_camera`."""
+UNITS = {
+    "focal length": DOUBTED_FOCAL, "aspect": DOUBTED_ASPECT, "principal point": DOUBTED_CENTRE, "lens": DOUBTED_EDGE,
+}  # fmt: skip
+"""1 sigma of the prior of each, in the units of `rules.CHECKED`."""
 UNSEEN = {
     "focal length": "a focal length that is off by less than {size:.2g} %",
     "aspect": "an aspect that is off by less than {size:.2g} %",
     "principal point": "a principal point that is off by less than {size:.3g} px",
     "lens": "a lens that shifts the image's corner by less than {size:.2g} % of its distance from the centre",
 }
+
+
+@dataclass(frozen=True, eq=False)
+class OtherCamera:
+    """A camera that explains the spots better than the given one: what of it is wrong, in words, and the solution."""
+
+    what: str
+    words: str
+    solution: Solution
+
+    @property
+    def cause(self) -> Cause:
+        """Of a refusal for it."""
+        return "wrong_focal" if self.what == "focal length" else "wrong_camera"
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,66 +116,54 @@ class Doubts:
         return False
 
     @cached_property
-    def better(self) -> Solution | None:
-        """The best solution with another camera, once `other_camera` was asked."""
-        return None
-
-    @cached_property
-    def camera(self) -> Solution | None:
-        """The solution with cameras that may be wrong in everything; None where that falls apart."""
-        return with_freedom(self.views.doubted(), self.best)
-
-    def other_camera(self, rigid: float) -> tuple[str, str] | None:
-        """What of a camera is wrong, and by how much in words; None where no other camera explains the spots better.
-
-        It must be better by the margin than a rigid model with the given camera (``rigid`` nats, where that is an
-        answer beside a bent one), and at least as good as a bent one, clearly better where only that is an answer.
-        And the pose must be another by it, in its own sigmas: a misfit that the sigmas know of does no harm.
-        """
+    def _others(self) -> list[tuple[Solution, str]]:
+        """The solutions with cameras that may be wrong in one thing, and in everything; and what is wrong in each."""
         free = all(plane.task.free_focal for plane in self.views.planes)
         parts = {what: columns for what, columns in PARTS.items() if not (free and what == "focal length")}
         found = [
             (single, what) for what, columns in parts.items()
             if (single := with_freedom(self.views.doubted(columns=columns), self.best)) is not None
         ]  # fmt: skip
-        if self.camera is not None:
-            far = max(parts, key=lambda what: self._most_off(self.camera, what)[0] / rules.CHECKED[what])
-            found.append((self.camera, far))
-        if not found:
+        if (every := with_freedom(self.views.doubted(), self.best)) is not None:
+            found.append((every, max(parts, key=lambda what: self._most_off(every, what)[0] / rules.CHECKED[what])))
+        return found
+
+    def other_camera(self, rigid: float) -> OtherCamera | None:
+        """Another camera that explains the spots better; None where none does.
+
+        It must be better by the margin than a rigid model with the given camera (``rigid`` nats, where that is an
+        answer beside a bent one), and at least as good as a bent one, clearly better where only that is an answer.
+        And the pose must be another by it, in its own sigmas: a misfit that the sigmas know of does no harm.
+        """
+        if not self._others:
             return None
-        other, what = max(found, key=lambda f: f[0].evidence)
-        self.__dict__["better"] = other
+        other, what = max(self._others, key=lambda f: f[0].evidence)
         lead = self.margin
         if self.best.is_bent:
             lead = 0.0 if rigid > -np.inf else rules.BENT_LEAD
         least = max(rigid + self.margin, self.best.evidence + lead)
         if other.evidence < least or not self._moves(other):
             return None
-        c = self._most_off(other, what)[1]
-        return what, self._words(what, c, other)
+        return OtherCamera(what, self._words(what, self._most_off(other, what)[1], other), other)
 
-    def is_slight(self, what: str) -> bool:
+    def is_slight(self, other: OtherCamera) -> bool:
         """Whether the camera is off by so little that the pose as given can be had with a sigma that covers it."""
-        other, best = self.better, self.best
-        if other is None or self._most_off(other, what)[0] > rules.SLIGHT * rules.CHECKED[what]:
+        if self._most_off(other.solution, other.what)[0] > rules.SLIGHT * rules.CHECKED[other.what]:
             return False
-        return all(best.excess_px[c] < rules.SLIGHT_PX for c in np.flatnonzero(best.counts))
+        return all(self.best.excess_px[c] < rules.SLIGHT_PX for c in np.flatnonzero(self.best.counts))
 
     def _moves(self, other: Solution) -> bool:
         """Whether another solution has another pose, by the sigmas of the one that is judged."""
         delta = (other.rig_from_model @ self.best.rig_from_model.inverse()).log()
         return bool(delta @ np.linalg.solve(self.best.cov, delta) > rules.MOVED**2)
 
-    def _most_off(self, solution: Solution | None, what: str) -> tuple[float, int]:
+    def _most_off(self, solution: Solution, what: str) -> tuple[float, int]:
         """How far the farthest camera is from the given one, in the units of `rules.CHECKED`, and which it is."""
-        assert solution is not None
-        off = [self._off(solution, what, c) for c in range(len(self.best.counts))]
+        off = [
+            _off(what, given, found, _diagonal(self.views, c), self.views.planes[c].task.camera.focal_px)
+            for c, (given, found) in enumerate(zip(self.best.state.camera, solution.state.camera, strict=True))
+        ]
         return max(off), int(np.argmax(off))
-
-    def _off(self, solution: Solution, what: str, c: int) -> float:
-        """How far a camera is from the given one, in the units of `rules.CHECKED`."""
-        given, found = self.best.state.camera[c], solution.state.camera[c]
-        return _parts(what, self.best.views, c, found[:11] - given[:11], float(np.log(found[0] / given[0])))
 
     def _words(self, what: str, c: int, single: Solution) -> str:
         given, found = self.best.camera(c), single.camera(c)
@@ -192,7 +206,7 @@ class Doubts:
                 if what == "focal length" and self.views.planes[c].task.free_focal:
                     continue
                 size = max(self._cameras.shown(len(DOUBTS) * c + k, self.margin) for k in columns)
-                size *= _unit(what)
+                size *= UNITS[what]
                 if size > rules.CHECKED[what]:
                     shown = 100 * size if what != "principal point" else size * _diagonal(self.views, c)
                     words = UNSEEN[what].format(size=shown) + " would go unnoticed here"
@@ -249,26 +263,15 @@ def _diagonal(views: Views, c: int) -> float:
     return float(np.hypot(*views.planes[c].task.camera.size_px))
 
 
-def _unit(what: str) -> float:
-    """1 sigma of the prior of a doubted parameter in the units of `rules.CHECKED`."""
-    from windmark.registration.settle import views as v
-
-    return {
-        "focal length": v.DOUBTED_FOCAL, "aspect": v.DOUBTED_ASPECT, "principal point": v.DOUBTED_CENTRE,
-        "lens": v.DOUBTED_EDGE,
-    }[what]  # fmt: skip
-
-
-def _parts(what: str, views: Views, c: int, change: Array, focal: float) -> float:
-    """A change (12,) of a packed camera in the units of `rules.CHECKED`; ``focal`` is that of the log focal length."""
+def _off(what: str, given: Array, found: Array, diagonal: float, focal_px: float) -> float:
+    """How far a packed camera (12,) is from the given one, in the units of `rules.CHECKED`."""
     if what == "focal length":
-        return abs(focal)
+        return abs(math.log(found[0] / given[0]))
     if what == "aspect":
-        return abs(float(change[1]))
+        return float(abs(found[1] - given[1]))
     if what == "principal point":
-        return float(np.hypot(change[2], change[3])) / _diagonal(views, c)
-    corner2 = (0.5 * _diagonal(views, c) / views.planes[c].task.camera.focal_px) ** 2
-    return abs(float(change[4])) * corner2
+        return math.hypot(found[2] - given[2], found[3] - given[3]) / diagonal
+    return float(abs(found[4] - given[4])) * (0.5 * diagonal / focal_px) ** 2
 
 
 NEAR_BY_CHANCE, MORE = np.array([0.15, 0.03, 0.006]), 2.0
@@ -277,8 +280,6 @@ chance of a foreign spot is one of these."""
 
 
 def _free_spots_near(best: Solution, c: int, most_px: float) -> bool:
-    from windmark.registration.settle._kernels.places import places_kernel
-
     plane, state = best.views.planes[c], best.state
     free = np.delete(plane.task.xy, best.pairs(c)[0], axis=0)
     missing = np.flatnonzero((state.match[c] < 0) & state.faces[c])

@@ -72,8 +72,8 @@ class Judge:
     def _rigid(self) -> Verdict:
         """The verdict on the rigid model with the cameras as given."""
         solutions = self._solutions()
-        kept = [s for s in solutions if self._keeps(s)]
-        if labels := self._contradicted(kept, [s for s in solutions if not self._keeps(s)]):
+        kept = [s for s in solutions if s.keeps_labels]
+        if labels := self._contradicted(kept, [s for s in solutions if not s.keeps_labels]):
             return labels
         if not kept:
             reason = words.beyond_prior(self._views.planes[0].task, self._source.best, self._limits.score)
@@ -163,11 +163,10 @@ class Judge:
             if best.is_bent and rigid.cause is None and rigid.best is not None:
                 # Then it is no bending, and the rigid model may do.
                 return self._checked(rigid, rigid.best, rigid)
-            if best.is_bent or not doubts.is_slight(other[0]):
-                cause: Cause = "wrong_focal" if other[0] == "focal length" else "wrong_camera"
-                return Verdict(best, verdict.runner_up, cause, other[1])
-            beside = doubts.better
-            unchecked.append(Unchecked(other[0], f"{other[1]}; the sigma of the pose has what that would change"))
+            if best.is_bent or not doubts.is_slight(other):
+                return Verdict(best, verdict.runner_up, other.cause, other.words)
+            beside = other.solution
+            unchecked.append(Unchecked(other.what, f"{other.words}; the sigma of the pose has what that would change"))
         if loose := self._focal(best):
             return Verdict(best, verdict.runner_up, "focal", loose)
         if (mirror := mirror_of(self._views, best, MIRRORS)) is not None:
@@ -187,14 +186,10 @@ class Judge:
         best = verdict.best
         if best is None or verdict.cause not in ("weak", "misfit"):
             return verdict
-        doubts = self._doubts(best)
-        found = doubts.other_camera(self._plain)
-        sound = doubts.better
-        if found is None or sound is None or self._refusal(sound, ())[0] is not None:
+        other = self._doubts(best).other_camera(self._plain)
+        if other is None or self._refusal(other.solution, ())[0] is not None:
             return verdict
-        return Verdict(
-            best, verdict.runner_up, "wrong_focal" if found[0] == "focal length" else "wrong_camera", found[1]
-        )
+        return Verdict(best, verdict.runner_up, other.cause, other.words)
 
     def _focal(self, best: Solution) -> str:
         """Why a free focal length is not determined; empty if it is."""
@@ -249,9 +244,6 @@ class Judge:
                 yield other
 
     # --- labels --------------------------------------------------------------------------
-    def _keeps(self, solution: Solution) -> bool:
-        return all(p.task.keeps(m) for p, m in zip(self._views.planes, solution.state.match, strict=True))
-
     def _unbound(self, best: Solution) -> Verdict | None:
         """The verdict where binding labels are against all others: without them a rigid model explains more."""
         if not any(plane.task.binding and plane.task.fixed for plane in self._views.planes):
@@ -263,7 +255,7 @@ class Judge:
         if settle_kernel(self._views.sights, state, 0) != STEADY:
             return None
         free = Solution(self._views, state)
-        if self._keeps(free) or free.evidence < best.evidence + self._limits.margin:
+        if free.keeps_labels or free.evidence < best.evidence + self._limits.margin:
             return None
         return Verdict(free, None, "labels", (
             f"binding labels contradict the others: {free.count} of {free.expected} markers in view fit without them, "

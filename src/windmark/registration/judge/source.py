@@ -44,6 +44,7 @@ class Source:
         self._running = {c: search.batches() for c, search in enumerate(searches) if search is not None}
         self._settled: dict[Candidate, Solution | None] = {}
         self._more: list[Solution] = []
+        self._last: tuple[object, list[Solution]] = (None, [])  # what `solutions` was made of, and what it was
 
     @property
     def links(self) -> int:
@@ -83,9 +84,17 @@ class Source:
 
     def solutions(self, candidates: Sequence[tuple[int, Candidate]] | None = None) -> list[Solution]:
         """Distinct solutions, best first: of the given candidates (camera, candidate), or of all worth a look."""
-        chosen = self.candidates() if candidates is None else candidates
-        found = [s for c, candidate in chosen if (s := self._solution(c, candidate)) is not None]
-        return distinct([*found, *(self._more if candidates is None else ())])
+        if candidates is not None:
+            return distinct(self._settle(candidates))
+        # A rig asks after every batch, and most bring nothing new: telling solutions apart is most of its work.
+        chosen = self.candidates()
+        made_of = ([candidate for _, candidate in chosen], list(self._more))
+        if self._last[0] != made_of:
+            self._last = made_of, distinct([*self._settle(chosen), *self._more])
+        return list(self._last[1])
+
+    def _settle(self, candidates: Sequence[tuple[int, Candidate]]) -> list[Solution]:
+        return [s for c, candidate in candidates if (s := self._solution(c, candidate)) is not None]
 
     def candidates(self) -> list[tuple[int, Candidate]]:
         """Those worth a look, of every camera."""
@@ -109,8 +118,7 @@ class Source:
         if self.fixed is None:
             return []
         free = [s for candidate in self.fixed.contradictions(POOL) if (s := self._solution(0, candidate)) is not None]
-        task = self.views.planes[0].task
-        return distinct([s for s in free if not task.keeps(s.state.match[0])])
+        return distinct([s for s in free if not s.keeps_labels])
 
     def add(self, solution: Solution | None) -> None:
         """Keep a solution that did not come from the search."""

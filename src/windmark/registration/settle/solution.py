@@ -122,6 +122,12 @@ class Solution:
         return self.state.match[c, marker].astype(np.int64), marker
 
     @property
+    def keeps_labels(self) -> bool:
+        """Whether it has the fixed labels of all cameras."""
+        pairs = zip(self.views.planes, self.state.match, strict=True)
+        return all(plane.task.keeps(match) for plane, match in pairs)
+
+    @property
     def excess_px(self) -> Array:
         """(C,) 1 sigma per coordinate of the misfit that the given covariances do not explain."""
         return np.asarray(np.sqrt(self.state.numbers[:, EXCESS]))

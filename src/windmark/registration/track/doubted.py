@@ -27,9 +27,6 @@ from windmark.registration.task import Limits, Task
 from windmark.registration.track.prepared import BENT, Prepared
 from windmark.scene import Detections
 
-MOST_S = 0.2
-"""CPU time that the judge may take, as by default in `register`."""
-
 
 class _Followed:
     """A search that proposes what was followed and nothing else: its rivals were weighed with the motion."""

@@ -128,16 +128,7 @@ def _systematic(sights: Sights, state: State, c: int) -> float:
 
     Lens, bending, a table that drifts: such errors are the same for neighbours, so their many residuals are few facts.
     """
-    at, basis, noise, r = _residuals(sights, state, c)
-    if at.shape[0] == 0:
-        return 0.0
-    excess, random, best = state.numbers[c, EXCESS], 0.0, -math.inf
-    for part in PARTS:
-        score = _of_split(basis, noise + (1.0 - part) * excess, part * excess, r)
-        if part == 0.0:
-            random = score
-        best = max(best, score)
-    return best - random
+    return _split(sights, state, c)[3]
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
@@ -145,16 +136,22 @@ def smooth_part(sights: Sights, state: State, c: int) -> tuple[NDArray[np.int64]
     """The matched markers (K,), the cosines at their spots (K, SMOOTH), and the likeliest part of the excess that is
     smooth.
     """  # fmt: skip
+    at, basis, part, _ = _split(sights, state, c)
+    return at, basis, part
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _split(sights: Sights, state: State, c: int) -> tuple[NDArray[np.int64], Array, float, float]:
+    """`smooth_part`, and its lead (nats) over an excess that is all random."""
     at, basis, noise, r = _residuals(sights, state, c)
-    best, chosen = -math.inf, 0.0
-    for part in PARTS:
-        if at.shape[0] == 0:
-            break
-        excess = state.numbers[c, EXCESS]
+    excess, best, chosen, random = state.numbers[c, EXCESS], 0.0, 0.0, 0.0
+    for part in PARTS if at.shape[0] > 0 else PARTS[:0]:
         score = _of_split(basis, noise + (1.0 - part) * excess, part * excess, r)
-        if score > best:
+        if part == 0.0:
+            random = best = score
+        elif score > best:
             best, chosen = score, part
-    return at, basis, chosen
+    return at, basis, chosen, best - random
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
