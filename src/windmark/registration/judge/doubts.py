@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from windmark.registration.judge import rules
 from windmark.registration.judge.own import is_loose
 from windmark.registration.result import Cause, Unchecked
-from windmark.registration.settle._kernels.doubt import doubt_kernel
+from windmark.registration.settle._kernels.doubt import doubt_kernel, gain_kernel, reduce_kernel
 from windmark.registration.settle._kernels.places import places_kernel
-from windmark.registration.settle.solution import Solution, copied, with_freedom
+from windmark.registration.settle.solution import Solution, opened, with_freedom
 from windmark.registration.settle.views import (
     DOUBTED_ASPECT,
     DOUBTED_CENTRE,
@@ -81,7 +81,7 @@ class Doubts:
         cameras, columns = len(views.planes), views.loose.shape[2]
         own = columns - len(DOUBTS)
         asked = [6 + c * columns + own + k for c in range(cameras) for k in range(len(DOUBTS))]
-        normal, side = doubt_kernel(views.sights, copied(views, self.best.state))
+        normal, side = doubt_kernel(views.sights, opened(views, self.best.state))
         return FirstOrder(normal, side, np.array(asked))
 
     @cached_property
@@ -90,8 +90,9 @@ class Doubts:
         if self.best.is_bent or self.best.count < rules.UNFOUND * self.best.expected:
             return True
         first, every = self._cameras, len(DOUBTS)
-        single = [[every * c + k for k in part] for c in range(len(self.best.counts)) for part in PARTS.values()]
-        return any(first.gain(np.array(part)) > rules.DOUBT for part in [*single, range(len(first.asked))])
+        starts = range(0, every * len(self.best.counts), every)
+        single = [(start + part[0], start + part[-1] + 1) for start in starts for part in PARTS.values()]
+        return any(first.gain(*part) > rules.DOUBT for part in [*single, (0, len(first.asked))])
 
     @cached_property
     def bending_promises(self) -> bool:
@@ -103,10 +104,9 @@ class Doubts:
         if self.best.count < self.best.expected and self._near_missing():
             return True
         views = self.views.bent(self.modes)
-        state = copied(views, self.best.state)
-        asked = np.arange(len(state.factor) - len(self.modes), len(state.factor))
-        normal, side = doubt_kernel(views.sights, state)
-        return FirstOrder(normal, side, asked).gain(np.arange(len(self.modes))) > rules.DOUBT
+        normal, side = doubt_kernel(views.sights, opened(views, self.best.state))
+        modes = len(self.modes)
+        return FirstOrder(normal, side, np.arange(len(side) - modes, len(side))).gain(0, modes) > rules.DOUBT
 
     def _near_missing(self) -> bool:
         """Whether more of the missing markers than by chance have a free spot near, as far as bending could be."""
@@ -231,27 +231,13 @@ class FirstOrder:
     @cached_property
     def _reduced(self) -> tuple[Array, Array]:
         """The same for the unknowns that are asked about alone, the others eliminated."""
-        asked = np.zeros(len(self.side), dtype=bool)
-        asked[self.asked] = True
-        rest = np.flatnonzero(~asked)
-        own = self.normal[np.ix_(rest, rest)] + np.diag((rest >= 6).astype(float))
-        both = np.column_stack([self.normal[np.ix_(rest, self.asked)], self.side[rest]])
-        try:
-            solved = np.linalg.solve(own, both)
-        except np.linalg.LinAlgError:
-            return np.zeros((len(self.asked),) * 2), np.zeros(len(self.asked))
-        across = self.normal[np.ix_(self.asked, rest)] @ solved
-        return self.normal[np.ix_(self.asked, self.asked)] - across[:, :-1], self.side[self.asked] - across[:, -1]
+        return reduce_kernel(self.normal, self.side, self.asked)
 
-    def gain(self, part: NDArray[np.int64]) -> float:
-        """What some of them gain (nats): what the residuals lose, less what the freedom costs (Occam factor)."""
-        part = np.asarray(part)
-        normal, side = self._reduced
-        if len(part) == 1:
-            information, pull = 1.0 + float(normal[part[0], part[0]]), float(side[part[0]])
-            return 0.5 * pull * pull / information - 0.5 * math.log(max(information, 1.0))
-        own = normal[np.ix_(part, part)] + np.eye(len(part))
-        return float(0.5 * side[part] @ np.linalg.solve(own, side[part]) - 0.5 * np.linalg.slogdet(own)[1])
+    def gain(self, first: int, last: int) -> float:
+        """What those from ``first`` to ``last`` gain (nats): what the residuals lose, less what the freedom costs
+        (Occam factor).
+        """  # fmt: skip
+        return float(gain_kernel(*self._reduced, first, last))
 
     def shown(self, k: int, margin: float) -> float:
         """How large (in prior sigmas) one of them must be to lead by a margin (nats)."""

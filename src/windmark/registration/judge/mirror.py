@@ -12,15 +12,18 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.registration.settle._kernels.mirror import mirrors_kernel, start
 from windmark.registration.settle._kernels.settle import STEADY, fit_kernel, settle_kernel
-from windmark.registration.settle._kernels.state import EXCESS, State, state_of
+from windmark.registration.settle._kernels.state import state_of
 from windmark.registration.settle.solution import Solution
 from windmark.registration.settle.views import Views
 
 Array = NDArray[np.float64]
 
 FAR = 5.0
-"""Mirrored markers that leave residuals of so many times the misfit (in the middle) make no rival."""
+"""Mirrored markers that leave residuals of so many times the misfit (their median) with the labels as they are make no
+rival. Where a picture is mirrored, what the best solution without a mirror leaves is its misfit: it takes markers for
+others that are about where they are. So a near-symmetry that is much coarser than the misfit is none."""
 FLIP = np.diag([-1.0, 1.0, 1.0])
 
 
@@ -43,39 +46,22 @@ def mirror_of(views: Views, best: Solution, most: int) -> Solution | None:
     mirrored a deformation explains what is none. ``most`` motions are tried, those that bring most markers onto others
     first. None without any.
     """
-    onto, turn, shift = views.layout.mirrors
+    onto, turn, shift = (part[:most] for part in views.layout.mirrors)
+    if not len(onto):
+        return None
+    # F x_o is about F (A x_m + s) and must be seen where x_m was.
+    turn, shift = np.ascontiguousarray(FLIP @ turn), np.ascontiguousarray(shift @ FLIP)
+    noise = [plane.task.typical_sigma_px for plane in views.planes]
+    reach = FAR * np.maximum(best.misfit_px, noise)
     found: Solution | None = None
-    ways = [mirrored_views(views), *([mirrored_views(best.views)] if best.is_bent else [])]
-    for image, a, s in zip(onto[:most], turn, shift, strict=False):
-        moved = np.flatnonzero(image >= 0)
-        match, hidden = np.full_like(best.state.match, -1), np.ones_like(best.state.hidden)
-        match[:, image[moved]] = best.state.match[:, moved]
-        hidden[:, image[moved]] = ~(best.state.faces | (best.state.match >= 0))[:, moved]
-        # F x_o is about F (A x_m + s) and must be seen where x_m was.
-        rotation = best.state.rotation @ (FLIP @ a).T
-        for way in ways:
-            state = state_of(way.sights, rotation, best.state.translation - rotation @ (FLIP @ s), match)
-            state.hidden[:] = hidden
-            state.numbers[:, EXCESS] = best.state.numbers[:, EXCESS]
-            if not (fit_kernel(way.sights, state) and _is_near(best, state)):
-                continue
-            if settle_kernel(way.sights, state, 0) != STEADY:
+    for way in [mirrored_views(views), *([mirrored_views(best.views)] if best.is_bent else [])]:
+        state = state_of(way.sights, best.state.rotation, best.state.translation, best.state.match)
+        for b in np.flatnonzero(mirrors_kernel(way.sights, best.state, state, onto, turn, shift, reach)).tolist():
+            state = state_of(way.sights, best.state.rotation, best.state.translation, best.state.match)
+            start(best.state, state, onto[b], turn[b], shift[b])
+            if not fit_kernel(way.sights, state) or settle_kernel(way.sights, state, 0) != STEADY:
                 continue
             solution = Solution(way, state)
             if found is None or solution.evidence > found.evidence:
                 found = solution
     return found
-
-
-def _is_near(best: Solution, state: State) -> bool:
-    """Whether the mirrored table could explain the spots as well, by its residuals with the labels as they are.
-
-    Where a picture is mirrored, what the best solution without a mirror leaves is its misfit: it takes markers for
-    others that are about where they are. So a near-symmetry that is much coarser than the misfit is none.
-    """
-    for c in np.flatnonzero((state.match >= 0).any(axis=1)):
-        away = np.linalg.norm(state.residual[c, state.match[c] >= 0], axis=1)
-        noise = max(float(best.misfit_px[c]), best.views.planes[c].task.typical_sigma_px)
-        if np.median(away) > FAR * noise:
-            return False
-    return True

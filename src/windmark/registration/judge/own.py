@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from windmark.geometry.order import median
 from windmark.registration.judge import rules
 from windmark.registration.settle._kernels.fit import spread_places
+from windmark.registration.settle._kernels.places import open_kernel
 from windmark.registration.settle._kernels.state import TAKEN
 from windmark.registration.settle.solution import Solution
 from windmark.registration.task import Limits
@@ -129,27 +130,28 @@ def held_by_one(best: Solution) -> str:
     """Which pair holds the pose alone, or what else of it is open; empty if every pair is checked by the others.
 
     A pair whose place the others do not predict fits wherever its spot is: it says nothing for the labelling, and the
-    pose follows it. Without it the projection of its marker has the covariance N D^-1 N - N, D = N - S, for the noise
-    N and the projection's covariance S (see `settle._kernels.label.leave_one_out`).
+    pose follows it. Markers on one line, or a few beside each other, say little of the rest: nothing then is missed
+    there.
     """
     placed = _with_prior(best)
-    if not best.is_bent and (open_ := _leaves_open(best, placed)):
-        return open_
+    found = [open_kernel(best.state, placed, c) for c in range(len(best.counts))]
     for c, plane in enumerate(best.views.planes):
-        spot, marker = best.pairs(c)
-        if not len(marker):
-            continue
-        noise, place = _square(best.state.spread[c, marker]), _square(placed[c, marker])
-        value, vector = np.linalg.eigh(noise - place)
-        value = np.maximum(value, 1e-9 * np.trace(noise, axis1=1, axis2=2)[:, None])
-        loose = noise @ (vector / value[:, None]) @ vector.transpose(0, 2, 1) @ noise - noise
-        wide = np.sqrt(np.maximum(np.linalg.eigvalsh(loose)[:, -1], 0.0))
-        worst = int(wide.argmax())
-        if wide[worst] > plane.task.tolerance_px:
-            x, y = plane.task.xy[spot[worst]]
+        rest, wide = found[c][:2]
+        # A bent model leaves the markers that it has no spot of open by its nature.
+        if best.counts[c] and not best.is_bent and not wide < plane.task.tolerance_px:
+            turn = float(np.sqrt(np.linalg.eigvalsh(best.unit_cov[:3, :3])[-1]))
             return (
-                f"a single pair holds the pose: marker {plane.task.markers.name[marker[worst]]} at ({x:.0f}, {y:.0f}), "
-                f"whose place the {best.count - 1} others leave open by {wide[worst]:.2g} px (1 sigma); without it the "
+                f"the matched markers leave the place of others open: of {plane.task.markers.name[rest]} by "
+                f"{wide:.2g} px and the rotation by {np.degrees(turn):.2g} deg (1 sigma), as where they lie on "
+                "one line or close together"
+            )
+    for c, plane in enumerate(best.views.planes):
+        marker, wide = found[c][2:]
+        if wide > plane.task.tolerance_px:
+            x, y = plane.task.xy[best.state.match[c, marker]]
+            return (
+                f"a single pair holds the pose: marker {plane.task.markers.name[marker]} at ({x:.0f}, {y:.0f}), "
+                f"whose place the {best.count - 1} others leave open by {wide:.2g} px (1 sigma); without it the "
                 "pose is not determined, and with it nothing checks it"
             )
     return ""
@@ -174,27 +176,6 @@ def _with_prior(best: Solution) -> Array:
     prior = state._replace(factor=factor, place=np.zeros_like(state.place))
     spread_places(best.views.sights, prior)
     return prior.place
-
-
-def _leaves_open(best: Solution, placed: Array) -> str:
-    """Where the matched markers put the others of the model, if that is no place; empty if it is one.
-
-    Markers on one line, or a few beside each other, say little of the rest: nothing then is missed there.
-    """
-    for c, plane in enumerate(best.views.planes):
-        rest = np.flatnonzero(best.state.faces[c] & (best.state.match[c] < 0))
-        if not best.counts[c] or not len(rest):
-            continue
-        wide = np.sqrt(np.linalg.eigvalsh(_square(placed[c, rest]))[:, -1])
-        worst = int(wide.argmax())
-        if not wide[worst] < plane.task.tolerance_px:
-            turn = float(np.sqrt(np.linalg.eigvalsh(best.unit_cov[:3, :3])[-1]))
-            return (
-                f"the matched markers leave the place of others open: of {plane.task.markers.name[rest[worst]]} by "
-                f"{wide[worst]:.2g} px and the rotation by {np.degrees(turn):.2g} deg (1 sigma), as where they lie on "
-                "one line or close together"
-            )
-    return ""
 
 
 def _square(packed: Array) -> Array:

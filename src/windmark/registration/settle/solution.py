@@ -346,15 +346,18 @@ def _with_hiding(views: Views, state: State) -> bool:
 
 def copied(views: Views, state: State) -> State:
     """A state of its own, with the freedom of other views of the same spots; what it has not had before is zero."""
+    return State(*[part.copy() for part in opened(views, state)])
+
+
+def opened(views: Views, state: State) -> State:
+    """The same state with room for the freedom of other views, to be looked at and not to be changed."""
     (c, p), k = (views.loose.shape[0], views.loose.shape[2]), len(views.modes)
     size = 6 + c * p + k
-    nuisance, bent = np.zeros((c, p)), np.zeros(k)
+    nuisance = np.zeros((c, p))
     same = min(p, state.nuisance.shape[1])
     nuisance[:, :same] = state.nuisance[:, :same]
-    if len(state.bent) == k:
-        bent[:] = state.bent
-    parts = {name: getattr(state, name).copy() for name in State._fields}
-    return State(**{**parts, "nuisance": nuisance, "bent": bent, "factor": np.zeros((size, size))})
+    bent = state.bent if len(state.bent) == k else np.zeros(k)
+    return state._replace(nuisance=nuisance, bent=bent, factor=np.zeros((size, size)))
 
 
 def with_freedom(views: Views, solution: Solution, *, relabel: bool = True) -> Solution | None:
