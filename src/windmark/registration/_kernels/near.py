@@ -12,21 +12,30 @@ Array = NDArray[np.float64]
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def nearest_kernel(points: Array, k: int) -> tuple[NDArray[np.int32], Array]:
-    """(N, k) indices of the k < N nearest other points (N, d), nearest first, and their distances."""
+    """(N, k) indices of the k < N nearest other points (N, d), nearest first, and their distances.
+
+    The points are looked at in order of their first coordinate, both ways from each until that alone is too far.
+    """
     n = points.shape[0]
     index, distance = np.empty((n, k), np.int32), np.full((n, k), np.inf)
-    for a in range(n):
-        for b in range(n):
-            if a == b:
-                continue
-            d = 0.0
-            for axis in range(points.shape[1]):
-                d += (points[a, axis] - points[b, axis]) ** 2
-            if not d < distance[a, k - 1]:
-                continue
-            place = k - 1
-            while place > 0 and d < distance[a, place - 1]:
-                distance[a, place], index[a, place] = distance[a, place - 1], index[a, place - 1]
-                place -= 1
-            distance[a, place], index[a, place] = d, b
+    order = np.argsort(points[:, 0], kind="mergesort")
+    sorted_ = points[order]
+    for at in range(n):
+        a = order[at]
+        mine, found = distance[a], index[a]
+        for way in (-1, 1):
+            other = at + way
+            while 0 <= other < n:
+                d = (sorted_[at, 0] - sorted_[other, 0]) ** 2
+                if not d < mine[k - 1]:
+                    break
+                for axis in range(1, points.shape[1]):
+                    d += (sorted_[at, axis] - sorted_[other, axis]) ** 2
+                if d < mine[k - 1]:
+                    place = k - 1
+                    while place > 0 and d < mine[place - 1]:
+                        mine[place], found[place] = mine[place - 1], found[place - 1]
+                        place -= 1
+                    mine[place], found[place] = d, order[other]
+                other += way
     return index, np.sqrt(distance)

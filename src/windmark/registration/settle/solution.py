@@ -177,8 +177,17 @@ class Solution:
         depth = max(float(state.translations[c, 2]), 1e-9)
         volume += 2 * np.log(state.camera[c, 0] / depth) - np.log(depth)
         prior = np.log(8 * np.pi**2 * float(np.prod(task.camera.size_px)) * SCALES * task.prior_share)
-        fit = 0.5 * float((state.nuisance**2).sum() + (state.bent**2).sum())
-        return float(volume - prior - fit)
+        return float(volume - prior - self._strain)
+
+    @property
+    def _strain(self) -> float:
+        """What the priors of nuisances and coefficients have against their values (nats)."""
+        return 0.5 * float((self.state.nuisance**2).sum() + (self.state.bent**2).sum())
+
+    @property
+    def fit(self) -> float:
+        """Nats against chance without the price of the freedom, which more freedom can only raise."""
+        return self.score - self._strain
 
     @cached_property
     def scores(self) -> Array:

@@ -93,7 +93,7 @@ def reduce_kernel(normal: Array, side: Array, asked: NDArray[np.int64]) -> tuple
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def gain_kernel(normal: Array, side: Array, first: int, last: int) -> float:
-    """What some unknowns, ``first`` to ``last`` of `reduce_kernel`'s, gain (nats) if they are free under their priors."""
+    """What unknowns ``first`` to ``last`` of `reduce_kernel`'s gain (nats) if they are free under their priors."""
     size = last - first
     own, pull, total = np.empty((size, size)), side[first:last].copy(), 0.0
     for i in range(size):

@@ -189,15 +189,13 @@ def by_unknowns(inverse: Array, u: Array, v: Array, size: int, m: int, out: Arra
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def taken_of(sights: Sights, state: State, table: Array, c: int) -> float:
     """Coordinates that the fit has taken of a camera's pairs: the sum of their leverages, from `State.place`."""
-    taken, first = 0.0, sights.first[c]
-    for m in range(table.shape[1]):
-        if state.match[c, m] >= 0:
-            s = first + state.match[c, m]
-            xx = sights.cov[s, 0] + table[c, m, 0] + state.numbers[c, EXCESS]
-            xy = sights.cov[s, 1] + table[c, m, 1]
-            yy = sights.cov[s, 2] + table[c, m, 2] + state.numbers[c, EXCESS]
-            place, det = state.place[c, m], xx * yy - xy * xy
-            taken += (yy * place[0] - 2.0 * xy * place[1] + xx * place[2]) / det
+    taken, first, noise, match, place = 0.0, sights.first[c], sights.cov, state.match[c], state.place[c]
+    own, excess = table[c], state.numbers[c, EXCESS]
+    for m in range(match.shape[0]):
+        if match[m] >= 0:
+            s = first + match[m]
+            xx, xy, yy = noise[s, 0] + own[m, 0] + excess, noise[s, 1] + own[m, 1], noise[s, 2] + own[m, 2] + excess
+            taken += (yy * place[m, 0] - 2.0 * xy * place[m, 1] + xx * place[m, 2]) / (xx * yy - xy * xy)
     return taken
 
 
@@ -211,13 +209,14 @@ def excess_of(sights: Sights, state: State, table: Array, c: int, doubt2: float,
     pairs it is only doubted.
     """
     n, first, taken = table.shape[1], sights.first[c], state.numbers[c, TAKEN]
+    match, residual, own, cov = state.match[c], state.residual[c], table[c], sights.cov
     squares, count, known, noise = np.empty(n), 0, 0.0, 0.0
     for m in range(n):
-        if state.match[c, m] >= 0:
-            s = first + state.match[c, m]
-            squares[count] = state.residual[c, m, 0] ** 2 + state.residual[c, m, 1] ** 2
-            noise += 0.5 * (sights.cov[s, 0] + sights.cov[s, 2])
-            known += 0.5 * (table[c, m, 0] + table[c, m, 2])
+        if match[m] >= 0:
+            s = first + match[m]
+            squares[count] = residual[m, 0] ** 2 + residual[m, 1] ** 2
+            noise += 0.5 * (cov[s, 0] + cov[s, 2])
+            known += 0.5 * (own[m, 0] + own[m, 2])
             count += 1
     if count == 0:
         return doubt2, 0.0
@@ -241,13 +240,14 @@ def weigh_residuals(sights: Sights, state: State, table: Array) -> None:
     """Covariance of the residuals, and their variance by the redundancy: coordinates less those the fit has taken."""
     for c in range(table.shape[0]):
         squares, count, excess, first = 0.0, 0, state.numbers[c, EXCESS], sights.first[c]
-        for m in range(table.shape[1]):
-            if state.match[c, m] < 0:
+        match, residual, spread, own, cov = state.match[c], state.residual[c], state.spread[c], table[c], sights.cov
+        for m in range(match.shape[0]):
+            if match[m] < 0:
                 continue
-            s = first + state.match[c, m]
+            s = first + match[m]
             count += 1
-            squares += state.residual[c, m, 0] ** 2 + state.residual[c, m, 1] ** 2
-            state.spread[c, m, 0] = sights.cov[s, 0] + table[c, m, 0] + excess
-            state.spread[c, m, 1] = sights.cov[s, 1] + table[c, m, 1]
-            state.spread[c, m, 2] = sights.cov[s, 2] + table[c, m, 2] + excess
+            squares += residual[m, 0] ** 2 + residual[m, 1] ** 2
+            spread[m, 0] = cov[s, 0] + own[m, 0] + excess
+            spread[m, 1] = cov[s, 1] + own[m, 1]
+            spread[m, 2] = cov[s, 2] + own[m, 2] + excess
         state.numbers[c, MISFIT] = squares / max(2 * count - state.numbers[c, TAKEN], 1.0)

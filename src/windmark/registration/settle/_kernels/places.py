@@ -30,8 +30,10 @@ def places_kernel(sights: Sights, state: State, c: int) -> Array:
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def open_kernel(state: State, placed: Array, c: int) -> tuple[int, float, int, float]:
-    """Of camera c, with ``placed`` (C, N, 3) the covariance of its projections: the marker without a spot whose place is
-    most open, and its 1 sigma (px); the pair whose place the other pairs leave most open, and that. -1, 0 without any.
+    """Which places are most open in camera c, with ``placed`` (C, N, 3) the covariance of its projections.
+
+    The marker without a spot whose place is most open, and its 1 sigma (px); the marker whose place the pairs without
+    its own leave most open, and that; -1, 0 without any.
 
     Without its pair the projection of a marker has the covariance N D^-1 N - N, D = N - S, for the noise N and the
     projection's covariance S (see `label.leave_one_out`).
@@ -53,9 +55,8 @@ def open_kernel(state: State, placed: Array, c: int) -> tuple[int, float, int, f
         half = math.hypot(0.5 * (a - d), b)
         high, low = max(0.5 * (a + d) + half, floor), max(0.5 * (a + d) - half, floor)
         ux, uy, vx, vy = xx * cos + xy * sin, xy * cos + yy * sin, xy * cos - xx * sin, yy * cos - xy * sin
-        wide = math.sqrt(max(0.0, widest(
-            ux * ux / high + vx * vx / low - xx, ux * uy / high + vx * vy / low - xy, uy * uy / high + vy * vy / low - yy
-        )))  # fmt: skip
+        lxx, lxy = ux * ux / high + vx * vx / low - xx, ux * uy / high + vx * vy / low - xy
+        wide = math.sqrt(max(0.0, widest(lxx, lxy, uy * uy / high + vy * vy / low - yy)))
         if not wide <= pair_px or pair < 0:
             pair, pair_px = m, wide
     return rest, rest_px, pair, pair_px

@@ -111,17 +111,42 @@ def see(
 def _by_nuisances(
     camera: Array, loose: Array, x: float, y: float, z: float, start: int, u: Array, v: Array, other: Array
 ) -> None:
-    """Derivatives by a camera's nuisances, as difference quotients: one rule for every lens parameter."""
+    """Derivatives by a camera's nuisances, of a point in its frame that it sees.
+
+    Those by the sensor's tilt, and where it is tilted, are difference quotients (``other`` is scratch).
+    """
+    xn, yn = x / z, y / z
+    s, fx, fy, aspect = xn * xn + yn * yn, camera[0], camera[0] * camera[1], camera[1]
+    k1, k2, p1, p2, k3 = camera[4], camera[5], camera[6], camera[7], camera[8]
+    radial, tilted = 1.0 + s * (k1 + s * (k2 + s * k3)), camera[9] != 0.0 or camera[10] != 0.0
+    from_u = fx * (xn * radial + 2.0 * p1 * xn * yn + p2 * (s + 2.0 * xn * xn))
+    from_v = fy * (yn * radial + p1 * (s + 2.0 * yn * yn) + 2.0 * p2 * xn * yn)
     for p in range(loose.shape[1]):
-        other[:] = camera
-        other[0] *= math.exp(H * loose[0, p])
-        for i in range(1, 11):
-            other[i] += H * loose[i, p]
-        u1, v1, good1 = project_point(other, x, y, z)
-        other[0] = camera[0] * math.exp(-H * loose[0, p])
-        for i in range(1, 11):
-            other[i] = camera[i] - H * loose[i, p]
-        u0, v0, good0 = project_point(other, x, y, z)
-        good = good0 and good1
-        u[start + p] = (u1 - u0) / (2.0 * H) if good else 0.0
-        v[start + p] = (v1 - v0) / (2.0 * H) if good else 0.0
+        if tilted or loose[9, p] != 0.0 or loose[10, p] != 0.0:
+            u[start + p], v[start + p] = _quotients(camera, loose, p, x, y, z, other)
+            continue
+        radial = s * (loose[4, p] + s * (loose[5, p] + s * loose[8, p]))
+        by_p1, by_p2, both = loose[6, p], loose[7, p], 2.0 * xn * yn
+        u[start + p] = loose[0, p] * from_u + loose[2, p] + fx * (
+            xn * radial + by_p1 * both + by_p2 * (s + 2.0 * xn * xn)
+        )  # fmt: skip
+        v[start + p] = (loose[0, p] + loose[1, p] / aspect) * from_v + loose[3, p] + fy * (
+            yn * radial + by_p1 * (s + 2.0 * yn * yn) + by_p2 * both
+        )  # fmt: skip
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _quotients(camera: Array, loose: Array, p: int, x: float, y: float, z: float, other: Array) -> tuple[float, float]:
+    """Difference quotients by nuisance p; 0 where the camera that is moved so does not see the point."""
+    other[:] = camera
+    other[0] *= math.exp(H * loose[0, p])
+    for i in range(1, 11):
+        other[i] += H * loose[i, p]
+    u1, v1, good1 = project_point(other, x, y, z)
+    other[0] = camera[0] * math.exp(-H * loose[0, p])
+    for i in range(1, 11):
+        other[i] = camera[i] - H * loose[i, p]
+    u0, v0, good0 = project_point(other, x, y, z)
+    if not (good0 and good1):
+        return 0.0, 0.0
+    return (u1 - u0) / (2.0 * H), (v1 - v0) / (2.0 * H)

@@ -67,15 +67,15 @@ def settle_kernel(sights: Sights, state: State, trusted: int) -> int:
         if round_ < trusted and not steady:
             continue
         label(sights, state, table, new, round_ >= open_rounds)
-        same = True
+        same, match = True, state.match
         for c in range(cameras):
             for m in range(n):
-                same = same and new[c, m] == state.match[c, m]
+                same = same and new[c, m] == match[c, m]
         if same and steady:
             _count(state)
             weigh_residuals(sights, state, table)
             return STEADY
-        state.match[:] = new
+        match[:] = new
     return LOST
 
 
@@ -83,9 +83,10 @@ def settle_kernel(sights: Sights, state: State, trusted: int) -> int:
 def _count(state: State) -> None:
     """Markers expected in each camera: those that must be seen and those that are."""
     for c in range(state.match.shape[0]):
-        state.numbers[c, EXPECTED] = 0.0
-        for m in range(state.match.shape[1]):
-            state.numbers[c, EXPECTED] += state.must[c, m] or state.match[c, m] >= 0
+        must, match, count = state.must[c], state.match[c], 0
+        for m in range(match.shape[0]):
+            count += must[m] or match[m] >= 0
+        state.numbers[c, EXPECTED] = count
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from windmark.geometry._cholesky_kernels import cholesky, forward
 from windmark.geometry._jit import nb
 from windmark.registration._kernels.evidence import log10_nfa
-from windmark.registration.settle._kernels.state import EXCESS, EXPECTED, Sights, State
+from windmark.registration.settle._kernels.state import EXCESS, EXPECTED, Mask, Sights, State
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int32]
@@ -49,16 +49,20 @@ def worth_kernel(
     the list, ``leads`` (L,) long with ``density`` (L, M), the best one counts, charged with their number.
     ``log_share`` (L,) is what priors and labels leave of the ways to begin.
     """
-    n, out = state.match.shape[1], np.full(READINGS, -math.inf)
+    # Arrays are taken out of their tuples once: that counts references.
+    match, faces, misfit, noise = state.match[c], state.faces[c], state.residual[c], state.spread[c]
+    n, out = match.shape[0], np.full(READINGS, -math.inf)
     residual, spread, dense = np.empty((n, 2)), np.empty((n, 3)), np.empty(n)
     out[LOG10_NFA], best = math.inf, -math.inf
     expected = int(state.numbers[c, EXPECTED])
     for k in range(leads.shape[0]):
         count = 0
         for m in range(n):
-            s = state.match[c, m]
+            s = match[m]
             if 0 <= s < leads[k]:
-                residual[count], spread[count], dense[count] = state.residual[c, m], state.spread[c, m], density[k, s]
+                residual[count, 0], residual[count, 1], dense[count] = misfit[m, 0], misfit[m, 1], density[k, s]
+                for i in range(3):
+                    spread[count, i] = noise[m, i]
                 count += 1
         if count < (3 if state.match.shape[0] == 1 else 1):
             continue
@@ -70,8 +74,8 @@ def worth_kernel(
             best = pairs + alone
             out[LEAD] = k
             out[PAIRS], out[ALONE] = pairs - math.log(leads.shape[0]), alone
-            out[CLOSED] = _alone(count, _facing(state, c))
-            out[PIECES] = _pieces(state, near, c, leads[k])
+            out[CLOSED] = _alone(count, _facing(faces, match))
+            out[PIECES] = _pieces(faces, match, near, leads[k])
     out[LOG10_NFA] += math.log10(leads.shape[0])
     if best > -math.inf:
         out[SYSTEMATIC] = _systematic(sights, state, c)
@@ -98,26 +102,26 @@ def _alone(count: int, expected: int) -> float:
 
 
 @nb.njit(cache=True, nogil=True)
-def _facing(state: State, c: int) -> int:
+def _facing(faces: Mask, match: Ints) -> int:
     count = 0
-    for m in range(state.match.shape[1]):
-        count += state.faces[c, m] or state.match[c, m] >= 0
+    for m in range(match.shape[0]):
+        count += faces[m] or match[m] >= 0
     return count
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _pieces(state: State, near: Ints, c: int, lead: int) -> float:
+def _pieces(faces: Mask, match: Ints, near: Ints, lead: int) -> float:
     """What is not seen is hidden in pieces, or beyond the image: charged by the length of the edge, once."""
-    n, links = state.match.shape[1], 0
+    n, links = match.shape[0], 0
     reach = min(LINKS, near.shape[1])
     for m in range(n):
-        if not (state.faces[c, m] or state.match[c, m] >= 0):
+        if not (faces[m] or match[m] >= 0):
             continue
-        seen = 0 <= state.match[c, m] < lead
+        seen = 0 <= match[m] < lead
         for k in range(reach):
             o = near[m, k]
-            if state.faces[c, o] or state.match[c, o] >= 0:
-                links += seen != (0 <= state.match[c, o] < lead)
+            if faces[o] or match[o] >= 0:
+                links += seen != (0 <= match[o] < lead)
     # A link is met from both its ends.
     return -math.log(n) - 0.5 * PER_LINK * links
 
@@ -159,10 +163,12 @@ def _residuals(sights: Sights, state: State, c: int) -> tuple[NDArray[np.int64],
     """Matched markers (K,), cosines over the image at their spots (K, SMOOTH), the variance of the residuals without
     the excess (K,), and the residuals (K, 2); nothing where there is no excess or too few pairs.
     """  # fmt: skip
-    n, first, excess = state.match.shape[1], sights.first[c], state.numbers[c, EXCESS]
+    match, residual, spread, xy = state.match[c], state.residual[c], state.spread[c], sights.xy
+    n, first, excess = match.shape[0], sights.first[c], state.numbers[c, EXCESS]
+    wide, high = sights.size[c, 0], sights.size[c, 1]
     at, count = np.empty(n, np.int64), 0
     for m in range(n):
-        if state.match[c, m] >= 0:
+        if match[m] >= 0:
             at[count] = m
             count += 1
     if excess <= 0.0 or count < FEWEST:
@@ -170,17 +176,17 @@ def _residuals(sights: Sights, state: State, c: int) -> tuple[NDArray[np.int64],
     basis, noise, r = np.empty((count, SMOOTH)), np.empty(count), np.empty((count, 2))
     for k in range(count):
         m = at[k]
-        s = first + state.match[c, m]
-        u = math.pi * (sights.xy[s, 0] + 0.5) / sights.size[c, 0]
-        v = math.pi * (sights.xy[s, 1] + 0.5) / sights.size[c, 1]
+        s = first + match[m]
+        u = math.pi * (xy[s, 0] + 0.5) / wide
+        v = math.pi * (xy[s, 1] + 0.5) / high
         place = 0
         for i in range(ORDERS + 1):
             for j in range(ORDERS + 1 - i):
                 if i + j > 0:
                     basis[k, place] = math.cos(i * u) * math.cos(j * v) / (i + j)
                     place += 1
-        noise[k] = max(0.5 * (state.spread[c, m, 0] + state.spread[c, m, 2]) - excess, 1e-9)
-        r[k] = state.residual[c, m]
+        noise[k] = max(0.5 * (spread[m, 0] + spread[m, 2]) - excess, 1e-9)
+        r[k, 0], r[k, 1] = residual[m, 0], residual[m, 1]
     return at[:count], basis, noise, r
 
 
