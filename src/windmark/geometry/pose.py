@@ -94,6 +94,14 @@ class Pose:
         object.__setattr__(self, "translation", t)
 
     @staticmethod
+    def trusted(rotation: Array, translation: Array) -> Pose:
+        """The pose of arrays that are known to be one: nothing is checked, as where poses are made by the thousand."""
+        pose = object.__new__(Pose)
+        object.__setattr__(pose, "rotation", rotation)
+        object.__setattr__(pose, "translation", translation)
+        return pose
+
+    @staticmethod
     def identity() -> Pose:
         """The pose that changes nothing."""
         return Pose(np.eye(3), np.zeros(3))
@@ -123,12 +131,12 @@ class Pose:
         if not isinstance(other, Pose):
             return NotImplemented
         t = (self.rotation @ other.translation[..., None])[..., 0] + self.translation
-        return Pose(self.rotation @ other.rotation, t)
+        return Pose.trusted(self.rotation @ other.rotation, t)
 
     def inverse(self) -> Pose:
         """Source-from-target."""
         rt = np.swapaxes(self.rotation, -1, -2)
-        return Pose(rt, -(rt @ self.translation[..., None])[..., 0])
+        return Pose.trusted(rt, -(rt @ self.translation[..., None])[..., 0])
 
     @property
     def center(self) -> Array:

@@ -163,7 +163,7 @@ def register(  # type: ignore[misc]  # the overloads leave the options to this o
         index.append(used)
     options["fixed"] = _told([_labels(t, u, markers) for t, u in zip(tasks, index, strict=True)], poses)
     options["excluded"] = _told(
-        [np.setdiff1d(np.arange(len(d)), used) for d, used in zip(spots, index, strict=True)], poses
+        [np.delete(np.arange(len(d)), used) for d, used in zip(spots, index, strict=True)], poses
     )
     if (refusal := _refuse_early(tasks, markers, layout)) is not None:
         return NotRegistered(*refusal, options=options)

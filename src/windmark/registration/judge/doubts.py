@@ -241,9 +241,14 @@ class FirstOrder:
         """  # fmt: skip
         return float(gain_kernel(*self._reduced, first, last))
 
+    @cached_property
+    def _told(self) -> list[float]:
+        """What the spots tell of each of them alone: the information beside that of its prior."""
+        return [max(told, 0.0) for told in self._reduced[0].diagonal().tolist()]
+
     def shown(self, k: int, margin: float) -> float:
         """How large (in prior sigmas) one of them must be to lead by a margin (nats)."""
-        information = 1.0 + max(float(self._reduced[0][k, k]), 0.0)
+        information = 1.0 + self._told[k]
         return math.sqrt(2 * (margin + 0.5 * math.log(information)) / information)
 
 

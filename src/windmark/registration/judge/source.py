@@ -156,9 +156,11 @@ class Source:
                 continue
             if isinstance(search, QuadSearch):
                 search.copies(self._as_candidate(best, c), over)
+            taken = np.zeros(len(self.views.planes[c].task.xy) + 1, dtype=bool)
+            taken[best.state.match[c]] = True
+            taken[-1] = False  # of no spot
             for candidate in search.top(POOL):
-                spots = candidate.match[candidate.match >= 0]
-                if 2 * len(np.intersect1d(spots, best.state.match[c])) < len(spots):
+                if 2 * int(taken[candidate.match].sum()) < int((candidate.match >= 0).sum()):
                     found.append((c, candidate))
         return self.solutions(found)
 

@@ -49,7 +49,7 @@ class Frame:
 
     def pose(self, rotation: Array, translation: Array) -> Pose:
         """cam_from_model of a pose of the unit model."""
-        return Pose(rotation, self.scale * translation - rotation @ self.centre)
+        return Pose.trusted(rotation, self.scale * translation - rotation @ self.centre)
 
     def unit(self, pose: Pose) -> tuple[Array, Array]:
         """Rotation and translation of a pose for the unit model."""

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
 
 from windmark.geometry import Camera, Pose
+from windmark.geometry._cholesky_kernels import inverse_factor
 from windmark.registration._kernels.evidence import log10_nfa
 from windmark.registration.settle._kernels.settle import STEADY, accept_kernel, fit_kernel, settle_kernel
 from windmark.registration.settle._kernels.state import EXCESS, EXPECTED, MISFIT, State, state_of
@@ -34,7 +35,7 @@ AS_MANY = 0.8
 """A labelling that is shifted on a board beyond its table explains at least this part of the spots."""
 HIDING_ROUNDS = 3
 """How often what hides what is asked again from a better pose; markers on a silhouette may never rest."""
-SCALES = float(np.log(100.0))
+SCALES = math.log(100.0)
 """Logarithm of the range of distances that a model may be at: a factor of ten either way."""
 
 
@@ -68,8 +69,7 @@ class Solution:
     @cached_property
     def inverse(self) -> Array:
         """(P, P) inverse of the lower Cholesky factor of the normal equations."""
-        factor = self.state.factor
-        return np.asarray(solve_triangular(factor, np.eye(len(factor)), lower=True, check_finite=False))
+        return inverse_factor(self.state.factor, len(self.state.factor))
 
     @cached_property
     def unit_cov(self) -> Array:
@@ -173,11 +173,11 @@ class Solution:
         """
         state, c = self.state, int(self.counts.argmax())
         task = self.views.planes[c].task
-        volume = 3 * np.log(2 * np.pi) - float(np.log(np.diag(state.factor)).sum())
+        volume = 3 * math.log(2 * math.pi) - float(np.log(state.factor.diagonal()).sum())
         depth = max(float(state.translations[c, 2]), 1e-9)
-        volume += 2 * np.log(state.camera[c, 0] / depth) - np.log(depth)
-        prior = np.log(8 * np.pi**2 * float(np.prod(task.camera.size_px)) * SCALES * task.prior_share)
-        return float(volume - prior - self._strain)
+        volume += 2 * math.log(state.camera[c, 0] / depth) - math.log(depth)
+        prior = math.log(8 * math.pi**2 * math.prod(task.camera.size_px) * SCALES * task.prior_share)
+        return volume - prior - self._strain
 
     @property
     def _strain(self) -> float:
