@@ -94,3 +94,18 @@ def test_what_must_be_accepted_is_not_refused_for_a_right_reason(answered):
     answer = register(few.detections, few.markers, few.camera)
     assert judge.judged("one-pair", few, answer, 0.0).kind == "reason"
     assert judge.judged("one-pair", replace(few, must=True), answer, 0.0).kind == "refused"
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "copy/ghost, half hidden/7300013",  # 12 px beside the model, which would take over its spots
+        "copy/second model/6900016",  # of 150 markers, which takes a hundred times the work of 24
+    ],
+)
+def test_a_second_copy_is_looked_for_as_long_as_the_model_was_and_among_the_spots_that_it_leaves(name):
+    trial = attacks.trial(name)
+    answer = register(trial.detections, trial.markers, trial.camera, **trial.options)
+    assert not answer
+    assert answer.cause == "ambiguous"
+    assert "seen twice" in answer.reason

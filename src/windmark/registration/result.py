@@ -63,7 +63,7 @@ class Unchecked:
 
     Parameters
     ----------
-    what : "focal length", "principal point", "aspect", "lens", "scale", "mirror" or "place on the lattice"
+    what : "focal length", "principal point", "aspect", "lens", "scale", "mirror" or "copy"
     words : why, and how large an error this picture would show
     camera : number of the camera, of a rig
     """

@@ -46,6 +46,7 @@ class Judge:
         self._challenged: list[Solution] = []
         self._copies: list[tuple[Solution, Solution | None]] = []
         self._unchallenged = False  # the work was over before all rivals had been looked for
+        self._copies_ended = True  # and not before a second copy of the model had been looked for
 
     # --- the verdict ---------------------------------------------------------------------
     def verdict(self, *, deformed: bool = True, final: bool = False) -> Verdict:
@@ -147,8 +148,8 @@ class Judge:
         """The verdict beside a second copy of the model among the spots that the best solution leaves."""
         known = [copy for old, copy in self._copies if best.same_as(old)]
         if not known:
-            found = self._source.copies(best, lambda: self._budget.exhausted)
-            known = [next((s for s in found if words.apart(best, s) and own.is_copy(s)), None)]
+            found, self._copies_ended = self._source.copies(best, lambda: self._budget.exhausted)
+            known = [next((s for s in found if words.apart(best, s) and own.is_copy(s, self._limits.margin)), None)]
             self._copies.append((best, known[0]))
         if (other := known[0]) is None:
             return verdict
@@ -179,6 +180,8 @@ class Judge:
                 unchecked.append(Unchecked("mirror", words.MIRROR_UNSEEN))
         if len(self._views.planes) == 1:
             unchecked.append(Unchecked("scale", words.SCALE_UNSEEN))
+        if not self._copies_ended:
+            unchecked.append(Unchecked("copy", words.COPY_UNSEEN))
         return Verdict(best, verdict.runner_up, None, "", tuple(unchecked), beside)
 
     def _explained(self, verdict: Verdict) -> Verdict:

@@ -46,11 +46,12 @@ def mirror_of(views: Views, best: Solution, most: int) -> Solution | None:
     mirrored a deformation explains what is none. ``most`` motions are tried, those that bring most markers onto others
     first. None without any.
     """
-    onto, turn, shift = (part[:most] for part in views.layout.mirrors)
+    onto, turns, shifts = views.layout.mirrors
     if not len(onto):
         return None
     # F x_o is about F (A x_m + s) and must be seen where x_m was.
-    turn, shift = np.ascontiguousarray(FLIP @ turn), np.ascontiguousarray(shift @ FLIP)
+    onto, turn = onto[:most], np.ascontiguousarray(FLIP @ turns[:most])
+    shift = np.ascontiguousarray(shifts[:most] @ FLIP)
     noise = [plane.task.typical_sigma_px for plane in views.planes]
     reach = FAR * np.maximum(best.misfit_px, noise)
     found: Solution | None = None

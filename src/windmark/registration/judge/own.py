@@ -92,9 +92,9 @@ def odds_of_few(best: Solution) -> float:
     return best.evidence + rate + float(np.log(np.exp(narrower).mean()))
 
 
-def is_copy(other: Solution) -> bool:
+def is_copy(other: Solution, margin: float) -> bool:
     """Whether a solution of spots that the best one leaves is no chance: the model is there, too, if half hidden."""
-    return other.evidence > rules.COPY and other.log10_nfa < rules.COPY_NFA
+    return other.evidence > margin and other.log10_nfa < rules.COPY_NFA
 
 
 def misfit_of(best: Solution, c: int, limits: Limits) -> str:

@@ -32,8 +32,8 @@ ONE_WRONG = 40.0
 """So much (nats) below the best a solution cannot owe to one wrong pair."""
 FEW = 16
 """With so few pairs each is left out once: a single wrong one can open the gates for itself (`matching_refusals`)."""
-COPY, COPY_NFA = 15.0, -5.0
-"""A second copy of the model has so much evidence (nats) and no larger a false-alarm number (`attacks`: copies)."""
+COPY_NFA = -5.0
+"""A second copy of the model leads chance by the margin, and has no larger a false-alarm number (`attacks`: copies)."""
 MOVED = 5.0
 """Another camera matters where it moves the pose by so many of its stated sigmas (root of chi-square)."""
 SLIGHT, SLIGHT_PX = 3.0, 0.5

@@ -148,21 +148,24 @@ class Source:
                 return False
         return True
 
-    def copies(self, best: Solution, over: Callable[[], bool]) -> list[Solution]:
-        """Solutions of mostly other spots than the best one explains, also weak ones; best first."""
-        found = []
+    def copies(self, best: Solution, over: Callable[[], bool]) -> tuple[list[Solution], bool]:
+        """Solutions of mostly other spots than the best one explains, also weak ones, best first; and whether they were
+        looked for to the end.
+        """  # fmt: skip
+        found, ended, taken = [], True, []
         for c, search in enumerate(self._searches):
+            taken.append(np.isin(np.arange(len(self.views.planes[c].task.xy)), best.state.match[c]))
             if search is None:
                 continue
             if isinstance(search, QuadSearch):
-                search.copies(self._as_candidate(best, c), over)
-            taken = np.zeros(len(self.views.planes[c].task.xy) + 1, dtype=bool)
-            taken[best.state.match[c]] = True
-            taken[-1] = False  # of no spot
+                ended &= search.copies(self._as_candidate(best, c), over)
             for candidate in search.top(POOL):
-                if 2 * int(taken[candidate.match].sum()) < int((candidate.match >= 0).sum()):
+                spots = candidate.match[candidate.match >= 0]
+                if 2 * int(taken[c][spots].sum()) < len(spots):
                     found.append((c, candidate))
-        return self.solutions(found)
+        # Beside the best one the others would take over its spots, where they are but some pixels away.
+        rest = self.views.without(taken)
+        return distinct([s for c, candidate in found if (s := self._settled_in(rest, c, candidate)) is not None]), ended
 
     def _as_candidate(self, best: Solution, c: int) -> Candidate:
         match, focal = best.state.match[c].copy(), float(best.state.camera[c, 0])
@@ -188,11 +191,12 @@ class Source:
                 for known in self._settled.values() if known is not None
             ):  # fmt: skip
                 return None  # it would become what is known
-            self._budget.spend(SETTLE + SETTLE_PAIR * candidate.count * len(self._searches))
-            self._settled[candidate] = settle(
-                self.views, *start_of(self.views, c, candidate), focal_px=focal_of(self.views, c, candidate)
-            )
+            self._settled[candidate] = self._settled_in(self.views, c, candidate)
         return self._settled[candidate]
+
+    def _settled_in(self, views: Views, c: int, candidate: Candidate) -> Solution | None:
+        self._budget.spend(SETTLE + SETTLE_PAIR * candidate.count * len(self._searches))
+        return settle(views, *start_of(views, c, candidate), focal_px=focal_of(views, c, candidate))
 
 
 def start_of(views: Views, c: int, candidate: Candidate) -> tuple[Array, Array, Ints]:

@@ -18,6 +18,9 @@ MIRROR_UNSEEN = (
     "the mirror image of the table explains the spots about as well: whether picture or table is mirrored cannot be "
     "seen here"
 )
+COPY_UNSEEN = (
+    "whether the model is in the picture a second time was not looked for to the end, as the work was over (max_time_s)"
+)
 SCALE_UNSEEN = "one camera sees no scale: a table that is too large looks like one that is nearer"
 
 

@@ -48,9 +48,11 @@ RIVAL_NEAR, RIVAL_QUADS, AGAIN = 6, 24, 8
 
 LEAST_SPOTS = 5
 """So many spots at least make a solution."""
-COPIES, COPY_NEAR, COPY_WORK = 4, 7, 20_000
-"""Solutions kept of those among the spots that one does not explain, the neighbours that their quads are taken from,
-and the work (links; 2 ms) spent on them."""
+COPIES = 4
+"""Solutions kept of those among the spots that one leaves."""
+COPY_WORK, COPY_TIMES = 4_000, 3
+"""Work (links) spent on them at least, and as a multiple of what the model itself took: a model of many markers needs a
+hundred times as much as one of few (`attacks`: copies)."""
 
 
 class QuadSearch:
@@ -61,7 +63,7 @@ class QuadSearch:
         checks: Sequence[float] = CHECKS, budget: Budget | None = None,
     ) -> None:  # fmt: skip
         task = plane.task
-        self.plane, self.links, self._budget = plane, 0, budget or Budget()
+        self.plane, self.links, self._work, self._budget = plane, 0, 0, budget or Budget()
         far = FAR_STAGES[:far_stages] if len(task.markers) <= FAR_MARKERS else ()
         self._stop_at, self._stages, self._checks = stop_at, (*STAGES, *far), checks
         self._focals = task.camera.focal_px * np.array(task.focal_factors)
@@ -100,9 +102,13 @@ class QuadSearch:
                     self.plane.model, picture, self._rules, self._gates, table, self._focals, check,
                     quads, cells, start, WORK, self._stop_at, self._best, self._best.match,
                 )  # fmt: skip
-                self.links += int(links)
-                self._budget.spend(LINK * work)
+                self._count(links, work)
                 yield self.links
+
+    def _count(self, links: int, work: int) -> None:
+        """Book what a search has tried."""
+        self.links, self._work = self.links + int(links), self._work + int(work)
+        self._budget.spend(LINK * work)
 
     def _check(self, part: float) -> float:
         """How far (px) an anchor may lie off."""
@@ -155,8 +161,7 @@ class QuadSearch:
                         self.plane.model, picture, self._rules, self._gates, table, self._focals, check,
                         quads[part], cells[part], start, WORK, np.inf, self._best, known,
                     )  # fmt: skip
-                    self.links += int(links)
-                    self._budget.spend(LINK * work)
+                    self._count(links, work)
                     if start == len(quads[part]):
                         break
         return True
@@ -166,8 +171,9 @@ class QuadSearch:
 
         A reflection, a ghost of a double exposure or a second model leaves spots of its own, which neighbour each other
         when the explained ones are taken away. Quads of near ones are tried, those whose key fewest quads of markers
-        share first, up to `COPY_WORK`, until one grows to a solution; it is grown among these spots alone, or the copy
-        beside it would take it over. False if the time was ``over`` before all of this was done.
+        share first, with about as much work as the model took, until one grows to a solution; it is grown among these
+        spots alone, or the copy beside it would take it over. False if the work was ``over`` before all of this was
+        done.
         """
         free = np.ones(len(self.plane.task.xy), dtype=bool)
         free[candidate.match[candidate.match >= 0]] = False
@@ -175,19 +181,19 @@ class QuadSearch:
         if len(spots) < LEAST_SPOTS:
             return True
         picture, found = self.plane.part(spots), room_for_best(COPIES, len(candidate.match))
-        table, done, start = self.plane.layout.table(REACHES[0]), 0, 0
-        near = min(COPY_NEAR, picture.near.shape[1])
-        quads, cells = spot_quads_kernel(picture.p, picture.near, 0, near, table.first)
-        self._budget.spend(LINK * len(spots) * near**3 / 12)
-        while start < len(quads) and done < COPY_WORK and not (found.score > self._stop_at).any():
-            if over():
-                return False
-            start, links, work = search_kernel(
-                self.plane.model, picture, self._rules, self._gates, table, self._focals, self._check(CHECKS[-1]),
-                quads, cells, start, COPY_WORK - done, self._stop_at, found, found.match,
-            )  # fmt: skip
-            self.links, done = self.links + int(links), done + int(work)
-            self._budget.spend(LINK * work)
+        most = self._work + max(COPY_WORK, COPY_TIMES * self._work)
+        for reach, low, high in STAGES[:2]:
+            table, start, high = self.plane.layout.table(reach), 0, min(high, picture.near.shape[1])
+            quads, cells = spot_quads_kernel(picture.p, picture.near, low, high, table.first)
+            self._budget.spend(LINK * len(spots) * high**3 / 12)
+            while start < len(quads) and self._work < most and not (found.score > self._stop_at).any():
+                if over():
+                    return False
+                start, links, work = search_kernel(
+                    self.plane.model, picture, self._rules, self._gates, table, self._focals, self._check(CHECKS[-1]),
+                    quads, cells, start, most - self._work, self._stop_at, found, found.match,
+                )  # fmt: skip
+                self._count(links, work)
         for n in np.argsort(-found.score).tolist():
             if found.score[n] > -np.inf:
                 self._keep(found, n, np.where(found.match[n] >= 0, spots[found.match[n]], -1))

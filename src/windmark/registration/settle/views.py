@@ -66,6 +66,20 @@ class Views:
         both = [np.concatenate([own, more], axis=1) for own, more in zip(self.loose, extra, strict=True)]
         return self._with(loose=_stacked(both))
 
+    def without(self, taken: Sequence[NDArray[np.bool_]]) -> Views:
+        """The same, with some of the spots (of each camera (M,) bool) left to no marker."""
+        sights, other = self.sights, self._with()
+        gone = np.concatenate(list(taken))
+        order, x = sights.by_x.copy(), sights.x.copy()
+        for first, last in zip(sights.first[:-1], sights.first[1:], strict=True):
+            own = slice(first, last)
+            out = gone[own][order[own]]
+            # What is beyond the last is never met; see `settle._kernels.label`.
+            x[own] = np.concatenate([x[own][~out], np.full(int(out.sum()), np.inf)])
+            order[own] = np.concatenate([order[own][~out], order[own][out]])
+        other.__dict__["sights"] = sights._replace(by_x=order, x=x)
+        return other
+
     def _with(self, *, loose: Array | None = None, modes: Array | None = None) -> Views:
         loose, modes = self.loose if loose is None else loose, self.modes if modes is None else modes
         other = replace(self, loose=loose, modes=modes)
