@@ -12,6 +12,9 @@ Array = NDArray[np.float64]
 THIN = 1e-4
 """Markers whose distance from their best line is less than this part of their largest extent lie on it."""
 
+ON_LINE_PX = 0.5
+"""Spots that are no farther from a line than this beyond their noise lie on it: no pose that rests on less is one."""
+
 
 def off_line(points: Array) -> float:
     """Root mean square distance of points (N, 2) or (N, 3) from their best line."""

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from windmark.geometry import Camera, Pose
 from windmark.geometry.order import median
 from windmark.registration.labels import Fixed, fixed_pairs, used_spots
-from windmark.registration.line import off_line, on_line
+from windmark.registration.line import ON_LINE_PX, off_line, on_line
 from windmark.registration.result import Cause, NotRegistered, Registration
 from windmark.registration.rig_result import RigRegistration
 from windmark.registration.task import MIN_COUNT, Limits, Task, Visible
@@ -284,7 +284,7 @@ def _refuse_early(tasks: list[Task], markers: MarkerSet, layout: Layout | None) 
             return f"{count} {what}: three pairs fix a pose and a fourth is needed to check it", "too_few"
     widths = [off_line(task.xy) for task in tasks if len(task.xy) >= MIN_COUNT]
     worst = max(float(task.cov.max()) for task in tasks if len(task.xy))
-    if all(width < 0.5 + np.sqrt(worst) for width in widths):
+    if all(width < ON_LINE_PX + np.sqrt(worst) for width in widths):
         if len(tasks) == 1:
             return f"all {most} spots lie on one line (within {widths[0]:.2g} px)", "degenerate"
         return "the spots of every image lie on one line", "degenerate"

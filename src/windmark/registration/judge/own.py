@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from windmark.geometry.order import median
 from windmark.registration.judge import rules
+from windmark.registration.line import ON_LINE_PX, off_line
 from windmark.registration.settle._kernels.fit import spread_places
 from windmark.registration.settle._kernels.places import open_kernel
 from windmark.registration.settle._kernels.state import TAKEN
@@ -131,8 +132,13 @@ def held_by_one(best: Solution) -> str:
 
     A pair whose place the others do not predict fits wherever its spot is: it says nothing for the labelling, and the
     pose follows it. Markers on one line, or a few beside each other, say little of the rest: nothing then is missed
-    there.
+    there. And spots that are no farther from a line than they are from where the solution has them fix no pose: a row
+    fits two rows that are seen edge-on.
     """
+    seen = [(c, best.views.planes[c].task.xy[best.pairs(c)[0]]) for c in np.flatnonzero(best.counts).tolist()]
+    widths = [off_line(xy) - float(best.misfit_px[c]) for c, xy in seen]
+    if max(widths) < ON_LINE_PX:
+        return f"all of them lie on one line (within {off_line(seen[0][1]):.2g} px, no worse than they fit)"
     placed = _with_prior(best)
     found = [open_kernel(best.state, placed, c) for c in range(len(best.counts))]
     for c, plane in enumerate(best.views.planes):
