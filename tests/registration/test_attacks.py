@@ -109,3 +109,15 @@ def test_a_second_copy_is_looked_for_as_long_as_the_model_was_and_among_the_spot
     assert not answer
     assert answer.cause == "ambiguous"
     assert "seen twice" in answer.reason
+
+
+@pytest.mark.parametrize(
+    ("name", "cause"),
+    [
+        ("mirror/relief reversed/9500011", "mirrored"),  # the reversed relief is best seen from the other tilt
+        ("one-pair/stray spot only/9500019", "one_pair"),  # eight spots of a row, taken for those of two rows edge-on
+    ],
+)
+def test_what_a_bent_model_or_a_grazing_view_would_explain_is_refused_for_the_right_reason(name, cause):
+    trial = attacks.trial(name)
+    assert register(trial.detections, trial.markers, trial.camera, **trial.options).cause == cause

@@ -19,6 +19,7 @@ from windmark.registration.settle.solution import Solution
 from windmark.registration.settle.views import Views
 
 Array = NDArray[np.float64]
+Ints = NDArray[np.int32]
 
 FAR = 5.0
 """Mirrored markers that leave residuals of so many times the misfit (their median) with the labels as they are make no
@@ -39,6 +40,24 @@ def mirrored_views(views: Views) -> Views:
     return other
 
 
+def _with_twins(views: Views, best: Solution, onto: Ints, turn: Array, shift: Array) -> tuple[Ints, Array, Array]:
+    """The same mirror images, of a nearly flat model also from the other pose that shows a plane nearly so.
+
+    Seen from afar a relief looks like the reversed one that is tilted the other way, so where the relief is reversed,
+    the best solution is tilted the wrong way.
+    """
+    across = views.layout.flat_along
+    if across is None:
+        return onto, np.ascontiguousarray(turn), np.ascontiguousarray(shift)
+    plane = np.eye(3) - 2 * np.outer(FLIP @ across, FLIP @ across)
+    c = int(best.counts.argmax())
+    towards = best.state.rotations[c].T @ best.state.translations[c]
+    sight = np.eye(3) - 2 * np.outer(towards, towards) / (towards @ towards)
+    other = plane @ turn @ sight
+    moved = np.einsum("bij,bkj,bk->bi", other, turn, shift)
+    return np.concatenate([onto, onto]), np.concatenate([turn, other]), np.concatenate([shift, moved])
+
+
 def mirror_of(views: Views, best: Solution, most: int) -> Solution | None:
     """The best solution with the mirrored table that the layout's improper near-symmetries make of one.
 
@@ -50,8 +69,7 @@ def mirror_of(views: Views, best: Solution, most: int) -> Solution | None:
     if not len(onto):
         return None
     # F x_o is about F (A x_m + s) and must be seen where x_m was.
-    onto, turn = onto[:most], np.ascontiguousarray(FLIP @ turns[:most])
-    shift = np.ascontiguousarray(shifts[:most] @ FLIP)
+    onto, turn, shift = _with_twins(views, best, onto[:most], FLIP @ turns[:most], shifts[:most] @ FLIP)
     noise = [plane.task.typical_sigma_px for plane in views.planes]
     reach = FAR * np.maximum(best.misfit_px, noise)
     found: Solution | None = None

@@ -108,18 +108,23 @@ class Layout:
         itself: the normals may say that it cannot be seen so, but the relief may well be wrong by its sign.
         """
         motions = self._motions(mirrored=True)
-        axes, rms = _axes(self.model.xyz)
-        if rms[2] > FLAT * float(np.linalg.norm(rms)):
+        if self.flat_along is None:
             return motions
         onto, turn, shift = motions
         itself = np.arange(len(self.model.xyz), dtype=np.int32)
         other = (onto == itself).sum(axis=1) * 2 < (onto >= 0).sum(axis=1)
-        plane = np.eye(3) - 2 * np.outer(axes[2], axes[2])
+        plane = np.eye(3) - 2 * np.outer(self.flat_along, self.flat_along)
         return (
             np.concatenate([itself[None], onto[other]]),
             np.concatenate([plane[None], turn[other]]),
             np.concatenate([np.zeros((1, 3)), shift[other]]),
         )
+
+    @cached_property
+    def flat_along(self) -> Array | None:
+        """(3,) unit vector across a nearly flat model; None where it is not."""
+        axes, rms = _axes(self.model.xyz)
+        return axes[2] if rms[2] <= FLAT * float(np.linalg.norm(rms)) else None
 
     @cached_property
     def _seeds(self) -> Ints:

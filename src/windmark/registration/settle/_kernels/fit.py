@@ -36,10 +36,11 @@ LARGEST_TURN = 1.0
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def refine(sights: Sights, state: State, table: Array) -> bool:
-    """Gauss-Newton on the matched markers; False if it is singular or runs away. ``table`` (C, N, 3) is brought up to
-    date: the covariance of the projections by the markers' sigma.
-    """  # fmt: skip
+def refine(sights: Sights, state: State, table: Array, most: int = MOST_STEPS) -> bool:
+    """Gauss-Newton on the matched markers, ``most`` steps; False if it is singular, runs away or is not at rest then.
+
+    ``table`` (C, N, 3) is brought up to date: the covariance of the projections by the markers' sigma.
+    """
     a, size, open_ = state.factor, state.factor.shape[0], state.nuisance.shape[1]
     cameras, pairs = state.match.shape[0], 0
     for s in state.match.flat:
@@ -48,7 +49,7 @@ def refine(sights: Sights, state: State, table: Array) -> bool:
         return False
     g, decrease = np.empty(size), math.inf
     state.report[STEPS] = 0.0
-    for _ in range(MOST_STEPS):
+    for _ in range(most):
         place_cameras(sights, state)
         cost = _normal_equations(sights, state, table, a, g)
         if not cholesky(a, size, 1e-12):

@@ -14,6 +14,9 @@ from windmark.registration.settle._kernels.state import EXCESS, Sights, State
 Array = NDArray[np.float64]
 Ints = NDArray[np.int32]
 
+GLANCE, HOPELESS = 3, 6.0
+"""After so many steps, residuals of so many times what is allowed do not come down to it."""
+
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def mirrors_kernel(
@@ -28,19 +31,25 @@ def mirrors_kernel(
     out, table, away = np.zeros(onto.shape[0], np.bool_), np.zeros((cameras, n, 3)), np.empty(n)
     for b in range(onto.shape[0]):
         start(best, state, onto[b], turn[b], shift[b])
-        if not refine(sights, state, table):
-            continue
-        out[b] = True
-        for c in range(cameras):
-            count, match, residual = 0, state.match[c], state.residual[c]
-            for m in range(n):
-                if match[m] >= 0:
-                    away[count] = math.hypot(residual[m, 0], residual[m, 1])
-                    count += 1
-            if count > 0 and np.median(away[:count]) > reach[c]:
-                out[b] = False
-                break
+        refine(sights, state, table, GLANCE)
+        if _loosest(state, reach, away) < HOPELESS and refine(sights, state, table):
+            out[b] = _loosest(state, reach, away) <= 1.0
     return out
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _loosest(state: State, reach: Array, away: Array) -> float:
+    """Median residual of the worst camera, in units of its ``reach``; ``away`` (N,) is scratch."""
+    worst = 0.0
+    for c in range(state.match.shape[0]):
+        count, match, residual = 0, state.match[c], state.residual[c]
+        for m in range(match.shape[0]):
+            if match[m] >= 0:
+                away[count] = math.hypot(residual[m, 0], residual[m, 1])
+                count += 1
+        if count > 0:
+            worst = max(worst, np.median(away[:count]) / reach[c])
+    return worst
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
