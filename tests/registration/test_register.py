@@ -103,6 +103,9 @@ def test_table_errors_of_pixels_are_estimated_not_refused():
     result = register(told_too_good, scene.markers, scene.camera)
     assert_right(result, scene, missing=2)
     assert 0.7 < result.excess_px < 1.4
+    # One pixel of error on the model, where it is.
+    depth = np.median(result.cam_from_model.apply(scene.markers.xyz[result.matching.marker])[:, 2])
+    assert result.off_table == pytest.approx(result.excess_px * depth / scene.camera.focal_px)
     assert np.sqrt(np.trace(result.cov[:3, :3])) > 3 * np.sqrt(
         np.trace(register(scenes.scene(303, "B", hidden=0.25, false=0.5, noise_px=0.1).detections,
                           scene.markers, scene.camera).cov[:3, :3])

@@ -160,6 +160,12 @@ def _registration(report: Report, item: ImageResult, answer: Registration, marke
     assert item.detections is not None
     _pose_table(report, item, answer, unit)
     _together(report, item)
+    if answer.excess_px > 0.0:
+        report.text(
+            f"The residuals ask for {answer.excess_px:.2g} px (1 sigma per coordinate) beyond the spots' noise, as if the"
+            f" markers were {answer.off_table:.2g} {unit} off their table; the sigmas above have it.",
+            "soft",
+        )
     if answer.unchecked:
         report.text(f"This picture cannot tell: {'; '.join(u.words for u in answer.unchecked)}.", "soft")
     report.picture(

@@ -110,6 +110,8 @@ def image_line(item: ImageResult, result: RunResult) -> str:
             f" log10(NFA) {answer.log10_nfa:.0f}"
         )
         parts.extend(_together_words(item, answer))
+        if answer.excess_px > 0.0:
+            parts.append(f"markers {answer.off_table:.2g} {result.project.length_unit} off their table")
         parts.extend(f"weak {weak.words(result.project.length_unit)}" for weak in answer.weak)
         if answer.deformation is not None:
             bent = answer.deformation

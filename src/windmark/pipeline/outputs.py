@@ -231,6 +231,8 @@ def registration_summary(answer: Registration, names: NDArray[np.str_], publishe
         "matched": len(answer.matching),
         "labels": [str(n) for n in names[answer.matching.marker]],
         "rms_px": answer.rms_px,
+        "excess_px": answer.excess_px,
+        "off_table": answer.off_table,
         "log10_nfa": answer.log10_nfa,
         "pov": vars(pov),
         "camera_station": answer.cam_from_model.center,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -157,8 +158,23 @@ class Registration:
         """Directions that the spots hardly determine, weakest first; of a camera without a marker of its own none."""
         if not len(self.matching):
             return ()
+        return weak_directions(self.cam_from_model, self.camera.focal_px, self.cov, self._seen_xyz)
+
+    @cached_property
+    def off_table(self) -> float:
+        """How far the matched markers are off their table (1 sigma per coordinate, in its length unit), if all of the
+        excess is theirs; NaN without a marker.
+        """  # fmt: skip
+        if not len(self.matching):
+            return math.nan
+        depth = float(np.median(self.cam_from_model.apply(self._seen_xyz)[:, 2]))
+        return self.excess_px * depth / self.camera.focal_px
+
+    @property
+    def _seen_xyz(self) -> Array:
+        """(K, 3) the matched markers, with the deformation."""
         xyz = self.xyz if self.deformation is None else self.xyz + self.deformation.displacement
-        return weak_directions(self.cam_from_model, self.camera.focal_px, self.cov, xyz[self.matching.marker])
+        return xyz[self.matching.marker]
 
     def __bool__(self) -> bool:
         return True

@@ -10,7 +10,7 @@ import typer
 MaxTime = Annotated[
     float | None,
     typer.Option(
-        "--max-time", help="Seconds of CPU time per image, then an honest refusal. [default: 0.2, of ransac 20]"
+        "--max-time", help="Seconds of CPU time per image, then a refusal. [default: no limit but that of the work]"
     ),
 ]
 Method = Annotated[
