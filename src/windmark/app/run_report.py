@@ -162,8 +162,8 @@ def _registration(report: Report, item: ImageResult, answer: Registration, marke
     _together(report, item)
     if answer.excess_px > 0.0:
         report.text(
-            f"The residuals ask for {answer.excess_px:.2g} px (1 sigma per coordinate) beyond the spots' noise, as if the"
-            f" markers were {answer.off_table:.2g} {unit} off their table; the sigmas above have it.",
+            f"The residuals ask for {answer.excess_px:.2g} px (1 sigma per coordinate) beyond the spots' noise, as if"
+            f" the markers were {answer.off_table:.2g} {unit} off their table; the sigmas above have it.",
             "soft",
         )
     if answer.unchecked:
