@@ -6,9 +6,10 @@ import registration_scenes as scenes
 
 from windmark.geometry import Pose
 from windmark.registration import register
+from windmark.registration.search.layout import Layout, interior_angles
+from windmark.registration.search.links import marker_triplets
 from windmark.registration.search.plane import Plane
-from windmark.registration.search.ransac import Search
-from windmark.registration.search.triplets import interior_angles, marker_triplets
+from windmark.registration.search.search import Search
 from windmark.registration.task import Task
 
 
@@ -19,8 +20,7 @@ def task_of(scene):
 def test_interior_angles_are_within_90_plus_minus_80_degrees():
     """'the interior angles of the triangles [...] must be in a range of 90 +- 80 degrees'"""
     scene = scenes.scene(3)
-    search = Search(Plane(task_of(scene)), np.random.default_rng(0))
-    triplets = marker_triplets(search.model, 23)
+    triplets = marker_triplets(Layout(scene.markers).model, 23)
     angles = np.degrees(interior_angles(scene.markers.xyz[triplets]))
     assert angles.min() >= 10
     assert angles.max() <= 170
@@ -29,13 +29,11 @@ def test_interior_angles_are_within_90_plus_minus_80_degrees():
 
 def test_ninety_per_cent_seen_means_73_per_cent_of_triplets_are_right():
     """'if 90% of the true markers are viewed, the probability to make a right choice [...] is 0.9^3 = 0.73'"""
-    rng = np.random.default_rng(0)
     share = []
     for seed in range(200):
         scene = scenes.scene(seed, hidden=0.1)
-        search = Search(Plane(task_of(scene)), rng)
         seen = np.isin(np.arange(24), scene.label)
-        triplets = marker_triplets(search.model, 4)
+        triplets = marker_triplets(Layout(scene.markers).model, 4)
         share.append(seen[triplets].all(axis=1).mean() / seen.mean() ** 3)
     assert np.mean(share) == pytest.approx(1.0, abs=0.05)
 
@@ -47,9 +45,9 @@ def test_fast_when_all_markers_are_visible_longer_when_not():
         counts = []
         for seed in range(12):
             scene = scenes.scene(seed, "B", hidden=hidden)
-            search = Search(Plane(task_of(scene)), np.random.default_rng(0))
+            search = Search(Plane(task_of(scene)), 60.0, method="ransac")
             for tried in search.batches():
-                if search.pool.best is not None and search.pool.best.score > 60:
+                if search.best is not None and search.best.score > 60:
                     counts.append(tried)
                     break
         assert len(counts) == 12
@@ -111,9 +109,9 @@ def test_all_matched_is_not_the_exact_solution():
     misleading = 0
     for seed in range(30):
         scene = scenes.scene(seed, "A0", hidden=0.5, false=0.5)
-        search = Search(Plane(task_of(scene)), np.random.default_rng(seed))
+        search = Search(Plane(task_of(scene)), 0.0, method="ransac", seed=seed)
         for _ in search.batches():
-            best = search.pool.best
+            best = search.best
             # The paper's rule with half of the markers hidden: as many matched as can be.
             if best is not None and best.count >= (scene.label >= 0).sum() - 2:
                 misleading += scenes.pose_error_px(best.cam_from_model, scene) > 10

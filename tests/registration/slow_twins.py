@@ -38,7 +38,7 @@ def nearest_spot(picture, uv):
 
 
 def slow_neighbourhood(model, picture, rotation, translation, focal, triplet, spots):
-    """Twin of `_neighbourhood`: the pairs of a kept hypothesis, None where it is dropped."""
+    """Twin of `neighbourhood`: the pairs of a kept hypothesis, None where it is dropped."""
     cosine = facing(model, rotation, translation)
     if (cosine[list(triplet)] < 0).any():
         return None
@@ -69,7 +69,7 @@ def slow_neighbourhood(model, picture, rotation, translation, focal, triplet, sp
 
 
 def slow_growth(model, picture, gates, rotation, translation, focal, pairs):
-    """Twin of `growth_kernel` for one hypothesis: (match, score) or None."""
+    """Twin of `grow`: (match, score) or None."""
     rotation, translation = rotation.copy(), translation.copy()
     match = np.full(len(model.xyz), -1)
     for m, s in pairs:

@@ -1,5 +1,7 @@
 """The hypothesis and growth kernels against slow, readable twins."""
 
+from itertools import permutations
+
 import numpy as np
 import pytest
 import registration_scenes as scenes
@@ -9,6 +11,7 @@ from slow_twins import RULES, TOLERANCE, kernel_case, slow_growth, slow_neighbou
 from windmark.geometry import p3p
 from windmark.registration._kernels import growth as growth
 from windmark.registration._kernels import hypothesis as hypo
+from windmark.registration.search.links import marker_triplets, triplet_links, turns_of
 
 
 @pytest.fixture(scope="module")
@@ -34,119 +37,85 @@ def test_raster_names_the_nearest_spot_and_the_image(case):
     assert border[(picture.raster == hypo.OUT) & inside].max() < 8 * 3 / picture.per_px
 
 
-def test_hypotheses_equal_the_slow_twin(case):
+def hypotheses(case, every):
+    """P3P of some marker triplets against neighbouring spots: (pose, triplet, spots, pairs or None by the twin)."""
     model, picture, _, focal, _ = case
-    rng = np.random.default_rng(1)
-    triplets = np.array([[i, *rng.choice(model.near[i, :4], 2, replace=False)] for i in range(0, 24, 3)], np.int32)
-    out = hypo.room_for(500)
-    anchors = np.arange(len(picture.p), dtype=np.int32)
-    found, links = hypo.hypotheses_kernel(
-        model, picture, RULES, out, triplets, np.zeros(len(triplets), np.int8), anchors, 4, np.array([focal])
-    )
-    expected, tried = [], 0
-    for triplet in triplets.tolist():
-        for a in anchors.tolist():
-            for b in picture.near[a, :4].tolist():
-                for c in picture.near[a, :4].tolist():
-                    if b == c:
-                        continue
-                    tried += 1
-                    rays = np.column_stack([picture.p[[a, b, c]], np.full(3, focal)])
-                    for pose in p3p(rays, model.xyz[triplet]).poses():
-                        pairs = slow_neighbourhood(
-                            model, picture, pose.rotation, pose.translation, focal, triplet, (a, b, c)
-                        )
-                        if pairs is not None:
-                            expected.append((pose, pairs))
-    assert links == tried
-    assert found == len(expected) > 3
-    for n, (pose, pairs) in enumerate(expected):
-        got = list(zip(out.marker[n, : out.pairs[n]].tolist(), out.spot[n, : out.pairs[n]].tolist(), strict=True))
-        assert got == pairs
-        np.testing.assert_allclose(out.rotation[n], pose.rotation, atol=1e-9)
-        np.testing.assert_allclose(out.translation[n], pose.translation, atol=1e-8)
+    found = []
+    for triplet in marker_triplets(model, 4)[::every].tolist():
+        for a in range(len(picture.p)):
+            for b, c in permutations(picture.near[a, :4].tolist(), 2):
+                rays = np.column_stack([picture.p[[a, b, c]], np.full(3, focal)])
+                for pose in p3p(rays, model.xyz[triplet]).poses():
+                    of = pose.rotation, pose.translation, focal, tuple(triplet), (a, b, c)
+                    found.append((pose, of[3], of[4], slow_neighbourhood(model, picture, *of)))
+    return found
 
 
-def test_turn_sign_only_removes_links_seen_from_behind(case):
+def test_neighbourhood_equals_the_slow_twin(case):
     model, picture, _, focal, _ = case
-    from windmark.registration.search.triplets import marker_triplets, turns_of
+    marker, spot, kept = np.empty(hypo.PAIRS, np.int32), np.empty(hypo.PAIRS, np.int32), 0
+    for pose, triplet, spots, pairs in hypotheses(case, 9):
+        count = hypo.neighbourhood(
+            model, picture, RULES, pose.rotation, pose.translation, focal, triplet, spots, marker, spot
+        )  # fmt: skip
+        got = list(zip(marker[:count].tolist(), spot[:count].tolist(), strict=True))
+        assert got == (pairs or [])
+        kept += count > 0
+    assert kept > 3
 
+
+def test_only_triplets_that_turn_the_way_they_are_seen_are_linked(case):
+    model, picture, _, _, _ = case
     triplets = marker_triplets(model, 4)[:20]
+    triplets[::3] = triplets[::3, [0, 2, 1]]
     turns = turns_of(model, triplets)
-    assert (turns != 0).mean() > 0.9
-    anchors = np.arange(len(picture.p), dtype=np.int32)
-    kept = []
-    for signs in (turns, np.zeros_like(turns)):
-        out = hypo.room_for(500)
-        found, _ = hypo.hypotheses_kernel(model, picture, RULES, out, triplets, signs, anchors, 4, np.array([focal]))
-        kept.append({(tuple(out.marker[n, :3].tolist()), tuple(out.spot[n, :3].tolist())) for n in range(found)})
-    assert kept[0] == kept[1]
+    assert {-1, 1} <= set(turns.tolist())
+    of = triplet_links(model, picture, triplets, np.arange(5, dtype=np.int32), 4)
+    assert len(of.spots) == 5 * 4 * 3
+    assert (of.spots[:, 0] == -1).all()
+    for q, (_, b, c, d) in enumerate(of.spots.tolist()):
+        u, v = picture.p[c] - picture.p[b], picture.p[d] - picture.p[b]
+        area = u[0] * v[1] - u[1] * v[0]
+        linked = {tuple(t) for t in of.markers[of.first[q] : of.last[q], [3, 1, 2]].tolist()}
+        assert linked == {tuple(t) for t in triplets[area * turns >= 0].tolist()}
 
 
 def test_prior_rejects_by_angle_and_by_scale(case):
-    model, picture, (rotation, translation), focal, scene = case
-    marker = np.flatnonzero([(scene.label == m).any() for m in range(24)])
-    triplets = np.array([[m, *[k for k in model.near[m] if k in marker][:2]] for m in marker], np.int32)
-    turns, anchors = np.zeros(len(triplets), np.int8), np.arange(len(picture.p), dtype=np.int32)
+    model, _, (rotation, translation), focal, _ = case
 
-    def count(angle_deg, scale):
-        turned = np.ascontiguousarray(
-            rotation @ scenes.Pose.from_rotvec([0, np.radians(angle_deg), 0], [0, 0, 0]).rotation
-        )
+    def passes(angle_deg, scale):
+        turned = rotation @ scenes.Pose.from_rotvec([0, np.radians(angle_deg), 0], [0, 0, 0]).rotation
         depth = scale * (model.xyz @ rotation.T + translation)[:, 2] / focal
         rules = RULES._replace(
-            prior_rotation=turned, prior_cosine=float(np.cos(np.radians(20))), prior_depth=depth, prior_scale=1.2
-        )
-        out = hypo.room_for(500)
-        return hypo.hypotheses_kernel(model, picture, rules, out, triplets, turns, anchors, 6, np.array([focal]))[0]
+            prior_rotation=np.ascontiguousarray(turned), prior_cosine=float(np.cos(np.radians(20))), prior_depth=depth,
+            prior_scale=1.2,
+        )  # fmt: skip
+        return hypo.allowed(model.xyz, rules, rotation, translation, focal, 3)
 
-    assert count(0, 1.0) > 5
-    assert count(15, 1.0) > 5
-    assert count(0, 1.15) > 5
-    assert count(30, 1.0) < 0.2 * count(0, 1.0)
-    assert count(0, 1.4) < 0.2 * count(0, 1.0)
-    assert count(0, 0.7) < 0.2 * count(0, 1.0)
-
-
-def test_full_room_counts_on(case):
-    model, picture, _, focal, _ = case
-    from windmark.registration.search.triplets import marker_triplets
-
-    triplets = marker_triplets(model, 4)
-    turns, anchors = np.zeros(len(triplets), np.int8), np.arange(len(picture.p), dtype=np.int32)
-    small, large = hypo.room_for(2), hypo.room_for(500)
-    counts = [
-        hypo.hypotheses_kernel(model, picture, RULES, out, triplets, turns, anchors, 4, np.array([focal]))
-        for out in (small, large)
-    ]
-    assert counts[0] == counts[1]
-    np.testing.assert_array_equal(small.rotation, large.rotation[:2])
+    assert hypo.allowed(model.xyz, RULES, rotation, translation, focal, 3)
+    assert all(passes(*near) for near in ((0, 1.0), (15, 1.0), (0, 1.15)))
+    assert not any(passes(*far) for far in ((30, 1.0), (0, 1.4), (0, 0.7)))
 
 
 @pytest.mark.parametrize("free_focal", [False, True])
 def test_growth_equals_the_slow_twin(case, free_focal):
     model, picture, _, focal, scene = case
-    from windmark.registration.search.triplets import marker_triplets
-
     gates = growth.Gates(TOLERANCE, 0.75, 8.0, 0.5 * focal, (2.0 if free_focal else 0.5) * focal)
-    out = hypo.room_for(500)
-    triplets = marker_triplets(model, 4)[::3]
-    anchors = np.arange(len(picture.p), dtype=np.int32)
-    found, _ = hypo.hypotheses_kernel(
-        model, picture, RULES, out, triplets, np.zeros(len(triplets), np.int8), anchors, 4, np.array([focal])
-    )
-    grown = growth.room_for(found, 24)
-    growth.growth_kernel(model, picture, gates, out, found, grown)
     right = 0
-    for n in range(found):
-        pairs = zip(out.marker[n, : out.pairs[n]], out.spot[n, : out.pairs[n]], strict=True)
-        twin = slow_growth(model, picture, gates, out.rotation[n], out.translation[n], float(focal), pairs)
-        if grown.score[n] == -np.inf:
-            assert twin is None
+    for pose, _, _, pairs in hypotheses(case, 3):
+        if pairs is None:
             continue
-        match, score = twin
-        np.testing.assert_array_equal(grown.match[n], match)
-        assert grown.score[n] == pytest.approx(score, abs=1e-3)
-        true = grown.match[n] >= 0
-        right += (scene.label[grown.match[n][true]] == np.flatnonzero(true)).all()
+        match = np.full(24, -1, np.int32)
+        match[[m for m, _ in pairs]] = [s for _, s in pairs]
+        twin = slow_growth(model, picture, gates, pose.rotation, pose.translation, float(focal), pairs)
+        score = growth.grow(
+            model, picture, gates, match, pose.rotation.copy(), pose.translation.copy(), focal, len(pairs)
+        )[0]  # fmt: skip
+        if twin is None:
+            assert score == -np.inf
+            continue
+        np.testing.assert_array_equal(match, twin[0])
+        assert score == pytest.approx(twin[1], abs=1e-3)
+        true = match >= 0
+        right += (scene.label[match[true]] == np.flatnonzero(true)).all()
     assert right >= 3

@@ -5,10 +5,10 @@ import pytest
 import registration_scenes as scenes
 
 from windmark.registration import NotRegistered, prepare, register
-from windmark.registration._kernels.cells import celled
+from windmark.registration._kernels.symmetry import field_of
 from windmark.registration.search import field
 from windmark.registration.search.field import modes_of
-from windmark.registration.search.layout import Layout
+from windmark.registration.search.layout import Layout, unit_model
 from windmark.scene import MarkerSet
 
 
@@ -164,9 +164,9 @@ def test_the_moved_marker_of_a_grid_hidden_is_ambiguous():
 
 def test_every_marker_is_in_its_cell():
     xyz = np.random.default_rng(6).normal(size=(200, 3)) * [1.0, 0.5, 0.0]
-    first, member, low, per_unit, size = celled(xyz)
-    assert sorted(member.tolist()) == list(range(200))
-    assert 200 < np.prod(size) <= 4 * 200 + 8
-    cell = np.repeat(np.arange(len(first) - 1), np.diff(first))
-    place = np.minimum(((xyz[member] - low) * per_unit).astype(int), size - 1)
-    np.testing.assert_array_equal(cell, (place[:, 0] * size[1] + place[:, 1]) * size[2] + place[:, 2])
+    field = field_of(unit_model(xyz, np.full((200, 3), np.nan))[0])
+    assert sorted(field.member.tolist()) == list(range(200))
+    assert 200 < np.prod(field.size) <= 4 * 200 + 8
+    cell = np.repeat(np.arange(len(field.first) - 1), np.diff(field.first))
+    place = np.minimum(((field.xyz[field.member] - field.low) * field.per_unit).astype(int), field.size - 1)
+    np.testing.assert_array_equal(cell, np.ravel_multi_index(place.T, field.size))

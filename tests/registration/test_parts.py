@@ -9,17 +9,11 @@ import registration_scenes as scenes
 from windmark.geometry import Camera, Pose
 from windmark.registration._kernels.hypothesis import Model
 from windmark.registration.judge.words import beyond_prior
-from windmark.registration.search import plane, triplets
-from windmark.registration.search.layout import unit_model
+from windmark.registration.search import links, plane
+from windmark.registration.search.layout import Frame, interior_angles, spread_corners, unit_model
 from windmark.registration.search.near import nearest
 from windmark.registration.search.pool import Candidate, Pool
 from windmark.registration.task import Task, with_focal
-
-
-def candidate(score, match, angle_deg=0.0):
-    match = np.asarray(match, np.int32)
-    pose = Pose.from_rotvec([0, 0, np.radians(angle_deg)], [0, 0, 1])
-    return Candidate(pose, 1000.0, score, int((match >= 0).sum()), match)
 
 
 def task_of(scene, **more):
@@ -28,7 +22,7 @@ def task_of(scene, **more):
 
 def test_interior_angles_of_known_triangles():
     corners = np.array([[[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 0, 0], [1, 0, 0], [2, 0, 0]], [[0, 0, 0]] * 3], float)
-    angles = np.degrees(triplets.interior_angles(corners))
+    angles = np.degrees(interior_angles(corners))
     np.testing.assert_allclose(angles[0], [90, 45, 45])
     np.testing.assert_allclose(np.sort(angles[1]), [0, 0, 180], atol=1e-6)
     np.testing.assert_allclose(angles[2], 0)
@@ -38,31 +32,31 @@ def test_marker_triplets_are_all_sound_ones_once():
     rng = np.random.default_rng(0)
     xyz = rng.normal(size=(9, 3)) * [1, 1, 0.05]
     model, _ = unit_model(xyz, np.full((9, 3), np.nan))
-    chosen = triplets.marker_triplets(model, 8)
+    chosen = links.marker_triplets(model, 8)
     got = {tuple(sorted(t)) for t in chosen.tolist()}
     assert len(got) == len(chosen)
     expected = set()
     for t in combinations(range(9), 3):
-        angles = np.degrees(triplets.interior_angles(xyz[list(t)][None]))[0]
+        angles = np.degrees(interior_angles(xyz[list(t)][None]))[0]
         if angles.min() >= 10:
             expected.add(t)
     assert got == expected
     assert len(expected) < 84  # the angle rule was at work
-    every = triplets.marker_triplets(model, 8, every_corner=True)
+    every = links.marker_triplets(model, 8, every_corner=True)
     assert len(every) == 3 * len(chosen)
 
 
 def test_too_few_markers_for_triplets():
     model = Model(np.zeros((2, 3)), np.zeros((2, 3)), np.array([[1], [0]], np.int32))
-    assert len(triplets.marker_triplets(model, 4)) == 0
+    assert len(links.marker_triplets(model, 4)) == 0
 
 
 def test_turns_are_the_sign_of_the_area_in_the_image():
     rng = np.random.default_rng(2)
     markers = scenes.wing(rng)
     model, _ = unit_model(markers.xyz, markers.normal)
-    chosen = triplets.marker_triplets(model, 8)
-    turns = triplets.turns_of(model, chosen)
+    chosen = links.marker_triplets(model, 8)
+    turns = links.turns_of(model, chosen)
     for seed in range(5):
         camera, pose = scenes.random_view(np.random.default_rng(seed), markers)
         xy, _ = camera.project(pose.apply(markers.xyz))
@@ -70,20 +64,20 @@ def test_turns_are_the_sign_of_the_area_in_the_image():
         area = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
         assert (area[turns != 0] * turns[turns != 0] > 0).all()
     back = Model(model.xyz, -model.normal, model.near)
-    np.testing.assert_array_equal(triplets.turns_of(back, chosen), -turns)
+    np.testing.assert_array_equal(links.turns_of(back, chosen), -turns)
     unknown = Model(model.xyz, np.zeros_like(model.normal), model.near)
-    assert not triplets.turns_of(unknown, chosen).any()
+    assert not links.turns_of(unknown, chosen).any()
 
 
 def test_spread_corners_are_compact_and_spread():
     p = np.stack(np.meshgrid(np.arange(10.0) * 10, np.arange(8.0) * 10), axis=-1).reshape(-1, 2)
-    corners = triplets.spread_corners(p, np.arange(80, dtype=np.int32), 5)
+    corners = spread_corners(p, np.arange(80, dtype=np.int32), 5)
     assert corners.shape == (5, 3)
     heads = p[corners[:, 0]]
     assert min(np.linalg.norm(a - b) for a, b in combinations(heads, 2)) > 25
     assert max(np.ptp(p[c], axis=0).max() for c in corners) <= 20
     line = np.stack([np.arange(9.0), np.zeros(9)], axis=1)
-    assert len(triplets.spread_corners(line, np.arange(9, dtype=np.int32), 5)) == 0
+    assert len(spread_corners(line, np.arange(9, dtype=np.int32), 5)) == 0
 
 
 def test_frame_round_trips_poses():
@@ -122,18 +116,24 @@ def test_density_is_local_and_never_below_average():
 
 
 def test_pool_keeps_the_best_of_alike_and_all_distinct():
-    pool = Pool(size=3)
-    assert pool.best is None
-    assert pool.add(candidate(10, [0, 1, 2, 3]))
-    assert pool.add(candidate(12, [0, 1, 2, -1], 1.0))  # alike and better: replaces
-    assert [c.score for c in pool.items] == [12]
-    assert not pool.add(candidate(11, [0, 1, 2, 3]))
-    assert pool.add(candidate(9, [0, 1, 2, 3], 40.0))  # another pose of the same labels
-    assert pool.add(candidate(8, [1, 2, 3, 0]))  # a shifted labelling
-    assert [c.score for c in pool.items] == [12, 9, 8]
-    assert pool.add(candidate(20, [3, 2, 1, 0]))
-    assert [c.score for c in pool.items] == [20, 12, 9]
-    assert not pool.add(candidate(5, [-1, 0, 3, 1]))
+    pool = Pool(Frame(np.zeros(3), 1.0), 3, 4)
+
+    def add(score, match, angle_deg=0.0):
+        rotation = Pose.from_rotvec([0, 0, np.radians(angle_deg)], [0, 0, 0]).rotation
+        pool.add(rotation, np.array([0.0, 0.0, 1.0]), 1000.0, float(score), np.array(match, np.int32))
+        return [c.score for c in pool.top()]
+
+    assert pool.top() == []
+    assert add(10, [0, 1, 2, 3]) == [10]
+    assert add(12, [0, 1, 2, -1], 1.0) == [12]  # alike and better: replaces
+    first = pool.top()[0]
+    assert first.count == 3
+    assert add(11, [0, 1, 2, 3]) == [12]
+    assert add(9, [0, 1, 2, 3], 40.0) == [12, 9]  # another pose of the same labels
+    assert add(8, [1, 2, 3, 0]) == [12, 9, 8]  # a shifted labelling
+    assert pool.top()[0] is first
+    assert add(20, [3, 2, 1, 0]) == [20, 12, 9]
+    assert add(5, [-1, 0, 3, 1]) == [20, 12, 9]
 
 
 def test_prior_share_of_a_narrow_prior():

@@ -14,12 +14,11 @@ from windmark.registration._kernels import growth as growth
 from windmark.registration._kernels import match as match
 from windmark.registration._kernels import quad as quads
 from windmark.registration._kernels import rival as rival
-from windmark.registration._kernels import screen as screen
 from windmark.registration.register import default_tolerance
+from windmark.registration.search import links
 from windmark.registration.search.layout import DIRECTIONS, Layout, sphere
 from windmark.registration.search.plane import Plane
-from windmark.registration.search.quads import QuadSearch
-from windmark.registration.search.ransac import make_gates
+from windmark.registration.search.search import Search, make_gates
 from windmark.registration.task import Task
 
 CHECK = 0.5 * TOLERANCE
@@ -57,7 +56,7 @@ def test_no_rival_grows_beyond_its_promise(kind):
             r = rotation @ turn.T
             t = translation - r @ shift
             room = np.empty((7, 7)), np.empty(7)
-            if (match >= 0).sum() < 4 or not growth._refine(
+            if (match >= 0).sum() < 4 or not growth.refine(
                 plane.model.xyz, picture.p, match, r, t, scene.camera.focal_px, *room, 6, gates.sigma**2
             )[0]:
                 continue
@@ -169,15 +168,15 @@ def test_screen_passes_what_p3p_confirms_and_little_else(scene):
         spots = [a, *model.near[a, :3].tolist()]
         if abs(np.linalg.det(p[spots[2:]] - p[spots[1]])) < 1000:
             continue
-        sight = screen.sight_of(p, *spots, focal)
-        right.append(screen.fits(model.xyz, *spots, sight, 3.0 / focal))
+        sight = match.sight_of(p, *spots, focal)
+        right.append(match.fits(model.xyz, *spots, sight, 3.0 / focal))
         for _ in range(20):
             other = rng.integers(60)
             markers = [other, *rng.permutation(model.near[other, :6])[:3].tolist()]
             rays = np.column_stack([p[spots[1:]], np.full(3, focal)])
             anchors = [pose.apply(model.xyz[markers[0]]) for pose in p3p(rays, model.xyz[markers[1:]]).poses()]
             good = any(np.linalg.norm(focal * x[:2] / x[2] - p[a]) < 3.0 for x in anchors)
-            fits = screen.fits(model.xyz, *markers, sight, 3.0 / focal)
+            fits = match.fits(model.xyz, *markers, sight, 3.0 / focal)
             tried, confirmed, kept, passed = tried + 1, confirmed + good, kept + (good and fits), passed + fits
     assert np.mean(right) > 0.9
     assert confirmed > 5
@@ -191,7 +190,7 @@ def slow_search(model, picture, gates, table, focal, tried, cells):
     for (a, b, c, d), cell in zip(tried.tolist(), cells.tolist(), strict=True):
         rays = np.column_stack([picture.p[[b, c, d]], np.full(3, focal)])
         for i, j, k, m in table.quad[table.first[cell] : table.first[cell + 1]].tolist():
-            if not screen.fits(model.xyz, i, j, k, m, screen.sight_of(picture.p, a, b, c, d, focal), CHECK / focal):
+            if not match.fits(model.xyz, i, j, k, m, match.sight_of(picture.p, a, b, c, d, focal), CHECK / focal):
                 continue
             for pose in p3p(rays, model.xyz[[j, k, m]]).poses():
                 anchor = pose.apply(model.xyz[i])
@@ -212,12 +211,13 @@ def test_search_grows_what_its_slow_twin_grows():
     tried, cells = quads.spot_quads_kernel(picture.p, picture.near, 0, 7, table.first)
     tried, cells = tried[:400], cells[:400]
     best, none = kept.room_for_best(60, 24), np.full((1, 24), -1, np.int32)
-    got, links, work = match.search_kernel(
-        model, picture, RULES, gates, table, np.array([focal]), CHECK, tried, cells, 0, 10**6, np.inf, best, none
+    of = match.Links(tried, table.first[cells], table.first[cells + 1], table.quad, CHECK, 24)
+    got, count, work = match.search_kernel(
+        model, picture, RULES, gates, of, np.array([focal]), 0, 10**6, np.inf, best, none
     )
     assert got == len(tried)
-    assert links == np.diff(table.first)[cells].sum()
-    assert links < work
+    assert count == np.diff(table.first)[cells].sum()
+    assert count < work
     outcomes = slow_search(model, picture, gates, table, focal, tried, cells)
     # Solutions seen before are not grown again.
     assert 3 < best.serial[-1] <= len(outcomes)
@@ -239,7 +239,7 @@ def test_search_finds_the_pose_and_the_planes_mirror_image():
     camera = scenes.Camera((1280, 1000), 1280 / (2 * np.tan(np.radians(0.25))))
     pose = Pose.look_at(np.array([0.45, 0.5, 0.0]) + 600 * np.array([0.5, 0.3, 0.8]), [0.45, 0.5, 0.0], [0, 1, 0])
     scene = scenes.image_of(rng, flat, camera, pose, noise_px=0.2)
-    search = QuadSearch(plane_of(scene), 45.0)
+    search = Search(plane_of(scene), 45.0)
     for _ in search.batches():
         if search.best is not None and search.best.score > 45.0:
             break
@@ -256,7 +256,7 @@ def solved(scene):
     """A search that has found a solution and looked for its rivals."""
     spots = scene.detections
     tolerance = default_tolerance(spots.xy, scene.camera, scene.markers)
-    search = QuadSearch(Plane(Task(scene.markers, scene.camera, spots.xy, spots.cov, tolerance)), 45.0)
+    search = Search(Plane(Task(scene.markers, scene.camera, spots.xy, spots.cov, tolerance)), 45.0)
     for _ in search.batches():
         if search.best is not None and search.best.score > 45.0:
             break
@@ -287,8 +287,12 @@ def test_half_a_copy_is_found_beside_the_model():
     assert found >= 4
 
 
-def test_first_quads_of_anchors():
-    quad = np.array([[3, 0, 1, 2], [1, 0, 2, 3], [3, 1, 2, 0], [0, 1, 2, 3], [1, 2, 3, 0]], np.int32)
-    assert quads.first_of_each_kernel(quad, 4, 9).tolist() == [0, 1, 3]
-    assert quads.first_of_each_kernel(quad, 4, 2).tolist() == [0, 1]
-    assert quads.first_of_each_kernel(quad[:0], 4, 2).tolist() == []
+def test_compact_quads_are_the_rarest_of_each_anchor(scene):
+    plane = plane_of(scene)
+    picture, table = plane.picture(len(scene.detections)), plane.layout.table(7)
+    some = np.arange(0, len(picture.p), 2, dtype=np.int32)
+    of = links.compact_links(picture, some, 6, 9, table, CHECK)
+    assert len(of.spots) == 9
+    assert len(set(of.spots[:, 0].tolist())) == 9
+    assert set(of.spots.ravel().tolist()) <= set(some.tolist())
+    assert (np.diff(of.last - of.first) >= 0).all()

@@ -1,6 +1,6 @@
 """Few spots, most markers hidden: what the quads cannot find is searched in full, and its odds are told honestly."""
 
-from itertools import combinations, permutations
+from itertools import permutations
 
 import numpy as np
 import pytest
@@ -10,16 +10,16 @@ from slow_twins import RULES, TOLERANCE, facing, nearest_spot
 from windmark.geometry import Pose, p3p
 from windmark.registration import prepare, register
 from windmark.registration._kernels import best as kept
-from windmark.registration._kernels import growth, sparse
-from windmark.registration.budget import SPARSE, Budget, work_for
+from windmark.registration._kernels import growth
+from windmark.registration._kernels import match as match
+from windmark.registration.budget import TRIPLET, Budget, work_for
 from windmark.registration.judge import own
 from windmark.registration.judge.source import Source
 from windmark.registration.register import default_tolerance
-from windmark.registration.search import plane
+from windmark.registration.search import links, plane
 from windmark.registration.search.layout import unit_model
 from windmark.registration.search.plane import Plane
-from windmark.registration.search.quads import QuadSearch
-from windmark.registration.search.sparse import wide_triplets
+from windmark.registration.search.search import Search
 from windmark.registration.settle.views import Views
 from windmark.registration.task import SPARSE_SPOTS, Limits, Task
 from windmark.scene import Detections, MarkerSet
@@ -47,11 +47,11 @@ def task_of(spots, markers, camera, **known):
 def in_full(task):
     """The source of a search that has done nothing but look in full."""
     one, budget = Plane(task), Budget()
-    search = QuadSearch(one, 45.0, budget=budget)
+    search = Search(one, 45.0, budget=budget)
     batches = search.batches()
     for _ in range(len(task.xy) - task.least_explained + 1):
         next(batches)
-    assert search.links * SPARSE <= budget.spent <= 3 * SPARSE * task.sparse_links
+    assert search.links * TRIPLET <= budget.spent <= 3 * TRIPLET * task.sparse_links
     return Source(Views.of([one]), [search], 60.0, budget)
 
 
@@ -69,17 +69,16 @@ def test_the_kernel_finds_what_its_slow_twin_finds():
     model, _ = unit_model(markers.xyz, markers.normal)
     picture, focal = plane.picture(camera, xy, 3 * TOLERANCE), camera.focal_px
     gates = growth.Gates(TOLERANCE, 0.75, 8.0, 0.5 * focal, 0.5 * focal, 5, 0.0)
-    corners = wide_triplets(picture.p, 1)[0]
-    triplets = np.array(list(combinations(range(9), 3)), dtype=np.int32)
-    unsure, free = np.zeros(len(triplets), np.int8), np.full(5, -1, np.int32)
-    best, price = kept.room_for_best(12, 9), np.zeros(12)
-    links, grown = sparse.sparse_kernel(
-        model, picture, RULES, gates, np.array([focal]), corners, triplets, unsure, free, best, price
+    corners = links.wide_triplets(picture.p, 1)[0]
+    best = kept.room_for_best(60, 9)
+    of = links.full_links(model, picture.p, corners, np.full(5, -1, np.int32))
+    _, tried, _ = match.search_kernel(
+        model, picture, RULES._replace(least=5), gates, of, np.array([focal]), 0, 10**9, np.inf, best, best.match
     )
-    assert links == 9 * 8 * 7
+    assert 9 * 8 * 7 / 2 <= tried < 9 * 8 * 7  # others are seen turning the other way
     expected = slow_sparse(model, picture, focal, corners)
-    assert grown == len(expected)
-    assert 1 <= (best.score > -np.inf).sum() <= grown
+    # What has the pairs of a known solution is not grown again.
+    assert 1 <= best.serial[-1] <= len(expected)
     first = best.match[best.score.argmax()]
     assert first.tolist() == [0, -1, 1, -1, 2, -1, 3, 4, -1]
     assert any((first == match).all() for match in expected)
@@ -140,7 +139,7 @@ def test_ties_are_shown():
 def test_a_label_decides_what_is_tried_first():
     spots, label, markers, camera, _ = few_of(3, "A", 5)
     task = task_of(spots, markers, camera, fixed=((0, int(label[0])),))
-    top = QuadSearch(Plane(task), 45.0)
+    top = Search(Plane(task), 45.0)
     next(top.batches())
     assert any(task.keeps(candidate.match) for candidate in top.top(12))
 
@@ -151,7 +150,7 @@ def test_only_few_spots_are_searched_in_full():
         task = task_of(spots, markers, camera)
         assert task.least_explained == least
         assert task.sparse_links == (count - least + 1) * 24 * 23 * 22
-        assert work_for(task, "hash") > SPARSE * task.sparse_links
+        assert work_for(task, "hash") > TRIPLET * task.sparse_links
     spots, _, markers, camera, _ = few_of(1, "A", 8, false=SPARSE_SPOTS)
     task = task_of(spots, markers, camera)
     assert task.least_explained == task.sparse_links == 0

@@ -10,13 +10,10 @@ from numpy.typing import NDArray
 from windmark.geometry import Camera, Pose
 from windmark.geometry._p3p_kernels import p3p_batch_kernel
 from windmark.registration._kernels.evidence import log10_nfa
-from windmark.registration._kernels.growth import growth_kernel
-from windmark.registration._kernels.hypothesis import hypotheses_kernel
 from windmark.registration._kernels.match import search_kernel
-from windmark.registration._kernels.quad import first_of_each_kernel, spot_quads_kernel, table_kernel
+from windmark.registration._kernels.quad import spot_quads_kernel, table_kernel
 from windmark.registration._kernels.rival import rivals_kernel
-from windmark.registration._kernels.sparse import sparse_kernel
-from windmark.registration._kernels.symmetry import symmetries_kernel
+from windmark.registration._kernels.symmetry import motions_kernel
 from windmark.registration.settle._kernels.doubt import doubt_kernel
 from windmark.registration.settle._kernels.places import places_kernel
 from windmark.registration.settle._kernels.settle import accept_kernel, fit_kernel, settle_kernel
@@ -25,16 +22,15 @@ from windmark.registration.settle._kernels.worth import worth_kernel
 from windmark.registration.task import Task, Visible
 
 _KERNELS = (
-    log10_nfa, growth_kernel, hypotheses_kernel, p3p_batch_kernel, rivals_kernel, search_kernel, spot_quads_kernel,
-    table_kernel, symmetries_kernel, first_of_each_kernel, settle_kernel, fit_kernel, accept_kernel, worth_kernel,
-    doubt_kernel, places_kernel, smooth_cov_kernel, sparse_kernel,
+    log10_nfa, p3p_batch_kernel, rivals_kernel, search_kernel, spot_quads_kernel, table_kernel, motions_kernel,
+    settle_kernel, fit_kernel, accept_kernel, worth_kernel, doubt_kernel, places_kernel, smooth_cov_kernel,
 )  # fmt: skip
 
 PER_SECOND = 1e7
 """Units of work that a core of 2024 does in a second."""
-LINK, SPARSE, TRIPLET, SETTLE, SETTLE_PAIR, BEND, BEND_PAIR = 1, 5, 10, 900, 35, 35_000, 700
-"""What is counted, in units of about 0.1 us: a link of a quad, one of three spots far apart, one of a triplet (P3P and
-its neighbourhood), a candidate that is refined, for each marker of it, and the same with a deformation. Guarded by
+LINK, TRIPLET, SETTLE, SETTLE_PAIR, BEND, BEND_PAIR = 1, 5, 900, 35, 35_000, 700
+"""What is counted, in units of about 0.1 us: a link of a quad, one of a triplet (P3P and what it must pass), a
+candidate that is refined, for each marker of it, and the same with a deformation. Guarded by
 `benchmarks/matching_refusals.py`: the time of a refusal is as even as these are right."""
 LEAST, PER_POINT = 200_000, 2_500
 """The search may do so much work, and so much for each marker and each spot, times the root of the number of focal
@@ -119,7 +115,7 @@ def work_for(task: Task, method: str) -> float:
     if method == "ransac":
         return RANSAC
     work = (LEAST + PER_POINT * (len(task.markers) + len(task.xy))) * float(len(task.focal_factors)) ** 0.5
-    return work + SPARSE * task.sparse_links
+    return work + TRIPLET * task.sparse_links
 
 
 def _compiled() -> int:

@@ -59,12 +59,9 @@ def pose_from_labels(
     cameras = [camera]
     if "focal_px" in free:
         cameras = [with_focal(camera, camera.focal_px * f) for f in FOCAL_FACTORS]
-    triplets = _wide_triplets(spots, markers, np.random.default_rng(seed))
-    starts = [start for c in cameras for start in _starts(spots, markers, c, triplets)]
-    starts = sorted(starts, key=lambda start: start[0])[: 4 * STARTS]
     found: list[PoseEstimate] = []
     failure: DegenerateGeometry | None = None
-    for _, start_camera, pose in _distinct(starts)[:STARTS]:
+    for _, start_camera, pose in poses_of(spots, markers, cameras, seed)[:STARTS]:
         # The lens parameters of the given camera are the start, whatever the focal length.
         start_camera = replace(camera, focal_px=start_camera.focal_px)
         if not start_camera.project(pose.apply(markers))[1].all():
@@ -78,6 +75,15 @@ def pose_from_labels(
     if not found:
         raise failure or DegenerateGeometry("pose_from_labels: no pose puts all markers in front of the camera")
     return _clear_best(found)
+
+
+def poses_of(
+    spots: Array, markers: Array, cameras: Sequence[Camera], seed: int = 0, triplets: int = TRIPLETS
+) -> list[tuple[float, Camera, Pose]]:
+    """Distinct poses that put three of the markers (K, 3) on their spots (K, 2), with the median residual of all."""
+    some = _wide_triplets(spots, markers, np.random.default_rng(seed))[:triplets]
+    starts = [start for camera in cameras for start in _starts(spots, markers, camera, some)]
+    return _distinct(sorted(starts, key=lambda start: start[0])[: 4 * STARTS])
 
 
 def _checked(xy: ArrayLike, xyz: ArrayLike) -> tuple[Array, Array]:

@@ -108,8 +108,8 @@ def register(  # type: ignore[misc]  # the overloads leave the options to this o
     tolerance_px : neighbourhood in which a projected marker looks for its spot during the search; None takes
         0.4 % of the image's diagonal, more where the table's sigmas ask for it, less where the spots are dense. The
         final gates follow the residuals
-    method : "hash" looks local quads of spots up in a table of local quads of markers (`registration.search.quads`);
-        "ransac" is the paper's search with the changes listed in `registration.search.ransac`
+    method : "hash" looks local quads of spots up in a table of local quads of markers (`registration.search.links`);
+        "ransac" is the paper's search with the changes listed in `registration.search.search`
     layout : `prepare(markers)`, to save its milliseconds when many images are registered with the same markers
     max_hypotheses : links of three markers to three spots to try before giving up
     max_time_s : CPU time after which the search gives up, without that for the ``layout`` and ``visible``; None is no

@@ -1,9 +1,9 @@
 """Steps 4 to 6 of the search as a numba kernel: match, refine, count, until nothing changes.
 
-Private to the registration room; works in the search plane (see `_plane`). The few pairs that support a
+Private to the registration room; works in the search plane (see `search.plane`). The few pairs that support a
 hypothesis give a first least-squares pose; from then on every marker is matched within a gate that its
 predicted uncertainty opens, one to one, and the pose is refined again: far markers join as the pose
-becomes known. Readable twin: tests/registration/test_growth.py.
+becomes known. Readable twin: tests/registration/slow_twins.py.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from windmark.geometry._cholesky_kernels import cholesky, solve_factored
 from windmark.geometry._jit import nb
 from windmark.geometry._kernels import to_camera
-from windmark.registration._kernels.hypothesis import GRAZING, OUT, Hypotheses, Model, Picture, _towards, lookup
+from windmark.registration._kernels.hypothesis import GRAZING, OUT, Model, Picture, _towards, lookup
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int32]
@@ -40,43 +40,6 @@ class Gates(NamedTuple):
     least_part: float = 0.2  # ... with less than this part of the markers that should be seen
 
 
-class Grown(NamedTuple):
-    """What became of every hypothesis."""
-
-    rotation: Array  # (B, 3, 3)
-    translation: Array  # (B, 3)
-    focal: Array  # (B,)
-    score: Array  # (B,) log-likelihood ratio, -inf where given up
-    matched: Ints  # (B,) number of matched markers
-    match: Ints  # (B, N) spot of every marker or -1
-
-
-def room_for(size: int, markers: int) -> Grown:
-    """Empty arrays for ``size`` solutions."""
-    return Grown(
-        np.empty((size, 3, 3)), np.empty((size, 3)), np.empty(size),
-        np.empty(size), np.empty(size, np.int32), np.empty((size, markers), np.int32),
-    )  # fmt: skip
-
-
-@nb.njit(cache=True, nogil=True, error_model="numpy")
-def growth_kernel(model: Model, picture: Picture, gates: Gates, hypotheses: Hypotheses, found: int, out: Grown) -> None:
-    """Grow the first ``found`` hypotheses."""
-    for n in range(found):
-        match, r, t = out.match[n], out.rotation[n], out.translation[n]
-        for m in range(match.shape[0]):
-            match[m] = -1
-        for k in range(hypotheses.pairs[n]):
-            match[hypotheses.marker[n, k]] = hypotheses.spot[n, k]
-        for i in range(3):
-            for j in range(3):
-                r[i, j] = hypotheses.rotation[n, i, j]
-            t[i] = hypotheses.translation[n, i]
-        out.score[n], out.focal[n], out.matched[n] = grow(
-            model, picture, gates, match, r, t, hypotheses.focal[n], hypotheses.pairs[n]
-        )
-
-
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def grow(
     model: Model, picture: Picture, gates: Gates, match: Ints, r: Array, t: Array, f: float, count: int
@@ -89,7 +52,7 @@ def grow(
     for round_ in range(STEPS):
         size = 7 if gates.focal_high > gates.focal_low and count >= 6 else 6
         score = -math.inf
-        good, f = _refine(model.xyz, picture.p, match, r, t, f, factor, step, size, variance)
+        good, f = refine(model.xyz, picture.p, match, r, t, f, factor, step, size, variance)
         if not good or (size == 7 and not gates.focal_low < f < gates.focal_high):
             break
         for m in range(markers):
@@ -100,21 +63,16 @@ def grow(
         # The expected misfit takes part, so that few markers do not fake precision.
         variance = (PRIOR_WORTH * gates.sigma**2 + squares) / (PRIOR_WORTH + max(2 * count - size, 0))
         score = likelihood(picture.density, match, count, expected, squares, variance)
-        if _same(match, last) or (round_ > 0 and score < gates.min_score):
+        changed = 0
+        for m in range(markers):
+            changed += match[m] != last[m]
+        if changed == 0 or (round_ > 0 and score < gates.min_score):
             break
     return (score if score >= gates.min_score else -math.inf), f, count
 
 
-@nb.njit(cache=True, nogil=True)
-def _same(a: Ints, b: Ints) -> bool:
-    different = 0
-    for m in range(a.shape[0]):
-        different += a[m] != b[m]
-    return different == 0
-
-
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _refine(
+def refine(
     xyz: Array, p: Array, match: Ints, r: Array, t: Array, f: float,
     factor: Array, step: Array, size: int, variance: float,
 ) -> tuple[bool, float]:  # fmt: skip

@@ -1,10 +1,9 @@
-"""Steps 2 to 4 of the search in one numba kernel: link, solve, reject, look at the neighbourhood.
+"""What a pose from three pairs must pass before it is grown (steps 3 and 4 of the paper's search), as numba kernels.
 
-Private to the registration room. Everything happens in the *search plane* (see `_plane`): ideal pixels
+Private to the registration room. Everything happens in the *search plane* (see `search.plane`): ideal pixels
 with the principal point at the origin, so that a marker at camera-frame (X, Y, Z) is seen at
 f (X, Y) / Z. A raster of that plane names the nearest spot of every cell, so projecting and testing one
-marker is O(1). The hot functions take plain arrays and scalars: a record of arrays would be unpacked,
-with reference counts, at every call.
+marker is O(1). Readable twin: tests/registration/slow_twins.py.
 """
 
 from __future__ import annotations
@@ -17,7 +16,6 @@ from numpy.typing import NDArray
 
 from windmark.geometry._jit import nb
 from windmark.geometry._kernels import to_camera
-from windmark.geometry._p3p_kernels import p3p_kernel
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int32]
@@ -58,7 +56,7 @@ class Picture(NamedTuple):
 
 
 class Rules(NamedTuple):
-    """Constants of the search."""
+    """What a hypothesis must pass."""
 
     tolerance: float  # px, the neighbourhood of step 4
     p_seen: float  # assumed chance that a marker in view has a spot
@@ -68,121 +66,45 @@ class Rules(NamedTuple):
     prior_cosine: float  # of the largest angle to the prior; -2 without a prior
     prior_depth: Array  # (N,) depth over focal length of every marker in the prior
     prior_scale: float  # largest ratio of scales
-
-
-class Hypotheses(NamedTuple):
-    """Poses that the neighbourhood supports, with the pairs that do."""
-
-    rotation: Array  # (B, 3, 3)
-    translation: Array  # (B, 3)
-    focal: Array  # (B,)
-    marker: Ints  # (B, PAIRS)
-    spot: Ints  # (B, PAIRS)
-    pairs: Ints  # (B,)
-
-
-def room_for(size: int) -> Hypotheses:
-    """Empty arrays for ``size`` hypotheses."""
-    return Hypotheses(
-        np.empty((size, 3, 3)), np.empty((size, 3)), np.empty(size),
-        np.empty((size, PAIRS), np.int32), np.empty((size, PAIRS), np.int32), np.empty(size, np.int32),
-    )  # fmt: skip
+    least: int = 0  # not 0: so many spots must have a marker, of all, and nothing else counts
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def hypotheses_kernel(
-    model: Model, picture: Picture, rules: Rules, out: Hypotheses,
-    triplets: Ints, turns: NDArray[np.int8], anchors: Ints, reach: int, focals: Array,
-) -> tuple[int, int]:  # fmt: skip
-    """Link every marker triplet to triplets of neighbouring spots and keep what the neighbourhood supports.
-
-    Parameters
-    ----------
-    triplets : (T, 3) markers
-    turns : (T,) sign of the triplet's area in the image when its markers face the camera, 0 if either
-    anchors : spots that the first marker is linked to; the others are among its ``reach`` nearest spots
-    focals : focal lengths to try
-
-    Returns
-    -------
-    The number of hypotheses found and of links tried. When ``out`` is full the rest is counted, not kept.
-    """
-    p, beside, density, raster = picture.p, picture.near, picture.density, picture.raster
-    xyz, normal, near = model.xyz, model.normal, model.near
-    grid = (picture.x0, picture.y0, picture.per_px)
-    limits = (rules.tolerance, math.log(rules.p_seen), math.log(1.0 - rules.p_seen), rules.reject_at, rules.grow_at)
-    prior = (rules.prior_cosine, rules.prior_scale)
-    rays, points = np.empty((3, 3)), np.empty((3, 3))
-    r, t = np.empty((4, 3, 3)), np.empty((4, 3))
-    marker, spot = np.empty(PAIRS, np.int32), np.empty(PAIRS, np.int32)
-    found, links = 0, 0
-    for n in range(triplets.shape[0]):
-        i, j, k = triplets[n, 0], triplets[n, 1], triplets[n, 2]
-        for q in range(3):
-            points[0, q], points[1, q], points[2, q] = xyz[i, q], xyz[j, q], xyz[k, q]
-        for a in anchors:
-            for code in range(reach * reach):
-                b, c = beside[a, code // reach], beside[a, code % reach]
-                area = (p[b, 0] - p[a, 0]) * (p[c, 1] - p[a, 1]) - (p[b, 1] - p[a, 1]) * (p[c, 0] - p[a, 0])
-                if b == c or area * turns[n] < 0.0:
-                    continue
-                for f in focals:
-                    links += 1
-                    _ray(rays, 0, p[a, 0], p[a, 1], f)
-                    _ray(rays, 1, p[b, 0], p[b, 1], f)
-                    _ray(rays, 2, p[c, 0], p[c, 1], f)
-                    for s in range(p3p_kernel(rays, points, r, t)):
-                        if prior[0] > -1.0 and not _allowed(
-                            r[s], t[s], f, xyz, i, rules.prior_rotation, rules.prior_depth, prior
-                        ):
-                            continue
-                        pairs = _neighbourhood(
-                            xyz, normal, near, p, density, raster, grid, limits,
-                            r[s], t[s], f, (i, j, k), (a, b, c), marker, spot,
-                        )  # fmt: skip
-                        if pairs > 0:
-                            if found < out.focal.shape[0]:
-                                _keep(out, found, r[s], t[s], f, marker, spot, pairs)
-                            found += 1
-    return found, links
-
-
-@nb.njit(cache=True, nogil=True, error_model="numpy")
-def _ray(rays: Array, n: int, u: float, v: float, f: float) -> None:
+def ray_to(rays: Array, n: int, u: float, v: float, f: float) -> None:
     q = 1.0 / math.sqrt(u * u + v * v + f * f)
     rays[n, 0], rays[n, 1], rays[n, 2] = q * u, q * v, q * f
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _allowed(
-    r: Array, t: Array, f: float, xyz: Array, m: int, rotation: Array, depth: Array, limits: tuple[float, float]
-) -> bool:
+def allowed(xyz: Array, rules: Rules, r: Array, t: Array, f: float, m: int) -> bool:
     """Whether a pose is within the prior's angle and scale (paper, section III.C); the scale is taken at marker m."""
-    trace = 0.0
+    if rules.prior_cosine < -1.0:
+        return True
+    rotation, trace = rules.prior_rotation, 0.0
     for i in range(3):
         for j in range(3):
             trace += r[i, j] * rotation[i, j]
-    if 0.5 * (trace - 1.0) < limits[0]:
+    if 0.5 * (trace - 1.0) < rules.prior_cosine:
         return False
-    ratio = to_camera(r, t, xyz[m, 0], xyz[m, 1], xyz[m, 2])[2] / (f * depth[m])
-    return ratio < limits[1] and ratio * limits[1] > 1.0
+    ratio = to_camera(r, t, xyz[m, 0], xyz[m, 1], xyz[m, 2])[2] / (f * rules.prior_depth[m])
+    return ratio < rules.prior_scale and ratio * rules.prior_scale > 1.0
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _neighbourhood(
-    xyz: Array, normal: Array, near: Ints, p: Array, density: Array, raster: Ints,
-    grid: tuple[float, float, float], limits: tuple[float, float, float, float, float],
-    r: Array, t: Array, f: float, triplet: tuple[int, int, int], spots: tuple[int, int, int],
-    marker: Ints, spot: Ints,
+def neighbourhood(
+    model: Model, picture: Picture, rules: Rules, r: Array, t: Array, f: float,
+    triplet: tuple[int, int, int], spots: tuple[int, int, int], marker: Ints, spot: Ints,
 ) -> int:  # fmt: skip
     """Sum the log-likelihood ratio of the triplet's neighbours, nearest first, until lost or convincing.
 
     A hit counts by how unlikely it is at the local density of spots, a miss by the chance that a marker is
     hidden. Returns the number of pairs in ``marker`` and ``spot``, 0 if the hypothesis is dropped. The
-    neighbourhood widens with the distance from the triplet, where its pose is known best.
+    neighbourhood widens with the distance from the triplet, where its pose is known best. With ``rules.least``
+    all markers are asked, each spot that is hit counts one and a miss nothing.
     """
     (i, j, k), (a, b, c) = triplet, spots
-    tolerance, log_seen, log_missed, reject_at, grow_at = limits
+    xyz, normal, near, p, density = model.xyz, model.normal, model.near, picture.p, picture.density
+    raster, grid = picture.raster, (picture.x0, picture.y0, picture.per_px)
     ex = -(r[0, 0] * t[0] + r[1, 0] * t[1] + r[2, 0] * t[2])
     ey = -(r[0, 1] * t[0] + r[1, 1] * t[1] + r[2, 1] * t[2])
     ez = -(r[0, 2] * t[0] + r[1, 2] * t[1] + r[2, 2] * t[2])
@@ -192,11 +114,18 @@ def _neighbourhood(
     cx, cy = (p[a, 0] + p[b, 0] + p[c, 0]) / 3.0, (p[a, 1] + p[b, 1] + p[c, 1]) / 3.0
     size2 = ((p[a, 0] - cx) ** 2 + (p[a, 1] - cy) ** 2 + (p[b, 0] - cx) ** 2 + (p[b, 1] - cy) ** 2
              + (p[c, 0] - cx) ** 2 + (p[c, 1] - cy) ** 2) / 3.0  # fmt: skip
+    every, enough = rules.least > 0, rules.grow_at if rules.least == 0 else rules.least - 3.5
     score, pairs = 0.0, 3
-    for n in range(near.shape[1]):
-        m = near[i, n]
+    marker[0], marker[1], marker[2] = i, j, k
+    spot[0], spot[1], spot[2] = a, b, c
+    for n in range(xyz.shape[0] if every else near.shape[1]):
+        if pairs == PAIRS or (score > enough and not every):
+            break
+        m = n if every else near[i, n]
+        if m in (i, j, k):
+            continue
         facing = _towards(normal, m, ex - xyz[m, 0], ey - xyz[m, 1], ez - xyz[m, 2])
-        if m in (j, k) or facing < 0.0:
+        if facing < 0.0:
             continue
         x, y, z = to_camera(r, t, xyz[m, 0], xyz[m, 1], xyz[m, 2])
         if z <= 0.0:
@@ -205,25 +134,22 @@ def _neighbourhood(
         s = lookup(raster, grid, u, v)
         if s == OUT:
             continue
-        if s >= 0 and s != a and s != b and s != c:
-            reach2 = tolerance**2 * min(3.0, 1.0 + 0.5 * math.sqrt(((u - cx) ** 2 + (v - cy) ** 2) / size2)) ** 2
+        if every and s in spot[:pairs]:
+            continue
+        if s >= 0 and s not in (a, b, c):
+            reach2 = rules.tolerance**2 * min(3.0, 1.0 + 0.5 * math.sqrt(((u - cx) ** 2 + (v - cy) ** 2) / size2)) ** 2
             d2 = (p[s, 0] - u) ** 2 + (p[s, 1] - v) ** 2
             if d2 < reach2:
                 marker[pairs], spot[pairs] = m, s
                 pairs += 1
-                score += log_seen - math.log(CORE_MASS * math.pi * max(d2, CORE2 * reach2) * density[s])
-                if score > grow_at or pairs == PAIRS:
-                    break
+                chance = CORE_MASS * math.pi * max(d2, CORE2 * reach2) * density[s]
+                score += 1.0 if every else math.log(rules.p_seen / chance)
                 continue
-        if facing > GRAZING:
-            score += log_missed
-            if score < reject_at:
+        if facing > GRAZING and not every:
+            score += math.log(1.0 - rules.p_seen)
+            if score < rules.reject_at:
                 return 0
-    if not score > grow_at and pairs < PAIRS:
-        return 0
-    marker[0], marker[1], marker[2] = i, j, k
-    spot[0], spot[1], spot[2] = a, b, c
-    return pairs
+    return pairs if score > enough or pairs == PAIRS else 0
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
@@ -242,14 +168,3 @@ def lookup(raster: Ints, grid: tuple[float, float, float], u: float, v: float) -
     if not (column >= 0.0 and row >= 0.0 and column < raster.shape[1] and row < raster.shape[0]):
         return OUT
     return raster[int(row), int(column)]
-
-
-@nb.njit(cache=True, nogil=True)
-def _keep(out: Hypotheses, n: int, r: Array, t: Array, f: float, marker: Ints, spot: Ints, pairs: int) -> None:
-    for i in range(3):
-        for j in range(3):
-            out.rotation[n, i, j] = r[i, j]
-        out.translation[n, i] = t[i]
-    for i in range(pairs):
-        out.marker[n, i], out.spot[n, i] = marker[i], spot[i]
-    out.focal[n], out.pairs[n] = f, pairs

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.geometry._jit import nb
+from windmark.registration._kernels.hypothesis import Model
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int32]
@@ -62,49 +63,35 @@ def barycentric(
     return u / area, v / area, area
 
 
-@nb.njit(cache=True, nogil=True, error_model="numpy")
-def _views(xyz: Array, directions: Array, strengths: Array) -> Array:
-    """(D, S, N, 2) the markers seen from directions (D, 3), with perspective: 1 / strength is the distance."""
-    out = np.empty((directions.shape[0], strengths.shape[0], xyz.shape[0], 2))
-    for k in range(directions.shape[0]):
-        nx, ny, nz = directions[k, 0], directions[k, 1], directions[k, 2]
-        # Camera axes: x right, y down, z away from the camera's place at +n.
-        if abs(nz) < 0.9:
-            h = 1.0 / math.sqrt(nx * nx + ny * ny)
-            ex, ey, ez = -ny * h, nx * h, 0.0
-        else:
-            h = 1.0 / math.sqrt(ny * ny + nz * nz)
-            ex, ey, ez = 0.0, -nz * h, ny * h
-        gx, gy, gz = ny * ez - nz * ey, nz * ex - nx * ez, nx * ey - ny * ex
-        for s in range(strengths.shape[0]):
-            for m in range(xyz.shape[0]):
-                x, y, z = xyz[m, 0], xyz[m, 1], xyz[m, 2]
-                depth = max(1.0 - strengths[s] * (nx * x + ny * y + nz * z), 0.2)
-                out[k, s, m, 0] = (ex * x + ey * y + ez * z) / depth
-                # e, -g, -n is right-handed: y points down where e points right.
-                out[k, s, m, 1] = -(gx * x + gy * y + gz * z) / depth
-    return out
-
-
-@nb.njit(cache=True, nogil=True, error_model="numpy")
-def table_kernel(xyz: Array, normal: Array, near: Ints, reach: int, directions: Array, strengths: Array) -> Table:
+def table_of(model: Model, reach: int, directions: Array) -> Table:
     """Table of all quads of a marker and three of its ``reach`` nearest ones (a few more where they are as far).
+
+    ``directions`` (D, 3) lead from the model to the cameras, unit; at most 64.
+    """
+    xyz, normal = model.xyz, model.normal
+    # Camera axes: x right, y down, z away from the camera's place; any roll.
+    aside = np.where(np.abs(directions[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
+    right = np.cross(aside, directions)
+    right /= np.linalg.norm(right, axis=1, keepdims=True)
+    views = np.stack([right @ xyz.T, -np.cross(directions, right) @ xyz.T], axis=-1)
+    faces = (normal @ directions.T > FACING) | (normal == 0.0).all(axis=1, keepdims=True)
+    facing = (faces * 2 ** np.arange(len(directions), dtype=np.uint64)).sum(axis=1, dtype=np.uint64)
+    return Table(*table_kernel(xyz, model.near, reach, views, facing))
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def table_kernel(
+    xyz: Array, near: Ints, reach: int, views: Array, facing: NDArray[np.uint64]
+) -> tuple[Ints, Ints]:  # fmt: skip
+    """The parts of the table.
 
     Parameters
     ----------
-    xyz, normal, near : as in `Model`, scaled to unit size
-    directions : (D, 3) from the model to the cameras, unit; at most 64
-    strengths : (S,) of perspective: the model's size over the distance
+    xyz, near : as in `Model`, scaled to unit size
+    views : (D, N, 2) the markers as they are seen from afar
+    facing : (N,) a bit for each view in which the marker is seen
     """
-    n = xyz.shape[0]
-    views = _views(xyz, directions, strengths)
-    facing = np.zeros(n, np.uint64)
-    for m in range(n):
-        for k in range(directions.shape[0]):
-            c = normal[m, 0] * directions[k, 0] + normal[m, 1] * directions[k, 1] + normal[m, 2] * directions[k, 2]
-            if c > FACING or (normal[m, 0] == 0.0 and normal[m, 1] == 0.0 and normal[m, 2] == 0.0):
-                facing[m] |= np.uint64(1) << np.uint64(k)
-    room = 64 * n * reach
+    n, room = xyz.shape[0], 64 * xyz.shape[0] * reach
     cell, quad = np.empty(room, np.int32), np.empty((room, 4), np.int32)
     stamp = np.full(6 * CELLS * CELLS, -1, np.int32)
     used, serial = 0, 0
@@ -118,12 +105,20 @@ def table_kernel(xyz: Array, normal: Array, near: Ints, reach: int, directions: 
                     step = _step(xyz, a, b, c, d)
                     if seen == 0 or step == 0:
                         continue
-                    if used + 6 * CELLS * CELLS > room:
-                        room *= 2
-                        cell, quad = _grown(cell, room), _grown2(quad, room)
+                    if used + 6 * CELLS * CELLS > cell.shape[0]:
+                        cell = np.concatenate((cell, np.empty_like(cell)))
+                        quad = np.concatenate((quad, np.empty_like(quad)))
                     used = _enter(a, b, c, d, views, seen, step, stamp, serial, cell, quad, used)
                     serial += 1
-    return _by_cell(cell[:used], quad[:used])
+    first, out = np.zeros(CELLS * CELLS + 1, np.int32), np.empty((used, 4), np.int32)
+    for e in range(used):
+        first[cell[e] + 1] += 1
+    first = np.cumsum(first).astype(np.int32)
+    at = first[:-1].copy()
+    for e in range(used):
+        out[at[cell[e]]] = quad[e]
+        at[cell[e]] += 1
+    return first, out
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
@@ -169,20 +164,6 @@ def _step(xyz: Array, a: int, b: int, c: int, d: int) -> int:
     return 3 if height2 > 0.02**2 else 7
 
 
-@nb.njit(cache=True, nogil=True)
-def _grown(old: Ints, room: int) -> Ints:
-    new = np.empty(room, np.int32)
-    new[: old.shape[0]] = old
-    return new
-
-
-@nb.njit(cache=True, nogil=True)
-def _grown2(old: Ints, room: int) -> Ints:
-    new = np.empty((room, 4), np.int32)
-    new[: old.shape[0]] = old
-    return new
-
-
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def _enter(
     a: int, b: int, c: int, d: int, views: Array, seen: int, step: int, stamp: Ints, serial: int,
@@ -194,50 +175,35 @@ def _enter(
     for view in range(0, views.shape[0], step):
         if (seen >> np.uint64(view)) & np.uint64(1) == 0:
             continue
-        for s in range(views.shape[1]):
-            p = views[view, s]
-            u, v, area = barycentric(
-                p[a, 0], p[a, 1], p[b, 0], p[b, 1], p[c, 0], p[c, 1], p[d, 0], p[d, 1]
-            )  # fmt: skip
-            w = 1.0 - u - v
-            if not (abs(u) < REACH and abs(v) < REACH and abs(w) < REACH):
-                continue
-            turned = area < 0.0
-            for r in range(3):
-                # The three ways to begin the triangle, in the order in which it is seen clockwise.
-                if turned:
-                    x, y = ((u, w), (w, v), (v, u))[r]
-                    q = ((b, d, c), (d, c, b), (c, b, d))[r]
-                else:
-                    x, y = ((u, v), (v, w), (w, u))[r]
-                    q = ((b, c, d), (c, d, b), (d, b, c))[r]
-                kind = (3 if turned else 0) + r
-                for i in range(int((x - BLUR + REACH) * k), int((x + BLUR + REACH) * k) + 1):
-                    for j in range(int((y - BLUR + REACH) * k), int((y + BLUR + REACH) * k) + 1):
-                        if i < 0 or j < 0 or i >= CELLS or j >= CELLS:
-                            continue
-                        at = i * CELLS + j
-                        if stamp[kind * size + at] == serial:
-                            continue
-                        stamp[kind * size + at] = serial
-                        cell[used] = at
-                        quad[used, 0], quad[used, 1], quad[used, 2], quad[used, 3] = a, q[0], q[1], q[2]
-                        used += 1
+        p = views[view]
+        u, v, area = barycentric(
+            p[a, 0], p[a, 1], p[b, 0], p[b, 1], p[c, 0], p[c, 1], p[d, 0], p[d, 1]
+        )  # fmt: skip
+        w = 1.0 - u - v
+        if not (abs(u) < REACH and abs(v) < REACH and abs(w) < REACH):
+            continue
+        turned = area < 0.0
+        for r in range(3):
+            # The three ways to begin the triangle, in the order in which it is seen clockwise.
+            if turned:
+                x, y = ((u, w), (w, v), (v, u))[r]
+                q = ((b, d, c), (d, c, b), (c, b, d))[r]
+            else:
+                x, y = ((u, v), (v, w), (w, u))[r]
+                q = ((b, c, d), (c, d, b), (d, b, c))[r]
+            kind = (3 if turned else 0) + r
+            for i in range(int((x - BLUR + REACH) * k), int((x + BLUR + REACH) * k) + 1):
+                for j in range(int((y - BLUR + REACH) * k), int((y + BLUR + REACH) * k) + 1):
+                    if i < 0 or j < 0 or i >= CELLS or j >= CELLS:
+                        continue
+                    at = i * CELLS + j
+                    if stamp[kind * size + at] == serial:
+                        continue
+                    stamp[kind * size + at] = serial
+                    cell[used] = at
+                    quad[used, 0], quad[used, 1], quad[used, 2], quad[used, 3] = a, q[0], q[1], q[2]
+                    used += 1
     return used
-
-
-@nb.njit(cache=True, nogil=True)
-def _by_cell(cell: Ints, quad: Ints) -> Table:
-    first = np.zeros(CELLS * CELLS + 1, np.int32)
-    for e in range(cell.shape[0]):
-        first[cell[e] + 1] += 1
-    for c in range(CELLS * CELLS):
-        first[c + 1] += first[c]
-    at, out = first[:-1].copy(), np.empty((cell.shape[0], 4), np.int32)
-    for e in range(cell.shape[0]):
-        out[at[cell[e]]] = quad[e]
-        at[cell[e]] += 1
-    return Table(first, out)
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
@@ -263,7 +229,12 @@ def spot_quads_kernel(p: Array, near: Ints, low: int, high: int, first: Ints) ->
                     w = 1.0 - u - v
                     if not (abs(u) <= 1.0 and abs(v) <= 1.0 and abs(w) <= 1.0):
                         continue
-                    if abs(area) < 2.0 * FLATTEST * _longest2(p, b, c, d):
+                    longest2 = max(
+                        (p[b, 0] - p[c, 0]) ** 2 + (p[b, 1] - p[c, 1]) ** 2,
+                        (p[c, 0] - p[d, 0]) ** 2 + (p[c, 1] - p[d, 1]) ** 2,
+                        (p[d, 0] - p[b, 0]) ** 2 + (p[d, 1] - p[b, 1]) ** 2,
+                    )
+                    if abs(area) < 2.0 * FLATTEST * longest2:
                         continue
                     if area < 0.0:
                         c, d, v = d, c, w
@@ -277,26 +248,3 @@ def spot_quads_kernel(p: Array, near: Ints, low: int, high: int, first: Ints) ->
         count[q] = first[cell[q] + 1] - first[cell[q]]
     order = np.argsort(count, kind="mergesort")
     return quad[:used][order], cell[:used][order]
-
-
-@nb.njit(cache=True, nogil=True)
-def first_of_each_kernel(quad: Ints, anchors: int, most: int) -> NDArray[np.int64]:
-    """Numbers of the first quad of every anchor, ``most`` at most; quads (Q, 4), anchors below so many."""
-    met, out, used = np.zeros(anchors, np.bool_), np.empty(min(anchors, most), np.int64), 0
-    for q in range(quad.shape[0]):
-        if used == out.shape[0]:
-            break
-        if not met[quad[q, 0]]:
-            met[quad[q, 0]] = True
-            out[used] = q
-            used += 1
-    return out[:used]
-
-
-@nb.njit(cache=True, nogil=True)
-def _longest2(p: Array, b: int, c: int, d: int) -> float:
-    return max(
-        (p[b, 0] - p[c, 0]) ** 2 + (p[b, 1] - p[c, 1]) ** 2,
-        (p[c, 0] - p[d, 0]) ** 2 + (p[c, 1] - p[d, 1]) ** 2,
-        (p[d, 0] - p[b, 0]) ** 2 + (p[d, 1] - p[b, 1]) ** 2,
-    )

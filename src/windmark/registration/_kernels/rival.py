@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from windmark.geometry._jit import nb
 from windmark.geometry._kernels import to_camera
 from windmark.registration._kernels.best import Best, keep
-from windmark.registration._kernels.growth import PRIOR_WORTH, Gates, _refine, grow
+from windmark.registration._kernels.growth import PRIOR_WORTH, Gates, grow, refine
 from windmark.registration._kernels.hypothesis import GRAZING, OUT, Model, Picture, _towards, lookup
 from windmark.registration._kernels.match import GROWTH
 
@@ -26,10 +26,9 @@ HOPELESS = 80.0
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def rivals_kernel(
-    model: Model, picture: Picture, gates: Gates, best: Best, symmetries: tuple[Ints, Array, Array],
-    rotation: Array, translation: Array, focal: float, match: Ints,
-) -> tuple[int, bool]:  # fmt: skip
-    """Grow what the near-symmetries of the model make of a solution, and its mirror image in a plane.
+    model: Model, picture: Picture, gates: Gates, best: Best, r: Array, t: Array, f: float, match: Ints
+) -> tuple[int, bool]:
+    """Grow what is made of a solution: poses r (S, 3, 3), t (S, 3) with labels (S, N), all changed; first its own.
 
     It ends as soon as one is better by far: the solution is no answer, and the rivals of that one are to be looked for.
 
@@ -37,53 +36,23 @@ def rivals_kernel(
     -------
     The work done, in links; whether it ended so.
     """
-    onto, turn, shift = symmetries
-    n, work = match.shape[0], GROWTH * match.shape[0]
-    r, t, new = np.empty((3, 3)), np.empty(3), np.empty(n, np.int32)
-    factor, step = np.empty((7, 7)), np.empty(7)
-    r[:], t[:], new[:] = rotation, translation, match
-    own = grow(model, picture, gates, new, r, t, focal, (match >= 0).sum())[0]
+    n = match.shape[1]
+    factor, step, work = np.empty((7, 7)), np.empty(7), GROWTH * n
+    own = grow(model, picture, gates, match[0], r[0], t[0], f, (match[0] >= 0).sum())[0]
     least = max(own, best.score.max()) - HOPELESS
-    for s in range(onto.shape[0]):
+    for s in range(1, match.shape[0]):
         if own > -math.inf and best.score.max() > own + HOPELESS:
             return work, True
-        # The spot of marker m is taken for that of marker onto[m], so the camera sees the model moved back.
-        new[:] = -1
-        pairs = 0
-        for m in range(n):
-            if match[m] >= 0 and onto[s, m] >= 0:
-                new[onto[s, m]] = match[m]
-                pairs += 1
-        for i in range(3):
-            for j in range(3):
-                r[i, j] = 0.0
-                for k in range(3):
-                    r[i, j] += rotation[i, k] * turn[s, j, k]
-        for i in range(3):
-            t[i] = translation[i]
-            for j in range(3):
-                t[i] -= r[i, j] * shift[s, j]
         work += n
-        if pairs < 4 or not _refine(model.xyz, picture.p, new, r, t, focal, factor, step, 6, gates.sigma**2)[0]:
+        pairs = (match[s] >= 0).sum()
+        if pairs < 4 or not refine(model.xyz, picture.p, match[s], r[s], t[s], f, factor, step, 6, gates.sigma**2)[0]:
             continue
-        if promise(model, picture, gates, r, t, focal) > least:
-            work += _regrow(model, picture, gates, best, r, t, focal, new, pairs)
-    pairs = _mirrored(model.xyz, match, rotation, translation, r, t)
-    new[:] = match
-    return work + _regrow(model, picture, gates, best, r, t, focal, new, pairs), False
-
-
-@nb.njit(cache=True, nogil=True, error_model="numpy")
-def _regrow(
-    model: Model, picture: Picture, gates: Gates, best: Best, r: Array, t: Array, f: float, match: Ints, pairs: int
-) -> int:
-    """Grow so many pairs and keep what becomes of them; the work done, in links."""
-    if pairs < 4:
-        return 0
-    score, focal, count = grow(model, picture, gates, match, r, t, f, pairs)
-    if score > -math.inf:
-        keep(best, r, t, focal, score, count, match)
-    return GROWTH * match.shape[0]
+        if promise(model, picture, gates, r[s], t[s], f) > least:
+            work += GROWTH * n
+            score, focal, count = grow(model, picture, gates, match[s], r[s], t[s], f, pairs)
+            if score > -math.inf:
+                keep(best, r[s], t[s], focal, score, count, match[s])
+    return work, False
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")

@@ -11,10 +11,8 @@ from windmark.registration.budget import Budget
 from windmark.registration.judge.judge import Judge
 from windmark.registration.judge.source import Source
 from windmark.registration.judge.verdict import Verdict
-from windmark.registration.search.fixed import FixedSearch
 from windmark.registration.search.plane import Plane
-from windmark.registration.search.quads import CHECKS, FAR_STAGES, QuadSearch
-from windmark.registration.search.ransac import Search, make_rules
+from windmark.registration.search.search import Search
 from windmark.registration.task import MIN_COUNT, Limits
 
 STOP_AT = 45.0
@@ -26,35 +24,22 @@ WINDOW = 60.0
 """Candidates whose search score (nats) is this much below the best are no rivals."""
 WORTH_CARRYING = 25.0
 """Search score (nats) of one camera's candidate from which the other cameras are asked at once."""
-P_SEEN, REJECT_AT, GROW_AT = 0.35, -8.0, 3.0
-"""Of a rig, most markers may be hidden in one camera."""
 CLEAR = ("focal", "wrong_focal", "wrong_camera", "mirrored", "labels")
 """Causes that no better candidate would change."""
 
 
-def search_for(plane: Plane, options: dict[str, Any], budget: Budget) -> Search | QuadSearch:
+def search_for(plane: Plane, options: dict[str, Any], budget: Budget) -> Search:
     """The search of a single camera."""
-    if options["method"] == "hash" and not plane.task.fixed:
-        return QuadSearch(plane, STOP_AT, budget=budget)
-    rng = np.random.default_rng(options["seed"])
-    return FixedSearch(plane, rng, STOP_AT, budget) if plane.task.fixed else Search(plane, rng, budget)
+    return Search(plane, STOP_AT, method=options["method"], seed=options["seed"], budget=budget)
 
 
-def searches_of_rig(
-    planes: Sequence[Plane], options: dict[str, Any], budget: Budget
-) -> list[Search | QuadSearch | None]:
-    """The searches of several cameras: neighbourhoods may look weak, since the other cameras will judge."""
-    found: list[Search | QuadSearch | None] = []
-    for plane in planes:
-        rules = make_rules(plane)._replace(p_seen=P_SEEN, reject_at=REJECT_AT, grow_at=GROW_AT)
-        # Cameras are searched to their end, so there would be no gain from a first round with strict checks.
-        if len(plane.task.xy) < MIN_COUNT:
-            found.append(None)
-        elif plane.task.fixed or options["method"] != "hash":
-            found.append(search_for(plane, options, budget))
-        else:
-            found.append(QuadSearch(plane, WORTH_CARRYING, rules, len(FAR_STAGES), CHECKS[-1:], budget))
-    return found
+def searches_of_rig(planes: Sequence[Plane], options: dict[str, Any], budget: Budget) -> list[Search | None]:
+    """The searches of several cameras; none where there are too few spots."""
+    return [
+        Search(plane, WORTH_CARRYING, method=options["method"], wide=True, seed=options["seed"], budget=budget)
+        if len(plane.task.xy) >= MIN_COUNT else None
+        for plane in planes
+    ]  # fmt: skip
 
 
 def judge(

@@ -8,10 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.registration.budget import SETTLE, SETTLE_PAIR, Budget
-from windmark.registration.search.fixed import FixedSearch
 from windmark.registration.search.pool import Candidate
-from windmark.registration.search.quads import POOL, QuadSearch
-from windmark.registration.search.ransac import Search
+from windmark.registration.search.search import POOL, Search
 from windmark.registration.settle.solution import Solution, settle
 from windmark.registration.settle.views import Views
 
@@ -37,7 +35,7 @@ class Source:
     """
 
     def __init__(
-        self, views: Views, searches: Sequence[Search | QuadSearch | None], window: float, budget: Budget
+        self, views: Views, searches: Sequence[Search | None], window: float, budget: Budget
     ) -> None:
         self.views, self._window, self._budget = views, window, budget
         self._searches = tuple(searches)
@@ -68,10 +66,9 @@ class Source:
         return found[0] if found and found[0].score > least else None
 
     @property
-    def fixed(self) -> FixedSearch | None:
+    def fixed(self) -> Search | None:
         """The search of the first camera if some of its labels are known."""
-        first = self._searches[0]
-        return first if isinstance(first, FixedSearch) else None
+        return self._searches[0] if self.views.planes[0].task.fixed else None
 
     def batches(self) -> Iterator[int]:
         """Yields the links tried so far; the caller looks at the solutions after each batch of one camera."""
@@ -157,7 +154,7 @@ class Source:
             taken.append(np.isin(np.arange(len(self.views.planes[c].task.xy)), best.state.match[c]))
             if search is None:
                 continue
-            if isinstance(search, QuadSearch):
+            if isinstance(search, Search):
                 ended &= search.copies(self._as_candidate(best, c), over)
             for candidate in search.top(POOL):
                 spots = candidate.match[candidate.match >= 0]
@@ -186,11 +183,12 @@ class Source:
 
     def _solution(self, c: int, candidate: Candidate) -> Solution | None:
         if candidate not in self._settled:
-            if len(self._searches) > 1 and any(
-                candidate.is_like(known.state.rotations[c], known.state.match[c], int(known.counts[c]))
-                for known in self._settled.values() if known is not None
-            ):  # fmt: skip
-                return None  # it would become what is known
+            for known in self._settled.values() if len(self._searches) > 1 else ():
+                if known is not None and candidate.is_like(
+                    known.state.rotations[c], known.state.match[c], int(known.counts[c])
+                ):
+                    self._settled[candidate] = known  # what it would become
+                    return known
             self._settled[candidate] = self._settled_in(self.views, c, candidate)
         return self._settled[candidate]
 

@@ -10,12 +10,11 @@ from numpy.typing import NDArray
 
 from windmark.geometry import Pose
 from windmark.registration._kernels.hypothesis import Model
-from windmark.registration._kernels.quad import Table, table_kernel
-from windmark.registration._kernels.symmetry import symmetries_kernel
+from windmark.registration._kernels.quad import Table, table_of
+from windmark.registration._kernels.symmetry import alike_triangles, symmetries_of
 from windmark.registration.line import on_line
 from windmark.registration.search.field import extents, modes_of
 from windmark.registration.search.near import nearest
-from windmark.registration.search.triplets import spread_corners
 from windmark.scene import MarkerSet
 
 Array = NDArray[np.float64]
@@ -36,8 +35,6 @@ FLAT = 0.15
 MANY = 1_000
 """Of more markers than this enough neighbours are always seen: the small table does, the large one would take 300 MB of
 4,000 markers."""
-PERSPECTIVE = (0.0,)
-"""Strengths of perspective (size of the model over distance) with which they are tabled; the cells forgive the rest."""
 
 
 @dataclass(frozen=True)
@@ -127,13 +124,14 @@ class Layout:
         return axes[2] if rms[2] <= FLAT * float(np.linalg.norm(rms)) else None
 
     @cached_property
-    def _seeds(self) -> Ints:
-        """(T, 3) compact triangles, spread over the markers, whose like is looked for."""
-        return spread_corners(self.model.xyz, np.arange(len(self.model.xyz), dtype=np.int32), SEEDS)
+    def _alike(self) -> list[tuple[Ints, Ints]]:
+        """What looks like some compact triangles that are spread over the markers."""
+        every = np.arange(len(self.model.xyz), dtype=np.int32)
+        return alike_triangles(self.model, spread_corners(self.model.xyz, every, SEEDS))
 
     def _motions(self, *, mirrored: bool) -> tuple[Ints, Array, Array]:
         least = max(5, int(np.ceil(LEAST_BROUGHT * len(self.model.xyz))))
-        onto = symmetries_kernel(self.model, self._seeds, least, SYMMETRIES, mirrored)[0]
+        onto = symmetries_of(self.model, self._alike, least, SYMMETRIES, mirrored=mirrored)
         return onto, *_motions_of(self.model.xyz, onto, -1.0 if mirrored else 1.0)
 
     @cached_property
@@ -158,9 +156,7 @@ class Layout:
         return modes_of(self.model.xyz, self.markers.role == "wall")
 
     def _tabled(self, reach: int) -> Table:
-        reach = min(reach, self.model.near.shape[1])
-        model = self.model
-        return table_kernel(model.xyz, model.normal, model.near, reach, sphere(DIRECTIONS), np.array(PERSPECTIVE))
+        return table_of(self.model, min(reach, self.model.near.shape[1]), sphere(DIRECTIONS))
 
 
 def unit_model(xyz: Array, normal: Array) -> tuple[Model, Frame]:
@@ -200,3 +196,39 @@ def sphere(n: int) -> Array:
     z, turn = 1 - 2 * i / n, np.pi * (1 + np.sqrt(5)) * i
     r = np.sqrt(1 - z * z)
     return np.stack([r * np.cos(turn), r * np.sin(turn), z], axis=-1)
+
+
+def interior_angles(corners: Array) -> Array:
+    """(T, 3) interior angles in radians of triangles (T, 3, d); 0 for coincident corners."""
+    angles = []
+    for a in range(3):
+        u, v = corners[:, (a + 1) % 3] - corners[:, a], corners[:, (a + 2) % 3] - corners[:, a]
+        length = np.linalg.norm(u, axis=1) * np.linalg.norm(v, axis=1)
+        cosine = np.divide((u * v).sum(axis=1), length, out=np.ones(len(u)), where=length > 0)
+        angles.append(np.arccos(np.clip(cosine, -1, 1)))
+    return np.stack(angles, axis=1)
+
+
+def spread_corners(p: Array, spots: Ints, count: int) -> Ints:
+    """Up to ``count`` compact triplets (C, 3) of the given spots, spread over the image, with sound angles."""
+    if len(spots) < 3:
+        return np.zeros((0, 3), dtype=np.int32)
+    q = p[spots]
+    chosen: list[int] = [int(np.argmin(((q - q.mean(axis=0)) ** 2).sum(axis=1)))]
+    far = np.full(len(q), np.inf)
+    while len(chosen) < min(count, len(q)):
+        far = np.minimum(far, ((q - q[chosen[-1]]) ** 2).sum(axis=1))
+        chosen.append(int(np.argmax(far)))
+    triplets = [corner for a in chosen if (corner := _compact(q, a)) is not None]
+    return np.array([spots[list(t)] for t in triplets], dtype=np.int32).reshape(-1, 3)
+
+
+def _compact(q: Array, a: int) -> tuple[int, int, int] | None:
+    """The nearest two neighbours of point ``a`` that make a triangle with angles of 20 degrees or more."""
+    order = np.argsort(((q - q[a]) ** 2).sum(axis=1), kind="stable")[1:8]
+    for n in range(1, len(order)):
+        corners = np.array([[q[a], q[order[k]], q[order[n]]] for k in range(n)])
+        good = np.flatnonzero(interior_angles(corners).min(axis=1) >= np.radians(20.0))
+        if good.size:
+            return a, int(order[good[0]]), int(order[n])
+    return None

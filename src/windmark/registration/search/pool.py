@@ -1,16 +1,17 @@
-"""Candidates of the search and the pool that keeps the best distinct ones."""
+"""Candidates of the search, and the pool that keeps the best distinct ones."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from windmark.geometry import Pose
+from windmark.registration._kernels.best import ALIKE_SHARE, ALIKE_TRACE, keep, room_for_best
+from windmark.registration.search.layout import Frame
 
-ALIKE_COSINE = float(np.cos(np.radians(3.0)))
-ALIKE_SHARE = 0.6
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,40 +32,42 @@ class Candidate:
     count: int
     match: NDArray[np.int32]
 
-    def like(self, other: Candidate) -> bool:
-        """Nearly the same rotation (3 degrees) and mostly the same pairs: one solution, more or less grown.
-
-        Two poses of one labelling, as mirrored in a plane, are *not* alike; nor is a shift along a row.
-        """
-        return self.is_like(other.cam_from_model.rotation, other.match, other.count)
-
-    def is_like(self, rotation: NDArray[np.float64], match: NDArray[np.int32], count: int) -> bool:
-        """The same with the parts of the other one that matter."""
-        if float((self.cam_from_model.rotation * rotation).sum()) < 1 + 2 * ALIKE_COSINE:
+    def is_like(self, rotation: Array, match: NDArray[np.int32], count: int) -> bool:
+        """Whether it is nearly the same solution as another one, more or less grown, see `_kernels.best.keep`."""
+        if float((self.cam_from_model.rotation * rotation).sum()) < ALIKE_TRACE:
             return False
         shared = int(((self.match == match) & (self.match >= 0)).sum())
         return shared > ALIKE_SHARE * min(self.count, count)
 
 
-@dataclass
 class Pool:
-    """The best distinct candidates, best first."""
+    """The best distinct solutions: ``best`` for the kernels, and an object for each of them.
 
-    size: int = 12
-    items: list[Candidate] = field(default_factory=list)
+    Parameters
+    ----------
+    frame : of the markers
+    size, markers : numbers of solutions kept, and of markers
+    """
 
-    def add(self, new: Candidate) -> bool:
-        """Keep a candidate unless something like it is as good; True when it was kept."""
-        if len(self.items) == self.size and new.score <= self.items[-1].score:
-            return False
-        alike = [old for old in self.items if old.like(new)]
-        if any(old.score >= new.score for old in alike):
-            return False
-        self.items = sorted([*(old for old in self.items if old not in alike), new], key=lambda c: -c.score)
-        del self.items[self.size :]
-        return True
+    def __init__(self, frame: Frame, size: int, markers: int) -> None:
+        self._frame, self.best = frame, room_for_best(size, markers)
+        self._made: dict[int, Candidate] = {}
 
-    @property
-    def best(self) -> Candidate | None:
-        """The best candidate, None if there is none."""
-        return self.items[0] if self.items else None
+    def top(self) -> list[Candidate]:
+        """The candidates, best first."""
+        score = self.best.score
+        return [self._candidate(n) for n in np.argsort(-score, kind="stable").tolist() if score[n] > -np.inf]
+
+    def add(self, rotation: Array, translation: Array, focal_px: float, score: float, match: NDArray[np.int32]) -> None:
+        """Keep a solution of the unit model unless one like it is as good."""
+        keep(self.best, rotation, translation, focal_px, score, int((match >= 0).sum()), match)
+
+    def _candidate(self, n: int) -> Candidate:
+        """One object for each solution kept."""
+        best = self.best
+        serial = int(best.serial[n])
+        if serial not in self._made:
+            pose = self._frame.pose(best.rotation[n].copy(), best.translation[n].copy())
+            focal, score, count = float(best.focal[n]), float(best.score[n]), int(best.matched[n])
+            self._made[serial] = Candidate(pose, focal, score, count, best.match[n].copy())
+        return self._made[serial]

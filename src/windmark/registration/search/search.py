@@ -1,0 +1,389 @@
+"""The search of one camera: links of spots to markers are tried, and the best distinct solutions are kept.
+
+It goes on after a good solution as long as the caller asks: "stop at the first good pose" is the trap of regular
+layouts. `Search.rivals` looks for others on purpose.
+
+``method="ransac"`` is the search of AIAA 2005-5007, section III.C, steps 1 to 9, with these differences:
+
+- The image triplets of step 2 are not all, but those among a spot's nearest neighbours, few first: three
+  neighbouring markers are seen as three neighbouring spots, and their pose predicts the next neighbours well.
+- Step 4 judges by likelihood, nearest markers first, and gives up or goes on early.
+- Steps 7 to 9 do not stop at "all matched": on near-regular rows the mirrored or shifted labelling comes first
+  as often as the right one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.registration._kernels.growth import Gates, grow
+from windmark.registration._kernels.hypothesis import Picture, Rules
+from windmark.registration._kernels.match import Links, search_kernel
+from windmark.registration._kernels.rival import _mirrored, rivals_kernel
+from windmark.registration.budget import LINK, TRIPLET, Budget
+from windmark.registration.labelled import poses_of
+from windmark.registration.search import links
+from windmark.registration.search.layout import REACHES
+from windmark.registration.search.plane import Plane
+from windmark.registration.search.pool import Candidate, Pool
+from windmark.registration.task import with_focal
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int32]
+
+STAGES = ((REACHES[0], 0, 5), (REACHES[0], 5, 8), (REACHES[1], 0, 8), (REACHES[1], 8, 12))
+"""Table, and the neighbours of a spot that its quads are taken from (not all of them among the first number)."""
+FAR_STAGES = ((16, 0, 12), (16, 12, 16))
+"""Where two of three markers are hidden, four neighbouring spots are far apart on the model (the second one: in all
+cameras of a rig but one) ..."""
+FAR_MARKERS = 80
+"""... with more markers than this the table of such quads would be too large, and enough near ones are seen."""
+CHECKS = (0.2, 0.5)
+"""The anchor of a quad must lie within this part of the tolerance. With the first, all quads take half the time, and
+hardly a right one is lost but on a deformed model or with a rough table: then all are tried with the second."""
+TRIPLET_STAGES = ((4, 4), (4, 6), (6, 8), (8, 12), (14, 20), (24, 32))
+"""Neighbours that a marker triplet and a spot triplet are taken from."""
+HEADED_STAGE = (10, 14)
+"""The same for triplets that are headed by a labelled marker."""
+LABEL_POSES, LABEL_TRIPLETS = 4, 4
+"""Poses taken from labels, as three of them leave so many, and the triplets of labels that they come from."""
+WORK = 20_000
+"""Links after which the caller is asked whether to go on."""
+POOL = 12
+"""Solutions kept."""
+P_SEEN, REJECT_AT, GROW_AT = (0.6, 0.35), (-4.0, -8.0), (9.0, 3.0)
+"""What the neighbourhood must say for a solution to be grown, of one camera and of a rig's: there most markers may be
+hidden in one camera, and the others will judge."""
+MIN_SCORE = 8.0
+"""A grown solution worth less (nats) is given up."""
+FOCAL_SLACK = 1.3
+"""How far beyond the starting values a growing solution may take the focal length."""
+PRIOR_SLACK = float(np.radians(5.0))
+"""What starts so far beyond the prior's angle may grow into it."""
+RIVAL_TURNS = 3
+"""After so many times this work no more rivals are looked for; the near-symmetries have made the likely ones before."""
+RIVAL_NEAR, RIVAL_QUADS = 6, 24
+"""Neighbours and number of the quads that rivals are looked for with."""
+LEAST_SPOTS = 5
+"""So many spots at least make a solution."""
+COPIES = 4
+"""Solutions kept of those among the spots that one leaves."""
+COPY_WORK, COPY_TIMES = 4_000, 3
+"""Work (links) spent on them at least, and as a multiple of what the model itself took: a model of many markers needs a
+hundred times as much as one of few (`attacks`: copies)."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Trial:
+    """Links to be tried in a picture by some rules, what a link costs, and the pool for what they become."""
+
+    picture: Picture
+    links: Links
+    rules: Rules
+    gates: Gates
+    price: float
+    pool: Pool
+
+
+class Search:
+    """The state of one search: the kernels' view of the task, the best solutions, the number of links tried.
+
+    Parameters
+    ----------
+    plane : task and search plane
+    stop_at : search score (nats) from which a solution is shown to the caller at once
+    method : see `register`
+    wide : neighbourhoods may look weak, and quads may reach far: for a rig's cameras
+    seed : of the order of the paper's triplets
+    """
+
+    def __init__(
+        self, plane: Plane, stop_at: float, *, method: str = "hash", wide: bool = False, seed: int = 0,
+        budget: Budget | None = None,
+    ) -> None:  # fmt: skip
+        self.plane, self.task, self.links, self._work, self._budget = plane, plane.task, 0, 0.0, budget or Budget()
+        self._stop_at, self._method, self._wide, self._seed = stop_at, method, wide, seed
+        self._focals = plane.task.camera.focal_px * np.array(plane.task.focal_factors)
+        self._rules, self._gates = make_rules(plane, wide=wide), make_gates(plane)
+        self._free, self._bound = (Pool(plane.frame, POOL, len(plane.task.markers)) for _ in range(2))
+        self._moved: Candidate | None = None
+
+    # --- candidates ----------------------------------------------------------------------
+    @property
+    def best(self) -> Candidate | None:
+        """The best candidate that has the labels; without one, the best that has not."""
+        return next(iter([*self.top(1), *self.contradictions(1)]), None)
+
+    def top(self, count: int) -> list[Candidate]:
+        """The best distinct candidates that have the labels, best first."""
+        if not self.task.fixed:
+            return self._free.top()[:count]
+        distinct: list[Candidate] = []
+        for new in self._all():
+            if self.task.keeps(new.match) and not any(
+                new.is_like(old.cam_from_model.rotation, old.match, old.count) for old in distinct
+            ):
+                distinct.append(new)
+        return distinct[:count]
+
+    def contradictions(self, count: int) -> list[Candidate]:
+        """The best candidates that do not have all labels."""
+        return [c for c in self._all() if not self.task.keeps(c.match)][:count]
+
+    def _all(self) -> list[Candidate]:
+        return sorted([*self._bound.top(), *self._free.top()], key=lambda c: -c.score)
+
+    # --- the search ----------------------------------------------------------------------
+    def batches(self) -> Iterator[int]:
+        """Yields the links tried so far; the caller looks at the candidates after each batch."""
+        if len(self.task.fixed) >= 3:
+            self._by_labels()
+            yield self.links
+        for trial in self._trials():
+            start = 0
+            while start < len(trial.links.spots):
+                start = self._try(trial, start)
+                if self.task.fixed:
+                    self._move_to_labels()
+                yield self.links
+
+    def _try(
+        self, trial: _Trial, start: int, *, work: float = WORK, stop_at: float | None = None, known: Ints | None = None
+    ) -> int:  # fmt: skip
+        """Try links from these spots on; the spots to go on with. Pairs of ``known`` solutions are left out."""
+        best = trial.pool.best
+        start, tried, done = search_kernel(
+            self.plane.model, trial.picture, trial.rules, trial.gates, trial.links, self._focals, start,
+            max(int(work / trial.price), 1), self._stop_at if stop_at is None else stop_at, best,
+            best.match if known is None else known,
+        )  # fmt: skip
+        work = LINK * (done + (trial.price - 1) * tried)
+        self.links, self._work = self.links + int(tried), self._work + work
+        self._budget.spend(work)
+        return int(start)
+
+    def _trials(self) -> Iterator[_Trial]:
+        """All there is to try, the most promising first."""
+        if self.task.least_explained:
+            yield from self._in_full()
+        last = max((spot for spot, _ in self.task.fixed), default=0)
+        for lead in (lead for lead in self.plane.leads if lead > last):
+            for spot, marker in self.task.fixed:
+                yield self._headed(lead, spot, marker)
+        yield from self._by_triplets() if self._method == "ransac" else self._by_quads()
+
+    def _trial(
+        self, picture: Picture, of: Links, *, price: float = 1.0, pool: Pool | None = None, rules: Rules | None = None,
+        gates: Gates | None = None,
+    ) -> _Trial:  # fmt: skip
+        return _Trial(picture, of, rules or self._rules, gates or self._gates, price, pool or self._free)
+
+    def _by_quads(self) -> Iterator[_Trial]:
+        """Quads: strictest check first, then cheapest stage and number of best spots."""
+        far = FAR_STAGES[: 1 + self._wide] if len(self.task.markers) <= FAR_MARKERS else ()
+        cost = {
+            (stage, lead): stage[0] ** 3 * stage[2] ** 3 * lead
+            for lead in self.plane.leads
+            for stage in (*STAGES, *far)
+        }
+        # A rig's cameras are searched to their end, so there would be no gain from a first round with strict checks.
+        for part in CHECKS[self._wide :]:
+            for (reach, low, high), lead in sorted(cost, key=lambda key: cost[key]):
+                picture, table = self.plane.picture(lead), self.plane.layout.table(reach)
+                self._budget.spend(LINK * lead * high**3 / 12)
+                yield self._trial(picture, links.quad_links(picture, table, low, high, self._check(part)))
+
+    def _check(self, part: float) -> float:
+        """How far (px) an anchor may lie off."""
+        return part * self.task.tolerance_px
+
+    def _by_triplets(self) -> Iterator[_Trial]:
+        """The paper's random marker triplets, stage by stage, cheapest first; nothing twice."""
+        model, rng, cost = self.plane.model, np.random.default_rng(self._seed), {}
+        for lead in self.plane.leads:
+            for near_markers, near_spots in TRIPLET_STAGES:
+                cost[near_markers, near_spots, lead] = near_markers**2 * near_spots**2 * lead
+                if near_markers >= len(model.xyz) - 1 and near_spots >= lead - 1:
+                    break
+        for near_markers, near_spots, lead in sorted(cost, key=lambda key: cost[key]):
+            picture = self.plane.picture(lead, TRIPLET_STAGES[-1][1])
+            triplets = rng.permutation(links.marker_triplets(model, near_markers))
+            some = max(1, WORK // (lead * near_spots * (near_spots - 1) * len(self._focals)))
+            anchors = np.arange(lead, dtype=np.int32)
+            for start in range(0, len(triplets), some):
+                of = links.triplet_links(model, picture, triplets[start : start + some], anchors, near_spots)
+                yield self._trial(picture, of, price=TRIPLET)
+
+    def _headed(self, lead: int, spot: int, marker: int) -> _Trial:
+        """Triplets of a labelled marker and two of its neighbours against its spot and two of its neighbours."""
+        picture = self.plane.picture(lead)
+        triplets = links.marker_triplets(self.plane.model, HEADED_STAGE[0], every_corner=True)
+        triplets, anchor = triplets[triplets[:, 0] == marker], np.array([spot], dtype=np.int32)
+        of = links.triplet_links(self.plane.model, picture, triplets, anchor, HEADED_STAGE[1])
+        return self._trial(picture, of, price=TRIPLET, pool=self._bound)
+
+    def _in_full(self) -> Iterator[_Trial]:
+        """Few spots: as many triplets of them as one must have no false, against all triplets of markers.
+
+        Where labels are fixed a solution may have or contradict them, so both kinds are looked for.
+        """
+        task = self.task
+        picture, least = self.plane.picture(len(task.xy)), task.least_explained
+        rules, gates = self._rules._replace(least=least), self._gates._replace(least=least, least_part=0.0)
+        if task.prior is not None:
+            # Three spots alone may put the pose beyond it; what all of them say is checked later.
+            rules = rules._replace(prior_cosine=np.cos(min(task.prior_max_angle_rad + PRIOR_SLACK, np.pi)))
+        free, bound = np.full(len(task.xy), -1, np.int32), np.full(len(task.xy), -1, np.int32)
+        for spot, marker in task.fixed:
+            bound[spot] = marker
+        for corners in links.wide_triplets(picture.p, len(task.xy) - least + 1):
+            for only, pool in ((bound, self._bound), (free, self._free)) if task.fixed else ((free, self._free),):
+                of = links.full_links(self.plane.model, picture.p, corners, only)
+                yield self._trial(picture, of, price=TRIPLET, pool=pool, rules=rules, gates=gates)
+
+    def _by_labels(self) -> None:
+        """Poses from three labels or more: solutions worth a verdict by themselves, grown."""
+        task, (spots, markers) = self.task, np.array(self.task.fixed, dtype=np.int32).T
+        match = np.full(len(self.plane.model.xyz), -1, dtype=np.int32)
+        match[markers] = spots
+        cameras = [with_focal(task.camera, focal) for focal in self._focals]
+        picture, count = self.plane.picture(len(task.xy)), len(spots)
+        poses = poses_of(task.xy[spots], task.markers.xyz[markers], cameras, triplets=LABEL_TRIPLETS)
+        near = [(c, pose) for off, c, pose in poses if off < task.tolerance_px and task.allows(pose, c.focal_px)]
+        for camera, pose in near[:LABEL_POSES]:
+            (r, t), new = (part.copy() for part in self.plane.frame.unit(pose)), match.copy()
+            score, focal, _ = grow(self.plane.model, picture, self._gates, new, r, t, camera.focal_px, count)
+            if score > -np.inf and task.keeps(new):
+                self._bound.add(r, t, focal, score, new)
+        if near and count > 3:
+            # Growth gives up where most markers are missing, but so many labels check each other.
+            camera, pose = near[0]
+            self._bound.add(*self.plane.frame.unit(pose), camera.focal_px, self._stop_at + 1.0, match)
+
+    # --- other solutions on purpose ------------------------------------------------------
+    def rivals(self, candidate: Candidate, over: Callable[[], bool]) -> bool:
+        """Look for other solutions: of the spots that a candidate explains, and of those that it does not.
+
+        A shifted, turned or mirrored labelling uses mostly the same spots, so it has a quad among the explained ones,
+        where no false spot and hardly a hidden marker disturbs. One that takes every n-th spot of a lattice leaves most
+        of the spots, so quads of the others are tried, too. What the near-symmetries of the model make of the candidate
+        is tried in any case; if that is better by far, the candidate is no answer and nothing else is tried. False if
+        the time was ``over`` before all of this was done.
+        """
+        spots = candidate.match[candidate.match >= 0]
+        picture = self.plane.picture(next(n for n in self.plane.leads if n > spots.max()))
+        work, beaten = rivals_kernel(
+            self.plane.model, picture, self._gates, self._free.best, *self._made_of(candidate)
+        )  # fmt: skip
+        self._budget.spend(LINK * work)
+        if beaten:
+            return True
+        others = np.setdiff1d(np.arange(len(picture.p), dtype=np.int32), spots)
+        table, check = self.plane.layout.table(REACHES[1]), self._check(CHECKS[-1])
+        # The candidate itself may have grown from a bad start: it is grown again from its quads.
+        same = (self._free.best.match == candidate.match).all(axis=1)
+        known = np.where(same[:, None], np.int32(-1), self._free.best.match)
+        for some, most in ((spots, RIVAL_QUADS), (others, RIVAL_QUADS // 2)):
+            if len(some) < 4:
+                continue
+            trial = self._trial(picture, links.compact_links(picture, some, RIVAL_NEAR, most, table, check))
+            start = 0
+            for _ in range(RIVAL_TURNS):
+                if over():
+                    return False
+                start = self._try(trial, start, stop_at=np.inf, known=known)
+                if start == len(trial.links.spots):
+                    break
+        return True
+
+    def _move_to_labels(self) -> None:
+        """What contradicts the labels may be brought to them by a near-symmetry of the model."""
+        best = next(iter(self._free.top()), None)
+        if best is None or best is self._moved or best.score < self._stop_at:
+            return
+        self._moved, (r, t, focal, match) = best, self._made_of(best)
+        kept = [n for n in range(len(match)) if n == 0 or self.task.keeps(match[n])]
+        self._budget.spend(LINK * rivals_kernel(
+            self.plane.model, self.plane.picture(len(self.task.xy)), self._gates, self._bound.best,
+            r[kept], t[kept], focal, match[kept],
+        )[0])  # fmt: skip
+
+    def _made_of(self, candidate: Candidate) -> tuple[Array, Array, float, Ints]:
+        """Poses and labels that start from a candidate: its own, what the near-symmetries make of it, and the other
+        pose that sees nearly flat markers almost the same, mirrored in their plane and across the line of sight.
+
+        With a prior only those that lead to a pose it allows: a regular grid has many, and the others would take all
+        the places that are kept for rivals.
+        """  # fmt: skip
+        task, (rotation, translation) = self.task, self.plane.frame.unit(candidate.cam_from_model)
+        onto, turn, shift = self.plane.layout.symmetries
+        turned = rotation @ turn.transpose(0, 2, 1)
+        if task.prior is not None:
+            cosine = (np.einsum("sij,ij->s", turned, task.prior.rotation) - 1) / 2
+            allowed = cosine > np.cos(min(task.prior_max_angle_rad + PRIOR_SLACK, np.pi)) - 1e-9
+            onto, turned, shift = onto[allowed], turned[allowed], shift[allowed]
+        # The spot of marker m is taken for that of marker onto[m], so the camera sees the model moved back.
+        match = np.full((len(onto) + 2, len(candidate.match)), -1, np.int32)
+        symmetry, marker = np.nonzero((onto >= 0) & (candidate.match >= 0))
+        match[1 + symmetry, onto[symmetry, marker]] = candidate.match[marker]
+        match[[0, -1]] = candidate.match
+        moved = translation - np.einsum("sij,sj->si", turned, shift)
+        poses = np.concatenate([rotation[None], turned, rotation[None]])
+        places = np.concatenate([translation[None], moved, translation[None]])
+        _mirrored(self.plane.model.xyz, candidate.match, poses[0], places[0], poses[-1], places[-1])
+        return poses, places, candidate.focal_px, match
+
+    def copies(self, candidate: Candidate, over: Callable[[], bool]) -> bool:
+        """Look for another solution among the spots that a candidate does not explain: a second copy of the model.
+
+        A reflection, a ghost of a double exposure or a second model leaves spots of its own, which neighbour each other
+        when the explained ones are taken away. Quads of near ones are tried, those whose key fewest quads of markers
+        share first, with about as much work as the model took, until one grows to a solution; it is grown among these
+        spots alone, or the copy beside it would take it over. False if the work was ``over`` before all of this was
+        done.
+        """
+        spots = np.setdiff1d(np.arange(len(self.task.xy), dtype=np.int32), candidate.match)
+        if len(spots) < LEAST_SPOTS:
+            return True
+        picture, found = self.plane.part(spots), Pool(self.plane.frame, COPIES, len(candidate.match))
+        best, most = found.best, self._work + max(COPY_WORK, COPY_TIMES * self._work)
+        for reach, low, high in STAGES[:2]:
+            table, start = self.plane.layout.table(reach), 0
+            of = links.quad_links(picture, table, low, high, self._check(CHECKS[-1]))
+            self._budget.spend(LINK * len(spots) * high**3 / 12)
+            while start < len(of.spots) and self._work < most and best.score.max() <= self._stop_at:
+                if over():
+                    return False
+                start = self._try(self._trial(picture, of, pool=found), start, work=most - self._work)
+        for n in np.flatnonzero(best.score > -np.inf):
+            match = np.where(best.match[n] >= 0, spots[best.match[n]], -1).astype(np.int32)
+            self._free.add(best.rotation[n], best.translation[n], float(best.focal[n]), float(best.score[n]), match)
+        return True
+
+
+def make_rules(plane: Plane, *, wide: bool = False) -> Rules:
+    """What a hypothesis must pass."""
+    task, n = plane.task, len(plane.model.xyz)
+    rotation, cosine, depth = np.zeros((3, 3)), -2.0, np.ones(n)
+    if task.prior is not None:
+        rotation, translation = plane.frame.unit(task.prior)
+        cosine = float(np.cos(task.prior_max_angle_rad))
+        depth = (plane.model.xyz @ rotation.T + translation)[:, 2] / task.camera.focal_px
+    return Rules(
+        task.tolerance_px, P_SEEN[wide], REJECT_AT[wide], GROW_AT[wide],
+        np.ascontiguousarray(rotation), cosine, np.ascontiguousarray(depth), task.prior_max_scale,
+    )  # fmt: skip
+
+
+def make_gates(plane: Plane) -> Gates:
+    """Constants of growth."""
+    task = plane.task
+    sigma = max(task.typical_sigma_px, task.tolerance_px / 8)
+    low, high = (
+        task.camera.focal_px * f for f in (task.focal_factors[0] / FOCAL_SLACK, task.focal_factors[-1] * FOCAL_SLACK)
+    )
+    return Gates(task.tolerance_px, sigma, MIN_SCORE, low, high if task.free_focal else low)
