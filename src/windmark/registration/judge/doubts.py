@@ -18,7 +18,7 @@ from windmark.registration.judge.own import is_loose
 from windmark.registration.result import Cause, Unchecked
 from windmark.registration.settle._kernels.doubt import doubt_kernel
 from windmark.registration.settle._kernels.places import places_kernel
-from windmark.registration.settle.solution import Solution, copied, with_freedom
+from windmark.registration.settle.solution import Solution, accepted, copied, with_freedom
 from windmark.registration.settle.views import (
     DOUBTED_ASPECT,
     DOUBTED_CENTRE,
@@ -187,15 +187,19 @@ class Doubts:
         )
 
     def focal_sigma(self, c: int) -> float:
-        """Relative 1 sigma of a free focal length where the lens is not known to the last digit.
+        """Relative 1 sigma of a free focal length as it would be reported, and where the lens may be a little wrong.
 
-        A focal length that is read out of the distortion alone is as good as the lens model.
+        A focal length that is read out of the distortion alone is as good as the lens model: errors of it that count
+        as checked are nowhere else.
         """
-        first = self._cameras
-        lens = first.asked[len(DOUBTS) * c + PARTS["lens"][0]]
-        kept = np.setdiff1d(np.arange(len(first.side)), np.setdiff1d(first.asked, lens))
-        at = int(np.flatnonzero(kept == 6 + c * (self.views.loose.shape[2] + len(DOUBTS)))[0])
-        normal = first.normal[np.ix_(kept, kept)] + np.diag((kept >= 6).astype(float))
+        best = accepted(self.best)
+        views = best.views.doubted(columns=PARTS["lens"])
+        normal, _ = doubt_kernel(views.sights, copied(views, best.state))
+        cameras, columns = len(views.planes), views.loose.shape[2]
+        known = np.ones((cameras, columns))
+        known[:, -1] = (DOUBTED_EDGE / rules.CHECKED["lens"]) ** 2
+        normal[6:, 6:] += np.diag(np.append(known, np.ones(len(views.modes))))
+        at = 6 + c * columns
         return self.views.planes[c].task.focal_sigma * float(np.sqrt(np.linalg.inv(normal)[at, at]))
 
     def unchecked(self) -> tuple[Unchecked, ...]:
