@@ -94,3 +94,11 @@ def test_what_must_be_accepted_is_not_refused_for_a_right_reason(answered):
     answer = register(few.detections, few.markers, few.camera)
     assert judge.judged("one-pair", few, answer, 0.0).kind == "reason"
     assert judge.judged("one-pair", replace(few, must=True), answer, 0.0).kind == "refused"
+
+
+def test_a_second_model_is_found_where_the_first_took_long():
+    """Of 150 discs in a box, their normals unknown, half a copy takes ten times the usual work."""
+    trial = attacks.trial("copy/second model, half hidden/8840011")
+    answer = register(trial.detections, trial.markers, trial.camera)
+    assert answer.cause == "ambiguous"
+    assert "seen twice" in answer.reason

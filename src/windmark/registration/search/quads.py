@@ -48,9 +48,10 @@ RIVAL_NEAR, RIVAL_QUADS, AGAIN = 6, 24, 8
 
 LEAST_SPOTS = 5
 """So many spots at least make a solution."""
-COPIES, COPY_NEAR, COPY_WORK = 4, 7, 20_000
+COPIES, COPY_NEAR, COPY_WORK, COPY_EFFORT = 4, 7, 20_000, 10
 """Solutions kept of those among the spots that one does not explain, the neighbours that their quads are taken from,
-and the work (links; 2 ms) spent on them."""
+and the work (links; 2 ms) spent on them, or so many times what the search has taken: of a copy that is half hidden one
+quad in eight is whole."""
 
 
 class QuadSearch:
@@ -166,7 +167,7 @@ class QuadSearch:
 
         A reflection, a ghost of a double exposure or a second model leaves spots of its own, which neighbour each other
         when the explained ones are taken away. Quads of near ones are tried, those whose key fewest quads of markers
-        share first, up to `COPY_WORK`, until one grows to a solution; it is grown among these spots alone, or the copy
+        share first, as much as `COPY_WORK` says, until one grows to a solution, among these spots alone: or the copy
         beside it would take it over. False if the time was ``over`` before all of this was done.
         """
         free = np.ones(len(self.plane.task.xy), dtype=bool)
@@ -176,15 +177,16 @@ class QuadSearch:
             return True
         picture, found = self.plane.part(spots), room_for_best(COPIES, len(candidate.match))
         table, done, start = self.plane.layout.table(REACHES[0]), 0, 0
+        most = max(COPY_WORK, COPY_EFFORT * self.links)
         near = min(COPY_NEAR, picture.near.shape[1])
         quads, cells = spot_quads_kernel(picture.p, picture.near, 0, near, table.first)
         self._budget.spend(LINK * len(spots) * near**3 / 12)
-        while start < len(quads) and done < COPY_WORK and not (found.score > self._stop_at).any():
+        while start < len(quads) and done < most and not (found.score > self._stop_at).any():
             if over():
                 return False
             start, links, work = search_kernel(
                 self.plane.model, picture, self._rules, self._gates, table, self._focals, self._check(CHECKS[-1]),
-                quads, cells, start, COPY_WORK - done, self._stop_at, found, found.match,
+                quads, cells, start, most - done, self._stop_at, found, found.match,
             )  # fmt: skip
             self.links, done = self.links + int(links), done + int(work)
             self._budget.spend(LINK * work)
