@@ -28,8 +28,8 @@ WORTH_CARRYING = 25.0
 """Search score (nats) of one camera's candidate from which the other cameras are asked at once."""
 P_SEEN, REJECT_AT, GROW_AT = 0.35, -8.0, 3.0
 """Of a rig, most markers may be hidden in one camera."""
-CLEAR = ("focal", "wrong_focal", "wrong_camera", "mirrored", "labels")
-"""Causes that no better candidate would change."""
+CLEAR = ("focal", "wrong_focal", "wrong_camera", "mirrored")
+"""Causes that no better candidate would change; one that has the given labels may come late."""
 
 
 def search_for(plane: Plane, options: dict[str, Any], budget: Budget) -> Search | QuadSearch:
