@@ -132,19 +132,20 @@ class Doubts:
         """Another camera that explains the spots better; None where none does.
 
         It must be better by the margin than a rigid model with the given camera (``rigid`` nats, where that is an
-        answer beside a bent one), and at least as good as a bent one, clearly better where only that is an answer.
-        And the pose must be another by it, in its own sigmas: a misfit that the sigmas know of does no harm.
+        answer beside a bent one), and at least as good as a bent one. And the pose must be another by it, in its own
+        sigmas: a misfit that the sigmas know of does no harm.
         """
         if not self._others:
             return None
         other, what = max(self._others, key=lambda f: f[0].evidence)
-        lead = self.margin
-        if self.best.is_bent:
-            lead = 0.0 if rigid > -np.inf else rules.BENT_LEAD
-        least = max(rigid + self.margin, self.best.evidence + lead)
+        least = max(rigid + self.margin, self.best.evidence + (0.0 if self.best.is_bent else self.margin))
         if other.evidence < least or not self._moves(other):
             return None
         return OtherCamera(what, self._words(what, self._most_off(other, what)[1], other), other)
+
+    def is_open(self, other: OtherCamera) -> bool:
+        """Whether a bent model does nearly as well: which of the two it is the picture does not tell."""
+        return self.best.is_bent and other.solution.evidence < self.best.evidence + self.margin
 
     def is_slight(self, other: OtherCamera) -> bool:
         """Whether the camera is off by so little that the pose as given can be had with a sigma that covers it."""
