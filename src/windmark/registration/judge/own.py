@@ -96,7 +96,7 @@ def is_copy(other: Solution) -> bool:
 
     Among very many spots some fit wherever a marker is; their misfit is that of the neighbourhood.
     """
-    if any(is_too_loose(other, c) for c in np.flatnonzero(other.counts)):
+    if any(is_too_loose(other, c) for c in np.flatnonzero(other.counts).tolist()):
         return False
     return other.evidence > rules.COPY and other.log10_nfa < rules.COPY_NFA
 
