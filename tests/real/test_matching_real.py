@@ -45,8 +45,7 @@ def test_camera_5_among_hundreds_of_false_spots_in_any_order(cases):
     results = [answer(case) for case in loose]
     ranked = [result for case, result in zip(loose, results, strict=True) if "random" not in case.name]
     assert ranked
-    # The table's errors of 0.4 mm look like bending or like another camera: then it is said, not guessed.
-    assert all(len(result.matching) == 15 if result else result.cause == "wrong_camera" for result in ranked)
+    assert all(len(result.matching) == 15 for result in ranked)
 
 
 def test_the_regular_two_level_plate_is_ambiguous_until_turn_and_shift_are_given(cases):

@@ -200,3 +200,18 @@ def test_one_wrong_pair_does_not_pass_for_a_deformation():
     prior = scenes.Pose(pose.rotation @ turn, place - pose.rotation @ turn @ centre)
     result = register(scene.detections, scene.markers, scene.camera, prior=prior)
     assert not result or scenes.pose_error_px(result.cam_from_model, scene) < 5.0
+
+
+def test_where_another_camera_does_as_well_the_sigmas_have_both():
+    """A bent flat wing under a long lens looks like one with another focal length: that is said, and covered."""
+    scene, _ = bent_scenes.scene(8820044, "A", bent_scenes.Bend(0.01, wings="right"))
+    result = register(scene.detections, scene.markers, scene.camera)
+    assert result, result.reason
+    assert scenes.wrong_labels(result.matching.detection, result.matching.marker, scene) == 0
+    assert any("as it does in a bent model" in one.words for one in result.unchecked)
+    other = register(scene.detections, scene.markers, scene.camera, free_focal=True, max_deformation=0.0)
+    assert other, other.reason
+    delta = (other.cam_from_model @ result.cam_from_model.inverse()).log()
+    assert delta @ np.linalg.solve(result.cov, delta) < 4.0
+    off = np.linalg.norm(result.deformation.displacement, axis=1)
+    assert (off < 1.1 * np.linalg.norm(result.deformation.sigma, axis=1) + 1e-12).all()

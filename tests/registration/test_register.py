@@ -544,3 +544,16 @@ def test_work_is_counted_so_time_limits_no_answer():
     assert first.n_hypotheses == second.n_hypotheses
     longer = register(clutter, scene.markers, scene.camera, max_time_s=5.0)
     assert longer.n_hypotheses > 1.5 * first.n_hypotheses
+
+
+@pytest.mark.parametrize("seed", [4_730_031, 4_730_154])
+def test_a_focal_length_is_as_certain_as_it_is_reported(seed):
+    """The doubt about labels that are accepted has no place in the sigma by which it is judged."""
+    scene = scenes.scene(seed, "A", hidden=0.25 if seed == 4_730_031 else 0.0, false=0.5 if seed == 4_730_031 else 0.0)
+    result = register(scene.detections, scene.markers, scene.camera, free_focal=True)
+    assert result, result.reason
+    sigma = np.sqrt(result.cov[6, 6]) / result.camera.focal_px
+    assert 0.03 < sigma < 0.05
+    least = 0.99 * sigma
+    refused = register(scene.detections, scene.markers, scene.camera, free_focal=True, max_focal_sigma=least)
+    assert refused.cause == "focal"

@@ -25,8 +25,8 @@ DISC_ROUNDS = 2
 def answer(best: Solution, beside: Solution | None = None) -> tuple[Solution, Array]:
     """The solution as it is reported, and the covariance (P, P) of all its unknowns.
 
-    Where another camera fits slightly better ``beside``, the covariance of the pose is that one's, with the way between
-    the two poses.
+    Where another camera fits better ``beside``, but it is only slightly another or the model may be bent instead, the
+    covariance has the way from the one explanation to the other, and of the pose also that one's own.
     """
     best = accepted(best)
     discs = _are_discs(best)
@@ -39,10 +39,17 @@ def answer(best: Solution, beside: Solution | None = None) -> tuple[Solution, Ar
         best = Solution(best.views, state)
     cov = smooth_cov_kernel(best.views.sights, best.state, best.unit_cov)
     if beside is not None:
-        away = (beside.rig_from_model @ best.rig_from_model.inverse()).log()
-        way = np.linalg.solve(best.to_model(), away)
-        cov[:6, :6] += beside.unit_cov[:6, :6] + np.outer(way, way)
+        way = _way(best, beside)
+        cov += np.outer(way, way)
+        cov[:6, :6] += beside.unit_cov[:6, :6]
     return best, cov
+
+
+def _way(best: Solution, beside: Solution) -> Array:
+    """(P,) from the unknowns of a solution to those of a rigid one with another camera."""
+    away = (beside.rig_from_model @ best.rig_from_model.inverse()).log()
+    own = beside.state.nuisance[:, : best.state.nuisance.shape[1]] - best.state.nuisance
+    return np.concatenate([np.linalg.solve(best.to_model(), away), own.ravel(), -best.state.bent])
 
 
 def _are_discs(best: Solution) -> NDArray[np.bool_]:

@@ -18,7 +18,7 @@ from windmark.registration.judge.own import is_loose
 from windmark.registration.result import Cause, Unchecked
 from windmark.registration.settle._kernels.doubt import doubt_kernel, gain_kernel, reduce_kernel
 from windmark.registration.settle._kernels.places import places_kernel
-from windmark.registration.settle.solution import Solution, opened, with_freedom
+from windmark.registration.settle.solution import Solution, accepted, opened, with_freedom
 from windmark.registration.settle.views import (
     DOUBTED_ASPECT,
     DOUBTED_CENTRE,
@@ -134,19 +134,20 @@ class Doubts:
         """Another camera that explains the spots better; None where none does.
 
         It must be better by the margin than a rigid model with the given camera (``rigid`` nats, where that is an
-        answer beside a bent one), and at least as good as a bent one, clearly better where only that is an answer.
-        And the pose must be another by it, in its own sigmas: a misfit that the sigmas know of does no harm.
+        answer beside a bent one), and at least as good as a bent one. And the pose must be another by it, in its own
+        sigmas: a misfit that the sigmas know of does no harm.
         """
         if not self._others:
             return None
         other, what = max(self._others, key=lambda f: f[0].evidence)
-        lead = self.margin
-        if self.best.is_bent:
-            lead = 0.0 if rigid > -np.inf else rules.BENT_LEAD
-        least = max(rigid + self.margin, self.best.evidence + lead)
+        least = max(rigid + self.margin, self.best.evidence + (0.0 if self.best.is_bent else self.margin))
         if other.evidence < least or not self._moves(other):
             return None
         return OtherCamera(what, self._words(what, self._most_off(other, what)[1], other), other)
+
+    def is_open(self, other: OtherCamera) -> bool:
+        """Whether a bent model does nearly as well: which of the two it is the picture does not tell."""
+        return self.best.is_bent and other.solution.evidence < self.best.evidence + self.margin
 
     def is_slight(self, other: OtherCamera) -> bool:
         """Whether the camera is off by so little that the pose as given can be had with a sigma that covers it."""
@@ -189,15 +190,19 @@ class Doubts:
         )
 
     def focal_sigma(self, c: int) -> float:
-        """Relative 1 sigma of a free focal length where the lens is not known to the last digit.
+        """Relative 1 sigma of a free focal length as it would be reported, and where the lens may be a little wrong.
 
-        A focal length that is read out of the distortion alone is as good as the lens model.
+        A focal length that is read out of the distortion alone is as good as the lens model: errors of it that count
+        as checked are nowhere else.
         """
-        first = self._cameras
-        lens = first.asked[len(DOUBTS) * c + PARTS["lens"][0]]
-        kept = np.setdiff1d(np.arange(len(first.side)), np.setdiff1d(first.asked, lens))
-        at = int(np.flatnonzero(kept == 6 + c * (self.views.loose.shape[2] + len(DOUBTS)))[0])
-        normal = first.normal[np.ix_(kept, kept)] + np.diag((kept >= 6).astype(float))
+        best = accepted(self.best)
+        views = best.views.doubted(columns=PARTS["lens"])
+        normal, _ = doubt_kernel(views.sights, opened(views, best.state))
+        cameras, columns = len(views.planes), views.loose.shape[2]
+        known = np.ones((cameras, columns))
+        known[:, -1] = (DOUBTED_EDGE / rules.CHECKED["lens"]) ** 2
+        normal[6:, 6:] += np.diag(np.append(known, np.ones(len(views.modes))))
+        at = 6 + c * columns
         return self.views.planes[c].task.focal_sigma * float(np.sqrt(np.linalg.inv(normal)[at, at]))
 
     def unchecked(self) -> tuple[Unchecked, ...]:

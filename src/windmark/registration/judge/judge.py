@@ -161,13 +161,17 @@ class Judge:
         doubts, beside = self._doubts(best), None
         unchecked = list(doubts.unchecked())
         if doubts.camera_promises and (other := doubts.other_camera(self._plain)):
-            if best.is_bent and rigid.cause is None and rigid.best is not None:
+            if doubts.is_open(other):
+                words_ = f"{other.words}, as it does in a bent model; the sigmas have what would change"
+            elif best.is_bent and rigid.cause is None and rigid.best is not None:
                 # Then it is no bending, and the rigid model may do.
                 return self._checked(rigid, rigid.best, rigid)
-            if best.is_bent or not doubts.is_slight(other):
+            elif best.is_bent or not doubts.is_slight(other):
                 return Verdict(best, verdict.runner_up, other.cause, other.words)
+            else:
+                words_ = f"{other.words}; the sigma of the pose has what that would change"
             beside = other.solution
-            unchecked.append(Unchecked(other.what, f"{other.words}; the sigma of the pose has what that would change"))
+            unchecked.append(Unchecked(other.what, words_))
         if loose := self._focal(best):
             return Verdict(best, verdict.runner_up, "focal", loose)
         if (mirror := mirror_of(self._views, best, MIRRORS)) is not None:

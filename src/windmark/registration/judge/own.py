@@ -94,8 +94,18 @@ def odds_of_few(best: Solution) -> float:
 
 
 def is_copy(other: Solution, margin: float) -> bool:
-    """Whether a solution of spots that the best one leaves is no chance: the model is there, too, if half hidden."""
+    """Whether a solution of spots that the best one leaves is no chance: the model is there, too, if half hidden.
+
+    Among very many spots some fit wherever a marker is; their misfit is that of the neighbourhood.
+    """
+    if any(is_too_loose(other, c) for c in np.flatnonzero(other.counts).tolist()):
+        return False
     return other.evidence > margin and other.log10_nfa < rules.COPY_NFA
+
+
+def is_too_loose(best: Solution, c: int) -> bool:
+    """Whether a camera's misfit fills the neighbourhood of the search, so that other labels might fit, too."""
+    return rules.MISFIT * float(best.misfit_px[c]) > best.views.planes[c].task.tolerance_px
 
 
 def misfit_of(best: Solution, c: int, limits: Limits) -> str:
@@ -107,7 +117,7 @@ def misfit_of(best: Solution, c: int, limits: Limits) -> str:
     """
     task, layout = best.views.planes[c].task, best.views.layout
     misfit, excess = float(best.misfit_px[c]), float(best.excess_px[c])
-    if rules.MISFIT * misfit > task.tolerance_px:
+    if is_too_loose(best, c):
         return (
             f"with a misfit of {misfit:.1f} px (1 sigma per coordinate) it is too loose for tolerance_px = "
             f"{task.tolerance_px:.1f}: another or a deformed model, wrong camera parameters, or too small a tolerance"

@@ -24,8 +24,8 @@ WINDOW = 60.0
 """Candidates whose search score (nats) is this much below the best are no rivals."""
 WORTH_CARRYING = 25.0
 """Search score (nats) of one camera's candidate from which the other cameras are asked at once."""
-CLEAR = ("focal", "wrong_focal", "wrong_camera", "mirrored", "labels")
-"""Causes that no better candidate would change."""
+CLEAR = ("focal", "wrong_focal", "wrong_camera", "mirrored")
+"""Causes that no better candidate would change; one that has the given labels may come late."""
 
 
 def search_for(plane: Plane, options: dict[str, Any], budget: Budget) -> Search:

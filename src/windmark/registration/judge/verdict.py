@@ -12,7 +12,7 @@ from windmark.registration.settle.solution import SAME_SHARE, Solution
 class Verdict:
     """The best explanation, the best distinct other one, why it is refused (None: accepted), and what is unchecked.
 
-    ``beside`` is another camera's that is slightly better, whose pose the covariance has to cover.
+    ``beside`` is another camera's that may be the right one, whose pose the covariance has to cover.
     """
 
     best: Solution | None
