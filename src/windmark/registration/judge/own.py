@@ -31,6 +31,12 @@ def is_cluttered(best: Solution) -> bool:
     return any(len(p.task.xy) > rules.CLUTTER * len(p.task.markers) for p in best.views.planes)
 
 
+def labelled(best: Solution) -> float:
+    """Part of the markers that any camera has in view that any camera has labelled."""
+    seen = (best.state.match >= 0).any(axis=0)
+    return float(seen.sum() / (seen | best.state.must.any(axis=0)).sum())
+
+
 def least_score(best: Solution, limits: Limits) -> float:
     """Evidence (nats) that a solution needs against chance.
 
@@ -49,7 +55,7 @@ def least_score(best: Solution, limits: Limits) -> float:
         return least + (rules.SPARSE if 2 * count <= expected else 0.0) + missed
     sparse = min(max((1 - 2 * count / expected) / rules.FADE, 0.0), 1.0)
     least += max(rules.SPARSE * sparse, missed)
-    return max(least, rules.HALF * expected) if 2 * count <= expected else least
+    return max(least, rules.HALF * count) if 2 * count <= expected else least
 
 
 def beyond_chance(best: Solution, limits: Limits) -> bool:

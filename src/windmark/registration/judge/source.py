@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.registration.budget import SETTLE, SETTLE_PAIR, Budget
+from windmark.registration.budget import SETTLE, SETTLE_PAIR, Budget, work_for
 from windmark.registration.search.fixed import FixedSearch
 from windmark.registration.search.pool import Candidate
 from windmark.registration.search.quads import POOL, QuadSearch
@@ -20,6 +20,9 @@ Ints = NDArray[np.int32]
 
 CONFIRMED = 20.0
 """A camera of a rig with so much evidence (nats; two pairs or so) confirms a solution, however many markers it misses.
+"""
+SEES = 60.0
+"""A camera of a rig with a candidate of so much search score (nats) sees the model: chance has not given more than 54.
 """
 KEPT = 24
 """Distinct solutions of a rig that are kept."""
@@ -54,8 +57,12 @@ class Source:
     @property
     def best(self) -> Candidate | None:
         """The best candidate of all searches by its search score."""
-        found = [s.best for s in self._searches if s is not None and s.best is not None]
-        return max(found, key=lambda c: c.score, default=None)
+        return max((c for c in self.seen if c is not None), key=lambda c: c.score, default=None)
+
+    @property
+    def seen(self) -> list[Candidate | None]:
+        """The best candidate of each search."""
+        return [search.best if search is not None else None for search in self._searches]
 
     def worth_judging(self, least: float) -> Candidate | Solution | None:
         """What there is to judge, if that is worth so many nats: the best candidate, of a rig the best solution.
@@ -128,7 +135,7 @@ class Source:
     def rivals(self, best: Solution, over: Callable[[], bool]) -> bool:
         """Look for other solutions on purpose: by near-symmetries, and by the spots of each camera.
 
-        A camera that has nothing to do with the solution is searched to the end: it may see the model elsewhere.
+        A camera that has nothing to do with the solution is searched by itself: it may see the model elsewhere.
         False if the work was ``over`` before all of this was done.
         """
         if len(self._searches) > 1:
@@ -136,16 +143,22 @@ class Source:
         for c, search in enumerate(self._searches):
             if search is None:
                 continue
-            if len(self._searches) > 1 and best.scores[c] <= CONFIRMED:
-                while c in self._running:
-                    if over():
-                        return False
-                    if next(self._running[c], None) is None:
-                        del self._running[c]
+            if len(self._searches) > 1 and best.scores[c] <= CONFIRMED and not self._search_alone(c, search, over):
+                return False
             if best.counts[c] == 0:
                 continue
             if not search.rivals(self._as_candidate(best, c), over):
                 return False
+        return True
+
+    def _search_alone(self, c: int, search: Search | QuadSearch, over: Callable[[], bool]) -> bool:
+        """Search one camera until it sees the model, or as long as one that is alone is; False if it was ``over``."""
+        most = search.links + work_for(self.views.planes[c].task, "hash")
+        while c in self._running and search.links < most and not (search.best and search.best.score > SEES):
+            if over():
+                return False
+            if next(self._running[c], None) is None:
+                del self._running[c]
         return True
 
     def copies(self, best: Solution, over: Callable[[], bool]) -> list[Solution]:
@@ -181,15 +194,14 @@ class Source:
 
     def _solution(self, c: int, candidate: Candidate) -> Solution | None:
         if candidate not in self._settled:
-            if len(self._searches) > 1 and any(
-                candidate.is_like(known.state.rotations[c], known.state.match[c], int(known.counts[c]))
-                for known in self._settled.values() if known is not None
-            ):  # fmt: skip
-                return None  # it would become what is known
-            self._budget.spend(SETTLE + SETTLE_PAIR * candidate.count * len(self._searches))
-            self._settled[candidate] = settle(
-                self.views, *start_of(self.views, c, candidate), focal_px=focal_of(self.views, c, candidate)
-            )
+            # One that was grown again would become what is known; of that it takes the place, or both would be lost.
+            known = [s for s in self._settled.values() if s is not None] if len(self._searches) > 1 else []
+            like = (s for s in known if candidate.is_like(s.state.rotations[c], s.state.match[c], int(s.counts[c])))
+            if (same := next(like, None)) is None:
+                self._budget.spend(SETTLE + SETTLE_PAIR * candidate.count * len(self._searches))
+                start = start_of(self.views, c, candidate)
+                same = settle(self.views, *start, focal_px=focal_of(self.views, c, candidate))
+            self._settled[candidate] = same
         return self._settled[candidate]
 
 
