@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 import _attack_models as models
 from _attack_models import bent_scenes, scenes
-from _attack_pictures import Array, RigTrial, Trial, picture, rigid_fits, trial_of, view
+from _attack_pictures import Array, RigTrial, Trial, picture, rigid_fits, seen_by, trial_of, view
 from windmark.geometry import Camera, Pose
 from windmark.scene import MarkerSet
 
@@ -92,8 +92,10 @@ def _trial(
     there, views = models.moved(scene.markers, scene.real), []
     things, radius = _things(rng, scene) if occlusion else (np.zeros((0, 3)), 0.0)
     for camera, pose in zip(scene.cameras, scene.poses, strict=True):
-        keep = _unhidden(there.xyz, pose.center, things, radius)
-        shot = picture(rng, there, camera, pose, keep=keep, hidden=hidden, false=false)
+        keep, seen = _unhidden(there.xyz, pose.center, things, radius), seen_by(there, camera, pose)[1]
+        # What the things hide is a part of what is hidden.
+        beside = max(0.0, 1 - (1 - hidden) * seen.sum() / max((seen & keep).sum(), 1))
+        shot = picture(rng, there, camera, pose, keep=keep, hidden=beside, false=false)
         counted, poses = shot.seen, (pose,)
         if not scene.root.all():
             # Of a wing on a body the pose is the body's; of a wing alone it may be any that a rigid one stands for.

@@ -41,7 +41,7 @@ def test_without_covariance_nothing_is_open_and_a_free_focal_length_comes_first(
     cov = random_cov(np.random.default_rng(1), 4)
     columns = v.known_camera(Camera((1280, 960), 1500.0, cov=cov), 0.3)
     np.testing.assert_array_equal(columns[:, 0], 0.3 * np.eye(18)[0])
-    assert columns.shape == (12, 4)
+    assert columns.shape == (18, 4)
     assert (columns[0, 1:] == 0).all()  # what the covariance says of the focal length is no longer asked
     rest = columns[1:11, 1:]
     np.testing.assert_allclose(rest @ rest.T, cov[1:, 1:], rtol=1e-6, atol=1e-12)

@@ -64,9 +64,12 @@ class Judge:
         self._displaced = None
         if rigid.best is not None and len(self._views.planes) > 1:
             self._displaced = self._places(rigid.best).displaced(self._source.solutions(), self._source.seen)
-        if rigid.cause == "labels" or (rigid.cause in DOUBTFUL and not deformed and self._displaced is None):
+        if rigid.cause in DOUBTFUL and not deformed and self._displaced is None:
             return rigid
+        # A label may contradict a rigid model because the model is bent.
         verdict = self._bent(rigid) if len(self._bender.modes) else rigid
+        if verdict.cause == "labels":
+            return verdict
         if verdict.best is not None and (verdict.cause in ("misfit", "weak") or verdict.best.is_bent):
             verdict = self._unbound(verdict.best) or verdict
         if verdict.cause is None and verdict.best is not None:
@@ -94,13 +97,13 @@ class Judge:
         best = rigid.best
         if rigid.cause is None and best is not None and not self._doubts(best).bending_promises:
             return rigid
-        found = self._bender.solutions(self._source.candidates()[:BENT])
+        found = self._bender.solutions(self._source.cores(BENT))
         if not found:
             return rigid
         if best is not None:
             # What bending brings the best one it may bring a rival, too.
             least = 2 * best.evidence - found[0].evidence - self._limits.margin
-            found = self._bender.solutions([*self._source.candidates()[:BENT], *self._source.above(least)])
+            found = self._bender.solutions([*self._source.cores(BENT), *self._source.above(least)])
         bent = found[0]
         if best is not None and bent.evidence < best.evidence + (rules.BENT_LEAD if rigid.cause is None else 0.0):
             return rigid

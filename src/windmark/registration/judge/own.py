@@ -43,8 +43,9 @@ def least_score(best: Solution, limits: Limits) -> float:
     What a prior or labels rule out lowers it. A labelling whose residuals are too large may be right in parts only: it
     needs more for every marker that is missing, and much more where half are.
     """
-    task = best.views.planes[0].task
-    least = limits.score + math.log(task.prior_share) - len(task.fixed) * math.log(len(task.markers))
+    tasks = [plane.task for plane in best.views.planes]
+    known = sum(len(task.fixed) for task in tasks)
+    least = limits.score + math.log(tasks[0].prior_share) - known * math.log(len(tasks[0].markers))
     loose = [c for c in range(len(best.counts)) if is_loose(best, c)]
     if not loose:
         return least

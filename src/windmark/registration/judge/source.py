@@ -74,12 +74,6 @@ class Source:
         found = self.solutions()
         return found[0] if found and found[0].score > least else None
 
-    @property
-    def fixed(self) -> FixedSearch | None:
-        """The search of the first camera if some of its labels are known."""
-        first = self._searches[0]
-        return first if isinstance(first, FixedSearch) else None
-
     def batches(self) -> Iterator[int]:
         """Yields the links tried so far; the caller looks at the solutions after each batch of one camera."""
         while self._running:
@@ -111,6 +105,14 @@ class Source:
             chosen.extend((c, candidate) for candidate in top if candidate.score > top[0].score - self._window)
         return chosen
 
+    def cores(self, count: int) -> list[tuple[int, Candidate]]:
+        """Candidates to begin a bent model from, of a rig those first that explain most in all its cameras."""
+        found = self.candidates()
+        if len(self._searches) > 1:
+            worth = {f: s.evidence if (s := self._solution(*f)) is not None else -np.inf for f in found}
+            found.sort(key=lambda f: -worth[f])
+        return found[:count]
+
     def above(self, evidence: float) -> list[tuple[int, Candidate]]:
         """Candidates whose solutions have more evidence (nats) than so much."""
         found = []
@@ -122,10 +124,11 @@ class Source:
 
     def contradictions(self) -> list[Solution]:
         """Solutions that do not have the fixed labels, best first."""
-        if self.fixed is None:
-            return []
-        free = [s for candidate in self.fixed.contradictions(POOL) if (s := self._solution(0, candidate)) is not None]
-        return distinct([s for s in free if not s.keeps_labels])
+        free = [
+            (c, candidate) for c, search in enumerate(self._searches) if isinstance(search, FixedSearch)
+            for candidate in search.contradictions(POOL)
+        ]  # fmt: skip
+        return [s for s in self.solutions(free) if not s.keeps_labels]
 
     def add(self, solution: Solution | None) -> None:
         """Keep a solution that did not come from the search."""
