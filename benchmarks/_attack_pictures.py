@@ -76,11 +76,15 @@ class SequenceTrial:
 
 @dataclass(frozen=True)
 class RigTrial:
-    """One call of `register_rig`: what is true of each view, where the cameras are said to be, who is elsewhere."""
+    """One call of `register_rig`: what is true of each view, where the cameras are said to be, who is elsewhere.
+
+    The right poses of the views belong together: the first of all, the second of all.
+    """
 
     views: tuple[Trial, ...]
     cam_from_rig: tuple[Pose, ...]
     displaced: str
+    options: dict[str, Any] = field(default_factory=dict)
 
     def arguments(self) -> tuple[list[Detections], MarkerSet, list[Camera], list[Pose]]:
         """What `register_rig` is given."""

@@ -12,6 +12,7 @@ import _attack_copies as copies
 import _attack_layouts as layouts
 import _attack_many as many
 import _attack_mixed as mixed
+import _attack_rigs as rigs
 from _attack_pictures import RigTrial, SequenceTrial, Trial
 
 AnyTrial = Trial | SequenceTrial | RigTrial
@@ -121,11 +122,18 @@ SPARSE = {
     "4 on a wall, prior": copies.wall,
 }
 RIG: dict[str, Callable[[int], RigTrial]] = {
-    "70 % hidden, 100 % false": many.rig,
-    "clean": partial(many.rig, hidden=0.0, false=0.0),
-    "one turned": partial(many.rig, hidden=0.3, false=0.5, displaced="turned"),
-    "one shifted": partial(many.rig, hidden=0.3, false=0.5, displaced="shifted"),
-    "one turned, 70 % hidden": partial(many.rig, displaced="turned"),
+    "70 % hidden, 100 % false": rigs.rig,
+    "clean": partial(rigs.rig, hidden=0.0, false=0.0),
+    "bent 2 %": partial(rigs.rig, tip=0.02),
+    "one focal length free": partial(rigs.rig, free=True),
+    "labels": partial(rigs.rig, labels=True),
+    "occlusion": partial(rigs.rig, occlusion=True),
+    "all of these": partial(rigs.rig, tip=0.02, free=True, labels=True, occlusion=True),
+} | {
+    f"one of {cameras} {how}{word}": partial(rigs.displaced, cameras=cameras, how=how, **options)
+    for cameras in (2, 3, 4)
+    for how in ("turned", "shifted")
+    for word, options in (("", {}), (", hidden", {"hidden": 0.7, "false": 1.0}))
 }
 MIXED = {"any two": mixed.two, "any two, prior": partial(mixed.two, prior=True)}
 

@@ -14,7 +14,7 @@ from windmark.registration.settle._kernels.label import (
     HELD_AHEAD,
     LEAST_LEFT,
 )
-from windmark.registration.settle._kernels.state import EXCESS
+from windmark.registration.settle._kernels.state import EXCESS, PLACE
 
 
 def square(packed):
@@ -25,25 +25,26 @@ def square(packed):
 
 def camera_of(views, c, nuisance):
     """Camera c moved by its nuisances (P,)."""
-    given, loose = views.sights.camera[c], views.loose[c]
+    given, loose = views.sights.camera[c], views.loose[c, :PLACE]
     packed = given + loose @ nuisance
     packed[0] = given[0] * np.exp(loose[0] @ nuisance)
     return views.camera(c, packed)
 
 
-def project(views, state, delta=None, moved=None):
-    """(C, N, 2) where the cameras see all markers after a change (P',) of the unknowns; ``moved`` (N, 3) markers."""
+def project(views, state, delta=None, shifted=None):
+    """(C, N, 2) where the cameras see all markers after a change (P',) of the unknowns; ``shifted`` (N, 3) markers."""
     sights, (cameras, n), p = views.sights, state.match.shape, state.nuisance.shape[1]
     delta = np.zeros(len(state.factor)) if delta is None else delta
     rotation, translation = exp_so3(delta[:3]) @ state.rotation, state.translation + delta[3:6]
     nuisance = state.nuisance + delta[6 : 6 + cameras * p].reshape(cameras, p)
     bent = state.bent + delta[6 + cameras * p :]
-    xyz = sights.xyz + np.tensordot(bent, sights.modes, 1) + (0 if moved is None else moved)
+    xyz = sights.xyz + np.tensordot(bent, sights.modes, 1) + (0 if shifted is None else shifted)
     in_rig = xyz @ rotation.T + translation
     seen = np.empty((cameras, n, 2))
     for c in range(cameras):
-        camera = camera_of(views, c, nuisance[c])
-        seen[c], valid = camera.project(in_rig @ sights.rotation[c].T + sights.translation[c])
+        camera, moved = camera_of(views, c, nuisance[c]), views.loose[c, PLACE:] @ nuisance[c]
+        as_given = in_rig @ sights.rotation[c].T + sights.translation[c]
+        seen[c], valid = camera.project(as_given @ exp_so3(moved[:3]).T + moved[3:])
         seen[c][~valid] = np.nan
     return seen + state.offset
 
@@ -58,7 +59,7 @@ def by_unknowns(views, state, step=1e-5):
 def by_markers(views, state, step=1e-5):
     """(C, N, 2, 3) derivatives of the projections by the place of each marker."""
     units = step * np.eye(3)
-    columns = [(project(views, state, moved=d) - project(views, state, moved=-d)) / (2 * step) for d in units]
+    columns = [(project(views, state, shifted=d) - project(views, state, shifted=-d)) / (2 * step) for d in units]
     return np.stack(columns, axis=-1)
 
 

@@ -26,7 +26,7 @@ def random_cov(rng, open_):
 def test_columns_of_a_known_camera_are_a_root_of_its_covariance(open_):
     cov = random_cov(np.random.default_rng(open_), open_)
     columns = v.known_camera(Camera((1280, 960), 1500.0, cov=cov), 0.0)
-    assert columns.shape == (12, open_)
+    assert columns.shape == (18, open_)
     in_parameters = columns[: len(PARAMETERS)] * np.append(1500.0, np.ones(10))[:, None]
     unit = np.sqrt(np.diag(cov)) + 1e-12
     np.testing.assert_allclose(
@@ -36,12 +36,12 @@ def test_columns_of_a_known_camera_are_a_root_of_its_covariance(open_):
 
 
 def test_without_covariance_nothing_is_open_and_a_free_focal_length_comes_first():
-    assert v.known_camera(CAMERA, 0.0).shape == (12, 0)
-    np.testing.assert_array_equal(v.known_camera(CAMERA, 0.3), 0.3 * np.eye(12, 1))
+    assert v.known_camera(CAMERA, 0.0).shape == (18, 0)
+    np.testing.assert_array_equal(v.known_camera(CAMERA, 0.3), 0.3 * np.eye(18, 1))
     cov = random_cov(np.random.default_rng(1), 4)
     columns = v.known_camera(Camera((1280, 960), 1500.0, cov=cov), 0.3)
-    np.testing.assert_array_equal(columns[:, 0], 0.3 * np.eye(12)[0])
-    assert columns.shape == (12, 4)
+    np.testing.assert_array_equal(columns[:, 0], 0.3 * np.eye(18)[0])
+    assert columns.shape == (18, 4)
     assert (columns[0, 1:] == 0).all()  # what the covariance says of the focal length is no longer asked
     rest = columns[1:11, 1:]
     np.testing.assert_allclose(rest @ rest.T, cov[1:, 1:], rtol=1e-6, atol=1e-12)
@@ -50,7 +50,7 @@ def test_without_covariance_nothing_is_open_and_a_free_focal_length_comes_first(
 def test_doubts_of_a_camera_are_what_they_say():
     """1 sigma of each doubt: focal length, aspect, principal point, and where the corner is seen."""
     columns = v.doubted_camera(CAMERA)
-    assert columns.shape == (12, 5)
+    assert columns.shape == (18, 5)
     diagonal = np.hypot(1280, 960)
     changed = [
         Camera(CAMERA.size_px, *(CAMERA.packed()[:11] + c[:11] * np.append(1500.0, np.ones(10)))) for c in columns.T
@@ -77,11 +77,11 @@ def unlike_rig():
 
 def test_cameras_of_unlike_freedom_are_filled_up_with_nothing():
     _, views = unlike_rig()
-    assert views.loose.shape == (2, 12, 5)
+    assert views.loose.shape == (2, 18, 5)
     assert (np.abs(views.loose[0]).max(axis=0) > 0).all()
     assert (np.abs(views.loose[1]).max(axis=0) > 0).tolist() == [True] + [False] * 4
     doubted = views.doubted()
-    assert doubted.loose.shape == (2, 12, 10)
+    assert doubted.loose.shape == (2, 18, 10)
     np.testing.assert_array_equal(doubted.loose[:, :, :5], views.loose)
     np.testing.assert_array_equal(doubted.loose[1, :, 5:], v.doubted_camera(views.planes[1].task.camera))
     some = views.doubted(columns=(2, 3))
@@ -120,7 +120,7 @@ def test_views_with_more_freedom_are_those_made_anew():
     assert bent.sights.modes is not views.sights.modes
     np.testing.assert_array_equal(bent.sights.modes, modes)
     np.testing.assert_array_equal(bent.sights.loose, bent.loose)
-    fresh = v.Views(views.planes, views.cam_from_rig, bent.loose, modes)
+    fresh = v.Views(views.planes, views.cam_from_rig, bent.loose, modes, views.names)
     for name, value in fresh.sights._asdict().items():
         np.testing.assert_array_equal(getattr(bent.sights, name), value, err_msg=name)
 
@@ -182,3 +182,14 @@ def test_freedom_that_is_not_needed_moves_nothing_beyond_its_sigma():
     assert (np.abs(off) < 4).all()
     np.testing.assert_array_equal(free.state.match, best.state.match)
     assert free.evidence < best.evidence + 3
+
+
+def test_spots_that_are_left_out_are_matched_by_none():
+    """Also those in the gate of a marker: they lie where they lay, only the list of candidates has them no more."""
+    scene = settling.wide_scene(67)
+    views, best = settling.best_of(scene)
+    spot, marker = best.pairs()
+    taken = np.zeros(len(views.planes[0].task.xy), dtype=bool)
+    taken[spot[::4]] = True
+    rest = with_freedom(views.without([taken]), best)
+    assert set(rest.pairs()[0].tolist()) == set(spot.tolist()) - set(spot[::4].tolist())

@@ -58,8 +58,8 @@ def solve(
         searches = (
             [search_for(planes[0], options, budget)] if poses is None else searches_of_rig(planes, options, budget)
         )
-        source = Source(Views.of(planes, poses), searches, WINDOW if poses is None else np.inf, budget)
-        verdict, late = judge(source, limits, options["max_hypotheses"], budget, names)
+        source = Source(Views.of(planes, poses, names), searches, WINDOW if poses is None else np.inf, budget)
+        verdict, late = judge(source, limits, options["max_hypotheses"], budget)
         tried += source.links
         moved = None if late else _with_other_lenses(used, verdict)
         if moved is None:

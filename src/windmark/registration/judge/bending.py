@@ -53,6 +53,11 @@ class Bender:
                 found.append(solution)
         return distinct(found)
 
+    @property
+    def most_evidence(self) -> float:
+        """Of the best that was grown (nats)."""
+        return max((s.evidence for s in self._grown.values() if s is not None), default=-np.inf)
+
     def largest(self, solution: Solution) -> float:
         """Largest displacement of a labelled marker, as part of the model's size."""
         seen = (solution.state.match >= 0).any(axis=0)

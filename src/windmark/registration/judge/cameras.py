@@ -1,38 +1,214 @@
-"""Whether the cameras of a rig agree: one that shows nothing where the others see the model is not where it is said."""
+"""Whether the cameras of a rig agree: one that is not where it is said, or that shows nothing where the others see.
+
+A camera's place is six more unknowns. Where it is far off, its own labelling says where; so nothing is looked for: the
+labels that are best for it are put beside those that are best for the others, and all settle together.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
 
+import numpy as np
+from numpy.typing import NDArray
 from scipy.special import bdtr
 
+from windmark.geometry import Pose
+from windmark.registration.judge import rules
+from windmark.registration.judge.doubts import FirstOrder, OtherCamera, fits_slightly
+from windmark.registration.judge.own import is_loose
 from windmark.registration.judge.source import CONFIRMED
-from windmark.registration.settle.solution import Solution
+from windmark.registration.result import Unchecked
+from windmark.registration.search.pool import Candidate
+from windmark.registration.settle._kernels.doubt import doubt_kernel
+from windmark.registration.settle._kernels.state import EXPECTED
+from windmark.registration.settle.solution import Solution, copied, settle_state, with_freedom
+from windmark.registration.settle.views import Views, doubted_camera, doubted_place
 from windmark.registration.task import MIN_COUNT
 
-ELSEWHERE = 50.0
-"""A camera that does not confirm the solution contradicts it if it has so much evidence (nats) for another one, ..."""
+Array = NDArray[np.float64]
+
+ANYWHERE = 1.0
+"""1 sigma of the place of a camera that is doubted: radians, and part of its distance."""
 UNLIKELY = 1e-3
-"""... or where so few pairs are less likely than this by what the other cameras see, ..."""
+"""A camera contradicts a solution where so few pairs are less likely than this by what the other cameras see, ..."""
 SEEN_LEAST, SEEN_MOST = 0.25, 0.95
 """... at least and at most this part of the markers."""
+SLIGHT = np.array([1e-5, 3e-5, 1e-4, 3e-4, 1e-3, 3e-3])
+"""1 sigma of places that may be slightly off: radians, and parts of the distance."""
+PLACE = "place in the rig"
 
 
-def contradiction(best: Solution, others: Sequence[Solution], c: int) -> str:
+@dataclass(frozen=True, eq=False)
+class Elsewhere:
+    """A solution with camera ``c`` where its own labels put it, and the one that has the camera as given."""
+
+    c: int
+    solution: Solution
+    base: Solution
+
+    @property
+    def what(self) -> str:
+        """What of the camera is another one in it."""
+        same = np.array_equal(self.solution.state.camera[self.c], self.base.state.camera[self.c])
+        return PLACE if same else "focal length"
+
+    @property
+    def words(self) -> str:
+        """How far it is off, and what it shows there."""
+        c, found, base = self.c, self.solution, self.base
+        shows = f"the misfit falls from {base.misfit_px.max():.2g} to {found.misfit_px.max():.2g} px"
+        if base.counts[c] < found.counts[c]:
+            of = int(found.state.numbers[c, EXPECTED])
+            shows = f"it shows {found.counts[c]} of {of} markers, not {base.counts[c]}"
+        if self.what != PLACE:
+            return f"with a focal length of {found.camera(c).focal_px:.5g} px for {base.camera(c).focal_px:.5g} {shows}"
+        given, place = base.views.cam_from_rig[c], found.cam_from_model(c) @ found.rig_from_model.inverse()
+        middle = found.views.planes[c].task.markers.xyz.mean(axis=0)
+        distance = float(np.linalg.norm(found.cam_from_model(c).apply(middle)))
+        moved = float(np.linalg.norm(place.center - given.center)) / distance
+        turned = np.degrees(place.angle_to(given))
+        return f"turned by {turned:.2g} degrees and moved by {100 * moved:.2g} % of its distance {shows}"
+
+
+@dataclass(frozen=True, eq=False)
+class Places:
+    """What a solution of a rig leaves to doubt of its cameras' places.
+
+    Parameters
+    ----------
+    best : the solution
+    margin : lead (nats) that counts as one
+    """
+
+    best: Solution
+    margin: float
+
+    @cached_property
+    def _first(self) -> FirstOrder:
+        views, columns = self._opened(ANYWHERE), self.best.views.loose.shape[2]
+        normal, side = doubt_kernel(views.sights, copied(views, self.best.state))
+        asked = [6 + c * (columns + 6) + columns + k for c in range(len(views.planes)) for k in range(6)]
+        return FirstOrder(normal, side, np.array(asked))
+
+    @property
+    def _distances(self) -> Array:
+        """(C,) of the model from the cameras, in its sizes."""
+        return np.asarray(np.linalg.norm(self.best.state.translations, axis=1))
+
+    def _opened(self, sigma: float) -> Views:
+        """The views with the places of all cameras known to so many radians and parts of their distance."""
+        return self.best.views.opened([doubted_place(sigma, sigma * d) for d in self._distances])
+
+    @cached_property
+    def _is_loose(self) -> bool:
+        """Whether the residuals are so large that what they say to first order is lost in their excess."""
+        return any(is_loose(self.best, c) for c in range(len(self.best.counts)))
+
+    def displaced(self, solutions: Sequence[Solution], seen: Sequence[Candidate | None]) -> OtherCamera | None:
+        """A camera that is elsewhere, if with it there the spots are explained better by the margin than by this one.
+
+        Where it may as well be another one, as of two cameras always, both are named. ``solutions`` are others of the
+        rig, ``seen`` what each camera by itself sees best.
+        """
+        found = [
+            other for c in range(len(self.best.counts))
+            if (other := self._elsewhere([self.best, *solutions], seen[c], c)) is not None
+            and other.solution.evidence > self.best.evidence + self.margin
+        ]  # fmt: skip
+        if not found:
+            return None
+        most = max(e.solution.evidence for e in found)
+        if len(self.best.counts) > 2:
+            found = [e for e in found if e.solution.evidence > most - self.margin]
+        shown = all(e.base.scores[e.c] > CONFIRMED for e in found)
+        best = max(found, key=lambda e: e.solution.evidence)
+        return OtherCamera(best.what, _named(found), best.solution, shown and fits_slightly(self.best))
+
+    def _elsewhere(self, solutions: Sequence[Solution], seen: Candidate | None, c: int) -> Elsewhere | None:
+        """What explains most in the other cameras, with camera c where the labels that are best for it put it."""
+        base = max(solutions, key=lambda s: s.score - s.scores[c])
+        own = max(solutions, key=lambda s: s.scores[c])
+        match, there, nuisance = own.state.match[c], own.cam_from_model(c), own.state.nuisance[c]
+        at = own.state.rotations[c], match, int(own.counts[c])
+        if seen is not None and seen.score > own.scores[c] + self.margin and not seen.is_like(*at):
+            match, there, task = seen.match, seen.cam_from_model, base.views.planes[c].task
+            nuisance = np.zeros_like(nuisance)
+            if task.free_focal:
+                nuisance[0] = np.log(seen.focal_px / task.camera.focal_px) / task.focal_sigma
+        elif own is base and not (self._is_loose or self._first.gain(6 * c, 6 * c + 6) > rules.DOUBT):
+            return None
+        if (match >= 0).sum() < MIN_COUNT or base.count == base.counts[c]:
+            return None
+        given, place = base.views.cam_from_rig[c], there @ base.rig_from_model.inverse()
+        turned = Pose(place.rotation, -place.rotation @ given.center)
+        shifted = Pose(given.rotation, -given.rotation @ place.center)
+        turn, shift = np.split(doubted_place(ANYWHERE, ANYWHERE * self._distances[c]), 2, axis=1)
+        focal = doubted_camera(base.views.planes[c].task.camera)[:, :1]
+        found = []
+        for pose, column in ((place, np.hstack([turn, shift])), (turned, turn), (shifted, shift), (given, focal)):
+            columns = [column[:, : column.shape[1] * (k == c)] for k in range(len(base.counts))]
+            views = base.views.with_place(c, pose).opened(columns)
+            state = copied(views, base.state)
+            state.match[c], state.nuisance[c, : len(nuisance)] = match, nuisance
+            if (solution := settle_state(views, state)) is not None:
+                found.append(Elsewhere(c, solution, base))
+        return max(found, key=lambda e: e.solution.evidence, default=None)
+
+    def slightly_off(self) -> tuple[Solution, Unchecked] | None:
+        """A solution with places that are as uncertain as the residuals say, and what that is; None if they fit."""
+        if not self._is_loose and self._first.gains(SLIGHT).max() < rules.DOUBT:
+            return None
+        found = [
+            (other.evidence, float(sigma), other) for sigma in SLIGHT
+            if (other := with_freedom(self._opened(sigma), self.best)) is not None
+        ]  # fmt: skip
+        if not found:
+            return None
+        evidence, sigma, beside = max(found, key=lambda f: f[0])
+        if evidence < self.best.evidence + rules.DOUBT:
+            return None
+        most = self.best.views.names[int((beside.state.nuisance[:, -6:] ** 2).sum(axis=1).argmax())]
+        words = (
+            f"the cameras seem to be off their places by {np.degrees(sigma):.2g} degrees and {100 * sigma:.2g} % of "
+            f"their distance (1 sigma), camera {most} most; the sigma of the pose has what that would change"
+        )
+        return beside, Unchecked(PLACE, words, most)
+
+    def unchecked(self) -> list[Unchecked]:
+        """Cameras of which these pictures would not show that they are elsewhere."""
+        views, found = self.best.views, []
+        for c in np.flatnonzero([len(plane.task.xy) > 0 for plane in views.planes]).tolist():
+            turn = max(self._first.shown(6 * c + k, self.margin) for k in range(3))
+            if turn * ANYWHERE > rules.CHECKED[PLACE]:
+                words = f"whether it is where cam_from_rig says ({self.best.counts[c]} of its spots are markers)"
+                found.append(Unchecked(PLACE, words, views.names[c]))
+        return found
+
+
+def _named(displaced: Sequence[Elsewhere]) -> str:
+    """Which camera is another one, in words: of two it may always be the other one."""
+    names = displaced[0].base.views.names
+    either = [f"camera {name}" for c, name in enumerate(names) if len(names) == 2 or c in [e.c for e in displaced]]
+    which = ", but which of them cannot be told" if len(either) > 1 else ""
+    wrong = sorted({"where cam_from_rig says" if e.what == PLACE else "the one that is given" for e in displaced})
+    each = "; or ".join(f"camera {names[e.c]} {e.words}" for e in displaced)
+    return f"{' or '.join(either)} is not {' or '.join(wrong)}{which}: {each}"
+
+
+def blocked(best: Solution, c: int) -> str:
     """Why camera c cannot have seen the model where the others see it; empty if it can."""
     spots = len(best.views.planes[c].task.xy)
     if spots < MIN_COUNT or best.scores[c] > CONFIRMED:
         return ""
-    counts, expected = best.counts, best.state.numbers[:, 2]
-    shows = f"shows {counts[c]} of {expected[c]:.0f} markers among its {spots} spots"
-    wrong = "its cam_from_rig or focal length is wrong"
-    for other in others:
-        if other.scores[c] > ELSEWHERE:
-            seen = f"{other.counts[c]} of {other.state.numbers[c, 2]:.0f}"
-            return f"{shows} and would show {seen} with the model elsewhere: {wrong}"
+    counts, expected = best.counts, best.state.numbers[:, EXPECTED]
     could = min(int(expected[c]), spots)
     rest, of = best.count - int(counts[c]), best.expected - int(expected[c])
     share = min(SEEN_MOST, max(SEEN_LEAST, (rest + 1) / (of + 2)))
     if could == 0 or of == 0 or bdtr(int(counts[c]), could, share) > UNLIKELY:
         return ""
-    return f"{shows} where the others see {rest} of {of}: {wrong}, or its view is blocked; leave it out if so"
+    return (
+        f"shows {counts[c]} of {expected[c]:.0f} markers among its {spots} spots where the others see {rest} of {of}: "
+        "its cam_from_rig or focal length is wrong, or its view is blocked; leave it out if so"
+    )

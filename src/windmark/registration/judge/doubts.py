@@ -46,11 +46,15 @@ UNSEEN = {
 
 @dataclass(frozen=True, eq=False)
 class OtherCamera:
-    """A camera that explains the spots better than the given one: what of it is wrong, in words, and the solution."""
+    """A camera that explains the spots better than the given one: what of it is wrong, in words, and the solution.
+
+    ``is_slight``: it is off by so little that the pose as given can be had with a sigma that covers it.
+    """
 
     what: str
     words: str
     solution: Solution
+    is_slight: bool
 
     @property
     def cause(self) -> Cause:
@@ -143,17 +147,13 @@ class Doubts:
         least = max(rigid + self.margin, self.best.evidence + (0.0 if self.best.is_bent else self.margin))
         if other.evidence < least or not self._moves(other):
             return None
-        return OtherCamera(what, self._words(what, self._most_off(other, what)[1], other), other)
+        off, c = self._most_off(other, what)
+        is_slight = off <= rules.SLIGHT * rules.CHECKED[what] and fits_slightly(self.best)
+        return OtherCamera(what, self._words(what, c, other), other, is_slight)
 
     def is_open(self, other: OtherCamera) -> bool:
         """Whether a bent model does nearly as well: which of the two it is the picture does not tell."""
         return self.best.is_bent and other.solution.evidence < self.best.evidence + self.margin
-
-    def is_slight(self, other: OtherCamera) -> bool:
-        """Whether the camera is off by so little that the pose as given can be had with a sigma that covers it."""
-        if self._most_off(other.solution, other.what)[0] > rules.SLIGHT * rules.CHECKED[other.what]:
-            return False
-        return all(self.best.excess_px[c] < rules.SLIGHT_PX for c in np.flatnonzero(self.best.counts))
 
     def _moves(self, other: Solution) -> bool:
         """Whether another solution has another pose, by the sigmas of the one that is judged."""
@@ -170,7 +170,7 @@ class Doubts:
 
     def _words(self, what: str, c: int, single: Solution) -> str:
         given, found = self.best.camera(c), single.camera(c)
-        head = f"camera {c}: " if len(self.best.counts) > 1 else ""
+        head = f"camera {self.views.names[c]}: " if len(self.best.counts) > 1 else ""
         misfit = f"the misfit falls from {self.best.misfit_px[c]:.2g} to {single.misfit_px[c]:.2g} px"
         if what == "focal length":
             return (
@@ -217,7 +217,7 @@ class Doubts:
                 if size > rules.CHECKED[what]:
                     shown = 100 * size if what != "principal point" else size * _diagonal(self.views, c)
                     words = UNSEEN[what].format(size=shown) + " would go unnoticed here"
-                    found.append(Unchecked(what, words, c))
+                    found.append(Unchecked(what, words, self.views.names[c]))
         return tuple(found)
 
 
@@ -251,10 +251,22 @@ class FirstOrder:
         """What the spots tell of each of them alone: the information beside that of its prior."""
         return [max(told, 0.0) for told in self._reduced[0].diagonal().tolist()]
 
+    def gains(self, sigmas: Array) -> Array:
+        """(S,) what all of them gain together with priors of so many sigmas (S,) in place of one."""
+        value, vector = np.linalg.eigh(self._reduced[0])
+        variance, pull2 = np.square(sigmas)[:, None], (self._reduced[1] @ vector) ** 2
+        gained = variance * (pull2 / (1 + variance * value)) - np.log1p(variance * np.maximum(value, 0.0))
+        return np.asarray(0.5 * gained.sum(axis=1))
+
     def shown(self, k: int, margin: float) -> float:
         """How large (in prior sigmas) one of them must be to lead by a margin (nats)."""
         information = 1.0 + self._told[k]
         return math.sqrt(2 * (margin + 0.5 * math.log(information)) / information)
+
+
+def fits_slightly(best: Solution) -> bool:
+    """Whether what is wrong leaves no more than a slightly wrong camera may."""
+    return all(best.excess_px[c] < rules.SLIGHT_PX for c in np.flatnonzero(best.counts))
 
 
 def _diagonal(views: Views, c: int) -> float:

@@ -8,14 +8,15 @@ labellings, the mirrored table, a second copy of the model, another camera, a be
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from windmark.registration.budget import SETTLE, SETTLE_PAIR, Budget
 from windmark.registration.judge import own, rules, words
 from windmark.registration.judge.bending import Bender
-from windmark.registration.judge.cameras import contradiction
-from windmark.registration.judge.doubts import Doubts
+from windmark.registration.judge.cameras import Places, blocked
+from windmark.registration.judge.doubts import Doubts, OtherCamera
 from windmark.registration.judge.mirror import mirror_of
 from windmark.registration.judge.source import Source, distinct
 from windmark.registration.judge.symmetric import told_by_table_errors
@@ -36,14 +37,16 @@ MIRRORS = 8
 class Judge:
     """Weighs the candidates of a source; settled solutions are kept, so asking again costs little."""
 
-    def __init__(self, source: Source, limits: Limits, budget: Budget, names: Sequence[int] = (0,)) -> None:
-        self._source, self._limits, self._budget, self._names = source, limits, budget, tuple(names)
+    def __init__(self, source: Source, limits: Limits, budget: Budget) -> None:
+        self._source, self._limits, self._budget = source, limits, budget
         self._views = source.views
         self._bender = Bender(self._views, limits.deformation, budget)
         self._kept: dict[Solution, Solution] = {}
         self._doubted: dict[Solution, Doubts] = {}
+        self._placed: dict[Solution, Places] = {}
         self._plain = -np.inf  # evidence of the rigid solution, if it is an answer
         self._challenged: list[Solution] = []
+        self._displaced: OtherCamera | None = None
         self._copies: list[tuple[Solution, Solution | None]] = []
         self._unchallenged = False  # the work was over before all rivals had been looked for
         self._copies_ended = True  # and not before a second copy of the model had been looked for
@@ -59,16 +62,22 @@ class Judge:
         rigid = self._rigid()
         accepted = rigid.best is not None and rigid.cause is None
         self._plain = rigid.best.evidence if accepted and rigid.best is not None else -np.inf
-        if rigid.cause == "labels" or (rigid.cause in DOUBTFUL and not deformed):
+        self._displaced = None
+        if rigid.best is not None and len(self._views.planes) > 1:
+            self._displaced = self._places(rigid.best).displaced(self._source.solutions(), self._source.seen)
+        if rigid.cause in DOUBTFUL and not deformed and self._displaced is None:
             return rigid
+        # A label may contradict a rigid model because the model is bent.
         verdict = self._bent(rigid) if len(self._bender.modes) else rigid
+        if verdict.cause == "labels":
+            return verdict
         if verdict.best is not None and (verdict.cause in ("misfit", "weak") or verdict.best.is_bent):
             verdict = self._unbound(verdict.best) or verdict
         if verdict.cause is None and verdict.best is not None:
             verdict = self._beside_copies(verdict, verdict.best)
         if verdict.cause is None and verdict.best is not None:
             return self._checked(verdict, verdict.best, rigid)
-        return self._explained(verdict) if final else verdict
+        return self._explained(verdict) if final or self._displaced is not None else verdict
 
     def _rigid(self) -> Verdict:
         """The verdict on the rigid model with the cameras as given."""
@@ -89,19 +98,19 @@ class Judge:
         best = rigid.best
         if rigid.cause is None and best is not None and not self._doubts(best).bending_promises:
             return rigid
-        found = self._bender.solutions(self._source.candidates()[:BENT])
+        found = self._bender.solutions(self._source.cores(BENT))
         if not found:
             return rigid
         if best is not None:
             # What bending brings the best one it may bring a rival, too.
             least = 2 * best.evidence - found[0].evidence - self._limits.margin
-            found = self._bender.solutions([*self._source.candidates()[:BENT], *self._source.above(least)])
+            found = self._bender.solutions([*self._source.cores(BENT), *self._source.above(least)])
         bent = found[0]
         if best is not None and bent.evidence < best.evidence + (rules.BENT_LEAD if rigid.cause is None else 0.0):
             return rigid
         most, everywhere = rules.BENT_MOST
-        free = any(plane.task.free_focal for plane in self._views.planes)
-        if bent.count < (most if own.is_cluttered(bent) or free else everywhere) * bent.expected:
+        free = all(plane.task.free_focal for plane in self._views.planes)
+        if own.labelled(bent) < (most if own.is_cluttered(bent) or free else everywhere):
             return rigid
         others = [s for s in [*found[1:], *self._source.solutions()] if not s.same_as(bent)]
         verdict = self._judged(bent, sorted(others, key=lambda s: -s.evidence))
@@ -125,13 +134,13 @@ class Judge:
         beyond = best.log10_nfa < limits.log10_nfa and best.score > least
         if not beyond and not own.is_sure_of_few(best, limits):
             return "weak", words.could_be_chance(best, limits, least)
-        for c in range(len(self._names)) if len(self._names) > 1 else ():
-            if contradicted := contradiction(best, others, c):
-                return "misfit", f"{words.seen(best)}, but camera {self._names[c]} {contradicted}"
+        names = best.views.names
+        for c in range(len(names)) if len(names) > 1 else ():
+            if hides := blocked(best, c):
+                return "misfit", f"{words.seen(best)}, but camera {names[c]} {hides}"
         for c in np.flatnonzero(best.counts).tolist():
             if misfit := own.misfit_of(best, c, limits):
-                several = len(self._names) > 1
-                where = f"in camera {self._names[c]} {misfit}, or a wrong cam_from_rig" if several else misfit
+                where = f"in camera {names[c]} {misfit}, or a wrong cam_from_rig" if len(names) > 1 else misfit
                 return "misfit", f"{words.seen(best)}, but {where}"
         for other in others:
             second = words.apart(best, other) and own.beyond_chance(other, limits)
@@ -160,18 +169,23 @@ class Judge:
         """Other cameras, the mirror image, a free focal length that is not determined; and what stays unchecked."""
         doubts, beside = self._doubts(best), None
         unchecked = list(doubts.unchecked())
-        if doubts.camera_promises and (other := doubts.other_camera(self._plain)):
+        if len(self._views.planes) > 1:
+            unchecked.extend(self._places(best).unchecked())
+        if (other := self._other_camera(best, promised=doubts.camera_promises)) is not None:
             if doubts.is_open(other):
                 words_ = f"{other.words}, as it does in a bent model; the sigmas have what would change"
             elif best.is_bent and rigid.cause is None and rigid.best is not None:
                 # Then it is no bending, and the rigid model may do.
                 return self._checked(rigid, rigid.best, rigid)
-            elif best.is_bent or not doubts.is_slight(other):
+            elif best.is_bent or not other.is_slight:
                 return Verdict(best, verdict.runner_up, other.cause, other.words)
             else:
                 words_ = f"{other.words}; the sigma of the pose has what that would change"
             beside = other.solution
             unchecked.append(Unchecked(other.what, words_))
+        elif len(self._views.planes) > 1 and (slight := self._places(best).slightly_off()) is not None:
+            beside = slight[0]
+            unchecked.append(slight[1])
         if loose := self._focal(best):
             return Verdict(best, verdict.runner_up, "focal", loose)
         if (mirror := mirror_of(self._views, best, MIRRORS)) is not None:
@@ -191,12 +205,26 @@ class Judge:
     def _explained(self, verdict: Verdict) -> Verdict:
         """A refusal, with the camera as its reason if another one makes of the best solution a sound one."""
         best = verdict.best
-        if best is None or verdict.cause not in ("weak", "misfit"):
+        if best is None or verdict.cause not in ("weak", "misfit", "ambiguous"):
             return verdict
-        other = self._doubts(best).other_camera(self._plain)
+        other = self._other_camera(best, promised=verdict.cause != "ambiguous")
         if other is None or self._refusal(other.solution, ())[0] is not None:
             return verdict
         return Verdict(best, verdict.runner_up, other.cause, other.words)
+
+    def _other_camera(self, best: Solution, *, promised: bool) -> OtherCamera | None:
+        """A camera that is another one, or elsewhere in the rig, if that explains the spots better; both where both do.
+
+        Whether its interior parameters are others is asked only where that is ``promised``.
+        """
+        found = [self._doubts(best).other_camera(self._plain)] if promised else []
+        bent = max(best.evidence, self._bender.most_evidence)
+        if self._displaced is not None and self._displaced.solution.evidence > bent + self._limits.margin:
+            found.append(self._displaced)
+        others = sorted((f for f in found if f is not None), key=lambda f: -f.solution.evidence)
+        if len(others) > 1 and others[1].solution.evidence > others[0].solution.evidence - self._limits.margin:
+            return replace(others[0], words=f"{others[0].words}; or, about as likely: {others[1].words}")
+        return others[0] if others else None
 
     def _focal(self, best: Solution) -> str:
         """Why a free focal length is not determined; empty if it is."""
@@ -216,6 +244,11 @@ class Judge:
         if best not in self._doubted:
             self._doubted[best] = Doubts(self._views, best, self._bender.modes, self._limits.margin)
         return self._doubted[best]
+
+    def _places(self, best: Solution) -> Places:
+        if best not in self._placed:
+            self._placed[best] = Places(best, self._limits.margin)
+        return self._placed[best]
 
     # --- solutions -----------------------------------------------------------------------
     def _challenge(self) -> None:

@@ -33,14 +33,21 @@ def is_cluttered(best: Solution) -> bool:
     return any(len(p.task.xy) > rules.CLUTTER * len(p.task.markers) for p in best.views.planes)
 
 
+def labelled(best: Solution) -> float:
+    """Part of the markers that any camera has in view that any camera has labelled."""
+    seen = (best.state.match >= 0).any(axis=0)
+    return float(seen.sum() / (seen | best.state.must.any(axis=0)).sum())
+
+
 def least_score(best: Solution, limits: Limits) -> float:
     """Evidence (nats) that a solution needs against chance.
 
     What a prior or labels rule out lowers it. A labelling whose residuals are too large may be right in parts only: it
     needs more for every marker that is missing, and much more where half are.
     """
-    task = best.views.planes[0].task
-    least = limits.score + math.log(task.prior_share) - len(task.fixed) * math.log(len(task.markers))
+    tasks = [plane.task for plane in best.views.planes]
+    known = sum(len(task.fixed) for task in tasks)
+    least = limits.score + math.log(tasks[0].prior_share) - known * math.log(len(tasks[0].markers))
     loose = [c for c in range(len(best.counts)) if is_loose(best, c)]
     if not loose:
         return least
@@ -51,7 +58,7 @@ def least_score(best: Solution, limits: Limits) -> float:
         return least + (rules.SPARSE if 2 * count <= expected else 0.0) + missed
     sparse = min(max((1 - 2 * count / expected) / rules.FADE, 0.0), 1.0)
     least += max(rules.SPARSE * sparse, missed)
-    return max(least, rules.HALF * expected) if 2 * count <= expected else least
+    return max(least, rules.HALF * count) if 2 * count <= expected else least
 
 
 def beyond_chance(best: Solution, limits: Limits) -> bool:

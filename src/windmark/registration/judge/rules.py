@@ -21,8 +21,9 @@ SPARSE = 40.0
 """Nats that it needs more where half of the markers in view are missing."""
 FADE = 0.2
 """Without clutter that fades in from half of the markers to this part below ..."""
-HALF = 2.8
-"""... and is so much for every marker in view where half are missing: half of a large model has much evidence."""
+HALF = 5.6
+"""... and is so much for every pair where half are missing: half of a large model has much evidence, but the pairs of
+another table of the same kind are worth 2 to 3 nats each (`matching_refusals`, `matching_rig`: another wing)."""
 PRICE = 50.0
 """Nats by which `Limits.score` is higher than the odds it stands for, as it leaves out what the pose's freedom costs
 (about 45): the odds of few spots, which have that price in them, need so much less, 10 nats (`attacks`: sparse)."""
@@ -52,11 +53,13 @@ UNFOUND = 0.6
 """Below this part of the markers in view they are tried in any case: what they would bring into its gate is not seen
 in the residuals."""
 BENT_MOST = (0.7, 0.35)
-"""A bent model must label so many of the markers in view: in clutter or with a free focal length, and everywhere
-(`matching_bent`)."""
+"""A bent model must label so many of the markers that any camera has in view: in clutter or with free focal lengths,
+and everywhere (`matching_bent`)."""
 SYMMETRIC = 5.0
 """A lead of so many sigma of itself is no chance, where a table made symmetric fits better (`attacks`: rough tables).
 """
-CHECKED = {"focal length": 0.01, "aspect": 0.005, "principal point": 0.01, "lens": 0.005}
+CHECKED = {
+    "focal length": 0.01, "aspect": 0.005, "principal point": 0.01, "lens": 0.005, "place in the rig": 0.01,
+}  # fmt: skip
 """A given camera counts as checked by a picture that would show such an error: parts of the focal length and of the
-aspect, and of the image's diagonal (`attacks`: wrong cameras)."""
+aspect, and of the image's diagonal; radians by which a camera of a rig is turned (`attacks`: wrong cameras, rig)."""

@@ -42,11 +42,9 @@ def searches_of_rig(planes: Sequence[Plane], options: dict[str, Any], budget: Bu
     ]  # fmt: skip
 
 
-def judge(
-    source: Source, limits: Limits, max_links: int, budget: Budget, names: Sequence[int] = (0,)
-) -> tuple[Verdict, bool]:
+def judge(source: Source, limits: Limits, max_links: int, budget: Budget) -> tuple[Verdict, bool]:
     """Search until the verdict is clear; the verdict, and whether the limit of work struck."""
-    judge_ = Judge(source, limits, budget, names)
+    judge_ = Judge(source, limits, budget)
     judged, patience, late = None, np.inf, False
     for links in source.batches():
         best = source.worth_judging(STOP_AT)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.registration.budget import SETTLE, SETTLE_PAIR, Budget
+from windmark.registration.budget import SETTLE, SETTLE_PAIR, Budget, work_for
 from windmark.registration.search.pool import Candidate
 from windmark.registration.search.search import POOL, Search
 from windmark.registration.settle.solution import Solution, settle
@@ -18,6 +18,9 @@ Ints = NDArray[np.int32]
 
 CONFIRMED = 20.0
 """A camera of a rig with so much evidence (nats; two pairs or so) confirms a solution, however many markers it misses.
+"""
+SEES = 60.0
+"""A camera of a rig with a candidate of so much search score (nats) sees the model: chance has not given more than 54.
 """
 KEPT = 24
 """Distinct solutions of a rig that are kept."""
@@ -52,8 +55,12 @@ class Source:
     @property
     def best(self) -> Candidate | None:
         """The best candidate of all searches by its search score."""
-        found = [s.best for s in self._searches if s is not None and s.best is not None]
-        return max(found, key=lambda c: c.score, default=None)
+        return max((c for c in self.seen if c is not None), key=lambda c: c.score, default=None)
+
+    @property
+    def seen(self) -> list[Candidate | None]:
+        """The best candidate of each search."""
+        return [search.best if search is not None else None for search in self._searches]
 
     def worth_judging(self, least: float) -> Candidate | Solution | None:
         """What there is to judge, if that is worth so many nats: the best candidate, of a rig the best solution.
@@ -64,11 +71,6 @@ class Source:
             return self.best if self.best is not None and self.best.score > least else None
         found = self.solutions()
         return found[0] if found and found[0].score > least else None
-
-    @property
-    def fixed(self) -> Search | None:
-        """The search of the first camera if some of its labels are known."""
-        return self._searches[0] if self.views.planes[0].task.fixed else None
 
     def batches(self) -> Iterator[int]:
         """Yields the links tried so far; the caller looks at the solutions after each batch of one camera."""
@@ -101,6 +103,14 @@ class Source:
             chosen.extend((c, candidate) for candidate in top if candidate.score > top[0].score - self._window)
         return chosen
 
+    def cores(self, count: int) -> list[tuple[int, Candidate]]:
+        """Candidates to begin a bent model from, of a rig those first that explain most in all its cameras."""
+        found = self.candidates()
+        if len(self._searches) > 1:
+            worth = {f: s.evidence if (s := self._solution(*f)) is not None else -np.inf for f in found}
+            found.sort(key=lambda f: -worth[f])
+        return found[:count]
+
     def above(self, evidence: float) -> list[tuple[int, Candidate]]:
         """Candidates whose solutions have more evidence (nats) than so much."""
         found = []
@@ -112,10 +122,11 @@ class Source:
 
     def contradictions(self) -> list[Solution]:
         """Solutions that do not have the fixed labels, best first."""
-        if self.fixed is None:
-            return []
-        free = [s for candidate in self.fixed.contradictions(POOL) if (s := self._solution(0, candidate)) is not None]
-        return distinct([s for s in free if not s.keeps_labels])
+        free = [
+            (c, candidate) for c, search in enumerate(self._searches) if search and self.views.planes[c].task.fixed
+            for candidate in search.contradictions(POOL)
+        ]  # fmt: skip
+        return [s for s in self.solutions(free) if not s.keeps_labels]
 
     def add(self, solution: Solution | None) -> None:
         """Keep a solution that did not come from the search."""
@@ -125,7 +136,7 @@ class Source:
     def rivals(self, best: Solution, over: Callable[[], bool]) -> bool:
         """Look for other solutions on purpose: by near-symmetries, and by the spots of each camera.
 
-        A camera that has nothing to do with the solution is searched to the end: it may see the model elsewhere.
+        A camera that has nothing to do with the solution is searched by itself: it may see the model elsewhere.
         False if the work was ``over`` before all of this was done.
         """
         if len(self._searches) > 1:
@@ -133,16 +144,22 @@ class Source:
         for c, search in enumerate(self._searches):
             if search is None:
                 continue
-            if len(self._searches) > 1 and best.scores[c] <= CONFIRMED:
-                while c in self._running:
-                    if over():
-                        return False
-                    if next(self._running[c], None) is None:
-                        del self._running[c]
+            if len(self._searches) > 1 and best.scores[c] <= CONFIRMED and not self._search_alone(c, search, over):
+                return False
             if best.counts[c] == 0:
                 continue
             if not search.rivals(self._as_candidate(best, c), over):
                 return False
+        return True
+
+    def _search_alone(self, c: int, search: Search, over: Callable[[], bool]) -> bool:
+        """Search one camera until it sees the model, or as long as one that is alone is; False if it was ``over``."""
+        most = search.links + work_for(self.views.planes[c].task, "hash")
+        while c in self._running and search.links < most and not (search.best and search.best.score > SEES):
+            if over():
+                return False
+            if next(self._running[c], None) is None:
+                del self._running[c]
         return True
 
     def copies(self, best: Solution, over: Callable[[], bool]) -> tuple[list[Solution], bool]:
@@ -154,8 +171,7 @@ class Source:
             taken.append(np.isin(np.arange(len(self.views.planes[c].task.xy)), best.state.match[c]))
             if search is None:
                 continue
-            if isinstance(search, Search):
-                ended &= search.copies(self._as_candidate(best, c), over)
+            ended &= search.copies(self._as_candidate(best, c), over)
             for candidate in search.top(POOL):
                 spots = candidate.match[candidate.match >= 0]
                 if 2 * int(taken[c][spots].sum()) < len(spots):

@@ -122,15 +122,17 @@ def apart(best: Solution, other: Solution) -> bool:
 
 def contradiction(found: Solution) -> str:
     """Which labels a solution without them contradicts, in words."""
-    task, parts = found.views.planes[0].task, []
-    names, place = task.markers.name, places_kernel(found.views.sights, found.state, 0)
-    match = found.state.match[0]
-    for spot, marker in task.fixed:
-        if match[marker] == spot:
-            continue
-        (x, y), (px, py) = task.xy[spot], place[marker]
-        away = f"{float(np.hypot(px - x, py - y)):.1f} px away" if np.isfinite(px) else "out of sight"
-        holder = np.flatnonzero(match == spot)
-        held = f" and takes the spot for {names[holder[0]]}" if len(holder) else ""
-        parts.append(f"{names[marker]} at ({x:.1f}, {y:.1f}): it has this marker {away}{held}")
+    parts = []
+    for c, plane in enumerate(found.views.planes):
+        match, place = found.state.match[c], places_kernel(found.views.sights, found.state, c)
+        names = plane.task.markers.name
+        where = f"camera {found.views.names[c]}: " if len(found.views.planes) > 1 else ""
+        for spot, marker in plane.task.fixed:
+            if match[marker] == spot:
+                continue
+            (x, y), (px, py) = plane.task.xy[spot], place[marker]
+            away = f"{float(np.hypot(px - x, py - y)):.1f} px away" if np.isfinite(px) else "out of sight"
+            holder = np.flatnonzero(match == spot)
+            held = f" and takes the spot for {names[holder[0]]}" if len(holder) else ""
+            parts.append(f"{where}{names[marker]} at ({x:.1f}, {y:.1f}): it has this marker {away}{held}")
     return "; ".join(parts)

@@ -72,9 +72,9 @@ LEAST_SPOTS = 5
 """So many spots at least make a solution."""
 COPIES = 4
 """Solutions kept of those among the spots that one leaves."""
-COPY_WORK, COPY_TIMES = 4_000, 3
-"""Work (links) spent on them at least, and as a multiple of what the model itself took: a model of many markers needs a
-hundred times as much as one of few (`attacks`: copies)."""
+COPY_WORK, COPY_TIMES = 4_000, 6
+"""Work (links) spent on them at least, and as a multiple of what the model itself took, which grows with its markers and
+their likeness; of a copy that is half hidden one quad in eight is whole (`attacks`: copies)."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,7 @@ from windmark.geometry import Camera, Pose
 from windmark.registration.search.layout import Layout
 from windmark.registration.search.near import nearest
 from windmark.registration.search.plane import Plane, density_of
-from windmark.registration.settle._kernels.state import Sights
+from windmark.registration.settle._kernels.state import PLACE, ROWS, Sights
 
 Array = NDArray[np.float64]
 
@@ -23,6 +23,8 @@ PARAMETERS_PACKED = 11
 DOUBTED_FOCAL, DOUBTED_ASPECT, DOUBTED_CENTRE, DOUBTED_EDGE = 0.15, 0.02, 0.04, 0.02
 """1 sigma of a given camera that is doubted: of the logarithm of its focal length, of its aspect, of its principal
 point as part of the image's diagonal, and of the lens' shift of the corner as part of its distance from the centre."""
+SURE = 1e-9
+"""Directions of a covariance with less than this part of its largest variance are no freedom."""
 DOUBTS = ("focal length", "aspect", "principal point", "principal point", "lens")
 """What the columns of `doubted_camera` are."""
 
@@ -35,21 +37,29 @@ class Views:
     ----------
     planes : of each camera: task, layout and search plane
     cam_from_rig : of each camera; the identity for a single one
-    loose : (C, 12, P) how the cameras may vary, see `Sights`
+    loose : (C, 18, P) how the cameras may vary, see `Sights`
     modes : (K, N, 3) how the unit model may be deformed, by 1 sigma
+    names : (C,) numbers of the cameras among all that were given, those without spots too
     """
 
     planes: tuple[Plane, ...]
     cam_from_rig: tuple[Pose, ...]
     loose: Array
     modes: Array
+    names: tuple[int, ...]
 
     @classmethod
-    def of(cls, planes: Sequence[Plane], cam_from_rig: Sequence[Pose] | None = None) -> Views:
-        """Rigid, with the cameras as open as their tasks say."""
+    def of(
+        cls, planes: Sequence[Plane], cam_from_rig: Sequence[Pose] | None = None, names: Sequence[int] = (),
+        rig_cov: Sequence[Array | None] = (),
+    ) -> Views:  # fmt: skip
+        """Rigid, with the cameras as open as their tasks and the covariances (6, 6) of their places say."""
         poses = tuple(cam_from_rig) if cam_from_rig is not None else (Pose.identity(),) * len(planes)
         columns = [known_camera(p.task.camera, p.task.focal_sigma) for p in planes]
-        return cls(tuple(planes), poses, _stacked(columns), np.zeros((0, len(planes[0].model.xyz), 3)))
+        places = [known_place(cov, planes[0].layout.frame.scale) for cov in rig_cov]
+        none = np.zeros((0, len(planes[0].model.xyz), 3))
+        views = cls(tuple(planes), poses, _stacked(columns), none, tuple(names) or tuple(range(len(planes))))
+        return views.opened(places) if any(place.size for place in places) else views
 
     @property
     def layout(self) -> Layout:
@@ -62,9 +72,7 @@ class Views:
 
     def doubted(self, *, columns: Sequence[int] = range(len(DOUBTS))) -> Views:
         """The same with cameras that may be wrong, in some columns of `doubted_camera` (of each)."""
-        extra = [doubted_camera(p.task.camera)[:, list(columns)] for p in self.planes]
-        both = [np.concatenate([own, more], axis=1) for own, more in zip(self.loose, extra, strict=True)]
-        return self._with(loose=_stacked(both))
+        return self.opened([doubted_camera(p.task.camera)[:, list(columns)] for p in self.planes])
 
     def without(self, taken: Sequence[NDArray[np.bool_]]) -> Views:
         """The same, with some of the spots (of each camera (M,) bool) left to no marker."""
@@ -80,10 +88,27 @@ class Views:
         other.__dict__["sights"] = sights._replace(by_x=order, x=x)
         return other
 
-    def _with(self, *, loose: Array | None = None, modes: Array | None = None) -> Views:
+    def opened(self, extra: Sequence[Array]) -> Views:
+        """The same with cameras that may vary in more ways, (18, p) each."""
+        both = [np.concatenate([own, more], axis=1) for own, more in zip(self.loose, _stacked(extra), strict=True)]
+        return self._with(loose=np.stack(both))
+
+    def with_place(self, c: int, cam_from_rig: Pose) -> Views:
+        """The same with camera c elsewhere."""
+        poses = list(self.cam_from_rig)
+        poses[c] = cam_from_rig
+        return self._with(poses=tuple(poses))
+
+    def _with(
+        self, *, loose: Array | None = None, modes: Array | None = None, poses: tuple[Pose, ...] | None = None
+    ) -> Views:
         loose, modes = self.loose if loose is None else loose, self.modes if modes is None else modes
-        other = replace(self, loose=loose, modes=modes)
-        other.__dict__["sights"] = self.sights._replace(loose=loose, modes=np.ascontiguousarray(modes))
+        poses = self.cam_from_rig if poses is None else poses
+        other = replace(self, loose=loose, modes=modes, cam_from_rig=poses)
+        rotation, translation = _places(poses, self.layout.frame.scale)
+        other.__dict__["sights"] = self.sights._replace(
+            loose=loose, modes=np.ascontiguousarray(modes), rotation=rotation, translation=translation
+        )
         other.__dict__["leads"], other.__dict__["densities"] = self.leads, self.densities
         return other
 
@@ -98,8 +123,7 @@ class Views:
         cov = [np.stack([p.task.cov[:, 0, 0], p.task.cov[:, 0, 1], p.task.cov[:, 1, 1]], axis=1) for p in planes]
         return Sights(
             layout.model.xyz, layout.model.normal, sigma, np.ascontiguousarray(self.modes),
-            np.stack([pose.rotation for pose in self.cam_from_rig]),
-            np.stack([pose.translation for pose in self.cam_from_rig]) / layout.frame.scale,
+            *_places(self.cam_from_rig, layout.frame.scale),
             np.cumsum([0, *(len(p) for p in xy)]), _joined(xy), _joined(cov),
             _joined([d[-1] for d in self.densities]), _joined(order),
             _joined([p[o, 0] for p, o in zip(xy, order, strict=True)]),
@@ -128,36 +152,60 @@ class Views:
 
 
 def known_camera(camera: Camera, focal_sigma: float) -> Array:
-    """(12, P) how a camera may vary by what is known of it: `Camera.cov`, and a free focal length of so large a sigma.
+    """(18, P) how a camera may vary by what is known of it: `Camera.cov`, and a free focal length of so large a sigma.
 
     A free focal length comes first; row 0 is of its logarithm.
     """
     if camera.cov is None:
-        return np.eye(12, int(focal_sigma > 0)) * focal_sigma
+        return np.eye(ROWS, int(focal_sigma > 0)) * focal_sigma
     cov = np.array(camera.cov)
     if focal_sigma > 0:
         cov[0, :], cov[:, 0] = 0.0, 0.0
     unit = np.sqrt(np.diag(cov))
     safe = np.where(unit > 0, unit, 1.0)  # the parameters' units differ by orders
     value, vector = np.linalg.eigh(cov / np.outer(safe, safe))
-    kept = value > 1e-9
-    columns = np.zeros((12, int(kept.sum())))
+    kept = value > SURE
+    columns = np.zeros((ROWS, int(kept.sum())))
     columns[:PARAMETERS_PACKED] = unit[:, None] * vector[:, kept] * np.sqrt(value[kept])
     columns[0] /= camera.focal_px
     if focal_sigma > 0:
-        columns = np.concatenate([np.eye(12, 1) * focal_sigma, columns], axis=1)
+        columns = np.concatenate([np.eye(ROWS, 1) * focal_sigma, columns], axis=1)
     return columns
 
 
 def doubted_camera(camera: Camera) -> Array:
-    """(12, 5) how a camera may be wrong: focal length, aspect, principal point in x and y, lens (see `DOUBTS`)."""
-    columns = np.zeros((12, len(DOUBTS)))
+    """(18, 5) how a camera may be wrong: focal length, aspect, principal point in x and y, lens (see `DOUBTS`)."""
+    columns = np.zeros((ROWS, len(DOUBTS)))
     diagonal = float(np.hypot(*camera.size_px))
     corner2 = (0.5 * diagonal / camera.focal_px) ** 2
     columns[0, 0], columns[1, 1] = DOUBTED_FOCAL, DOUBTED_ASPECT
     columns[2, 2] = columns[3, 3] = DOUBTED_CENTRE * diagonal
     columns[4, 4] = DOUBTED_EDGE / corner2
     return columns
+
+
+def known_place(cov: Array | None, scale: float) -> Array:
+    """(18, P) how a camera's place in the rig may vary, by the covariance (6, 6) of ``exp(delta) @ cam_from_rig``."""
+    if cov is None:
+        return np.zeros((ROWS, 0))
+    unit = np.repeat([1.0, 1 / scale], 3)
+    value, vector = np.linalg.eigh(cov * np.outer(unit, unit))
+    kept = value > SURE * value[-1]
+    columns = np.zeros((ROWS, int(kept.sum())))
+    columns[PLACE:] = vector[:, kept] * np.sqrt(value[kept])
+    return columns
+
+
+def doubted_place(turn: float, shift: float) -> Array:
+    """(18, 6) a camera's place that is known to ``turn`` (radians) and ``shift`` (sizes of the model), 1 sigma."""
+    columns = np.zeros((ROWS, 6))
+    columns[PLACE:] = np.diag(np.repeat([turn, shift], 3))
+    return columns
+
+
+def _places(poses: Sequence[Pose], scale: float) -> tuple[Array, Array]:
+    """(C, 3, 3) and (C, 3) of poses, in sizes of the model."""
+    return np.stack([pose.rotation for pose in poses]), np.stack([pose.translation for pose in poses]) / scale
 
 
 def _densities(plane: Plane) -> Array:
@@ -169,8 +217,8 @@ def _densities(plane: Plane) -> Array:
 
 
 def _stacked(columns: Sequence[Array]) -> Array:
-    """(C, 12, P) of (12, p) each, filled up with columns that change nothing."""
-    out = np.zeros((len(columns), 12, max(c.shape[1] for c in columns)))
+    """(C, 18, P) of (18, p) each, filled up with columns that change nothing."""
+    out = np.zeros((len(columns), ROWS, max(c.shape[1] for c in columns)))
     for own, c in zip(out, columns, strict=True):
         own[:, : c.shape[1]] = c
     return out

@@ -99,10 +99,10 @@ def _near_spots(
         reach2 = min(reach2, 9.0 * tolerance2)
     reach = math.sqrt(reach2)
     for at in range(np.searchsorted(column, x - reach), column.shape[0]):
+        if column[at] - x > reach:
+            break
         s = by_x[at]
         du, dv = x - spots[s, 0], y - spots[s, 1]
-        if du < -reach:
-            break
         held = holds == s
         if du * du + dv * dv > reach2 or (shut and not held):
             continue

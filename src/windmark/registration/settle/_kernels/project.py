@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from windmark.geometry._jit import nb
 from windmark.geometry._kernels import project_point, project_with_slopes
-from windmark.registration.settle._kernels.state import Sights, State
+from windmark.registration._kernels.growth import _move
+from windmark.registration.settle._kernels.state import PLACE, Sights, State
 
 Array = NDArray[np.float64]
 
@@ -21,18 +22,31 @@ H = 1e-3
 def place_cameras(sights: Sights, state: State) -> None:
     """Bring cameras and their poses up to date with the unknowns."""
     r, t = state.rotation, state.translation
+    turn, shift = np.empty((3, 3)), np.empty(3)
     for c in range(sights.rotation.shape[0]):
+        _place(sights.rotation[c], sights.translation[c], sights.loose[c], state.nuisance[c], turn, shift)
         for i in range(3):
-            total = sights.translation[c, i]
+            total = shift[i]
             for k in range(3):
-                total += sights.rotation[c, i, k] * t[k]
+                total += turn[i, k] * t[k]
             state.translations[c, i] = total
             for j in range(3):
-                state.rotations[c, i, j] = (
-                    sights.rotation[c, i, 0] * r[0, j] + sights.rotation[c, i, 1] * r[1, j]
-                    + sights.rotation[c, i, 2] * r[2, j]
-                )  # fmt: skip
+                state.rotations[c, i, j] = turn[i, 0] * r[0, j] + turn[i, 1] * r[1, j] + turn[i, 2] * r[2, j]
         open_camera(sights.camera[c], sights.loose[c], state.nuisance[c], state.camera[c])
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _place(rotation: Array, translation: Array, loose: Array, nuisance: Array, turn: Array, shift: Array) -> None:
+    """A camera's place in the rig moved by its nuisances (P,), into ``turn`` (3, 3) and ``shift`` (3,)."""
+    step, own, moved = np.zeros(6), np.eye(3), np.zeros(3)
+    for p in range(nuisance.shape[0]):
+        for i in range(6):
+            step[i] += loose[PLACE + i, p] * nuisance[p]
+    _move(own, moved, step)
+    for i in range(3):
+        shift[i] = moved[i] + own[i, 0] * translation[0] + own[i, 1] * translation[1] + own[i, 2] * translation[2]
+        for j in range(3):
+            turn[i, j] = own[i, 0] * rotation[0, j] + own[i, 1] * rotation[1, j] + own[i, 2] * rotation[2, j]
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
@@ -52,9 +66,11 @@ def sight_of(
     sights: Sights, state: State, c: int
 ) -> tuple[Array, Array, Array, Array, Array, Array, Array, Array, Array, Array]:
     """What `see` wants of camera c: taken out of the tuples once, which costs as much as seeing a marker does."""
+    turn, shift = np.empty((3, 3)), np.empty(3)
+    _place(sights.rotation[c], sights.translation[c], sights.loose[c], state.nuisance[c], turn, shift)
     return (
-        sights.xyz, sights.modes, state.bent, state.rotation, sights.rotation[c], state.rotations[c],
-        state.translations[c], state.camera[c], sights.loose[c], state.offset[c],
+        sights.xyz, sights.modes, state.bent, state.rotation, turn, state.rotations[c], state.translations[c],
+        state.camera[c], sights.loose[c], state.offset[c],
     )  # fmt: skip
 
 
@@ -99,7 +115,10 @@ def see(
     if open_ > 0:
         for i in range(6, start):
             u[i], v[i] = 0.0, 0.0
-        _by_nuisances(cam, loose, px, py, pz, 6 + c * open_, u, v, other)
+        start_c = 6 + c * open_
+        _by_nuisances(cam, loose, px, py, pz, start_c, u, v, other)
+        _by_place(loose, px, py, pz, ux, uy, uz, start_c, u)
+        _by_place(loose, px, py, pz, vx, vy, vz, start_c, v)
     for k in range(bends):
         mx, my, mz = modes[k, m, 0], modes[k, m, 1], modes[k, m, 2]
         u[start + k] = by_xyz[0, 0] * mx + by_xyz[0, 1] * my + by_xyz[0, 2] * mz
@@ -150,3 +169,16 @@ def _quotients(camera: Array, loose: Array, p: int, x: float, y: float, z: float
     if not (good0 and good1):
         return 0.0, 0.0
     return (u1 - u0) / (2.0 * H), (v1 - v0) / (2.0 * H)
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _by_place(
+    loose: Array, x: float, y: float, z: float, by_x: float, by_y: float, by_z: float, start: int, out: Array
+) -> None:
+    """Add the derivative of an image coordinate by a camera's place, from that by the point (x, y, z) it sees."""
+    for p in range(loose.shape[1]):
+        out[start + p] += (
+            loose[PLACE, p] * (y * by_z - z * by_y) + loose[PLACE + 1, p] * (z * by_x - x * by_z)
+            + loose[PLACE + 2, p] * (x * by_y - y * by_x) + loose[PLACE + 3, p] * by_x + loose[PLACE + 4, p] * by_y
+            + loose[PLACE + 5, p] * by_z
+        )  # fmt: skip

@@ -1,7 +1,8 @@
 """What the settle kernels share: the sights of C cameras on N markers, and a solution that is changed in place.
 
 Unknowns stand in one order everywhere: the pose of the unit model in the rig [rotation 3, translation 3], then for
-each camera P *nuisances* (its interior parameters as far as they are open), then K coefficients of the deformation.
+each camera P *nuisances* (its interior parameters and its place, as far as they are open), then K coefficients of the
+deformation.
 Nuisances and coefficients are in sigmas of their priors, so the prior of each is the unit normal distribution.
 """
 
@@ -20,6 +21,10 @@ EXCESS, MISFIT, EXPECTED, TAKEN, NUMBERS = range(5)
 """Columns of `State.numbers`: excess and misfit variance, markers expected, coordinates taken by the fit."""
 STEPS, COST_START, COST_END, REPORT = range(4)
 """Places in `State.report`: Gauss-Newton steps of the last fit, and its cost at the start and the end."""
+
+
+PLACE, ROWS = 12, 18
+"""Of `Sights.loose`: the first row of a camera's place in the rig, and the number of rows."""
 
 
 class Sights(NamedTuple):
@@ -41,7 +46,8 @@ class Sights(NamedTuple):
     radius: Array  # (C,) px, of the spots; 0 where unknown
     tolerance: Array  # (C,) px, the neighbourhood of the search
     camera: Array  # (C, 12) `Camera.packed`, as given
-    loose: Array  # (C, 12, P) change of the packed camera by 1 sigma of each nuisance; row 0 is of the log focal length
+    loose: Array  # (C, 18, P) change by 1 sigma of each nuisance: of the packed camera, row 0 of the log focal length;
+    # from row 12 on of its place [rotation 3, translation 3 in sizes of the model], which comes after cam_from_rig
 
 
 class State(NamedTuple):
