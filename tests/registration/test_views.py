@@ -188,7 +188,7 @@ def test_spots_that_are_left_out_are_matched_by_none():
     """Also those in the gate of a marker: they lie where they lay, only the list of candidates has them no more."""
     scene = settling.wide_scene(67)
     views, best = settling.best_of(scene)
-    spot, marker = best.pairs()
+    spot, _ = best.pairs()
     taken = np.zeros(len(views.planes[0].task.xy), dtype=bool)
     taken[spot[::4]] = True
     rest = with_freedom(views.without([taken]), best)

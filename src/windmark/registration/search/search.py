@@ -73,8 +73,8 @@ LEAST_SPOTS = 5
 COPIES = 4
 """Solutions kept of those among the spots that one leaves."""
 COPY_WORK, COPY_TIMES = 4_000, 6
-"""Work (links) spent on them at least, and as a multiple of what the model itself took, which grows with its markers and
-their likeness; of a copy that is half hidden one quad in eight is whole (`attacks`: copies)."""
+"""Work (links) spent on them at least, and as a multiple of what the model itself took, which grows with its size and
+likeness to itself; of a copy that is half hidden one quad in eight is whole (`attacks`: copies)."""
 
 
 @dataclass(frozen=True, eq=False)
