@@ -3,8 +3,8 @@
 - A disc's image is an ellipse whose centre is not the image of the disc's centre (`geometry.discs`). Where a marker
   has a normal and a radius, the projection is moved by that eccentricity at the pose at hand, and the pose is refined
   again; the eccentricity changes so little with the pose that two rounds are enough.
-- Errors of lens, table or shape that are smooth over the image do not average out over the markers as random ones do.
-  Where the residuals show such errors, the covariance of the pose has what they do to it.
+- The pose of a bent model is that of its root, see `judge.root`. Where a rigid one leaves more than the noise of the
+  spots, it may be bent after all, and the covariance of its pose has what that would change.
 """
 
 from __future__ import annotations
@@ -13,8 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.geometry import imaged_ellipse
+from windmark.registration._kernels.growth import _move
+from windmark.registration.judge.root import root_of
+from windmark.registration.settle._kernels.project import place_cameras
 from windmark.registration.settle._kernels.settle import accept_kernel
-from windmark.registration.settle._kernels.smooth import smooth_cov_kernel
 from windmark.registration.settle.solution import Solution, accepted, copied
 
 Array = NDArray[np.float64]
@@ -37,12 +39,40 @@ def answer(best: Solution, beside: Solution | None = None) -> tuple[Solution, Ar
         if not accept_kernel(best.views.sights, state):
             break
         best = Solution(best.views, state)
-    cov = smooth_cov_kernel(best.views.sights, best.state, best.unit_cov)
+    best, cov = _of_root(best)
     if beside is not None:
         away = (beside.rig_from_model @ best.rig_from_model.inverse()).log()
         way = np.linalg.solve(best.to_model(), away)
         cov[:6, :6] += beside.unit_cov[:6, :6] + np.outer(way, way)
     return best, cov
+
+
+def _of_root(best: Solution) -> tuple[Solution, Array]:
+    """The solution with the root's pose, if it is bent, and the covariance (P, P) of its unknowns."""
+    if not best.is_bent and not best.excess_px.any():
+        return best, best.unit_cov.copy()
+    root = root_of(best)
+    off, cov = root.shift.copy(), best.unit_cov.copy()
+    if best.is_bent:
+        best, off[:6], cov = _moved(best, root.shift[:6]), 0.0, np.pad(cov, (0, 1))
+    cov[: len(off), : len(off)] = root.cov + np.outer(off, off)
+    return best, cov
+
+
+def _moved(best: Solution, shift: Array) -> Solution:
+    """The same places of a bent model's markers, described from another pose; one more mode makes up for it."""
+    rotation, translation = best.state.rotation.copy(), best.state.translation.copy()
+    _move(rotation, translation, np.ascontiguousarray(shift))
+    flat = best.views.sights.xyz
+    places = (flat + best.displacement) @ best.state.rotation.T + best.state.translation
+    more = (places - translation) @ rotation - flat - best.displacement
+    views = best.views.bent(np.concatenate([best.views.modes, more[None]]))
+    state, size = copied(views, best.state), len(best.state.factor)
+    state.rotation[:], state.translation[:] = rotation, translation
+    state.bent[:] = np.append(best.state.bent, 1.0)
+    state.factor[:size, :size], state.factor[size, size] = best.state.factor, 1.0
+    place_cameras(views.sights, state)
+    return Solution(views, state)
 
 
 def _are_discs(best: Solution) -> NDArray[np.bool_]:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.registration.budget import BEND, BEND_PAIR, Budget
+from windmark.registration.judge.answer import answer
 from windmark.registration.judge.source import distinct, focal_of, start_of
 from windmark.registration.search.pool import Candidate
 from windmark.registration.settle.solution import SAME_SHARE, Solution, settle
@@ -53,14 +54,11 @@ class Bender:
                 found.append(solution)
         return distinct(found)
 
-    def largest(self, solution: Solution) -> float:
-        """Largest displacement of a labelled marker, as part of the model's size."""
-        seen = (solution.state.match >= 0).any(axis=0)
-        return float(np.linalg.norm(solution.displacement[seen], axis=1).max()) / self._size
-
     def allows(self, solution: Solution) -> bool:
-        """Whether a solution is bent by no more than the model may be."""
-        return self.largest(solution) <= self._most
+        """Whether a solution, as it is reported, displaces no labelled marker by more than the model may be bent."""
+        seen = (solution.state.match >= 0).any(axis=0)
+        largest = float(np.linalg.norm(answer(solution)[0].displacement[seen], axis=1).max())
+        return largest <= self._most * self._size
 
 
 def _core_of(c: int, candidate: Candidate, known: Solution) -> bool:

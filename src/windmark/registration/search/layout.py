@@ -13,7 +13,7 @@ from windmark.registration._kernels.hypothesis import Model
 from windmark.registration._kernels.quad import Table, table_kernel
 from windmark.registration._kernels.symmetry import symmetries_kernel
 from windmark.registration.line import on_line
-from windmark.registration.search.field import extents, modes_of
+from windmark.registration.search.field import FAR, REACH, Field, extents, field_of, modes_of
 from windmark.registration.search.near import nearest
 from windmark.registration.search.triplets import spread_corners
 from windmark.scene import MarkerSet
@@ -151,6 +151,11 @@ class Layout:
     def modes(self) -> Array:
         """(K, N, 3) how the markers may be displaced if the model is deformed; walls are not."""
         return modes_of(self.model.xyz, self.markers.role == "wall")
+
+    @cached_property
+    def fields(self) -> tuple[Field, ...]:
+        """The same deformation of more than one reach, for the pose."""
+        return tuple(field_of(self.model.xyz, self.markers.role == "wall", reach) for reach in (REACH, FAR))
 
     def _tabled(self, reach: int) -> Table:
         reach = min(reach, self.model.near.shape[1])

@@ -116,8 +116,7 @@ def step(
         return NotRegistered(OUTCOMES[n[OUTCOME]], "nothing", options=options), state
     if (refusal := _refusal(n, done, limits, len(state.marker))) is not None:
         return replace(refusal, options=options), state
-    # The excess of loose residuals has taken most of the gain already: what is left of it counts.
-    if n[BENDING] > (0.0 if _is_loose(n) else rules.DOUBT):
+    if n[BENDING] > rules.DOUBT:
         return _doubted(state, detections, done, n, dt, motion, limits, {**options, "dt": dt})
     answer = _registration(prepared, done, n, {**options, "dt": dt})
     estimate = Estimate(done.new_rotation, done.new_translation, done.new_velocity, done.new_cov)
