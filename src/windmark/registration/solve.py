@@ -114,8 +114,10 @@ def _with_other_lenses(tasks: Sequence[Task], verdict: Verdict) -> list[Task] | 
     return moved if any(a is not b for a, b in zip(moved, tasks, strict=True)) else None
 
 
-def _registration(best: Solution, verdict: Verdict, tried: int, index: Ints, options: dict[str, Any]) -> Registration:
-    final, unit_cov = answer(best, verdict.beside)
+def _registration(
+    best: Solution, verdict: Verdict, tried: int, index: Ints, options: dict[str, Any], bends: float = 0.0
+) -> Registration:
+    final, unit_cov = answer(best, verdict.beside, bends)
     spot, marker = final.pairs()
     residuals = final.state.residual[0, marker]
     distance = np.hypot(residuals[:, 0], residuals[:, 1])

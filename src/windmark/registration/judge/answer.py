@@ -24,11 +24,11 @@ Array = NDArray[np.float64]
 DISC_ROUNDS = 2
 
 
-def answer(best: Solution, beside: Solution | None = None) -> tuple[Solution, Array]:
+def answer(best: Solution, beside: Solution | None = None, bends: float = 0.0) -> tuple[Solution, Array]:
     """The solution as it is reported, and the covariance (P, P) of all its unknowns.
 
     Where another camera fits slightly better ``beside``, the covariance of the pose is that one's, with the way between
-    the two poses.
+    the two poses. ``bends`` is the evidence (nats) of other pictures that the model bends.
     """
     best = accepted(best)
     discs = _are_discs(best)
@@ -39,7 +39,7 @@ def answer(best: Solution, beside: Solution | None = None) -> tuple[Solution, Ar
         if not accept_kernel(best.views.sights, state):
             break
         best = Solution(best.views, state)
-    best, cov = _of_root(best)
+    best, cov = _of_root(best, bends)
     if beside is not None:
         away = (beside.rig_from_model @ best.rig_from_model.inverse()).log()
         way = np.linalg.solve(best.to_model(), away)
@@ -47,11 +47,11 @@ def answer(best: Solution, beside: Solution | None = None) -> tuple[Solution, Ar
     return best, cov
 
 
-def _of_root(best: Solution) -> tuple[Solution, Array]:
+def _of_root(best: Solution, bends: float) -> tuple[Solution, Array]:
     """The solution with the root's pose, if it is bent, and the covariance (P, P) of its unknowns."""
-    if not best.is_bent and not best.excess_px.any():
+    if not (best.is_bent or best.excess_px.any() or bends > 0.0):
         return best, best.unit_cov.copy()
-    root = root_of(best)
+    root = root_of(best, bends)
     off, cov = root.shift.copy(), best.unit_cov.copy()
     if best.is_bent:
         best, off[:6], cov = _moved(best, root.shift[:6]), 0.0, np.pad(cov, (0, 1))

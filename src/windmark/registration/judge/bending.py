@@ -37,6 +37,7 @@ class Bender:
         layout = views.layout
         self.modes = PRIOR * most * layout.size * layout.modes if most > 0 else layout.modes[:0]
         self._views, self._most, self._size = views.bent(self.modes), most, layout.size
+        self._bows = views.bent(PRIOR * most * layout.size * layout.bows) if most > 0 else self._views
         self._grown: dict[Candidate, Solution | None] = {}
 
     def solutions(self, candidates: Sequence[tuple[int, Candidate]]) -> list[Solution]:
@@ -48,11 +49,19 @@ class Bender:
             if candidate not in self._grown:
                 self._budget.spend(BEND + BEND_PAIR * candidate.count)
                 start = start_of(self._views, c, candidate)
-                self._grown[candidate] = settle(self._views, *start, focal_px=focal_of(self._views, c, candidate))
+                self._grown[candidate] = self._settled(start, focal_of(self._views, c, candidate))
             solution = self._grown[candidate]
             if solution is not None and solution.keeps_labels:
                 found.append(solution)
         return distinct(found)
+
+    def _settled(self, start: tuple[Array, Array, NDArray[np.int32]], focal_px: Array | None) -> Solution | None:
+        """Grown as a stiff model is bent; or then as a supple one is, if that is the better explanation."""
+        stiff = settle(self._views, *start, focal_px=focal_px)
+        if stiff is not None:
+            start = stiff.state.rotation, stiff.state.translation, stiff.state.match
+        bow = settle(self._bows, *start, focal_px=focal_px)
+        return max((s for s in (stiff, bow) if s is not None), key=lambda s: s.evidence, default=None)
 
     def allows(self, solution: Solution) -> bool:
         """Whether a solution, as it is reported, displaces no labelled marker by more than the model may be bent."""

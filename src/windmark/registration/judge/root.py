@@ -5,9 +5,9 @@ Otherwise any part of the model may be its root, and each has a pose of its own:
 there as the deformation does. The pose that is given is the mean of these; its covariance has how far they are apart,
 what the deformation may be that the picture cannot tell from a motion, and the noise.
 
-The deformation is a Gaussian process (`search.field`). How large it is, how far it reaches, how stiff the model is along
-its wide sides, and how much the spots are worse than they say are not known either: all are weighed by their marginal
-likelihood with a flat prior of the pose (Rasmussen and Williams 2006, sections 2.7 and 5.4.1).
+The deformation is a Gaussian process (`search.field`). How large it is, how far it reaches, how stiff the model is
+along its wide sides, and how much the spots are worse than they say are not known either: all are weighed by their
+marginal likelihood with a flat prior of the pose (Rasmussen and Williams 2006, sections 2.7 and 5.4.1).
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from windmark.geometry.order import median
 from windmark.registration.judge import rules
-from windmark.registration.search.field import STIFF, Field
+from windmark.registration.search.field import STIFF, SUPPLE, Field
 from windmark.registration.settle._kernels.doubt import doubt_kernel
 from windmark.registration.settle._kernels.state import EXCESS
 from windmark.registration.settle.solution import Solution, copied
@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 
 AMPLITUDES = np.geomspace(1e-4, 0.05, 16)
 """1 sigma of the displacements along the thinnest axis, as parts of the model's size."""
-STIFFNESSES = (STIFF, 0.3, 1.0)
+STIFFNESSES = (STIFF, SUPPLE, 1.0)
 """Least amplitudes along wide axes, as parts of that along the thinnest one."""
 NOISES = np.linspace(0.0, 1.0, 6)[:, None]
 """Variances of the residuals that are tried: from those of the spots (0) to those with all of the excess, by their
@@ -52,14 +52,17 @@ class Root:
     cov: Array
 
 
-def root_of(best: Solution) -> Root:
-    """The root's pose by all fields together; those of a rigid solution are weighed beside none."""
+def root_of(best: Solution, bends: float = 0.0) -> Root:
+    """The root's pose by all fields together; those of a rigid solution are weighed beside none.
+
+    ``bends`` is the evidence (nats) of other pictures that the model bends.
+    """
     layout = best.views.layout
     found = [root for field in layout.fields for root in _by_field(best, field, layout.size)]
     prior = np.full(len(found), -math.log(len(found)))
     if not best.is_bent:
         found.append(_by_none(best))
-        prior = np.append(prior, rules.BENT_LEAD)
+        prior = np.append(prior, rules.BENT_LEAD - bends)
     weight, evidence = _weights(np.array([root.evidence for root in found]) + prior)
     shift = weight @ [root.shift for root in found]
     cov = sum(w * (r.cov + np.outer(r.shift, r.shift)) for w, r in zip(weight, found, strict=True))

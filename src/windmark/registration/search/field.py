@@ -20,8 +20,9 @@ Array = NDArray[np.float64]
 REACH, FAR = 1.2, 3.0
 """Correlation lengths, in root mean square distances of the markers from their centre: of a deformation that labels are
 found with, and of one that is hardly more than a bow."""
-STIFF = 0.1
-"""Least amplitude along a wide axis, as part of that along the thinnest one."""
+STIFF, SUPPLE = 0.1, 0.3
+"""Least amplitude along a wide axis, as part of that along the thinnest one: of a model whose labels are not known yet,
+and of one that may be sheared, too."""
 MOST_MODES = 24
 LANDMARKS = 600
 """The modes of more markers are those of about so many of them: the process is far smoother than they are apart."""

@@ -19,8 +19,6 @@ Array = NDArray[np.float64]
 
 BENT = 0.05
 """Largest displacement of a marker, as part of the model's size, that is asked for; the default of `register`."""
-SUPPLE = 0.3
-"""What a bent model may do along its wide sides, as part of what it does across them: supple enough to ask the judge."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,8 +43,7 @@ class Prepared:
         """Prepare; ``layout`` saves its milliseconds."""
         layout = (layout or Layout(markers)).ready()
         sigma = np.where(np.isfinite(markers.sigma), markers.sigma, 0.0) / layout.frame.scale
-        bow = layout.fields[-1]
-        modes = PRIOR * BENT * layout.size * bow.amplitude(SUPPLE)[:, None, None] * bow.modes
+        modes = PRIOR * BENT * layout.size * layout.bows
         return Prepared(
             layout, camera, np.ascontiguousarray(sigma), np.ascontiguousarray(modes), camera.packed(),
             np.ascontiguousarray(known_camera(camera, 0.0)[None]), np.array(camera.size_px, dtype=float),
