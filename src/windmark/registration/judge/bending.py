@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.registration.budget import BEND, BEND_PAIR, Budget
-from windmark.registration.judge.answer import answer
 from windmark.registration.judge.source import distinct, focal_of, start_of
 from windmark.registration.search.pool import Candidate
 from windmark.registration.settle.solution import SAME_SHARE, Solution, settle
@@ -36,7 +35,7 @@ class Bender:
         self._budget = budget
         layout = views.layout
         self.modes = PRIOR * most * layout.size * layout.modes if most > 0 else layout.modes[:0]
-        self._views, self._most, self._size = views.bent(self.modes), most, layout.size
+        self._views, self._most = views.bent(self.modes), most
         self._bows = views.bent(PRIOR * most * layout.size * layout.bows) if most > 0 else self._views
         self._grown: dict[Candidate, Solution | None] = {}
 
@@ -64,10 +63,8 @@ class Bender:
         return max((s for s in (stiff, bow) if s is not None), key=lambda s: s.evidence, default=None)
 
     def allows(self, solution: Solution) -> bool:
-        """Whether a solution, as it is reported, displaces no labelled marker by more than the model may be bent."""
-        seen = (solution.state.match >= 0).any(axis=0)
-        largest = float(np.linalg.norm(answer(solution)[0].displacement[seen], axis=1).max())
-        return largest <= self._most * self._size
+        """Whether a solution is bent by no more than the model may be."""
+        return solution.largest <= self._most
 
 
 def _core_of(c: int, candidate: Candidate, known: Solution) -> bool:

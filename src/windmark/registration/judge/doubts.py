@@ -133,7 +133,8 @@ class Doubts:
 
         It must be better by the margin than a rigid model with the given camera (``rigid`` nats, where that is an
         answer beside a bent one), and at least as good as a bent one, clearly better where only that is an answer.
-        And the pose must be another by it, in its own sigmas: a misfit that the sigmas know of does no harm.
+        And beside a rigid one the pose must be another by it, in its own sigmas: a misfit that the sigmas know of does no
+        harm. A deformation that is none does.
         """
         if not self._others:
             return None
@@ -142,7 +143,7 @@ class Doubts:
         if self.best.is_bent:
             lead = 0.0 if rigid > -np.inf else rules.BENT_LEAD
         least = max(rigid + self.margin, self.best.evidence + lead)
-        if other.evidence < least or not self._moves(other):
+        if other.evidence < least or not (self.best.is_bent or self._moves(other)):
             return None
         return OtherCamera(what, self._words(what, self._most_off(other, what)[1], other), other)
 
