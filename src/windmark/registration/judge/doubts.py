@@ -133,8 +133,8 @@ class Doubts:
 
         It must be better by the margin than a rigid model with the given camera (``rigid`` nats, where that is an
         answer beside a bent one), and at least as good as a bent one, clearly better where only that is an answer.
-        And beside a rigid one the pose must be another by it, in its own sigmas: a misfit that the sigmas know of does no
-        harm. A deformation that is none does.
+        And beside a rigid one the pose must be another by it, in its own sigmas: a misfit that the sigmas know of does
+        no harm. A deformation that is none does.
         """
         if not self._others:
             return None
@@ -142,6 +142,8 @@ class Doubts:
         lead = self.margin
         if self.best.is_bent:
             lead = 0.0 if rigid > -np.inf else rules.BENT_LEAD
+            if (straight := with_freedom(self.views, self.best)) is not None:
+                rigid = max(rigid, straight.evidence)
         least = max(rigid + self.margin, self.best.evidence + lead)
         if other.evidence < least or not (self.best.is_bent or self._moves(other)):
             return None

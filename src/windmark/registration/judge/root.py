@@ -80,7 +80,7 @@ def _by_none(best: Solution) -> Root:
 
 def _by_field(best: Solution, field: Field, size: float) -> list[Root]:
     """By one field, of every stiffness."""
-    state, matched = best.state, best.state.match >= 0
+    state, matched = best.state, np.asarray(best.state.match >= 0)
     views = best.views.bent(np.concatenate([field.modes, best.displacement[None]]))
     bare = copied(views, state)
     bare.bent[:] = 0.0
@@ -96,7 +96,7 @@ def _by_field(best: Solution, field: Field, size: float) -> list[Root]:
     across = normal[:bends, bends:-1]
     taken, start = inverse @ across, inverse @ side[:bends]
     gram, pull = normal[bends:-1, bends:-1] - across.T @ taken, side[bends:-1] - across.T @ start
-    roots = _roots(field, matched.any(axis=0))
+    roots = _roots(field, np.asarray(matched.any(axis=0)))
     turned = np.zeros((len(roots), bends, len(field.modes)))
     turned[:, :3] = state.rotation @ field.motions[roots, :3]
     turned[:, 3:6] = state.rotation @ field.motions[roots, 3:]
