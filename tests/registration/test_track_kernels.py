@@ -5,15 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import registration_scenes as scenes
+import settle_twins as twins
+from scipy.linalg import block_diag
+from scipy.special import logsumexp
 
 from windmark.geometry import Pose
 from windmark.registration import prepare
-from windmark.registration.judge.doubts import FirstOrder
 from windmark.registration.judge.own import held_by_one
 from windmark.registration.register import default_tolerance
 from windmark.registration.search.plane import Plane
-from windmark.registration.settle._kernels.doubt import doubt_kernel
-from windmark.registration.settle._kernels.project import place_cameras
+from windmark.registration.settle._kernels.state import EXCESS
 from windmark.registration.settle.solution import copied, settle
 from windmark.registration.settle.views import Views
 from windmark.registration.task import Task
@@ -189,17 +190,34 @@ def test_what_pairs_leave_open_is_what_the_judge_says():
             assert f"{held:.2g} px" in words
 
 
-def test_the_gain_of_bending_is_that_of_the_judge(view):
+@pytest.mark.parametrize("excess", [0.0, 0.02])
+def test_the_gain_of_bending_is_that_of_dense_matrices(view, excess):
+    """Likelihoods of the residuals, the pose without a prior, with deformations of three sizes and without one."""
     scene, prepared, sights, _ = view
     best = settled(scene, prepared, sights, np.arange(len(scene.markers)) >= 0)
-    modes = prepared.modes[:20]
-    best.state.residual[0, :, 1] += 0.5 * np.sin(4 * prepared.layout.model.xyz[:, 0])
-    views = best.views.bent(modes)
-    wide = copied(views, best.state)
-    place_cameras(views.sights, wide)
-    first = FirstOrder(*doubt_kernel(views.sights, wide), np.arange(6, 6 + len(modes)))
-    assert first.gain(np.arange(len(modes))) > 3
-    assert checks.bending_gain(sights, modes, best.state) == pytest.approx(first.gain(np.arange(len(modes))), abs=0.05)
+    state, modes = best.state, prepared.modes[:20]
+    matched = state.match[0] >= 0
+    state.residual[0, :, 1] += 0.5 * np.sin(4 * prepared.layout.model.xyz[:, 0])
+    state.numbers[0, EXCESS] = excess
+    state.spread[0, matched] += excess * np.array([1.0, 0.0, 1.0])
+    by = twins.by_unknowns(best.views.bent(modes), copied(best.views.bent(modes), state))[0, matched].reshape(-1, 26)
+    seen = -state.residual[0, matched].ravel()
+    cov = block_diag(*twins.square(state.spread[0, matched]))
+    variance = 0.5 * (state.spread[0, matched, 0] + state.spread[0, matched, 2])
+    least = float(np.mean(1 - excess / variance))
+
+    def likelihood(noise, part):
+        whole = noise * cov + part**2 * by[:, 6:] @ by[:, 6:].T
+        inverse = np.linalg.inv(whole)
+        pose = by[:, :6].T @ inverse @ by[:, :6]
+        pull = by[:, :6].T @ inverse @ seen
+        square = seen @ inverse @ seen - pull @ np.linalg.solve(pose, pull)
+        return -0.5 * (square + np.linalg.slogdet(whole)[1] + np.linalg.slogdet(pose)[1])
+
+    bent = [likelihood(noise, part) - np.log(3) for noise in (1.0, least) for part in checks.PARTS]
+    rigid = [likelihood(noise, 0.0) for noise in (1.0, least)]
+    expected = logsumexp(bent) - logsumexp(rigid)
+    assert checks.bending_gain(sights, modes, state) == pytest.approx(expected, abs=0.2)
 
 
 @pytest.mark.parametrize("share", [0.0, 0.01, 0.06])

@@ -78,9 +78,10 @@ class Unchecked:
 class Deformation:
     """How a model differs from its table: a smooth displacement of all markers, found together with the pose.
 
-    A rigid motion is no deformation; of all ways to share the motion between the two, the pose takes what makes the
-    deformation likeliest (about: smallest). A displacement along the line of sight can hardly be seen by one camera:
-    there the sigma is that of what was expected.
+    A rigid motion is no deformation, and which part of the model stands still the picture does not tell, unless there
+    are walls: the pose is the mean of those by which one or another part would, and its covariance has how far these
+    are apart. A displacement along the line of sight can hardly be seen by one camera: there the sigma is that of what
+    was expected.
 
     Parameters
     ----------
@@ -88,7 +89,8 @@ class Deformation:
         were not seen it is a prediction
     sigma : (N, 3) 1 sigma of it
     shift_px : (N, 2) what it does in the image
-    largest : largest displacement of a matched marker, as part of the model's largest extent
+    largest : largest displacement of a matched marker beyond a rigid motion of all of them, as part of the model's
+        largest extent
     parameters : how many parameters of it this view determines
     """
 
@@ -118,8 +120,9 @@ class Registration:
     residuals : (K, 2) projected - detected, pixels, in the order of the matching. Projected is the centre of the imaged
         disc where a marker's normal and radius are known, else the image of its centre
     cov : (6, 6) covariance of [rotation, translation] for ``exp(delta) @ cam_from_model``; with ``free_focal``
-        (7, 7), the focal length last. It includes the excess, and that the deformation is
-        uncertain, if there is one. Distance and focal length grow together: where they are
+        (7, 7), the focal length last. It includes the excess; where this looks like that of a
+        bent model, what such a one would change; and of a bent model that its root, whose pose it is, is not known.
+        Distance and focal length grow together: where they are
         known to some percent only, their errors are normal as logarithms
     excess_px : 1 sigma per coordinate of the misfit beyond the covariances of detections and markers:
         table errors, lens, and what is left of a deformation

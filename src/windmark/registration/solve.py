@@ -114,8 +114,10 @@ def _with_other_lenses(tasks: Sequence[Task], verdict: Verdict) -> list[Task] | 
     return moved if any(a is not b for a, b in zip(moved, tasks, strict=True)) else None
 
 
-def _registration(best: Solution, verdict: Verdict, tried: int, index: Ints, options: dict[str, Any]) -> Registration:
-    final, unit_cov = answer(best, verdict.beside)
+def _registration(
+    best: Solution, verdict: Verdict, tried: int, index: Ints, options: dict[str, Any], bends: float = 0.0
+) -> Registration:
+    final, unit_cov = answer(best, verdict.beside, bends)
     spot, marker = final.pairs()
     residuals = final.state.residual[0, marker]
     distance = np.hypot(residuals[:, 0], residuals[:, 1])
@@ -216,7 +218,5 @@ def _deformation(best: Solution, unit_cov: Array) -> Deformation:
     variance = np.einsum("knc,kj,jnc->nc", modes, cov, modes, optimize=True)
     xyz, pose, camera = views.planes[0].task.markers.xyz, best.cam_from_model(), best.camera()
     shift = camera.project(pose.apply(xyz + displacement))[0] - camera.project(pose.apply(xyz))[0]
-    seen = (best.state.match >= 0).any(axis=0)
-    largest = float(np.linalg.norm(displacement[seen], axis=1).max()) / (scale * views.layout.size)
     parameters = float(len(modes) - np.trace(best.unit_cov[-len(modes) :, -len(modes) :]))
-    return Deformation(displacement, scale * np.sqrt(variance), shift, largest, parameters)
+    return Deformation(displacement, scale * np.sqrt(variance), shift, best.largest, parameters)

@@ -3,8 +3,8 @@
 - A disc's image is an ellipse whose centre is not the image of the disc's centre (`geometry.discs`). Where a marker
   has a normal and a radius, the projection is moved by that eccentricity at the pose at hand, and the pose is refined
   again; the eccentricity changes so little with the pose that two rounds are enough.
-- Errors of lens, table or shape that are smooth over the image do not average out over the markers as random ones do.
-  Where the residuals show such errors, the covariance of the pose has what they do to it.
+- The pose of a bent model is that of its root, see `judge.root`. Where a rigid one leaves more than the noise of the
+  spots, it may be bent after all, and the covariance of its pose has what that would change.
 """
 
 from __future__ import annotations
@@ -13,8 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.geometry import imaged_ellipse
+from windmark.registration._kernels.growth import _move
+from windmark.registration.judge.root import root_of
+from windmark.registration.settle._kernels.project import place_cameras
 from windmark.registration.settle._kernels.settle import accept_kernel
-from windmark.registration.settle._kernels.smooth import smooth_cov_kernel
 from windmark.registration.settle.solution import Solution, accepted, copied
 
 Array = NDArray[np.float64]
@@ -22,11 +24,12 @@ Array = NDArray[np.float64]
 DISC_ROUNDS = 2
 
 
-def answer(best: Solution, beside: Solution | None = None) -> tuple[Solution, Array]:
+def answer(best: Solution, beside: Solution | None = None, bends: float = 0.0) -> tuple[Solution, Array]:
     """The solution as it is reported, and the covariance (P, P) of all its unknowns.
 
     Where another camera fits better ``beside``, but it is only slightly another or the model may be bent instead, the
     covariance has the way from the one explanation to the other, and of the pose also that one's own.
+    ``bends`` is the evidence (nats) of other pictures that the model bends.
     """
     best = accepted(best)
     discs = _are_discs(best)
@@ -37,7 +40,7 @@ def answer(best: Solution, beside: Solution | None = None) -> tuple[Solution, Ar
         if not accept_kernel(best.views.sights, state):
             break
         best = Solution(best.views, state)
-    cov = smooth_cov_kernel(best.views.sights, best.state, best.unit_cov)
+    best, cov = _of_root(best, bends)
     if beside is not None:
         way = _way(best, beside)
         cov += np.outer(way, way)
@@ -50,6 +53,34 @@ def _way(best: Solution, beside: Solution) -> Array:
     away = (beside.rig_from_model @ best.rig_from_model.inverse()).log()
     own = beside.state.nuisance[:, : best.state.nuisance.shape[1]] - best.state.nuisance
     return np.concatenate([np.linalg.solve(best.to_model(), away), own.ravel(), -best.state.bent])
+
+
+def _of_root(best: Solution, bends: float) -> tuple[Solution, Array]:
+    """The solution with the root's pose, if it is bent, and the covariance (P, P) of its unknowns."""
+    if not (best.is_bent or best.excess_px.any() or bends > 0.0):
+        return best, best.unit_cov.copy()
+    root = root_of(best, bends)
+    off, cov = root.shift.copy(), best.unit_cov.copy()
+    if best.is_bent:
+        best, off[:6], cov = _moved(best, root.shift[:6]), 0.0, np.pad(cov, (0, 1))
+    cov[: len(off), : len(off)] = root.cov + np.outer(off, off)
+    return best, cov
+
+
+def _moved(best: Solution, shift: Array) -> Solution:
+    """The same places of a bent model's markers, described from another pose; one more mode makes up for it."""
+    rotation, translation = best.state.rotation.copy(), best.state.translation.copy()
+    _move(rotation, translation, np.ascontiguousarray(shift))
+    flat = best.views.sights.xyz
+    places = (flat + best.displacement) @ best.state.rotation.T + best.state.translation
+    more = (places - translation) @ rotation - flat - best.displacement
+    views = best.views.bent(np.concatenate([best.views.modes, more[None]]))
+    state, size = copied(views, best.state), len(best.state.factor)
+    state.rotation[:], state.translation[:] = rotation, translation
+    state.bent[:] = np.append(best.state.bent, 1.0)
+    state.factor[:size, :size], state.factor[size, size] = best.state.factor, 1.0
+    place_cameras(views.sights, state)
+    return Solution(views, state)
 
 
 def _are_discs(best: Solution) -> NDArray[np.bool_]:

@@ -35,7 +35,8 @@ class Bender:
         self._budget = budget
         layout = views.layout
         self.modes = PRIOR * most * layout.size * layout.modes if most > 0 else layout.modes[:0]
-        self._views, self._most, self._size = views.bent(self.modes), most, layout.size
+        self._views, self._most = views.bent(self.modes), most
+        self._bows = views.bent(PRIOR * most * layout.size * layout.bows) if most > 0 else self._views
         self._grown: dict[Candidate, Solution | None] = {}
 
     def solutions(self, candidates: Sequence[tuple[int, Candidate]]) -> list[Solution]:
@@ -47,7 +48,7 @@ class Bender:
             if candidate not in self._grown:
                 self._budget.spend(BEND + BEND_PAIR * candidate.count)
                 start = start_of(self._views, c, candidate)
-                self._grown[candidate] = settle(self._views, *start, focal_px=focal_of(self._views, c, candidate))
+                self._grown[candidate] = self._settled(start, focal_of(self._views, c, candidate))
             solution = self._grown[candidate]
             if solution is not None and solution.keeps_labels:
                 found.append(solution)
@@ -58,14 +59,17 @@ class Bender:
         """Of the best that was grown (nats)."""
         return max((s.evidence for s in self._grown.values() if s is not None), default=-np.inf)
 
-    def largest(self, solution: Solution) -> float:
-        """Largest displacement of a labelled marker, as part of the model's size."""
-        seen = (solution.state.match >= 0).any(axis=0)
-        return float(np.linalg.norm(solution.displacement[seen], axis=1).max()) / self._size
+    def _settled(self, start: tuple[Array, Array, NDArray[np.int32]], focal_px: Array | None) -> Solution | None:
+        """Grown as a stiff model is bent; or then as a supple one is, if that is the better explanation."""
+        stiff = settle(self._views, *start, focal_px=focal_px)
+        if stiff is not None:
+            start = stiff.state.rotation, stiff.state.translation, stiff.state.match
+        bow = settle(self._bows, *start, focal_px=focal_px)
+        return max((s for s in (stiff, bow) if s is not None), key=lambda s: s.evidence, default=None)
 
     def allows(self, solution: Solution) -> bool:
         """Whether a solution is bent by no more than the model may be."""
-        return self.largest(solution) <= self._most
+        return solution.largest <= self._most
 
 
 def _core_of(c: int, candidate: Candidate, known: Solution) -> bool:

@@ -138,14 +138,16 @@ class Doubts:
         """Another camera that explains the spots better; None where none does.
 
         It must be better by the margin than a rigid model with the given camera (``rigid`` nats, where that is an
-        answer beside a bent one), and at least as good as a bent one. And the pose must be another by it, in its own
-        sigmas: a misfit that the sigmas know of does no harm.
+        answer beside a bent one), and at least as good as a bent one. And beside a rigid one the pose must be another
+        by it, in its own sigmas: a misfit that the sigmas know of does no harm. A deformation that is none does.
         """
         if not self._others:
             return None
         other, what = max(self._others, key=lambda f: f[0].evidence)
+        if self.best.is_bent and (straight := with_freedom(self.views, self.best)) is not None:
+            rigid = max(rigid, straight.evidence)
         least = max(rigid + self.margin, self.best.evidence + (0.0 if self.best.is_bent else self.margin))
-        if other.evidence < least or not self._moves(other):
+        if other.evidence < least or not (self.best.is_bent or self._moves(other)):
             return None
         off, c = self._most_off(other, what)
         is_slight = off <= rules.SLIGHT * rules.CHECKED[what] and fits_slightly(self.best)

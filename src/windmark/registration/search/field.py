@@ -9,16 +9,20 @@ modes hold rigid motions, too; these cost nothing as a pose and something as a d
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eigh
 
 Array = NDArray[np.float64]
 
-REACH = 1.2
-"""Correlation length, in root mean square distances of the markers from their centre."""
-STIFF = 0.1
-"""Least amplitude along a wide axis, as part of that along the thinnest one."""
+REACH, FAR = 1.2, 3.0
+"""Correlation lengths, in root mean square distances of the markers from their centre: of a deformation that labels are
+found with, and of one that is hardly more than a bow."""
+STIFF, SUPPLE = 0.1, 0.3
+"""Least amplitude along a wide axis, as part of that along the thinnest one: of a model whose labels are not known yet,
+and of one that may be sheared, too."""
 MOST_MODES = 24
 LANDMARKS = 600
 """The modes of more markers are those of about so many of them: the process is far smoother than they are apart."""
@@ -33,37 +37,79 @@ def extents(xyz: Array) -> tuple[Array, Array]:
     return axes, np.ptp(from_centre @ axes.T, axis=0)
 
 
+@dataclass(frozen=True, eq=False)
+class Field:
+    """A deformation of one reach, of unit amplitude along all axes.
+
+    Parameters
+    ----------
+    modes : (K, N, 3) displacement of the markers of the unit model by 1 sigma of each mode
+    motions : (N, 6, K) the rigid motion [rotation, translation of the centre] in which the whole model would go on from
+        each marker as the mode does there
+    axis : (K,) the principal axis along which each mode is, widest first
+    extent : (3,) of the markers along these axes
+    """
+
+    modes: Array
+    motions: Array
+    axis: NDArray[np.int64]
+    extent: Array
+
+    def amplitude(self, stiff: float) -> Array:
+        """(K,) of the modes: one along the thinnest axis, less along wider ones, ``stiff`` at least."""
+        return _amplitudes(self.extent, stiff)[self.axis]
+
+
+def field_of(xyz: Array, rigid: NDArray[np.bool_], reach: float) -> Field:
+    """The deformation of markers (N, 3) of the unit model; those that are ``rigid`` (N,) do not move."""
+    shape, slope = _shapes(xyz, rigid, reach)
+    axes, extent = extents(xyz)
+    products = xyz.T @ xyz
+    inertia = np.linalg.pinv(np.trace(products) * np.eye(3) - products)
+    modes, motions = [], []
+    for axis in axes:
+        modes.append(shape[:, :, None] * axis)
+        turn = np.cross(slope @ products, axis) @ inertia  # of the rigid motion nearest to this slope
+        motions.append(np.concatenate([turn, modes[-1] - np.cross(turn, xyz)], axis=2))
+    return Field(
+        np.concatenate(modes), np.concatenate(motions).transpose(1, 2, 0), np.repeat(np.arange(3), len(shape)), extent
+    )
+
+
 def modes_of(xyz: Array, rigid: NDArray[np.bool_]) -> Array:
     """(K, N, 3) displacements of markers (N, 3) of the unit model by 1 sigma of a prior of unit amplitude.
 
     Markers that are ``rigid`` (N,) do not move.
     """
+    field = field_of(xyz, rigid, REACH)
+    modes = field.amplitude(STIFF)[:, None, None] * field.modes
+    strength = np.sqrt((modes**2).sum(axis=2).mean(axis=1))
+    return modes[strength > FAINT * strength.max(initial=0.0)]
+
+
+def _shapes(xyz: Array, rigid: NDArray[np.bool_], reach: float) -> tuple[Array, Array]:
+    """(K, N) of the strongest modes at the markers, and (K, N, 3) their slopes."""
     soft = np.flatnonzero(~rigid)
     count = min(len(soft), MOST_MODES)
-    shape = np.zeros((count, len(xyz)))
-    if count:
-        some = soft[:: -(-len(soft) // LANDMARKS)]
-        last = (max(len(some) - count, 0), len(some) - 1)
-        value, vector = eigh(_correlation(xyz[some], xyz[some]), subset_by_index=last)
-        value = np.maximum(value, FAINT**2 * value[-1])
-        # The process at the landmarks, carried to all (Nystroem's method); exact where these are all.
-        shape = np.zeros((len(value), len(xyz)))
-        shape[:, soft] = (_correlation(xyz[soft], xyz[some]) @ (vector / np.sqrt(value))).T[::-1]
-    strength = np.sqrt((shape**2).mean(axis=1))
-    modes = []
-    for axis, stiff in zip(*amplitudes(xyz), strict=True):
-        kept = shape[strength * stiff > FAINT * strength.max(initial=0.0)]
-        modes.append(stiff * kept[:, :, None] * axis)
-    return np.concatenate(modes)
+    if not count:
+        return np.zeros((0, len(xyz))), np.zeros((0, len(xyz), 3))
+    some = xyz[soft[:: -(-len(soft) // LANDMARKS)]]
+    value, vector = eigh(_correlation(some, some, reach), subset_by_index=(max(len(some) - count, 0), len(some) - 1))
+    kept = np.flatnonzero(value > FAINT**2 * value[-1])[::-1]
+    weight = vector[:, kept] / np.sqrt(value[kept])
+    # The process at the landmarks, carried to all (Nystroem's method); exact where these are all.
+    correlation = _correlation(xyz, some, reach) * ~rigid[:, None]
+    shape = (correlation @ weight).T
+    towards = np.stack([(correlation @ (some[:, axis, None] * weight)).T for axis in range(3)], axis=2)
+    return shape, (towards - shape[:, :, None] * xyz) / reach**2
 
 
-def _correlation(a: Array, b: Array) -> Array:
+def _correlation(a: Array, b: Array, reach: float) -> Array:
     """(A, B) of the process at places (A, 3) and (B, 3)."""
     distance2 = sum((a[:, None, axis] - b[None, :, axis]) ** 2 for axis in range(3))
-    return np.asarray(np.exp(-0.5 * distance2 / REACH**2))
+    return np.asarray(np.exp(-0.5 * distance2 / reach**2))
 
 
-def amplitudes(xyz: Array) -> tuple[Array, Array]:
-    """Principal axes (3, 3) as rows, and the amplitude (3,) along each: one for the thinnest, less for wider ones."""
-    axes, extent = extents(xyz)
-    return axes, np.array([max(STIFF, extent[2] / extent[0]), max(STIFF, extent[2] / extent[1]), 1.0])
+def _amplitudes(extent: Array, stiff: float) -> Array:
+    """(3,) along each axis: one for the thinnest, less for wider ones, but ``stiff`` at least."""
+    return np.array([max(stiff, extent[2] / extent[0]), max(stiff, extent[2] / extent[1]), 1.0])

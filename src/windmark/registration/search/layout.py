@@ -13,7 +13,7 @@ from windmark.registration._kernels.hypothesis import Model
 from windmark.registration._kernels.quad import Table, table_of
 from windmark.registration._kernels.symmetry import alike_triangles, symmetries_of
 from windmark.registration.line import on_line
-from windmark.registration.search.field import extents, modes_of
+from windmark.registration.search.field import FAR, REACH, SUPPLE, Field, extents, field_of, modes_of
 from windmark.registration.search.near import nearest
 from windmark.scene import MarkerSet
 
@@ -154,6 +154,17 @@ class Layout:
     def modes(self) -> Array:
         """(K, N, 3) how the markers may be displaced if the model is deformed; walls are not."""
         return modes_of(self.model.xyz, self.markers.role == "wall")
+
+    @cached_property
+    def fields(self) -> tuple[Field, ...]:
+        """The same deformation of more than one reach, for the pose."""
+        return tuple(field_of(self.model.xyz, self.markers.role == "wall", reach) for reach in (REACH, FAR))
+
+    @cached_property
+    def bows(self) -> Array:
+        """(K, N, 3) how they may be displaced by a deformation that is hardly more than a bow, but along all axes."""
+        far = self.fields[-1]
+        return far.amplitude(SUPPLE)[:, None, None] * far.modes
 
     def _tabled(self, reach: int) -> Table:
         return table_of(self.model, min(reach, self.model.near.shape[1]), sphere(DIRECTIONS))

@@ -95,6 +95,16 @@ class Solution:
         """(N, 3) of all markers of the unit model."""
         return np.tensordot(self.state.bent, self.views.modes, 1)
 
+    @cached_property
+    def largest(self) -> float:
+        """Largest displacement of a labelled marker beyond a rigid motion of all, as part of the model's size."""
+        seen = np.flatnonzero((self.state.match >= 0).any(axis=0))
+        xyz, moved = self.views.layout.model.xyz[seen], self.displacement[seen]
+        turns = np.stack([np.cross(axis, xyz) for axis in np.eye(3)], axis=2)
+        rigid = np.concatenate([turns, np.broadcast_to(np.eye(3), turns.shape)], axis=2).reshape(-1, 6)
+        rest = moved.ravel() - rigid @ np.linalg.lstsq(rigid, moved.ravel(), rcond=None)[0]
+        return float(np.linalg.norm(rest.reshape(-1, 3), axis=1).max()) / self.views.layout.size
+
     @property
     def is_bent(self) -> bool:
         """Whether the model may be deformed in it."""

@@ -26,7 +26,7 @@ class Prepared:
     """Markers and camera as the kernels want them; ``layout`` and ``camera`` are the nouns they come from.
 
     ``rough`` is the table's `roughness`, which the search must bridge; ``sigma`` and ``modes`` are of the unit model,
-    ``modes`` what a bent one may look like; ``loose`` is how the camera may vary, see `settle.views.known_camera`.
+    ``modes`` what a bow may look like; ``loose`` is how the camera may vary, see `settle.views.known_camera`.
     """
 
     layout: Layout
@@ -43,7 +43,7 @@ class Prepared:
         """Prepare; ``layout`` saves its milliseconds."""
         layout = (layout or Layout(markers)).ready()
         sigma = np.where(np.isfinite(markers.sigma), markers.sigma, 0.0) / layout.frame.scale
-        modes = PRIOR * BENT * layout.size * layout.modes
+        modes = PRIOR * BENT * layout.size * layout.bows
         return Prepared(
             layout, camera, np.ascontiguousarray(sigma), np.ascontiguousarray(modes), camera.packed(),
             np.ascontiguousarray(known_camera(camera, 0.0)[None]), np.array(camera.size_px, dtype=float),

@@ -60,6 +60,7 @@ class TrackState:
     n_frames : good frames since the motion was last unknown
     missed : frames (or time, in units of ``dt``) since the last good one
     prepared : markers and camera
+    bends : evidence of the frames so far (nats) that the model bends
     """
 
     status: Status
@@ -70,6 +71,7 @@ class TrackState:
     n_frames: int
     missed: float
     prepared: Prepared = field(repr=False)
+    bends: float = 0.0
 
     @property
     def lost(self) -> bool:

@@ -116,12 +116,16 @@ def step(
         return NotRegistered(OUTCOMES[n[OUTCOME]], "nothing", options=options), state
     if (refusal := _refusal(n, done, limits, len(state.marker))) is not None:
         return replace(refusal, options=options), state
-    # The excess of loose residuals has taken most of the gain already: what is left of it counts.
-    if n[BENDING] > (0.0 if _is_loose(n) else rules.DOUBT):
-        return _doubted(state, detections, done, n, dt, motion, limits, {**options, "dt": dt})
-    answer = _registration(prepared, done, n, {**options, "dt": dt})
+    # Evidence adds up over frames; against it, none is kept for later (Page's cumulative sum, 1954).
+    state = replace(state, bends=max(0.0, state.bends + n[BENDING]))
+    options = {**options, "dt": dt}
+    if max(n[BENDING], state.bends) > rules.DOUBT:
+        return _doubted(state, detections, done, n, dt, motion, limits, options)
+    answer = _registration(prepared, done, n, options)
     estimate = Estimate(done.new_rotation, done.new_translation, done.new_velocity, done.new_cov)
-    new = TrackState("tracked", "", estimate, done.change, done.marker, state.n_frames + 1, 0.0, prepared)
+    new = TrackState(
+        "tracked", "", estimate, done.change, done.marker, state.n_frames + 1, 0.0, prepared, state.bends
+    )  # fmt: skip
     return answer, new
 
 
@@ -129,15 +133,20 @@ def _doubted(
     state: TrackState, detections: Detections, done: Stepped, n: list[float], dt: float, motion: Motion,
     limits: Limits, options: dict[str, Any],
 ) -> tuple[Registration | NotRegistered, TrackState]:  # fmt: skip
-    """What the judge says of labels that look like those of a bent model."""
-    from windmark.registration.track.doubted import judged  # seldom needed, and it brings more of numba
+    """The answer where the model may be bent: what the judge says if this frame shows it."""
+    from windmark.registration.track.doubted import covered, judged  # seldom needed, and it brings more of numba
 
     match = np.full(len(state.prepared.layout.markers), -1, np.int32)
     match[done.marker] = done.spot
-    pose = Pose(done.rotation, done.translation)
-    answer = judged(state.prepared, detections, pose, match, n[WORTH], n[TOLERANCE], limits, options)
-    if isinstance(answer, str):
-        return NotRegistered(answer, "misfit", int(n[COUNT]), pose, _runner_up(n, done), options=options), state
+    pose, what, beside = Pose(done.rotation, done.translation), (state.prepared, detections), _runner_up(n, done)
+    answer: Registration | str | None
+    if n[BENDING] > rules.DOUBT:
+        answer = judged(*what, pose, match, n[WORTH], n[TOLERANCE], limits, state.bends, options)
+    else:
+        answer = covered(*what, pose, match, n[TOLERANCE], state.bends, options)
+    if not isinstance(answer, Registration):
+        return NotRegistered(answer or OUTCOMES[LOST], "misfit", int(n[COUNT]), pose, beside, options=options), state
+    answer = replace(answer, runner_up=beside)
     return answer, restart(state, answer, dt, motion, "tracked", "")
 
 
@@ -229,6 +238,8 @@ def restart(
     unknown. The velocity before stays the best guess after a single jump. Where the frame before had to be searched
     for, too, the motion is too fast for what was known of it: then the difference of the two poses is the better guess.
     """
+    if answer.deformation is not None:
+        state = replace(state, bends=state.bends + rules.BENT_LEAD)
     frame, cov, velocity = state.prepared.layout.frame, np.zeros((12, 12)), np.zeros(6)
     rotation, translation = (np.ascontiguousarray(v) for v in frame.unit(answer.cam_from_model))
     back = np.linalg.inv(_change(frame.scale, translation))
@@ -246,7 +257,7 @@ def restart(
             difference(rotation, translation, state.estimate.rotation, state.estimate.translation, velocity)
             velocity /= dt
     change = np.clip(state.change, motion.change, MOST_CHANGE * motion.change)
-    return TrackState(status, reason, now, change, marker, 1, 0.0, state.prepared)
+    return TrackState(status, reason, now, change, marker, 1, 0.0, state.prepared, state.bends)
 
 
 def _continued(state: TrackState, now: Estimate, measured: Array, dt: float, motion: Motion) -> TrackState | None:
@@ -276,7 +287,7 @@ def carried_over(state: TrackState, prepared: Prepared) -> TrackState:
     change[3:, 3:] *= old.scale / new.scale
     both = np.kron(np.eye(2), change)
     estimate = Estimate(r, (old.scale * t + lever) / new.scale, change @ velocity, both @ cov @ both.T)
-    return replace(state, estimate=estimate, prepared=prepared)
+    return replace(state, estimate=estimate, prepared=prepared, bends=0.0)
 
 
 def predicted_pose(state: TrackState, dt: float) -> tuple[Pose, Array]:

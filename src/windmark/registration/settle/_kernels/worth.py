@@ -132,36 +132,20 @@ def _systematic(sights: Sights, state: State, c: int) -> float:
 
     Lens, bending, a table that drifts: such errors are the same for neighbours, so their many residuals are few facts.
     """
-    return _split(sights, state, c)[3]
-
-
-@nb.njit(cache=True, nogil=True, error_model="numpy")
-def smooth_part(sights: Sights, state: State, c: int) -> tuple[NDArray[np.int64], Array, float]:
-    """The matched markers (K,), the cosines at their spots (K, SMOOTH), and the likeliest part of the excess that is
-    smooth.
-    """  # fmt: skip
-    at, basis, part, _ = _split(sights, state, c)
-    return at, basis, part
-
-
-@nb.njit(cache=True, nogil=True, error_model="numpy")
-def _split(sights: Sights, state: State, c: int) -> tuple[NDArray[np.int64], Array, float, float]:
-    """`smooth_part`, and its lead (nats) over an excess that is all random."""
-    at, basis, noise, r = _residuals(sights, state, c)
-    excess, best, chosen, random = state.numbers[c, EXCESS], 0.0, 0.0, 0.0
-    for part in PARTS if at.shape[0] > 0 else PARTS[:0]:
+    basis, noise, r = _residuals(sights, state, c)
+    excess, best, random = state.numbers[c, EXCESS], 0.0, 0.0
+    for part in PARTS if r.shape[0] > 0 else PARTS[:0]:
         score = _of_split(basis, noise + (1.0 - part) * excess, part * excess, r)
         if part == 0.0:
             random = best = score
-        elif score > best:
-            best, chosen = score, part
-    return at, basis, chosen, best - random
+        best = max(best, score)
+    return best - random
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _residuals(sights: Sights, state: State, c: int) -> tuple[NDArray[np.int64], Array, Array, Array]:
-    """Matched markers (K,), cosines over the image at their spots (K, SMOOTH), the variance of the residuals without
-    the excess (K,), and the residuals (K, 2); nothing where there is no excess or too few pairs.
+def _residuals(sights: Sights, state: State, c: int) -> tuple[Array, Array, Array]:
+    """Cosines over the image at the spots of matched markers (K, SMOOTH), the variance of their residuals without the
+    excess (K,), and the residuals (K, 2); nothing where there is no excess or too few pairs.
     """  # fmt: skip
     match, residual, spread, xy = state.match[c], state.residual[c], state.spread[c], sights.xy
     n, first, excess = match.shape[0], sights.first[c], state.numbers[c, EXCESS]
@@ -187,7 +171,7 @@ def _residuals(sights: Sights, state: State, c: int) -> tuple[NDArray[np.int64],
                     place += 1
         noise[k] = max(0.5 * (spread[m, 0] + spread[m, 2]) - excess, 1e-9)
         r[k, 0], r[k, 1] = residual[m, 0], residual[m, 1]
-    return at[:count], basis, noise, r
+    return basis, noise, r
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")

@@ -11,11 +11,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.geometry._cholesky_kernels import cholesky, inverse_factor
+from windmark.geometry._cholesky_kernels import cholesky
 from windmark.geometry._jit import nb
 from windmark.geometry._kernels import to_camera
 from windmark.registration.settle._kernels.settle import STEADY, accept_kernel, settle_kernel
-from windmark.registration.settle._kernels.smooth import smooth_cov_kernel
 from windmark.registration.settle._kernels.state import (
     COST_END,
     COST_START,
@@ -119,7 +118,7 @@ def step_kernel(
         )  # fmt: skip
         _compare(best, rival, out)
         if accept_kernel(sights, best):
-            measured = _covariance(sights, best)
+            invert_factored(best.factor, measured)
             difference(best.rotation, best.translation, r0, t0, innovation)
             out[EXCESS_PX] = math.sqrt(best.numbers[0, EXCESS])
             if out[EXCESS_PX] > 0.0 and modes.shape[0] > 0:
@@ -142,14 +141,6 @@ def step_kernel(
         _of_frame(rival, centre, scale), predicted.rotation, predicted.translation, predicted.velocity, predicted.cov,
         change,
     )  # fmt: skip
-
-
-@nb.njit(cache=True, nogil=True, error_model="numpy")
-def _covariance(sights: Sights, state: State) -> Array:
-    """(6, 6) of the unit model's pose; misfit that is smooth over the image counts as such, see `smooth_cov_kernel`."""
-    root = inverse_factor(state.factor, state.factor.shape[0])
-    cov = np.ascontiguousarray(root.T) @ root
-    return smooth_cov_kernel(sights, state, cov)[:6, :6].copy()
 
 
 @nb.njit(cache=True, nogil=True)

@@ -1,0 +1,163 @@
+"""The pose of a model that may be bent: that of its root, wherever that is, with a sigma that covers.
+
+A picture of a bent model says nothing of its pose unless something of it stands still. What the user calls a wall does.
+Otherwise any part of the model may be its root, and each has a pose of its own: the rigid motion that goes on from
+there as the deformation does. The pose that is given is the mean of these; its covariance has how far they are apart,
+what the deformation may be that the picture cannot tell from a motion, and the noise.
+
+The deformation is a Gaussian process (`search.field`). How large it is, how far it reaches, how stiff the model is
+along its wide sides, and how much the spots are worse than they say are not known either: all are weighed by their
+marginal likelihood with a flat prior of the pose (Rasmussen and Williams 2006, sections 2.7 and 5.4.1).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.geometry.order import median
+from windmark.registration.judge import rules
+from windmark.registration.search.field import STIFF, SUPPLE, Field
+from windmark.registration.settle._kernels.doubt import doubt_kernel
+from windmark.registration.settle._kernels.state import EXCESS
+from windmark.registration.settle.solution import Solution, copied
+
+Array = NDArray[np.float64]
+
+AMPLITUDES = np.geomspace(1e-4, 0.05, 16)
+"""1 sigma of the displacements along the thinnest axis, as parts of the model's size."""
+STIFFNESSES = (STIFF, SUPPLE, 1.0)
+"""Least amplitudes along wide axes, as parts of that along the thinnest one."""
+NOISES = np.linspace(0.0, 1.0, 6)[:, None]
+"""Variances of the residuals that are tried: from those of the spots (0) to those with all of the excess, by their
+logarithm."""
+
+
+@dataclass(frozen=True, eq=False)
+class Root:
+    """The root's pose, and what else is unknown but the deformation.
+
+    Parameters
+    ----------
+    evidence : logarithm of the marginal likelihood of what it was found by
+    shift : (P,) the mean, from the pose and the nuisances of the solution
+    cov : (P, P) covariance about it
+    """
+
+    evidence: float
+    shift: Array
+    cov: Array
+
+
+def root_of(best: Solution, bends: float = 0.0) -> Root:
+    """The root's pose by all fields together; those of a rigid solution are weighed beside none.
+
+    ``bends`` is the evidence (nats) of other pictures that the model bends.
+    """
+    layout = best.views.layout
+    found = [root for field in layout.fields for root in _by_field(best, field, layout.size)]
+    prior = np.full(len(found), -math.log(len(found)))
+    if not best.is_bent:
+        found.append(_by_none(best))
+        prior = np.append(prior, rules.BENT_LEAD - bends)
+    weight, evidence = _weights(np.array([root.evidence for root in found]) + prior)
+    shift = weight @ [root.shift for root in found]
+    cov = sum(w * (r.cov + np.outer(r.shift, r.shift)) for w, r in zip(weight, found, strict=True))
+    return Root(evidence, shift, cov - np.outer(shift, shift))
+
+
+def _by_none(best: Solution) -> Root:
+    """Of a rigid model."""
+    matched = best.state.match >= 0
+    noise = _noises(best, matched)[:, 0]
+    count = 2 * int(matched.sum()) - 6
+    weight, evidence = _weights(-0.5 * (_square_of(best, matched) / noise + count * np.log(noise)))
+    return Root(evidence - math.log(weight.size), np.zeros(len(best.unit_cov)), float(weight @ noise) * best.unit_cov)
+
+
+def _by_field(best: Solution, field: Field, size: float) -> list[Root]:
+    """By one field, of every stiffness."""
+    state, matched = best.state, np.asarray(best.state.match >= 0)
+    views = best.views.bent(np.concatenate([field.modes, best.displacement[None]]))
+    bare = copied(views, state)
+    bare.bent[:] = 0.0
+    normal, side = doubt_kernel(views.sights._replace(xyz=views.sights.xyz + best.displacement), bare)
+    # The solution's nuisances and deformation, which is the last column, are in the data again.
+    bends = len(side) - len(bare.bent)
+    have = np.zeros(len(side))
+    have[6:bends], have[-1] = state.nuisance.ravel(), 1.0
+    square = _square_of(best, matched) + 2 * side @ have + have @ normal @ have
+    side = side + normal @ have
+    # The pose, which has no prior, and the nuisances are eliminated.
+    inverse = np.linalg.inv(normal[:bends, :bends] + np.diag((np.arange(bends) >= 6).astype(float)))
+    across = normal[:bends, bends:-1]
+    taken, start = inverse @ across, inverse @ side[:bends]
+    gram, pull = normal[bends:-1, bends:-1] - across.T @ taken, side[bends:-1] - across.T @ start
+    roots = _roots(field, np.asarray(matched.any(axis=0)))
+    turned = np.zeros((len(roots), bends, len(field.modes)))
+    turned[:, :3] = state.rotation @ field.motions[roots, :3]
+    turned[:, 3:6] = state.rotation @ field.motions[roots, 3:]
+    noise, found = _noises(best, matched), []
+    for stiff in STIFFNESSES:
+        amplitude = size * field.amplitude(stiff)
+        value, vector = np.linalg.eigh(gram * np.outer(amplitude, amplitude))
+        along = vector.T @ (amplitude * pull)
+        weight, evidence, mean, second = _weighed(
+            np.maximum(value, 0.0), along, noise, square - side[:bends] @ start, 2 * int(matched.sum()) - 6
+        )
+        by = (turned - taken) @ (amplitude[:, None] * vector)
+        middle = by.mean(axis=0) @ mean
+        spread = (by.reshape(-1, len(mean)) @ second).reshape(by.shape) @ by.transpose(0, 2, 1)
+        cov = float(weight @ noise[:, 0]) * inverse + spread.mean(axis=0) - np.outer(middle, middle)
+        found.append(Root(evidence, start - have[:bends] + middle, cov))
+    return found
+
+
+def _roots(field: Field, matched: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Matched markers that may be the root: walls if there are any."""
+    walls = matched & (field.modes == 0.0).all(axis=(0, 2))
+    return np.flatnonzero(walls if walls.any() else matched)
+
+
+def _weighed(
+    value: Array, along: Array, noise: Array, rest: float, count: int
+) -> tuple[Array, float, Array, Array]:  # fmt: skip
+    """Weights of the noises, evidence, and the first two moments of the coefficients, over amplitudes and noises.
+
+    ``value`` and ``along`` (K,) are the eigenvalues of the reduced normal equations and their right side, ``rest`` the
+    sum of squares without a deformation, ``count`` the coordinates that are left.
+    """
+    prior = AMPLITUDES[:, None] ** 2
+    spread = prior / (noise[:, :, None] + prior * value)  # posterior variances are this times the noise
+    mean = spread * along
+    cost = np.log1p(prior * value / noise[:, :, None]).sum(axis=2) + count * np.log(noise)
+    weight, evidence = _weights(-0.5 * (cost + (rest - mean @ along) / noise))
+    flat = mean.reshape(-1, len(value))
+    second = (flat.T * weight.ravel()) @ flat
+    second += np.diag((weight * noise).ravel() @ spread.reshape(flat.shape))
+    return weight.sum(axis=1), evidence - math.log(weight.size), weight.ravel() @ flat, second
+
+
+def _weights(log: Array) -> tuple[Array, float]:
+    """Weights by their logarithms, and the logarithm of their sum."""
+    most = float(log.max())
+    weight = np.exp(log - most)
+    total = float(weight.sum())
+    return weight / total, most + math.log(total)
+
+
+def _square_of(best: Solution, matched: NDArray[np.bool_]) -> float:
+    """Sum of the squared residuals by their covariance."""
+    r, (xx, xy, yy) = best.state.residual[matched], best.state.spread[matched].T
+    return float(((yy * r[:, 0] ** 2 - 2 * xy * r[:, 0] * r[:, 1] + xx * r[:, 1] ** 2) / (xx * yy - xy * xy)).sum())
+
+
+def _noises(best: Solution, matched: NDArray[np.bool_]) -> Array:
+    """(S, 1) the residuals' variances that are tried, as parts of those that the solution has."""
+    excess = np.broadcast_to(best.state.numbers[:, EXCESS, None], matched.shape)[matched]
+    variance = 0.5 * (best.state.spread[matched][:, 0] + best.state.spread[matched][:, 2])
+    least = median(1.0 - excess / variance)
+    return np.asarray(max(least, 1e-6) ** (1.0 - NOISES))
