@@ -171,7 +171,8 @@ class Source:
             taken.append(np.isin(np.arange(len(self.views.planes[c].task.xy)), best.state.match[c]))
             if search is None:
                 continue
-            ended &= search.copies(self._as_candidate(best, c), over)
+            if isinstance(search, Search):
+                ended &= search.copies(self._as_candidate(best, c), over)
             for candidate in search.top(POOL):
                 spots = candidate.match[candidate.match >= 0]
                 if 2 * int(taken[c][spots].sum()) < len(spots):
