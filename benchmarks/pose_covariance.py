@@ -5,9 +5,9 @@ the covariance that `register` gives, six with a known focal length, seven with 
 free; then also with a strong lens (k1 = -0.25) that is known. "z-std" is to be 1 (0.95 to 1.05 for the pool of a
 condition; a single row is known to its "+-"); "in 95 %" is the share of errors within the ellipsoid of 95 %.
 
-Last of models whose wings are bent by 2 % of the span, beside a body that stands still and whose pose is asked for, with
-and without a deformation allowed. What stands still the matcher does not know, so there the sigma has to cover: z-std
-is to be 1 at most.
+Last of models whose wings are bent by 2 % of the span, beside a body that stands still and whose pose is asked for,
+with and without a deformation allowed. What stands still the matcher does not know, so there the sigma has to cover:
+z-std is to be 1 at most.
 """
 
 from __future__ import annotations

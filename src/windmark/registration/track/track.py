@@ -51,7 +51,9 @@ def track(
     and accepted by the tests of `register`: false-alarm number, evidence, misfit, no pair that holds the pose alone,
     and a lead over the labellings that the near-symmetries of the model offer, in which picture and motion count
     together. Where the residuals look like those of a bent model, the judge of `register` is asked, which takes some
-    20 ms. What fails, or contradicts the motion, goes to `register` with the prediction as prior, and then without one;
+    20 ms. A model that has been seen to bend may do so in frames that do not show it: their sigmas have that (5 ms).
+    The pose of a bent model is that of its root, as in `register`. What fails, or contradicts the motion, goes to
+    `register` with the prediction as prior, and then without one;
     its answer is then the frame's.
 
     Each frame's pose is its own: the motion chooses the labels but does not pull the pose. The state's pose is that
