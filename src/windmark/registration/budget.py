@@ -54,7 +54,9 @@ class Budget:
 
     def __init__(self, max_work: float = np.inf, seconds: float | None = None) -> None:
         self.max_work, self.seconds, self.spent = max_work, seconds, 0.0
-        self._start, self._compiled = time.thread_time(), 0 if seconds is None else _compiled()
+        self._start, self._compiled = 0.0, 0
+        if seconds is not None:
+            self._start, self._compiled = time.thread_time(), _compiled()
 
     @classmethod
     def of(cls, work: float, limit_s: float | None) -> Budget:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,11 +34,19 @@ class Bender:
 
     def __init__(self, views: Views, most: float, budget: Budget) -> None:
         self._budget = budget
-        layout = views.layout
-        self.modes = PRIOR * most * layout.size * layout.modes if most > 0 else layout.modes[:0]
-        self._views, self._most = views.bent(self.modes), most
-        self._bows = views.bent(PRIOR * most * layout.size * layout.bows) if most > 0 else self._views
+        self._rigid, self._most = views, most
+        self.modes = PRIOR * most * views.layout.size * views.layout.modes if most > 0 else views.layout.modes[:0]
         self._grown: dict[Candidate, Solution | None] = {}
+
+    @cached_property
+    def _views(self) -> Views:
+        """What was seen of a model that is stiff along its wide axes."""
+        return self._rigid.bent(self.modes)
+
+    @cached_property
+    def _bows(self) -> Views:
+        """And of one that is supple."""
+        return self._rigid.bent(PRIOR * self._most * self._rigid.layout.size * self._rigid.layout.bows)
 
     def solutions(self, candidates: Sequence[tuple[int, Candidate]]) -> list[Solution]:
         """Distinct bent solutions, best first; a core of one that is known already is not grown again."""

@@ -168,7 +168,9 @@ class Source:
         """  # fmt: skip
         found, ended, taken = [], True, []
         for c, search in enumerate(self._searches):
-            taken.append(np.isin(np.arange(len(self.views.planes[c].task.xy)), best.state.match[c]))
+            used = np.zeros(len(self.views.planes[c].task.xy), dtype=bool)
+            used[best.pairs(c)[0]] = True
+            taken.append(used)
             if search is None:
                 continue
             if isinstance(search, Search):
@@ -177,6 +179,8 @@ class Source:
                 spots = candidate.match[candidate.match >= 0]
                 if 2 * int(taken[c][spots].sum()) < len(spots):
                     found.append((c, candidate))
+        if not found:
+            return [], ended
         # Beside the best one the others would take over its spots, where they are but some pixels away.
         rest = self.views.without(taken)
         return distinct([s for c, candidate in found if (s := self._settled_in(rest, c, candidate)) is not None]), ended

@@ -282,7 +282,7 @@ class Search:
         self._budget.spend(LINK * work)
         if beaten:
             return True
-        others = np.setdiff1d(np.arange(len(picture.p), dtype=np.int32), spots)
+        others = _without(len(picture.p), spots)
         table, check = self.plane.layout.table(REACHES[1]), self._check(CHECKS[-1])
         # The candidate itself may have grown from a bad start: it is grown again from its quads.
         same = (self._free.best.match == candidate.match).all(axis=1)
@@ -346,7 +346,7 @@ class Search:
         spots alone, or the copy beside it would take it over. False if the work was ``over`` before all of this was
         done.
         """
-        spots = np.setdiff1d(np.arange(len(self.task.xy), dtype=np.int32), candidate.match)
+        spots = _without(len(self.task.xy), candidate.match[candidate.match >= 0])
         if len(spots) < LEAST_SPOTS:
             return True
         picture, found = self.plane.part(spots), Pool(self.plane.frame, COPIES, len(candidate.match))
@@ -363,6 +363,13 @@ class Search:
             match = np.where(best.match[n] >= 0, spots[best.match[n]], -1).astype(np.int32)
             self._free.add(best.rotation[n], best.translation[n], float(best.focal[n]), float(best.score[n]), match)
         return True
+
+
+def _without(count: int, some: Ints) -> Ints:
+    """Numbers below ``count`` but some."""
+    free = np.ones(count, dtype=bool)
+    free[some] = False
+    return np.flatnonzero(free).astype(np.int32)
 
 
 def make_rules(plane: Plane, *, wide: bool = False) -> Rules:

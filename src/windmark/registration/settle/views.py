@@ -102,13 +102,16 @@ class Views:
     def _with(
         self, *, loose: Array | None = None, modes: Array | None = None, poses: tuple[Pose, ...] | None = None
     ) -> Views:
-        loose, modes = self.loose if loose is None else loose, self.modes if modes is None else modes
-        poses = self.cam_from_rig if poses is None else poses
-        other = replace(self, loose=loose, modes=modes, cam_from_rig=poses)
-        rotation, translation = _places(poses, self.layout.frame.scale)
-        other.__dict__["sights"] = self.sights._replace(
-            loose=loose, modes=np.ascontiguousarray(modes), rotation=rotation, translation=translation
-        )
+        sights = self.sights
+        if loose is not None:
+            sights = sights._replace(loose=loose)
+        if modes is not None:
+            sights = sights._replace(modes=np.ascontiguousarray(modes))
+        if poses is not None:
+            rotation, translation = _places(poses, self.layout.frame.scale)
+            sights = sights._replace(rotation=rotation, translation=translation)
+        other = Views(self.planes, poses or self.cam_from_rig, sights.loose, sights.modes, self.names)
+        other.__dict__["sights"] = sights
         other.__dict__["leads"], other.__dict__["densities"] = self.leads, self.densities
         return other
 
