@@ -124,20 +124,23 @@ def neighbourhood(
         m = n if every else near[i, n]
         if m in (i, j, k):
             continue
+        # Of all markers hardly one is near a spot, so which way they face is asked later.
+        facing = 1.0 if every else _towards(normal, m, ex - xyz[m, 0], ey - xyz[m, 1], ez - xyz[m, 2])
+        if facing < 0.0:
+            continue
         x, y, z = to_camera(r, t, xyz[m, 0], xyz[m, 1], xyz[m, 2])
         if z <= 0.0:
             continue
         u, v = f * x / z, f * y / z
         s = lookup(raster, grid, u, v)
-        if s == OUT or (every and s < 0):
-            continue
-        facing = _towards(normal, m, ex - xyz[m, 0], ey - xyz[m, 1], ez - xyz[m, 2])
-        if facing < 0.0:
+        if s == OUT:
             continue
         if s >= 0 and s not in (a, b, c):
             reach2 = rules.tolerance**2 * min(3.0, 1.0 + 0.5 * math.sqrt(((u - cx) ** 2 + (v - cy) ** 2) / size2)) ** 2
             d2 = (p[s, 0] - u) ** 2 + (p[s, 1] - v) ** 2
             if d2 < reach2:
+                if every and _towards(normal, m, ex - xyz[m, 0], ey - xyz[m, 1], ez - xyz[m, 2]) < 0.0:
+                    continue
                 marker[pairs], spot[pairs] = m, s
                 new = 1
                 for q in range(3, pairs if every else 3):

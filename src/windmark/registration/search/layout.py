@@ -79,7 +79,7 @@ class Layout:
         """Build all tables now."""
         for reach in REACHES:
             self.table(reach)
-        _ = self.symmetries, self.size, self.on_line
+        _ = self.symmetries, self.mirrors, self.size, self.on_line
         return self
 
     def table(self, reach: int) -> Table:
