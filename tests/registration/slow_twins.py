@@ -5,8 +5,8 @@ import registration_scenes as scenes
 
 from windmark.registration._kernels import growth as growth
 from windmark.registration._kernels import hypothesis as hypo
-from windmark.registration.search import plane
-from windmark.registration.search.layout import unit_model
+from windmark.registration.search.plane import Plane
+from windmark.registration.task import Task
 
 TOLERANCE = 6.0
 RULES = hypo.Rules(TOLERANCE, 0.6, -4.0, 9.0, np.zeros((3, 3)), -2.0, np.ones(24), 2.0)
@@ -18,9 +18,8 @@ def kernel_case():
     markers = scenes.wing(rng)
     camera, pose = scenes.random_view(rng, markers, fov_deg=(35, 45), k1=-0.1)
     scene = scenes.image_of(rng, markers, camera, pose, hidden=0.2, false=0.3, noise_px=0.2)
-    model, frame = unit_model(markers.xyz, markers.normal)
-    picture = plane.picture(camera, scene.detections.xy, 3 * TOLERANCE)
-    return model, picture, frame.unit(pose), camera.focal_px, scene
+    plane = Plane(Task(markers, camera, scene.detections.xy, scene.detections.cov, TOLERANCE))
+    return plane.model, plane.picture(len(scene.detections)), plane.frame.unit(pose), camera.focal_px, scene
 
 
 def facing(model, rotation, translation):

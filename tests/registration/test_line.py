@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from windmark.registration.line import off_line, on_line
 from windmark.registration.search.layout import Layout
+from windmark.registration.task import off_line, on_line
 from windmark.scene import MarkerSet
 
 

@@ -8,10 +8,10 @@ import registration_scenes as scenes
 
 from windmark.geometry import Camera, Pose
 from windmark.registration._kernels.hypothesis import Model
+from windmark.registration._kernels.near import nearest
 from windmark.registration.judge.words import beyond_prior
 from windmark.registration.search import links, plane
 from windmark.registration.search.layout import Frame, interior_angles, spread_corners, unit_model
-from windmark.registration.search.near import nearest
 from windmark.registration.search.pool import Candidate, Pool
 from windmark.registration.task import Task, with_focal
 
@@ -110,7 +110,8 @@ def test_density_is_local_and_never_below_average():
     rng = np.random.default_rng(0)
     cluster = rng.normal(500, 5, (20, 2))
     sparse = rng.uniform(0, 1000, (30, 2))
-    density = plane.picture(Camera((1000, 1000), 1000.0), np.concatenate([cluster, sparse]), 5.0).density
+    distance = nearest(np.concatenate([cluster, sparse]), 16)[1]
+    density = plane.density_of(distance, np.array([1000.0, 1000.0]))
     assert (density >= 50 / 1e6).all()
     assert np.median(density[:20]) > 50 * np.median(density[20:])
 

@@ -18,7 +18,7 @@ from windmark.registration.register import default_tolerance
 from windmark.registration.search import links
 from windmark.registration.search.layout import DIRECTIONS, Layout, sphere
 from windmark.registration.search.plane import Plane
-from windmark.registration.search.search import Search, make_gates
+from windmark.registration.search.search import Search
 from windmark.registration.task import Task
 
 CHECK = 0.5 * TOLERANCE
@@ -46,7 +46,7 @@ def test_no_rival_grows_beyond_its_promise(kind):
     for seed in range(12):
         scene = scenes.scene(seed, kind, hidden=0.25 * (seed % 2), false=0.5)
         plane = plane_of(scene)
-        picture, gates = plane.picture(len(scene.detections)), make_gates(plane)
+        picture, gates = plane.picture(len(scene.detections)), plane.gates()
         rotation, translation = plane.frame.unit(scene.cam_from_model)
         for onto, turn, shift in zip(*plane.layout.symmetries, strict=True):
             match = np.full(len(onto), -1, np.int32)

@@ -16,8 +16,7 @@ from windmark.registration.budget import TRIPLET, Budget, work_for
 from windmark.registration.judge import own
 from windmark.registration.judge.source import Source
 from windmark.registration.register import default_tolerance
-from windmark.registration.search import links, plane
-from windmark.registration.search.layout import unit_model
+from windmark.registration.search import links
 from windmark.registration.search.plane import Plane
 from windmark.registration.search.search import Search
 from windmark.registration.settle.views import Views
@@ -66,17 +65,17 @@ def test_the_kernel_finds_what_its_slow_twin_finds():
     markers = scenes.wing(rng, rows=3, columns=3)
     camera, pose = scenes.random_view(rng, markers)
     xy = camera.project(pose.apply(markers.xyz))[0][[0, 2, 4, 6, 7]] + rng.normal(0, 0.2, (5, 2))
-    model, _ = unit_model(markers.xyz, markers.normal)
-    picture, focal = plane.picture(camera, xy, 3 * TOLERANCE), camera.focal_px
+    one = Plane(Task(markers, camera, xy, np.tile(0.04 * np.eye(2), (5, 1, 1)), TOLERANCE))
+    model, picture, focal = one.model, one.picture(5), camera.focal_px
     gates = growth.Gates(TOLERANCE, 0.75, 8.0, 0.5 * focal, 0.5 * focal, 5, 0.0)
-    corners = links.wide_triplets(picture.p, 1)[0]
+    corners = links.wide_triplets(picture.p, 1)
     best = kept.room_for_best(60, 9)
-    of = links.full_links(model, picture.p, corners, np.full(5, -1, np.int32))
+    of = links.full_links(model, picture.p, corners, np.full(3, -1, np.int32))
     _, tried, _ = match.search_kernel(
         model, picture, RULES._replace(least=5), gates, of, np.array([focal]), 0, 10**9, np.inf, best, best.match
     )
     assert 9 * 8 * 7 / 2 <= tried < 9 * 8 * 7  # others are seen turning the other way
-    expected = slow_sparse(model, picture, focal, corners)
+    expected = slow_sparse(model, picture, focal, corners[0])
     # What has the pairs of a known solution is not grown again.
     assert 1 <= best.serial[-1] <= len(expected)
     first = best.match[best.score.argmax()]

@@ -10,11 +10,19 @@ from numpy.typing import ArrayLike, NDArray
 
 from windmark.geometry import Camera, Pose
 from windmark.geometry.order import median
-from windmark.registration.labels import Fixed, fixed_pairs, used_spots
-from windmark.registration.line import ON_LINE_PX, off_line, on_line
-from windmark.registration.result import Cause, NotRegistered, Registration
-from windmark.registration.rig_result import RigRegistration
-from windmark.registration.task import MIN_COUNT, Limits, Task, Visible
+from windmark.registration.result import Cause, NotRegistered, Registration, RigRegistration
+from windmark.registration.task import (
+    MIN_COUNT,
+    ON_LINE_PX,
+    Fixed,
+    Limits,
+    Task,
+    Visible,
+    fixed_pairs,
+    off_line,
+    on_line,
+    used_spots,
+)
 from windmark.scene import Detections, MarkerSet
 
 if TYPE_CHECKING:
@@ -323,6 +331,6 @@ def roughness(markers: MarkerSet) -> float:
 
 def _spacing(points: Array, neighbour: int) -> float:
     """Median distance to the so-manieth nearest other point, or to the farthest if there are fewer."""
-    from windmark.registration.search.near import nearest  # this brings numba
+    from windmark.registration._kernels.near import nearest  # this brings numba
 
     return median(nearest(points, min(neighbour, len(points) - 1))[1][:, -1])

@@ -17,8 +17,7 @@ from windmark.registration.judge.answer import answer
 from windmark.registration.judge.solve import WINDOW, judge, search_for, searches_of_rig
 from windmark.registration.judge.source import Source
 from windmark.registration.judge.verdict import Verdict
-from windmark.registration.result import Deformation, NotRegistered, Registration
-from windmark.registration.rig_result import RigRegistration
+from windmark.registration.result import Deformation, NotRegistered, Registration, RigRegistration
 from windmark.registration.search.layout import Layout
 from windmark.registration.search.plane import Plane
 from windmark.registration.settle._kernels.state import COST_END, COST_START, EXPECTED, STEPS

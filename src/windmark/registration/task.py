@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from math import ceil, lgamma, perm
+from math import ceil, hypot, lgamma, perm, sqrt
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from windmark.geometry import Camera, Pose
 from windmark.geometry.order import median
-from windmark.scene import MarkerSet
+from windmark.scene import Detections, MarkerSet
 
 Array = NDArray[np.float64]
 
@@ -28,6 +28,12 @@ Visible = Callable[[Pose, Camera], NDArray[np.bool_]]
 
 It need not know about the image's border or about normals. It is asked for few poses, those of the best solutions.
 """
+
+
+Fixed = Mapping[int, int | str] | Sequence[tuple[int, int | str]]
+"""Known labels: spot, and index or name of its marker."""
+THIN = 1e-4
+"""Markers whose distance from their best line is less than this part of their largest extent lie on it."""
 
 
 @dataclass(frozen=True)
@@ -181,3 +187,81 @@ def with_focal(camera: Camera, focal_px: float) -> Camera:
     q = focal_px / camera.focal_px
     k1, k2, k3, p1, p2 = camera.k1 * q**2, camera.k2 * q**4, camera.k3 * q**6, camera.p1 * q, camera.p2 * q
     return replace(camera, focal_px=focal_px, k1=k1, k2=k2, k3=k3, p1=p1, p2=p2)
+
+
+def used_spots(usable: NDArray[np.bool_], excluded: ArrayLike | None) -> NDArray[np.bool_]:
+    """(M,) spots that take part: those the lens model can invert and that are not excluded (indices or a mask)."""
+    if excluded is None:
+        return usable
+    given, count = np.asarray(excluded), len(usable)
+    if given.dtype == bool:
+        if given.shape != (count,):
+            raise ValueError(f"register: excluded as a mask must be ({count},) as there are so many spots, "
+                             f"got {given.shape}")  # fmt: skip
+        return usable & ~given
+    if given.ndim != 1 or (given.size and not np.issubdtype(given.dtype, np.integer)):
+        raise ValueError(f"register: excluded must be indices of spots or a mask, got {excluded!r}")
+    bad = [int(i) for i in given if not 0 <= i < count]
+    if bad:
+        raise ValueError(f"register: excluded must be indices of the {count} spots, got {bad[0]}")
+    used = usable.copy()
+    used[given.astype(np.int64)] = False
+    return used
+
+
+def fixed_pairs(
+    fixed: Fixed | None, detections: Detections, markers: MarkerSet, used: NDArray[np.bool_]
+) -> tuple[tuple[int, int], ...]:
+    """Pairs (spot among the used ones, marker index) of labels (spot, marker index or name).
+
+    Raises
+    ------
+    ValueError
+        For a spot or a marker that does not exist or takes no part, or comes twice.
+    """
+    given = list(fixed.items()) if isinstance(fixed, Mapping) else list(fixed or ())
+    names = markers.name.tolist()
+    place = np.cumsum(used) - 1
+    pairs: list[tuple[int, int]] = []
+    for spot, label in given:
+        if not 0 <= spot < len(detections):
+            raise ValueError(f"register: fixed must name spots by their index below {len(detections)}, got {spot}")
+        if not used[spot]:
+            raise ValueError(f"register: fixed spot {spot} is excluded, or the lens model cannot invert it")
+        if isinstance(label, str):
+            if label not in names:
+                raise ValueError(f"register: fixed label {label!r} is not the name of a marker that takes part")
+            marker = names.index(label)
+        else:
+            marker = int(label)
+            if not 0 <= marker < len(markers):
+                raise ValueError(
+                    f"register: fixed must name markers by name or index below {len(markers)}, got {label}"
+                )
+        pairs.append((int(place[spot]), marker))
+    for k, what in ((0, "spot"), (1, "marker")):
+        seen = [pair[k] for pair in pairs]
+        if len(set(seen)) < len(seen):
+            raise ValueError(f"register: every {what} may be fixed only once, got {given}")
+    return tuple(pairs)
+
+
+ON_LINE_PX = 0.5
+"""Spots that are no farther from a line than this beyond their noise lie on it: no pose that rests on less is one."""
+
+
+def off_line(points: Array) -> float:
+    """Root mean square distance of points (N, 2) or (N, 3) from their best line."""
+    off = points - points.mean(axis=0)
+    squares = off.T @ off
+    if len(squares) == 2:
+        # The small root without a difference of large numbers; numpy's solver takes longer for two by two.
+        (a, b), (_, c) = squares.tolist()
+        large = 0.5 * (a + c + hypot(a - c, 2 * b))
+        return sqrt(max(a * c - b * b, 0.0) / large / len(points)) if large > 0 else 0.0
+    return float(np.sqrt(max(np.linalg.eigvalsh(squares)[:-1].sum(), 0.0) / len(points)))
+
+
+def on_line(xyz: Array) -> bool:
+    """Whether markers (N, 3) lie on one line."""
+    return not off_line(xyz) > THIN * float(np.ptp(xyz, axis=0).max())

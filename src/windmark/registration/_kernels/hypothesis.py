@@ -124,7 +124,8 @@ def neighbourhood(
         m = n if every else near[i, n]
         if m in (i, j, k):
             continue
-        facing = _towards(normal, m, ex - xyz[m, 0], ey - xyz[m, 1], ez - xyz[m, 2])
+        # Of all markers hardly one is near a spot, so which way they face is asked later.
+        facing = 1.0 if every else _towards(normal, m, ex - xyz[m, 0], ey - xyz[m, 1], ez - xyz[m, 2])
         if facing < 0.0:
             continue
         x, y, z = to_camera(r, t, xyz[m, 0], xyz[m, 1], xyz[m, 2])
@@ -134,16 +135,19 @@ def neighbourhood(
         s = lookup(raster, grid, u, v)
         if s == OUT:
             continue
-        if every and s in spot[:pairs]:
-            continue
         if s >= 0 and s not in (a, b, c):
             reach2 = rules.tolerance**2 * min(3.0, 1.0 + 0.5 * math.sqrt(((u - cx) ** 2 + (v - cy) ** 2) / size2)) ** 2
             d2 = (p[s, 0] - u) ** 2 + (p[s, 1] - v) ** 2
             if d2 < reach2:
+                if every and _towards(normal, m, ex - xyz[m, 0], ey - xyz[m, 1], ez - xyz[m, 2]) < 0.0:
+                    continue
                 marker[pairs], spot[pairs] = m, s
-                pairs += 1
+                new = 1
+                for q in range(3, pairs if every else 3):
+                    new *= spot[q] != s
+                pairs += new
                 chance = CORE_MASS * math.pi * max(d2, CORE2 * reach2) * density[s]
-                score += 1.0 if every else math.log(rules.p_seen / chance)
+                score += new if every else math.log(rules.p_seen / chance)
                 continue
         if facing > GRAZING and not every:
             score += math.log(1.0 - rules.p_seen)

@@ -78,9 +78,11 @@ def search_kernel(
                 tried += 1
                 if grown - before >= links.most:
                     break
-                if anchored and not fits(xyz, i, j, k, m, sight, check / f):
-                    continue
-                if holds(known, i, j, k, m, a, b, c, d) or holds(seen, i, j, k, m, a, b, c, d):
+                if anchored and (
+                    not fits(xyz, i, j, k, m, sight, check / f)
+                    or holds(known, i, j, k, m, a, b, c, d)
+                    or holds(seen, i, j, k, m, a, b, c, d)
+                ):
                     continue
                 for axis in range(3):
                     points[0, axis], points[1, axis], points[2, axis] = xyz[j, axis], xyz[k, axis], xyz[m, axis]
@@ -93,7 +95,11 @@ def search_kernel(
                     pairs = neighbourhood(
                         model, picture, rules, r[s], t[s], f, (i, j, k), (a, b, c), marker, spot
                     )  # fmt: skip
-                    if pairs == 0:
+                    # Without an anchor to screen them it is cheaper to ask of few links whether they are known.
+                    if pairs == 0 or (
+                        not anchored
+                        and (holds(known, i, j, k, m, a, b, c, d) or holds(seen, i, j, k, m, a, b, c, d))
+                    ):
                         continue
                     grown += 1
                     match[:] = -1

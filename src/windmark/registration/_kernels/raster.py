@@ -33,7 +33,17 @@ def raster_kernel(
     low, cell : the raster's corner and the side of a cell
     """
     raster = np.full((rows, columns), OUT, np.int32)
-    _mask(raster, camera, size, low, cell, radius)
+    # EMPTY are the coarse cells where a spot is wholly in the image (all four corners).
+    above, least = np.zeros(columns // COARSE + 2, np.bool_), radius - 0.5
+    for i in range(rows // COARSE + 2):
+        left_above, left = False, False
+        for j in range(columns // COARSE + 2):
+            u, v = (low[0] + j * COARSE * cell) / camera[0], (low[1] + i * COARSE * cell) / camera[0]
+            x, y, valid = project_point(camera, u, v, 1.0)
+            here = valid and least <= x <= size[0] - 1.0 - least and least <= y <= size[1] - 1.0 - least
+            if here and left and above[j] and left_above and i > 0 and j > 0:
+                raster[(i - 1) * COARSE : i * COARSE, (j - 1) * COARSE : j * COARSE] = EMPTY
+            left_above, left, above[j] = above[j], here, here
     for j in range(p.shape[0]):
         u, v = (p[j, 0] - low[0]) / cell, (p[j, 1] - low[1]) / cell
         n = reach / cell
@@ -45,19 +55,3 @@ def raster_kernel(
                 if (p[j, 0] - x) ** 2 + (p[j, 1] - y) ** 2 < least2:
                     raster[row, column] = j
     return raster
-
-
-@nb.njit(cache=True, nogil=True, error_model="numpy")
-def _mask(raster: Ints, camera: Array, size: Array, low: Array, cell: float, radius: float) -> None:
-    """EMPTY for the coarse cells where a spot is wholly in the image (all four corners)."""
-    rows, columns = raster.shape
-    above, least = np.zeros(columns // COARSE + 2, np.bool_), radius - 0.5
-    for i in range(rows // COARSE + 2):
-        left_above, left = False, False
-        for j in range(columns // COARSE + 2):
-            u, v = (low[0] + j * COARSE * cell) / camera[0], (low[1] + i * COARSE * cell) / camera[0]
-            x, y, valid = project_point(camera, u, v, 1.0)
-            here = valid and least <= x <= size[0] - 1.0 - least and least <= y <= size[1] - 1.0 - least
-            if here and left and above[j] and left_above and i > 0 and j > 0:
-                raster[(i - 1) * COARSE : i * COARSE, (j - 1) * COARSE : j * COARSE] = EMPTY
-            left_above, left, above[j] = above[j], here, here

@@ -9,12 +9,11 @@ from numpy.typing import NDArray
 
 from windmark.geometry.order import median
 from windmark.registration.judge import rules
-from windmark.registration.line import ON_LINE_PX, off_line
 from windmark.registration.settle._kernels.fit import spread_places
 from windmark.registration.settle._kernels.places import open_kernel
 from windmark.registration.settle._kernels.state import TAKEN
 from windmark.registration.settle.solution import Solution
-from windmark.registration.task import Limits
+from windmark.registration.task import ON_LINE_PX, Limits, off_line
 
 Array = NDArray[np.float64]
 

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from windmark.geometry import Pose
 from windmark.registration._kernels.hypothesis import Model
+from windmark.registration._kernels.near import nearest
 from windmark.registration._kernels.quad import Table, table_of
 from windmark.registration._kernels.symmetry import alike_triangles, symmetries_of
-from windmark.registration.line import on_line
 from windmark.registration.search.field import FAR, REACH, SUPPLE, Field, extents, field_of, modes_of
-from windmark.registration.search.near import nearest
+from windmark.registration.task import on_line
 from windmark.scene import MarkerSet
 
 Array = NDArray[np.float64]
@@ -79,7 +79,7 @@ class Layout:
         """Build all tables now."""
         for reach in REACHES:
             self.table(reach)
-        _ = self.symmetries, self.size, self.on_line
+        _ = self.symmetries, self.mirrors, self.size, self.on_line
         return self
 
     def table(self, reach: int) -> Table:

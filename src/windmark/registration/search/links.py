@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from windmark.registration._kernels.hypothesis import Model, Picture
 from windmark.registration._kernels.match import Links
+from windmark.registration._kernels.near import nearest
 from windmark.registration._kernels.quad import Table, spot_quads_kernel
 from windmark.registration.search.layout import interior_angles
-from windmark.registration.search.near import nearest
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int32]
@@ -59,12 +59,15 @@ def triplet_links(model: Model, picture: Picture, triplets: Ints, anchors: Ints,
 
 
 def full_links(model: Model, p: Array, corners: Ints, bound: Ints) -> Links:
-    """Three spots (3,) against all triplets of markers; ``bound`` (M,) is the marker that a spot must have, or -1."""
+    """Spots (Q, 3) against all triplets of markers that have these (3,) where they are not -1."""
     some = np.array(list(combinations(range(len(model.xyz)), 3)), dtype=np.int32)
     turns = turns_of(model, some)
     triplets = np.concatenate([some[:, order] for order in (*EVEN, *ODD)])
-    kept = ((triplets == bound[corners]) | (bound[corners] < 0)).all(axis=1)
-    return _faced(p, corners[None], triplets[kept], np.repeat([turns, -turns], 3, axis=0).ravel()[kept], ANY)
+    turns = np.repeat([turns, -turns], 3, axis=0).ravel()
+    if (bound >= 0).any():
+        kept = ((triplets == bound) | (bound < 0)).all(axis=1)
+        triplets, turns = triplets[kept], turns[kept]
+    return _faced(p, corners, triplets, turns, ANY)
 
 
 def _faced(p: Array, spots: Ints, triplets: Ints, turns: NDArray[np.int8], most: int = MOST_GROWN) -> Links:

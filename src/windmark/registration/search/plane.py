@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 
 from windmark.geometry import Camera
 from windmark.geometry.order import median
-from windmark.registration._kernels.hypothesis import Picture
+from windmark.registration._kernels.growth import Gates
+from windmark.registration._kernels.hypothesis import Picture, Rules
+from windmark.registration._kernels.near import nearest
 from windmark.registration._kernels.raster import raster_kernel
 from windmark.registration.search.layout import Layout
-from windmark.registration.search.near import nearest
 from windmark.registration.task import Task
 
 Array = NDArray[np.float64]
@@ -25,6 +26,13 @@ SPOT_NEIGHBOURS = 16
 """Neighbours of a spot that a search looks at, if it asks for no more."""
 FIRST_SPOTS, PER_MARKER = 40, 1.25
 """Spots come best first: so many at least, and so many per marker, are searched, then twice as many, ..."""
+P_SEEN, REJECT_AT, GROW_AT = (0.6, 0.35), (-4.0, -8.0), (9.0, 3.0)
+"""What the neighbourhood must say for a solution to be grown, of one camera and of a rig's: there most markers may be
+hidden in one camera, and the others will judge."""
+MIN_SCORE = 8.0
+"""A grown solution worth less (nats) is given up."""
+FOCAL_SLACK = 1.3
+"""How far beyond the starting values a growing solution may take the focal length."""
 _FINEST, _COARSEST = 1024, 128
 """Raster cells along the longer side at most and at least; between them a cell is as wide as the tolerance."""
 _ALONG = np.linspace(0.0, 1.0, 33)
@@ -65,46 +73,49 @@ class Plane:
     def picture(self, lead: int, neighbours: int = SPOT_NEIGHBOURS) -> Picture:
         """The best ``lead`` spots for the kernels, each with so many ``neighbours``."""
         if (lead, neighbours) not in self._pictures:
-            self._pictures[lead, neighbours] = _picture(
-                self._packed, self._size, self._p[:lead], self._bounds, 3 * self.task.tolerance_px, self.radius,
-                neighbours,
-            )  # fmt: skip
+            self._pictures[lead, neighbours] = self._picture(self._p[:lead], neighbours)
         return self._pictures[lead, neighbours]
 
     def part(self, spots: Ints) -> Picture:
         """Some of the spots for the kernels, numbered anew; as dense as among all."""
-        part = _picture(
-            self._packed, self._size, np.ascontiguousarray(self._p[spots]), self._bounds, 3 * self.task.tolerance_px,
-            self.radius, SPOT_NEIGHBOURS,
-        )  # fmt: skip
+        part = self._picture(np.ascontiguousarray(self._p[spots]), SPOT_NEIGHBOURS)
         return part._replace(density=self.picture(len(self._p)).density[spots])
+
+    def _picture(self, p: Array, neighbours: int) -> Picture:
+        """With a raster that knows the nearest spot up to three times the tolerance away."""
+        (low, high), reach = self._bounds, 3 * self.task.tolerance_px
+        longest = float((high - low).max())
+        cell = min(max(0.25 * reach, longest / _FINEST), longest / _COARSEST)
+        columns, rows = np.maximum(1, np.ceil((high - low) / cell).astype(int)).tolist()
+        raster = raster_kernel(self._packed, self._size, p, low, cell, columns, rows, reach, self.radius)
+        near, distance = nearest(p, min(len(p) - 1, neighbours))
+        return Picture(p, density_of(distance, self._size), near, raster, float(low[0]), float(low[1]), 1 / cell)
+
+    def rules(self, *, wide: bool = False) -> Rules:
+        """What a hypothesis must pass."""
+        task, n = self.task, len(self.model.xyz)
+        rotation, cosine, depth = np.zeros((3, 3)), -2.0, np.ones(n)
+        if task.prior is not None:
+            rotation, translation = self.frame.unit(task.prior)
+            cosine = float(np.cos(task.prior_max_angle_rad))
+            depth = (self.model.xyz @ rotation.T + translation)[:, 2] / task.camera.focal_px
+        return Rules(
+            task.tolerance_px, P_SEEN[wide], REJECT_AT[wide], GROW_AT[wide],
+            np.ascontiguousarray(rotation), cosine, np.ascontiguousarray(depth), task.prior_max_scale,
+        )  # fmt: skip
+
+    def gates(self) -> Gates:
+        """Constants of growth."""
+        task = self.task
+        sigma = max(task.typical_sigma_px, task.tolerance_px / 8)
+        low, high = task.focal_factors[0] / FOCAL_SLACK, task.focal_factors[-1] * FOCAL_SLACK
+        low, high = task.camera.focal_px * low, task.camera.focal_px * high
+        return Gates(task.tolerance_px, sigma, MIN_SCORE, low, high if task.free_focal else low)
 
 
 def to_plane(camera: Camera, xy: Array) -> Array:
     """Ideal pixels (M, 2) of image points: principal point at the origin, square; NaN where the lens has no inverse."""
     return camera.focal_px * camera.unproject(xy)[:, :2]
-
-
-def picture(camera: Camera, xy: Array, reach_px: float) -> Picture:
-    """Spots (M, 2) of an image for the kernels; the raster knows the nearest spot up to ``reach_px`` away.
-
-    Spots must have a finite `to_plane`.
-    """
-    p = np.ascontiguousarray(to_plane(camera, xy))
-    size, bounds = np.array(camera.size_px, dtype=float), _bounds(camera, p)
-    return _picture(camera.packed(), size, p, bounds, reach_px, 0.0, SPOT_NEIGHBOURS)
-
-
-def _picture(
-    packed: Array, size: Array, p: Array, bounds: tuple[Array, Array], reach: float, radius: float, neighbours: int
-) -> Picture:
-    low, high = bounds
-    longest = float((high - low).max())
-    cell = min(max(0.25 * reach, longest / _FINEST), longest / _COARSEST)
-    columns, rows = np.maximum(1, np.ceil((high - low) / cell).astype(int)).tolist()
-    raster = raster_kernel(packed, size, p, low, cell, columns, rows, reach, radius)
-    near, distance = nearest(p, min(len(p) - 1, neighbours))
-    return Picture(p, density_of(distance, size), near, raster, float(low[0]), float(low[1]), 1 / cell)
 
 
 def density_of(distance: Array, size: Array) -> Array:

@@ -55,13 +55,6 @@ WORK = 20_000
 """Links after which the caller is asked whether to go on."""
 POOL = 12
 """Solutions kept."""
-P_SEEN, REJECT_AT, GROW_AT = (0.6, 0.35), (-4.0, -8.0), (9.0, 3.0)
-"""What the neighbourhood must say for a solution to be grown, of one camera and of a rig's: there most markers may be
-hidden in one camera, and the others will judge."""
-MIN_SCORE = 8.0
-"""A grown solution worth less (nats) is given up."""
-FOCAL_SLACK = 1.3
-"""How far beyond the starting values a growing solution may take the focal length."""
 PRIOR_SLACK = float(np.radians(5.0))
 """What starts so far beyond the prior's angle may grow into it."""
 RIVAL_TURNS = 3
@@ -108,7 +101,7 @@ class Search:
         self.plane, self.task, self.links, self._work, self._budget = plane, plane.task, 0, 0.0, budget or Budget()
         self._stop_at, self._method, self._wide, self._seed = stop_at, method, wide, seed
         self._focals = plane.task.camera.focal_px * np.array(plane.task.focal_factors)
-        self._rules, self._gates = make_rules(plane, wide=wide), make_gates(plane)
+        self._rules, self._gates = plane.rules(wide=wide), plane.gates()
         self._free, self._bound = (Pool(plane.frame, POOL, len(plane.task.markers)) for _ in range(2))
         self._moved: Candidate | None = None
 
@@ -237,13 +230,13 @@ class Search:
         if task.prior is not None:
             # Three spots alone may put the pose beyond it; what all of them say is checked later.
             rules = rules._replace(prior_cosine=np.cos(min(task.prior_max_angle_rad + PRIOR_SLACK, np.pi)))
-        free, bound = np.full(len(task.xy), -1, np.int32), np.full(len(task.xy), -1, np.int32)
-        for spot, marker in task.fixed:
-            bound[spot] = marker
-        for corners in links.wide_triplets(picture.p, len(task.xy) - least + 1):
-            for only, pool in ((bound, self._bound), (free, self._free)) if task.fixed else ((free, self._free),):
-                of = links.full_links(self.plane.model, picture.p, corners, only)
-                yield self._trial(picture, of, price=TRIPLET, pool=pool, rules=rules, gates=gates)
+        known = dict(task.fixed)
+        corners = links.wide_triplets(picture.p, len(task.xy) - least + 1)
+        bound = [np.array([known.get(int(spot), -1) for spot in three], dtype=np.int32) for three in corners]
+        ways = [(corners[[n]], must, self._bound) for n, must in enumerate(bound)] if known else []
+        for some, must, pool in (*ways, (corners, np.full(3, -1, np.int32), self._free)):
+            of = links.full_links(self.plane.model, picture.p, some, must)
+            yield self._trial(picture, of, price=TRIPLET, pool=pool, rules=rules, gates=gates)
 
     def _by_labels(self) -> None:
         """Poses from three labels or more: solutions worth a verdict by themselves, grown."""
@@ -370,27 +363,3 @@ def _without(count: int, some: Ints) -> Ints:
     free = np.ones(count, dtype=bool)
     free[some] = False
     return np.flatnonzero(free).astype(np.int32)
-
-
-def make_rules(plane: Plane, *, wide: bool = False) -> Rules:
-    """What a hypothesis must pass."""
-    task, n = plane.task, len(plane.model.xyz)
-    rotation, cosine, depth = np.zeros((3, 3)), -2.0, np.ones(n)
-    if task.prior is not None:
-        rotation, translation = plane.frame.unit(task.prior)
-        cosine = float(np.cos(task.prior_max_angle_rad))
-        depth = (plane.model.xyz @ rotation.T + translation)[:, 2] / task.camera.focal_px
-    return Rules(
-        task.tolerance_px, P_SEEN[wide], REJECT_AT[wide], GROW_AT[wide],
-        np.ascontiguousarray(rotation), cosine, np.ascontiguousarray(depth), task.prior_max_scale,
-    )  # fmt: skip
-
-
-def make_gates(plane: Plane) -> Gates:
-    """Constants of growth."""
-    task = plane.task
-    sigma = max(task.typical_sigma_px, task.tolerance_px / 8)
-    low, high = (
-        task.camera.focal_px * f for f in (task.focal_factors[0] / FOCAL_SLACK, task.focal_factors[-1] * FOCAL_SLACK)
-    )
-    return Gates(task.tolerance_px, sigma, MIN_SCORE, low, high if task.free_focal else low)

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.geometry import Camera, Pose
+from windmark.registration._kernels.near import nearest
 from windmark.registration.search.layout import Layout
-from windmark.registration.search.near import nearest
 from windmark.registration.search.plane import Plane, density_of
 from windmark.registration.settle._kernels.state import PLACE, ROWS, Sights
 
