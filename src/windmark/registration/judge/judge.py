@@ -106,8 +106,10 @@ class Judge:
             least = 2 * best.evidence - found[0].evidence - self._limits.margin
             found = self._bender.solutions([*self._source.cores(BENT), *self._source.above(least)])
         bent = found[0]
-        if best is not None and bent.evidence < best.evidence + (rules.BENT_LEAD if rigid.cause is None else 0.0):
-            return rigid
+        if best is not None:
+            lead = self._bent_lead(bent, best) if rigid.cause is None else 0.0
+            if bent.evidence < best.evidence + lead:
+                return rigid
         most, everywhere = rules.BENT_MOST
         free = all(plane.task.free_focal for plane in self._views.planes)
         if own.labelled(bent) < (most if own.is_cluttered(bent) or free else everywhere):
@@ -119,6 +121,10 @@ class Judge:
         if bent.count <= rules.FEW and any(s.evidence > bent.evidence for s in self._with_one_less(bent)):
             return rigid
         return verdict
+
+    def _bent_lead(self, bent: Solution, rigid: Solution) -> float:
+        """Nats by which a bent model must be better than an accepted rigid one, whose sigma has a slight bending."""
+        return rules.BENT_LEAD if bent.count > rigid.count else self._limits.margin
 
     def _judged(self, best: Solution, others: Sequence[Solution]) -> Verdict:
         """A solution beside its rivals."""

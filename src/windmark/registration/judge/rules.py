@@ -45,8 +45,8 @@ SHARPER = 0.7
 """The mirrored table is the answer only where it leaves less than this part of the misfit: else either is wrong by
 something else, and which is the less wrong says little (`attacks`: real boards with labels)."""
 BENT_LEAD = 5.0
-"""How much better (nats) a bent model must be than a rigid one that is no worse than its table: a random table error
-looks a little bent (`matching_bent`)."""
+"""Nats by which a rigid model is likelier than a bent one before the picture, and a bent one than another camera: a
+random table error looks a little bent (`matching_bent`, `pose_covariance`)."""
 DOUBT = 3.0
 """Nats that another camera or a bent model must promise to first order before they are tried (one picture in 50)."""
 UNFOUND = 0.6
