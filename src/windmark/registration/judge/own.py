@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from windmark.geometry.order import median
 from windmark.registration.judge import rules
 from windmark.registration.settle._kernels.fit import spread_places
-from windmark.registration.settle._kernels.state import TAKEN
+from windmark.registration.settle._kernels.state import EXCESS, TAKEN
 from windmark.registration.settle.solution import Solution
 from windmark.registration.task import Limits
 
@@ -22,8 +22,12 @@ SIGMAS = 21
 
 def is_loose(best: Solution, c: int) -> bool:
     """Whether a camera's residuals are larger than its spots' covariances say, and the markers' do not explain it."""
-    sigma = best.views.planes[c].task.typical_sigma_px
-    return bool(best.counts[c] and best.misfit_px[c] > rules.LOOSE * sigma and best.excess_px[c] > sigma)
+    misfit = float(best.misfit_px[c])
+    if not best.counts[c] or misfit <= rules.LOOSE * best.views.planes[c].task.typical_sigma_px:
+        return False
+    spread = best.state.spread[c, best.state.match[c] >= 0]
+    known = 0.5 * float((spread[:, 0] + spread[:, 2]).mean()) - float(best.state.numbers[c, EXCESS])
+    return misfit > rules.LOOSE * math.sqrt(known)
 
 
 def is_cluttered(best: Solution) -> bool:
