@@ -11,7 +11,7 @@ from windmark.geometry.order import median
 from windmark.registration.judge import rules
 from windmark.registration.settle._kernels.fit import spread_places
 from windmark.registration.settle._kernels.state import EXCESS, TAKEN
-from windmark.registration.settle.solution import Solution
+from windmark.registration.settle.solution import Solution, with_freedom
 from windmark.registration.task import Limits
 
 Array = NDArray[np.float64]
@@ -146,6 +146,9 @@ def held_by_one(best: Solution) -> str:
     pose follows it. Without it the projection of its marker has the covariance N D^-1 N - N, D = N - S, for the noise
     N and the projection's covariance S (see `settle._kernels.label.leave_one_out`).
     """
+    if best.is_bent:
+        # A pair has most of its own place there: 2 % between the excess of the fit and of the residuals would be all.
+        best = with_freedom(best.views, best, relabel=False) or best
     placed = _with_prior(best)
     if not best.is_bent and (open_ := _leaves_open(best, placed)):
         return open_
