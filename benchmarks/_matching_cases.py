@@ -13,6 +13,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "registration"))
 import registration_scenes as scenes
 
 from windmark.geometry import Camera, Pose
+from windmark.geometry.rotations import hat
 from windmark.registration import Registration
 from windmark.scene import Detections, MarkerSet, Matching
 
@@ -53,6 +54,19 @@ class Case:
         spot = {int(m): j for j, m in enumerate(label) if m >= 0}
         gone = [m for m in missing if not np.isin(spot[int(m)], match.detection[ambiguous])]
         return int(wrong.sum()), len(gone)
+
+    def focal_bound(self) -> float:
+        """Smallest relative 1 sigma that a focal length can have here (Cramer-Rao, right labels, exact lens)."""
+        assert self.truth is not None
+        truth, true = self.truth, self.truth.label >= 0
+        places = truth.cam_from_model.apply(self.markers.xyz[truth.label[true]])
+        _, _, by_place, by_camera = truth.camera.project_jacobian(places)
+        # d(place) / d(rotation, translation), the rotation about the middle: then all is well scaled.
+        turn = -hat(places - places.mean(axis=0))
+        pose = by_place @ np.concatenate([turn, np.broadcast_to(np.eye(3), turn.shape)], axis=2)
+        by = np.concatenate([pose, truth.camera.focal_px * by_camera[:, :, :1]], axis=2)
+        by /= np.sqrt(self.detections.cov[true, 0, 0])[:, None, None]
+        return float(np.sqrt(np.linalg.inv(np.einsum("kdi,kdj->ij", by, by))[-1, -1]))
 
 
 def cold(seed: int, kind: str, hidden: float, false: float, ranked: bool = False) -> Case:

@@ -218,3 +218,14 @@ def test_where_another_camera_does_as_well_the_sigmas_have_both():
     assert delta @ np.linalg.solve(result.cov, delta) < 4.0
     off = np.linalg.norm(result.deformation.displacement, axis=1)
     assert (off < 1.1 * np.linalg.norm(result.deformation.sigma, axis=1) + 1e-12).all()
+
+
+@pytest.mark.parametrize(("seed", "shape"), [(9200024, "cantilever"), (9200025, "quadratic")])
+def test_half_of_a_bent_wing_is_held_by_all_its_pairs(seed, shape):
+    """A pair has nearly all of its own place in a bent model: the fit and the residuals must have the same excess."""
+    scene, _ = bent_scenes.scene(seed, "A", Bend(-0.02, shape), hidden=0.5, false=1.0)
+    result = register(scene.detections, scene.markers, scene.camera)
+    assert result, result.reason
+    right, wrong = shares(result, scene)
+    assert right == 1.0
+    assert wrong == 0.0

@@ -11,8 +11,8 @@ from windmark.geometry.order import median
 from windmark.registration.judge import rules
 from windmark.registration.settle._kernels.fit import spread_places
 from windmark.registration.settle._kernels.places import open_kernel
-from windmark.registration.settle._kernels.state import TAKEN
-from windmark.registration.settle.solution import Solution
+from windmark.registration.settle._kernels.state import EXCESS, TAKEN
+from windmark.registration.settle.solution import Solution, with_freedom
 from windmark.registration.task import ON_LINE_PX, Limits, off_line
 
 Array = NDArray[np.float64]
@@ -23,8 +23,12 @@ SIGMAS = 21
 
 def is_loose(best: Solution, c: int) -> bool:
     """Whether a camera's residuals are larger than its spots' covariances say, and the markers' do not explain it."""
-    sigma = best.views.planes[c].task.typical_sigma_px
-    return bool(best.counts[c] and best.misfit_px[c] > rules.LOOSE * sigma and best.excess_px[c] > sigma)
+    misfit = float(best.misfit_px[c])
+    if not best.counts[c] or misfit <= rules.LOOSE * best.views.planes[c].task.typical_sigma_px:
+        return False
+    spread = best.state.spread[c, best.state.match[c] >= 0]
+    known = 0.5 * float((spread[:, 0] + spread[:, 2]).mean()) - float(best.state.numbers[c, EXCESS])
+    return misfit > rules.LOOSE * math.sqrt(known)
 
 
 def is_cluttered(best: Solution) -> bool:
@@ -155,6 +159,9 @@ def held_by_one(best: Solution) -> str:
     widths = [off_line(xy) - float(best.misfit_px[c]) for c, xy in seen]
     if max(widths) < ON_LINE_PX:
         return f"all of them lie on one line (within {off_line(seen[0][1]):.2g} px, no worse than they fit)"
+    if best.is_bent:
+        # A pair has most of its own place there: 2 % between the excess of the fit and of the residuals would be all.
+        best = with_freedom(best.views, best, relabel=False) or best
     placed = _with_prior(best)
     found = [open_kernel(best.state, placed, c) for c in range(len(best.counts))]
     for c, plane in enumerate(best.views.planes):
