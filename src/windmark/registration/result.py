@@ -26,7 +26,7 @@ CAUSES = {
     "ambiguous": "two different solutions explain the spots about equally well",
     "focal": "the focal length is not determined by this view",
     "wrong_focal": "the given focal length does not fit",
-    "wrong_camera": "the given camera does not fit: its principal point, aspect or lens",
+    "wrong_camera": "the given camera does not fit: its principal point, aspect, lens, or place in the rig",
     "mirrored": "the mirror image of the table fits the picture, the table does not",
     "one_pair": "a single pair holds the pose",
     "labels": "a fixed label contradicts what the spots show",
@@ -63,7 +63,8 @@ class Unchecked:
 
     Parameters
     ----------
-    what : "focal length", "principal point", "aspect", "lens", "scale", "mirror" or "place on the lattice"
+    what : "focal length", "principal point", "aspect", "lens", "place in the rig", "scale", "mirror" or "place on the
+        lattice"
     words : why, and how large an error this picture would show
     camera : number of the camera, of a rig
     """

@@ -25,12 +25,13 @@ class RigRegistration:
     ----------
     rig_from_model : the pose
     cameras : with a free focal length as found, and moved within ``Camera.cov`` where that was given; else as given
-    cam_from_rig : as given
+    cam_from_rig : as given, moved within ``rig_cov`` where that was
     matchings : of each camera, the pairs in order of markers; empty where a camera had no spots
     rms_px : root mean square length of all residuals
     residuals : of each camera, (K, 2) projected - detected, pixels, in the order of its matching. Projected is the
         centre of the imaged disc where a marker's normal and radius are known, else the image of its centre
-    cov : (6, 6) covariance of [rotation, translation] for ``exp(delta) @ rig_from_model``. It includes the excess
+    cov : (6, 6) covariance of [rotation, translation] for ``exp(delta) @ rig_from_model``. It includes the excess, and
+        what places of cameras that are slightly off would change
     excess_px : (C,) 1 sigma per coordinate of the misfit beyond the covariances of detections and markers: table
         errors, lens, bending, errors of ``cam_from_rig``; NaN where no marker was matched
     score : log-likelihood ratio in nats against "the spots are where they are by chance", all cameras together
