@@ -19,6 +19,8 @@ def test_written_and_read(tmp_path):
     np.testing.assert_array_equal(back.cam_from_rig["right"].rotation, POSES["right"].rotation)
     np.testing.assert_array_equal(back.cam_from_rig["right"].translation, POSES["right"].translation)
     assert json.loads((tmp_path / "rig.json").read_text())["cam_from_rig"]["right"]["covariance"] == np.eye(6).tolist()
+    assert list(back.cov) == ["right"]
+    np.testing.assert_array_equal(back.cov["right"], np.eye(6))
 
 
 def test_a_length_needs_its_unit(tmp_path):
@@ -32,6 +34,7 @@ def test_a_length_needs_its_unit(tmp_path):
         (lambda r: r.pop("length_unit"), "length_unit"),
         (lambda r: r.update(scale=2), "'scale': unknown key"),
         (lambda r: r.update(cam_from_rig={}), "expected the cameras of a rig by name"),
+        (lambda r: r["cam_from_rig"]["right"].update(covariance=[1.0]), "cam_from_rig.right.covariance"),
         (lambda r: r["cam_from_rig"]["right"].pop("translation"), "cam_from_rig.right.translation': missing"),
         (lambda r: r["cam_from_rig"]["right"].update(translation=[1, 2]), "cam_from_rig.right.translation"),
         (lambda r: r["cam_from_rig"]["right"].update(rotation=[[1, 0, 0], [0, 1, 0], [0, 0, -1]]), "right.rotation"),

@@ -10,12 +10,14 @@ import settle_twins as twins
 
 from windmark.geometry import Camera, Pose
 from windmark.registration import CAUSES, register
+from windmark.registration.budget import Budget
 from windmark.registration.judge import own, rules
 from windmark.registration.judge.answer import answer
 from windmark.registration.judge.cameras import blocked
 from windmark.registration.judge.mirror import FLIP, mirror_of
-from windmark.registration.judge.source import distinct
+from windmark.registration.judge.source import Source, distinct
 from windmark.registration.judge.symmetric import told_by_table_errors
+from windmark.registration.search.pool import Candidate
 from windmark.registration.settle._kernels.fit import refine
 from windmark.registration.settle._kernels.state import EXPECTED
 from windmark.registration.settle.solution import copied
@@ -202,6 +204,35 @@ def test_a_camera_of_a_rig_that_shows_something_else_contradicts():
     assert "among its 40 spots" in words
     assert "cam_from_rig" in words
     assert blocked(best, 0) == ""
+
+
+class Found:
+    """A search that has found some candidates."""
+
+    links = 0
+
+    def __init__(self, *candidates):
+        self.candidates = list(candidates)
+
+    def top(self, count):
+        return self.candidates[:count]
+
+    def batches(self):
+        return iter(())
+
+
+def test_a_candidate_that_is_grown_again_keeps_its_solution():
+    """The search puts a better one in its place: what that would settle to is known, and stays known."""
+    rig = scenes.rig_scene(78, "B", 2, noise_px=0.2)
+    views = settling.views_of_rig(rig)
+    match = settling.labels_of(*rig.views)[0]
+    first, again = (Candidate(rig.views[0].cam_from_model, views.planes[0].task.camera.focal_px, score,
+                              int((match >= 0).sum()), match.copy()) for score in (90.0, 100.0))  # fmt: skip
+    search = Found(first)
+    source = Source(views, [search, None], np.inf, Budget())
+    (known,) = source.solutions()
+    search.candidates = [again]
+    assert source.solutions() == [known]
 
 
 def test_few_of_many_markers_confirm_what_the_others_see():

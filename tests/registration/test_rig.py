@@ -252,3 +252,70 @@ def test_bad_input_is_named():
         register_rig(*rig.arguments(), layout=prepare(scenes.scene(1, "B").markers))
     line = [Detections.make(np.stack([np.arange(9.0) * 50, np.full(9, 70.0)], axis=1)) for _ in spots]
     assert register_rig(line, markers, cameras, poses).cause == "degenerate"
+
+
+def off_by(pose, sigma, rng):
+    """A camera's place drawn with a covariance of so many radians, and so many lengths."""
+    return Pose.exp(rng.normal(0, 1, 6) * sigma) @ pose
+
+
+def test_two_cameras_cannot_tell_which_of_them_is_elsewhere():
+    rig = scenes.rig_scene(523, "B", 2, hidden=0.25, false=0.5)
+    spots, markers, cameras, poses = rig.arguments()
+    refused = register_rig(spots, markers, cameras, [poses[0], turned(poses[1], 2.0)])
+    assert refused.cause == "wrong_camera"
+    assert "camera 0 or camera 1 is not where cam_from_rig says" in refused.reason
+
+
+def test_cameras_are_counted_with_those_that_have_no_spots():
+    """The first one is empty; the third is the second that takes part."""
+    rig = scenes.rig_scene(523, "B", 4, hidden=0.25, false=0.5)
+    spots, markers, cameras, poses = rig.arguments()
+    given = [poses[0], poses[1], turned(poses[2], 3.0), poses[3]]
+    empty = Detections.make(np.zeros((0, 2)))
+    refused = register_rig([empty, *spots[1:]], markers, cameras, given)
+    assert "camera 2 is not where cam_from_rig says" in refused.reason
+    found = register_rig([empty, *spots[1:]], markers, cameras, poses)
+    assert {u.camera for u in found.unchecked} <= {1, 2, 3}
+
+
+def whitened(found, rig):
+    delta = (rig.rig_from_model @ found.rig_from_model.inverse()).log()
+    return delta @ np.linalg.solve(found.cov, delta) / 6
+
+
+def test_a_place_that_is_slightly_off_is_in_the_sigma_and_said():
+    """One camera of three turned by 0.3 px, which is three sigma of a spot."""
+    chi2, said = [], 0
+    for seed in range(9000, 9006):
+        rig = scenes.rig_scene(seed, "B", 3, noise_px=0.1, hidden=0.3, false=0.3)
+        spots, markers, cameras, poses = rig.arguments()
+        angle = float(np.degrees(0.3 / cameras[1].focal_px))
+        found = register_rig(spots, markers, cameras, [poses[0], turned(poses[1], angle), poses[2]])
+        assert found, found.reason
+        chi2.append(whitened(found, rig))
+        said += any(u.what in ("place in the rig", "principal point") for u in found.unchecked)
+    assert said >= 5
+    assert np.median(chi2) < 2.0
+
+
+def test_a_covariance_of_the_places_is_used():
+    """Places that are off by 2 px, and said to be so uncertain: found with the pose, whose sigma is true."""
+    chi2 = []
+    for seed in range(570, 578):
+        rig, rng = scenes.rig_scene(seed, "B", 3, noise_px=0.1), np.random.default_rng(seed)
+        spots, markers, cameras, poses = rig.arguments()
+        distance = np.linalg.norm(rig.views[0].cam_from_model.translation)
+        sigma = np.repeat([2.0 / cameras[0].focal_px, 1e-3 * distance], 3)
+        given, cov = [off_by(p, sigma, rng) for p in poses], np.diag(sigma**2)
+        found = register_rig(spots, markers, cameras, given, rig_cov=[cov] * 3)
+        assert found, found.reason
+        chi2.append(whitened(found, rig))
+        assert found.cam_from_rig[1].angle_to(given[1]) > 0
+        for c, view in enumerate(rig.views):
+            assert scenes.pose_error_px(found.cam_from_model(c), view) < 1.0
+    assert 0.4 < np.mean(chi2) < 2.0
+    with pytest.raises(ValueError, match=r"rig_cov\[0\] must be \(6, 6\)"):
+        register_rig(*rig.arguments(), rig_cov=[np.eye(3), None, None])
+    with pytest.raises(ValueError, match="for each camera of a rig"):
+        register_rig(*rig.arguments(), rig_cov=[None])

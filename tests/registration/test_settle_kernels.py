@@ -13,6 +13,7 @@ from windmark.registration.settle._kernels import fit, places, project
 from windmark.registration.settle._kernels import settle as kernels
 from windmark.registration.settle._kernels.state import COST_END, EXCESS, MISFIT, TAKEN
 from windmark.registration.settle.solution import copied, settle_state, with_freedom
+from windmark.registration.settle.views import doubted_place
 from windmark.scene import Detections
 
 
@@ -53,6 +54,25 @@ def test_projections_and_derivatives_are_those_of_the_cameras(everything):
             scale = np.abs(by[c, m]).max(axis=0) + 1.0
             np.testing.assert_allclose(np.stack([u, v]) / scale, by[c, m] / scale, atol=2e-6)
             np.testing.assert_allclose(by_xyz, by_marker[c, m], rtol=1e-6, atol=1e-4)
+
+
+def test_a_camera_may_stand_elsewhere_in_the_rig(everything):
+    """Projections are exact, derivatives by the place are those of a small one; beside all other unknowns."""
+    _, views, solution = everything
+    opened = views.opened([doubted_place(1e-3, 2e-3)] * 2)
+    state, size = moved_state(opened, solution, 3), len(solution.state.factor) + 12
+    assert len(state.factor) == size
+    seen, by = twins.project(opened, state), twins.by_unknowns(opened, state, step=1e-3)
+    u, v, by_xyz, scratch = np.empty(size), np.empty(size), np.empty((2, 3)), np.empty(12)
+    for c in range(2):
+        sight = project.sight_of(opened.sights, state, c)
+        for m in range(0, 60, 7):
+            x, y, valid = project.see(m, *sight, c, u, v, by_xyz, scratch)
+            assert valid
+            np.testing.assert_allclose([x, y], seen[c, m], atol=1e-8)
+            scale = np.abs(by[c, m]).max(axis=0) + 1.0
+            np.testing.assert_allclose(np.stack([u, v]) / scale, by[c, m] / scale, atol=5e-3)
+    assert np.abs(seen - twins.project(views, copied(views, state))).min() > 0.01
 
 
 def test_places_are_the_projections_and_nothing_behind_the_camera(everything):

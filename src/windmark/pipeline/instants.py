@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from windmark import detection, io
 from windmark.geometry import Pose
@@ -22,8 +23,10 @@ Images = dict[str, ImageResult]
 InParallel = Callable[[Callable[[ImageEntry], ImageResult], Sequence[ImageEntry]], list[ImageResult]]
 
 
-def read_rig(project: Project, cameras: Mapping[str, io.CameraFile]) -> dict[str, Pose]:
-    """Where the cameras of a project's rig are, by name; empty without a rig.
+def read_rig(
+    project: Project, cameras: Mapping[str, io.CameraFile]
+) -> tuple[dict[str, Pose], dict[str, NDArray[np.float64]]]:
+    """Where the cameras of a project's rig are, by name, and covariances of these places; empty without a rig.
 
     Raises
     ------
@@ -32,7 +35,8 @@ def read_rig(project: Project, cameras: Mapping[str, io.CameraFile]) -> dict[str
     """
     rig = project.rig
     if rig is None:
-        return {}
+        return {}, {}
+    cov: dict[str, NDArray[np.float64]] = {}
     if rig.file is None:
         entries = [c for c in project.camera if c.name in project.rig_cameras]
         for entry in entries:
@@ -43,12 +47,12 @@ def read_rig(project: Project, cameras: Mapping[str, io.CameraFile]) -> dict[str
     else:
         content = io.read_rig(rig.file)
         refuse_unit(project, rig.file, content.length_unit, "poses are")
-        poses = dict(content.cam_from_rig)
+        poses, cov = dict(content.cam_from_rig), dict(content.cov)
         missing = [name for name in project.rig_cameras if name not in poses]
         if missing:
             raise io.FileError(rig.file, f"has no camera {missing[0]}; it has {', '.join(poses)}; expected the names of"
                                " the project's cameras (rig.cameras leaves some out)")  # fmt: skip
-    return {name: poses[name] for name in project.rig_cameras}
+    return {name: poses[name] for name in project.rig_cameras}, cov
 
 
 def locate_together(inputs: Inputs, progress: Progress, in_parallel: InParallel) -> Images:
@@ -120,7 +124,8 @@ def _together(
             continue
         spots = Detections.make(np.zeros((0, 2))) if result.detections is None else result.detections
         try:
-            views.append(RigView(name, spots, result.camera, inputs.cam_from_rig[name], *told(spots, entry, inputs)))
+            place, cov = inputs.cam_from_rig[name], inputs.rig_cov.get(name)
+            views.append(RigView(name, spots, result.camera, place, *told(spots, entry, inputs), cov))
         except ValueError as error:  # a label where no spot is
             out[entry.label] = replace(result, problem=str(error))
     if not views:

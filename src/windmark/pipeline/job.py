@@ -50,7 +50,7 @@ def run_project(project: Project, *, progress: Progress = silent, workers: int |
             read_surface(project.grid) if project.grid else None,
             cameras,
             _read_prior(project),
-            read_rig(project, cameras),
+            *read_rig(project, cameras),
         )
     _check_labels(inputs)
     for file in ([project.markers.file] if project.markers else []) + [entry.file for entry in project.points]:

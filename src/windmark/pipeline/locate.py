@@ -26,6 +26,7 @@ class Inputs:
     """What all images of a project share. The grid's orientation does not matter here.
 
     ``cam_from_rig``: where the cameras of the rig are, by name, the first one first; ``prior`` is then of this one.
+    ``rig_cov``: (6, 6) of ``exp(delta) @ cam_from_rig``, of those whose place is not exact.
     """
 
     project: Project
@@ -34,6 +35,7 @@ class Inputs:
     cameras: Mapping[str, io.CameraFile]
     prior: Pose | None
     cam_from_rig: Mapping[str, Pose] = field(default_factory=dict)
+    rig_cov: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
 
     def prior_of(self, camera: str) -> Pose | None:
         """The expected pose of a camera."""

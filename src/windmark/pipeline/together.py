@@ -38,6 +38,7 @@ class RigView:
     spots, camera : of the image; without a spot the camera has its place from the others
     cam_from_rig : where the camera is
     fixed, excluded : see `register`
+    cov : (6, 6) of ``exp(delta) @ cam_from_rig``; None where that is exact
     """
 
     name: str
@@ -46,6 +47,7 @@ class RigView:
     cam_from_rig: Pose
     fixed: Mapping[int, str] = field(default_factory=dict)
     excluded: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
+    cov: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -136,7 +138,8 @@ def _registered(
     for prior in priors:
         answer = register(
             [v.spots for v in views], markers, [v.camera for v in views], cam_from_rig=[v.cam_from_rig for v in views],
-            prior=prior, fixed=[v.fixed for v in views], excluded=[v.excluded for v in views], **options,
+            rig_cov=[v.cov for v in views], prior=prior, fixed=[v.fixed for v in views],
+            excluded=[v.excluded for v in views], **options,
         )  # fmt: skip
         if isinstance(answer, RigRegistration):
             return answer
@@ -198,4 +201,5 @@ def _unchecked(found: RigRegistration, c: int) -> tuple[Unchecked, ...]:
     if (count := len(found.matchings[c])) >= CHECKED:
         return own
     words = f"whether its camera is where the rig says ({count} of its spots are markers)"
-    return (Unchecked("place in the rig", words, c), *own)
+    place = Unchecked("place in the rig", words, c)
+    return (place, *(u for u in own if u.what != place.what))

@@ -56,6 +56,7 @@ def register(  # type: ignore[misc]  # the overloads leave the options to this o
     camera: Camera | Sequence[Camera],
     *,
     cam_from_rig: Sequence[Pose] | None = None,
+    rig_cov: Sequence[ArrayLike | None] | None = None,
     prior: Pose | None = None,
     prior_max_angle_deg: float = 30.0,
     prior_max_scale: float = 1.3,
@@ -102,8 +103,10 @@ def register(  # type: ignore[misc]  # the overloads leave the options to this o
     camera : interior parameters; with ``Camera.cov`` they are found together with the pose as far as that leaves them
         open, and the pose's covariance has it. Of a rig, of each camera
     cam_from_rig : of a rig, where each camera is in its frame (any frame fixed to them, as that of one of them), in the
-        markers' length unit. They are taken as exact: the excess shows what small errors they have, a camera
-        that contradicts the others is a reason to refuse ("misfit") and named
+        markers' length unit. A camera that is elsewhere is a reason to refuse ("wrong_camera") and named, of two
+        cameras both; where their places are slightly off the sigma of the pose has it, and ``unchecked`` says so
+    rig_cov : (6, 6) of ``exp(delta) @ cam_from_rig`` of each camera, or None for one whose place is exact (as of the
+        one whose frame it is). The places are then found together with the pose
     prior : expected pose (of a rig, rig_from_model); solutions too far from it are rejected (AIAA 2005-5007, section
         III.C)
     prior_max_angle_deg : largest angle between the solution and the prior
@@ -159,6 +162,7 @@ def register(  # type: ignore[misc]  # the overloads leave the options to this o
         "max_table_error": max_table_error, "max_deformation": max_deformation, "seed": seed,
     }  # fmt: skip
     _check_options(verb, options, prior)
+    places = _place_covs(rig_cov, poses)
     if layout is not None and not layout.is_of(markers):
         raise ValueError(
             f"{verb}: layout must be prepared from the same markers; their coordinates, normals or walls differ"
@@ -184,7 +188,7 @@ def register(  # type: ignore[misc]  # the overloads leave the options to this o
     options["tolerance_px"] = _told([task.tolerance_px for task in tasks], poses)
     from windmark.registration.solve import solve  # this brings numba; importing the verb should cost nothing
 
-    return solve(tasks, poses, layout, limits, index, options)
+    return solve(tasks, poses, places, layout, limits, index, options)
 
 
 def register_rig(
@@ -214,6 +218,21 @@ def _of_cameras(
         if pose.rotation.ndim != 2:
             raise ValueError(f"{verb}: cam_from_rig[{n}] must be a single pose, got a batch {pose.rotation.shape[:-2]}")
     return spots, cameras, poses
+
+
+def _place_covs(
+    rig_cov: Sequence[ArrayLike | None] | None, poses: Sequence[Pose] | None
+) -> list[Array | None]:  # fmt: skip
+    """The covariance of each camera's place, or None; raises for other shapes and numbers."""
+    if rig_cov is None:
+        return [None] * len(poses or (0,))
+    covs = [None if cov is None else np.asarray(cov, dtype=float) for cov in rig_cov]
+    if poses is None or len(covs) != len(poses):
+        raise ValueError("register: rig_cov is for each camera of a rig, beside cam_from_rig")
+    for n, cov in enumerate(covs):
+        if cov is not None and not (cov.shape == (6, 6) and np.isfinite(cov).all()):
+            raise ValueError(f"register: rig_cov[{n}] must be (6, 6) and finite, or None")
+    return covs
 
 
 def _of(given: Any, c: int, poses: Sequence[Pose] | None) -> Any:

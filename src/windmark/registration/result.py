@@ -27,7 +27,7 @@ CAUSES = {
     "ambiguous": "two different solutions explain the spots about equally well",
     "focal": "the focal length is not determined by this view",
     "wrong_focal": "the given focal length does not fit",
-    "wrong_camera": "the given camera does not fit: its principal point, aspect or lens",
+    "wrong_camera": "the given camera does not fit: its principal point, aspect, lens, or place in the rig",
     "mirrored": "the mirror image of the table fits the picture, the table does not",
     "one_pair": "a single pair holds the pose",
     "labels": "a fixed label contradicts what the spots show",
@@ -64,7 +64,7 @@ class Unchecked:
 
     Parameters
     ----------
-    what : "focal length", "principal point", "aspect", "lens", "scale", "mirror" or "copy"
+    what : "focal length", "principal point", "aspect", "lens", "place in the rig", "scale", "mirror" or "copy"
     words : why, and how large an error this picture would show
     camera : number of the camera, of a rig
     """
@@ -191,12 +191,13 @@ class RigRegistration:
     ----------
     rig_from_model : the pose
     cameras : with a free focal length as found, and moved within ``Camera.cov`` where that was given; else as given
-    cam_from_rig : as given
+    cam_from_rig : as given, moved within ``rig_cov`` where that was
     matchings : of each camera, the pairs in order of markers; empty where a camera had no spots
     rms_px : root mean square length of all residuals
     residuals : of each camera, (K, 2) projected - detected, pixels, in the order of its matching. Projected is the
         centre of the imaged disc where a marker's normal and radius are known, else the image of its centre
-    cov : (6, 6) covariance of [rotation, translation] for ``exp(delta) @ rig_from_model``. It includes the excess
+    cov : (6, 6) covariance of [rotation, translation] for ``exp(delta) @ rig_from_model``. It includes the excess, and
+        what places of cameras that are slightly off would change
     excess_px : (C,) 1 sigma per coordinate of the misfit beyond the covariances of detections and markers: table
         errors, lens, bending, errors of ``cam_from_rig``; NaN where no marker was matched
     score : log-likelihood ratio in nats against "the spots are where they are by chance", all cameras together

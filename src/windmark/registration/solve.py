@@ -20,7 +20,7 @@ from windmark.registration.judge.verdict import Verdict
 from windmark.registration.result import Deformation, NotRegistered, Registration, RigRegistration
 from windmark.registration.search.layout import Layout
 from windmark.registration.search.plane import Plane
-from windmark.registration.settle._kernels.state import COST_END, COST_START, EXPECTED, STEPS
+from windmark.registration.settle._kernels.state import COST_END, COST_START, EXPECTED, PLACE, STEPS
 from windmark.registration.settle.solution import Solution
 from windmark.registration.settle.views import Views
 from windmark.registration.task import Limits, Task
@@ -34,10 +34,10 @@ LENS_STARTS, OTHER_FOCAL = 4, 0.005
 
 
 def solve(
-    tasks: Sequence[Task], cam_from_rig: Sequence[Pose] | None, layout: Layout | None, limits: Limits,
-    index: Sequence[Ints], options: dict[str, Any],
+    tasks: Sequence[Task], cam_from_rig: Sequence[Pose] | None, rig_cov: Sequence[Array | None],
+    layout: Layout | None, limits: Limits, index: Sequence[Ints], options: dict[str, Any],
 ) -> Registration | RigRegistration | NotRegistered:  # fmt: skip
-    """Register the tasks of one camera, or of several with known places in a rig.
+    """Register the tasks of one camera, or of several with known places in a rig, known to ``rig_cov``.
 
     ``layout`` is of their markers, ``index`` names their spots, ``options`` are those of `register`, all checked.
     Cameras without spots take no part.
@@ -51,13 +51,13 @@ def solve(
     names = [c for c, task in enumerate(tasks) if len(task.xy)]
     used = [replace(tasks[c], visible=budget.without(tasks[c].visible)) for c in names]
     poses = None if cam_from_rig is None else [cam_from_rig[c] for c in names]
-    tried = 0
+    covs, tried = [rig_cov[c] for c in names], 0
     for _ in range(LENS_STARTS):
         planes = [Plane(task, layout) for task in used]
         searches = (
             [search_for(planes[0], options, budget)] if poses is None else searches_of_rig(planes, options, budget)
         )
-        source = Source(Views.of(planes, poses, names), searches, WINDOW if poses is None else np.inf, budget)
+        source = Source(Views.of(planes, poses, names, covs), searches, WINDOW if poses is None else np.inf, budget)
         verdict, late = judge(source, limits, options["max_hypotheses"], budget)
         tried += source.links
         moved = None if late else _with_other_lenses(used, verdict)
@@ -151,17 +151,20 @@ def _of_rig(
     matchings = [Matching(nothing, nothing, np.zeros(0)) for _ in tasks]
     residuals = [np.zeros((0, 2)) for _ in tasks]
     cameras, excess, expected = [task.camera for task in tasks], np.full(len(tasks), np.nan), [0] * len(tasks)
+    places = list(cam_from_rig)
     for c, name in enumerate(names):
         spot, marker = final.pairs(c)
         residuals[name] = final.state.residual[c, marker]
         matchings[name] = Matching(index[name][spot], marker, np.hypot(residuals[name][:, 0], residuals[name][:, 1]))
         cameras[name], expected[name] = _camera(final, unit_cov, c), int(final.state.numbers[c, EXPECTED])
         excess[name] = final.excess_px[c] if len(marker) else np.nan
+        if final.views.loose[c, PLACE:].any():
+            places[name] = final.cam_from_model(c) @ final.rig_from_model.inverse()
     to_model = best.to_model()
     return RigRegistration(
         rig_from_model=final.rig_from_model,
         cameras=tuple(cameras),
-        cam_from_rig=tuple(cam_from_rig),
+        cam_from_rig=tuple(places),
         matchings=tuple(matchings),
         rms_px=float(np.sqrt((np.concatenate(residuals) ** 2).sum(axis=1).mean())),
         residuals=tuple(residuals),
@@ -200,7 +203,7 @@ def _cov(best: Solution, unit_cov: Array) -> Array:
 
 def _camera(best: Solution, unit_cov: Array, c: int = 0) -> Camera:
     """Camera c as found, with the covariance of what was open of it."""
-    camera, loose = best.camera(c), best.views.loose[c]
+    camera, loose = best.camera(c), best.views.loose[c, :PLACE]
     if not loose.any():
         return camera
     columns = loose[: len(PARAMETERS)].copy()

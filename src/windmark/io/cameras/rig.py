@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -29,10 +29,12 @@ class RigFile:
     ----------
     cam_from_rig : camera -> its pose, from a frame that is fixed to all of them
     length_unit : of these poses
+    cov : camera -> (6, 6) of ``delta`` in ``exp(delta) @ cam_from_rig``, of those that have one
     """
 
     cam_from_rig: Mapping[str, Pose]
     length_unit: str
+    cov: Mapping[str, Array] = field(default_factory=dict)
 
 
 def write_rig(
@@ -57,7 +59,7 @@ def write_rig(
 
 
 def read_rig(path: Pathlike) -> RigFile:
-    """Where the cameras of a rig are. ``station`` and ``covariance`` are for other readers.
+    """Where the cameras of a rig are. ``station`` is for other readers.
 
     Raises
     ------
@@ -72,7 +74,7 @@ def read_rig(path: Pathlike) -> RigFile:
     cameras = content.get("cam_from_rig")
     if not isinstance(cameras, dict) or not cameras:
         raise record.key_error(path, "cam_from_rig", "expected the cameras of a rig by name, each with its pose")
-    poses = {}
+    poses, cov = {}, {}
     for name, place in cameras.items():
         key = f"cam_from_rig.{name}"
         record.refuse_unknown(path, place, _CAMERA_KEYS, key)
@@ -82,4 +84,6 @@ def read_rig(path: Pathlike) -> RigFile:
                 raise record.key_error(path, f"{key}.{part}", "missing; expected it of every camera")
             parts[part] = record.numbers(path, f"{key}.{part}", place[part], shape)
         poses[name] = record.pose(path, f"{key}.rotation", parts["rotation"], parts["translation"], mend=True)
-    return RigFile(poses, unit)
+        if "covariance" in place:
+            cov[name] = record.numbers(path, f"{key}.covariance", place["covariance"], (6, 6))
+    return RigFile(poses, unit, cov)

@@ -172,7 +172,7 @@ class Places:
         most = self.best.views.names[int((beside.state.nuisance[:, -6:] ** 2).sum(axis=1).argmax())]
         words = (
             f"the cameras seem to be off their places by {np.degrees(sigma):.2g} degrees and {100 * sigma:.2g} % of "
-            f"their distance (1 sigma), camera {most} most; the sigma of the pose has what that would change"
+            f"their distance (1 sigma), this one most; the sigma of the pose has what that would change"
         )
         return beside, Unchecked(PLACE, words, most)
 
