@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from windmark.registration.budget import SETTLE, SETTLE_PAIR, Budget
 from windmark.registration.judge import own, rules, words
@@ -22,14 +23,19 @@ from windmark.registration.judge.source import Source, distinct
 from windmark.registration.judge.symmetric import told_by_table_errors
 from windmark.registration.judge.verdict import Verdict, runner_up
 from windmark.registration.result import Cause, RunnerUp, Unchecked
+from windmark.registration.settle._kernels.places import open_kernel
 from windmark.registration.settle._kernels.settle import STEADY, settle_kernel
 from windmark.registration.settle.solution import Solution, copied, settle
 from windmark.registration.task import Limits
+
+Ints = NDArray[np.int32]
 
 DOUBTFUL: tuple[Cause | None, ...] = ("nothing", "weak", "misfit", "ambiguous", "time", "one_pair")
 """Of the best rigid solution; as opposed to a clear one with something wrong about it."""
 BENT = 5
 """Candidates from which a bent model is grown."""
+NEIGHBOURS = 4
+"""Of a marker, that its spot may be of."""
 MIRRORS = 8
 """Improper near-symmetries that are tried."""
 
@@ -274,20 +280,40 @@ class Judge:
 
     def _without_wrong(self, solution: Solution) -> Solution:
         if solution not in self._kept:
-            loose = any(own.is_loose(solution, c) for c in range(len(solution.counts)))
-            others = self._with_one_less(solution) if solution.count <= rules.FEW and loose else ()
-            self._kept[solution] = max([solution, *others], key=lambda s: s.evidence)
+            best = solution
+            if solution.count <= rules.FEW:
+                if any(own.is_loose(solution, c) for c in range(len(solution.counts))):
+                    best = max([best, *self._with_one_less(best)], key=lambda s: s.evidence)
+                best = max([best, *self._with_one_other(best)], key=lambda s: s.evidence)
+            self._kept[solution] = best
         return self._kept[solution]
+
+    def _with_one_other(self, solution: Solution) -> Iterator[Solution]:
+        """Rigid solutions where the spot that the others hardly check is that of a neighbouring marker."""
+        for c, plane in enumerate(self._views.planes):
+            marker, wide = open_kernel(solution.state, solution.state.place, c)[2:]
+            if marker < 0 or wide < rules.UNHELD * plane.task.typical_sigma_px:
+                continue
+            match = solution.state.match
+            for other in plane.model.near[marker, :NEIGHBOURS]:
+                if match[c, other] < 0 and solution.state.faces[c, other]:
+                    moved = match.copy()
+                    moved[c, other], moved[c, marker] = match[c, marker], -1
+                    yield from self._begun(solution, moved)
+
+    def _begun(self, solution: Solution, match: Ints) -> Iterator[Solution]:
+        """What a solution becomes with other labels (C, N) to begin with, if anything."""
+        self._budget.spend(SETTLE + SETTLE_PAIR * solution.count)
+        start = solution.state.rotation, solution.state.translation, match
+        if (other := settle(self._views, *start, focal_px=solution.state.camera[:, 0])) is not None:
+            yield other
 
     def _with_one_less(self, solution: Solution) -> Iterator[Solution]:
         """Rigid solutions that begin without one of the pairs."""
         for c, marker in zip(*np.nonzero(solution.state.match >= 0), strict=True):
-            self._budget.spend(SETTLE + SETTLE_PAIR * solution.count)
             match = solution.state.match.copy()
             match[c, marker] = -1
-            start = solution.state.rotation, solution.state.translation, match
-            if (other := settle(self._views, *start, focal_px=solution.state.camera[:, 0])) is not None:
-                yield other
+            yield from self._begun(solution, match)
 
     # --- labels --------------------------------------------------------------------------
     def _unbound(self, best: Solution) -> Verdict | None:

@@ -33,6 +33,9 @@ ONE_WRONG = 40.0
 """So much (nats) below the best a solution cannot owe to one wrong pair."""
 FEW = 16
 """With so few pairs each is left out once: a single wrong one can open the gates for itself (`matching_refusals`)."""
+UNHELD = 3.0
+"""A pair whose place the others leave open by so many of its sigmas (nine tenths of it are its own) may be another one:
+its spot is tried with the neighbouring markers (`attacks`: one pair)."""
 COPY_NFA = -5.0
 """A second copy of the model leads chance by the margin, and has no larger a false-alarm number (`attacks`: copies)."""
 MOVED = 5.0
