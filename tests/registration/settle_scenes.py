@@ -13,7 +13,8 @@ from windmark.registration.search.layout import Layout
 from windmark.registration.search.plane import Plane
 from windmark.registration.settle._kernels.settle import fit_kernel
 from windmark.registration.settle._kernels.state import EXCESS
-from windmark.registration.settle.solution import Solution, copied, settle
+from windmark.registration.settle.settling import copied, settle
+from windmark.registration.settle.solution import Solution
 from windmark.registration.settle.views import Views
 from windmark.registration.task import Task
 from windmark.scene import Detections

@@ -20,7 +20,7 @@ from windmark.registration.judge.symmetric import told_by_table_errors
 from windmark.registration.search.pool import Candidate
 from windmark.registration.settle._kernels.fit import refine
 from windmark.registration.settle._kernels.state import EXPECTED
-from windmark.registration.settle.solution import copied
+from windmark.registration.settle.settling import copied
 from windmark.registration.task import Limits
 from windmark.scene import MarkerSet
 

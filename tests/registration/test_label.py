@@ -12,7 +12,7 @@ from windmark.geometry import Camera
 from windmark.registration.settle._kernels import fit, label
 from windmark.registration.settle._kernels import settle as kernels
 from windmark.registration.settle._kernels.state import EXPECTED
-from windmark.registration.settle.solution import copied
+from windmark.registration.settle.settling import copied
 
 
 def relabelled(views, state, *, shut=False):

@@ -14,7 +14,7 @@ from windmark.registration._kernels import growth as growth
 from windmark.registration._kernels import match as match
 from windmark.registration._kernels import quad as quads
 from windmark.registration._kernels import rival as rival
-from windmark.registration.register import default_tolerance
+from windmark.registration.options import default_tolerance
 from windmark.registration.search import links
 from windmark.registration.search.layout import DIRECTIONS, Layout, sphere
 from windmark.registration.search.plane import Plane

@@ -15,7 +15,7 @@ from windmark.registration import prepare, register
 from windmark.registration.judge import root
 from windmark.registration.judge.answer import answer
 from windmark.registration.search import field
-from windmark.registration.settle.solution import accepted, copied
+from windmark.registration.settle.settling import accepted, copied
 from windmark.scene import Detections, MarkerSet
 
 

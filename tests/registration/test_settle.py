@@ -12,7 +12,7 @@ from windmark.adjust import refine_pose
 from windmark.geometry import Pose
 from windmark.geometry.rotations import hat
 from windmark.registration.settle._kernels.state import EXCESS
-from windmark.registration.settle.solution import accepted, copied, with_freedom
+from windmark.registration.settle.settling import accepted, copied, with_freedom
 from windmark.registration.task import with_focal
 
 

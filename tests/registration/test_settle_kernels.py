@@ -12,7 +12,7 @@ from scipy.optimize import least_squares
 from windmark.registration.settle._kernels import fit, places, project
 from windmark.registration.settle._kernels import settle as kernels
 from windmark.registration.settle._kernels.state import COST_END, EXCESS, MISFIT, TAKEN
-from windmark.registration.settle.solution import copied, settle_state, with_freedom
+from windmark.registration.settle.settling import copied, settle_state, with_freedom
 from windmark.registration.settle.views import doubted_place
 from windmark.scene import Detections
 

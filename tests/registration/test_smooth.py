@@ -10,7 +10,8 @@ from scipy.stats import multivariate_normal
 
 from windmark.registration.settle._kernels import worth
 from windmark.registration.settle._kernels.state import EXCESS
-from windmark.registration.settle.solution import Solution, copied
+from windmark.registration.settle.settling import copied
+from windmark.registration.settle.solution import Solution
 
 
 def cosines(solution):

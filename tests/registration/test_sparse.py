@@ -15,7 +15,7 @@ from windmark.registration._kernels import match as match
 from windmark.registration.budget import TRIPLET, Budget, work_for
 from windmark.registration.judge import own
 from windmark.registration.judge.source import Source
-from windmark.registration.register import default_tolerance
+from windmark.registration.options import default_tolerance
 from windmark.registration.search import links
 from windmark.registration.search.plane import Plane
 from windmark.registration.search.search import Search

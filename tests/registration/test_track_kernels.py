@@ -12,10 +12,10 @@ from scipy.special import logsumexp
 from windmark.geometry import Pose
 from windmark.registration import prepare
 from windmark.registration.judge.own import held_by_one
-from windmark.registration.register import default_tolerance
+from windmark.registration.options import default_tolerance
 from windmark.registration.search.plane import Plane
 from windmark.registration.settle._kernels.state import EXCESS
-from windmark.registration.settle.solution import copied, settle
+from windmark.registration.settle.settling import copied, settle
 from windmark.registration.settle.views import Views
 from windmark.registration.task import Task
 from windmark.registration.track._kernels import checks, gates, motion, spots, suppose

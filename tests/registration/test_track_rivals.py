@@ -9,7 +9,7 @@ from windmark.geometry import Pose
 from windmark.registration import prepare
 from windmark.registration._kernels.rival import thinnest
 from windmark.registration.search.plane import Plane
-from windmark.registration.settle.solution import settle
+from windmark.registration.settle.settling import settle
 from windmark.registration.settle.views import Views
 from windmark.registration.task import Task
 from windmark.registration.track._kernels import rivals, spots

@@ -9,7 +9,7 @@ import pytest
 
 from windmark.geometry import Camera, Pose
 from windmark.registration import register
-from windmark.registration.register import default_tolerance
+from windmark.registration.options import default_tolerance
 from windmark.scene import Detections, MarkerSet
 
 CAMERA = Camera((1000, 800), 1500.0)

@@ -9,7 +9,7 @@ import settle_scenes as settling
 
 from windmark.geometry import PARAMETERS, Camera
 from windmark.registration.settle import views as v
-from windmark.registration.settle.solution import copied, with_freedom
+from windmark.registration.settle.settling import copied, with_freedom
 
 CAMERA = Camera((1280, 960), 1500.0, aspect=1.02, k1=-0.1)
 

@@ -14,7 +14,8 @@ from windmark.registration._kernels.evidence import log10_nfa
 from windmark.registration.settle._kernels import worth
 from windmark.registration.settle._kernels.doubt import doubt_kernel
 from windmark.registration.settle._kernels.state import EXPECTED
-from windmark.registration.settle.solution import Solution, copied, with_freedom
+from windmark.registration.settle.settling import copied, with_freedom
+from windmark.registration.settle.solution import Solution
 
 
 def settled(scene, **more):

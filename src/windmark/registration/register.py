@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from windmark.geometry import Camera, Pose
-from windmark.geometry.order import median
+from windmark.registration.options import check_options, default_tolerance
 from windmark.registration.result import Cause, NotRegistered, Registration, RigRegistration
 from windmark.registration.task import (
     MIN_COUNT,
@@ -31,14 +31,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-METHODS = ("hash", "ransac")
 FOCAL_STEPS = 5
-MOST_DEFORMATION = 0.1
-DEFAULT_TOLERANCE, MAX_SPACING, TABLE_SIGMAS = 0.004, 0.2, 5.0
-"""Neighbourhood: part of the image's diagonal or, where that is more, so many sigma of the table; and at most this part
-of the spots' spacing."""
-ROUND = 4
-"""Neighbours all round a marker."""
 
 
 @overload
@@ -161,7 +154,7 @@ def register(  # type: ignore[misc]  # the overloads leave the options to this o
         "max_log10_nfa": max_log10_nfa, "min_score": min_score, "min_margin": min_margin,
         "max_table_error": max_table_error, "max_deformation": max_deformation, "seed": seed,
     }  # fmt: skip
-    _check_options(verb, options, prior)
+    check_options(verb, options, prior)
     places = _place_covs(rig_cov, poses)
     if layout is not None and not layout.is_of(markers):
         raise ValueError(
@@ -278,36 +271,6 @@ def prepare(markers: MarkerSet) -> Layout:
     return Layout(markers)
 
 
-def _check_options(verb: str, options: dict[str, Any], prior: Pose | None) -> None:
-    if options["method"] not in METHODS:
-        raise ValueError(f"{verb}: method must be one of {', '.join(METHODS)}, got {options['method']!r}")
-    check_ranges(verb, options, prior)
-
-
-def check_ranges(verb: str, options: dict[str, Any], prior: Pose | None) -> None:
-    """Raise for a prior that is a batch, and for numbers out of range among the options that a verb has."""
-    if prior is not None and prior.rotation.ndim != 2:
-        raise ValueError(f"{verb}: prior must be a single pose, got a batch {prior.rotation.shape[:-2]}")
-    positive = ("prior_max_angle_deg", "max_focal_sigma", "max_hypotheses", "max_time_s", "max_table_error")
-    above_one = ("prior_max_scale", "focal_range")
-    for name in positive:
-        if options.get(name) is not None and not options[name] > 0:
-            raise ValueError(f"{verb}: {name} must be > 0, got {options[name]}")
-    for name in above_one:
-        if name in options and not options[name] > 1:
-            raise ValueError(f"{verb}: {name} is a ratio and must be > 1, got {options[name]}")
-    tolerance = options["tolerance_px"]
-    if tolerance is not None and not (np.isfinite(tolerance) and tolerance > 0):
-        raise ValueError(f"{verb}: tolerance_px must be > 0 and finite, or None, got {tolerance}")
-    if not 0 <= options.get("max_deformation", 0.0) <= MOST_DEFORMATION:
-        raise ValueError(
-            f"{verb}: max_deformation must be from 0 to {MOST_DEFORMATION} of the model's size, "
-            f"got {options['max_deformation']}"
-        )
-    if options["min_margin"] < 0:
-        raise ValueError(f"{verb}: min_margin must be >= 0, got {options['min_margin']}")
-
-
 def _refuse_early(tasks: list[Task], markers: MarkerSet, layout: Layout | None) -> tuple[str, Cause] | None:
     """What needs no search to say no: (reason, cause) or None."""
     most = max(len(task.xy) for task in tasks)
@@ -324,32 +287,3 @@ def _refuse_early(tasks: list[Task], markers: MarkerSet, layout: Layout | None) 
     if layout.on_line if layout is not None else on_line(markers.xyz):
         return f"all {len(markers)} markers lie on one line", "degenerate"
     return None
-
-
-def default_tolerance(xy: Array, camera: Camera, markers: MarkerSet) -> float:
-    """Neighbourhood for table errors and a rough pose, small enough to tell neighbouring spots apart.
-
-    How large the table's errors are in the picture is not known before the pose is, but how large they are beside the
-    spacing of the markers is that of the spots: to the fourth neighbour, since an oblique view shortens one direction.
-    """
-    wanted = DEFAULT_TOLERANCE * float(np.hypot(*camera.size_px))
-    if len(xy) < 2:
-        return max(0.5, wanted)
-    if (rough := roughness(markers)) > 0:
-        wanted = max(wanted, rough * _spacing(xy, ROUND))
-    return max(0.5, min(wanted, MAX_SPACING * _spacing(xy, 1)))
-
-
-def roughness(markers: MarkerSet) -> float:
-    """How far off its table a marker may be, as part of the distance to the fourth neighbour; 0 without sigmas."""
-    sigma = np.where(np.isfinite(markers.sigma), markers.sigma, 0.0)
-    if not sigma.any() or not (apart := _spacing(markers.xyz, ROUND)) > 0:
-        return 0.0
-    return TABLE_SIGMAS * median(sigma.ravel()) / apart
-
-
-def _spacing(points: Array, neighbour: int) -> float:
-    """Median distance to the so-manieth nearest other point, or to the farthest if there are fewer."""
-    from windmark.registration._kernels.near import nearest  # this brings numba
-
-    return median(nearest(points, min(neighbour, len(points) - 1))[1][:, -1])

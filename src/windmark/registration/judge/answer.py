@@ -17,7 +17,8 @@ from windmark.registration._kernels.growth import _move
 from windmark.registration.judge.root import root_of
 from windmark.registration.settle._kernels.project import place_cameras
 from windmark.registration.settle._kernels.settle import accept_kernel
-from windmark.registration.settle.solution import Solution, accepted, copied
+from windmark.registration.settle.settling import accepted, copied
+from windmark.registration.settle.solution import Solution
 
 Array = NDArray[np.float64]
 

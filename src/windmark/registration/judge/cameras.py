@@ -23,7 +23,8 @@ from windmark.registration.result import Unchecked
 from windmark.registration.search.pool import Candidate
 from windmark.registration.settle._kernels.doubt import doubt_kernel
 from windmark.registration.settle._kernels.state import EXPECTED
-from windmark.registration.settle.solution import Solution, copied, settle_state, with_freedom
+from windmark.registration.settle.settling import copied, settle_state, with_freedom
+from windmark.registration.settle.solution import Solution
 from windmark.registration.settle.views import Views, doubted_camera, doubted_place
 from windmark.registration.task import MIN_COUNT
 

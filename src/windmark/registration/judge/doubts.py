@@ -18,7 +18,8 @@ from windmark.registration.judge.own import is_loose
 from windmark.registration.result import Cause, Unchecked
 from windmark.registration.settle._kernels.doubt import doubt_kernel, gain_kernel, reduce_kernel
 from windmark.registration.settle._kernels.places import places_kernel
-from windmark.registration.settle.solution import Solution, accepted, opened, with_freedom
+from windmark.registration.settle.settling import accepted, opened, with_freedom
+from windmark.registration.settle.solution import Solution
 from windmark.registration.settle.views import (
     DOUBTED_ASPECT,
     DOUBTED_CENTRE,

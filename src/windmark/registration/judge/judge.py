@@ -7,25 +7,26 @@ labellings, the mirrored table, a second copy of the model, another camera, a be
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.registration.budget import SETTLE, SETTLE_PAIR, Budget
+from windmark.registration.budget import Budget
 from windmark.registration.judge import own, rules, words
 from windmark.registration.judge.bending import Bender
 from windmark.registration.judge.cameras import Places, blocked
 from windmark.registration.judge.doubts import Doubts, OtherCamera
 from windmark.registration.judge.mirror import mirror_of
+from windmark.registration.judge.repaired import Repaired
 from windmark.registration.judge.source import Source, distinct
 from windmark.registration.judge.symmetric import told_by_table_errors
 from windmark.registration.judge.verdict import Verdict, runner_up
 from windmark.registration.result import Cause, RunnerUp, Unchecked
-from windmark.registration.settle._kernels.places import open_kernel
 from windmark.registration.settle._kernels.settle import STEADY, settle_kernel
-from windmark.registration.settle.solution import Solution, copied, settle
+from windmark.registration.settle.settling import copied
+from windmark.registration.settle.solution import Solution
 from windmark.registration.task import Limits
 
 Ints = NDArray[np.int32]
@@ -34,8 +35,6 @@ DOUBTFUL: tuple[Cause | None, ...] = ("nothing", "weak", "misfit", "ambiguous", 
 """Of the best rigid solution; as opposed to a clear one with something wrong about it."""
 BENT = 5
 """Candidates from which a bent model is grown."""
-NEIGHBOURS = 4
-"""Of a marker, that its spot may be of."""
 MIRRORS = 8
 """Improper near-symmetries that are tried."""
 
@@ -47,7 +46,7 @@ class Judge:
         self._source, self._limits, self._budget = source, limits, budget
         self._views = source.views
         self._bender = Bender(self._views, limits.deformation, budget)
-        self._kept: dict[Solution, Solution] = {}
+        self._repaired = Repaired(self._views, budget)
         self._doubted: dict[Solution, Doubts] = {}
         self._placed: dict[Solution, Places] = {}
         self._plain = -np.inf  # evidence of the rigid solution, if it is an answer
@@ -124,7 +123,7 @@ class Judge:
         verdict = self._judged(bent, sorted(others, key=lambda s: -s.evidence))
         if verdict.cause is not None or not self._bender.allows(bent):
             return rigid
-        if bent.count <= rules.FEW and any(s.evidence > bent.evidence for s in self._with_one_less(bent)):
+        if bent.count <= rules.FEW and any(s.evidence > bent.evidence for s in self._repaired.with_one_less(bent)):
             return rigid
         return verdict
 
@@ -276,44 +275,7 @@ class Judge:
         """Distinct solutions, best first; among few pairs without a wrong one that opened the gates for itself."""
         found = [*self._source.solutions(), *self._source.contradictions()]
         least = max((s.evidence for s in found), default=0.0) - rules.ONE_WRONG
-        return distinct([self._without_wrong(s) if s.evidence > least else s for s in found])
-
-    def _without_wrong(self, solution: Solution) -> Solution:
-        if solution not in self._kept:
-            best = solution
-            if solution.count <= rules.FEW:
-                if any(own.is_loose(solution, c) for c in range(len(solution.counts))):
-                    best = max([best, *self._with_one_less(best)], key=lambda s: s.evidence)
-                best = max([best, *self._with_one_other(best)], key=lambda s: s.evidence)
-            self._kept[solution] = best
-        return self._kept[solution]
-
-    def _with_one_other(self, solution: Solution) -> Iterator[Solution]:
-        """Rigid solutions where the spot that the others hardly check is that of a neighbouring marker."""
-        for c, plane in enumerate(self._views.planes):
-            marker, wide = open_kernel(solution.state, solution.state.place, c)[2:]
-            if marker < 0 or wide < rules.UNHELD * plane.task.typical_sigma_px:
-                continue
-            match = solution.state.match
-            for other in plane.model.near[marker, :NEIGHBOURS]:
-                if match[c, other] < 0 and solution.state.faces[c, other]:
-                    moved = match.copy()
-                    moved[c, other], moved[c, marker] = match[c, marker], -1
-                    yield from self._begun(solution, moved)
-
-    def _begun(self, solution: Solution, match: Ints) -> Iterator[Solution]:
-        """What a solution becomes with other labels (C, N) to begin with, if anything."""
-        self._budget.spend(SETTLE + SETTLE_PAIR * solution.count)
-        start = solution.state.rotation, solution.state.translation, match
-        if (other := settle(self._views, *start, focal_px=solution.state.camera[:, 0])) is not None:
-            yield other
-
-    def _with_one_less(self, solution: Solution) -> Iterator[Solution]:
-        """Rigid solutions that begin without one of the pairs."""
-        for c, marker in zip(*np.nonzero(solution.state.match >= 0), strict=True):
-            match = solution.state.match.copy()
-            match[c, marker] = -1
-            yield from self._begun(solution, match)
+        return distinct([self._repaired.of(s) if s.evidence > least else s for s in found])
 
     # --- labels --------------------------------------------------------------------------
     def _unbound(self, best: Solution) -> Verdict | None:

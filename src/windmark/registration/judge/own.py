@@ -12,7 +12,8 @@ from windmark.registration.judge import rules
 from windmark.registration.settle._kernels.fit import spread_places
 from windmark.registration.settle._kernels.places import open_kernel
 from windmark.registration.settle._kernels.state import EXCESS, TAKEN
-from windmark.registration.settle.solution import Solution, with_freedom
+from windmark.registration.settle.settling import with_freedom
+from windmark.registration.settle.solution import Solution
 from windmark.registration.task import ON_LINE_PX, Limits, off_line
 
 Array = NDArray[np.float64]

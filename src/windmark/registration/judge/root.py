@@ -23,7 +23,8 @@ from windmark.registration.judge import rules
 from windmark.registration.search.field import STIFF, SUPPLE, Field
 from windmark.registration.settle._kernels.doubt import doubt_kernel
 from windmark.registration.settle._kernels.state import EXCESS
-from windmark.registration.settle.solution import Solution, copied
+from windmark.registration.settle.settling import copied
+from windmark.registration.settle.solution import Solution
 
 Array = NDArray[np.float64]
 

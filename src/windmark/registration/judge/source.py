@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from windmark.registration.budget import SETTLE, SETTLE_PAIR, Budget, work_for
 from windmark.registration.search.pool import Candidate
 from windmark.registration.search.search import POOL, Search
-from windmark.registration.settle.solution import Solution, settle
+from windmark.registration.settle.settling import settle
+from windmark.registration.settle.solution import Solution
 from windmark.registration.settle.views import Views
 
 Array = NDArray[np.float64]

@@ -23,7 +23,7 @@ from windmark.registration.judge.verdict import Verdict
 from windmark.registration.result import Registration
 from windmark.registration.search.plane import Plane
 from windmark.registration.search.pool import Candidate
-from windmark.registration.settle.solution import settle
+from windmark.registration.settle.settling import settle
 from windmark.registration.settle.views import Views
 from windmark.registration.solve import _registration
 from windmark.registration.task import Limits, Task

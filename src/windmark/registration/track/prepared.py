@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from windmark.geometry import Camera
 from windmark.registration.judge.bending import PRIOR
-from windmark.registration.register import roughness
+from windmark.registration.options import roughness
 from windmark.registration.search.layout import Layout
 from windmark.registration.settle.views import known_camera
 from windmark.scene import MarkerSet
