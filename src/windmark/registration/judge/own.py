@@ -151,8 +151,8 @@ def misfit_of(best: Solution, c: int, limits: Limits) -> str:
 def held_by_one(best: Solution) -> str:
     """Which pair holds the pose alone, or what else of it is open; empty if every pair is checked by the others.
 
-    A pair whose place the others do not predict fits wherever its spot is: it says nothing for the labelling, and the
-    pose follows it. Markers on one line, or a few beside each other, say little of the rest: nothing then is missed
+    A pair whose place the others hardly predict fits wherever its spot is: a foreign spot does as well, and the pose
+    follows it. Markers on one line, or a few beside each other, say little of the rest: nothing then is missed
     there. And spots that are no farther from a line than they are from where the solution has them fix no pose: a row
     fits two rows that are seen edge-on.
     """
@@ -177,7 +177,11 @@ def held_by_one(best: Solution) -> str:
             )
     for c, plane in enumerate(best.views.planes):
         marker, wide = found[c][2:]
-        if wide > plane.task.tolerance_px:
+        if marker < 0 or wide < rules.UNHELD * plane.task.typical_sigma_px:
+            continue
+        # Of a bent model each pair has most of its own place.
+        alone = wide > plane.task.tolerance_px if best.is_bent else _worth(best, placed, c, marker) < rules.FOREIGN
+        if alone:
             x, y = plane.task.xy[best.state.match[c, marker]]
             return (
                 f"a single pair holds the pose: marker {plane.task.markers.name[marker]} at ({x:.0f}, {y:.0f}), "
@@ -185,6 +189,21 @@ def held_by_one(best: Solution) -> str:
                 "pose is not determined, and with it nothing checks it"
             )
     return ""
+
+
+def _worth(best: Solution, placed: Array, c: int, marker: int) -> float:
+    """Nats by which a pair is likelier than a foreign spot, by what the other pairs say of the place of its marker.
+
+    ``placed`` (C, N, 3) is the covariance of the projections; see `settle._kernels.label.leave_one_out`.
+    """
+    noise, place = _square(best.state.spread[c, [marker]])[0], _square(placed[c, [marker]])[0]
+    value, vector = np.linalg.eigh(noise - place)
+    along = (vector.T @ best.state.residual[c, marker]) ** 2
+    value = np.maximum(value, 1e-9 * np.trace(noise))
+    sights = best.views.sights
+    density = sights.density[sights.first[c] + best.state.match[c, marker]]
+    spread = float(np.linalg.det(noise)) / math.sqrt(float(value.prod()))
+    return -0.5 * float((along / value).sum()) - math.log(2 * math.pi * density * spread)
 
 
 def _with_prior(best: Solution) -> Array:

@@ -36,6 +36,8 @@ FEW = 16
 UNHELD = 3.0
 """A pair whose place the others leave open by so many of its sigmas (nine tenths of it are its own) may be another one:
 its spot is tried with the neighbouring markers (`attacks`: one pair)."""
+FOREIGN = 7.0
+"""Such a pair must be so much (nats, 1,100 to 1) likelier than a foreign spot, or the pose may hang on one."""
 COPY_NFA = -5.0
 """A second copy of the model leads chance by the margin, and has no larger a false-alarm number (`attacks`: copies)."""
 MOVED = 5.0
