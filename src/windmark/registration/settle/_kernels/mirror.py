@@ -54,9 +54,9 @@ def _loosest(state: State, reach: Array, away: Array) -> float:
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def start(best: State, state: State, onto: Ints, turn: Array, shift: Array) -> None:
-    """Begin ``state`` as a mirror image of a solution; what that does not see is hidden."""
+    """Begin ``state`` as a mirror image of a solution; markers that stand for what that does not see are hidden."""
     cameras, n = best.match.shape
-    state.match[:], state.hidden[:] = -1, True
+    state.match[:], state.hidden[:] = -1, False
     state.nuisance[:], state.bent[:] = 0.0, 0.0
     for i in range(3):
         state.translation[i] = best.translation[i]
