@@ -117,7 +117,7 @@ def test_a_second_copy_is_looked_for_as_long_as_the_model_was_and_among_the_spot
     [
         ("mirror/relief reversed/9500011", "mirrored"),  # the reversed relief is best seen from the other tilt
         ("mirror/picture, half/12000018", "mirrored"),  # five markers have no partner on the other side
-        ("one-pair/stray spot, relief/12000008", "one_pair"),  # a foreign spot 9 px from where the others leave a marker
+        ("one-pair/stray spot, relief/12000008", "one_pair"),  # a foreign spot 9 px from a marker that is hidden
         ("one-pair/stray spot only/9500019", "one_pair"),  # eight spots of a row, taken for those of two rows edge-on
     ],
 )
