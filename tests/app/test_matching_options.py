@@ -30,7 +30,9 @@ def test_align_leaves_the_walls_out_unless_told(windmark, arguments, virtual_tes
     assert plain.json["images"][1]["registration"]["rms_px"] < 0.03
     walls = windmark(*call, "-o", tmp_path / "walls", "--roles", "model", "--roles", "wall", "--json")
     assert walls.json["markers"] > plain.json["markers"]
-    assert walls.json["images"][1]["registration"]["rms_px"] > 0.1
+    # The model has moved against the walls: with both, that is a deformation of what the walls hold.
+    assert "deformation" not in plain.json["images"][1]["registration"]
+    assert walls.json["images"][1]["registration"]["deformation"]["largest_px"] > 0.5
 
 
 def test_roles_and_time_of_register_and_run(windmark, arguments, virtual_test, tmp_path):

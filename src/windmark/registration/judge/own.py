@@ -179,9 +179,9 @@ def held_by_one(best: Solution) -> str:
         marker, wide = found[c][2:]
         if marker < 0 or wide < rules.UNHELD * plane.task.typical_sigma_px:
             continue
+        alone = wide > plane.task.tolerance_px
         # Of a bent model each pair has most of its own place.
-        alone = wide > plane.task.tolerance_px if best.is_bent else _worth(best, placed, c, marker) < rules.FOREIGN
-        if alone:
+        if alone or (not best.is_bent and _worth(best, placed, c, marker) < rules.FOREIGN):
             x, y = plane.task.xy[best.state.match[c, marker]]
             return (
                 f"a single pair holds the pose: marker {plane.task.markers.name[marker]} at ({x:.0f}, {y:.0f}), "

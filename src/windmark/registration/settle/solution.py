@@ -280,8 +280,7 @@ def _where_both(a: Solution, b: Solution, c: int) -> float | None:
     (spot_a, marker_a), (spot_b, marker_b) = a.pairs(c), b.pairs(c)
     both, at_a, at_b = np.intersect1d(spot_a, spot_b, assume_unique=True, return_indices=True)
     only_a, only_b = len(spot_a) - len(both), len(spot_b) - len(both)
-    alike = AS_MANY * a.count < b.count and 2 * len(both) >= min(len(spot_a), len(spot_b))
-    if not alike or a.shared(b) > SAME_SHARE or 2 * only_b < only_a or only_b < 2:
+    if AS_MANY * a.count >= b.count or a.shared(b) > SAME_SHARE or 2 * only_b < only_a or only_b < 2:
         return None
     worth = (_worth_of(s, c, marker[at]).sum() for s, marker, at in ((a, marker_a, at_a), (b, marker_b, at_b)))
     return float(next(worth) - next(worth))
