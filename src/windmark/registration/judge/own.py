@@ -177,7 +177,7 @@ def held_by_one(best: Solution) -> str:
             )
     for c, plane in enumerate(best.views.planes):
         marker, wide = found[c][2:]
-        if marker < 0 or wide < rules.UNHELD * plane.task.typical_sigma_px:
+        if not is_unheld(best, c, marker, wide):
             continue
         alone = wide > plane.task.tolerance_px
         # Of a bent model each pair has most of its own place.
@@ -189,6 +189,12 @@ def held_by_one(best: Solution) -> str:
                 "pose is not determined, and with it nothing checks it"
             )
     return ""
+
+
+def is_unheld(best: Solution, c: int, marker: int, wide: float) -> bool:
+    """Whether the others hardly check the pair of a marker, whose place they leave open by so much (px, 1 sigma)."""
+    xx, _, yy = best.state.spread[c, marker]
+    return marker >= 0 and wide > rules.UNHELD * math.sqrt(0.5 * (xx + yy))
 
 
 def _worth(best: Solution, placed: Array, c: int, marker: int) -> float:

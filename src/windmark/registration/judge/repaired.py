@@ -48,7 +48,7 @@ class Repaired:
         """Rigid solutions where the spot that the others hardly check is that of a neighbouring marker."""
         for c, plane in enumerate(self._views.planes):
             marker, wide = open_kernel(solution.state, solution.state.place, c)[2:]
-            if marker < 0 or wide < rules.UNHELD * plane.task.typical_sigma_px:
+            if not own.is_unheld(solution, c, marker, wide):
                 continue
             match = solution.state.match
             for other in plane.model.near[marker, :NEIGHBOURS]:

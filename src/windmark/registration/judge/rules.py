@@ -34,8 +34,8 @@ ONE_WRONG = 40.0
 FEW = 16
 """With so few pairs each is left out once: a single wrong one can open the gates for itself (`matching_refusals`)."""
 UNHELD = 3.0
-"""A pair whose place the others leave open by so many of its sigmas (nine tenths of it are its own) may be another one:
-its spot is tried with the neighbouring markers (`attacks`: one pair)."""
+"""A pair whose place the others leave open by so many sigmas of its residual, misfit included (nine tenths of it its
+own), may be another one: its spot is tried with the neighbouring markers (`attacks`: one pair)."""
 FOREIGN = 7.0
 """Such a pair must be so much (nats, 1,100 to 1) likelier than a foreign spot, or the pose may hang on one."""
 COPY_NFA = -5.0
