@@ -14,6 +14,7 @@ from windmark.registration.settle._kernels.project import place_cameras, room_fo
 from windmark.registration.settle._kernels.state import (
     COST_END,
     COST_START,
+    DECREASE,
     EXCESS,
     MISFIT,
     STEPS,
@@ -60,7 +61,7 @@ def refine(sights: Sights, state: State, table: Array, most: int = MOST_STEPS) -
         state.report[COST_END] = cost
         if decrease < AT_REST:
             break
-        decrease = _step(state, a, g, cameras, open_)
+        decrease = state.report[DECREASE] = _step(state, a, g, cameras, open_)
         if not decrease < math.inf:
             return False
     return decrease < 1e-6
