@@ -22,6 +22,7 @@ from windmark.registration.judge.mirror import mirror_of
 from windmark.registration.judge.repaired import Repaired
 from windmark.registration.judge.source import Source, distinct
 from windmark.registration.judge.symmetric import told_by_table_errors
+from windmark.registration.judge.twins import Weighed, moved_px, near_ones, twin_of
 from windmark.registration.judge.verdict import Verdict, runner_up
 from windmark.registration.result import Cause, RunnerUp, Unchecked
 from windmark.registration.settle._kernels.settle import STEADY, settle_kernel
@@ -159,6 +160,10 @@ class Judge:
                 return "ambiguous", words.ambiguity(best, other, runner_up(best, other))
             if told_by_table_errors(best, other, limits.margin):
                 return "ambiguous", words.ambiguity(best, other, runner_up(best, other), by_table_errors=True)
+        reach = max(plane.task.tolerance_px for plane in self._views.planes)
+        for _, other in self._near(best):
+            if moved_px(best, other) > reach:
+                return "ambiguous", words.ambiguity(best, other, runner_up(best, other))
         if held := own.held_by_one(best):
             return "one_pair", f"{words.seen(best)}, but {held}"
         return None, ""
@@ -211,7 +216,7 @@ class Judge:
             unchecked.append(Unchecked("scale", words.SCALE_UNSEEN))
         if not self._copies_ended:
             unchecked.append(Unchecked("copy", words.COPY_UNSEEN))
-        return Verdict(best, verdict.runner_up, None, "", tuple(unchecked), beside)
+        return Verdict(best, verdict.runner_up, None, "", tuple(unchecked), beside, self._near(best))
 
     def _explained(self, verdict: Verdict) -> Verdict:
         """A refusal, with the camera as its reason if another one makes of the best solution a sound one."""
@@ -261,6 +266,12 @@ class Judge:
             self._placed[best] = Places(best, self._limits.margin)
         return self._placed[best]
 
+    def _near(self, best: Solution) -> tuple[Weighed, ...]:
+        """Other explanations that count as the same as a rigid one but have another pose, see `judge.twins`."""
+        return () if best.is_bent else near_ones(
+            best, [*self._source.every(), *self._repaired.tried], self._limits.margin
+        )  # fmt: skip
+
     # --- solutions -----------------------------------------------------------------------
     def _challenge(self) -> None:
         """Look for rivals until the best solution has none better, or the work is over."""
@@ -270,6 +281,7 @@ class Judge:
                 return
             self._challenged.append(best)
             self._unchallenged = not self._source.rivals(best, lambda: self._budget.exhausted)
+            self._source.add(twin_of(best))
 
     def _solutions(self) -> list[Solution]:
         """Distinct solutions, best first; among few pairs without a wrong one that opened the gates for itself."""

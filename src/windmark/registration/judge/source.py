@@ -93,6 +93,10 @@ class Source:
             self._last = made_of, distinct([*self._settle(chosen), *self._more])
         return list(self._last[1])
 
+    def every(self) -> list[Solution]:
+        """All of them, those too that count as the same as a better one."""
+        return [*self._settle(self.candidates()), *self._more]
+
     def _settle(self, candidates: Sequence[tuple[int, Candidate]]) -> list[Solution]:
         return [s for c, candidate in candidates if (s := self._solution(c, candidate)) is not None]
 
