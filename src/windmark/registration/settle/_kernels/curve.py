@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from windmark.geometry._jit import nb
 from windmark.registration._kernels.growth import _move
-from windmark.registration.settle._kernels.project import place_cameras, see, sight_of
+from windmark.registration.settle._kernels.project import place_cameras, room_for, see
 from windmark.registration.settle._kernels.state import Sights, State
 
 Array = NDArray[np.float64]
@@ -78,17 +78,13 @@ def _moved_slopes(sights: Sights, state: State, step: Array) -> Array:
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def _slopes(sights: Sights, state: State) -> Array:
     """(K, 2, P) derivatives of the projections of all pairs; zero where a marker has no image."""
-    size, (cameras, n) = state.factor.shape[0], state.match.shape
+    size, (cameras, n), (xy, by) = state.factor.shape[0], state.match.shape, room_for(state)
     out, k = np.zeros(((state.match >= 0).sum(), 2, size)), 0
-    by_xyz, other = np.empty((2, 3)), np.empty(12)
     for c in range(cameras):
-        xyz, modes, bend, rot, turn, rot_c, shift_c, cam, loose, offset = sight_of(sights, state, c)
+        see(sights, state, c, state.match[c] >= 0, xy, by)
         for m in range(n):
             if state.match[c, m] >= 0:
-                if not see(
-                    m, xyz, modes, bend, rot, turn, rot_c, shift_c, cam, loose, offset, c, out[k, 0], out[k, 1],
-                    by_xyz, other,
-                )[2]:  # fmt: skip
-                    out[k] = 0.0
+                if not np.isnan(xy[m, 0]):
+                    out[k] = by[m, :, :size]
                 k += 1
     return out
