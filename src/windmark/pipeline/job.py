@@ -11,7 +11,7 @@ from typing import TypeVar
 from windmark import io
 from windmark.geometry import Camera, Pose
 from windmark.pipeline.clock import Clock, Progress, silent
-from windmark.pipeline.framing import check_table_unit, check_unit, frame_views
+from windmark.pipeline.framing import frame_views
 from windmark.pipeline.grid import oriented, read_surface
 from windmark.pipeline.instants import locate_together, read_rig
 from windmark.pipeline.locate import Inputs, locate
@@ -43,24 +43,21 @@ def run_project(project: Project, *, progress: Progress = silent, workers: int |
     """
     clock = Clock(progress)
     with clock("read markers, cameras and grid"):
-        cameras = {c.name: io.read_camera_file(c.file) for c in project.camera}
+        lengths = project.lengths
+        cameras = {c.name: lengths.camera(c.file) for c in project.camera}
         inputs = Inputs(
             project,
-            io.read_markers(project.markers.file, roles=project.markers.roles) if project.markers else None,
-            read_surface(project.grid) if project.grid else None,
+            lengths.markers(project.markers.file, project.markers.roles) if project.markers else None,
+            read_surface(project.grid, lengths) if project.grid else None,
             cameras,
             _read_prior(project),
             *read_rig(project, cameras),
         )
     _check_labels(inputs)
-    for file in ([project.markers.file] if project.markers else []) + [entry.file for entry in project.points]:
-        check_table_unit(project, file)
-    for c in project.camera:
-        check_unit(project, c.file, inputs.cameras[c.name])
     if inputs.mesh is not None and not inputs.mesh.blocks and "plot3d" in (project.output.nodes or ()):
         raise io.FileError(project.path, "plot3d needs a grid of structured blocks, this one has none", "output.nodes")
     framed = () if inputs.mesh is None else frame_views(project, inputs.mesh)
-    lists = read_lists(project.points)
+    lists = read_lists(project.points, lengths)
     threads = min(len(project.image), workers or os.cpu_count() or 1)
     images = _located(inputs, progress, threads)
     points: tuple[PointSet, ...] = ()
@@ -141,8 +138,7 @@ def _read_prior(project: Project) -> Pose | None:
     path = project.register_.prior
     if path is None:
         return None
-    content = io.read_camera_file(path)
-    check_unit(project, path, content)
+    content = project.lengths.camera(path)
     if content.cam_from_model is None:
         raise io.FileError(path, "has no pose; expected one, as register.prior")
     return content.cam_from_model

@@ -14,6 +14,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, ValidationError, model_validator
 
 from windmark.io import picture_name
+from windmark.pipeline.lengths import Lengths
 from windmark.pipeline.quantity import Quantity
 from windmark.pipeline.rig_settings import RigOptions, check_rig, instants, rig_cameras
 from windmark.pipeline.settings import Strict, existing, existing_picture, explained, read_toml, unusable_name
@@ -313,6 +314,11 @@ class Project(Strict):
             if taken:
                 raise ValueError(f"merge: its folder {taken[0]} has the name of an image; name the image otherwise")
         return self
+
+    @property
+    def lengths(self) -> Lengths:
+        """What reads its files: their lengths are in its unit."""
+        return Lengths.of_project(self.path, self.length_unit)
 
     def camera_of(self, image: ImageEntry) -> CameraEntry:
         """The camera that took an image."""

@@ -40,6 +40,7 @@ class Mesh:
     volume : (T,) str, the volume each triangle belongs to
     blocks : structured blocks the vertices came from, empty for unstructured meshes
     blanked : (V,) bool, True for nodes the file marks as unused (IBLANK = 0); they are in no triangle
+    length_unit : of the vertices: in, ft, mm, cm or m; "" where nothing says it
     """
 
     vertices: Array
@@ -47,6 +48,7 @@ class Mesh:
     volume: NDArray[np.str_]
     blocks: tuple[Block, ...] = ()
     blanked: NDArray[np.bool_] | None = field(default=None)
+    length_unit: str = ""
 
     def __post_init__(self) -> None:
         v, t = np.shape(self.vertices), np.shape(self.triangles)

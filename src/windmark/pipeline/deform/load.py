@@ -49,13 +49,13 @@ def load(project: DeformProject) -> Loaded:
     FileError
         Naming the project's key, or the file, that is wrong.
     """
-    markers = io.read_markers(project.markers.file, roles=project.markers.roles)
+    markers = project.lengths.markers(project.markers.file, project.markers.roles)
     rig = tuple(_station(project, i, c) for i, c in enumerate(project.camera))
     # The grid is that of the model where it stands without load: near enough to know which side the cameras see.
     posed = [(s.camera, s.cam_from_tunnel) for s in rig]
-    mesh = None if project.grid is None else read_grid(project.grid, posed)
+    mesh = None if project.grid is None else read_grid(project.grid, project.lengths, posed)
     volumes, remarks = volumes_of(project, markers)
-    remarks += [f"{c.file}: {note}" for c in project.camera if (note := io.read_camera_file(c.file).note)]
+    remarks += [f"{c.file}: {note}" for c in project.camera if (note := project.lengths.camera(c.file).note)]
     stations = None
     if project.stations is not None:
         given = project.stations
@@ -79,7 +79,8 @@ def load(project: DeformProject) -> Loaded:
 
 
 def _station(project: DeformProject, i: int, entry: CameraEntry) -> Station:
-    camera, pose = io.read_camera(entry.file)
+    content = project.lengths.camera(entry.file)
+    camera, pose = content.camera, content.cam_from_model
     if pose is None:
         raise io.FileError(
             entry.file, "has no pose; expected where the camera stands (cam_from_tunnel), such as windmark register "
@@ -133,7 +134,9 @@ def _law(project: DeformProject, entry: VolumeEntry, points: Array) -> Law:
     if entry.law in CATALOG:
         table = None
         if "table" in entry.options:
-            table = io.read_modes(_beside(project, Path(str(entry.options["table"]))))
+            file = _beside(project, Path(str(entry.options["table"])))
+            table = io.read_modes(file)
+            project.lengths.agree(file, io.read_marker_unit(file))
         return make_law(entry.law, entry.options, unit=project.length_unit, points=points, table=table)
     name, _, which = entry.law.partition(".py")
     if not _:

@@ -12,7 +12,8 @@ from windmark.registration.settle.solution import SAME_SHARE, Solution
 class Verdict:
     """The best explanation, the best distinct other one, why it is refused (None: accepted), and what is unchecked.
 
-    ``beside`` is another camera's that may be the right one, whose pose the covariance has to cover.
+    ``beside`` is another camera's that may be the right one, whose pose the covariance has to cover. ``published`` is
+    the best one as it is reported, with the discs' eccentricity, once that has been looked at.
     """
 
     best: Solution | None
@@ -21,6 +22,7 @@ class Verdict:
     reason: str
     unchecked: tuple[Unchecked, ...] = ()
     beside: Solution | None = None
+    published: Solution | None = None
 
 
 def runner_up(best: Solution, other: Solution) -> RunnerUp:
