@@ -6,6 +6,7 @@ import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from pathlib import Path
 from typing import TypeVar
 
 from windmark import io
@@ -14,12 +15,14 @@ from windmark.pipeline.clock import Clock, Progress, silent
 from windmark.pipeline.framing import frame_views
 from windmark.pipeline.grid import oriented, read_surface
 from windmark.pipeline.instants import locate_together, read_rig
+from windmark.pipeline.lengths import Lengths
 from windmark.pipeline.locate import Inputs, locate
 from windmark.pipeline.mapping import align_images, map_image, map_views
 from windmark.pipeline.merge import MergeResult, merge_images
 from windmark.pipeline.points import PointSet, load_points, read_lists
 from windmark.pipeline.project import Project
 from windmark.pipeline.results import FramedView, ImageResult, RunResult
+from windmark.pipeline.walls import wall_volumes, walls_note, without
 from windmark.resection import PixelMap
 
 T = TypeVar("T")
@@ -54,6 +57,7 @@ def run_project(project: Project, *, progress: Progress = silent, workers: int |
             *read_rig(project, cameras),
         )
     _check_labels(inputs)
+    inputs, walls, notes = _walls_apart(inputs, lengths)
     if inputs.mesh is not None and not inputs.mesh.blocks and "plot3d" in (project.output.nodes or ()):
         raise io.FileError(project.path, "plot3d needs a grid of structured blocks, this one has none", "output.nodes")
     framed = () if inputs.mesh is None else frame_views(project, inputs.mesh)
@@ -66,9 +70,23 @@ def run_project(project: Project, *, progress: Progress = silent, workers: int |
             inputs = replace(inputs, mesh=oriented(inputs.mesh, project.grid, _some_poses(project, images)))
         assert inputs.mesh is not None
         points = load_points(project, lists, inputs.mesh)
-    images, merged = _mapped(images, inputs, framed, points, threads, clock, progress)
-    notes = tuple((c.file, text) for c in project.camera if (text := inputs.cameras[c.name].note))
+    images, merged = _mapped(images, inputs, framed, points, threads, clock, progress, walls)
+    notes += tuple((c.file, text) for c in project.camera if (text := inputs.cameras[c.name].note))
     return RunResult(project, inputs.markers, inputs.mesh, tuple(images), clock.seconds, notes, framed, merged)
+
+
+def _walls_apart(inputs: Inputs, lengths: Lengths) -> tuple[Inputs, tuple[str, ...], tuple[tuple[Path, str], ...]]:
+    """The inputs without walls where the project leaves them out; the walls that alignment must leave out; notes."""
+    project, mesh = inputs.project, inputs.mesh
+    if mesh is None or project.grid is None or not (project.align or project.grid.walls == "leave_out"):
+        return inputs, (), ()
+    walls = wall_volumes(project.markers.file if project.markers else None, project.grid, mesh, lengths)
+    if not walls:
+        return inputs, (), ()
+    if project.grid.walls == "keep":
+        return inputs, walls, ((project.grid.file, walls_note(walls, "the alignment")),)
+    rest = without(mesh, walls)
+    return replace(inputs, mesh=rest), (), ((project.grid.file, walls_note(walls, "the job")),)
 
 
 def _located(inputs: Inputs, progress: Progress, threads: int) -> list[ImageResult]:
@@ -99,8 +117,9 @@ def _mapped(
     threads: int,
     clock: Clock,
     progress: Progress,
+    walls: tuple[str, ...],
 ) -> tuple[list[ImageResult], tuple[MergeResult, ...]]:
-    """The second part of the job: all that needs poses and a grid."""
+    """The second part of the job: all that needs poses and a grid; ``walls`` are left out of the alignment."""
     project, mesh = inputs.project, inputs.mesh
     if mesh is None:
         return images, ()
@@ -120,7 +139,7 @@ def _mapped(
             merged = merge_images(project, images, mesh, framed, pixels, points)
     if project.align:
         with clock("align"):
-            images = align_images(images, project, mesh)
+            images = align_images(images, project, without(mesh, walls))
     return images, merged
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,11 +12,12 @@ from numpy.typing import NDArray
 from windmark import io
 from windmark.deformation import Law, LawError, Stations, Volume, Volumes, check_law, laws_of_source, with_parameters
 from windmark.deformation.laws.catalog import CATALOG, make_law
-from windmark.geometry import Pose
+from windmark.geometry import Camera, Pose
 from windmark.io.errors import reading
 from windmark.pipeline.deform.project import CameraEntry, DeformProject, VolumeEntry
 from windmark.pipeline.deform.task import DeformationTest, LookOptions, Station
 from windmark.pipeline.grid import read_grid, sight
+from windmark.pipeline.walls import wall_volumes, walls_note, without
 from windmark.scene import MarkerSet, Mesh
 
 Array = NDArray[np.float64]
@@ -53,8 +55,9 @@ def load(project: DeformProject) -> Loaded:
     rig = tuple(_station(project, i, c) for i, c in enumerate(project.camera))
     # The grid is that of the model where it stands without load: near enough to know which side the cameras see.
     posed = [(s.camera, s.cam_from_tunnel) for s in rig]
-    mesh = None if project.grid is None else read_grid(project.grid, project.lengths, posed)
+    mesh, walls = _grid(project, posed)
     volumes, remarks = volumes_of(project, markers)
+    remarks += walls
     remarks += [f"{c.file}: {note}" for c in project.camera if (note := project.lengths.camera(c.file).note)]
     stations = None
     if project.stations is not None:
@@ -76,6 +79,17 @@ def load(project: DeformProject) -> Loaded:
         sight(markers, mesh) if mesh is not None and look.occlusion else None, None, options,
     )  # fmt: skip
     return Loaded(project, test, mesh, stations, tuple(remarks))
+
+
+def _grid(project: DeformProject, posed: Sequence[tuple[Camera, Pose]]) -> tuple[Mesh | None, list[str]]:
+    """The grid, and what is said of it."""
+    if project.grid is None:
+        return None, []
+    mesh = read_grid(project.grid, project.lengths, posed)
+    if project.grid.walls == "keep":
+        return mesh, []
+    walls = wall_volumes(project.markers.file, project.grid, mesh, project.lengths)
+    return without(mesh, walls), [f"{project.grid.file}: {walls_note(walls, 'the grid')}"] if walls else []
 
 
 def _station(project: DeformProject, i: int, entry: CameraEntry) -> Station:
