@@ -12,7 +12,7 @@ def posed(virtual_test, tmp_path):
     """The virtual test's folder and its camera with the pose of the first image, written to a file."""
     folder, test = virtual_test
     shot = test.shots[0]
-    io.write_camera(tmp_path / "posed.json", test.cameras["cam1"], shot.perfect.cam_from_tunnel, unit="in")
+    io.write_camera(tmp_path / "posed.json", test.cameras["cam1"], shot.perfect.cam_from_tunnel, unit="mm")
     return folder, test, tmp_path / "posed.json"
 
 

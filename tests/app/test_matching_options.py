@@ -192,5 +192,5 @@ def test_a_table_in_another_unit_than_the_project_is_refused(virtual_test, tmp_p
     done = windmark("register", folder / "wind-off.tif", "-m", tmp_path / "inch.csv", "-c", folder / "camera.json",
                     "-r", 4, "--unit", "mm", "-o", tmp_path / "out")  # fmt: skip
     assert done.code == 2
-    assert "is in in, the project's length unit is mm" in done.err
+    assert "its lengths are in in, --unit is mm" in done.err
     assert not (tmp_path / "out").exists()

@@ -69,8 +69,8 @@ def test_two_cameras_are_compared(windmark, file, tmp_path, virtual_test):
     io.write_camera(tmp_path / "i.json", CAMERA, POSE, unit="in")
     done = windmark("pov", file, tmp_path / "i.json")
     assert done.code == 2
-    assert "is in mm" in done.err
-    assert "in in; expected one unit" in done.err
+    assert "its pose is in in" in done.err
+    assert "c.json is mm; expected the same" in done.err
 
 
 def test_a_direction_frames_the_model_as_a_view_of_a_job_does(windmark, virtual_test, tmp_path):
@@ -124,7 +124,7 @@ def test_singular_angles_are_said_and_kept(windmark, tmp_path, angles, words):
         ((*NUMBERS, "-o", "x.json"), "nothing says the length unit; give --unit"),
         ((*NUMBERS, "--unit", "furlong"), "--unit must be one of in, ft, mm, cm, m"),
         ((*NUMBERS, "--size", "big"), "--size must be WIDTHxHEIGHT"),
-        (("{file}", "--unit", "in"), "the length unit is mm; expected in, as --unit says"),
+        (("{file}", "--unit", "in"), "its pose is in mm, --unit is in; expected the same"),
         (("{file}", "{file}", "{file}"), "expected one camera file, or two"),
         (("{file}", "--direction", "0,0,1", "--up", "0,1,0"), "--direction stands alone"),
         (("--direction", "0,0,1"), "--direction and --up belong together"),

@@ -78,6 +78,16 @@ def test_detect_all_frames_and_names_that_come_twice(windmark, folder, tmp_path)
     assert "two are called run-000001" in done.err
 
 
+def test_a_stack_of_pages_is_taken_page_by_page(windmark, folder, tables, tmp_path):
+    names = [f"run-{k:06d}" for k in range(FRAMES)]
+    done = windmark("detect", folder / "run.tif", "-r", 2.5, "-o", tmp_path / "d.csv")
+    assert done.code == 0
+    assert list(io.read_detections(tmp_path / "d.csv")) == names
+    done = windmark("track", folder / "run.tif", *tables, "-o", tmp_path / "track", "--json")
+    assert done.code == 0
+    assert done.json["images"] == FRAMES
+
+
 def test_verbs_on_one_picture_do_not_choose_a_frame(windmark, folder, tables, tmp_path):
     done = windmark("register", folder / "run.tif", *tables, "-o", tmp_path / "r")
     assert done.code == 1

@@ -148,7 +148,7 @@ def test_a_rig_that_says_too_little_is_refused(copy, windmark, change):
     path = copy / "rig.json"
     if change == "unit":
         path.write_text(path.read_text().replace('"mm"', '"in"'))
-        words = "its poses are in in, the project's length unit is mm"
+        words = "its poses are in in, length_unit of"
     elif change == "name":
         path.write_text(path.read_text().replace('"cam3"', '"third"'))
         words = "has no camera cam3; it has cam1, cam2, third"

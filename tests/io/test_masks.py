@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import tifffile
 
 from windmark import io
 from windmark.io.masks import polygon_pixels
@@ -66,3 +67,19 @@ def test_a_picture_of_another_size_is_named(tmp_path):
     io.write_image(tmp_path / "mask.png", np.zeros((5, 6), np.uint8))
     with pytest.raises(io.FileError, match="is 6 x 5 pixels, the image 10 x 10"):
         io.read_mask(tmp_path / "mask.png", (10, 10))
+
+
+def test_masks_of_one_bit(tmp_path):
+    """White-is-zero of one bit, as scanners write it, is turned; what tifffile writes of booleans is the array"""
+    use = np.zeros((20, 24), dtype=bool)
+    use[5:15, 6:20] = True
+    tifffile.imwrite(tmp_path / "array.tif", use)  # white-is-zero, and True is 1
+    with tifffile.TiffFile(tmp_path / "array.tif") as file:
+        assert (file.pages[0].photometric, file.pages[0].bitspersample) == (0, 1)
+    np.testing.assert_array_equal(io.read_mask(tmp_path / "array.tif", use.shape), use)
+    np.testing.assert_array_equal(io.read_image(tmp_path / "array.tif"), 255 * use.astype(np.uint8))
+    for name, values in (("one.tif", ~use), ("eight.tif", 255 * (~use).astype(np.uint8))):
+        tifffile.imwrite(tmp_path / name, values, photometric="miniswhite", metadata=None)
+        np.testing.assert_array_equal(io.read_mask(tmp_path / name, use.shape), use)
+    tifffile.imwrite(tmp_path / "black.tif", use, photometric="minisblack", metadata=None)
+    np.testing.assert_array_equal(io.read_mask(tmp_path / "black.tif", use.shape), use)

@@ -30,6 +30,7 @@ from windmark.pipeline.calibrate.marks import Marks, start_camera, with_focal
 from windmark.pipeline.calibrate.outputs import datum_words, pose_columns, stations
 from windmark.pipeline.calibrate.rig import beside
 from windmark.pipeline.clock import Clock
+from windmark.pipeline.lengths import Lengths
 from windmark.scene import Detections, MarkerSet, Matching, Observations, View
 
 
@@ -150,7 +151,7 @@ def test_files_are_read_back(done, tmp_path):
     assert none is None
     np.testing.assert_array_equal(camera.parameters(), done.result.cameras["camera"].parameters())
     np.testing.assert_array_equal(camera.cov, done.result.cameras["camera"].cov)
-    known = read_known(tmp_path)
+    known = read_known(tmp_path, Lengths("mm"))
     np.testing.assert_allclose(known.marker_cov, done.result.marker_cov, rtol=1e-8)  # one triangle is written
     assert compare(known, done.result).rms < 1e-9
     _, pose = io.read_camera(tmp_path / "views" / "v03.json")
@@ -165,7 +166,7 @@ def test_tables_of_other_markers_are_refused(done, tmp_path):
     write_calibration(done, tmp_path, "mm")
     io.write_markers(tmp_path / "markers.csv", done.result.markers.take(np.arange(10)))
     with pytest.raises(io.FileError, match="other markers"):
-        read_known(tmp_path)
+        read_known(tmp_path, Lengths("mm"))
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ import pytest
 
 from windmark import io
 from windmark.pipeline.grid import read_grid
+from windmark.pipeline.lengths import Lengths
 from windmark.pipeline.project import GridEntry
 from windmark.scene import Mesh
 
@@ -30,19 +31,19 @@ def is_outward(mesh):
 @pytest.mark.parametrize("turned", [range(12), [4], [0, 5, 7]])
 def test_auto_orientation_mends_what_is_turned(tmp_path, turned):
     io.write_mesh(tmp_path / "box.ply", box(turned))
-    assert is_outward(read_grid(GridEntry(file=tmp_path / "box.ply")))
-    assert not is_outward(read_grid(GridEntry(file=tmp_path / "box.ply", orientation="file")))
+    assert is_outward(read_grid(GridEntry(file=tmp_path / "box.ply"), Lengths()))
+    assert not is_outward(read_grid(GridEntry(file=tmp_path / "box.ply", orientation="file"), Lengths()))
 
 
 def test_zones_become_volumes_and_the_rest_drops_out(virtual_test):
     folder, test = virtual_test
     grid = folder / "model.grid"
-    mesh = read_grid(GridEntry(file=grid, volumes={"wing": ("zone01", "zone02"), "body": ("zone04",)}))
+    mesh = read_grid(GridEntry(file=grid, volumes={"wing": ("zone01", "zone02"), "body": ("zone04",)}), Lengths())
     assert set(mesh.volume) == {"wing", "body"}
     np.testing.assert_allclose(mesh.vertices, test.mesh.vertices, rtol=1e-6)
     assert len(mesh.triangles) < len(test.mesh.triangles)
     with pytest.raises(io.FileError, match=r"model\.grid.*zone77.*zone01"):
-        read_grid(GridEntry(file=grid, volumes={"wing": ("zone77",)}))
+        read_grid(GridEntry(file=grid, volumes={"wing": ("zone77",)}), Lengths())
 
 
 def test_zones_that_take_no_part_may_hold_anything(virtual_test, tmp_path):
@@ -53,19 +54,20 @@ def test_zones_that_take_no_part_may_hold_anything(virtual_test, tmp_path):
     vertices[last.first + 3] = np.nan
     io.write_mesh(tmp_path / "far.grid", replace(test.mesh, vertices=vertices))
     with pytest.raises(io.FileError, match=r"zone06: node i=3, j=0, k=0.*expected finite"):
-        read_grid(GridEntry(file=tmp_path / "far.grid"))
-    mesh = read_grid(GridEntry(file=tmp_path / "far.grid", volumes={"wing": ("zone01", "zone02", "zone03")}))
-    whole = read_grid(GridEntry(file=virtual_test[0] / "model.grid", volumes={"wing": ("zone01", "zone02", "zone03")}))
+        read_grid(GridEntry(file=tmp_path / "far.grid"), Lengths())
+    wing = {"wing": ("zone01", "zone02", "zone03")}
+    mesh = read_grid(GridEntry(file=tmp_path / "far.grid", volumes=wing), Lengths())
+    whole = read_grid(GridEntry(file=virtual_test[0] / "model.grid", volumes=wing), Lengths())
     np.testing.assert_array_equal(mesh.triangles, whole.triangles)
     assert mesh.diagonal == whole.diagonal > 0
     with pytest.raises(io.FileError, match="expected finite"):
-        read_grid(GridEntry(file=tmp_path / "far.grid", volumes={"far": ("zone06",)}))
+        read_grid(GridEntry(file=tmp_path / "far.grid", volumes={"far": ("zone06",)}), Lengths())
 
 
 def test_a_zone_with_the_name_of_a_volume_takes_no_part_unless_named(tmp_path):
     mesh = replace(box(), volume=np.array(["wing"] * 6 + ["part"] * 6))
     io.write_mesh(tmp_path / "box.obj", mesh)
-    got = read_grid(GridEntry(file=tmp_path / "box.obj", volumes={"wing": ("part",)}))
+    got = read_grid(GridEntry(file=tmp_path / "box.obj", volumes={"wing": ("part",)}), Lengths())
     assert len(got.triangles) == 6
     assert set(got.volume) == {"wing"}
 

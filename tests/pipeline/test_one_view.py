@@ -175,7 +175,7 @@ def test_an_edited_point_of_view_of_a_camera_file_is_taken_and_said(two_cameras)
         ('direction = [0, 0, -1]\nup = [0, 1, 0]\nvolumes = ["tail"]', "no volume 'tail'; expected some of body, wing"),
         ('camera = "none.json"', "none.json"),
         ('camera = "camera.json"', "has no pose; expected one, as the point of view of view v"),
-        ('camera = "inch.json"', "its pose is in in, the project's length unit is mm"),
+        ('camera = "inch.json"', "its pose is in in, length_unit of .*toml is mm"),
     ],
 )
 def test_points_of_view_that_cannot_be_are_refused(two_cameras, view, words):
@@ -188,7 +188,7 @@ def test_points_of_view_that_cannot_be_are_refused(two_cameras, view, words):
 def test_cameras_of_different_units_are_refused(two_cameras):
     camera, pose = io.read_camera(two_cameras[0] / "one.json")
     io.write_camera(two_cameras[0] / "inch.json", camera, pose, unit="in")
-    with pytest.raises(io.FileError, match=r"inch\.json.*its pose is in in, the project's length unit is mm"):
+    with pytest.raises(io.FileError, match=r"inch\.json.*its pose is in in, length_unit of .*toml is mm"):
         run_project(job(two_cameras, **{'file = "two.json"': 'file = "inch.json"'}))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -171,6 +172,49 @@ def test_default_tolerance_ignores_unused_nodes():
     view = see_nodes(both, CAMERA, looking_at([0.1, 0.1, 6.0], up=[0, 1, 0]))
     assert view.count()["blanked"] == 2
     assert view.reason[123:244].tolist().count(HIDDEN) > 80
+
+
+def with_volumes(*meshes):
+    """As `joined`, each part of its own volumes."""
+    return replace(joined(*meshes), volume=np.concatenate([m.volume for m in meshes]))
+
+
+@pytest.mark.parametrize("count", [1, 6])
+def test_a_far_field_zone_does_not_loosen_what_hides_what(count):
+    """A thin plate and the sheet 0.4 % of its size behind it, alone and inside a far field of 2,000 times its size."""
+    upper, lower = plate(21, 21), moved(plate(21, 21), 0.0, 0.0, -0.004)
+    model = joined(upper, lower)
+    pose = looking_at([0.1, 0.1, 6.0], up=[0, 1, 0])
+    alone = see_nodes(model, CAMERA, pose).reason
+    assert (alone[441:] == HIDDEN).sum() > 300
+    far = box(5, half=(2000.0, 2000.0, 2000.0))
+    zones = [f"far{k * count // len(far.triangles)}" for k in range(len(far.triangles))]
+    far = Mesh(far.vertices, far.triangles[:, ::-1], np.array(zones))
+    inside, outside = with_volumes(model, far), with_volumes(far, model)
+    for both, own in ((inside, slice(0, 882)), (outside, slice(len(far.vertices), None))):
+        np.testing.assert_array_equal(see_nodes(both, CAMERA, pose).reason[own], alone)
+        assert see_points([[0.1, 0.1, -0.004]], CAMERA, pose, mesh=both).reason[0] == HIDDEN
+    assert inside.sizes[0] == pytest.approx(model.diagonal)
+    assert inside.sizes[-1] == inside.diagonal
+
+
+def test_a_small_part_is_as_exact_as_its_coordinates():
+    """A patch of a thousandth of the body, far from the origin: rounded to five digits it still hides nothing of it."""
+    body = plate(21, 21, size=(2.0, 2.0))
+    patch = moved(plate(5, 5, size=(2e-3, 2e-3)), 0.9, 0.9, 0.0)
+    mesh = with_volumes(body, Mesh(patch.vertices, patch.triangles, np.full(len(patch.triangles), "patch")))
+    assert mesh.sizes[-1] == pytest.approx(0.901)
+    assert mesh.sizes[0] == mesh.diagonal
+
+
+def test_a_tolerance_of_each_triangle():
+    mesh, pose = box(3), looking_at([3.0, 2.5, 2.0])
+    by_one = see_nodes(mesh, CAMERA, pose, tolerance=1e-3).reason
+    np.testing.assert_array_equal(
+        see_nodes(mesh, CAMERA, pose, tolerance=np.full(len(mesh.triangles), 1e-3)).reason, by_one
+    )
+    with pytest.raises(ValueError, match="one of each triangle"):
+        see_nodes(mesh, CAMERA, pose, tolerance=np.zeros(3))
 
 
 def test_nodes_crowded_in_a_corner(rng):

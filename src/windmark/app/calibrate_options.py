@@ -125,7 +125,7 @@ def read_cameras(texts: Sequence[str]) -> dict[str, Camera]:
         key = name if equals else path.stem if len(texts) > 1 else "camera"
         if key in out:
             raise ValueError(f"--camera: two cameras have the name {key}; give NAME=FILE")
-        out[key] = console.read_camera(path)[0]
+        out[key] = console.read_lens(path)
     return out
 
 

@@ -30,6 +30,7 @@ from windmark.pipeline.calibrate import (
 from windmark.pipeline.calibrate.marks import start_camera, with_focal
 from windmark.pipeline.calibrate.rig import Beside, beside
 from windmark.pipeline.clock import Clock
+from windmark.pipeline.lengths import Lengths
 from windmark.scene import MarkerSet
 
 Record = dict[str, Any]
@@ -72,8 +73,7 @@ class Files:
     def __post_init__(self) -> None:
         if self.cameras and (self.focal_px is not None or self.size_px is not None):
             raise ValueError("--camera has size and focal length: leave --size and --focal out")
-        if self.unit not in io.LENGTH_UNITS:
-            raise ValueError(f"--unit must be one of {', '.join(io.LENGTH_UNITS)}, got {self.unit!r}")
+        Lengths(self.unit)
         if not self.sigma_px > 0:
             raise ValueError(f"--sigma-px must be > 0, got {self.sigma_px:g}")
         if (self.markers is None) == (self.board is None):
@@ -83,6 +83,11 @@ class Files:
                              f"{', '.join(self.cameras)}; expected the same")  # fmt: skip
 
     @property
+    def lengths(self) -> Lengths:
+        """What reads the tables: their lengths are in the unit given."""
+        return Lengths(self.unit)
+
+    @property
     def start(self) -> dict[str, Camera | None]:
         """Start values of every camera, None where nothing is known."""
         return dict(self.cameras) or dict.fromkeys(self.patterns) or {"camera": None}
@@ -90,7 +95,7 @@ class Files:
 
 def run(files: Files, settings: CalibrateSettings, match: MatchOptions, as_json: bool) -> None:
     """Calibrate and write everything into a folder, whole or not at all."""
-    known = None if files.against is None else read_known(files.against)
+    known = None if files.against is None else read_known(files.against, files.lengths)
     with console.progress() as show:
         clock = Clock(show)
         done, pictures = _solve(files, settings, match, clock)
@@ -142,7 +147,7 @@ def _solve(
         return calibrate_board(files.inputs, files.board, files.start, match, settings, clock, files.focal_px,
                                files.patterns)  # fmt: skip
     assert files.markers is not None
-    markers = io.read_markers(files.markers, **({"roles": files.roles} if files.roles else {}))
+    markers = files.lengths.markers(files.markers, **({"roles": files.roles} if files.roles else {}))
     if not tables:
         return calibrate_pictures(files.inputs, markers, files.start, match, settings, clock, files.focal_px,
                                   files.patterns)  # fmt: skip

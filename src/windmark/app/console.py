@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 if TYPE_CHECKING:
-    from windmark.geometry import Camera, Pose
+    from windmark.geometry import Camera
 
 DONE, DATA_SAY_NO, WRONG_USAGE, INTERRUPTED = 0, 1, 2, 130
 
@@ -44,14 +44,16 @@ def answer(record: Mapping[str, Any], as_json: bool, lines: list[str]) -> None:
             typer.echo(line)
 
 
-def read_camera(path: Path) -> tuple[Camera, Pose | None]:
-    """A camera file; what had to be done to read it (a backward lens refitted) is said."""
+def read_lens(path: Path) -> Camera:
+    """The interior of a camera file, its pose is not used; what had to be done to read it (a backward lens refitted)
+    is said.
+    """
     from windmark.io import read_camera_file
 
     content = read_camera_file(path)
     if content.note:
         note(path, content.note)
-    return content.camera, content.cam_from_model
+    return content.camera
 
 
 def note(path: Path, text: str) -> None:

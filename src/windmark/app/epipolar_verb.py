@@ -39,7 +39,7 @@ def run(
         raise ValueError(f"--sigma-px must be positive, got {sigma_px:g}")
     names = tuple(picture_names(images))
     clicks = read_clicks(table, names)
-    lenses = [console.read_camera(path)[0] for path in cameras]
+    lenses = [console.read_lens(path) for path in cameras]
     both = (lenses[0], lenses[-1]) if lenses else None
     with console.progress() as show:
         grey, spots = [], []

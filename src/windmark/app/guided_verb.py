@@ -14,6 +14,7 @@ from windmark.app import console
 from windmark.app.detect_verb import Wishes, read_wished, uniquely_named, used_pixels, write_picture
 from windmark.detection import AUTO, Guided
 from windmark.detection.either import FEW
+from windmark.pipeline.lengths import Lengths
 from windmark.pipeline.predictions import Predictions, from_camera, from_detections, look
 
 Record = dict[str, Any]
@@ -106,10 +107,11 @@ def _expected(guide: Guide, image: str, radius_px: float | None) -> Predictions:
         return from_detections(table[key], names[key], radius_px)
     assert guide.camera is not None
     assert guide.markers is not None
-    camera, pose = io.read_camera(guide.camera)
-    if pose is None:
+    lengths = Lengths()
+    content = lengths.camera(guide.camera)
+    if content.cam_from_model is None:
         raise io.FileError(guide.camera, "has no pose; expected one, to know where the markers are")
-    return from_camera(camera, pose, io.read_markers(guide.markers), radius_px)
+    return from_camera(content.camera, content.cam_from_model, lengths.markers(guide.markers), radius_px)
 
 
 def _names(one: _Seen, which: NDArray[np.bool_]) -> list[str]:

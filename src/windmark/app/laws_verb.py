@@ -16,6 +16,7 @@ from windmark.app.laws_examples import HALF, UNIT, Shown, example, of_user, wing
 from windmark.deformation import Law, UserLaw, check_law, laws_of_source
 from windmark.deformation.laws import CATALOG, Entry
 from windmark.io.text import read_text
+from windmark.pipeline.lengths import Lengths
 
 Record = dict[str, Any]
 
@@ -54,7 +55,7 @@ def _points(markers: Path | None, volume: str | None) -> tuple[NDArray[np.float6
     """What laws are checked on: a volume's markers, or the half wing of the virtual wind tunnel."""
     if markers is None:
         return wing_points(), f"points of {HALF} (--markers takes your own)"
-    every = io.read_markers(markers)
+    every = Lengths().markers(markers)
     model = every.xyz[every.role != "wall"], every.volume[every.role != "wall"]
     if volume is None:
         return model[0], f"markers of {markers}"

@@ -9,6 +9,7 @@ from typing import Any
 
 from windmark import io
 from windmark.app import console
+from windmark.pipeline.lengths import Lengths
 from windmark.pipeline.marker_check import CheckSettings, MarkerCheck, check_markers
 
 Record = dict[str, Any]
@@ -39,16 +40,15 @@ class Files:
 def check(files: Files, settings: CheckSettings, as_json: bool) -> None:
     """Check a layout and write table, pictures and page into a folder, whole or not at all."""
     start = time.perf_counter()
-    if files.unit not in io.LENGTH_UNITS:
-        raise ValueError(f"--unit must be one of {', '.join(io.LENGTH_UNITS)}, got {files.unit!r}")
-    markers = io.read_markers(files.markers, **({"roles": files.roles} if files.roles else {}))
-    camera = console.read_camera(files.camera)[0] if files.camera else None
+    lengths = Lengths(files.unit)
+    markers = lengths.markers(files.markers, **({"roles": files.roles} if files.roles else {}))
+    camera = console.read_lens(files.camera) if files.camera else None
     mesh = None
     if files.grid:
         from windmark.pipeline.grid import read_grid
         from windmark.pipeline.project import GridEntry
 
-        mesh = read_grid(GridEntry(file=files.grid))
+        mesh = read_grid(GridEntry(file=files.grid), lengths)
     with console.progress() as show:
         done = check_markers(markers, files.unit, camera=camera, mesh=mesh, settings=settings, progress=show)
         show("draw")

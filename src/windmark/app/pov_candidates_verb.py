@@ -13,6 +13,7 @@ import numpy as np
 from windmark import io
 from windmark.app import console
 from windmark.app.pov_verb import Wishes
+from windmark.pipeline.lengths import Lengths
 from windmark.registration import PoseCandidates, pose_candidates
 from windmark.registration.candidates import COMPATIBLE
 
@@ -23,18 +24,18 @@ def show(wishes: Wishes, places: Mapping[str, tuple[float, float]], sigma_px: fl
     """Solve, list, write the pose if one is decided; a fourth marker that fits none of them ends with exit code 1."""
     _check(wishes, len(places))
     assert wishes.markers is not None
-    content = io.read_camera_file(wishes.cameras[0])
-    markers = io.read_markers(wishes.markers)
+    camera = console.read_lens(wishes.cameras[0])
+    markers = Lengths(wishes.unit).markers(wishes.markers)
     row = {str(name): k for k, name in enumerate(markers.name)}
     unknown = [name for name in places if name not in row]
     if unknown:
         raise io.FileError(wishes.markers, f"has no marker {unknown[0]}; expected the names of --label")
     xyz = markers.xyz[[row[name] for name in places]]
-    found = pose_candidates(np.array(list(places.values())), xyz, content.camera, sigma_px=sigma_px)
-    record, lines = _listed(found, list(places), content.camera.focal_px, content.camera.size_px[0], wishes.unit)
+    found = pose_candidates(np.array(list(places.values())), xyz, camera, sigma_px=sigma_px)
+    record, lines = _listed(found, list(places), camera.focal_px, camera.size_px[0], wishes.unit)
     pose = found.decided
     if wishes.output is not None and pose is not None:
-        io.write_camera(wishes.output, content.camera, pose, unit=wishes.unit)
+        io.write_camera(wishes.output, camera, pose, unit=wishes.unit)
         record["output"] = wishes.output
         lines.append(f"written: {wishes.output}")
     if not len(found) or not found.compatible.any():

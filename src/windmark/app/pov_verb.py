@@ -18,6 +18,7 @@ from windmark.app.convert_verb import parse_size
 from windmark.geometry import Camera, Pose, PoV
 from windmark.pipeline.framing import FOV_DEG, SIZE_PX
 from windmark.pipeline.grid import read_grid
+from windmark.pipeline.lengths import Lengths
 from windmark.pipeline.project import GridEntry
 from windmark.pipeline.views import frame_view, perfect_camera, units_per_px
 from windmark.scene import Mesh
@@ -65,9 +66,10 @@ class Viewpoint:
 def show(wishes: Wishes, as_json: bool) -> None:
     """Find the point of view, write what is wanted, say it."""
     _check(wishes)
-    mesh, markers = _model(wishes)
+    lengths = Lengths(wishes.unit)
+    views = [_from_file(path, wishes, lengths) for path in wishes.cameras]
+    mesh, markers = _model(wishes, lengths)
     points = markers if mesh is None else mesh.vertices[mesh.used]
-    views = [_from_file(path, wishes) for path in wishes.cameras]
     if wishes.direction is not None:
         views = [_framed(wishes, points)]
     elif wishes.numbers:
@@ -75,8 +77,6 @@ def show(wishes: Wishes, as_json: bool) -> None:
     view = views[0]
     record, lines = _described(view, points)
     if len(views) > 1:
-        if None not in (view.unit, views[1].unit) and view.unit != views[1].unit:
-            raise ValueError(f"{view.name} is in {view.unit}, {views[1].name} in {views[1].unit}; expected one unit")
         other, more = _described(views[1], points)
         difference, words = _difference(view, views[1], points)
         record |= {"other": other, "difference": difference}
@@ -109,8 +109,6 @@ def _check(wishes: Wishes) -> None:
         raise ValueError("two camera files are compared; expected no numbers, --size and --output with them")
     if not (wishes.cameras or wishes.numbers or wishes.direction):
         raise ValueError("expected a camera file, the numbers --rx ... --fov, or --direction and --up; see --help")
-    if wishes.unit is not None and wishes.unit not in io.LENGTH_UNITS:
-        raise ValueError(f"--unit must be one of {', '.join(io.LENGTH_UNITS)}, got {wishes.unit!r}")
     for name, value in wishes.numbers.items():
         if not math.isfinite(value):
             raise ValueError(f"{OPTIONS[name]} must be a finite number, got {value}")
@@ -120,23 +118,21 @@ def _check(wishes: Wishes) -> None:
         raise ValueError("--volume says what of the --grid takes part; give --grid")
 
 
-def _model(wishes: Wishes) -> tuple[Mesh | None, Array]:
+def _model(wishes: Wishes, lengths: Lengths) -> tuple[Mesh | None, Array]:
     """The grid, and the places of the markers that are not on walls (0, 3 without a table)."""
     mesh, xyz = None, np.empty((0, 3))
     if wishes.grid is not None:
-        mesh = read_grid(GridEntry(**grid_settings(wishes.grid, list(wishes.volumes))))
+        mesh = read_grid(GridEntry(**grid_settings(wishes.grid, list(wishes.volumes))), lengths)
     if wishes.markers is not None:
-        markers = io.read_markers(wishes.markers)
+        markers = lengths.markers(wishes.markers)
         xyz = markers.xyz[markers.role != "wall"]
     return mesh, xyz
 
 
-def _from_file(path: Path, wishes: Wishes) -> Viewpoint:
-    content = io.read_camera_file(path, size_px=parse_size(wishes.size) if not wishes.numbers else None)
+def _from_file(path: Path, wishes: Wishes, lengths: Lengths) -> Viewpoint:
+    content = lengths.camera(path, size_px=parse_size(wishes.size) if not wishes.numbers else None)
     if content.cam_from_model is None:
         raise io.FileError(path, "has no pose; expected a camera with one (register, calibrate and track write it)")
-    if content.length_unit is not None and wishes.unit not in (None, content.length_unit):
-        raise io.FileError(path, f"the length unit is {content.length_unit}; expected {wishes.unit}, as --unit says")
     camera, pose, sigma = content.camera, content.cam_from_model, None
     focal_sigma = math.nan if camera.cov is None else float(np.sqrt(camera.cov[0, 0]))
     if content.pose_cov is not None:

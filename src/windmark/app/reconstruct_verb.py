@@ -17,6 +17,7 @@ from windmark.pipeline.calibrate import MatchOptions, Picture
 from windmark.pipeline.calibrate.outputs import sigma_rms
 from windmark.pipeline.calibrate.read import picture_names
 from windmark.pipeline.clock import Clock
+from windmark.pipeline.lengths import Lengths
 from windmark.pipeline.reconstruct import NotReconstructed, Reconstruction, reconstruct
 from windmark.pipeline.reconstruct.outputs import (
     length_words,
@@ -85,8 +86,8 @@ class Files:
         metric = self.primary is not None or self.poses is not None or bool(self.distances)
         if not metric and self.unit not in ("", FREE_UNIT):
             raise ValueError("--unit has no meaning without --primary, --poses or --distance: the scale is free")
-        if metric and self.unit not in io.LENGTH_UNITS:
-            raise ValueError(f"--unit must be one of {', '.join(io.LENGTH_UNITS)}, got {self.unit or 'none'!r}")
+        if metric:
+            Lengths(self.unit)
         if self.patterns and set(self.patterns) != set(self.cameras):
             raise ValueError(f"--images-of is for the cameras {', '.join(self.patterns)}, --camera for "
                              f"{', '.join(self.cameras)}; expected the same")  # fmt: skip
@@ -103,10 +104,11 @@ class Files:
 
 def run(files: Files, match: MatchOptions, as_json: bool) -> None:
     """Reconstruct and write everything into a folder, whole or not at all."""
-    primary = NO_MARKERS if files.primary is None else io.read_markers(files.primary)
-    rough = None if files.rough is None else io.read_markers(files.rough)
+    lengths = Lengths(files.unit if files.unit in io.LENGTH_UNITS else None)
+    primary = NO_MARKERS if files.primary is None else lengths.markers(files.primary)
+    rough = None if files.rough is None else lengths.markers(files.rough)
     table = None if files.labels is None else read_labels(files.labels, files.names, primary)
-    poses = {} if files.poses is None else read_poses(files.poses, files.names)
+    poses = {} if files.poses is None else read_poses(files.poses, files.names, lengths)
     with console.progress() as show:
         clock = Clock(show)
         pictures, views = read_spots(files.images, files.cameras, files.patterns, match, clock)

@@ -16,6 +16,7 @@ from windmark import io
 from windmark.app import console
 from windmark.app.report import Report
 from windmark.geometry import Camera
+from windmark.pipeline.lengths import Lengths
 from windmark.pipeline.track import FollowedFrame, FollowOptions, follow
 from windmark.pipeline.track_results import (
     POV,
@@ -59,15 +60,13 @@ def follow_files(wishes: Wishes, options: Record, change: tuple[float, float], a
 
     ``options`` go to `FollowOptions`; ``change`` is that of the motion, in degrees and percent.
     """
-    unit = wishes.unit
-    if unit not in io.LENGTH_UNITS:
-        raise ValueError(f"--unit must be one of {', '.join(io.LENGTH_UNITS)}, got {unit!r}")
+    unit, lengths = wishes.unit, Lengths(wishes.unit)
     for name, value in zip(("--change-deg", "--change-percent"), change, strict=True):
         if not (np.isfinite(value) and value > 0):
             raise ValueError(f"{name} must be > 0, got {value:g}")
     roles = tuple(wishes.roles) if wishes.roles else MODEL_ROLES
-    markers, (camera, _) = io.read_markers(wishes.markers, roles=roles), console.read_camera(wishes.camera)
-    prior = None if wishes.prior is None else io.read_camera(wishes.prior)[1]
+    markers, camera = lengths.markers(wishes.markers, roles), console.read_lens(wishes.camera)
+    prior = None if wishes.prior is None else lengths.camera(wishes.prior).cam_from_model
     if wishes.prior is not None and prior is None:
         raise io.FileError(wishes.prior, "has no pose; expected one, as --prior")
     mask = None if wishes.mask is None else io.read_mask(wishes.mask, camera.size_px[::-1])

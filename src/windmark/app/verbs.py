@@ -15,6 +15,7 @@ from windmark.pipeline.job import run_project
 from windmark.pipeline.merge import MergeResult
 from windmark.pipeline.project import Project, make_project, read_project
 from windmark.pipeline.results import ImageResult, RunResult
+from windmark.pipeline.settings import COMMAND_LINE
 from windmark.pipeline.truth import Comparison
 from windmark.registration import Registration
 
@@ -52,7 +53,7 @@ def run(
 
 def run_settings(settings: Mapping[str, Any], as_json: bool) -> None:
     """The main job from settings of the command line."""
-    finish(*carry_out(make_project(Path("command line"), settings)), as_json)
+    finish(*carry_out(make_project(Path(COMMAND_LINE), settings)), as_json)
 
 
 def carry_out(project: Project, truth: Callable[[RunResult], Comparison] | None = None) -> tuple[RunResult, Record]:

@@ -70,6 +70,8 @@ class TiffStack:
         if page.photometric == _PALETTE and page.colormap is not None and values.ndim == 2:
             return _pillow._grey_if_grey((page.colormap.T[values] >> 8).astype(np.uint8))
         if page.photometric == _WHITE_IS_ZERO and not inverted and values.dtype.kind == "u":
+            if page.bitspersample == 1:  # stretched already; an array of tifffile's own means what it says: True is 255
+                return values if self._tif.is_shaped else np.uint8(255) - values
             values = values.dtype.type(2**page.bitspersample - 1) - values
         return values
 

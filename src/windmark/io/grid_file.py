@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.io.errors import FileError, reading
+from windmark.io.errors import FileError
 from windmark.io.fields import LENGTH, split_label
 from windmark.io.mesh import PLOT3D_SUFFIXES, TECPLOT_SUFFIXES, checked_nodes, grid_format, read_mesh, write_mesh
 from windmark.io.netcdf import read_nodes_netcdf, write_nodes_netcdf
@@ -29,8 +28,6 @@ from windmark.scene import Mesh
 
 UNIT_FORMATS = ("Tecplot", "OBJ", "PLY", "VTK", "NetCDF")
 """Formats with a place for the length unit."""
-_COMMENT = re.compile(rb"^(?:#|comment)\s+length unit:\s*(\S+)\s*$", re.MULTILINE)
-_HEAD_BYTES = 4096
 
 
 @dataclass(frozen=True)
@@ -103,17 +100,11 @@ def read_grid_file(
         mesh, fields, units, history = read_nodes_netcdf(path)
         found, which = np.unique(mesh.volume, return_inverse=True)
         names = np.array(rename_volumes([str(n) for n in found], volumes), dtype=np.str_)
-        mesh = Mesh(mesh.vertices, mesh.triangles, names[which], mesh.blocks, mesh.blanked)
+        mesh = replace(mesh, volume=names[which])
         left_out = ("the history of the values",) if history else ()
         return GridFile(checked_nodes(path, mesh), kind, units.pop(LENGTH, ""), fields, units, None, left_out)
-    return GridFile(read_mesh(path, volumes=volumes), kind, _unit_in_comment(path) if kind in UNIT_FORMATS else "")
-
-
-def _unit_in_comment(path: str | os.PathLike[str]) -> str:
-    """The unit of length in a comment at the head of an OBJ or PLY file, as `write_mesh` writes it."""
-    with reading(path), open(path, "rb") as stream:
-        found = _COMMENT.search(stream.read(_HEAD_BYTES))
-    return found[1].decode("utf-8", "replace") if found else ""
+    mesh = read_mesh(path, volumes=volumes)
+    return GridFile(mesh, kind, mesh.length_unit)
 
 
 def written_grid_format(path: str | os.PathLike[str]) -> str:

@@ -28,7 +28,7 @@ TARGET_ROLES = ("model", "wall", "primary", "secondary")
 """Roles of painted markers that a detector may find. Taps and the like are not among them."""
 
 
-_UNIT = re.compile(r"^[ \t]*#[ \t]*length unit:[ \t]*(\S+)[ \t]*\r?$", re.MULTILINE | re.IGNORECASE)
+_UNIT = re.compile(r"^[ \t]*#[ \t]*length[ _]unit:[ \t]*([^\s;]+)(?:;.*|[ \t]*)\r?$", re.MULTILINE | re.IGNORECASE)
 
 
 def read_markers(path: Pathlike, *, roles: Sequence[str] | None = TARGET_ROLES) -> MarkerSet:
@@ -46,7 +46,8 @@ def read_markers(path: Pathlike, *, roles: Sequence[str] | None = TARGET_ROLES) 
 
     Returns
     -------
-    MarkerSet in the file's order, lengths in the file's own unit
+    MarkerSet in the file's order, lengths in the file's own unit; ``length_unit`` is what a comment of the file says
+    (see `read_marker_unit`), "" where it says none
 
     Raises
     ------
@@ -65,11 +66,13 @@ def read_markers(path: Pathlike, *, roles: Sequence[str] | None = TARGET_ROLES) 
         has = f"its {len(markers)} entries are {', '.join(found)}" if found else "the table has no rows"
         wanted = "" if roles is None else f" of role {', '.join(roles)}"
         raise FileError(path, f"no markers{wanted}; {has}")
-    return chosen
+    return replace(chosen, length_unit=read_marker_unit(path))
 
 
 def read_marker_unit(path: Pathlike) -> str:
-    """The length unit that a comment of a marker table says (``# length unit: mm``), "" where none does.
+    """The length unit that a comment of a table of places says (``# length unit: mm``), "" where none does.
+
+    "free" is that of a reconstruction without scale.
 
     Raises
     ------
@@ -91,7 +94,8 @@ def write_markers(path: Pathlike, markers: MarkerSet, *, length_unit: str = "") 
     ----------
     path : the file
     markers : the markers
-    length_unit : unit of the coordinates, written as a comment, which `read_marker_unit` finds
+    length_unit : unit of the coordinates, written as a comment, which `read_marker_unit` finds; that of the markers
+        themselves where none is given
 
     Raises
     ------
@@ -101,6 +105,7 @@ def write_markers(path: Pathlike, markers: MarkerSet, *, length_unit: str = "") 
     FileError
         When the file cannot be written.
     """
+    length_unit = length_unit or markers.length_unit
     if Path(path).suffix.lower() == ".tgts":
         raise ValueError(f"write_markers: path must name a CSV file, got {path}")
     for field in ("name", "volume"):

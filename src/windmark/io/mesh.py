@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -31,6 +32,7 @@ TECPLOT_SUFFIXES = (".dat", ".tec")
 GRID_SUFFIXES = (*PLOT3D_SUFFIXES, *TECPLOT_SUFFIXES, ".stl", ".obj", ".ply", ".tri", *VTK_WRITTEN, ".nc")
 """All extensions that `write_mesh` writes."""
 _HEAD_BYTES = 4096
+_COMMENT = re.compile(rb"^(?:#|comment)\s+length unit:\s*(\S+)\s*$", re.MULTILINE)
 _MARK = "\x01"
 
 
@@ -49,6 +51,10 @@ def read_mesh(
     volume_face : for PLOT3D files of volume blocks: the face that is the model, e.g. "kmin"
     only : parts that ``volumes`` does not name take no part: their nodes stay, whatever they are (NaN too), but they
         have no triangles
+
+    Returns
+    -------
+    The surface in the file's own unit; ``length_unit`` is what the file says, "" where it does not.
 
     Raises
     ------
@@ -73,9 +79,18 @@ def _read(path: str | os.PathLike[str], volumes: Volumes, volume_face: Face | No
     if volume_face is not None:
         raise ValueError(f"volume_face: is for PLOT3D volume blocks; {path} is another format")
     mesh = _READERS[kind](path, volumes)
+    if kind in ("OBJ", "PLY"):
+        mesh = replace(mesh, length_unit=_unit_in_comment(path))
     if only:
         mesh = only_named(mesh, volumes)
     return checked_nodes(path, mesh, only=only)
+
+
+def _unit_in_comment(path: str | os.PathLike[str]) -> str:
+    """The unit of length in a comment at the head of an OBJ or PLY file, as `write_mesh` writes it."""
+    with reading(path), open(path, "rb") as stream:
+        found = _COMMENT.search(stream.read(_HEAD_BYTES))
+    return found[1].decode("utf-8", "replace") if found else ""
 
 
 def checked_nodes(path: str | os.PathLike[str], mesh: Mesh, *, only: bool = False) -> Mesh:
@@ -129,7 +144,7 @@ def _read_netcdf(path: str | os.PathLike[str], volumes: Volumes) -> Mesh:
     mesh = read_nodes_netcdf(path)[0]
     found, which = np.unique(mesh.volume, return_inverse=True)
     names = np.array(rename_volumes([str(n) for n in found], volumes), dtype=np.str_)
-    return Mesh(mesh.vertices, mesh.triangles, names[which], mesh.blocks, mesh.blanked)
+    return replace(mesh, volume=names[which])
 
 
 _READERS: dict[str, Callable[[str | os.PathLike[str], Volumes], Mesh]] = {

@@ -130,7 +130,7 @@ def read_nodes_netcdf(
                 if name not in RESERVED and variable.shape == (len(mesh.vertices),)
             }
             units = {name: _text(file[name].attrs.get("units", "")) for name in fields}
-            units[LENGTH] = _text(file.attrs["length_unit"])
+            units[LENGTH] = mesh.length_unit
             history = json.loads(_text(file.attrs["history"]))
     except Exception as error:  # HDF5 and its layers report damage in many ways
         raise FileError(path, f"expected a NetCDF file of node values by windmark ({error})") from error
@@ -144,7 +144,8 @@ def _read_mesh(file: Any) -> Mesh:
     if "block_shape" in file:
         columns = (file[name][()].tolist() for name in ("block", "block_shape", "block_first"))
         blocks = tuple(Block(_text(name), (i, j, k), first) for name, (i, j, k), first in zip(*columns, strict=True))
-    return Mesh(file["vertices"][()], file["triangles"][()], volume, blocks, blanked)
+    unit = _text(file.attrs["length_unit"])
+    return Mesh(file["vertices"][()], file["triangles"][()], volume, blocks, blanked, unit)
 
 
 def _text(value: str | bytes) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ from windmark.io.atomic import atomic_path
 from windmark.io.csvtable import read_table, write_table
 from windmark.io.errors import FileError
 from windmark.io.fields import LENGTH, label, written_by
-from windmark.io.markers import read_markers
+from windmark.io.markers import read_marker_unit, read_markers
 from windmark.io.numbers_text import format_rows
 from windmark.io.text import Pathlike
 from windmark.scene import ROLES
@@ -28,13 +28,17 @@ FILL = -9999.0
 
 @dataclass(frozen=True)
 class PointList:
-    """N points by name: place (N, 3), outward normal (N, 3) or NaN, volume (N,) or "", role (N,) or ""."""
+    """N points by name: place (N, 3), outward normal (N, 3) or NaN, volume (N,) or "", role (N,) or "".
+
+    ``length_unit`` is what the file says, "" where it does not.
+    """
 
     name: Text
     xyz: Array
     normal: Array
     volume: Text
     role: Text
+    length_unit: str = ""
 
     def __len__(self) -> int:
         return len(self.name)
@@ -61,7 +65,7 @@ def read_points(path: Pathlike, *, roles: Sequence[str] | None = None) -> PointL
         points = PointList(*(getattr(points, f)[keep] for f in ("name", "xyz", "normal", "volume", "role")))
     if not len(points):
         raise FileError(path, "no points" + ("" if roles is None else f" of role {', '.join(roles)}"))
-    return points
+    return replace(points, length_unit=read_marker_unit(path))
 
 
 def _of_tgts(path: Pathlike, roles: Sequence[str] | None) -> PointList:

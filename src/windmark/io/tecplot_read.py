@@ -6,7 +6,7 @@ import math
 import os
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -140,7 +140,8 @@ def _read(
     told = next((unit for name, unit in axes if name.strip().lower() == "x"), "")
     vertices = np.stack([_axis(content.path, columns, axis) for axis in "xyz"], axis=1)
     fields: dict[str, NDArray[np.floating]] = dict(columns)
-    return _mesh(vertices, parts, blanked, volumes), fields, content.aux.get("lengthunit", told)
+    unit = content.aux.get("lengthunit", told)
+    return replace(_mesh(vertices, parts, blanked, volumes), length_unit=unit), fields, unit
 
 
 def _fill(content: _Content) -> float | None:

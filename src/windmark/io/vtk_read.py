@@ -80,7 +80,7 @@ def read_vtk_nodes(
     columns, left_out = point_values(leaves)
     if any(len(values) != len(mesh.vertices) for values in columns.values()):
         raise FileError(path, f"its arrays do not have one value for each of {len(mesh.vertices)} nodes")
-    units = {LENGTH: next((u for leaf in leaves for u in _field_strings(leaf, "length_unit")), "")}
+    units = {LENGTH: mesh.length_unit}
     fields = {}
     for text, values in columns.items():
         name, unit = split_label(text)
@@ -109,7 +109,9 @@ def _read(path: str | os.PathLike[str], volumes: Volumes) -> tuple[Mesh, list[An
     mesh = _joined(parts)
     found, which = np.unique(mesh.volume, return_inverse=True)
     names = np.array(rename_volumes([str(n) for n in found], volumes), dtype=np.str_)
-    return replace(mesh, volume=names[which]), list(_leaves(data))
+    leaves = list(_leaves(data))
+    unit = next((u for leaf in leaves for u in _field_strings(leaf, "length_unit")), "")
+    return replace(mesh, volume=names[which], length_unit=unit), leaves
 
 
 def _leaves(data: Any) -> Iterator[Any]:

@@ -5,8 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from windmark.io import LENGTH_UNITS, FileError
-
-IN_MM = {"in": 25.4, "ft": 304.8, "mm": 1.0, "cm": 10.0, "m": 1000.0}
+from windmark.scene.units import IN_MM, IN_WORDS
 
 
 def source_unit(path: Path, found: str, said: str | None) -> str:
@@ -19,6 +18,7 @@ def source_unit(path: Path, found: str, said: str | None) -> str:
     FileError
         Where file and user differ, or the file says a unit that is none.
     """
+    found = IN_WORDS.get(found.lower(), found)
     if said is not None and said not in LENGTH_UNITS:
         raise ValueError(f"--unit must be one of {', '.join(LENGTH_UNITS)}, got {said!r}")
     if found and said not in (None, found):

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -76,8 +74,7 @@ def _surface(project: Project, k: int, entry: ViewEntry, mesh: Mesh) -> tuple[Ar
 def _from_file(project: Project, k: int, entry: ViewEntry) -> tuple[Camera, Pose, str]:
     """Camera and pose of a file: with its lens and size, or a perfect camera of the size and field of view given."""
     assert entry.camera is not None
-    content = io.read_camera_file(entry.camera)
-    check_unit(project, entry.camera, content)
+    content = project.lengths.camera(entry.camera)
     if content.cam_from_model is None:
         raise io.FileError(entry.camera, f"has no pose; expected one, as the point of view of view {entry.name}")
     camera, how = content.camera, f"from {entry.camera.name}, with its lens"
@@ -87,36 +84,3 @@ def _from_file(project: Project, k: int, entry: ViewEntry) -> tuple[Camera, Pose
     if content.note:
         how = f"{how} ({content.note})"
     return camera, content.cam_from_model, how
-
-
-def check_unit(project: Project, path: object, content: io.CameraFile) -> None:
-    """Refuse a camera whose pose is in another unit than the project's lengths; a file that does not say is trusted.
-
-    Raises
-    ------
-    FileError
-        Naming both units.
-    """
-    if content.cam_from_model is not None and content.length_unit is not None:
-        refuse_unit(project, path, content.length_unit, "pose is")
-
-
-def refuse_unit(project: Project, path: object, unit: str, what: str) -> None:
-    """Refuse poses (``what`` of a file "is" or "are") in another unit than the project's lengths; see `check_unit`."""
-    if unit != project.length_unit:
-        words = f"its {what} in {unit}, the project's length unit is {project.length_unit}; expected the same"
-        raise io.FileError(str(path), words, "key 'length_unit'")
-
-
-def check_table_unit(project: Project, path: Path) -> None:
-    """Refuse a table of markers or points that says another unit than the project's; one that says none is trusted.
-
-    Raises
-    ------
-    FileError
-        Naming both units.
-    """
-    unit = io.read_marker_unit(path)
-    if unit not in ("", project.length_unit):
-        what = f"is in {unit}, the project's length unit is {project.length_unit}; expected the same"
-        raise io.FileError(path, f"{what} (windmark convert --to-unit {project.length_unit})", "length unit")

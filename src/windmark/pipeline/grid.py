@@ -9,15 +9,16 @@ from numpy.typing import NDArray
 
 from windmark import io, resection
 from windmark.geometry import Camera, Pose
+from windmark.pipeline.lengths import Lengths
 from windmark.pipeline.project import GridEntry
 from windmark.scene import MarkerSet, Mesh
 
 UNDER_GRID = 2e-3
-"""A marker's table place may lie so far under the grid's flat triangles (of its diagonal); that does not hide it."""
+"""A marker's table place may lie so far under the grid's flat triangles (part of `Mesh.sizes`) without being hidden."""
 HIDDEN = resection.REASONS.index("hidden")
 
 
-def read_grid(entry: GridEntry, cameras: Sequence[tuple[Camera, Pose]] = ()) -> Mesh:
+def read_grid(entry: GridEntry, lengths: Lengths, cameras: Sequence[tuple[Camera, Pose]] = ()) -> Mesh:
     """Read a grid, keep the wanted volumes and orient it (see `oriented`).
 
     Nodes stay as they are in the file, so results can be written in its order; those of other volumes
@@ -26,16 +27,16 @@ def read_grid(entry: GridEntry, cameras: Sequence[tuple[Camera, Pose]] = ()) -> 
     Raises
     ------
     FileError
-        When the file cannot be read or has no such zone.
+        When the file cannot be read, has no such zone, or is in another length unit.
     """
-    return oriented(read_surface(entry), entry, cameras)
+    return oriented(read_surface(entry, lengths), entry, cameras)
 
 
-def read_surface(entry: GridEntry) -> Mesh:
+def read_surface(entry: GridEntry, lengths: Lengths) -> Mesh:
     """As `read_grid`, with the orientation that the file gives."""
     volume_of = {zone: name for name, zones in (entry.volumes or {}).items() for zone in zones}
     try:
-        return io.read_mesh(entry.file, volumes=volume_of or None, volume_face=entry.volume_face, only=bool(volume_of))
+        return lengths.mesh(entry.file, volumes=volume_of or None, volume_face=entry.volume_face, only=bool(volume_of))
     except io.FileError:
         raise
     except ValueError as error:  # a zone that the file has not, a face of a grid that has no volume blocks
@@ -52,11 +53,10 @@ def oriented(mesh: Mesh, entry: GridEntry, cameras: Sequence[tuple[Camera, Pose]
 
 def sight(markers: MarkerSet, mesh: Mesh) -> Callable[[Pose, Camera], NDArray[np.bool_]]:
     """What registration asks: which markers the grid does not hide."""
+    under = UNDER_GRID * mesh.sizes
 
     def visible(cam_from_model: Pose, camera: Camera) -> NDArray[np.bool_]:
-        seen = resection.see_points(
-            markers.xyz, camera, cam_from_model, mesh=mesh, tolerance=UNDER_GRID * mesh.diagonal
-        )
+        seen = resection.see_points(markers.xyz, camera, cam_from_model, mesh=mesh, tolerance=under)
         return np.asarray(seen.reason != HIDDEN)
 
     return visible

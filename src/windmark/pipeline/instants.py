@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from windmark import detection, io
 from windmark.geometry import Pose
 from windmark.pipeline.clock import Clock, Progress
-from windmark.pipeline.framing import refuse_unit
 from windmark.pipeline.locate import Inputs, as_bright, looked, opened, posed, register_options, told
 from windmark.pipeline.project import ImageEntry, Project
 from windmark.pipeline.results import ImageResult, Instant
@@ -45,8 +44,7 @@ def read_rig(
                                    " for all its cameras ([rig] file takes them from a file of the rig)")  # fmt: skip
         poses = {n: p for n, c in cameras.items() if (p := c.cam_from_model) is not None}
     else:
-        content = io.read_rig(rig.file)
-        refuse_unit(project, rig.file, content.length_unit, "poses are")
+        content = project.lengths.rig(rig.file)
         poses, cov = dict(content.cam_from_rig), dict(content.cov)
         missing = [name for name in project.rig_cameras if name not in poses]
         if missing:

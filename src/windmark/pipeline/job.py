@@ -6,20 +6,23 @@ import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from pathlib import Path
 from typing import TypeVar
 
 from windmark import io
 from windmark.geometry import Camera, Pose
 from windmark.pipeline.clock import Clock, Progress, silent
-from windmark.pipeline.framing import check_table_unit, check_unit, frame_views
+from windmark.pipeline.framing import frame_views
 from windmark.pipeline.grid import oriented, read_surface
 from windmark.pipeline.instants import locate_together, read_rig
+from windmark.pipeline.lengths import Lengths
 from windmark.pipeline.locate import Inputs, locate
 from windmark.pipeline.mapping import align_images, map_image, map_views
 from windmark.pipeline.merge import MergeResult, merge_images
 from windmark.pipeline.points import PointSet, load_points, read_lists
 from windmark.pipeline.project import Project
 from windmark.pipeline.results import FramedView, ImageResult, RunResult
+from windmark.pipeline.walls import wall_volumes, walls_note, without
 from windmark.resection import PixelMap
 
 T = TypeVar("T")
@@ -43,24 +46,22 @@ def run_project(project: Project, *, progress: Progress = silent, workers: int |
     """
     clock = Clock(progress)
     with clock("read markers, cameras and grid"):
-        cameras = {c.name: io.read_camera_file(c.file) for c in project.camera}
+        lengths = project.lengths
+        cameras = {c.name: lengths.camera(c.file) for c in project.camera}
         inputs = Inputs(
             project,
-            io.read_markers(project.markers.file, roles=project.markers.roles) if project.markers else None,
-            read_surface(project.grid) if project.grid else None,
+            lengths.markers(project.markers.file, project.markers.roles) if project.markers else None,
+            read_surface(project.grid, lengths) if project.grid else None,
             cameras,
             _read_prior(project),
             *read_rig(project, cameras),
         )
     _check_labels(inputs)
-    for file in ([project.markers.file] if project.markers else []) + [entry.file for entry in project.points]:
-        check_table_unit(project, file)
-    for c in project.camera:
-        check_unit(project, c.file, inputs.cameras[c.name])
+    inputs, walls, notes = _walls_apart(inputs, lengths)
     if inputs.mesh is not None and not inputs.mesh.blocks and "plot3d" in (project.output.nodes or ()):
         raise io.FileError(project.path, "plot3d needs a grid of structured blocks, this one has none", "output.nodes")
     framed = () if inputs.mesh is None else frame_views(project, inputs.mesh)
-    lists = read_lists(project.points)
+    lists = read_lists(project.points, lengths)
     threads = min(len(project.image), workers or os.cpu_count() or 1)
     images = _located(inputs, progress, threads)
     points: tuple[PointSet, ...] = ()
@@ -69,9 +70,23 @@ def run_project(project: Project, *, progress: Progress = silent, workers: int |
             inputs = replace(inputs, mesh=oriented(inputs.mesh, project.grid, _some_poses(project, images)))
         assert inputs.mesh is not None
         points = load_points(project, lists, inputs.mesh)
-    images, merged = _mapped(images, inputs, framed, points, threads, clock, progress)
-    notes = tuple((c.file, text) for c in project.camera if (text := inputs.cameras[c.name].note))
+    images, merged = _mapped(images, inputs, framed, points, threads, clock, progress, walls)
+    notes += tuple((c.file, text) for c in project.camera if (text := inputs.cameras[c.name].note))
     return RunResult(project, inputs.markers, inputs.mesh, tuple(images), clock.seconds, notes, framed, merged)
+
+
+def _walls_apart(inputs: Inputs, lengths: Lengths) -> tuple[Inputs, tuple[str, ...], tuple[tuple[Path, str], ...]]:
+    """The inputs without walls where the project leaves them out; the walls that alignment must leave out; notes."""
+    project, mesh = inputs.project, inputs.mesh
+    if mesh is None or project.grid is None or not (project.align or project.grid.walls == "leave_out"):
+        return inputs, (), ()
+    walls = wall_volumes(project.markers.file if project.markers else None, project.grid, mesh, lengths)
+    if not walls:
+        return inputs, (), ()
+    if project.grid.walls == "keep":
+        return inputs, walls, ((project.grid.file, walls_note(walls, "the alignment")),)
+    rest = without(mesh, walls)
+    return replace(inputs, mesh=rest), (), ((project.grid.file, walls_note(walls, "the job")),)
 
 
 def _located(inputs: Inputs, progress: Progress, threads: int) -> list[ImageResult]:
@@ -102,8 +117,9 @@ def _mapped(
     threads: int,
     clock: Clock,
     progress: Progress,
+    walls: tuple[str, ...],
 ) -> tuple[list[ImageResult], tuple[MergeResult, ...]]:
-    """The second part of the job: all that needs poses and a grid."""
+    """The second part of the job: all that needs poses and a grid; ``walls`` are left out of the alignment."""
     project, mesh = inputs.project, inputs.mesh
     if mesh is None:
         return images, ()
@@ -123,7 +139,7 @@ def _mapped(
             merged = merge_images(project, images, mesh, framed, pixels, points)
     if project.align:
         with clock("align"):
-            images = align_images(images, project, mesh)
+            images = align_images(images, project, without(mesh, walls))
     return images, merged
 
 
@@ -141,8 +157,7 @@ def _read_prior(project: Project) -> Pose | None:
     path = project.register_.prior
     if path is None:
         return None
-    content = io.read_camera_file(path)
-    check_unit(project, path, content)
+    content = project.lengths.camera(path)
     if content.cam_from_model is None:
         raise io.FileError(path, "has no pose; expected one, as register.prior")
     return content.cam_from_model

@@ -189,7 +189,7 @@ def _quantity(entry: ImageEntry, image: NDArray[np.generic]) -> Quantity:
 
 def _expected(markers: MarkerSet, answer: Registration, mesh: Mesh | None) -> NDArray[np.int64]:
     """Markers that the camera must see: in the picture, facing it where the normal is known, not hidden by the grid."""
-    tolerance = None if mesh is None else UNDER_GRID * mesh.diagonal
+    tolerance = None if mesh is None else UNDER_GRID * mesh.sizes
     seen = resection.see_points(markers.xyz, answer.camera, answer.cam_from_model, mesh=mesh, tolerance=tolerance)
     sight = answer.cam_from_model.center - markers.xyz
     away = np.sum(sight * markers.normal, axis=1) <= 0

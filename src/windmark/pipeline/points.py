@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark import io, resection
+from windmark.pipeline.lengths import Lengths
 from windmark.pipeline.project import Project
 from windmark.pipeline.wanted import LineEntry, PointsEntry
 from windmark.resection import MergedValues, MergedViews, NodeView, Picture, PointValues, SurfacePoints
@@ -67,15 +68,15 @@ class MergedTable:
     reason: NDArray[np.str_]
 
 
-def read_lists(entries: Sequence[PointsEntry]) -> list[io.PointList]:
+def read_lists(entries: Sequence[PointsEntry], lengths: Lengths) -> list[io.PointList]:
     """The lists of points as their files have them.
 
     Raises
     ------
     FileError
-        For a list that cannot be read or has no points.
+        For a list that cannot be read, has no points, or is in another length unit.
     """
-    return [io.read_points(entry.file, roles=entry.roles) for entry in entries]
+    return [lengths.points(entry.file, entry.roles) for entry in entries]
 
 
 def load_points(project: Project, lists: Sequence[io.PointList], mesh: Mesh) -> tuple[PointSet, ...]:

@@ -14,6 +14,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, ValidationError, model_validator
 
 from windmark.io import picture_name
+from windmark.pipeline.lengths import Lengths
 from windmark.pipeline.quantity import Quantity
 from windmark.pipeline.rig_settings import RigOptions, check_rig, instants, rig_cameras
 from windmark.pipeline.settings import Strict, existing, existing_picture, explained, read_toml, unusable_name
@@ -91,6 +92,8 @@ class GridEntry(Strict):
 
     ``volumes``: the model's parts, each with the zones (blocks, or volumes of the file) it is made of; zones
     that are not named do not belong to the job (walls do not move with the model). All zones by default.
+    ``walls``: "leave_out" leaves out those that bear markers of role wall and none of the model; "keep" all. Alignment
+    leaves them out in any case.
     ``orientation``: "auto" turns the triangles to the air: the side that the cameras see, the outside of a body and
     the inside of walls (see `windmark.orient_outward`); "file" takes them as they are. ``volume_face``: of a file with
     volume blocks, the face that is the surface.
@@ -100,6 +103,7 @@ class GridEntry(Strict):
     volumes: dict[str, tuple[str, ...]] | None = None
     orientation: Literal["auto", "file"] = "auto"
     volume_face: Literal["imin", "imax", "jmin", "jmax", "kmin", "kmax"] | None = None
+    walls: Literal["keep", "leave_out"] = "keep"
 
     @model_validator(mode="after")
     def _each_zone_once(self) -> GridEntry:
@@ -313,6 +317,11 @@ class Project(Strict):
             if taken:
                 raise ValueError(f"merge: its folder {taken[0]} has the name of an image; name the image otherwise")
         return self
+
+    @property
+    def lengths(self) -> Lengths:
+        """What reads its files: their lengths are in its unit."""
+        return Lengths.of_project(self.path, self.length_unit)
 
     def camera_of(self, image: ImageEntry) -> CameraEntry:
         """The camera that took an image."""

@@ -12,6 +12,9 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from windmark.io import FrameAddress, frame_address
 from windmark.io.errors import FileError, reading
 
+COMMAND_LINE = "command line"
+"""Name of the project file where settings come from the command line."""
+
 
 class Strict(BaseModel):
     """A table of a settings file: unknown keys are errors, values do not change."""

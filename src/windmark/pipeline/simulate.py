@@ -59,7 +59,7 @@ def simulate(folder: Path, seed: int) -> TunnelTest:
     """
     test = wind_tunnel(seed)
     io.write_camera(folder / "camera.json", test.cameras["cam1"])
-    io.write_markers(folder / "markers.csv", test.markers)
+    io.write_markers(folder / "markers.csv", test.markers, length_unit="mm")
     io.write_mesh(folder / "model.grid", test.mesh)
     write_taps(folder, test.shape)
     truth = folder / "truth"

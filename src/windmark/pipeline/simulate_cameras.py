@@ -109,7 +109,7 @@ def simulate_cameras(folder: Path, seed: int, count: int, *, size_px: tuple[int,
         For fewer than two cameras or more than `MOST`.
     """
     test = camera_shots(seed, count, size_px=size_px, nodes=nodes)
-    io.write_markers(folder / "markers.csv", test.markers)
+    io.write_markers(folder / "markers.csv", test.markers, length_unit="mm")
     io.write_mesh(folder / "model.grid", test.mesh)
     write_taps(folder, test.shape)
     first, *others = test.cam_from_tunnel

@@ -135,7 +135,7 @@ def simulate_deforming(
     states = [_swinging(t) for t in time_s] if clocks else _states(frames)
     for name, camera in test.cameras.items():
         io.write_camera(folder / f"{name}.json", camera, test.cam_from_tunnel[name], unit="mm")
-    io.write_markers(folder / "markers.csv", test.markers)
+    io.write_markers(folder / "markers.csv", test.markers, length_unit="mm")
     io.write_mesh(folder / "model.grid", test.mesh)
     write_taps(folder, test.shape)
     (folder / "images").mkdir(exist_ok=True)

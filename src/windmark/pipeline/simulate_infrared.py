@@ -53,7 +53,7 @@ def simulate_infrared(folder: Path, seed: int) -> InfraredTest:
     made = infrared_test(seed)
     test, shot = made.test, made.shot
     io.write_camera(folder / "camera.json", shot.perfect.camera)
-    io.write_markers(folder / "markers.csv", test.markers)
+    io.write_markers(folder / "markers.csv", test.markers, length_unit="mm")
     io.write_mesh(folder / "model.grid", test.mesh)
     truth = folder / "truth"
     truth.mkdir(exist_ok=True)

@@ -59,11 +59,13 @@ def simulate_photos(folder: Path, seed: int, count: int = 20) -> TunnelTest:
         io.write_camera(folder / "truth" / "poses" / f"P{k + 1:02d}.json", camera, pose, unit="mm")
         seen.append((perfect.markers.xy, perfect.markers.visible))
     io.write_camera(folder / "camera.json", camera)
-    io.write_markers(folder / "truth" / "markers.csv", test.markers)
-    io.write_markers(folder / "primary.csv", _primaries(test.markers, [v for _, v in seen]))
+    io.write_markers(folder / "truth" / "markers.csv", test.markers, length_unit="mm")
+    primary = _primaries(test.markers, [v for _, v in seen])
+    io.write_markers(folder / "primary.csv", primary, length_unit="mm")
     _write_clicks(folder / "clicks.csv", test.markers, seen, rng)
     off = np.random.default_rng([seed, 14]).normal(0, ROUGH_MM, test.markers.xyz.shape)
-    io.write_markers(folder / "rough.csv", replace(test.markers, xyz=test.markers.xyz + off))
+    rough = replace(test.markers, xyz=test.markers.xyz + off)
+    io.write_markers(folder / "rough.csv", rough, length_unit="mm")
     return test
 
 

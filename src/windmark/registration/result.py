@@ -30,13 +30,14 @@ CAUSES = {
     "wrong_camera": "the given camera does not fit: its principal point, aspect, lens, or place in the rig",
     "mirrored": "the mirror image of the table fits the picture, the table does not",
     "one_pair": "a single pair holds the pose",
+    "discs": "the table's radii or normals contradict the picture",
     "labels": "a fixed label contradicts what the spots show",
     "time": "the time limit came first",
 }
 """Every cause of a `NotRegistered`, in words."""
 Cause = Literal[
     "too_few", "degenerate", "nothing", "weak", "misfit", "ambiguous", "focal", "wrong_focal", "wrong_camera",
-    "mirrored", "one_pair", "labels", "time",
+    "mirrored", "one_pair", "discs", "labels", "time",
 ]  # fmt: skip
 
 
@@ -64,7 +65,7 @@ class Unchecked:
 
     Parameters
     ----------
-    what : "focal length", "principal point", "aspect", "lens", "place in the rig", "scale", "mirror" or "copy"
+    what : "focal length", "principal point", "aspect", "lens", "place in the rig", "scale", "mirror", "copy" or "radii"
     words : why, and how large an error this picture would show
     camera : number of the camera, of a rig
     """

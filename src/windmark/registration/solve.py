@@ -14,6 +14,7 @@ from windmark.geometry import PARAMETERS, Camera, Pose
 from windmark.registration.budget import PER_CAMERA, Budget, work_for
 from windmark.registration.directions import WeakDirection, weak_directions
 from windmark.registration.judge.answer import answer
+from windmark.registration.judge.discs import stands
 from windmark.registration.judge.solve import WINDOW, judge, search_for, searches_of_rig
 from windmark.registration.judge.source import Source
 from windmark.registration.judge.verdict import Verdict
@@ -64,6 +65,7 @@ def solve(
         if moved is None:
             break
         used = moved
+    verdict = stands(verdict, limits)
     if verdict.cause is None and verdict.best is not None:
         if cam_from_rig is None:
             return _registration(verdict.best, verdict, tried, index[0], options)
@@ -116,7 +118,7 @@ def _with_other_lenses(tasks: Sequence[Task], verdict: Verdict) -> list[Task] | 
 def _registration(
     best: Solution, verdict: Verdict, tried: int, index: Ints, options: dict[str, Any], bends: float = 0.0
 ) -> Registration:
-    final, unit_cov = answer(best, verdict.beside, bends, verdict.near)
+    final, unit_cov = answer(best, verdict.beside, bends, verdict.near, verdict.published)
     spot, marker = final.pairs()
     residuals = final.state.residual[0, marker]
     distance = np.hypot(residuals[:, 0], residuals[:, 1])
@@ -146,7 +148,7 @@ def _of_rig(
     cam_from_rig: Sequence[Pose], index: Sequence[Ints], options: dict[str, Any],
 ) -> RigRegistration:  # fmt: skip
     """What several cameras found; those without spots are given back as they were."""
-    final, unit_cov = answer(best, verdict.beside, near=verdict.near)
+    final, unit_cov = answer(best, verdict.beside, near=verdict.near, final=verdict.published)
     nothing = np.zeros(0, np.int64)
     matchings = [Matching(nothing, nothing, np.zeros(0)) for _ in tasks]
     residuals = [np.zeros((0, 2)) for _ in tasks]

@@ -8,7 +8,7 @@ from windmark.geometry import Camera, Pose
 from windmark.resection.casting import single_pose, to_camera_frame
 from windmark.resection.nearest import SurfacePoints
 from windmark.resection.reasons import FACING_AWAY, HIDDEN, OBLIQUE, VISIBLE
-from windmark.resection.visibility import NodeView, checked_angle, checked_tolerance, is_hidden, look
+from windmark.resection.visibility import NodeView, checked_angle, hiding_tolerance, is_hidden, look
 from windmark.scene import Mesh
 
 
@@ -33,7 +33,7 @@ def see_surface(
     """
     pose = single_pose(cam_from_model, "see_surface")
     checked_angle(max_obliquity_deg, "see_surface")
-    tolerance = checked_tolerance(tolerance, mesh, "see_surface")
+    least = hiding_tolerance(tolerance, mesh, "see_surface")
     xyz = points.on(mesh)
     cam, xy, reason, depth = look(camera, pose, xyz)
     corners = to_camera_frame(pose, mesh.vertices)[mesh.triangles[points.triangle]]
@@ -45,5 +45,5 @@ def see_surface(
         reason[(reason == VISIBLE) & (obliquity > max_obliquity_deg)] = OBLIQUE
     asked = np.flatnonzero(reason == VISIBLE)
     vertices_cam = to_camera_frame(pose, mesh.vertices)
-    reason[asked[is_hidden(vertices_cam, mesh.triangles, cam[asked], tolerance)]] = HIDDEN
+    reason[asked[is_hidden(vertices_cam, mesh.triangles, cam[asked], least)]] = HIDDEN
     return NodeView(xy, depth, reason, obliquity, camera.size_px)

@@ -10,7 +10,7 @@ from windmark.resection.casting import single_pose, to_camera_frame
 from windmark.resection.pixelmap import PixelMap, interpolate_at, sight_cosines
 from windmark.resection.reasons import FACING_AWAY, HIDDEN, OBLIQUE, VISIBLE
 from windmark.resection.sampling import Image, checked_image, node_values
-from windmark.resection.visibility import NodeView, checked_angle, checked_tolerance, is_hidden, look
+from windmark.resection.visibility import NodeView, checked_angle, hiding_tolerance, is_hidden, look
 from windmark.scene import Mesh
 
 
@@ -93,7 +93,7 @@ def see_pixels(
     pose = single_pose(cam_from_model, "see_pixels")
     checked_angle(max_obliquity_deg, "see_pixels")
     grid = pixel_map.same_grid(mesh)
-    tolerance = checked_tolerance(tolerance, grid, "see_pixels")
+    least = hiding_tolerance(tolerance, grid, "see_pixels")
     found = pixel_map.valid
     triangle, weights, triangles = pixel_map.triangle[found], pixel_map.barycentric[found], grid.triangles
     vertices_cam = to_camera_frame(pose, grid.vertices)
@@ -105,7 +105,7 @@ def see_pixels(
     if max_obliquity_deg is not None:
         reason[(reason == VISIBLE) & (obliquity > max_obliquity_deg)] = OBLIQUE
     asked = np.flatnonzero(reason == VISIBLE)
-    reason[asked[is_hidden(vertices_cam, triangles, points[asked], tolerance)]] = HIDDEN
+    reason[asked[is_hidden(vertices_cam, triangles, points[asked], least)]] = HIDDEN
     return NodeView(xy, depth, reason, obliquity, camera.size_px)
 
 

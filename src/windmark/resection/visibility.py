@@ -14,8 +14,9 @@ from windmark.scene import Mesh
 
 Array = NDArray[np.float64]
 Codes = NDArray[np.uint8]
+Tolerance = float | Array | None
 
-# Part of the mesh's diagonal by which a node may lie behind a triangle and still count as on it:
+# Part of the size of what hides it (`Mesh.sizes`) by which a node may lie behind a triangle and still count as on it:
 # above the rounding of single precision and of five-digit files, below any real thickness.
 _TOLERANCE = 1e-5
 
@@ -79,7 +80,7 @@ def see_nodes(
     *,
     max_obliquity_deg: float | None = None,
     two_sided: bool = False,
-    tolerance: float | None = None,
+    tolerance: Tolerance = None,
 ) -> NodeView:
     """Where the nodes of the mesh are in the image, and which of them the camera sees.
 
@@ -95,8 +96,8 @@ def see_nodes(
     two_sided : do not trust the orientation of the triangles: nothing "faces away", and what is on the
         back of a body is found to be hidden by its front. Right for a closed body whatever its blocks'
         orientations; an open surface is then seen from both sides. The obliquity is folded into 0-90
-    tolerance : length by which a node may lie behind a triangle and still count as lying on it; 1e-5 of
-        the mesh's diagonal by default. Overset blocks that do not match need more: the gap between them
+    tolerance : length by which a node may lie behind a triangle and still count as lying on it, one or of each triangle
+        (T,); 1e-5 of `Mesh.sizes` by default. Overset blocks that do not match need more: the gap between them
 
     Returns
     -------
@@ -114,7 +115,7 @@ def see_nodes(
     the obliquity is that of the mean normal (of its own block, where blocks meet).
     """
     pose = single_pose(cam_from_model, "see_nodes")
-    tolerance = checked_tolerance(tolerance, mesh, "see_nodes")
+    least = hiding_tolerance(tolerance, mesh, "see_nodes")
     checked_angle(max_obliquity_deg, "see_nodes")
     cam, xy, reason, depth = look(camera, pose, mesh.vertices)
     normals, faces = _node_normals(cam, mesh.triangles)
@@ -128,12 +129,12 @@ def see_nodes(
         unused |= mesh.blanked
     reason[unused] = BLANKED
     asked = np.flatnonzero(reason == VISIBLE)
-    reason[asked[is_hidden(cam, mesh.triangles, cam[asked], tolerance)]] = HIDDEN
+    reason[asked[is_hidden(cam, mesh.triangles, cam[asked], least)]] = HIDDEN
     return NodeView(xy, depth, reason, obliquity, camera.size_px)
 
 
 def see_points(
-    xyz: ArrayLike, camera: Camera, cam_from_model: Pose, *, mesh: Mesh | None = None, tolerance: float | None = None
+    xyz: ArrayLike, camera: Camera, cam_from_model: Pose, *, mesh: Mesh | None = None, tolerance: Tolerance = None
 ) -> NodeView:
     """Where points (N, 3) are in the image and, with a mesh, whether it hides them.
 
@@ -148,17 +149,18 @@ def see_points(
         raise ValueError(f"see_points: xyz must be (N, 3), got {points.shape}")
     cam, xy, reason, depth = look(camera, pose, points)
     if mesh is not None:
-        tolerance = checked_tolerance(tolerance, mesh, "see_points")
+        least = hiding_tolerance(tolerance, mesh, "see_points")
         asked = np.flatnonzero(reason == VISIBLE)
         vertices_cam = to_camera_frame(pose, mesh.vertices)
-        reason[asked[is_hidden(vertices_cam, mesh.triangles, cam[asked], tolerance)]] = HIDDEN
+        reason[asked[is_hidden(vertices_cam, mesh.triangles, cam[asked], least)]] = HIDDEN
     return NodeView(xy, depth, reason, np.full(len(points), np.nan), camera.size_px)
 
 
-def is_hidden(vertices_cam: Array, triangles: NDArray[np.int32], points_cam: Array, tolerance: float
+def is_hidden(vertices_cam: Array, triangles: NDArray[np.int32], points_cam: Array, tolerance: float | Array
               ) -> NDArray[np.bool_]:  # fmt: skip
     """Whether something lies before the points (N, 3), all in the camera frame and in front of it.
 
+    ``tolerance`` is one length, or that of each triangle (T,) where it is the one that hides.
     The distance is taken across the hiding triangle, not along the ray: a bias in depth scaled with the
     slope, without a parameter for it.
     """
@@ -170,7 +172,19 @@ def is_hidden(vertices_cam: Array, triangles: NDArray[np.int32], points_cam: Arr
     hits = cast(vertices_cam, triangles, points_cam[:, :2] / points_cam[:, 2:])
     behind = np.empty(len(points_cam))
     _points.distance_behind(vertices_cam, triangles, points_cam, hits.triangle, behind)
-    return behind > tolerance
+    return behind > (tolerance if isinstance(tolerance, float) else np.asarray(tolerance)[hits.triangle])
+
+
+def hiding_tolerance(tolerance: Tolerance, mesh: Mesh, verb: str) -> float | Array:
+    """What `is_hidden` wants: one length, or one for each triangle; by default a part of `Mesh.sizes`."""
+    if tolerance is None:
+        return _TOLERANCE * mesh.sizes if len(mesh.triangles) else 0.0
+    if np.ndim(tolerance) == 0:
+        return checked_tolerance(float(tolerance), mesh, verb)
+    each = np.asarray(tolerance, dtype=float)
+    if each.shape != (len(mesh.triangles),) or not ((each >= 0) & (each < np.inf)).all():
+        raise ValueError(f"{verb}: tolerance must be a length >= 0, or one of each triangle, got {each.shape}")
+    return each if len(each) else 0.0
 
 
 def checked_tolerance(tolerance: float | None, mesh: Mesh, verb: str) -> float:

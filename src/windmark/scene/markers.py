@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,7 +16,7 @@ ROLES = ("model", "wall", "primary", "secondary", "tap", "virtual", "fiducial")
 
 @dataclass(frozen=True)
 class MarkerSet:
-    """N markers as columns. Lengths in the project's unit.
+    """N markers as columns.
 
     Parameters
     ----------
@@ -26,6 +27,7 @@ class MarkerSet:
     normal : (N, 3) unit outward normal, NaN where unknown
     volume : (N,) str, the volume (body part with its own deformation law) the marker belongs to
     role : (N,) str, one of `ROLES`
+    length_unit : of place, sigma and radius: in, ft, mm, cm or m; "" where nothing says it
 
     Only name and xyz are needed; `MarkerSet.make` fills the rest.
     """
@@ -37,6 +39,7 @@ class MarkerSet:
     normal: Array
     volume: NDArray[np.str_]
     role: NDArray[np.str_]
+    length_unit: str = ""
 
     def __post_init__(self) -> None:
         n = len(self.name)
@@ -67,6 +70,7 @@ class MarkerSet:
         normal: ArrayLike | None = None,
         volume: Sequence[str] | NDArray[np.str_] | str = "model",
         role: Sequence[str] | NDArray[np.str_] | str = "model",
+        length_unit: str = "",
     ) -> MarkerSet:
         """Markers from what is known; scalars and missing columns are filled, normals made unit length."""
         n = len(name)
@@ -81,17 +85,23 @@ class MarkerSet:
             normal=normals,
             volume=_text(volume, n),
             role=_text(role, n),
+            length_unit=length_unit,
         )
 
     def __len__(self) -> int:
         return len(self.name)
+
+    @property
+    def columns(self) -> dict[str, NDArray[Any]]:
+        """Every column, (N, ...), by its name."""
+        return {f.name: getattr(self, f.name) for f in fields(self) if f.name != "length_unit"}
 
     def take(self, index: ArrayLike) -> MarkerSet:
         """The markers of a boolean mask or an index array, in that order."""
         i = np.asarray(index)
         if not i.size and i.dtype != bool:
             i = i.astype(np.int64)  # an empty list is made of floats
-        return MarkerSet(**{f.name: getattr(self, f.name)[i] for f in fields(self)})
+        return replace(self, **{name: column[i] for name, column in self.columns.items()})
 
     def with_role(self, *roles: str) -> MarkerSet:
         """The markers of the given roles."""

@@ -40,6 +40,7 @@ class Mesh:
     volume : (T,) str, the volume each triangle belongs to
     blocks : structured blocks the vertices came from, empty for unstructured meshes
     blanked : (V,) bool, True for nodes the file marks as unused (IBLANK = 0); they are in no triangle
+    length_unit : of the vertices: in, ft, mm, cm or m; "" where nothing says it
     """
 
     vertices: Array
@@ -47,6 +48,7 @@ class Mesh:
     volume: NDArray[np.str_]
     blocks: tuple[Block, ...] = ()
     blanked: NDArray[np.bool_] | None = field(default=None)
+    length_unit: str = ""
 
     def __post_init__(self) -> None:
         v, t = np.shape(self.vertices), np.shape(self.triangles)
@@ -110,6 +112,43 @@ class Mesh:
         """Length of the diagonal of `box`, 0 for a mesh without triangles: the scale of every tolerance."""
         low, high = self._box
         return float(np.nan_to_num(np.linalg.norm(high - low)))
+
+    @cached_property
+    def sizes(self) -> Array:
+        """(T,) the size of what each triangle is a part of: the scale of tolerances that ask what hides what.
+
+        That of the whole mesh (`diagonal`), unless a part of it is so much larger than all smaller parts together (a
+        far field, a tunnel) that these would be lost in its tolerance; then theirs is the box of their own, but no less
+        than the coordinates are, which are as rounded as they are large. Parts are runs of triangles of one volume and
+        one block.
+        """
+        if not len(self.triangles):
+            return np.zeros(0)
+        block = np.searchsorted([b.first for b in self.blocks], self.triangles[:, 0], side="right")
+        first = np.flatnonzero(np.append(True, (self.volume[1:] != self.volume[:-1]) | (np.diff(block) != 0)))
+        if len(first) == 1:
+            return np.full(len(self.triangles), self.diagonal)
+        parts = [self.vertices[t.ravel()] for t in np.split(self.triangles, first[1:])]
+        low, high = (np.stack([ends(part, axis=0) for part in parts]) for ends in (np.min, np.max))
+        return np.repeat(_part_sizes(low, high), np.diff(np.append(first, len(self.triangles))))
+
+
+LARGER = 10.0
+"""A part that is so many times larger than all smaller ones together is of another scale."""
+
+
+def _part_sizes(low: Array, high: Array) -> Array:
+    """(P,) see `Mesh.sizes`, of parts with boxes ``low`` to ``high`` (P, 3)."""
+    own = np.linalg.norm(high - low, axis=1)
+    order = np.argsort(-own, kind="stable")
+    below = np.minimum.accumulate(low[order][::-1])[::-1], np.maximum.accumulate(high[order][::-1])[::-1]
+    together = np.linalg.norm(below[1] - below[0], axis=1)  # each part with all that are smaller
+    begins = np.append(True, own[order][:-1] > LARGER * together[1:])
+    size = together[np.maximum.accumulate(np.where(begins, np.arange(len(own)), 0))]
+    out = np.empty(len(own))
+    out[order] = size
+    reach = np.maximum(np.abs(low), np.abs(high)).max(axis=1)
+    return np.asarray(np.minimum(np.maximum(out, reach), together[0]))
 
 
 def structured_triangles(ni: int, nj: int, first: int = 0, reverse: bool = False) -> NDArray[np.int32]:

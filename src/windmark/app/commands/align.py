@@ -99,8 +99,8 @@ def align(
     2D, from the markers in the pictures alone: motion and deformation are compensated, parallax is not. 3D, with
     --markers, --camera, --grid and --unit: rigid motion exactly, relief and perspective included. Markers on the walls
     take no part in 3D unless --roles names them, and in 2D if they stand still while the model moves: else use --mask.
-    Neither do zones of the grid that are walls: where the grid has some, name the model's own with --volume, or the
-    walls are dragged along with it.
+    Neither do zones of the grid that bear markers of walls; where the table has none, name the model's own zones with
+    --volume, or walls are dragged along with it.
     """
     with console.errors(as_json):
         needed = {"--markers": markers, "--camera": camera, "--grid": grid, "--unit": unit}

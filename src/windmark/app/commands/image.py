@@ -179,6 +179,15 @@ def resect(
     grid: GridFile,
     unit: Unit,
     volume: VolumeParts = None,
+    markers: Annotated[
+        Path | None,
+        typer.Option(
+            "--markers",
+            "-m",
+            help="Marker table: zones that bear markers of role wall, and none of the model, take no"
+            " part, for the camera's pose is that of the model. Not with --volume.",
+        ),
+    ] = None,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="Folder of the results. [default: IMAGE-resection]")
     ] = None,
@@ -209,12 +218,15 @@ def resect(
     from windmark.io import picture_name
 
     with console.errors(as_json):
+        if markers is not None and volume:
+            raise ValueError("--markers tells the walls of the grid, and --volume names what takes part: one of them")
         settings: dict[str, Any] = {
             "title": f"Resection of {image.name}",
             "length_unit": unit,
             "camera": [{"file": camera, "pose": "known"}],
             "image": [{"file": image, **values_settings(quantity, quantity_unit, scale, offset)}],
-            "grid": grid_settings(grid, volume),
+            "markers": markers_settings(markers, None) if markers is not None else None,
+            "grid": grid_settings(grid, volume) | ({"walls": "leave_out"} if markers is not None else {}),
             "resect": {"max_obliquity_deg": max_obliquity_deg},
             "points": [{"file": path, "max_distance": max_distance} for path in points or ()],
             "output": {"folder": output or Path(f"{picture_name(image)}-resection"), "pixels": pixels}

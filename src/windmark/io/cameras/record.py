@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from windmark.geometry import Camera, Pose
 from windmark.io.errors import FileError
 from windmark.io.text import Pathlike
+from windmark.scene.units import LENGTH_UNITS as LENGTH_UNITS
 
 Array = NDArray[np.float64]
 
-LENGTH_UNITS = ("in", "ft", "mm", "cm", "m")
 FREE = "free"
 """Written as the unit of a reconstruction without scale; not read where a length matters."""
 

@@ -17,10 +17,12 @@ from windmark.calibration.datum import Fixed, Free, Weighted
 from windmark.calibration.quality import Comparison, KnownMarkers, SplitHalf, residual_map
 from windmark.calibration.snooping import LIMIT
 from windmark.geometry import PARAMETERS
+from windmark.io.cameras.record import FREE
 from windmark.pipeline.calibrate.marks import Marks
 from windmark.pipeline.calibrate.read import Picture
 from windmark.pipeline.calibrate.rig import beside, beside_record
 from windmark.pipeline.calibrate.run import Calibrated
+from windmark.pipeline.lengths import Lengths
 from windmark.scene import MarkerSet
 
 Array = NDArray[np.float64]
@@ -43,7 +45,7 @@ def write_network(result: Calibration, folder: Path, unit: str) -> None:
     """Cameras (of a rig to each other, too), markers, poses and residuals into ``folder``."""
     for name, camera in result.cameras.items():
         io.write_camera(folder / camera_file(result, name), camera)
-    io.write_markers(folder / MARKERS, result.markers)
+    io.write_markers(folder / MARKERS, result.markers, length_unit="" if unit == FREE else unit)
     cov = {key: result.marker_cov[:, i, j] for key, (i, j) in _COV.items()}
     io.write_table(folder / MARKERS_COV, {"name": result.markers.name, **cov})
     io.write_table(folder / "poses.csv", pose_columns(result))
@@ -144,7 +146,7 @@ def match_columns(marks: Marks) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def read_known(folder: Path) -> KnownMarkers:
+def read_known(folder: Path, lengths: Lengths) -> KnownMarkers:
     """Marker coordinates and covariances of an earlier calibration, from its folder.
 
     Raises
@@ -152,7 +154,7 @@ def read_known(folder: Path) -> KnownMarkers:
     FileError
         When the folder has no such tables, or they name different markers.
     """
-    markers = io.read_markers(folder / MARKERS, roles=None)
+    markers = lengths.markers(folder / MARKERS, None)
     table = io.read_table(folder / MARKERS_COV, required=("name", *_COV), known=("name", *_COV))
     if table.text("name") != markers.name.tolist():
         raise io.FileError(folder / MARKERS_COV, f"names other markers than {MARKERS}")

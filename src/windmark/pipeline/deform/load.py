@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,11 +12,12 @@ from numpy.typing import NDArray
 from windmark import io
 from windmark.deformation import Law, LawError, Stations, Volume, Volumes, check_law, laws_of_source, with_parameters
 from windmark.deformation.laws.catalog import CATALOG, make_law
-from windmark.geometry import Pose
+from windmark.geometry import Camera, Pose
 from windmark.io.errors import reading
 from windmark.pipeline.deform.project import CameraEntry, DeformProject, VolumeEntry
 from windmark.pipeline.deform.task import DeformationTest, LookOptions, Station
 from windmark.pipeline.grid import read_grid, sight
+from windmark.pipeline.walls import wall_volumes, walls_note, without
 from windmark.scene import MarkerSet, Mesh
 
 Array = NDArray[np.float64]
@@ -49,13 +51,14 @@ def load(project: DeformProject) -> Loaded:
     FileError
         Naming the project's key, or the file, that is wrong.
     """
-    markers = io.read_markers(project.markers.file, roles=project.markers.roles)
+    markers = project.lengths.markers(project.markers.file, project.markers.roles)
     rig = tuple(_station(project, i, c) for i, c in enumerate(project.camera))
     # The grid is that of the model where it stands without load: near enough to know which side the cameras see.
     posed = [(s.camera, s.cam_from_tunnel) for s in rig]
-    mesh = None if project.grid is None else read_grid(project.grid, posed)
+    mesh, walls = _grid(project, posed)
     volumes, remarks = volumes_of(project, markers)
-    remarks += [f"{c.file}: {note}" for c in project.camera if (note := io.read_camera_file(c.file).note)]
+    remarks += walls
+    remarks += [f"{c.file}: {note}" for c in project.camera if (note := project.lengths.camera(c.file).note)]
     stations = None
     if project.stations is not None:
         given = project.stations
@@ -78,8 +81,20 @@ def load(project: DeformProject) -> Loaded:
     return Loaded(project, test, mesh, stations, tuple(remarks))
 
 
+def _grid(project: DeformProject, posed: Sequence[tuple[Camera, Pose]]) -> tuple[Mesh | None, list[str]]:
+    """The grid, and what is said of it."""
+    if project.grid is None:
+        return None, []
+    mesh = read_grid(project.grid, project.lengths, posed)
+    if project.grid.walls == "keep":
+        return mesh, []
+    walls = wall_volumes(project.markers.file, project.grid, mesh, project.lengths)
+    return without(mesh, walls), [f"{project.grid.file}: {walls_note(walls, 'the grid')}"] if walls else []
+
+
 def _station(project: DeformProject, i: int, entry: CameraEntry) -> Station:
-    camera, pose = io.read_camera(entry.file)
+    content = project.lengths.camera(entry.file)
+    camera, pose = content.camera, content.cam_from_model
     if pose is None:
         raise io.FileError(
             entry.file, "has no pose; expected where the camera stands (cam_from_tunnel), such as windmark register "
@@ -133,7 +148,9 @@ def _law(project: DeformProject, entry: VolumeEntry, points: Array) -> Law:
     if entry.law in CATALOG:
         table = None
         if "table" in entry.options:
-            table = io.read_modes(_beside(project, Path(str(entry.options["table"]))))
+            file = _beside(project, Path(str(entry.options["table"])))
+            table = io.read_modes(file)
+            project.lengths.agree(file, io.read_marker_unit(file))
         return make_law(entry.law, entry.options, unit=project.length_unit, points=points, table=table)
     name, _, which = entry.law.partition(".py")
     if not _:

@@ -65,7 +65,7 @@ class PointMapper:
         self._black = 0.0 if how is None else how.black
         self._oblique = OBLIQUITY_DEG if how is None else how.max_obliquity_deg
         self._interpolation = INTERPOLATION if how is None else how.interpolation
-        lists = read_lists(project.points)
+        lists = read_lists(project.points, project.lengths)
         self.sets = [on_grid(entry, points, loaded.mesh) for entry, points in zip(project.points, lists, strict=True)]
         self._off: dict[tuple[str, str], _Off] = {}
 

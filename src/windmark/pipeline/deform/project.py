@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationError, model_validator
 
+from windmark.pipeline.lengths import Lengths
 from windmark.pipeline.project import GridEntry, Positive, Role, Unit, Vector
 from windmark.pipeline.settings import Strict, existing, explained, read_toml, unusable_name
 from windmark.pipeline.wanted import PointsEntry
@@ -220,6 +221,11 @@ class DeformProject(Strict):
         if self.stations is not None and self.stations.volume not in [v.name for v in self.volume]:
             raise ValueError(f"stations: volume {self.stations.volume!r} is not one of the volumes")
         return self
+
+    @property
+    def lengths(self) -> Lengths:
+        """What reads its files: their lengths are in its unit."""
+        return Lengths.of_project(self.path, self.length_unit)
 
     @property
     def has_clocks(self) -> bool:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,9 +67,9 @@ class Change:
             xyz[k], normal[k] = self.place, self.normal
             return replace(markers, xyz=xyz, normal=normal)
         like = markers.name.tolist().index(self.near[0])  # radius, volume and role are its neighbour's
-        rows = {f.name: [*getattr(markers, f.name), getattr(markers, f.name)[like]] for f in fields(markers)}
+        rows: dict[str, Any] = {name: [*column, column[like]] for name, column in markers.columns.items()}
         rows["name"][-1], rows["xyz"][-1], rows["normal"][-1] = self.name, self.place, self.normal
-        return MarkerSet(**{name: np.array(values) for name, values in rows.items()})
+        return replace(markers, **{name: np.array(values) for name, values in rows.items()})  # type: ignore[arg-type]
 
 
 def candidates(stage: Stage, kind: str, fixed: Sequence[str] = ()) -> list[Change]:

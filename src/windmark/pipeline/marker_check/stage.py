@@ -23,7 +23,7 @@ PLACED = 6  # steps in which the distance is found
 OUTLINE = 2000  # nodes of the grid that stand for its outline
 WIDENED = 0.1
 OFF_MESH = 1e-3
-"""Part of the model's size by which a marker's table may put it under the grid and the grid does not hide it."""
+"""A marker's table may put it so far under the grid (part of `Mesh.sizes`) and the grid does not hide it."""
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ class Stage:
         """(N, 2) images of the markers, and which ones a detector could find there."""
         xy, seen = in_sight(self.markers.xyz, self.markers.normal, self.camera, pose, self.settings.max_obliquity_deg)
         if self.mesh is not None and seen.any():
-            off = OFF_MESH * self.mesh.diagonal
+            off = OFF_MESH * self.mesh.sizes
             node = resection.see_points(self.markers.xyz[seen], self.camera, pose, mesh=self.mesh, tolerance=off)
             seen[seen] = node.visible
         return xy, seen

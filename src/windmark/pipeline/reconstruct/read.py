@@ -18,6 +18,7 @@ from windmark.pipeline.calibrate.pictures import LABEL_PX
 from windmark.pipeline.calibrate.read import MatchOptions, Picture, find_spots, read_image, read_pictures
 from windmark.pipeline.clock import Clock
 from windmark.pipeline.labels import Place, fixed_spots
+from windmark.pipeline.lengths import Lengths
 from windmark.scene import MarkerSet, View
 
 LABEL_COLUMNS = ("image", "name", "x", "y")
@@ -85,20 +86,20 @@ def read_labels(path: Path, images: Sequence[str], primary: MarkerSet) -> LabelT
     return LabelTable(table, tuple(out), np.stack([table.numbers("x"), table.numbers("y")], axis=1))
 
 
-def read_poses(folder: Path, images: Sequence[str]) -> dict[str, Pose]:
+def read_poses(folder: Path, images: Sequence[str], lengths: Lengths) -> dict[str, Pose]:
     """Poses of the pictures that have a file NAME.json in a folder, such as ``views`` of a calibration.
 
     Raises
     ------
     FileError
-        No picture has a file, or a file has no pose.
+        No picture has a file, or a file has no pose or one in another length unit.
     """
     poses = {}
     for name in images:
         path = folder / f"{name}.json"
         if not path.exists():
             continue
-        pose = io.read_camera(path)[1]
+        pose = lengths.camera(path).cam_from_model
         if pose is None:
             raise io.FileError(path, f"is a camera without a pose; expected that of the picture {name}")
         poses[name] = pose

@@ -31,18 +31,10 @@ Array = NDArray[np.float64]
 DISC_ROUNDS = 2
 
 
-def answer(
-    best: Solution, beside: Solution | None = None, bends: float = 0.0, near: Sequence[Weighed] = ()
-) -> tuple[Solution, Array]:
-    """The solution as it is reported, and the covariance (P, P) of all its unknowns.
-
-    Where another camera fits better ``beside``, but it is only slightly another or the model may be bent instead, the
-    covariance has the way from the one explanation to the other, and of the pose also that one's own.
-    ``bends`` is the evidence (nats) of other pictures that the model bends. Solutions that are ``near`` a rigid one
-    (weight, solution) are parts of one distribution of the pose, whose second moment about the answer is given.
-    """
+def corrected(best: Solution) -> Solution:
+    """The solution with its excess by the residuals alone, and with the eccentricity of the discs."""
     best = accepted(best)
-    discs = _are_discs(best)
+    discs = are_discs(best)
     for _ in range(DISC_ROUNDS if discs.any() else 0):
         state = copied(best.views, best.state)
         for c in np.flatnonzero(best.counts):
@@ -50,6 +42,21 @@ def answer(
         if not accept_kernel(best.views.sights, state):
             break
         best = Solution(best.views, state)
+    return best
+
+
+def answer(
+    best: Solution, beside: Solution | None = None, bends: float = 0.0, near: Sequence[Weighed] = (),
+    final: Solution | None = None,
+) -> tuple[Solution, Array]:  # fmt: skip
+    """The solution as it is reported, and the covariance (P, P) of all its unknowns; ``final`` where it is `corrected`.
+
+    Where another camera fits better ``beside``, but it is only slightly another or the model may be bent instead, the
+    covariance has the way from the one explanation to the other, and of the pose also that one's own.
+    ``bends`` is the evidence (nats) of other pictures that the model bends. Solutions that are ``near`` a rigid one
+    (weight, solution) are parts of one distribution of the pose, whose second moment about the answer is given.
+    """
+    best = final or corrected(best)
     curved = curvature(best)
     best, cov = _of_root(best, bends)
     cov[: len(curved), : len(curved)] += curved
@@ -119,7 +126,7 @@ def _moved(best: Solution, shift: Array) -> Solution:
     return Solution(views, state)
 
 
-def _are_discs(best: Solution) -> NDArray[np.bool_]:
+def are_discs(best: Solution) -> NDArray[np.bool_]:
     """(N,) markers whose normal and radius are known."""
     markers = best.views.planes[0].task.markers
     return np.isfinite(markers.radius) & np.isfinite(markers.normal).all(axis=1)

@@ -14,7 +14,8 @@ class Verdict:
     """The best explanation, the best distinct other one, why it is refused (None: accepted), and what is unchecked.
 
     ``beside`` is another camera's that may be the right one, whose pose the covariance has to cover; so it has that of
-    those that are ``near``, each with its probability (`judge.twins`).
+    those that are ``near``, each with its probability (`judge.twins`). ``published`` is the best one as it is reported,
+    with the discs' eccentricity, once that has been looked at.
     """
 
     best: Solution | None
@@ -24,6 +25,7 @@ class Verdict:
     unchecked: tuple[Unchecked, ...] = ()
     beside: Solution | None = None
     near: tuple[Weighed, ...] = ()
+    published: Solution | None = None
 
 
 def runner_up(best: Solution, other: Solution) -> RunnerUp:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from windmark.geometry import Pose
 from windmark.registration.budget import Budget, work_for
+from windmark.registration.judge.discs import stands
 from windmark.registration.judge.judge import Judge
 from windmark.registration.judge.solve import WINDOW
 from windmark.registration.judge.source import Source
@@ -59,7 +60,7 @@ def judged(
     candidate = Candidate(pose, prepared.camera.focal_px, worth, int((match >= 0).sum()), match)
     budget = Budget.of(work_for(plane.task, "hash"), options["max_time_s"])
     source = Source(Views.of([plane]), [cast(Any, _Followed(candidate))], WINDOW, budget)
-    verdict = Judge(source, replace(limits, deformation=BENT), budget).verdict()
+    verdict = stands(Judge(source, replace(limits, deformation=BENT), budget).verdict(), limits)
     if verdict.cause is not None or verdict.best is None:
         return verdict.reason
     return _registration(verdict.best, verdict, source.links, usable, options, bends)

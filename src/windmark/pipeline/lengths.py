@@ -1,0 +1,95 @@
+"""The length unit of a job: every file of it that has lengths is read here, and mixed units are refused."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, TypeVar
+
+from windmark import io
+from windmark.io.cameras.record import FREE
+from windmark.io.markers import TARGET_ROLES
+from windmark.pipeline.settings import COMMAND_LINE
+from windmark.scene import MarkerSet, Mesh
+from windmark.scene.units import IN_WORDS
+
+Noun = TypeVar("Noun", MarkerSet, Mesh, io.PointList)
+
+
+class Lengths:
+    """The length unit of a job, and who says it: the user, or else the first file that does.
+
+    What a file says must be the job's unit; lengths of a file that says none are in the job's. Poses that are not used
+    are not asked (a camera that is read for its lens only).
+
+    Parameters
+    ----------
+    unit : what the user says; None: nothing
+    by : where it is said, for messages: an option, or a file's key
+    """
+
+    def __init__(self, unit: str | None = None, by: str = "--unit") -> None:
+        if unit is not None and unit not in io.LENGTH_UNITS:
+            raise ValueError(f"{by} must be one of {', '.join(io.LENGTH_UNITS)}, got {unit or 'none'!r}")
+        self.unit, self.by = unit, by
+
+    @staticmethod
+    def of_project(path: Path, unit: str) -> Lengths:
+        """That of a project file, or of the command line in its place."""
+        return Lengths(unit, "--unit" if path.name == COMMAND_LINE else f"length_unit of {path.name}")
+
+    def agree(self, path: Path, said: str | None, what: str = "lengths are") -> None:
+        """Take note of the unit that a file says ("" or None: none) of its ``what``.
+
+        Raises
+        ------
+        FileError
+            Where it is another one than the job's, no unit that is known, or that of a result without scale. Names both
+            files or keys, and both units.
+        """
+        if not said:
+            return
+        unit = IN_WORDS.get(said.lower(), said)
+        wanted = f"expected one of {', '.join(io.LENGTH_UNITS)}"
+        if unit == FREE:
+            raise io.FileError(path, f"its {what} without scale (a free reconstruction); {wanted}", _KEY)
+        if unit not in io.LENGTH_UNITS:
+            raise io.FileError(path, f"its {what} in {said!r}, which is no unit known here; {wanted}", _KEY)
+        if self.unit is None:
+            self.unit, self.by = unit, str(path)
+        if unit != self.unit:
+            words = f"its {what} in {unit}, {self.by} is {self.unit}; expected the same"
+            raise io.FileError(path, f"{words} (windmark convert --to-unit {self.unit})", _KEY)
+
+    def markers(self, path: Path, roles: Sequence[str] | None = TARGET_ROLES) -> MarkerSet:
+        """`io.read_markers`, in the job's unit."""
+        return self._agreed(path, io.read_markers(path, roles=roles))
+
+    def points(self, path: Path, roles: Sequence[str] | None = None) -> io.PointList:
+        """`io.read_points`, in the job's unit."""
+        return self._agreed(path, io.read_points(path, roles=roles))
+
+    def mesh(self, path: Path, **options: Any) -> Mesh:
+        """`io.read_mesh`, in the job's unit."""
+        return self._agreed(path, io.read_mesh(path, **options))
+
+    def camera(self, path: Path, **options: Any) -> io.CameraFile:
+        """`io.read_camera_file`, its pose in the job's unit."""
+        content = io.read_camera_file(path, **options)
+        if content.cam_from_model is not None:
+            self.agree(path, content.length_unit, "pose is")
+        return content
+
+    def rig(self, path: Path) -> io.RigFile:
+        """`io.read_rig`, its poses in the job's unit."""
+        content = io.read_rig(path)
+        self.agree(path, content.length_unit, "poses are")
+        return content
+
+    def _agreed(self, path: Path, noun: Noun) -> Noun:
+        self.agree(path, noun.length_unit)
+        return replace(noun, length_unit=self.unit or "")
+
+
+_KEY = "length unit"

@@ -1,0 +1,118 @@
+"""The discs of an accepted solution: nothing that is published may contradict its acceptance.
+
+The search and the judge know markers as points. That they are discs of known radii and normals comes last and moves
+every projection (`judge.answer`). A table whose radii are in another unit than its places, or whose normals are wrong,
+moves them by pixels: so the solution as it is published must pass the gates of the accepted one, and fit no worse.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.registration.judge import own, rules
+from windmark.registration.judge.answer import are_discs, corrected
+from windmark.registration.judge.verdict import Verdict
+from windmark.registration.result import Unchecked
+from windmark.registration.settle.settling import accepted
+from windmark.registration.settle.solution import Solution
+from windmark.registration.task import MIN_COUNT, Limits
+from windmark.scene.units import mixed_units
+
+Array = NDArray[np.float64]
+INCH = "inch"
+"""As a word in a sentence."""
+
+
+def stands(verdict: Verdict, limits: Limits) -> Verdict:
+    """The verdict once the discs are looked at: as it was, with what is published; or refused (cause "discs")."""
+    if verdict.cause is not None or verdict.best is None:
+        return verdict
+    low, high = _ratios(verdict.best)
+    if low > rules.RADII_OFF or high < 1 / rules.RADII_OFF:
+        return replace(verdict, cause="discs", reason=_radii_words(verdict.best, low if low > 1 else high))
+    final = corrected(verdict.best)
+    if words := _grown(verdict.best, final, limits):
+        return replace(verdict, cause="discs", reason=words)
+    unchecked = verdict.unchecked
+    if low > rules.RADII_ODD or high < 1 / rules.RADII_ODD:
+        unchecked = (*unchecked, Unchecked("radii", _odd_words(low, high)))
+    return replace(verdict, published=final, unchecked=unchecked)
+
+
+def _ratios(best: Solution) -> tuple[float, float]:
+    """Quartiles of the imaged radii over those that the table lets expect; 1 where fewer than four are known."""
+    ratios = [np.zeros(0)]
+    for c in np.flatnonzero(best.counts).tolist():
+        task, pose = best.views.planes[c].task, best.cam_from_model(c)
+        if task.radius_px is None:
+            continue
+        spot, marker = best.pairs(c)
+        place = pose.apply(task.markers.xyz[marker])
+        away = np.linalg.norm(place, axis=1)
+        # A disc that is seen obliquely is smaller; where the normal is not known it counts as seen from the front.
+        slant = np.abs((pose.rotate(task.markers.normal[marker]) * place).sum(axis=1)) / away
+        size = task.markers.radius[marker] * float(best.state.camera[c, 0]) / place[:, 2]
+        ratios.append(task.radius_px[spot] / (size * np.sqrt(np.where(np.isfinite(slant), slant, 1.0))))
+    known = np.concatenate(ratios)
+    known = known[np.isfinite(known) & (known > 0)]
+    if len(known) < MIN_COUNT:
+        return 1.0, 1.0
+    low, high = np.percentile(known, [25, 75])
+    return float(low), float(high)
+
+
+def _radii_words(best: Solution, ratio: float) -> str:
+    small, factor = ("small", ratio) if ratio > 1 else ("large", 1 / ratio)
+    markers = best.views.planes[0].task.markers
+    units = mixed_units(ratio, markers.length_unit)
+    likely = "; another unit, or something else than radii?"
+    if units is not None:
+        places, radii = (INCH if unit == "in" else unit for unit in units)
+        likely = f": radii in {radii} beside places in {places}?"
+    return (
+        f"the table's radii are {factor:.3g} times too {small} for the imaged markers{likely} The places fit: they "
+        f"match {best.count} of {best.expected} markers in view"
+    )
+
+
+def _odd_words(low: float, high: float) -> str:
+    ratio = low if low > 1 else high
+    small, factor = ("small", ratio) if ratio > 1 else ("large", 1 / ratio)
+    meant = "; diameters in their place?" if small == "large" else ""
+    return (
+        f"the table's radii are some {factor:.2g} times too {small} for the imaged markers{meant} By them a disc's "
+        "centre is told from that of its image"
+    )
+
+
+def _grown(best: Solution, final: Solution, limits: Limits) -> str:
+    """Why the published solution is not the accepted one; empty where it is.
+
+    With the discs as the table has them the gates are the same, and the spots may not speak clearly against it.
+    """
+    plain = accepted(best)
+    if not final.state.offset.any():
+        return ""
+    # Where some discs are unknown, what the pose made up for in all of them is left in these: no evidence.
+    all_known = bool(are_discs(best)[(best.state.match >= 0).any(axis=0)].all())
+    worse = plain.score - final.score if all_known else 0.0
+    if worse <= limits.margin and (_passes(final, limits) or not _passes(plain, limits)):
+        return ""
+    off, nats = float(np.abs(final.state.offset).max()), plain.score - final.score
+    before, after = float(plain.misfit_px.max()), float(final.misfit_px.max())
+    return (
+        f"the best solution matches {best.count} of {best.expected} markers in view with a misfit of {before:.2g} px "
+        f"(1 sigma per coordinate), but as discs of the table's radii and normals, whose images are off the images of "
+        f"their centres by up to {off:.2g} px, they fit worse ({after:.2g} px, by {nats:.0f} nats): are radii and "
+        "normals right, and in the unit of the places?"
+    )
+
+
+def _passes(best: Solution, limits: Limits) -> bool:
+    """Whether a solution is beyond chance and no camera's misfit is too large: the judge's own gates."""
+    beyond = best.log10_nfa < limits.log10_nfa and best.score > own.least_score(best, limits)
+    cameras = np.flatnonzero(best.counts).tolist()
+    return (beyond or own.is_sure_of_few(best, limits)) and not any(own.misfit_of(best, c, limits) for c in cameras)
