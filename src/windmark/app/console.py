@@ -102,7 +102,7 @@ def errors(as_json: bool) -> Iterator[None]:
         with witness():  # what is read before the result's folder is known belongs into its manifest, too
             yield
     except KeyboardInterrupt as error:
-        _fail(f"interrupted; {error or 'nothing was written'}", INTERRUPTED, as_json)
+        _fail(f"interrupted; {str(error) or 'nothing was written'}", INTERRUPTED, as_json)
     except (ValueError, FileNotFoundError) as error:
         _fail(str(error), WRONG_USAGE, as_json)
     except BrokenPipeError:  # who reads our output has had enough; click ends quietly

@@ -71,9 +71,9 @@ def carry_out(project: Project, truth: Callable[[RunResult], Comparison] | None 
         outputs.write_results(result, out.place, clock)
         with clock("draw report"):
             page = run_report(result, clock, comparison)
-        (out.place / "report.html").write_text(page, encoding="utf-8")
+        (out.place / "report.html").write_text(page.html(), encoding="utf-8")
         clock.seconds["whole job"] = time.perf_counter() - start
-        record = outputs.summary(result, clock)
+        record = {**outputs.summary(result, clock), "not_drawn": page.failed}
         if comparison is not None:
             record["truth"] = comparison.record()
         io.write_json(out.place / "summary.json", record)
@@ -88,6 +88,7 @@ def finish(result: RunResult, record: Record, as_json: bool) -> None:
     folder = result.project.output.folder
     lines = [image_line(item, result) for item in result.images]
     lines += [merge_line(item) for item in result.merged]
+    lines += [f"left out: {said}" for said in result.left_out] + [f"not drawn: {said}" for said in record["not_drawn"]]
     nothing = _nothing(result)
     if not (nothing and as_json):  # a refusal brings the record with it: one document
         console.answer(record, as_json, [*lines, f"report: {folder / 'report.html'}"])
