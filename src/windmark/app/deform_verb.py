@@ -44,16 +44,18 @@ def deform(
     for remark in loaded.remarks:
         console.note(path, remark)
     folder = loaded.project.output.folder
-    folder.parent.mkdir(parents=True, exist_ok=True)
     if watched is not None:
-        sequence = _live(loaded, folder, watched, idle_s, frames, as_json)
-        record = _finish(loaded, sequence, folder, start)
+        with console.result_folder(folder, live=True) as out:
+            sequence = _live(loaded, folder, watched, idle_s, frames, as_json)
+            record = _finish(loaded, sequence, folder, start)
+            out.refused = not sequence.good
     else:
-        with console.progress() as show, io.atomic_folder(folder) as place:
+        with console.progress() as show, console.result_folder(folder) as out:
             show("compile and find the first frame")
-            sequence = run_sequence(loaded, place, say=lambda row: show(f"frame {row.key}: {row.status}"))
+            sequence = run_sequence(loaded, out.place, say=lambda row: show(f"frame {row.key}: {row.status}"))
             show("draw the report")
-            record = _finish(loaded, sequence, place, start)
+            record = _finish(loaded, sequence, out.place, start)
+            out.refused = not sequence.good
     record["folder"] = folder
     good = bool(sequence.good)
     if good or not as_json:
@@ -66,7 +68,6 @@ def deform(
 def _live(
     loaded: Loaded, folder: Path, watched: Path, idle_s: float | None, frames: int | None, as_json: bool
 ) -> Sequence:
-    folder.mkdir(parents=True, exist_ok=True)
     say: Callable[[FrameRecord], None] | None = None if as_json else _said
     if not as_json:
         console.answer({}, False, [f"watching {watched} (Ctrl-C ends), results in {folder}"])
