@@ -57,7 +57,7 @@ def read_apart(function: str, path: Pathlike, **options: Any) -> Content:
     ------
     FileError
         As the function raises it; also where the file crashes its library, or is not read within 4 s + 1 s/MiB or
-        1 GiB + 50 times its size of memory.
+        1 GiB + 50 times its size of memory (time of the processor, see `limit_time`).
     """
     with reading(path), open(path, "rb") as stream:
         size = os.fstat(stream.fileno()).st_size
@@ -117,7 +117,7 @@ class _Helper:
             _send(self._in, json.dumps(request).encode())
         answer = _receive(self._out)
         if answer is None:
-            late = time.monotonic() - start >= limit_s
+            late = time.monotonic() - start >= limit_s  # of its processor's time, so of the clock's, too
             what = f"it is not read within {limit_s:.0f} s" if late else "it ends the library that reads it"
             raise FileError(path, f"damaged: {what}")
         content = _unpacked(answer)

@@ -7,17 +7,13 @@ from collections.abc import Iterable
 import numpy as np
 
 from windmark.io.apart import Content
-from windmark.io.errors import FileError
+from windmark.io.errors import LONGEST_NAME, FileError
 from windmark.io.structured import Volumes, rename_volumes
 from windmark.io.text import Pathlike
 from windmark.scene import Block, Mesh
 
-LONGEST_NAME = 256
-"""A name takes as much memory for every triangle or row as the longest: damage makes one of half the file."""
-
-
 def check_names(path: Pathlike, names: Iterable[str], where: int | str | None = None) -> None:
-    """`FileError` for a name of more than 256 characters."""
+    """`FileError` for a name of more than `LONGEST_NAME` characters."""
     for name in names:
         if len(name) > LONGEST_NAME:
             what = f"the name {name[:20]!r}... has {len(name)} characters; expected at most {LONGEST_NAME}"
