@@ -9,10 +9,14 @@ from contextlib import contextmanager
 from pathlib import Path
 
 
+LONGEST_NAME = 256
+"""Characters of a name: as an array it takes for every row or triangle as much memory as the longest of them."""
+
+
 class FileError(ValueError):
     """A file that is missing, damaged, not what was expected, or cannot be written.
 
-    The message is ``PATH: WHERE: what is wrong; expected ...``, on one line.
+    The message is ``PATH: WHERE: what is wrong; expected ...``, on one line of bounded length, whatever the file holds.
 
     Parameters
     ----------
@@ -22,7 +26,8 @@ class FileError(ValueError):
     """
 
     def __init__(self, path: str | os.PathLike[str], what: str, where: int | str | None = None) -> None:
-        place = f"line {where}" if isinstance(where, int) else where
+        place = f"line {where}" if isinstance(where, int) else None if where is None else _one_line(where, 200)
+        what = _one_line(what, 800)
         super().__init__(": ".join(str(part) for part in (os.fspath(path), place, what) if part))
         self.path = Path(path)
         self.what = what
@@ -31,6 +36,12 @@ class FileError(ValueError):
     def __reduce__(self) -> tuple[type[FileError], tuple[str, str, str | None]]:
         # The default rebuilds from the message alone, and errors must cross process borders.
         return type(self), (os.fspath(self.path), self.what, self.where)
+
+
+def _one_line(text: str, most: int) -> str:
+    """Words of a file inside a message, without its line ends; the middle of what is too long is left out."""
+    line = " ".join(text.splitlines()) if len(text.splitlines()) > 1 else text
+    return line if len(line) <= most else f"{line[: most // 2]} ... {line[-most // 2 :]}"
 
 
 _REASONS = {
