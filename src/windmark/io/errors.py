@@ -8,8 +8,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from windmark.geometry.errors import WindmarkError
 
-class FileError(ValueError):
+
+class FileError(WindmarkError):
     """A file that is missing, damaged, not what was expected, or cannot be written.
 
     The message is ``PATH: WHERE: what is wrong; expected ...``, on one line.

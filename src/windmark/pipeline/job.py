@@ -11,6 +11,7 @@ from typing import TypeVar
 
 from windmark import io
 from windmark.geometry import Camera, Pose
+from windmark.geometry.errors import said
 from windmark.pipeline.clock import Clock, Progress, silent
 from windmark.pipeline.framing import frame_views
 from windmark.pipeline.grid import oriented, read_surface
@@ -129,7 +130,7 @@ def _mapped(
             try:
                 pixels = map_views(framed, mesh)
             except ValueError as error:
-                raise io.FileError(project.path, str(error)) from error
+                raise io.FileError(project.path, said(error)) from error
     else:
         framed = ()
     images = _in_parallel(lambda i: map_image(i, project, mesh, framed, pixels, progress, points), images, threads)

@@ -11,12 +11,13 @@ from scipy.ndimage import binary_dilation
 
 from windmark import resection
 from windmark.geometry import Camera, Pose
+from windmark.geometry.errors import said
 from windmark.pipeline.clock import Clock, Progress
 from windmark.pipeline.merge import picture_of
 from windmark.pipeline.points import PointSet, image_points
 from windmark.pipeline.project import Project, ResectOptions, SectionEntry
 from windmark.pipeline.results import FramedView, ImageResult, SectionValues, ViewImage
-from windmark.resection import PixelMap
+from windmark.resection import NodeView, PixelMap
 from windmark.scene import Mesh
 
 Array = NDArray[np.float64]
@@ -62,8 +63,9 @@ def map_image(
             values = resection.node_values(image, nodes, interpolation=options.interpolation)
         views: list[ViewImage] = []
         sections: list[SectionValues] = []
-        if project.view and not nodes.visible.any():
-            raise ValueError("no node of the grid is visible in the image, there is nothing to show in the views")
+        if not nodes.visible.any():
+            counted = _counted(nodes)
+            raise ValueError(f"no node of the grid is visible ({counted}): is the pose of its frame and unit?")
         for view, seen in zip(framed, pixels, strict=True):
             with clock("virtual images"):
                 views.append(_view(view, seen, image, result.camera, pose, options))
@@ -79,8 +81,13 @@ def map_image(
             with clock("pixel map"):
                 result = replace(result, pixels=resection.map_pixels(mesh, result.camera, pose))
     except ValueError as error:
-        result = replace(result, problem=str(error))
+        result = replace(result, problem=said(error))
     return replace(result, seconds={**result.seconds, **clock.seconds})
+
+
+def _counted(nodes: NodeView) -> str:
+    """Why the nodes are not seen."""
+    return ", ".join(f"{count} {why}" for why, count in nodes.count().items() if count)
 
 
 def _view(
