@@ -157,6 +157,14 @@ def test_a_pose_that_shows_nothing_of_the_grid_is_no_result(windmark, mixed):
     assert "no node of the grid is visible (4 outside): is the pose of its frame and unit?" in done.err
 
 
+@pytest.mark.parametrize("name", ["camera.yml", "camera.cameramodel", "model"])
+def test_formats_without_a_place_for_the_unit_have_it_in_a_comment(mixed, name):
+    io.write_camera(name, CAMERA, POSE, unit="in")
+    assert io.read_camera_file(name).length_unit == "in"
+    with pytest.raises(io.FileError, match="its pose is in in, --unit is mm"):
+        Lengths("mm").camera(Path(name))
+
+
 def test_nouns_carry_their_unit(mixed):
     markers = Lengths("mm").markers(Path("markers-mm.csv"))
     assert markers.take([0, 2]).length_unit == markers.length_unit == "mm"
