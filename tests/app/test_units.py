@@ -147,6 +147,24 @@ def test_a_table_without_scale_or_in_a_unit_unknown_here_is_refused(mixed):
     assert Lengths("in").markers(Path("word.csv")).length_unit == "in"
 
 
+def test_a_pose_that_shows_nothing_of_the_grid_is_no_result(windmark, mixed):
+    """Neither file says its unit here, so only the picture can tell: nothing of the grid is in it."""
+    beside = POSE.translation / 25.4 + np.array([400.0, 0, 0])
+    io.write_camera("far.json", CAMERA, Pose(POSE.rotation, beside), unit="mm")
+    io.write_mesh("grid.stl", Mesh.make(XYZ[:4], np.array([[0, 1, 2], [1, 3, 2]])))
+    done = windmark("resect", "p.png", "-c", "far.json", "-g", "grid.stl", "--unit", "mm", "-o", "out")
+    assert done.code == 1
+    assert "no node of the grid is visible (4 outside): is the pose of its frame and unit?" in done.err
+
+
+@pytest.mark.parametrize("name", ["camera.yml", "camera.cameramodel", "model"])
+def test_formats_without_a_place_for_the_unit_have_it_in_a_comment(mixed, name):
+    io.write_camera(name, CAMERA, POSE, unit="in")
+    assert io.read_camera_file(name).length_unit == "in"
+    with pytest.raises(io.FileError, match="its pose is in in, --unit is mm"):
+        Lengths("mm").camera(Path(name))
+
+
 def test_nouns_carry_their_unit(mixed):
     markers = Lengths("mm").markers(Path("markers-mm.csv"))
     assert markers.take([0, 2]).length_unit == markers.length_unit == "mm"

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from windmark.geometry import Camera, Pose
-from windmark.resection import REASONS, see_nodes, see_points
+from windmark.resection import REASONS, nearest_on_surface, see_nodes, see_points
 from windmark.resection.reasons import BLANKED, FACING_AWAY, HIDDEN, LENS, OBLIQUE, OUTSIDE, VISIBLE
 from windmark.scene import Mesh
 
@@ -196,6 +196,9 @@ def test_a_far_field_zone_does_not_loosen_what_hides_what(count):
         assert see_points([[0.1, 0.1, -0.004]], CAMERA, pose, mesh=both).reason[0] == HIDDEN
     assert inside.sizes[0] == pytest.approx(model.diagonal)
     assert inside.sizes[-1] == inside.diagonal
+    assert inside.size == pytest.approx(model.diagonal)
+    tap = nearest_on_surface(inside, [[0.1, 0.1, 0.5]], volume=None)
+    assert tap.triangle[0] == -1  # half the model's size off: on no surface, however far the far field is
 
 
 def test_a_small_part_is_as_exact_as_its_coordinates():

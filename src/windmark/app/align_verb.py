@@ -12,6 +12,7 @@ from windmark import io
 from windmark.app import console
 from windmark.pipeline.align2d import AlignedFile, AlignSettings, Reference, align_files, read_named, read_reference
 from windmark.pipeline.align2d.outputs import ratios, record_of, write_one
+from windmark.pipeline.settings import unusable_name
 from windmark.tasks.align2d.align import check_options
 
 Record = dict[str, Any]
@@ -79,6 +80,8 @@ def split_reference(
     double = sorted({s for s in stems if stems.count(s) > 1})
     if double:
         raise ValueError(f"two images are called {double[0]}; expected a name of its own for each one's results")
+    if (why := unusable_name(stems)) is not None:
+        raise ValueError(f"the images' results go into folders of their names, and {why}")
     chosen = [p for p in images if reference in (None, p.stem, p.name)]
     if not chosen:
         raise ValueError(f"--reference: {reference!r} is no image's name; expected one of {', '.join(stems[:8])}")

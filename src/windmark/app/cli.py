@@ -129,6 +129,7 @@ def main() -> None:
     # way (on two busy cores milliseconds become seconds). Must be said before numpy is imported.
     for name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
         os.environ.setdefault(name, "1")
+    console.print_any_name()
     signal.signal(signal.SIGTERM, _terminated)
     code: int | str | None = 0
     try:

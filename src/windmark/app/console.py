@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
+import traceback
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from io import TextIOWrapper
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +19,7 @@ if TYPE_CHECKING:
     from windmark.geometry import Camera
     from windmark.io import ResultFolder
 
-DONE, DATA_SAY_NO, WRONG_USAGE, INTERRUPTED = 0, 1, 2, 130
+DONE, DATA_SAY_NO, WRONG_USAGE, FAULT, INTERRUPTED = 0, 1, 2, 3, 130
 
 
 @contextmanager
@@ -40,10 +43,26 @@ def answer(record: Mapping[str, Any], as_json: bool, lines: list[str]) -> None:
     if as_json:
         from windmark.io import to_json
 
-        typer.echo(to_json(record))
+        typer.echo(_printable(to_json(record)))
     else:
         for line in lines:
             typer.echo(line)
+
+
+def print_any_name() -> None:
+    """Signs that the terminal's or the pipe's encoding lacks are printed as escapes, not taken for a bad file."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+
+
+def _printable(text: str) -> str:
+    """JSON with the escapes of JSON where the output's encoding lacks a sign."""
+    try:
+        text.encode(sys.stdout.encoding or "utf-8")
+    except UnicodeEncodeError:
+        return re.sub(r"[^\x00-\x7f]+", lambda found: json.dumps(found[0])[1:-1], text)
+    return text
 
 
 def read_lens(path: Path) -> Camera:
@@ -95,8 +114,8 @@ def _say(text: str) -> None:
 def errors(as_json: bool) -> Iterator[None]:
     """Turn what went wrong into one clear message and the exit code of the conventions.
 
-    2: wrong usage or bad file; 130: interrupted. Anything else is a defect of windmark and keeps
-    its traceback.
+    2: wrong usage or bad file, as windmark's own code says it (`geometry.errors`); 130: interrupted. 3: anything else
+    is a fault of windmark, which keeps its traceback and is never dressed as bad data.
     """
     from windmark.io import reason, witness
 
@@ -105,15 +124,31 @@ def errors(as_json: bool) -> Iterator[None]:
             yield
     except KeyboardInterrupt as error:
         _fail(f"interrupted; {str(error) or 'nothing was written'}", INTERRUPTED, as_json)
-    except (ValueError, FileNotFoundError) as error:
-        _fail(str(error), WRONG_USAGE, as_json)
-    except BrokenPipeError:  # who reads our output has had enough; click ends quietly
+    except (typer.Exit, typer.Abort, BrokenPipeError):  # said already; who reads our output has had enough
         raise
+    except FileNotFoundError as error:
+        _fail(str(error), WRONG_USAGE, as_json)
     except OSError as error:
         of = "" if error.filename is None else f"{error.filename}: "
         _fail(f"{of}{reason(error)}", WRONG_USAGE, as_json)
     except MemoryError:
         _fail("not enough memory for this image or grid", WRONG_USAGE, as_json)
+    except Exception as error:
+        from windmark.geometry.errors import on_purpose
+
+        if on_purpose(error):
+            _fail(str(error), WRONG_USAGE, as_json)
+        _report_fault(error, as_json)
+
+
+def _report_fault(error: Exception, as_json: bool) -> None:
+    """A fault of windmark: its traceback, and what to do with it."""
+    from windmark import __version__
+
+    typer.echo("".join(traceback.format_exception(error)), err=True, nl=False)
+    what = f"{type(error).__name__}: {error}"
+    report = "please report it, with the lines above, the command and, if you may, its files"
+    _fail(f"a fault of windmark {__version__}, not of your data ({what}); {report}", FAULT, as_json)
 
 
 def refuse(reason: str, as_json: bool, record: Mapping[str, Any] | None = None) -> None:

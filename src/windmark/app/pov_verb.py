@@ -16,6 +16,7 @@ from windmark.app import console
 from windmark.app.commands.matching_options import grid_settings
 from windmark.app.convert_verb import parse_size
 from windmark.geometry import Camera, Pose, PoV
+from windmark.geometry.errors import said
 from windmark.pipeline.framing import FOV_DEG, SIZE_PX
 from windmark.pipeline.grid import read_grid
 from windmark.pipeline.lengths import Lengths
@@ -179,7 +180,7 @@ def _framed(wishes: Wishes, points: Array) -> Viewpoint:
     try:
         camera, pose = frame_view(points, direction=direction, up=up, size_px=size, fov_deg=fov)
     except ValueError as error:
-        raise ValueError(f"--direction, --up: {error}") from error
+        raise ValueError(f"--direction, --up: {said(error)}") from error
     return Viewpoint(f"the view along {wishes.direction}", camera, pose, wishes.unit)
 
 

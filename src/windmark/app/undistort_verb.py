@@ -14,6 +14,7 @@ from windmark.app import console
 from windmark.calibration import KEEP, corrected_camera, magnified_camera, magnify_distortion, redraw
 from windmark.calibration import undistort as correct
 from windmark.geometry import Camera
+from windmark.geometry.errors import said
 
 _SHOWN = 3.0  # the paper's factor
 _AS_PNG = (".png", ".jpg", ".jpeg", ".bmp")
@@ -104,7 +105,7 @@ def _write(source: Path, target: Path, change: Callable[[Image], Image]) -> str:
             try:
                 yield change(page)
             except ValueError as error:
-                raise io.FileError(source, str(error)) from error
+                raise io.FileError(source, said(error)) from error
 
     if io.page_count(source) > 1:
         io.write_images(target, pages())

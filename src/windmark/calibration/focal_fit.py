@@ -12,6 +12,7 @@ from windmark.adjust.loss import DEFAULT_SCALE, Loss
 from windmark.adjust.network import Network, NetworkProblem, NetworkState
 from windmark.calibration.start import LEAST, start_poses
 from windmark.geometry import Camera, Pose
+from windmark.geometry.errors import said
 
 Array = NDArray[np.float64]
 Mark = tuple[Array, Array]
@@ -74,7 +75,10 @@ def _robust(camera: Camera, poses: list[Pose | None], marks: list[Mark]) -> tupl
         problem, start = problem_of(camera, [(poses[k], *marks[k]) for k in there], scale, loss)
         try:
             state = minimise(problem, start, _STEPS)[0]
-        except ValueError:
+        except np.linalg.LinAlgError:
+            return None
+        except ValueError as error:
+            said(error)
             return None
         camera, poses = state.cameras[0], list(poses)
         for n, k in enumerate(there):

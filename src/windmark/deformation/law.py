@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from windmark.deformation.parameter import Parameter
+from windmark.geometry.errors import WindmarkError
 
 Array = NDArray[np.float64]
 Function = Callable[..., Any]
@@ -48,7 +49,7 @@ class Law(Protocol):
         """The law for points (N, 3) of the undeformed model, in its frame."""
 
 
-class LawError(ValueError):
+class LawError(WindmarkError):
     """A law that cannot be used; the message names the file and line where it went wrong."""
 
 

@@ -33,8 +33,8 @@ class _Watched:
         try:
             with np.errstate(all="ignore"):  # numbers that are not finite are looked for in what comes out
                 return self.function(*args, **options)
-        except Exception as error:
-            raise LawError(f"{where(error, self.file)}: {type(error).__name__}: {error}") from error
+        except (Exception, SystemExit) as error:
+            raise _told(error, self.file) from error
 
 
 @dataclass(frozen=True)
@@ -67,8 +67,8 @@ def laws_of_source(text: str, file: str) -> dict[str, UserLaw]:
         raise LawError(f"{file}:{error.lineno}: {error.msg}") from None
     except LawError:
         raise
-    except Exception as error:
-        raise LawError(f"{where(error, file)}: {type(error).__name__}: {error}") from error
+    except (Exception, SystemExit) as error:
+        raise _told(error, file) from error
     out: dict[str, UserLaw] = {}
     for name, value in vars(module).items():
         if isinstance(value, FunctionLaw):
@@ -78,6 +78,16 @@ def laws_of_source(text: str, file: str) -> dict[str, UserLaw]:
     if not out:
         raise LawError(f"{file}: holds no law; expected a function like  def wing(xyz, tip, twist):  under @law(...)")
     return out
+
+
+def _told(error: BaseException, file: str) -> LawError:
+    """What went wrong in a user's file, with its line."""
+    what = f"{type(error).__name__}: {error}"
+    if isinstance(error, SystemExit):
+        what = (
+            f"calls sys.exit({'' if error.code is None else error.code}); a law must return a result, not end windmark"
+        )
+    return LawError(f"{where(error, file)}: {what}")
 
 
 def where(error: BaseException, file: str) -> str:

@@ -11,7 +11,8 @@ from windmark.adjust.levenberg_marquardt import SolveOptions
 from windmark.adjust.network import Network, NetworkProblem, NetworkState, graduated
 from windmark.adjust.network.covariance import network_covariance
 from windmark.adjust.network.datum import in_datum
-from windmark.geometry import Camera, DegenerateGeometry, Pose, align
+from windmark.geometry import Camera, Pose, align
+from windmark.geometry.errors import said
 from windmark.geometry.rotations import hat
 from windmark.scene import Observations
 
@@ -66,7 +67,10 @@ def refine_poses(
         covariance = in_datum(network_covariance(system, problem.layout))
         kept = np.bincount(point[used], minlength=len(xyz)) > 0
         fit = align(state.points[kept], xyz[kept])
-    except (DegenerateGeometry, ValueError):
+    except np.linalg.LinAlgError:
+        return None
+    except ValueError as error:
+        said(error)
         return None
     enough &= _fitting(problem, state, views, scale)
     dense, units = covariance.dense(), problem.units(state)

@@ -8,12 +8,13 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from windmark.geometry.errors import WindmarkError
 
 LONGEST_NAME = 256
 """Characters of a name: as an array it takes for every row or triangle as much memory as the longest of them."""
 
 
-class FileError(ValueError):
+class FileError(WindmarkError):
     """A file that is missing, damaged, not what was expected, or cannot be written.
 
     The message is ``PATH: WHERE: what is wrong; expected ...``, on one line of bounded length, whatever the file holds.

@@ -11,6 +11,7 @@ from typing import Any, cast, get_args
 import numpy as np
 
 from windmark import io, resection
+from windmark.geometry.errors import said
 from windmark.io import GridFile
 from windmark.io.fields import single_is_exact
 from windmark.io.plot3d import Face
@@ -114,7 +115,7 @@ def _read(source: Path, options: GridOptions) -> tuple[GridFile, list[str]]:
     except io.FileError:
         raise
     except ValueError as error:  # a zone that the file has not
-        raise io.FileError(source, str(error)) from error
+        raise io.FileError(source, said(error)) from error
     done = []
     if grid.layout is not None:
         done.append(f"read as {grid.layout.words}" + (f" ({grid.layout.note})" if grid.layout.note else ""))

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from windmark import detection, io
 from windmark.geometry import Pose
+from windmark.geometry.errors import said
 from windmark.pipeline.clock import Clock, Progress
 from windmark.pipeline.locate import Inputs, as_bright, looked, opened, posed, register_options, told
 from windmark.pipeline.project import ImageEntry, Project
@@ -90,7 +91,7 @@ def _looked(result: ImageResult, inputs: Inputs, clocks: Mapping[str, Clock], po
     try:
         return looked(result, inputs, clocks[result.name], polarity)
     except ValueError as error:
-        return replace(result, problem=str(error))
+        return replace(result, problem=said(error))
 
 
 def _trusted(project: Project) -> tuple[str, ...]:
@@ -125,7 +126,7 @@ def _together(
             place, cov = inputs.cam_from_rig[name], inputs.rig_cov.get(name)
             views.append(RigView(name, spots, result.camera, place, *told(spots, entry, inputs), cov))
         except ValueError as error:  # a label where no spot is
-            out[entry.label] = replace(result, problem=str(error))
+            out[entry.label] = replace(result, problem=said(error))
     if not views:
         return out
     prior = None if inputs.prior is None else next(iter(inputs.cam_from_rig.values())).inverse() @ inputs.prior

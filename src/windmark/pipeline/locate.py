@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from windmark import detection, io, registration, resection
 from windmark.geometry import Camera, Pose
+from windmark.geometry.errors import on_purpose, said
 from windmark.pipeline.clock import Clock, Progress
 from windmark.pipeline.grid import UNDER_GRID, sight
 from windmark.pipeline.labels import excluded_spots, fixed_spots
@@ -58,7 +59,7 @@ def locate(entry: ImageEntry, inputs: Inputs, progress: Progress) -> ImageResult
         elif result.problem is None:
             result = _register(replace(result, published=pose), entry, inputs, clock)
     except ValueError as error:
-        result = replace(result, problem=str(error))
+        result = replace(result, problem=said(error))
     return replace(result, seconds=clock.seconds)
 
 
@@ -73,7 +74,7 @@ def opened(entry: ImageEntry, inputs: Inputs, clock: Clock) -> ImageResult:
         result = replace(result, image=image, quantity=_quantity(entry, image))
         _check_size(image, camera, entry)
     except ValueError as error:
-        result = replace(result, problem=str(error))
+        result = replace(result, problem=said(error))
     return result
 
 
@@ -85,7 +86,7 @@ def _register(result: ImageResult, entry: ImageEntry, inputs: Inputs, clock: Clo
     try:
         result = _attempt(result, entry, inputs, clock, options.polarity)
     except ValueError as error:  # a label where no dark spot is
-        if options.polarity != detection.AUTO:
+        if options.polarity != detection.AUTO or not on_purpose(error):
             raise
         refusal = error
     if options.polarity != detection.AUTO or result.registered is not None or result.polarity == "bright":
@@ -93,7 +94,8 @@ def _register(result: ImageResult, entry: ImageEntry, inputs: Inputs, clock: Clo
     # The false-alarm number decides, so what is tried second cannot pass for markers by chance.
     try:
         other = _attempt(replace(result, problem=None), entry, inputs, clock, "bright")
-    except ValueError:
+    except ValueError as error:
+        said(error)
         other = result
     if other.registered is not None:
         return as_bright(other, result)
@@ -184,7 +186,7 @@ def _quantity(entry: ImageEntry, image: NDArray[np.generic]) -> Quantity:
     try:
         return quantity_of(entry.quantity, entry.unit, entry.scale, entry.offset, told)
     except ValueError as error:
-        raise io.FileError(entry.file, str(error)) from None
+        raise io.FileError(entry.file, said(error)) from None
 
 
 def _expected(markers: MarkerSet, answer: Registration, mesh: Mesh | None) -> NDArray[np.int64]:

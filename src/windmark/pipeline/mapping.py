@@ -12,12 +12,13 @@ from scipy.ndimage import binary_dilation
 
 from windmark import resection
 from windmark.geometry import Camera, Pose
+from windmark.geometry.errors import said
 from windmark.pipeline.clock import Clock, Progress
 from windmark.pipeline.merge import picture_of
 from windmark.pipeline.points import PointSet, image_points
 from windmark.pipeline.project import Project, ResectOptions, SectionEntry
 from windmark.pipeline.results import FramedView, ImageResult, SectionValues, ViewImage
-from windmark.resection import PixelMap
+from windmark.resection import NodeView, PixelMap
 from windmark.scene import Mesh
 
 Array = NDArray[np.float64]
@@ -68,8 +69,9 @@ def map_image(
         with clock("node values"):
             values = resection.node_values(image, nodes, interpolation=options.interpolation)
         lost: list[str] = []
-        if project.view and not nodes.visible.any():
-            raise ValueError("no node of the grid is visible in the image, there is nothing to show in the views")
+        if not nodes.visible.any():
+            counted = _counted(nodes)
+            raise ValueError(f"no node of the grid is visible ({counted}): is the pose of its frame and unit?")
         with clock("virtual images"):
             views = _each(
                 zip(framed, pixels, strict=True), lambda of: _view(*of, image, result.camera, pose, options), lost
@@ -87,7 +89,7 @@ def map_image(
             with clock("pixel map"):
                 result = replace(result, pixels=resection.map_pixels(mesh, result.camera, pose))
     except ValueError as error:
-        result = replace(result, problem=str(error))
+        result = replace(result, problem=said(error))
     return replace(result, seconds={**result.seconds, **clock.seconds})
 
 
@@ -98,8 +100,13 @@ def _each(items: Iterable[S], make: Callable[[S], T], lost: list[str]) -> tuple[
         try:
             made.append(make(item))
         except ValueError as error:
-            lost.append(str(error))
+            lost.append(said(error))
     return tuple(made)
+
+
+def _counted(nodes: NodeView) -> str:
+    """Why the nodes are not seen."""
+    return ", ".join(f"{count} {why}" for why, count in nodes.count().items() if count)
 
 
 def _view(

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark import io, resection
+from windmark.geometry.errors import said
 from windmark.pipeline.lengths import Lengths
 from windmark.pipeline.project import Project
 from windmark.pipeline.wanted import LineEntry, PointsEntry
@@ -108,7 +109,7 @@ def _line(path: Path, i: int, entry: LineEntry, mesh: Mesh) -> PointSet:
         line = resection.surface_line(mesh, entry.start, entry.end, n=entry.n, spacing=entry.spacing,
                                       normal=entry.normal)  # fmt: skip
     except ValueError as error:
-        raise io.FileError(path, f"line {entry.name}: {error}", key) from error
+        raise io.FileError(path, f"line {entry.name}: {said(error)}", key) from error
     for which, gap in zip(("start", "end"), line.gaps, strict=True):
         if gap > limit:
             raise io.FileError(
@@ -122,7 +123,7 @@ def _line(path: Path, i: int, entry: LineEntry, mesh: Mesh) -> PointSet:
 
 
 def _limit(max_distance: float | None, mesh: Mesh) -> float:
-    return 2e-3 * mesh.diagonal if max_distance is None else max_distance
+    return 2e-3 * mesh.size if max_distance is None else max_distance
 
 
 def image_points(sets: tuple[PointSet, ...], picture: Picture, mesh: Mesh, *, max_obliquity_deg: float,

@@ -285,8 +285,8 @@ class Project(Strict):
             double = sorted({n for n in names if names.count(n) > 1})
             if double:
                 raise ValueError(f"{kind} names must be unique, more than once: {', '.join(double)}")
-            if (bad := unusable_name(names)) is not None:
-                raise ValueError(f"{kind} names become file names, this one cannot: {bad!r}")
+            if (why := unusable_name(names)) is not None:
+                raise ValueError(f"{kind} names become file names, and {why}")
         cameras = [c.name for c in self.camera]
         for image in self.image:
             if image.camera is None and len(cameras) > 1:

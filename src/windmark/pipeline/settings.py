@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import tomllib
 import types
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Union, get_args, get_origin
+from unicodedata import normalize
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
@@ -87,9 +89,32 @@ def existing_picture(settings: Path, key: str, relative: Path) -> Path:
     return Path(FrameAddress(full, address.dataset, address.number).text)
 
 
-def unusable_name(names: list[str]) -> str | None:
-    """The first name that cannot become a file's name on every system."""
-    return next((n for n in names if not n or any(ch in n for ch in '/\\:*?"<>|') or n.startswith(".")), None)
+def unusable_name(names: Sequence[str]) -> str | None:
+    """Why some of these names cannot stand side by side as names of files and folders on every system; None: they can.
+
+    Results are copied from one system to another, so what Windows and macOS cannot hold is refused everywhere.
+    """
+    same: dict[str, str] = {}
+    for name in names:
+        if not name or name.startswith(".") or name.endswith((".", " ")) or any(ch in _NEVER for ch in name):
+            return f"this one cannot: {name!r}"
+        if not name.isprintable() or len(name.encode()) > _LONGEST:
+            return f"this one cannot, it is too long or has signs that do not print: {name[:40]!r}"
+        if name.split(".")[0].rstrip().upper() in _DEVICES:
+            return f"Windows keeps {name!r} for a device"
+        if name.casefold() in _OWN:
+            return f"{name!r} is the name of a file of the results themselves"
+        other = same.setdefault(normalize("NFC", name).casefold(), name)
+        if other != name:
+            return f"{other!r} and {name!r} are one name on many disks"
+    return None
+
+
+_NEVER = '/\\:*?"<>|'
+_LONGEST = 200
+"""Bytes, with room for what is put before and behind."""
+_DEVICES = {"CON", "PRN", "AUX", "NUL", *(f"{port}{k}" for port in ("COM", "LPT") for k in "0123456789¹²³")}
+_OWN = {"report.html", "summary.json", "manifest.json"}
 
 
 def known_keys(model: type[BaseModel]) -> str:

@@ -47,7 +47,7 @@ class PointsEntry(Strict):
 
     ``file``: CSV ``name,x,y,z[,nx,ny,nz][,volume][,role][,...]`` or ``.tgts``. ``roles``: which rows; by default the
     taps of a ``.tgts`` file, everything of a CSV table. ``max_distance``: points are moved onto the nearest surface
-    within it; 0.002 of the grid's diagonal by default.
+    within it; 0.002 of the grid's size (`Mesh.size`) by default.
     """
 
     file: Path
@@ -65,7 +65,7 @@ class LineEntry(Strict):
     """Values along the surface from one point to another: ``n`` of them, or one every ``spacing`` length units.
 
     ``normal``: of the plane that cuts the surface along the line, such as [0, 1, 0] for a span station.
-    ``max_distance``: how far the surface may be from start and end; 0.002 of the grid's diagonal by default.
+    ``max_distance``: how far the surface may be from start and end; 0.002 of the grid's size (`Mesh.size`) by default.
     """
 
     name: str

@@ -65,7 +65,7 @@ def nearest_on_surface(
     normal : (N, 3) outward normals, NaN rows where unknown: only surface that faces the same way is looked at, so a tap
         on the upper side of a thin trailing edge cannot land on the lower one
     volume : (N,) the volume each point belongs to, "" for any
-    max_distance : points farther than this from the surface have none; 0.002 of the mesh's diagonal by default
+    max_distance : points farther than this from the surface have none; 0.002 of `Mesh.size` by default
 
     Returns
     -------
@@ -106,7 +106,7 @@ def nearest_on_surface(
 def reach(mesh: Mesh, max_distance: float | None) -> float:
     """The distance within which a point belongs to the surface."""
     if max_distance is None:
-        return 2e-3 * mesh.diagonal
+        return 2e-3 * mesh.size
     if not 0 < max_distance < np.inf:
         raise ValueError(f"nearest_on_surface: max_distance must be a length > 0, got {max_distance}")
     return float(max_distance)

@@ -132,6 +132,11 @@ class Mesh:
         low, high = (np.stack([ends(part, axis=0) for part in parts]) for ends in (np.min, np.max))
         return np.repeat(_part_sizes(low, high), np.diff(np.append(first, len(self.triangles))))
 
+    @cached_property
+    def size(self) -> float:
+        """The size that most triangles are of, 0 without any: `diagonal`, but where a far field is in the grid, too."""
+        return float(np.median(self.sizes)) if len(self.triangles) else 0.0
+
 
 LARGER = 10.0
 """A part that is so many times larger than all smaller ones together is of another scale."""

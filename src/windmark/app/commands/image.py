@@ -209,7 +209,7 @@ def resect(
     ] = None,
     max_distance: Annotated[
         float | None,
-        typer.Option(help="How far --points may be from the surface. [default: 0.002 of the grid's diagonal]"),
+        typer.Option(help="How far --points may be from the surface. [default: 0.002 of the grid's size]"),
     ] = None,
     as_json: Json = False,
 ) -> None:

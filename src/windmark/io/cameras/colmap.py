@@ -3,7 +3,8 @@
 COLMAP counts pixels from the *corner* of the top-left one, whose centre is (0.5, 0.5): its cx, cy are
 windmark's + 0.5. Distortion has OpenCV's meaning and order. A pose is world to camera: a quaternion
 w, x, y, z (Hamilton) and a translation, camera axes x right, y down, z forward: cam_from_model. The format
-knows no length unit. Each image takes two lines in images.txt, the second one (its points) may be empty.
+knows no length unit (windmark's own have it in a comment).
+Each image takes two lines in images.txt, the second one (its points) may be empty.
 
 Source: COLMAP's documentation, "Output Format" and "Camera Models".
 """
@@ -48,10 +49,12 @@ class ColmapModel:
     ----------
     cameras : camera number -> camera
     images : image name -> (camera number, cam_from_model)
+    length_unit : of the poses, None where no comment of windmark's says it
     """
 
     cameras: Mapping[int, Camera]
     images: Mapping[str, tuple[int, Pose]]
+    length_unit: str | None = None
 
 
 def is_colmap(text: str) -> bool:
@@ -82,7 +85,9 @@ def read_colmap(path: Pathlike) -> ColmapModel:
         raise FileError(place, "no camera; expected lines CAMERA_ID MODEL WIDTH HEIGHT PARAMS")
     beside = place.with_name(IMAGES)
     named = place.name == CAMERAS and beside.is_file()
-    return ColmapModel(cameras, _images(beside, cameras) if named else {})
+    if not named:
+        return ColmapModel(cameras, {})
+    return ColmapModel(cameras, _images(beside, cameras), record.unit_in_comment(read_text(beside)))
 
 
 def write_colmap(
@@ -134,7 +139,7 @@ def choose(path: Pathlike, model: ColmapModel, which: str | None) -> record.Came
         which = next(iter(model.images))
     if which is not None and which in model.images:
         number, pose = model.images[which]
-        return record.CameraFile(model.cameras[number], pose, None, "colmap")
+        return record.CameraFile(model.cameras[number], pose, model.length_unit, "colmap")
     if which is not None and (not which.isdigit() or int(which) not in model.cameras):
         images = f" or {len(model.images)} images ({', '.join(list(model.images)[:3])} ...)" if model.images else ""
         raise FileError(path, f"no image or camera {which!r}; expected one of the cameras {cameras}{images}")

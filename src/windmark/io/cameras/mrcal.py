@@ -4,7 +4,7 @@
 ``imagersize`` is [width, height]. (0, 0) is the centre of the top-left pixel, as here. ``extrinsics``
 (newer files: ``rt_cam_ref``) are a rotation vector and a translation that take points of the reference
 frame into the camera's frame: cam_from_model. All zeros is what mrcal writes for a camera that is its own
-reference, so it is read as no pose. The format knows no length unit.
+reference, so it is read as no pose. The format knows no length unit; windmark's own files have it in a comment.
 
 Source: mrcal's documentation, "Camera model representation", "Lens models".
 """
@@ -46,7 +46,8 @@ def parse_mrcal(path: Pathlike, text: str) -> record.CameraFile:
     parameters = record.pinhole(path, "intrinsics", [[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
     parameters |= record.lens(path, "intrinsics", lens)
     size_px = record.image_size(path, "imagersize", content["imagersize"])
-    return record.CameraFile(record.camera(path, size_px, parameters), _pose(path, content), None, "mrcal")
+    camera, pose = record.camera(path, size_px, parameters), _pose(path, content)
+    return record.CameraFile(camera, pose, None if pose is None else record.unit_in_comment(text), "mrcal")
 
 
 def write_mrcal(path: Pathlike, camera: Camera, pose: Pose | None, unit: str | None) -> None:

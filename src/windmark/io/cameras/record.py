@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -19,6 +20,7 @@ Array = NDArray[np.float64]
 FREE = "free"
 """Written as the unit of a reconstruction without scale; not read where a length matters."""
 
+_SAID = re.compile(rf"^[ \t]*#.*\blengths in ({'|'.join(LENGTH_UNITS)})\b", re.MULTILINE)
 _OPENCV_LENGTHS = (4, 5, 8, 12, 14)
 _ROUNDED = 1e-3
 """A rotation in text form this far from orthonormal was rounded; further off it is something else."""
@@ -45,6 +47,12 @@ class CameraFile:
     format: str
     note: str = ""
     pose_cov: Array | None = None
+
+
+def unit_in_comment(text: str) -> str | None:
+    """The length unit that windmark writes into a comment, "lengths in mm", of formats without a place for it."""
+    found = _SAID.search(text)
+    return found[1] if found else None
 
 
 def key_error(path: Pathlike, key: str, what: str) -> FileError:

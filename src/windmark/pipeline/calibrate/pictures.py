@@ -16,6 +16,7 @@ import numpy as np
 from windmark import io, registration
 from windmark.calibration import Calibration, Free, NotCalibrated
 from windmark.geometry import Camera
+from windmark.geometry.errors import said
 from windmark.pipeline.calibrate.marks import Marks, Taken, with_sigma
 from windmark.pipeline.calibrate.read import (
     MatchOptions,
@@ -180,7 +181,7 @@ def _detect(path: io.PictureFile, name: str, taken: Taken, options: MatchOptions
     try:
         fixed = fixed_spots(spots, options.labels.get(name, {}), LABEL_PX)
     except ValueError as error:
-        raise ValueError(f"picture {name}: {error}") from None
+        raise ValueError(f"picture {name}: {said(error)}") from None
     size = (int(image.shape[1]), int(image.shape[0]))
     return MatchedPicture(name, taken.camera, size, spots, taken.frame, fixed=fixed)
 

@@ -10,6 +10,7 @@ from windmark.calibration.datum import Datum
 from windmark.calibration.quality import SplitHalf, split_half
 from windmark.calibration.self_calibrate import FREE, MAX_SIGMA0
 from windmark.calibration.setup import SOLVERS
+from windmark.geometry.errors import said
 from windmark.pipeline.calibrate.diagnose import diagnosis
 from windmark.pipeline.calibrate.marks import Marks
 from windmark.pipeline.clock import Clock
@@ -91,4 +92,4 @@ def _halves(result: Calibration, seed: int) -> SplitHalf | NotCalibrated:
     try:
         return split_half(result, seed=seed)
     except ValueError as error:  # a half in which a rig's camera has no picture, or too few markers in common
-        return NotCalibrated(str(error), "too_few")
+        return NotCalibrated(said(error), "too_few")

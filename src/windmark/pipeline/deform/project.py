@@ -200,8 +200,8 @@ class DeformProject(Strict):
             twice = sorted({n for n in names if names.count(n) > 1})
             if twice:
                 raise ValueError(f"{kind} names must be unique, more than once: {', '.join(twice)}")
-            if (bad := unusable_name(names)) is not None:
-                raise ValueError(f"{kind} names become file names, this one cannot: {bad!r}")
+            if (why := unusable_name(names)) is not None:
+                raise ValueError(f"{kind} names become file names, and {why}")
         if not any(v.law for v in self.volume) and not self.motion.free:
             raise ValueError("nothing is free: give a volume a law, or set motion.free")
         if self.output.grid and self.grid is None:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from windmark import io
 from windmark.geometry import Camera, Pose
+from windmark.geometry.errors import said
 from windmark.io.csvtable import Table
 from windmark.pipeline.calibrate.marks import Taken
 from windmark.pipeline.calibrate.pictures import LABEL_PX
@@ -56,7 +57,7 @@ class LabelTable:
             try:
                 out[image] = fixed_spots(found[image], mine, LABEL_PX)
             except ValueError as error:
-                self.table.fail(row, f"picture {image}: {error}")
+                self.table.fail(row, f"picture {image}: {said(error)}")
         return out
 
 
