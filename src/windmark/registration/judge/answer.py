@@ -78,11 +78,11 @@ def curvature(best: Solution) -> Array:
     The minimum moves along a curve, x = L t + K(t, t) / 2 with K_ij = -C J'W D_ij for unit normal t: C = LL' is the
     covariance, J and D are the first and second derivatives of the projections (Bates and Watts 1988, section 7.1,
     parameter effects; Box 1971). The covariance of the second term is half the sum of all K_ij K_ij'. It is some 1 % of
-    C for markers that fix their pose well. Only the pose is taken for curved, other unknowns as far as they follow it.
+    C for markers that fix their pose well. Of the pose alone, by its covariance with the other unknowns as they are.
     """
-    cov = best.unit_cov
-    lower = np.linalg.cholesky(cov[:6, :6])
-    columns = np.ascontiguousarray(cov[:, :6] @ np.linalg.inv(lower).T)
+    cov, factor = best.unit_cov, np.tril(best.state.factor)
+    columns = np.zeros((len(cov), 6))
+    columns[:6] = np.linalg.cholesky(np.linalg.inv((factor @ factor.T)[:6, :6]))
     moved = -curve_kernel(best.views.sights, copied(best.views, best.state), columns) @ cov
     # Of ``exp(delta) @ pose`` the shift is that of the unknowns less half of turn x shift, besides the first order.
     turned = np.cross(columns[:3, :, None], columns[3:6, None, :], axis=0).transpose(1, 2, 0)

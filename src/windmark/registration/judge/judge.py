@@ -22,7 +22,7 @@ from windmark.registration.judge.mirror import mirror_of
 from windmark.registration.judge.repaired import Repaired
 from windmark.registration.judge.source import Source, distinct
 from windmark.registration.judge.symmetric import told_by_table_errors
-from windmark.registration.judge.twins import Weighed, moved_px, near_ones, twin_of
+from windmark.registration.judge.twins import Weighed, elsewhere, near_ones, twin_of
 from windmark.registration.judge.verdict import Verdict, runner_up
 from windmark.registration.result import Cause, RunnerUp, Unchecked
 from windmark.registration.settle._kernels.settle import STEADY, settle_kernel
@@ -160,9 +160,8 @@ class Judge:
                 return "ambiguous", words.ambiguity(best, other, runner_up(best, other))
             if told_by_table_errors(best, other, limits.margin):
                 return "ambiguous", words.ambiguity(best, other, runner_up(best, other), by_table_errors=True)
-        reach = max(plane.task.tolerance_px for plane in self._views.planes)
         for _, other in self._near(best):
-            if moved_px(best, other) > reach:
+            if elsewhere(best, other):
                 return "ambiguous", words.ambiguity(best, other, runner_up(best, other))
         if held := own.held_by_one(best):
             return "one_pair", f"{words.seen(best)}, but {held}"

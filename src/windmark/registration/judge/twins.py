@@ -19,7 +19,7 @@ from windmark.registration.settle._kernels.mirror import mirrors_kernel
 from windmark.registration.settle._kernels.places import places_kernel
 from windmark.registration.settle._kernels.state import state_of
 from windmark.registration.settle.settling import settle
-from windmark.registration.settle.solution import SAME_SHARE, Solution
+from windmark.registration.settle.solution import SAME_ANGLE, SAME_SHARE, Solution
 
 Array = NDArray[np.float64]
 
@@ -63,15 +63,19 @@ def near_ones(best: Solution, others: Iterable[Solution], margin: float) -> tupl
     return tuple((math.exp(least - lead) / total, other) for lead, other in found)
 
 
-def moved_px(best: Solution, other: Solution) -> float:
-    """How far (px) a marker that faces a camera is from where another solution has it, the farthest one."""
-    most = 0.0
+def elsewhere(best: Solution, other: Solution) -> bool:
+    """Whether another solution has the model somewhere else: turned by more than three degrees, and a marker that faces
+    a camera farther away than the search looks for its spot.
+    """  # fmt: skip
+    if best.rig_from_model.angle_to(other.rig_from_model) < SAME_ANGLE:
+        return False
     for c in np.flatnonzero(best.counts).tolist():
         seen = best.state.faces[c] | (best.state.match[c] >= 0)
         one, two = (places_kernel(s.views.sights, s.state, c)[seen] for s in (best, other))
         off = np.linalg.norm(one - two, axis=1)
-        most = max(most, float(off[np.isfinite(off)].max(initial=0.0)))
-    return most
+        if off[np.isfinite(off)].max(initial=0.0) > best.views.planes[c].task.tolerance_px:
+            return True
+    return False
 
 
 def _of(found: list[tuple[float, Solution]]) -> list[Solution]:
