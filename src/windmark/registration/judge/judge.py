@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from windmark.registration.budget import Budget
 from windmark.registration.judge import own, rules, words
@@ -29,8 +28,6 @@ from windmark.registration.settle._kernels.settle import STEADY, settle_kernel
 from windmark.registration.settle.settling import copied
 from windmark.registration.settle.solution import Solution
 from windmark.registration.task import Limits
-
-Ints = NDArray[np.int32]
 
 DOUBTFUL: tuple[Cause | None, ...] = ("nothing", "weak", "misfit", "ambiguous", "time", "one_pair")
 """Of the best rigid solution; as opposed to a clear one with something wrong about it."""
@@ -201,7 +198,7 @@ class Judge:
         elif len(self._views.planes) > 1 and (slight := self._places(best).slightly_off()) is not None:
             beside = slight[0]
             unchecked.append(slight[1])
-        if loose := self._focal(best):
+        if loose := doubts.loose_focal(self._limits.focal_sigma):
             return Verdict(best, verdict.runner_up, "focal", loose)
         if (mirror := mirror_of(self._views, best, MIRRORS)) is not None:
             lead = best.lead_over(mirror)
@@ -240,20 +237,6 @@ class Judge:
         if len(others) > 1 and others[1].solution.evidence > others[0].solution.evidence - self._limits.margin:
             return replace(others[0], words=f"{others[0].words}; or, about as likely: {others[1].words}")
         return others[0] if others else None
-
-    def _focal(self, best: Solution) -> str:
-        """Why a free focal length is not determined; empty if it is."""
-        for c, plane in enumerate(self._views.planes):
-            if not plane.task.free_focal:
-                continue
-            sigma = self._doubts(best).focal_sigma(c)
-            if sigma > self._limits.focal_sigma:
-                return (
-                    f"the labelling is clear, but this view fixes the focal length only to {100 * sigma:.0f} % "
-                    f"(1 sigma; limit {100 * self._limits.focal_sigma:.0f} %): give the focal length, or a view that "
-                    "is less frontal or of a less flat set of markers"
-                )
-        return ""
 
     def _doubts(self, best: Solution) -> Doubts:
         if best not in self._doubted:
