@@ -38,9 +38,7 @@ class Source:
     budget : of the whole registration
     """
 
-    def __init__(
-        self, views: Views, searches: Sequence[Search | None], window: float, budget: Budget
-    ) -> None:
+    def __init__(self, views: Views, searches: Sequence[Search | None], window: float, budget: Budget) -> None:
         self.views, self._window, self._budget = views, window, budget
         self._searches = tuple(searches)
         self._running = {c: search.batches() for c, search in enumerate(searches) if search is not None}
@@ -175,7 +173,7 @@ class Source:
             if search is None:
                 continue
             if isinstance(search, Search):
-                ended &= search.copies(self._as_candidate(best, c), over)
+                ended &= search.copies(self._as_candidate(best, c), over, float(best.misfit_px[c]))
             for candidate in search.top(POOL):
                 spots = candidate.match[candidate.match >= 0]
                 if 2 * int(taken[c][spots].sum()) < len(spots):
