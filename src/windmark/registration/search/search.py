@@ -110,19 +110,19 @@ class Search:
     @property
     def best(self) -> Candidate | None:
         """The best candidate that has the labels; without one, the best that has not."""
-        return next(iter([*self.top(1), *self.contradictions(1)]), None)
+        return next(iter(self.top(1) or self.contradictions(1)), None)
 
-    def top(self, count: int) -> list[Candidate]:
-        """The best distinct candidates that have the labels, best first."""
+    def top(self, count: int, within: float = np.inf) -> list[Candidate]:
+        """The best distinct candidates that have the labels, best first; none so much (nats) below the best or more."""
         if not self.task.fixed:
-            return self._free.top()[:count]
+            return self._free.top(count, within)
         distinct: list[Candidate] = []
         for new in self._all():
             if self.task.keeps(new.match) and not any(
                 new.is_like(old.cam_from_model.rotation, old.match, old.count) for old in distinct
             ):
                 distinct.append(new)
-        return distinct[:count]
+        return [c for c in distinct[:count] if c.score > distinct[0].score - within]
 
     def contradictions(self, count: int) -> list[Candidate]:
         """The best candidates that do not have all labels."""
@@ -296,7 +296,7 @@ class Search:
 
     def _move_to_labels(self) -> None:
         """What contradicts the labels may be brought to them by a near-symmetry of the model."""
-        best = next(iter(self._free.top()), None)
+        best = next(iter(self._free.top(1)), None)
         if best is None or best is self._moved or best.score < self._stop_at:
             return
         self._moved, (r, t, focal, match) = best, self._made_of(best)
