@@ -100,7 +100,8 @@ def test_table_holds_every_quad_seen_from_a_tabled_direction(scene):
     layout = Layout(scene.markers)
     table, model = layout.table(7), layout.model
     entries = [
-        {tuple(q) for q in table.quad[table.first[c] : table.first[c + 1]].tolist()} for c in range(quads.CELLS**2)
+        {tuple(q) for q in table.quad[table.entry[table.first[c] : table.first[c + 1]]].tolist()}
+        for c in range(quads.CELLS**2)
     ]
     checked = 0
     for direction in sphere(DIRECTIONS)[3:30:6]:
@@ -126,7 +127,7 @@ def test_table_of_a_symmetric_layout_is_symmetric():
     markers = scenes.MarkerSet.make([f"g{i}" for i in range(20)], xyz, normal=np.tile([0, 0, 1.0], (20, 1)))
     table = Layout(markers).table(7)
     cell = np.repeat(np.arange(quads.CELLS**2), np.diff(table.first))
-    entries = {(int(c), *q) for c, q in zip(cell, table.quad.tolist(), strict=True)}
+    entries = {(int(c), *q) for c, q in zip(cell, table.quad[table.entry].tolist(), strict=True)}
     # Half a turn of the grid brings marker i to 19 - i.
     assert {(c, *(19 - m for m in q)) for c, *q in entries} == entries
 
@@ -156,6 +157,12 @@ def test_spot_quads_are_all_sound_ones_rarest_first(scene):
     assert len(got) == len(expected)
 
 
+def screened(xyz, markers, sight, slack):
+    """What the two screens of a link say."""
+    shape = np.array(quads.shape_of(xyz, *markers))[:, None]
+    return match.fits(shape, 0, sight, slack), match.stands(shape, 0, sight, slack)
+
+
 def test_screen_passes_what_p3p_confirms_and_little_else(scene):
     """Of right quads nearly all pass; of random links few, and those that P3P confirms nearly all."""
     model, frame = Layout(scene.markers).model, Layout(scene.markers).frame
@@ -163,25 +170,29 @@ def test_screen_passes_what_p3p_confirms_and_little_else(scene):
     focal, rng = scene.camera.focal_px, np.random.default_rng(1)
     seen = model.xyz @ rotation.T + translation
     p = np.ascontiguousarray(focal * seen[:, :2] / seen[:, 2:] + rng.normal(0, 0.2, (len(seen), 2)))
-    right, passed, confirmed, kept, tried = [], 0, 0, 0, 0
+    right, passed, confirmed, kept, tried, lost, sharp = [], 0, 0, 0, 0, 0, 0
     for a in range(60):
         spots = [a, *model.near[a, :3].tolist()]
         if abs(np.linalg.det(p[spots[2:]] - p[spots[1]])) < 1000:
             continue
         sight = match.sight_of(p, *spots, focal)
-        right.append(match.fits(model.xyz, *spots, sight, 3.0 / focal))
+        right.append(screened(model.xyz, spots, sight, 3.0 / focal)[0])
         for _ in range(20):
             other = rng.integers(60)
             markers = [other, *rng.permutation(model.near[other, :6])[:3].tolist()]
             rays = np.column_stack([p[spots[1:]], np.full(3, focal)])
             anchors = [pose.apply(model.xyz[markers[0]]) for pose in p3p(rays, model.xyz[markers[1:]]).poses()]
             good = any(np.linalg.norm(focal * x[:2] / x[2] - p[a]) < 3.0 for x in anchors)
-            fits = match.fits(model.xyz, *markers, sight, 3.0 / focal)
+            fits, stands = screened(model.xyz, markers, sight, 3.0 / focal)
+            lost, sharp = lost + (good and not stands), sharp + (fits and stands)
             tried, confirmed, kept, passed = tried + 1, confirmed + good, kept + (good and fits), passed + fits
     assert np.mean(right) > 0.9
     assert confirmed > 5
     assert kept >= 0.9 * confirmed
     assert passed < 0.25 * tried
+    # The second screen has the perspective in full: it loses nothing and passes hardly more than P3P confirms.
+    assert lost == 0
+    assert sharp < 2 * confirmed
 
 
 def slow_search(model, picture, gates, table, focal, tried, cells):
@@ -189,8 +200,8 @@ def slow_search(model, picture, gates, table, focal, tried, cells):
     outcomes = []
     for (a, b, c, d), cell in zip(tried.tolist(), cells.tolist(), strict=True):
         rays = np.column_stack([picture.p[[b, c, d]], np.full(3, focal)])
-        for i, j, k, m in table.quad[table.first[cell] : table.first[cell + 1]].tolist():
-            if not match.fits(model.xyz, i, j, k, m, match.sight_of(picture.p, a, b, c, d, focal), CHECK / focal):
+        for i, j, k, m in table.quad[table.entry[table.first[cell] : table.first[cell + 1]]].tolist():
+            if not screened(model.xyz, (i, j, k, m), match.sight_of(picture.p, a, b, c, d, focal), CHECK / focal)[0]:
                 continue
             for pose in p3p(rays, model.xyz[[j, k, m]]).poses():
                 anchor = pose.apply(model.xyz[i])
@@ -211,7 +222,7 @@ def test_search_grows_what_its_slow_twin_grows():
     tried, cells = quads.spot_quads_kernel(picture.p, picture.near, 0, 7, table.first)
     tried, cells = tried[:400], cells[:400]
     best, none = kept.room_for_best(60, 24), np.full((1, 24), -1, np.int32)
-    of = match.Links(tried, table.first[cells], table.first[cells + 1], table.quad, CHECK, 24)
+    of = match.Links(tried, table.first[cells], table.first[cells + 1], table.entry, table.quad, table.shape, CHECK, 24)
     got, count, work = match.search_kernel(
         model, picture, RULES, gates, of, np.array([focal]), 0, 10**6, np.inf, best, none
     )
@@ -285,6 +296,24 @@ def test_half_a_copy_is_found_beside_the_model():
         assert alone.copies(alone.best, lambda: False)
         assert all(c.score < 45.0 for c in alone.top(12) if (c.score, c.count) not in before)
     assert found >= 4
+
+
+def test_every_spot_in_turn_is_the_anchor_of_a_quad(scene):
+    """Of each anchor the near quads come first, then the far ones, each rarest first; of one turn the rarest first."""
+    plane = plane_of(scene)
+    picture, table = plane.picture(len(scene.detections)), plane.layout.table(7)
+    near, far = (links.quad_links(picture, table, low, high, CHECK) for low, high in ((0, 5), (5, 8)))
+    got = links.in_turn(near, far)
+    rows = [np.column_stack([of.spots, of.first, of.last]).tolist() for of in (near, far, got)]
+    assert sorted(rows[2]) == sorted(rows[0] + rows[1])
+    turn, seen = [], {}
+    for row in rows[2]:
+        seen.setdefault(row[0], []).append(row)
+        turn.append(len(seen[row[0]]))
+    for anchor, mine in seen.items():
+        assert mine == [row for row in rows[0] + rows[1] if row[0] == anchor]
+    size = (got.last - got.first).tolist()
+    assert list(zip(turn, size, strict=True)) == sorted(zip(turn, size, strict=True))
 
 
 def test_compact_quads_are_the_rarest_of_each_anchor(scene):

@@ -36,10 +36,12 @@ FLATTEST = 0.04
 
 
 class Table(NamedTuple):
-    """Quads of markers by key: those of cell c are ``quad[first[c]:first[c + 1]]``."""
+    """Quads of markers by key: those of cell c are number ``entry[first[c]:first[c + 1]]``."""
 
     first: Ints  # (CELLS^2 + 1,)
-    quad: Ints  # (E, 4) anchor and the triangle's corners in the order in which the image shows them, clockwise
+    entry: Ints  # (E,)
+    quad: Ints  # (Q, 4) anchor and the triangle's corners in the order in which the image shows them, clockwise
+    shape: Array  # (Q, 8) what a link asks of them, see `shape_of`
 
 
 @nb.njit(cache=True, nogil=True, inline="always")
@@ -82,7 +84,7 @@ def table_of(model: Model, reach: int, directions: Array) -> Table:
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def table_kernel(
     xyz: Array, near: Ints, reach: int, views: Array, facing: NDArray[np.uint64]
-) -> tuple[Ints, Ints]:  # fmt: skip
+) -> tuple[Ints, Ints, Ints, Array]:  # fmt: skip
     """The parts of the table.
 
     Parameters
@@ -92,9 +94,9 @@ def table_kernel(
     facing : (N,) a bit for each view in which the marker is seen
     """
     n, room = xyz.shape[0], 64 * xyz.shape[0] * reach
-    cell, quad = np.empty(room, np.int32), np.empty((room, 4), np.int32)
+    cell, number, quad = np.empty(room, np.int32), np.empty(room, np.int32), np.empty((room, 4), np.int32)
     stamp = np.full(6 * CELLS * CELLS, -1, np.int32)
-    used, serial = 0, 0
+    used, serial, quads = 0, 0, 0
     for a in range(n):
         around = _around(xyz, near, a, reach)
         for i in range(around - 2):
@@ -107,18 +109,48 @@ def table_kernel(
                         continue
                     if used + 6 * CELLS * CELLS > cell.shape[0]:
                         cell = np.concatenate((cell, np.empty_like(cell)))
+                        number = np.concatenate((number, np.empty_like(number)))
+                    if quads + 6 > quad.shape[0]:
                         quad = np.concatenate((quad, np.empty_like(quad)))
-                    used = _enter(a, b, c, d, views, seen, step, stamp, serial, cell, quad, used)
+                    used, quads = _enter(
+                        a, b, c, d, views, seen, step, stamp, serial, cell, number, used, quad, quads
+                    )  # fmt: skip
                     serial += 1
-    first, out = np.zeros(CELLS * CELLS + 1, np.int32), np.empty((used, 4), np.int32)
+    first, entry = np.zeros(CELLS * CELLS + 1, np.int32), np.empty(used, np.int32)
     for e in range(used):
         first[cell[e] + 1] += 1
     first = np.cumsum(first).astype(np.int32)
     at = first[:-1].copy()
     for e in range(used):
-        out[at[cell[e]]] = quad[e]
+        entry[at[cell[e]]] = number[e]
         at[cell[e]] += 1
-    return first, out
+    shape = np.empty((quads, 8))
+    for q in range(quads):
+        shape[q] = shape_of(xyz, quad[q, 0], quad[q, 1], quad[q, 2], quad[q, 3])
+    return first, entry, quad[:quads].copy(), shape
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def shape_of(
+    xyz: Array, i: int, j: int, k: int, m: int
+) -> tuple[float, float, float, float, float, float, float, float]:
+    """What `match.fits` asks of the four markers, whatever the picture.
+
+    Products of the edges e1 and e2 from j to k and m: (e1.e1, e1.e2, e2.e2), their determinant, one by that; and the
+    anchor i from j as alpha e1 + gamma e2 + height (e1 cross e2).
+    """
+    ox, oy, oz = xyz[j, 0], xyz[j, 1], xyz[j, 2]
+    e1x, e1y, e1z = xyz[k, 0] - ox, xyz[k, 1] - oy, xyz[k, 2] - oz
+    e2x, e2y, e2z = xyz[m, 0] - ox, xyz[m, 1] - oy, xyz[m, 2] - oz
+    e3x, e3y, e3z = xyz[i, 0] - ox, xyz[i, 1] - oy, xyz[i, 2] - oz
+    g11, g12 = e1x * e1x + e1y * e1y + e1z * e1z, e1x * e2x + e1y * e2y + e1z * e2z
+    g22 = e2x * e2x + e2y * e2y + e2z * e2z
+    h1, h2 = e1x * e3x + e1y * e3y + e1z * e3z, e2x * e3x + e2y * e3y + e2z * e3z
+    det = g11 * g22 - g12 * g12
+    per = 1.0 / det
+    alpha, gamma = (h1 * g22 - h2 * g12) * per, (h2 * g11 - h1 * g12) * per
+    height = ((e1y * e2z - e1z * e2y) * e3x + (e1z * e2x - e1x * e2z) * e3y + (e1x * e2y - e1y * e2x) * e3z) * per
+    return g11, g12, g22, det, per, alpha, gamma, height
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
@@ -167,10 +199,10 @@ def _step(xyz: Array, a: int, b: int, c: int, d: int) -> int:
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def _enter(
     a: int, b: int, c: int, d: int, views: Array, seen: int, step: int, stamp: Ints, serial: int,
-    cell: Ints, quad: Ints, used: int,
-) -> int:  # fmt: skip
-    """Enter one quad into the cells of all its keys, each once; the number of entries used so far."""
-    size = CELLS * CELLS
+    cell: Ints, number: Ints, used: int, quad: Ints, quads: int,
+) -> tuple[int, int]:  # fmt: skip
+    """Enter one quad into the cells of all its keys, each once; the numbers of entries and of quads used so far."""
+    size, mine = CELLS * CELLS, np.full(6, -1, np.int32)
     k = CELLS / (2.0 * REACH)
     for view in range(0, views.shape[0], step):
         if (seen >> np.uint64(view)) & np.uint64(1) == 0:
@@ -200,10 +232,13 @@ def _enter(
                     if stamp[kind * size + at] == serial:
                         continue
                     stamp[kind * size + at] = serial
-                    cell[used] = at
-                    quad[used, 0], quad[used, 1], quad[used, 2], quad[used, 3] = a, q[0], q[1], q[2]
+                    if mine[kind] < 0:
+                        mine[kind] = quads
+                        quad[quads, 0], quad[quads, 1], quad[quads, 2], quad[quads, 3] = a, q[0], q[1], q[2]
+                        quads += 1
+                    cell[used], number[used] = at, mine[kind]
                     used += 1
-    return used
+    return used, quads
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")

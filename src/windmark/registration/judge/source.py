@@ -67,7 +67,8 @@ class Source:
         One camera of a rig may find its candidates weak that all of them together are sure of.
         """
         if len(self._searches) == 1:
-            return self.best if self.best is not None and self.best.score > least else None
+            best = self.best
+            return best if best is not None and best.score > least else None
         found = self.solutions()
         return found[0] if found and found[0].score > least else None
 
@@ -100,11 +101,8 @@ class Source:
 
     def candidates(self) -> list[tuple[int, Candidate]]:
         """Those worth a look, of every camera."""
-        chosen: list[tuple[int, Candidate]] = []
-        for c, search in enumerate(self._searches):
-            top = search.top(POOL) if search is not None else []
-            chosen.extend((c, candidate) for candidate in top if candidate.score > top[0].score - self._window)
-        return chosen
+        searches = ((c, search) for c, search in enumerate(self._searches) if search is not None)
+        return [(c, candidate) for c, search in searches for candidate in search.top(POOL, self._window)]
 
     def cores(self, count: int) -> list[tuple[int, Candidate]]:
         """Candidates to begin a bent model from, of a rig those first that explain most in all its cameras."""
@@ -177,7 +175,7 @@ class Source:
             if search is None:
                 continue
             if isinstance(search, Search):
-                ended &= search.copies(self._as_candidate(best, c), over)
+                ended &= search.copies(self._as_candidate(best, c), over, float(best.misfit_px[c]))
             for candidate in search.top(POOL):
                 spots = candidate.match[candidate.match >= 0]
                 if 2 * int(taken[c][spots].sum()) < len(spots):

@@ -36,7 +36,7 @@ EVEN, ODD = ((0, 1, 2), (1, 2, 0), (2, 0, 1)), ((0, 2, 1), (2, 1, 0), (1, 0, 2))
 def quad_links(picture: Picture, table: Table, low: int, high: int, check: float) -> Links:
     """A spot and three of its ``high`` nearest ones, not all among the ``low`` nearest, rarest key first."""
     spots, cells = spot_quads_kernel(picture.p, picture.near, low, min(high, picture.near.shape[1]), table.first)
-    return Links(spots, table.first[cells], table.first[cells + 1], table.quad, check, MOST_GROWN)
+    return _anchored(spots, cells, table, check)
 
 
 def compact_links(picture: Picture, spots: Ints, neighbours: int, most: int, table: Table, check: float) -> Links:
@@ -46,7 +46,27 @@ def compact_links(picture: Picture, spots: Ints, neighbours: int, most: int, tab
     quads, cells = spot_quads_kernel(p, near, 0, near.shape[1], table.first)
     chosen = np.sort(np.unique(quads[:, 0], return_index=True)[1])[:most]
     cells = cells[chosen]
-    return Links(spots[quads[chosen]], table.first[cells], table.first[cells + 1], table.quad, check, MOST_GROWN)
+    return _anchored(spots[quads[chosen]], cells, table, check)
+
+
+def in_turn(near: Links, far: Links) -> Links:
+    """Quads of both: the first one of every anchor, then the next one of every anchor, ...; each time rarest first.
+
+    Where one quad of a spot holds a false one the others hardly do better, so it is the next spot's turn. Of an anchor
+    those that are ``far`` come after those that are ``near``, rarest first.
+    """
+    spots, first, last = (np.concatenate(pair) for pair in zip(near[:3], far[:3], strict=True))
+    order = np.argsort(spots[:, 0], kind="stable")
+    anchor, turn = spots[order, 0], np.empty(len(spots), dtype=np.int64)
+    turn[order] = np.arange(len(order)) - np.searchsorted(anchor, anchor)
+    order = np.lexsort((last - first, turn))
+    return near._replace(spots=spots[order], first=first[order], last=last[order])
+
+
+def _anchored(spots: Ints, cells: Ints, table: Table, check: float) -> Links:
+    """Spots (Q, 4) against the quads of their cells (Q,)."""
+    first, last = table.first[cells], table.first[cells + 1]
+    return Links(spots, first, last, table.entry, table.quad, table.shape, check, MOST_GROWN)
 
 
 def triplet_links(model: Model, picture: Picture, triplets: Ints, anchors: Ints, reach: int) -> Links:
@@ -76,7 +96,8 @@ def _faced(p: Array, spots: Ints, triplets: Ints, turns: NDArray[np.int8], most:
     clockwise = one[:, 0] * two[:, 1] > one[:, 1] * two[:, 0]
     first = np.where(clockwise, (turns < 0).sum(), 0).astype(np.int32)
     last = np.where(clockwise, len(turns), (turns <= 0).sum()).astype(np.int32)
-    return Links(_unanchored(spots), first, last, _unanchored(triplets[np.argsort(turns, kind="stable")]), np.inf, most)
+    entry, markers = np.argsort(turns, kind="stable").astype(np.int32), _unanchored(triplets)
+    return Links(_unanchored(spots), first, last, entry, markers, np.zeros((0, 8)), np.inf, most)
 
 
 def _unanchored(triplets: Ints) -> Ints:

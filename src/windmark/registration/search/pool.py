@@ -53,10 +53,11 @@ class Pool:
         self._frame, self.best = frame, room_for_best(size, markers)
         self._made: dict[int, Candidate] = {}
 
-    def top(self) -> list[Candidate]:
-        """The candidates, best first."""
+    def top(self, count: int | None = None, within: float = np.inf) -> list[Candidate]:
+        """The candidates, best first; so many, and none with a score that is so much below the best or more."""
         score = self.best.score
-        return [self._candidate(n) for n in np.argsort(-score, kind="stable").tolist() if score[n] > -np.inf]
+        least = score.max() - within
+        return [self._candidate(n) for n in np.argsort(-score, kind="stable")[:count].tolist() if score[n] > least]
 
     def add(self, rotation: Array, translation: Array, focal_px: float, score: float, match: NDArray[np.int32]) -> None:
         """Keep a solution of the unit model unless one like it is as good."""
