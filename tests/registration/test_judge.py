@@ -14,12 +14,13 @@ from windmark.registration.budget import Budget
 from windmark.registration.judge import own, rules
 from windmark.registration.judge.answer import answer
 from windmark.registration.judge.cameras import blocked
-from windmark.registration.judge.mirror import FLIP, mirror_of
+from windmark.registration.judge.mirror import FAR, FLIP, _with_twins, mirror_of, mirrored_views
 from windmark.registration.judge.source import Source, distinct
 from windmark.registration.judge.symmetric import told_by_table_errors
 from windmark.registration.search.pool import Candidate
 from windmark.registration.settle._kernels.fit import refine
-from windmark.registration.settle._kernels.state import EXPECTED
+from windmark.registration.settle._kernels.mirror import mirrors_kernel, start
+from windmark.registration.settle._kernels.state import EXPECTED, state_of
 from windmark.registration.settle.settling import copied
 from windmark.registration.task import Limits
 from windmark.scene import MarkerSet
@@ -112,6 +113,25 @@ def test_a_relief_with_the_wrong_sign_is_the_mirror_image(seed):
     assert mirror.misfit_px[0] < 0.2 < best.misfit_px[0]
     np.testing.assert_allclose(mirror.views.sights.xyz, views.sights.xyz @ FLIP)
     assert np.linalg.det(mirror.state.rotation) == pytest.approx(1.0)
+
+
+def test_mirror_images_are_given_up_where_adjusting_them_to_the_end_brings_them_no_nearer():
+    near, far = 0, 0
+    for seed in range(61, 67):
+        for relief in (1.0, -1.0):
+            views, best = settling.best_of(with_relief(seed, relief))
+            onto, turn, shift = views.layout.mirrors
+            images = _with_twins(views, best, onto[:8], FLIP @ turn[:8], shift[:8] @ FLIP)
+            sights, reach = mirrored_views(views).sights, FAR * np.maximum(best.misfit_px, 0.1)
+            state = state_of(sights, best.state.rotation, best.state.translation, best.state.match)
+            kept = mirrors_kernel(sights, best.state, state, *images, reach)
+            for b, image in enumerate(zip(*images, strict=True)):
+                start(best.state, state, *image)
+                adjusted = refine(sights, state, np.zeros((*state.match.shape, 3)))
+                residual = np.linalg.norm(state.residual[state.match >= 0], axis=1)
+                assert kept[b] == (adjusted and np.median(residual) <= reach[0])
+                near, far = near + kept[b], far + (not kept[b])
+    assert min(near, far) > 5
 
 
 def test_register_says_that_the_table_is_mirrored():

@@ -107,8 +107,28 @@ class Deformation:
         return float(np.linalg.norm(self.shift_px, axis=1).max())
 
 
-@dataclass(frozen=True)
-class Registration:
+@dataclass(frozen=True, kw_only=True)
+class _Found:
+    """What the registrations of one camera and of a rig have in common; see there."""
+
+    rms_px: float
+    cov: Array
+    score: float
+    log10_nfa: float
+    runner_up: RunnerUp | None
+    n_hypotheses: int
+    report: SolveReport
+    xyz: Array
+    deformation: Deformation | None = None
+    unchecked: tuple[Unchecked, ...] = ()
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    def __bool__(self) -> bool:
+        return True
+
+
+@dataclass(frozen=True, kw_only=True)
+class Registration(_Found):
     """Which spot is which marker, and where the camera was.
 
     Parameters
@@ -142,20 +162,9 @@ class Registration:
     cam_from_model: Pose
     camera: Camera
     matching: Matching
-    rms_px: float
     residuals: Array
-    cov: Array
     excess_px: float
-    score: float
-    log10_nfa: float
-    runner_up: RunnerUp | None
     n_expected: int
-    n_hypotheses: int
-    report: SolveReport
-    xyz: Array
-    deformation: Deformation | None = None
-    unchecked: tuple[Unchecked, ...] = ()
-    options: Mapping[str, Any] = field(default_factory=dict)
 
     @cached_property
     def weak(self) -> tuple[WeakDirection, ...]:
@@ -180,12 +189,9 @@ class Registration:
         xyz = self.xyz if self.deformation is None else self.xyz + self.deformation.displacement
         return xyz[self.matching.marker]
 
-    def __bool__(self) -> bool:
-        return True
 
-
-@dataclass(frozen=True)
-class RigRegistration:
+@dataclass(frozen=True, kw_only=True)
+class RigRegistration(_Found):
     """Which spot is which marker in each of C cameras, and where the model was.
 
     Parameters
@@ -217,23 +223,9 @@ class RigRegistration:
     cameras: tuple[Camera, ...]
     cam_from_rig: tuple[Pose, ...]
     matchings: tuple[Matching, ...]
-    rms_px: float
     residuals: tuple[Array, ...]
-    cov: Array
     excess_px: Array
-    score: float
-    log10_nfa: float
-    runner_up: RunnerUp | None
     n_expected: tuple[int, ...]
-    n_hypotheses: int
-    report: SolveReport
-    xyz: Array
-    deformation: Deformation | None = None
-    unchecked: tuple[Unchecked, ...] = ()
-    options: Mapping[str, Any] = field(default_factory=dict)
-
-    def __bool__(self) -> bool:
-        return True
 
     @property
     def counts(self) -> tuple[int, ...]:

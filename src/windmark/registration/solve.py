@@ -130,16 +130,8 @@ def _registration(
         residuals=residuals,
         cov=_cov(final, unit_cov),
         excess_px=float(final.excess_px[0]),
-        score=best.score,
-        log10_nfa=best.log10_nfa,
-        runner_up=verdict.runner_up,
         n_expected=best.expected,
-        n_hypotheses=tried,
-        report=_report(final),
-        xyz=final.views.planes[0].task.markers.xyz,
-        deformation=_deformation(final, unit_cov) if final.is_bent else None,
-        unchecked=verdict.unchecked,
-        options=options,
+        **_told(best, final, unit_cov, verdict, tried, options),
     )
 
 
@@ -172,23 +164,24 @@ def _of_rig(
         residuals=tuple(residuals),
         cov=to_model @ unit_cov[:6, :6] @ to_model.T,
         excess_px=excess,
-        score=best.score,
-        log10_nfa=best.log10_nfa,
-        runner_up=verdict.runner_up,
         n_expected=tuple(expected),
-        n_hypotheses=tried,
-        report=_report(final),
-        xyz=tasks[0].markers.xyz,
-        deformation=_deformation(final, unit_cov) if final.is_bent else None,
-        unchecked=verdict.unchecked,
-        options=options,
+        **_told(best, final, unit_cov, verdict, tried, options),
     )
 
 
-def _report(final: Solution) -> SolveReport:
+def _told(
+    best: Solution, final: Solution, unit_cov: Array, verdict: Verdict, tried: int, options: dict[str, Any]
+) -> dict[str, Any]:
+    """What is told alike of one camera and of a rig."""
     report = final.state.report
     steps = int(report[STEPS])
-    return SolveReport("converged_gradient", True, steps, steps, float(report[COST_START]), float(report[COST_END]))
+    return {
+        "score": best.score, "log10_nfa": best.log10_nfa, "runner_up": verdict.runner_up, "n_hypotheses": tried,
+        "report": SolveReport("converged_gradient", True, steps, steps, *report[[COST_START, COST_END]].tolist()),
+        "xyz": final.views.planes[0].task.markers.xyz,
+        "deformation": _deformation(final, unit_cov) if final.is_bent else None,
+        "unchecked": verdict.unchecked, "options": options,
+    }  # fmt: skip
 
 
 def _cov(best: Solution, unit_cov: Array) -> Array:

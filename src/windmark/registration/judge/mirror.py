@@ -47,7 +47,7 @@ def _with_twins(views: Views, best: Solution, onto: Ints, turn: Array, shift: Ar
     towards = best.state.rotations[c].T @ best.state.translations[c]
     sight = np.eye(3) - 2 * np.outer(towards, towards) / (towards @ towards)
     other = plane @ turn @ sight
-    moved = np.einsum("bij,bkj,bk->bi", other, turn, shift)
+    moved = (other @ turn.transpose(0, 2, 1) @ shift[:, :, None])[:, :, 0]
     return np.concatenate([onto, onto]), np.concatenate([turn, other]), np.concatenate([shift, moved])
 
 

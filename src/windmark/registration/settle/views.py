@@ -90,8 +90,7 @@ class Views:
 
     def opened(self, extra: Sequence[Array]) -> Views:
         """The same with cameras that may vary in more ways, (18, p) each."""
-        both = [np.concatenate([own, more], axis=1) for own, more in zip(self.loose, _stacked(extra), strict=True)]
-        return self._with(loose=np.stack(both))
+        return self._with(loose=np.concatenate([self.loose, _stacked(extra)], axis=2))
 
     def with_place(self, c: int, cam_from_rig: Pose) -> Views:
         """The same with camera c elsewhere."""
