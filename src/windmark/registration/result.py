@@ -64,7 +64,8 @@ class Unchecked:
 
     Parameters
     ----------
-    what : "focal length", "principal point", "aspect", "lens", "place in the rig", "scale", "mirror" or "copy"
+    what : "focal length", "principal point", "aspect", "lens", "place in the rig", "scale", "mirror", "copy" or
+        "bending"
     words : why, and how large an error this picture would show
     camera : number of the camera, of a rig
     """

@@ -97,7 +97,7 @@ def _by_field(best: Solution, field: Field, size: float) -> list[Root]:
     across = normal[:bends, bends:-1]
     taken, start = inverse @ across, inverse @ side[:bends]
     gram, pull = normal[bends:-1, bends:-1] - across.T @ taken, side[bends:-1] - across.T @ start
-    roots = _roots(field, np.asarray(matched.any(axis=0)))
+    roots = may_be_root(field, np.asarray(matched.any(axis=0)))
     turned = np.zeros((len(roots), bends, len(field.modes)))
     turned[:, :3] = state.rotation @ field.motions[roots, :3]
     turned[:, 3:6] = state.rotation @ field.motions[roots, 3:]
@@ -117,7 +117,7 @@ def _by_field(best: Solution, field: Field, size: float) -> list[Root]:
     return found
 
 
-def _roots(field: Field, matched: NDArray[np.bool_]) -> NDArray[np.int64]:
+def may_be_root(field: Field, matched: NDArray[np.bool_]) -> NDArray[np.int64]:
     """Matched markers that may be the root: walls if there are any."""
     walls = matched & (field.modes == 0.0).all(axis=(0, 2))
     return np.flatnonzero(walls if walls.any() else matched)

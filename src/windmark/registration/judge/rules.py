@@ -65,6 +65,8 @@ SYMMETRIC = 5.0
 """
 CHECKED = {
     "focal length": 0.01, "aspect": 0.005, "principal point": 0.01, "lens": 0.005, "place in the rig": 0.01,
+    "bending": 0.01,
 }  # fmt: skip
 """A given camera counts as checked by a picture that would show such an error: parts of the focal length and of the
-aspect, and of the image's diagonal; radians by which a camera of a rig is turned (`attacks`: wrong cameras, rig)."""
+aspect, and of the image's diagonal; radians by which a camera of a rig is turned, or the root of a bent model against a
+straight one (`attacks`: wrong cameras, rig, bent)."""
