@@ -68,7 +68,7 @@ class Repaired:
                     yield from self._begun(solution, moved)
 
     def _turned(self, solution: Solution) -> Iterator[Solution]:
-        """Rigid solutions of one camera where a row of markers stays what it is, and the few spots beside it, which alone
+        """Rigid solutions of one camera where a row of markers stays as it is and the few spots beside it, which alone
         tell how the model is turned about the row, are those of other markers.
         """  # fmt: skip
         if len(self._views.planes) > 1 or (row := _row_of(solution)) is None:
