@@ -153,7 +153,7 @@ def test_modes_are_the_prior_and_walls_stay():
     xyz = (xyz - xyz.mean(axis=0)) / np.sqrt(((xyz - xyz.mean(axis=0)) ** 2).sum(axis=1).mean())
     rigid = np.zeros(60, dtype=bool)
     rigid[:7] = True
-    modes = field.modes_of(xyz, rigid)
+    modes = field.modes_of(field.field_of(xyz, rigid, field.REACH))
     assert (modes[:, rigid] == 0).all()
     thin = field.extents(xyz)[0][2]
     got = np.einsum("knc,c,kmd,d->nm", modes, thin, modes, thin)[7:, 7:]

@@ -106,9 +106,9 @@ def test_modes_of_some_stand_for_those_of_many_markers(monkeypatch):
     """The covariance of the displacements that they make is that of the whole process."""
     xyz = np.random.default_rng(4).uniform(-1, 1, size=(900, 3)) * [1.6, 1.2, 0.1]
     rigid = np.arange(900) % 50 == 0
-    some = modes_of(xyz, rigid)
+    some = modes_of(field.field_of(xyz, rigid, field.REACH))
     monkeypatch.setattr(field, "LANDMARKS", 900)
-    exact = modes_of(xyz, rigid)
+    exact = modes_of(field.field_of(xyz, rigid, field.REACH))
     covariances = [np.einsum("kna,kma->nm", modes, modes) for modes in (some, exact)]
     np.testing.assert_allclose(*covariances, atol=0.005)
     assert covariances[1].max() > 1

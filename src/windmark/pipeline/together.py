@@ -24,7 +24,7 @@ LEAD = 10.0
 """Nats by which one camera must be likelier to be the wrong one than any other, odds of 22,000 to 1."""
 CHECKED = 2
 """So many markers of its own show that a camera is where the rig says; a single one may be there by chance."""
-OF_ALL = ("scale", "mirror", "copy")
+OF_ALL = ("scale", "mirror", "copy", "bending")
 """What is unchecked of the model, not of one camera."""
 
 

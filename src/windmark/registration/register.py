@@ -81,8 +81,9 @@ def register(  # type: ignore[misc]  # the overloads leave the options to this o
     Of a bent model the pose is that of its root, which the picture does not tell: markers that stand still before the
     camera together with the model's root may be given the role "wall", then the pose is theirs. Otherwise it is the
     mean over all parts that may be the root, with a covariance that covers each. Where a rigid model leaves more than
-    the noise, the covariance has what a deformation would change, as far as the residuals look like one; a bow that is
-    lost in the noise is not in it.
+    the noise, the covariance has what a deformation would change, as far as the residuals look like one. A bow that is
+    lost in the noise is not in it: the pose is that of a straight model, and ``unchecked`` ("bending") says how large a
+    bow would not show and how far the root would be turned by it. With ``max_deformation`` 0 there is none.
 
     With a rig each camera proposes poses by its own spots. Every proposal, also one that a camera alone would find
     weak, is carried to the other cameras; pose and labels settle in all of them together, and the sum of their evidence

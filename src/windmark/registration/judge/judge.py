@@ -22,6 +22,7 @@ from windmark.registration.judge.repaired import Repaired
 from windmark.registration.judge.source import Source, distinct
 from windmark.registration.judge.symmetric import told_by_table_errors
 from windmark.registration.judge.twins import Weighed, elsewhere, near_ones, twin_of
+from windmark.registration.judge.unseen import unchecked_bend
 from windmark.registration.judge.verdict import Verdict, runner_up
 from windmark.registration.result import Cause, RunnerUp, Unchecked
 from windmark.registration.settle._kernels.settle import STEADY, settle_kernel
@@ -208,6 +209,7 @@ class Judge:
                 return Verdict(best, second, "mirrored", words.mirrored(best, mirror, lead))
             if lead < self._limits.margin:
                 unchecked.append(Unchecked("mirror", words.MIRROR_UNSEEN))
+        unchecked.extend(unchecked_bend(best, self._limits.deformation, self._limits.margin))
         if len(self._views.planes) == 1:
             unchecked.append(Unchecked("scale", words.SCALE_UNSEEN))
         if not self._copies_ended:

@@ -7,17 +7,25 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.geometry import Pose
 from windmark.registration.budget import SETTLE, SETTLE_PAIR, Budget
 from windmark.registration.judge import own, rules
 from windmark.registration.settle._kernels.places import open_kernel
-from windmark.registration.settle.settling import settle
+from windmark.registration.settle._kernels.settle import fit_kernel
+from windmark.registration.settle.settling import copied, settle
 from windmark.registration.settle.solution import Solution
 from windmark.registration.settle.views import Views
 
+Array = NDArray[np.float64]
 Ints = NDArray[np.int32]
 
 NEIGHBOURS = 4
 """Of a marker, that its spot may be of."""
+BESIDE, TURNS = 3, np.linspace(-np.pi, np.pi, 72, endpoint=False)
+"""So many pairs beside a row may be wrong together; they are tried at turns about it (radians)."""
+MOST_TURNED, TURNED_FAR = 24, 4.0
+"""So many markers are tried, nearest first, as far from a spot as so many times the search looks for one: what half a
+step of a turn moves a marker by."""
 
 
 class Repaired:
@@ -42,6 +50,7 @@ class Repaired:
                 if any(own.is_loose(solution, c) for c in range(len(solution.counts))):
                     best = max([best, *self.with_one_less(best)], key=lambda s: s.evidence)
                 best = max([best, *self._with_one_other(best)], key=lambda s: s.evidence)
+                best = max([best, *self._turned(best)], key=lambda s: s.evidence)
             self._kept[solution] = best
         return self._kept[solution]
 
@@ -58,10 +67,38 @@ class Repaired:
                     moved[c, other], moved[c, marker] = match[c, marker], -1
                     yield from self._begun(solution, moved)
 
-    def _begun(self, solution: Solution, match: Ints) -> Iterator[Solution]:
-        """What a solution becomes with other labels (C, N) to begin with, if anything."""
+    def _turned(self, solution: Solution) -> Iterator[Solution]:
+        """Rigid solutions of one camera where a row of markers stays as it is and the few spots beside it, which alone
+        tell how the model is turned about the row, are those of other markers.
+        """  # fmt: skip
+        if len(self._views.planes) > 1 or (row := _row_of(solution)) is None:
+            return
+        xyz, state, plane = self._views.sights.xyz, solution.state, self._views.planes[0]
+        middle = xyz[row].mean(axis=0)
+        axis = np.linalg.svd(xyz[row] - middle, full_matrices=False)[2][0]
+        turns = state.rotation @ Pose.exp(np.pad(np.outer(TURNS, axis), ((0, 0), (0, 3)))).rotation
+        shifts = state.translation + (state.rotation - turns) @ middle
+        free = np.setdiff1d(np.arange(len(xyz)), row)
+        seen, valid = solution.camera().project(xyz[free] @ turns.transpose(0, 2, 1) + shifts[:, None])
+        seen[~valid] = np.nan
+        beside = np.setdiff1d(solution.pairs()[1], row)
+        begun: list[tuple[float, int, int, int]] = []
+        for spot in state.match[0, beside].tolist():
+            away = np.nan_to_num(np.linalg.norm(seen - plane.task.xy[spot], axis=2), nan=np.inf)
+            nearest = away.argmin(axis=0).tolist()
+            begun.extend((float(away[k, n]), spot, k, int(free[n])) for n, k in enumerate(nearest))
+        for off, spot, k, marker in sorted(begun)[:MOST_TURNED]:
+            if off < plane.task.tolerance_px * TURNED_FAR and state.match[0, marker] != spot:
+                match = np.full_like(state.match, -1)
+                match[0, row], match[0, marker] = state.match[0, row], spot
+                yield from self._begun(solution, match, (turns[k], shifts[k]))
+
+    def _begun(
+        self, solution: Solution, match: Ints, pose: tuple[Array, Array] | None = None
+    ) -> Iterator[Solution]:  # fmt: skip
+        """What a solution becomes with other labels (C, N), or from another pose, to begin with, if anything."""
         self._budget.spend(SETTLE + SETTLE_PAIR * solution.count)
-        start = solution.state.rotation, solution.state.translation, match
+        start = (*(pose or (solution.state.rotation, solution.state.translation)), match)
         if (other := settle(self._views, *start, focal_px=solution.state.camera[:, 0])) is not None:
             self.tried.append(other)
             yield other
@@ -72,3 +109,20 @@ class Repaired:
             match = solution.state.match.copy()
             match[c, marker] = -1
             yield from self._begun(solution, match)
+
+
+def _row_of(solution: Solution) -> NDArray[np.int64] | None:
+    """The matched markers but a few that leave the place of a marker open, if these few are taken away; None where the
+    others hold the pose without them.
+    """  # fmt: skip
+    views, marker = solution.views, solution.pairs()[1]
+    for _ in range(min(BESIDE, len(marker) - 4)):
+        xyz = views.sights.xyz[marker] - views.sights.xyz[marker].mean(axis=0)
+        axis = np.linalg.svd(xyz, full_matrices=False)[2][0]
+        marker = np.delete(marker, np.linalg.norm(np.cross(xyz, axis), axis=1).argmax())
+        state = copied(views, solution.state)
+        state.match[0, np.setdiff1d(solution.pairs()[1], marker)] = -1
+        reach = views.planes[0].task.tolerance_px
+        if not fit_kernel(views.sights, state) or open_kernel(state, state.place, 0)[1] > reach:
+            return marker
+    return None

@@ -144,7 +144,7 @@ def _by_field(best: Solution, field: Field, size: float) -> Bent:
     noise, rest, count = _noises(best, matched), square - side[:bends] @ start, 2 * int(matched.sum()) - 6
     found = [_by_amplitude(gram, pull, size * field.amplitude(stiff), noise, rest, count) for stiff in STIFFNESSES]
     evidence, noises, mean, second = (np.array(part) for part in zip(*found, strict=True))
-    motions = field.motions[_roots(field, np.asarray(matched.any(axis=0)))]
+    motions = field.motions[may_be_root(field, np.asarray(matched.any(axis=0)))]
     by, turn = -taken, np.zeros((6, 6))
     turn[:3, :3] = turn[3:, 3:] = state.rotation
     by[:6] += turn @ motions.sum(axis=0) / len(motions)
@@ -165,7 +165,7 @@ def _by_amplitude(
     return evidence, float(weight @ noise[:, 0]), by @ mean, by @ second @ by.T
 
 
-def _roots(field: Field, matched: NDArray[np.bool_]) -> NDArray[np.int64]:
+def may_be_root(field: Field, matched: NDArray[np.bool_]) -> NDArray[np.int64]:
     """Matched markers that may be the root: walls if there are any."""
     walls = matched & (field.modes == 0.0).all(axis=(0, 2))
     return np.flatnonzero(walls if walls.any() else matched)

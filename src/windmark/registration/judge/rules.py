@@ -65,9 +65,11 @@ SYMMETRIC = 5.0
 """
 CHECKED = {
     "focal length": 0.01, "aspect": 0.005, "principal point": 0.01, "lens": 0.005, "place in the rig": 0.01,
+    "bending": 0.01,
 }  # fmt: skip
 """A given camera counts as checked by a picture that would show such an error: parts of the focal length and of the
-aspect, and of the image's diagonal; radians by which a camera of a rig is turned (`attacks`: wrong cameras, rig)."""
+aspect, and of the image's diagonal; radians by which a camera of a rig is turned, or the root of a bent model against a
+straight one (`attacks`: wrong cameras, rig, bent)."""
 RADII_OFF, RADII_ODD = 2.2, 1.5
 """Imaged radii that are nearly all by such a factor larger or smaller than the table's are in another unit (the nearest
 two are 2.54 apart), or stand for something else; from the second on it is said (`tests/registration/test_discs`)."""

@@ -76,12 +76,8 @@ def field_of(xyz: Array, rigid: NDArray[np.bool_], reach: float) -> Field:
     )
 
 
-def modes_of(xyz: Array, rigid: NDArray[np.bool_]) -> Array:
-    """(K, N, 3) displacements of markers (N, 3) of the unit model by 1 sigma of a prior of unit amplitude.
-
-    Markers that are ``rigid`` (N,) do not move.
-    """
-    field = field_of(xyz, rigid, REACH)
+def modes_of(field: Field) -> Array:
+    """(K, N, 3) displacements of a stiff unit model's markers by 1 sigma of a prior of unit amplitude, no faint one."""
     modes = field.amplitude(STIFF)[:, None, None] * field.modes
     strength = np.sqrt((modes**2).sum(axis=2).mean(axis=1))
     return modes[strength > FAINT * strength.max(initial=0.0)]

@@ -153,18 +153,26 @@ class Layout:
     @cached_property
     def modes(self) -> Array:
         """(K, N, 3) how the markers may be displaced if the model is deformed; walls are not."""
-        return modes_of(self.model.xyz, self.markers.role == "wall")
+        return modes_of(self._near_field)
 
     @cached_property
+    def _near_field(self) -> Field:
+        return field_of(self.model.xyz, self.markers.role == "wall", REACH)
+
+    @cached_property
+    def far_field(self) -> Field:
+        """A deformation that is hardly more than a bow."""
+        return field_of(self.model.xyz, self.markers.role == "wall", FAR)
+
+    @property
     def fields(self) -> tuple[Field, ...]:
-        """The same deformation of more than one reach, for the pose."""
-        return tuple(field_of(self.model.xyz, self.markers.role == "wall", reach) for reach in (REACH, FAR))
+        """Deformations of more than one reach, for the pose."""
+        return self._near_field, self.far_field
 
     @cached_property
     def bows(self) -> Array:
         """(K, N, 3) how they may be displaced by a deformation that is hardly more than a bow, but along all axes."""
-        far = self.fields[-1]
-        return far.amplitude(SUPPLE)[:, None, None] * far.modes
+        return self.far_field.amplitude(SUPPLE)[:, None, None] * self.far_field.modes
 
     def _tabled(self, reach: int) -> Table:
         return table_of(self.model, min(reach, self.model.near.shape[1]), sphere(DIRECTIONS))

@@ -96,11 +96,8 @@ class Solution:
     def largest(self) -> float:
         """Largest displacement of a labelled marker beyond a rigid motion of all, as part of the model's size."""
         seen = np.flatnonzero((self.state.match >= 0).any(axis=0))
-        xyz, moved = self.views.layout.model.xyz[seen], self.displacement[seen]
-        turns = np.stack([np.cross(axis, xyz) for axis in np.eye(3)], axis=2)
-        rigid = np.concatenate([turns, np.broadcast_to(np.eye(3), turns.shape)], axis=2).reshape(-1, 6)
-        rest = moved.ravel() - rigid @ np.linalg.lstsq(rigid, moved.ravel(), rcond=None)[0]
-        return float(np.linalg.norm(rest.reshape(-1, 3), axis=1).max()) / self.views.layout.size
+        rest = beyond_rigid(self.views.layout.model.xyz[seen], self.displacement[seen])
+        return float(np.linalg.norm(rest, axis=1).max()) / self.views.layout.size
 
     @property
     def is_bent(self) -> bool:
@@ -271,6 +268,18 @@ class Solution:
 
     def _of(self, reading: int) -> Array:
         return np.where(self.counts > 0, self.readings[:, reading], 0.0)
+
+
+def beyond_rigid(xyz: Array, moved: Array) -> Array:
+    """Displacements (..., K, 3) of markers (K, 3) without the rigid motion of all that is nearest to them."""
+    rigid, (x, y, z) = np.zeros((len(xyz), 3, 6)), (xyz - xyz.mean(axis=0)).T
+    rigid[:, :, 3:] = np.eye(3)
+    rigid[:, 1, 0], rigid[:, 2, 0], rigid[:, 0, 1], rigid[:, 2, 1], rigid[:, 0, 2], rigid[:, 1, 2] = -z, y, z, -x, -y, x
+    # A line has no motion about itself, so not all six need be independent.
+    basis, size, _ = np.linalg.svd(rigid.reshape(-1, 6), full_matrices=False)
+    basis = basis[:, size > 1e-9 * size[0]]
+    flat = moved.reshape(-1, len(basis))
+    return np.asarray((flat - flat @ basis @ basis.T).reshape(moved.shape))
 
 
 def _where_both(a: Solution, b: Solution, c: int) -> float | None:
