@@ -13,6 +13,12 @@ import pytest
 from windmark.io import FileError, apart
 
 
+@pytest.fixture(scope="module", autouse=True)
+def _fresh():
+    """A helper of an earlier test may not know the folder of `helper_tasks`."""
+    apart._drop()
+
+
 @pytest.fixture
 def file(tmp_path):
     (tmp_path / "a.bin").write_bytes(b"content")

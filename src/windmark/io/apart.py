@@ -91,6 +91,7 @@ class _Helper:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
+            cwd=os.path.abspath(os.sep),  # Windows removes no folder in which a process is
             creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
         )
         self.owner = os.getpid()
