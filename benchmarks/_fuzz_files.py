@@ -30,8 +30,8 @@ def _maker(folder: Path, made: dict[str, list[Path]]) -> Callable[[str, str], Pa
 def grids(folder: Path) -> dict[str, list[Path]]:
     """Surface grids with values at their nodes, where the format has a place for them."""
     import pyvista as pv
-    from conftest import blocks_mesh, shell_mesh
 
+    from conftest import blocks_mesh, shell_mesh
     from windmark import io
     from windmark.io.plot3d import write_plot3d
     from windmark.io.plot3d_layout import Plot3dLayout
@@ -39,7 +39,10 @@ def grids(folder: Path) -> dict[str, list[Path]]:
     made: dict[str, list[Path]] = {}
     at = _maker(folder, made)
     blocks, shell = blocks_mesh([(5, 4, 1), (1, 6, 3)], blanked=True), shell_mesh()
-    fields = {"cp": np.sin(np.arange(len(blocks.vertices))).astype(np.float32), "p": np.arange(len(blocks.vertices)) * 1.5}
+    fields = {
+        "cp": np.sin(np.arange(len(blocks.vertices))).astype(np.float32),
+        "p": np.arange(len(blocks.vertices)) * 1.5,
+    }
     of_shell = {"cp": np.cos(np.arange(len(shell.vertices)))}
     units = {"p": "Pa", "length": "mm"}
     layouts = (
@@ -113,7 +116,10 @@ def tables(folder: Path) -> dict[str, list[Path]]:
     at("a.csv", "points").write_text("name,x,y,z,nx,ny,nz,volume\n" + "".join(f"{n},1,2,3,0,0,1,wing\n" for n in names))
     at("a.csv", "mask").write_text("polygon,x,y\na,1,1\na,30,2\na,9,17\nb,3,4\nb,8,8\nb,2,9\n")
     io.write_image(at("b.png", "mask"), rng.random((20, 32)) > 0.5)
-    for name, image in (("a.tif", rng.random((20, 32))), ("b.tif", rng.integers(0, 4096, (20, 32, 3), dtype=np.uint16))):
+    for name, image in (
+        ("a.tif", rng.random((20, 32))),
+        ("b.tif", rng.integers(0, 4096, (20, 32, 3), dtype=np.uint16)),
+    ):
         io.write_image(at(name, "image"), image, description="levels")
     io.write_image(at("c.jpg", "image"), rng.integers(0, 255, (20, 32, 3), dtype=np.uint8))
     _packed_tiffs(at, rng)

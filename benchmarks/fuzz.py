@@ -36,7 +36,9 @@ HANG_S, WAIT_S = 5.0, 120.0
 """Of the processor's time, for the machine may be busy; on the clock."""
 MEMORY_BYTES = 2 * 2**30
 """What a reader may take on top of what the process needs to start: seeds are some kilobytes."""
-WORDS = ("read", "refused", "traceback", "memory", "hang", "crash")
+WORDS = ("read", "refused", "stopped", "traceback", "memory", "hang", "crash")
+"""``stopped`` are refusals, too: the file has ended, or held up, the process in which it was read."""
+_STOPPED = ("it ends the library", "it is not read within", "MiB of memory to read it")
 
 
 def reader_of(kind: str) -> Callable[[Path], Any]:
@@ -57,12 +59,17 @@ def reader_of(kind: str) -> Callable[[Path], Any]:
         "rig": io.read_rig,
         "project": read_project,
         "function": lambda p: io.read_plot3d_function(p.with_suffix(".f")),
-        "vtm": lambda p: io.read_grid_file(next(q for q in (p, *p.parents) if q.with_suffix(".vtm").is_file()).with_suffix(".vtm")),
+        "vtm": lambda p: io.read_grid_file(_with_pieces(p)),
     }  # fmt: skip
     if kind in readers:
         return readers[kind]
     grids = ("plot3d", "tecplot", "stl", "obj", "ply", "cart3d", "vtp", "vtu", "vtk", "vts", "netcdf")
     return io.read_grid_file if kind in grids else _read_frames
+
+
+def _with_pieces(path: Path) -> Path:
+    """The .vtm file to which a piece belongs."""
+    return next(p for p in (q.with_suffix(".vtm") for q in (path, *path.parents)) if p.is_file())
 
 
 def _read_frames(path: Path) -> None:
@@ -81,7 +88,8 @@ _NUMBER = re.compile(rb"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?")
 _NUMBERS = (b"0", b"-1", b"99999999999", b"nan", b"inf", b"1e999", b"-7.5", b"4000000000*1", b"\xc2\xb2", b"1" * 5000,
             b"2147483647", b"0x10", b"1_0")  # fmt: skip
 _BETWEEN = (b"\xff\xfe\x00", "ä".encode("latin-1"), b"\0" * 40, b'"', b"<", b"[" * 2000, b"x" * 70000, b"\r", b"#",
-            "λ".encode("utf-16"), b"\n\n", b"%s%n", b"../", b"\x1b[31m")  # fmt: skip
+            "λ".encode("utf-16"), b"\n\n", b"%s%n", b"../", b"\x1b[31m", b" " * 20000, b"(" * 20000,
+            b"_" * 20000, b"a=" * 10000, b"\t," * 10000)  # fmt: skip
 
 
 def changed(data: bytes, rng: np.random.Generator) -> bytes:
@@ -199,8 +207,9 @@ def child(kind: str, files: list[str], first: int, count: int, folder: str, pipe
             read(place)
             word, text = "read", ""
         except io.FileError as error:
-            memory = isinstance(error.__cause__, MemoryError) or "MiB of memory" in str(error)
-            word = "memory" if memory else "refused"
+            memory = isinstance(error.__cause__, MemoryError)
+            stopped = any(words in str(error) for words in _STOPPED)
+            word = "memory" if memory else "stopped" if stopped else "refused"
             text = str(error) if memory or "\n" in str(error) or len(str(error)) > 2000 else ""
         except BaseException as error:
             word, text = "traceback", f"{type(error).__name__}: {error}"[:3000]

@@ -231,6 +231,59 @@ def test_damaged_files(tmp_path, capfd, name, content):
     assert capfd.readouterr() == ("", "")  # VTK's own complaints stay off the screen
 
 
+HEAD = b"# vtk DataFile Version "
+LEGACY = HEAD + b"5.1\nx\n%s\nDATASET POLYDATA\nPOINTS 3 float\n0 0 0 1 0 0 0 1 0\n%s"
+POLYGONS = b"POLYGONS 2 3\nOFFSETS vtktypeint64\n0 %s\nCONNECTIVITY vtktypeint64\n0 1 %s\n"
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (HEAD + b"5.1\nx\nBINARY\nDATASET POLYDATA\nPOINTS 6\xff", r"Unsupported data type: \\xff"),
+        (HEAD + b"1_0\nx\nBINARY\nDATASET POLYDATA\nFIELD FieldData 5\nwritten", "a.vtk"),
+        (LEGACY % (b"ASCII", POLYGONS % (b"3", b"999999999")), "connectivity: a cell names the points 0 to 999999999"),
+        (LEGACY % (b"ASCII", POLYGONS % (b"3", b"-7")), "connectivity: a cell names the points -7 to 1;"),
+        (LEGACY % (b"ASCII", POLYGONS % (b"900", b"2")), "offsets: its cells end at 900 of 3 corners"),
+        (LEGACY % (b"ASCII", b"POLYGONS 99999999999 3\n"), "'POLYGONS 99999999999' cannot come from 1.. bytes"),
+        (LEGACY % (b"ASCII", b"POLYGONS 1 4\n3 0 1 2\nPOINT_DATA 3\nSCALARS \xe9\xff float\n"), "a.vtk"),
+    ],
+)  # fmt: skip
+def test_files_that_ended_the_process(tmp_path, shell, content, words):
+    """Within VTK, which no Python code can prevent: so it happens to another process, and is told here."""
+    (tmp_path / "a.vtk").write_bytes(content)
+    with pytest.raises(FileError, match=words):
+        read_vtk_nodes(tmp_path / "a.vtk")
+    write_mesh(tmp_path / "b.vtp", shell)
+    assert len(read_mesh(tmp_path / "b.vtp").triangles) == len(shell.triangles)
+
+
+def test_a_version_that_there_is_not(tmp_path):
+    """VTK takes the cells for those of another version, and crashes."""
+    pv.Cylinder(resolution=7).clean().save(tmp_path / "a.vtk", binary=True)
+    raw = (tmp_path / "a.vtk").read_bytes()
+    (tmp_path / "a.vtk").write_bytes(raw.replace(b"Version 5.1", b"Version 1_0"))
+    with pytest.raises(FileError, match=r"a.vtk: "):
+        read_mesh(tmp_path / "a.vtk")
+
+
+def test_a_file_that_never_ends(tmp_path, shell, monkeypatch):
+    monkeypatch.setattr("windmark.io.apart._TIME_S", 1.0)
+    write_mesh(tmp_path / "a.vtk", shell)
+    raw = (tmp_path / "a.vtk").read_bytes()
+    at = raw.index(b"POINTS") + 40
+    (tmp_path / "a.vtk").write_bytes(raw[: at + 317] + b" " * 20_000 + raw[at + 317 :])
+    with pytest.raises(FileError, match=r"a.vtk: "):
+        read_mesh(tmp_path / "a.vtk")
+
+
+def test_names_in_another_encoding(tmp_path, shell):
+    write_nodes_vtk(tmp_path / "a.vtp", shell, {"druck": np.ones(len(shell.vertices))})
+    raw = (tmp_path / "a.vtp").read_bytes()
+    (tmp_path / "a.vtp").write_bytes(raw.replace(b'Name="druck"', b'Name="dr\xfcck"'))
+    with pytest.raises(FileError, match=r"a.vtp: "):
+        read_vtk_nodes(tmp_path / "a.vtp")
+
+
 def test_truncated_files(tmp_path, make_mesh):
     write_mesh(tmp_path / "a.vtp", make_mesh([(9, 8, 1)]))
     raw = (tmp_path / "a.vtp").read_bytes()

@@ -152,3 +152,22 @@ def test_binding_is_for_labels(write):
         read_project(write(binding))
     project = read_project(write(binding.replace('"a.tif"', '"a.tif"\nlabels = { w03 = [5, 6] }')))
     assert project.register_.binding
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("a = " + "[" * 2000 + "]" * 2000, "is not valid TOML"),
+        ("a = " + "1" * 5000, "is not valid TOML"),
+        ("a." * 20_000 + "b = 1", "a key has over 100 parts"),
+        (
+            GOOD.replace("a.tif", "x" * 5000),
+            r"image\[0\].file.*the name is too long; expected the path of an existing file",
+        ),
+        (GOOD.replace("camera.json", "a\\u0000b"), "null (byte|character).*; expected the path of an existing file"),
+    ],
+)
+def test_files_that_are_too_much_for_the_library(write, text, words):
+    with pytest.raises(FileError, match=words) as error:
+        read_project(write(text))
+    assert len(str(error.value)) < 1200

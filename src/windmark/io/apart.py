@@ -4,8 +4,11 @@ VTK and HDF5 are complete and well kept, but what they believe of a damaged file
 the process, HDF5 follows a chain that closes on itself for ever. So a helper process parses and hands back plain
 arrays; a file that ends it, or takes too long or too much, is refused, and the next one gets a new helper. It starts
 with the first such file (about 0.5 s, once), waits for the next, and ends with its owner; the price per file is the
-copy of the arrays, some 1 ms/MB. Memory is limited by the system where it can be (Linux; Windows through a job), time
-everywhere. Where no helper can be started (programs frozen into one file, systems that forbid it) the file is read here.
+copy of the arrays. Memory is limited by the system where it can be (Linux; Windows through a job), time everywhere.
+Where no helper can be started (programs frozen into one file, systems that forbid it) the file is read here.
+
+Own readers instead would be ten dialects of VTK (text, binary, packed, three versions) and its triangulation of
+polygons and solids, to be kept equal to VTK's; a process of its own takes VTK as it is, and HDF5 with it.
 """
 
 from __future__ import annotations
@@ -64,7 +67,7 @@ def read_apart(function: str, path: Pathlike, **options: Any) -> Content:
     with _GUARD:
         helper = _helper()
         if helper is None:
-            return _called(function, path, options)
+            return _called(function, os.fspath(path), options)
         try:
             return helper.call(function, path, options, size)
         finally:
@@ -72,7 +75,7 @@ def read_apart(function: str, path: Pathlike, **options: Any) -> Content:
                 _drop()
 
 
-def _called(function: str, path: Pathlike, options: Mapping[str, Any]) -> Content:
+def _called(function: str, path: str, options: Mapping[str, Any]) -> Content:
     module, _, name = function.partition(":")
     content: Content = getattr(importlib.import_module(module), name)(path, **options)
     return content
@@ -88,6 +91,7 @@ class _Helper:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
+            cwd=os.path.abspath(os.sep),  # Windows removes no folder in which a process is
             creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
         )
         self.owner = os.getpid()

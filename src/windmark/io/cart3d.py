@@ -80,10 +80,11 @@ def _from_records(path: str | os.PathLike[str], data: NDArray[np.uint8]) -> Part
         for sizes, real in ((single, "f4"), (double, "f8")):
             if n_triangles > 0 and walk.sizes in (sizes, [*sizes, 4 * n_triangles]) and walk.end == len(data):
                 starts = np.cumsum([4, *(s + 8 for s in walk.sizes)])
-                xyz, corners, *rest = (
-                    data[a : a + s].view(f"{order}{kind}").astype(float)
-                    for a, s, kind in zip(starts[1:], walk.sizes[1:], (real, "i4", "i4"), strict=False)
-                )
+                with np.errstate(invalid="ignore"):  # a float may be any NaN
+                    xyz, corners, *rest = (
+                        data[a : a + s].view(f"{order}{kind}").astype(float)
+                        for a, s, kind in zip(starts[1:], walk.sizes[1:], (real, "i4", "i4"), strict=False)
+                    )
                 component = rest[0] if rest else np.zeros(n_triangles)
                 return xyz.reshape(-1, 3), corners.reshape(-1, 3), component
         what = f"{n_vertices} vertices and {n_triangles} triangles take records of {single[1:]} bytes"

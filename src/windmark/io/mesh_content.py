@@ -12,6 +12,7 @@ from windmark.io.structured import Volumes, rename_volumes
 from windmark.io.text import Pathlike
 from windmark.scene import Block, Mesh
 
+
 def check_names(path: Pathlike, names: Iterable[str], where: int | str | None = None) -> None:
     """`FileError` for a name of more than `LONGEST_NAME` characters."""
     for name in names:

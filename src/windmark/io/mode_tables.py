@@ -15,7 +15,7 @@ from windmark.io.text import Pathlike, read_text
 Array = NDArray[np.float64]
 
 XYZ = ("x", "y", "z")
-_SHAPE = re.compile(r"d[xyz]_([1-9][0-9]*)")
+_SHAPE = re.compile(r"d[xyz]_([1-9][0-9]{0,17})")
 
 
 def read_modes(path: Pathlike) -> tuple[Array, Array]:

@@ -71,7 +71,8 @@ def parse_numbers(raw: bytes, path: str | os.PathLike[str], first_line: int = 1,
         For a word that is no number: names its line. For repeat counts that make over 16 numbers of each byte.
     """
     folded = repeats and b"*" in raw
-    values, counts, first_words, line = [], [], (), first_line
+    values, counts, line = [], [], first_line
+    first_words: tuple[bytes, ...] = ()
     for part in _parts(raw):
         words = part.translate(_TO_C).split()
         numbers, times = _numbers(path, part, words, line, folded)

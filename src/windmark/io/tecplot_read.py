@@ -24,9 +24,10 @@ Array = NDArray[np.float64]
 
 # A line of words; lines of numbers may also begin with the letters of NaN or infinity, as other programs write them.
 _WORDS = re.compile(rb'^[ \t]*(?!nan|inf)[A-Za-z"#(].*$', re.MULTILINE | re.IGNORECASE)
-_SETTING = re.compile(r'([A-Za-z_]\w*)\s*=\s*("[^"]*"|\([^)]*\)|[^\s,"()]+)')
+_SETTING = re.compile(r'(?<!\w)([A-Za-z_]\w*+)\s*+=\s*+("[^"]*"|\([^)]*\)|[^\s,"()]+)')
 _NAME = re.compile(r'"([^"]*)"|([^\s,"]+)')
-_SHARED = re.compile(r"\(\[([\d,-]+)\]=(\d+)\)")
+_SHARED = re.compile(r"\(\[([\d,-]+)\]=(\d{1,9})\)")
+_DIGITS, _LONGEST = 15, 100_000
 _SIZE_KEYS = {True: (("I",), ("J",), ("K",)), False: (("N", "NODES"), ("E", "ELEMENTS"))}
 _NODES_OF = {"FETRIANGLE": 3, "FEQUADRILATERAL": 4}
 _IGNORED = ("TITLE", "VARAUXDATA", "FILETYPE")
@@ -40,8 +41,13 @@ class _Zone:
     line: int
     header: str
     aux: dict[str, str] = field(default_factory=dict)
-    data: bytes = b""
+    pieces: list[bytes] = field(default_factory=list)
     data_line: int = 0
+
+    @property
+    def data(self) -> bytes:
+        """The numbers, whatever words stand between them."""
+        return b"".join(self.pieces)
 
     @property
     def settings(self) -> dict[str, str]:
@@ -187,18 +193,22 @@ def _parse(raw: bytes, path: Path) -> _Content:
                 raise FileError(path, "numbers before the first ZONE", data_line)
             zone = content.zones[-1]
             zone.data_line = zone.data_line or data_line
-            zone.data += data
+            zone.pieces.append(data)
     return content
 
 
 def _continue(content: _Content, record: str, text: str, line: int) -> None:
     """A line that continues the record above it."""
-    if record == "ZONE" and not content.zones[-1].data:
+    if record == "ZONE" and not content.zones[-1].pieces:
         content.zones[-1].header += " " + text
+        size = len(content.zones[-1].header)
     elif record == "VARIABLES":
         content.variables += " " + text
+        size = len(content.variables)
     else:
         raise FileError(content.path, f"expected a record of a Tecplot ASCII file, got {text[:30]!r}", line)
+    if size > _LONGEST:
+        raise FileError(content.path, f"the {record} record has over {_LONGEST} characters; expected fewer", line)
 
 
 def _lines_of_words(raw: bytes) -> Iterator[tuple[str, int, bytes, int]]:
@@ -264,8 +274,8 @@ def _kind(path: Path, zone: _Zone, settings: dict[str, str], n_variables: int) -
 def _whole(path: Path, zone: _Zone, settings: dict[str, str], *keys: str) -> int:
     """A size of the zone; I, J and K are 1 where they are left out."""
     text = next((settings[key] for key in keys if key in settings), "1" if len(keys) == 1 else "")
-    if not text.isdecimal() or int(text) < 1:
-        raise FileError(path, f"{keys[0]} is {text or 'missing'}; expected a whole number above 0", zone.line)
+    if not text.isdecimal() or len(text) > _DIGITS or int(text) < 1:
+        raise FileError(path, f"{keys[0]} is {text[:40] or 'missing'}; expected a whole number above 0", zone.line)
     return int(text)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -27,6 +28,12 @@ READERS = {
     ".vtm": ("vtkIOXML", "vtkXMLMultiBlockDataReader"),
     ".vtk": ("vtkIOLegacy", "vtkGenericDataObjectReader"),
 }
+_COUNT = re.compile(
+    rb'NumberOf[A-Z][a-z]+="[ \t]*(\d+)"|^[ \t]*(?:POINTS|POLYGONS|CELLS|CELL_TYPES|LINES|VERTICES)[ \t]+(\d+)',
+    re.MULTILINE,
+)
+_DIGITS, _MOST_PER_BYTE, _FEW = 18, 100, 2**20
+"""Points and cells that a byte of the file may stand for: packed, a regular grid has ten of them in each."""
 
 
 @dataclass(frozen=True)
@@ -64,6 +71,7 @@ def vtk_content(path: str, *, values: bool) -> Content:
 
 
 def _content(path: str, values: bool) -> Content:
+    _check_counts(path)
     with _messages() as said:
         module, name = READERS[Path(path).suffix.lower()]
         reader = getattr(__import__(f"vtkmodules.{module}", fromlist=[name]), name)()
@@ -89,6 +97,16 @@ def _content(path: str, values: bool) -> Content:
     content |= {f"column{k}": column for k, column in enumerate(columns.values())}
     content["columns"], content["left_out"] = list(columns), left_out
     return content
+
+
+def _check_counts(path: str) -> None:
+    """Refuse counts that the file has no bytes for: VTK asks for their memory first."""
+    raw = Path(path).read_bytes()
+    for match in _COUNT.finditer(raw):
+        count = next(group for group in match.groups() if group)
+        if len(count) > _DIGITS or int(count) > _MOST_PER_BYTE * len(raw) + _FEW:
+            said = match[0].decode("ascii", "replace").strip()[:60]
+            raise FileError(path, f"damaged: {said!r} cannot come from {len(raw)} bytes")
 
 
 def check_cells(path: str, leaf: Any) -> None:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 import types
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any, Union, get_args, get_origin
 from unicodedata import normalize
@@ -12,7 +14,10 @@ from unicodedata import normalize
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from windmark.io import FrameAddress, frame_address
-from windmark.io.errors import FileError, reading
+from windmark.io.errors import FileError, reading, reason
+
+_DEEP_KEY = re.compile(r"(?:[\w-]++[ \t]*+\.[ \t]*+){100}")
+"""For each part of a key the library goes through all parts before it."""
 
 COMMAND_LINE = "command line"
 """Name of the project file where settings come from the command line."""
@@ -34,7 +39,10 @@ def read_toml(path: Path, root: type[BaseModel]) -> dict[str, Any]:
     """
     try:
         with reading(path):
-            data = tomllib.loads(path.read_bytes().decode("utf-8-sig"))
+            text = path.read_bytes().decode("utf-8-sig")
+        if _DEEP_KEY.search(text):
+            raise FileError(path, "a key has over 100 parts; expected a windmark project file")
+        data = tomllib.loads(text)
     except FileError:
         raise
     except ValueError as error:  # also numbers too long for Python
@@ -68,10 +76,24 @@ def existing(settings: Path, key: str, relative: Path) -> Path:
     FileError
         When it does not exist, naming both.
     """
-    full = (settings.parent / relative).resolve()
-    if not full.is_file():
+    with _naming(settings, key):
+        full = (settings.parent / relative).resolve()
+        is_there = full.is_file()
+    if not is_there:
         raise FileError(settings, f"there is no file {full}; expected an existing file", key)
     return full
+
+
+@contextmanager
+def _naming(settings: Path, key: str) -> Iterator[None]:
+    """What the system says against a path itself: too long, a zero byte, links in a circle."""
+    try:
+        yield
+    except FileError:
+        raise
+    except (OSError, ValueError, RuntimeError) as error:
+        why = reason(error) if isinstance(error, OSError) else str(error)
+        raise FileError(settings, f"{why}; expected the path of an existing file", key) from error
 
 
 def existing_picture(settings: Path, key: str, relative: Path) -> Path:
@@ -82,9 +104,11 @@ def existing_picture(settings: Path, key: str, relative: Path) -> Path:
     FileError
         When there is no such file or folder, naming both.
     """
-    address = frame_address(settings.parent / relative)
-    full = address.file.resolve()
-    if not (full.is_file() or (full.is_dir() and address.number is not None)):
+    with _naming(settings, key):
+        address = frame_address(settings.parent / relative)
+        full = address.file.resolve()
+        is_there = full.is_file() or (full.is_dir() and address.number is not None)
+    if not is_there:
         raise FileError(settings, f"there is no file {full}; expected an existing file", key)
     return Path(FrameAddress(full, address.dataset, address.number).text)
 

@@ -38,6 +38,7 @@ _PARAMETERS = {
 """Names and order of COLMAP's parameters, from the smallest model on."""
 
 _LENS = ("k1", "k2", "p1", "p2", "k3")
+_ID = re.compile(r"[0-9]{1,18}")
 _CAMERA_LINE = re.compile(r"\d+\s+[A-Z][A-Z_]+\s+\d+\s+\d+\s")
 
 
@@ -140,7 +141,7 @@ def choose(path: Pathlike, model: ColmapModel, which: str | None) -> record.Came
     if which is not None and which in model.images:
         number, pose = model.images[which]
         return record.CameraFile(model.cameras[number], pose, model.length_unit, "colmap")
-    if which is not None and (not which.isdigit() or int(which) not in model.cameras):
+    if which is not None and (not _ID.fullmatch(which) or int(which) not in model.cameras):
         images = f" or {len(model.images)} images ({', '.join(list(model.images)[:3])} ...)" if model.images else ""
         raise FileError(path, f"no image or camera {which!r}; expected one of the cameras {cameras}{images}")
     if which is None and len(model.cameras) > 1:
@@ -156,7 +157,7 @@ def _lines(text: str) -> list[tuple[int, list[str]]]:
 
 
 def _camera(path: Path, line: int, words: list[str]) -> tuple[int, Camera]:
-    if len(words) < 5 or not all(word.isdigit() for word in (words[0], *words[2:4])):
+    if len(words) < 5 or not all(_ID.fullmatch(word) for word in (words[0], *words[2:4])):
         raise FileError(path, "not a camera; expected CAMERA_ID MODEL WIDTH HEIGHT PARAMS", line)
     model, size_px = words[1], (int(words[2]), int(words[3]))
     names = _PARAMETERS.get(model)
@@ -185,7 +186,7 @@ def _images(path: Path, cameras: Mapping[int, Camera]) -> dict[str, tuple[int, P
         if not words:
             position += 1
             continue
-        if len(words) < 10 or not (words[0].isdigit() and words[8].isdigit()):
+        if len(words) < 10 or not (_ID.fullmatch(words[0]) and _ID.fullmatch(words[8])):
             raise FileError(path, "not an image; expected IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME", number)
         if int(words[8]) not in cameras:
             raise FileError(path, f"camera {words[8]} is not in {CAMERAS}", number)
