@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from windmark.io.errors import FileError, reason
+from windmark.io.staging import stage
 
 # A virus scanner or a viewer may hold a file on Windows for a moment; elsewhere a rename never has to wait.
 _RETRY_AFTER_S: tuple[float, ...] = (0.05, 0.2, 0.5) if os.name == "nt" else ()
@@ -102,27 +103,23 @@ def atomic_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Give a temporary folder; the files written there move into ``path`` together when the block ends.
 
     ``path`` is created when missing (its parent must exist). Files of the same name are replaced,
-    other files in ``path`` stay. Any exception leaves ``path`` as it was.
+    other files in ``path`` stay. Any exception leaves ``path`` as it was. For the result of a job: `result_folder`.
 
     Raises
     ------
     FileError
-        When the operating system refuses: names ``path`` and the reason.
+        When the operating system refuses (before anything is written, if it can be known then), or another process
+        writes there: names ``path`` and the reason.
     """
-    target = Path(os.path.realpath(path))
-    if target.exists() and not target.is_dir():
-        raise FileError(path, "this is a file; expected a folder")
-    if not target.parent.is_dir():
-        raise FileError(path, f"the folder {target.parent} does not exist")
-    staging = target.with_name(f".windmark-{secrets.token_hex(6)}")
+    staging = stage(path, parents=False)
     try:
-        with writing(path, target, staging):
-            new = staging / "new"
-            new.mkdir(parents=True)
-            yield new
-            _move_all(new, target, staging / "old")
+        with writing(path, staging.target, staging.hidden):
+            staging.clear()
+            staging.new.mkdir()
+            yield staging.new
+            _move_all(staging.new, staging.target, staging.old)
     finally:
-        shutil.rmtree(staging, ignore_errors=True)
+        staging.release()
 
 
 def _move_all(new: Path, target: Path, old: Path) -> None:
