@@ -33,10 +33,11 @@ WINDMARK = [sys.executable, "-m", "windmark.app.cli"]
 def prepared(folder: Path) -> dict[str, list[str]]:
     """Tests as files, and the command of every verb without its output."""
     for name, kind in (("test", []), ("wing", ["--deforming", "12"]), ("photos", ["--photos", "12"])):
-        subprocess.run([*WINDMARK, "simulate", str(folder / name), *kind], check=True, capture_output=True)
+        if not (folder / name).exists():
+            subprocess.run([*WINDMARK, "simulate", str(folder / name), *kind], check=True, capture_output=True)
     test, photos = folder / "test", folder / "photos"
     frames = folder / "frames"
-    frames.mkdir()
+    frames.mkdir(exist_ok=True)
     for k in range(4):
         shutil.copy(test / "wind-off.tif", frames / f"f{k}.tif")
     unit = ["--unit", "mm"]
@@ -88,13 +89,15 @@ def kills(
 ) -> str:
     """Old or new as a whole, whatever ends the run."""
     out = place / f"{name}-out"
-    begun = time.perf_counter()
-    subprocess.run([*WINDMARK, *command, "-o", str(out)], check=True, capture_output=True)
+    for _ in range(2):  # the first one may have to compile
+        begun = time.perf_counter()
+        subprocess.run([*WINDMARK, *command, "-o", str(out)], check=True, capture_output=True)
     whole_s, seen = time.perf_counter() - begun, Counter()
     for k in range(count):
         number, before = SIGNALS[k % len(SIGNALS)], state(out)
         # Half of them near the end, where files are written and exchanged.
         part = chance.uniform(0.05, 1.0) if k % 2 else chance.uniform(0.8, 1.1)
+        begun = time.perf_counter()
         code, said = killed(command, out, part * whole_s, number)
         sentences.update(line for line in told(said, place) if "report:" not in line)
         after = state(out)
@@ -106,12 +109,64 @@ def kills(
         if bad:
             seen[f"BAD {said[-300:]}"] += 1
         if code == 0:
+            whole_s = min(whole_s, time.perf_counter() - begun)
             seen["ended before the signal"] += 1
     done = subprocess.run([*WINDMARK, *command, "-o", str(out)], capture_output=True, check=False)
     sentences.update(told(done.stderr.decode(), place))
     seen["BAD: hidden after the next run"] += len(hidden(place))
     seen["BAD: kept"] += len(list(place.glob("*.kept*")))
     return f"{name} ({whole_s:.1f} s): " + ", ".join(f"{what} {n}" for what, n in sorted(seen.items()) if n)
+
+
+ENDLESS = """
+import sys
+from windmark.io import result_folder
+for k in range(10**9):
+    with result_folder(sys.argv[1]) as out:
+        for i in range(30):
+            (out.place / f"{i}.txt").write_text(str(k))
+    if k == 0:
+        print("ready", flush=True)
+"""
+
+
+def exchanges(place: Path, count: int, foreign: bool, chance: random.Random) -> str:
+    """A process that does nothing but replace a result of 30 files by the next one, killed again and again."""
+    from windmark.io import result_folder
+
+    out, seen = place / f"exchange-{foreign}", Counter[str]()
+    out.mkdir()
+    for _ in range(count):
+        if foreign:  # files are moved one by one then
+            (out / "notes.txt").write_text("mine")
+        process = subprocess.Popen([sys.executable, "-c", ENDLESS, str(out)], stdout=subprocess.PIPE,
+                                   stderr=subprocess.PIPE)  # fmt: skip
+        assert process.stdout is not None
+        process.stdout.readline()
+        time.sleep(chance.uniform(0.0, 0.1))
+        process.kill()
+        process.communicate()
+        seen[
+            "whole at once" if _of_one_run(out) else "in between, no manifest" if not _manifest(out) else "BAD: mixed"
+        ] += 1
+        try:
+            with result_folder(out, say=lambda text: seen.update([re.sub("/.*/", "", text)])):
+                raise RuntimeError  # what a kill left is put right before the work
+        except RuntimeError:
+            seen["whole after the next run" if _of_one_run(out) else "BAD after the next run"] += 1
+        seen["BAD: hidden"] += len(hidden(place)) + len(hidden(out))
+        seen["BAD: notes lost"] += foreign and not (out / "notes.txt").exists()
+    kind = "with a user's file in it" if foreign else "of ours alone"
+    return f"{count} kills while a folder {kind} is replaced: " + ", ".join(f"{w} {n}" for w, n in seen.items() if n)
+
+
+def _manifest(out: Path) -> bool:
+    return (out / "manifest.json").is_file()
+
+
+def _of_one_run(out: Path) -> bool:
+    files = [out / f"{i}.txt" for i in range(30)]
+    return _manifest(out) and all(f.exists() for f in files) and len({f.read_text() for f in files}) == 1
 
 
 def crowd(command: list[str], place: Path, sentences: Counter[str]) -> str:
@@ -160,15 +215,19 @@ def told(said: str, place: Path) -> list[str]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--kills", type=int, default=10)
+    parser.add_argument("--exchanges", type=int, default=50)
     parser.add_argument("--disks", type=int, default=10)
     parser.add_argument("--verbs", nargs="*")
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--tests", type=Path, help="folder of the synthetic tests, made there if they are missing")
     asked = parser.parse_args()
     chance, sentences = random.Random(asked.seed), Counter[str]()
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     with tempfile.TemporaryDirectory(prefix="windmark-kills-") as name:
         place = Path(name)
-        commands = prepared(place)
+        for foreign in (False, True):
+            print(exchanges(place, asked.exchanges, foreign, chance), flush=True)
+        commands = prepared(asked.tests or place)
         for verb in asked.verbs or commands:
             print(kills(verb, commands[verb], place, asked.kills, chance, sentences), flush=True)
         print(crowd(commands["track"], place, sentences), flush=True)

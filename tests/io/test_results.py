@@ -339,6 +339,13 @@ def test_a_full_disk_names_the_folder(tmp_path):
     assert read(tmp_path / "out") == {"a": "1"}
 
 
+def test_an_error_of_the_work_is_not_blamed_on_the_result(tmp_path):
+    for error in (OSError("unable to decode"), FileNotFoundError(errno.ENOENT, "no such file", "/input.tif")):
+        with pytest.raises(type(error)) as caught:
+            fill(tmp_path / "out", {}, then=lambda error=error: throw(error))
+        assert caught.value is error
+
+
 def test_a_fault_of_a_file_names_the_place_where_it_would_be(tmp_path):
     fault = FileError(tmp_path / ".windmark-out" / "new" / "a.csv", "cannot be written: the disk is full")
     with pytest.raises(FileError, match=rf"^{tmp_path}/out/a\.csv: cannot be written: the disk is full$"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import secrets
 import shutil
@@ -16,6 +17,10 @@ from windmark.io.staging import stage
 
 # A virus scanner or a viewer may hold a file on Windows for a moment; elsewhere a rename never has to wait.
 _RETRY_AFTER_S: tuple[float, ...] = (0.05, 0.2, 0.5) if os.name == "nt" else ()
+
+
+FULL = (errno.ENOSPC, getattr(errno, "EDQUOT", -1), errno.EFBIG, errno.EROFS)
+"""What the system says of a disk that takes no more."""
 
 
 @contextmanager
@@ -169,13 +174,19 @@ def _checked_target(path: str | os.PathLike[str]) -> Path:
 
 
 @contextmanager
-def writing(path: str | os.PathLike[str], *ours: Path) -> Iterator[None]:
-    """`FileError` for refusals that concern our own file; an error about another file passes."""
+def writing(path: str | os.PathLike[str], *ours: Path, only: bool = True) -> Iterator[None]:
+    """`FileError` for refusals that concern our own file; an error about another file passes.
+
+    ``only``: nothing else is done in the block, so that an error that names no file is about ours, too; otherwise it is
+    only where it says that something is full or must not be written.
+    """
     try:
         yield
     except OSError as error:
         named = error.filename
         if isinstance(named, str) and not named.startswith(tuple(map(str, ours))):
+            raise
+        if named is None and not only and error.errno not in FULL:
             raise
         raise FileError(path, f"cannot be written: {reason(error)}") from error
 

@@ -88,7 +88,7 @@ def result_folder(
         staging = stage(path, say)
         try:
             _refuse_folders(staging.target)
-            with writing(path, staging.hidden, *([staging.target] if live else [])):
+            with writing(path, staging.hidden, *([staging.target] if live else []), only=False):
                 resumed = _leftovers(path, staging, say, resume)
                 out, there = _begin(staging, live, resume, say)
                 out.about, out.resumed = dict(about or {}), out.resumed or resumed
