@@ -213,3 +213,56 @@ def test_prior_without_a_pose_and_a_wrong_prior(windmark, job):
     done = run(windmark, job)
     assert done.code == 1
     assert "not registered" in done.err
+
+
+# --- the folder of the results ----------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("output", "words"),
+    [
+        ("camera.json/out", "a part of its path is a file"),
+        ("camera.json", "this is a file; expected a folder"),
+        ("n" * 300, "the name is too long"),
+        ("taken", "report.html: this is a folder, and the result needs a file of this name"),
+    ],
+)
+def test_a_bad_output_is_found_before_the_work(windmark, job, output, words, monkeypatch):
+    from windmark.app import verbs
+
+    monkeypatch.setattr(verbs, "run_project", lambda *_, **__: pytest.fail("the work has begun"))
+    (job / "taken" / "report.html").mkdir(parents=True)
+    done = windmark("run", job / "project.toml", "-o", job / output)
+    assert done.code == 2
+    assert words in done.err
+    (job / "taken" / "report.html").rmdir()
+    (job / "taken").rmdir()
+    assert_nothing_written(job)
+
+
+def test_a_second_run_into_one_folder_is_refused_at_once(windmark, job):
+    with io.result_folder(job / "results"):
+        done = run(windmark, job)
+    assert done.code == 2
+    assert f"another run writes into this folder (process {os.getpid()} on " in done.err
+    assert [p.name for p in (job / "results").iterdir()] == ["manifest.json"]  # the first one's
+    (job / "results" / "manifest.json").unlink()
+    (job / "results").rmdir()
+    assert_nothing_written(job)
+
+
+def test_a_refused_run_leaves_no_older_numbers_beside_its_report(windmark, job):
+    with io.result_folder(job / "results") as out:
+        (out.place / "wind-off").mkdir()
+        (out.place / "wind-off" / "nodes.csv").write_text("a good result\n")
+    (job / "results" / "notes.txt").write_text("mine\n")
+    io.write_image(job / "wind-off.tif", np.full((1024, 1280), 900, dtype=np.uint16))
+    done = run(windmark, job)
+    assert done.code == 1
+    results, kept = job / "results", job / "results.kept-1"
+    assert not list(results.rglob("nodes.csv"))
+    assert io.read_json(results / "manifest.json")["refused"]
+    assert (results / "report.html").is_file()
+    assert (results / "notes.txt").read_text() == "mine\n"
+    assert (kept / "wind-off" / "nodes.csv").read_text() == "a good result\n"
+    assert f"kept in {kept}" in done.err

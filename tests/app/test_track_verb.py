@@ -2,6 +2,8 @@
 
 import csv
 import json
+import os
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -44,6 +46,12 @@ def test_a_sequence_becomes_tables_a_picture_and_a_page(windmark, folder, tmp_pa
     done = windmark(*asked(folder, "-o", out, "--json"))
     assert done.code == 0
     assert done.json["lost"] == 1
+    manifest = io.read_json(out / "manifest.json")
+    assert (manifest["verb"], manifest["refused"]) == ("track", False)
+    assert (manifest["options"]["radius"], manifest["options"]["unit"]) == ([2.5], "mm")
+    inputs = [Path(os.path.normpath(out / entry["file"])) for entry in manifest["inputs"]]
+    assert inputs == sorted(p for p in folder.iterdir() if p.suffix in (".csv", ".json", ".tif"))
+    assert set(manifest["outputs"]) == {p.name for p in out.iterdir()} - {"manifest.json"}
     assert list(done.json["lost_images"]) == ["f3.tif"]
     assert {p.name for p in out.iterdir()} == {
         "poses.csv", "matches.csv", "motion.png", "report.html", "summary.json", "camera.json", "manifest.json",

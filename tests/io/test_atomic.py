@@ -218,10 +218,12 @@ def test_folder_is_rolled_back(tmp_path, monkeypatch, exists, fails_at):
     really, calls = os.replace, []
 
     def fails_once(source, place):
+        if place.name == ".windmark-probe":  # the trial before the work
+            return really(source, place)
         calls.append(place)
         if len(calls) - 1 == fails_at:
             full_disk()
-        really(source, place)
+        return really(source, place)
 
     monkeypatch.setattr(atomic.os, "replace", fails_once)
     with pytest.raises(FileError, match="out: cannot be written"):

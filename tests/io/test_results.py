@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 
 from windmark.io import FileError, result_folder, staging, unfinished
+from windmark.io import exchange as moves
 from windmark.io import results as module
 from windmark.io.text import read_text
 
@@ -44,7 +45,7 @@ def out(request, tmp_path, monkeypatch):
     """A target, in each of the ways a result can be put into it."""
     target = tmp_path / "out"
     if request.param == "moves":
-        monkeypatch.setattr(module, "_rename_exchange", lambda a, b: False)
+        monkeypatch.setattr(moves, "_rename_exchange", lambda a, b: False)
     if request.param == "inside":  # a mount point: nothing that stands beside it can be moved into it
         target.mkdir()
         real = os.replace
@@ -163,7 +164,7 @@ def test_moves_that_fail_are_taken_back(tmp_path, monkeypatch):
 
 KILLED = """
 import os, signal, sys
-import windmark.io.results as module
+import windmark.io.exchange as module
 from windmark.io import result_folder
 from pathlib import Path
 target, at = Path(sys.argv[1]), int(sys.argv[2])
@@ -338,6 +339,13 @@ def test_a_full_disk_names_the_folder(tmp_path):
     assert read(tmp_path / "out") == {"a": "1"}
 
 
+def test_an_error_of_the_work_is_not_blamed_on_the_result(tmp_path):
+    for error in (OSError("unable to decode"), FileNotFoundError(errno.ENOENT, "no such file", "/input.tif")):
+        with pytest.raises(type(error)) as caught:
+            fill(tmp_path / "out", {}, then=lambda error=error: throw(error))
+        assert caught.value is error
+
+
 def test_a_fault_of_a_file_names_the_place_where_it_would_be(tmp_path):
     fault = FileError(tmp_path / ".windmark-out" / "new" / "a.csv", "cannot be written: the disk is full")
     with pytest.raises(FileError, match=rf"^{tmp_path}/out/a\.csv: cannot be written: the disk is full$"):
@@ -386,14 +394,14 @@ def test_a_shell_in_the_target_does_not_end_up_in_a_removed_folder(tmp_path, mon
 
 @pytest.mark.skipif(os.name == "nt", reason="signals are sent in another way on Windows")
 def test_an_interruption_waits_for_the_exchange(tmp_path, monkeypatch):
-    real = module._exchange
+    real = module.exchange
 
     def interrupted(*rest):
         os.kill(os.getpid(), signal.SIGINT)
         time.sleep(0.01)
         real(*rest)
 
-    monkeypatch.setattr(module, "_exchange", interrupted)
+    monkeypatch.setattr(module, "exchange", interrupted)
     with pytest.raises(KeyboardInterrupt, match="had been written whole before"):
         fill(tmp_path / "out", {"a": "1"})
     assert read(tmp_path / "out") == {"a": "1"}

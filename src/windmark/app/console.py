@@ -12,8 +12,12 @@ from io import TextIOWrapper
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import click
 import typer
+
+try:  # typer has a click of its own since 0.26
+    from typer._click.globals import get_current_context
+except ImportError:
+    from click import get_current_context  # type: ignore[no-redef]
 
 if TYPE_CHECKING:
     from windmark.geometry import Camera
@@ -93,7 +97,7 @@ def result_folder(folder: Path, *, live: bool = False, resume: bool = False) -> 
 
 def _about(folder: Path) -> dict[str, Any]:
     """The verb and its options, without those that do not change the result: where it goes, how it is printed."""
-    context = click.get_current_context(silent=True)
+    context = get_current_context(silent=True)
     if context is None:
         return {}
     given = {key: value for key, value in context.params.items() if key != "as_json" and value not in (None, folder)}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import secrets
 import shutil
@@ -12,9 +13,14 @@ from pathlib import Path
 from typing import IO, Any
 
 from windmark.io.errors import FileError, reason
+from windmark.io.staging import stage
 
 # A virus scanner or a viewer may hold a file on Windows for a moment; elsewhere a rename never has to wait.
 _RETRY_AFTER_S: tuple[float, ...] = (0.05, 0.2, 0.5) if os.name == "nt" else ()
+
+
+FULL = (errno.ENOSPC, getattr(errno, "EDQUOT", -1), errno.EFBIG, errno.EROFS)
+"""What the system says of a disk that takes no more."""
 
 
 @contextmanager
@@ -102,27 +108,23 @@ def atomic_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Give a temporary folder; the files written there move into ``path`` together when the block ends.
 
     ``path`` is created when missing (its parent must exist). Files of the same name are replaced,
-    other files in ``path`` stay. Any exception leaves ``path`` as it was.
+    other files in ``path`` stay. Any exception leaves ``path`` as it was. For the result of a job: `result_folder`.
 
     Raises
     ------
     FileError
-        When the operating system refuses: names ``path`` and the reason.
+        When the operating system refuses (before anything is written, if it can be known then), or another process
+        writes there: names ``path`` and the reason.
     """
-    target = Path(os.path.realpath(path))
-    if target.exists() and not target.is_dir():
-        raise FileError(path, "this is a file; expected a folder")
-    if not target.parent.is_dir():
-        raise FileError(path, f"the folder {target.parent} does not exist")
-    staging = target.with_name(f".windmark-{secrets.token_hex(6)}")
+    staging = stage(path, parents=False)
     try:
-        with writing(path, target, staging):
-            new = staging / "new"
-            new.mkdir(parents=True)
-            yield new
-            _move_all(new, target, staging / "old")
+        with writing(path, staging.target, staging.hidden):
+            staging.clear()
+            staging.new.mkdir()
+            yield staging.new
+            _move_all(staging.new, staging.target, staging.old)
     finally:
-        shutil.rmtree(staging, ignore_errors=True)
+        staging.release()
 
 
 def _move_all(new: Path, target: Path, old: Path) -> None:
@@ -172,13 +174,19 @@ def _checked_target(path: str | os.PathLike[str]) -> Path:
 
 
 @contextmanager
-def writing(path: str | os.PathLike[str], *ours: Path) -> Iterator[None]:
-    """`FileError` for refusals that concern our own file; an error about another file passes."""
+def writing(path: str | os.PathLike[str], *ours: Path, only: bool = True) -> Iterator[None]:
+    """`FileError` for refusals that concern our own file; an error about another file passes.
+
+    ``only``: nothing else is done in the block, so that an error that names no file is about ours, too; otherwise it is
+    only where it says that something is full or must not be written.
+    """
     try:
         yield
     except OSError as error:
         named = error.filename
         if isinstance(named, str) and not named.startswith(tuple(map(str, ours))):
+            raise
+        if named is None and not only and error.errno not in FULL:
             raise
         raise FileError(path, f"cannot be written: {reason(error)}") from error
 

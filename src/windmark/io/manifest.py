@@ -46,7 +46,7 @@ def write_manifest(
 
     Parameters
     ----------
-    place, target : where the files are now, where they will be
+    place, target : where the files are now, where they will be (the same for a live run)
     inputs : files that were read; those that are no files (any more) and those of the result are left out
     about : goes in as it is: verb, options, whether the data said no
     there : files of ``place`` that are not of the result as long as their times (ns) are these
@@ -75,7 +75,7 @@ def _inputs(place: Path, target: Path, inputs: Collection[str]) -> list[Record]:
     """Paths from the result's folder on, so that a test that is moved as a whole keeps a manifest that is true."""
     real = {Path(os.path.realpath(path)) for path in inputs}
     out = []
-    for path in sorted(p for p in real if p.is_file() and not p.is_relative_to(place)):
+    for path in sorted(p for p in real if p.is_file() and (place == target or not p.is_relative_to(place))):
         try:
             shown = Path(os.path.relpath(path, target)).as_posix()
         except ValueError:  # another drive of Windows

@@ -1,0 +1,188 @@
+"""Old for new: a result that is whole takes the place of the one before, see `results`.
+
+A target that holds nothing but ours is exchanged in one step. Otherwise the files are moved one by one, by a list
+(`Staging.journal`) that stands beside them: a kill between two moves is made good by the next run.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import os
+import shutil
+import signal
+import threading
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from windmark.io.atomic import replace_file
+from windmark.io.errors import FileError, reason
+from windmark.io.manifest import MANIFEST, files_below, read_manifest, unchanged
+from windmark.io.staging import Say, Staging
+
+UNFINISHED = "unfinished"
+"""In the manifest of a live run until it ends."""
+
+
+def exchange(staging: Staging, outputs: set[str], refused: bool, say: Say) -> None:
+    """Put the result in its place; on failure everything is as it was.
+
+    Parameters
+    ----------
+    staging : has the new files
+    outputs : their names
+    refused : the new run says no: a good result is kept
+    say : takes what was kept
+
+    Raises
+    ------
+    FileError
+        When a file cannot be moved.
+    """
+    target = staging.target
+    old = read_manifest(target)
+    ours, changed = (set(), set()) if old is None else unchanged(target, old)
+    ours |= {MANIFEST} if old is not None else set()
+    if old is not None and old.get(UNFINISHED):
+        changed |= newer(target, target / MANIFEST)
+    above = {str(folder) for name in outputs for folder in PurePosixPath(name).parents if (target / folder).is_file()}
+    taken = {name for name in (outputs | above) - ours - changed if os.path.lexists(target / name)}
+    keep = changed | taken | (ours if refused and old is not None and not old.get("refused") else set())
+    foreign = target.is_dir() and any(name not in ours for name in files_below(target))
+    if (not target.exists() or not (foreign or keep)) and _swapped(staging):
+        return
+    kept = _kept_folder(staging) if keep else None
+    todo = {"away": sorted(ours - keep), "keep": sorted(keep), "kept": None if kept is None else str(kept)}
+    staging.journal.write_text(json.dumps(todo), encoding="utf-8")
+    done: list[tuple[Path, Path]] = []
+    try:
+        _carry_out(staging, todo, done)
+    except OSError as error:
+        for source, place in reversed(done):
+            with suppress(OSError):
+                source.parent.mkdir(parents=True, exist_ok=True)
+                replace_file(place, source)
+        staging.journal.unlink(missing_ok=True)
+        raise FileError(target, f"cannot be written: {error.filename2 or error.filename}: {reason(error)}") from error
+    staging.journal.unlink(missing_ok=True)
+    if kept is not None:
+        why = "of an earlier run that was not refused" if refused else "not written by windmark, or changed since"
+        first = ", ".join(sorted(keep)[:3]) + (f" and {len(keep) - 3} more" if len(keep) > 3 else "")
+        say(f"{target}: {first}: {why}; kept in {kept}")
+    if old is None and foreign and "summary.json" in taken:
+        say(f"{target}: holds an older result without a manifest; what the new one does not replace stays beside it")
+
+
+def finish_exchange(staging: Staging, say: Say) -> None:
+    """Do what is left of an exchange that a kill broke off."""
+    if not staging.journal.is_file():
+        return
+    try:
+        todo = json.loads(staging.journal.read_bytes())
+    except ValueError:  # killed while it was written: nothing has been moved yet
+        return
+    _carry_out(staging, todo)
+    staging.clear()
+    say(f"{staging.target}: a run was killed while it put its result there; this is done now")
+
+
+def newer(target: Path, than: Path) -> set[str]:
+    """What a live run that was killed has written."""
+    since = than.stat().st_mtime_ns
+    return {n for n in files_below(target) if n != MANIFEST and os.lstat(target / n).st_mtime_ns >= since}
+
+
+def _carry_out(staging: Staging, todo: Mapping[str, Any], done: list[tuple[Path, Path]] | None = None) -> None:
+    """Do the moves of an exchange, or those that are left of it: what is away already is not moved again."""
+    done = [] if done is None else done
+    target = staging.target
+
+    def move(source: Path, place: Path) -> None:
+        place.parent.mkdir(parents=True, exist_ok=True)
+        replace_file(source, place)
+        done.append((source, place))
+
+    if not target.is_dir():
+        target.mkdir()
+    for base, names in ((staging.old, todo["away"]), (Path(todo["kept"] or "."), todo["keep"])):
+        # The manifest goes first and comes last: while it is missing, the folder is known to be in between.
+        for name in sorted(names, key=lambda n: n != MANIFEST):
+            if os.path.lexists(target / name) and not os.path.lexists(base / name):
+                move(target / name, base / name)
+    for name in sorted(files_below(staging.new), key=lambda n: n == MANIFEST):
+        if (target / name).is_dir():  # emptied by the moves before, or somebody's
+            with suppress(OSError):
+                (target / name).rmdir()
+        move(staging.new / name, target / name)
+    _remove_empty(target, {Path(name).parent for name in (*todo["away"], *todo["keep"])})
+
+
+def _remove_empty(target: Path, folders: set[Path]) -> None:
+    for folder in sorted(folders, key=lambda f: -len(f.parts)):
+        for place in (folder, *folder.parents):
+            if place.parts:
+                with suppress(OSError):
+                    (target / place).rmdir()
+
+
+def _kept_folder(staging: Staging) -> Path:
+    """A new name beside the target, inside of it where nothing can be put beside it."""
+    target, k = staging.target, 1
+    while True:
+        kept = target.with_name(f"{target.name}.kept-{k}") if staging.beside else target / f"kept-{k}"
+        if not os.path.lexists(kept):
+            return kept
+        k += 1
+
+
+def _swapped(staging: Staging) -> bool:
+    """Exchange the target as a whole for the new folder; False where that is not possible here."""
+    new, target = staging.new, staging.target
+    if not staging.beside or _we_stand_in(target):
+        return False
+    try:
+        if not target.exists():
+            os.rename(new, target)
+            return True
+        there, here = target.stat(), new.stat()
+        if (there.st_uid, there.st_gid) != (here.st_uid, here.st_gid):
+            return False
+        shutil.copymode(target, new)
+        return _rename_exchange(new, target)
+    except OSError:
+        return False
+
+
+def _we_stand_in(target: Path) -> bool:
+    """Whether the working folder is the target or below: a shell that stands there would stand in a removed one."""
+    try:
+        return Path.cwd().resolve().is_relative_to(target)
+    except OSError:
+        return True
+
+
+def _rename_exchange(a: Path, b: Path) -> bool:
+    """Exchange two names in one step of the file system (Linux, `renameat2`); False where it has none."""
+    rename = getattr(ctypes.CDLL(None), "renameat2", None) if os.name == "posix" else None
+    here, exchange = -100, 2
+    return rename is not None and rename(here, os.fsencode(a), here, os.fsencode(b), exchange) == 0
+
+
+@contextmanager
+def uninterrupted(target: Path) -> Iterator[None]:
+    """Ctrl-C and SIGTERM wait until the block is done."""
+    caught: list[int] = []
+    before = {}
+    if threading.current_thread() is threading.main_thread():
+        for number in (signal.SIGINT, signal.SIGTERM):
+            before[number] = signal.signal(number, lambda n, _: caught.append(n))
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            if handler is not None:  # None: not Python's own, nobody can set it again
+                signal.signal(number, handler)
+    if caught:
+        raise KeyboardInterrupt(f"{target} had been written whole before")
