@@ -43,6 +43,10 @@ _REASONS = {
     errno.EFBIG: "the file is larger than is allowed",
     errno.EROFS: "the disk is read-only",
     errno.ENAMETOOLONG: "the name is too long",
+    errno.ENOTDIR: "a part of its path is a file; expected a folder",
+    errno.ELOOP: "its links lead in a circle",
+    errno.EXDEV: "it lies on another disk",
+    errno.EIO: "the disk has a fault",
 }
 
 
@@ -51,9 +55,29 @@ def reason(error: OSError) -> str:
     return _REASONS.get(error.errno or 0) or error.strerror or str(error) or type(error).__name__
 
 
+_WITNESSES: list[set[str]] = []
+"""Of jobs that want to know which files were read: the outermost first."""
+
+
+@contextmanager
+def witness() -> Iterator[set[str]]:
+    """The paths of all files that are read in this block, by any thread; an outer block's, where there is one."""
+    if _WITNESSES:
+        yield _WITNESSES[0]
+        return
+    seen: set[str] = set()
+    _WITNESSES.append(seen)
+    try:
+        yield seen
+    finally:
+        _WITNESSES.remove(seen)
+
+
 @contextmanager
 def reading(path: str | os.PathLike[str]) -> Iterator[None]:
     """Turn what the operating system says against reading ``path`` into `FileError`."""
+    for seen in _WITNESSES:
+        seen.add(os.path.abspath(path))
     try:
         yield
     except OSError as error:

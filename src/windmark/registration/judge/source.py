@@ -38,9 +38,7 @@ class Source:
     budget : of the whole registration
     """
 
-    def __init__(
-        self, views: Views, searches: Sequence[Search | None], window: float, budget: Budget
-    ) -> None:
+    def __init__(self, views: Views, searches: Sequence[Search | None], window: float, budget: Budget) -> None:
         self.views, self._window, self._budget = views, window, budget
         self._searches = tuple(searches)
         self._running = {c: search.batches() for c, search in enumerate(searches) if search is not None}
