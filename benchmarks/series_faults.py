@@ -40,11 +40,10 @@ def main(quick: bool = False, kills: int | None = None, frames: int | None = Non
         (folder / "made").mkdir()
         simulate_deforming(folder / "made", 3, MADE, (640, 400))
         figures: dict[str, Any] = {}
-        for live in (False, True):
-            figures["live kills" if live else "kills"] = killed(folder, kills, live)
-        figures["live"] = fed(folder, frames)
-    for key, value in figures.items():
-        print(f"{key}: {value}", flush=True)
+        for key, attack in (("kills", lambda: killed(folder, kills, False)), ("fed", lambda: fed(folder, frames)),
+                            ("live kills", lambda: killed(folder, kills, True))):  # fmt: skip
+            figures[key] = attack()
+            print(f"{key}: {figures[key]}", flush=True)
     return figures
 
 

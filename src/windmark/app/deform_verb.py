@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -59,7 +60,9 @@ def deform(path: Path, changed: Changes, live: Live | None, go_on: str, as_json:
             folder, f"holds {count} frames of a run that was stopped; --resume goes on with them, --finish makes do "
             "with them, --output takes another folder",
         )  # fmt: skip
-    with console.progress() as show, console.result_folder(folder, live=alive, resume=bool(go_on)) as out:
+    shown: AbstractContextManager[Callable[[str], None]]
+    shown = console.progress() if live is None else nullcontext(_quiet)  # live, every frame has its line
+    with shown as show, console.result_folder(folder, live=alive, resume=bool(go_on)) as out:
         if go_on == "resume" and out.resumed and begun_with(out.place) is None:
             go_on = ""  # stopped before there was anything to go on with
         try:
@@ -107,6 +110,10 @@ def _live(loaded: Loaded, folder: Path, live: Live, resume: bool, as_json: bool)
         console.answer({}, False, [f"watching {live.folder} (Ctrl-C ends), results in {folder}"])
     arriving = Watch(loaded.project, live.folder, idle_s=live.idle_s, stop_after=live.frames)
     return run_sequence(loaded, folder, frames=arriving, live=True, say=say, resume=resume)
+
+
+def _quiet(_: str) -> None:
+    """Show nothing."""
 
 
 def _said(row: FrameRecord) -> None:
