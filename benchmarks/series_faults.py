@@ -40,11 +40,10 @@ def main(quick: bool = False, kills: int | None = None, frames: int | None = Non
         (folder / "made").mkdir()
         simulate_deforming(folder / "made", 3, MADE, (640, 400))
         figures: dict[str, Any] = {}
-        for live in (False, True):
-            figures["live kills" if live else "kills"] = killed(folder, kills, live)
-        figures["live"] = fed(folder, frames)
-    for key, value in figures.items():
-        print(f"{key}: {value}", flush=True)
+        for key, attack in (("kills", lambda: killed(folder, kills, False)), ("fed", lambda: fed(folder, frames)),
+                            ("live kills", lambda: killed(folder, kills, True))):  # fmt: skip
+            figures[key] = attack()
+            print(f"{key}: {figures[key]}", flush=True)
     return figures
 
 
@@ -122,7 +121,7 @@ def killed(folder: Path, kills: int, live: bool) -> dict[str, int]:
     """Kill a run, look at what it left, resume it; until so many kills are done."""
     import xarray
 
-    from windmark.pipeline.deform.resume import measured
+    from windmark.pipeline.deform.resume import JOURNAL, measured
 
     rng = np.random.default_rng(5)
     path = project(folder, f"kill-{live}", 60)
@@ -134,7 +133,7 @@ def killed(folder: Path, kills: int, live: bool) -> dict[str, int]:
     while counts["kills"] < kills:
         n += 1
         out = folder / f"out-{live}-{n}"
-        work = out if live else out.with_name(f"{out.name}.unfinished")
+        work = out if live else out.with_name(f".windmark-{out.name}") / "new"
         going = False
         while True:
             more = ("--resume",) if going else ()
@@ -152,14 +151,14 @@ def killed(folder: Path, kills: int, live: bool) -> dict[str, int]:
                 with xarray.open_dataset(work / "deformation.nc") as series:
                     counts["series"] += 0 <= series.sizes["frame"] <= count
                 counts["with frames"] += 1
-            going = (work / "deformation.journal").exists()
+            going = (work / JOURNAL).exists()
             if counts["kills"] >= kills:
                 more = ("--resume",) if going else ()
                 counts["failed"] += verb("deform", path, "-o", out, *watched, *more) != 0
                 break
         counts["runs"] += 1
         counts["same"] += same(folder / f"whole-{live}", out)
-    counts["left"] = sum(p.name.startswith(".") or p.name.endswith(".unfinished") for p in folder.iterdir())
+    counts["left"] = sum(p.name.startswith(".") for p in folder.iterdir())
     return dict(counts)
 
 

@@ -92,7 +92,7 @@ def assert_readable(folder):
 def test_killed_and_resumed_is_the_same_as_undisturbed(made, whole, windmark, tmp_path, frames):
     """SIGKILL: the folder was a hidden one with a NetCDF file that nothing could open, and no verb went on."""
     out = tmp_path / "out"
-    beside = tmp_path / "out.unfinished"
+    beside = tmp_path / ".windmark-out" / "new"
     killed_at(beside, frames, lambda: windmark("deform", made / "deform.toml", "-o", out))
     assert not out.exists()
     assert frames <= assert_readable(beside) < FRAMES
@@ -103,7 +103,7 @@ def test_killed_and_resumed_is_the_same_as_undisturbed(made, whole, windmark, tm
 
 
 def test_finish_makes_results_of_what_was_measured(made, whole, windmark, tmp_path):
-    out, beside = tmp_path / "out", tmp_path / "out.unfinished"
+    out, beside = tmp_path / "out", tmp_path / ".windmark-out" / "new"
     killed_at(beside, 4, lambda: windmark("deform", made / "deform.toml", "-o", out))
     count = measured(beside)
     done = windmark("deform", made / "deform.toml", "-o", out, "--finish", "--json")
@@ -115,7 +115,7 @@ def test_finish_makes_results_of_what_was_measured(made, whole, windmark, tmp_pa
 
 def test_stopped_between_the_tables_and_the_journal(made, whole, windmark, tmp_path):
     """A state one frame behind its journal, half a record, half a row: the run goes on from the last whole frame."""
-    out, beside = tmp_path / "out", tmp_path / "out.unfinished"
+    out, beside = tmp_path / "out", tmp_path / ".windmark-out" / "new"
     killed_at(beside, 3, lambda: windmark("deform", made / "deform.toml", "-o", out))
     state = (beside / STATE).read_bytes()
     killed_at(beside, measured(beside) + 1, lambda: windmark("deform", made / "deform.toml", "-o", out, "--resume"))
@@ -137,7 +137,7 @@ def test_stopped_between_the_tables_and_the_journal(made, whole, windmark, tmp_p
 def test_what_has_changed_since_is_named(made, windmark, tmp_path):
     copy = tmp_path / "test"
     shutil.copytree(made, copy, ignore=shutil.ignore_patterns("whole*", "deformation*"))
-    project, beside = copy / "deform.toml", copy / "deformation.unfinished"
+    project, beside = copy / "deform.toml", copy / ".windmark-deformation" / "new"
     markers, image = copy / "markers.csv", copy / "images" / "cam1-0001.tif"
     killed_at(beside, 3, lambda: windmark("deform", project))
     text = project.read_text()
@@ -166,24 +166,24 @@ def test_nothing_to_go_on_with(made, windmark, tmp_path):
 
 
 def test_begun_anew_says_what_is_dropped(made, windmark, tmp_path):
-    out, beside = tmp_path / "out", tmp_path / "out.unfinished"
+    out, beside = tmp_path / "out", tmp_path / ".windmark-out" / "new"
     killed_at(beside, 2, lambda: windmark("deform", made / "deform.toml", "-o", out))
     done = windmark("deform", made / "deform.toml", "-o", out)
     assert done.code == 0
-    assert "begun anew; --resume would have gone on with it" in done.err
+    assert "was left by a run that was killed; removed" in done.err
     assert [p.name for p in tmp_path.iterdir()] == ["out"]
 
 
-@pytest.mark.parametrize("file", ["markers.csv", "deformation.journal", "deformation.state", "deformation.nc"])
+@pytest.mark.parametrize("file", ["markers.csv", "journal", "new"])
 def test_a_full_disk_is_told_and_keeps_what_is_written(made, whole, windmark, tmp_path, monkeypatch, file):
     """The fourth write to a file finds the disk full, and takes half of it."""
-    out, beside = tmp_path / "out", tmp_path / "out.unfinished"
+    out, beside = tmp_path / "out", tmp_path / ".windmark-out" / "new"
     append, count = AppendedFile.append, {"n": 0}
 
     def full(self, content):
-        if file in self.path.name:
+        if file == self.path.name:
             count["n"] += 1
-            if count["n"] == (2 if file == "deformation.nc" else 4):
+            if count["n"] == 4:
                 os.write(self._file.fileno(), content[: len(content) // 2])
                 self.take_back(self.size)
                 raise io.FileError(self.path, "cannot be written: the disk is full")
@@ -205,7 +205,7 @@ def test_a_disk_that_is_really_full(made, windmark, tmp_path, monkeypatch):
     """A limit on the size of files, below what the table of markers needs: the system refuses within a write."""
     import resource
 
-    out, beside = tmp_path / "out", tmp_path / "out.unfinished"
+    out, beside = tmp_path / "out", tmp_path / ".windmark-out" / "new"
     signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 
     def limited():

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import os
-import shutil
 import time
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -26,7 +25,7 @@ from windmark.pipeline.deform import (
     read_deform_project,
     run_sequence,
 )
-from windmark.pipeline.deform.resume import JOURNAL, ONLY_UNFINISHED, begun_with, clear, measured
+from windmark.pipeline.deform.resume import begun_with, clear, measured
 from windmark.pipeline.deform.series import NOT_TRIED, STATUS
 
 Record = dict[str, Any]
@@ -47,8 +46,7 @@ class Live:
 def deform(path: Path, changed: Changes, live: Live | None, go_on: str, as_json: bool) -> None:
     """Follow, write whole, say how it went.
 
-    A sequence from the disk is written beside its folder, into ``FOLDER.unfinished``, which becomes the folder at the
-    end. Live results appear in the folder itself. What was stopped on the way is gone on with (``go_on`` "resume") or
+    Live results appear in the folder itself. What was stopped on the way is gone on with (``go_on`` "resume") or
     brought to its end with what it has ("finish").
     """
     start = time.perf_counter()
@@ -56,22 +54,37 @@ def deform(path: Path, changed: Changes, live: Live | None, go_on: str, as_json:
     for remark in loaded.remarks:
         console.note(path, remark)
     folder = loaded.project.output.folder
-    beside = folder.with_name(f"{folder.name}.unfinished")
-    if live is not None or (go_on == "finish" and not begun_with(beside) and begun_with(folder)):
-        _check_live(folder, go_on)
-        with console.result_folder(folder, live=True, resume=bool(go_on)) as out:
-            sequence = _live(loaded, folder, live, go_on, as_json)
-            record = _finish(loaded, sequence, folder, start)
-            clear(folder)
-            out.refused = not sequence.good
-    else:
-        with console.progress() as show, console.result_folder(folder) as out:
-            sequence = _from_disk(loaded, beside, go_on, show)
+    alive = live is not None or (go_on == "finish" and begun_with(folder) is not None)
+    if alive and not go_on and (count := measured(folder)):
+        raise io.FileError(
+            folder, f"holds {count} frames of a run that was stopped; --resume goes on with them, --finish makes do "
+            "with them, --output takes another folder",
+        )  # fmt: skip
+    shown: AbstractContextManager[Callable[[str], None]]
+    shown = console.progress() if live is None else nullcontext(_quiet)  # live, every frame has its line
+    with shown as show, console.result_folder(folder, live=alive, resume=bool(go_on)) as out:
+        if go_on == "resume" and out.resumed and begun_with(out.place) is None:
+            go_on = ""  # stopped before there was anything to go on with
+        try:
+            if live is not None:
+                sequence = _live(loaded, folder, live, go_on == "resume", as_json)
+            else:
+                show("compile and find the first frame")
+                sequence = run_sequence(
+                    loaded, out.place, frames=[] if alive else None, live=alive,
+                    say=lambda row: show(f"frame {row.key}: {row.status}"), resume=go_on == "resume",
+                    finish=go_on == "finish",
+                )  # fmt: skip
             show("draw the report")
-            _take(beside, out.place)
             record = _finish(loaded, sequence, out.place, start)
-            out.refused = not sequence.good
-        shutil.rmtree(beside, ignore_errors=True)
+        except BaseException as error:
+            out.keep = bool(measured(out.place))
+            if (told := _with_what_is_kept(error, out.place)) is None:
+                raise
+            raise told from error
+        out.keep = True  # until the result is in its place
+        out.refused = not sequence.good
+    clear(folder)
     record["folder"] = folder
     good = bool(sequence.good)
     if good or not as_json:
@@ -81,65 +94,26 @@ def deform(path: Path, changed: Changes, live: Live | None, go_on: str, as_json:
         console.refuse(f"no frame gave a deformation; the first: {why}", as_json, record)
 
 
-def _from_disk(loaded: Loaded, beside: Path, go_on: str, show: Callable[[str], None]) -> Sequence:
-    """Measure into the folder that is not finished."""
-    if beside.exists() and begun_with(beside) is None:  # stopped before there was anything to go on with
-        shutil.rmtree(beside)
-        go_on = "" if go_on == "resume" else go_on
-    if not go_on and beside.exists():
-        console.note(beside, "a run that was stopped is begun anew; --resume would have gone on with it")
-        shutil.rmtree(beside)
-    beside.mkdir(exist_ok=bool(go_on))
-    show("compile and find the first frame")
-    try:
-        return run_sequence(
-            loaded, beside, say=lambda row: show(f"frame {row.key}: {row.status}"), resume=go_on == "resume",
-            finish=go_on == "finish",
-        )  # fmt: skip
-    except BaseException as error:
-        count = measured(beside)
-        if not count:
-            shutil.rmtree(beside, ignore_errors=True)
-        elif isinstance(error, (io.FileError, KeyboardInterrupt)):
-            console.note(beside, f"{count} frames are kept: --resume goes on with them, --finish makes do with them")
-        raise
+def _with_what_is_kept(error: BaseException, place: Path) -> BaseException | None:
+    """What stopped a run, with the frames that it leaves; None where there are none, or it is a fault of ours."""
+    if not (count := measured(place)):
+        return None
+    kept = f"{count} frames are kept: --resume goes on with them, --finish makes do with them"
+    if isinstance(error, io.FileError):
+        return io.FileError(error.path, f"{error.what}; {kept}", error.where)
+    return KeyboardInterrupt(kept) if isinstance(error, KeyboardInterrupt) else None
 
 
-def _take(beside: Path, place: Path) -> None:
-    """The files of a finished sequence in their new place; the old one stays as it is until all is there."""
-    for file in beside.rglob("*"):
-        if file.is_file() and file.name not in ONLY_UNFINISHED:
-            target = place / file.relative_to(beside)
-            target.parent.mkdir(parents=True, exist_ok=True)
-            try:
-                os.link(file, target)
-            except OSError:  # a disk, or a system, that cannot have one file in two places
-                shutil.copy2(file, target)
-
-
-def _check_live(folder: Path, go_on: str) -> None:
-    if not go_on and (count := measured(folder)):
-        raise io.FileError(
-            folder, f"holds {count} frames of a run that was stopped; --resume goes on with them, --finish makes do "
-            "with them, --output takes another folder",
-        )  # fmt: skip
-
-
-def _live(loaded: Loaded, folder: Path, live: Live | None, go_on: str, as_json: bool) -> Sequence:
-    if go_on == "resume" and (folder / JOURNAL).exists() and begun_with(folder) is None:
-        go_on = ""  # stopped before there was anything to go on with
-    if live is None:
-        return run_sequence(loaded, folder, frames=[], live=True, finish=True)
+def _live(loaded: Loaded, folder: Path, live: Live, resume: bool, as_json: bool) -> Sequence:
     say: Callable[[FrameRecord], None] | None = None if as_json else _said
     if not as_json:
         console.answer({}, False, [f"watching {live.folder} (Ctrl-C ends), results in {folder}"])
     arriving = Watch(loaded.project, live.folder, idle_s=live.idle_s, stop_after=live.frames)
-    try:
-        return run_sequence(loaded, folder, frames=arriving, live=True, say=say, resume=go_on == "resume")
-    except io.FileError:
-        if count := measured(folder):
-            console.note(folder, f"{count} frames are kept: --resume goes on with them, --finish makes do with them")
-        raise
+    return run_sequence(loaded, folder, frames=arriving, live=True, say=say, resume=resume)
+
+
+def _quiet(_: str) -> None:
+    """Show nothing."""
 
 
 def _said(row: FrameRecord) -> None:

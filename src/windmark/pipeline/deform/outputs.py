@@ -72,6 +72,7 @@ class Writer:
         self._in_series = 0
         self._files: dict[str, AppendedFile] = {}
         self._lines: dict[str, list[str]] = {}
+        self._arrivals: list[Arrival] = []
         self._sizes: dict[str, int] = {}
         self._journal: SequenceJournal | None = None
 
@@ -136,14 +137,18 @@ class Writer:
         assert self._journal is not None
         self._journal.add(Kept(row, state, most, pictures, sizes), handed_on or {})
         self._rows.append(row)
-        self._sizes = sizes
+        self._sizes, self._arrivals = sizes, []
         if len(self._rows) % CHUNK == 0:
             self._sync()
 
     def arrived(self, files: Sequence[Arrival]) -> None:
         """Note what became of files; they are in the table with the next frame, or at the end."""
-        for a in files:
-            self._line("arrivals.csv", [_quoted(a.file), _quoted(a.camera), _quoted(a.key), a.fate, _quoted(a.reason)])
+        self._arrivals += files
+
+    @property
+    def frames(self) -> set[str]:
+        """The frames that have their rows."""
+        return {row.key for row in self._rows}
 
     def undo(self) -> None:
         """Take back what the tables have of a frame that did not come to its end."""
@@ -153,6 +158,8 @@ class Writer:
 
     # --- whole or not at all ---------------------------------------------------------------
     def _commit(self) -> None:
+        for a in self._arrivals:
+            self._line("arrivals.csv", [_quoted(a.file), _quoted(a.camera), _quoted(a.key), a.fate, _quoted(a.reason)])
         for name, lines in self._lines.items():
             if lines:
                 self._files[name].append("".join(lines).encode())
@@ -168,7 +175,7 @@ class Writer:
             self._write_series()
 
     def _write_series(self) -> None:
-        replaced_file(self._folder / "deformation.nc", series_content(self._loaded, self._table, self._rows))
+        replaced_file(self._folder, "deformation.nc", series_content(self._loaded, self._table, self._rows))
         self._in_series = len(self._rows)
 
     def _close(self) -> None:

@@ -15,12 +15,11 @@ import csv
 import hashlib
 import io as streams
 import json
-import os
 import pickle
+import shutil
 import struct
 import zlib
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass, field, is_dataclass
 from pathlib import Path
 from typing import Any
@@ -29,16 +28,17 @@ import windmark
 from windmark import io
 from windmark.deformation import Deformation
 from windmark.deformation.volumes import placed_again
+from windmark.io.atomic import replace_file, writing
 from windmark.io.errors import reading
 from windmark.io.journal import AppendedFile, Journal, read_journal
 from windmark.pipeline.deform.project import RECORDING, DeformProject
 from windmark.pipeline.deform.record import FrameRecord
 from windmark.pipeline.deform.task import DeformationTest, DeformedFrame, FrameImages
 
-JOURNAL, STATE = "deformation.journal", "deformation.state"
+HIDDEN = ".windmark-series"
+"""Folder within that of the results; it is no part of these."""
+JOURNAL, STATE = f"{HIDDEN}/journal", f"{HIDDEN}/state"
 TITLE = "windmark: frames of a deformation test that is not finished; windmark deform PROJECT --resume goes on"
-ONLY_UNFINISHED = (JOURNAL, STATE, f"{STATE}.new", "deformation.nc.new")
-"""Files that only a run that goes on needs."""
 _STATE_HEAD = struct.Struct("<QI")
 _ARRAYS = {
     "builtins": ("set", "frozenset", "slice", "complex"),
@@ -106,6 +106,7 @@ class SequenceJournal:
     def __init__(self, folder: Path, test: DeformationTest, stopped: Stopped | None) -> None:
         self._folder, self._names = folder, _referred(test)
         self._count = 0 if stopped is None else len(stopped.frames)
+        (folder / HIDDEN).mkdir(exist_ok=True)
         self._journal = Journal(folder / JOURNAL, TITLE, None if stopped is None else stopped.end)
 
     def begin(self, made: Mapping[str, Any], sizes: Mapping[str, int]) -> None:
@@ -119,7 +120,7 @@ class SequenceJournal:
             self._journal.add(dumped(kept, self._names))
             self._count += 1
             content = dumped(dict(state), self._names)
-            replaced_file(self._folder / STATE, _STATE_HEAD.pack(self._count, zlib.crc32(content)) + content)
+            replaced_file(self._folder, STATE, _STATE_HEAD.pack(self._count, zlib.crc32(content)) + content)
         except BaseException:
             self._journal.take_back(before)
             raise
@@ -133,18 +134,16 @@ class SequenceJournal:
         self._journal.close()
 
 
-def replaced_file(path: Path, content: bytes) -> None:
-    """Write a file beside ``path``, of a name that is always the same, then put it in its place."""
-    new = path.with_name(f"{path.name}.new")
+def replaced_file(folder: Path, name: str, content: bytes) -> None:
+    """Write a file anew and put it in its place whole; what a kill leaves of it is written over the next time."""
+    path, new = folder / name, folder / HIDDEN / "new"
     file = AppendedFile(new)
     try:
         file.append(content)
     finally:
         file.close()
-    try:
-        os.replace(new, path)
-    except OSError as error:
-        raise io.FileError(path, f"cannot be replaced: {error}") from error
+    with writing(path, path, new):
+        replace_file(new, path)
 
 
 def read_stopped(folder: Path, test: DeformationTest, *, to_go_on: bool = True) -> Stopped | None:
@@ -201,14 +200,14 @@ def loaded_state(stopped: Stopped, test: DeformationTest) -> dict[str, Any]:
     return {} if stopped.state is None else dict(loaded(stopped.state, dict(_named(test))))
 
 
-def files_told(folder: Path, sizes: Mapping[str, int]) -> set[tuple[str, str]]:
-    """Camera and name of the files that the table of arrivals has."""
+def files_told(folder: Path, sizes: Mapping[str, int]) -> dict[tuple[str, str], str]:
+    """Camera and name of the files that the table of arrivals has -> what became of them."""
     name = "arrivals.csv"
     if name not in sizes:
-        return set()
+        return {}
     with reading(folder / name):
         text = (folder / name).read_bytes()[: sizes[name]].decode()
-    return {(row["camera"], row["file"]) for row in csv.DictReader(text.splitlines())}
+    return {(row["camera"], row["file"]): row["fate"] for row in csv.DictReader(text.splitlines())}
 
 
 def begun_with(folder: Path) -> dict[str, Any] | None:
@@ -235,9 +234,7 @@ def measured(folder: Path) -> int:
 
 def clear(folder: Path) -> None:
     """Take away what only a run that goes on needs."""
-    for name in ONLY_UNFINISHED:
-        with suppress(OSError):
-            (folder / name).unlink(missing_ok=True)
+    shutil.rmtree(folder / HIDDEN, ignore_errors=True)
 
 
 def made_with(project: DeformProject) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from itertools import islice
+from itertools import islice, zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -80,16 +80,18 @@ class Sequence:
     arrivals: Counter[str] = field(default_factory=Counter)
     _stride: int = 1
 
-    def keep(self, row: FrameRecord, state: Deformation | None) -> Deformation | None:
-        """Add a frame; memory stays that of its few numbers. Its state, where the film keeps it."""
+    def films(self, row: FrameRecord) -> bool:
+        """Whether the film keeps the state of a frame that is added now."""
+        return row.index % self._stride == 0
+
+    def keep(self, row: FrameRecord, state: Deformation | None) -> None:
+        """Add a frame; memory stays that of its few numbers. ``state``: where the film keeps it."""
         self.records.append(row)
-        kept = state if row.index % self._stride == 0 else None
-        if kept is not None:
-            self.film.append((row, kept))
+        if state is not None:
+            self.film.append((row, state))
         if len(self.film) > KEPT:
             self._stride *= 2
             self.film = [pair for pair in self.film if pair[0].index % self._stride == 0]
-        return kept
 
     @property
     def good(self) -> list[FrameRecord]:
@@ -191,8 +193,8 @@ class _Job:
             )  # fmt: skip
         done, count = stopped.frames, len(stopped.frames)
         if isinstance(frames, list) and not finish:
-            for kept, frame in zip(done, frames, strict=False):
-                if kept.row.key != frame.key or pictures_of(frame) != dict(kept.pictures):
+            for kept, frame in zip_longest(done, frames[:count]):
+                if frame is None or kept.row.key != frame.key or pictures_of(frame) != dict(kept.pictures):
                     raise io.FileError(
                         folder, f"the run that was stopped there cannot go on: the pictures of frame {kept.row.key} "
                         "have changed since",
@@ -202,12 +204,12 @@ class _Job:
         for kept in done:
             self.out.keep(kept.row, kept.state)
         self._compare_again(done, {f.key: f for f in known})
-        if finish:
-            return []
+        told = files_told(folder, done[-1].sizes if done else stopped.sizes)
+        self.out.arrivals.update(told.values())
         if isinstance(frames, Watch):
-            frames.go_on([kept.row.key for kept in done], files_told(folder, done[-1].sizes if done else stopped.sizes))
+            frames.go_on([kept.row.key for kept in done], set(told))
             return frames
-        return islice(frames, count, None)
+        return [] if finish else islice(frames, count, None)
 
     def follow(self, frames: Iterable[FrameImages], writer: Writer, say: Callable[[FrameRecord], None] | None) -> None:
         """Measure and write frame after frame."""
@@ -221,11 +223,11 @@ class _Job:
 
     def close_watch(self, frames: Watch, writer: Writer) -> None:
         """Rows for the frames that were seen and not measured, fates of the last files, and what is odd about them."""
-        written = {r.key for r in self.out.records}
-        left = [f for f in frames.left("the run was ended before it was measured") if f.key not in written]
+        left = [f for f in frames.left("the run was ended before it was measured") if f.key not in writer.frames]
         self._told(frames, writer)
-        for frame in follow_deformation(left, self.loaded.test, handed_on=self.handed_on):
-            self._write(frame, left.pop(0), writer)
+        followed = follow_deformation(left, self.loaded.test, handed_on=self.handed_on)
+        for frame, images in zip(followed, left, strict=True):
+            self._write(frame, images, writer)
         for what, names in (("match no camera's pattern and were left alone", frames.foreign),
                             ("changed after they had been read: measured is what was in them then",
                              frames.changed_since())):  # fmt: skip
@@ -247,8 +249,9 @@ class _Job:
         values = self.mapper.frame(frame, images) if self.mapper and gridded(project.output, frame) else {}
         of_points = self.points.frame(frame, images) if self.points is not None else ()
         compared = self.mapper is not None and self.mapper.compared is not before
-        kept = out.keep(row, frame.state)
+        kept = frame.state if out.films(row) else None
         writer.add(frame, images, row, values, of_points, state=kept, compared=compared, handed_on=self.handed_on)
+        out.keep(row, kept)
         return row
 
     def _told(self, frames: Watch, writer: Writer) -> None:
