@@ -109,7 +109,7 @@ def test_laws_are_compared_by_evidence(made, windmark, tmp_path):
     assert scores["beam (project)"]["parameters"] == scores["beam twist=[2]"]["parameters"] + 1
     assert scores["beam (project)"]["evidence"] < 0 < scores["beam bend=[2]"]["chi2"]
     assert scores["none"]["held_out_px"] > 2 * scores["beam twist=[2]"]["held_out_px"]
-    assert sorted(p.name for p in (tmp_path / "laws").iterdir()) == ["laws.csv", "laws.png"]
+    assert sorted(p.name for p in (tmp_path / "laws").iterdir()) == ["laws.csv", "laws.png", "manifest.json"]
 
 
 def test_laws_that_the_data_cannot_tell_have_no_winner(made, windmark, tmp_path):

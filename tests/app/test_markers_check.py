@@ -45,7 +45,7 @@ def test_a_good_layout_is_said_to_be_good_and_everything_is_written(windmark, ta
     assert "  nothing to change" in lines
     assert lines[-1] == f"report: {out / 'check.html'}"
     assert {p.name for p in out.iterdir()} == {
-        "check.html", "summary.json", "directions.csv", "directions.png", "pose.png", "layout.png",
+        "check.html", "summary.json", "directions.csv", "directions.png", "pose.png", "layout.png", "manifest.json",
     }  # fmt: skip
     page = (out / "check.html").read_text()
     assert page.count("data:image/png;base64,") == 3

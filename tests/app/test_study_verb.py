@@ -16,7 +16,7 @@ def test_table_pictures_page_and_json_say_the_same(windmark, tmp_path):
     done = windmark(*SMALL, "--output", tmp_path / "out", "--json")
     assert done.code == 0
     assert {p.name for p in (tmp_path / "out").iterdir()} == {
-        "study.csv", "markers.png", "error.png", "study.html", "summary.json",
+        "study.csv", "markers.png", "error.png", "study.html", "summary.json", "manifest.json",
     }  # fmt: skip
     with open(tmp_path / "out" / "study.csv") as stream:
         rows = list(csv.DictReader(stream))

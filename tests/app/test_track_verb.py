@@ -46,7 +46,7 @@ def test_a_sequence_becomes_tables_a_picture_and_a_page(windmark, folder, tmp_pa
     assert done.json["lost"] == 1
     assert list(done.json["lost_images"]) == ["f3.tif"]
     assert {p.name for p in out.iterdir()} == {
-        "poses.csv", "matches.csv", "motion.png", "report.html", "summary.json", "camera.json",
+        "poses.csv", "matches.csv", "motion.png", "report.html", "summary.json", "camera.json", "manifest.json",
     }  # fmt: skip
     rows = list(csv.DictReader((out / "poses.csv").read_text().splitlines()))
     assert rows[0]["status"] == "cold"

@@ -31,7 +31,7 @@ def test_images_camera_and_mask(windmark, files):
     assert done.code == 0
     names = {"a.tif", "a-x3.tif", "b.png", "b-x3.png", "stack.tif", "stack-x3.tif", "valid.png", "camera.json"}
     drawn = {"distortion.png", "a-picture.png", "b-picture.png", "stack-picture.png"}
-    assert {p.name for p in out.iterdir()} == names | drawn
+    assert {p.name for p in out.iterdir()} == names | drawn | {"manifest.json"}
     assert all(min(read_image(out / name).shape[:2]) > 200 for name in drawn)
     corrected = undistort(IMAGE, LENS)
     np.testing.assert_array_equal(read_image(out / "a.tif"), corrected.image)

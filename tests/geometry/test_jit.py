@@ -1,7 +1,16 @@
 """Numba's cache beside the sources is dropped exactly where a kernel source has changed."""
 
+import os
+import shutil
+import stat
+import subprocess
+import sys
+from pathlib import Path
+
+import numba
 import pytest
 
+import windmark.geometry._jit as jit
 from windmark.geometry._jit import drop_stale_cache, kernel_sources
 
 
@@ -77,7 +86,7 @@ def test_a_kernel_that_is_gone_takes_its_cache_and_its_users_along(package):
 def test_another_numba_drops_all(package, monkeypatch):
     drop_stale_cache(package)
     add_kernel(package, "room/_kernels.py")
-    monkeypatch.setattr("windmark.geometry._jit.nb.__version__", "0.0")
+    monkeypatch.setattr("windmark.geometry._jit.numba.__version__", "0.0")
     assert drop_stale_cache(package) == ["room/_kernels.py"]
 
 
@@ -97,11 +106,91 @@ def test_other_sources_do_not_count(package):
 
 
 def test_where_nothing_can_be_written_nothing_happens(package, monkeypatch):
-    from pathlib import Path
-
     def refused(*_, **__):
         raise PermissionError(13, "read-only")
 
     monkeypatch.setattr(Path, "unlink", refused)
     assert not drop_stale_cache(package)
     assert cached(package) == ["_kernels"]
+
+
+# --- a package that cannot be written to -----------------------------------------------------------
+
+
+@pytest.fixture
+def read_only(monkeypatch):
+    """Folders in which nothing can be made (root may write anywhere)."""
+    closed = []
+    real = jit._writable
+    monkeypatch.setattr(jit, "_writable", lambda f: not any(f.is_relative_to(c) for c in closed) and real(f))
+    monkeypatch.setattr(numba.config, "CACHE_DIR", "")
+    return closed
+
+
+def test_the_cache_is_beside_the_sources_or_in_the_users_folder(package, read_only, tmp_path, monkeypatch):
+    home = tmp_path / "home"
+    monkeypatch.setenv("LOCALAPPDATA" if os.name == "nt" else "XDG_CACHE_HOME", str(home))
+    assert jit.cache_root(package) is None
+    read_only.append(package / "room")
+    assert jit.cache_root(package) == home / "windmark"
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "own"))
+    assert jit.cache_root(package) == tmp_path / "own"
+
+
+@pytest.mark.skipif(os.name == "nt", reason="temporary folders are a user's own on Windows")
+def test_without_a_home_a_temporary_cache_is_said_once(package, read_only, tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "home"))
+    monkeypatch.setattr(jit.tempfile, "gettempdir", lambda: str(tmp_path))
+    read_only += [package / "room", tmp_path / "home"]
+    root = tmp_path / f"windmark-kernels-{os.getuid()}"
+    assert jit.cache_root(package) == root
+    assert stat.S_IMODE(root.stat().st_mode) == 0o700
+    assert str(root) in capsys.readouterr().err
+    assert jit.cache_root(package) == root
+    assert not capsys.readouterr().err
+    root.chmod(0o777)  # others may have put machine code into it
+    with pytest.raises(PermissionError, match="is not ours alone"):
+        jit.cache_root(package)
+    assert isinstance(jit._ready(package), jit._Uncached)
+    assert "compiled anew every time" in capsys.readouterr().err
+
+
+def test_without_any_cache_kernels_still_run():
+    @jit._Uncached().njit(cache=True)
+    def double(x):
+        return 2 * x
+
+    assert double(3) == 6
+    assert jit._Uncached().__version__ == numba.__version__
+
+
+KERNELS = {
+    "__init__.py": "",
+    "_low.py": "import numba as nb\n@nb.njit(cache=True)\ndef low():\n    return NUMBER\n",
+    "_high.py": "import numba as nb\nfrom kernels._low import low\n@nb.njit(cache=True)\ndef high():\n"
+    "    return low() + 0\n",
+}
+CALLED = (
+    "import sys, numba\nfrom pathlib import Path\nfrom windmark.geometry._jit import drop_stale_cache\n"
+    "package, root = map(Path, sys.argv[1:])\nnumba.config.CACHE_DIR = str(root)\n"
+    "dropped = drop_stale_cache(package, root)\nsys.path.insert(0, str(package.parent))\n"
+    "from kernels._high import high\nprint(high(), *dropped, len(list(root.rglob('*.nbi'))))\n"
+)
+
+
+def test_a_changed_inlined_kernel_is_never_old_machine_code_in_the_users_cache(tmp_path):
+    package, root = tmp_path / "kernels", tmp_path / "cache"
+    package.mkdir()
+    root.mkdir()
+
+    def called(number):
+        for name, text in KERNELS.items():
+            (package / name).write_text(text.replace("NUMBER", str(number)))
+        shutil.rmtree(package / "__pycache__", ignore_errors=True)
+        done = subprocess.run([sys.executable, "-c", CALLED, str(package), str(root)], capture_output=True, text=True,
+                              check=True)  # fmt: skip
+        return done.stdout.split()
+
+    assert called(1) == ["1", "2"]
+    assert called(1) == ["1", "2"]
+    assert called(2) == ["2", "_high.py", "_low.py", "2"]

@@ -12,7 +12,8 @@ from windmark.geometry import Camera
 from windmark.registration import CAUSES, Unchecked, register
 from windmark.registration.budget import Budget
 from windmark.registration.judge.bending import Bender
-from windmark.registration.judge.doubts import PARTS, Doubts, FirstOrder
+from windmark.registration.judge.doubts import PARTS, Doubts
+from windmark.registration.judge.first_order import FirstOrder
 from windmark.registration.search.pool import Candidate
 from windmark.registration.settle import views as v
 

@@ -124,7 +124,8 @@ def test_labels_in_gates_are_those_of_the_slow_twin(view):
     count = gates.label_in_gates(sights, sight, columns, floor2, match)
     pairs = []
     for m in np.flatnonzero(sight.seen):
-        spread = sight.by_pose[m] @ cov @ sight.by_pose[m].T + floor2 * np.eye(2)
+        by_pose = sight.by_pose[m, :, :6]
+        spread = by_pose @ cov @ by_pose.T + floor2 * np.eye(2)
         for s, (xy, noise) in enumerate(zip(scene.detections.xy, scene.detections.cov, strict=True)):
             offset = xy - sight.xy[m]
             d2 = offset @ np.linalg.solve(spread + noise, offset)

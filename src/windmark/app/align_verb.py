@@ -39,25 +39,24 @@ def align(wishes: Wishes, as_json: bool) -> None:
     named = None if wishes.matches is None else read_named(wishes.matches)
     settings = AlignSettings(**wishes.options, named=named)
     start = time.perf_counter()
-    wishes.output.parent.mkdir(parents=True, exist_ok=True)
-    with console.progress() as show:
+    with console.progress() as show, console.result_folder(wishes.output) as out:
         show(f"find the markers of {base.name}")
         reference = read_reference(base, settings)
         rows: list[Record] = []
         shown = Shown(reference)
-        with io.atomic_folder(wishes.output) as place:
-            for item in align_files(others, reference, settings, progress=show):
-                write_one(item, reference, place / item.name)
-                rows.append(record_of(item, reference))
-                shown.add(item)
-            record = {
-                "reference": base.name, "images": rows, "radius": reference.radius_note,
-                "options": {**wishes.options, "reference": base.name, "matches": wishes.matches},
-                "seconds": time.perf_counter() - start, "folder": wishes.output,
-            }  # fmt: skip
-            show("draw the report")
-            _report(place, record, shown)
-            io.write_json(place / "summary.json", record)
+        for item in align_files(others, reference, settings, progress=show):
+            write_one(item, reference, out.place / item.name)
+            rows.append(record_of(item, reference))
+            shown.add(item)
+        record = {
+            "reference": base.name, "images": rows, "radius": reference.radius_note,
+            "options": {**wishes.options, "reference": base.name, "matches": wishes.matches},
+            "seconds": time.perf_counter() - start, "folder": wishes.output,
+        }  # fmt: skip
+        show("draw the report")
+        _report(out.place, record, shown)
+        io.write_json(out.place / "summary.json", record)
+        out.refused = not any(row["aligned"] for row in rows)
     lines = [reference.radius_note] if reference.radius_note else []
     lines += [line(row) for row in rows]
     good = [row for row in rows if row["aligned"]]

@@ -96,18 +96,19 @@ class Files:
 def run(files: Files, settings: CalibrateSettings, match: MatchOptions, as_json: bool) -> None:
     """Calibrate and write everything into a folder, whole or not at all."""
     known = None if files.against is None else read_known(files.against, files.lengths)
-    with console.progress() as show:
+    with console.progress() as show, console.result_folder(files.output) as out:
         clock = Clock(show)
         done, pictures = _solve(files, settings, match, clock)
         if isinstance(done, NotCalibrated):
             console.refuse(_why(done), as_json, _refusal(done, pictures))
             return
         against = None if known is None else compare(known, done.result)
-        content = _write(files, done, pictures, against, match, clock)
+        content = _write(out.place, files, done, pictures, against, match, clock)
     console.answer({**content, "folder": files.output}, as_json, _lines(done, pictures, against, files))
 
 
 def _write(
+    place: Path,
     files: Files,
     done: Calibrated,
     pictures: Pictures,
@@ -118,17 +119,15 @@ def _write(
     """The folder; what its summary holds."""
     from windmark.app.calibrate_report import Shown, calibration_report
 
-    files.output.parent.mkdir(parents=True, exist_ok=True)
-    with io.atomic_folder(files.output) as place:
-        with clock("write"):
-            write_calibration(done, place, files.unit, pictures)
-        content = record(done, files.unit, matched=pictures, against=against)
-        with clock("draw report"):
-            paths = None if pictures is None else dict(zip([p.name for p in pictures], files.inputs, strict=True))
-            shown = Shown(files.unit, pictures, paths, match, against, str(files.against or ""))
-            page = calibration_report(done, shown, clock)
-        (place / "report.html").write_text(page, encoding="utf-8")
-        io.write_json(place / "summary.json", {**content, "seconds": clock.seconds})
+    with clock("write"):
+        write_calibration(done, place, files.unit, pictures)
+    content = record(done, files.unit, matched=pictures, against=against)
+    with clock("draw report"):
+        paths = None if pictures is None else dict(zip([p.name for p in pictures], files.inputs, strict=True))
+        shown = Shown(files.unit, pictures, paths, match, against, str(files.against or ""))
+        page = calibration_report(done, shown, clock)
+    (place / "report.html").write_text(page, encoding="utf-8")
+    io.write_json(place / "summary.json", {**content, "seconds": clock.seconds})
     return content
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import signal
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -128,7 +130,33 @@ def main() -> None:
     for name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
         os.environ.setdefault(name, "1")
     console.print_any_name()
-    app()
+    signal.signal(signal.SIGTERM, _terminated)
+    code: int | str | None = 0
+    try:
+        app()
+    except SystemExit as end:
+        code = end.code
+    except OSError as error:  # of the standard streams: what verbs meet, they have said themselves
+        code = _not_printed(error)
+    try:
+        sys.stdout.flush()  # here, where it can still be said; Python itself would end with a traceback
+    except OSError as error:
+        code = code or _not_printed(error)
+    sys.exit(code)
+
+
+def _terminated(*_: object) -> None:
+    """A queue or a closing machine asks us to stop: as Ctrl-C does, with everything tidied up."""
+    raise KeyboardInterrupt
+
+
+def _not_printed(error: OSError) -> int:
+    from windmark.io.errors import reason
+
+    # What could not be printed is not tried again when Python ends.
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    print(f"windmark: standard output: cannot be written: {reason(error)}", file=sys.stderr)  # noqa: T201
+    return console.WRONG_USAGE
 
 
 if __name__ == "__main__":

@@ -12,10 +12,12 @@ from io import TextIOWrapper
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import click
 import typer
 
 if TYPE_CHECKING:
     from windmark.geometry import Camera
+    from windmark.io import ResultFolder
 
 DONE, DATA_SAY_NO, WRONG_USAGE, FAULT, INTERRUPTED = 0, 1, 2, 3, 130
 
@@ -81,20 +83,54 @@ def note(path: Path, text: str) -> None:
 
 
 @contextmanager
+def result_folder(folder: Path, *, live: bool = False, resume: bool = False) -> Iterator[ResultFolder]:
+    """`io.result_folder` of the verb at work: its manifest has the options, what it has to say goes to the user."""
+    from windmark import io
+
+    with io.result_folder(folder, _about(folder), say=_say, live=live, resume=resume) as out:
+        yield out
+
+
+def _about(folder: Path) -> dict[str, Any]:
+    """The verb and its options, without those that do not change the result: where it goes, how it is printed."""
+    context = click.get_current_context(silent=True)
+    if context is None:
+        return {}
+    given = {key: value for key, value in context.params.items() if key != "as_json" and value not in (None, folder)}
+    return {"verb": context.info_name, "options": {key: _plain(value) for key, value in given.items()}}
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, list | tuple):
+        return [_plain(v) for v in value]
+    return value if isinstance(value, bool | int | float) else str(value)
+
+
+def _say(text: str) -> None:
+    typer.echo(f"windmark: {text}", err=True)
+
+
+@contextmanager
 def errors(as_json: bool) -> Iterator[None]:
     """Turn what went wrong into one clear message and the exit code of the conventions.
 
     2: wrong usage or bad file, as windmark's own code says it (`geometry.errors`); 130: interrupted. 3: anything else
     is a fault of windmark, which keeps its traceback and is never dressed as bad data.
     """
+    from windmark.io import reason, witness
+
     try:
-        yield
-    except KeyboardInterrupt:
-        _fail("interrupted; nothing was written", INTERRUPTED, as_json)
+        with witness():  # what is read before the result's folder is known belongs into its manifest, too
+            yield
+    except KeyboardInterrupt as error:
+        _fail(f"interrupted; {str(error) or 'nothing was written'}", INTERRUPTED, as_json)
     except (typer.Exit, typer.Abort, BrokenPipeError):  # said already; who reads our output has had enough
         raise
     except FileNotFoundError as error:
         _fail(str(error), WRONG_USAGE, as_json)
+    except OSError as error:
+        of = "" if error.filename is None else f"{error.filename}: "
+        _fail(f"{of}{reason(error)}", WRONG_USAGE, as_json)
     except MemoryError:
         _fail("not enough memory for this image or grid", WRONG_USAGE, as_json)
     except Exception as error:

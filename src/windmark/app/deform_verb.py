@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import shutil
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,11 +21,13 @@ from windmark.pipeline.deform import (
     FrameRecord,
     Loaded,
     Sequence,
+    Watch,
     load,
     read_deform_project,
     run_sequence,
-    watch,
 )
+from windmark.pipeline.deform.resume import JOURNAL, ONLY_UNFINISHED, begun_with, clear, measured
+from windmark.pipeline.deform.series import NOT_TRIED, STATUS
 
 Record = dict[str, Any]
 
@@ -30,30 +35,43 @@ FEW_SHOWN = 5
 """Frames of a camera with few markers that are listed; all are in cameras.csv."""
 
 
-def deform(
-    path: Path, changed: Changes, watched: Path | None, idle_s: float | None, frames: int | None, as_json: bool
-) -> None:
+@dataclass(frozen=True)
+class Live:
+    """Pictures arrive in ``folder``; ``idle_s`` and ``frames`` end it, see `Watch`."""
+
+    folder: Path
+    idle_s: float | None = None
+    frames: int | None = None
+
+
+def deform(path: Path, changed: Changes, live: Live | None, go_on: str, as_json: bool) -> None:
     """Follow, write whole, say how it went.
 
-    Live results appear while the sequence runs: their folder is not replaced at the end but filled from the start.
+    A sequence from the disk is written beside its folder, into ``FOLDER.unfinished``, which becomes the folder at the
+    end. Live results appear in the folder itself. What was stopped on the way is gone on with (``go_on`` "resume") or
+    brought to its end with what it has ("finish").
     """
-    if watched is None and (idle_s is not None or frames is not None):
-        raise ValueError("--idle and --frames belong to --watch")
     start = time.perf_counter()
     loaded = load(read_deform_project(path, changed))
     for remark in loaded.remarks:
         console.note(path, remark)
     folder = loaded.project.output.folder
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    if watched is not None:
-        sequence = _live(loaded, folder, watched, idle_s, frames, as_json)
-        record = _finish(loaded, sequence, folder, start)
+    beside = folder.with_name(f"{folder.name}.unfinished")
+    if live is not None or (go_on == "finish" and not begun_with(beside) and begun_with(folder)):
+        _check_live(folder, go_on)
+        with console.result_folder(folder, live=True, resume=bool(go_on)) as out:
+            sequence = _live(loaded, folder, live, go_on, as_json)
+            record = _finish(loaded, sequence, folder, start)
+            clear(folder)
+            out.refused = not sequence.good
     else:
-        with console.progress() as show, io.atomic_folder(folder) as place:
-            show("compile and find the first frame")
-            sequence = run_sequence(loaded, place, say=lambda row: show(f"frame {row.key}: {row.status}"))
+        with console.progress() as show, console.result_folder(folder) as out:
+            sequence = _from_disk(loaded, beside, go_on, show)
             show("draw the report")
-            record = _finish(loaded, sequence, place, start)
+            _take(beside, out.place)
+            record = _finish(loaded, sequence, out.place, start)
+            out.refused = not sequence.good
+        shutil.rmtree(beside, ignore_errors=True)
     record["folder"] = folder
     good = bool(sequence.good)
     if good or not as_json:
@@ -63,15 +81,65 @@ def deform(
         console.refuse(f"no frame gave a deformation; the first: {why}", as_json, record)
 
 
-def _live(
-    loaded: Loaded, folder: Path, watched: Path, idle_s: float | None, frames: int | None, as_json: bool
-) -> Sequence:
-    folder.mkdir(parents=True, exist_ok=True)
+def _from_disk(loaded: Loaded, beside: Path, go_on: str, show: Callable[[str], None]) -> Sequence:
+    """Measure into the folder that is not finished."""
+    if beside.exists() and begun_with(beside) is None:  # stopped before there was anything to go on with
+        shutil.rmtree(beside)
+        go_on = "" if go_on == "resume" else go_on
+    if not go_on and beside.exists():
+        console.note(beside, "a run that was stopped is begun anew; --resume would have gone on with it")
+        shutil.rmtree(beside)
+    beside.mkdir(exist_ok=bool(go_on))
+    show("compile and find the first frame")
+    try:
+        return run_sequence(
+            loaded, beside, say=lambda row: show(f"frame {row.key}: {row.status}"), resume=go_on == "resume",
+            finish=go_on == "finish",
+        )  # fmt: skip
+    except BaseException as error:
+        count = measured(beside)
+        if not count:
+            shutil.rmtree(beside, ignore_errors=True)
+        elif isinstance(error, (io.FileError, KeyboardInterrupt)):
+            console.note(beside, f"{count} frames are kept: --resume goes on with them, --finish makes do with them")
+        raise
+
+
+def _take(beside: Path, place: Path) -> None:
+    """The files of a finished sequence in their new place; the old one stays as it is until all is there."""
+    for file in beside.rglob("*"):
+        if file.is_file() and file.name not in ONLY_UNFINISHED:
+            target = place / file.relative_to(beside)
+            target.parent.mkdir(parents=True, exist_ok=True)
+            try:
+                os.link(file, target)
+            except OSError:  # a disk, or a system, that cannot have one file in two places
+                shutil.copy2(file, target)
+
+
+def _check_live(folder: Path, go_on: str) -> None:
+    if not go_on and (count := measured(folder)):
+        raise io.FileError(
+            folder, f"holds {count} frames of a run that was stopped; --resume goes on with them, --finish makes do "
+            "with them, --output takes another folder",
+        )  # fmt: skip
+
+
+def _live(loaded: Loaded, folder: Path, live: Live | None, go_on: str, as_json: bool) -> Sequence:
+    if go_on == "resume" and (folder / JOURNAL).exists() and begun_with(folder) is None:
+        go_on = ""  # stopped before there was anything to go on with
+    if live is None:
+        return run_sequence(loaded, folder, frames=[], live=True, finish=True)
     say: Callable[[FrameRecord], None] | None = None if as_json else _said
     if not as_json:
-        console.answer({}, False, [f"watching {watched} (Ctrl-C ends), results in {folder}"])
-    arriving = watch(loaded.project, watched, idle_s=idle_s, stop_after=frames)
-    return run_sequence(loaded, folder, frames=arriving, live=True, say=say)
+        console.answer({}, False, [f"watching {live.folder} (Ctrl-C ends), results in {folder}"])
+    arriving = Watch(loaded.project, live.folder, idle_s=live.idle_s, stop_after=live.frames)
+    try:
+        return run_sequence(loaded, folder, frames=arriving, live=True, say=say, resume=go_on == "resume")
+    except io.FileError:
+        if count := measured(folder):
+            console.note(folder, f"{count} frames are kept: --resume goes on with them, --finish makes do with them")
+        raise
 
 
 def _said(row: FrameRecord) -> None:
@@ -83,6 +151,8 @@ def live_line(row: FrameRecord) -> str:
     latency = f"{1e3 * row.latency_s:.0f} ms" if np.isfinite(row.latency_s) else ""
     if row.status == "lost":
         return f"frame {row.key}: lost: {row.reason}"
+    if row.status in NOT_TRIED:
+        return f"frame {row.key}: {row.status}: {row.reason}"
     tip = ""
     if len(row.twist):
         tip = (f", tip: twist {row.twist[-1]:+.4f} ± {row.twist_sigma[-1]:.4f} deg,"
@@ -107,8 +177,10 @@ def summary(loaded: Loaded, sequence: Sequence) -> Record:
     record: Record = {"frames": len(rows), "cameras": cameras_record(sequence)}
     if sequence.clock:
         record["clock"] = sequence.clock
-    for status in ("cold", "tracked", "lost"):
+    for status in STATUS:
         record[status] = sum(r.status == status for r in rows)
+    if sequence.arrivals:
+        record["files"] = dict(sequence.arrivals)
     if good:
         record["median_spots"] = float(np.median([r.spots for r in good]))
         record["outliers"] = int(sum(r.outliers for r in good))
@@ -160,7 +232,11 @@ def weakest(loaded: Loaded, sequence: Sequence) -> tuple[str, ...]:
 def _lines(loaded: Loaded, sequence: Sequence, record: Record) -> list[str]:
     """The figures in words, and one line for frames that were not simply tracked."""
     lines = [f"{record['frames']} frames: {record['tracked']} tracked, {record['cold']} found without help, "
-             f"{record['lost']} lost" + (", interrupted" if sequence.interrupted else "")]  # fmt: skip
+             f"{record['lost']} lost" + "".join(f", {record[n]} {n}" for n in NOT_TRIED if record[n])
+             + (", interrupted" if sequence.interrupted else "")]  # fmt: skip
+    if sequence.arrivals:
+        fates = ", ".join(f"{count} {fate}" for fate, count in sequence.arrivals.most_common())
+        lines.append(f"{sequence.arrivals.total()} files: {fates} (arrivals.csv)")
     lines += [f"  frame {r.key}: {r.status}: {r.reason}" for r in sequence.records if r.reason][:20]
     for name, of in record["cameras"].items():
         lines += [f"  few markers: {name}, frame {few['frame']}: {few['spots']} of {few['expected']}: {few['reason']}"

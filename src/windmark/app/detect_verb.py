@@ -34,6 +34,11 @@ class Wishes:
     channel: str = "grey"
     bayer: str | None = None
 
+    @property
+    def files(self) -> list[Path]:
+        """What is to be written."""
+        return [p for p in (self.output, self.explain, self.picture, self.merit_map) if p is not None]
+
 
 @dataclass(frozen=True)
 class _Found:
@@ -52,6 +57,7 @@ class _Found:
 
 def detect(images: list[Path], wishes: Wishes, as_json: bool) -> None:
     """Detect in each image; one table for all."""
+    io.try_paths(wishes.files)
     found: dict[str, _Found] = {}
     with console.progress() as show:
         for path in uniquely_named(images):
@@ -60,20 +66,32 @@ def detect(images: list[Path], wishes: Wishes, as_json: bool) -> None:
             drawn = wishes.picture is not None or wishes.merit_map is not None
             found[path.name] = one if drawn else replace(one, image=one.image[:0], mask=None)  # recordings are long
         show("write")
-        io.write_detections(wishes.output, {name: one.spots for name, one in found.items()})
-        if wishes.explain is not None:
-            io.write_table(wishes.explain, _rejected_columns(found))
-        _draw(found, wishes)
-    written = [p for p in (wishes.output, wishes.explain, wishes.picture, wishes.merit_map) if p is not None]
+        good = any(len(one.spots) for one in found.values())
+        written = _write(found, wishes, good)
     lines = [_line(name, one) for name, one in found.items()]
     record = {"images": {name: _record(one) for name, one in found.items()}, "output": str(wishes.output)}
-    lines.append(f"written: {', '.join(map(str, written))}")
-    if any(len(one.spots) for one in found.values()):
+    lines += [f"written: {', '.join(map(str, written))}"] if written else []
+    if good:
         console.answer(record, as_json, lines)
         return
     if not as_json:
         console.answer(record, False, lines)
     console.refuse(_why_none(found, wishes), as_json, record)
+
+
+def _write(found: dict[str, _Found], wishes: Wishes, good: bool) -> list[Path]:
+    """Table and pictures, all of them or none; without a marker no table: one of an earlier run stays as it was."""
+    drawn = _drawn(found, wishes)
+    tables = [wishes.output] if good else []
+    tables += [wishes.explain] if wishes.explain is not None else []
+    with io.atomic_paths([*tables, *(path for path, _ in drawn)]) as places:
+        if good:
+            io.write_detections(places[wishes.output], {name: one.spots for name, one in found.items()})
+        if wishes.explain is not None:
+            io.write_table(places[wishes.explain], _rejected_columns(found))
+        for path, data in drawn:
+            places[path].write_bytes(data)
+    return tables + [p for p in (wishes.picture, wishes.merit_map) if p is not None]
 
 
 def parse_roi(text: str | None) -> tuple[int, int, int, int] | None:
@@ -143,10 +161,11 @@ def _rejected_columns(found: dict[str, _Found]) -> dict[str, Any]:
     return columns
 
 
-def _draw(found: dict[str, _Found], wishes: Wishes) -> None:
-    """The pictures that are wanted; several images get a number each."""
+def _drawn(found: dict[str, _Found], wishes: Wishes) -> list[tuple[Path, bytes]]:
+    """The pictures that are wanted, and where they go; several images get a number each."""
+    drawn: list[tuple[Path, bytes]] = []
     if wishes.picture is None and wishes.merit_map is None:
-        return
+        return drawn
     from windmark.app.detect_pictures import explained_picture, merit_picture
     from windmark.app.pictures import png, spots_picture
 
@@ -157,12 +176,12 @@ def _draw(found: dict[str, _Found], wishes: Wishes) -> None:
                 figure = explained_picture(one.image, one.spots, one.rejected, name)
             else:
                 figure = spots_picture(one.image, one.spots, name)
-            write_picture(wishes.picture, number, png(figure))
+            drawn.append((numbered(wishes.picture, number), png(figure)))
         if wishes.merit_map is not None and one.radii_px:
             best, words = _best_merit(one, one.polarity)
-            write_picture(
-                wishes.merit_map, number, png(merit_picture(best, wishes.options["merit_max"], f"{name}: {words}"))
-            )
+            figure = merit_picture(best, wishes.options["merit_max"], f"{name}: {words}")
+            drawn.append((numbered(wishes.merit_map, number), png(figure)))
+    return drawn
 
 
 def _best_merit(one: _Found, polarity: str) -> tuple[NDArray[np.float32], str]:
@@ -173,11 +192,9 @@ def _best_merit(one: _Found, polarity: str) -> tuple[NDArray[np.float32], str]:
     return np.fmin.reduce(maps), words
 
 
-def write_picture(path: Path, number: int | None, data: bytes) -> None:
-    """A picture; several images get a number each."""
-    place = path if number is None else path.with_stem(f"{path.stem}-{number}")
-    with io.atomic_write(place, "wb") as stream:
-        stream.write(data)
+def numbered(path: Path, number: int | None) -> Path:
+    """The file of one picture among several."""
+    return path if number is None else path.with_stem(f"{path.stem}-{number}")
 
 
 def _record(one: _Found) -> Record:

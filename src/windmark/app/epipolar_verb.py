@@ -41,7 +41,7 @@ def run(
     clicks = read_clicks(table, names)
     lenses = [console.read_lens(path) for path in cameras]
     both = (lenses[0], lenses[-1]) if lenses else None
-    with console.progress() as show:
+    with console.progress() as show, console.result_folder(output) as out:
         grey, spots = [], []
         for k, (path, name) in enumerate(zip(images, names, strict=True)):
             show(f"detect {name}")
@@ -52,17 +52,15 @@ def run(
         show("match along the lines" if both else "fundamental matrix")
         pair = (spots[0], spots[1])
         result = clicked_pair(*pair, clicks, both, sigma_px=sigma_px, seed=match.seed)
-    record = _record(result, clicks, (names[0], names[1]), pair)
-    if not result:
-        console.refuse("; ".join([result.reason, *result.notes]), as_json, record)
-        return
-    sizes = [(int(g.shape[1]), int(g.shape[0])) for g in grey]
-    figure = pair_picture(lines_of(result, clicks, (names[0], names[1]), pair, sizes, both), *grey, words=SPOTS)
-    _mark_clicks(figure, result, clicks)
-    output.parent.mkdir(parents=True, exist_ok=True)
-    with io.atomic_folder(output) as place_:
-        _write(place_, result, clicks, (names[0], names[1]), pair, record)
-        (place_ / "epipolar.png").write_bytes(png(figure, dpi=110))
+        record = _record(result, clicks, (names[0], names[1]), pair)
+        if not result:
+            console.refuse("; ".join([result.reason, *result.notes]), as_json, record)
+            return
+        sizes = [(int(g.shape[1]), int(g.shape[0])) for g in grey]
+        figure = pair_picture(lines_of(result, clicks, (names[0], names[1]), pair, sizes, both), *grey, words=SPOTS)
+        _mark_clicks(figure, result, clicks)
+        _write(out.place, result, clicks, (names[0], names[1]), pair, record)
+        (out.place / "epipolar.png").write_bytes(png(figure, dpi=110))
     console.answer({**record, "folder": output}, as_json, [*_lines(result, clicks, pair), f"results: {output}"])
 
 

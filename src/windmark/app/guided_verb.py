@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from windmark import io
 from windmark.app import console
-from windmark.app.detect_verb import Wishes, read_wished, uniquely_named, used_pixels, write_picture
+from windmark.app.detect_verb import Wishes, numbered, read_wished, uniquely_named, used_pixels
 from windmark.detection import AUTO, Guided
 from windmark.detection.either import FEW
 from windmark.pipeline.lengths import Lengths
@@ -56,6 +56,7 @@ def detect(images: list[Path], wishes: Wishes, guide: Guide, as_json: bool) -> N
         raise ValueError("markers near predictions: give one --radius at most, and no --merit-map")
     seen: dict[str, _Seen] = {}
     options = {"search_px": guide.search_px, "photometry": wishes.options["photometry"]}
+    io.try_paths(wishes.files)
     with console.progress() as show:
         for path in uniquely_named(images):
             show(f"detect {path.name}")
@@ -64,24 +65,36 @@ def detect(images: list[Path], wishes: Wishes, guide: Guide, as_json: bool) -> N
             mask = used_pixels(image, wishes.mask, wishes.roi)
             seen[path.name] = _look(image, expected, wishes.options["polarity"], {**options, "mask": mask})
         show("write")
-        io.write_detections(
-            wishes.output,
-            {name: one.got.detections for name, one in seen.items()},
-            names={name: _names(one, one.got.found) for name, one in seen.items()},
-        )
-        if wishes.explain is not None:
-            io.write_table(wishes.explain, _missing(seen))
-        _draw(seen, wishes)
+        good = any(one.got.found.any() for one in seen.values())
+        written = _write(seen, wishes, good)
     lines = [f"{name}: {one.got.found.sum()} of {len(one.expected)} expected markers{one.decided}{_why(one)}"
              for name, one in seen.items()]  # fmt: skip
-    written = [p for p in (wishes.output, wishes.explain, wishes.picture) if p is not None]
     console.answer(
         {"images": {name: _record(one) for name, one in seen.items()}, "output": str(wishes.output)},
         as_json,
-        [*lines, f"written: {', '.join(map(str, written))}"],
+        [*lines, *([f"written: {', '.join(map(str, written))}"] if written else [])],
     )
-    if not any(one.got.found.any() for one in seen.values()):
+    if not good:
         console.refuse(f"none of the expected markers was found{_why(next(iter(seen.values())))}", as_json)
+
+
+def _write(seen: dict[str, _Seen], wishes: Wishes, good: bool) -> list[Path]:
+    """Table and pictures, all of them or none; without a marker no table: one of an earlier run stays as it was."""
+    drawn = _drawn(seen, wishes)
+    tables = [wishes.output] if good else []
+    tables += [wishes.explain] if wishes.explain is not None else []
+    with io.atomic_paths([*tables, *(path for path, _ in drawn)]) as places:
+        if good:
+            io.write_detections(
+                places[wishes.output],
+                {name: one.got.detections for name, one in seen.items()},
+                names={name: _names(one, one.got.found) for name, one in seen.items()},
+            )
+        if wishes.explain is not None:
+            io.write_table(places[wishes.explain], _missing(seen))
+        for path, data in drawn:
+            places[path].write_bytes(data)
+    return tables + ([] if wishes.picture is None else [wishes.picture])
 
 
 def _look(image: NDArray[np.generic], expected: Predictions, polarity: str, options: dict[str, Any]) -> _Seen:
@@ -132,11 +145,12 @@ def _missing(seen: dict[str, _Seen]) -> dict[str, Any]:
     return columns
 
 
-def _draw(seen: dict[str, _Seen], wishes: Wishes) -> None:
+def _drawn(seen: dict[str, _Seen], wishes: Wishes) -> list[tuple[Path, bytes]]:
     if wishes.picture is None:
-        return
+        return []
     from windmark.app.pictures import matching_picture, png
 
+    drawn = []
     for k, (name, one) in enumerate(seen.items()):
         found = one.got.found
         spots = one.got.detections
@@ -144,7 +158,8 @@ def _draw(seen: dict[str, _Seen], wishes: Wishes) -> None:
             one.image, spots, np.arange(len(spots)), _names(one, found), one.expected.xy[found],
             one.expected.xy[~found], _names(one, ~found), name, guided=True,
         )  # fmt: skip
-        write_picture(wishes.picture, k + 1 if len(seen) > 1 else None, png(figure))
+        drawn.append((numbered(wishes.picture, k + 1 if len(seen) > 1 else None), png(figure)))
+    return drawn
 
 
 def _why(one: _Seen) -> str:

@@ -29,14 +29,12 @@ def compare(project: Path, laws: Sequence[str], frames: int, folder: Path | None
     if len(volumes) < 2:
         raise ValueError("nothing to compare: give --law, or [[volume.alternative]] in the project")
     folder = folder or OUTPUT
-    with console.progress() as show:
+    with console.progress() as show, console.result_folder(folder) as out:
         show("compile and find the first frame")
         result = compare_project(loaded, volumes, frames=frames, seed=seed, say=show)
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    with io.atomic_folder(folder) as place:
-        (place / "laws.png").write_bytes(png(laws_figure(result)))
+        (out.place / "laws.png").write_bytes(png(laws_figure(result)))
         columns = [asdict(s) for s in result.scores]
-        io.write_table(place / "laws.csv", {k: np.array([c[k] for c in columns]) for k in columns[0]})
+        io.write_table(out.place / "laws.csv", {k: np.array([c[k] for c in columns]) for k in columns[0]})
     record: dict[str, Any] = {
         "winner": result.winner or None, "verdict": result.verdict, "frames": list(result.frames),
         "frames_lost": list(result.lost), "misfit": float(np.sqrt(result.scale)),

@@ -69,10 +69,9 @@ def _save(folder: Path, shown: Mapping[str, Shown]) -> list[str]:
     from windmark.app.laws_pictures import law_picture
     from windmark.app.pictures import png
 
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    with io.atomic_folder(folder) as place:
+    with console.result_folder(folder) as out:
         for name, one in shown.items():
-            (place / f"{name}.png").write_bytes(png(law_picture(name, one)))
+            (out.place / f"{name}.png").write_bytes(png(law_picture(name, one)))
     return [f"{name}.png" for name in shown]
 
 

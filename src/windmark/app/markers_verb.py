@@ -49,16 +49,14 @@ def check(files: Files, settings: CheckSettings, as_json: bool) -> None:
         from windmark.pipeline.project import GridEntry
 
         mesh = read_grid(GridEntry(file=files.grid), lengths)
-    with console.progress() as show:
+    with console.progress() as show, console.result_folder(files.output) as out:
         done = check_markers(markers, files.unit, camera=camera, mesh=mesh, settings=settings, progress=show)
         show("draw")
-        files.output.parent.mkdir(parents=True, exist_ok=True)
-        with io.atomic_folder(files.output) as place:
-            record: Record = {"file": files.markers, **done.record(), "camera_file": files.camera,
-                              "grid_file": files.grid, "seconds": time.perf_counter() - start,
-                              "folder": files.output}  # fmt: skip
-            write_check(done, place, files.markers.name)
-            io.write_json(place / "summary.json", record)
+        record: Record = {"file": files.markers, **done.record(), "camera_file": files.camera,
+                          "grid_file": files.grid, "seconds": time.perf_counter() - start,
+                          "folder": files.output}  # fmt: skip
+        write_check(done, out.place, files.markers.name)
+        io.write_json(out.place / "summary.json", record)
     head, *lines = done.lines()
     page = files.output / "check.html"
     console.answer(

@@ -109,7 +109,7 @@ def run(files: Files, match: MatchOptions, as_json: bool) -> None:
     rough = None if files.rough is None else lengths.markers(files.rough)
     table = None if files.labels is None else read_labels(files.labels, files.names, primary)
     poses = {} if files.poses is None else read_poses(files.poses, files.names, lengths)
-    with console.progress() as show:
+    with console.progress() as show, console.result_folder(files.output) as out:
         clock = Clock(show)
         pictures, views = read_spots(files.images, files.cameras, files.patterns, match, clock)
         views = tuple(replace(v, cam_from_model=poses.get(v.name)) for v in views)
@@ -126,7 +126,7 @@ def run(files: Files, match: MatchOptions, as_json: bool) -> None:
         if result.free_scale:
             files = replace(files, unit=FREE_UNIT)
         pair = _pair(files, result, pictures)
-        content = _write(files, result, primary, pictures, pair, match, clock)
+        content = _write(out.place, files, result, primary, pictures, pair, match, clock)
     console.answer({**content, "folder": files.output}, as_json, _lines(result, primary, pictures, pair, files))
 
 
@@ -140,26 +140,24 @@ def _pair(files: Files, result: Reconstruction, pictures: Sequence[Picture]) -> 
 
 
 def _write(
-    files: Files, result: Reconstruction, primary: MarkerSet, pictures: Sequence[Picture], pair: PairLines | None,
-    match: MatchOptions, clock: Clock,
+    place: Path, files: Files, result: Reconstruction, primary: MarkerSet, pictures: Sequence[Picture],
+    pair: PairLines | None, match: MatchOptions, clock: Clock,
 ) -> Record:  # fmt: skip
     """The folder; what its summary holds."""
     from windmark.app.reconstruct_report import Shown, pair_png, reconstruction_report
 
-    files.output.parent.mkdir(parents=True, exist_ok=True)
-    with io.atomic_folder(files.output) as place:
-        with clock("write"):
-            write_reconstruction(result, place, files.unit, {p.name: p.detections for p in pictures})
-        content = record(result, primary, pictures, files.unit, pair)
-        with clock("draw report"):
-            paths = dict(zip(files.names, files.images, strict=True))
-            drawn = None if pair is None else pair_png(pair, paths, match)
-            shown = Shown(files.unit, primary, pictures, paths, match, pair, drawn)
-            page = reconstruction_report(result, shown, clock)
-        if drawn is not None:
-            (place / "pair.png").write_bytes(drawn)
-        (place / "report.html").write_text(page, encoding="utf-8")
-        io.write_json(place / "summary.json", {**content, "seconds": clock.seconds})
+    with clock("write"):
+        write_reconstruction(result, place, files.unit, {p.name: p.detections for p in pictures})
+    content = record(result, primary, pictures, files.unit, pair)
+    with clock("draw report"):
+        paths = dict(zip(files.names, files.images, strict=True))
+        drawn = None if pair is None else pair_png(pair, paths, match)
+        shown = Shown(files.unit, primary, pictures, paths, match, pair, drawn)
+        page = reconstruction_report(result, shown, clock)
+    if drawn is not None:
+        (place / "pair.png").write_bytes(drawn)
+    (place / "report.html").write_text(page, encoding="utf-8")
+    io.write_json(place / "summary.json", {**content, "seconds": clock.seconds})
     return content
 
 

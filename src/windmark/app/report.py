@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Iterable, Mapping, Sequence
+import os
+import traceback
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from html import escape
 from typing import Any
@@ -34,6 +37,21 @@ class Report:
     title: str
     subtitle: str = ""
     parts: list[str] = field(default_factory=list)
+    failed: list[str] = field(default_factory=list)
+    """Parts that are missing, with the reason."""
+
+    @contextmanager
+    def part(self, what: str) -> Iterator[None]:
+        """A part that fails alone: whatever goes wrong in it is said in its place and in ``failed``."""
+        before = len(self.parts)
+        try:
+            yield
+        except Exception as error:  # a drawing must never cost the numbers
+            at = traceback.extract_tb(error.__traceback__)[-1]
+            said = " ".join(str(error).split())[:300]
+            self.failed.append(f"{what}: {type(error).__name__}: {said} ({os.path.basename(at.filename)}:{at.lineno})")
+            del self.parts[before:]
+            self.text(f"This part is missing: {self.failed[-1]}", "bad")
 
     def heading(self, text: str, level: int = 2) -> None:
         """A heading of level 2 or 3."""

@@ -40,8 +40,8 @@ FILES = (
 )
 
 
-def run_report(result: RunResult, clock: Clock, truth: Comparison | None = None) -> str:
-    """The whole report as HTML. ``clock``: times of writing."""
+def run_report(result: RunResult, clock: Clock, truth: Comparison | None = None) -> Report:
+    """The whole report, what could not be drawn in its ``failed``. ``clock``: times of writing."""
     when = datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
     project = result.project
     report = Report(project.title, f"windmark {windmark.__version__}, {when}, length unit: {project.length_unit}")
@@ -52,14 +52,15 @@ def run_report(result: RunResult, clock: Clock, truth: Comparison | None = None)
     for item in result.images:
         _image(report, item, result)
     for group in result.merged:
-        merge_report.merged_part(report, group, project.length_unit)
+        with report.part(group.folder):
+            merge_report.merged_part(report, group, project.length_unit)
     _times(report, result, clock.seconds)
     report.heading("Files beside this report")
     report.text("One folder per image:")
     report.table(["file", "content"], (*FILES, *merge_report.FILES))
     report.heading("Options")
     report.table(["key", "value"], _flat(project.model_dump(mode="json", exclude={"path"}, by_alias=True)))
-    return report.html()
+    return report
 
 
 def _flat(value: Any, key: str = "") -> list[tuple[str, str]]:
@@ -97,6 +98,8 @@ def _overview(report: Report, result: RunResult) -> None:
     )
     for item in result.failed:
         report.text(f"{item.name}: {item.problem}", "bad")
+    for said in result.left_out:
+        report.text(f"left out: {said}", "bad")
 
 
 def _views(report: Report, result: RunResult) -> None:
@@ -137,23 +140,28 @@ def _image(report: Report, item: ImageResult, result: RunResult) -> None:
     if item.registered is not None and result.markers is not None:
         _registration(report, item, item.registered, result.markers, result.project.length_unit)
     elif item.image is not None and item.detections is not None:
-        report.picture(png(pictures.spots_picture(item.image, item.detections, item.name)), "Detected spots.")
+        with report.part(f"{item.name}: picture of the spots"):
+            report.picture(png(pictures.spots_picture(item.image, item.detections, item.name)), "Detected spots.")
     if item.nodes is not None and item.values is not None:
         _mapping(report, item, result)
     for view in item.views:
-        report.picture(
-            png(pictures.view_picture(view, result.project.length_unit)),
-            f"The image recomputed for another point of view: “{view.name}”. Pale: not seen by the camera.",
-        )
+        with report.part(f"{item.name}: picture of view {view.name}"):
+            report.picture(
+                png(pictures.view_picture(view, result.project.length_unit)),
+                f"The image recomputed for another point of view: “{view.name}”. Pale: not seen by the camera.",
+            )
     for section in item.sections:
-        report.picture(
-            png(pictures.section_picture(section, result.project.length_unit, item.quantity.label)),
-            f"Values along the cut “{section.name}”.",
-        )
-    merge_report.tables(report, item.points, result.project.length_unit, item.quantity.label)
-    alignment = figures.alignment_figure(item, result)
-    if alignment is not None:
-        report.picture(png(alignment), "3D alignment: what differs before and after the motion is compensated.")
+        with report.part(f"{item.name}: picture of section {section.name}"):
+            report.picture(
+                png(pictures.section_picture(section, result.project.length_unit, item.quantity.label)),
+                f"Values along the cut “{section.name}”.",
+            )
+    with report.part(f"{item.name}: points and lines"):
+        merge_report.tables(report, item.points, result.project.length_unit, item.quantity.label)
+    with report.part(f"{item.name}: picture of the alignment"):
+        alignment = figures.alignment_figure(item, result)
+        if alignment is not None:
+            report.picture(png(alignment), "3D alignment: what differs before and after the motion is compensated.")
 
 
 def _registration(report: Report, item: ImageResult, answer: Registration, markers: MarkerSet, unit: str) -> None:
@@ -168,13 +176,16 @@ def _registration(report: Report, item: ImageResult, answer: Registration, marke
         )
     if answer.unchecked:
         report.text(f"This picture cannot tell: {'; '.join(u.words for u in answer.unchecked)}.", "soft")
-    report.picture(
-        png(figures.matching_figure(item, markers)), "Which spot is which marker; yellow: residual vectors, magnified."
-    )
+    with report.part(f"{item.name}: picture of the matching"):
+        report.picture(
+            png(figures.matching_figure(item, markers)),
+            "Which spot is which marker; yellow: residual vectors, magnified.",
+        )
     if not len(answer.matching):
         return
     names, _, residual = figures.matched(item, markers)
-    report.picture(png(pictures.residual_picture(names, residual), dpi=88), "Residuals of the matched markers.")
+    with report.part(f"{item.name}: picture of the residuals"):
+        report.picture(png(pictures.residual_picture(names, residual), dpi=88), "Residuals of the matched markers.")
     xy, merit = (column[answer.matching.detection] for column in (item.detections.xy, item.detections.merit))
     report.table(
         ["marker", "x px", "y px", "dx px", "dy px", "distance px", "merit"],
@@ -248,16 +259,18 @@ def _mapping(report: Report, item: ImageResult, result: RunResult) -> None:
         ["nodes", "count", "share %"],
         [(NODE_STATES[k], n, f"{100 * n / max(len(values), 1):.1f}") for k, n in nodes.count().items() if n],
     )
-    report.picture(
-        png(figures.wireframe_figure(item, mesh)), "Visible grid lines projected with the pose found and the lens."
-    )
+    with report.part(f"{item.name}: picture of the grid lines"):
+        report.picture(
+            png(figures.wireframe_figure(item, mesh)), "Visible grid lines projected with the pose found and the lens."
+        )
     if item.quantity.words:
         report.text(f"{item.quantity.words[0].upper()}{item.quantity.words[1:]}.")
     if nodes.visible.any():
-        report.picture(
-            png(figures.surface_figure(item, mesh)),
-            "Values on the grid, seen from another side than the camera's. Grey: no value.",
-        )
+        with report.part(f"{item.name}: picture of the surface"):
+            report.picture(
+                png(figures.surface_figure(item, mesh)),
+                "Values on the grid, seen from another side than the camera's. Grey: no value.",
+            )
 
 
 def _times(report: Report, result: RunResult, seconds: dict[str, float]) -> None:

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from windmark import io
 from windmark.app import console
 
 Record = dict[str, Any]
@@ -36,11 +35,9 @@ def simulate(folder: Path, seed: int, wishes: Wishes, as_json: bool) -> None:
         raise ValueError("--clocks belongs to --deforming")
     make = {"infrared": _infrared, "deforming": _deforming, "cameras": _cameras, "photos": _photos, "": _default}
     write, describe = make[chosen[0] if chosen else ""](seed, wishes)
-    with console.progress() as show:
+    with console.progress() as show, console.result_folder(folder) as out:
         show("render the virtual wind tunnel")
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        with io.atomic_folder(folder) as place:
-            made = write(place)
+        made = write(out.place)
     record, lines = describe(made, folder)
     console.answer({"folder": folder, "seed": seed, **record}, as_json, lines)
 

@@ -16,14 +16,12 @@ Record = dict[str, Any]
 def study(settings: StudySettings, output: Path, as_json: bool) -> None:
     """Run the study and write table, pictures and page into ``output``, whole or not at all."""
     start = time.perf_counter()
-    output.parent.mkdir(parents=True, exist_ok=True)
-    with console.progress() as show:
+    with console.progress() as show, console.result_folder(output) as out:
         done = run_study(settings, show)
         show("draw")
-        with io.atomic_folder(output) as place:
-            write_study(done, place)
-            record = {**done.record(), "seconds": time.perf_counter() - start, "folder": output}
-            io.write_json(place / "summary.json", record)
+        write_study(done, out.place)
+        record = {**done.record(), "seconds": time.perf_counter() - start, "folder": output}
+        io.write_json(out.place / "summary.json", record)
     console.answer(record, as_json, [*map(_line, record["summary"]), f"report: {output / 'study.html'}"])
     if (done.missed == done.markers).all():
         console.refuse("no marker was found at these settings; nothing can be said of the error", as_json)

@@ -76,21 +76,20 @@ def follow_files(wishes: Wishes, options: Record, change: tuple[float, float], a
     instants = stamped_instants(images) if wishes.frames is None else read_instants(wishes.frames, images)
     start, last, polarity = time.perf_counter(), None, ""
     rows: list[PoseRow] = []
-    wishes.output.parent.mkdir(parents=True, exist_ok=True)
-    with console.progress(len(images)) as show:
+    with console.progress(len(images)) as show, console.result_folder(wishes.output) as out:
         for frame in follow(images, markers, camera, options=how, instants=instants):
             show(f"{frame.name}: {frame.status}")
             rows.append(PoseRow.of(frame))
             last = frame if frame.registered is not None else last
             polarity = frame.polarity or polarity
         show("write")
-        with io.atomic_folder(wishes.output) as place:
-            seconds = time.perf_counter() - start
-            record = {
-                **sequence_summary(rows, camera, unit), "seconds": seconds, "folder": wishes.output,
-                "polarity": polarity,
-            }  # fmt: skip
-            _write(place, rows, markers, camera, unit, record, last)
+        seconds = time.perf_counter() - start
+        record = {
+            **sequence_summary(rows, camera, unit), "seconds": seconds, "folder": wishes.output,
+            "polarity": polarity,
+        }  # fmt: skip
+        _write(out.place, rows, markers, camera, unit, record, last)
+        out.refused = last is None
     if last is None:
         console.refuse(f"no image gave a pose; the first: {rows[0].reason}", as_json, record)
     decided = ["bright markers: dark spots gave no pose"] if polarity == "bright" and how.polarity == "auto" else []

@@ -46,7 +46,8 @@ def undistort(images: list[Path], camera_file: Path, wishes: Wishes, as_json: bo
     target = corrected_camera(camera, keep=wishes.keep)
     magnified = None if wishes.magnify is None else magnified_camera(camera, wishes.magnify)
     written: dict[str, list[str]] = {}
-    with console.progress() as show, io.atomic_folder(wishes.output) as place:
+    with console.progress() as show, console.result_folder(wishes.output) as out:
+        place = out.place
         for path in images:
             show(f"undistort {path.name}")
             written[path.name] = _one(path, place, camera, target, magnified, wishes)

@@ -64,22 +64,21 @@ def carry_out(project: Project, truth: Callable[[RunResult], Comparison] | None 
     from windmark.app.run_report import run_report
 
     folder = project.output.folder
-    folder.parent.mkdir(parents=True, exist_ok=True)
     start = time.perf_counter()
-    with console.progress() as show:
+    with console.progress() as show, console.result_folder(folder) as out:
         clock = Clock(show)
         result = run_project(project, progress=show)
         comparison = truth(result) if truth else None
-        with io.atomic_folder(folder) as place:
-            outputs.write_results(result, place, clock)
-            with clock("draw report"):
-                page = run_report(result, clock, comparison)
-            (place / "report.html").write_text(page, encoding="utf-8")
-            clock.seconds["whole job"] = time.perf_counter() - start
-            record = outputs.summary(result, clock)
-            if comparison is not None:
-                record["truth"] = comparison.record()
-            io.write_json(place / "summary.json", record)
+        outputs.write_results(result, out.place, clock)
+        with clock("draw report"):
+            page = run_report(result, clock, comparison)
+        (out.place / "report.html").write_text(page.html(), encoding="utf-8")
+        clock.seconds["whole job"] = time.perf_counter() - start
+        record = {**outputs.summary(result, clock), "not_drawn": page.failed}
+        if comparison is not None:
+            record["truth"] = comparison.record()
+        io.write_json(out.place / "summary.json", record)
+        out.refused = _nothing(result)
     return result, record
 
 
@@ -90,12 +89,18 @@ def finish(result: RunResult, record: Record, as_json: bool) -> None:
     folder = result.project.output.folder
     lines = [image_line(item, result) for item in result.images]
     lines += [merge_line(item) for item in result.merged]
-    nothing = bool(result.failed) and len(result.failed) == len(result.images)
+    lines += [f"left out: {said}" for said in result.left_out] + [f"not drawn: {said}" for said in record["not_drawn"]]
+    nothing = _nothing(result)
     if not (nothing and as_json):  # a refusal brings the record with it: one document
         console.answer(record, as_json, [*lines, f"report: {folder / 'report.html'}"])
     if nothing:
         why = f"no image could be used; {result.failed[0].name}: {result.failed[0].problem}"
         console.refuse(why, as_json, record)
+
+
+def _nothing(result: RunResult) -> bool:
+    """Whether no image could be used."""
+    return bool(result.failed) and len(result.failed) == len(result.images)
 
 
 def image_line(item: ImageResult, result: RunResult) -> str:
@@ -161,11 +166,9 @@ def demo(folder: Path, seed: int, as_json: bool) -> None:
     from windmark.pipeline.truth import compare
 
     start = time.perf_counter()
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    with console.progress() as show:
+    with console.progress() as show, console.result_folder(folder) as out:
         show("render the virtual wind tunnel")
-        with io.atomic_folder(folder) as place:
-            test = write_test(place, seed)
+        test = write_test(out.place, seed)
     rendered = time.perf_counter() - start
     project = read_project(folder / "project.toml")
     result, record = carry_out(project, lambda done: compare(done, test))

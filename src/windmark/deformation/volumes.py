@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -160,6 +160,10 @@ class Placed:
     groups: tuple[tuple[NDArray[np.int64], _Chain], ...]
     _last: list[tuple[bytes, Array, Array]] = field(default_factory=list, repr=False)  # at most one, swapped as a whole
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Laws may be anything that can be called: a copy binds them again, and knows the same last place."""
+        return placed_again, (self.volumes, self.xyz, self.names, list(self._last), self.__dict__.get("rates"))
+
     @cached_property
     def rates(self) -> Array:
         """(K,) how far one unit of each parameter moves the farthest point, near the undeformed model."""
@@ -189,6 +193,17 @@ class Placed:
             out[index], by_q[index] = chain.linearise(q, by_q.shape[2])
         self._last[:] = [(q.tobytes(), out.copy(), by_q.copy())]
         return out, by_q
+
+
+def placed_again(
+    volumes: Volumes, xyz: Array, names: Texts, last: list[tuple[bytes, Array, Array]], rates: Array | None
+) -> Placed:
+    """Points bound to their laws as they were when they were copied, see `Placed`."""
+    placed = volumes.bind(xyz, names)
+    placed._last.extend(last)
+    if rates is not None:
+        placed.__dict__["rates"] = rates
+    return placed
 
 
 class _Link(NamedTuple):

@@ -2,7 +2,10 @@
 
 Numba keys a cached kernel on the content of its own file only. A kernel that inlines another file's
 function would go on with the old machine code after an upgrade or an edit of that other file. So the
-cached kernels beside the sources are dropped, once, whenever their file or one that it imports has changed.
+cached kernels are dropped, once, whenever their file or one that it imports has changed.
+
+They are beside the sources; where these cannot be written to, in the user's folder for caches, or else in a temporary
+one, which is said when it is made. ``NUMBA_CACHE_DIR`` is respected.
 """
 
 from __future__ import annotations
@@ -10,14 +13,78 @@ from __future__ import annotations
 import ast
 import hashlib
 import json
+import os
+import stat
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
-import numba as nb
+import numba
 
 __all__ = ["nb"]
 
-_PACKAGE = Path(__file__).resolve().parents[1]
+# As numba itself finds it: links are not followed, for the names of its folders are hashes of the paths.
+_PACKAGE = Path(os.path.abspath(__file__)).parents[1]
+
+
+def cache_root(package: Path) -> Path | None:
+    """The folder for compiled kernels where they cannot be beside their sources; None where they can.
+
+    Raises
+    ------
+    OSError
+        When nothing can be written anywhere.
+    """
+    if numba.config.CACHE_DIR:
+        return Path(numba.config.CACHE_DIR)
+    folders = {(package / name).parent for name in kernel_sources(package)}
+    if all(_writable(folder / "__pycache__") for folder in folders):
+        return None
+    user = _user_caches()
+    if user is not None and _writable(user / "windmark"):
+        return user / "windmark"
+    return _temporary_root()
+
+
+def _writable(folder: Path) -> bool:
+    """Whether files can be made in a folder, which is made if need be."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=folder).close()
+    except OSError:
+        return False
+    return True
+
+
+def _user_caches() -> Path | None:
+    """The user's folder for caches, by the custom of the system; None without a home."""
+    own = os.environ.get("LOCALAPPDATA" if os.name == "nt" else "XDG_CACHE_HOME", "")
+    if os.path.isabs(own):
+        return Path(own)
+    with suppress(RuntimeError):
+        return Path.home() / ("Library/Caches" if sys.platform == "darwin" else ".cache")
+    return None
+
+
+def _temporary_root() -> Path:
+    """A folder that is nobody else's: what lies in it is run as machine code."""
+    user = os.getuid() if hasattr(os, "getuid") else ""
+    root = Path(tempfile.gettempdir()) / f"windmark-kernels-{user}"
+    with suppress(FileExistsError):
+        root.mkdir(mode=0o700)
+        _say(f"neither the program's folder nor a home can be written to; compiled kernels are kept in {root}")
+    found = root.lstat()
+    foreign = hasattr(os, "getuid") and (found.st_uid != os.getuid() or stat.S_IMODE(found.st_mode) & 0o077)
+    if not stat.S_ISDIR(found.st_mode) or foreign or not _writable(root):
+        raise PermissionError(f"{root} is not ours alone")
+    return root
+
+
+def _say(text: str) -> None:
+    print(f"windmark: {text}", file=sys.stderr)  # noqa: T201 (at import there is no other way)
 
 
 def kernel_sources(package: Path) -> dict[str, str]:
@@ -29,27 +96,42 @@ def kernel_sources(package: Path) -> dict[str, str]:
     return {path.relative_to(package).as_posix(): _hash(path.read_bytes()) for path in sorted(set(paths))}
 
 
-def drop_stale_cache(package: Path) -> list[str]:
-    """Remove numba's files beside the sources where they were made from other sources; the paths of these.
+def drop_stale_cache(package: Path, root: Path | None = None) -> list[str]:
+    """Remove numba's files where they were made from other sources; the paths of these sources.
 
-    Where the package cannot be written to, numba caches elsewhere and nothing is done.
+    ``root``: numba's folder where the files are not beside the sources. Where it cannot be written to, nothing is done.
     """
-    mark = package / "__pycache__" / "kernels.json"
-    before, now = _read(mark), {"numba": nb.__version__, **kernel_sources(package)}
+    mark = package / "__pycache__" / "kernels.json" if root is None else root / f"kernels-{_hash_of(package)}.json"
+    before, now = _read(mark), {"numba": numba.__version__, **kernel_sources(package)}
     if before == now:
         return []
     stale = _importers(package, {name for name in {*before, *now} if before.get(name) != now.get(name)})
     every = "numba" in stale
     dropped = []
     with suppress(OSError):
-        for path in package.rglob("__pycache__/*.nb[ic]"):
-            source = (path.parent.parent / path.name.split(".")[0]).relative_to(package).as_posix() + ".py"
+        for path, source in _cached(package, root, {*before, *now} - {"numba"}):
             if every or source in stale or source not in now:
                 path.unlink(missing_ok=True)
                 dropped.append(source)
         mark.parent.mkdir(exist_ok=True)
         mark.write_text(json.dumps(now))
     return sorted(set(dropped))
+
+
+def _cached(package: Path, root: Path | None, names: set[str]) -> Iterator[tuple[Path, str]]:
+    """Numba's files, and of which source each is."""
+    if root is None:
+        for path in package.rglob("__pycache__/*.nb[ic]"):
+            yield path, (path.parent.parent / path.name.split(".")[0]).relative_to(package).as_posix() + ".py"
+        return
+    for folder in {(package / name).parent for name in names}:
+        for path in (root / f"{folder.name}_{_hash_of(folder)}").glob("*.nb[ic]"):
+            yield path, (folder / path.name.split(".")[0]).relative_to(package).as_posix() + ".py"
+
+
+def _hash_of(folder: Path) -> str:
+    """Of a path, as numba names the folders below its own."""
+    return hashlib.sha1(str(folder).encode()).hexdigest()
 
 
 def _importers(package: Path, changed: set[str]) -> set[str]:
@@ -88,4 +170,28 @@ def _hash(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()
 
 
-drop_stale_cache(_PACKAGE)
+class _Uncached:
+    """Numba without a cache on a disk."""
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(numba, name)
+
+    def njit(self, *args: Any, cache: bool = False, **options: Any) -> Callable[..., Any]:
+        """As numba's, ``cache`` left out."""
+        return numba.njit(*args, **options)
+
+
+def _ready(package: Path) -> Any:
+    """Numba with its cache in order."""
+    try:
+        root = cache_root(package)
+    except OSError as error:
+        _say(f"kernels are compiled anew every time, which takes minutes: nothing can be written ({error})")
+        return _Uncached()
+    if root is not None:
+        numba.config.CACHE_DIR = str(root)
+    drop_stale_cache(package, root)
+    return numba
+
+
+nb = _ready(_PACKAGE)

@@ -10,7 +10,7 @@ from typing import IO, TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.io.bounded import BoundedFile
+from windmark.io.bounded import BoundedFile, check_unpacked
 from windmark.io.errors import FileError
 from windmark.io.text import Pathlike
 
@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 _GUARD = threading.Lock()
 
 ORIENTATION = 0x0112
+_BYTES = {"I": 4, "F": 4, "I;16": 2, "I;16B": 2, "P": 3}
+"""Bytes of a band's pixel, as they are handed on."""
 
 
 def decode(path: Pathlike, formats: tuple[str, ...], frame: int = 0, content: IO[bytes] | None = None) -> NDArray[Any]:
@@ -34,7 +36,7 @@ def decode(path: Pathlike, formats: tuple[str, ...], frame: int = 0, content: IO
     """
     with open_picture(path if content is None else content, formats) as picture:
         picture.seek(frame)
-        check_plausible(path, picture.size)
+        check_plausible(path, picture.size, len(picture.getbands()) * _BYTES.get(picture.mode, 1))
         if picture.format == "TIFF":  # Pillow turns a TIFF by its metadata while it loads
             picture.getexif()[ORIENTATION] = 1
         deep = picture.format == "PNG" and _is_deep_colour(path)
@@ -67,16 +69,18 @@ def open_picture(source: Pathlike | IO[bytes], formats: tuple[str, ...]) -> Imag
             Image.MAX_IMAGE_PIXELS = limit
 
 
-def check_plausible(path: Pathlike, size_px: tuple[int, int]) -> None:
+def check_plausible(path: Pathlike, size_px: tuple[int, int], pixel_bytes: int) -> None:
     """Refuse a size that no compression can have put into so small a file, before the memory is filled with nothing.
 
-    Deflate reaches 1032 : 1, which is 8256 pixels of one bit per byte; the other compressions stay below.
+    Deflate reaches 1032 : 1, which is 8256 pixels of one bit per byte; the other compressions stay below. What takes
+    much memory is held to `check_unpacked`.
     """
     width, height = size_px
     if width < 1 or height < 1:
         raise FileError(path, f"damaged or cut off: {width} x {height} pixels")
     if width * height > 10_000 * os.path.getsize(path) + 1_000_000:
         raise FileError(path, f"damaged or cut off: {width} x {height} pixels cannot come from a file this small")
+    check_unpacked(path, width * height * pixel_bytes, os.path.getsize(path))
 
 
 def encode(kind: str, values: NDArray[Any]) -> bytes:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 import os
 import struct
 import zlib
@@ -14,12 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.io import _pillow
+from windmark.io.bounded import MOST_UNPACKED, check_unpacked
 from windmark.io.errors import FileError
 from windmark.io.text import Pathlike
 
 _WHITE_IS_ZERO, _BLACK_IS_ZERO, _RGB, _PALETTE, _YCBCR, _CFA, _LINEAR_RAW = 0, 1, 2, 3, 6, 32803, 34892
 _PLAIN = (_WHITE_IS_ZERO, _BLACK_IS_ZERO, _RGB, _PALETTE, _CFA, _LINEAR_RAW)
 _UNCOMPRESSED, _DEFLATE = 1, (8, 32946)
+_DEFLATE_TIMES, _PIECE = 1032, 2**20
 
 
 @contextmanager
@@ -118,15 +121,32 @@ class TiffStack:
 
 def _check(path: Pathlike, page: Any) -> None:
     """Rows that are missing must not come back as black."""
-    _pillow.check_plausible(path, (page.imagewidth, page.imagelength))
-    if page.nbytes > 10_000 * os.path.getsize(path) + 1_000_000:  # channels and bits may be damaged, too
-        raise FileError(path, f"damaged or cut off: {page.nbytes} bytes of pixels cannot come from a file this small")
-    segments = int(np.prod(page.chunked)) if page.chunked else 0
+    _pillow.check_plausible(path, (page.imagewidth, page.imagelength), 1)
+    check_unpacked(path, page.nbytes, os.path.getsize(path))  # channels and bits may be damaged, too
+    segments = math.prod(page.chunked) if page.chunked else 0
     counts = page.databytecounts
     most = os.path.getsize(path)
     whole = len(counts) >= segments and all(0 < count <= most for count in counts[:segments])
     if not segments or not whole or len(page.dataoffsets) < segments:
         raise FileError(path, f"page {page.index} lacks a part of its pixels")
+    if int(page.compression) in _DEFLATE and max(counts) * _DEFLATE_TIMES > MOST_UNPACKED:
+        for offset, size in zip(page.dataoffsets, counts, strict=False):  # libraries unpack all there is
+            page.parent.filehandle.seek(offset)
+            _inflated(path, page.parent.filehandle.read(size), page.nbytes, keep=False)
+
+
+def _inflated(path: Pathlike, data: bytes, most: int, *, keep: bool = True) -> bytes:
+    """The bytes of a deflated part of a page, at most ``most`` and some; none without ``keep``."""
+    stream, kept, size = zlib.decompressobj(), [], 0
+    while data and not stream.eof:
+        piece = stream.decompress(data, _PIECE)
+        data, size = stream.unconsumed_tail, size + len(piece)
+        kept += [piece] if keep else []
+        if size > most + _PIECE:
+            raise FileError(path, f"damaged: a part of a page unpacks to more than the page's {most} bytes")
+    if not stream.eof:
+        raise FileError(path, "damaged or cut off: a part of a page ends too early")
+    return b"".join(kept)
 
 
 def _is_simple(page: Any) -> bool:
@@ -145,7 +165,7 @@ def _unpacked(path: Pathlike, tif: Any, page: Any) -> NDArray[np.uint16]:
     for offset, size in zip(page.dataoffsets, page.databytecounts, strict=False):
         tif.filehandle.seek(offset)
         data = tif.filehandle.read(size)
-        data = zlib.decompress(data) if int(page.compression) in _DEFLATE else data
+        data = _inflated(path, data, height * row_bytes) if int(page.compression) in _DEFLATE else data
         whole = len(data) // row_bytes
         parts.append(np.frombuffer(data, dtype=np.uint8, count=whole * row_bytes).reshape(whole, row_bytes))
     packed = np.concatenate(parts)[:height]

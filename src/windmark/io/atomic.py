@@ -6,8 +6,8 @@ import os
 import secrets
 import shutil
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import IO, Any
 
@@ -33,17 +33,17 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
     """
     target = _checked_target(path)
     if os.path.exists(target) and not target.is_file():
-        with _writing(path, target):
+        with writing(path, target):
             yield target
         return
     temporary = target.with_name(f".windmark-{secrets.token_hex(6)}{target.suffix}")
     try:
-        with _writing(path, target, temporary):
+        with writing(path, target, temporary):
             temporary.touch(exist_ok=False)  # says early that the folder cannot be written to
             yield temporary
             if os.path.exists(target):
                 shutil.copymode(target, temporary)
-            _replace(temporary, target)
+            replace_file(temporary, target)
     finally:
         with suppress(OSError):  # gone already when all went well
             temporary.unlink(missing_ok=True)
@@ -66,6 +66,38 @@ def atomic_write(path: str | os.PathLike[str], mode: str = "w") -> Iterator[IO[A
 
 
 @contextmanager
+def atomic_paths(paths: Iterable[Path]) -> Iterator[dict[Path, Path]]:
+    """`atomic_path` for several files that belong together: none of them changes before all are written.
+
+    Gives the temporary name of each.
+    """
+    with ExitStack() as stack:
+        places = {path: stack.enter_context(atomic_path(path)) for path in paths}
+        try:
+            yield places
+        except FileError as error:  # the user knows the file by its own name
+            real = {temporary: path for path, temporary in places.items()}
+            raise FileError(real.get(error.path, error.path), error.what, error.where) from error
+
+
+def try_paths(paths: Iterable[Path]) -> None:
+    """Try that these files can be written, before the work that their content takes.
+
+    Raises
+    ------
+    FileError
+        For the first one that cannot, with the reason.
+    """
+    for path in paths:
+        target = _checked_target(path)
+        if not os.path.exists(target) or target.is_file():
+            temporary = target.with_name(f".windmark-{secrets.token_hex(6)}{target.suffix}")
+            with writing(path, target, temporary):
+                temporary.touch(exist_ok=False)
+                temporary.unlink()
+
+
+@contextmanager
 def atomic_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Give a temporary folder; the files written there move into ``path`` together when the block ends.
 
@@ -84,7 +116,7 @@ def atomic_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
         raise FileError(path, f"the folder {target.parent} does not exist")
     staging = target.with_name(f".windmark-{secrets.token_hex(6)}")
     try:
-        with _writing(path, target, staging):
+        with writing(path, target, staging):
             new = staging / "new"
             new.mkdir(parents=True)
             yield new
@@ -106,8 +138,8 @@ def _move_all(new: Path, target: Path, old: Path) -> None:
             replaced = place.exists()
             done.append((place, backup, replaced))
             if replaced:
-                _replace(place, backup)
-            _replace(source, place)
+                replace_file(place, backup)
+            replace_file(source, place)
         target.mkdir(exist_ok=True)
     except BaseException:
         for place, backup, replaced in reversed(done):
@@ -123,6 +155,12 @@ def _move_all(new: Path, target: Path, old: Path) -> None:
 
 def _checked_target(path: str | os.PathLike[str]) -> Path:
     target = Path(os.path.realpath(path))
+    try:
+        os.stat(path)
+    except FileNotFoundError:
+        pass
+    except OSError as error:
+        raise FileError(path, f"cannot be written: {reason(error)}") from error
     # os.path, not Path: a name the system cannot even look up is simply not there.
     if os.path.isdir(target):
         raise FileError(path, "this is a folder; expected a file name")
@@ -134,7 +172,7 @@ def _checked_target(path: str | os.PathLike[str]) -> Path:
 
 
 @contextmanager
-def _writing(path: str | os.PathLike[str], *ours: Path) -> Iterator[None]:
+def writing(path: str | os.PathLike[str], *ours: Path) -> Iterator[None]:
     """`FileError` for refusals that concern our own file; an error about another file passes."""
     try:
         yield
@@ -145,7 +183,8 @@ def _writing(path: str | os.PathLike[str], *ours: Path) -> Iterator[None]:
         raise FileError(path, f"cannot be written: {reason(error)}") from error
 
 
-def _replace(source: Path, target: Path) -> None:
+def replace_file(source: Path, target: Path) -> None:
+    """Rename, over an older file; on Windows a file that somebody holds for a moment is waited for."""
     for delay_s in _RETRY_AFTER_S:
         try:
             os.replace(source, target)

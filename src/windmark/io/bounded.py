@@ -6,7 +6,7 @@ import io
 import os
 from typing import Any
 
-from windmark.io.errors import reading
+from windmark.io.errors import FileError, reading
 from windmark.io.text import Pathlike
 
 
@@ -42,6 +42,26 @@ class _Raw(io.RawIOBase):
         if not self.closed:
             self._file.close()
         super().close()
+
+
+MOST_UNPACKED, MOST_TIMES = 512 * 2**20, 100
+
+
+def check_unpacked(path: Pathlike, needed: int, stored: int, where: str | None = None) -> None:
+    """Refuse contents that a damaged, or malicious, file blows up: over 512 MiB and 100 times what is stored.
+
+    Deflate can reach 1032 : 1 on nothing but zeros. Pictures of cameras stay below 10 : 1, and masks of 500 megapixels
+    are within the first part; what is really larger can be stored uncompressed.
+
+    Parameters
+    ----------
+    path, where : the file and the place in it, for the error
+    needed : bytes of what is to be unpacked at once
+    stored : bytes that there are for it
+    """
+    if needed > MOST_UNPACKED + MOST_TIMES * stored:
+        what = f"damaged, or packed beyond belief: {needed / 2**20:.0f} MiB are to come from {stored / 2**20:.3g} MiB"
+        raise FileError(path, f"{what}; expected at most 100 times as much (store it uncompressed)", where)
 
 
 class BoundedFile(io.BufferedReader):

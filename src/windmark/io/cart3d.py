@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 
 import numpy as np
@@ -41,6 +40,10 @@ def read_cart3d(path: str | os.PathLike[str], *, volumes: Volumes = None) -> Mes
         k = int(np.argmax(bad.any(axis=1)))
         what = f"names the vertices {corners[k].tolist()}; expected whole numbers 1 to {len(vertices)}"
         raise FileError(path, what, f"triangle {k + 1}")
+    odd = ~(np.abs(component) < 2**31) | (component != np.floor(component))
+    if odd.any():
+        k = int(np.argmax(odd))
+        raise FileError(path, f"its component is {component[k]:g}; expected a whole number", f"triangle {k + 1}")
     numbers, which = np.unique(component, return_inverse=True)
     found = [f"comp{int(n):02d}" for n in numbers] if component.any() else ["model"]
     names = np.array(rename_volumes(found, volumes), dtype=np.str_)
@@ -52,7 +55,7 @@ Parts = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
 
 def _from_text(path: str | os.PathLike[str], numbers: NumberText) -> Parts:
     head = numbers.head(2)
-    if len(head) < 2 or not all(n >= 1 and n == math.floor(n) for n in head.tolist()):
+    if len(head) < 2 or not all(n >= 1 and n.is_integer() for n in head.tolist()):
         raise FileError(path, f"begins with {head.tolist()}; expected the numbers of vertices and triangles", 1)
     n_vertices, n_triangles = (int(n) for n in head)
     short = 2 + 3 * n_vertices + 3 * n_triangles

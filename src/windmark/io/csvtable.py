@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import csv
 import io
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import chain
 from typing import Any, NoReturn
 
@@ -13,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from windmark.io.atomic import atomic_write
-from windmark.io.errors import FileError
+from windmark.io.errors import LONGEST_NAME, FileError
 from windmark.io.text import Pathlike, read_text
 
 Array = NDArray[np.float64]
@@ -35,12 +37,27 @@ class Table:
         return len(self.rows)
 
     def __contains__(self, column: str) -> bool:
-        return column in self.columns
+        return column in self._place
+
+    @cached_property
+    def _place(self) -> dict[str, int]:
+        return {column: k for k, column in enumerate(self.columns)}
 
     def text(self, column: str) -> list[str]:
-        """The cells of one column."""
-        k = self.columns.index(column)
-        return [row[k] for row in self.rows]
+        """The cells of one column.
+
+        Raises
+        ------
+        FileError
+            For a cell of more than 256 characters, as a quote that is not closed makes them.
+        """
+        k = self._place[column]
+        cells = [row[k] for row in self.rows]
+        for row, cell in enumerate(cells):
+            if len(cell) > LONGEST_NAME:
+                what = f"{column} begins {cell[:20]!r} and has {len(cell)} characters"
+                self.fail(row, f"{what}; expected at most {LONGEST_NAME}")
+        return cells
 
     def names(self) -> list[str]:
         """The column ``name``: no cell empty, none twice.
@@ -199,13 +216,14 @@ def _check_header(
     path: Pathlike, line: int, columns: tuple[str, ...], required: Sequence[str], known: Sequence[str] | None
 ) -> None:
     listed = f"the columns are {','.join(known or required)}"
+    there, allowed = Counter(columns), None if known is None else set(known)
     for column in required:
-        if column not in columns:
+        if column not in there:
             raise FileError(path, f"no column {column!r} in the header {','.join(columns)!r}; {listed}", line)
     for column in columns:
-        if known is not None and column not in known:
+        if allowed is not None and column not in allowed:
             raise FileError(path, f"unknown column {column!r}; {listed}", line)
-        if columns.count(column) > 1:
+        if there[column] > 1:
             raise FileError(path, f"the column {column!r} is there more than once", line)
 
 

@@ -10,11 +10,14 @@ from pathlib import Path
 
 from windmark.geometry.errors import WindmarkError
 
+LONGEST_NAME = 256
+"""Characters of a name: as an array it takes for every row or triangle as much memory as the longest of them."""
+
 
 class FileError(WindmarkError):
     """A file that is missing, damaged, not what was expected, or cannot be written.
 
-    The message is ``PATH: WHERE: what is wrong; expected ...``, on one line.
+    The message is ``PATH: WHERE: what is wrong; expected ...``, on one line of bounded length, whatever the file holds.
 
     Parameters
     ----------
@@ -24,7 +27,8 @@ class FileError(WindmarkError):
     """
 
     def __init__(self, path: str | os.PathLike[str], what: str, where: int | str | None = None) -> None:
-        place = f"line {where}" if isinstance(where, int) else where
+        place = f"line {where}" if isinstance(where, int) else None if where is None else _one_line(where, 200)
+        what = _one_line(what, 800)
         super().__init__(": ".join(str(part) for part in (os.fspath(path), place, what) if part))
         self.path = Path(path)
         self.what = what
@@ -33,6 +37,12 @@ class FileError(WindmarkError):
     def __reduce__(self) -> tuple[type[FileError], tuple[str, str, str | None]]:
         # The default rebuilds from the message alone, and errors must cross process borders.
         return type(self), (os.fspath(self.path), self.what, self.where)
+
+
+def _one_line(text: str, most: int) -> str:
+    """Words of a file inside a message, without its line ends; the middle of what is too long is left out."""
+    line = " ".join(text.splitlines()) if len(text.splitlines()) > 1 else text
+    return line if len(line) <= most else f"{line[: most // 2]} ... {line[-most // 2 :]}"
 
 
 _REASONS = {
@@ -45,6 +55,10 @@ _REASONS = {
     errno.EFBIG: "the file is larger than is allowed",
     errno.EROFS: "the disk is read-only",
     errno.ENAMETOOLONG: "the name is too long",
+    errno.ENOTDIR: "a part of its path is a file; expected a folder",
+    errno.ELOOP: "its links lead in a circle",
+    errno.EXDEV: "it lies on another disk",
+    errno.EIO: "the disk has a fault",
 }
 
 
@@ -53,9 +67,29 @@ def reason(error: OSError) -> str:
     return _REASONS.get(error.errno or 0) or error.strerror or str(error) or type(error).__name__
 
 
+_WITNESSES: list[set[str]] = []
+"""Of jobs that want to know which files were read: the outermost first."""
+
+
+@contextmanager
+def witness() -> Iterator[set[str]]:
+    """The paths of all files that are read in this block, by any thread; an outer block's, where there is one."""
+    if _WITNESSES:
+        yield _WITNESSES[0]
+        return
+    seen: set[str] = set()
+    _WITNESSES.append(seen)
+    try:
+        yield seen
+    finally:
+        _WITNESSES.remove(seen)
+
+
 @contextmanager
 def reading(path: str | os.PathLike[str]) -> Iterator[None]:
     """Turn what the operating system says against reading ``path`` into `FileError`."""
+    for seen in _WITNESSES:
+        seen.add(os.path.abspath(path))
     try:
         yield
     except OSError as error:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +18,8 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 TABLES = (".csv", ".txt")
+_CROSSINGS = 2**21
+_FARTHEST_PX = 1e9
 
 
 def read_mask(path: Pathlike, shape: tuple[int, ...]) -> Mask:
@@ -42,17 +46,18 @@ def read_mask(path: Pathlike, shape: tuple[int, ...]) -> Mask:
 def _from_table(path: Pathlike, shape: tuple[int, ...]) -> Mask:
     table = read_table(path, required=("x", "y"), known=("polygon", "x", "y"))
     corners = np.column_stack([table.numbers("x"), table.numbers("y")])
+    table.check((np.abs(corners) < _FARTHEST_PX).all(axis=1), "x and y must be pixels, within a thousand million")
     names = table.text("polygon") if "polygon" in table else [""] * len(corners)
-    inside = np.zeros(tuple(shape), dtype=bool)
     if not names:
         raise FileError(path, "the table has no corners; expected at least three of a polygon")
-    for name in dict.fromkeys(names):
-        mine = np.array([other == name for other in names])
-        if mine.sum() < 3:
+    polygons: dict[str, list[int]] = {}
+    for row, name in enumerate(names):
+        polygons.setdefault(name, []).append(row)
+    for name, rows in polygons.items():
+        if len(rows) < 3:
             which = f"polygon {name!r}" if name else "the polygon"
-            raise FileError(path, f"{which} has {mine.sum()} corners; expected at least three")
-        inside ^= polygon_pixels(corners[mine], inside.shape)
-    return inside
+            raise FileError(path, f"{which} has {len(rows)} corners; expected at least three")
+    return _filled([corners[rows] for rows in polygons.values()], shape)
 
 
 def polygon_pixels(corners: ArrayLike, shape: tuple[int, ...]) -> Mask:
@@ -61,14 +66,32 @@ def polygon_pixels(corners: ArrayLike, shape: tuple[int, ...]) -> Mask:
     Each row is filled between its crossings with the sides; a side counts with its upper end and without its lower one,
     so that polygons with a common side share no pixel.
     """
-    xy = np.asarray(corners, dtype=float)
+    return _filled([np.asarray(corners, dtype=float)], shape)
+
+
+def _filled(polygons: Sequence[Array], shape: tuple[int, ...]) -> Mask:
+    """Pixels inside an odd number of the polygons: those with an odd number of sides to their left."""
     height, width = shape
-    inside = np.zeros((height, width), dtype=bool)
-    (x0, y0), (x1, y1) = xy.T, np.roll(xy, -1, axis=0).T
-    for row in range(max(0, int(np.ceil(xy[:, 1].min()))), min(height - 1, int(np.floor(xy[:, 1].max()))) + 1):
-        across = (y0 <= row) != (y1 <= row)
-        places = np.sort(x0[across] + (row - y0[across]) * (x1[across] - x0[across]) / (y1[across] - y0[across]))
-        edges = np.clip(np.ceil(places), 0, width).astype(np.int64)
-        for left, right in zip(edges[::2], edges[1::2], strict=True):
-            inside[row, left:right] = True
-    return inside
+    ends = [np.stack([xy, np.roll(xy, -1, axis=0)], axis=1) for xy in polygons]
+    sides = np.concatenate(ends)  # (S, 2, 2): beginning and end, x and y
+    low, high = np.sort(sides[:, :, 1], axis=1).T
+    first = np.clip(np.ceil(low), 0, height).astype(np.int64)  # low <= row < high
+    behind = np.clip(np.ceil(high), 0, height).astype(np.int64)
+    odd = np.zeros((height, width + 1), dtype=bool)
+    for part in _parts_of(np.maximum(behind - first, 0)):
+        (x0, y0), (x1, y1) = sides[part, 0].T, sides[part, 1].T
+        count = np.maximum(behind[part] - first[part], 0)
+        k = np.repeat(np.arange(len(count)), count)
+        row = first[part][k] + np.arange(len(k)) - (np.cumsum(count) - count)[k]
+        places = x0[k] + (row - y0[k]) * (x1[k] - x0[k]) / (y1[k] - y0[k])
+        column = np.clip(np.ceil(places), 0, width).astype(np.int64)
+        odd ^= np.bincount(row * (width + 1) + column, minlength=odd.size).reshape(odd.shape) % 2 == 1
+    return np.logical_xor.accumulate(odd, axis=1)[:, :width]
+
+
+def _parts_of(counts: NDArray[np.int64]) -> Iterator[slice]:
+    """Runs of sides that cross some millions of rows."""
+    total = np.cumsum(counts)
+    cuts = np.searchsorted(total, np.arange(_CROSSINGS, total[-1], _CROSSINGS)) + 1
+    bounds = [0, *np.unique(cuts[cuts < len(counts)]).tolist(), len(counts)]
+    yield from (slice(a, b) for a, b in pairwise(bounds))

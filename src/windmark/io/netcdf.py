@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import io
 import json
+import math
 import os
 from collections.abc import Mapping
 from typing import Any
@@ -11,9 +11,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from windmark.io.apart import Content, read_apart
 from windmark.io.atomic import atomic_path
-from windmark.io.errors import FileError, reading
+from windmark.io.bounded import check_unpacked
+from windmark.io.errors import FileError
 from windmark.io.fields import LENGTH, checked_fields, written_by
+from windmark.io.mesh_content import check_names, content_mesh, mesh_content
+from windmark.io.recordings.hdf import check_stored
 from windmark.scene import Block, Mesh
 
 RESERVED = ("vertices", "triangles", "triangle_volume", "volume", "blanked", "block", "block_shape", "block_first",
@@ -117,13 +121,20 @@ def read_nodes_netcdf(
     FileError
         For a file that is no such file.
     """
+    content = read_apart("windmark.io.netcdf:netcdf_content", path)
+    fields = {name: content[f"field{k}"] for k, name in enumerate(content["fields"])}
+    mesh, units, history = content_mesh(content), content["units"], content["history"]
+    return mesh, fields, {name: unit for name, unit in units.items() if unit}, history
+
+
+def netcdf_content(path: str) -> Content:
+    """What stands in the file, as `read_apart` takes it: HDF5 follows damaged chains for ever, or ends the process."""
     import h5py
 
-    with reading(path), open(path, "rb") as stream:
-        content = io.BytesIO(stream.read())
     try:
-        with h5py.File(content, "r") as file:
-            mesh = _read_mesh(file)
+        with h5py.File(path, "r") as file:
+            _check_sizes(path, file)
+            mesh = _read_mesh(path, file)
             fields = {
                 name: file[name][()]
                 for name, variable in file.items()
@@ -132,13 +143,30 @@ def read_nodes_netcdf(
             units = {name: _text(file[name].attrs.get("units", "")) for name in fields}
             units[LENGTH] = mesh.length_unit
             history = json.loads(_text(file.attrs["history"]))
+    except (FileError, MemoryError):
+        raise
     except Exception as error:  # HDF5 and its layers report damage in many ways
-        raise FileError(path, f"expected a NetCDF file of node values by windmark ({error})") from error
-    return mesh, fields, {name: unit for name, unit in units.items() if unit}, history
+        said = " ".join(str(error).split())[:300]
+        raise FileError(path, f"expected a NetCDF file of node values by windmark ({said})") from error
+    content = mesh_content(path, mesh) | {f"field{k}": values for k, values in enumerate(fields.values())}
+    return {**content, "fields": list(fields), "units": units, "history": history}
 
 
-def _read_mesh(file: Any) -> Mesh:
-    volume = np.array([_text(name) for name in file["volume"][()]], dtype=np.str_)[file["triangle_volume"][()]]
+def _check_sizes(path: str, file: Any) -> None:
+    import h5py
+
+    for name, variable in file.items():
+        is_dimension = _text(variable.attrs.get("NAME", "")).startswith("This is a netCDF dimension but not a")
+        if isinstance(variable, h5py.Dataset) and variable.shape is not None and not is_dimension:
+            check_stored(path, variable, name)
+            size = variable.dtype.itemsize * math.prod(variable.shape)
+            check_unpacked(path, size, variable.id.get_storage_size(), name)
+
+
+def _read_mesh(path: str, file: Any) -> Mesh:
+    names = [_text(name) for name in file["volume"][()]]
+    check_names(path, names, "volume")
+    volume = np.array(names, dtype=np.str_)[file["triangle_volume"][()]]
     blanked = file["blanked"][()] != 0 if "blanked" in file else None
     blocks: tuple[Block, ...] = ()
     if "block_shape" in file:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +18,10 @@ _NO_E = re.compile(rb"^([+-]?[0-9.]*[0-9.])([+-][0-9]+)$")  # Fortran's 0.123-10
 _TO_C = bytes.maketrans(b",dDqQ", b" eEeE")
 _CHUNK_VALUES = 65536
 _FIRST = 100
+_PIECE = 2**22
+_GAP = re.compile(rb"[ \t\r\n\f\v,]")
+_MOST_PER_BYTE, _FEW = 16, 2**20
+"""Numbers that repeat counts may make of a byte: of a flat, wholly blanked grid still one of four is written out."""
 
 
 @dataclass(frozen=True)
@@ -64,23 +68,52 @@ def parse_numbers(raw: bytes, path: str | os.PathLike[str], first_line: int = 1,
     Raises
     ------
     FileError
-        For a word that is no number: names its line.
+        For a word that is no number: names its line. For repeat counts that make over 16 numbers of each byte.
     """
     folded = repeats and b"*" in raw
-    words = raw.translate(_TO_C).split()
+    values, counts, first_words, line = [], [], (), first_line
+    for part in _parts(raw):
+        words = part.translate(_TO_C).split()
+        numbers, times = _numbers(path, part, words, line, folded)
+        values.append(numbers)
+        counts.append(times)
+        first_words = first_words or tuple(words[:_FIRST])
+        line += part.count(b"\n")
+    text = NumberText(np.concatenate(values), np.concatenate(counts) if folded else None, first_words)
+    if text.total > _MOST_PER_BYTE * len(raw) + _FEW:
+        what = f"the repeat counts stand for {text.total} numbers, in {len(raw)} bytes"
+        raise FileError(path, f"{what}; expected at most {_MOST_PER_BYTE} per byte, for no surface repeats all of them")
+    return text
+
+
+def _parts(raw: bytes) -> Iterator[bytes]:
+    """The text in pieces of whole words: as words it takes twenty times its memory."""
+    start = 0
+    while start < len(raw) or not start:
+        end = _GAP.search(raw, min(start + _PIECE, len(raw)))
+        stop = end.end() if end else len(raw)
+        yield raw[start:stop]
+        start = max(stop, 1)
+
+
+def _numbers(
+    path: str | os.PathLike[str], part: bytes, words: list[bytes], line: int, folded: bool
+) -> tuple[Array, NDArray[np.int64]]:
+    """Numbers and their repeat counts, those of a text without ``folded`` empty."""
+    none = np.zeros(0, dtype=np.int64)
     try:
         if not folded:
-            return NumberText(np.array(list(map(float, words)), dtype=float), None, tuple(words[:_FIRST]))
+            return np.array(list(map(float, words)), dtype=float), none
     except ValueError:
         pass  # a rare spelling, or no number at all: word by word
     values = np.empty(len(words))
     counts = np.ones(len(words), dtype=np.int64)
     for k, word in enumerate(words):
         try:
-            values[k], counts[k] = _number(word, repeats)
+            values[k], counts[k] = _number(word, folded)
         except (ValueError, OverflowError):
-            raise FileError(path, _expected_number(word), first_line + _line_of_word(raw, k)) from None
-    return NumberText(values, counts if folded else None, tuple(words[:_FIRST]))
+            raise FileError(path, _expected_number(word), line + _line_of_word(part, k)) from None
+    return values, counts if folded else none
 
 
 def _number(word: bytes, repeats: bool) -> tuple[float, int]:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from windmark.io.atomic import atomic_path
 from windmark.io.errors import FileError, reading
 from windmark.io.fields import single_is_exact, written_by
+from windmark.io.mesh_content import check_names
 from windmark.io.numbers_text import format_rows, parse_numbers
 from windmark.io.polygons import fan_triangles
 from windmark.io.structured import Volumes, rename_volumes
@@ -53,6 +54,7 @@ def read_obj(path: str | os.PathLike[str], *, volumes: Volumes = None) -> Mesh:
             group_of_face.append(len(groups) - 1)
         elif word in (b"o", b"g"):
             groups.append(rest.decode("utf-8", "replace").strip() or "model")
+            check_names(path, groups[-1:], k + 1)
     if not seen:
         raise FileError(path, f"has {count} vertices but no faces; expected a surface")
     triangles, face = _fans(path, faces, np.array(seen), count)

@@ -72,6 +72,7 @@ def read_ply(path: str | os.PathLike[str], *, volumes: Volumes = None) -> Mesh:
     with reading(path):
         raw = Path(path).read_bytes()
     elements, form, body_at = _header(path, raw)
+    _check_names(path, elements)
     if form == "ascii":
         # Numbers in text are laid out as doubles, and then read as the binary forms are.
         first_line = raw.count(b"\n", 0, body_at) + 1
@@ -120,6 +121,16 @@ def _header(path: str | os.PathLike[str], raw: bytes) -> tuple[list[_Element], s
         except (IndexError, KeyError, ValueError):
             raise FileError(path, f"expected a line of a PLY header, got {' '.join(words)[:40]!r}", number) from None
     raise FileError(path, "expected a PLY header: ply, format, element, property and end_header lines")
+
+
+def _check_names(path: str | os.PathLike[str], elements: list[_Element]) -> None:
+    """No element twice, and no property twice in one."""
+    for where, names in (("header", [e.name for e in elements]), *(
+        (f"element {e.name}", [p.name for p in e.properties]) for e in elements
+    )):  # fmt: skip
+        if len(set(names)) < len(names):
+            twice = next(name for name in names if names.count(name) > 1)
+            raise FileError(path, f"{twice!r} is there more than once", where)
 
 
 def _as_doubles(element: _Element) -> _Element:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from windmark.io.atomic import atomic_path
 from windmark.io.errors import FileError, reading
 from windmark.io.fields import written_by
+from windmark.io.mesh_content import check_names
 from windmark.io.numbers_text import parse_numbers
 from windmark.io.structured import Volumes, rename_volumes
 from windmark.scene import Mesh
@@ -60,10 +61,13 @@ def read_stl(path: str | os.PathLike[str], *, volumes: Volumes = None) -> Mesh:
 def _ascii(raw: bytes, path: str | os.PathLike[str]) -> tuple[NDArray[np.float64], list[str], NDArray[np.int64]]:
     """Corners (T, 3, 3), names of the solids, and the solid of each triangle."""
     matches = list(_SOLID.finditer(raw))
+    if not matches:
+        raise FileError(path, "begins with 'solid', but has no line of that word; expected an STL file")
     corners, names, of_triangle = [], [], []
+    line, at = 1, 0
     for match, after in zip(matches, [*matches[1:], None], strict=True):
         body = raw[match.end() : after.start() if after else len(raw)]
-        line = raw.count(b"\n", 0, match.end()) + 1
+        line, at = line + raw.count(b"\n", at, match.end()), match.end()
         words = _VERTEX.findall(body)
         numbers = _corner_numbers(path, words, body, line)
         if (
@@ -75,6 +79,7 @@ def _ascii(raw: bytes, path: str | os.PathLike[str]) -> tuple[NDArray[np.float64
             raise FileError(path, what, f"solid at line {line}")
         corners.append(numbers.reshape(-1, 3, 3))
         names.append(match[1].decode("utf-8", "replace").strip() or "model")
+        check_names(path, names[-1:], line)
         of_triangle.append(np.full(len(corners[-1]), len(names) - 1))
     return np.concatenate(corners), names, np.concatenate(of_triangle)
 

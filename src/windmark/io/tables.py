@@ -110,8 +110,10 @@ def read_detections(path: Pathlike, *, sigma_px: float = 0.1) -> dict[str, Detec
         depth=_optional(table, "depth"),
         flags=_flags(table),
     )
-    images = np.array(table.text("image") if "image" in table else [""] * len(table), dtype=np.str_)
-    return {name: spots.take(images == name) for name in dict.fromkeys(images.tolist())}
+    rows: dict[str, list[int]] = {}
+    for row, image in enumerate(table.text("image") if "image" in table else [""] * len(table)):
+        rows.setdefault(image, []).append(row)
+    return {image: spots.take(np.array(own)) for image, own in rows.items()}
 
 
 def read_detection_names(path: Pathlike) -> dict[str, list[str]]:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from windmark.io.errors import FileError, reading
 from windmark.io.fields import LENGTH, split_label
+from windmark.io.mesh_content import check_names
 from windmark.io.numbers_text import NumberText, parse_numbers
 from windmark.io.structured import Volumes, rename_volumes, structured_mesh
 from windmark.io.tecplot import equals_fill
@@ -235,7 +236,9 @@ def _part(path: Path, zone: _Zone, n_variables: int, index: int) -> _Part:
     columns = values.reshape(-1, n_variables).T if packing == "POINT" else values.reshape(n_variables, -1)
     corners = _corners(path, zone, numbers, n_values, nodes, per_element)
     name = settings.get("T", f"zone{index + 1:02d}")
-    return _Part(name, zone.aux.get("volume", name), columns, corners, shape, shared)
+    volume = zone.aux.get("volume", name)
+    check_names(path, (name, volume), zone.line)
+    return _Part(name, volume, columns, corners, shape, shared)
 
 
 def _kind(path: Path, zone: _Zone, settings: dict[str, str], n_variables: int) -> tuple[str, str]:

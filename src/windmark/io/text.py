@@ -6,6 +6,7 @@ import dataclasses
 import json
 import math
 import os
+from collections import Counter
 from collections.abc import Mapping
 from typing import Any
 
@@ -55,11 +56,12 @@ def parse_json(path: Pathlike, text: str) -> Any:
     """As `read_json`, of text already read from ``path``."""
 
     def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-        keys = [key for key, _ in pairs]
-        twice = sorted({key for key in keys if keys.count(key) > 1}) if len(set(keys)) < len(keys) else []
-        if twice:
-            raise FileError(path, "the key is there more than once", f"key {twice[0]!r}")
-        return dict(pairs)
+        content = dict(pairs)
+        if len(content) < len(pairs):
+            times = Counter(key for key, _ in pairs)
+            first = min(key for key in content if times[key] > 1)
+            raise FileError(path, "the key is there more than once", f"key {first!r}")
+        return content
 
     def refuse(constant: str) -> None:
         raise FileError(path, f"{constant} is not JSON; expected a number or null")

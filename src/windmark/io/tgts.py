@@ -18,6 +18,7 @@ import numpy as np
 from windmark.io.atomic import atomic_write
 from windmark.io.errors import FileError
 from windmark.io.fields import written_by
+from windmark.io.mesh_content import check_names
 from windmark.io.text import Pathlike, read_text
 from windmark.scene import MarkerSet
 
@@ -83,10 +84,12 @@ def _entry(path: Pathlike, line: int, role: str, words: list[str]) -> _Entry:
     size = values[7]
     if size < 0:
         raise FileError(path, f"size is {size}; expected a diameter >= 0", line)
+    name = " ".join(words[len(_NUMBERS) :])
+    check_names(path, [name], line)
     return _Entry(
         line,
         role,
-        " ".join(words[len(_NUMBERS) :]),
+        name,
         tuple(values[1:4]),
         tuple(values[4:7]),
         size / 2 if size else math.nan,

@@ -1,48 +1,22 @@
-"""Read surfaces of the VTK family through VTK's own readers.
-
-Files cut short are errors. Bytes changed inside a file may end the process within VTK, which no Python code
-can prevent.
-"""
+"""Read surfaces of the VTK family through VTK's own readers, in a process of their own (`apart`)."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass, replace
-from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.io.errors import FileError, reading
+from windmark.io.apart import read_apart
 from windmark.io.fields import LENGTH, split_label
-from windmark.io.structured import Volumes, rename_volumes, structured_mesh
-from windmark.io.vtk_values import point_values
-from windmark.scene import Block, Mesh
+from windmark.io.mesh_content import content_mesh
+from windmark.io.structured import Volumes
+from windmark.io.vtk_parts import READERS
+from windmark.scene import Mesh
 
-_READERS = {
-    ".vtp": ("vtkIOXML", "vtkXMLPolyDataReader"),
-    ".vtu": ("vtkIOXML", "vtkXMLUnstructuredGridReader"),
-    ".vts": ("vtkIOXML", "vtkXMLStructuredGridReader"),
-    ".vtm": ("vtkIOXML", "vtkXMLMultiBlockDataReader"),
-    ".vtk": ("vtkIOLegacy", "vtkGenericDataObjectReader"),
-}
-VTK_SUFFIXES = tuple(_READERS)
-
-
-@dataclass(frozen=True)
-class _Part:
-    """One data set of a file; ``shape`` is None if it is not structured."""
-
-    name: str
-    vertices: NDArray[np.float64]
-    triangles: NDArray[np.int64]
-    volume: NDArray[np.str_]
-    shape: tuple[int, int, int] | None = None
-    blanked: NDArray[np.bool_] | None = None
+VTK_SUFFIXES = tuple(READERS)
+_CONTENT = "windmark.io.vtk_parts:vtk_content"
 
 
 def read_vtk(path: str | os.PathLike[str], *, volumes: Volumes = None) -> Mesh:
@@ -59,9 +33,10 @@ def read_vtk(path: str | os.PathLike[str], *, volumes: Volumes = None) -> Mesh:
     Raises
     ------
     FileError
-        For a file that VTK cannot read, or that has no faces.
+        For a file that VTK cannot read or that ends it, whose numbers do not fit together, or that has no faces.
     """
-    return _read(path, volumes)[0]
+    _check_suffix(path)
+    return content_mesh(read_apart(_CONTENT, path, values=False), volumes)
 
 
 def read_vtk_nodes(
@@ -76,233 +51,16 @@ def read_vtk_nodes(
     units : name -> unit where the array's name carries one as ``name [unit]``, and "length" where the file says it
     left_out : arrays that are no such values (at cells, other sizes, text), in words
     """
-    mesh, leaves = _read(path, volumes)
-    columns, left_out = point_values(leaves)
-    if any(len(values) != len(mesh.vertices) for values in columns.values()):
-        raise FileError(path, f"its arrays do not have one value for each of {len(mesh.vertices)} nodes")
-    units = {LENGTH: mesh.length_unit}
-    fields = {}
-    for text, values in columns.items():
+    _check_suffix(path)
+    content = read_apart(_CONTENT, path, values=True)
+    fields, units = {}, {LENGTH: content["length_unit"]}
+    for k, text in enumerate(content["columns"]):
         name, unit = split_label(text)
-        fields[name], units[name] = values, unit
-    return mesh, fields, {name: unit for name, unit in units.items() if unit}, left_out
+        fields[name], units[name] = content[f"column{k}"], unit
+    left_out = tuple(content["left_out"])
+    return content_mesh(content, volumes), fields, {name: unit for name, unit in units.items() if unit}, left_out
 
 
-def _read(path: str | os.PathLike[str], volumes: Volumes) -> tuple[Mesh, list[Any]]:
-    """The mesh and the data sets that it comes from, in the order of its nodes."""
-    suffix = Path(path).suffix.lower()
-    if suffix not in _READERS:
+def _check_suffix(path: str | os.PathLike[str]) -> None:
+    if Path(path).suffix.lower() not in READERS:
         raise ValueError(f"path: {path} must end in one of {VTK_SUFFIXES}")
-    with reading(path), open(path, "rb"):  # VTK's own messages for a file that cannot be opened are poorer
-        pass
-    with _messages() as said:
-        module, name = _READERS[suffix]
-        reader = getattr(__import__(f"vtkmodules.{module}", fromlist=[name]), name)()
-        reader.SetFileName(os.fspath(path))
-        reader.Update()
-        data = reader.GetOutputDataObject(0)
-        parts = [] if data is None else _checked_parts(path, data)
-    if said:
-        raise FileError(path, f"VTK cannot read it: {said[0]}")
-    if not any(len(part.triangles) or part.shape for part in parts):
-        raise FileError(path, f"has {sum(len(p.vertices) for p in parts)} points but no faces; expected a surface")
-    mesh = _joined(parts)
-    found, which = np.unique(mesh.volume, return_inverse=True)
-    names = np.array(rename_volumes([str(n) for n in found], volumes), dtype=np.str_)
-    leaves = list(_leaves(data))
-    unit = next((u for leaf in leaves for u in _field_strings(leaf, "length_unit")), "")
-    return replace(mesh, volume=names[which], length_unit=unit), leaves
-
-
-def _leaves(data: Any) -> Iterator[Any]:
-    """The data sets with points, in the order of `_parts`."""
-    if data.IsA("vtkMultiBlockDataSet"):
-        for k in range(data.GetNumberOfBlocks()):
-            if data.GetBlock(k) is not None:
-                yield from _leaves(data.GetBlock(k))
-    else:
-        yield data
-
-
-def _checked_parts(path: str | os.PathLike[str], data: Any) -> list[_Part]:
-    """The surfaces, whose triangles name nodes that are there."""
-    try:
-        parts = list(_parts(path, data, "model"))
-    except (IndexError, AttributeError, ValueError) as error:
-        if isinstance(error, FileError):
-            raise
-        raise FileError(path, f"its arrays do not fit together ({error})") from error
-    for part in parts:
-        if len(part.triangles) and (part.triangles.min() < 0 or part.triangles.max() >= len(part.vertices)):
-            raise FileError(
-                path, f"a cell names a node that is none; expected 0 to {len(part.vertices) - 1}", part.name
-            )
-    return parts
-
-
-@contextmanager
-def _messages() -> Iterator[list[str]]:
-    """Catch VTK's error messages, which go to the screen otherwise and stop nothing."""
-    from vtkmodules.vtkCommonCore import vtkLogger, vtkOutputWindow, vtkStringOutputWindow
-
-    before, verbosity = vtkOutputWindow.GetInstance(), vtkLogger.GetCurrentVerbosityCutoff()
-    window = vtkStringOutputWindow()
-    vtkOutputWindow.SetInstance(window)
-    vtkLogger.SetStderrVerbosity(vtkLogger.VERBOSITY_OFF)
-    said: list[str] = []
-    try:
-        yield said
-    finally:
-        vtkOutputWindow.SetInstance(before)
-        vtkLogger.SetStderrVerbosity(vtkLogger.ConvertToVerbosity(verbosity))
-        lines = [line.strip() for line in window.GetOutput().splitlines() if line.strip()]
-        # "ERROR: In file.cxx, line n", then "vtkClass (0x...): what happened".
-        said += [b.split("): ", 1)[-1] for a, b in pairwise([*lines, ""]) if a.upper().startswith("ERROR") and b]
-
-
-def _parts(path: str | os.PathLike[str], data: Any, name: str) -> Iterator[_Part]:
-    """The surfaces of a data object."""
-    if data.IsA("vtkMultiBlockDataSet"):
-        for k in range(data.GetNumberOfBlocks()):
-            info = data.GetMetaData(k) if data.HasMetaData(k) else None
-            inner = info.Get(data.NAME()) if info is not None and info.Has(data.NAME()) else f"block{k + 1:02d}"
-            if data.GetBlock(k) is not None:
-                yield from _parts(path, data.GetBlock(k), inner)
-    elif data.IsA("vtkStructuredGrid"):
-        yield from _structured(path, data, name)
-    elif data.IsA("vtkPolyData"):
-        yield from _poly_data(data, name)
-    elif data.IsA("vtkUnstructuredGrid"):
-        yield _surface(data, name)
-    else:
-        raise FileError(path, f"holds a {data.GetClassName()}; expected a surface")
-
-
-def _numpy(array: Any) -> NDArray[Any]:
-    from vtkmodules.util.numpy_support import vtk_to_numpy
-
-    out: NDArray[Any] = vtk_to_numpy(array)
-    return out
-
-
-def _vertices(data: Any) -> NDArray[np.float64]:
-    if data.GetPoints() is None:
-        return np.zeros((0, 3))
-    return _numpy(data.GetPoints().GetData()).astype(np.float64)
-
-
-def _blanked(data: Any) -> NDArray[np.bool_] | None:
-    array = data.GetPointData().GetArray("iblank")
-    return None if array is None else _numpy(array) == 0
-
-
-def _field_strings(data: Any, name: str) -> list[str]:
-    array = data.GetFieldData().GetAbstractArray(name)
-    return [] if array is None else [array.GetValue(k) for k in range(array.GetNumberOfValues())]
-
-
-def _structured(path: str | os.PathLike[str], data: Any, name: str) -> Iterator[_Part]:
-    shape: list[int] = [0, 0, 0]
-    data.GetDimensions(shape)
-    if min(shape) > 1:
-        raise FileError(path, f"a structured grid of {tuple(shape)} nodes is a volume; expected a surface", name)
-    volume = np.array((_field_strings(data, "volume_names") or [name])[:1], dtype=np.str_)
-    none = np.zeros((0, 3), dtype=np.int64)
-    yield _Part(name, _vertices(data), none, volume, (shape[0], shape[1], shape[2]), _blanked(data))
-
-
-def _poly_data(data: Any, name: str) -> Iterator[_Part]:
-    """A surface; one that `write_nodes_vtk` has written comes back in its blocks."""
-    vertices, blanked = _vertices(data), _blanked(data)
-    triangles, cells = _triangles(data)
-    volume = _volumes(data, data.GetCellData(), cells, name)
-    shapes, blocks = data.GetFieldData().GetArray("block_shapes"), _field_strings(data, "block_names")
-    if shapes is None:
-        yield _Part(name, vertices, triangles, volume, None, blanked)
-        return
-    first = 0
-    for (i, j, k), block in zip(_numpy(shapes).tolist(), blocks, strict=True):
-        end = first + i * j * k
-        own = (triangles[:, 0] >= first) & (triangles[:, 0] < end)
-        used = None if blanked is None else blanked[first:end]
-        yield _Part(block, vertices[first:end], triangles[own] - first, volume[own], (i, j, k), used)
-        first = end
-
-
-def _triangles(data: Any) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """(T, 3) triangles of a vtkPolyData and (T,) the cell each comes from."""
-    from vtkmodules.vtkFiltersCore import vtkTriangleFilter
-
-    cells = _with_ids(data.GetCellData(), data.GetNumberOfCells(), "windmark_cell")
-    split = vtkTriangleFilter()
-    split.SetInputData(data)
-    split.PassVertsOff()
-    split.PassLinesOff()
-    split.Update()
-    out = split.GetOutput()
-    cells.RemoveArray("windmark_cell")
-    if not out.GetNumberOfCells():
-        return np.zeros((0, 3), dtype=np.int64), np.zeros(0, dtype=np.int64)
-    connectivity = _numpy(out.GetPolys().GetConnectivityArray()).reshape(-1, 3).astype(np.int64)
-    return connectivity, _numpy(out.GetCellData().GetArray("windmark_cell")).astype(np.int64)
-
-
-def _with_ids(attributes: Any, count: int, name: str) -> Any:
-    """Number the cells or points, to find them again behind a filter."""
-    from vtkmodules.util.numpy_support import numpy_to_vtkIdTypeArray
-
-    ids = numpy_to_vtkIdTypeArray(np.arange(count, dtype=np.int64), deep=True)
-    ids.SetName(name)
-    attributes.AddArray(ids)
-    return attributes
-
-
-def _volumes(data: Any, cells: Any, of_triangle: NDArray[np.int64], name: str) -> NDArray[np.str_]:
-    """The volume of each triangle, as `write_nodes_vtk` has written it, else ``name`` for all."""
-    ids, names = cells.GetArray("volume"), _field_strings(data, "volume_names")
-    if ids is None or not names:
-        return np.full(len(of_triangle), name)
-    return np.array(names)[_numpy(ids)[of_triangle]]
-
-
-def _surface(data: Any, name: str) -> _Part:
-    """The outside of solid cells, and flat cells as they are, on the nodes of the file."""
-    from vtkmodules.vtkFiltersGeometry import vtkGeometryFilter
-
-    _with_ids(data.GetPointData(), data.GetNumberOfPoints(), "windmark_point")
-    outside = vtkGeometryFilter()
-    outside.SetInputData(data)
-    outside.MergingOff()
-    outside.Update()
-    surface = outside.GetOutput()
-    if not surface.GetNumberOfCells():
-        return _Part(name, _vertices(data), np.zeros((0, 3), dtype=np.int64), np.zeros(0, dtype=np.str_))
-    triangles, cells = _triangles(surface)
-    node = _numpy(surface.GetPointData().GetArray("windmark_point"))
-    data.GetPointData().RemoveArray("windmark_point")
-    volume = _volumes(data, surface.GetCellData(), cells, name)
-    return _Part(name, _vertices(data), node[triangles].astype(np.int64), volume, None, _blanked(data))
-
-
-def _joined(parts: list[_Part]) -> Mesh:
-    """All parts as one mesh, with blocks if all are structured."""
-    starts = np.cumsum([0, *(len(p.vertices) for p in parts)]).tolist()
-    vertices = np.concatenate([p.vertices for p in parts])
-    blanked = None
-    if any(p.blanked is not None for p in parts):
-        blanked = np.concatenate([np.zeros(len(p.vertices), bool) if p.blanked is None else p.blanked for p in parts])
-    full = [_with_triangles(part) for part in parts]
-    triangles = np.concatenate([p.triangles + s for p, s in zip(full, starts, strict=False)]).astype(np.int32)
-    volume = np.concatenate([p.volume for p in full])
-    blocks = tuple(Block(p.name, p.shape, s) for p, s in zip(full, starts, strict=False) if p.shape)
-    return Mesh(vertices, triangles, volume, blocks if len(blocks) == len(parts) else (), blanked)
-
-
-def _with_triangles(part: _Part) -> _Part:
-    """Triangulate a structured part that the file has not as triangles."""
-    if not part.shape or len(part.triangles) == len(part.volume):
-        return part
-    mesh = structured_mesh(
-        part.vertices, (Block(part.name, part.shape, 0),), part.blanked, volumes=part.volume.tolist()
-    )
-    return _Part(part.name, part.vertices, mesh.triangles.astype(np.int64), mesh.volume, part.shape, part.blanked)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from windmark import io
+from windmark.io.apart import read_apart
 from windmark.io.errors import reading
 from windmark.io.vtk_read import VTK_SUFFIXES
 
@@ -127,13 +128,11 @@ def _guess(source: Path) -> Guess:
 
 def _hdf(source: Path) -> str:
     """NetCDF of node values, or pictures."""
-    import h5py
-
     try:
-        with h5py.File(source, "r") as file:
-            return "grid" if "vertices" in file and "triangles" in file else "pictures"
-    except Exception:  # HDF5 reports damage in many ways; the reader says what is wrong
+        names = read_apart("windmark.io.recordings.hdf:hdf_names", source)["names"]
+    except io.FileError:  # the reader says what is wrong
         return "grid"
+    return "grid" if {"vertices", "triangles"} <= set(names) else "pictures"
 
 
 def _binary(source: Path, head: bytes) -> Guess:

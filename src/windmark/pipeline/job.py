@@ -11,7 +11,6 @@ from typing import TypeVar
 
 from windmark import io
 from windmark.geometry import Camera, Pose
-from windmark.geometry.errors import said
 from windmark.pipeline.clock import Clock, Progress, silent
 from windmark.pipeline.framing import frame_views
 from windmark.pipeline.grid import oriented, read_surface
@@ -71,9 +70,16 @@ def run_project(project: Project, *, progress: Progress = silent, workers: int |
             inputs = replace(inputs, mesh=oriented(inputs.mesh, project.grid, _some_poses(project, images)))
         assert inputs.mesh is not None
         points = load_points(project, lists, inputs.mesh)
-    images, merged = _mapped(images, inputs, framed, points, threads, clock, progress, walls)
+    lost: tuple[str, ...] = ()
+    pixels: tuple[PixelMap, ...] = ()
+    if inputs.mesh is not None and any(i.cam_from_model is not None for i in images):
+        with clock("map the views"):
+            framed, pixels, lost = map_views(framed, inputs.mesh)
+    shown = framed if pixels else ()
+    images, merged = _mapped(images, inputs, shown, pixels, points, threads, clock, progress, walls)
     notes += tuple((c.file, text) for c in project.camera if (text := inputs.cameras[c.name].note))
-    return RunResult(project, inputs.markers, inputs.mesh, tuple(images), clock.seconds, notes, framed, merged)
+    return RunResult(project, inputs.markers, inputs.mesh, tuple(images), clock.seconds, notes, framed, merged,
+                     lost)  # fmt: skip
 
 
 def _walls_apart(inputs: Inputs, lengths: Lengths) -> tuple[Inputs, tuple[str, ...], tuple[tuple[Path, str], ...]]:
@@ -114,6 +120,7 @@ def _mapped(
     images: list[ImageResult],
     inputs: Inputs,
     framed: tuple[FramedView, ...],
+    pixels: tuple[PixelMap, ...],
     points: tuple[PointSet, ...],
     threads: int,
     clock: Clock,
@@ -124,15 +131,6 @@ def _mapped(
     project, mesh = inputs.project, inputs.mesh
     if mesh is None:
         return images, ()
-    pixels: tuple[PixelMap, ...] = ()
-    if any(i.cam_from_model is not None for i in images):
-        with clock("map the views"):
-            try:
-                pixels = map_views(framed, mesh)
-            except ValueError as error:
-                raise io.FileError(project.path, said(error)) from error
-    else:
-        framed = ()
     images = _in_parallel(lambda i: map_image(i, project, mesh, framed, pixels, progress, points), images, threads)
     merged: tuple[MergeResult, ...] = ()
     if project.merge:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,21 +22,26 @@ from windmark.resection import NodeView, PixelMap
 from windmark.scene import Mesh
 
 Array = NDArray[np.float64]
+S = TypeVar("S")
+T = TypeVar("T")
 
 
-def map_views(framed: Sequence[FramedView], mesh: Mesh) -> tuple[PixelMap, ...]:
+def map_views(
+    framed: Sequence[FramedView], mesh: Mesh
+) -> tuple[tuple[FramedView, ...], tuple[PixelMap, ...], tuple[str, ...]]:
     """Which point of the surface each pixel of each view shows; made once for all images.
 
-    Raises
-    ------
-    ValueError
-        For a view in which no pixel shows any surface, naming it.
+    Gives the views that show any surface, their maps, and why the others are left out.
     """
-    maps = tuple(resection.map_pixels(mesh, view.camera, view.cam_from_model) for view in framed)
-    for view, pixels in zip(framed, maps, strict=True):
-        if not pixels.valid.any():
-            raise ValueError(f"view {view.name}: no pixel shows the surface; check its point of view")
-    return maps
+    good: list[tuple[FramedView, PixelMap]] = []
+    lost: list[str] = []
+    for view in framed:
+        pixels = resection.map_pixels(mesh, view.camera, view.cam_from_model)
+        if pixels.valid.any():
+            good.append((view, pixels))
+        else:
+            lost.append(f"view {view.name}: no pixel shows the surface; check its point of view")
+    return tuple(view for view, _ in good), tuple(pixels for _, pixels in good), tuple(lost)
 
 
 def map_image(
@@ -49,7 +55,8 @@ def map_image(
 ) -> ImageResult:
     """Values of one located image on nodes, in views, along sections and at points; as it is where it has no pose.
 
-    ``framed`` are the views and ``pixels`` their maps. A failure that the data cause becomes ``problem``.
+    ``framed`` are the views and ``pixels`` their maps. A failure that the data cause becomes ``problem``; that of a
+    view or a section costs only itself and becomes a line of ``left_out``.
     """
     options, pose = project.resect, result.cam_from_model
     if pose is None or result.image is None:
@@ -61,28 +68,40 @@ def map_image(
             nodes = resection.see_nodes(mesh, result.camera, pose, max_obliquity_deg=options.max_obliquity_deg)
         with clock("node values"):
             values = resection.node_values(image, nodes, interpolation=options.interpolation)
-        views: list[ViewImage] = []
-        sections: list[SectionValues] = []
+        lost: list[str] = []
         if not nodes.visible.any():
             counted = _counted(nodes)
             raise ValueError(f"no node of the grid is visible ({counted}): is the pose of its frame and unit?")
-        for view, seen in zip(framed, pixels, strict=True):
-            with clock("virtual images"):
-                views.append(_view(view, seen, image, result.camera, pose, options))
-        for cut in project.section:
-            with clock("sections"):
-                sections.append(_section(cut, image, result.camera, pose, mesh, options))
+        with clock("virtual images"):
+            views = _each(
+                zip(framed, pixels, strict=True), lambda of: _view(*of, image, result.camera, pose, options), lost
+            )
+        with clock("sections"):
+            sections = _each(
+                project.section, lambda cut: _section(cut, image, result.camera, pose, mesh, options), lost
+            )
         with clock("points and lines"):
             tables = image_points(points, picture_of(result), mesh, max_obliquity_deg=options.max_obliquity_deg,
                                   interpolation=options.interpolation)  # fmt: skip
-        result = replace(result, nodes=nodes, values=values, views=tuple(views), sections=tuple(sections),
-                         points=tables)  # fmt: skip
+        result = replace(result, nodes=nodes, values=values, views=views, sections=sections, points=tables,
+                         left_out=tuple(lost))  # fmt: skip
         if project.output.pixels:
             with clock("pixel map"):
                 result = replace(result, pixels=resection.map_pixels(mesh, result.camera, pose))
     except ValueError as error:
         result = replace(result, problem=said(error))
     return replace(result, seconds={**result.seconds, **clock.seconds})
+
+
+def _each(items: Iterable[S], make: Callable[[S], T], lost: list[str]) -> tuple[T, ...]:
+    """What can be made of the items; the reasons of the others are added to ``lost``."""
+    made = []
+    for item in items:
+        try:
+            made.append(make(item))
+        except ValueError as error:
+            lost.append(said(error))
+    return tuple(made)
 
 
 def _counted(nodes: NodeView) -> str:

@@ -160,6 +160,7 @@ def summary(result: RunResult, clock: Clock) -> Record:
         "instants": [instant_summary(instant) for instant in result.instants],
         "merged": [merge_summary(group) for group in result.merged],
         "failed": [item.name for item in result.failed],
+        "left_out": result.left_out,
         "notes": [f"{path}: {text}" for path, text in result.notes],
         "seconds": {**result.seconds, **clock.seconds},
         "options": result.project.model_dump(mode="json", exclude={"path"}, by_alias=True),

@@ -93,7 +93,8 @@ class ImageResult:
     ``radius`` is the estimate that detection used where the project gives none; ``polarity`` that of the spots, and
     ``said`` what was decided about it. ``instant`` has the cameras of a rig with which it was registered.
     ``image`` is as in the file; values, views, sections and ``aligned`` are in ``quantity``.
-    ``problem`` says in words why it went no further; None when all is well.
+    ``problem`` says in words why it went no further; None when all is well. ``left_out``: views and sections that are
+    missing, with the reason.
     """
 
     name: str
@@ -119,6 +120,7 @@ class ImageResult:
     aligned: NDArray[np.float32] | None = None
     seconds: dict[str, float] = field(default_factory=dict)
     problem: str | None = None
+    left_out: tuple[str, ...] = ()
 
     @property
     def registered(self) -> Registration | None:
@@ -141,6 +143,13 @@ class RunResult:
     """The virtual cameras, one per ``[[view]]`` of the project."""
     merged: tuple[MergeResult, ...] = ()
     """Images merged with each other, one per point of the test."""
+    lost_views: tuple[str, ...] = ()
+    """Views that show nothing, with the reason."""
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """Views and sections that are missing, with the image and the reason."""
+        return (*self.lost_views, *(f"{item.name}: {said}" for item in self.images for said in item.left_out))
 
     @property
     def instants(self) -> tuple[Instant, ...]:

@@ -35,8 +35,12 @@ def read_toml(path: Path, root: type[BaseModel]) -> dict[str, Any]:
     try:
         with reading(path):
             data = tomllib.loads(path.read_bytes().decode("utf-8-sig"))
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+    except FileError:
+        raise
+    except ValueError as error:  # also numbers too long for Python
         raise FileError(path, f"is not valid TOML ({error}); expected a windmark project file") from None
+    except RecursionError:
+        raise FileError(path, "is nested too deeply; expected a windmark project file") from None
     if "path" in data:
         raise FileError(path, f"unknown key; expected {known_keys(root)}", "path")
     return data

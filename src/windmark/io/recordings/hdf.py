@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import math
 import re
 import threading
 from typing import Any
 
 import numpy as np
 
-from windmark.io.bounded import BoundedFile
-from windmark.io.errors import FileError
+from windmark.io.apart import Content, read_apart
+from windmark.io.bounded import BoundedFile, check_unpacked
+from windmark.io.errors import FileError, decoding
 from windmark.io.recordings.base import Image, Recording, check_compressed, check_size
 from windmark.io.text import Pathlike
 
@@ -20,6 +22,19 @@ _UNITS = {
     "nanoseconds": 1e-9, "min": 60.0, "minutes": 60.0, "h": 3600.0, "hours": 3600.0, "days": 86400.0,
 }  # fmt: skip
 _MOST_OBJECTS = 20_000
+
+
+def check_stored(path: Pathlike, found: Any, name: str) -> None:
+    """What was never written would come back as zeros; what its bytes cannot be would fill the memory."""
+    stored, needed = found.id.get_storage_size(), found.dtype.itemsize * math.prod(found.shape)
+    if stored == 0 and needed and not found.external and not found.is_virtual:
+        raise FileError(path, "was never written: it has no bytes in the file", name)
+    if found.chunks is None:
+        if not found.external and not found.is_virtual and stored < needed:
+            raise FileError(path, f"damaged or cut off: {stored} of {needed} bytes are there", name)
+        return
+    check_unpacked(path, found.dtype.itemsize * math.prod(found.chunks), stored, name)
+    check_compressed(path, needed, stored)
 
 
 class _Stack(Recording):
@@ -65,10 +80,12 @@ class HdfRecording(_Stack):
 
     kind = "HDF5 stack"
 
-    def __init__(self, path: Pathlike, place: str | None) -> None:
+    def __init__(self, path: Pathlike, place: str | None, *, tried: bool = False) -> None:
         import h5py
 
         super().__init__(path)
+        if not tried:
+            read_apart("windmark.io.recordings.hdf:hdf_trial", path, place=place)
         self._file = h5py.File(path, "r")
         try:
             name = place if place is not None else _only(path, _datasets(self._file, path))
@@ -77,23 +94,12 @@ class HdfRecording(_Stack):
                 names = [n for n, _ in _datasets(self._file, path)]
                 raise FileError(path, f"there is no {name} in it; expected one of {_some(names)}")
             self._take(found, name)
-            self._check_stored(found, name)
+            check_stored(path, found, name)
+            check_unpacked(path, self.dtype.itemsize * math.prod(self.shape), found.id.get_storage_size(), name)
             self._clock(self._times(found))
         except BaseException:
             self._file.close()
             raise
-
-    def _check_stored(self, found: Any, name: str) -> None:
-        """What was never written would come back as zeros; what its bytes cannot be would fill the memory."""
-        stored, needed = found.id.get_storage_size(), found.dtype.itemsize * int(np.prod(found.shape))
-        if stored == 0 and not found.external and not found.is_virtual:
-            raise FileError(self.path, "was never written: it has no bytes in the file", name)
-        if found.chunks is None:
-            if not found.external and not found.is_virtual and stored < needed:
-                raise FileError(self.path, f"damaged or cut off: {stored} of {needed} bytes are there", name)
-            return
-        check_compressed(self.path, found.dtype.itemsize * int(np.prod(found.chunks)), stored)
-        check_compressed(self.path, needed, stored)
 
     def _times(self, pictures: Any) -> list[tuple[str, Any, str]]:
         """1-D datasets of the stack's length with a name of time: its own scale, then beside it, then at the top."""
@@ -111,9 +117,33 @@ class HdfRecording(_Stack):
             and (p.chunks is not None or p.id.get_storage_size() >= p.dtype.itemsize * self.count)
         ]  # fmt: skip
 
+    def walk(self) -> None:
+        """Follow the whole index of the stored parts, and decode the first frame and the last."""
+        if self._array.chunks is not None:
+            self._array.id.get_num_chunks()
+        for number in {0, self.count - 1}:
+            self.read(number)
+
     def close(self) -> None:
         """Give the file back."""
         self._file.close()
+
+
+def hdf_trial(path: str, place: str | None) -> Content:
+    """Open an HDF5 file as `HdfRecording` does, for `read_apart`: what loops or crashes does it there."""
+    with decoding(path):
+        recording = HdfRecording(path, place, tried=True)
+        recording.walk()
+        recording.close()
+    return {}
+
+
+def hdf_names(path: str) -> Content:
+    """Names at the top of an HDF5 file, for `read_apart`."""
+    import h5py
+
+    with decoding(path), h5py.File(path, "r") as file:
+        return {"names": list(file)}
 
 
 class Netcdf3Recording(_Stack):

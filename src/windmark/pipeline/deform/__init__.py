@@ -1,7 +1,8 @@
 """Deformation measurements: sequences of images of one or more cameras, live or from a disk."""
 
 from windmark.pipeline.deform.follow import follow_deformation
-from windmark.pipeline.deform.frames import frames_on_disk, watch
+from windmark.pipeline.deform.frames import frames_on_disk
+from windmark.pipeline.deform.live import Watch, watch
 from windmark.pipeline.deform.load import Loaded, load
 from windmark.pipeline.deform.memory import displaced
 from windmark.pipeline.deform.project import Changes, DeformProject, read_deform_project
@@ -11,6 +12,6 @@ from windmark.pipeline.deform.task import DeformationTest, DeformedFrame, FrameI
 
 __all__ = [
     "Changes", "DeformProject", "DeformationTest", "DeformedFrame", "FrameImages", "FrameRecord", "Loaded",
-    "LookOptions", "Sequence", "Station", "Zero", "displaced", "follow_deformation", "frames_on_disk", "load",
+    "LookOptions", "Sequence", "Station", "Watch", "Zero", "displaced", "follow_deformation", "frames_on_disk", "load",
     "read_deform_project", "run_sequence", "watch",
 ]  # fmt: skip

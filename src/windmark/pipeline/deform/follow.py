@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any
@@ -35,7 +35,9 @@ MOST_OUT = 0.2
 """A tracked frame with more outliers than this part is looked at again without expectations."""
 
 
-def follow_deformation(frames: Iterable[FrameImages], test: DeformationTest) -> Iterator[DeformedFrame]:
+def follow_deformation(
+    frames: Iterable[FrameImages], test: DeformationTest, *, handed_on: dict[str, Any] | None = None
+) -> Iterator[DeformedFrame]:
     """Deformation in every frame, one after the other; memory does not grow with their number.
 
     The first frame is found without help: all spots are detected, matched to the model, and the law is identified.
@@ -48,6 +50,8 @@ def follow_deformation(frames: Iterable[FrameImages], test: DeformationTest) -> 
     ----------
     frames : images of all cameras of each instant, in order; they may come slowly
     test : what does not change
+    handed_on : takes what every frame hands on to the next, before the frame is yielded; where it holds what an earlier
+        sequence of the same test left in it, the frames go on with that
 
     Raises
     ------
@@ -56,15 +60,27 @@ def follow_deformation(frames: Iterable[FrameImages], test: DeformationTest) -> 
     """
     with ThreadPoolExecutor(max_workers=len(test.stations)) as pool:
         follower = _Follower(test, pool)
-        last = -np.inf
-        for index, frame in enumerate(frames):
+        kept = {} if handed_on is None else handed_on
+        follower.take_up(kept.get("follower", {}))
+        first, last = kept.get("index", 0), kept.get("instant", -np.inf)
+        for index, frame in enumerate(frames, first):
+            if frame.skipped is not None:
+                status, why = frame.skipped
+                kept["index"] = index + 1
+                yield DeformedFrame(index, frame.key, frame.instant, status, why, None)
+                continue
             if not (np.isfinite(frame.instant) and frame.instant > last):
                 raise ValueError(f"frames: instants must increase, {frame.key} is {frame.instant:g} after {last:g}")
             unknown = sorted(set(frame.images) - {s.name for s in test.stations})
             if unknown:
                 raise ValueError(f"frames: {frame.key} has an image of camera {unknown[0]}, which the test has not")
             last = frame.instant
-            yield follower.frame(index, frame)
+            followed = follower.frame(index, frame)
+            kept.update(follower=follower.handed_on(), index=index + 1, instant=last)
+            yield followed
+
+
+_HANDED_ON = ("_memory", "_hidden", "_texture", "_levels", "_usual", "_left_out")
 
 
 class _Follower:
@@ -80,6 +96,16 @@ class _Follower:
         self._usual: dict[str, int] = {}
         self._last: dict[str, Labelled] = {}
         self._left_out: dict[str, str] = {}  # cameras that contradict the others, and why
+
+    def handed_on(self) -> dict[str, Any]:
+        """What the next frame goes on with; pictures are not."""
+        shots = {name: replace(own, image={}) for name, own in self._shots.items()}
+        return {"_shots": shots, **{name: getattr(self, name) for name in _HANDED_ON}}
+
+    def take_up(self, handed_on: Mapping[str, Any]) -> None:
+        """Go on with what `handed_on` gave."""
+        for name, value in handed_on.items():
+            setattr(self, name, value)
 
     def frame(self, index: int, frame: FrameImages) -> DeformedFrame:
         """Follow one instant."""

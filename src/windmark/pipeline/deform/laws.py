@@ -14,9 +14,9 @@ from windmark.deformation.laws.catalog import CATALOG
 from windmark.pipeline.deform.follow import follow_deformation, what_is_free
 from windmark.pipeline.deform.frames import instants_of
 from windmark.pipeline.deform.load import Loaded, volumes_of
+from windmark.pipeline.deform.names import key_of
 from windmark.pipeline.deform.project import AlternativeEntry, DeformProject, VolumeEntry
 from windmark.pipeline.deform.run import zeroed
-from windmark.pipeline.deform.timeline import key_of
 from windmark.scene import View
 
 DECISIVE = float(np.log(100.0))

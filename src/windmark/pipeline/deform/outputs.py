@@ -1,33 +1,39 @@
-"""Results of a sequence as files, written frame by frame so that memory does not grow with their number."""
+"""Results of a sequence as files, written frame by frame: whole rows of whole frames, whenever the run ends."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-import windmark
 from windmark import io
 from windmark.deformation import Deformation
+from windmark.io.journal import AppendedFile
 from windmark.pipeline.deform.frames import FrameTable
+from windmark.pipeline.deform.inbox import Arrival
 from windmark.pipeline.deform.load import Loaded
+from windmark.pipeline.deform.names import is_number, number_of, stamp_text
 from windmark.pipeline.deform.points import COLUMNS, FramePoints
 from windmark.pipeline.deform.project import OutputEntry
 from windmark.pipeline.deform.record import MOTION, FrameRecord
-from windmark.pipeline.deform.task import DeformedFrame
+from windmark.pipeline.deform.resume import Kept, SequenceJournal, Stopped, pictures_of, replaced_file
+from windmark.pipeline.deform.series import series_content
+from windmark.pipeline.deform.task import DeformedFrame, FrameImages
 from windmark.pipeline.deform.values import units
 from windmark.pipeline.deform.why import words_of
 
 Array = NDArray[np.float64]
 
 CHUNK = 64
-"""Frames that are written to the NetCDF file at once."""
-STATUS = ("cold", "tracked", "lost")
+"""Frames after which all is made to outlast a power failure, and the NetCDF file is written anew."""
+GROWN = 16
+"""A long NetCDF file is written anew when it has grown by this part of its frames: the work stays in proportion."""
 
 
 def gridded(wanted: OutputEntry, frame: DeformedFrame) -> bool:
@@ -40,98 +46,207 @@ class Writer:
 
     ``deformation.csv`` has one row per frame, ``cameras.csv`` one per frame and camera, ``span.csv`` one per frame and
     station, ``markers.csv`` one per frame and marker seen, ``deformation.nc`` all of it as arrays over frames;
-    ``points-NAME.csv`` has one per frame, camera and point.
+    ``points-NAME.csv`` has one per frame, camera and point; ``arrivals.csv``, live, one per file seen.
+
+    A frame is in all tables or in none, in the journal (`SequenceJournal`) after them. ``deformation.nc`` is put in its
+    place whole, every `CHUNK` frames, at last with all of them.
+
+    Parameters
+    ----------
+    folder : an existing folder
+    loaded : the project, its markers as the wind-off zero has them
+    table : what is known of the frames besides
+    made : what the run is made with, see `made_with`
+    stopped : the run that is gone on with; None for a new one
+    live : files arrive; their contents are not noted in the journal
     """
 
-    def __init__(self, folder: Path, loaded: Loaded, table: FrameTable) -> None:
-        self._folder, self._loaded, self._table = folder, loaded, table
+    def __init__(
+        self, folder: Path, loaded: Loaded, table: FrameTable, made: Mapping[str, Any], stopped: Stopped | None = None,
+        *, live: bool = False,
+    ) -> None:  # fmt: skip
+        self._folder, self._loaded, self._table, self._made, self._live = folder, loaded, table, made, live
         self._names = loaded.test.volumes.names
-        self._rows: list[FrameRecord] = []
-        self._written = 0
-        self._streams: dict[str, IO[str]] = {}
-        self._netcdf: Any = None
+        self._stopped = stopped
+        self._rows: list[FrameRecord] = [] if stopped is None else [kept.row for kept in stopped.frames]
+        self._in_series = 0
+        self._files: dict[str, AppendedFile] = {}
+        self._lines: dict[str, list[str]] = {}
+        self._sizes: dict[str, int] = {}
+        self._journal: SequenceJournal | None = None
 
     def __enter__(self) -> Writer:
-        of_laws = [p.unit for p in self._loaded.test.volumes.parameters]
-        unit = self._loaded.project.length_unit
-        head = ["frame", "time_s", *self._table.columns, "status", "spots", "outliers", "doubtful", "rms_px",
-                "sigma0"]  # fmt: skip
-        for name in (*self._names, *MOTION):
-            head += [name, f"sigma_{name}"]
-        self._open("deformation.csv", [*head, "few", "seconds", "reason"])
-        self._open("cameras.csv", ["frame", "time_s", "camera", "lag_s", "expected", "spots", "reason"])
-        if self._loaded.stations is not None:
-            self._open("span.csv", [
-                "frame", "eta", "bending", "sigma_bending", "twist_deg", "sigma_twist_deg", "twist_with_motion_deg",
-                "sigma_twist_with_motion_deg",
-            ])  # fmt: skip
-        self._open("markers.csv", [
-            "frame", "marker", "x", "y", "z", "dx", "dy", "dz", "sigma_dx", "sigma_dy", "sigma_dz", "outlier",
-        ])  # fmt: skip
-        for entry in self._loaded.project.points:
-            about = f"# length unit: {unit}\n# value, sigma: grey level\n"
-            self._open(f"points-{entry.label}.csv", COLUMNS, about)
-        (self._folder / "units.json").write_text(
-            json.dumps({"length": unit, "parameters": dict(zip(self._names, of_laws, strict=True))}, indent=2) + "\n",
-            encoding="utf-8",
-        )
-        self._open_netcdf(of_laws, unit)
+        try:
+            self._open_all()
+        except BaseException:
+            self._close()
+            raise
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if kind is None:
-            self._flush()
-        for stream in self._streams.values():
-            stream.close()
-        self._netcdf.close()
+        try:
+            if kind is None:
+                self._commit()
+                self._write_series()
+            else:
+                self.undo()
+                with suppress(io.FileError):  # what stopped the run is what is said
+                    self._write_series()
+        finally:
+            self._close()
 
     def add(
-        self, frame: DeformedFrame, row: FrameRecord, mapped: Mapping[str, Array], points: Sequence[FramePoints] = ()
-    ) -> None:
-        """Write one frame; ``mapped`` are values at the grid's nodes, see `Mapper.frame`; ``points`` at points."""
-        at = self._table.row(row.key)
-        more = [_cell(v[at]) if at is not None else "" for v in self._table.columns.values()]
-        cells = [row.key, _cell(row.time_s), *more, row.status, row.spots, row.outliers, len(row.doubtful),
-                 *map(_cell, (row.rms_px, row.sigma0))]  # fmt: skip
-        for values, sigma in ((row.q, row.q_sigma), (row.motion, row.motion_sigma)):
-            for value, size in zip(values, sigma, strict=True):
-                cells += [_cell(value), _cell(size)]
-        self._line("deformation.csv", [*cells, _quoted(words_of(row.cameras)), _cell(row.seconds), _quoted(row.reason)])
+        self, frame: DeformedFrame, images: FrameImages, row: FrameRecord, mapped: Mapping[str, Array],
+        points: Sequence[FramePoints] = (), *, state: Deformation | None = None, compared: bool = False,
+        handed_on: Mapping[str, Any] | None = None,
+    ) -> None:  # fmt: skip
+        """Write one frame.
+
+        Parameters
+        ----------
+        frame, images, row : the frame, what it was measured from, its numbers
+        mapped, points : values at the grid's nodes, see `Mapper.frame`, and at points
+        state : what the film keeps of it
+        compared : it is the most deformed one so far
+        handed_on : what it hands on to the next, see `follow_deformation`
+        """
+        self._frame_row(row)
+        number = self._label(row)
         for name, sight in row.cameras.items():
             self._line("cameras.csv", [
-                row.key, _cell(row.time_s), _quoted(name), _cell(sight.lag_s), sight.expected, sight.found,
+                number, _cell(row.time_s), _quoted(name), _cell(sight.lag_s), sight.expected, sight.found,
                 _quoted(sight.reason),
             ])  # fmt: skip
         if self._loaded.stations is not None and frame.state is not None:
             columns = (row.bending, row.bending_sigma, row.twist, row.twist_sigma, row.pitch, row.pitch_sigma)
             for s, eta in enumerate(self._loaded.stations.eta):
-                self._line("span.csv", [row.key, _cell(eta), *(_cell(c[s]) for c in columns)])
+                self._line("span.csv", [number, _cell(eta), *(_cell(c[s]) for c in columns)])
         if frame.state is not None:
-            self._markers(frame, frame.state)
+            self._markers(number, frame, frame.state)
             self._grid(frame, frame.state, mapped)
         for found in points:
-            self._points(frame, found)
+            self._points(number, found)
+        self._commit()
+        whole = all(isinstance(item, Path) for item in images.images.values())
+        most = (frame, images if whole else None) if compared else None
+        pictures = {} if self._live else pictures_of(images)
+        sizes = {name: file.size for name, file in self._files.items()}
+        assert self._journal is not None
+        self._journal.add(Kept(row, state, most, pictures, sizes), handed_on or {})
         self._rows.append(row)
-        if len(self._rows) == CHUNK:
-            self._flush()
+        self._sizes = sizes
+        if len(self._rows) % CHUNK == 0:
+            self._sync()
 
-    def live(self) -> None:
-        """Let other programs see what was written so far."""
-        for stream in self._streams.values():
-            stream.flush()
+    def arrived(self, files: Sequence[Arrival]) -> None:
+        """Note what became of files; they are in the table with the next frame, or at the end."""
+        for a in files:
+            self._line("arrivals.csv", [_quoted(a.file), _quoted(a.camera), _quoted(a.key), a.fate, _quoted(a.reason)])
+
+    def undo(self) -> None:
+        """Take back what the tables have of a frame that did not come to its end."""
+        for name, size in self._sizes.items():
+            self._files[name].take_back(size)
+            self._lines[name].clear()
+
+    # --- whole or not at all ---------------------------------------------------------------
+    def _commit(self) -> None:
+        for name, lines in self._lines.items():
+            if lines:
+                self._files[name].append("".join(lines).encode())
+                lines.clear()
+
+    def _sync(self) -> None:
+        """Make all of it outlast a power failure, and the series readable."""
+        assert self._journal is not None
+        for file in self._files.values():
+            file.sync()
+        self._journal.sync()
+        if len(self._rows) - self._in_series >= max(CHUNK, len(self._rows) // GROWN):
+            self._write_series()
+
+    def _write_series(self) -> None:
+        replaced_file(self._folder / "deformation.nc", series_content(self._loaded, self._table, self._rows))
+        self._in_series = len(self._rows)
+
+    def _close(self) -> None:
+        for file in self._files.values():
+            file.close()
+        if self._journal is not None:
+            self._journal.close()
 
     # --- parts -----------------------------------------------------------------------------
-    def _open(self, name: str, head: Sequence[str], about: str = "") -> None:
-        self._streams[name] = open(self._folder / name, "w", encoding="utf-8", newline="")  # noqa: SIM115 (closed on exit)
-        self._streams[name].write(about)
-        self._line(name, [_quoted(h) for h in head])
+    def _open_all(self) -> None:
+        """Open tables and journal, with their heads or with what the run that was stopped has in them."""
+        stopped, unit = self._stopped, self._loaded.project.length_unit
+        of_laws = [p.unit for p in self._loaded.test.volumes.parameters]
+        if stopped is not None:
+            self._sizes = dict(stopped.frames[-1].sizes if stopped.frames else stopped.sizes)
+        for name, (head, about) in self._tables().items():
+            self._files[name] = AppendedFile(self._folder / name, self._sizes.get(name))
+            self._lines[name] = []
+            if name not in self._sizes:
+                self._files[name].append((about + ",".join(map(_quoted, head)) + "\n").encode())
+        with io.atomic_write(self._folder / "units.json") as stream:
+            units_of = {"length": unit, "parameters": dict(zip(self._names, of_laws, strict=True))}
+            stream.write(json.dumps(units_of, indent=2) + "\n")
+        self._sizes = {name: file.size for name, file in self._files.items()}
+        self._journal = SequenceJournal(self._folder, self._loaded.test, stopped)
+        if stopped is None:
+            self._journal.begin(self._made, self._sizes)
+        self._write_series()
+
+    def _tables(self) -> dict[str, tuple[Sequence[str], str]]:
+        """Table -> its columns and what stands before them."""
+        head = ["frame", "time_s", *self._table.columns, "status", "spots", "outliers", "doubtful", "rms_px",
+                "sigma0"]  # fmt: skip
+        for name in (*self._names, *MOTION):
+            head += [name, f"sigma_{name}"]
+        out: dict[str, tuple[Sequence[str], str]] = {
+            "deformation.csv": ([*head, "few", "seconds", "reason", "stamp", "name"], ""),
+            "cameras.csv": (["frame", "time_s", "camera", "lag_s", "expected", "spots", "reason"], ""),
+        }
+        if self._loaded.stations is not None:
+            out["span.csv"] = ([
+                "frame", "eta", "bending", "sigma_bending", "twist_deg", "sigma_twist_deg", "twist_with_motion_deg",
+                "sigma_twist_with_motion_deg",
+            ], "")  # fmt: skip
+        out["markers.csv"] = ([
+            "frame", "marker", "x", "y", "z", "dx", "dy", "dz", "sigma_dx", "sigma_dy", "sigma_dz", "outlier",
+        ], "")  # fmt: skip
+        about = f"# length unit: {self._loaded.project.length_unit}\n# value, sigma: grey level\n"
+        for entry in self._loaded.project.points:
+            out[f"points-{entry.label}.csv"] = (COLUMNS, about)
+        if self._live:
+            out["arrivals.csv"] = (["file", "camera", "frame", "fate", "reason"], "")
+        return out
+
+    def _frame_row(self, row: FrameRecord) -> None:
+        at = self._table.row(row.key)
+        more = [_cell(v[at]) if at is not None else "" for v in self._table.columns.values()]
+        cells = [self._label(row), _cell(row.time_s), *more, row.status, row.spots, row.outliers, len(row.doubtful),
+                 *map(_cell, (row.rms_px, row.sigma0))]  # fmt: skip
+        for values, sigma in ((row.q, row.q_sigma), (row.motion, row.motion_sigma)):
+            for value, size in zip(values, sigma, strict=True):
+                cells += [_cell(value), _cell(size)]
+        label = self._label(row)
+        name = "" if label == row.key else row.key
+        self._line("deformation.csv", [
+            *cells, _quoted(words_of(row.cameras)), _cell(row.seconds), _quoted(row.reason), stamp_text(row.key),
+            _quoted(name),
+        ])  # fmt: skip
+
+    @staticmethod
+    def _label(row: FrameRecord) -> str:
+        """What a frame is called in the tables: its number, a 64-bit one; or its name."""
+        return str(number_of(row.key, row.index)) if is_number(row.key) else _quoted(row.key)
 
     def _line(self, name: str, cells: Sequence[Any]) -> None:
-        self._streams[name].write(",".join(map(str, cells)) + "\n")
+        self._lines[name].append(",".join(map(str, cells)) + "\n")
 
-    def _markers(self, frame: DeformedFrame, state: Deformation) -> None:
+    def _markers(self, number: str, frame: DeformedFrame, state: Deformation) -> None:
         """Displacement of every marker that was seen, in the tunnel, with that of its law."""
         markers, seen = self._loaded.test.markers, frame.observations
         assert seen is not None
@@ -143,15 +258,15 @@ class Writer:
         for k, p in enumerate(point):
             numbers = (*place[k], *moved[k], *sigma[k])
             name = _quoted(str(markers.name[p]))
-            self._line("markers.csv", [frame.key, name, *map(_cell, numbers), int(p in bad)])
+            self._line("markers.csv", [number, name, *map(_cell, numbers), int(p in bad)])
 
-    def _points(self, frame: DeformedFrame, found: FramePoints) -> None:
+    def _points(self, number: str, found: FramePoints) -> None:
         """A camera's values at one list of points."""
         v, words = found.values, found.values.words
         for k, name in enumerate(found.of.names.tolist()):
             numbers = (*v.xyz[k], v.value[k], v.sigma[k], found.ratio[k], found.sigma_ratio[k])
             self._line(f"points-{found.of.name}.csv",
-                       [frame.key, found.camera, _quoted(name), *map(_cell, numbers), words[k]])  # fmt: skip
+                       [number, found.camera, _quoted(name), *map(_cell, numbers), words[k]])  # fmt: skip
 
     def _grid(self, frame: DeformedFrame, state: Deformation, mapped: Mapping[str, Array]) -> None:
         wanted = self._loaded.project.output
@@ -176,87 +291,6 @@ class Writer:
             }  # fmt: skip
             io.write_nodes_vtk(self._folder / "grid" / f"{frame.key}.vtp", moved, {**fields, **mapped},
                                units={**dict.fromkeys(fields, unit), **units(mapped)})  # fmt: skip
-
-    def _open_netcdf(self, of_laws: Sequence[str], unit: str) -> None:
-        import h5netcdf
-
-        project, stations = self._loaded.project, self._loaded.stations
-        span = 0 if stations is None else len(stations)
-        file = self._netcdf = h5netcdf.File(self._folder / "deformation.nc", "w")
-        file.attrs["title"] = project.title
-        file.attrs["source"] = f"windmark {windmark.__version__}"
-        file.attrs["length_unit"] = unit
-        file.attrs["history"] = json.dumps(project.model_dump(mode="json"))
-        file.dimensions = {"frame": None, "parameter": max(len(self._names), 1), "motion_axis": 6, "text": 64,
-                           "station": max(span, 1)}  # fmt: skip
-
-        def variable(name: str, dims: tuple[str, ...], about: Mapping[str, str], kind: str = "f8") -> None:
-            made = file.create_variable(name, dims, kind, fillvalue=np.nan if kind == "f8" else None)
-            for key, text in about.items():
-                made.attrs[key] = text
-
-        variable("time", ("frame",), {"units": "s", "long_name": "time; the frame number where no rate is given"})
-        variable("frame_number", ("frame",), {"long_name": "number of the frame; -1 where its name is none"}, "i4")
-        variable("status", ("frame",), {"flag_meanings": " ".join(STATUS), "flag_values": "0 1 2"}, "i1")
-        for name in self._table.columns:
-            variable(name, ("frame",), {})
-        for name in ("rms_px", "sigma0", "spots", "outliers", "doubtful", "seconds"):
-            variable(name, ("frame",), {})
-        cameras = [s.name for s in self._loaded.test.stations]
-        file.dimensions["camera"] = len(cameras)
-        labels = {"names": " ".join(cameras)}
-        variable("camera_lag", ("frame", "camera"), {
-            **labels, "units": "s", "long_name": "nearest picture later than the instant by; NaN without one",
-        })  # fmt: skip
-        variable("camera_expected", ("frame", "camera"), {**labels, "long_name": "markers that should be seen"})
-        variable("camera_spots", ("frame", "camera"), {**labels, "long_name": "markers that were seen"})
-        if self._names:
-            labels = {"names": " ".join(self._names), "units": " ".join(u or "1" for u in of_laws)}
-            variable("parameters", ("frame", "parameter"), {**labels, "long_name": "law parameters less the zero"})
-            variable("parameters_sigma", ("frame", "parameter"), labels)
-        labels = {"names": " ".join(MOTION), "units": f"{unit} {unit} {unit} deg deg deg"}
-        variable("motion", ("frame", "motion_axis"), {**labels, "long_name": "rigid motion of the model less the zero"})
-        variable("motion_sigma", ("frame", "motion_axis"), labels)
-        if stations is not None:
-            variable("eta", ("station",), {"long_name": "station"})
-            file["eta"][...] = stations.eta
-            for name, of in (("bending", unit), ("twist", "deg"), ("twist_with_motion", "deg")):
-                variable(name, ("frame", "station"), {"units": of})
-                variable(f"{name}_sigma", ("frame", "station"), {"units": of})
-
-    def _flush(self) -> None:
-        """Append the waiting rows to the NetCDF file."""
-        rows, file, first = self._rows, self._netcdf, self._written
-        if not rows:
-            return
-        end = first + len(rows)
-        file.resize_dimension("frame", end)
-        number = [int(r.key) if r.key.isdigit() else -1 for r in rows]
-        file["time"][first:end] = [r.time_s if np.isfinite(r.time_s) else r.instant for r in rows]
-        file["frame_number"][first:end] = np.array(number, np.int32)
-        file["status"][first:end] = np.array([STATUS.index(r.status) for r in rows], np.int8)
-        for name, values in self._table.columns.items():
-            at = [self._table.row(r.key) for r in rows]
-            file[name][first:end] = [np.nan if k is None else values[k] for k in at]
-        for name in ("rms_px", "sigma0", "spots", "outliers", "seconds"):
-            file[name][first:end] = [float(getattr(r, name)) for r in rows]
-        names = [s.name for s in self._loaded.test.stations]
-        for name, value in (("lag", "lag_s"), ("expected", "expected"), ("spots", "found")):
-            file[f"camera_{name}"][first:end] = np.array(
-                [[float(getattr(r.cameras[n], value)) if n in r.cameras else np.nan for n in names] for r in rows]
-            )
-        file["doubtful"][first:end] = [float(len(r.doubtful)) for r in rows]
-        pairs = [("motion", "motion", "motion_sigma")]
-        if self._names:
-            pairs.append(("parameters", "q", "q_sigma"))
-        if self._loaded.stations is not None:
-            pairs += [("bending", "bending", "bending_sigma"), ("twist", "twist", "twist_sigma"),
-                      ("twist_with_motion", "pitch", "pitch_sigma")]  # fmt: skip
-        for name, value, sigma in pairs:
-            file[name][first:end] = np.array([getattr(r, value) for r in rows])
-            file[f"{name}_sigma"][first:end] = np.array([getattr(r, sigma) for r in rows])
-        file.flush()
-        self._written, self._rows = end, []
 
 
 def _cell(value: float) -> str:

@@ -162,6 +162,23 @@ class ValuesEntry(Strict):
     interpolation: Literal["nearest", "linear", "cubic"] = "cubic"
 
 
+class WatchEntry(Strict):
+    """Live. ``settle_s``: a picture is whole that can be read and has not changed for so long.
+
+    ``patience_s``: one that cannot be read is tried again until it has not changed for so long; so long an instant that
+    lacks a camera's picture waits for it.
+    """
+
+    settle_s: Positive = 0.02
+    patience_s: Positive = 2.0
+
+    @model_validator(mode="after")
+    def _ordered(self) -> WatchEntry:
+        if self.patience_s < self.settle_s:
+            raise ValueError(f"patience_s is {self.patience_s:g}; expected at least settle_s, {self.settle_s:g}")
+        return self
+
+
 class OutputEntry(Strict):
     """What is written. ``grid``: the deformed grid of every ``every``-th frame. ``magnify``: in the film."""
 
@@ -188,6 +205,7 @@ class DeformProject(Strict):
     sequence: SequenceEntry = Field(default_factory=SequenceEntry)
     values: ValuesEntry | None = None
     points: tuple[PointsEntry, ...] = ()
+    watch: WatchEntry = Field(default_factory=WatchEntry)
     output: OutputEntry = Field(default_factory=OutputEntry)
 
     @model_validator(mode="after")

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import time
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from itertools import islice
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,12 +18,25 @@ from windmark import io
 from windmark.deformation import Deformation, zero_markers
 from windmark.pipeline.deform.follow import follow_deformation, identified_again
 from windmark.pipeline.deform.frames import FrameTable, instants_of, read_frame_table
+from windmark.pipeline.deform.live import Watch
 from windmark.pipeline.deform.load import Loaded
+from windmark.pipeline.deform.names import key_of
 from windmark.pipeline.deform.outputs import Writer, gridded
 from windmark.pipeline.deform.points import PointMapper
 from windmark.pipeline.deform.record import FrameRecord, Zero, record
+from windmark.pipeline.deform.resume import (
+    Kept,
+    Stopped,
+    begun_with,
+    changed,
+    files_told,
+    loaded_state,
+    made_with,
+    pictures_of,
+    read_stopped,
+)
 from windmark.pipeline.deform.task import DeformedFrame, FrameImages
-from windmark.pipeline.deform.timeline import Timeline, key_of
+from windmark.pipeline.deform.timeline import Timeline
 from windmark.pipeline.deform.values import Compared, Mapper
 from windmark.scene import View
 
@@ -27,6 +44,10 @@ Array = NDArray[np.float64]
 
 KEPT = 120
 """States that are kept for the film; with more frames every second one is dropped, again and again."""
+
+
+FEW_NAMED = 5
+"""Files that a remark names."""
 
 
 @dataclass
@@ -44,6 +65,7 @@ class Sequence:
     compared : the most deformed frame mapped with and without its deformation; None without values and zero
     clock : the camera whose pictures are the instants; "" where pictures of one number are of one instant
     remarks : what is odd about the pictures' times
+    arrivals : what became of the files that arrived -> how many
     """
 
     records: list[FrameRecord] = field(default_factory=list)
@@ -55,21 +77,24 @@ class Sequence:
     compared: Compared | None = None
     clock: str = ""
     remarks: tuple[str, ...] = ()
+    arrivals: Counter[str] = field(default_factory=Counter)
     _stride: int = 1
 
-    def keep(self, row: FrameRecord, state: Deformation | None) -> None:
-        """Add a frame; memory stays that of its few numbers."""
+    def keep(self, row: FrameRecord, state: Deformation | None) -> Deformation | None:
+        """Add a frame; memory stays that of its few numbers. Its state, where the film keeps it."""
         self.records.append(row)
-        if state is not None and row.index % self._stride == 0:
-            self.film.append((row, state))
+        kept = state if row.index % self._stride == 0 else None
+        if kept is not None:
+            self.film.append((row, kept))
         if len(self.film) > KEPT:
             self._stride *= 2
-            self.film = [kept for kept in self.film if kept[0].index % self._stride == 0]
+            self.film = [pair for pair in self.film if pair[0].index % self._stride == 0]
+        return kept
 
     @property
     def good(self) -> list[FrameRecord]:
         """The frames with a state."""
-        return [r for r in self.records if r.status != "lost"]
+        return [r for r in self.records if r.status in ("cold", "tracked")]
 
 
 def run_sequence(
@@ -79,59 +104,168 @@ def run_sequence(
     frames: Iterable[FrameImages] | None = None,
     live: bool = False,
     say: Callable[[FrameRecord], None] | None = None,
+    resume: bool = False,
+    finish: bool = False,
 ) -> Sequence:
     """Follow a test and write its results.
+
+    Beside the results stands what a run needs that goes on with this one, should it be stopped; `clear` takes it away.
 
     Parameters
     ----------
     loaded : the project with everything it names
     folder : an existing folder that the results go to
     frames : images; None takes those on the disk
-    live : the images arrive now: latency is measured, Ctrl-C is the usual end, and files are readable all the time
+    live : the images arrive now: latency is measured, Ctrl-C is the usual end
     say : called with the numbers of every frame
+    resume : go on with the run that was stopped in ``folder``
+    finish : only bring that run's results to their end, with the frames that it has measured
 
     Raises
     ------
     FileError
-        For images or tables that do not fit, or a wind-off zero of which no frame can be used.
+        For images or tables that do not fit, a wind-off zero of which no frame can be used, results that cannot be
+        written; and where there is no run to go on with, or what it was made with has changed since.
     """
     project = loaded.project
     table = read_frame_table(project)
     if frames is not None and project.has_clocks:
         raise io.FileError(project.path, "images that arrive are paired by their numbers; cameras with clocks of their "
                            "own are measured from the disk", "camera")  # fmt: skip
+    made = made_with(project)
+    if resume or finish:
+        _check_begun(folder, made)
     known = instants_of(project) if frames is None or project.sequence.zero else Timeline([], "")
-    frames = known.frames if frames is None else frames
     out = Sequence(table=table, clock=known.clock, remarks=known.remarks)
     points = PointMapper(loaded) if project.points and loaded.mesh is not None else None
     loaded, out.zero, out.moved, still = zeroed(loaded, known)
-    test = loaded.test
+    stopped = read_stopped(folder, loaded.test, to_go_on=not finish) if resume or finish else None
     mapper = _mapper(loaded, still)
     if points is not None:
         points.reference(still)
-    model = test.markers.role != "wall"
-    centre = test.markers.xyz[model].mean(axis=0)
-    with Writer(folder, loaded, table) as writer:
+    job = _Job(loaded, out, mapper, points, live)
+    frames = known.frames if frames is None else frames
+    if stopped is not None:
+        frames = job.take_up(stopped, frames, known.frames, folder, finish)
+    with Writer(folder, loaded, table, made, stopped, live=live) as writer:
         try:
-            for frame, images, arrived in _followed(frames, loaded):
-                latency = time.time() - arrived if live else float("nan")
-                row = record(
-                    frame, out.zero, loaded.stations, test.markers, centre,
-                    _time(frame, images, table, project.sequence.rate_hz), latency, len(test.volumes.names),
-                )  # fmt: skip
-                values = mapper.frame(frame, images) if mapper and gridded(project.output, frame) else {}
-                writer.add(frame, row, values, points.frame(frame, images) if points is not None else ())
-                out.keep(row, frame.state)
-                if live:
-                    writer.live()
-                if say is not None:
-                    say(row)
+            job.follow(frames, writer, say)
         except KeyboardInterrupt:
             if not live:
                 raise
             out.interrupted = True
+            writer.undo()
+        if isinstance(frames, Watch):
+            job.close_watch(frames, writer)
     out.compared = None if mapper is None else mapper.compared
     return out
+
+
+def _check_begun(folder: Path, made: dict[str, Any]) -> None:
+    begun = begun_with(folder)
+    if begun is None:
+        raise io.FileError(folder, "has no run that was stopped; expected one to go on with")
+    if (why := changed(begun, made)) is not None:
+        raise io.FileError(folder, f"the run that was stopped there cannot go on: {why}")
+
+
+@dataclass
+class _Job:
+    """What takes the frames of a sequence, one after the other; parameters as in `run_sequence`."""
+
+    loaded: Loaded
+    out: Sequence
+    mapper: Mapper | None
+    points: PointMapper | None
+    live: bool
+    handed_on: dict[str, Any] = field(default_factory=dict)
+
+    def take_up(
+        self, stopped: Stopped, frames: Iterable[FrameImages], known: list[FrameImages], folder: Path, finish: bool
+    ) -> Iterable[FrameImages]:
+        """Go on with a run that was stopped; the frames that it has not measured."""
+        if stopped.state is None and stopped.frames and not finish:
+            raise io.FileError(
+                folder, "the run that was stopped there cannot go on: what its last frame hands on to the next is not "
+                "there; --finish keeps what it has measured",
+            )  # fmt: skip
+        done, count = stopped.frames, len(stopped.frames)
+        if isinstance(frames, list) and not finish:
+            for kept, frame in zip(done, frames, strict=False):
+                if kept.row.key != frame.key or pictures_of(frame) != dict(kept.pictures):
+                    raise io.FileError(
+                        folder, f"the run that was stopped there cannot go on: the pictures of frame {kept.row.key} "
+                        "have changed since",
+                    )  # fmt: skip
+        if stopped.state is not None:
+            self.handed_on.update(loaded_state(stopped, self.loaded.test))
+        for kept in done:
+            self.out.keep(kept.row, kept.state)
+        self._compare_again(done, {f.key: f for f in known})
+        if finish:
+            return []
+        if isinstance(frames, Watch):
+            frames.go_on([kept.row.key for kept in done], files_told(folder, done[-1].sizes if done else stopped.sizes))
+            return frames
+        return islice(frames, count, None)
+
+    def follow(self, frames: Iterable[FrameImages], writer: Writer, say: Callable[[FrameRecord], None] | None) -> None:
+        """Measure and write frame after frame."""
+        taken: list[FrameImages] = []
+        for frame in follow_deformation(_noted(frames, taken), self.loaded.test, handed_on=self.handed_on):
+            if isinstance(frames, Watch):
+                self._told(frames, writer)
+            row = self._write(frame, taken.pop(0), writer)
+            if say is not None:
+                say(row)
+
+    def close_watch(self, frames: Watch, writer: Writer) -> None:
+        """Rows for the frames that were seen and not measured, fates of the last files, and what is odd about them."""
+        written = {r.key for r in self.out.records}
+        left = [f for f in frames.left("the run was ended before it was measured") if f.key not in written]
+        self._told(frames, writer)
+        for frame in follow_deformation(left, self.loaded.test, handed_on=self.handed_on):
+            self._write(frame, left.pop(0), writer)
+        for what, names in (("match no camera's pattern and were left alone", frames.foreign),
+                            ("changed after they had been read: measured is what was in them then",
+                             frames.changed_since())):  # fmt: skip
+            if names:
+                some = ", ".join(names[:FEW_NAMED]) + (", ..." if len(names) > FEW_NAMED else "")
+                self.out.remarks = (*self.out.remarks, f"{len(names)} files {what}: {some}")
+
+    # --- parts -----------------------------------------------------------------------------
+    def _write(self, frame: DeformedFrame, images: FrameImages, writer: Writer) -> FrameRecord:
+        loaded, project, out = self.loaded, self.loaded.project, self.out
+        markers = loaded.test.markers
+        centre = markers.xyz[markers.role != "wall"].mean(axis=0)
+        time_s = _time(frame, images, out.table, project.sequence.rate_hz, bool(out.clock))
+        row = record(
+            frame, out.zero, loaded.stations, markers, centre, time_s, time.monotonic() - images.seen_s,
+            len(loaded.test.volumes.names),
+        )  # fmt: skip
+        before = None if self.mapper is None else self.mapper.compared
+        values = self.mapper.frame(frame, images) if self.mapper and gridded(project.output, frame) else {}
+        of_points = self.points.frame(frame, images) if self.points is not None else ()
+        compared = self.mapper is not None and self.mapper.compared is not before
+        kept = out.keep(row, frame.state)
+        writer.add(frame, images, row, values, of_points, state=kept, compared=compared, handed_on=self.handed_on)
+        return row
+
+    def _told(self, frames: Watch, writer: Writer) -> None:
+        told, frames.told = frames.told, []
+        self.out.arrivals.update(a.fate for a in told)
+        writer.arrived(told)
+
+    def _compare_again(self, done: list[Kept], known: dict[str, FrameImages]) -> None:
+        """The most deformed frame so far is mapped again, where its pictures are still there."""
+        most = next((k.compared for k in reversed(done) if k.compared is not None), None)
+        if most is None or self.mapper is None:
+            return
+        frame, images = most
+        images = images or known.get(frame.key)
+        if images is not None:
+            with suppress(io.FileError):
+                self.mapper.frame(frame, images)
 
 
 def _mapper(loaded: Loaded, still: list[tuple[DeformedFrame, FrameImages]]) -> Mapper | None:
@@ -144,28 +278,20 @@ def _mapper(loaded: Loaded, still: list[tuple[DeformedFrame, FrameImages]]) -> M
     return mapper
 
 
-def _followed(frames: Iterable[FrameImages], loaded: Loaded) -> Iterator[tuple[DeformedFrame, FrameImages, float]]:
-    """Frames with their images and the time stamp of the newest one."""
-    taken: list[tuple[FrameImages, float]] = []
-
-    def noted() -> Iterator[FrameImages]:
-        for frame in frames:
-            items = [p for p in frame.images.values() if isinstance(p, io.PictureFile)]
-            paths = [p if isinstance(p, Path) else p.path for p in items]
-            taken.append((frame, max((p.stat().st_mtime for p in paths if p.exists()), default=time.time())))
-            yield frame
-
-    for frame in follow_deformation(noted(), loaded.test):
-        yield frame, *taken.pop(0)
+def _noted(frames: Iterable[FrameImages], taken: list[FrameImages]) -> Iterator[FrameImages]:
+    """The same frames, each of them put into a list before it is handed on."""
+    for frame in frames:
+        taken.append(frame)
+        yield frame
 
 
-def _time(frame: DeformedFrame, images: FrameImages, table: FrameTable, rate_hz: float | None) -> float:
-    """By the cameras' clocks, the table, the rate, or the first camera whose recording has time stamps."""
+def _time(frame: DeformedFrame, images: FrameImages, table: FrameTable, rate_hz: float | None, clocks: bool) -> float:
+    """By the cameras' clocks, the table, the names' stamps, the rate, or a recording that has time stamps."""
+    row = table.row(frame.key)
+    if not clocks and row is not None and np.isfinite(table.time_s[row]):
+        return float(table.time_s[row])
     if np.isfinite(images.time_s):
         return images.time_s
-    row = table.row(frame.key)
-    if row is not None and np.isfinite(table.time_s[row]):
-        return float(table.time_s[row])
     if rate_hz:
         return frame.instant / rate_hz
     stamps = [item.time_s for item in images.images.values() if isinstance(item, io.Frame)]

@@ -118,6 +118,8 @@ class FrameImages:
         interpolated. ``images`` then has the nearest one
     missing : camera -> why it has no image; "no image" where nothing is said
     time_s : the time in seconds; NaN where unknown
+    seen_s : when its newest picture was seen, by the monotonic clock; NaN unless live
+    skipped : for an instant that is not measured, "late" or "left" (the run ended first), and why
     """
 
     key: str
@@ -126,6 +128,8 @@ class FrameImages:
     shots: Mapping[str, tuple[Shot, ...]] = field(default_factory=dict)
     missing: Mapping[str, str] = field(default_factory=dict)
     time_s: float = float("nan")
+    seen_s: float = float("nan")
+    skipped: tuple[str, str] | None = None
 
     def lag(self, name: str) -> float:
         """How much later than the instant the nearest picture of a camera is; 0 where it took one just then."""
@@ -158,8 +162,8 @@ class DeformedFrame:
     Parameters
     ----------
     index, key, instant : its place in the sequence from 0, its name, when it was
-    status : "cold" (found without help), "tracked" (from the frame before) or "lost"
-    reason : why it is lost, or what was wrong with single cameras; "" if nothing
+    status : "cold" (found without help), "tracked" (from the frame before), "lost"; or "late" or "left", not looked at
+    reason : why it is lost or was not looked at, or what was wrong with single cameras; "" if nothing
     state : the deformation, None where it is lost
     observations : spots with their markers, of all cameras that saw any
     views : names of the cameras, in the order of ``observations.view``

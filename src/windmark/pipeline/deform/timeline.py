@@ -7,7 +7,6 @@ sides, between which its spots are interpolated (`between`), or not at all.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark import io
+from windmark.pipeline.deform.names import EXACT, is_number, key_of, kind_of, order
 from windmark.pipeline.deform.project import RECORDING, CameraEntry, DeformProject
 from windmark.pipeline.deform.task import FrameImages, Shot
 
 Array = NDArray[np.float64]
 
-NUMBER = re.compile(r"\d+")
 SAME = 1e-3
 """Pictures nearer in time than this part of the camera's spacing are of one instant."""
 MAX_LAG = 0.75
@@ -96,7 +95,7 @@ def _reel(
     remarks: list[str],
 ) -> Reel:  # fmt: skip
     """A camera's pictures with their times, by the order of their frames, which must be that of the times."""
-    keys = sorted(files, key=lambda k: (0, int(k), "") if k.isdigit() else (1, 0, k))
+    keys = sorted(files, key=order)
     times = _times(project, i, camera, keys, recorded)
     known = np.isfinite(times)
     if not known.all():
@@ -119,12 +118,6 @@ def _reel(
     return Reel(camera.name, tuple(keys), times, tuple(files[k] for k in keys))
 
 
-def key_of(stem: str) -> str:
-    """The frame of an image: the last number in its name, without leading zeros; the name itself if it has none."""
-    numbers = NUMBER.findall(stem)
-    return str(int(numbers[-1])) if numbers else stem
-
-
 def _times(project: DeformProject, i: int, camera: CameraEntry, keys: list[str], recorded: Array | None) -> Array:
     """Seconds of each picture: from its table, its recording, or its rate; NaN where a table has none."""
     if camera.times not in (None, RECORDING):
@@ -139,7 +132,13 @@ def _times(project: DeformProject, i: int, camera: CameraEntry, keys: list[str],
             project.path, f"other cameras have clocks, but nothing says when {camera.name} took its pictures; expected "
             "rate_hz or times, or sequence.rate_hz", f"camera[{i}]",
         )  # fmt: skip
-    numbered = all(k.isdigit() for k in keys)
+    if kind_of(keys) == "stamp" or any(is_number(k) and len(k) >= len(str(EXACT)) for k in keys):
+        raise io.FileError(
+            project.path, f"the numbers in the names of camera {camera.name} ({keys[0]}) are no frame numbers: a rate "
+            'does not say when they were; expected times: a table, or "recording" for time stamps in the names',
+            f"camera[{i}]",
+        )  # fmt: skip
+    numbered = all(map(is_number, keys))
     return np.array([float(k) for k in keys] if numbered else np.arange(len(keys), dtype=float)) / rate
 
 

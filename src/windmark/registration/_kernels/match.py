@@ -97,8 +97,7 @@ def search_kernel(
                     )  # fmt: skip
                     # Without an anchor to screen them it is cheaper to ask of few links whether they are known.
                     if pairs == 0 or (
-                        not anchored
-                        and (holds(known, i, j, k, m, a, b, c, d) or holds(seen, i, j, k, m, a, b, c, d))
+                        not anchored and (holds(known, i, j, k, m, a, b, c, d) or holds(seen, i, j, k, m, a, b, c, d))
                     ):
                         continue
                     grown += 1

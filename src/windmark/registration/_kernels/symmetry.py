@@ -100,8 +100,33 @@ def symmetries_of(model: Model, alike: list[tuple[Ints, Ints]], least: int, most
         shift = to.mean(axis=1) - (turn @ corners.mean(axis=1)[:, :, None])[:, :, 0]
         around = model.near[triangle[:, 0], :NEIGHBOURS]
         motions_kernel(field, around, sample, turn, shift, least, mirrored, found)
+    # A triangle tells the turn of a large model roughly, so of a motion and the way back (the shift by a row to the
+    # right and to the left) one may be found and the other not. A rival needs both.
+    onto = found.onto[found.brought > 0]
+    if len(onto):
+        turn, shift = motions_of(xyz, onto, -1.0 if mirrored else 1.0)
+        back = turn.transpose(0, 2, 1)
+        turn, shift = np.concatenate([turn, back]), np.concatenate([shift, -np.einsum("sij,sj->si", back, shift)])
+        middle = [(m := np.flatnonzero(row >= 0))[len(m) // 2] for row in onto]
+        around = model.near[np.concatenate([middle, onto[np.arange(len(onto)), middle]]), :NEIGHBOURS]
+        motions_kernel(field, around, sample, turn, shift, least, mirrored, found)
     best = np.lexsort([found.serial, -found.brought])
     return found.onto[best[: (found.brought > 0).sum()]]
+
+
+def motions_of(xyz: Array, onto: Ints, determinant: float) -> tuple[Array, Array]:
+    """Rotations (S, 3, 3) with a determinant of 1 or -1, and translations (S, 3), that bring markers onto others best.
+
+    By least squares (Kabsch 1976): that of the triangle by which a motion was found is less sure far from it.
+    """
+    used = (onto >= 0).astype(float)
+    to, count = xyz[np.maximum(onto, 0)], used.sum(axis=1)[:, None]
+    centre, centre_to = used @ xyz / count, np.einsum("sn,sna->sa", used, to) / count
+    products = np.einsum("sn,sna,nb->sab", used, to, xyz) - count[:, None] * centre_to[:, :, None] * centre[:, None]
+    left, _, right = np.linalg.svd(products)
+    left[:, :, 2] *= (determinant * np.linalg.det(left @ right))[:, None]
+    turn = left @ right
+    return turn, centre_to - np.einsum("sab,sb->sa", turn, centre)
 
 
 def _order(n: int) -> NDArray[np.int64]:

@@ -3,11 +3,15 @@
 - A disc's image is an ellipse whose centre is not the image of the disc's centre (`geometry.discs`). Where a marker
   has a normal and a radius, the projection is moved by that eccentricity at the pose at hand, and the pose is refined
   again; the eccentricity changes so little with the pose that two rounds are enough.
+- Where few markers hold the pose the least squares are so far from linear that their own sigma is too small by several
+  times: a row that waves a little is turned about itself along a curve. The covariance has the second order, too.
 - The pose of a bent model is that of its root, see `judge.root`. Where a rigid one leaves more than the noise of the
   spots, it may be bent after all, and the covariance of its pose has what that would change.
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +19,8 @@ from numpy.typing import NDArray
 from windmark.geometry import imaged_ellipse
 from windmark.registration._kernels.growth import _move
 from windmark.registration.judge.root import root_of
+from windmark.registration.judge.twins import Weighed
+from windmark.registration.settle._kernels.curve import curve_kernel
 from windmark.registration.settle._kernels.project import place_cameras
 from windmark.registration.settle._kernels.settle import accept_kernel
 from windmark.registration.settle.settling import accepted, copied
@@ -40,20 +46,49 @@ def corrected(best: Solution) -> Solution:
 
 
 def answer(
-    best: Solution, beside: Solution | None = None, bends: float = 0.0, final: Solution | None = None
-) -> tuple[Solution, Array]:
+    best: Solution, beside: Solution | None = None, bends: float = 0.0, near: Sequence[Weighed] = (),
+    final: Solution | None = None,
+) -> tuple[Solution, Array]:  # fmt: skip
     """The solution as it is reported, and the covariance (P, P) of all its unknowns; ``final`` where it is `corrected`.
 
     Where another camera fits better ``beside``, but it is only slightly another or the model may be bent instead, the
     covariance has the way from the one explanation to the other, and of the pose also that one's own.
-    ``bends`` is the evidence (nats) of other pictures that the model bends.
+    ``bends`` is the evidence (nats) of other pictures that the model bends. Solutions that are ``near`` a rigid one
+    (weight, solution) are parts of one distribution of the pose, whose second moment about the answer is given.
     """
-    best, cov = _of_root(final or corrected(best), bends)
+    best = final or corrected(best)
+    curved = curvature(best)
+    best, cov = _of_root(best, bends)
+    cov[: len(curved), : len(curved)] += curved
+    if near:
+        cov *= 1.0 - sum(weight for weight, _ in near)
+    for weight, other in near:
+        way = _way(best, other)
+        cov += weight * (other.unit_cov + np.outer(way, way))
     if beside is not None:
         way = _way(best, beside)
         cov += np.outer(way, way)
         cov[:6, :6] += beside.unit_cov[:6, :6]
     return best, cov
+
+
+def curvature(best: Solution) -> Array:
+    """(P, P) what the second order of the projections adds to the covariance of the unknowns.
+
+    The minimum moves along a curve, x = L t + K(t, t) / 2 with K_ij = -C J'W D_ij for unit normal t: C = LL' is the
+    covariance, J and D are the first and second derivatives of the projections (Bates and Watts 1988, section 7.1,
+    parameter effects; Box 1971). The covariance of the second term is half the sum of all K_ij K_ij'. It is some 1 % of
+    C for markers that fix their pose well. Of the pose alone, by its covariance with the other unknowns as they are.
+    """
+    cov, factor = best.unit_cov, np.tril(best.state.factor)
+    columns = np.zeros((len(cov), 6))
+    columns[:6] = np.linalg.cholesky(np.linalg.inv((factor @ factor.T)[:6, :6]))
+    moved = -curve_kernel(best.views.sights, copied(best.views, best.state), columns) @ cov
+    # Of ``exp(delta) @ pose`` the shift is that of the unknowns less half of turn x shift, besides the first order.
+    turned = np.cross(columns[:3, :, None], columns[3:6, None, :], axis=0).transpose(1, 2, 0)
+    moved[..., 3:6] -= 0.5 * (turned + turned.transpose(1, 0, 2))
+    moved = moved.reshape(-1, len(cov))
+    return np.asarray(0.5 * moved.T @ moved)
 
 
 def _way(best: Solution, beside: Solution) -> Array:

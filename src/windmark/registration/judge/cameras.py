@@ -16,7 +16,8 @@ from scipy.special import bdtr
 
 from windmark.geometry import Pose
 from windmark.registration.judge import rules
-from windmark.registration.judge.doubts import FirstOrder, OtherCamera, fits_slightly
+from windmark.registration.judge.doubts import OtherCamera, fits_slightly
+from windmark.registration.judge.first_order import FirstOrder
 from windmark.registration.judge.own import is_loose
 from windmark.registration.judge.source import CONFIRMED
 from windmark.registration.result import Unchecked

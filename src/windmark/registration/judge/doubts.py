@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.registration.judge import rules
+from windmark.registration.judge.first_order import FirstOrder
 from windmark.registration.judge.own import is_loose
 from windmark.registration.result import Cause, Unchecked
-from windmark.registration.settle._kernels.doubt import doubt_kernel, gain_kernel, reduce_kernel
+from windmark.registration.settle._kernels.doubt import doubt_kernel
 from windmark.registration.settle._kernels.places import places_kernel
 from windmark.registration.settle.settling import accepted, opened, with_freedom
 from windmark.registration.settle.solution import Solution
@@ -192,7 +193,18 @@ class Doubts:
             "calibrate its distortion"
         )
 
-    def focal_sigma(self, c: int) -> float:
+    def loose_focal(self, most: float) -> str:
+        """Why a free focal length is not determined to ``most`` (relative 1 sigma); empty if it is."""
+        for c, plane in enumerate(self.views.planes):
+            if plane.task.free_focal and (sigma := self._focal_sigma(c)) > most:
+                return (
+                    f"the labelling is clear, but this view fixes the focal length only to {100 * sigma:.0f} % "
+                    f"(1 sigma; limit {100 * most:.0f} %): give the focal length, or a view that is less frontal or of "
+                    "a less flat set of markers"
+                )
+        return ""
+
+    def _focal_sigma(self, c: int) -> float:
         """Relative 1 sigma of a free focal length as it would be reported, and where the lens may be a little wrong.
 
         A focal length that is read out of the distortion alone is as good as the lens model: errors of it that count
@@ -222,49 +234,6 @@ class Doubts:
                     words = UNSEEN[what].format(size=shown) + " would go unnoticed here"
                     found.append(Unchecked(what, words, self.views.names[c]))
         return tuple(found)
-
-
-@dataclass(frozen=True, eq=False)
-class FirstOrder:
-    """Normal equations with unknowns that are asked about, each with a unit normal prior, and others beside them.
-
-    Parameters
-    ----------
-    normal, side : (P, P) J'WJ and (P,) J'W(seen - projected), without priors
-    asked : (M,) the unknowns asked about; those before the others' end are nuisances: six of the pose, then with priors
-    """
-
-    normal: Array
-    side: Array
-    asked: NDArray[np.int64]
-
-    @cached_property
-    def _reduced(self) -> tuple[Array, Array]:
-        """The same for the unknowns that are asked about alone, the others eliminated."""
-        return reduce_kernel(self.normal, self.side, self.asked)
-
-    def gain(self, first: int, last: int) -> float:
-        """What those from ``first`` to ``last`` gain (nats): what the residuals lose, less what the freedom costs
-        (Occam factor).
-        """  # fmt: skip
-        return float(gain_kernel(*self._reduced, first, last))
-
-    @cached_property
-    def _told(self) -> list[float]:
-        """What the spots tell of each of them alone: the information beside that of its prior."""
-        return [max(told, 0.0) for told in self._reduced[0].diagonal().tolist()]
-
-    def gains(self, sigmas: Array) -> Array:
-        """(S,) what all of them gain together with priors of so many sigmas (S,) in place of one."""
-        value, vector = np.linalg.eigh(self._reduced[0])
-        variance, pull2 = np.square(sigmas)[:, None], (self._reduced[1] @ vector) ** 2
-        gained = variance * (pull2 / (1 + variance * value)) - np.log1p(variance * np.maximum(value, 0.0))
-        return np.asarray(0.5 * gained.sum(axis=1))
-
-    def shown(self, k: int, margin: float) -> float:
-        """How large (in prior sigmas) one of them must be to lead by a margin (nats)."""
-        information = 1.0 + self._told[k]
-        return math.sqrt(2 * (margin + 0.5 * math.log(information)) / information)
 
 
 def fits_slightly(best: Solution) -> bool:

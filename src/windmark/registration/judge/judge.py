@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from windmark.registration.budget import Budget
 from windmark.registration.judge import own, rules, words
@@ -22,14 +21,13 @@ from windmark.registration.judge.mirror import mirror_of
 from windmark.registration.judge.repaired import Repaired
 from windmark.registration.judge.source import Source, distinct
 from windmark.registration.judge.symmetric import told_by_table_errors
+from windmark.registration.judge.twins import Weighed, elsewhere, near_ones, twin_of
 from windmark.registration.judge.verdict import Verdict, runner_up
 from windmark.registration.result import Cause, RunnerUp, Unchecked
 from windmark.registration.settle._kernels.settle import STEADY, settle_kernel
 from windmark.registration.settle.settling import copied
 from windmark.registration.settle.solution import Solution
 from windmark.registration.task import Limits
-
-Ints = NDArray[np.int32]
 
 DOUBTFUL: tuple[Cause | None, ...] = ("nothing", "weak", "misfit", "ambiguous", "time", "one_pair")
 """Of the best rigid solution; as opposed to a clear one with something wrong about it."""
@@ -159,6 +157,9 @@ class Judge:
                 return "ambiguous", words.ambiguity(best, other, runner_up(best, other))
             if told_by_table_errors(best, other, limits.margin):
                 return "ambiguous", words.ambiguity(best, other, runner_up(best, other), by_table_errors=True)
+        for _, other in self._near(best):
+            if elsewhere(best, other):
+                return "ambiguous", words.ambiguity(best, other, runner_up(best, other))
         if held := own.held_by_one(best):
             return "one_pair", f"{words.seen(best)}, but {held}"
         return None, ""
@@ -197,7 +198,7 @@ class Judge:
         elif len(self._views.planes) > 1 and (slight := self._places(best).slightly_off()) is not None:
             beside = slight[0]
             unchecked.append(slight[1])
-        if loose := self._focal(best):
+        if loose := doubts.loose_focal(self._limits.focal_sigma):
             return Verdict(best, verdict.runner_up, "focal", loose)
         if (mirror := mirror_of(self._views, best, MIRRORS)) is not None:
             lead = best.lead_over(mirror)
@@ -211,7 +212,7 @@ class Judge:
             unchecked.append(Unchecked("scale", words.SCALE_UNSEEN))
         if not self._copies_ended:
             unchecked.append(Unchecked("copy", words.COPY_UNSEEN))
-        return Verdict(best, verdict.runner_up, None, "", tuple(unchecked), beside)
+        return Verdict(best, verdict.runner_up, None, "", tuple(unchecked), beside, self._near(best))
 
     def _explained(self, verdict: Verdict) -> Verdict:
         """A refusal, with the camera as its reason if another one makes of the best solution a sound one."""
@@ -237,20 +238,6 @@ class Judge:
             return replace(others[0], words=f"{others[0].words}; or, about as likely: {others[1].words}")
         return others[0] if others else None
 
-    def _focal(self, best: Solution) -> str:
-        """Why a free focal length is not determined; empty if it is."""
-        for c, plane in enumerate(self._views.planes):
-            if not plane.task.free_focal:
-                continue
-            sigma = self._doubts(best).focal_sigma(c)
-            if sigma > self._limits.focal_sigma:
-                return (
-                    f"the labelling is clear, but this view fixes the focal length only to {100 * sigma:.0f} % "
-                    f"(1 sigma; limit {100 * self._limits.focal_sigma:.0f} %): give the focal length, or a view that "
-                    "is less frontal or of a less flat set of markers"
-                )
-        return ""
-
     def _doubts(self, best: Solution) -> Doubts:
         if best not in self._doubted:
             self._doubted[best] = Doubts(self._views, best, self._bender.modes, self._limits.margin)
@@ -261,6 +248,12 @@ class Judge:
             self._placed[best] = Places(best, self._limits.margin)
         return self._placed[best]
 
+    def _near(self, best: Solution) -> tuple[Weighed, ...]:
+        """Other explanations that count as the same as a rigid one but have another pose, see `judge.twins`."""
+        return () if best.is_bent else near_ones(
+            best, [*self._source.every(), *self._repaired.tried], self._limits.margin
+        )  # fmt: skip
+
     # --- solutions -----------------------------------------------------------------------
     def _challenge(self) -> None:
         """Look for rivals until the best solution has none better, or the work is over."""
@@ -270,6 +263,7 @@ class Judge:
                 return
             self._challenged.append(best)
             self._unchallenged = not self._source.rivals(best, lambda: self._budget.exhausted)
+            self._source.add(twin_of(best))
 
     def _solutions(self) -> list[Solution]:
         """Distinct solutions, best first; among few pairs without a wrong one that opened the gates for itself."""

@@ -7,8 +7,6 @@ them as well, the picture cannot tell.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -30,13 +28,8 @@ FLIP = np.diag([-1.0, 1.0, 1.0])
 
 def mirrored_views(views: Views) -> Views:
     """The same spots with the mirrored table; normals unknown, what faces away is hidden instead."""
-    sights = views.sights
-    other = replace(views, modes=views.modes @ FLIP)
-    other.__dict__["leads"], other.__dict__["densities"] = views.leads, views.densities
-    other.__dict__["sights"] = sights._replace(
-        xyz=np.ascontiguousarray(sights.xyz @ FLIP), normal=np.zeros_like(sights.normal),
-        modes=np.ascontiguousarray(other.modes),
-    )  # fmt: skip
+    other, sights = views.bent(views.modes @ FLIP), views.sights
+    other.__dict__["sights"] = other.sights._replace(xyz=sights.xyz @ FLIP, normal=np.zeros_like(sights.normal))
     return other
 
 

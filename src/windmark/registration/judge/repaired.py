@@ -32,6 +32,7 @@ class Repaired:
     def __init__(self, views: Views, budget: Budget) -> None:
         self._views, self._budget = views, budget
         self._kept: dict[Solution, Solution] = {}
+        self.tried: list[Solution] = []  # all that came of it
 
     def of(self, solution: Solution) -> Solution:
         """The best of a solution and of those that one pair less, or another one, leads to."""
@@ -62,6 +63,7 @@ class Repaired:
         self._budget.spend(SETTLE + SETTLE_PAIR * solution.count)
         start = solution.state.rotation, solution.state.translation, match
         if (other := settle(self._views, *start, focal_px=solution.state.camera[:, 0])) is not None:
+            self.tried.append(other)
             yield other
 
     def with_one_less(self, solution: Solution) -> Iterator[Solution]:

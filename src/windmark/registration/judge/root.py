@@ -53,21 +53,65 @@ class Root:
     cov: Array
 
 
+@dataclass(frozen=True, eq=False)
+class Bent:
+    """What one field says, of S stiffnesses; the roots are looked at once, for all of them together.
+
+    Parameters
+    ----------
+    evidence : (S,)
+    noise : (S,) mean variance of the residuals that each finds
+    mean, second : (S, K) and (S, K, K) moments of the coefficients
+    start, inverse : (P,) and (P, P) pose and nuisances without a deformation, and their covariance
+    by : (P, K) how the mean pose of all roots and the nuisances go with the coefficients
+    motions : (R, 6, K) `Field.motions` of the roots
+    turn : (6, 6) from a motion in the model to one in the rig
+    """
+
+    evidence: Array
+    noise: Array
+    mean: Array
+    second: Array
+    start: Array
+    inverse: Array
+    by: Array
+    motions: Array
+    turn: Array
+
+    def moments(self, weight: Array) -> tuple[Array, Array]:
+        """First two moments (P,), (P, P) of pose and nuisances, of all stiffnesses and roots; ``weight`` is (S,)."""
+        middle, second = self.by @ (weight @ self.mean), np.tensordot(weight, self.second, 1)
+        spread = self.by @ second @ self.by.T
+        # How far the roots' poses are apart: as they are in the model, then turned.
+        mean = self.motions.sum(axis=0) / len(self.motions)
+        along = (self.motions.reshape(-1, len(second)) @ second).reshape(self.motions.shape)
+        apart = np.tensordot(along, self.motions, ((0, 2), (0, 2))) / len(self.motions) - mean @ second @ mean.T
+        spread[:6, :6] += self.turn @ apart @ self.turn.T
+        both = np.outer(self.start, middle)
+        whole = weight.sum() * np.outer(self.start, self.start) + float(weight @ self.noise) * self.inverse
+        return weight.sum() * self.start + middle, whole + both + both.T + spread
+
+
 def root_of(best: Solution, bends: float = 0.0) -> Root:
     """The root's pose by all fields together; those of a rigid solution are weighed beside none.
 
     ``bends`` is the evidence (nats) of other pictures that the model bends.
     """
     layout = best.views.layout
-    found = [root for field in layout.fields for root in _by_field(best, field, layout.size)]
-    prior = np.full(len(found), -math.log(len(found)))
+    found = [_by_field(best, field, layout.size) for field in layout.fields]
+    worth = np.concatenate([bent.evidence for bent in found])
+    worth = worth - math.log(len(worth))
     if not best.is_bent:
-        found.append(_by_none(best))
-        prior = np.append(prior, rules.BENT_LEAD - bends)
-    weight, evidence = _weights(np.array([root.evidence for root in found]) + prior)
-    shift = weight @ [root.shift for root in found]
-    cov = sum(w * (r.cov + np.outer(r.shift, r.shift)) for w, r in zip(weight, found, strict=True))
-    return Root(evidence, shift, cov - np.outer(shift, shift))
+        none = _by_none(best)
+        worth = np.append(worth, none.evidence + rules.BENT_LEAD - bends)
+    weight, evidence = _weights(worth)
+    each = len(STIFFNESSES)
+    moments = [bent.moments(weight[k * each : (k + 1) * each]) for k, bent in enumerate(found)]
+    shift = np.sum([first for first, _ in moments], axis=0)
+    second = np.sum([second for _, second in moments], axis=0)
+    if not best.is_bent:
+        second = second + weight[-1] * none.cov
+    return Root(evidence, shift, second - np.outer(shift, shift))
 
 
 def _by_none(best: Solution) -> Root:
@@ -79,7 +123,7 @@ def _by_none(best: Solution) -> Root:
     return Root(evidence - math.log(weight.size), np.zeros(len(best.unit_cov)), float(weight @ noise) * best.unit_cov)
 
 
-def _by_field(best: Solution, field: Field, size: float) -> list[Root]:
+def _by_field(best: Solution, field: Field, size: float) -> Bent:
     """By one field, of every stiffness."""
     state, matched = best.state, np.asarray(best.state.match >= 0)
     views = best.views.bent(np.concatenate([field.modes, best.displacement[None]]))
@@ -97,24 +141,28 @@ def _by_field(best: Solution, field: Field, size: float) -> list[Root]:
     across = normal[:bends, bends:-1]
     taken, start = inverse @ across, inverse @ side[:bends]
     gram, pull = normal[bends:-1, bends:-1] - across.T @ taken, side[bends:-1] - across.T @ start
-    roots = _roots(field, np.asarray(matched.any(axis=0)))
-    turned = np.zeros((len(roots), bends, len(field.modes)))
-    turned[:, :3] = state.rotation @ field.motions[roots, :3]
-    turned[:, 3:6] = state.rotation @ field.motions[roots, 3:]
-    noise, found = _noises(best, matched), []
-    for stiff in STIFFNESSES:
-        amplitude = size * field.amplitude(stiff)
-        value, vector = np.linalg.eigh(gram * np.outer(amplitude, amplitude))
-        along = vector.T @ (amplitude * pull)
-        weight, evidence, mean, second = _weighed(
-            np.maximum(value, 0.0), along, noise, square - side[:bends] @ start, 2 * int(matched.sum()) - 6
-        )
-        by = (turned - taken) @ (amplitude[:, None] * vector)
-        middle = by.mean(axis=0) @ mean
-        spread = (by.reshape(-1, len(mean)) @ second).reshape(by.shape) @ by.transpose(0, 2, 1)
-        cov = float(weight @ noise[:, 0]) * inverse + spread.mean(axis=0) - np.outer(middle, middle)
-        found.append(Root(evidence, start - have[:bends] + middle, cov))
-    return found
+    noise, rest, count = _noises(best, matched), square - side[:bends] @ start, 2 * int(matched.sum()) - 6
+    found = [_by_amplitude(gram, pull, size * field.amplitude(stiff), noise, rest, count) for stiff in STIFFNESSES]
+    evidence, noises, mean, second = (np.array(part) for part in zip(*found, strict=True))
+    motions = field.motions[_roots(field, np.asarray(matched.any(axis=0)))]
+    by, turn = -taken, np.zeros((6, 6))
+    turn[:3, :3] = turn[3:, 3:] = state.rotation
+    by[:6] += turn @ motions.sum(axis=0) / len(motions)
+    return Bent(evidence, noises, mean, second, start - have[:bends], inverse, by, motions, turn)
+
+
+def _by_amplitude(
+    gram: Array, pull: Array, amplitude: Array, noise: Array, rest: float, count: int
+) -> tuple[float, float, Array, Array]:
+    """Evidence, mean noise, and the moments of the coefficients (K,), from the reduced normal equations of a field.
+
+    ``rest`` and ``count`` are as in `_weighed`.
+    """
+    value, vector = np.linalg.eigh(gram * np.outer(amplitude, amplitude))
+    along = vector.T @ (amplitude * pull)
+    weight, evidence, mean, second = _weighed(np.maximum(value, 0.0), along, noise, rest, count)
+    by = amplitude[:, None] * vector
+    return evidence, float(weight @ noise[:, 0]), by @ mean, by @ second @ by.T
 
 
 def _roots(field: Field, matched: NDArray[np.bool_]) -> NDArray[np.int64]:

@@ -38,9 +38,7 @@ class Source:
     budget : of the whole registration
     """
 
-    def __init__(
-        self, views: Views, searches: Sequence[Search | None], window: float, budget: Budget
-    ) -> None:
+    def __init__(self, views: Views, searches: Sequence[Search | None], window: float, budget: Budget) -> None:
         self.views, self._window, self._budget = views, window, budget
         self._searches = tuple(searches)
         self._running = {c: search.batches() for c, search in enumerate(searches) if search is not None}
@@ -92,6 +90,10 @@ class Source:
         if self._last[0] != made_of:
             self._last = made_of, distinct([*self._settle(chosen), *self._more])
         return list(self._last[1])
+
+    def every(self) -> list[Solution]:
+        """All of them, those too that count as the same as a better one."""
+        return [*self._settle(self.candidates()), *self._more]
 
     def _settle(self, candidates: Sequence[tuple[int, Candidate]]) -> list[Solution]:
         return [s for c, candidate in candidates if (s := self._solution(c, candidate)) is not None]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from windmark.registration.judge.twins import Weighed
 from windmark.registration.result import Cause, RunnerUp, Unchecked
 from windmark.registration.settle.solution import SAME_SHARE, Solution
 
@@ -12,8 +13,9 @@ from windmark.registration.settle.solution import SAME_SHARE, Solution
 class Verdict:
     """The best explanation, the best distinct other one, why it is refused (None: accepted), and what is unchecked.
 
-    ``beside`` is another camera's that may be the right one, whose pose the covariance has to cover. ``published`` is
-    the best one as it is reported, with the discs' eccentricity, once that has been looked at.
+    ``beside`` is another camera's that may be the right one, whose pose the covariance has to cover; so it has that of
+    those that are ``near``, each with its probability (`judge.twins`). ``published`` is the best one as it is reported,
+    with the discs' eccentricity, once that has been looked at.
     """
 
     best: Solution | None
@@ -22,6 +24,7 @@ class Verdict:
     reason: str
     unchecked: tuple[Unchecked, ...] = ()
     beside: Solution | None = None
+    near: tuple[Weighed, ...] = ()
     published: Solution | None = None
 
 

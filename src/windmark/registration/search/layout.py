@@ -12,7 +12,7 @@ from windmark.geometry import Pose
 from windmark.registration._kernels.hypothesis import Model
 from windmark.registration._kernels.near import nearest
 from windmark.registration._kernels.quad import Table, table_of
-from windmark.registration._kernels.symmetry import alike_triangles, symmetries_of
+from windmark.registration._kernels.symmetry import alike_triangles, motions_of, symmetries_of
 from windmark.registration.search.field import FAR, REACH, SUPPLE, Field, extents, field_of, modes_of
 from windmark.registration.task import on_line
 from windmark.scene import MarkerSet
@@ -132,7 +132,7 @@ class Layout:
     def _motions(self, *, mirrored: bool) -> tuple[Ints, Array, Array]:
         least = max(5, int(np.ceil(LEAST_BROUGHT * len(self.model.xyz))))
         onto = symmetries_of(self.model, self._alike, least, SYMMETRIES, mirrored=mirrored)
-        return onto, *_motions_of(self.model.xyz, onto, -1.0 if mirrored else 1.0)
+        return onto, *motions_of(self.model.xyz, onto, -1.0 if mirrored else 1.0)
 
     @cached_property
     def spacing(self) -> Array:
@@ -184,21 +184,6 @@ def _axes(xyz: Array) -> tuple[Array, Array]:
     """Principal axes (3, 3) of centred markers (N, 3) as rows, widest first, and their rms (3,) along each."""
     value, vector = np.linalg.eigh(xyz.T @ xyz / len(xyz))
     return vector.T[::-1], np.sqrt(np.maximum(value[::-1], 0.0))
-
-
-def _motions_of(xyz: Array, onto: Ints, determinant: float) -> tuple[Array, Array]:
-    """Rotations (S, 3, 3) with a determinant of 1 or -1, and translations (S, 3), that bring markers onto others best.
-
-    By least squares (Kabsch 1976): that of the triangle by which a motion was found is less sure far from it.
-    """
-    used = (onto >= 0).astype(float)
-    to, count = xyz[np.maximum(onto, 0)], used.sum(axis=1)[:, None]
-    centre, centre_to = used @ xyz / count, np.einsum("sn,sna->sa", used, to) / count
-    products = np.einsum("sn,sna,nb->sab", used, to, xyz) - count[:, None] * centre_to[:, :, None] * centre[:, None]
-    left, _, right = np.linalg.svd(products)
-    left[:, :, 2] *= (determinant * np.linalg.det(left @ right))[:, None]
-    turn = left @ right
-    return turn, centre_to - np.einsum("sab,sb->sa", turn, centre)
 
 
 def sphere(n: int) -> Array:

@@ -125,8 +125,12 @@ class Solution:
 
     def pairs(self, c: int = 0) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Spots and markers (K,) of camera c, in order of markers."""
-        marker = np.flatnonzero(self.state.match[c] >= 0)
-        return self.state.match[c, marker].astype(np.int64), marker
+        return self._pairs[c]
+
+    @cached_property
+    def _pairs(self) -> list[tuple[NDArray[np.int64], NDArray[np.int64]]]:
+        markers = [np.flatnonzero(match >= 0) for match in self.state.match]
+        return [(match[m].astype(np.int64), m) for match, m in zip(self.state.match, markers, strict=True)]
 
     @property
     def keeps_labels(self) -> bool:
@@ -163,12 +167,12 @@ class Solution:
     def readings(self) -> Array:
         """(C, READINGS) what each camera's labels are worth, see `worth_kernel`."""
         views, state = self.views, self.state
-        return np.stack([
+        return np.array([
             worth_kernel(
-                views.sights, state, views.layout.model.near, c, leads, density, plane.fixed_count,
-                plane.log_shares(tuple(leads)),
+                views.sights, state, views.layout.model.near, c, views.leads[c], views.densities[c], plane.fixed_count,
+                views.log_shares[c],
             )
-            for c, (plane, leads, density) in enumerate(zip(views.planes, views.leads, views.densities, strict=True))
+            for c, plane in enumerate(views.planes)
         ])  # fmt: skip
 
     @cached_property

@@ -111,8 +111,7 @@ class Views:
             rotation, translation = _places(poses, self.layout.frame.scale)
             sights = sights._replace(rotation=rotation, translation=translation)
         other = Views(self.planes, poses or self.cam_from_rig, sights.loose, sights.modes, self.names)
-        other.__dict__["sights"] = sights
-        other.__dict__["leads"], other.__dict__["densities"] = self.leads, self.densities
+        other.__dict__.update(sights=sights, leads=self.leads, densities=self.densities, log_shares=self.log_shares)
         return other
 
     @cached_property
@@ -123,7 +122,7 @@ class Views:
         sigma = np.where(np.isfinite(given), given, 0.0) / layout.frame.scale
         xy = [np.ascontiguousarray(p.task.xy) for p in planes]
         order = [np.argsort(p[:, 0], kind="stable") for p in xy]
-        cov = [np.stack([p.task.cov[:, 0, 0], p.task.cov[:, 0, 1], p.task.cov[:, 1, 1]], axis=1) for p in planes]
+        cov = [p.task.cov.reshape(-1, 4)[:, [0, 1, 3]] for p in planes]
         return Sights(
             layout.model.xyz, layout.model.normal, sigma, np.ascontiguousarray(self.modes),
             *_places(self.cam_from_rig, layout.frame.scale),
@@ -131,7 +130,7 @@ class Views:
             _joined([d[-1] for d in self.densities]), _joined(order),
             _joined([p[o, 0] for p, o in zip(xy, order, strict=True)]),
             np.array([p.task.camera.size_px for p in planes], dtype=float), np.array([p.radius for p in planes]),
-            np.array([p.task.tolerance_px for p in planes]), np.stack([p.task.camera.packed() for p in planes]),
+            np.array([p.task.tolerance_px for p in planes]), np.array([p.task.camera.packed() for p in planes]),
             self.loose,
         )  # fmt: skip
 
@@ -144,6 +143,11 @@ class Views:
     def densities(self) -> tuple[Array, ...]:
         """Of each camera, (L, M) the spots per px^2 round each spot, among the spots of each prefix."""
         return tuple(_densities(plane) for plane in self.planes)
+
+    @cached_property
+    def log_shares(self) -> tuple[Array, ...]:
+        """Of each camera, (L,) see `Plane.log_shares`."""
+        return tuple(plane.log_shares(tuple(plane.leads)) for plane in self.planes)
 
     def camera(self, c: int, packed: Array) -> Camera:
         """Camera c with the parameters (12,) of a state."""
@@ -208,7 +212,7 @@ def doubted_place(turn: float, shift: float) -> Array:
 
 def _places(poses: Sequence[Pose], scale: float) -> tuple[Array, Array]:
     """(C, 3, 3) and (C, 3) of poses, in sizes of the model."""
-    return np.stack([pose.rotation for pose in poses]), np.stack([pose.translation for pose in poses]) / scale
+    return np.array([pose.rotation for pose in poses]), np.array([pose.translation for pose in poses]) / scale
 
 
 def _densities(plane: Plane) -> Array:

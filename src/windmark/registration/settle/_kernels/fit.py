@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 from windmark.geometry._cholesky_kernels import cholesky, inverse_factor, solve_factored
 from windmark.geometry._jit import nb
 from windmark.registration._kernels.growth import PRIOR_WORTH, _move
-from windmark.registration.settle._kernels.project import place_cameras, see, sight_of
+from windmark.registration.settle._kernels.project import place_cameras, room_for, see
 from windmark.registration.settle._kernels.state import (
     COST_END,
     COST_START,
+    DECREASE,
     EXCESS,
     MISFIT,
     STEPS,
@@ -47,11 +48,11 @@ def refine(sights: Sights, state: State, table: Array, most: int = MOST_STEPS) -
         pairs += 1 if s >= 0 else 0
     if pairs < MIN_MATCHES:
         return False
-    g, decrease = np.empty(size), math.inf
+    g, decrease, (xy, by) = np.empty(size), math.inf, room_for(state)
     state.report[STEPS] = 0.0
     for _ in range(most):
         place_cameras(sights, state)
-        cost = _normal_equations(sights, state, table, a, g)
+        cost = _normal_equations(sights, state, table, xy, by, a, g)
         if not cholesky(a, size, 1e-12):
             return False
         if state.report[STEPS] == 0.0:
@@ -60,7 +61,7 @@ def refine(sights: Sights, state: State, table: Array, most: int = MOST_STEPS) -
         state.report[COST_END] = cost
         if decrease < AT_REST:
             break
-        decrease = _step(state, a, g, cameras, open_)
+        decrease = state.report[DECREASE] = _step(state, a, g, cameras, open_)
         if not decrease < math.inf:
             return False
     return decrease < 1e-6
@@ -85,11 +86,12 @@ def _step(state: State, a: Array, g: Array, cameras: int, open_: int) -> float:
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _normal_equations(sights: Sights, state: State, table: Array, a: Array, g: Array) -> float:
-    """J'WJ (lower half) and J'W(seen - projected) with the priors; the cost. Residuals and ``table`` on the way."""
+def _normal_equations(sights: Sights, state: State, table: Array, xy: Array, by: Array, a: Array, g: Array) -> float:
+    """J'WJ (lower half) and J'W(seen - projected) with the priors; the cost. Residuals and ``table`` on the way.
+
+    ``xy`` and ``by`` are scratch (`room_for`).
+    """
     size, (cameras, n), open_ = g.shape[0], state.match.shape, state.nuisance.shape[1]
-    u, v, cu, cv = np.empty(size), np.empty(size), np.empty(size), np.empty(size)
-    by_xyz, other = np.empty((2, 3)), np.empty(12)
     a[:] = 0.0
     g[:] = 0.0
     cost = 0.0
@@ -103,88 +105,83 @@ def _normal_equations(sights: Sights, state: State, table: Array, a: Array, g: A
     for i in range(6, size):
         a[i, i] = 1.0
     # Arrays are taken out of their tuples once: that counts references, which costs as much as seeing a marker does.
-    sigma, spots, noise = sights.sigma, sights.xy, sights.cov
+    spots, noise = sights.xy, sights.cov
     for c in range(cameras):
         excess, first = state.numbers[c, EXCESS], sights.first[c]
         match, residual, own = state.match[c], state.residual[c], table[c]
-        xyz, modes, bend, rot, turn, rot_c, shift_c, cam, loose, offset = sight_of(sights, state, c)
+        see(sights, state, c, match >= 0, xy, by)
+        _by_table(sights.sigma, xy, by, own)
         for m in range(n):
             if match[m] < 0:
                 continue
-            s = first + match[m]
-            x, y, valid = see(
-                m, xyz, modes, bend, rot, turn, rot_c, shift_c, cam, loose, offset, c, u, v, by_xyz, other
-            )  # fmt: skip
-            if not valid:
+            if math.isnan(xy[m, 0]):
                 return math.nan
-            table_of(sigma, m, by_xyz, own)
-            du, dv = spots[s, 0] - x, spots[s, 1] - y
+            s = first + match[m]
+            du, dv = spots[s, 0] - xy[m, 0], spots[s, 1] - xy[m, 1]
             residual[m, 0], residual[m, 1] = -du, -dv
-            xx, xy, yy = noise[s, 0] + own[m, 0] + excess, noise[s, 1] + own[m, 1], noise[s, 2] + own[m, 2] + excess
-            k2 = 1.0 / (xx * yy - xy * xy)
-            wuu, wuv, wvv = k2 * yy, -k2 * xy, k2 * xx
+            xx, xy_, yy = noise[s, 0] + own[m, 0] + excess, noise[s, 1] + own[m, 1], noise[s, 2] + own[m, 2] + excess
+            k2 = 1.0 / (xx * yy - xy_ * xy_)
+            wuu, wuv, wvv = k2 * yy, -k2 * xy_, k2 * xx
             bu, bv = wuu * du + wuv * dv, wuv * du + wvv * dv
             cost += 0.5 * (bu * du + bv * dv)
             for i in range(size):
-                g[i] += u[i] * bu + v[i] * bv
-                cu[i], cv[i] = wuu * u[i] + wuv * v[i], wuv * u[i] + wvv * v[i]
-            for i in range(size):
-                if cu[i] == 0.0 and cv[i] == 0.0:
+                u, v = by[m, 0, i], by[m, 1, i]
+                if u == 0.0 and v == 0.0:
                     continue
+                g[i] += u * bu + v * bv
+                cu, cv = wuu * u + wuv * v, wuv * u + wvv * v
                 for j in range(i + 1):
-                    a[i, j] += cu[i] * u[j] + cv[i] * v[j]
+                    a[i, j] += cu * by[m, 0, j] + cv * by[m, 1, j]
     return cost
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def table_of(sigma: Array, m: int, by_xyz: Array, out: Array) -> None:
-    """Covariance xx, xy, yy of the projection of marker m by its own sigma, into ``out`` (N, 3)."""
-    xx, xy, yy = 0.0, 0.0, 0.0
-    for k in range(3):
-        du, dv = sigma[m, k] * by_xyz[0, k], sigma[m, k] * by_xyz[1, k]
-        xx += du * du
-        xy += du * dv
-        yy += dv * dv
-    out[m, 0], out[m, 1], out[m, 2] = xx, xy, yy
+def _by_table(sigma: Array, xy: Array, by: Array, out: Array) -> None:
+    """Covariance xx, xy, yy of the projections of markers that are seen, by their own sigma, into ``out`` (N, 3)."""
+    place = by.shape[2] - 3
+    for m in range(xy.shape[0]):
+        if math.isnan(xy[m, 0]):
+            continue
+        uu, uv, vv = 0.0, 0.0, 0.0
+        for k in range(3):
+            u, v = sigma[m, k] * by[m, 0, place + k], sigma[m, k] * by[m, 1, place + k]
+            uu += u * u
+            uv += u * v
+            vv += v * v
+        out[m, 0], out[m, 1], out[m, 2] = uu, uv, vv
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def spread_places(sights: Sights, state: State) -> None:
-    """Covariance of every projection by that of the unknowns (`State.place`), and what the fit has taken.
-
-    The sum of the leverages of a camera's pairs is the number of coordinates that the fit has taken of it.
-    """
-    size, (cameras, n) = state.factor.shape[0], state.match.shape
-    u, v, by_xyz, other = np.empty(size), np.empty(size), np.empty((2, 3)), np.empty(12)
-    inverse = inverse_factor(state.factor, size)
+    """Covariance of every projection by that of the unknowns (`State.place`), infinite where there is none."""
+    cameras, n = state.match.shape
+    xy, by = room_for(state)
+    inverse, every = inverse_factor(state.factor, state.factor.shape[0]), np.ones(n, np.bool_)
     for c in range(cameras):
-        place = state.place[c]
-        xyz, modes, bend, rot, turn, rot_c, shift_c, cam, loose, offset = sight_of(sights, state, c)
-        for m in range(n):
-            valid = see(
-                m, xyz, modes, bend, rot, turn, rot_c, shift_c, cam, loose, offset, c, u, v, by_xyz, other
-            )[2]  # fmt: skip
-            place[m, 0] = place[m, 2] = math.inf
-            if valid:
-                by_unknowns(inverse, u, v, size, m, place)
+        state.place[c, :, 0], state.place[c, :, 2] = math.inf, math.inf
+        see(sights, state, c, every, xy, by)
+        by_unknowns(inverse, xy, by, state.place[c])
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def by_unknowns(inverse: Array, u: Array, v: Array, size: int, m: int, out: Array) -> None:
-    """Covariance xx, xy, yy of the projection of marker m by that of the unknowns, into ``out`` (N, 3).
+def by_unknowns(inverse: Array, xy: Array, by: Array, out: Array) -> None:
+    """Covariance xx, xy, yy of the projections of markers that are seen, by that of the unknowns, into ``out`` (N, 3).
 
-    From the inverse of their Cholesky factor and the derivatives of `see`.
+    From the inverse of their Cholesky factor and what `see` says.
     """
-    xx, xy, yy = 0.0, 0.0, 0.0
-    for i in range(size):
-        along_u, along_v = 0.0, 0.0
-        for k in range(i + 1):
-            along_u += inverse[i, k] * u[k]
-            along_v += inverse[i, k] * v[k]
-        xx += along_u * along_u
-        xy += along_u * along_v
-        yy += along_v * along_v
-    out[m, 0], out[m, 1], out[m, 2] = xx, xy, yy
+    for m in range(xy.shape[0]):
+        if math.isnan(xy[m, 0]):
+            continue
+        uu, uv, vv = 0.0, 0.0, 0.0
+        for i in range(inverse.shape[0]):
+            u, v = 0.0, 0.0
+            for k in range(i + 1):
+                u += inverse[i, k] * by[m, 0, k]
+                v += inverse[i, k] * by[m, 1, k]
+            uu += u * u
+            uv += u * v
+            vv += v * v
+        out[m, 0], out[m, 1], out[m, 2] = uu, uv, vv
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")

@@ -11,8 +11,8 @@ from windmark.geometry._cholesky_kernels import inverse_factor
 from windmark.geometry._jit import nb
 from windmark.registration._kernels.hypothesis import GRAZING, _towards
 from windmark.registration.settle._kernels.fit import by_unknowns
-from windmark.registration.settle._kernels.project import see, sight_of
-from windmark.registration.settle._kernels.state import EXCESS, Sights, State
+from windmark.registration.settle._kernels.project import room_for, see
+from windmark.registration.settle._kernels.state import EXCESS, Mask, Sights, State
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int32]
@@ -35,85 +35,98 @@ def label(sights: Sights, state: State, table: Array, new: Ints, shut: bool) -> 
     A spot that holds the solution already has pulled it, so its residual is *smaller* than its noise by the
     projection's covariance; for any other spot it is larger. Both tests are the same leave-one-out test.
     """
-    size, (cameras, n), bent = state.factor.shape[0], state.match.shape, state.bent.shape[0] > 0
-    u, v, by_xyz, other = np.empty(size), np.empty(size), np.empty((2, 3)), np.empty(12)
-    inverse, normal = inverse_factor(state.factor, size), sights.normal
-    pair_m, pair_s, pair_d = np.empty(4 * n, np.int32), np.empty(4 * n, np.int32), np.empty(4 * n)
+    cameras, n = state.match.shape
+    inverse, (xy, by) = inverse_factor(state.factor, state.factor.shape[0]), room_for(state)
     for c in range(cameras):
-        first, last = sights.first[c], sights.first[c + 1]
-        spots, noise, density = sights.xy[first:last], sights.cov[first:last], sights.density[first:last]
-        by_x, column, tolerance2 = sights.by_x[first:last], sights.x[first:last], sights.tolerance[c] ** 2
-        match, own, place, excess = state.match[c], table[c], state.place[c], state.numbers[c, EXCESS]
-        must, faces, hidden, bound = state.must[c], state.faces[c], state.hidden[c], state.bound[c]
-        largest, low = 0.0, BORDER + sights.radius[c] - 0.5
-        right, bottom = sights.size[c, 0] - 1.0 - low, sights.size[c, 1] - 1.0 - low
-        for s in range(last - first):
-            largest = max(largest, noise[s, 0] + noise[s, 2])
-        # Where the unknowns do not know yet, nothing is expected: the gate must tell a marker from clutter.
-        widest = 4.0 * tolerance2 / GATE
-        if bent:
-            widest = sights.size[c, 0] * sights.size[c, 1] / (math.pi * CLEAR * max(last - first, 1))
-        xyz, modes, bend, rot, turn, rot_c, shift_c, cam, loose, offset = sight_of(sights, state, c)
-        ex = -(rot_c[0, 0] * shift_c[0] + rot_c[1, 0] * shift_c[1] + rot_c[2, 0] * shift_c[2])
-        ey = -(rot_c[0, 1] * shift_c[0] + rot_c[1, 1] * shift_c[1] + rot_c[2, 1] * shift_c[2])
-        ez = -(rot_c[0, 2] * shift_c[0] + rot_c[1, 2] * shift_c[1] + rot_c[2, 2] * shift_c[2])
-        used = 0
+        see(sights, state, c, _facing(sights, state, c), xy, by)
+        by_unknowns(inverse, xy, by, state.place[c])
+        _expect(sights, state, c, xy)
+        pair_m, pair_s, pair_d = _in_gates(sights, state, c, xy, table[c], shut)
         for m in range(n):
-            new[c, m], must[m], faces[m] = -1, False, False
-            facing = _towards(normal, m, ex - xyz[m, 0], ey - xyz[m, 1], ez - xyz[m, 2])
-            if (facing <= 0.0 or hidden[m]) and bound[m] < 0:
-                continue
-            x, y, valid = see(
-                m, xyz, modes, bend, rot, turn, rot_c, shift_c, cam, loose, offset, c, u, v, by_xyz, other
-            )  # fmt: skip
-            if not valid:
-                continue
-            by_unknowns(inverse, u, v, size, m, place)
-            whole = low < x < right and low < y < bottom  # a detector finds no half discs
-            faces[m] = facing > GRAZING
-            must[m] = facing > GRAZING and whole and place[m, 0] + place[m, 2] < widest
-            if bound[m] >= 0:
-                new[c, m] = bound[m]
-                continue
-            while used + (last - first) > pair_d.shape[0]:
-                pair_m, pair_s = np.append(pair_m, pair_m), np.append(pair_s, pair_s)
-                pair_d = np.append(pair_d, pair_d)
-            used = _near_spots(
-                m, x, y, spots, noise, density, by_x, column, own, place, excess, tolerance2, largest, bent, match[m],
-                shut, used, pair_m, pair_s, pair_d,
-            )  # fmt: skip
-        _pair_up(match, bent, last - first, pair_m[:used], pair_s[:used], pair_d[:used], new[c])
+            new[c, m] = state.bound[c, m] if not math.isnan(xy[m, 0]) else -1
+        spots = sights.first[c + 1] - sights.first[c]
+        _pair_up(state.match[c], state.bent.shape[0] > 0, spots, pair_m, pair_s, pair_d, new[c])
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _near_spots(
-    m: int, x: float, y: float, spots: Array, noise: Array, density: Array, by_x: NDArray[np.int64], column: Array,
-    table: Array, place: Array, excess: float, tolerance2: float, largest: float, bent: bool, holds: int, shut: bool,
-    used: int, pair_m: Ints, pair_s: Ints, pair_d: Array,
-) -> int:  # fmt: skip
-    """Append the spots in the gate of marker m, which is seen at (x, y) and ``holds`` a spot or -1."""
-    txx, txy, tyy = table[m, 0] + excess, table[m, 1], table[m, 2] + excess
-    sxx, sxy, syy = place[m, 0], place[m, 1], place[m, 2]
-    reach2 = GATE * (sxx + syy + txx + tyy + largest)
-    if not bent:
-        reach2 = min(reach2, 9.0 * tolerance2)
-    reach = math.sqrt(reach2)
-    for at in range(np.searchsorted(column, x - reach), column.shape[0]):
-        if column[at] - x > reach:
-            break
-        s = by_x[at]
-        du, dv = x - spots[s, 0], y - spots[s, 1]
-        held = holds == s
-        if du * du + dv * dv > reach2 or (shut and not held):
+def _facing(sights: Sights, state: State, c: int) -> Mask:
+    """(N,) markers that may be seen or are bound to a spot; `State.faces` on the way, of those that are not hidden."""
+    xyz, normal, rot, shift = sights.xyz, sights.normal, state.rotations[c], state.translations[c]
+    hidden, bound, faces, out = state.hidden[c], state.bound[c], state.faces[c], np.empty(xyz.shape[0], np.bool_)
+    ex = -(rot[0, 0] * shift[0] + rot[1, 0] * shift[1] + rot[2, 0] * shift[2])
+    ey = -(rot[0, 1] * shift[0] + rot[1, 1] * shift[1] + rot[2, 1] * shift[2])
+    ez = -(rot[0, 2] * shift[0] + rot[1, 2] * shift[1] + rot[2, 2] * shift[2])
+    for m in range(xyz.shape[0]):
+        facing = _towards(normal, m, ex - xyz[m, 0], ey - xyz[m, 1], ez - xyz[m, 2])
+        out[m] = (facing > 0.0 and not hidden[m]) or bound[m] >= 0
+        faces[m] = facing > GRAZING and out[m]
+    return out
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _expect(sights: Sights, state: State, c: int, xy: Array) -> None:
+    """Which markers turn to camera c and have an image, and which of them must be seen."""
+    must, faces, place, (low, right, bottom) = state.must[c], state.faces[c], state.place[c], whole_within(sights, c)
+    # Where the unknowns do not know yet, nothing is expected: the gate must tell a marker from clutter.
+    widest = 4.0 * sights.tolerance[c] ** 2 / GATE
+    if state.bent.shape[0] > 0:
+        spots = max(sights.first[c + 1] - sights.first[c], 1)
+        widest = sights.size[c, 0] * sights.size[c, 1] / (math.pi * CLEAR * spots)
+    for m in range(xy.shape[0]):
+        x, y = xy[m, 0], xy[m, 1]
+        faces[m] = faces[m] and not math.isnan(x)
+        must[m] = faces[m] and low < x < right and low < y < bottom and place[m, 0] + place[m, 2] < widest
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def whole_within(sights: Sights, c: int) -> tuple[float, float, float]:
+    """Least x and y, largest x, largest y where a usual spot is whole in the image: a detector finds no half discs."""
+    low = BORDER + sights.radius[c] - 0.5
+    return low, sights.size[c, 0] - 1.0 - low, sights.size[c, 1] - 1.0 - low
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _in_gates(
+    sights: Sights, state: State, c: int, xy: Array, table: Array, shut: bool
+) -> tuple[Ints, Ints, Array]:  # fmt: skip
+    """Markers, spots and squared distances of the pairs of camera c that are in their gates, in order of markers."""
+    n, first, last, bent = xy.shape[0], sights.first[c], sights.first[c + 1], state.bent.shape[0] > 0
+    spots, noise, density = sights.xy[first:last], sights.cov[first:last], sights.density[first:last]
+    by_x, column, most2 = sights.by_x[first:last], sights.x[first:last], 9.0 * sights.tolerance[c] ** 2
+    match, bound, place, excess = state.match[c], state.bound[c], state.place[c], state.numbers[c, EXCESS]
+    pair_m, pair_s, pair_d = np.empty(4 * n, np.int32), np.empty(4 * n, np.int32), np.empty(4 * n)
+    largest, used = 0.0, 0
+    for s in range(last - first):
+        largest = max(largest, noise[s, 0] + noise[s, 2])
+    for m in range(n):
+        x, y = xy[m, 0], xy[m, 1]
+        if math.isnan(x) or bound[m] >= 0:
             continue
-        distance2, root_det = leave_one_out(
-            du, dv, txx + noise[s, 0], txy + noise[s, 1], tyy + noise[s, 2], sxx, sxy, syy, held
-        )  # fmt: skip
-        odds = 1.0 / (2.0 * math.pi * root_det * density[s])
-        if distance2 < min(GATE, 2.0 * math.log(odds / (CLEAR if bent and not held else 1.0))):
-            pair_m[used], pair_s[used], pair_d[used] = m, s, distance2
-            used += 1
-    return used
+        while used + (last - first) > pair_d.shape[0]:
+            pair_m, pair_s = np.append(pair_m, pair_m), np.append(pair_s, pair_s)
+            pair_d = np.append(pair_d, pair_d)
+        txx, txy, tyy = table[m, 0] + excess, table[m, 1], table[m, 2] + excess
+        sxx, sxy, syy = place[m, 0], place[m, 1], place[m, 2]
+        reach2 = GATE * (sxx + syy + txx + tyy + largest)
+        if not bent:
+            reach2 = min(reach2, most2)
+        reach = math.sqrt(reach2)
+        for at in range(np.searchsorted(column, x - reach), last - first):
+            if column[at] - x > reach:
+                break
+            s = by_x[at]
+            du, dv = x - spots[s, 0], y - spots[s, 1]
+            held = match[m] == s
+            if du * du + dv * dv > reach2 or (shut and not held):
+                continue
+            distance2, root_det = leave_one_out(
+                du, dv, txx + noise[s, 0], txy + noise[s, 1], tyy + noise[s, 2], sxx, sxy, syy, held
+            )  # fmt: skip
+            odds = 1.0 / (2.0 * math.pi * root_det * density[s])
+            if distance2 < min(GATE, 2.0 * math.log(odds / (CLEAR if bent and not held else 1.0))):
+                pair_m[used], pair_s[used], pair_d[used] = m, s, distance2
+                used += 1
+    return pair_m[:used], pair_s[:used], pair_d[:used]
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
@@ -145,13 +158,6 @@ def _pair_up(
                 continue
         new[m] = s
         taken[s] = True
-
-
-@nb.njit(cache=True, nogil=True, error_model="numpy")
-def _whole(sights: Sights, c: int, x: float, y: float) -> bool:
-    """Whether a spot of the usual size is whole in the image where a marker is: a detector finds no half discs."""
-    low = BORDER + sights.radius[c] - 0.5
-    return low < x < sights.size[c, 0] - 1.0 - low and low < y < sights.size[c, 1] - 1.0 - low
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")

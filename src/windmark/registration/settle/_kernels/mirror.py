@@ -8,14 +8,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.geometry._jit import nb
-from windmark.registration.settle._kernels.fit import refine
-from windmark.registration.settle._kernels.state import EXCESS, Sights, State
+from windmark.registration.settle._kernels.fit import MOST_STEPS, refine
+from windmark.registration.settle._kernels.state import COST_END, DECREASE, EXCESS, Sights, State
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int32]
 
-GLANCE, HOPELESS = 3, 6.0
-"""After so many steps, residuals of so many times what is allowed do not come down to it."""
+HOPELESS = 8.0
+"""Of residuals whose root mean square the first step promises to bring to so many times what is allowed, the median
+does not come down to it."""
+FARTHER2 = 25.0
+"""Nor of others that would have to move by the root of so many times what the next step moves them (in their sigmas).
+"""
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
@@ -31,10 +35,59 @@ def mirrors_kernel(
     out, table, away = np.zeros(onto.shape[0], np.bool_), np.zeros((cameras, n, 3)), np.empty(n)
     for b in range(onto.shape[0]):
         start(best, state, onto[b], turn[b], shift[b])
-        refine(sights, state, table, GLANCE)
-        if _loosest(state, reach, away) < HOPELESS and refine(sights, state, table):
-            out[b] = _loosest(state, reach, away) <= 1.0
+        refine(sights, state, table, 1)
+        promised = 2.0 * state.report[COST_END] - state.report[DECREASE]
+        if promised < HOPELESS**2 * _allowed(sights, state, table, reach):
+            out[b] = _comes_near(sights, state, table, reach, away)
     return out
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _variance(sights: Sights, state: State, table: Array, c: int, m: int) -> float:
+    """Of the residual of a matched marker, per coordinate."""
+    s = sights.first[c] + state.match[c, m]
+    given = sights.cov[s, 0] + sights.cov[s, 2] + table[c, m, 0] + table[c, m, 2]
+    return 0.5 * given + state.numbers[c, EXCESS]
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _allowed(sights: Sights, state: State, table: Array, reach: Array) -> float:
+    """Sum of squares, in sigmas, of residuals that are all as large as they may be."""
+    total = 0.0
+    for c in range(state.match.shape[0]):
+        for m in range(state.match.shape[1]):
+            if state.match[c, m] >= 0:
+                total += reach[c] ** 2 / _variance(sights, state, table, c, m)
+    return total
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _comes_near(sights: Sights, state: State, table: Array, reach: Array, away: Array) -> bool:
+    """Whether the residuals' medians come within ``reach``; given up as soon as the steps are too small for that."""
+    for _ in range(MOST_STEPS):
+        if refine(sights, state, table, 1):
+            return refine(sights, state, table) and _loosest(state, reach, away) <= 1.0
+        if not _still_to_go(sights, state, table, reach, away) < FARTHER2 * state.report[DECREASE] < math.inf:
+            return False
+    return False
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _still_to_go(sights: Sights, state: State, table: Array, reach: Array, away: Array) -> float:
+    """Least sum of squares, in sigmas, by which residuals must change to bring their median within ``reach``.
+
+    Of the worst camera. A Gauss-Newton step changes all residuals by the decrease that it promises.
+    """
+    worst = 0.0
+    for c in range(state.match.shape[0]):
+        count, match, residual = 0, state.match[c], state.residual[c]
+        for m in range(match.shape[0]):
+            if match[m] >= 0:
+                beyond = max(0.0, math.hypot(residual[m, 0], residual[m, 1]) - reach[c])
+                away[count] = beyond**2 / _variance(sights, state, table, c, m)
+                count += 1
+        worst = max(worst, np.sort(away[:count])[: count // 2].sum())
+    return worst
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")

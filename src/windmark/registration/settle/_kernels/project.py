@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from windmark.geometry._jit import nb
 from windmark.geometry._kernels import project_point, project_with_slopes
 from windmark.registration._kernels.growth import _move
-from windmark.registration.settle._kernels.state import PLACE, Sights, State
+from windmark.registration.settle._kernels.state import PLACE, Mask, Sights, State
 
 Array = NDArray[np.float64]
 
@@ -62,68 +62,67 @@ def open_camera(given: Array, loose: Array, nuisance: Array, out: Array) -> None
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def sight_of(
-    sights: Sights, state: State, c: int
-) -> tuple[Array, Array, Array, Array, Array, Array, Array, Array, Array, Array]:
-    """What `see` wants of camera c: taken out of the tuples once, which costs as much as seeing a marker does."""
-    turn, shift = np.empty((3, 3)), np.empty(3)
-    _place(sights.rotation[c], sights.translation[c], sights.loose[c], state.nuisance[c], turn, shift)
-    return (
-        sights.xyz, sights.modes, state.bent, state.rotation, turn, state.rotations[c], state.translations[c],
-        state.camera[c], sights.loose[c], state.offset[c],
-    )  # fmt: skip
+def room_for(state: State) -> tuple[Array, Array]:
+    """Empty ``xy`` (N, 2) and ``by`` (N, 2, P' + 3) for `see`."""
+    n = state.match.shape[1]
+    return np.empty((n, 2)), np.empty((n, 2, state.factor.shape[0] + 3))
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def see(
-    m: int, xyz: Array, modes: Array, bend: Array, rot: Array, turn: Array, rot_c: Array, shift_c: Array, cam: Array,
-    loose: Array, offset: Array, c: int, u: Array, v: Array, by_xyz: Array, other: Array,
-) -> tuple[float, float, bool]:  # fmt: skip
-    """Where camera c sees marker m; its derivatives by all unknowns in ``u`` and ``v`` (P',), by the marker's place
-    in ``by_xyz`` (2, 3); ``other`` (12,) is scratch, the rest comes from `sight_of`.
+def see(sights: Sights, state: State, c: int, asked: Mask, xy: Array, by: Array) -> None:
+    """Where camera c sees the markers that are ``asked`` (N,) for: ``xy`` (N, 2), NaN of others and without an image.
 
-    The rotation turns about the model's centre (the origin), so it hardly couples with the translation.
-    """  # fmt: skip
-    x, y, z, bends = xyz[m, 0], xyz[m, 1], xyz[m, 2], bend.shape[0]
-    for k in range(bends):
-        x += bend[k] * modes[k, m, 0]
-        y += bend[k] * modes[k, m, 1]
-        z += bend[k] * modes[k, m, 2]
-    px = rot_c[0, 0] * x + rot_c[0, 1] * y + rot_c[0, 2] * z + shift_c[0]
-    py = rot_c[1, 0] * x + rot_c[1, 1] * y + rot_c[1, 2] * z + shift_c[1]
-    pz = rot_c[2, 0] * x + rot_c[2, 1] * y + rot_c[2, 2] * z + shift_c[2]
-    seen_u, seen_v, valid, ux, uy, uz, vx, vy, vz = project_with_slopes(cam, px, py, pz)
-    if not valid:
-        return seen_u, seen_v, False
-    ax = rot[0, 0] * x + rot[0, 1] * y + rot[0, 2] * z
-    ay = rot[1, 0] * x + rot[1, 1] * y + rot[1, 2] * z
-    az = rot[2, 0] * x + rot[2, 1] * y + rot[2, 2] * z
-    # In the rig's frame; a turn by w moves the point a by w x a.
-    wx = ux * turn[0, 0] + uy * turn[1, 0] + uz * turn[2, 0]
-    wy = ux * turn[0, 1] + uy * turn[1, 1] + uz * turn[2, 1]
-    wz = ux * turn[0, 2] + uy * turn[1, 2] + uz * turn[2, 2]
-    u[0], u[1], u[2], u[3], u[4], u[5] = ay * wz - az * wy, az * wx - ax * wz, ax * wy - ay * wx, wx, wy, wz
+    ``by`` (N, 2, P' + 3) has the derivatives by all unknowns, and behind them by the marker's own place. The rotation
+    turns about the model's centre (the origin), so it hardly couples with the translation. All markers in one go: an
+    array that a function is given costs more to hand over than half a marker to see.
+    """
+    xyz, modes, bend, rot, rot_c, shift_c = (
+        sights.xyz, sights.modes, state.bent, state.rotation, state.rotations[c], state.translations[c],
+    )  # fmt: skip
+    cam, loose, offset, turn, other = state.camera[c], sights.loose[c], state.offset[c], np.empty((3, 3)), np.empty(12)
+    bends, open_, size = bend.shape[0], loose.shape[1], by.shape[2] - 3
+    bent, own = size - bends, 6 + c * open_
     for i in range(3):
-        by_xyz[0, i] = wx * rot[0, i] + wy * rot[1, i] + wz * rot[2, i]
-    wx = vx * turn[0, 0] + vy * turn[1, 0] + vz * turn[2, 0]
-    wy = vx * turn[0, 1] + vy * turn[1, 1] + vz * turn[2, 1]
-    wz = vx * turn[0, 2] + vy * turn[1, 2] + vz * turn[2, 2]
-    v[0], v[1], v[2], v[3], v[4], v[5] = ay * wz - az * wy, az * wx - ax * wz, ax * wy - ay * wx, wx, wy, wz
-    for i in range(3):
-        by_xyz[1, i] = wx * rot[0, i] + wy * rot[1, i] + wz * rot[2, i]
-    open_, start = loose.shape[1], u.shape[0] - bends
-    if open_ > 0:
-        for i in range(6, start):
-            u[i], v[i] = 0.0, 0.0
-        start_c = 6 + c * open_
-        _by_nuisances(cam, loose, px, py, pz, start_c, u, v, other)
-        _by_place(loose, px, py, pz, ux, uy, uz, start_c, u)
-        _by_place(loose, px, py, pz, vx, vy, vz, start_c, v)
-    for k in range(bends):
-        mx, my, mz = modes[k, m, 0], modes[k, m, 1], modes[k, m, 2]
-        u[start + k] = by_xyz[0, 0] * mx + by_xyz[0, 1] * my + by_xyz[0, 2] * mz
-        v[start + k] = by_xyz[1, 0] * mx + by_xyz[1, 1] * my + by_xyz[1, 2] * mz
-    return seen_u + offset[m, 0], seen_v + offset[m, 1], True
+        for j in range(3):
+            turn[i, j] = rot_c[i, 0] * rot[j, 0] + rot_c[i, 1] * rot[j, 1] + rot_c[i, 2] * rot[j, 2]
+    for m in range(xyz.shape[0]):
+        xy[m, 0], xy[m, 1] = math.nan, math.nan
+        if not asked[m]:
+            continue
+        x, y, z = xyz[m, 0], xyz[m, 1], xyz[m, 2]
+        for k in range(bends):
+            x += bend[k] * modes[k, m, 0]
+            y += bend[k] * modes[k, m, 1]
+            z += bend[k] * modes[k, m, 2]
+        px = rot_c[0, 0] * x + rot_c[0, 1] * y + rot_c[0, 2] * z + shift_c[0]
+        py = rot_c[1, 0] * x + rot_c[1, 1] * y + rot_c[1, 2] * z + shift_c[1]
+        pz = rot_c[2, 0] * x + rot_c[2, 1] * y + rot_c[2, 2] * z + shift_c[2]
+        seen_u, seen_v, valid, ux, uy, uz, vx, vy, vz = project_with_slopes(cam, px, py, pz)
+        if not valid:
+            continue
+        xy[m, 0], xy[m, 1] = seen_u + offset[m, 0], seen_v + offset[m, 1]
+        ax = rot[0, 0] * x + rot[0, 1] * y + rot[0, 2] * z
+        ay = rot[1, 0] * x + rot[1, 1] * y + rot[1, 2] * z
+        az = rot[2, 0] * x + rot[2, 1] * y + rot[2, 2] * z
+        for q in range(2):
+            u = by[m, q]
+            if q == 1:
+                ux, uy, uz = vx, vy, vz
+            # In the rig's frame; a turn by w moves the point a by w x a.
+            wx = ux * turn[0, 0] + uy * turn[1, 0] + uz * turn[2, 0]
+            wy = ux * turn[0, 1] + uy * turn[1, 1] + uz * turn[2, 1]
+            wz = ux * turn[0, 2] + uy * turn[1, 2] + uz * turn[2, 2]
+            u[0], u[1], u[2], u[3], u[4], u[5] = ay * wz - az * wy, az * wx - ax * wz, ax * wy - ay * wx, wx, wy, wz
+            for i in range(3):
+                u[size + i] = wx * rot[0, i] + wy * rot[1, i] + wz * rot[2, i]
+            for i in range(6, bent):
+                u[i] = 0.0
+            if open_ > 0:
+                _by_place(loose, px, py, pz, ux, uy, uz, own, u)
+            for k in range(bends):
+                u[bent + k] = u[size] * modes[k, m, 0] + u[size + 1] * modes[k, m, 1] + u[size + 2] * modes[k, m, 2]
+        if open_ > 0:
+            _by_nuisances(cam, loose, px, py, pz, own, by[m, 0], by[m, 1], other)
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
@@ -132,7 +131,7 @@ def _by_nuisances(
 ) -> None:
     """Derivatives by a camera's nuisances, of a point in its frame that it sees.
 
-    Those by the sensor's tilt, and where it is tilted, are difference quotients (``other`` is scratch).
+    They are added. Those by the sensor's tilt, and where it is tilted, are difference quotients (``other`` is scratch).
     """
     xn, yn = x / z, y / z
     s, fx, fy, aspect = xn * xn + yn * yn, camera[0], camera[0] * camera[1], camera[1]
@@ -142,14 +141,16 @@ def _by_nuisances(
     from_v = fy * (yn * radial + p1 * (s + 2.0 * yn * yn) + 2.0 * p2 * xn * yn)
     for p in range(loose.shape[1]):
         if tilted or loose[9, p] != 0.0 or loose[10, p] != 0.0:
-            u[start + p], v[start + p] = _quotients(camera, loose, p, x, y, z, other)
+            by_u, by_v = _quotients(camera, loose, p, x, y, z, other)
+            u[start + p] += by_u
+            v[start + p] += by_v
             continue
         radial = s * (loose[4, p] + s * (loose[5, p] + s * loose[8, p]))
         by_p1, by_p2, both = loose[6, p], loose[7, p], 2.0 * xn * yn
-        u[start + p] = loose[0, p] * from_u + loose[2, p] + fx * (
+        u[start + p] += loose[0, p] * from_u + loose[2, p] + fx * (
             xn * radial + by_p1 * both + by_p2 * (s + 2.0 * xn * xn)
         )  # fmt: skip
-        v[start + p] = (loose[0, p] + loose[1, p] / aspect) * from_v + loose[3, p] + fy * (
+        v[start + p] += (loose[0, p] + loose[1, p] / aspect) * from_v + loose[3, p] + fy * (
             yn * radial + by_p1 * (s + 2.0 * yn * yn) + by_p2 * both
         )  # fmt: skip
 

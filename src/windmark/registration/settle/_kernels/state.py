@@ -19,8 +19,9 @@ Mask = NDArray[np.bool_]
 
 EXCESS, MISFIT, EXPECTED, TAKEN, NUMBERS = range(5)
 """Columns of `State.numbers`: excess and misfit variance, markers expected, coordinates taken by the fit."""
-STEPS, COST_START, COST_END, REPORT = range(4)
-"""Places in `State.report`: Gauss-Newton steps of the last fit, and its cost at the start and the end."""
+STEPS, COST_START, COST_END, DECREASE, REPORT = range(5)
+"""Places in `State.report`: Gauss-Newton steps of the last fit, its cost at the start and the end, and twice the
+decrease that its last step promised."""
 
 
 PLACE, ROWS = 12, 18
@@ -61,7 +62,7 @@ class State(NamedTuple):
     rotations: Array  # (C, 3, 3) as each camera sees the model
     translations: Array  # (C, 3)
     numbers: Array  # (C, 4) see EXCESS and the names beside it
-    report: Array  # (3,) see STEPS and the names beside it
+    report: Array  # (4,) see STEPS and the names beside it
     match: Ints  # (C, N) spot of every marker, numbered within the camera, or -1
     residual: Array  # (C, N, 2) projected - seen of matched markers
     spread: Array  # (C, N, 3) covariance of the residuals: spot, table and excess

@@ -16,7 +16,7 @@ from windmark.geometry._cholesky_kernels import solved
 from windmark.geometry._jit import nb
 from windmark.registration._kernels.growth import _move
 from windmark.registration._kernels.hypothesis import _towards
-from windmark.registration.settle._kernels.project import place_cameras, see, sight_of
+from windmark.registration.settle._kernels.project import place_cameras, room_for, see
 from windmark.registration.settle._kernels.state import Sights, State
 from windmark.registration.track._kernels.motion import difference, invert_factored
 from windmark.registration.track._kernels.spots import Columns, place_of
@@ -39,7 +39,7 @@ class Sight(NamedTuple):
     """Markers as seen from a pose."""
 
     xy: Array  # (N, 2) in the image
-    by_pose: Array  # (N, 2, 6) its derivative
+    by_pose: Array  # (N, 2, 9) its derivative by the pose and, behind it, by the marker's place
     spacing: Array  # (N,) distance to the next marker's image
     seen: NDArray[np.bool_]  # (N,) before the camera and facing it
     spread: Array  # (N, 3) xx, xy, yy by the covariance of the pose, of those that are seen
@@ -51,26 +51,19 @@ def sight_from(sights: Sights, state: State, near: Ints, cov: Array) -> Sight:
 
     From the pose of a state that is rigid, with the camera as given; ``cov`` (6, 6) is the pose's.
     """
-    n, size, r, t = sights.xyz.shape[0], state.factor.shape[0], state.rotation, state.translation
-    xy, by_pose, spacing, seen, spread = (
-        np.empty((n, 2)), np.empty((n, 2, 6)), np.empty(n), np.empty(n, np.bool_), np.empty((n, 3))
-    )  # fmt: skip
-    u, v, by_xyz, other = np.empty(size), np.empty(size), np.empty((2, 3)), np.empty(12)
+    n, xyz, normal, r, t = sights.xyz.shape[0], sights.xyz, sights.normal, state.rotation, state.translation
+    spacing, seen, spread, (xy, by) = np.empty(n), np.empty(n, np.bool_), np.empty((n, 3)), room_for(state)
     ex = -(r[0, 0] * t[0] + r[1, 0] * t[1] + r[2, 0] * t[2])
     ey = -(r[0, 1] * t[0] + r[1, 1] * t[1] + r[2, 1] * t[2])
     ez = -(r[0, 2] * t[0] + r[1, 2] * t[1] + r[2, 2] * t[2])
     place_cameras(sights, state)
-    xyz, modes, bend, rot, turn, rot_c, shift_c, cam, loose, offset = sight_of(sights, state, 0)
     for m in range(n):
-        facing = _towards(sights.normal, m, ex - sights.xyz[m, 0], ey - sights.xyz[m, 1], ez - sights.xyz[m, 2])
-        seen[m] = False
-        if facing > 0.0:
-            xy[m, 0], xy[m, 1], seen[m] = see(
-                m, xyz, modes, bend, rot, turn, rot_c, shift_c, cam, loose, offset, 0, u, v, by_xyz, other
-            )  # fmt: skip
+        seen[m] = _towards(normal, m, ex - xyz[m, 0], ey - xyz[m, 1], ez - xyz[m, 2]) > 0.0
+    see(sights, state, 0, seen, xy, by)
+    for m in range(n):
+        seen[m] = not math.isnan(xy[m, 0])
         if seen[m]:
-            by_pose[m, 0], by_pose[m, 1] = u[:6], v[:6]
-            spread[m, 0], spread[m, 1], spread[m, 2] = spread_of(by_pose[m], cov)
+            spread[m, 0], spread[m, 1], spread[m, 2] = spread_of(by[m], cov)
     for m in range(n):
         best = np.inf
         for k in range(min(4, near.shape[1])):
@@ -78,12 +71,12 @@ def sight_from(sights: Sights, state: State, near: Ints, cov: Array) -> Sight:
             if seen[m] and seen[o]:
                 best = min(best, (xy[m, 0] - xy[o, 0]) ** 2 + (xy[m, 1] - xy[o, 1]) ** 2)
         spacing[m] = math.sqrt(best)
-    return Sight(xy, by_pose, spacing, seen, spread)
+    return Sight(xy, by, spacing, seen, spread)
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def spread_of(by_pose: Array, cov: Array) -> tuple[float, float, float]:
-    """xx, xy, yy of a projection by the covariance (6, 6) of the pose, from its derivative (2, 6)."""
+    """xx, xy, yy of a projection by the covariance (6, 6) of the pose, from its derivative (2, 9)."""
     xx, xy, yy = 0.0, 0.0, 0.0
     for a in range(6):
         cu, cv = 0.0, 0.0
@@ -159,8 +152,7 @@ def fit_with_prior(sights: Sights, state: State, prior: tuple[Array, Array, Arra
 
     The state's pose is changed, its covariance comes in ``cov`` (6, 6).
     """
-    size, match = state.factor.shape[0], state.match[0]
-    u, v, by_xyz, other = np.empty(size), np.empty(size), np.empty((2, 3)), np.empty(12)
+    match, (xy, by) = state.match[0], room_for(state)
     g, away, a = np.empty(6), np.empty(6), np.empty((6, 6))
     for _ in range(2):
         place_cameras(sights, state)
@@ -170,23 +162,21 @@ def fit_with_prior(sights: Sights, state: State, prior: tuple[Array, Array, Arra
             for j in range(6):
                 a[i, j] = prior[2][i, j]  # the factorisation looks at the lower half only
                 g[i] += prior[2][i, j] * away[j]
-        xyz, modes, bend, rot, turn, rot_c, shift_c, cam, loose, offset = sight_of(sights, state, 0)
+        see(sights, state, 0, match >= 0, xy, by)
         for m in range(match.shape[0]):
             if match[m] < 0:
                 continue
-            x, y, valid = see(
-                m, xyz, modes, bend, rot, turn, rot_c, shift_c, cam, loose, offset, 0, u, v, by_xyz, other
-            )  # fmt: skip
-            if not valid:
+            if math.isnan(xy[m, 0]):
                 return False
             s = match[m]
-            du, dv = sights.xy[s, 0] - x, sights.xy[s, 1] - y
+            du, dv = sights.xy[s, 0] - xy[m, 0], sights.xy[s, 1] - xy[m, 1]
             w = 1.0 / (floor2 + 0.5 * (sights.cov[s, 0] + sights.cov[s, 2]))
             w *= min(1.0, HUBER / math.sqrt(w * (du * du + dv * dv) + 1e-300))
             for i in range(6):
-                g[i] += w * (u[i] * du + v[i] * dv)
+                u, v = by[m, 0, i], by[m, 1, i]
+                g[i] += w * (u * du + v * dv)
                 for j in range(i + 1):
-                    a[i, j] += w * (u[i] * u[j] + v[i] * v[j])
+                    a[i, j] += w * (u * by[m, 0, j] + v * by[m, 1, j])
         if not solved(a, g, 6, 1e-13):
             return False
         _move(state.rotation, state.translation, g)

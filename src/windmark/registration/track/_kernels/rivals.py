@@ -16,7 +16,7 @@ from windmark.geometry._jit import nb
 from windmark.geometry._kernels import project_point, to_camera
 from windmark.registration._kernels.hypothesis import GRAZING, _towards
 from windmark.registration._kernels.rival import _mirrored
-from windmark.registration.settle._kernels.label import _whole
+from windmark.registration.settle._kernels.label import whole_within
 from windmark.registration.settle._kernels.settle import STEADY, settle_kernel
 from windmark.registration.settle._kernels.state import Sights, State
 from windmark.registration.settle._kernels.worth import (
@@ -188,7 +188,7 @@ def _least_lead(
     ex = -(r[0, 0] * t[0] + r[1, 0] * t[1] + r[2, 0] * t[2])
     ey = -(r[0, 1] * t[0] + r[1, 1] * t[1] + r[2, 1] * t[2])
     ez = -(r[0, 2] * t[0] + r[1, 2] * t[1] + r[2, 2] * t[2])
-    expected, faces, count, total = 0, 0, 0, 0.0
+    expected, faces, count, total, (low, right, bottom) = 0, 0, 0, 0.0, whole_within(sights, 0)
     for m in range(n):
         facing = _towards(sights.normal, m, ex - xyz[m, 0], ey - xyz[m, 1], ez - xyz[m, 2])
         x, y, z = to_camera(r, t, xyz[m, 0], xyz[m, 1], xyz[m, 2])
@@ -212,7 +212,7 @@ def _least_lead(
             expected += 1
             faces += 1
         elif facing > GRAZING:
-            expected += _whole(sights, 0, u, v)
+            expected += low < u < right and low < v < bottom
             faces += 1
     if count < 4:
         return math.inf

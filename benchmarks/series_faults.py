@@ -1,0 +1,240 @@
+"""Long and live series under attack: killed at random moments, fed with every fault that a camera's computer has.
+
+Kills: `deform` and `deform --watch` are killed (SIGKILL, SIGTERM in turn) at random moments, what is there is opened,
+and `--resume` goes on, again and again, until the run ends; its files are compared with those of an undisturbed one.
+Live: 1,000 frames by a writer with pauses, files made in their full size, disorder, duplicates, dates that are off by
+hours and files that are never finished; every frame must have one row, every file one, and no number may be another one
+than from the disk.
+
+    python benchmarks/series_faults.py [--kills 30] [--frames 1000]
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import os
+import shutil
+import signal
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+MADE = 12
+"""Frames that are rendered; longer sequences go through them to and fro."""
+
+
+def main(quick: bool = False, kills: int | None = None, frames: int | None = None) -> dict[str, Any]:
+    """Both attacks; figures."""
+    from windmark.pipeline.simulate_deforming import simulate_deforming
+
+    kills, frames = kills or (4 if quick else 30), frames or (100 if quick else 1000)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        (folder / "made").mkdir()
+        simulate_deforming(folder / "made", 3, MADE, (640, 400))
+        figures: dict[str, Any] = {}
+        for live in (False, True):
+            figures["live kills" if live else "kills"] = killed(folder, kills, live)
+        figures["live"] = fed(folder, frames)
+    for key, value in figures.items():
+        print(f"{key}: {value}", flush=True)
+    return figures
+
+
+# --- parts -------------------------------------------------------------------------------------
+def project(folder: Path, name: str, frames: int) -> Path:
+    """A project of so many frames, pictures of the rendered ones to and fro, without the grid and its values."""
+    place = folder / name
+    shutil.copytree(folder / "made", place, ignore=shutil.ignore_patterns("images", "truth", "deformation*"))
+    (place / "images").mkdir()
+    for k in range(frames):
+        for camera in ("cam1", "cam2"):
+            source = folder / "made" / "images" / f"{camera}-{shown(k):04d}.tif"
+            os.link(source, place / "images" / f"{camera}-{k:04d}.tif")
+    text = (place / "deform.toml").read_text()
+    values, points = '[values]\ncameras = ["cam1"]\nblack = 64\n', '[[points]]\nfile = "taps.csv"\n'
+    for part in ('grid = ["vtk"]\n', "every = 1\n", values, points, 'frames = "frames.csv"\n'):
+        assert part in text, part
+        text = text.replace(part, "")
+    (place / "deform.toml").write_text(text)
+    return place / "deform.toml"
+
+
+def shown(k: int) -> int:
+    """Which of the rendered frames frame k shows."""
+    turn = k % (2 * MADE - 2)
+    return turn if turn < MADE else 2 * MADE - 2 - turn
+
+
+def verb(*arguments: object) -> int:
+    """Run the command line in this process."""
+    from typer.testing import CliRunner
+
+    from windmark.app.cli import app
+
+    done = CliRunner().invoke(app, [str(a) for a in arguments], catch_exceptions=False)
+    if done.exit_code not in (0, 1):
+        print(done.output[-500:], flush=True)
+    return done.exit_code
+
+
+def child(call: Callable[[], object]) -> int:
+    """Run it in a process of its own; everything is imported and compiled there already."""
+    pid = os.fork()
+    if pid == 0:
+        code = 99
+        try:
+            signal.signal(signal.SIGTERM, signal.SIG_DFL)
+            code = int(call() or 0)  # type: ignore[call-overload]
+        finally:
+            os._exit(code)
+    return pid
+
+
+def table(path: Path) -> list[dict[str, str]]:
+    """Rows of a table without wall times."""
+    with open(path, newline="") as stream:
+        return [{k: v for k, v in row.items() if k != "seconds"} for row in csv.DictReader(stream)]
+
+
+def same(one: Path, other: Path) -> bool:
+    """Whether two result folders hold the same numbers, bit by bit."""
+    import xarray
+
+    names = ("cameras.csv", "span.csv", "markers.csv", "units.json")
+    with xarray.open_dataset(one / "deformation.nc") as a, xarray.open_dataset(other / "deformation.nc") as b:
+        series = a.drop_vars("seconds").equals(b.drop_vars("seconds"))
+    return (
+        series and all((one / n).read_bytes() == (other / n).read_bytes() for n in names)
+        and table(one / "deformation.csv") == table(other / "deformation.csv")
+        and {p.name for p in one.iterdir()} == {p.name for p in other.iterdir()}
+    )  # fmt: skip
+
+
+def killed(folder: Path, kills: int, live: bool) -> dict[str, int]:
+    """Kill a run, look at what it left, resume it; until so many kills are done."""
+    import xarray
+
+    from windmark.pipeline.deform.resume import measured
+
+    rng = np.random.default_rng(5)
+    path = project(folder, f"kill-{live}", 60)
+    watched = ("--watch", path.parent / "images", "--idle", 0.5) if live else ()
+    assert verb("deform", path, "-o", folder / f"whole-{live}", *watched) == 0
+    start = time.monotonic()
+    assert verb("deform", path, "-o", folder / f"whole-{live}", *watched) == 0
+    usual_s, counts, n = time.monotonic() - start, Counter[str](), 0
+    while counts["kills"] < kills:
+        n += 1
+        out = folder / f"out-{live}-{n}"
+        work = out if live else out.with_name(f"{out.name}.unfinished")
+        going = False
+        while True:
+            more = ("--resume",) if going else ()
+            pid = child(lambda out=out, more=more: verb("deform", path, "-o", out, *watched, *more))
+            time.sleep(rng.uniform(0, 0.7 * usual_s))
+            os.kill(pid, signal.SIGTERM if counts["kills"] % 2 else signal.SIGKILL)
+            _, status = os.waitpid(pid, 0)
+            if os.WIFEXITED(status):  # it was faster
+                counts["failed"] += os.WEXITSTATUS(status) != 0
+                break
+            counts["kills"] += 1
+            count = measured(work)
+            if (work / "deformation.csv").exists() and count:
+                counts["readable"] += len(table(work / "deformation.csv")) >= count
+                with xarray.open_dataset(work / "deformation.nc") as series:
+                    counts["series"] += 0 <= series.sizes["frame"] <= count
+                counts["with frames"] += 1
+            going = (work / "deformation.journal").exists()
+            if counts["kills"] >= kills:
+                more = ("--resume",) if going else ()
+                counts["failed"] += verb("deform", path, "-o", out, *watched, *more) != 0
+                break
+        counts["runs"] += 1
+        counts["same"] += same(folder / f"whole-{live}", out)
+    counts["left"] = sum(p.name.startswith(".") or p.name.endswith(".unfinished") for p in folder.iterdir())
+    return dict(counts)
+
+
+def fed(folder: Path, frames: int) -> dict[str, Any]:
+    """A live run whose writer does everything wrong."""
+    path = project(folder, "live", frames)
+    incoming = folder / "incoming"
+    incoming.mkdir()
+    assert verb("deform", path, "-o", folder / "disk") == 0
+    writer = child(lambda: write(path.parent / "images", incoming, frames))
+    code = verb("deform", path, "-o", folder / "live-out", "--watch", incoming, "--idle", 4)
+    os.waitpid(writer, 0)
+    rows, files = table(folder / "live-out" / "deformation.csv"), table(folder / "live-out" / "arrivals.csv")
+    names = [p.name for p in incoming.iterdir()]
+    disk = {r["frame"]: r for r in table(folder / "disk" / "deformation.csv")}
+    good = [r for r in rows if r["status"] in ("cold", "tracked")]
+    both = [r for r in good if not r["reason"]]
+    off = [abs(float(r["wing.twist_2"]) - float(disk[r["frame"]]["wing.twist_2"])) / float(r["sigma_wing.twist_2"])
+           for r in both]  # fmt: skip
+    fewer = sum(int(r["spots"]) < 0.9 * int(disk[r["frame"]]["spots"]) for r in both)
+    return {
+        "exit code": code, "frames written": frames, "rows": len(rows), "frames with one row":
+        sum(count == 1 for count in Counter(r["frame"] for r in rows).values()),
+        "status": dict(Counter(r["status"] for r in rows)), "files": len(names), "files with one row":
+        sum(Counter(r["file"] for r in files)[n] == 1 for n in names), "fates": dict(Counter(r["fate"] for r in files)),
+        "largest difference of the twist from the disk, sigma": max(off), "good frames with fewer spots, unsaid": fewer,
+    }  # fmt: skip
+
+
+def write(images: Path, incoming: Path, frames: int) -> None:
+    """Deliver the pictures with faults, about 25 frames a second."""
+    rng = np.random.default_rng(9)
+    late: list[tuple[int, Path, Path]] = []
+    for k in range(frames):
+        for camera in ("cam1", "cam2"):
+            source, target = images / f"{camera}-{k:04d}.tif", incoming / f"{camera}-{k:04d}.tif"
+            how = rng.choice(["moved", "pause", "made full", "cut", "late", "twice", "dated"],
+                             p=[0.72, 0.1, 0.05, 0.01, 0.04, 0.03, 0.05])  # fmt: skip
+            if how == "late":
+                late.append((k + int(rng.integers(1, 12)), source, target))
+            else:
+                deliver(source.read_bytes(), target, how, rng)
+        for item in [i for i in late if i[0] <= k]:
+            late.remove(item)
+            deliver(item[1].read_bytes(), item[2], "moved", rng)
+        time.sleep(0.04)
+    for _, source, target in late:
+        deliver(source.read_bytes(), target, "moved", rng)
+
+
+def deliver(data: bytes, target: Path, how: str, rng: np.random.Generator) -> None:
+    """One file, in one of several ways."""
+    part = int(len(data) * rng.uniform(0.05, 0.95))
+    if how in ("pause", "cut", "made full"):
+        with open(target, "wb", buffering=0) as stream:
+            stream.write(data[:part])
+            if how == "made full":
+                stream.write(bytes(len(data) - part))
+                stream.seek(part)
+            if how != "cut":
+                time.sleep(rng.choice([0.03, 0.06, 0.12]))
+                stream.write(data[part:])
+        return
+    temporary = target.with_name(f".{target.name}")
+    temporary.write_bytes(data)
+    if how == "dated":
+        os.utime(temporary, (time.time() + 3600 * rng.choice([-5, 5]),) * 2)
+    temporary.rename(target)
+    if how == "twice":
+        shutil.copy(target, target.with_name(target.name.replace("-", "-00")))
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
+    parser.add_argument("--kills", type=int, default=30)
+    parser.add_argument("--frames", type=int, default=1000)
+    options = parser.parse_args()
+    sys.exit(main(False, options.kills, options.frames) is None)

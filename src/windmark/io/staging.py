@@ -1,0 +1,305 @@
+"""The hidden folder in which a result is made before it is put in its place: where it stands, who holds it."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import socket
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from windmark.io.errors import FileError, reason
+
+HIDDEN = ".windmark"
+"""Name of the hidden folder inside a target; beside it, the target's own name follows."""
+_LOCK, _PROBE = "lock", ".windmark-probe"
+_LONGEST = 200
+_TRIES = 20
+"""Rounds in which the folder of a run that just ended may vanish under our hands."""
+
+Say = Callable[[str], None]
+
+
+def silent(_text: str) -> None:
+    """Say nothing."""
+
+
+@dataclass(frozen=True)
+class Staging:
+    """A hidden folder that this process holds: ``new`` is written to, ``old`` takes what is replaced.
+
+    Parameters
+    ----------
+    target : the folder that the result is for
+    hidden : beside the target, or inside of it where it is on another disk or its parent cannot be written to
+    lock : descriptor of the locked file
+    made : folders above the target that were made for it, the highest first
+    """
+
+    target: Path
+    hidden: Path
+    lock: int
+    made: tuple[Path, ...] = ()
+
+    @property
+    def beside(self) -> bool:
+        """Whether it stands beside the target."""
+        return self.hidden.parent == self.target.parent
+
+    @property
+    def new(self) -> Path:
+        """Where the result is written."""
+        return self.hidden / "new"
+
+    @property
+    def old(self) -> Path:
+        """What was taken out of the target."""
+        return self.hidden / "old"
+
+    @property
+    def journal(self) -> Path:
+        """What the exchange of old and new has to do; there only while it is done."""
+        return self.hidden / "exchange.json"
+
+    def clear(self) -> None:
+        """Remove what is in it, not the lock."""
+        for part in (self.new, self.old):
+            shutil.rmtree(part, ignore_errors=True)
+        self.journal.unlink(missing_ok=True)
+
+    def release(self, *, clear: bool = True) -> None:
+        """Remove it and let go of the lock; folders made for a target that did not come are removed, too.
+
+        ``clear``: not False, as what is in it may be gone on with.
+        """
+        if clear:
+            with suppress(OSError):
+                self.clear()
+        _release(self.hidden, self.lock)
+        for folder in reversed(self.made):
+            with suppress(OSError):  # not empty: the target is there
+                folder.rmdir()
+
+
+def hidden_places(target: Path) -> tuple[Path, ...]:
+    """Where the hidden folder of a target may stand: beside it, inside of it."""
+    if not target.name:  # the top of a disk
+        return (target / HIDDEN,)
+    return target.with_name(f"{HIDDEN}-{target.name[:_LONGEST]}"), target / HIDDEN
+
+
+def checked_folder(path: str | os.PathLike[str]) -> Path:
+    """The folder meant by ``path``, links followed; it need not be there.
+
+    Raises
+    ------
+    FileError
+        Where it can never be a folder that is written to: a file, links in a circle, below a file.
+    """
+    try:
+        os.stat(path)
+    except FileNotFoundError:
+        pass
+    except OSError as error:
+        raise FileError(path, f"cannot be written: {reason(error)}") from error
+    target = Path(os.path.realpath(path))
+    if target.exists() and not target.is_dir():
+        raise FileError(path, "this is a file; expected a folder")
+    return target
+
+
+def stage(path: str | os.PathLike[str], say: Say = silent, *, parents: bool = True) -> Staging:
+    """Hold a hidden folder for a target, and try that the result can be put into its place from there.
+
+    A file is really moved from it into the target, or the target made and removed, so that a bad output is known
+    before the work. What a killed run left in the folder is still there: see `result_folder`.
+
+    Parameters
+    ----------
+    path : the folder of the result
+    say : takes a sentence for the user
+    parents : make missing folders above the target
+
+    Raises
+    ------
+    FileError
+        When another run holds the target (names its process), or nothing can be written there (says why).
+    """
+    target = checked_folder(path)
+    made = _make_parents(path, target, parents)
+    try:
+        return _stage(path, target, made, say)
+    except BaseException:
+        for folder in reversed(made):
+            with suppress(OSError):
+                folder.rmdir()
+        raise
+
+
+def busy(path: str | os.PathLike[str], holder: str) -> FileError:
+    """The refusal of a folder that another run holds."""
+    return FileError(path, f"another run writes into this folder ({holder}); wait for it to end, or choose another one")
+
+
+def _stage(path: str | os.PathLike[str], target: Path, made: tuple[Path, ...], say: Say) -> Staging:
+    first: OSError | None = None
+    for hidden in hidden_places(target):
+        if hidden.parent == target and not target.is_dir():
+            continue
+        try:
+            lock = _take(hidden, path, say)
+        except OSError as error:
+            first = first or error
+            continue
+        staging = Staging(target, hidden, lock, made)
+        try:
+            _try(target, hidden)
+        except OSError as error:  # another disk: what stands beside the target cannot be moved into it
+            first = first or error
+            _release(hidden, lock)
+            continue
+        return staging
+    assert first is not None
+    raise FileError(path, f"cannot be written: {reason(first)}") from first
+
+
+def _make_parents(path: str | os.PathLike[str], target: Path, wanted: bool) -> tuple[Path, ...]:
+    missing = []
+    for folder in target.parents:
+        if folder.exists():
+            break
+        missing.append(folder)
+    if missing and not wanted:
+        raise FileError(path, f"the folder {target.parent} does not exist")
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise FileError(path, f"cannot be written: {error.filename or target.parent}: {reason(error)}") from error
+    return tuple(reversed(missing))
+
+
+def _try(target: Path, hidden: Path) -> None:
+    """Move something from the hidden folder to where the result will be."""
+    probe = hidden / _PROBE
+    if not target.exists():
+        target.mkdir()
+        target.rmdir()
+        return
+    probe.write_bytes(b"?")
+    try:
+        os.replace(probe, target / _PROBE)
+        (target / _PROBE).unlink()
+    finally:
+        probe.unlink(missing_ok=True)
+
+
+def in_use(hidden: Path) -> str:
+    """The process, in words, that holds this hidden folder; "" where none does."""
+    try:
+        lock = os.open(hidden / _LOCK, os.O_RDWR)
+    except OSError:
+        return ""
+    try:
+        return "" if _locked(lock) else _holder(lock)
+    except NotImplementedError:
+        return ""
+    finally:
+        os.close(lock)
+
+
+# --- the lock: the operating system lets go of it when its process ends, however it ends ---------------
+
+
+def _take(hidden: Path, path: str | os.PathLike[str], say: Say) -> int:
+    """Descriptor of the hidden folder's lock file, locked by us."""
+    for _ in range(_TRIES):
+        # Made by us alone or left by a killed run; a run that just ends removes it at any moment.
+        with suppress(FileExistsError):
+            hidden.mkdir()
+        try:
+            lock = os.open(hidden / _LOCK, os.O_RDWR | os.O_CREAT, 0o666)
+        except FileNotFoundError:
+            continue
+        try:
+            if not _locked(lock):
+                raise busy(path, _holder(lock))
+            if _is(lock, hidden / _LOCK):
+                os.ftruncate(lock, 0)
+                os.pwrite(lock, _we(), 0) if hasattr(os, "pwrite") else os.write(lock, _we())
+                return lock
+        except NotImplementedError:
+            say("this disk has no locks: a second run into the same folder would not be noticed")
+            return lock
+        except BaseException:
+            os.close(lock)
+            raise
+        os.close(lock)
+    raise FileError(path, "other runs come and go in this folder; choose another one")
+
+
+def _release(hidden: Path, lock: int) -> None:
+    # The file is removed while it is locked: who waits for it sees that it is gone and begins anew.
+    if os.name == "nt":  # an open file cannot be removed there
+        os.close(lock)
+    with suppress(OSError):
+        (hidden / _LOCK).unlink(missing_ok=True)
+        hidden.rmdir()
+    if os.name != "nt":
+        os.close(lock)
+
+
+def _we() -> bytes:
+    return f"process {os.getpid()} on {socket.gethostname()}".encode()
+
+
+def _holder(lock: int) -> str:
+    with suppress(OSError, UnicodeDecodeError):
+        os.lseek(lock, 0, os.SEEK_SET)
+        return os.read(lock, 200).decode() or "it has just begun"
+    return "its process is not known"
+
+
+def _is(lock: int, file: Path) -> bool:
+    """Whether the open file is the one of this name: it may have been removed meanwhile."""
+    with suppress(OSError):
+        return os.path.samestat(os.fstat(lock), os.stat(file))
+    return False
+
+
+if os.name == "nt":
+    import msvcrt
+
+    def _locked(lock: int) -> bool:
+        """Take the lock, if it is free: of a byte far behind the text, which others may read."""
+        os.lseek(lock, 1 << 30, os.SEEK_SET)
+        try:
+            msvcrt.locking(lock, msvcrt.LK_NBLCK, 1)  # type: ignore[attr-defined]
+        except OSError:
+            return False
+        finally:
+            os.lseek(lock, 0, os.SEEK_SET)
+        return True
+
+else:
+    import errno
+    import fcntl
+
+    def _locked(lock: int) -> bool:
+        """Take the lock, if it is free.
+
+        Raises
+        ------
+        NotImplementedError
+            On a disk without locks.
+        """
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return False
+        except OSError as error:
+            if error.errno in (errno.ENOLCK, errno.ENOTSUP, errno.ENOSYS):
+                raise NotImplementedError from error
+            raise
+        return True

@@ -1,0 +1,90 @@
+"""Other poses of mostly the same labels: the tilted one that sees flat markers the same, and a label or two apart.
+
+What lies within the sigma of a solution that is not well determined, or within three degrees, is no rival of it
+(`Solution.same_as`). Where it is about as good, the solution's own covariance is only that of one of several places
+where the pose may be, and does not know of the others.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.registration._kernels.rival import _mirrored
+from windmark.registration.judge.mirror import FAR
+from windmark.registration.settle._kernels.mirror import mirrors_kernel
+from windmark.registration.settle._kernels.places import places_kernel
+from windmark.registration.settle._kernels.state import state_of
+from windmark.registration.settle.settling import settle
+from windmark.registration.settle.solution import SAME_ANGLE, SAME_SHARE, Solution
+
+Array = NDArray[np.float64]
+
+Weighed = tuple[float, Solution]
+"""A solution and its probability beside others."""
+
+
+def twin_of(best: Solution) -> Solution | None:
+    """What the labels of a solution become from the other pose that sees nearly flat markers almost the same.
+
+    That is mirrored in the plane of the matched markers and across the line of sight of the camera with most of them.
+    None where it is not nearly as good.
+    """
+    views, state, c = best.views, best.state, int(best.counts.argmax())
+    rotation, translation = np.empty((3, 3)), np.empty(3)
+    _mirrored(views.sights.xyz, state.match[c], state.rotations[c], state.translations[c], rotation, translation)
+    back = state.rotation @ state.rotations[c].T  # from the camera's axes to those of the unknowns
+    rotation, place = back @ rotation, back @ (translation - state.translations[c]) + state.translation
+    itself = np.arange(state.match.shape[1], dtype=np.int32)[None]
+    shift = rotation.T @ (state.translation - place)
+    reach = FAR * np.maximum(best.misfit_px, [plane.task.typical_sigma_px for plane in views.planes])
+    scratch = state_of(views.sights, state.rotation, state.translation, state.match)
+    turn = np.ascontiguousarray((state.rotation.T @ rotation).T)
+    if not mirrors_kernel(views.sights, state, scratch, itself, turn[None], shift[None], reach)[0]:
+        return None
+    return settle(views, rotation, place, state.match, focal_px=state.camera[:, 0])
+
+
+def near_ones(best: Solution, others: Iterable[Solution], margin: float) -> tuple[Weighed, ...]:
+    """Solutions that count as the same as the best one, lie elsewhere and are not worse by a margin (nats), each with
+    its probability beside the best one and the other ones.
+    """  # fmt: skip
+    found: list[tuple[float, Solution]] = []
+    for other in others:
+        if other.is_bent or other.shared(best) <= SAME_SHARE or any(_at_one(other, s) for s in (best, *_of(found))):
+            continue
+        if other.same_as(best) and (lead := best.lead_over(other)) < margin:
+            found.append((lead, other))
+    least = min([0.0, *(lead for lead, _ in found)])
+    total = math.exp(least) + sum(math.exp(least - lead) for lead, _ in found)
+    return tuple((math.exp(least - lead) / total, other) for lead, other in found)
+
+
+def elsewhere(best: Solution, other: Solution) -> bool:
+    """Whether another solution has the model somewhere else: turned by more than three degrees, and a marker that faces
+    a camera farther away than the search looks for its spot.
+    """  # fmt: skip
+    if best.rig_from_model.angle_to(other.rig_from_model) < SAME_ANGLE:
+        return False
+    for c in np.flatnonzero(best.counts).tolist():
+        seen = best.state.faces[c] | (best.state.match[c] >= 0)
+        one, two = (places_kernel(s.views.sights, s.state, c)[seen] for s in (best, other))
+        off = np.linalg.norm(one - two, axis=1)
+        if off[np.isfinite(off)].max(initial=0.0) > best.views.planes[c].task.tolerance_px:
+            return True
+    return False
+
+
+def _of(found: list[tuple[float, Solution]]) -> list[Solution]:
+    return [other for _, other in found]
+
+
+def _at_one(one: Solution, other: Solution) -> bool:
+    """Whether two solutions are one by either's sigma."""
+    if one is other:
+        return True
+    delta = (one.rig_from_model @ other.rig_from_model.inverse()).log()
+    return bool(max(delta @ np.linalg.solve(s.cov, delta) for s in (one, other)) < 1.0)

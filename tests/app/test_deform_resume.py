@@ -1,0 +1,245 @@
+"""`windmark deform` stopped at any moment: what was measured is readable, and goes on to the same bytes."""
+
+import csv
+import os
+import re
+import shutil
+import signal
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray
+
+from windmark import io
+from windmark.io.journal import AppendedFile
+from windmark.pipeline.deform.resume import JOURNAL, STATE, TITLE, loaded, measured
+from windmark.pipeline.simulate_deforming import simulate_deforming
+
+FRAMES = 8
+TABLES = ("cameras.csv", "span.csv", "markers.csv", "points-taps.csv", "units.json", "deformation.gif")
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("resume")
+    simulate_deforming(folder, 3, FRAMES, (640, 400))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def whole(made, windmark):
+    """Results of a run that nobody disturbed."""
+    assert windmark("deform", made / "deform.toml", "-o", made / "whole").code == 0
+    return made / "whole"
+
+
+def in_child(call):
+    """Run it in a process of its own that may be killed; what is compiled and imported is there already."""
+    pid = os.fork()
+    if pid == 0:
+        try:
+            call()
+        finally:
+            os._exit(0)
+    return pid
+
+
+def killed_at(folder, frames, call, how=signal.SIGKILL):
+    """Kill the child as soon as the journal in ``folder`` has so many frames."""
+    pid = in_child(call)
+    end = time.monotonic() + 120
+    while measured(folder) < frames and time.monotonic() < end:
+        time.sleep(0.002)
+    os.kill(pid, how)
+    os.waitpid(pid, 0)
+
+
+def rows(path):
+    with open(path, newline="") as stream:
+        return list(csv.DictReader(stream))
+
+
+def without_seconds(path):
+    """The table but for wall times, which no two runs have the same."""
+    return [{k: v for k, v in row.items() if k != "seconds"} for row in rows(path)]
+
+
+def assert_same(one, other):
+    for name in TABLES:
+        assert (one / name).read_bytes() == (other / name).read_bytes(), name
+    assert without_seconds(one / "deformation.csv") == without_seconds(other / "deformation.csv")
+    for file in (one / "grid").iterdir():
+        assert file.read_bytes() == (other / "grid" / file.name).read_bytes(), file.name
+    with xarray.open_dataset(one / "deformation.nc") as a, xarray.open_dataset(other / "deformation.nc") as b:
+        assert a.drop_vars("seconds").equals(b.drop_vars("seconds"))
+    assert {f.name for f in one.iterdir()} == {f.name for f in other.iterdir()}
+
+
+def assert_readable(folder):
+    """Every frame of the journal is whole in the tables; the series opens."""
+    count = measured(folder)
+    table = rows(folder / "deformation.csv")
+    assert len(table) >= count
+    assert all(len(row) == len(table[0]) and None not in row.values() for row in table[:count])
+    with xarray.open_dataset(folder / "deformation.nc") as found:
+        assert found.sizes["frame"] <= count
+    return count
+
+
+@pytest.mark.parametrize("frames", [1, 5])
+def test_killed_and_resumed_is_the_same_as_undisturbed(made, whole, windmark, tmp_path, frames):
+    """SIGKILL: the folder was a hidden one with a NetCDF file that nothing could open, and no verb went on."""
+    out = tmp_path / "out"
+    beside = tmp_path / "out.unfinished"
+    killed_at(beside, frames, lambda: windmark("deform", made / "deform.toml", "-o", out))
+    assert not out.exists()
+    assert frames <= assert_readable(beside) < FRAMES
+    done = windmark("deform", made / "deform.toml", "-o", out, "--resume")
+    assert done.code == 0, done.err
+    assert_same(whole, out)
+    assert [p.name for p in tmp_path.iterdir()] == ["out"]  # nothing is left beside it, hidden or not
+
+
+def test_finish_makes_results_of_what_was_measured(made, whole, windmark, tmp_path):
+    out, beside = tmp_path / "out", tmp_path / "out.unfinished"
+    killed_at(beside, 4, lambda: windmark("deform", made / "deform.toml", "-o", out))
+    count = measured(beside)
+    done = windmark("deform", made / "deform.toml", "-o", out, "--finish", "--json")
+    assert (done.code, done.json["frames"]) == (0, count)
+    assert without_seconds(out / "deformation.csv") == without_seconds(whole / "deformation.csv")[:count]
+    assert (out / "report.html").exists()
+    assert not beside.exists()
+
+
+def test_stopped_between_the_tables_and_the_journal(made, whole, windmark, tmp_path):
+    """A state one frame behind its journal, half a record, half a row: the run goes on from the last whole frame."""
+    out, beside = tmp_path / "out", tmp_path / "out.unfinished"
+    killed_at(beside, 3, lambda: windmark("deform", made / "deform.toml", "-o", out))
+    state = (beside / STATE).read_bytes()
+    killed_at(beside, measured(beside) + 1, lambda: windmark("deform", made / "deform.toml", "-o", out, "--resume"))
+    (beside / STATE).write_bytes(state)
+    with open(beside / JOURNAL, "ab") as stream:
+        stream.write(b"\x40\0\0\0\0\0\0\0half")
+    with open(beside / "markers.csv", "ab") as stream:
+        stream.write(b"7,W0")
+    ahead = measured(beside) - int.from_bytes(state[:8], "little")
+    done = windmark("deform", made / "deform.toml", "-o", out, "--resume")
+    if ahead == 1:
+        assert done.code == 0, done.err
+        assert_same(whole, out)
+    else:
+        assert done.code == 2
+        assert "--finish keeps what it has measured" in done.err
+
+
+def test_what_has_changed_since_is_named(made, windmark, tmp_path):
+    copy = tmp_path / "test"
+    shutil.copytree(made, copy, ignore=shutil.ignore_patterns("whole*", "deformation*"))
+    project, beside = copy / "deform.toml", copy / "deformation.unfinished"
+    markers, image = copy / "markers.csv", copy / "images" / "cam1-0001.tif"
+    killed_at(beside, 3, lambda: windmark("deform", project))
+    text = project.read_text()
+    for change, expected in (
+        (lambda: project.write_text(text.replace("radius_px = 2.5", "radius_px = 2.6")), "[look] of the project"),
+        (lambda: markers.write_text(markers.read_text() + "\n"), "markers.file"),
+        (lambda: io.write_image(image, np.ones((400, 640), np.uint16)), "frame 1 have changed"),
+    ):
+        kept = {f: f.read_bytes() for f in (project, markers, image)}
+        change()
+        done = windmark("deform", project, "--resume")
+        assert done.code == 2
+        assert expected in done.err, done.err
+        assert measured(beside) >= 3  # and is still there
+        for file, content in kept.items():
+            file.write_bytes(content)
+    assert windmark("deform", project, "--resume").code == 0
+
+
+def test_nothing_to_go_on_with(made, windmark, tmp_path):
+    for option in ("--resume", "--finish"):
+        done = windmark("deform", made / "deform.toml", "-o", tmp_path / "none", option)
+        assert done.code == 2
+        assert "no run that was stopped" in done.err
+        assert list(tmp_path.iterdir()) == []
+
+
+def test_begun_anew_says_what_is_dropped(made, windmark, tmp_path):
+    out, beside = tmp_path / "out", tmp_path / "out.unfinished"
+    killed_at(beside, 2, lambda: windmark("deform", made / "deform.toml", "-o", out))
+    done = windmark("deform", made / "deform.toml", "-o", out)
+    assert done.code == 0
+    assert "begun anew; --resume would have gone on with it" in done.err
+    assert [p.name for p in tmp_path.iterdir()] == ["out"]
+
+
+@pytest.mark.parametrize("file", ["markers.csv", "deformation.journal", "deformation.state", "deformation.nc"])
+def test_a_full_disk_is_told_and_keeps_what_is_written(made, whole, windmark, tmp_path, monkeypatch, file):
+    """The fourth write to a file finds the disk full, and takes half of it."""
+    out, beside = tmp_path / "out", tmp_path / "out.unfinished"
+    append, count = AppendedFile.append, {"n": 0}
+
+    def full(self, content):
+        if file in self.path.name:
+            count["n"] += 1
+            if count["n"] == (2 if file == "deformation.nc" else 4):
+                os.write(self._file.fileno(), content[: len(content) // 2])
+                self.take_back(self.size)
+                raise io.FileError(self.path, "cannot be written: the disk is full")
+        append(self, content)
+
+    monkeypatch.setattr(AppendedFile, "append", full)
+    done = windmark("deform", made / "deform.toml", "-o", out)
+    monkeypatch.undo()
+    assert done.code == 2
+    assert "the disk is full" in done.err
+    kept = re.search(r"(\d+) frames are kept: --resume goes on with them, --finish makes do with them", done.err)
+    assert kept is not None, done.err
+    assert assert_readable(beside) == int(kept.group(1)) == len(rows(beside / "deformation.csv"))
+    assert windmark("deform", made / "deform.toml", "-o", out, "--resume").code == 0
+    assert_same(whole, out)
+
+
+def test_a_disk_that_is_really_full(made, windmark, tmp_path, monkeypatch):
+    """A limit on the size of files, below what the table of markers needs: the system refuses within a write."""
+    import resource
+
+    out, beside = tmp_path / "out", tmp_path / "out.unfinished"
+    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+
+    def limited():
+        resource.setrlimit(resource.RLIMIT_FSIZE, (90_000, 90_000))
+        done = windmark("deform", made / "deform-small.toml", "-o", out)
+        (tmp_path / "said").write_bytes(b"")
+        os.write(os.open(tmp_path / "said", os.O_WRONLY), done.err[:4000].encode())
+
+    text = (made / "deform.toml").read_text()
+    (made / "deform-small.toml").write_text(text.replace('grid = ["vtk"]', "").replace("[values]", "[values]").replace(
+        '[values]\ncameras = ["cam1"]\nblack = 64\n', ""))  # fmt: skip
+    os.waitpid(in_child(limited), 0)
+    said = (tmp_path / "said").read_text()
+    assert "larger than is allowed" in said
+    assert "frames are kept" in said
+    count = assert_readable(beside)
+    assert 0 < count == len(rows(beside / "deformation.csv")) < FRAMES
+    assert windmark("deform", made / "deform-small.toml", "-o", out, "--resume").code == 0
+
+
+def test_a_journal_makes_nothing_but_values():
+    """Unpickling calls no function, whatever a journal asks for."""
+    import pickle
+
+    class Evil:
+        def __reduce__(self):
+            return os.mkdir, ("/tmp/never",)
+
+    class Opens:
+        def __reduce__(self):
+            return AppendedFile, (Path("/tmp/never"),)
+
+    for value in (Evil(), Opens(), print):
+        with pytest.raises(pickle.UnpicklingError, match="no place in a journal"):
+            loaded(pickle.dumps(value), {})
+    assert not Path("/tmp/never").exists()
+    assert TITLE.isascii()

@@ -1,0 +1,253 @@
+"""Pictures as they arrive: what is whole, what is tried again, and one row for every frame that is seen."""
+
+import os
+import time
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from windmark import io
+from windmark.io import FileError
+from windmark.pipeline.deform import live as watching
+from windmark.pipeline.deform.inbox import Inbox
+from windmark.pipeline.deform.live import Watch, watch
+
+SIZE = (40, 60)
+PATIENCE_S = 0.6
+
+
+def project(folder, *patterns, settle_s=0.02, patience_s=PATIENCE_S):
+    cameras = [SimpleNamespace(name=f"cam{k + 1}", patterns=(p,), has_clock=False) for k, p in enumerate(patterns)]
+    return SimpleNamespace(
+        path=folder / "p.toml", camera=cameras, watch=SimpleNamespace(settle_s=settle_s, patience_s=patience_s)
+    )
+
+
+def picture(folder, *names):
+    rng = np.random.default_rng(3)
+    for name in names:
+        io.write_image(folder / name, rng.integers(1, 200, SIZE, dtype=np.uint8))
+
+
+def content(folder):
+    """The bytes of a picture, rows one after the other behind a header."""
+    picture(folder, "whole.tif")
+    data = (folder / "whole.tif").read_bytes()
+    (folder / "whole.tif").unlink()
+    return data
+
+
+def fates(of):
+    return {a.file: a.fate for a in of.told}
+
+
+class Clock:
+    """Time that only the test moves on."""
+
+    def __init__(self, inbox):
+        self.now, self.inbox = 100.0, inbox
+
+    def after(self, seconds):
+        """Files of which it is known what they are, so many seconds later."""
+        self.now += seconds
+        self.inbox.look(self.now)
+        return [(f.path.name, fate, reason) for f, fate, reason in self.inbox.settled(self.now)]
+
+
+class Time:
+    """The module's clock: sleeping moves it on, and lets happen what is due by then."""
+
+    def __init__(self):
+        self.now, self.due = 100.0, []
+
+    def monotonic(self):
+        return self.now
+
+    def sleep(self, seconds):
+        self.now += seconds
+        while self.due and self.due[0][0] <= self.now - 100:
+            self.due.pop(0)[1]()
+
+
+@pytest.fixture(autouse=True)
+def clock(monkeypatch):
+    made = Time()
+    monkeypatch.setattr(watching, "time", made)
+    return made
+
+
+@pytest.fixture
+def inbox(tmp_path):
+    return Clock(Inbox(project(tmp_path, "c1-*.tif"), tmp_path))
+
+
+def test_a_frame_is_handed_on_when_all_cameras_have_it_or_a_later_one_is_complete(tmp_path):
+    picture(tmp_path, "c1-1.tif", "c1-2.tif", "c2-2.tif", "c1-3.tif")
+    (tmp_path / "other.txt").write_text("no picture")
+    arriving = Watch(project(tmp_path, "c1-*.tif", "c2-*.tif"), tmp_path, idle_s=0.3)
+    got = [(f.key, sorted(f.images)) for f in arriving]
+    assert got == [("1", ["cam1"]), ("2", ["cam1", "cam2"]), ("3", ["cam1"])]  # the last one when nothing more comes
+    assert arriving.foreign == ["other.txt"]
+
+
+def test_a_pause_while_it_is_written_is_no_end(tmp_path, inbox):
+    """Cut off in the middle for 60 ms: it was taken as whole, lost, and never looked at again."""
+    data, file = content(tmp_path), tmp_path / "c1-1.tif"
+    file.write_bytes(data[: len(data) // 2])
+    assert inbox.after(0) == inbox.after(0.03) == inbox.after(0.06) == []
+    with open(file, "ab") as stream:
+        stream.write(data[len(data) // 2 :])
+    assert inbox.after(0.01) == inbox.after(0.01) == []
+    assert inbox.after(0.03) == [("c1-1.tif", "measured", "")]
+
+
+def test_a_file_made_in_its_full_size_is_whole_when_its_end_is_there(tmp_path, inbox):
+    """Half-black pictures were measured."""
+    data, file = content(tmp_path), tmp_path / "c1-1.tif"
+    picture(tmp_path, "c1-0.tif")
+    file.write_bytes(data[: len(data) // 2] + bytes(len(data) - len(data) // 2))
+    inbox.after(0)
+    assert inbox.after(0.1) == [("c1-0.tif", "measured", "")]
+    assert inbox.after(0.1) == []
+    with open(file, "r+b") as stream:
+        stream.write(data)
+    inbox.after(0.01)
+    assert inbox.after(0.1) == [("c1-1.tif", "measured", "")]
+    file = tmp_path / "c1-2.tif"  # whatever it shows, it stays so: taken, and said
+    file.write_bytes(data[: len(data) // 2] + bytes(len(data) - len(data) // 2))
+    inbox.after(0)
+    assert inbox.after(0.5) == []
+    ((_, fate, reason),) = inbox.after(PATIENCE_S)
+    assert (fate, reason.endswith("rows are empty, which stayed so for 0.6 s")) == ("measured", True)
+    (tmp_path / "c1-3.tif").write_bytes(file.read_bytes())  # this camera's pictures are like that
+    inbox.after(0)
+    assert inbox.after(0.03) == [("c1-3.tif", "measured", "")]
+
+
+def test_a_content_that_changes_while_date_and_size_stay_is_not_whole(tmp_path, inbox):
+    """As over a network whose dates lag behind."""
+    data, file = content(tmp_path), tmp_path / "c1-1.tif"
+    stat = None
+    for level in (1, 2, 3):
+        file.write_bytes(data[:-5] + bytes([level] * 5))
+        if stat is not None:
+            os.utime(file, ns=(stat.st_atime_ns, stat.st_mtime_ns))
+        stat = file.stat()
+        assert inbox.after(0.1) == []
+    assert inbox.after(0.5) == [("c1-1.tif", "measured", "")]
+
+
+@pytest.mark.parametrize("shift_s", [-3600.0, 3600.0])
+def test_dates_of_files_do_not_matter(tmp_path, inbox, shift_s):
+    """A file dated an hour ahead was never taken."""
+    picture(tmp_path, "c1-1.tif")
+    os.utime(tmp_path / "c1-1.tif", (time.time() + shift_s,) * 2)
+    assert inbox.after(0) == []
+    assert inbox.after(0.03) == [("c1-1.tif", "measured", "")]
+
+
+def test_what_cannot_be_read_is_tried_until_patience_ends(tmp_path, inbox):
+    (tmp_path / "c1-1.tif").write_bytes(b"II*\0 no image")
+    (tmp_path / "c1-2.tif").write_bytes(b"")
+    picture(tmp_path, "c1-3.tif")
+    inbox.after(0)
+    (tmp_path / "c1-3.tif").unlink()
+    assert [(n, f) for n, f, _ in inbox.after(0.1)] == [("c1-3.tif", "gone")]
+    assert inbox.after(0.3) == []
+    found = {name: (fate, reason) for name, fate, reason in inbox.after(0.5)}
+    assert found["c1-1.tif"][0] == found["c1-2.tif"][0] == "unreadable"
+    assert found["c1-2.tif"][1] == "it is empty (tried for 0.9 s)"
+
+
+def test_a_frame_in_the_tick_of_the_folders_date_is_seen(tmp_path, inbox):
+    """Listed, then one more file whose coming does not change the folder's date: it was never seen."""
+    inbox.after(0)
+    stat = tmp_path.stat()
+    picture(tmp_path, "c1-1.tif")
+    os.utime(tmp_path, ns=(stat.st_atime_ns, stat.st_mtime_ns))
+    inbox.after(0.1)
+    inbox.after(0.5)
+    assert inbox.after(0.1) == [("c1-1.tif", "measured", "")]
+
+
+def test_every_frame_has_one_row_and_every_file_a_fate(tmp_path):
+    """Disorder, duplicates, an unreadable one, one of another kind: nothing vanishes."""
+    picture(tmp_path, "c1-5.tif", "c1-07.tif")
+    (tmp_path / "c1-6.tif").write_bytes(b"II*\0 no image")
+    arriving = Watch(project(tmp_path, "c*.tif"), tmp_path, idle_s=0.5)
+    frames = []
+    for frame in arriving:
+        frames.append((frame.key, frame.skipped and frame.skipped[0], sorted(frame.images), sorted(frame.missing)))
+        if frame.key == "7":
+            picture(tmp_path, "c1-3.tif", "c1-7.tif", "cam-x.tif")
+    assert frames == [
+        ("5", None, ["cam1"], []), ("6", None, [], ["cam1"]), ("7", None, ["cam1"], []), ("3", "late", [], []),
+        ("cam-x", "late", [], []),
+    ]  # fmt: skip
+    assert fates(arriving) == {
+        "c1-5.tif": "measured", "c1-6.tif": "unreadable", "c1-07.tif": "measured", "c1-3.tif": "late",
+        "c1-7.tif": "duplicate", "cam-x.tif": "late",
+    }  # fmt: skip
+    assert "arrived after frame 7 had been measured" in next(a.reason for a in arriving.told if a.key == "3")
+
+
+def test_two_files_of_one_frame_before_it_is_measured(tmp_path):
+    picture(tmp_path, "c1-1.tif", "c1-01.tif")
+    arriving = Watch(project(tmp_path, "c1-*.tif"), tmp_path, idle_s=0.2)
+    assert [f.images["cam1"].name for f in arriving] == ["c1-01.tif"]
+    assert fates(arriving) == {"c1-01.tif": "measured", "c1-1.tif": "duplicate"}
+
+
+def test_frames_that_overtake_each_other_are_taken_in_order(tmp_path, clock):
+    """The second camera's pictures come in another order: none is handed on without it."""
+    picture(tmp_path, "c1-1.tif", "c1-2.tif", "c2-2.tif")
+    clock.due = [(0.08, lambda: picture(tmp_path, "c2-1.tif"))]
+    got = [(f.key, len(f.images)) for f in watch(project(tmp_path, "c1-*.tif", "c2-*.tif"), tmp_path, idle_s=0.5)]
+    assert got == [("1", 2), ("2", 2)]
+
+
+def test_a_camera_that_delivers_nothing_does_not_hold_up_the_others(tmp_path):
+    """Nothing was handed on before the end."""
+    picture(tmp_path, "c1-1.tif")
+    arriving = iter(Watch(project(tmp_path, "c1-*.tif", "c2-*.tif"), tmp_path))
+    assert sorted(next(arriving).images) == ["cam1"]
+
+
+def test_stamps_and_long_numbers_as_they_arrive(tmp_path):
+    picture(tmp_path, "c1-20261122235959.tif", "c1-20261123000001.tif")
+    got = [(f.key, f.instant, f.time_s) for f in watch(project(tmp_path, "c1-*.tif"), tmp_path, idle_s=0.2)]
+    assert got == [("20261122235959", 0.0, 0.0), ("20261123000001", 2.0, 2.0)]
+    (tmp_path / "long").mkdir()
+    picture(tmp_path / "long", *(f"c1-{10**19 + k}.tif" for k in (9, 10)))
+    got = [(f.key, f.instant) for f in watch(project(tmp_path, "c1-*.tif"), tmp_path / "long", idle_s=0.2)]
+    assert got == [(str(10**19 + 9), 0.0), (str(10**19 + 10), 1.0)]
+
+
+def test_it_ends_after_so_many_frames_and_says_what_is_left(tmp_path):
+    picture(tmp_path, *(f"c1-{k}.tif" for k in range(5)))
+    frames = list(watch(project(tmp_path, "c1-*.tif"), tmp_path, stop_after=3))
+    assert [f.skipped is None for f in frames] == [True, True, True, False, False]
+    assert frames[4].skipped == ("left", "the run ended after 3 frames, as asked for")
+
+
+def test_going_on_leaves_what_was_dealt_with_alone(tmp_path):
+    picture(tmp_path, "c1-1.tif", "c1-2.tif", "c1-3.tif")
+    arriving = Watch(project(tmp_path, "c1-*.tif"), tmp_path, idle_s=0.2)
+    arriving.go_on(["1", "2"], {("cam1", "c1-1.tif"), ("cam1", "c1-2.tif")})
+    assert [(f.key, f.instant) for f in arriving] == [("3", 3.0)]
+    assert fates(arriving) == {"c1-3.tif": "measured"}
+
+
+def test_a_file_that_changes_after_it_was_read_is_said(tmp_path):
+    picture(tmp_path, "c1-1.tif")
+    arriving = Watch(project(tmp_path, "c1-*.tif"), tmp_path, idle_s=0.1)
+    assert len(list(arriving)) == 1
+    assert arriving.changed_since() == []
+    (tmp_path / "c1-1.tif").write_bytes(b"something else")
+    assert arriving.changed_since() == ["c1-1.tif"]
+
+
+def test_there_must_be_a_folder(tmp_path):
+    with pytest.raises(FileError, match="is no folder"):
+        watch(project(tmp_path, "*.tif"), tmp_path / "none")
