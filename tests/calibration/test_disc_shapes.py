@@ -139,6 +139,28 @@ def test_ellipses_make_up_for_wrong_normals_and_missing_radii(radius):
     np.testing.assert_allclose(result.markers.radius * fit.scale, RADIUS, rtol=0.02)
 
 
+@pytest.mark.parametrize(
+    ("factor", "words"),
+    [(1 / 25.4, "25.4 times too small for the imaged markers: radii in inch beside places in mm?"),
+     (10.0, "times too large for the imaged markers: radii in mm beside places in cm?")],
+)  # fmt: skip
+def test_radii_in_another_unit_than_the_places_are_refused(factor, words):
+    case, normal, xy, ellipse, _ = pictures(72, noise=0.01)
+    rng, net = np.random.default_rng(4), case.network
+    table = MarkerSet.make(
+        [f"m{k:02d}" for k in range(COUNT)], case.start.points, radius=np.full(COUNT, factor * RADIUS), normal=normal,
+        length_unit="mm" if factor < 1 else "cm",
+    )  # fmt: skip
+    said = self_calibrate(
+        Observations(net.view, net.point, xy, net.cov), table, {"cam": Camera((1500, 1000), 1600.0)},
+        [View(f"v{v:02d}", "cam") for v in range(VIEWS)], datum=Free(), ellipses=noisy(ellipse, rng, 0.1), reject=False,
+        max_sigma0=50.0,
+    )  # fmt: skip
+    assert not said
+    assert said.cause == "discs"
+    assert words.split("times", 1)[1] in said.reason
+
+
 def test_ellipses_of_the_wrong_shape_are_named():
     case, _, xy, ellipse, _ = pictures()
     net = case.network

@@ -164,3 +164,21 @@ def test_solid_angles_of_a_closed_surface_add_up():
     corners = box(4).vertices[box(4).triangles]
     assert solid_angles(corners - [0.3, -0.2, 0.5]).sum() == pytest.approx(4 * np.pi)
     assert solid_angles(corners - [3.0, -0.2, 0.5]).sum() == pytest.approx(0, abs=1e-12)
+
+
+@pytest.mark.parametrize("reverse", [False, True])
+@pytest.mark.parametrize("height", [2.0, 0.5])
+def test_open_walls_have_their_air_where_the_model_is(reverse, height):
+    """A floor and a side wall in one sheet, the model between them or on the floor, no camera; right or turned."""
+    floor, model = plate(9, 9, size=(10.0, 10.0)), sphere(12, radius=0.5, center=(0.5, 0.5, height))
+    side = Mesh.make(
+        floor.vertices @ np.array([[0, 0, 1.0], [0, 1, 0], [-1.0, 0, 0]]) + [-5.0, 0, 5.0], floor.triangles
+    )
+    walls = joined(floor, side)
+    facing = np.einsum("tk,tk->t", walls.triangle_normals(), [0.5, 0.5, 2.0] - walls.vertices[walls.triangles[:, 0]])
+    inside = walls.triangles.copy()
+    inside[facing < 0] = inside[facing < 0][:, ::-1]
+    mesh = joined(Mesh.make(walls.vertices, inside[:, ::-1] if reverse else inside), model)
+    got = orient_outward(mesh).triangle_normals()[: len(inside)]
+    middle = mesh.vertices[mesh.triangles[: len(inside)]].mean(axis=1)
+    assert (np.einsum("tk,tk->t", got, [0.5, 0.5, 2.0] - middle) > 0).all()

@@ -17,6 +17,8 @@ from windmark.calibration.solve import Solved, solve
 from windmark.geometry import imaged_ellipse
 from windmark.geometry.camera_jacobian import project_jacobian
 from windmark.geometry.similarity import align
+from windmark.scene import MarkerSet
+from windmark.scene.units import RADII_OFF, off_by
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -25,6 +27,8 @@ ECCENTRICITY = ("auto", "table", "off")
 ROUNDS = 3
 NOTICED_PX = 1e-3
 """Change of the discs' eccentricity that asks for another adjustment."""
+LEAST = 4
+"""Fewer radii say nothing about the table."""
 SURE = float(np.radians(3.0))
 """1 sigma up to which a normal told by ellipses is taken: what is left of r^2 / d then is less than what a surface
 through the neighbours or a rough table leave."""
@@ -41,6 +45,8 @@ def with_eccentricity(job: Job, state: NetworkState, good: Mask, options: dict[s
     for _ in range(ROUNDS):
         discs = _discs(job, solved) if told else None
         normal, radius = _table_normals(job, solved), job.markers.radius
+        if max(ratio := radii_off(job.markers, discs), 1 / ratio) > RADII_OFF:
+            return replace(solved, discs=discs)  # no correction by such radii
         if discs is not None:
             normal = np.where(np.isfinite(discs.normal), discs.normal, normal)
             radius = np.where(np.isfinite(radius), radius, discs.radius)
@@ -53,6 +59,11 @@ def with_eccentricity(job: Job, state: NetworkState, good: Mask, options: dict[s
         shift = new
         solved = replace(solve(job, solved.state, good, shift, reject), discs=discs)
     return solved
+
+
+def radii_off(markers: MarkerSet, discs: Discs | None) -> float:
+    """The factor by which nearly all radii that the ellipses tell are larger than the table's; 1 where they fit."""
+    return 1.0 if discs is None else off_by(discs.radius / markers.radius, LEAST)
 
 
 def eccentricities(job: Job, state: NetworkState, normal: Array, radius: Array) -> Array:

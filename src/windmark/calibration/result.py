@@ -20,6 +20,7 @@ CAUSES = {
     "degenerate": "the pictures do not determine what was asked for",
     "misfit": "the marks do not fit any solution that was found",
     "not_converged": "the adjustment did not reach a minimum",
+    "discs": "the table's radii contradict the ellipses in the pictures",
 }
 """Every cause of a `NotCalibrated`, in words."""
 

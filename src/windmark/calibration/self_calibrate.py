@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from windmark.adjust.network import NetworkState
 from windmark.calibration.datum import Datum, Distance
-from windmark.calibration.eccentric import ECCENTRICITY, with_eccentricity
+from windmark.calibration.eccentric import ECCENTRICITY, radii_off, with_eccentricity
 from windmark.calibration.finish import calibration, refuse_weak
 from windmark.calibration.result import Calibration, NotCalibrated
 from windmark.calibration.setup import Job, first_state, taking_part, views_of
@@ -19,6 +19,7 @@ from windmark.calibration.solve import Solved
 from windmark.calibration.start import start_poses
 from windmark.geometry import Camera, DegenerateGeometry, Pose, triangulate
 from windmark.scene import MarkerSet, Observations, View
+from windmark.scene.units import RADII_OFF, radii_words
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -149,6 +150,9 @@ def _attempt(
         dropped, sigma0 = solved.dropped | dropped, solved.sigma0
         if solved.redundancy <= 0:
             return refused("too_few", f"{2 * int(solved.used.sum())} observations for as many unknowns or more")
+        ratio = radii_off(job.markers, solved.discs)
+        if max(ratio, 1 / ratio) > RADII_OFF:
+            return refused("discs", radii_words(ratio, job.markers.length_unit), sigma0=sigma0)
         if sigma0 > options["max_sigma0"]:
             return refused(
                 "misfit",

@@ -26,6 +26,8 @@ _RAYS = 1 << 17
 # Points of the other sheets at which it is asked whether a sheet surrounds them, and how deep inside it they must be,
 # as part of the mesh's diagonal: a patch that is laid over a body may lie a little under its flat triangles.
 _SAMPLES, _DEPTH = 16, 2e-3
+# Part of all directions that it covers, seen from nearly all of them: less is hardly beside it.
+_BESIDE, _NEARLY_ALL = 0.1, 0.9
 
 
 def orient_outward(
@@ -43,9 +45,10 @@ def orient_outward(
 
     1. A camera stands in the air: the side of a sheet that cameras see is its air side (of the larger
        part of what they see, where they see both).
-    2. What no camera sees, or without any: a sheet that surrounds all others is a wall, its air is
-       inside. It surrounds a point from which it covers more than half of all directions, also a little
-       (0.2 % of the mesh's diagonal) beside it: a patch laid over a body is not surrounded by it.
+    2. What no camera sees, or without any: of a sheet within whose box all others are its air is where they are, as
+       inside a test section, closed or not. They are on the side from which it covers a tenth and more of all
+       directions, seen from a little (0.2 % of the mesh's diagonal) beside them, too: a patch laid over a body is on
+       neither side of it.
     3. Any other sheet is turned so that it encloses positive volume, an open one (a half model) as seen
        from its own centroid.
 
@@ -117,10 +120,8 @@ def _seen_side(mesh: Mesh, sheet: Ints, turned: NDArray[np.bool_], cameras: Sequ
 
 
 def _surrounding(mesh: Mesh, number: Ints, sheet: Ints, turned: NDArray[np.bool_]) -> tuple[int, bool] | None:
-    """The sheet that surrounds all others and whether it is inside out with its air inside; None where there is none.
-
-    From a point outside a sheet's box the sheet covers less than half of all directions, so only the sheet whose box
-    holds all the others can be one.
+    """The sheet that has all others on one side, and whether it must be turned for its air to be there; None where
+    there is none. Only the sheet whose box holds all the others is asked.
     """
     corners = mesh.vertices[mesh.triangles]
     real = (number != np.roll(number, 1, axis=1)).all(axis=1)  # a collapsed cell at a pole is no sheet
@@ -137,14 +138,14 @@ def _surrounding(mesh: Mesh, number: Ints, sheet: Ints, turned: NDArray[np.bool_
     mine, others = (sheet == outer) & real, np.flatnonzero((sheet != outer) & real)
     wall, sign = corners[mine], np.where(turned[mine], -1.0, 1.0)
     some = others[np.linspace(0, len(others) - 1, min(_SAMPLES, len(others))).astype(int)]
-    around = _DEPTH * mesh.diagonal * np.concatenate([np.eye(3), -np.eye(3)])
-    total = 0.0
-    for point in (corners[some].mean(axis=1)[:, None] + around).reshape(-1, 3):
-        covered = float(sign @ solid_angles(wall - point)) / (4 * np.pi)
-        if not abs(covered) > 0.5:
-            return None
-        total += covered
-    return outer, total > 0
+    around = _DEPTH * mesh.size * np.concatenate([np.eye(3), -np.eye(3)])
+    points = (corners[some].mean(axis=1)[:, None] + around).reshape(-1, 3)
+    covered = np.array([float(sign @ solid_angles(wall - point)) / (4 * np.pi) for point in points])
+    # Not all of them: a half model stands on its wall, and a little beside its root is the wall's other side.
+    for inside_out in (True, False):
+        if ((covered if inside_out else -covered) > _BESIDE).mean() > _NEARLY_ALL:
+            return outer, inside_out
+    return None
 
 
 def solid_angles(corners: Array) -> Array:

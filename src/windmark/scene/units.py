@@ -4,6 +4,11 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
 IN_MM = {"in": 25.4, "ft": 304.8, "mm": 1.0, "cm": 10.0, "m": 1000.0}
 """Every length unit there is, in millimetres."""
 LENGTH_UNITS = tuple(IN_MM)
@@ -34,3 +39,33 @@ def mixed_units(factor: float, place_unit: str = "") -> tuple[str, str] | None:
     off = [abs(math.log(factor * IN_MM[a] / IN_MM[b])) for a, b in pairs]
     nearest = min(range(len(pairs)), key=lambda k: off[k])
     return pairs[nearest] if off[nearest] < math.log(ALIKE) else None
+
+
+RADII_OFF, RADII_ODD = 2.2, 1.5
+"""Radii that are nearly all by such a factor larger or smaller than a table's are in another unit (the nearest two are
+2.54 apart), or stand for something else; from the second on that is said (`tests/registration/test_discs`)."""
+
+
+def off_by(ratios: Array, least: int) -> float:
+    """The factor by which nearly all of some ratios (N,) are off 1: of the quartiles the one that is nearer to 1.
+
+    1 where the quartiles lie on either side of it, or fewer than ``least`` are known.
+    """
+    known = ratios[np.isfinite(ratios) & (ratios > 0)]
+    if len(known) < least:
+        return 1.0
+    low, high = np.percentile(known, [25, 75])
+    return float(low if low > 1 else high if high < 1 else 1.0)
+
+
+def radii_words(ratio: float, place_unit: str = "") -> str:
+    """That imaged radii are ``ratio`` times those that a table lets expect, and the likely reason."""
+    small, factor = ("small", ratio) if ratio > 1 else ("large", 1 / ratio)
+    units = mixed_units(ratio, place_unit) if max(ratio, 1 / ratio) > RADII_OFF else None
+    likely = "; diameters in their place?" if units is None and 1.8 < factor < 2.2 and small == "large" else ""
+    if units is not None:
+        places, radii = ("inch" if unit == "in" else unit for unit in units)
+        likely = f": radii in {radii} beside places in {places}?"
+    elif not likely:
+        likely = "; another unit, or something else than radii?"
+    return f"the table's radii are {factor:.3g} times too {small} for the imaged markers{likely}"

@@ -12,38 +12,41 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.registration.judge import own, rules
+from windmark.registration.judge import own
 from windmark.registration.judge.answer import are_discs, corrected
 from windmark.registration.judge.verdict import Verdict
 from windmark.registration.result import Unchecked
 from windmark.registration.settle.settling import accepted
 from windmark.registration.settle.solution import Solution
 from windmark.registration.task import MIN_COUNT, Limits
-from windmark.scene.units import mixed_units
+from windmark.scene.units import RADII_ODD, RADII_OFF, off_by, radii_words
 
 Array = NDArray[np.float64]
-INCH = "inch"
-"""As a word in a sentence."""
 
 
 def stands(verdict: Verdict, limits: Limits) -> Verdict:
     """The verdict once the discs are looked at: as it was, with what is published; or refused (cause "discs")."""
     if verdict.cause is not None or verdict.best is None:
         return verdict
-    low, high = _ratios(verdict.best)
-    if low > rules.RADII_OFF or high < 1 / rules.RADII_OFF:
-        return replace(verdict, cause="discs", reason=_radii_words(verdict.best, low if low > 1 else high))
-    final = corrected(verdict.best)
-    if words := _grown(verdict.best, final, limits):
+    best = verdict.best
+    markers = best.views.planes[0].task.markers
+    ratio = off_by(_ratios(best), MIN_COUNT)
+    odd = radii_words(ratio, markers.length_unit)
+    if max(ratio, 1 / ratio) > RADII_OFF:
+        fits = f"The places fit: they match {best.count} of {best.expected} markers in view"
+        return replace(verdict, cause="discs", reason=f"{odd} {fits}")
+    final = corrected(best)
+    if words := _grown(best, final, limits):
         return replace(verdict, cause="discs", reason=words)
     unchecked = verdict.unchecked
-    if low > rules.RADII_ODD or high < 1 / rules.RADII_ODD:
-        unchecked = (*unchecked, Unchecked("radii", _odd_words(low, high)))
+    if max(ratio, 1 / ratio) > RADII_ODD:
+        told = "By them a disc's centre is told from that of its image"
+        unchecked = (*unchecked, Unchecked("radii", f"{odd} {told}"))
     return replace(verdict, published=final, unchecked=unchecked)
 
 
-def _ratios(best: Solution) -> tuple[float, float]:
-    """Quartiles of the imaged radii over those that the table lets expect; 1 where fewer than four are known."""
+def _ratios(best: Solution) -> Array:
+    """(N,) imaged radii over those that the table lets expect, NaN where either is not known."""
     ratios = [np.zeros(0)]
     for c in np.flatnonzero(best.counts).tolist():
         task, pose = best.views.planes[c].task, best.cam_from_model(c)
@@ -56,36 +59,7 @@ def _ratios(best: Solution) -> tuple[float, float]:
         slant = np.abs((pose.rotate(task.markers.normal[marker]) * place).sum(axis=1)) / away
         size = task.markers.radius[marker] * float(best.state.camera[c, 0]) / place[:, 2]
         ratios.append(task.radius_px[spot] / (size * np.sqrt(np.where(np.isfinite(slant), slant, 1.0))))
-    known = np.concatenate(ratios)
-    known = known[np.isfinite(known) & (known > 0)]
-    if len(known) < MIN_COUNT:
-        return 1.0, 1.0
-    low, high = np.percentile(known, [25, 75])
-    return float(low), float(high)
-
-
-def _radii_words(best: Solution, ratio: float) -> str:
-    small, factor = ("small", ratio) if ratio > 1 else ("large", 1 / ratio)
-    markers = best.views.planes[0].task.markers
-    units = mixed_units(ratio, markers.length_unit)
-    likely = "; another unit, or something else than radii?"
-    if units is not None:
-        places, radii = (INCH if unit == "in" else unit for unit in units)
-        likely = f": radii in {radii} beside places in {places}?"
-    return (
-        f"the table's radii are {factor:.3g} times too {small} for the imaged markers{likely} The places fit: they "
-        f"match {best.count} of {best.expected} markers in view"
-    )
-
-
-def _odd_words(low: float, high: float) -> str:
-    ratio = low if low > 1 else high
-    small, factor = ("small", ratio) if ratio > 1 else ("large", 1 / ratio)
-    meant = "; diameters in their place?" if small == "large" else ""
-    return (
-        f"the table's radii are some {factor:.2g} times too {small} for the imaged markers{meant} By them a disc's "
-        "centre is told from that of its image"
-    )
+    return np.concatenate(ratios)
 
 
 def _grown(best: Solution, final: Solution, limits: Limits) -> str:

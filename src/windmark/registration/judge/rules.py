@@ -70,6 +70,3 @@ CHECKED = {
 """A given camera counts as checked by a picture that would show such an error: parts of the focal length and of the
 aspect, and of the image's diagonal; radians by which a camera of a rig is turned, or the root of a bent model against a
 straight one (`attacks`: wrong cameras, rig, bent)."""
-RADII_OFF, RADII_ODD = 2.2, 1.5
-"""Imaged radii that are nearly all by such a factor larger or smaller than the table's are in another unit (the nearest
-two are 2.54 apart), or stand for something else; from the second on it is said (`tests/registration/test_discs`)."""
