@@ -30,8 +30,8 @@ def _maker(folder: Path, made: dict[str, list[Path]]) -> Callable[[str, str], Pa
 def grids(folder: Path) -> dict[str, list[Path]]:
     """Surface grids with values at their nodes, where the format has a place for them."""
     import pyvista as pv
+    from small_meshes import blocks_mesh, shell_mesh
 
-    from conftest import blocks_mesh, shell_mesh
     from windmark import io
     from windmark.io.plot3d import write_plot3d
     from windmark.io.plot3d_layout import Plot3dLayout

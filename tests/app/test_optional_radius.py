@@ -16,7 +16,7 @@ def job(virtual_test, tmp_path_factory):
     for name in ("wind-off.tif", "camera.json", "markers.csv"):
         (folder / name).write_bytes((source / name).read_bytes())
     (folder / "project.toml").write_text(
-        'title = "t"\nlength_unit = "in"\n[[camera]]\nfile = "camera.json"\n[[image]]\nfile = "wind-off.tif"\n'
+        'title = "t"\nlength_unit = "mm"\n[[camera]]\nfile = "camera.json"\n[[image]]\nfile = "wind-off.tif"\n'
         '[markers]\nfile = "markers.csv"\n[detect]\npolarity = "dark"\n'
     )
     return folder
@@ -33,7 +33,7 @@ def test_a_project_need_not_give_the_radius(windmark, job):
 
 
 def test_register_need_not_either_and_says_where_none_prevails(windmark, job):
-    arguments = ("-m", job / "markers.csv", "-c", job / "camera.json", "--unit", "in", "-o", job / "registered")
+    arguments = ("-m", job / "markers.csv", "-c", job / "camera.json", "--unit", "mm", "-o", job / "registered")
     assert "radius taken" in windmark("register", job / "wind-off.tif", *arguments).out
     io.write_image(job / "flat.png", np.full(io.read_grey(job / "wind-off.tif").shape, 9, np.uint8))
     done = windmark("register", job / "flat.png", *arguments)

@@ -234,7 +234,7 @@ class Found:
     def __init__(self, *candidates):
         self.candidates = list(candidates)
 
-    def top(self, count):
+    def top(self, count, within=np.inf):
         return self.candidates[:count]
 
     def batches(self):

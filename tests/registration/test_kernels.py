@@ -76,7 +76,7 @@ def test_only_triplets_that_turn_the_way_they_are_seen_are_linked(case):
     for q, (_, b, c, d) in enumerate(of.spots.tolist()):
         u, v = picture.p[c] - picture.p[b], picture.p[d] - picture.p[b]
         area = u[0] * v[1] - u[1] * v[0]
-        linked = {tuple(t) for t in of.markers[of.first[q] : of.last[q], [3, 1, 2]].tolist()}
+        linked = {tuple(t) for t in of.markers[of.entry[of.first[q] : of.last[q]]][:, [3, 1, 2]].tolist()}
         assert linked == {tuple(t) for t in triplets[area * turns >= 0].tolist()}
 
 

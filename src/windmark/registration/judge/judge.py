@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
@@ -46,8 +47,11 @@ class Judge:
         self._views = source.views
         self._bender = Bender(self._views, limits.deformation, budget)
         self._repaired = Repaired(self._views, budget)
-        self._doubted: dict[Solution, Doubts] = {}
-        self._placed: dict[Solution, Places] = {}
+        # What is asked of a solution once is asked again at the next verdict.
+        views, modes, margin = self._views, self._bender.modes, limits.margin
+        self._doubts = cache(lambda best: Doubts(views, best, modes, margin))
+        self._places = cache(lambda best: Places(best, margin))
+        self._mirror = cache(lambda best: mirror_of(views, best, MIRRORS))
         self._plain = -np.inf  # evidence of the rigid solution, if it is an answer
         self._challenged: list[Solution] = []
         self._displaced: OtherCamera | None = None
@@ -201,7 +205,7 @@ class Judge:
             unchecked.append(slight[1])
         if loose := doubts.loose_focal(self._limits.focal_sigma):
             return Verdict(best, verdict.runner_up, "focal", loose)
-        if (mirror := mirror_of(self._views, best, MIRRORS)) is not None:
+        if (mirror := self._mirror(best)) is not None:
             lead = best.lead_over(mirror)
             sharper = mirror.misfit_px.max() < rules.SHARPER * best.misfit_px.max()
             if sharper and mirror.lead_over(best) > self._limits.margin:
@@ -239,16 +243,6 @@ class Judge:
         if len(others) > 1 and others[1].solution.evidence > others[0].solution.evidence - self._limits.margin:
             return replace(others[0], words=f"{others[0].words}; or, about as likely: {others[1].words}")
         return others[0] if others else None
-
-    def _doubts(self, best: Solution) -> Doubts:
-        if best not in self._doubted:
-            self._doubted[best] = Doubts(self._views, best, self._bender.modes, self._limits.margin)
-        return self._doubted[best]
-
-    def _places(self, best: Solution) -> Places:
-        if best not in self._placed:
-            self._placed[best] = Places(best, self._limits.margin)
-        return self._placed[best]
 
     def _near(self, best: Solution) -> tuple[Weighed, ...]:
         """Other explanations that count as the same as a rigid one but have another pose, see `judge.twins`."""

@@ -66,7 +66,7 @@ def unseen_bend(best: Solution, most: float, margin: float) -> tuple[float, floa
     rest = beyond_rigid(layout.model.xyz[matched], modes[:, matched]) / layout.size
     rest = reach * (open_.T @ rest.reshape(len(modes), -1)).reshape(rest.shape)
     own = float(np.linalg.norm(np.tensordot(way[0], rest, 1), axis=1).max())
-    turn = min(1.0, most / own) * reach * float(sigma[0])
+    turn = (most / own if own > most else 1.0) * reach * float(sigma[0])
     bow = math.sqrt(float((rest**2).sum(axis=(0, 2)).max()))
     return min(bow, most), turn
 

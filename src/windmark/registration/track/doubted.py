@@ -44,7 +44,7 @@ class _Followed:
     def batches(self) -> Iterator[int]:
         yield self.links
 
-    def top(self, count: int) -> list[Candidate]:
+    def top(self, count: int, within: float = np.inf) -> list[Candidate]:
         return [self.best][:count]
 
     def rivals(self, seen: Candidate, over: Callable[[], bool]) -> bool:
