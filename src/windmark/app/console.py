@@ -101,12 +101,16 @@ def _about(folder: Path) -> dict[str, Any]:
     if context is None:
         return {}
     given = {key: value for key, value in context.params.items() if key != "as_json" and value not in (None, folder)}
-    return {"verb": context.info_name, "options": {key: _plain(value) for key, value in given.items()}}
+    return {"verb": context.info_name, "options": {key: _plain(value, folder) for key, value in given.items()}}
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: Any, folder: Path) -> Any:
     if isinstance(value, list | tuple):
-        return [_plain(v) for v in value]
+        return [_plain(v, folder) for v in value]
+    if isinstance(value, Path):
+        from windmark.io.manifest import relative
+
+        return relative(value, folder)
     return value if isinstance(value, bool | int | float) else str(value)
 
 

@@ -76,13 +76,17 @@ def _inputs(place: Path, target: Path, inputs: Collection[str]) -> list[Record]:
     real = {Path(os.path.realpath(path)) for path in inputs}
     out = []
     for path in sorted(p for p in real if p.is_file() and (place == target or not p.is_relative_to(place))):
-        try:
-            shown = Path(os.path.relpath(path, target)).as_posix()
-        except ValueError:  # another drive of Windows
-            shown = path.as_posix()
         with suppress(OSError):  # gone or closed to us since it was read
-            out.append({"file": shown, "bytes": path.stat().st_size, "sha256": file_hash(path)})
+            out.append({"file": relative(path, target), "bytes": path.stat().st_size, "sha256": file_hash(path)})
     return out
+
+
+def relative(path: Path, folder: Path) -> str:
+    """A path as it is seen from a folder."""
+    try:
+        return Path(os.path.relpath(path, folder)).as_posix()
+    except ValueError:  # another drive of Windows
+        return path.as_posix()
 
 
 def read_manifest(folder: Path) -> Record | None:
