@@ -50,7 +50,7 @@ def prepared(folder: Path) -> dict[str, list[str]]:
         "reconstruct": ["reconstruct", *taken, "-c", str(photos / "camera.json"), "-p", str(photos / "primary.csv"),
                         *unit, "--radius", "2.7"],
         "calibrate": ["calibrate", *taken, "-m", str(photos / "truth" / "markers.csv"),
-                      "-c", str(photos / "camera.json"), *unit, "--radius", "2.7"],
+                      "-c", str(photos / "camera.json"), *unit, "--radius", "2.7", "--datum", "free"],
     }  # fmt: skip
 
 
