@@ -5,8 +5,11 @@ import signal
 import subprocess
 import sys
 import time
+import weakref
 
 import pytest
+
+from windmark.app import cli
 
 WINDMARK = [sys.executable, "-m", "windmark.app.cli"]
 
@@ -62,3 +65,21 @@ def test_what_the_system_refuses_is_said_in_words(windmark, monkeypatch, tmp_pat
     done = windmark("simulate", tmp_path / "out")
     assert done.code == 2
     assert done.err == "windmark: /some/disk: the disk has a fault\n"
+
+
+def test_ctrl_c_while_an_object_is_taken_away_is_not_lost(monkeypatch):
+    """Python drops what a finalizer raises: a run went on to its end as if nobody had pressed it."""
+
+    def interrupted(_):
+        raise KeyboardInterrupt
+
+    class Thing:
+        pass
+
+    monkeypatch.setattr(sys, "unraisablehook", cli._unraisable)
+    thing = Thing()
+    noticed = weakref.ref(thing, interrupted)
+    del thing
+    with pytest.raises(KeyboardInterrupt):
+        time.sleep(0.2)
+    assert noticed() is None

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import _thread
 import os
 import signal
 import sys
+import threading
 from pathlib import Path
 from typing import Annotated
 
@@ -131,6 +133,7 @@ def main() -> None:
         os.environ.setdefault(name, "1")
     console.print_any_name()
     signal.signal(signal.SIGTERM, _terminated)
+    sys.unraisablehook = _unraisable
     code: int | str | None = 0
     try:
         app()
@@ -148,6 +151,14 @@ def main() -> None:
 def _terminated(*_: object) -> None:
     """A queue or a closing machine asks us to stop: as Ctrl-C does, with everything tidied up."""
     raise KeyboardInterrupt
+
+
+def _unraisable(unraisable: sys.UnraisableHookArgs, /) -> None:
+    """Ctrl-C that comes while an object is taken away is dropped there: it is sent again, once that is over."""
+    if issubclass(unraisable.exc_type, KeyboardInterrupt):
+        threading.Timer(0.01, _thread.interrupt_main).start()
+    else:
+        sys.__unraisablehook__(unraisable)
 
 
 def _not_printed(error: OSError) -> int:
