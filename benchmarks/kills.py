@@ -105,7 +105,8 @@ def kills(
         left = bool(hidden(place))
         seen[f"{number.name}: {'BAD ' + after if bad else 'old' if after == before else 'new'}"] += 1
         seen["hidden folder after the kill"] += left
-        seen["BAD: hidden after a signal that can be caught"] += left and number != signal.SIGKILL
+        resumable = name == "deform"  # keeps its frames for --resume, and says so
+        seen["BAD: hidden after a signal that can be caught"] += left and number != signal.SIGKILL and not resumable
         if bad:
             seen[f"BAD {said[-300:]}"] += 1
         if code == 0:
