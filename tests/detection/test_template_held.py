@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import windmark as wm
+from windmark.detection.template._kernels.algebra import normal_equations
 from windmark.detection.template._kernels.held import held_sums, pixel_table
 from windmark.detection.template._kernels.model import CENTRE, disc_sums, points_needed
 from windmark.detection.template.colour import colour_of, coloured
@@ -162,3 +163,18 @@ def test_a_colour_of_the_wrong_shape_is_named():
         wm.detect_at(
             np.zeros((30, 30)), [[10.0, 10.0]], radius_px=3.0, frame=Frame(0.7, 0.1, None), colour=np.zeros((2, 2))
         )
+
+
+def test_normal_equations_of_a_held_shape_are_those_without_it():
+    """Once the right side of what is held was left as the memory came, and zeros were written behind the matrix."""
+    rng = np.random.default_rng(1)
+    jac, res = rng.normal(size=(10, 5, 5)), rng.normal(size=(5, 5))
+    room, rhs, t = np.full((11, 10), 7.0), np.full(10, np.nan), np.eye(5)
+    normal_equations(jac, res, False, t, room[:10], rhs, np.empty(10))
+    free = [0, 1, 6, 7, 8, 9]
+    rows = jac.reshape(10, -1)
+    expected, right = np.zeros((10, 10)), np.zeros(10)
+    expected[np.ix_(free, free)], right[free] = rows[free] @ rows[free].T, rows[free] @ res.ravel()
+    np.testing.assert_allclose(room[:10], expected, atol=1e-12)
+    np.testing.assert_allclose(rhs, right, atol=1e-12)
+    assert (room[10] == 7.0).all()

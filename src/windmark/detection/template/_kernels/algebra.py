@@ -92,20 +92,17 @@ def normal_equations(jac: Any, res: Any, shape: bool, t: Any, matrix: Any, rhs: 
     """J^T J and J^T r of the state, from the derivatives by the model parameters and t of `shape_of`."""
     rows, r = jac.reshape((10, res.size)), res.reshape(res.size)
     for a in range(10):
-        for b in range(a, 11):
+        held = not shape and 2 <= a < 6
+        total = 0.0
+        for k in range(0 if held else r.size):
+            total += rows[a, k] * r[k]
+        rhs[a] = total
+        for b in range(a, 10):
             total = 0.0
-            if not shape and (2 <= a < 6 or 2 <= b < 6):
-                matrix[a, b] = 0.0
-                matrix[b, a] = 0.0
-            elif b < 10:
-                for k in range(r.size):
-                    total += rows[a, k] * rows[b, k]
-                matrix[a, b] = total
-                matrix[b, a] = total
-            else:
-                for k in range(r.size):
-                    total += rows[a, k] * r[k]
-                rhs[a] = total
+            for k in range(0 if held or (not shape and 2 <= b < 6) else r.size):
+                total += rows[a, k] * rows[b, k]
+            matrix[a, b] = total
+            matrix[b, a] = total
     congruence(matrix, t, row)
     for k in range(5):
         row[k] = 0.0
