@@ -14,6 +14,7 @@ import xarray
 
 from windmark import io
 from windmark.io.journal import AppendedFile
+from windmark.pipeline.deform import resume
 from windmark.pipeline.deform.resume import JOURNAL, STATE, TITLE, loaded, measured
 from windmark.pipeline.simulate_deforming import simulate_deforming
 
@@ -100,6 +101,27 @@ def test_killed_and_resumed_is_the_same_as_undisturbed(made, whole, windmark, tm
     assert done.code == 0, done.err
     assert_same(whole, out)
     assert [p.name for p in tmp_path.iterdir()] == ["out"]  # nothing is left beside it, hidden or not
+
+
+def test_killed_before_the_first_frame_has_handed_anything_on(made, whole, windmark, tmp_path):
+    """Its record is in the journal and its state is not: the run begins with it again."""
+    out = tmp_path / "out"
+    real = resume.replaced_file
+
+    def killed(folder, name, content):
+        if name == STATE and int.from_bytes(content[:8], "little") == 1:
+            os._exit(9)
+        real(folder, name, content)
+
+    def run():
+        resume.replaced_file = killed
+        windmark("deform", made / "deform.toml", "-o", out)
+
+    os.waitpid(in_child(run), 0)
+    assert measured(tmp_path / ".windmark-out" / "new") == 1
+    done = windmark("deform", made / "deform.toml", "-o", out, "--resume")
+    assert done.code == 0, done.err
+    assert_same(whole, out)
 
 
 def test_finish_makes_results_of_what_was_measured(made, whole, windmark, tmp_path):

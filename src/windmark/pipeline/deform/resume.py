@@ -110,8 +110,9 @@ class SequenceJournal:
         self._journal = Journal(folder / JOURNAL, TITLE, None if stopped is None else stopped.end)
 
     def begin(self, made: Mapping[str, Any], sizes: Mapping[str, int]) -> None:
-        """The record before the first frame."""
+        """The record before the first frame, to which nothing is handed on."""
         self._journal.add(dumped((dict(made), dict(sizes)), self._names))
+        self._hand_on({})
 
     def add(self, kept: Kept, state: Mapping[str, Any]) -> None:
         """A frame that is in the tables, and what it hands on."""
@@ -119,11 +120,14 @@ class SequenceJournal:
         try:
             self._journal.add(dumped(kept, self._names))
             self._count += 1
-            content = dumped(dict(state), self._names)
-            replaced_file(self._folder, STATE, _STATE_HEAD.pack(self._count, zlib.crc32(content)) + content)
+            self._hand_on(state)
         except BaseException:
             self._journal.take_back(before)
             raise
+
+    def _hand_on(self, state: Mapping[str, Any]) -> None:
+        content = dumped(dict(state), self._names)
+        replaced_file(self._folder, STATE, _STATE_HEAD.pack(self._count, zlib.crc32(content)) + content)
 
     def sync(self) -> None:
         """Make it outlast a power failure."""
