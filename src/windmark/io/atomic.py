@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from windmark.io.errors import FileError, reason
-from windmark.io.staging import stage
+from windmark.io.staging import resolved, stage
 
 # A virus scanner or a viewer may hold a file on Windows for a moment; elsewhere a rename never has to wait.
 _RETRY_AFTER_S: tuple[float, ...] = (0.05, 0.2, 0.5) if os.name == "nt" else ()
@@ -156,13 +156,7 @@ def _move_all(new: Path, target: Path, old: Path) -> None:
 
 
 def _checked_target(path: str | os.PathLike[str]) -> Path:
-    target = Path(os.path.realpath(path))
-    try:
-        os.stat(path)
-    except FileNotFoundError:
-        pass
-    except OSError as error:
-        raise FileError(path, f"cannot be written: {reason(error)}") from error
+    target = resolved(path)
     # os.path, not Path: a name the system cannot even look up is simply not there.
     if os.path.isdir(target):
         raise FileError(path, "this is a folder; expected a file name")

@@ -98,16 +98,27 @@ def checked_folder(path: str | os.PathLike[str]) -> Path:
     FileError
         Where it can never be a folder that is written to: a file, links in a circle, below a file.
     """
+    target = resolved(path)
+    if target.exists() and not target.is_dir():
+        raise FileError(path, "this is a file; expected a folder")
+    return target
+
+
+def resolved(path: str | os.PathLike[str]) -> Path:
+    """What ``path`` stands for, links followed; it need not be there.
+
+    Raises
+    ------
+    FileError
+        Where nothing can ever be there: links in a circle, below a file, a name that is too long.
+    """
     try:
         os.stat(path)
     except FileNotFoundError:
         pass
     except OSError as error:
         raise FileError(path, f"cannot be written: {reason(error)}") from error
-    target = Path(os.path.realpath(path))
-    if target.exists() and not target.is_dir():
-        raise FileError(path, "this is a file; expected a folder")
-    return target
+    return Path(os.path.realpath(path))
 
 
 def stage(path: str | os.PathLike[str], say: Say = silent, *, parents: bool = True) -> Staging:
