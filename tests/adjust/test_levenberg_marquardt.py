@@ -157,5 +157,5 @@ def test_steps_through_the_camera_plane_are_rejected():
 def test_report_and_options_refuse_nonsense():
     with pytest.raises(ValueError, match="max_iterations: expected at least 1"):
         SolveOptions(max_iterations=0)
-    with pytest.raises(ValueError, match="reason must be one of"):
+    with pytest.raises(ValueError, match="reason must be among"):
         SolveReport("done", True, 1, 1, 1.0, 1.0)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from windmark.adjust.problem import Step
 from windmark.adjust.report import SolveReport
+from windmark.errors import DataError
 
 Array = NDArray[np.float64]
 
@@ -91,7 +92,7 @@ def minimise(problem: Solvable, start: Any, options: SolveOptions | None = None)
     options = options or SolveOptions()
     values, system = start, problem.linearise(start)
     if system is None:
-        raise ValueError("start: the model has no prediction there (a point behind the camera or beyond the lens)")
+        raise DataError("start: the model has no prediction there (a point behind the camera or beyond the lens)")
     initial_cost = system.cost
     damping, growth = options.initial_damping, 2.0
     reason, iteration, evaluations = "max_iterations", 0, 1

@@ -13,6 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.errors import UsageError
+
 Array = NDArray[np.float64]
 
 DEFAULT_SCALE = {"none": float("inf"), "huber": 1.5011411, "cauchy": 2.5486376, "tukey": 5.1229861}
@@ -38,9 +40,9 @@ class Loss:
 
     def __post_init__(self) -> None:
         if self.name not in DEFAULT_SCALE:
-            raise ValueError(f"loss must be one of {', '.join(DEFAULT_SCALE)}, got {self.name!r}")
+            raise UsageError(f"loss must be one of {', '.join(DEFAULT_SCALE)}, got {self.name!r}")
         if self.name != "none" and not (np.isfinite(self.scale) and self.scale > 0):
-            raise ValueError(f"loss_scale must be finite and > 0 (in sigma), got {self.scale}")
+            raise UsageError(f"loss_scale must be finite and > 0 (in sigma), got {self.scale}")
 
     @staticmethod
     def make(name: str, scale: float | None = None) -> Loss:
@@ -48,7 +50,7 @@ class Loss:
         if scale is None:
             return Loss(name, DEFAULT_SCALE.get(name, float("inf")))
         if name == "none":
-            raise ValueError(f"loss_scale has no meaning with loss='none', got {scale}")
+            raise UsageError(f"loss_scale has no meaning with loss='none', got {scale}")
         return Loss(name, float(scale))
 
     @property

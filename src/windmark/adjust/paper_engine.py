@@ -16,6 +16,7 @@ import numpy as np
 
 from windmark.adjust.problem import Problem
 from windmark.adjust.report import SolveReport
+from windmark.errors import DataError
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,7 @@ def minimise_by_steps(
     values = dict(start)
     cost = initial_cost = problem.cost(values)
     if not np.isfinite(cost):
-        raise ValueError("start: the model has no prediction there (a point behind the camera or beyond the lens)")
+        raise DataError("start: the model has no prediction there (a point behind the camera or beyond the lens)")
     steps = np.full(problem.size, options.initial_step)
     evaluations, passes, reason = 1, 0, "max_iterations"
     while passes < options.max_passes:

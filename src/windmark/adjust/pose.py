@@ -16,6 +16,7 @@ from windmark.adjust.loss import Loss
 from windmark.adjust.pose_estimate import PoseEstimate, pose_estimate
 from windmark.adjust.problem import Problem
 from windmark.adjust.terms import JointPrior, Prior, Reprojection, Term, whitener
+from windmark.errors import DataError, UsageError
 from windmark.geometry import PARAMETERS, Camera, Pose
 
 Array = NDArray[np.float64]
@@ -139,7 +140,7 @@ def _checked(xyz: ArrayLike, xy: ArrayLike) -> tuple[Array, Array]:
         raise ValueError(f"xy: expected ({len(points)}, 2) as there are {len(points)} points, got {observed.shape}")
     for name, values in (("xyz", points), ("xy", observed)):
         if not np.isfinite(values).all():
-            raise ValueError(f"{name}: must be finite, row {int(np.argmin(np.isfinite(values).all(axis=1)))} is not")
+            raise UsageError(f"{name}: must be finite, row {int(np.argmin(np.isfinite(values).all(axis=1)))} is not")
     return points, observed
 
 
@@ -148,7 +149,7 @@ def _priors(sigma: dict[str, float], blocks: Mapping[str, Block], values: Mappin
     known = [name for block in blocks.values() for name in block.names]
     unknown = sorted(set(sigma) - set(known))
     if unknown:
-        raise ValueError(f"prior_sigma: {', '.join(unknown)} not free; free are {', '.join(known)}")
+        raise UsageError(f"prior_sigma: {', '.join(unknown)} not free; free are {', '.join(known)}")
     chosen = {key: {n: sigma[n] for n in block.names if n in sigma} for key, block in blocks.items()}
     return [Prior(key, blocks[key], values[key], part) for key, part in chosen.items() if part]
 
@@ -161,7 +162,7 @@ def _camera_prior(cov: ArrayLike, block: CameraBlock, camera: Camera, held: set[
     rows = [n for n, column in enumerate(block.columns) if full[column, column] > 0]
     twice = [block.names[n] for n in rows if block.names[n] in held]
     if twice:
-        raise ValueError(f"camera_cov: {twice[0]} is held by prior_sigma, too; expected one of them")
+        raise UsageError(f"camera_cov: {twice[0]} is held by prior_sigma, too; expected one of them")
     if not rows:
         return []
     columns = [block.columns[n] for n in rows]
@@ -171,7 +172,7 @@ def _camera_prior(cov: ArrayLike, block: CameraBlock, camera: Camera, held: set[
         half = np.linalg.cholesky(part / np.outer(sigma, sigma))
     except np.linalg.LinAlgError:
         names = ", ".join(block.names[n] for n in rows)
-        raise ValueError(f"camera_cov: must be finite and positive definite in {names}") from None
+        raise UsageError(f"camera_cov: must be finite and positive definite in {names}") from None
     return [JointPrior("camera", block, camera, rows, np.linalg.inv(half) / sigma)]
 
 
@@ -184,7 +185,7 @@ def _check_start(problem: Problem, start: Mapping[str, Any]) -> None:
         raise ValueError(f"cam_from_model: expected a single pose, got a batch {pose.rotation.shape[:-2]}")
     valid = start["camera"].project(pose.apply(term.xyz))[1]
     if not valid.all():
-        raise ValueError(
+        raise DataError(
             f"cam_from_model: the start puts {int((~valid).sum())} of {len(valid)} points behind the camera or beyond "
             f"the lens' one-to-one range, the first is point {int(np.argmin(valid))}"
         )

@@ -13,6 +13,7 @@ from windmark.adjust.determinacy import covariance
 from windmark.adjust.problem import NormalEquations, Problem
 from windmark.adjust.report import SolveReport
 from windmark.adjust.terms import Reprojection
+from windmark.errors import UsageError
 from windmark.geometry import PARAMETERS, Camera, DegenerateGeometry, Pose
 
 Array = NDArray[np.float64]
@@ -51,7 +52,7 @@ class PoseEstimate:
     def sigma(self, name: str) -> float:
         """Standard deviation of one parameter by name."""
         if name not in self.names:
-            raise ValueError(f"sigma: name must be one of {', '.join(self.names)}, got {name!r}")
+            raise UsageError(f"sigma: name must be one of {', '.join(self.names)}, got {name!r}")
         i = self.names.index(name)
         return float(np.sqrt(self.cov[i, i]))
 

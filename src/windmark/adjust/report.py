@@ -40,4 +40,4 @@ class SolveReport:
 
     def __post_init__(self) -> None:
         if self.reason not in REASONS:
-            raise ValueError(f"SolveReport: reason must be one of {', '.join(REASONS)}, got {self.reason!r}")
+            raise ValueError(f"SolveReport: reason must be among {', '.join(REASONS)}, got {self.reason!r}")

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from windmark.adjust.blocks import Block
 from windmark.adjust.loss import Loss
+from windmark.errors import UsageError
 from windmark.geometry import Camera, Pose
 from windmark.geometry.rotations import hat
 
@@ -123,9 +124,9 @@ class Prior:
     def __post_init__(self) -> None:
         for name, sigma in self.sigma.items():
             if name not in self.block.names:
-                raise ValueError(f"prior_sigma: {name!r} is not free; free are {', '.join(self.block.names)}")
+                raise UsageError(f"prior_sigma: {name!r} is not free; free are {', '.join(self.block.names)}")
             if not (np.isfinite(sigma) and sigma > 0):
-                raise ValueError(f"prior_sigma: {name} must be finite and > 0, got {sigma}")
+                raise UsageError(f"prior_sigma: {name} must be finite and > 0, got {sigma}")
 
     @property
     def blocks(self) -> tuple[str, ...]:
@@ -200,7 +201,7 @@ def whitener(cov: ArrayLike, n: int) -> Array:
         good &= np.abs(b - c[:, 1, 0]) <= 1e-9 * np.sqrt(np.abs(a * d))
     if not good.all():
         i = int(np.argmin(good))
-        raise ValueError(f"cov: must be finite, symmetric and positive definite, observation {i} has {c[i].tolist()}")
+        raise UsageError(f"cov: must be finite, symmetric and positive definite, observation {i} has {c[i].tolist()}")
     # Written out: the inverse of the Cholesky factor [[l, 0], [b / l, m]].
     out = np.zeros_like(c)
     first = np.sqrt(a)

@@ -10,6 +10,7 @@ from typing import Any
 
 from windmark import io
 from windmark.app import console
+from windmark.errors import UsageError
 from windmark.pipeline.align2d import AlignedFile, AlignSettings, Reference, align_files, read_named, read_reference
 from windmark.pipeline.align2d.outputs import ratios, record_of, write_one
 from windmark.pipeline.settings import unusable_name
@@ -79,15 +80,15 @@ def split_reference(
     stems = [path.stem for path in images]
     double = sorted({s for s in stems if stems.count(s) > 1})
     if double:
-        raise ValueError(f"two images are called {double[0]}; expected a name of its own for each one's results")
+        raise UsageError(f"two images are called {double[0]}; expected a name of its own for each one's results")
     if (why := unusable_name(stems)) is not None:
-        raise ValueError(f"the images' results go into folders of their names, and {why}")
+        raise UsageError(f"the images' results go into folders of their names, and {why}")
     chosen = [p for p in images if reference in (None, p.stem, p.name)]
     if not chosen:
-        raise ValueError(f"--reference: {reference!r} is no image's name; expected one of {', '.join(stems[:8])}")
+        raise UsageError(f"--reference: {reference!r} is no image's name; expected one of {', '.join(stems[:8])}")
     others = [p for p in images if p != chosen[0]]
     if not others:
-        raise ValueError("align needs the reference and at least one more image")
+        raise UsageError("align needs the reference and at least one more image")
     return chosen[0], others
 
 

@@ -10,6 +10,7 @@ from windmark.app import console
 from windmark.calibration import Distance, Fixed, Free, Weighted
 from windmark.calibration.datum import Datum
 from windmark.calibration.self_calibrate import FREE
+from windmark.errors import UsageError
 from windmark.geometry import PARAMETERS, Camera
 from windmark.pipeline.calibrate import Board
 from windmark.pipeline.calibrate.board import MARK_KINDS
@@ -40,27 +41,27 @@ def parse_datum(text: str | None, needed: bool = True) -> Datum | None:
     if text is None and not needed:
         return None
     if not text:
-        raise ValueError(DATUM_HELP)
+        raise UsageError(DATUM_HELP)
     head, equals, end = text.partition("=") if text.startswith("weighted") else (text, "", "")
     kind, colon, listed = head.partition(":")
     names = tuple(n.strip() for n in listed.split(",") if n.strip())
     if kind not in ("free", "fixed", "weighted") or (colon and not names):
-        raise ValueError(f"--datum: {text!r} is none of the choices. {DATUM_HELP}")
+        raise UsageError(f"--datum: {text!r} is none of the choices. {DATUM_HELP}")
     twice = sorted({n for n in names if names.count(n) > 1})
     if twice:
-        raise ValueError(f"--datum: {twice[0]} is named twice")
+        raise UsageError(f"--datum: {twice[0]} is named twice")
     if kind == "fixed":
         if names and len(names) < 3:
-            raise ValueError(f"--datum fixed: expected at least three markers, not on a line, or none for all, got "
+            raise UsageError(f"--datum fixed: expected at least three markers, not on a line, or none for all, got "
                              f"{len(names)}")  # fmt: skip
         return Fixed(names or None)
     if kind == "free":
         if names and len(names) < 3:
-            raise ValueError(f"--datum free: expected at least three markers, or none for all, got {len(names)}")
+            raise UsageError(f"--datum free: expected at least three markers, or none for all, got {len(names)}")
         return Free(names or None)
     sigma = _number(end, "--datum weighted", "a sigma behind =") if equals else None
     if sigma is not None and not sigma > 0:
-        raise ValueError(f"--datum weighted: sigma must be > 0, got {sigma:g}")
+        raise UsageError(f"--datum weighted: sigma must be > 0, got {sigma:g}")
     return Weighted(names or None, sigma)
 
 
@@ -74,16 +75,16 @@ def parse_free(lens: str | None, free: str | None) -> tuple[str, ...]:
     """Parameters that are free: of a lens such as brown, +k3 or radial+tilts, or named one by one."""
     if free is not None:
         if lens is not None:
-            raise ValueError("--lens and --free both say which parameters are free: give one of them")
+            raise UsageError("--lens and --free both say which parameters are free: give one of them")
         names = tuple(n.strip() for n in free.split(",") if n.strip())
         wrong = [n for n in names if n not in PARAMETERS]
         if wrong:
-            raise ValueError(f"--free: {wrong[0]!r} is none of {', '.join(PARAMETERS)}")
+            raise UsageError(f"--free: {wrong[0]!r} is none of {', '.join(PARAMETERS)}")
         return names
     base, *more = (lens or "brown").split("+")
     wrong = [m for m in more if m not in MORE]
     if (base and base not in LENSES) or wrong:
-        raise ValueError(
+        raise UsageError(
             f"--lens: expected {', '.join(LENSES)}, followed by {' or '.join('+' + m for m in MORE)}, got {lens!r}"
         )
     return (*LENSES[base or "brown"], *(p for m in dict.fromkeys(more) for p in MORE[m]))
@@ -95,10 +96,10 @@ def parse_distances(texts: Sequence[str]) -> tuple[Distance, ...]:
     for text in texts:
         parts = [p.strip() for p in text.split(",")]
         if len(parts) != 4:
-            raise ValueError(f"--distance: expected A,B,length,sigma, got {text!r}")
+            raise UsageError(f"--distance: expected A,B,length,sigma, got {text!r}")
         length, sigma = (_number(p, "--distance", "A,B,length,sigma") for p in parts[2:])
         if not (length > 0 and sigma > 0) or parts[0] == parts[1]:
-            raise ValueError(f"--distance: expected two markers, length > 0 and sigma > 0, got {text!r}")
+            raise UsageError(f"--distance: expected two markers, length > 0 and sigma > 0, got {text!r}")
         out.append(Distance(parts[0], parts[1], length, sigma))
     return tuple(out)
 
@@ -109,10 +110,10 @@ def parse_priors(texts: Sequence[str]) -> dict[str, float]:
     for text in texts:
         name, _, end = text.partition("=")
         if name not in PARAMETERS:
-            raise ValueError(f"--prior-sigma: {name!r} is none of {', '.join(PARAMETERS)}")
+            raise UsageError(f"--prior-sigma: {name!r} is none of {', '.join(PARAMETERS)}")
         out[name] = _number(end, "--prior-sigma", "PARAMETER=sigma")
         if not out[name] > 0:
-            raise ValueError(f"--prior-sigma: sigma must be > 0, got {text!r}")
+            raise UsageError(f"--prior-sigma: sigma must be > 0, got {text!r}")
     return out
 
 
@@ -124,7 +125,7 @@ def read_cameras(texts: Sequence[str]) -> dict[str, Camera]:
         path = Path(file if equals else text)
         key = name if equals else path.stem if len(texts) > 1 else "camera"
         if key in out:
-            raise ValueError(f"--camera: two cameras have the name {key}; give NAME=FILE")
+            raise UsageError(f"--camera: two cameras have the name {key}; give NAME=FILE")
         out[key] = console.read_lens(path)
     return out
 
@@ -135,9 +136,9 @@ def parse_patterns(texts: Sequence[str]) -> dict[str, str]:
     for text in texts:
         name, _, pattern = text.partition("=")
         if not name or "*" not in pattern:
-            raise ValueError(f"--images-of: expected NAME=PATTERN with a * in it, such as left=*_0, got {text!r}")
+            raise UsageError(f"--images-of: expected NAME=PATTERN with a * in it, such as left=*_0, got {text!r}")
         if name in out:
-            raise ValueError(f"--images-of: the camera {name} is there twice; give one pattern for each")
+            raise UsageError(f"--images-of: the camera {name} is there twice; give one pattern for each")
         out[name] = pattern
     return out
 
@@ -146,16 +147,16 @@ def parse_board(pitch: float | None, marks: str | None, size: str | None, layout
     """The board, from its pitch, ``KIND:column,row:...`` of its marks, COLUMNSxROWS and LAYOUT[:aspect]."""
     if pitch is None:
         if marks is not None or size is not None or layout != "square":
-            raise ValueError("--board-marks, --board-size and --board-layout describe a board: --board PITCH is needed")
+            raise UsageError("--board-marks, --board-size and --board-layout describe a board: --board PITCH is needed")
         return None
     if not 0 < pitch < float("inf"):
-        raise ValueError(f"--board: expected the distance from column to column, > 0, got {pitch:g}")
+        raise UsageError(f"--board: expected the distance from column to column, > 0, got {pitch:g}")
     kind, cells = _board_marks(marks)
     columns, rows = _board_size(size)
     name, colon, end = layout.partition(":")
     aspect = _number(end, "--board-layout", "LAYOUT:ASPECT") if colon else 1.0
     if name not in ("square", "staggered") or not aspect > 0:
-        raise ValueError(f"--board-layout: expected square or staggered, then perhaps :ASPECT > 0, got {layout!r}")
+        raise UsageError(f"--board-layout: expected square or staggered, then perhaps :ASPECT > 0, got {layout!r}")
     return Board(pitch, cells, kind, columns, rows, name, aspect)
 
 
@@ -164,7 +165,7 @@ def _board_size(text: str | None) -> tuple[int | None, int | None]:
         return None, None
     columns, _, rows = text.lower().partition("x")
     if not (columns.isdigit() and rows.isdigit() and int(columns) and int(rows)):
-        raise ValueError(f"--board-size: expected COLUMNSxROWS, as in 12x9, got {text!r}")
+        raise UsageError(f"--board-size: expected COLUMNSxROWS, as in 12x9, got {text!r}")
     return int(columns), int(rows)
 
 
@@ -176,9 +177,9 @@ def _board_marks(text: str | None) -> tuple[str, tuple[tuple[int, int], ...]]:
     try:
         found = tuple((int(column), int(row)) for column, row in (c.split(",") for c in cells))
     except ValueError:
-        raise ValueError(f"--board-marks: {form}, got {text!r}") from None
+        raise UsageError(f"--board-marks: {form}, got {text!r}") from None
     if kind not in MARK_KINDS or len(set(found)) < max(2, len(found)):
-        raise ValueError(f"--board-marks: {form}, got {text!r}")
+        raise UsageError(f"--board-marks: {form}, got {text!r}")
     return kind, found
 
 
@@ -194,10 +195,10 @@ def parse_labels(texts: Sequence[str], table: Path | None) -> dict[str, dict[str
         image, colon, name = who.partition(":")
         xy = place.split(",")
         if not (image and colon and name) or len(xy) != 2:
-            raise ValueError(f"--label: expected IMAGE:NAME=x,y, got {text!r}")
+            raise UsageError(f"--label: expected IMAGE:NAME=x,y, got {text!r}")
         x, y = (_number(p, "--label", "IMAGE:NAME=x,y") for p in xy)
         if name in out.setdefault(image, {}):
-            raise ValueError(f"--label: {name} is given twice in {image}; a marker has one place")
+            raise UsageError(f"--label: {name} is given twice in {image}; a marker has one place")
         out[image][name] = (x, y)
     return out
 
@@ -206,7 +207,7 @@ def _number(text: str, option: str, form: str) -> float:
     try:
         value = float(text)
     except ValueError:
-        raise ValueError(f"{option}: expected {form}, a number, got {text!r}") from None
+        raise UsageError(f"{option}: expected {form}, a number, got {text!r}") from None
     if value != value or value in (float("inf"), float("-inf")):
-        raise ValueError(f"{option}: expected {form}, a finite number, got {text!r}")
+        raise UsageError(f"{option}: expected {form}, a finite number, got {text!r}")
     return value

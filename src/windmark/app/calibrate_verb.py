@@ -12,6 +12,7 @@ from windmark.app import console
 from windmark.app.calibrate_options import TABLES
 from windmark.calibration import NotCalibrated
 from windmark.calibration.quality import Comparison, SplitHalf, compare
+from windmark.errors import UsageError
 from windmark.geometry import Camera
 from windmark.pipeline.calibrate import (
     Board,
@@ -72,14 +73,14 @@ class Files:
 
     def __post_init__(self) -> None:
         if self.cameras and (self.focal_px is not None or self.size_px is not None):
-            raise ValueError("--camera has size and focal length: leave --size and --focal out")
+            raise UsageError("--camera has size and focal length: leave --size and --focal out")
         Lengths(self.unit)
         if not self.sigma_px > 0:
-            raise ValueError(f"--sigma-px must be > 0, got {self.sigma_px:g}")
+            raise UsageError(f"--sigma-px must be > 0, got {self.sigma_px:g}")
         if (self.markers is None) == (self.board is None):
-            raise ValueError("expected either --markers with rough coordinates, or --board with the pitch of a board")
+            raise UsageError("expected either --markers with rough coordinates, or --board with the pitch of a board")
         if self.patterns and self.cameras and set(self.patterns) != set(self.cameras):
-            raise ValueError(f"--images-of is for the cameras {', '.join(self.patterns)}, --camera for "
+            raise UsageError(f"--images-of is for the cameras {', '.join(self.patterns)}, --camera for "
                              f"{', '.join(self.cameras)}; expected the same")  # fmt: skip
 
     @property
@@ -137,10 +138,10 @@ def _solve(
     """From matches, from pictures, or from pictures of a board."""
     tables = [p for p in files.inputs if isinstance(p, Path) and p.suffix.lower() in TABLES]
     if len(files.inputs) > 1 and tables:
-        raise ValueError(f"expected one table of matches or several pictures, got {len(files.inputs)} files with "
+        raise UsageError(f"expected one table of matches or several pictures, got {len(files.inputs)} files with "
                          f"{tables[0].name} among them")  # fmt: skip
     if not tables and files.size_px is not None:
-        raise ValueError("--size is for a table of matches; pictures have their own size")
+        raise UsageError("--size is for a table of matches; pictures have their own size")
     if files.board is not None:
         _refuse_with_board(files, match, tables)
         return calibrate_board(files.inputs, files.board, files.start, match, settings, clock, files.focal_px,
@@ -151,15 +152,15 @@ def _solve(
         return calibrate_pictures(files.inputs, markers, files.start, match, settings, clock, files.focal_px,
                                   files.patterns)  # fmt: skip
     if match != MatchOptions(seed=match.seed):
-        raise ValueError("--radius, --label, --channel and the like are for pictures; a table of matches has its names")
+        raise UsageError("--radius, --label, --channel and the like are for pictures; a table of matches has its names")
     return _from_table(files, tables[0], markers, settings, clock), None
 
 
 def _refuse_with_board(files: Files, match: MatchOptions, tables: list[Path]) -> None:
     if tables:
-        raise ValueError(f"--board is for pictures, got the table {tables[0].name}")
+        raise UsageError(f"--board is for pictures, got the table {tables[0].name}")
     if match.labels or match.tolerance_px is not None or files.roles:
-        raise ValueError("--label, --labels, --tolerance-px and --roles are for --markers; a board has none")
+        raise UsageError("--label, --labels, --tolerance-px and --roles are for --markers; a board has none")
 
 
 def _from_table(
@@ -169,7 +170,7 @@ def _from_table(
     given = dict(files.cameras)
     if not given:
         if files.size_px is None:
-            raise ValueError("the size of the pictures is needed with a table of matches: --size WIDTHxHEIGHT, or a "
+            raise UsageError("the size of the pictures is needed with a table of matches: --size WIDTHxHEIGHT, or a "
                              "camera with --camera")  # fmt: skip
         given = {name: start_camera(files.size_px, files.focal_px) for name in files.start}
     table = io.read_matches(path)

@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from windmark.errors import WindmarkError
+
 try:  # typer has a click of its own since 0.26
     from typer._click.globals import get_current_context
 except ImportError:
@@ -122,7 +124,7 @@ def _say(text: str) -> None:
 def errors(as_json: bool) -> Iterator[None]:
     """Turn what went wrong into one clear message and the exit code of the conventions.
 
-    2: wrong usage or bad file, as windmark's own code says it (`geometry.errors`); 130: interrupted. 3: anything else
+    2: wrong usage or bad file, in windmark's own words (`windmark.errors`); 130: interrupted. 3: anything else
     is a fault of windmark, which keeps its traceback and is never dressed as bad data.
     """
     from windmark.io import reason, witness
@@ -142,9 +144,7 @@ def errors(as_json: bool) -> Iterator[None]:
     except MemoryError:
         _fail("not enough memory for this image or grid", WRONG_USAGE, as_json)
     except Exception as error:
-        from windmark.geometry.errors import on_purpose
-
-        if on_purpose(error):
+        if isinstance(error, WindmarkError):
             _fail(str(error), WRONG_USAGE, as_json)
         _report_fault(error, as_json)
 

@@ -9,6 +9,7 @@ from typing import Any
 
 from windmark.app import console
 from windmark.app.commands.matching_options import grid_settings
+from windmark.errors import UsageError
 from windmark.pipeline.convert_cameras import CameraOptions, convert_camera
 from windmark.pipeline.convert_frames import FrameOptions, convert_frames
 from windmark.pipeline.convert_frames import lines as frames_lines
@@ -47,15 +48,15 @@ def convert(sources: list[Path], target: Path, wishes: Wishes, as_json: bool) ->
     kind = kinds[0]
     if len(set(kinds)) > 1 or (len(sources) > 1 and kind != "pictures"):
         which = ", ".join(f"{path} ({WORDS[k]})" for path, k in zip(sources, kinds, strict=True))
-        raise ValueError(f"several sources must all be pictures, which become one recording, got {which}")
+        raise UsageError(f"several sources must all be pictures, which become one recording, got {which}")
     for name in wishes.of(*OPTIONS_OF):
         if kind not in OPTIONS_OF[name]:
             option = f"--{_NAMES.get(name, name).replace('_', '-')}"
             meant = ", ".join(OPTIONS_OF[name])
-            raise ValueError(f"{option} is for {meant}, and {sources[0]} is {WORDS[kind]}")
+            raise UsageError(f"{option} is for {meant}, and {sources[0]} is {WORDS[kind]}")
     for source in sources:
         if target.exists() and source.exists() and source.samefile(target):
-            raise ValueError(f"{target}: is the source itself; expected another file as the target")
+            raise UsageError(f"{target}: is the source itself; expected another file as the target")
     if not (kind == "camera" and wishes.typed.get("to_format")):
         refuse_target(sources[0], kind, target)
     record = _JOBS[kind](sources, target, wishes)
@@ -89,7 +90,7 @@ def parse_size(text: str | None) -> tuple[int, int] | None:
         return None
     width, _, height = text.lower().partition("x")
     if not (width.isdigit() and height.isdigit() and int(width) and int(height)):
-        raise ValueError(f"--size must be WIDTHxHEIGHT in pixels, as in 1280x800, got {text!r}")
+        raise UsageError(f"--size must be WIDTHxHEIGHT in pixels, as in 1280x800, got {text!r}")
     return int(width), int(height)
 
 
@@ -100,7 +101,7 @@ def parse_volumes(texts: tuple[str, ...] | list[str]) -> dict[str, tuple[str, ..
     for name, zones in volumes.items():
         for zone in zones:
             if zone in taken:
-                raise ValueError(f"--volume: {zone} is in {taken[zone]} and in {name}; expected it once")
+                raise UsageError(f"--volume: {zone} is in {taken[zone]} and in {name}; expected it once")
             taken[zone] = name
     return volumes
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from windmark import detection, io
 from windmark.app import console
 from windmark.detection import RadiusEstimate, Rejected
+from windmark.errors import UsageError
 from windmark.scene import Detections
 
 Record = dict[str, Any]
@@ -101,9 +102,9 @@ def parse_roi(text: str | None) -> tuple[int, int, int, int] | None:
     try:
         x0, y0, x1, y1 = (int(part) for part in text.split(","))
     except ValueError:
-        raise ValueError(f"--roi must be x0,y0,x1,y1 in whole pixels, got {text!r}") from None
+        raise UsageError(f"--roi must be x0,y0,x1,y1 in whole pixels, got {text!r}") from None
     if not (x1 > x0 >= 0 and y1 > y0 >= 0):
-        raise ValueError(f"--roi must be x0,y0,x1,y1 with 0 <= x0 < x1 and 0 <= y0 < y1, got {text!r}")
+        raise UsageError(f"--roi must be x0,y0,x1,y1 with 0 <= x0 < x1 and 0 <= y0 < y1, got {text!r}")
     return x0, y0, x1, y1
 
 
@@ -113,7 +114,7 @@ def used_pixels(image: Image, mask: Path | None, roi: tuple[int, int, int, int] 
     if roi is not None:
         x0, y0, x1, y1 = roi
         if x0 >= image.shape[1] or y0 >= image.shape[0]:
-            raise ValueError(f"--roi {roi} lies outside the image of {image.shape[1]} x {image.shape[0]} pixels")
+            raise UsageError(f"--roi {roi} lies outside the image of {image.shape[1]} x {image.shape[0]} pixels")
         inside = np.zeros(image.shape, dtype=bool)
         inside[y0 : y1 + 1, x0 : x1 + 1] = True
         use = inside if use is None else use & inside
@@ -126,7 +127,7 @@ def uniquely_named(images: list[Path]) -> list[io.PictureFile]:
     names = [item.name for item in items]
     if len(set(names)) < len(names):
         twice = next(name for name in names if names.count(name) > 1)
-        raise ValueError(f"images: two are called {twice}; the results are named after the images")
+        raise UsageError(f"images: two are called {twice}; the results are named after the images")
     return items
 
 

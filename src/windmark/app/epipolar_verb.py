@@ -12,6 +12,7 @@ from windmark import io
 from windmark.app import console
 from windmark.app.epipolar_pictures import PairWords, pair_picture
 from windmark.app.pictures import MISSING, png
+from windmark.errors import UsageError
 from windmark.geometry import Camera
 from windmark.pipeline.calibrate import MatchOptions
 from windmark.pipeline.calibrate.read import find_spots, picture_names, read_image
@@ -34,9 +35,9 @@ def run(
 ) -> None:  # fmt: skip
     """Read, find the geometry, write a folder, say it."""
     if len(cameras) > 2:
-        raise ValueError(f"--camera: expected one for both pictures or one for each, got {len(cameras)}")
+        raise UsageError(f"--camera: expected one for both pictures or one for each, got {len(cameras)}")
     if sigma_px is not None and not 0 < sigma_px < np.inf:
-        raise ValueError(f"--sigma-px must be positive, got {sigma_px:g}")
+        raise UsageError(f"--sigma-px must be positive, got {sigma_px:g}")
     names = tuple(picture_names(images))
     clicks = read_clicks(table, names)
     lenses = [console.read_lens(path) for path in cameras]

@@ -7,6 +7,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from windmark.app import pictures
+from windmark.errors import UsageError
 from windmark.pipeline.outputs import projected_xy
 from windmark.pipeline.results import ImageResult, RunResult
 from windmark.pipeline.surface import surface_view
@@ -18,7 +19,7 @@ def matched(item: ImageResult, markers: MarkerSet) -> tuple[list[str], NDArray[n
     """Names, projected places and residuals (projected − detected) of the matched markers."""
     answer = item.registered
     if answer is None or item.detections is None:
-        raise ValueError(f"image {item.name} is not registered, it has no matches to draw")
+        raise UsageError(f"image {item.name} is not registered, it has no matches to draw")
     projected = projected_xy(answer, markers)
     names = [str(n) for n in markers.name[answer.matching.marker]]
     return names, projected, projected - item.detections.xy[answer.matching.detection]

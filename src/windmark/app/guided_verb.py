@@ -14,6 +14,7 @@ from windmark.app import console
 from windmark.app.detect_verb import Wishes, numbered, read_wished, uniquely_named, used_pixels
 from windmark.detection import AUTO, Guided
 from windmark.detection.either import FEW
+from windmark.errors import UsageError
 from windmark.pipeline.lengths import Lengths
 from windmark.pipeline.predictions import Predictions, from_camera, from_detections, look
 
@@ -34,9 +35,9 @@ class Guide:
 
     def __post_init__(self) -> None:
         if self.near is not None and (self.camera is not None or self.markers is not None):
-            raise ValueError("give either --near or --camera with --markers")
+            raise UsageError("give either --near or --camera with --markers")
         if (self.camera is None) != (self.markers is None):
-            raise ValueError("--camera and --markers belong together: the camera's pose says where the markers are")
+            raise UsageError("--camera and --markers belong together: the camera's pose says where the markers are")
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,7 @@ class _Seen:
 def detect(images: list[Path], wishes: Wishes, guide: Guide, as_json: bool) -> None:
     """Look for the expected markers in each image; one table for all."""
     if len(wishes.radius_px) > 1 or wishes.merit_map is not None:
-        raise ValueError("markers near predictions: give one --radius at most, and no --merit-map")
+        raise UsageError("markers near predictions: give one --radius at most, and no --merit-map")
     seen: dict[str, _Seen] = {}
     options = {"search_px": guide.search_px, "photometry": wishes.options["photometry"]}
     io.try_paths(wishes.files)

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from windmark import io
 from windmark.app import console
 from windmark.app.pictures import png
+from windmark.errors import UsageError
 from windmark.pipeline.deform import load, read_deform_project
 from windmark.pipeline.deform.laws import DECISIVE, LawsCompared, candidates, compare_project
 
@@ -23,11 +24,11 @@ OUTPUT = Path("law-comparison")
 def compare(project: Path, laws: Sequence[str], frames: int, folder: Path | None, seed: int, as_json: bool) -> None:
     """Compare, write table and picture, say who wins; exit code 1 where the data cannot tell."""
     if frames < 1:
-        raise ValueError(f"--frames must be at least 1, got {frames}")
+        raise UsageError(f"--frames must be at least 1, got {frames}")
     loaded = load(read_deform_project(project))
     volumes = candidates(loaded, laws)
     if len(volumes) < 2:
-        raise ValueError("nothing to compare: give --law, or [[volume.alternative]] in the project")
+        raise UsageError("nothing to compare: give --law, or [[volume.alternative]] in the project")
     folder = folder or OUTPUT
     with console.progress() as show, console.result_folder(folder) as out:
         show("compile and find the first frame")

@@ -15,6 +15,7 @@ from windmark.app import console
 from windmark.app.laws_examples import HALF, UNIT, Shown, example, of_user, wing_points
 from windmark.deformation import Law, UserLaw, check_law, laws_of_source
 from windmark.deformation.laws import CATALOG, Entry
+from windmark.errors import UsageError
 from windmark.io.text import read_text
 from windmark.pipeline.lengths import Lengths
 
@@ -36,7 +37,7 @@ def built_in(pictures: Path | None, as_json: bool) -> None:
 def check_file(file: Path, markers: Path | None, volume: str | None, pictures: Path | None, as_json: bool) -> None:
     """Load a user's file and check every law in it."""  # fmt: skip
     if volume is not None and markers is None:
-        raise ValueError("--volume has no meaning without --markers")
+        raise UsageError("--volume has no meaning without --markers")
     laws = laws_of_source(read_text(file), str(file))
     points, where = _points(markers, volume)
     entries = [{**_user_law(name, law), "remarks": check_law(law, points, name=name)} for name, law in laws.items()]

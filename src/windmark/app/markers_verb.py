@@ -9,6 +9,7 @@ from typing import Any
 
 from windmark import io
 from windmark.app import console
+from windmark.errors import UsageError
 from windmark.pipeline.lengths import Lengths
 from windmark.pipeline.marker_check import CheckSettings, MarkerCheck, check_markers
 
@@ -93,5 +94,5 @@ def view_from(text: str | None) -> tuple[float, float] | None:
     try:
         azimuth, elevation = (float(part) for part in text.split(","))
     except ValueError:
-        raise ValueError(f"--view-from: expected azimuth,elevation in degrees, such as 0,90, got {text!r}") from None
+        raise UsageError(f"--view-from: expected azimuth,elevation in degrees, such as 0,90, got {text!r}") from None
     return azimuth, elevation

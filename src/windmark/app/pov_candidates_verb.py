@@ -13,6 +13,7 @@ import numpy as np
 from windmark import io
 from windmark.app import console
 from windmark.app.pov_verb import Wishes
+from windmark.errors import UsageError
 from windmark.pipeline.lengths import Lengths
 from windmark.registration import PoseCandidates, pose_candidates
 from windmark.registration.candidates import COMPATIBLE
@@ -56,13 +57,13 @@ def show(wishes: Wishes, places: Mapping[str, tuple[float, float]], sigma_px: fl
 
 def _check(wishes: Wishes, count: int) -> None:
     if len(wishes.cameras) != 1 or wishes.markers is None:
-        raise ValueError("--label needs one camera file and the marker table, --markers")
+        raise UsageError("--label needs one camera file and the marker table, --markers")
     if wishes.numbers or wishes.direction or wishes.picture or wishes.grid:
-        raise ValueError("--label gives the point of view; expected no numbers, --direction, --grid, --picture with it")
+        raise UsageError("--label gives the point of view; expected no numbers, --direction, --grid, --picture with it")
     if wishes.unit not in io.LENGTH_UNITS:
-        raise ValueError(f"--unit must say the table's length unit, one of {', '.join(io.LENGTH_UNITS)}")
+        raise UsageError(f"--unit must say the table's length unit, one of {', '.join(io.LENGTH_UNITS)}")
     if count < 3:
-        raise ValueError(f"--label: three markers give candidates, a fourth decides; got {count}")
+        raise UsageError(f"--label: three markers give candidates, a fourth decides; got {count}")
 
 
 def _listed(

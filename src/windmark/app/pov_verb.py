@@ -15,8 +15,8 @@ from windmark import io
 from windmark.app import console
 from windmark.app.commands.matching_options import grid_settings
 from windmark.app.convert_verb import parse_size
+from windmark.errors import UsageError, WindmarkError
 from windmark.geometry import Camera, Pose, PoV
-from windmark.geometry.errors import said
 from windmark.pipeline.framing import FOV_DEG, SIZE_PX
 from windmark.pipeline.grid import read_grid
 from windmark.pipeline.lengths import Lengths
@@ -84,7 +84,7 @@ def show(wishes: Wishes, as_json: bool) -> None:
         lines += [*more, *words]
     if wishes.output is not None:
         if view.unit is None:
-            raise ValueError(f"{view.name}: nothing says the length unit; give --unit to write {wishes.output}")
+            raise UsageError(f"{view.name}: nothing says the length unit; give --unit to write {wishes.output}")
         io.write_camera(wishes.output, view.camera, view.pose, unit=view.unit)
         record["output"] = wishes.output
         lines.append(f"written: {wishes.output}")
@@ -101,22 +101,22 @@ def show(wishes: Wishes, as_json: bool) -> None:
 
 def _check(wishes: Wishes) -> None:
     if len(wishes.cameras) > 2:
-        raise ValueError(f"expected one camera file, or two to compare, got {len(wishes.cameras)}")
+        raise UsageError(f"expected one camera file, or two to compare, got {len(wishes.cameras)}")
     if (wishes.direction is None) != (wishes.up is None):
-        raise ValueError("--direction and --up belong together")
+        raise UsageError("--direction and --up belong together")
     if wishes.direction is not None and (wishes.cameras or set(wishes.numbers) - {"fov_deg"}):
-        raise ValueError("--direction stands alone; expected no camera file and no angles or distances with it")
+        raise UsageError("--direction stands alone; expected no camera file and no angles or distances with it")
     if len(wishes.cameras) == 2 and (wishes.numbers or wishes.output or wishes.size):
-        raise ValueError("two camera files are compared; expected no numbers, --size and --output with them")
+        raise UsageError("two camera files are compared; expected no numbers, --size and --output with them")
     if not (wishes.cameras or wishes.numbers or wishes.direction):
-        raise ValueError("expected a camera file, the numbers --rx ... --fov, or --direction and --up; see --help")
+        raise UsageError("expected a camera file, the numbers --rx ... --fov, or --direction and --up; see --help")
     for name, value in wishes.numbers.items():
         if not math.isfinite(value):
-            raise ValueError(f"{OPTIONS[name]} must be a finite number, got {value}")
+            raise UsageError(f"{OPTIONS[name]} must be a finite number, got {value}")
     if not 0 < wishes.numbers.get("fov_deg", 1.0) < 180:
-        raise ValueError(f"--fov must be between 0 and 180 degrees, got {wishes.numbers['fov_deg']:g}")
+        raise UsageError(f"--fov must be between 0 and 180 degrees, got {wishes.numbers['fov_deg']:g}")
     if wishes.volumes and wishes.grid is None:
-        raise ValueError("--volume says what of the --grid takes part; give --grid")
+        raise UsageError("--volume says what of the --grid takes part; give --grid")
 
 
 def _model(wishes: Wishes, lengths: Lengths) -> tuple[Mesh | None, Array]:
@@ -148,14 +148,14 @@ def _typed(wishes: Wishes, base: Viewpoint | None) -> Viewpoint:
     if base is None:
         missing = [OPTIONS[n] for n in (*NAMES, "fov_deg") if n not in wishes.numbers]
         if missing:
-            raise ValueError(f"a point of view without a camera file needs all seven numbers; missing: {missing[0]}")
+            raise UsageError(f"a point of view without a camera file needs all seven numbers; missing: {missing[0]}")
         pov, unit = PoV(**wishes.numbers), wishes.unit
         camera = perfect_camera(size or SIZE_PX, pov.fov_deg)
         return Viewpoint("the numbers given", camera, pov.pose, unit, None, _renamed(pov))
     pov = replace(base.pov, **wishes.numbers)
     camera = base.camera
     if size is not None and size != camera.size_px:
-        raise ValueError(f"{base.name} is a camera of {camera.size_px} px; expected no other --size with it")
+        raise UsageError(f"{base.name} is a camera of {camera.size_px} px; expected no other --size with it")
     if "fov_deg" in wishes.numbers:
         camera = replace(camera, focal_px=pov.focal_px(camera.size_px[0]), cov=None)
     given = ", ".join(OPTIONS[n] for n in wishes.numbers)
@@ -174,13 +174,13 @@ def _renamed(pov: PoV) -> tuple[str, ...]:
 
 def _framed(wishes: Wishes, points: Array) -> Viewpoint:
     if not len(points):
-        raise ValueError("--direction frames a model; give its --grid or --markers")
+        raise UsageError("--direction frames a model; give its --grid or --markers")
     direction, up = (_three(text, option) for text, option in ((wishes.direction, "--direction"), (wishes.up, "--up")))
     size, fov = parse_size(wishes.size) or SIZE_PX, wishes.numbers.get("fov_deg", FOV_DEG)
     try:
         camera, pose = frame_view(points, direction=direction, up=up, size_px=size, fov_deg=fov)
-    except ValueError as error:
-        raise ValueError(f"--direction, --up: {said(error)}") from error
+    except WindmarkError as error:
+        raise UsageError(f"--direction, --up: {error!s}") from error
     return Viewpoint(f"the view along {wishes.direction}", camera, pose, wishes.unit)
 
 
@@ -190,7 +190,7 @@ def _three(text: str | None, option: str) -> Array:
     except ValueError:
         values = np.empty(0)
     if values.shape != (3,) or not np.isfinite(values).all() or not values.any():
-        raise ValueError(f"{option}: expected three numbers x,y,z, not all zero; got {text!r}")
+        raise UsageError(f"{option}: expected three numbers x,y,z, not all zero; got {text!r}")
     return values
 
 

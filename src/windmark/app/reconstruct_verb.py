@@ -12,6 +12,7 @@ import numpy as np
 from windmark import io
 from windmark.app import console
 from windmark.calibration import Distance
+from windmark.errors import UsageError
 from windmark.geometry import Camera
 from windmark.pipeline.calibrate import MatchOptions, Picture
 from windmark.pipeline.calibrate.outputs import sigma_rms
@@ -74,26 +75,26 @@ class Files:
 
     def __post_init__(self) -> None:
         if not 0 <= self.model_px < float("inf"):
-            raise ValueError(f"--model-px must be 0 or more, got {self.model_px:g}")
+            raise UsageError(f"--model-px must be 0 or more, got {self.model_px:g}")
         if self.free_frame == (self.primary is not None):
-            raise ValueError("give --primary, the known markers, or --free-frame where there are none; one of the two")
+            raise UsageError("give --primary, the known markers, or --free-frame where there are none; one of the two")
         if self.distances and not self.free_frame:
-            raise ValueError("--distance is for --free-frame; the primary markers have a scale of their own")
+            raise UsageError("--distance is for --free-frame; the primary markers have a scale of their own")
         if self.distances and self.poses is not None:
-            raise ValueError("--poses have a scale of their own: leave --distance out")
+            raise UsageError("--poses have a scale of their own: leave --distance out")
         if self.distances and self.labels is None:
-            raise ValueError("--distance names markers: --labels must say where they are (image,name,x,y)")
+            raise UsageError("--distance names markers: --labels must say where they are (image,name,x,y)")
         metric = self.primary is not None or self.poses is not None or bool(self.distances)
         if not metric and self.unit not in ("", FREE_UNIT):
-            raise ValueError("--unit has no meaning without --primary, --poses or --distance: the scale is free")
+            raise UsageError("--unit has no meaning without --primary, --poses or --distance: the scale is free")
         if metric:
             Lengths(self.unit)
         if self.patterns and set(self.patterns) != set(self.cameras):
-            raise ValueError(f"--images-of is for the cameras {', '.join(self.patterns)}, --camera for "
+            raise UsageError(f"--images-of is for the cameras {', '.join(self.patterns)}, --camera for "
                              f"{', '.join(self.cameras)}; expected the same")  # fmt: skip
         unknown = [n for n in self.pair or () if n not in self.names]
         if unknown or (self.pair is not None and self.pair[0] == self.pair[1]):
-            raise ValueError(f"--pair: expected the names of two different pictures among {', '.join(self.names[:5])}, "
+            raise UsageError(f"--pair: expected the names of two different pictures among {', '.join(self.names[:5])}, "
                              f"got {' and '.join(self.pair or ())}")  # fmt: skip
 
     @property

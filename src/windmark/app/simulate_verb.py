@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from windmark.app import console
+from windmark.errors import UsageError
 
 Record = dict[str, Any]
 Kind = tuple[Callable[[Path], Any], Callable[[Any, Path], tuple[Record, list[str]]]]
@@ -30,9 +31,9 @@ def simulate(folder: Path, seed: int, wishes: Wishes, as_json: bool) -> None:
              "cameras": wishes.cameras is not None, "photos": wishes.photos is not None}  # fmt: skip
     chosen = [name for name, asked in kinds.items() if asked]
     if len(chosen) > 1:
-        raise ValueError("--infrared, --deforming, --cameras and --photos are different tests; give one of them")
+        raise UsageError("--infrared, --deforming, --cameras and --photos are different tests; give one of them")
     if wishes.clocks and wishes.deforming is None:
-        raise ValueError("--clocks belongs to --deforming")
+        raise UsageError("--clocks belongs to --deforming")
     make = {"infrared": _infrared, "deforming": _deforming, "cameras": _cameras, "photos": _photos, "": _default}
     write, describe = make[chosen[0] if chosen else ""](seed, wishes)
     with console.progress() as show, console.result_folder(folder) as out:

@@ -15,6 +15,7 @@ import windmark
 from windmark import io
 from windmark.app import console
 from windmark.app.report import Report
+from windmark.errors import UsageError
 from windmark.geometry import Camera
 from windmark.pipeline.lengths import Lengths
 from windmark.pipeline.track import FollowedFrame, FollowOptions, follow
@@ -63,7 +64,7 @@ def follow_files(wishes: Wishes, options: Record, change: tuple[float, float], a
     unit, lengths = wishes.unit, Lengths(wishes.unit)
     for name, value in zip(("--change-deg", "--change-percent"), change, strict=True):
         if not (np.isfinite(value) and value > 0):
-            raise ValueError(f"{name} must be > 0, got {value:g}")
+            raise UsageError(f"{name} must be > 0, got {value:g}")
     roles = tuple(wishes.roles) if wishes.roles else MODEL_ROLES
     markers, camera = lengths.markers(wishes.markers, roles), console.read_lens(wishes.camera)
     prior = None if wishes.prior is None else lengths.camera(wishes.prior).cam_from_model

@@ -13,8 +13,8 @@ from windmark import io
 from windmark.app import console
 from windmark.calibration import KEEP, corrected_camera, magnified_camera, magnify_distortion, redraw
 from windmark.calibration import undistort as correct
+from windmark.errors import UsageError, WindmarkError
 from windmark.geometry import Camera
-from windmark.geometry.errors import said
 
 _SHOWN = 3.0  # the paper's factor
 _AS_PNG = (".png", ".jpg", ".jpeg", ".bmp")
@@ -35,12 +35,12 @@ class Wishes:
 def undistort(images: list[Path], camera_file: Path, wishes: Wishes, as_json: bool) -> None:
     """Correct each image, write all into one folder, say it."""
     if wishes.keep not in KEEP:
-        raise ValueError(f"--keep must be one of {', '.join(KEEP)}, got {wishes.keep!r}")
+        raise UsageError(f"--keep must be one of {', '.join(KEEP)}, got {wishes.keep!r}")
     images = [file for path in images for file in _files(path)]
     names = [io.picture_name(path) for path in images]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
-        raise ValueError(f"images: {twice[0]} is there twice; the results are named after the images")
+        raise UsageError(f"images: {twice[0]} is there twice; the results are named after the images")
     content = io.read_camera_file(camera_file)
     camera = content.camera
     target = corrected_camera(camera, keep=wishes.keep)
@@ -104,8 +104,8 @@ def _write(source: Path, target: Path, change: Callable[[Image], Image]) -> str:
         for page in _grey_of_mosaics(source):
             try:
                 yield change(page)
-            except ValueError as error:
-                raise io.FileError(source, said(error)) from error
+            except WindmarkError as error:
+                raise io.FileError(source, str(error)) from error
 
     if io.page_count(source) > 1:
         io.write_images(target, pages())

@@ -11,8 +11,8 @@ from windmark.adjust.levenberg_marquardt import SolveOptions, minimise
 from windmark.adjust.loss import DEFAULT_SCALE, Loss
 from windmark.adjust.network import Network, NetworkProblem, NetworkState
 from windmark.calibration.start import LEAST, start_poses
+from windmark.errors import WindmarkError
 from windmark.geometry import Camera, Pose
-from windmark.geometry.errors import said
 
 Array = NDArray[np.float64]
 Mark = tuple[Array, Array]
@@ -77,8 +77,7 @@ def _robust(camera: Camera, poses: list[Pose | None], marks: list[Mark]) -> tupl
             state = minimise(problem, start, _STEPS)[0]
         except np.linalg.LinAlgError:
             return None
-        except ValueError as error:
-            said(error)
+        except WindmarkError:
             return None
         camera, poses = state.cameras[0], list(poses)
         for n, k in enumerate(there):

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from windmark.calibration.datum import Fixed, Free
 from windmark.calibration.result import Calibration, NotCalibrated
 from windmark.calibration.self_calibrate import self_calibrate
+from windmark.errors import DataError, UsageError
 from windmark.geometry import PARAMETERS, Camera
 from windmark.geometry.similarity import align
 from windmark.scene import MarkerSet, Observations
@@ -88,7 +89,7 @@ def projection_sigma(camera: Camera, columns: int = 24) -> tuple[Array, Array, A
     sigma : (A, B) 1 sigma per coordinate in pixels (root mean square of both)
     """
     if camera.cov is None:
-        raise ValueError("projection_sigma: the camera has no covariance")
+        raise DataError("projection_sigma: the camera has no covariance")
     width, height = camera.size_px
     rows = max(2, round(columns * height / width))
     x, y = np.linspace(0, width - 1, columns), np.linspace(0, height - 1, rows)
@@ -148,7 +149,7 @@ def compare(first: Calibration | KnownMarkers, second: Calibration | KnownMarker
     """
     name, a, b = np.intersect1d(first.markers.name, second.markers.name, return_indices=True)
     if len(name) < 4:
-        raise ValueError(f"compare: the calibrations have {len(name)} markers in common; four are needed")
+        raise DataError(f"compare: the calibrations have {len(name)} markers in common; four are needed")
     fixed = (first.markers.sigma[a] == 0).all(axis=1) & (second.markers.sigma[b] == 0).all(axis=1)
     by = fixed if fixed.sum() >= 3 else np.ones(len(name), dtype=np.bool_)
     fit = align(second.markers.xyz[b][by], first.markers.xyz[a][by])
@@ -244,5 +245,5 @@ def _calibrate_again(result: Calibration, keep: NDArray[np.bool_]) -> Calibratio
 
 def _camera(result: Calibration, name: str) -> Camera:
     if name not in result.cameras:
-        raise ValueError(f"camera must be one of {', '.join(result.cameras)}, got {name!r}")
+        raise UsageError(f"camera must be one of {', '.join(result.cameras)}, got {name!r}")
     return result.cameras[name]

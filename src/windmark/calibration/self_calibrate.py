@@ -17,6 +17,7 @@ from windmark.calibration.result import Calibration, NotCalibrated
 from windmark.calibration.setup import Job, first_state, taking_part, views_of
 from windmark.calibration.solve import Solved
 from windmark.calibration.start import start_poses
+from windmark.errors import UsageError
 from windmark.geometry import Camera, DegenerateGeometry, Pose, triangulate
 from windmark.scene import MarkerSet, Observations, View
 from windmark.scene.units import RADII_OFF, radii_words
@@ -91,7 +92,7 @@ def self_calibrate(
         For wrong indices, names, options, or a marker observed twice in one view.
     """
     if eccentricity not in ECCENTRICITY:
-        raise ValueError(f"self_calibrate: eccentricity must be one of {', '.join(ECCENTRICITY)}, got {eccentricity!r}")
+        raise UsageError(f"self_calibrate: eccentricity must be one of {', '.join(ECCENTRICITY)}, got {eccentricity!r}")
     options: dict[str, Any] = {
         "datum": datum, "free": tuple(free), "distances": tuple(distances), "rig": rig,
         "free_focal": tuple(free_focal), "prior_sigma": dict(prior_sigma or {}), "eccentricity": eccentricity,

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from windmark.adjust.network import Bars, Network, NetworkState
 from windmark.calibration.datum import Datum, Distance, Fixed, Free, Weighted
+from windmark.errors import UsageError
 from windmark.geometry import PARAMETERS, Camera, DegenerateGeometry, Pose
 from windmark.scene import MarkerSet, Observations, View
 
@@ -63,30 +64,30 @@ class Job:
         names = [v.name for v in views]
         if len(set(names)) != len(names):
             twice = sorted({n for n in names if names.count(n) > 1})
-            raise ValueError(f"self_calibrate: names of views must be unique, more than once: {', '.join(twice[:5])}")
+            raise UsageError(f"self_calibrate: names of views must be unique, more than once: {', '.join(twice[:5])}")
         unknown = sorted({v.camera for v in views} - set(self.cameras))
         if unknown:
-            raise ValueError(f"self_calibrate: views use unknown cameras {', '.join(unknown)}")
+            raise UsageError(f"self_calibrate: views use unknown cameras {', '.join(unknown)}")
         both = obs.view.astype(np.int64) * max(len(markers), 1) + obs.point
         _, first, count = np.unique(both, return_index=True, return_counts=True)
         if (count > 1).any():
             o = first[count > 1][0]
-            raise ValueError(
+            raise UsageError(
                 f"self_calibrate: marker {markers.name[obs.point[o]]} is observed more than once in view "
                 f"{views[int(obs.view[o])].name}; {int((count > 1).sum())} such pairs"
             )
         wrong = [p for p in (*self.free, *self.prior_sigma) if p not in PARAMETERS]
         if wrong:
-            raise ValueError(f"self_calibrate: free: {wrong[0]!r} is none of {', '.join(PARAMETERS)}")
+            raise UsageError(f"self_calibrate: free: {wrong[0]!r} is none of {', '.join(PARAMETERS)}")
         missing = sorted(set(self.free_focal) - set(names))
         if missing:
-            raise ValueError(f"self_calibrate: free_focal names unknown views {', '.join(missing[:5])}")
+            raise UsageError(f"self_calibrate: free_focal names unknown views {', '.join(missing[:5])}")
         if self.ellipses is not None and self.ellipses.shape != (len(obs), 3):
             raise ValueError(f"self_calibrate: ellipses must be ({len(obs)}, 3), got {self.ellipses.shape}")
         if self.solver not in SOLVERS:
-            raise ValueError(f"self_calibrate: solver must be one of {', '.join(SOLVERS)}, got {self.solver!r}")
+            raise UsageError(f"self_calibrate: solver must be one of {', '.join(SOLVERS)}, got {self.solver!r}")
         if not isinstance(self.datum, Fixed | Weighted | Free):
-            raise ValueError(
+            raise UsageError(
                 "self_calibrate: datum must be calibration.Fixed, Weighted or Free: what fixes position, direction and "
                 f"size is never guessed; got {type(self.datum).__name__}"
             )
@@ -95,7 +96,7 @@ class Job:
         """Index of a marker by name."""
         found = np.flatnonzero(self.markers.name == name)
         if not len(found):
-            raise ValueError(f"self_calibrate: {what} names the unknown marker {name!r}")
+            raise UsageError(f"self_calibrate: {what} names the unknown marker {name!r}")
         return int(found[0])
 
     def chosen(self, names: Sequence[str] | None, what: str) -> Mask:
@@ -177,9 +178,9 @@ def _weights(job: Job) -> Array:
     given = job.markers.sigma if datum.sigma is None else np.full((len(job.markers), 3), datum.sigma)
     chosen = job.chosen(datum.markers, "datum")[:, None] & np.isfinite(given)
     if not (given[chosen] > 0).all():
-        raise ValueError("self_calibrate: datum Weighted: sigma must be > 0; hold markers with Fixed")
+        raise UsageError("self_calibrate: datum Weighted: sigma must be > 0; hold markers with Fixed")
     if chosen.any(axis=1).sum() < 3:
-        raise ValueError("self_calibrate: datum Weighted needs at least three markers with a sigma")
+        raise UsageError("self_calibrate: datum Weighted needs at least three markers with a sigma")
     return np.where(chosen, given, np.inf)
 
 

@@ -20,6 +20,7 @@ from windmark.adjust.loss import Loss
 from windmark.adjust.network.covariance import network_covariance
 from windmark.calibration.focal_fit import FREE, Fit, Mark, adjusted, distances, problem_of
 from windmark.calibration.start import LEAST, start_poses
+from windmark.errors import UsageError
 from windmark.geometry import PARAMETERS, Camera, DegenerateGeometry, Pose
 from windmark.geometry.two_view.homography import robust_homography
 
@@ -125,7 +126,7 @@ def start_focal(
     """
     marks = [_checked(k, xyz, xy) for k, (xyz, xy) in enumerate(views)]
     if not 0 < max_sigma < np.inf:
-        raise ValueError(f"start_focal: max_sigma must be a positive number, got {max_sigma!r}")
+        raise UsageError(f"start_focal: max_sigma must be a positive number, got {max_sigma!r}")
     blank = Camera(size_px, float(size_px[0]))
     if not any(len(xy) > LEAST for xy, _ in marks):
         return FocalNotDetermined(f"no picture has more than {LEAST} marks", "too_few")

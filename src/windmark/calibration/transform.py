@@ -14,6 +14,7 @@ from windmark.calibration.finish import calibration
 from windmark.calibration.result import Calibration
 from windmark.calibration.setup import Job, first_state, make_network, views_of
 from windmark.calibration.solve import Solved
+from windmark.errors import UsageError
 from windmark.scene import MarkerSet
 
 Array = NDArray[np.float64]
@@ -45,7 +46,7 @@ def in_datum(result: Calibration, datum: Free, reference: MarkerSet | None = Non
     given = result.options["datum"]
     if not (isinstance(given, Free) and isinstance(datum, Free)):
         other = type(datum if isinstance(given, Free) else given).__name__
-        raise ValueError(f"in_datum: expected a free network and a datum Free, got {other}; calibrate anew for that")
+        raise UsageError(f"in_datum: expected a free network and a datum Free, got {other}; calibrate anew for that")
     job = _job(result, datum, reference)
     state = _state(job, result)
     every = np.ones(len(result.observations), dtype=np.bool_)
@@ -70,7 +71,7 @@ def _job(result: Calibration, datum: Free, reference: MarkerSet | None) -> Job:
         names = [str(n) for n in markers.name if str(n) in place] if datum.markers is None else list(datum.markers)
         missing = [n for n in names if n not in place]
         if missing:
-            raise ValueError(f"in_datum: the reference has no marker {missing[0]!r}")
+            raise UsageError(f"in_datum: the reference has no marker {missing[0]!r}")
         datum, xyz = Free(names), markers.xyz.copy()
         known = np.isin(markers.name, names)
         xyz[known] = reference.xyz[[place[str(n)] for n in markers.name[known]]]

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from windmark.errors import DataError, UsageError
 from windmark.geometry import Camera
 from windmark.geometry.rays import pixel_rays
 
@@ -91,13 +92,13 @@ def corrected_camera(camera: Camera, *, keep: str = "size") -> Camera:
         For an unknown ``keep``, a lens without an inverse on the image's border, or if nothing is filled.
     """
     if keep not in KEEP:
-        raise ValueError(f"corrected_camera: keep must be one of {', '.join(KEEP)}, got {keep!r}")
+        raise UsageError(f"corrected_camera: keep must be one of {', '.join(KEEP)}, got {keep!r}")
     plain = Camera(camera.size_px, camera.focal_px, camera.aspect, camera.cx, camera.cy)
     if keep == "size":
         return plain
     left, top, right, bottom = (plain.project(camera.unproject(side))[0] for side in _border(camera.size_px))
     if not all(np.isfinite(side).all() for side in (left, top, right, bottom)):
-        raise ValueError("corrected_camera: the lens has no inverse on the image's border; expected keep='size'")
+        raise DataError("corrected_camera: the lens has no inverse on the image's border; expected keep='size'")
     if keep == "all":
         everything = np.concatenate([left, top, right, bottom])
         first, last = np.floor(everything.min(axis=0) + 0.5), np.ceil(everything.max(axis=0) - 0.5)
@@ -106,7 +107,7 @@ def corrected_camera(camera: Camera, *, keep: str = "size") -> Camera:
         last = np.floor([right[:, 0].min() - 0.5, bottom[:, 1].min() - 0.5])
     size = last - first + 1
     if (size < 1).any():
-        raise ValueError("corrected_camera: no part of the corrected image is filled; expected keep='size' or 'all'")
+        raise DataError("corrected_camera: no part of the corrected image is filled; expected keep='size' or 'all'")
     return replace(plain, size_px=(int(size[0]), int(size[1])), cx=camera.cx - first[0], cy=camera.cy - first[1])
 
 
@@ -117,7 +118,7 @@ def magnified_camera(camera: Camera, factor: float) -> Camera:
     displacement is linear to first order.
     """
     if not np.isfinite(factor):
-        raise ValueError(f"magnified_camera: factor must be a finite number, got {factor}")
+        raise UsageError(f"magnified_camera: factor must be a finite number, got {factor}")
     names = ("k1", "k2", "k3", "p1", "p2", "tilt_x", "tilt_y")
     return replace(camera, **{name: float(factor) * getattr(camera, name) for name in names}, cov=None)
 
@@ -187,11 +188,11 @@ def _checked(image: ArrayLike, size_px: tuple[int, int]) -> NDArray[np.generic]:
     pixels = np.asarray(image)
     if pixels.ndim not in (2, 3) or pixels.dtype.kind not in "buif":
         what = f"got {pixels.shape} {pixels.dtype}"
-        raise ValueError(f"undistort: image must be (H, W) or (H, W, C) of real numbers, {what}")
+        raise UsageError(f"undistort: image must be (H, W) or (H, W, C) of real numbers, {what}")
     if pixels.dtype.kind in "ui" and pixels.dtype.itemsize > 2:
-        raise ValueError(f"undistort: image must have 8 or 16 bits or floating point, got {pixels.dtype}")
+        raise UsageError(f"undistort: image must have 8 or 16 bits or floating point, got {pixels.dtype}")
     if pixels.shape[1::-1] != tuple(size_px):
-        raise ValueError(
+        raise UsageError(
             f"undistort: image must be {size_px[0]} x {size_px[1]} as its camera says (width x height),"
             f" got {pixels.shape[1]} x {pixels.shape[0]}"
         )

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from windmark.deformation.identify import identify
 from windmark.deformation.result import Deformation
 from windmark.deformation.volumes import Volume, Volumes
+from windmark.errors import UsageError
 from windmark.geometry import Camera
 from windmark.scene import MarkerSet, Observations, View
 
@@ -72,7 +73,7 @@ def compare_laws(
         Best first: by cross-validation, candidates without a solution last.
     """
     if folds < 2:
-        raise ValueError(f"compare_laws: folds must be at least 2, got {folds}")
+        raise UsageError(f"compare_laws: folds must be at least 2, got {folds}")
     first = {n: identify(observations, markers, v, cameras, views, **options) for n, v in candidates.items()}
     good = [r.used for r in first.values() if isinstance(r, Deformation)]
     used = max(good, key=np.count_nonzero) if good else np.ones(len(observations), bool)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from windmark.deformation.law import BoundLaw, FunctionLaw, Law, LawError
 from windmark.deformation.parameter import Parameter
+from windmark.errors import WindmarkError
 
 Array = NDArray[np.float64]
 
@@ -62,7 +63,7 @@ def with_parameters(law: Law, settings: Mapping[str, Mapping[str, Any]]) -> Law:
                 raise LawError(f"parameter {name}: {key}: expected a number, got {value!r}")
     try:
         changed = tuple(replace(p, **settings.get(p.name, {})) for p in law.parameters)
-    except ValueError as error:
+    except WindmarkError as error:
         raise LawError(str(error)) from None
     # A function's numerical derivatives take their steps from its parameters.
     return replace(law, parameters=changed) if isinstance(law, FunctionLaw) else Held(law, changed)

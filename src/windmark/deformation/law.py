@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from windmark.deformation.parameter import Parameter
-from windmark.geometry.errors import WindmarkError
+from windmark.errors import WindmarkError
 
 Array = NDArray[np.float64]
 Function = Callable[..., Any]

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from windmark.errors import UsageError
+
 ANGLE_UNITS = ("deg", "rad")
 
 
@@ -36,13 +38,13 @@ class Parameter:
 
     def __post_init__(self) -> None:
         if not self.name.isidentifier():
-            raise ValueError(f"Parameter: name must be an identifier, got {self.name!r}")
+            raise UsageError(f"Parameter: name must be an identifier, got {self.name!r}")
         if not np.isfinite(self.start):
-            raise ValueError(f"Parameter {self.name}: start must be finite, got {self.start}")
+            raise UsageError(f"Parameter {self.name}: start must be finite, got {self.start}")
         if not self.sigma > 0:
-            raise ValueError(f"Parameter {self.name}: sigma must be > 0, got {self.sigma}")
+            raise UsageError(f"Parameter {self.name}: sigma must be > 0, got {self.sigma}")
         if not self.lower <= self.start <= self.upper or self.lower == self.upper:
-            raise ValueError(
+            raise UsageError(
                 f"Parameter {self.name}: expected lower <= start <= upper, got {self.lower}, {self.start}, {self.upper}"
             )
 

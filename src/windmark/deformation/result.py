@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from windmark.adjust import SolveReport
 from windmark.deformation.sighting import LAW, MOTION
 from windmark.deformation.volumes import Placed, Volumes
+from windmark.errors import UsageError
 from windmark.geometry import Camera, Pose
 from windmark.geometry.rotations import hat
 from windmark.scene import Mesh
@@ -134,7 +135,7 @@ class Deformation:
 
     def _moved(self, placed: Placed, frame: str) -> tuple[Array, Array]:
         if frame not in ("tunnel", "model"):
-            raise ValueError(f"frame: expected 'tunnel' or 'model', got {frame!r}")
+            raise UsageError(f"frame: expected 'tunnel' or 'model', got {frame!r}")
         place, by_q = placed.linearise(self.q)
         if frame == "model":
             return place, self.propagated(self.by_free(by_q))

@@ -23,6 +23,7 @@ from windmark.deformation.sighting import (
     whiteners,
 )
 from windmark.deformation.volumes import Placed, Volumes
+from windmark.errors import UsageError
 from windmark.geometry import Camera, Pose, imaged_ellipse
 from windmark.scene import MarkerSet, Observations, View
 
@@ -175,7 +176,7 @@ def _held(name: str, block: PoseBlock, reference: Pose, cov: Array) -> JointPrio
         sigma = np.sqrt(np.diag(cov))
         half = np.linalg.cholesky(cov / np.outer(sigma, sigma))
     except np.linalg.LinAlgError:
-        raise ValueError(f"covariance of {name}: must be finite, (6, 6) and positive definite") from None
+        raise UsageError(f"covariance of {name}: must be finite, (6, 6) and positive definite") from None
     return JointPrior(name, block, reference, range(6), np.linalg.inv(half) / sigma)
 
 
@@ -205,13 +206,13 @@ def prepare(
     views = tuple(views)
     names = [v.name for v in views]
     if len(set(names)) != len(names) or not views:
-        raise ValueError(f"views: expected at least one, with distinct names, got {names}")
+        raise UsageError(f"views: expected at least one, with distinct names, got {names}")
     known = {v.camera: cameras for v in views} if isinstance(cameras, Camera) else dict(cameras)
     for view in views:
         if view.camera not in known:
-            raise ValueError(f"views: camera {view.camera!r} of {view.name} is not one of {', '.join(known)}")
+            raise UsageError(f"views: camera {view.camera!r} of {view.name} is not one of {', '.join(known)}")
         if view.cam_from_model is None:
-            raise ValueError(f"views: {view.name} has no pose; expected cam_from_tunnel, at least as a start")
+            raise UsageError(f"views: {view.name} has no pose; expected cam_from_tunnel, at least as a start")
     if len(observations):
         for key, end in (("view", len(views)), ("point", len(markers))):
             index = getattr(observations, key)
@@ -221,14 +222,14 @@ def prepare(
     times = np.bincount(pairs)
     if times.max(initial=0) > 1:
         k = int(np.argmax(times))
-        raise ValueError(
+        raise UsageError(
             f"observations: view {names[k // len(markers)]} has marker {markers.name[k % len(markers)]} more than once"
         )
     c = observations.cov
     good = (c[:, 0, 0] > 0) & (c[:, 0, 0] * c[:, 1, 1] > c[:, 0, 1] * c[:, 1, 0])
     if not good.all():
         k = int(np.argmin(good))
-        raise ValueError(f"observations: cov must be positive definite, got {c[k].tolist()} of observation {k}")
+        raise UsageError(f"observations: cov must be positive definite, got {c[k].tolist()} of observation {k}")
     wall = np.asarray(markers.role == "wall")
     volume = np.where(wall, "", markers.volume)
     same = before is not None and before.volumes is volumes and before.xyz is markers.xyz
@@ -259,7 +260,7 @@ def _marker_cov(markers: MarkerSet, given: ArrayLike | None) -> Array | None:
 def _square(name: str, values: ArrayLike) -> Array:
     out = np.asarray(values, dtype=float)
     if out.shape != (6, 6):
-        raise ValueError(f"{name}: expected (6, 6), got {out.shape}")
+        raise UsageError(f"{name}: expected (6, 6), got {out.shape}")
     return out
 
 
@@ -268,7 +269,7 @@ def _chosen(name: str, what: bool | Sequence[str], all_names: list[str]) -> tupl
         return tuple(all_names) if what else ()
     unknown = sorted(set(what) - set(all_names))
     if unknown:
-        raise ValueError(f"{name}: {unknown[0]!r} is not one of {', '.join(all_names)}")
+        raise UsageError(f"{name}: {unknown[0]!r} is not one of {', '.join(all_names)}")
     return tuple(n for n in all_names if n in what)
 
 

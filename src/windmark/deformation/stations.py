@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from windmark.deformation.result import Deformation
+from windmark.errors import UsageError
 from windmark.geometry.rotations import hat
 
 Array = NDArray[np.float64]
@@ -66,16 +67,16 @@ class Stations:
         a, b, c, u = (np.asarray(v, dtype=float) for v in (start, end, chord, up))
         for name, v in (("start", a), ("end", b), ("chord", c), ("up", u)):
             if v.shape != (3,) or not np.isfinite(v).all():
-                raise ValueError(f"stations: {name} must be three finite numbers, got {v.tolist()}")
+                raise UsageError(f"stations: {name} must be three finite numbers, got {v.tolist()}")
         eta = np.linspace(0.0, 1.0, count) if isinstance(count, int) else np.asarray(count, dtype=float)
         if not len(eta) or not np.isfinite(eta).all():
-            raise ValueError(f"stations: expected at least one station, got {count}")
+            raise UsageError(f"stations: expected at least one station, got {count}")
         length = np.linalg.norm(c)
         if not length > 0 or np.linalg.norm(b - a) == 0:
-            raise ValueError("stations: chord must have a length, start and end must differ")
+            raise UsageError("stations: chord must have a length, start and end must differ")
         u = u - (u @ c) * c / length**2
         if not np.linalg.norm(u) > 1e-9:
-            raise ValueError("stations: up must not lie along the chord")
+            raise UsageError("stations: up must not lie along the chord")
         middle = a + eta[:, None] * (b - a)
         return Stations(eta, middle - 0.5 * c, middle + 0.5 * c, u / np.linalg.norm(u), volume)
 
@@ -121,7 +122,7 @@ def span_values(state: Deformation, stations: Stations, *, frame: str = "model")
     frame : "model": the laws alone; "tunnel": with the rigid motion, so that twist holds the model's pitch, too
     """
     if frame not in ("model", "tunnel"):
-        raise ValueError(f"span_values: frame must be 'model' or 'tunnel', got {frame!r}")
+        raise UsageError(f"span_values: frame must be 'model' or 'tunnel', got {frame!r}")
     ends = np.concatenate([stations.fore, stations.aft])
     place, by_q = state.volumes.bind(ends, stations.volume).linearise(state.q)
     by_motion = np.zeros((*place.shape, 6))

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.errors import UsageError
 from windmark.geometry import Camera, Pose, imaged_ellipse, triangulate
 from windmark.scene import MarkerSet, Observations, View
 
@@ -72,12 +73,12 @@ def marker_places(
         For fewer than two views, or views without a pose.
     """
     if len(views) < 2:
-        raise ValueError(f"marker_places: at least two views are needed, got {len(views)}")
+        raise UsageError(f"marker_places: at least two views are needed, got {len(views)}")
     known = {v.camera: cameras for v in views} if isinstance(cameras, Camera) else cameras
     poses: list[Pose] = []
     for view in views:
         if view.cam_from_model is None:
-            raise ValueError(f"marker_places: view {view.name} has no pose")
+            raise UsageError(f"marker_places: view {view.name} has no pose")
         poses.append(view.cam_from_model)
     marker, row = np.unique(observations.point, return_inverse=True)
     xy = np.full((len(views), len(marker), 2), np.nan)

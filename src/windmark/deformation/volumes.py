@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from windmark.deformation.law import BoundLaw, Law, Numeric
 from windmark.deformation.parameter import Parameter
+from windmark.errors import UsageError
 from windmark.geometry.rotations import project_to_so3
 
 Array = NDArray[np.float64]
@@ -48,7 +49,7 @@ class Volume:
 
     def __post_init__(self) -> None:
         if self.attach is not None and self.parent is None:
-            raise ValueError(f"Volume {self.name}: attach has no meaning without a parent")
+            raise UsageError(f"Volume {self.name}: attach has no meaning without a parent")
 
 
 @dataclass(frozen=True)
@@ -76,15 +77,15 @@ class Volumes:
         names = [p.name for p in parts]
         twice = sorted({n for n in names if names.count(n) > 1})
         if twice:
-            raise ValueError(f"volumes: {twice[0]} is there more than once")
+            raise UsageError(f"volumes: {twice[0]} is there more than once")
         known = {p.name: p for p in parts}
         for part in parts:
             if part.parent is not None and part.parent not in known:
-                raise ValueError(f"volumes: parent {part.parent!r} of {part.name} is not one of {', '.join(names)}")
+                raise UsageError(f"volumes: parent {part.parent!r} of {part.name} is not one of {', '.join(names)}")
             above, chain = part.parent, [part.name]
             while above is not None:
                 if above in chain:
-                    raise ValueError(f"volumes: {' -> '.join([*chain, above])}: a volume cannot be its own parent")
+                    raise UsageError(f"volumes: {' -> '.join([*chain, above])}: a volume cannot be its own parent")
                 chain.append(above)
                 above = known[above].parent
         return Volumes(tuple(parts))

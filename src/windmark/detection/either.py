@@ -14,6 +14,7 @@ from windmark.detection.options import Options
 from windmark.detection.radius import RadiusEstimate, estimate_radius
 from windmark.detection.rejected import Rejected
 from windmark.detection.spots import MERIT_FLOOR
+from windmark.errors import UsageError
 from windmark.scene import Detections
 
 AUTO = "auto"
@@ -66,7 +67,7 @@ def find_markers(image: ArrayLike, *, polarity: str = AUTO, rejected: bool = Fal
         As `detect`.
     """
     if polarity not in (AUTO, *POLARITIES):
-        raise ValueError(f"polarity must be one of {', '.join((AUTO, *POLARITIES))}, got {polarity!r}")
+        raise UsageError(f"polarity must be one of {', '.join((AUTO, *POLARITIES))}, got {polarity!r}")
     Options(**options)
     most = options.pop("max_spots", None) if polarity == AUTO else None  # the decision is on all of them
     look = _decide(image, polarity, rejected, options)

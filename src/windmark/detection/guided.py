@@ -20,6 +20,7 @@ from windmark.detection.template.frame import BLUR_SPREAD, BLUR_START, fit_marke
 from windmark.detection.template.refine import LEAST_AXIS, check_places, fresh_request, known_blur, make_scene
 from windmark.detection.template.result import CONTAMINATED, Frame, TemplateFits
 from windmark.detection.template.search import search
+from windmark.errors import UsageError
 from windmark.geometry.order import median
 from windmark.scene import Detections
 
@@ -150,11 +151,11 @@ def detect_at(
         An image that is not (H, W) real numbers, predictions that do not fit each other, an unknown option.
     """
     if photometry is not None and photometry not in PHOTOMETRIES:
-        raise ValueError(f"photometry must be None or one of {', '.join(PHOTOMETRIES)}, got {photometry!r}")
+        raise UsageError(f"photometry must be None or one of {', '.join(PHOTOMETRIES)}, got {photometry!r}")
     if not 0 <= search_px <= 64:
-        raise ValueError(f"search_px must be a number of pixels from 0 to 64, got {search_px!r}")
+        raise UsageError(f"search_px must be a number of pixels from 0 to 64, got {search_px!r}")
     if not 0 < false_alarms < np.inf:
-        raise ValueError(f"false_alarms must be a positive number, got {false_alarms!r}")
+        raise UsageError(f"false_alarms must be a positive number, got {false_alarms!r}")
     light = photometry or ("multiplicative" if check_polarity(polarity) > 0 else "additive")
     scene = make_scene(image, polarity, light, mask, saturation)
     places, shape, radius = _predictions(xy, radius_px, axes_px, angle)
@@ -185,7 +186,7 @@ def _predictions(
 ) -> tuple[Array, Array, Array]:
     """Places (M, 2), shapes (M, 3) as L_xx, L_xy, L_yy of `disc_model.shape_matrix`, largest radii (M,)."""
     if (radius_px is None) == (axes_px is None):
-        raise ValueError("detect_at: give either radius_px or axes_px")
+        raise UsageError("detect_at: give either radius_px or axes_px")
     count = np.asarray(xy, dtype=float).size // 2
     given = np.asarray(radius_px if axes_px is None else axes_px, dtype=float)
     if axes_px is None and given.shape == (count,):
@@ -199,7 +200,7 @@ def _predictions(
             f" {np.shape(angle)}"
         ) from None
     if not (np.isfinite(axes).all() and (axes >= LEAST_AXIS).all() and np.isfinite(turn).all()):
-        raise ValueError(f"detect_at: half axes must be finite and at least {LEAST_AXIS} px, angles finite")
+        raise UsageError(f"detect_at: half axes must be finite and at least {LEAST_AXIS} px, angles finite")
     places, radius = check_places(xy, axes.max(axis=1))
     c, s, (a, b) = np.cos(turn), np.sin(turn), axes.T
     return places, np.column_stack([a * c * c + b * s * s, (a - b) * c * s, a * s * s + b * c * c]), radius

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from windmark.errors import UsageError
+
 POLARITIES = ("dark", "bright")
 SAMPLE = 20_000  # pixels that say what an image's levels and noise are, to about 1 %
 BLOCK_ROWS = 32  # converted at a time: they stay in the cache
@@ -56,7 +58,7 @@ class Prepared:
 def check_polarity(polarity: str) -> float:
     """+1 for dark and -1 for bright markers."""
     if polarity not in POLARITIES:
-        raise ValueError(f"polarity must be one of {', '.join(POLARITIES)}, got {polarity!r}")
+        raise UsageError(f"polarity must be one of {', '.join(POLARITIES)}, got {polarity!r}")
     return 1.0 if polarity == "dark" else -1.0
 
 
@@ -66,11 +68,11 @@ def check_image(image: ArrayLike) -> NDArray[np.generic]:
     if a.dtype == np.bool_:
         a = a.view(np.uint8)
     if a.dtype.kind not in "iuf":
-        raise ValueError(f"image must have a real number type (integers or floats), got {a.dtype}")
+        raise UsageError(f"image must have a real number type (integers or floats), got {a.dtype}")
     if a.ndim == 3:
-        raise ValueError(f"image must be (H, W), one grey level per pixel; got shape {a.shape}: reduce colour to grey")
+        raise UsageError(f"image must be (H, W), one grey level per pixel; got shape {a.shape}: reduce colour to grey")
     if a.ndim != 2 or a.size == 0:
-        raise ValueError(f"image must be (H, W) with at least one pixel, got shape {a.shape}")
+        raise UsageError(f"image must be (H, W) with at least one pixel, got shape {a.shape}")
     return a
 
 

@@ -17,6 +17,7 @@ from windmark.detection.image import (
     levels_of,
     usable_sample,
 )
+from windmark.errors import UsageError
 
 Array = NDArray[np.float64]
 
@@ -47,7 +48,7 @@ def merit_map(
     sign = check_polarity(polarity)
     r0 = float(radius_px)
     if not (np.isfinite(r0) and r0 >= 1.0):
-        raise ValueError(f"radius_px must be a radius of at least 1 px, got {radius_px!r}")
+        raise UsageError(f"radius_px must be a radius of at least 1 px, got {radius_px!r}")
     checked = check_image(image)
     use = check_mask(mask, checked.shape)
     sample = usable_sample(checked, use)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from windmark.detection.image import check_polarity
+from windmark.errors import UsageError
 
 REFINEMENTS = ("bowl", "template")
 PHOTOMETRIES = ("multiplicative", "additive")
@@ -41,17 +42,17 @@ class Options:
         if self.radius_px is not None:
             check_radii(self.radius_px)
         if not (np.isfinite(self.merit_max) and self.merit_max > 0):
-            raise ValueError(f"merit_max must be a positive number, got {self.merit_max!r}")
+            raise UsageError(f"merit_max must be a positive number, got {self.merit_max!r}")
         if self.refine not in REFINEMENTS:
-            raise ValueError(f"refine must be one of {', '.join(REFINEMENTS)}, got {self.refine!r}")
+            raise UsageError(f"refine must be one of {', '.join(REFINEMENTS)}, got {self.refine!r}")
         if self.photometry is not None and self.photometry not in PHOTOMETRIES:
-            raise ValueError(f"photometry must be None or one of {', '.join(PHOTOMETRIES)}, got {self.photometry!r}")
+            raise UsageError(f"photometry must be None or one of {', '.join(PHOTOMETRIES)}, got {self.photometry!r}")
         if self.max_spots is not None and not (self.max_spots >= 0 and int(self.max_spots) == self.max_spots):
-            raise ValueError(f"max_spots must be None or a whole number from 0, got {self.max_spots!r}")
+            raise UsageError(f"max_spots must be None or a whole number from 0, got {self.max_spots!r}")
         if self.min_depth is not None and not np.isfinite(self.min_depth):
-            raise ValueError(f"min_depth must be None or a number of grey levels, got {self.min_depth!r}")
+            raise UsageError(f"min_depth must be None or a number of grey levels, got {self.min_depth!r}")
         if not (np.isfinite(self.min_quality) and self.min_quality >= 0):
-            raise ValueError(f"min_quality must be a number from 0, got {self.min_quality!r}")
+            raise UsageError(f"min_quality must be a number from 0, got {self.min_quality!r}")
 
     @property
     def light(self) -> str:
@@ -77,5 +78,5 @@ def check_radii(radius_px: float | Sequence[float]) -> list[float]:
     except (TypeError, ValueError):
         radii = np.empty(0)
     if radii.size == 0 or not (np.isfinite(radii).all() and radii[0] >= 1.0):
-        raise ValueError(f"radius_px must be one radius or several, each at least 1 px, got {radius_px!r}")
+        raise UsageError(f"radius_px must be one radius or several, each at least 1 px, got {radius_px!r}")
     return [float(r) for r in radii]

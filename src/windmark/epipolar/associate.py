@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from windmark.epipolar.refine import refine_poses
 from windmark.epipolar.search import Criteria, Found, find_points
 from windmark.epipolar.views import ideal_spots, stations
+from windmark.errors import DataError, UsageError
 from windmark.geometry import Camera, Pose
 from windmark.scene import Detections, Observations, Tracks
 
@@ -241,16 +242,16 @@ def _check_options(
     model_px: float, views: int,
 ) -> None:  # fmt: skip
     if views < 3:
-        raise ValueError(f"associate: three views are needed, got {views}; for two there is match_known_pair")
+        raise DataError(f"associate: three views are needed, got {views}; for two there is match_known_pair")
     if depth_range is not None and points_near is not None:
-        raise ValueError("associate: give depth_range or points_near, not both")
+        raise UsageError("associate: give depth_range or points_near, not both")
     if depth_range is not None and not 0 < depth_range[0] < depth_range[1]:
-        raise ValueError(f"associate: depth_range must be 0 < nearest < farthest, got {depth_range}")
+        raise UsageError(f"associate: depth_range must be 0 < nearest < farthest, got {depth_range}")
     if points_near is not None and np.shape(points_near)[-1:] != (3,):
         raise ValueError(f"associate: points_near must be (N, 3), got {np.shape(points_near)}")
     if min_views < 3 or min_views > views:
-        raise ValueError(f"associate: min_views must be 3 ... {views}, got {min_views}")
+        raise UsageError(f"associate: min_views must be 3 ... {views}, got {min_views}")
     if not 0 < max_nfa <= 1e9:
-        raise ValueError(f"associate: max_nfa must be in (0, 1], got {max_nfa}")
+        raise UsageError(f"associate: max_nfa must be in (0, 1], got {max_nfa}")
     if not model_px >= 0:
-        raise ValueError(f"associate: model_px must be >= 0, got {model_px}")
+        raise UsageError(f"associate: model_px must be >= 0, got {model_px}")

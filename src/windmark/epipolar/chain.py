@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from windmark.epipolar._kernels.merge import JOINED, OUTVOTED, SHARED_VIEW, merge
+from windmark.errors import UsageError
 from windmark.scene import Tracks
 
 Array = NDArray[np.float64]
@@ -94,7 +95,7 @@ def chain(count: ArrayLike, pairs: Sequence[PairLinks], *, min_views: int = 2) -
     sizes = np.asarray(count, dtype=np.int64)
     start = np.cumsum(sizes) - sizes
     if min_views < 2:
-        raise ValueError(f"chain: min_views must be 2 or more, got {min_views}")
+        raise UsageError(f"chain: min_views must be 2 or more, got {min_views}")
     links, first, second, weight = _table(sizes, start, pairs)
     view = np.repeat(np.arange(len(sizes)), sizes)
     shape = (len(view), len(sizes))

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from windmark.epipolar.continuity import Family, Pairs, grow_family, neighbours, predict
 from windmark.epipolar.search import all_pairs, candidates, grown
 from windmark.epipolar.views import ideal_spots, raster, stations
+from windmark.errors import DataError, UsageError
 from windmark.geometry import Camera, Pose
 from windmark.scene import Detections
 
@@ -100,9 +101,9 @@ def match_known_pair(
             raise ValueError(f"match_known_pair: pose_cov must be finite and (6, 6), got {np.shape(pose_cov)}")
         noise[1] = pose_cov
     if depth_range is not None and not 0 < depth_range[0] < depth_range[1]:
-        raise ValueError(f"match_known_pair: depth_range must be 0 < nearest < farthest, got {depth_range}")
+        raise UsageError(f"match_known_pair: depth_range must be 0 < nearest < farthest, got {depth_range}")
     if not np.linalg.norm(b_from_a.translation) > 0:
-        raise ValueError("match_known_pair: b_from_a has no baseline: the pictures are from one place")
+        raise DataError("match_known_pair: b_from_a has no baseline: the pictures are from one place")
     pose = Pose(np.stack([np.eye(3), b_from_a.rotation]), np.stack([np.zeros(3), b_from_a.translation]))
     wider = [Detections.make(d.xy, cov=d.cov + model_px**2 * np.eye(2)) for d in (det_a, det_b)]
     xy, cov = ideal_spots(wider, (camera_a, camera_b))

@@ -11,8 +11,8 @@ from windmark.adjust.levenberg_marquardt import SolveOptions
 from windmark.adjust.network import Network, NetworkProblem, NetworkState, graduated
 from windmark.adjust.network.covariance import network_covariance
 from windmark.adjust.network.datum import in_datum
+from windmark.errors import WindmarkError
 from windmark.geometry import Camera, Pose, align
-from windmark.geometry.errors import said
 from windmark.geometry.rotations import hat
 from windmark.scene import Observations
 
@@ -69,8 +69,7 @@ def refine_poses(
         fit = align(state.points[kept], xyz[kept])
     except np.linalg.LinAlgError:
         return None
-    except ValueError as error:
-        said(error)
+    except WindmarkError:
         return None
     enough &= _fitting(problem, state, views, scale)
     dense, units = covariance.dense(), problem.units(state)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from windmark.errors import DataError, UsageError
 from windmark.geometry import rotations
 
 Array = NDArray[np.float64]
@@ -41,7 +42,7 @@ class PoV:
             For a field of view that is not between 0 and 180 degrees.
         """
         if not 0 < self.fov_deg < 180:
-            raise ValueError(f"PoV: fov_deg must be between 0 and 180 degrees, got {self.fov_deg:g}")
+            raise UsageError(f"PoV: fov_deg must be between 0 and 180 degrees, got {self.fov_deg:g}")
         return float(width_px / (2 * np.tan(np.radians(self.fov_deg) / 2)))
 
     @property
@@ -234,7 +235,7 @@ class Pose:
         z = target - eye
         x = np.cross(z, up)
         if np.linalg.norm(z) == 0 or np.linalg.norm(x) < 1e-12 * np.linalg.norm(z) * np.linalg.norm(up):
-            raise ValueError("Pose.look_at: eye and target coincide, or up is parallel to the line of sight")
+            raise DataError("Pose.look_at: eye and target coincide, or up is parallel to the line of sight")
         z = z / np.linalg.norm(z)
         x = x / np.linalg.norm(x)
         r = np.stack([x, np.cross(z, x), z])

@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from windmark.errors import UsageError
+
 Image = NDArray[Any]
 
 CHANNELS = ("grey", "red", "green", "blue")
@@ -32,10 +34,10 @@ def to_grey(image: ArrayLike, *, channel: str = "grey") -> Image:
     values: Image = np.asarray(image)
     check_channel(channel)
     if values.ndim != 2 and (values.ndim != 3 or not 1 <= values.shape[2] <= 4):
-        raise ValueError(f"to_grey: image must be (H, W) or (H, W, 1 to 4), got {values.shape}")
+        raise UsageError(f"to_grey: image must be (H, W) or (H, W, 1 to 4), got {values.shape}")
     if values.ndim == 2 or values.shape[2] < 3:
         if channel != "grey":
-            raise ValueError(f"to_grey: channel must be grey, as the image has no colours, got {channel!r}")
+            raise UsageError(f"to_grey: channel must be grey, as the image has no colours, got {channel!r}")
         return values if values.ndim == 2 else np.ascontiguousarray(values[..., 0])
     if channel != "grey":
         return np.ascontiguousarray(values[..., CHANNELS.index(channel) - 1])
@@ -65,7 +67,7 @@ def from_mosaic(mosaic: ArrayLike, pattern: str, *, channel: str = "grey") -> Im
     """
     values = np.asarray(mosaic)
     if values.ndim != 2 or min(values.shape) < 2:
-        raise ValueError(f"from_mosaic: mosaic must be (H, W), at least 2 x 2, got {values.shape}")
+        raise UsageError(f"from_mosaic: mosaic must be (H, W), at least 2 x 2, got {values.shape}")
     check_channel(channel)
     check_mosaic(pattern)
     values = values.astype(np.float64 if values.dtype.itemsize > 4 else np.float32)
@@ -82,13 +84,13 @@ def from_mosaic(mosaic: ArrayLike, pattern: str, *, channel: str = "grey") -> Im
 def check_channel(channel: str) -> None:
     """ValueError for an unknown channel."""
     if channel not in CHANNELS:
-        raise ValueError(f"channel must be one of {', '.join(CHANNELS)}, got {channel!r}")
+        raise UsageError(f"channel must be one of {', '.join(CHANNELS)}, got {channel!r}")
 
 
 def check_mosaic(pattern: str) -> None:
     """ValueError for an unknown pattern."""
     if pattern not in MOSAICS:
-        raise ValueError(f"bayer must be one of {', '.join(MOSAICS)}, got {pattern!r}")
+        raise UsageError(f"bayer must be one of {', '.join(MOSAICS)}, got {pattern!r}")
 
 
 def _binomial(values: Image) -> Image:

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from windmark.geometry.errors import WindmarkError
+from windmark.errors import WindmarkError
 
 LONGEST_NAME = 256
 """Characters of a name: as an array it takes for every row or triangle as much memory as the longest of them."""

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from windmark.errors import UsageError
 from windmark.scene import Mesh
 
 LENGTH = "length"
@@ -45,15 +46,15 @@ def checked_fields(
         if name not in fields and name != LENGTH:
             raise ValueError(f"units: {name!r} is no field; fields are {list(fields)}")
         if _FORBIDDEN.search(unit):
-            raise ValueError(f"units: {unit!r} of {name!r} may not hold quotes, brackets or control characters")
+            raise UsageError(f"units: {unit!r} of {name!r} may not hold quotes, brackets or control characters")
     return {name: _checked(mesh, name, values, reserved) for name, values in fields.items()}
 
 
 def _checked(mesh: Mesh, name: str, values: ArrayLike, reserved: Collection[str]) -> NDArray[Any]:
     if not name or name != name.strip() or _FORBIDDEN.search(name):
-        raise ValueError(f"fields: the name {name!r} is empty, padded, or holds quotes, brackets or control characters")
+        raise UsageError(f"fields: the name {name!r} is empty, padded, or holds quotes, brackets or control characters")
     if name.lower() in reserved or name.lower() == LENGTH:
-        raise ValueError(f"fields: the name {name!r} is used by the file format itself; choose another")
+        raise UsageError(f"fields: the name {name!r} is used by the file format itself; choose another")
     array = np.asarray(values)
     if array.shape != (len(mesh.vertices),):
         raise ValueError(f"fields: {name!r} must have shape ({len(mesh.vertices)},), one per node, got {array.shape}")

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.errors import UsageError
 from windmark.io.errors import FileError
 from windmark.io.fields import LENGTH, split_label
 from windmark.io.mesh import PLOT3D_SUFFIXES, TECPLOT_SUFFIXES, checked_nodes, grid_format, read_mesh, write_mesh
@@ -80,7 +81,7 @@ def read_grid_file(
     kind = grid_format(path)
     if kind != "PLOT3D" and not (layout is None and values is None and volume_face is None):
         given = next(n for n, v in (("layout", layout), ("values", values), ("volume_face", volume_face)) if v)
-        raise ValueError(f"{given}: is for PLOT3D files; {path} is {kind}")
+        raise UsageError(f"{given}: is for PLOT3D files; {path} is {kind}")
     if kind == "PLOT3D":
         mesh = read_plot3d(path, volumes=volumes, volume_face=volume_face, layout=layout)
         fields = {} if values is None else read_plot3d_function(values, mesh)
@@ -142,7 +143,7 @@ def write_grid_file(path: str | os.PathLike[str], grid: GridFile, *, layout: Plo
             return []
         beside = Path(path).with_suffix(".f")
         if beside == Path(path):
-            raise ValueError(f"path: {path} must not end in .f, which is for the values")
+            raise UsageError(f"path: {path} must not end in .f, which is for the values")
         kept = Plot3dLayout() if layout is None else layout
         write_plot3d_function(beside, grid.mesh, grid.fields, units=grid.units, layout=kept)
         return [beside, beside.with_suffix(".nam")]

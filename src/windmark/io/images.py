@@ -18,6 +18,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from windmark.errors import UsageError
 from windmark.io import _pillow
 from windmark.io._tiff import open_tiff
 from windmark.io.atomic import atomic_path, atomic_write
@@ -58,7 +59,7 @@ def read_image(path: Pathlike, *, page: Page = ONLY) -> Image:
         When the file is missing, empty, no image, damaged, cut off, has no such page, or several and none was named.
     """
     if page not in (None, ONLY) and (not isinstance(page, int | np.integer) or page < 0):
-        raise ValueError(f'read_image: page must be a number from 0, "only" or None, got {page!r}')
+        raise UsageError(f'read_image: page must be a number from 0, "only" or None, got {page!r}')
     if page is not None:
         with closing(_pictures(path, page)) as pictures:
             return next(pictures)
@@ -224,19 +225,19 @@ def write_images(path: Pathlike, images: Iterable[ArrayLike]) -> None:
         When the file cannot be written.
     """
     if _EXTENSIONS.get(Path(path).suffix.lower()) != "TIFF":
-        raise ValueError(f"write_images: path must end in .tif or .tiff, got {os.fspath(path)!r}")
+        raise UsageError(f"write_images: path must end in .tif or .tiff, got {os.fspath(path)!r}")
     with atomic_path(path) as temporary:
         if not _write_tiff(temporary, (_writable("write_images", path, image) for image in images)):
-            raise ValueError("write_images: images must hold at least one picture, got none")
+            raise UsageError("write_images: images must hold at least one picture, got none")
 
 
 def _writable(verb: str, path: Pathlike, image: ArrayLike) -> Image:
     values = np.asarray(image)
     kind = _EXTENSIONS.get(Path(path).suffix.lower())
     if kind is None:
-        raise ValueError(f"{verb}: path must end in {', '.join(_EXTENSIONS)}, got {os.fspath(path)!r}")
+        raise UsageError(f"{verb}: path must end in {', '.join(_EXTENSIONS)}, got {os.fspath(path)!r}")
     if values.ndim not in (2, 3) or (values.ndim == 3 and values.shape[2] not in (3, 4)) or not values.size:
-        raise ValueError(f"{verb}: image must be (H, W) or (H, W, 3 or 4), got {values.shape}")
+        raise UsageError(f"{verb}: image must be (H, W) or (H, W, 3 or 4), got {values.shape}")
     values = values.astype(values.dtype.newbyteorder("="), copy=False)
     if values.dtype == bool:
         values = values.astype(np.uint8) * np.uint8(255)
@@ -248,7 +249,7 @@ def _writable(verb: str, path: Pathlike, image: ArrayLike) -> Image:
         fits = fits and values.shape[2] == 3
     if not fits:
         what = f"{values.dtype} {values.shape}"
-        raise ValueError(f"{verb}: {kind} cannot hold image {what}; write a .tif, or scale it to uint8 or uint16 first")
+        raise UsageError(f"{verb}: {kind} cannot hold image {what}; write a .tif, or scale it to uint8 or uint16 first")
     return values
 
 

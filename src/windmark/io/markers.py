@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.errors import UsageError
 from windmark.io.csvtable import Table, read_table, write_table
 from windmark.io.errors import FileError
 from windmark.io.text import Pathlike, read_text
@@ -58,7 +59,7 @@ def read_markers(path: Pathlike, *, roles: Sequence[str] | None = TARGET_ROLES) 
     if roles is not None:
         unknown = sorted(set(roles) - set(ROLES))
         if unknown:
-            raise ValueError(f"read_markers: roles must be among {', '.join(ROLES)}, got {', '.join(unknown)}")
+            raise UsageError(f"read_markers: roles must be among {', '.join(ROLES)}, got {', '.join(unknown)}")
     markers = read_tgts(path) if Path(path).suffix.lower() == ".tgts" else _read_csv(path)
     chosen = markers if roles is None else markers.with_role(*roles)
     if not len(chosen):
@@ -107,11 +108,11 @@ def write_markers(path: Pathlike, markers: MarkerSet, *, length_unit: str = "") 
     """
     length_unit = length_unit or markers.length_unit
     if Path(path).suffix.lower() == ".tgts":
-        raise ValueError(f"write_markers: path must name a CSV file, got {path}")
+        raise UsageError(f"write_markers: path must name a CSV file, got {path}")
     for field in ("name", "volume"):
         for text in getattr(markers, field).tolist():
             if not text or text != text.strip():
-                raise ValueError(f"write_markers: {field} must not be empty or begin or end with a space: {text!r}")
+                raise UsageError(f"write_markers: {field} must not be empty or begin or end with a space: {text!r}")
     columns = {"name": markers.name, **_columns(XYZ, markers.xyz)}
     if np.isfinite(markers.normal).any():
         columns |= _columns(NORMAL, markers.normal)

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from windmark.errors import UsageError
 from windmark.io.cart3d import read_cart3d, write_cart3d
 from windmark.io.errors import FileError, reading
 from windmark.io.fields import LENGTH
@@ -77,7 +78,7 @@ def _read(path: str | os.PathLike[str], volumes: Volumes, volume_face: Face | No
     if kind == "PLOT3D":
         return read_plot3d(path, volumes=volumes, volume_face=volume_face, only=only)
     if volume_face is not None:
-        raise ValueError(f"volume_face: is for PLOT3D volume blocks; {path} is another format")
+        raise UsageError(f"volume_face: is for PLOT3D volume blocks; {path} is another format")
     mesh = _READERS[kind](path, volumes)
     if kind in ("OBJ", "PLY"):
         mesh = replace(mesh, length_unit=_unit_in_comment(path))
@@ -198,4 +199,4 @@ def write_mesh(path: str | os.PathLike[str], mesh: Mesh, *, length_unit: str = "
     elif suffix == ".nc":
         write_nodes_netcdf(path, mesh, units=units)
     else:
-        raise ValueError(f"path: {path} must end in one of {GRID_SUFFIXES}")
+        raise UsageError(f"path: {path} must end in one of {GRID_SUFFIXES}")

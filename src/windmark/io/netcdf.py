@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from windmark.errors import UsageError
 from windmark.io.apart import Content, read_apart
 from windmark.io.atomic import atomic_path
 from windmark.io.bounded import check_unpacked
@@ -60,7 +61,7 @@ def write_nodes_netcdf(
     arrays = checked_fields(mesh, fields or {}, units, RESERVED)
     slashed = [name for name in arrays if "/" in name]
     if slashed:
-        raise ValueError(f"fields: the names {slashed} hold a slash, which NetCDF keeps for groups")
+        raise UsageError(f"fields: the names {slashed} hold a slash, which NetCDF keeps for groups")
     length_unit = (units or {}).get(LENGTH, "")
     variables = _mesh_variables(mesh, length_unit)
     for name, values in arrays.items():

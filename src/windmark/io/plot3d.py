@@ -13,6 +13,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.errors import UsageError
 from windmark.io.atomic import atomic_path
 from windmark.io.errors import FileError
 from windmark.io.fields import single_is_exact
@@ -60,14 +61,14 @@ def read_plot3d(
         finite at nodes in use, and for volume blocks without ``volume_face``.
     """
     if volume_face is not None and volume_face not in get_args(Face):
-        raise ValueError(f"volume_face must be one of {get_args(Face)}, got {volume_face!r}")
+        raise UsageError(f"volume_face must be one of {get_args(Face)}, got {volume_face!r}")
     source = load(path)
     candidate = choose(source, "grid", layout)
     parts, blocks, blanks, turned = [], [], [], []
     first = 0
     all_dims = candidate.header.dims
     if volume_face is not None and all(min(dims) == 1 for dims in all_dims):
-        raise ValueError(f"volume_face: {path} has surfaces only; expected volume blocks")
+        raise UsageError(f"volume_face: {path} has surfaces only; expected volume blocks")
     names = zone_names(len(all_dims))
     for k, (xyz, iblank) in enumerate(read_blocks(source, candidate)):
         dims = all_dims[k]
@@ -162,7 +163,7 @@ def write_plot3d(path: str | os.PathLike[str], mesh: Mesh, *, layout: Plot3dLayo
         real_bytes: Literal[4, 8] = 4 if single_is_exact(mesh.vertices) else 8
         layout = Plot3dLayout(iblank=mesh.blanked is not None, real_bytes=real_bytes)
     if mesh.blanked is not None and mesh.blanked.any() and not layout.iblank:
-        raise ValueError("layout: the mesh has blanked nodes, which a layout without IBLANK cannot hold")
+        raise UsageError("layout: the mesh has blanked nodes, which a layout without IBLANK cannot hold")
     blanked = np.zeros(len(mesh.vertices), dtype=bool) if mesh.blanked is None else mesh.blanked
     contents = []
     for block in structured_blocks(mesh):
@@ -176,7 +177,7 @@ def structured_blocks(mesh: Mesh) -> tuple[Block, ...]:
     """The blocks of a mesh, checked to hold its nodes in order."""
     ends = np.cumsum([0, *(block.size for block in mesh.blocks)])
     if not mesh.blocks or ends[-1] != len(mesh.vertices) or [b.first for b in mesh.blocks] != ends[:-1].tolist():
-        raise ValueError(f"mesh: PLOT3D needs structured blocks that hold all nodes in order, got {mesh.blocks}")
+        raise UsageError(f"mesh: PLOT3D needs structured blocks that hold all nodes in order, got {mesh.blocks}")
     return mesh.blocks
 
 
@@ -196,7 +197,7 @@ def write_blocks(
     layout : how to store them
     """
     if len(table) > 1 and not layout.multi_block:
-        raise ValueError(f"layout: {len(table)} blocks need multi_block=True")
+        raise UsageError(f"layout: {len(table)} blocks need multi_block=True")
     counts = [np.array([len(table)])] if layout.multi_block else []
     with atomic_path(path) as temporary, open(temporary, "wb") as stream:
         if layout.text:
@@ -234,6 +235,6 @@ def _record(payload: bytes, layout: Plot3dLayout) -> list[bytes]:
     if not layout.record_mark:
         return [payload]
     if len(payload) >= 2 ** (8 * layout.record_mark - 1):
-        raise ValueError(f"layout: a record of {len(payload)} bytes needs record_mark=8")
+        raise UsageError(f"layout: a record of {len(payload)} bytes needs record_mark=8")
     mark = np.array(len(payload), dtype=f"{layout.byte_order}i{layout.record_mark}").tobytes()
     return [mark, payload, mark]

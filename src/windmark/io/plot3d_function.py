@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from windmark.errors import UsageError
 from windmark.io.atomic import atomic_path
 from windmark.io.errors import FileError, reading
 from windmark.io.fields import checked_fields, label
@@ -55,10 +56,10 @@ def write_plot3d_function(
     blocks = structured_blocks(mesh)
     arrays = {name: _filled(name, a, fill) for name, a in checked_fields(mesh, fields, units).items()}
     if not arrays:
-        raise ValueError("fields: expected at least one")
+        raise UsageError("fields: expected at least one")
     names = _names_path(path)
     if names == Path(path):
-        raise ValueError(f"path: {path} must not end in .nam, which is for the names")
+        raise UsageError(f"path: {path} must not end in .nam, which is for the names")
     table = np.array([[*block.shape_ijk, len(arrays)] for block in blocks])
     contents: list[tuple[NDArray[np.floating], None]] = [
         (np.stack([a[b.first : b.first + b.size] for a in arrays.values()]), None) for b in blocks
@@ -73,7 +74,7 @@ def _filled(name: str, values: NDArray[Any], fill: float) -> NDArray[Any]:
     if np.isnan(fill) or not missing.any():
         return values
     if (values == values.dtype.type(fill)).any():
-        raise ValueError(f"fill: {fill} is a value of {name!r}; choose a number that no value has")
+        raise UsageError(f"fill: {fill} is a value of {name!r}; choose a number that no value has")
     return np.where(missing, values.dtype.type(fill), values)
 
 

@@ -12,6 +12,8 @@ import math
 from dataclasses import dataclass, field
 from typing import Literal
 
+from windmark.errors import UsageError
+
 Dims = tuple[int, int, int]
 
 
@@ -50,9 +52,9 @@ class Plot3dLayout:
         }
         for name, values in allowed.items():
             if getattr(self, name) not in values:
-                raise ValueError(f"Plot3dLayout: {name} must be one of {values}, got {getattr(self, name)!r}")
+                raise UsageError(f"Plot3dLayout: {name} must be one of {values}, got {getattr(self, name)!r}")
         if self.records != "whole" and (self.text or not self.record_mark):
-            raise ValueError(f"Plot3dLayout: records={self.records!r} needs record marks; a stream or text has none")
+            raise UsageError(f"Plot3dLayout: records={self.records!r} needs record marks; a stream or text has none")
 
     @property
     def real_words(self) -> str:

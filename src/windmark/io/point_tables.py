@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from windmark.errors import UsageError
 from windmark.io.atomic import atomic_path
 from windmark.io.csvtable import read_table, write_table
 from windmark.io.errors import FileError
@@ -136,7 +137,7 @@ def write_point_values(
     elif kind == ".nc":
         _write_netcdf(path, arrays, units, title, head)
     else:
-        raise ValueError(f"write_point_values: path must end in .csv, .dat or .nc, got {path}")
+        raise UsageError(f"write_point_values: path must end in .csv, .dat or .nc, got {path}")
 
 
 def _write_tecplot(path: Pathlike, arrays: Mapping[str, NDArray[Any]], units: Mapping[str, str], title: str,

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.errors import UsageError
 from windmark.scene import Block, Mesh, structured_triangles
 
 Array = NDArray[np.float64]
@@ -23,7 +24,7 @@ def surface_shape(shape_ijk: tuple[int, int, int]) -> tuple[int, int]:
     A volume (all three above 1) has no such shape: ValueError.
     """
     if min(shape_ijk) > 1:
-        raise ValueError(f"block of {shape_ijk} nodes is a volume; expected a surface (one of the three is 1)")
+        raise UsageError(f"block of {shape_ijk} nodes is a volume; expected a surface (one of the three is 1)")
     kept = list(shape_ijk)
     kept.reverse()  # the slowest dimension that is 1 goes: (n, m, 1) and (n, 1, 1) keep their first two
     kept.remove(1)
@@ -120,5 +121,5 @@ def rename_volumes(names: Sequence[str], volumes: Volumes) -> Sequence[str]:
         return [volumes] * len(names)
     unknown = sorted(set(volumes) - set(names))
     if unknown:
-        raise ValueError(f"volumes: the file has no {unknown}; it has {sorted(set(names))}")
+        raise UsageError(f"volumes: the file has no {unknown}; it has {sorted(set(names))}")
     return [volumes.get(name, name) for name in names]

@@ -16,6 +16,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from windmark.errors import UsageError
 from windmark.io.atomic import atomic_path
 from windmark.io.fields import LENGTH, axis_labels, checked_fields, label, single_is_exact, written_by
 from windmark.io.numbers_text import format_rows
@@ -58,7 +59,7 @@ def write_tecplot(
     """
     arrays = checked_fields(mesh, fields or {}, units, RESERVED)
     if not np.isfinite(fill):
-        raise ValueError(f"fill: must be a finite number, for Tecplot's text knows no other, got {fill}")
+        raise UsageError(f"fill: must be a finite number, for Tecplot's text knows no other, got {fill}")
     names = axis_labels(units)
     xyz = mesh.vertices
     columns: list[NDArray[Any]] = [_filled("coordinate", xyz[:, k], fill) for k in range(3)]
@@ -88,7 +89,7 @@ def _filled(name: str, values: NDArray[Any], fill: float) -> NDArray[Any]:
     if not missing.any():
         return values
     if equals_fill(values, fill).any():
-        raise ValueError(f"fill: {fill} is a value of {name!r}; choose a number that no value has")
+        raise UsageError(f"fill: {fill} is a value of {name!r}; choose a number that no value has")
     return np.where(missing, values.dtype.type(fill), values)
 
 

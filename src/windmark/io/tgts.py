@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from windmark.errors import UsageError
 from windmark.io.atomic import atomic_write
 from windmark.io.errors import FileError
 from windmark.io.fields import written_by
@@ -141,7 +142,7 @@ def write_tgts(path: Pathlike, markers: MarkerSet, *, length_unit: str = "") -> 
     """
     for name in markers.name.tolist():
         if _NOT_WRITTEN.search(name):
-            raise ValueError(f"write_tgts: a name must not be empty, nor have double or outer spaces: {name!r}")
+            raise UsageError(f"write_tgts: a name must not be empty, nor have double or outer spaces: {name!r}")
     lines = [f"# {written_by()}"] + ([f"# length unit: {length_unit}"] if length_unit else [])
     section_of = {role: key for key, role in SECTIONS.items()}
     sections = [section_of.get(role, _TARGETS) for role in markers.role.tolist()]

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.errors import UsageError
 from windmark.io.apart import read_apart
 from windmark.io.fields import LENGTH, split_label
 from windmark.io.mesh_content import content_mesh
@@ -63,4 +64,4 @@ def read_vtk_nodes(
 
 def _check_suffix(path: str | os.PathLike[str]) -> None:
     if Path(path).suffix.lower() not in READERS:
-        raise ValueError(f"path: {path} must end in one of {VTK_SUFFIXES}")
+        raise UsageError(f"path: {path} must end in one of {VTK_SUFFIXES}")

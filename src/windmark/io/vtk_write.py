@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from windmark.errors import UsageError
 from windmark.io.atomic import atomic_folder, atomic_path
 from windmark.io.fields import LENGTH, checked_fields, label, single_is_exact, written_by
 from windmark.scene import Block, Mesh
@@ -52,7 +53,7 @@ def write_nodes_vtk(
     """
     suffix = Path(path).suffix.lower()
     if suffix not in SUFFIXES:
-        raise ValueError(f"path: {path} must end in one of {SUFFIXES}")
+        raise UsageError(f"path: {path} must end in one of {SUFFIXES}")
     length_unit = (units or {}).get(LENGTH, "")
     arrays = {label(n, units): a for n, a in checked_fields(mesh, fields or {}, units, RESERVED).items()}
     if suffix == ".vtm":

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from windmark import io
+from windmark.errors import UsageError
 from windmark.geometry import Camera
 from windmark.pipeline.convert_units import scale_to
 
@@ -46,9 +47,9 @@ def convert_camera(source: Path, target: Path, options: CameraOptions) -> Record
         For a file that cannot be read or written, or is not what the options say.
     """
     if options.from_format is not None and options.from_format not in io.CAMERA_FORMATS:
-        raise ValueError(f"--from must be one of {', '.join(io.CAMERA_FORMATS)}, got {options.from_format!r}")
+        raise UsageError(f"--from must be one of {', '.join(io.CAMERA_FORMATS)}, got {options.from_format!r}")
     if len(options.pixel_mm) > 2:
-        raise ValueError(f"--pixel-mm must be given once, or for x and y, got {len(options.pixel_mm)} values")
+        raise UsageError(f"--pixel-mm must be given once, or for x and y, got {len(options.pixel_mm)} values")
     content = io.read_camera_file(source, size_px=options.size_px, which=options.which)
     if options.from_format not in (None, content.format):
         raise io.FileError(source, f"this is {content.format}; expected {options.from_format}, as --from says")
@@ -88,7 +89,7 @@ def _unit(source: Path, content: io.CameraFile, unit: str | None) -> str:
         raise io.FileError(source, f"the length unit is {content.length_unit}; expected {unit}, as --unit says")
     found = content.length_unit or unit
     if found is None:
-        raise ValueError(f"{source}: the file does not say the pose's length unit: give --unit, or --no-pose")
+        raise UsageError(f"{source}: the file does not say the pose's length unit: give --unit, or --no-pose")
     return found
 
 

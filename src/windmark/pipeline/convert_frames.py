@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from windmark import io
+from windmark.errors import UsageError
 
 Record = dict[str, Any]
 
@@ -56,13 +57,13 @@ def convert_frames(
     options = options or FrameOptions()
     for source in sources:
         if source.exists() and target.exists() and source.samefile(target):
-            raise ValueError(f"{target} is the source itself; expected another file as the target")
+            raise UsageError(f"{target} is the source itself; expected another file as the target")
     with io.gathered(sources) as recording:
         chosen = choose(recording, options.frames)
         single = target.suffix.lower() in (".png", ".jpg", ".jpeg", ".bmp")
         if single:
             if len(chosen) > 1:
-                raise ValueError(f"{target} holds one picture, {sources[0]} {len(chosen)}: say which, as in "
+                raise UsageError(f"{target} holds one picture, {sources[0]} {len(chosen)}: say which, as in "
                                  f"{sources[0]}[0]")  # fmt: skip
             io.write_image(target, chosen[0])
             lost: list[str] = [] if chosen.time_s is None else ["the time stamp"]
@@ -92,18 +93,16 @@ def choose(recording: io.Frames, text: str | None) -> io.Frames:
     parts = text.split(":")
     try:
         numbers = [int(p) if p.strip() else None for p in parts]
-        if len(parts) > 3 or (len(parts) == 1 and numbers[0] is None):
-            raise ValueError
         if len(parts) == 1:
             number = int(parts[0])
             which = slice(number, number + 1 or None)
         else:
             which = slice(*numbers)
         chosen = recording[which]
-    except ValueError:
-        raise ValueError(f"--frames must be first:stop:step, as in 0:100:2, or one number, got {text!r}") from None
+    except (TypeError, ValueError):  # also a fourth part
+        raise UsageError(f"--frames must be first:stop:step, as in 0:100:2, or one number, got {text!r}") from None
     if not len(chosen):
-        raise ValueError(f"--frames {text} names none of the {len(recording)} frames of {recording.path}")
+        raise UsageError(f"--frames {text} names none of the {len(recording)} frames of {recording.path}")
     return chosen
 
 

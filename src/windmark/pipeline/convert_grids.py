@@ -11,7 +11,7 @@ from typing import Any, cast, get_args
 import numpy as np
 
 from windmark import io, resection
-from windmark.geometry.errors import said
+from windmark.errors import UsageError, WindmarkError
 from windmark.io import GridFile
 from windmark.io.fields import single_is_exact
 from windmark.io.plot3d import Face
@@ -49,9 +49,9 @@ class GridOptions:
 
     def __post_init__(self) -> None:
         if self.orientation not in ORIENTATIONS:
-            raise ValueError(f"--orientation must be one of {', '.join(ORIENTATIONS)}, got {self.orientation!r}")
+            raise UsageError(f"--orientation must be one of {', '.join(ORIENTATIONS)}, got {self.orientation!r}")
         if self.volume_face is not None and self.volume_face not in get_args(Face):
-            raise ValueError(f"--volume-face must be one of {', '.join(get_args(Face))}, got {self.volume_face!r}")
+            raise UsageError(f"--volume-face must be one of {', '.join(get_args(Face))}, got {self.volume_face!r}")
 
 
 def convert_grid(source: Path, target: Path, options: GridOptions) -> Record:
@@ -71,15 +71,15 @@ def convert_grid(source: Path, target: Path, options: GridOptions) -> Record:
     kind = io.written_grid_format(target)
     grid, done = _read(source, options)
     if options.plot3d is not None and kind != "PLOT3D":
-        raise ValueError(f"--plot3d is for PLOT3D targets; {target} is {kind}")
+        raise UsageError(f"--plot3d is for PLOT3D targets; {target} is {kind}")
     unit = source_unit(source, grid.length_unit, options.unit)
     factor, unit = scale_to(source, unit, options.to_unit)
     if kind in io.UNIT_FORMATS and not unit:
-        raise ValueError(f"{source}: the file does not say its length unit, and {kind} keeps it: give --unit")
+        raise UsageError(f"{source}: the file does not say its length unit, and {kind} keeps it: give --unit")
     mesh = grid.mesh
     if kind == "PLOT3D" and not mesh.blocks:
         what = f"{len(mesh.triangles)} triangles without structured blocks"
-        raise ValueError(f"{source}: has {what}, and PLOT3D holds blocks only; expected another target, such as .vtp")
+        raise UsageError(f"{source}: has {what}, and PLOT3D holds blocks only; expected another target, such as .vtp")
     if factor != 1.0:
         mesh = replace(mesh, vertices=mesh.vertices * factor)
     meant = replace(grid, mesh=mesh, length_unit=unit)
@@ -105,7 +105,7 @@ def _read(source: Path, options: GridOptions) -> tuple[GridFile, list[str]]:
     volume_of = {zone: name for name, zones in (options.volumes or {}).items() for zone in zones}
     plot3d = io.grid_format(source) == "PLOT3D"
     if options.from_plot3d is not None and not plot3d:
-        raise ValueError(f"--from-plot3d is for PLOT3D files; {source} is {io.grid_format(source)}")
+        raise UsageError(f"--from-plot3d is for PLOT3D files; {source} is {io.grid_format(source)}")
     layout = read_layout(source, options.from_plot3d)
     try:
         grid = io.read_grid_file(
@@ -114,8 +114,8 @@ def _read(source: Path, options: GridOptions) -> tuple[GridFile, list[str]]:
         )  # fmt: skip
     except io.FileError:
         raise
-    except ValueError as error:  # a zone that the file has not
-        raise io.FileError(source, said(error)) from error
+    except WindmarkError as error:  # a zone that the file has not
+        raise io.FileError(source, str(error)) from error
     done = []
     if grid.layout is not None:
         done.append(f"read as {grid.layout.words}" + (f" ({grid.layout.note})" if grid.layout.note else ""))

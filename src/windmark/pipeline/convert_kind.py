@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from windmark import io
+from windmark.errors import UsageError
 from windmark.io.apart import read_apart
 from windmark.io.errors import reading
 from windmark.io.vtk_read import VTK_SUFFIXES
@@ -72,7 +73,7 @@ def kind_of(source: Path, said: str | None = None) -> str:
         For a file that is missing, or is none of them.
     """
     if said is not None and said not in KINDS:
-        raise ValueError(f"--as must be one of {', '.join(KINDS)}, got {said!r}")
+        raise UsageError(f"--as must be one of {', '.join(KINDS)}, got {said!r}")
     address = io.frame_address(source)
     if address.number is not None or address.dataset is not None:
         return "pictures"
@@ -87,7 +88,7 @@ def kind_of(source: Path, said: str | None = None) -> str:
         return guess.kinds[0]
     if guess.kinds:
         words = " or ".join(WORDS[kind] for kind in guess.kinds)
-        raise ValueError(f"{source}: could be {words}; say which with --as {' or --as '.join(guess.kinds)}")
+        raise UsageError(f"{source}: could be {words}; say which with --as {' or --as '.join(guess.kinds)}")
     what = f"is {guess.instead}" if guess.instead else "is of no known kind"
     raise io.FileError(source, f"{what}; expected a camera, a surface grid, a table of markers or pictures")
 
@@ -103,7 +104,7 @@ def refuse_target(source: Path, kind: str, target: Path) -> None:
     suffix = target.suffix.lower() or "(no extension)"
     if suffix not in suffixes and not (kind == "pictures" and target.is_dir()):
         known = ", ".join(suffixes)
-        raise ValueError(f"{source}: is {WORDS[kind]}; the target's path must end in one of {known}, got {target}")
+        raise UsageError(f"{source}: is {WORDS[kind]}; the target's path must end in one of {known}, got {target}")
 
 
 def _guess(source: Path) -> Guess:

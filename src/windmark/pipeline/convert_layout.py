@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from windmark import io
+from windmark.errors import UsageError
 from windmark.io import Plot3dLayout
 
 WORDS: dict[str, dict[str, Any]] = {
@@ -43,10 +44,10 @@ def fixed_by(option: str, text: str | None) -> dict[str, Any]:
     by: dict[str, str] = {}
     for word in filter(None, (w.strip().lower() for w in (text or "").split(","))):
         if word not in WORDS:
-            raise ValueError(f"{option} takes words of {', '.join(WORDS)}, with commas between, got {word!r}")
+            raise UsageError(f"{option} takes words of {', '.join(WORDS)}, with commas between, got {word!r}")
         for key, value in WORDS[word].items():
             if said.setdefault(key, value) != value:
-                raise ValueError(f"{option}: {by[key]} and {word} contradict each other")
+                raise UsageError(f"{option}: {by[key]} and {word} contradict each other")
             by.setdefault(key, word)
     return said
 
@@ -104,7 +105,7 @@ def write_layout(
         base = replace(base, records="whole")
     layout = replace(base, **said)
     if blanked and not layout.iblank:
-        raise ValueError("--plot3d no-iblank: the grid has blanked nodes, which need IBLANK")
+        raise UsageError("--plot3d no-iblank: the grid has blanked nodes, which need IBLANK")
     if blocks > 1 and not layout.multi_block:
-        raise ValueError(f"--plot3d one-block: the grid has {blocks} blocks")
+        raise UsageError(f"--plot3d one-block: the grid has {blocks} blocks")
     return layout

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from windmark.errors import UsageError
 from windmark.io import LENGTH_UNITS, FileError
 from windmark.scene.units import IN_MM, IN_WORDS
 
@@ -20,7 +21,7 @@ def source_unit(path: Path, found: str, said: str | None) -> str:
     """
     found = IN_WORDS.get(found.lower(), found)
     if said is not None and said not in LENGTH_UNITS:
-        raise ValueError(f"--unit must be one of {', '.join(LENGTH_UNITS)}, got {said!r}")
+        raise UsageError(f"--unit must be one of {', '.join(LENGTH_UNITS)}, got {said!r}")
     if found and said not in (None, found):
         raise FileError(path, f"the length unit is {found}; expected {said}, as --unit says (--to-unit converts)")
     if found and found not in LENGTH_UNITS:
@@ -39,7 +40,7 @@ def scale_to(path: Path, unit: str, wanted: str | None) -> tuple[float, str]:
     if wanted is None:
         return 1.0, unit
     if wanted not in LENGTH_UNITS:
-        raise ValueError(f"--to-unit must be one of {', '.join(LENGTH_UNITS)}, got {wanted!r}")
+        raise UsageError(f"--to-unit must be one of {', '.join(LENGTH_UNITS)}, got {wanted!r}")
     if not unit:
-        raise ValueError(f"{path}: the file does not say its length unit, so --to-unit {wanted} needs --unit too")
+        raise UsageError(f"{path}: the file does not say its length unit, so --to-unit {wanted} needs --unit too")
     return IN_MM[unit] / IN_MM[wanted], wanted

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark import io, resection
+from windmark.errors import WindmarkError
 from windmark.geometry import Camera, Pose
-from windmark.geometry.errors import said
 from windmark.pipeline.lengths import Lengths
 from windmark.pipeline.project import GridEntry
 from windmark.scene import MarkerSet, Mesh
@@ -40,8 +40,8 @@ def read_surface(entry: GridEntry, lengths: Lengths) -> Mesh:
         return lengths.mesh(entry.file, volumes=volume_of or None, volume_face=entry.volume_face, only=bool(volume_of))
     except io.FileError:
         raise
-    except ValueError as error:  # a zone that the file has not, a face of a grid that has no volume blocks
-        raise io.FileError(entry.file, said(error)) from error
+    except WindmarkError as error:  # a zone that the file has not, a face of a grid that has no volume blocks
+        raise io.FileError(entry.file, str(error)) from error
 
 
 def oriented(mesh: Mesh, entry: GridEntry, cameras: Sequence[tuple[Camera, Pose]] = ()) -> Mesh:

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark import detection, io
+from windmark.errors import WindmarkError
 from windmark.geometry import Pose
-from windmark.geometry.errors import said
 from windmark.pipeline.clock import Clock, Progress
 from windmark.pipeline.locate import Inputs, as_bright, looked, opened, posed, register_options, told
 from windmark.pipeline.project import ImageEntry, Project
@@ -90,8 +90,8 @@ def locate_together(inputs: Inputs, progress: Progress, in_parallel: InParallel)
 def _looked(result: ImageResult, inputs: Inputs, clocks: Mapping[str, Clock], polarity: str) -> ImageResult:
     try:
         return looked(result, inputs, clocks[result.name], polarity)
-    except ValueError as error:
-        return replace(result, problem=said(error))
+    except WindmarkError as error:
+        return replace(result, problem=str(error))
 
 
 def _trusted(project: Project) -> tuple[str, ...]:
@@ -125,8 +125,8 @@ def _together(
         try:
             place, cov = inputs.cam_from_rig[name], inputs.rig_cov.get(name)
             views.append(RigView(name, spots, result.camera, place, *told(spots, entry, inputs), cov))
-        except ValueError as error:  # a label where no spot is
-            out[entry.label] = replace(result, problem=said(error))
+        except WindmarkError as error:  # a label where no spot is
+            out[entry.label] = replace(result, problem=str(error))
     if not views:
         return out
     prior = None if inputs.prior is None else next(iter(inputs.cam_from_rig.values())).inverse() @ inputs.prior

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.errors import DataError, UsageError
 from windmark.scene import Detections
 
 Place = tuple[float, float]
@@ -25,7 +26,7 @@ def fixed_spots(spots: Detections, labels: Mapping[str, Place], within_px: float
         spot = _nearest(spots, place, within_px, f"label {name}")
         if spot in fixed:
             x, y = spots.xy[spot]
-            raise ValueError(f"label {name}: the spot at ({x:.1f}, {y:.1f}) is {fixed[spot]} already; expected one "
+            raise UsageError(f"label {name}: the spot at ({x:.1f}, {y:.1f}) is {fixed[spot]} already; expected one "
                              "label for each spot")  # fmt: skip
         fixed[spot] = name
     return fixed
@@ -39,12 +40,12 @@ def excluded_spots(spots: Detections, places: Sequence[Place], within_px: float)
 def _nearest(spots: Detections, place: Place, within_px: float, what: str) -> int:
     x, y = place
     if not len(spots):
-        raise ValueError(f"{what}: no spot at ({x:g}, {y:g}); none was detected")
+        raise DataError(f"{what}: no spot at ({x:g}, {y:g}); none was detected")
     distance = np.linalg.norm(spots.xy - np.asarray(place), axis=1)
     spot = int(np.argmin(distance))
     if distance[spot] > within_px:
         at = spots.xy[spot]
-        raise ValueError(
+        raise DataError(
             f"{what}: no spot within {within_px:g} px of ({x:g}, {y:g}); the nearest is {distance[spot]:.1f} px away, "
             f"at ({at[0]:.1f}, {at[1]:.1f})"
         )

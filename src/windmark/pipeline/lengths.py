@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from windmark import io
+from windmark.errors import UsageError
 from windmark.io.cameras.record import FREE
 from windmark.io.markers import TARGET_ROLES
 from windmark.pipeline.settings import COMMAND_LINE
@@ -31,7 +32,7 @@ class Lengths:
 
     def __init__(self, unit: str | None = None, by: str = "--unit") -> None:
         if unit is not None and unit not in io.LENGTH_UNITS:
-            raise ValueError(f"{by} must be one of {', '.join(io.LENGTH_UNITS)}, got {unit or 'none'!r}")
+            raise UsageError(f"{by} must be one of {', '.join(io.LENGTH_UNITS)}, got {unit or 'none'!r}")
         self.unit, self.by = unit, by
 
     @staticmethod

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark import detection, io, registration, resection
+from windmark.errors import WindmarkError
 from windmark.geometry import Camera, Pose
-from windmark.geometry.errors import on_purpose, said
 from windmark.pipeline.clock import Clock, Progress
 from windmark.pipeline.grid import UNDER_GRID, sight
 from windmark.pipeline.labels import excluded_spots, fixed_spots
@@ -58,8 +58,8 @@ def locate(entry: ImageEntry, inputs: Inputs, progress: Progress) -> ImageResult
             result = replace(result, cam_from_model=pose, pose_cov=inputs.cameras[source.name].pose_cov)
         elif result.problem is None:
             result = _register(replace(result, published=pose), entry, inputs, clock)
-    except ValueError as error:
-        result = replace(result, problem=said(error))
+    except WindmarkError as error:
+        result = replace(result, problem=str(error))
     return replace(result, seconds=clock.seconds)
 
 
@@ -73,8 +73,8 @@ def opened(entry: ImageEntry, inputs: Inputs, clock: Clock) -> ImageResult:
             image = io.read_grey(entry.file, channel=entry.channel, bayer=entry.bayer, **page)
         result = replace(result, image=image, quantity=_quantity(entry, image))
         _check_size(image, camera, entry)
-    except ValueError as error:
-        result = replace(result, problem=said(error))
+    except WindmarkError as error:
+        result = replace(result, problem=str(error))
     return result
 
 
@@ -82,11 +82,11 @@ def _register(result: ImageResult, entry: ImageEntry, inputs: Inputs, clock: Clo
     """Detect and register one image; bright markers where dark ones give no pose, unless the project says which."""
     options = inputs.project.detect
     assert options is not None
-    refusal: ValueError | None = None
+    refusal: WindmarkError | None = None
     try:
         result = _attempt(result, entry, inputs, clock, options.polarity)
-    except ValueError as error:  # a label where no dark spot is
-        if options.polarity != detection.AUTO or not on_purpose(error):
+    except WindmarkError as error:  # a label where no dark spot is
+        if options.polarity != detection.AUTO:
             raise
         refusal = error
     if options.polarity != detection.AUTO or result.registered is not None or result.polarity == "bright":
@@ -94,8 +94,7 @@ def _register(result: ImageResult, entry: ImageEntry, inputs: Inputs, clock: Clo
     # The false-alarm number decides, so what is tried second cannot pass for markers by chance.
     try:
         other = _attempt(replace(result, problem=None), entry, inputs, clock, "bright")
-    except ValueError as error:
-        said(error)
+    except WindmarkError:
         other = result
     if other.registered is not None:
         return as_bright(other, result)
@@ -185,8 +184,8 @@ def _quantity(entry: ImageEntry, image: NDArray[np.generic]) -> Quantity:
     told = io.told_quantity(file) if file.is_file() and image.dtype.kind == "f" else None
     try:
         return quantity_of(entry.quantity, entry.unit, entry.scale, entry.offset, told)
-    except ValueError as error:
-        raise io.FileError(entry.file, said(error)) from None
+    except WindmarkError as error:
+        raise io.FileError(entry.file, str(error)) from None
 
 
 def _expected(markers: MarkerSet, answer: Registration, mesh: Mesh | None) -> NDArray[np.int64]:

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 
 from windmark import resection
+from windmark.errors import DataError, WindmarkError
 from windmark.geometry import Camera, Pose
-from windmark.geometry.errors import said
 from windmark.pipeline.clock import Clock, Progress
 from windmark.pipeline.merge import picture_of
 from windmark.pipeline.points import PointSet, image_points
@@ -71,7 +71,7 @@ def map_image(
         lost: list[str] = []
         if not nodes.visible.any():
             counted = _counted(nodes)
-            raise ValueError(f"no node of the grid is visible ({counted}): is the pose of its frame and unit?")
+            raise DataError(f"no node of the grid is visible ({counted}): is the pose of its frame and unit?")
         with clock("virtual images"):
             views = _each(
                 zip(framed, pixels, strict=True), lambda of: _view(*of, image, result.camera, pose, options), lost
@@ -88,8 +88,8 @@ def map_image(
         if project.output.pixels:
             with clock("pixel map"):
                 result = replace(result, pixels=resection.map_pixels(mesh, result.camera, pose))
-    except ValueError as error:
-        result = replace(result, problem=said(error))
+    except WindmarkError as error:
+        result = replace(result, problem=str(error))
     return replace(result, seconds={**result.seconds, **clock.seconds})
 
 
@@ -99,8 +99,8 @@ def _each(items: Iterable[S], make: Callable[[S], T], lost: list[str]) -> tuple[
     for item in items:
         try:
             made.append(make(item))
-        except ValueError as error:
-            lost.append(said(error))
+        except WindmarkError as error:
+            lost.append(str(error))
     return tuple(made)
 
 
@@ -132,7 +132,7 @@ def _section(
     """Values along a plane cut of the surface; NaN where the camera does not see it."""
     cut = resection.section(mesh, entry.point, entry.normal, spacing=entry.spacing)
     if not len(cut):
-        raise ValueError(f"section {entry.name}: the plane does not meet the grid; check its point and normal")
+        raise DataError(f"section {entry.name}: the plane does not meet the grid; check its point and normal")
     seen = resection.see_points(cut.xyz, camera, cam_from_model, mesh=mesh)
     values = resection.node_values(image, seen, interpolation=options.interpolation)
     return SectionValues(entry.name, cut.line, cut.arc, cut.xyz, values)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark import io, resection
-from windmark.geometry.errors import said
+from windmark.errors import WindmarkError
 from windmark.pipeline.lengths import Lengths
 from windmark.pipeline.project import Project
 from windmark.pipeline.wanted import LineEntry, PointsEntry
@@ -108,8 +108,8 @@ def _line(path: Path, i: int, entry: LineEntry, mesh: Mesh) -> PointSet:
     try:
         line = resection.surface_line(mesh, entry.start, entry.end, n=entry.n, spacing=entry.spacing,
                                       normal=entry.normal)  # fmt: skip
-    except ValueError as error:
-        raise io.FileError(path, f"line {entry.name}: {said(error)}", key) from error
+    except WindmarkError as error:
+        raise io.FileError(path, f"line {entry.name}: {error!s}", key) from error
     for which, gap in zip(("start", "end"), line.gaps, strict=True):
         if gap > limit:
             raise io.FileError(

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from windmark.detection import Guided, detect_at
 from windmark.detection.template.result import Frame
+from windmark.errors import DataError
 from windmark.geometry import Camera, Pose, imaged_ellipse
 from windmark.scene import Detections, MarkerSet
 
@@ -69,7 +70,7 @@ def from_camera(
     known = np.asarray(np.isfinite(seen.xy).all(axis=1))
     unsized = facing & ~np.isfinite(markers.radius)
     if radius_px is None and unsized.any():
-        raise ValueError(f"marker {markers.name[unsized][0]} has no radius: give one in pixels (--radius)")
+        raise DataError(f"marker {markers.name[unsized][0]} has no radius: give one in pixels (--radius)")
     fallback = np.nan if radius_px is None else radius_px
     xy = np.asarray(np.where(known[:, None], seen.xy, seen.center_xy))
     axes = np.where(known[:, None], seen.axes_px, fallback)
@@ -94,7 +95,7 @@ def from_detections(spots: Detections, names: list[str], radius_px: float | None
     if radius_px is not None:
         axes = np.where(np.isfinite(axes), axes, radius_px)
     if not np.isfinite(axes).all():
-        raise ValueError("the spots have neither axes nor radius: give a radius in pixels (--radius)")
+        raise DataError("the spots have neither axes nor radius: give a radius in pixels (--radius)")
     return Predictions(tuple(names), np.arange(len(names)), spots.xy, axes, angle)
 
 

@@ -13,6 +13,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationError, model_validator
 
+from windmark.errors import UsageError
 from windmark.io import picture_name
 from windmark.pipeline.lengths import Lengths
 from windmark.pipeline.quantity import Quantity
@@ -70,7 +71,7 @@ class ImageEntry(Strict):
     @model_validator(mode="after")
     def _quantity(self) -> ImageEntry:
         if self.quantity is None and self.unit is not None:
-            raise ValueError(f'unit {self.unit!r} without quantity; expected "temperature" or "radiance" there')
+            raise UsageError(f'unit {self.unit!r} without quantity; expected "temperature" or "radiance" there')
         Quantity(self.quantity or "grey", self.unit or "", self.scale, self.offset)
         return self
 
@@ -110,10 +111,10 @@ class GridEntry(Strict):
         zones = [zone for zones in (self.volumes or {}).values() for zone in zones]
         double = sorted({z for z in zones if zones.count(z) > 1})
         if double:
-            raise ValueError(f"volumes: a zone belongs to one volume, given more than once: {', '.join(double)}")
+            raise UsageError(f"volumes: a zone belongs to one volume, given more than once: {', '.join(double)}")
         empty = [name for name, zones in (self.volumes or {}).items() if not zones]
         if empty or self.volumes == {}:
-            raise ValueError(f"volumes: {', '.join(empty) or 'none given'}; expected at least one zone in each")
+            raise UsageError(f"volumes: {', '.join(empty) or 'none given'}; expected at least one zone in each")
         return self
 
 
@@ -197,17 +198,17 @@ class ViewEntry(Strict):
     def _one_way(self) -> ViewEntry:
         by = [k for k in ("direction", "pov", "camera") if getattr(self, k) is not None]
         if len(by) != 1:
-            raise ValueError(
+            raise UsageError(
                 f"view {self.name}: expected one of direction (with up), pov, camera; got {', '.join(by) or 'none'}"
             )
         if (self.up is None) == (by == ["direction"]):
-            raise ValueError(f"view {self.name}: direction and up belong together")
+            raise UsageError(f"view {self.name}: direction and up belong together")
         if self.direction is not None and self.up is not None and _parallel(self.direction, self.up):
-            raise ValueError(f"view {self.name}: up is parallel to direction, or one of them is zero")
+            raise UsageError(f"view {self.name}: up is parallel to direction, or one of them is zero")
         if self.volumes is not None and self.direction is None:
-            raise ValueError(f"view {self.name}: volumes say what a view by direction is framed on")
+            raise UsageError(f"view {self.name}: volumes say what a view by direction is framed on")
         if self.pov is not None and self.fov_deg is None:
-            raise ValueError(f"view {self.name}: fov_deg is missing; a point of view needs a field of view")
+            raise UsageError(f"view {self.name}: fov_deg is missing; a point of view needs a field of view")
         return self
 
 
@@ -284,38 +285,38 @@ class Project(Strict):
         ):
             double = sorted({n for n in names if names.count(n) > 1})
             if double:
-                raise ValueError(f"{kind} names must be unique, more than once: {', '.join(double)}")
+                raise UsageError(f"{kind} names must be unique, more than once: {', '.join(double)}")
             if (why := unusable_name(names)) is not None:
-                raise ValueError(f"{kind} names become file names, and {why}")
+                raise UsageError(f"{kind} names become file names, and {why}")
         cameras = [c.name for c in self.camera]
         for image in self.image:
             if image.camera is None and len(cameras) > 1:
-                raise ValueError(f"image {image.label}: say which camera took it, one of {', '.join(cameras)}")
+                raise UsageError(f"image {image.label}: say which camera took it, one of {', '.join(cameras)}")
             if image.camera is not None and image.camera not in cameras:
-                raise ValueError(f"image {image.label}: camera {image.camera!r} is not one of {', '.join(cameras)}")
+                raise UsageError(f"image {image.label}: camera {image.camera!r} is not one of {', '.join(cameras)}")
         if any(c.pose == "find" for c in self.camera):
             missing = [name for name in ("markers", "detect") if getattr(self, name) is None]
             if missing:
-                raise ValueError(f"[{missing[0]}] is missing: the cameras' poses are found from markers in the images")
+                raise UsageError(f"[{missing[0]}] is missing: the cameras' poses are found from markers in the images")
         if self.rig is not None:
             found = [c.name for c in self.camera if c.pose == "find"]
             known = [c.name for c in self.camera if c.pose == "known"]
             check_rig(self.rig, found, known, self._taken())
         if self.register_.binding and not any(i.labels for i in self.image):
-            raise ValueError("register: binding says that labels are facts, but no image has labels")
+            raise UsageError("register: binding says that labels are facts, but no image has labels")
         if self.align and self.align.reference not in [i.label for i in self.image]:
-            raise ValueError(f"align: reference {self.align.reference!r} is not the name of an image")
+            raise UsageError(f"align: reference {self.align.reference!r} is not the name of an image")
         if self.align and self.align.background == "keep" and len({self.camera_of(i).name for i in self.image}) > 1:
-            raise ValueError('align: background = "keep" needs images of one camera; these are of several')
+            raise UsageError('align: background = "keep" needs images of one camera; these are of several')
         if self.align and len({(i.quantity, i.unit) for i in self.image}) > 1:
-            raise ValueError("align: all images must have the same quantity and unit, for they are subtracted")
+            raise UsageError("align: all images must have the same quantity and unit, for they are subtracted")
         if self.grid is None and (self.view or self.section or self.align or self.points or self.line):
-            raise ValueError("views, sections, points, lines and alignment need a grid: add [grid] file = ...")
+            raise UsageError("views, sections, points, lines and alignment need a grid: add [grid] file = ...")
         if self.merge is not None:
             check_merge(self.merge, self._taken(), bool(self.grid))
             taken = sorted({"merged", *(f"merged-{i.point}" for i in self.image)} & {i.label for i in self.image})
             if taken:
-                raise ValueError(f"merge: its folder {taken[0]} has the name of an image; name the image otherwise")
+                raise UsageError(f"merge: its folder {taken[0]} has the name of an image; name the image otherwise")
         return self
 
     @property

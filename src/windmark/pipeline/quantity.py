@@ -9,6 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.errors import UsageError
+
 QUANTITIES = ("grey", "radiance", "temperature")
 TEMPERATURES = ("K", "degC", "degF")
 _UNIT = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ./^*-]*")
@@ -38,16 +40,16 @@ class Quantity:
 
     def __post_init__(self) -> None:
         if self.name not in QUANTITIES:
-            raise ValueError(f"quantity must be one of {', '.join(QUANTITIES)}, got {self.name!r}")
+            raise UsageError(f"quantity must be one of {', '.join(QUANTITIES)}, got {self.name!r}")
         if self.name == "grey" and self.unit:
-            raise ValueError(f"unit: grey levels have none, got {self.unit!r}; quantity says what it is the unit of")
+            raise UsageError(f"unit: grey levels have none, got {self.unit!r}; quantity says what it is the unit of")
         if self.name == "temperature" and self.unit not in TEMPERATURES:
             known = ", ".join(TEMPERATURES)
-            raise ValueError(f"unit of a temperature must be one of {known}, got {self.unit or None!r}")
+            raise UsageError(f"unit of a temperature must be one of {known}, got {self.unit or None!r}")
         if self.name == "radiance" and not _UNIT.fullmatch(self.unit):
-            raise ValueError(f"unit of a radiance must be given, such as W/m2/sr, got {self.unit or None!r}")
+            raise UsageError(f"unit of a radiance must be given, such as W/m2/sr, got {self.unit or None!r}")
         if not (math.isfinite(self.scale) and self.scale != 0 and math.isfinite(self.offset)):
-            raise ValueError(f"scale must not be 0, scale and offset finite, got {self.scale:g} and {self.offset:g}")
+            raise UsageError(f"scale must not be 0, scale and offset finite, got {self.scale:g} and {self.offset:g}")
 
     @property
     def column(self) -> str:
@@ -100,5 +102,5 @@ def quantity_of(
     contradiction = (name is not None and name != told[0]) or (unit is not None and told[1] and unit != told[1])
     if contradiction and (scale, offset) == (1.0, 0.0):  # a rescaling may well turn degC into K
         meant = " ".join(filter(None, (name, unit)))
-        raise ValueError(f"the file says that its values are {told[0]} in {told[1]}; expected {meant}, as was said")
+        raise UsageError(f"the file says that its values are {told[0]} in {told[1]}; expected {meant}, as was said")
     return Quantity(name or told[0], unit or told[1], scale, offset)

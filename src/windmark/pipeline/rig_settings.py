@@ -8,6 +8,7 @@ from typing import Annotated
 
 from pydantic import Field
 
+from windmark.errors import UsageError
 from windmark.pipeline.settings import Strict
 
 CameraNames = Annotated[tuple[str, ...], Field(min_length=2)]
@@ -48,24 +49,24 @@ def check_rig(rig: RigOptions, find: Sequence[str], known: Sequence[str], images
     """
     for name in rig.cameras or ():
         if name in known:
-            raise ValueError(f'rig: the pose of camera {name} is known (pose = "known"), there is nothing to find; '
+            raise UsageError(f'rig: the pose of camera {name} is known (pose = "known"), there is nothing to find; '
                              "leave it out of rig.cameras")  # fmt: skip
         if name not in find:
-            raise ValueError(f"rig: cameras: {name!r} is not the name of a camera; they are {', '.join(find)}")
+            raise UsageError(f"rig: cameras: {name!r} is not the name of a camera; they are {', '.join(find)}")
     if rig.cameras is not None and len(set(rig.cameras)) < len(rig.cameras):
-        raise ValueError("rig: cameras: every camera is named once")
+        raise UsageError("rig: cameras: every camera is named once")
     cameras = rig_cameras(rig, find)
     if len(cameras) < 2:
-        raise ValueError(
+        raise UsageError(
             f"rig: expected at least two cameras whose pose is to be found, got {', '.join(cameras) or 'none'}"
         )
     strange = [name for name in rig.trust if name not in cameras]
     if strange:
-        raise ValueError(f"rig: trust: {strange[0]!r} is not a camera of the rig; they are {', '.join(cameras)}")
+        raise UsageError(f"rig: trust: {strange[0]!r} is not a camera of the rig; they are {', '.join(cameras)}")
     mine = [image for image in images if image[2] in cameras]
     without = [name for name, point, _ in mine if point is None]
     if without and len(without) < len(mine):
-        raise ValueError(f"rig: image {without[0]} has no point while others have one; images of one instant have the "
+        raise UsageError(f"rig: image {without[0]} has no point while others have one; images of one instant have the "
                          "same point")  # fmt: skip
     for point, members in instants(rig, find, images).items():
         taken = [camera for _, camera in members]
@@ -73,7 +74,7 @@ def check_rig(rig: RigOptions, find: Sequence[str], known: Sequence[str], images
         if double is not None:
             two = [image for image, camera in members if camera == double]
             at = "" if point is None else f" of point {point}"
-            raise ValueError(f"rig: images {two[0]} and {two[1]}{at} are both of camera {double}, so of different"
+            raise UsageError(f"rig: images {two[0]} and {two[1]}{at} are both of camera {double}, so of different"
                              ' instants; give the images of each instant their own point (point = "...")')  # fmt: skip
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from windmark import io
+from windmark.errors import UsageError
 from windmark.geometry import Pose
 from windmark.pipeline.simulate import RADIUS_PX, true_levels, zones_of
 from windmark.pipeline.simulate_taps import write_taps
@@ -79,7 +80,7 @@ def camera_shots(seed: int, count: int, *, size_px: tuple[int, int] = (1280, 102
         For fewer than two cameras or more than `MOST`.
     """
     if not 2 <= count <= MOST:
-        raise ValueError(f"cameras: expected 2 to {MOST}, got {count}")
+        raise UsageError(f"cameras: expected 2 to {MOST}, got {count}")
     sensor = Sensor(vignetting=0.0) if sensor is None else sensor
     stations = default_stations(np.random.default_rng([seed, 4]), count, size_px)
     options = {} if clutter else {"clutter": None}

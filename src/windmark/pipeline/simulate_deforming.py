@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark import io
+from windmark.errors import UsageError
 from windmark.geometry import Pose
 from windmark.pipeline.simulate import zones_of
 from windmark.pipeline.simulate_taps import write_taps
@@ -129,7 +130,7 @@ def simulate_deforming(
         For fewer than three frames.
     """
     if frames <= ZEROS:
-        raise ValueError(f"frames: expected at least {ZEROS + 1} ({ZEROS} without wind), got {frames}")
+        raise UsageError(f"frames: expected at least {ZEROS + 1} ({ZEROS} without wind), got {frames}")
     test = stereo_wing(seed, size_px=size_px, nodes=20_000)
     time_s = np.arange(frames) / RATE_HZ
     states = [_swinging(t) for t in time_s] if clocks else _states(frames)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark import io
+from windmark.errors import UsageError
 from windmark.geometry import Camera, Pose
 from windmark.scene import MarkerSet
 from windmark.synth import Sensor, TunnelTest, render, stereo_layout, wind_tunnel
@@ -41,7 +42,7 @@ def simulate_photos(folder: Path, seed: int, count: int = 20) -> TunnelTest:
         For fewer than two pictures.
     """
     if count < 2:
-        raise ValueError(f"photos: expected at least 2, got {count}")
+        raise UsageError(f"photos: expected at least 2, got {count}")
     rng = np.random.default_rng([seed, 11])
     width, height = SIZE_PX
     camera = Camera(SIZE_PX, DISTANCE / FIELD_MM * width, 1.0004, width / 2 + 6, height / 2 - 5, k1=-0.08, k2=0.03,

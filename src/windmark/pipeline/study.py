@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from windmark.detection import detect
 from windmark.detection.detect import REFINEMENTS
+from windmark.errors import UsageError
 from windmark.pipeline.clock import Progress, silent
 from windmark.pipeline.study_bound import variance_bound
 from windmark.scene import Detections
@@ -289,7 +290,7 @@ def _check(settings: StudySettings) -> None:
 
     def need(good: bool, name: str, expected: str) -> None:
         if not good:
-            raise ValueError(f"{name} must be {expected}, got {getattr(settings, name)!r}")
+            raise UsageError(f"{name} must be {expected}, got {getattr(settings, name)!r}")
 
     radii = np.array(settings.radii_px)
     brightest = _level(settings) + 6 * settings.noise_percent / 100 * settings.depth

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark import detection, io
+from windmark.errors import UsageError
 from windmark.geometry import Camera, Pose
 from windmark.geometry.rotations import hat
 from windmark.pipeline.predictions import Known, from_camera, look_again
@@ -121,10 +122,10 @@ def follow(
     last = -np.inf
     for index, item in enumerate(images):
         if instants is not None and index >= len(instants):
-            raise ValueError(f"follow: instants must be given for every image, got {len(instants)} for more images")
+            raise UsageError(f"follow: instants must be given for every image, got {len(instants)} for more images")
         instant = float(index) if instants is None else float(instants[index])
         if not (np.isfinite(instant) and instant > last):
-            raise ValueError(f"follow: instants must increase strictly, number {index} is {instant:g} after {last:g}")
+            raise UsageError(f"follow: instants must increase strictly, number {index} is {instant:g} after {last:g}")
         frame = follower.frame(index, item, instant, 1.0 if index == 0 else instant - last)
         yield replace(frame, time_s=item.time_s) if isinstance(item, io.Frame) else frame
         last = instant

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from windmark.errors import DataError
 from windmark.geometry import Camera, Pose
 
 MARGIN = 0.03
@@ -30,7 +31,7 @@ def frame_view(
         When there are no points, or ``up`` is parallel to ``direction``.
     """
     if not len(xyz):
-        raise ValueError("frame_view: there are no points to frame")
+        raise DataError("frame_view: there are no points to frame")
     width, height = size_px
     camera = perfect_camera(size_px, fov_deg)
     focal = camera.focal_px

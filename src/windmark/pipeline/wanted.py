@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
+from windmark.errors import UsageError
 from windmark.pipeline.settings import Strict
 
 Vector = tuple[float, float, float]
@@ -38,7 +39,7 @@ class MergeOptions(Strict):
     @model_validator(mode="after")
     def _whole(self) -> MergeOptions:
         if self.offset and self.gain == "none":
-            raise ValueError('merge: offset needs gain = "overlap"')
+            raise UsageError('merge: offset needs gain = "overlap"')
         return self
 
 
@@ -79,9 +80,9 @@ class LineEntry(Strict):
     @model_validator(mode="after")
     def _one_step(self) -> LineEntry:
         if self.n is not None and self.spacing is not None:
-            raise ValueError(f"line {self.name}: give n or spacing, not both")
+            raise UsageError(f"line {self.name}: give n or spacing, not both")
         if self.start == self.end:
-            raise ValueError(f"line {self.name}: start and end must differ, both are {list(self.start)}")
+            raise UsageError(f"line {self.name}: start and end must differ, both are {list(self.start)}")
         return self
 
 
@@ -94,24 +95,24 @@ def check_merge(merge: MergeOptions, images: Sequence[tuple[str, str | None, str
         For unknown images, images without a point beside others that have one, two of one camera without points.
     """
     if not grid:
-        raise ValueError("merging needs a grid: add [grid] file = ...")
+        raise UsageError("merging needs a grid: add [grid] file = ...")
     names = [name for name, _, _ in images]
     unknown = sorted({*(merge.images or ()), *([merge.reference] if merge.reference else [])} - set(names))
     if unknown:
-        raise ValueError(f"merge: {unknown[0]!r} is not the name of an image; they are {', '.join(names)}")
+        raise UsageError(f"merge: {unknown[0]!r} is not the name of an image; they are {', '.join(names)}")
     mine = [image for image in images if merge.images is None or image[0] in merge.images]
     if merge.reference is not None and merge.reference not in [name for name, _, _ in mine]:
-        raise ValueError(f"merge: the reference {merge.reference!r} is not among the images that are merged")
+        raise UsageError(f"merge: the reference {merge.reference!r} is not among the images that are merged")
     without = [name for name, point, _ in mine if point is None]
     if without and len(without) < len(mine):
-        raise ValueError(f"merge: image {without[0]} has no point while others have one; give it one, or name the"
+        raise UsageError(f"merge: image {without[0]} has no point while others have one; give it one, or name the"
                          " images that are merged (merge.images)")  # fmt: skip
     if without:
         cameras = [camera for _, _, camera in mine]
         double = next((c for c in cameras if cameras.count(c) > 1), None)
         if double is not None:
             two = [name for name, _, camera in mine if camera == double]
-            raise ValueError(f"merge: images {two[0]} and {two[1]} are both of camera {double}, so they are of"
+            raise UsageError(f"merge: images {two[0]} and {two[1]} are both of camera {double}, so they are of"
                              ' different instants; give every image its point (point = "...")')  # fmt: skip
 
 

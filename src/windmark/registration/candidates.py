@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from windmark.errors import DataError, UsageError
 from windmark.geometry import Camera, Pose, p3p
 from windmark.geometry.rotations import hat
 
@@ -83,10 +84,10 @@ def pose_candidates(xy: ArrayLike, xyz: ArrayLike, camera: Camera, *, sigma_px: 
     if not (np.isfinite(spots).all() and np.isfinite(markers).all()):
         raise ValueError("pose_candidates: xy and xyz must be finite")
     if not sigma_px > 0:
-        raise ValueError(f"pose_candidates: sigma_px must be positive, got {sigma_px}")
+        raise UsageError(f"pose_candidates: sigma_px must be positive, got {sigma_px}")
     rays = camera.unproject(spots[:3])
     if not np.isfinite(rays).all():
-        raise ValueError("pose_candidates: the lens model has no inverse at one of the first three spots")
+        raise DataError("pose_candidates: the lens model has no inverse at one of the first three spots")
     poses = _distinct(p3p(rays, markers[:3]).poses())
     looks = [_look(pose, spots, markers, camera, sigma_px) for pose in poses]
     worst = [np.inf if np.isnan(s).any() else float(s.max()) for _, s in looks]

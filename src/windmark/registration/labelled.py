@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from windmark.adjust import PoseEstimate, refine_pose
+from windmark.errors import DataError
 from windmark.geometry import Camera, DegenerateGeometry, Pose, p3p
 from windmark.registration.task import with_focal
 
@@ -125,7 +126,7 @@ def _starts(
     rays = camera.unproject(spots)
     if not np.isfinite(rays).all():
         row = int(np.argmin(np.isfinite(rays).all(axis=1)))
-        raise ValueError(f"pose_from_labels: the lens model has no inverse at spot {row}, {spots[row].tolist()}")
+        raise DataError(f"pose_from_labels: the lens model has no inverse at spot {row}, {spots[row].tolist()}")
     solutions = p3p(rays[triplets], markers[triplets])
     starts = []
     for n in range(len(triplets)):

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.errors import UsageError
 from windmark.geometry import Camera, Pose
 from windmark.geometry.order import median
 from windmark.scene import MarkerSet
@@ -25,27 +26,27 @@ ROUND = 4
 def check_options(verb: str, options: dict[str, Any], prior: Pose | None) -> None:
     """Raise for a method that does not exist, a prior that is a batch, and numbers out of range."""
     if options["method"] not in METHODS:
-        raise ValueError(f"{verb}: method must be one of {', '.join(METHODS)}, got {options['method']!r}")
+        raise UsageError(f"{verb}: method must be one of {', '.join(METHODS)}, got {options['method']!r}")
     if prior is not None and prior.rotation.ndim != 2:
         raise ValueError(f"{verb}: prior must be a single pose, got a batch {prior.rotation.shape[:-2]}")
     positive = ("prior_max_angle_deg", "max_focal_sigma", "max_hypotheses", "max_time_s", "max_table_error")
     above_one = ("prior_max_scale", "focal_range")
     for name in positive:
         if options[name] is not None and not options[name] > 0:
-            raise ValueError(f"{verb}: {name} must be > 0, got {options[name]}")
+            raise UsageError(f"{verb}: {name} must be > 0, got {options[name]}")
     for name in above_one:
         if not options[name] > 1:
-            raise ValueError(f"{verb}: {name} is a ratio and must be > 1, got {options[name]}")
+            raise UsageError(f"{verb}: {name} is a ratio and must be > 1, got {options[name]}")
     tolerance = options["tolerance_px"]
     if tolerance is not None and not (np.isfinite(tolerance) and tolerance > 0):
-        raise ValueError(f"{verb}: tolerance_px must be > 0 and finite, or None, got {tolerance}")
+        raise UsageError(f"{verb}: tolerance_px must be > 0 and finite, or None, got {tolerance}")
     if not 0 <= options["max_deformation"] <= MOST_DEFORMATION:
-        raise ValueError(
+        raise UsageError(
             f"{verb}: max_deformation must be from 0 to {MOST_DEFORMATION} of the model's size, "
             f"got {options['max_deformation']}"
         )
     if options["min_margin"] < 0:
-        raise ValueError(f"{verb}: min_margin must be >= 0, got {options['min_margin']}")
+        raise UsageError(f"{verb}: min_margin must be >= 0, got {options['min_margin']}")
 
 
 def default_tolerance(xy: Array, camera: Camera, markers: MarkerSet) -> float:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from windmark.errors import UsageError
 from windmark.geometry import Camera, Pose
 from windmark.registration.options import check_options, default_tolerance
 from windmark.registration.result import Cause, NotRegistered, Registration, RigRegistration
@@ -200,7 +201,7 @@ def _of_cameras(
     """Images, cameras and poses as lists; raises for numbers that differ."""
     if cam_from_rig is None:
         if not (isinstance(detections, Detections) and isinstance(camera, Camera)):
-            raise ValueError(f"{verb}: several images need cam_from_rig, where their cameras are")
+            raise UsageError(f"{verb}: several images need cam_from_rig, where their cameras are")
         return [detections], [camera], None
     spots, cameras, poses = list(detections), list(camera), list(cam_from_rig)  # type: ignore[arg-type]
     if not len(spots) == len(cameras) == len(poses) or not len(cameras):
@@ -222,7 +223,7 @@ def _place_covs(
         return [None] * len(poses or (0,))
     covs = [None if cov is None else np.asarray(cov, dtype=float) for cov in rig_cov]
     if poses is None or len(covs) != len(poses):
-        raise ValueError("register: rig_cov is for each camera of a rig, beside cam_from_rig")
+        raise UsageError("register: rig_cov is for each camera of a rig, beside cam_from_rig")
     for n, cov in enumerate(covs):
         if cov is not None and not (cov.shape == (6, 6) and np.isfinite(cov).all()):
             raise ValueError(f"register: rig_cov[{n}] must be (6, 6) and finite, or None")

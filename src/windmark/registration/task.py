@@ -10,6 +10,7 @@ from math import ceil, hypot, lgamma, perm, sqrt
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from windmark.errors import UsageError
 from windmark.geometry import Camera, Pose
 from windmark.geometry.order import median
 from windmark.scene import Detections, MarkerSet
@@ -227,10 +228,10 @@ def fixed_pairs(
         if not 0 <= spot < len(detections):
             raise ValueError(f"register: fixed must name spots by their index below {len(detections)}, got {spot}")
         if not used[spot]:
-            raise ValueError(f"register: fixed spot {spot} is excluded, or the lens model cannot invert it")
+            raise UsageError(f"register: fixed spot {spot} is excluded, or the lens model cannot invert it")
         if isinstance(label, str):
             if label not in names:
-                raise ValueError(f"register: fixed label {label!r} is not the name of a marker that takes part")
+                raise UsageError(f"register: fixed label {label!r} is not the name of a marker that takes part")
             marker = names.index(label)
         else:
             marker = int(label)
@@ -242,7 +243,7 @@ def fixed_pairs(
     for k, what in ((0, "spot"), (1, "marker")):
         seen = [pair[k] for pair in pairs]
         if len(set(seen)) < len(seen):
-            raise ValueError(f"register: every {what} may be fixed only once, got {given}")
+            raise UsageError(f"register: every {what} may be fixed only once, got {given}")
     return tuple(pairs)
 
 

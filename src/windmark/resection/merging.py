@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.errors import UsageError
 from windmark.resection.gains import LEAST_OVERLAP, Gains, overlap_gains
 from windmark.resection.nearest import SurfacePoints
 from windmark.resection.pixelmap import PixelMap
@@ -258,18 +259,18 @@ def _check(pictures: Sequence[Picture], gain: str, offset: bool, reference: str 
            taper_deg: float, taper_px: float) -> None:  # fmt: skip
     names = [p.name for p in pictures]
     if not 0 < len(pictures) <= MOST:
-        raise ValueError(f"merge_views: expected 1 to {MOST} pictures, got {len(pictures)}")
+        raise UsageError(f"merge_views: expected 1 to {MOST} pictures, got {len(pictures)}")
     if len(set(names)) < len(names):
-        raise ValueError(f"merge_views: the pictures' names must differ, got {names}")
+        raise UsageError(f"merge_views: the pictures' names must differ, got {names}")
     if gain not in GAINS:
-        raise ValueError(f"merge_views: gain must be one of {', '.join(GAINS)}, got {gain!r}")
+        raise UsageError(f"merge_views: gain must be one of {', '.join(GAINS)}, got {gain!r}")
     if offset and gain == "none":
-        raise ValueError('merge_views: offset needs gain = "overlap"')
+        raise UsageError('merge_views: offset needs gain = "overlap"')
     if reference is not None and reference not in names:
-        raise ValueError(f"merge_views: reference must be one of {', '.join(names)}, got {reference!r}")
+        raise UsageError(f"merge_views: reference must be one of {', '.join(names)}, got {reference!r}")
     checked_angle(max_obliquity_deg, "merge_views")
     if not (0 < taper_deg < np.inf and 0 < taper_px < np.inf):
-        raise ValueError(f"merge_views: taper_deg and taper_px must be > 0, got {taper_deg} and {taper_px}")
+        raise UsageError(f"merge_views: taper_deg and taper_px must be > 0, got {taper_deg} and {taper_px}")
 
 
 def _same(a: Picture, b: Picture) -> bool:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from windmark.errors import DataError, UsageError
 from windmark.scene import Mesh
 
 Array = NDArray[np.float64]
@@ -108,7 +109,7 @@ def reach(mesh: Mesh, max_distance: float | None) -> float:
     if max_distance is None:
         return 2e-3 * mesh.size
     if not 0 < max_distance < np.inf:
-        raise ValueError(f"nearest_on_surface: max_distance must be a length > 0, got {max_distance}")
+        raise UsageError(f"nearest_on_surface: max_distance must be a length > 0, got {max_distance}")
     return float(max_distance)
 
 
@@ -128,7 +129,7 @@ class _Search:
         self.volume, self.small = np.asarray(mesh.volume), _ROUNDING * mesh.diagonal
         real = np.flatnonzero((length[:, 0] > 0) & np.isfinite(self.corners).all(axis=(1, 2)))
         if not len(real):
-            raise ValueError("nearest_on_surface: the mesh has no triangles")
+            raise DataError("nearest_on_surface: the mesh has no triangles")
         middle = self.corners.mean(axis=1)
         radius = np.linalg.norm(self.corners - middle[:, None], axis=2).max(axis=1)
         size = np.floor(np.log2(radius[real])).astype(int)

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from windmark.errors import UsageError
 from windmark.geometry import Camera, Pose
 from windmark.resection.casting import cast, single_pose, to_camera_frame
 from windmark.resection.chains import weld
@@ -78,7 +79,7 @@ def orient_outward(
         return mesh
     toward = None if outside is None else np.asarray(outside, dtype=float)
     if toward is not None and (toward.shape != (3,) or not np.isfinite(toward).all()):
-        raise ValueError(f"orient_outward: outside must be three finite numbers, got {outside!r}")
+        raise UsageError(f"orient_outward: outside must be three finite numbers, got {outside!r}")
     number = _welded(mesh, checked_tolerance(tolerance, mesh, "orient_outward"))
     sheet, turned = _consistent(number)
     inward = _inward(mesh, sheet, turned, toward)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from windmark.errors import DataError, UsageError
 from windmark.geometry import Camera, Pose
 from windmark.resection.sampling import Image, checked_image, checked_interpolation, node_values
 from windmark.resection.sections import Section, arc_lengths, at_arc, section, three_numbers
@@ -121,20 +122,20 @@ def surface_line(
     """
     a, b = three_numbers(start, "sample_line: start"), three_numbers(end, "sample_line: end")
     if n is not None and spacing is not None:
-        raise ValueError("sample_line: give n or spacing, not both")
+        raise UsageError("sample_line: give n or spacing, not both")
     if n is not None and n < 2:
-        raise ValueError(f"sample_line: n must be at least 2, got {n}")
+        raise UsageError(f"sample_line: n must be at least 2, got {n}")
     if spacing is not None and not 0 < spacing < np.inf:
-        raise ValueError(f"sample_line: spacing must be a length > 0, got {spacing}")
+        raise UsageError(f"sample_line: spacing must be a length > 0, got {spacing}")
     plane = _upright_plane(mesh, a, b, None if normal is None else three_numbers(normal, "sample_line: normal"))
     cut = section(mesh, a, plane)
     if not len(cut):
-        raise ValueError("sample_line: the plane through start and end does not meet the mesh")
+        raise DataError("sample_line: the plane through start and end does not meet the mesh")
     path = _path_between(cut, a, b)
     along = arc_lengths(path)
     count = (200 if n is None else n) if spacing is None else int(max(1, round(min(along[-1] / spacing, 1e9)))) + 1
     if count > MOST_POINTS:
-        raise ValueError(f"sample_line: at most {MOST_POINTS} points, got {count} (of a line {along[-1]:.6g} long)")
+        raise UsageError(f"sample_line: at most {MOST_POINTS} points, got {count} (of a line {along[-1]:.6g} long)")
     arc = np.linspace(0.0, along[-1], count)
     xyz = at_arc(path, along, arc)
     return SurfaceLine(xyz, arc, (float(np.linalg.norm(xyz[0] - a)), float(np.linalg.norm(xyz[-1] - b))))
@@ -145,14 +146,14 @@ def _upright_plane(mesh: Mesh, a: Array, b: Array, normal: Array | None) -> Arra
     along = b - a
     length = np.linalg.norm(along)
     if not length > 0:
-        raise ValueError(f"sample_line: start and end must differ, both are {a.tolist()}")
+        raise UsageError(f"sample_line: start and end must differ, both are {a.tolist()}")
     along = along / length
     if normal is None:
         plane = np.cross(along, _normal_near(mesh, a) + _normal_near(mesh, b))
     else:
         plane = normal - (normal @ along) * along
     if not np.linalg.norm(plane) > 1e-6:
-        raise ValueError(
+        raise DataError(
             "sample_line: start, end and the surface's normals do not define a plane; give the plane's normal"
         )
     return plane
@@ -162,7 +163,7 @@ def _normal_near(mesh: Mesh, point: Array) -> Array:
     """Unit mean normal of the triangles round the node nearest to a point; zero if it has no direction."""
     used = mesh.used
     if not len(used):
-        raise ValueError("sample_line: the mesh has no triangles")
+        raise DataError("sample_line: the mesh has no triangles")
     node = used[np.nanargmin(np.linalg.norm(mesh.vertices[used] - point, axis=1))]
     round_it = mesh.triangles[(mesh.triangles == node).any(axis=1)]
     a, b, c = (mesh.vertices[round_it[:, k]] for k in range(3))

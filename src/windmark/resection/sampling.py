@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from windmark.errors import UsageError
 from windmark.geometry import Camera, Pose
 from windmark.resection.visibility import NodeView, see_points
 from windmark.scene import Mesh
@@ -111,11 +112,11 @@ def checked_image(image: ArrayLike, size_px: tuple[int, int] | None, verb: str) 
     """The image as contiguous float32 (H, W[, C]), of the given size."""
     pixels = np.asarray(image)
     if pixels.ndim not in (2, 3) or pixels.dtype.kind not in "buif":
-        raise ValueError(
+        raise UsageError(
             f"{verb}: image must be (H, W) or (H, W, C) of real numbers, got {pixels.shape} {pixels.dtype}"
         )
     if size_px is not None and pixels.shape[1::-1] != tuple(size_px):
-        raise ValueError(
+        raise UsageError(
             f"{verb}: image must be {size_px[0]} x {size_px[1]} as its camera says (width x height),"
             f" got {pixels.shape[1]} x {pixels.shape[0]}"
         )
@@ -125,5 +126,5 @@ def checked_image(image: ArrayLike, size_px: tuple[int, int] | None, verb: str) 
 def checked_interpolation(interpolation: str, verb: str) -> str:
     """The name, if it is one of `INTERPOLATIONS`."""
     if interpolation not in INTERPOLATIONS:
-        raise ValueError(f"{verb}: interpolation must be one of {', '.join(INTERPOLATIONS)}, got {interpolation!r}")
+        raise UsageError(f"{verb}: interpolation must be one of {', '.join(INTERPOLATIONS)}, got {interpolation!r}")
     return interpolation

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from windmark.errors import UsageError
 from windmark.resection.chains import chain_segments, weld
 from windmark.resection.visibility import checked_tolerance
 from windmark.scene import Mesh
@@ -73,9 +74,9 @@ def section(mesh: Mesh, point: ArrayLike, normal: ArrayLike, *, spacing: float |
     """
     origin, n = three_numbers(point, "section: point"), three_numbers(normal, "section: normal")
     if not np.linalg.norm(n) > 0:
-        raise ValueError(f"section: normal must not be zero, got {n.tolist()}")
+        raise UsageError(f"section: normal must not be zero, got {n.tolist()}")
     if spacing is not None and not 0 < spacing < np.inf:
-        raise ValueError(f"section: spacing must be a length > 0, got {spacing}")
+        raise UsageError(f"section: spacing must be a length > 0, got {spacing}")
     n = n / np.linalg.norm(n)
     ends, triangle = _cut_triangles(mesh, (mesh.vertices - origin) @ n)
     if not len(ends):
@@ -91,7 +92,7 @@ def three_numbers(value: ArrayLike, name: str) -> Array:
     """A point or direction (3,), checked."""
     v = np.asarray(value, dtype=float)
     if v.shape != (3,) or not np.isfinite(v).all():
-        raise ValueError(f"{name} must be three finite numbers, got {value!r}")
+        raise UsageError(f"{name} must be three finite numbers, got {value!r}")
     return v
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.errors import UsageError
 from windmark.resection.casting import for_kernels, to_camera_frame
 from windmark.resection.pixelmap import PixelMap
 
@@ -35,9 +36,9 @@ def silhouette(pixel_map: PixelMap, *, width_px: float = 1.0, step_px: float = 2
     from windmark.resection import _points
 
     if not width_px >= 1:
-        raise ValueError(f"silhouette: width_px must be at least 1, got {width_px}")
+        raise UsageError(f"silhouette: width_px must be at least 1, got {width_px}")
     if not step_px >= 0:
-        raise ValueError(f"silhouette: step_px must be >= 0, got {step_px}")
+        raise UsageError(f"silhouette: step_px must be >= 0, got {step_px}")
     mesh = pixel_map.mesh
     vertices_cam = to_camera_frame(pixel_map.cam_from_model, mesh.vertices)
     step = step_px / pixel_map.camera.focal_px

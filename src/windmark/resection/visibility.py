@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from windmark.errors import UsageError
 from windmark.geometry import Camera, Pose
 from windmark.resection.casting import cast, for_kernels, single_pose, to_camera_frame
 from windmark.resection.reasons import BLANKED, FACING_AWAY, HIDDEN, OBLIQUE, REASONS, VISIBLE
@@ -192,14 +193,14 @@ def checked_tolerance(tolerance: float | None, mesh: Mesh, verb: str) -> float:
     if tolerance is None:
         return _TOLERANCE * mesh.diagonal
     if not 0 <= tolerance < np.inf:
-        raise ValueError(f"{verb}: tolerance must be a length >= 0, got {tolerance}")
+        raise UsageError(f"{verb}: tolerance must be a length >= 0, got {tolerance}")
     return float(tolerance)
 
 
 def checked_angle(max_obliquity_deg: float | None, verb: str) -> None:
     """Refuse an impossible limit."""
     if max_obliquity_deg is not None and not 0 < max_obliquity_deg <= 180:
-        raise ValueError(f"{verb}: max_obliquity_deg must be in (0, 180], got {max_obliquity_deg}")
+        raise UsageError(f"{verb}: max_obliquity_deg must be in (0, 180], got {max_obliquity_deg}")
 
 
 def look(camera: Camera, pose: Pose, points: Array) -> tuple[Array, Array, Codes, Array]:

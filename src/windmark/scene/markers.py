@@ -58,7 +58,7 @@ class MarkerSet:
             raise ValueError(f"MarkerSet: xyz must be finite, it is not for {', '.join(bad[:5])}")
         wrong = sorted(set(self.role.tolist()) - set(ROLES))
         if wrong:
-            raise ValueError(f"MarkerSet: role must be one of {', '.join(ROLES)}, got {', '.join(wrong)}")
+            raise ValueError(f"MarkerSet: role must be among {', '.join(ROLES)}, got {', '.join(wrong)}")
 
     @staticmethod
     def make(

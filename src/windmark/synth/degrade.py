@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from windmark.errors import UsageError
 from windmark.synth.marks import Clutter, draw, scatter
 
 Array = NDArray[np.float64]
@@ -29,7 +30,7 @@ def gaussian_blur(image: ArrayLike, sigma_px: float) -> Array:
 
     a = _image(image, "gaussian_blur")
     if not sigma_px >= 0:
-        raise ValueError(f"gaussian_blur: sigma_px must be >= 0, got {sigma_px}")
+        raise UsageError(f"gaussian_blur: sigma_px must be >= 0, got {sigma_px}")
     if sigma_px == 0:
         return a.copy()
     kernel = gaussian_kernel(sigma_px)
@@ -61,7 +62,7 @@ def average_blur(image: ArrayLike, passes: int) -> Array:
 
     a = _image(image, "average_blur")
     if passes < 0:
-        raise ValueError(f"average_blur: passes must be >= 0, got {passes}")
+        raise UsageError(f"average_blur: passes must be >= 0, got {passes}")
     out = a.copy()
     for _ in range(passes):
         out = uniform_filter(out, 3, mode="reflect")
@@ -88,7 +89,7 @@ def vignette(image: ArrayLike, strength: float, center: tuple[float, float] | No
     """Darkening towards the corners, 1 - ``strength`` (r / half diagonal)^2, round ``center`` or the image's middle."""
     a = _image(image, "vignette")
     if not 0 <= strength <= 1:
-        raise ValueError(f"vignette: strength must be in [0, 1], got {strength}")
+        raise UsageError(f"vignette: strength must be in [0, 1], got {strength}")
     height, width = a.shape
     cx, cy = ((width - 1) / 2, (height - 1) / 2) if center is None else center
     square = (np.arange(width) - cx) ** 2 + (np.arange(height)[:, None] - cy) ** 2
@@ -129,7 +130,7 @@ def noise(image: ArrayLike, rng: Rng, *, full_well_e: float = 20_000.0, read_noi
     """
     a = _image(image, "noise")
     if full_well_e <= 0 or read_noise_e < 0:
-        raise ValueError(f"noise: need full_well_e > 0 and read_noise_e >= 0, got {full_well_e} and {read_noise_e}")
+        raise UsageError(f"noise: need full_well_e > 0 and read_noise_e >= 0, got {full_well_e} and {read_noise_e}")
     electrons = rng.poisson(np.maximum(a, 0) * full_well_e).astype(float)
     if read_noise_e:
         electrons += read_noise_e * rng.standard_normal(a.shape)
@@ -140,7 +141,7 @@ def defects(image: ArrayLike, rng: Rng, *, hot: int = 0, dead: int = 0) -> Array
     """Hot pixels (at 70-100 % of full scale) and dead ones (at 0), all at different places."""
     a = _image(image, "defects").copy()
     if hot < 0 or dead < 0 or hot + dead > a.size:
-        raise ValueError(f"defects: hot and dead must be >= 0 and fit the image, got {hot} and {dead}")
+        raise UsageError(f"defects: hot and dead must be >= 0 and fit the image, got {hot} and {dead}")
     where = rng.choice(a.size, hot + dead, replace=False)
     a.flat[where[:hot]] = np.maximum(a.flat[where[:hot]], rng.uniform(0.7, 1.0, hot))
     a.flat[where[hot:]] = 0.0
@@ -155,7 +156,7 @@ def quantise(image: ArrayLike, bits: int, black: int = 0) -> NDArray[np.uint8] |
     a = _image(image, "quantise")
     top = 2**bits - 1
     if not (1 <= bits <= 16 and 0 <= black < top):
-        raise ValueError(f"quantise: need 1 <= bits <= 16 and 0 <= black < 2^bits - 1, got {bits} and {black}")
+        raise UsageError(f"quantise: need 1 <= bits <= 16 and 0 <= black < 2^bits - 1, got {bits} and {black}")
     levels = np.clip(np.rint(black + a * (top - black)), 0, top)
     return levels.astype(np.uint8) if bits <= 8 else levels.astype(np.uint16)
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.errors import UsageError
 from windmark.synth.degrade import gaussian_blur, quantise
 from windmark.synth.discs import disc_image
 from windmark.synth.marks import Marks, distance, draw, join
@@ -119,9 +120,9 @@ def marker_scene(
         An unknown kind, an empty range, or more markers than the image has room for.
     """
     if kind not in KINDS:
-        raise ValueError(f"kind must be one of {', '.join(KINDS)}, got {kind!r}")
+        raise UsageError(f"kind must be one of {', '.join(KINDS)}, got {kind!r}")
     if not (0 < radius_px[0] <= radius_px[1] and 0 < blur_px[0] <= blur_px[1] and 0 <= max_tilt_deg < 90):
-        raise ValueError(f"radius_px, blur_px, max_tilt_deg: got {radius_px}, {blur_px}, {max_tilt_deg}")
+        raise UsageError(f"radius_px, blur_px, max_tilt_deg: got {radius_px}, {blur_px}, {max_tilt_deg}")
     infrared = kind == "infrared"
     usual, number = ((640, 512), 60) if infrared else ((2048, 2048), 150)
     width, height = usual if size_px is None else size_px
@@ -152,7 +153,7 @@ def _discs(
         if not len(xy) or np.hypot(*(xy - p).T).min() > apart:
             xy = np.vstack([xy, p])
     if len(xy) < count:
-        raise ValueError(f"markers: {count} of them, {apart:.0f} px apart, have no room in {size[0]} x {size[1]} px")
+        raise UsageError(f"markers: {count} of them, {apart:.0f} px apart, have no room in {size[0]} x {size[1]} px")
     middle = (np.array(size) - 1) / 2
     outward = ((xy - middle) ** 2).sum(axis=1) / (middle**2).sum()
     return _Discs(xy, axes, rng.uniform(0, np.pi, count), radius, angles, blur * (1 + 0.1 * outward))

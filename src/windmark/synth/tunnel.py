@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.errors import UsageError
 from windmark.geometry import Camera, Pose
 from windmark.scene import MarkerSet, Mesh, View
 from windmark.synth.decals import Decals
@@ -153,7 +154,7 @@ def default_stations(
     the field. Lenses and stations differ a little from draw to draw.
     """
     if count < 1:
-        raise ValueError(f"default_stations: count must be at least 1, got {count}")
+        raise UsageError(f"default_stations: count must be at least 1, got {count}")
     width, height = size_px
     scale = width / 1280
     out = []
@@ -185,7 +186,7 @@ def _scene(
     patches = shape.patches(nodes)
     markers = layout(shape, patches, _stream(seed, 1))
     if not len(markers):
-        raise ValueError("wind_tunnel: layout must give at least one marker")
+        raise UsageError("wind_tunnel: layout must give at least one marker")
     world = World(shape.mesh(nodes), markers, paint)
     if clutter is None:
         return world

@@ -10,6 +10,7 @@ from windmark.adjust.loss import DEFAULT_SCALE, Loss
 from windmark.adjust.network.model import Network
 from windmark.adjust.network.problem import NetworkProblem
 from windmark.adjust.network.state import NetworkState
+from windmark.errors import DataError
 
 Array = NDArray[np.float64]
 
@@ -51,7 +52,7 @@ def graduated(
     for _ in range(stages):
         residual = plain.residual(state)
         if residual is None:
-            raise ValueError("start: a marker is behind a camera or beyond its lens")
+            raise DataError("start: a marker is behind a camera or beyond its lens")
         now = max(float(np.median(np.linalg.norm(residual, axis=1))) / RAYLEIGH, 1e-12)
         if now > settled * scale:
             break

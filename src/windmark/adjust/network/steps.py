@@ -18,6 +18,7 @@ from windmark.adjust.network.problem import NetworkProblem, camera_columns
 from windmark.adjust.network.state import NetworkState
 from windmark.adjust.paper_engine import PaperOptions
 from windmark.adjust.report import SolveReport
+from windmark.errors import DataError
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -87,7 +88,7 @@ class _Walk:
         self.problem, self.state, self.evaluations = problem, start, 1
         rho = problem.losses(start)
         if rho is None:
-            raise ValueError("start: the model has no prediction there (a point behind the camera or beyond the lens)")
+            raise DataError("start: the model has no prediction there (a point behind the camera or beyond the lens)")
         self.rho = rho
 
     def cost(self) -> float:

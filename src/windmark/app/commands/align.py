@@ -29,6 +29,7 @@ from windmark.app.commands.matching_options import (
     values_settings,
 )
 from windmark.app.commands.options import Json, MeritMax, Polarity, Radius, Seed
+from windmark.errors import UsageError
 
 
 def add(app: typer.Typer) -> None:
@@ -116,9 +117,9 @@ def align(
         wrong = [name for name, is_given in (only_2d if given else only_3d).items() if is_given]
         if given and len(given) < len(needed):
             missing = ", ".join(name for name in needed if name not in given)
-            raise ValueError(f"3D alignment needs {missing} beside {', '.join(given)}; without any of them it is 2D")
+            raise UsageError(f"3D alignment needs {missing} beside {', '.join(given)}; without any of them it is 2D")
         if wrong:
-            raise ValueError(f"{wrong[0]} belongs to {'2D' if given else '3D'} alignment, this is "
+            raise UsageError(f"{wrong[0]} belongs to {'2D' if given else '3D'} alignment, this is "
                              f"{'3D (a camera is given)' if given else '2D (no camera is given)'}")  # fmt: skip
         if not given:
             from windmark.app import align_verb

@@ -9,6 +9,7 @@ import typer
 
 from windmark.app import console
 from windmark.app.commands.options import Json
+from windmark.errors import UsageError
 
 EPILOG = (
     "Examples: windmark convert camera.xml camera.json; windmark convert wing.grid wing.vtp --unit mm;"
@@ -102,7 +103,7 @@ def convert(
         from windmark.app import convert_verb
 
         if len(paths) < 2:
-            raise ValueError(f"convert needs a source and a target, got {paths[0]} alone")
+            raise UsageError(f"convert needs a source and a target, got {paths[0]} alone")
         typed = {
             "from_format": from_format, "to_format": to_format, "size": size, "unit": unit, "to_unit": to_unit,
             "pixel_mm": tuple(pixel_mm or ()), "which": which, "no_pose": no_pose, "volume": tuple(volume or ()),

@@ -9,6 +9,7 @@ import typer
 
 from windmark.app import console
 from windmark.app.commands.options import Json
+from windmark.errors import UsageError
 
 
 def add(app: typer.Typer) -> None:
@@ -49,8 +50,8 @@ def deform(
 
         changed = Changes(output, tuple(camera or ()), tuple(moves or ()))
         if watch is None and (idle is not None or frames is not None):
-            raise ValueError("--idle and --frames belong to --watch")
+            raise UsageError("--idle and --frames belong to --watch")
         if (resume and finish) or (finish and watch is not None):
-            raise ValueError("--finish measures no more: leave out --resume and --watch")
+            raise UsageError("--finish measures no more: leave out --resume and --watch")
         live = None if watch is None else deform_verb.Live(watch, idle, frames)
         deform_verb.deform(project, changed, live, "resume" if resume else "finish" if finish else "", as_json)

@@ -31,6 +31,7 @@ from windmark.app.commands.matching_options import (
     values_settings,
 )
 from windmark.app.commands.options import CameraFile, GridFile, Json, Markers, MeritMax, Polarity, Radius, Seed, Unit
+from windmark.errors import UsageError
 
 
 def add(app: typer.Typer) -> None:
@@ -219,7 +220,7 @@ def resect(
 
     with console.errors(as_json):
         if markers is not None and volume:
-            raise ValueError("--markers tells the walls of the grid, and --volume names what takes part: one of them")
+            raise UsageError("--markers tells the walls of the grid, and --volume names what takes part: one of them")
         settings: dict[str, Any] = {
             "title": f"Resection of {image.name}",
             "length_unit": unit,

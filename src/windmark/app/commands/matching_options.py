@@ -7,6 +7,8 @@ from typing import Annotated, Any
 
 import typer
 
+from windmark.errors import UsageError
+
 MaxTime = Annotated[
     float | None,
     typer.Option(
@@ -106,9 +108,9 @@ def grid_settings(file: Path, volumes: list[str] | None) -> dict[str, Any]:
         name = name.strip()
         found = tuple(z.strip() for z in zones.split(",")) if sign else (name,)
         if not name or not all(found):
-            raise ValueError(f"--volume: expected NAME=zone01,zone02 or the name of a zone, got {text!r}")
+            raise UsageError(f"--volume: expected NAME=zone01,zone02 or the name of a zone, got {text!r}")
         if name in parts:
-            raise ValueError(f"--volume: {name} is given twice; give all its zones at once, {name}=zone01,zone02")
+            raise UsageError(f"--volume: {name} is given twice; give all its zones at once, {name}=zone01,zone02")
         parts[name] = found
     return {"file": file} | ({"volumes": parts} if parts else {})
 
@@ -131,9 +133,9 @@ def label_places(labels: list[str] | None) -> dict[str, tuple[float, float]]:
     for text in labels or ():
         name, sign, place = text.rpartition("=")
         if not (name and sign):
-            raise ValueError(f"--label: expected NAME=x,y, got {text!r}")
+            raise UsageError(f"--label: expected NAME=x,y, got {text!r}")
         if name in places:
-            raise ValueError(f"--label: {name} is given twice; a marker has one place")
+            raise UsageError(f"--label: {name} is given twice; a marker has one place")
         places[name] = _place(place, "--label", "NAME=x,y", text)
     return places
 
@@ -142,5 +144,5 @@ def _place(text: str, option: str, form: str, whole: str) -> tuple[float, float]
     try:
         x, y = (float(part) for part in text.split(","))
     except ValueError:
-        raise ValueError(f"{option}: expected {form} with x and y in pixels, got {whole!r}") from None
+        raise UsageError(f"{option}: expected {form} with x and y in pixels, got {whole!r}") from None
     return x, y

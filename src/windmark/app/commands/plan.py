@@ -9,6 +9,7 @@ import typer
 
 from windmark.app import console
 from windmark.app.commands.options import Json, Seed, Unit
+from windmark.errors import UsageError
 
 
 def add(app: typer.Typer) -> None:
@@ -141,15 +142,15 @@ def laws(
 
         if compare is not None:
             if file is not None or markers is not None or volume is not None:
-                raise ValueError("--compare takes everything from its project; leave out FILE, --markers and --volume")
+                raise UsageError("--compare takes everything from its project; leave out FILE, --markers and --volume")
             from windmark.app import laws_compare
 
             laws_compare.compare(compare, law or (), frames, pictures, seed, as_json)
         elif law:
-            raise ValueError("--law belongs to --compare")
+            raise UsageError("--law belongs to --compare")
         elif file is not None:
             laws_verb.check_file(file, markers, volume, pictures, as_json)
         elif markers is not None or volume is not None:
-            raise ValueError("--markers and --volume are for a file with your own laws; give it first")
+            raise UsageError("--markers and --volume are for a file with your own laws; give it first")
         else:
             laws_verb.built_in(pictures, as_json)

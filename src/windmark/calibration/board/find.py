@@ -18,6 +18,7 @@ from windmark.calibration.board.grow import Lattice, grow
 from windmark.calibration.board.place import Placed, place
 from windmark.calibration.board.seeds import NEAR, find_seeds
 from windmark.calibration.board.view import BoardNotFound, BoardView, check_layout
+from windmark.errors import UsageError
 from windmark.scene import Detections
 
 Array = NDArray[np.float64]
@@ -248,11 +249,11 @@ def _checked(
 ) -> _Asked:  # fmt: skip
     for name, value in (("columns", columns), ("rows", rows)):
         if value is not None and not (value >= 1 and int(value) == value):
-            raise ValueError(f"find_board: {name} must be None or a whole number from 1, got {value!r}")
+            raise UsageError(f"find_board: {name} must be None or a whole number from 1, got {value!r}")
     if not (np.isfinite(aspect) and aspect > 0):
-        raise ValueError(f"find_board: aspect must be a positive number, got {aspect!r}")
+        raise UsageError(f"find_board: aspect must be a positive number, got {aspect!r}")
     if not 0 < max_tilt_deg < 90:
-        raise ValueError(f"find_board: max_tilt_deg must be between 0 and 90, got {max_tilt_deg!r}")
+        raise UsageError(f"find_board: max_tilt_deg must be between 0 and 90, got {max_tilt_deg!r}")
     cells = np.empty((0, 2)) if marked is None else np.asarray(marked, dtype=float)
     if cells.ndim != 2 or cells.shape[1] != 2 or (cells != np.rint(cells)).any():
         raise ValueError(f"find_board: marks must be (m, 2) whole columns and rows, got {marked!r}")

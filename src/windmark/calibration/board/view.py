@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from windmark.errors import UsageError
 from windmark.scene import Detections, MarkerSet
 
 Array = NDArray[np.float64]
@@ -141,10 +142,10 @@ def board_marker_set(
     """
     for name, value in (("columns", columns), ("rows", rows)):
         if not (value >= 1 and int(value) == value):
-            raise ValueError(f"board_marker_set: {name} must be a whole number from 1, got {value!r}")
+            raise UsageError(f"board_marker_set: {name} must be a whole number from 1, got {value!r}")
     for name, length in (("spacing", spacing), ("aspect", aspect)):
         if not (np.isfinite(length) and length > 0):
-            raise ValueError(f"board_marker_set: {name} must be a positive number, got {length!r}")
+            raise UsageError(f"board_marker_set: {name} must be a positive number, got {length!r}")
     column, row = _dots(columns, rows, check_layout(layout))
     names = [f"c{i:02d}r{j:02d}" for i, j in zip(column, row, strict=True)]
     xyz = _places(column, row, spacing, aspect)
@@ -155,7 +156,7 @@ def board_marker_set(
 def check_layout(layout: str) -> str:
     """The layout, if it is one."""
     if layout not in ("square", "staggered"):
-        raise ValueError(f'layout must be "square" or "staggered", got {layout!r}')
+        raise UsageError(f'layout must be "square" or "staggered", got {layout!r}')
     return layout
 
 

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 
+from windmark.errors import UsageError
+
 Array = NDArray[np.float64]
 
 
@@ -42,7 +44,7 @@ class Powers:
 
     def __post_init__(self) -> None:
         if any(n < 1 for n in self.degrees) or len(set(self.degrees)) != len(self.degrees):
-            raise ValueError(f"degrees must be distinct and at least 1, got {self.degrees}")
+            raise UsageError(f"degrees must be distinct and at least 1, got {self.degrees}")
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -146,7 +148,7 @@ class Splines:
     def __post_init__(self) -> None:
         steps = np.diff(np.concatenate([[0.0], self.stations]))
         if not (len(steps) and np.isfinite(steps).all() and (steps > 0).all()) or self.stations[-1] > 1 + 1e-12:
-            raise ValueError(f"stations must increase strictly within (0, 1], got {self.stations}")
+            raise UsageError(f"stations must increase strictly within (0, 1], got {self.stations}")
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -172,7 +174,7 @@ class Splines:
 def cantilever(bend: int, twist: int) -> tuple[CantileverModes, TorsionModes]:
     """The first modes of bending and torsion."""
     if bend < 0 or twist < 0 or bend + twist == 0:
-        raise ValueError(f"modes: expected counts >= 0, not both 0, got {bend} and {twist}")
+        raise UsageError(f"modes: expected counts >= 0, not both 0, got {bend} and {twist}")
     return CantileverModes(bend), TorsionModes(twist)
 
 

@@ -16,6 +16,7 @@ from windmark.deformation.law import BoundLaw
 from windmark.deformation.laws.bases import Basis, Powers
 from windmark.deformation.laws.directions import Vector, unit, vector
 from windmark.deformation.parameter import Parameter
+from windmark.errors import UsageError
 
 Array = NDArray[np.float64]
 
@@ -72,7 +73,7 @@ class Beam:
         normal = unit(up - (up @ axis) * axis, "up, which must not lie along the axis,")
         section = axis if self.section is None else unit(vector(self.section, "section"), "section")
         if abs(float(section @ axis)) < 0.1:
-            raise ValueError("section: the sections' normal must not be at right angles to the axis")
+            raise UsageError("section: the sections' normal must not be at right angles to the axis")
         return axis, float(np.linalg.norm(along)), normal, np.cross(axis, normal), section * np.sign(section @ axis)
 
     def bind(self, xyz: Array) -> BoundLaw:

@@ -15,6 +15,7 @@ from windmark.deformation.laws.beam import Beam
 from windmark.deformation.laws.fields import Smooth, TabulatedModes
 from windmark.deformation.laws.options import Option, number, one_or_three, read_options, several, whole, word
 from windmark.deformation.laws.rigid import SLOPE, Hinge, Rigid, Sting
+from windmark.errors import UsageError, WindmarkError
 
 Array = NDArray[np.float64]
 Table = tuple[Array, Array]
@@ -80,7 +81,7 @@ def make_law(
     values = read_options(f"law {kind}", entry.options, options)
     try:
         return entry.make(values, Given(unit, points, table))
-    except ValueError as error:
+    except WindmarkError as error:
         raise LawError(f"law {kind}: {str(error).removeprefix(f'{kind}: ')}") from None
 
 
@@ -113,7 +114,7 @@ _WING = {"root": [123.0, 72.0, 5.0], "tip": [361.0, 600.0, 42.0], "section": [0.
 def _beam(o: Mapping[str, Any], given: Given, bend: Basis, twist: Basis, sway: Basis) -> Law:
     law = Beam(o["root"], o["tip"], o["up"], bend, twist, sway, o["section"], given.unit)
     if not law.parameters:
-        raise ValueError("bend, twist and sway are all empty: nothing could move")
+        raise UsageError("bend, twist and sway are all empty: nothing could move")
     return law
 
 
@@ -135,13 +136,13 @@ def _splines(o: Mapping[str, Any], given: Given) -> Law:
 
 def _modes(o: Mapping[str, Any], given: Given) -> Law:
     if given.table is None:
-        raise ValueError(f"table {o['table']}: its nodes and shapes must be handed in, got none")
+        raise UsageError(f"table {o['table']}: its nodes and shapes must be handed in, got none")
     return TabulatedModes(*given.table, unit=o["amplitude_unit"])
 
 
 def _smooth(o: Mapping[str, Any], given: Given) -> Law:
     if given.points is None or not len(given.points):
-        raise ValueError("the volume has no markers to carry it")
+        raise UsageError("the volume has no markers to carry it")
     return Smooth(given.points, o["amplitude"], o["reach"], given.unit)
 
 

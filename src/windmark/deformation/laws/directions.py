@@ -7,6 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.errors import UsageError
+
 Array = NDArray[np.float64]
 Vector = Sequence[float]
 
@@ -21,7 +23,7 @@ def vector(values: Vector, name: str) -> Array:
     """
     out = np.asarray(values, dtype=float)
     if out.shape != (3,) or not np.isfinite(out).all():
-        raise ValueError(f"{name}: expected three finite numbers, got {values!r}")
+        raise UsageError(f"{name}: expected three finite numbers, got {values!r}")
     return out
 
 
@@ -35,5 +37,5 @@ def unit(values: Array, name: str) -> Array:
     """
     length = float(np.linalg.norm(values))
     if not length > 1e-12:
-        raise ValueError(f"{name} has no length")
+        raise UsageError(f"{name} has no length")
     return np.asarray(values / length)

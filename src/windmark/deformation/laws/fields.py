@@ -13,6 +13,7 @@ from scipy.linalg import eigh
 from windmark.deformation.law import BoundLaw, Linear
 from windmark.deformation.laws.directions import Vector, vector
 from windmark.deformation.parameter import Parameter
+from windmark.errors import UsageError
 
 Array = NDArray[np.float64]
 
@@ -46,13 +47,13 @@ class TabulatedModes:
 
     def __post_init__(self) -> None:
         if self.nodes.ndim != 2 or self.nodes.shape[1] != 3 or len(self.nodes) < 4:
-            raise ValueError(f"modes: nodes must be (M >= 4, 3), got {self.nodes.shape}")
+            raise UsageError(f"modes: nodes must be (M >= 4, 3), got {self.nodes.shape}")
         if self.shapes.shape[:2] != self.nodes.shape or self.shapes.ndim != 3 or not self.shapes.shape[2]:
-            raise ValueError(f"modes: shapes must be ({len(self.nodes)}, 3, k), got {self.shapes.shape}")
+            raise UsageError(f"modes: shapes must be ({len(self.nodes)}, 3, k), got {self.shapes.shape}")
         if not (np.isfinite(self.nodes).all() and np.isfinite(self.shapes).all()):
-            raise ValueError("modes: nodes and shapes must be finite")
+            raise UsageError("modes: nodes and shapes must be finite")
         if len(np.unique(self.nodes, axis=0)) < len(self.nodes):
-            raise ValueError("modes: nodes must be at distinct places")
+            raise UsageError("modes: nodes must be at distinct places")
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -95,11 +96,11 @@ class Smooth:
 
     def __post_init__(self) -> None:
         if self.points.ndim != 2 or self.points.shape[1] != 3 or not len(self.points):
-            raise ValueError(f"smooth: points must be (M, 3) with M > 0, got {self.points.shape}")
+            raise UsageError(f"smooth: points must be (M, 3) with M > 0, got {self.points.shape}")
         if not (np.isfinite(self.reach) and self.reach > 0):
-            raise ValueError(f"smooth: reach must be > 0, got {self.reach}")
+            raise UsageError(f"smooth: reach must be > 0, got {self.reach}")
         if not (self._amplitudes() >= 0).all() or not self._amplitudes().any():
-            raise ValueError(f"smooth: amplitude must be >= 0 and not 0 along every axis, got {self.amplitude}")
+            raise UsageError(f"smooth: amplitude must be >= 0 and not 0 along every axis, got {self.amplitude}")
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from windmark.deformation.law import BoundLaw, Numeric
 from windmark.deformation.laws.directions import Vector, unit, vector
 from windmark.deformation.parameter import Parameter
+from windmark.errors import UsageError
 from windmark.geometry.rotations import exp_so3, hat, left_jacobian
 
 Array = NDArray[np.float64]
@@ -140,7 +141,7 @@ class Sting:
 
     def __post_init__(self) -> None:
         if self.load not in SLOPE:
-            raise ValueError(f"sting: load must be one of {', '.join(SLOPE)}, got {self.load!r}")
+            raise UsageError(f"sting: load must be one of {', '.join(SLOPE)}, got {self.load!r}")
         self.frame()
 
     @property

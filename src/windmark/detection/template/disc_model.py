@@ -22,6 +22,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from windmark.errors import UsageError
+
 Array = NDArray[np.float64]
 
 PHOTOMETRIES = ("multiplicative", "additive")
@@ -145,5 +147,5 @@ def patch_model(
 def check_photometry(photometry: str) -> bool:
     """True where paint multiplies the light, False where it adds to it."""
     if photometry not in PHOTOMETRIES:
-        raise ValueError(f"photometry must be one of {', '.join(PHOTOMETRIES)}, got {photometry!r}")
+        raise UsageError(f"photometry must be one of {', '.join(PHOTOMETRIES)}, got {photometry!r}")
     return photometry == "multiplicative"

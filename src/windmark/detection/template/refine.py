@@ -24,6 +24,7 @@ from windmark.detection.template.frame import (
 )
 from windmark.detection.template.noise import FrameNoise
 from windmark.detection.template.result import Frame, TemplateFits
+from windmark.errors import UsageError
 
 __all__ = ["Frame", "FrameNoise", "TemplateFits", "frame_blur", "refine_template"]
 
@@ -96,7 +97,7 @@ def make_scene(
     if saturation is None:
         saturation = float(np.iinfo(grey.dtype.name).max) if grey.dtype.kind in "iu" else np.inf
     if not saturation > -np.inf:
-        raise ValueError(f"saturation must be a grey level or None, got {saturation!r}")
+        raise UsageError(f"saturation must be a grey level or None, got {saturation!r}")
     return Scene(grey, check_mask(mask, grey.shape), sign, float(saturation), multiplicative)
 
 
@@ -108,7 +109,7 @@ def check_places(xy: ArrayLike, radius_px: ArrayLike) -> tuple[Array, Array]:
     if places.ndim != 2 or places.shape[1] != 2 or not np.isfinite(places).all():
         raise ValueError(f"xy must be (M, 2) finite positions in pixels, got shape {places.shape}")
     if radius.shape not in ((), (len(places),)) or not (np.isfinite(radius).all() and (radius > 0).all()):
-        raise ValueError(f"radius_px must be one positive number or {len(places)} of them, got {radius_px!r}")
+        raise UsageError(f"radius_px must be one positive number or {len(places)} of them, got {radius_px!r}")
     return places, np.array(np.broadcast_to(radius, len(places)))
 
 
@@ -118,7 +119,7 @@ def known_blur(blur_px: float | tuple[float, float] | None) -> tuple[float, floa
         return BLUR_START, BLUR_SPREAD
     blur, spread = blur_px if isinstance(blur_px, tuple) else (float(blur_px), LEAST_SPREAD)
     if not (0 < blur < np.inf and 0 < spread < np.inf):
-        raise ValueError(f"blur_px must be None, a blur or (blur, spread), all positive, got {blur_px!r}")
+        raise UsageError(f"blur_px must be None, a blur or (blur, spread), all positive, got {blur_px!r}")
     return float(blur), float(spread)
 
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from windmark.errors import UsageError
 from windmark.geometry.errors import DegenerateGeometry
 from windmark.geometry.planar import bases
 from windmark.geometry.planar.spline import fit_spline
@@ -87,7 +88,7 @@ def fit_planar(
     """
     x, y = np.asarray(reference_xy, dtype=float), np.asarray(image_xy, dtype=float)
     if kind not in KINDS:
-        raise ValueError(f"fit_planar: kind must be one of {', '.join(KINDS)}, got {kind!r}")
+        raise UsageError(f"fit_planar: kind must be one of {', '.join(KINDS)}, got {kind!r}")
     if x.ndim != 2 or x.shape[1] != 2 or x.shape != y.shape or not (np.isfinite(x).all() and np.isfinite(y).all()):
         raise ValueError(f"fit_planar: places must both be finite (N, 2), got {x.shape} and {y.shape}")
     if len(x) < NEEDED[kind]:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from windmark.errors import UsageError
 from windmark.geometry.planar import bases
 
 Array = NDArray[np.float64]
@@ -159,13 +160,13 @@ def planar_from_record(record: Mapping[str, Any]) -> PlanarTransform:
     keys = ("kind", "centre", "length_px", "origin", "parameters", "cov", "misfit_px", "nodes")
     for key in keys:
         if key not in record:
-            raise ValueError(f"planar_from_record: {key!r} is missing; expected the keys {', '.join(keys)}")
+            raise UsageError(f"planar_from_record: {key!r} is missing; expected the keys {', '.join(keys)}")
     arrays = {k: np.array(record[k], dtype=float) for k in ("centre", "origin", "parameters", "cov")}
     nodes = np.array(record["nodes"], dtype=float).reshape(-1, 2)
     kind = str(record["kind"])
     count = 2 * (len(nodes) + 3) if kind == "spline" else bases.PARAMETERS.get(kind, -1)
     if arrays["parameters"].shape != (count,):
-        raise ValueError(
+        raise UsageError(
             f"planar_from_record: expected one of {', '.join(KINDS)} with its number of parameters, got {kind!r} with "
             f"{arrays['parameters'].size}"
         )

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
-from windmark.geometry.errors import said
+from windmark.errors import WindmarkError
 from windmark.geometry.pose import Pose
 from windmark.geometry.rotations import project_to_so3
 from windmark.geometry.two_view.decompose import decompose_homography
@@ -66,8 +66,7 @@ def _poses_of_plane(plane: Candidate[Array], pairs: Pairs) -> list[Pose]:
         return [p.b_from_a for p in decompose_homography(plane.model, near.a, near.b)]
     except np.linalg.LinAlgError:
         return []
-    except ValueError as error:
-        said(error)
+    except WindmarkError:
         return []
 
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from windmark.errors import DataError
 from windmark.geometry.errors import DegenerateGeometry
 from windmark.geometry.pose import Pose
 from windmark.geometry.rotations import project_to_so3
@@ -125,7 +126,7 @@ def decompose_homography(homography: ArrayLike, rays_a: ArrayLike, rays_b: Array
         h = -h
     _, s, vt = np.linalg.svd(h)
     if not s[2] > 0 or np.linalg.det(h) < 0:
-        raise ValueError("decompose_homography: H is singular, or mirrors the plane")
+        raise DataError("decompose_homography: H is singular, or mirrors the plane")
     h, s = h / s[1], s / s[1]
     if s[0] - s[2] < _ROTATION:
         raise DegenerateGeometry("decompose_homography: H is a rotation, there is no baseline", ("baseline", "normal"))

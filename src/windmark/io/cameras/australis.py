@@ -22,6 +22,7 @@ from __future__ import annotations
 
 import re
 
+from windmark.errors import DataError, WindmarkError
 from windmark.geometry import Camera
 from windmark.io.atomic import atomic_write
 from windmark.io.cameras import record
@@ -70,7 +71,7 @@ def parse_australis(path: Pathlike, text: str, size_px: tuple[int, int] | None) 
     backward = BackwardCamera(size, pixel_mm, given["c"], given["xp"], given["yp"], **lens)
     try:
         camera, refit = forward_camera(backward)
-    except ValueError as error:
+    except WindmarkError as error:
         raise FileError(path, str(error)) from error
     if not refit.rms_px <= REFIT_RMS_PX:
         what = f"the lens refitted as k1 k2 p1 p2 k3 is off: {refit}; expected at most {REFIT_RMS_PX} px RMS"
@@ -88,11 +89,11 @@ def write_australis(path: Pathlike, camera: Camera, pixel_mm: tuple[float, float
     """
     try:
         backward, refit = backward_camera(camera, pixel_mm)
-    except ValueError as error:
-        raise ValueError(f"write_camera: {error}") from error
+    except WindmarkError as error:
+        raise DataError(f"write_camera: {error}") from error
     if not refit.rms_px <= REFIT_RMS_PX:
         what = f"the backward model K1 K2 K3 P1 P2 B1 is off: {refit}"
-        raise ValueError(f"write_camera: {what}; expected at most {REFIT_RMS_PX} px RMS (sensor tilts do not fit it)")
+        raise DataError(f"write_camera: {what}; expected at most {REFIT_RMS_PX} px RMS (sensor tilts do not fit it)")
     lines = [f"# Backward lens model in mm, y up; refitted: {refit}"]
     lines += [f"{key:<8}{side}" for key, side in zip(("width", "height"), camera.size_px, strict=True)]
     lines += [f"{key:<8}{pitch!r} mm" for key, pitch in zip(("pixel_x", "pixel_y"), pixel_mm, strict=True)]

@@ -21,6 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from windmark.errors import DataError
 from windmark.geometry import Camera
 
 Array = NDArray[np.float64]
@@ -98,7 +99,7 @@ def forward_camera(backward: BackwardCamera) -> tuple[Camera, Refit]:
         camera = _fit(start, rays, xy) if distorted else start
         refit = None if camera is None else _misfit(camera.project(rays)[0] - xy)
     if camera is None or refit is None or not np.isfinite(refit.rms_px):
-        raise ValueError("no lens with k1 k2 p1 p2 k3 shows all rays of the sensor: is the lens one to one there?")
+        raise DataError("no lens with k1 k2 p1 p2 k3 shows all rays of the sensor: is the lens one to one there?")
     return camera, refit
 
 
@@ -133,7 +134,7 @@ def backward_camera(camera: Camera, pixel_mm: tuple[float, float]) -> tuple[Back
     xy = _grid(camera.size_px)
     rays = camera.unproject(xy)[:, :2]
     if not np.isfinite(rays).all():
-        raise ValueError("the lens is not one to one over the whole sensor: it cannot be written as a correction")
+        raise DataError("the lens is not one to one over the whole sensor: it cannot be written as a correction")
     pitch = np.array(pixel_mm)
     square = abs(camera.aspect * pitch[1] / pitch[0] - 1) < 1e-12
     size = float(np.linalg.norm(np.array(camera.size_px) * pitch) / 2)  # makes all unknowns about one

@@ -19,6 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
+from windmark.errors import UsageError
 from windmark.geometry import Camera, Pose
 from windmark.geometry.rotations import quaternion
 from windmark.io.atomic import atomic_folder
@@ -113,9 +114,9 @@ def write_colmap(
     views = []
     for index, (name, (number, pose)) in enumerate((images or {}).items(), start=1):
         if number not in cameras:
-            raise ValueError(f"write_colmap: image {name!r} is of camera {number}; expected one of {list(cameras)}")
+            raise UsageError(f"write_colmap: image {name!r} is of camera {number}; expected one of {list(cameras)}")
         if not name or name.split() != [name]:
-            raise ValueError(f"write_colmap: an image's name must be one word, got {name!r}")
+            raise UsageError(f"write_colmap: an image's name must be one word, got {name!r}")
         values = [*quaternion(pose.rotation).tolist(), *pose.translation.tolist()]
         views.append(f"{index} {' '.join(map(repr, values))} {number} {name}\n\n")
     lengths = f", lengths in {unit}" if unit else ""

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.errors import UsageError
 from windmark.geometry import Camera, Pose
 from windmark.io.cameras import colmap, record
 from windmark.io.cameras.australis import is_australis, parse_australis, write_australis
@@ -60,7 +61,7 @@ def read_camera(
         terms than k1 k2 p1 p2 k3 and tilts, a matrix that is no rotation, another unit or size.
     """
     if unit is not None and unit not in LENGTH_UNITS:
-        raise ValueError(f"read_camera: unit must be one of {', '.join(LENGTH_UNITS)}, got {unit!r}")
+        raise UsageError(f"read_camera: unit must be one of {', '.join(LENGTH_UNITS)}, got {unit!r}")
     content = read_camera_file(path, size_px=size_px, which=which)
     if unit is not None and content.length_unit not in (None, unit):
         raise record.key_error(path, "length_unit", f"{content.length_unit!r}; expected {unit!r}")
@@ -155,14 +156,14 @@ def write_camera(
         When the file cannot be written.
     """
     if unit is not None and unit not in (*LENGTH_UNITS, FREE):
-        raise ValueError(f"write_camera: unit must be one of {', '.join(LENGTH_UNITS)}, got {unit!r}")
+        raise UsageError(f"write_camera: unit must be one of {', '.join(LENGTH_UNITS)}, got {unit!r}")
     if pose is not None and unit is None:
-        raise ValueError("write_camera: unit must say the length unit of the pose, got None")
+        raise UsageError("write_camera: unit must say the length unit of the pose, got None")
     if pose is not None and pose.rotation.ndim != 2:
         raise ValueError(f"write_camera: pose must be a single one, got a batch {pose.rotation.shape[:-2]}")
     kind = written_camera_format(path, format)
     if pose is not None and kind in _WITHOUT_POSE:
-        raise ValueError(f"write_camera: {kind} holds no pose; expected pose None")
+        raise UsageError(f"write_camera: {kind} holds no pose; expected pose None")
     if kind == "windmark":
         if pose_cov is not None and (pose is None or np.shape(pose_cov) != (6, 6) or not np.isfinite(pose_cov).all()):
             what = f"got {np.shape(pose_cov)}" + ("" if pose is not None else " without a pose")
@@ -192,16 +193,16 @@ def written_camera_format(path: Pathlike, format: str | None) -> str:
         kind = _EXTENSIONS.get(Path(path).suffix.lower())
         if kind is None:
             known = ", ".join(f"{suffix or 'nothing'} ({name})" for suffix, name in _EXTENSIONS.items())
-            raise ValueError(f"write_camera: path must end in {known}, or format be given; got {path}")
+            raise UsageError(f"write_camera: path must end in {known}, or format be given; got {path}")
         return kind
     writable = [name for name in CAMERA_FORMATS if name != "nasa"]
     if format not in writable:
-        raise ValueError(f"write_camera: format must be one of {', '.join(writable)}, got {format!r}")
+        raise UsageError(f"write_camera: format must be one of {', '.join(writable)}, got {format!r}")
     return format
 
 
 def _pitch(pixel_mm: float | tuple[float, float] | None) -> tuple[float, float]:
     pitch = (pixel_mm, pixel_mm) if isinstance(pixel_mm, int | float) else pixel_mm
     if pitch is None or len(pitch) != 2 or not all(0 < float(p) < float("inf") for p in pitch):
-        raise ValueError(f"write_camera: pixel_mm must give the pixels' pitch in mm for australis, got {pixel_mm}")
+        raise UsageError(f"write_camera: pixel_mm must give the pixels' pitch in mm for australis, got {pixel_mm}")
     return float(pitch[0]), float(pitch[1])

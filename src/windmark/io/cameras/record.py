@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.errors import UsageError
 from windmark.geometry import Camera, Pose
 from windmark.io.errors import FileError
 from windmark.io.text import Pathlike
@@ -173,4 +174,4 @@ def refuse_tilt(who: str, camera: Camera) -> None:
     """`ValueError` for a tilted sensor, which only OpenCV's and windmark's own files can hold."""
     if camera.tilt_x or camera.tilt_y:
         tilts = f"tilt_x {camera.tilt_x:g}, tilt_y {camera.tilt_y:g}"
-        raise ValueError(f"write_camera: {who} cannot hold sensor tilts; expected zeros, got {tilts}")
+        raise UsageError(f"write_camera: {who} cannot hold sensor tilts; expected zeros, got {tilts}")

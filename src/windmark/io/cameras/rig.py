@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.errors import UsageError
 from windmark.geometry import Pose
 from windmark.io.cameras import record
 from windmark.io.cameras.record import LENGTH_UNITS
@@ -49,7 +50,7 @@ def write_rig(
     cov : camera -> (6, 6) of ``delta`` in ``exp(delta) @ cam_from_rig``
     """
     if unit not in LENGTH_UNITS:
-        raise ValueError(f"write_rig: unit must be one of {', '.join(LENGTH_UNITS)}, got {unit!r}")
+        raise UsageError(f"write_rig: unit must be one of {', '.join(LENGTH_UNITS)}, got {unit!r}")
     cameras: dict[str, Any] = {}
     for name, pose in cam_from_rig.items():
         cameras[name] = {"rotation": pose.rotation, "translation": pose.translation, "station": pose.center}

@@ -7,6 +7,7 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
+from windmark.errors import UsageError
 from windmark.io.recordings.base import frame_name
 from windmark.io.text import Pathlike
 
@@ -64,7 +65,7 @@ def frame_address(path: Pathlike) -> FrameAddress:
     if (match := _INDEX.match(text)) is not None:
         text, number = match[1], int(match[2])
         if number < 0:
-            raise ValueError(f"{os.fspath(path)}: frames are counted from 0, got {number}")
+            raise UsageError(f"{os.fspath(path)}: frames are counted from 0, got {number}")
         if os.path.exists(text):
             return FrameAddress(Path(text), None, number)
     for place in _DATASET.finditer(text):

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from windmark.errors import UsageError
 from windmark.io.atomic import atomic_folder, atomic_path
 from windmark.io.errors import FileError
 from windmark.io.recordings.base import Frames, Image
@@ -47,9 +48,9 @@ def write_frames(path: Pathlike, frames: Frames, *, pictures: str = "tif", each:
     """
     target, suffix = Path(path), Path(path).suffix.lower()
     if not len(frames):
-        raise ValueError("write_frames: frames must hold at least one, got none")
+        raise UsageError("write_frames: frames must hold at least one, got none")
     if frames.path.exists() and target.exists() and os.path.samefile(frames.path, target):
-        raise ValueError(f"write_frames: path is the recording itself, {target}")
+        raise UsageError(f"write_frames: path is the recording itself, {target}")
     lost = [] if frames.time_s is None or suffix in (*_HDF, *_NETCDF) else ["the time stamps"]
     if suffix in _TIFF:
         _write_tiff(target, frames, each)
@@ -63,7 +64,7 @@ def write_frames(path: Pathlike, frames: Frames, *, pictures: str = "tif", each:
         _write_folder(target, frames, pictures, each)
     else:
         names = ", ".join(WRITTEN)
-        raise ValueError(f"write_frames: path must end in {names}, or be a folder, got {os.fspath(path)!r}")
+        raise UsageError(f"write_frames: path must end in {names}, or be a folder, got {os.fspath(path)!r}")
     if frames.bayer is not None:
         lost.append(f"that the pixels are a mosaic, {frames.bayer}")
     return lost
@@ -84,7 +85,7 @@ def _write_folder(target: Path, frames: Frames, pictures: str, each: Each) -> No
     from windmark.io.images import write_image
 
     if pictures not in PICTURES:
-        raise ValueError(f"write_frames: pictures must be one of {', '.join(PICTURES)}, got {pictures!r}")
+        raise UsageError(f"write_frames: pictures must be one of {', '.join(PICTURES)}, got {pictures!r}")
     with atomic_folder(target) as place:
         for k, picture in enumerate(frames):
             each(frames.name(k))
@@ -131,7 +132,7 @@ def _write_film(target: Path, frames: Frames, each: Each) -> list[str]:
     kinds = {("uint8", 2): "gray", ("uint16", 2): "gray16le", ("uint8", 3): "bgr0", ("uint16", 3): "gbrp16le"}
     kind = kinds.get((frames.dtype.name, len(frames.shape)))
     if kind is None or (len(frames.shape) == 3 and frames.shape[2] != 3):
-        raise ValueError(f"write_frames: a film cannot hold {frames.dtype} {frames.shape}; write .tif or .h5")
+        raise UsageError(f"write_frames: a film cannot hold {frames.dtype} {frames.shape}; write .tif or .h5")
     rate, lost = _rate(frames)
     given = {"gray": "gray", "gray16le": "gray16le", "bgr0": "rgb24", "gbrp16le": "rgb48le"}[kind]
     with atomic_path(target) as temporary, av.open(str(temporary), "w") as out:

@@ -14,7 +14,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from windmark import detection, io
-from windmark.geometry.errors import said
+from windmark.errors import WindmarkError
 from windmark.pipeline.align2d.named import NamedSpots, of_image
 from windmark.pipeline.clock import Progress, silent
 from windmark.scene import Detections
@@ -138,8 +138,8 @@ def _align_one(path: io.PictureFile, reference: Reference, settings: AlignSettin
         image = io.read_grey(path, channel=settings.channel, bayer=settings.bayer)
         answer = _answer(path, image, reference, settings)
         problem = "" if isinstance(answer, ImageAlignment) else f"not aligned: {answer.reason}"
-    except ValueError as error:  # FileError among them
-        problem = said(error)
+    except WindmarkError as error:  # FileError among them
+        problem = str(error)
     return AlignedFile(path, image, answer, problem, time.perf_counter() - start)
 
 

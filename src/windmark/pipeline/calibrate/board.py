@@ -17,6 +17,7 @@ from windmark import detection, io
 from windmark.calibration import BoardNotFound, BoardView, Calibration, Fixed, Free, NotCalibrated
 from windmark.calibration.board import FREEDOMS, find_board, find_boards
 from windmark.calibration.datum import Datum
+from windmark.errors import UsageError
 from windmark.geometry import Camera
 from windmark.geometry.two_view.homography import fit_homography
 from windmark.pipeline.calibrate.marks import Marks, Taken, with_focal, with_sigma
@@ -57,9 +58,9 @@ class Board:
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.pitch) and self.pitch > 0):
-            raise ValueError(f"board: pitch must be positive, got {self.pitch!r}")
+            raise UsageError(f"board: pitch must be positive, got {self.pitch!r}")
         if self.mark_kind not in MARK_KINDS:
-            raise ValueError(f"board: mark_kind must be one of {', '.join(MARK_KINDS)}, got {self.mark_kind!r}")
+            raise UsageError(f"board: mark_kind must be one of {', '.join(MARK_KINDS)}, got {self.mark_kind!r}")
 
 
 @dataclass(frozen=True)
@@ -206,12 +207,12 @@ def _named(picture: BoardPicture) -> BoardPicture:
 
 def _refuse_moves(datum: Datum, rig: bool) -> None:
     if datum != Fixed():
-        raise ValueError(
+        raise UsageError(
             "datum: dots of a board without marks are not the same from picture to picture, so they cannot be measured;"
             " expected fixed (the grid as it should be), or the marks of the board"
         )
     if rig:
-        raise ValueError(
+        raise UsageError(
             "rig: cameras side by side must see the same dots, and a board without marks looks the same turned or "
             "shifted: the marks of the board are needed"
         )

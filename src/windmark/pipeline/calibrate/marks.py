@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.calibration import StartFocal, start_focal
+from windmark.errors import UsageError
 from windmark.geometry import Camera, Pose
 from windmark.io import MatchTable
 from windmark.scene import MarkerSet, Observations, View
@@ -93,18 +94,18 @@ def taken_by(
 def _taken(image: str, given: str, cameras: Sequence[str], patterns: Mapping[str, re.Pattern[str]]) -> Taken:
     if given:
         if given not in cameras:
-            raise ValueError(f"image {image}: its camera is {given!r}; there are {', '.join(cameras)}")
+            raise UsageError(f"image {image}: its camera is {given!r}; there are {', '.join(cameras)}")
         return Taken(given, _frame(image, given, len(cameras)))
     if patterns:
         found = [(c, m) for c, p in patterns.items() if (m := p.fullmatch(image))]
         if len(found) != 1:
             which = " and ".join(c for c, _ in found) or "none"
-            raise ValueError(f"image {image}: which camera took it? Its name fits the pattern of {which}")
+            raise UsageError(f"image {image}: which camera took it? Its name fits the pattern of {which}")
         return Taken(found[0][0], "_".join(found[0][1].groups()))
     fits = [c for c in cameras if len(cameras) == 1 or image.startswith(c)]
     longest = [c for c in fits if len(c) == max(map(len, fits))]
     if len(longest) != 1:
-        raise ValueError(
+        raise UsageError(
             f"image {image}: which camera took it? Its name begins with none of {', '.join(cameras)}; rename it, give "
             "a column camera in the table of matches, or a pattern of each camera's names"
         )
@@ -144,7 +145,7 @@ def from_table(
     place = {str(name): n for n, name in enumerate(markers.name)}
     unknown = sorted(set(table.name.tolist()) - set(place))
     if unknown:
-        raise ValueError(
+        raise UsageError(
             f"the matches name {len(unknown)} markers that are not in the table of markers: {', '.join(unknown[:5])}"
         )
     names, first, view = np.unique(table.image, return_index=True, return_inverse=True)

@@ -15,8 +15,8 @@ import numpy as np
 
 from windmark import io, registration
 from windmark.calibration import Calibration, Free, NotCalibrated
+from windmark.errors import UsageError, WindmarkError
 from windmark.geometry import Camera
-from windmark.geometry.errors import said
 from windmark.pipeline.calibrate.marks import Marks, Taken, with_sigma
 from windmark.pipeline.calibrate.read import (
     MatchOptions,
@@ -167,11 +167,11 @@ def _too_few(pictures: Sequence[MatchedPicture], n: int) -> NotCalibrated:
 def _check_labels(names: Sequence[str], markers: MarkerSet, options: MatchOptions) -> None:
     unknown = sorted(set(options.labels) - set(names))
     if unknown:
-        raise ValueError(f"a label is for the picture {unknown[0]!r}; there are {', '.join(names[:5])}")
+        raise UsageError(f"a label is for the picture {unknown[0]!r}; there are {', '.join(names[:5])}")
     table = set(markers.name.tolist())
     wrong = sorted({n for labels in options.labels.values() for n in labels} - table)
     if wrong:
-        raise ValueError(f"a label names the marker {wrong[0]!r}, which is not in the table of markers")
+        raise UsageError(f"a label names the marker {wrong[0]!r}, which is not in the table of markers")
 
 
 def _detect(path: io.PictureFile, name: str, taken: Taken, options: MatchOptions, clock: Clock) -> MatchedPicture:
@@ -180,8 +180,8 @@ def _detect(path: io.PictureFile, name: str, taken: Taken, options: MatchOptions
     spots = find_spots(image, mask, options)
     try:
         fixed = fixed_spots(spots, options.labels.get(name, {}), LABEL_PX)
-    except ValueError as error:
-        raise ValueError(f"picture {name}: {said(error)}") from None
+    except WindmarkError as error:
+        raise UsageError(f"picture {name}: {error!s}") from None
     size = (int(image.shape[1]), int(image.shape[0]))
     return MatchedPicture(name, taken.camera, size, spots, taken.frame, fixed=fixed)
 

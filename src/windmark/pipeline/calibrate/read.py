@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from windmark import detection, io
 from windmark.calibration import Calibration
+from windmark.errors import UsageError
 from windmark.geometry import Camera
 from windmark.pipeline.calibrate.marks import Taken, start_camera, taken_by
 from windmark.scene import Detections
@@ -50,7 +51,7 @@ class MatchOptions:
 
     def __post_init__(self) -> None:
         if self.polarity not in ("dark", "bright"):  # one for all pictures of a calibration
-            raise ValueError(f"polarity must be one of dark, bright, got {self.polarity!r}")
+            raise UsageError(f"polarity must be one of dark, bright, got {self.polarity!r}")
 
 
 @dataclass(frozen=True)
@@ -126,7 +127,7 @@ def read_pictures(
     for p in pictures:
         camera = sized.setdefault(p.camera, cameras[p.camera] or start_camera(p.size_px, focal_px))
         if camera.size_px != p.size_px:
-            raise ValueError(f"picture {p.name} has {p.size_px} px; expected {camera.size_px}, as its camera")
+            raise UsageError(f"picture {p.name} has {p.size_px} px; expected {camera.size_px}, as its camera")
     return pictures, {name: sized[name] for name in cameras if name in sized}
 
 
@@ -137,7 +138,7 @@ def picture_names(paths: Sequence[io.PictureFile]) -> list[str]:
         names = [f"{p.parent.name}/{p.stem}" for p in paths]
     twice = sorted({n for n in names if names.count(n) > 1})
     if twice:
-        raise ValueError(f"two pictures have the name {twice[0]}; names must differ")
+        raise UsageError(f"two pictures have the name {twice[0]}; names must differ")
     return names
 
 

@@ -10,7 +10,7 @@ from windmark.calibration.datum import Datum
 from windmark.calibration.quality import SplitHalf, split_half
 from windmark.calibration.self_calibrate import FREE, MAX_SIGMA0
 from windmark.calibration.setup import SOLVERS
-from windmark.geometry.errors import said
+from windmark.errors import UsageError, WindmarkError
 from windmark.pipeline.calibrate.diagnose import diagnosis
 from windmark.pipeline.calibrate.marks import Marks
 from windmark.pipeline.clock import Clock
@@ -72,7 +72,7 @@ def adjusted(marks: Marks, settings: CalibrateSettings, datum: Datum | None = No
     used = {v.name for v in marks.views}
     chosen = datum or settings.datum
     if chosen is None:
-        raise ValueError("settings.datum: what fixes position, direction and size is never guessed; got None")
+        raise UsageError("settings.datum: what fixes position, direction and size is never guessed; got None")
     return self_calibrate(
         marks.observations, marks.markers, marks.cameras, marks.views, datum=chosen,
         free=settings.free, distances=_known(settings.distances, marks) if datum else settings.distances,
@@ -91,5 +91,5 @@ def _known(distances: Sequence[Distance], marks: Marks) -> tuple[Distance, ...]:
 def _halves(result: Calibration, seed: int) -> SplitHalf | NotCalibrated:
     try:
         return split_half(result, seed=seed)
-    except ValueError as error:  # a half in which a rig's camera has no picture, or too few markers in common
-        return NotCalibrated(said(error), "too_few")
+    except WindmarkError as error:  # a half in which a rig's camera has no picture, or too few markers in common
+        return NotCalibrated(str(error), "too_few")

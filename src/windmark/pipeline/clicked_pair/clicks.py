@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from windmark import io
+from windmark.errors import UsageError
 from windmark.scene import Detections
 
 Array = NDArray[np.float64]
@@ -76,6 +77,6 @@ def snapped(spots: Detections, xy: Array, names: Sequence[str], which: str) -> I
     found, count = np.unique(spot[spot >= 0], return_counts=True)
     if (count > 1).any():
         twice = [names[k] for k in np.flatnonzero(spot == found[count > 1][0]).tolist()]
-        raise ValueError(f"clicks {' and '.join(twice)} mean the same spot of the {which} picture; expected one click "
+        raise UsageError(f"clicks {' and '.join(twice)} mean the same spot of the {which} picture; expected one click "
                          "for each")  # fmt: skip
     return np.asarray(spot, np.int64)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from windmark import io
 from windmark.deformation import Deformation, NotIdentified, identify
+from windmark.errors import UsageError
 from windmark.geometry import Camera, Pose
 from windmark.pipeline.deform.between import Shots, open_shots
 from windmark.pipeline.deform.cold import anywhere, reasons
@@ -70,10 +71,10 @@ def follow_deformation(
                 yield DeformedFrame(index, frame.key, frame.instant, status, why, None)
                 continue
             if not (np.isfinite(frame.instant) and frame.instant > last):
-                raise ValueError(f"frames: instants must increase, {frame.key} is {frame.instant:g} after {last:g}")
+                raise UsageError(f"frames: instants must increase, {frame.key} is {frame.instant:g} after {last:g}")
             unknown = sorted(set(frame.images) - {s.name for s in test.stations})
             if unknown:
-                raise ValueError(f"frames: {frame.key} has an image of camera {unknown[0]}, which the test has not")
+                raise UsageError(f"frames: {frame.key} has an image of camera {unknown[0]}, which the test has not")
             last = frame.instant
             followed = follower.frame(index, frame)
             kept.update(follower=follower.handed_on(), index=index + 1, instant=last)

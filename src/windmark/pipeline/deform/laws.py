@@ -11,6 +11,7 @@ import numpy as np
 from windmark import io
 from windmark.deformation import LawChoice, Volumes, compare_laws
 from windmark.deformation.laws.catalog import CATALOG
+from windmark.errors import UsageError
 from windmark.pipeline.deform.follow import follow_deformation, what_is_free
 from windmark.pipeline.deform.frames import instants_of
 from windmark.pipeline.deform.load import Loaded, volumes_of
@@ -113,7 +114,7 @@ def _parsed(text: str, project: DeformProject, own: list[VolumeEntry]) -> tuple[
     elif len(own) == 1:
         volume, law = own[0], head
     else:
-        raise ValueError(
+        raise UsageError(
             f"--law {text!r}: {len(own)} volumes have a law; say which, VOLUME/LAW with {', '.join(known)}"
         )
     options = {}
@@ -122,10 +123,10 @@ def _parsed(text: str, project: DeformProject, own: list[VolumeEntry]) -> tuple[
         try:
             options[key.strip()] = tomllib.loads(f"value = {value.strip()}")["value"]
         except tomllib.TOMLDecodeError:
-            raise ValueError(f"--law {text!r}: expected option=value;... with values as in a project file, such as "
+            raise UsageError(f"--law {text!r}: expected option=value;... with values as in a project file, such as "
                              f"twist=[1, 2], got {part!r}") from None  # fmt: skip
         if not equals:
-            raise ValueError(f"--law {text!r}: expected option=value;..., got {part!r}")
+            raise UsageError(f"--law {text!r}: expected option=value;..., got {part!r}")
     return volume, AlternativeEntry(law=law, options=options)
 
 

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from windmark import io
 from windmark.deformation import Law, LawError, Stations, Volume, Volumes, check_law, laws_of_source, with_parameters
 from windmark.deformation.laws.catalog import CATALOG, make_law
+from windmark.errors import WindmarkError
 from windmark.geometry import Camera, Pose
-from windmark.geometry.errors import said
 from windmark.io.errors import reading
 from windmark.pipeline.deform.project import CameraEntry, DeformProject, VolumeEntry
 from windmark.pipeline.deform.task import DeformationTest, LookOptions, Station
@@ -67,8 +67,8 @@ def load(project: DeformProject) -> Loaded:
             stations = Stations.along(
                 given.start, given.end, given.count, volume=given.volume, chord=given.chord, up=given.up
             )
-        except ValueError as error:
-            raise io.FileError(project.path, said(error), "stations") from None
+        except WindmarkError as error:
+            raise io.FileError(project.path, str(error), "stations") from None
     look = project.look
     radius = (look.radius_px,) if isinstance(look.radius_px, float) else look.radius_px
     options = LookOptions(
@@ -135,12 +135,12 @@ def volumes_of(project: DeformProject, markers: MarkerSet) -> tuple[Volumes, lis
             )
         try:
             parts.append(Volume(entry.name, law, entry.parent, entry.attach))
-        except ValueError as error:
-            raise io.FileError(project.path, said(error), key) from None
+        except WindmarkError as error:
+            raise io.FileError(project.path, str(error), key) from None
     try:
         return Volumes.of(parts), remarks
-    except ValueError as error:
-        raise io.FileError(project.path, said(error), "volume") from None
+    except WindmarkError as error:
+        raise io.FileError(project.path, str(error), "volume") from None
 
 
 def _law(project: DeformProject, entry: VolumeEntry, points: Array) -> Law:

@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationError, model_validator
 
+from windmark.errors import UsageError
 from windmark.pipeline.lengths import Lengths
 from windmark.pipeline.project import GridEntry, Positive, Role, Unit, Vector
 from windmark.pipeline.settings import Strict, existing, explained, read_toml, unusable_name
@@ -46,11 +47,11 @@ class CameraEntry(Strict):
     @model_validator(mode="after")
     def _both(self) -> CameraEntry:
         if self.rate_hz is not None and self.times is not None:
-            raise ValueError("rate_hz and times both say when its pictures are; give one of them")
+            raise UsageError("rate_hz and times both say when its pictures are; give one of them")
         if not self.images:
-            raise ValueError("images: expected at least one name or pattern, got none")
+            raise UsageError("images: expected at least one name or pattern, got none")
         if (self.pose_sigma_deg is None) != (self.pose_sigma is None):
-            raise ValueError("pose_sigma_deg and pose_sigma belong together")
+            raise UsageError("pose_sigma_deg and pose_sigma belong together")
         return self
 
     @property
@@ -175,7 +176,7 @@ class WatchEntry(Strict):
     @model_validator(mode="after")
     def _ordered(self) -> WatchEntry:
         if self.patience_s < self.settle_s:
-            raise ValueError(f"patience_s is {self.patience_s:g}; expected at least settle_s, {self.settle_s:g}")
+            raise UsageError(f"patience_s is {self.patience_s:g}; expected at least settle_s, {self.settle_s:g}")
         return self
 
 
@@ -217,27 +218,27 @@ class DeformProject(Strict):
         ):
             twice = sorted({n for n in names if names.count(n) > 1})
             if twice:
-                raise ValueError(f"{kind} names must be unique, more than once: {', '.join(twice)}")
+                raise UsageError(f"{kind} names must be unique, more than once: {', '.join(twice)}")
             if (why := unusable_name(names)) is not None:
-                raise ValueError(f"{kind} names become file names, and {why}")
+                raise UsageError(f"{kind} names become file names, and {why}")
         if not any(v.law for v in self.volume) and not self.motion.free:
-            raise ValueError("nothing is free: give a volume a law, or set motion.free")
+            raise UsageError("nothing is free: give a volume a law, or set motion.free")
         if self.output.grid and self.grid is None:
-            raise ValueError("output.grid: a deformed grid needs [grid] file = ...")
+            raise UsageError("output.grid: a deformed grid needs [grid] file = ...")
         if self.points and self.grid is None:
-            raise ValueError("points: they are moved with the deformed grid: add [grid] file = ...")
+            raise UsageError("points: they are moved with the deformed grid: add [grid] file = ...")
         if self.values is not None:
             unknown = sorted(set(self.values.cameras) - {c.name for c in self.camera})
             if unknown:
-                raise ValueError(f"values: cameras: no camera is called {', '.join(unknown)}")
+                raise UsageError(f"values: cameras: no camera is called {', '.join(unknown)}")
             if "vtk" not in self.output.grid:
-                raise ValueError('values: they are fields of the grid in VTK files: give output.grid = ["vtk"]')
+                raise UsageError('values: they are fields of the grid in VTK files: give output.grid = ["vtk"]')
         if self.sequence.clock is not None and self.sequence.clock not in [c.name for c in self.camera]:
-            raise ValueError(f"sequence: clock: no camera is called {self.sequence.clock!r}")
+            raise UsageError(f"sequence: clock: no camera is called {self.sequence.clock!r}")
         if not self.has_clocks and (self.sequence.clock is not None or self.sequence.max_lag_s is not None):
-            raise ValueError("sequence: clock and max_lag_s need a camera with rate_hz, offset_s or times")
+            raise UsageError("sequence: clock and max_lag_s need a camera with rate_hz, offset_s or times")
         if self.stations is not None and self.stations.volume not in [v.name for v in self.volume]:
-            raise ValueError(f"stations: volume {self.stations.volume!r} is not one of the volumes")
+            raise UsageError(f"stations: volume {self.stations.volume!r} is not one of the volumes")
         return self
 
     @property
@@ -327,7 +328,7 @@ def _changed(project: DeformProject, wish: Changes) -> DeformProject:
     names = [c.name for c in project.camera]
     unknown = [n for n in (*wish.cameras, *wish.moves) if n not in names]
     if unknown:
-        raise ValueError(f"the project has no camera {unknown[0]!r}; expected one of {', '.join(names)}")
+        raise UsageError(f"the project has no camera {unknown[0]!r}; expected one of {', '.join(names)}")
     kept = [c for c in project.camera if not wish.cameras or c.name in wish.cameras]
     cameras = tuple(c.model_copy(update={"moves": c.moves or c.name in wish.moves}) for c in kept)
     values, sequence = project.values, project.sequence

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from windmark import io
 from windmark.deformation import Deformation, Volumes
+from windmark.errors import UsageError
 from windmark.geometry import Camera, Pose
 from windmark.scene import MarkerSet, Observations
 
@@ -90,7 +91,7 @@ class DeformationTest:
     def __post_init__(self) -> None:
         names = [s.name for s in self.stations]
         if not names or len(set(names)) != len(names):
-            raise ValueError(f"stations: expected at least one camera, with distinct names, got {names}")
+            raise UsageError(f"stations: expected at least one camera, with distinct names, got {names}")
 
     def station(self, name: str) -> Station:
         """The camera of a name."""

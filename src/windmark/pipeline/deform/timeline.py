@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark import io
+from windmark.errors import UsageError
 from windmark.pipeline.deform.names import EXACT, is_number, key_of, kind_of, order
 from windmark.pipeline.deform.project import RECORDING, CameraEntry, DeformProject
 from windmark.pipeline.deform.task import FrameImages, Shot
@@ -124,7 +125,7 @@ def _times(project: DeformProject, i: int, camera: CameraEntry, keys: list[str],
         return _of_table(camera.times, keys)
     if recorded is not None:
         if np.shape(recorded) != (len(keys),):
-            raise ValueError(f"recorded: expected {len(keys)} times of camera {camera.name}, got {np.shape(recorded)}")
+            raise UsageError(f"recorded: expected {len(keys)} times of camera {camera.name}, got {np.shape(recorded)}")
         return np.asarray(recorded, dtype=float)
     rate = camera.rate_hz or project.sequence.rate_hz
     if rate is None:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.errors import UsageError
 from windmark.geometry import Camera
 from windmark.pipeline.marker_check.advice import Proposal, advise
 from windmark.pipeline.marker_check.campaign import OUTCOMES, Campaign, run_campaign
@@ -218,7 +219,7 @@ def check_markers(
     """
     settings, show = settings or CheckSettings(), progress or (lambda words: None)
     if not len(markers):
-        raise ValueError("check_markers: markers must not be empty")
+        raise UsageError("check_markers: markers must not be empty")
     stage = Stage(markers, camera or DEFAULT_CAMERA, mesh, settings)
 
     def views(words: str) -> Callable[[int, int], None]:

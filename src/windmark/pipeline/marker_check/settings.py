@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from windmark.errors import UsageError
 from windmark.geometry import Camera
 
 Array = NDArray[np.float64]
@@ -56,7 +57,7 @@ class CheckSettings:
         if self.view_from is not None:
             azimuth, elevation = self.view_from
             if not (np.isfinite(azimuth) and abs(elevation) <= 90):
-                raise ValueError(
+                raise UsageError(
                     f"view_from: expected azimuth and elevation in degrees, elevation -90 to 90, got {self.view_from}"
                 )
         ranges = (
@@ -65,11 +66,11 @@ class CheckSettings:
         )  # fmt: skip
         for name, least, most in ranges:
             if not least <= getattr(self, name) <= most:
-                raise ValueError(f"{name}: must be {least} to {most}, got {getattr(self, name)}")
+                raise UsageError(f"{name}: must be {least} to {most}, got {getattr(self, name)}")
         if self.within_deg == 0:
-            raise ValueError("within_deg: must be > 0, got 0")
+            raise UsageError("within_deg: must be > 0, got 0")
         if not 0 < self.fill[0] <= self.fill[1] <= 1:
-            raise ValueError(f"fill: expected two parts of the image, rising, up to 1, got {self.fill}")
+            raise UsageError(f"fill: expected two parts of the image, rising, up to 1, got {self.fill}")
 
     @property
     def everywhere(self) -> bool:

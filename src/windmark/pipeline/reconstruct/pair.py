@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.errors import UsageError
 from windmark.geometry import Camera, Pose
 from windmark.geometry.two_view import epipolar_curve
 from windmark.pipeline.reconstruct.result import Reconstruction
@@ -68,9 +69,9 @@ def pair_lines(result: Reconstruction, a: str, b: str, spots_a: Array, spots_b: 
     index = {v.name: k for k, v in enumerate(result.views)}
     for name in (a, b):
         if name not in index:
-            raise ValueError(f"pair_lines: no view is called {name!r}; there are {', '.join(list(index)[:5])}")
+            raise UsageError(f"pair_lines: no view is called {name!r}; there are {', '.join(list(index)[:5])}")
         if result.views[index[name]].cam_from_model is None:
-            raise ValueError(f"pair_lines: {name} has no pose: {result.dropped[name]}")
+            raise UsageError(f"pair_lines: {name} has no pose: {result.dropped[name]}")
     of = [_spots_of(result, index[name]) for name in (a, b)]
     both = sorted(of[0].keys() & of[1].keys())
     in_a, in_b = ([of[k][m] for m in both] for k in (0, 1))

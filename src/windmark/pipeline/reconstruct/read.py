@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark import io
+from windmark.errors import WindmarkError
 from windmark.geometry import Camera, Pose
-from windmark.geometry.errors import said
 from windmark.io.csvtable import Table
 from windmark.pipeline.calibrate.marks import Taken
 from windmark.pipeline.calibrate.pictures import LABEL_PX
@@ -56,8 +56,8 @@ class LabelTable:
             mine[name] = (float(self.xy[row, 0]), float(self.xy[row, 1]))
             try:
                 out[image] = fixed_spots(found[image], mine, LABEL_PX)
-            except ValueError as error:
-                self.table.fail(row, f"picture {image}: {said(error)}")
+            except WindmarkError as error:
+                self.table.fail(row, f"picture {image}: {error!s}")
         return out
 
 

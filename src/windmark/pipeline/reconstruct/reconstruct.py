@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.calibration import Calibration, Distance
+from windmark.errors import UsageError
 from windmark.geometry import Camera
 from windmark.pipeline.reconstruct.frame import Frame, FreeFrame, Held
 from windmark.pipeline.reconstruct.free import frame_words
@@ -88,7 +89,7 @@ def reconstruct(
         if len(d) < FEWEST_SPOTS
     }
     if distances and primary is not None:
-        raise ValueError("reconstruct: distances give a free frame its scale; with primaries leave them out")
+        raise UsageError("reconstruct: distances give a free frame its scale; with primaries leave them out")
     try:
         if primary is not None:
             check_primaries(primary)

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.errors import UsageError
 from windmark.geometry import PARAMETERS, Camera, Pose
 from windmark.scene import Detections, MarkerSet, View
 
@@ -61,25 +62,25 @@ class Task:
         free_frame, primary = primary is None, primary or MarkerSet.make([], np.zeros((0, 3)))
         if views is None:
             if not isinstance(cameras, Camera) and len(cameras) != 1:
-                raise ValueError("reconstruct: with several cameras, views must say which picture has which")
+                raise UsageError("reconstruct: with several cameras, views must say which picture has which")
             views = tuple(View(f"{v}") for v in range(len(detections)))
             cameras = {"camera": cameras if isinstance(cameras, Camera) else next(iter(cameras.values()))}
         elif isinstance(cameras, Camera):
             cameras = dict.fromkeys({v.camera for v in views}, cameras)
         if len(views) != len(detections):
-            raise ValueError(f"reconstruct: expected one view per picture, got {len(views)} for {len(detections)}")
+            raise UsageError(f"reconstruct: expected one view per picture, got {len(views)} for {len(detections)}")
         names = [v.name for v in views]
         if len(set(names)) != len(names):
             twice = sorted({n for n in names if names.count(n) > 1})
-            raise ValueError(f"reconstruct: names of views must be unique, more than once: {', '.join(twice[:5])}")
+            raise UsageError(f"reconstruct: names of views must be unique, more than once: {', '.join(twice[:5])}")
         unknown = sorted({v.camera for v in views} - set(cameras))
         if unknown:
-            raise ValueError(f"reconstruct: views use unknown cameras {', '.join(unknown)}")
+            raise UsageError(f"reconstruct: views use unknown cameras {', '.join(unknown)}")
         wrong = [p for p in free if p not in PARAMETERS]
         if wrong:
-            raise ValueError(f"reconstruct: free: {wrong[0]!r} is none of {', '.join(PARAMETERS)}")
+            raise UsageError(f"reconstruct: free: {wrong[0]!r} is none of {', '.join(PARAMETERS)}")
         if not 0 <= model_px < np.inf:
-            raise ValueError(f"reconstruct: model_px must be 0 or more, got {model_px}")
+            raise UsageError(f"reconstruct: model_px must be 0 or more, got {model_px}")
         named = _checked_labels(labels or {}, names, detections, primary, free_frame)
         index = {str(n): i for i, n in enumerate(primary.name)}
         return cls(
@@ -112,19 +113,19 @@ def _checked_labels(
     times = Counter(n for mine in labels.values() for n in set(mine.values()))
     unknown = sorted(set(labels) - set(names))
     if unknown:
-        raise ValueError(f"reconstruct: labels name unknown views {', '.join(unknown[:5])}")
+        raise UsageError(f"reconstruct: labels name unknown views {', '.join(unknown[:5])}")
     out: list[dict[int, str]] = []
     for name, spots in zip(names, detections, strict=True):
         mine = labels.get(name, {})
         wrong = [n for n in mine.values() if n not in known and times[n] < 2 and not free_frame]
         if wrong:
-            raise ValueError(
+            raise UsageError(
                 f"reconstruct: labels of view {name}: {wrong[0]!r} is no primary marker, and in no other view"
             )
         beyond = [s for s in mine if not 0 <= s < len(spots)]
         if beyond:
-            raise ValueError(f"reconstruct: labels of view {name}: spot {beyond[0]} of {len(spots)}")
+            raise UsageError(f"reconstruct: labels of view {name}: spot {beyond[0]} of {len(spots)}")
         if len(set(mine.values())) < len(mine):
-            raise ValueError(f"reconstruct: labels of view {name} give one marker to two spots")
+            raise UsageError(f"reconstruct: labels of view {name} give one marker to two spots")
         out.append({int(s): n for s, n in mine.items()})
     return out

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.errors import UsageError
 from windmark.geometry import Pose
 
 if TYPE_CHECKING:
@@ -37,7 +38,7 @@ class Motion:
         for name in ("rotation_rad", "translation", "first"):
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0):
-                raise ValueError(f"Motion: {name} must be > 0 and finite, got {value}")
+                raise UsageError(f"Motion: {name} must be > 0 and finite, got {value}")
 
     @property
     def change(self) -> Array:

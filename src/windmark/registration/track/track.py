@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.errors import UsageError
 from windmark.geometry import Camera, Pose
 from windmark.registration.register import register
 from windmark.registration.result import NotRegistered, Registration
@@ -86,9 +87,9 @@ def track(
         For options out of range.
     """
     if not (math.isfinite(dt) and dt > 0):
-        raise ValueError(f"track: dt must be > 0 and finite, got {dt}")
+        raise UsageError(f"track: dt must be > 0 and finite, got {dt}")
     if not (math.isfinite(least_density) and least_density >= 0):
-        raise ValueError(f"track: least_density must be >= 0 and finite, got {least_density}")
+        raise UsageError(f"track: least_density must be >= 0 and finite, got {least_density}")
     motion = motion or DEFAULT_MOTION
     limits = Limits(max_log10_nfa, min_score, min_margin, 1.0, max_table_error)
     options: dict[str, Any] = {

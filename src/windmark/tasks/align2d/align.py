@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from windmark import detection, resection
+from windmark.errors import UsageError
 from windmark.geometry.planar import KINDS, Choice, PlanarTransform, choose, sound_pairs
 from windmark.scene import Detections
 from windmark.tasks.align2d.matching import SpotMatching, match_spots
@@ -74,7 +75,7 @@ def align_images(
     picture, base = np.asarray(image), np.asarray(reference)
     for name, array in (("image", picture), ("reference", base)):
         if array.ndim not in (2, 3) or not array.size:
-            raise ValueError(f"align_images: {name} must be (H, W) or (H, W, C), got {array.shape}")
+            raise UsageError(f"align_images: {name} must be (H, W) or (H, W, C), got {array.shape}")
     options: dict[str, Any] = {"kind": kind, "max_shift_px": max_shift_px, "radius_px": radius_px,
                                "polarity": polarity, "merit_max": merit_max, "keep_still": keep_still}  # fmt: skip
     find = {"radius_px": radius_px, "polarity": polarity, "merit_max": merit_max}
@@ -107,21 +108,21 @@ def align_images(
 def check_options(kind: str, max_shift_px: float | None) -> None:
     """Raise `ValueError` for a kind that there is not, or a largest motion that is none."""
     if kind != "auto" and kind not in KINDS:
-        raise ValueError(f"align_images: kind must be auto, {', '.join(KINDS)}, got {kind!r}")
+        raise UsageError(f"align_images: kind must be auto, {', '.join(KINDS)}, got {kind!r}")
     if max_shift_px is not None and not (np.isfinite(max_shift_px) and max_shift_px > 0):
-        raise ValueError(f"align_images: max_shift_px must be > 0, got {max_shift_px}")
+        raise UsageError(f"align_images: max_shift_px must be > 0, got {max_shift_px}")
 
 
 def checked_pairs(pairs: ArrayLike, count_a: int, count_b: int) -> Ints:
     """(K, 2) pairs, one to one and within the detections."""
     index = np.asarray(pairs)
     if index.ndim != 2 or index.shape[1] != 2 or index.dtype.kind not in "iu":
-        raise ValueError(f"align_images: pairs must be (K, 2) whole numbers, got {index.shape} {index.dtype}")
+        raise UsageError(f"align_images: pairs must be (K, 2) whole numbers, got {index.shape} {index.dtype}")
     for column, count in zip(index.T, (count_a, count_b), strict=True):
         if len(column) and (column.min() < 0 or column.max() >= count):
-            raise ValueError(f"align_images: pairs must be numbers of spots, 0 to {count - 1}, got {column.max()}")
+            raise UsageError(f"align_images: pairs must be numbers of spots, 0 to {count - 1}, got {column.max()}")
         if len(set(column.tolist())) < len(column):
-            raise ValueError("align_images: in pairs every spot may appear only once")
+            raise UsageError("align_images: in pairs every spot may appear only once")
     return index.astype(np.int64)
 
 
@@ -144,7 +145,7 @@ def unfolded(transform: PlanarTransform, markers: Array) -> Any:
 
 def _spots(image: NDArray[Any], name: str, find: dict[str, Any], mask: ArrayLike | None) -> Detections:
     if image.ndim != 2:
-        raise ValueError(f"align_images: markers are looked for in (H, W) grey levels, the {name} is {image.shape}; "
+        raise UsageError(f"align_images: markers are looked for in (H, W) grey levels, the {name} is {image.shape}; "
                          "expected detections")  # fmt: skip
     return detection.detect(image, mask=mask, **find)
 

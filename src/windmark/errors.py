@@ -1,0 +1,24 @@
+"""What windmark says on purpose. Every other error that comes out of a command is a fault of windmark.
+
+- `UsageError`: wrong use, that is options and settings, and what they ask for together.
+- `io.FileError`: a bad file.
+- `DataError`: sound files whose content does not allow what is asked; `geometry.DegenerateGeometry` is one.
+- `deformation.LawError`: a deformation law, the user's own or one of the catalogue, that cannot be what it says.
+
+What the data refuse (no pose, no matching) is a falsy result, no error. A plain ``ValueError`` is left to what one
+function demands of another, such as the shapes of arrays: wrong use in Python, a fault where windmark made the call.
+"""
+
+from __future__ import annotations
+
+
+class WindmarkError(ValueError):
+    """Something that the user can change: its message says what came and what was expected."""
+
+
+class UsageError(WindmarkError):
+    """An option, a setting or a combination of them that is not one of those that there are."""
+
+
+class DataError(WindmarkError):
+    """What is in the files, each of them sound, does not allow what is asked for."""
