@@ -107,6 +107,9 @@ def test_datum_has_no_default(windmark, plate):
         (("--datum", "free", "--images-of", "left=v0"), "NAME=PATTERN with a *"),
         (("--datum", "free", "--images-of", "a=v*", "--images-of", "a=w*"), "camera a is there twice"),
         (("--datum", "free", "--images-of", "a=v0*", "--images-of", "b=v1*", "--focal", "nan"), "finite"),
+        (("--datum", "free", "--size", "\u00b2x5"), "--size must be WIDTHxHEIGHT"),
+        (("--datum", "free", "--size", "1" * 5000 + "x5"), "--size must be WIDTHxHEIGHT"),
+        (("--datum", "free", "--board", "10", "--board-size", "12x\u00b3"), "--board-size: expected COLUMNSxROWS"),
     ],
 )
 def test_wrong_usage_is_named(windmark, plate, options, words):

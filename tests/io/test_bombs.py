@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import tracemalloc
 import zlib
 
 import h5py
@@ -47,6 +48,34 @@ def test_long_texts_are_read_in_pieces(tmp_path, make_mesh):
     (tmp_path / "a.tri").write_text("\n".join(lines))
     with pytest.raises(FileError, match=r"line 100001: expected a number, got 'x3'"):
         io.read_mesh(tmp_path / "a.tri")
+
+
+def peak(read, path):
+    """Bytes that reading takes at most, the file's own text included, beside what stays loaded of the first time."""
+    read(path)
+    tracemalloc.start()
+    try:
+        read(path)
+        return tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+
+
+def test_an_obj_takes_a_few_times_what_it_holds(tmp_path, make_mesh):
+    mesh = make_mesh([(250, 250, 1)], single=False)
+    io.write_mesh(tmp_path / "a.obj", mesh)
+    assert peak(io.read_mesh, tmp_path / "a.obj") < 10 * (mesh.vertices.nbytes + mesh.triangles.nbytes)
+
+
+def test_a_table_takes_a_few_times_what_it_holds(tmp_path):
+    rows = 40_000
+    io.write_table(tmp_path / "a.csv", {"polygon": np.arange(rows) // 1000, "x": np.arange(rows), "y": np.arange(rows)})
+
+    def read(path):
+        table = io.read_table(path, required=(), known=None)
+        return [table.numbers(column) for column in table.columns]
+
+    assert peak(read, tmp_path / "a.csv") < 10 * rows * 3 * 8
 
 
 # --- packed pictures

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from windmark.io import FileError, read_mesh, write_mesh
+from windmark.io import FileError, obj, read_mesh, write_mesh
 from windmark.io.stl import merge_equal
 
 
@@ -129,7 +129,11 @@ def test_obj_as_other_programs_write_it(tmp_path):
         ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nf 1 2\n", "line 5: a face of fewer than three corners"),
         ("v 0 0 0\nv 1 zero 0\nv 0 1 0\nf 1 2 3\n", "line 2: expected a number, got 'zero'"),
         ("v 0 0 0\nv 1 9*0 0\nv 0 1 0\nf 1 2 3\n", r"line 2: expected a number, got '9\*0'"),
-        ("v 0 0\nv 1 0\nv 0 1\nf 1 2 3\n", "3 vertices hold 6 numbers"),
+        ("v 0 0\nv 1 0\nv 0 1\nf 1 2 3\n", "line 1: a vertex of 2 numbers; expected at least 3"),
+        ("v 0 0 0\nv 1 0\nv 0 1 0 1\nf 1 2 3\n", "line 2: a vertex of 2 numbers"),  # nine numbers in all
+        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nf\n", "line 5: a face without numbers"),
+        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1,2,3\n", "line 4: numbers with a comma|a face of fewer than three"),
+        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3 3,1\n", "line 4: numbers with a comma; expected blanks"),
         ("v 0 0 0\nv 1 nan 0\nv 0 1 0\nf 1 2 3\n", r"node 1 \(from 0\) is at \(1, nan, 0\)"),
     ],
 )
@@ -137,6 +141,24 @@ def test_damaged_obj(tmp_path, text, message):
     (tmp_path / "a.obj").write_text(text)
     with pytest.raises(FileError, match=message):
         read_mesh(tmp_path / "a.obj")
+
+
+def test_an_obj_is_read_in_pieces_as_it_is_in_one(tmp_path, shell, monkeypatch):
+    write_mesh(tmp_path / "a.obj", shell)
+    text = (tmp_path / "a.obj").read_bytes()
+    for ends in (b"\n", b"\r\n", b"\r"):
+        (tmp_path / "b.obj").write_bytes(text.replace(b"\n", ends))
+        whole = read_mesh(tmp_path / "b.obj")
+        with monkeypatch.context() as patch:
+            patch.setattr(obj, "_PIECE", 50)
+            parts = read_mesh(tmp_path / "b.obj")
+            (tmp_path / "c.obj").write_bytes((text + b"f 1 2 999999\nf 1 2 3\n").replace(b"\n", ends))
+            with pytest.raises(FileError, match=rf"line {text.count(10) + 1}: a face names vertex 999999"):
+                read_mesh(tmp_path / "c.obj")
+        for got in (whole, parts):
+            np.testing.assert_array_equal(got.vertices, shell.vertices)
+            np.testing.assert_array_equal(got.triangles, shell.triangles)
+            np.testing.assert_array_equal(got.volume, shell.volume)
 
 
 # --- PLY

@@ -189,6 +189,8 @@ HEAD = "VARIABLES = x y z cp\n"
         (HEAD + "ZONE I=2 J=2 F=POINT PASSIVEVARLIST=[4]\n" + COLUMNS, "PASSIVEVARLIST is not read"),
         (HEAD + "ZONE I=2 J=2 F=POINT VARSHARELIST=([1-4]=1)\n" + COLUMNS, "VARSHARELIST is"),
         (HEAD + "TEXT X=1\n", "line 2: TEXT records are not read"),
+        ("VARIABLES = x y z cp cp\nZONE I=2 J=2 F=POINT\n", "VARIABLES: 'cp' and 'cp' are two variables of one name"),
+        ('VARIABLES = "X [mm]" y z x\nZONE I=2 J=2 F=POINT\n', r"VARIABLES: 'X \[mm\]' and 'x' are two variables"),
         (
             "VARIABLES = x y cp\nZONE I=2 J=2 F=POINT\n1 2 3\n4 5 6\n7 8 9\n1 2 3",
             r"VARIABLES: no variable z; it has \['cp'",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -163,10 +164,11 @@ def parse_board(pitch: float | None, marks: str | None, size: str | None, layout
 def _board_size(text: str | None) -> tuple[int | None, int | None]:
     if text is None:
         return None, None
-    columns, _, rows = text.lower().partition("x")
-    if not (columns.isdigit() and rows.isdigit() and int(columns) and int(rows)):
+    found = re.fullmatch("([0-9]{1,6})x([0-9]{1,6})", text.lower())
+    columns, rows = (int(part) for part in found.groups()) if found else (0, 0)
+    if not (columns and rows):
         raise UsageError(f"--board-size: expected COLUMNSxROWS, as in 12x9, got {text!r}")
-    return int(columns), int(rows)
+    return columns, rows
 
 
 def _board_marks(text: str | None) -> tuple[str, tuple[tuple[int, int], ...]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -88,10 +89,11 @@ def parse_size(text: str | None) -> tuple[int, int] | None:
     """``WIDTHxHEIGHT`` in pixels."""
     if text is None:
         return None
-    width, _, height = text.lower().partition("x")
-    if not (width.isdigit() and height.isdigit() and int(width) and int(height)):
+    found = re.fullmatch("([0-9]{1,6})x([0-9]{1,6})", text.lower())
+    width, height = (int(part) for part in found.groups()) if found else (0, 0)
+    if not (width and height):
         raise UsageError(f"--size must be WIDTHxHEIGHT in pixels, as in 1280x800, got {text!r}")
-    return int(width), int(height)
+    return width, height
 
 
 def parse_volumes(texts: tuple[str, ...] | list[str]) -> dict[str, tuple[str, ...]]:

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import csv
-import io
+import sys
+from array import array
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import chain
 from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from windmark.io.atomic import atomic_write
+from windmark.io.csv_rows import BETWEEN, rows_of
 from windmark.io.errors import LONGEST_NAME, FileError
 from windmark.io.text import Pathlike, read_text
 
@@ -22,19 +22,25 @@ Array = NDArray[np.float64]
 
 _CHUNK = 10_000
 """Rows that are turned into text at a time."""
+_PACKED = 40_000
+"""Cells that are put together at a time."""
 
 
 @dataclass(frozen=True)
 class Table:
-    """The cells of a table as text, stripped, with the line each row starts on."""
+    """The cells of a table as text, stripped, with the line (N,) each row starts on.
+
+    ``cells`` has for each column the cells of some thousand rows in one text each, `BETWEEN` two of them: as single
+    texts they take ten times as much memory.
+    """
 
     path: Pathlike
     columns: tuple[str, ...]
-    rows: list[list[str]]
-    lines: list[int]
+    cells: tuple[list[str], ...]
+    lines: NDArray[np.int64]
 
     def __len__(self) -> int:
-        return len(self.rows)
+        return len(self.lines)
 
     def __contains__(self, column: str) -> bool:
         return column in self._place
@@ -51,13 +57,19 @@ class Table:
         FileError
             For a cell of more than 256 characters, as a quote that is not closed makes them.
         """
-        k = self._place[column]
-        cells = [row[k] for row in self.rows]
-        for row, cell in enumerate(cells):
-            if len(cell) > LONGEST_NAME:
+        return [sys.intern(cell) for part in self._parts(column) for cell in part]
+
+    def _parts(self, column: str) -> Iterator[list[str]]:
+        """The cells of a column, some thousand rows at a time."""
+        row = 0
+        for part in self.cells[self._place[column]]:
+            cells = part.split(BETWEEN)
+            if len(max(cells, key=len)) > LONGEST_NAME:
+                k, cell = next((k, cell) for k, cell in enumerate(cells) if len(cell) > LONGEST_NAME)
                 what = f"{column} begins {cell[:20]!r} and has {len(cell)} characters"
-                self.fail(row, f"{what}; expected at most {LONGEST_NAME}")
-        return cells
+                self.fail(row + k, f"{what}; expected at most {LONGEST_NAME}")
+            yield cells
+            row += len(cells)
 
     def names(self) -> list[str]:
         """The column ``name``: no cell empty, none twice.
@@ -85,18 +97,22 @@ class Table:
         FileError
             Names line and column of the first cell that is no finite number.
         """
-        cells = self.text(column)
-        try:
-            values = np.array([float(cell or "nan") for cell in cells])
-        except ValueError:
-            values = np.array([_number(cell) for cell in cells])
-        bad = ~np.isfinite(values) & ~(optional & np.array([cell.lower() in ("", "nan") for cell in cells], dtype=bool))
-        bad |= np.array(["_" in cell for cell in cells], dtype=bool)  # Python's 1_000 is nobody's number here
-        if bad.any():
-            k = int(np.argmax(bad))
-            hint = " with a decimal point" if "," in cells[k] else ""
-            self.fail(k, f"{column} is {cells[k]!r}; expected a finite number{hint}")
-        return values
+        out, row = [np.zeros(0)], 0
+        for cells in self._parts(column):
+            try:
+                values = np.array([float(cell or "nan") for cell in cells])
+            except ValueError:
+                values = np.array([_number(cell) for cell in cells])
+            empty = np.array([cell.lower() in ("", "nan") for cell in cells], dtype=bool)
+            bad = ~np.isfinite(values) & ~(optional & empty)
+            bad |= np.array(["_" in cell for cell in cells], dtype=bool)  # Python's 1_000 is nobody's number here
+            if bad.any():
+                k = int(np.argmax(bad))
+                hint = " with a decimal point" if "," in cells[k] else ""
+                self.fail(row + k, f"{column} is {cells[k]!r}; expected a finite number{hint}")
+            out.append(values)
+            row += len(cells)
+        return np.concatenate(out)
 
     def together(self, *columns: str) -> Array | None:
         """Columns that come together as (N, len(columns)), None where the table lacks them; empty cells are NaN.
@@ -122,7 +138,7 @@ class Table:
 
     def fail(self, row: int, what: str) -> NoReturn:
         """Raise `FileError` for a row."""
-        raise FileError(self.path, what, self.lines[row])
+        raise FileError(self.path, what, int(self.lines[row]))
 
 
 def _number(cell: str) -> float:
@@ -146,60 +162,52 @@ def read_table(path: Pathlike, *, required: Sequence[str], known: Sequence[str] 
         or too many cells; names the line.
     """
     text = read_text(path)
-    separator, rows = ",", _rows(path, text, None)
+    separator, rows = ",", rows_of(path, text, None)
     try:
         line, header = next(rows)
     except StopIteration:
         raise FileError(path, f"no header line; expected {','.join(required)}") from None
     separator = next((s for s in ";\t," if any(s in cell for cell in header)), ",")
-    rows = _rows(path, text, separator)
+    rows = rows_of(path, text, separator)
     line, header = next(rows)
     columns = tuple(cell.lower() for cell in _without_empty_end(header))
     _check_header(path, line, columns, required, known)
-    cells, lines = [], []
+    packed = _Packed(len(columns))
     for line, row in rows:
         row = _fitted(row, len(columns))
         if len(row) != len(columns):
             what = f"{len(row)} values; expected {len(columns)} ({', '.join(columns)})"
             raise FileError(path, what, line)
-        cells.append(row)
-        lines.append(line)
-    return Table(path, columns, cells, lines)
+        packed.add(line, row)
+    return Table(path, columns, *packed.done())
 
 
-def _rows(path: Pathlike, text: str, separator: str | None) -> Iterator[tuple[int, list[str]]]:
-    """Line number and stripped cells of every row; the bare line where ``separator`` is None."""
-    numbered = _Counted(text)
-    for line in numbered:
-        start = numbered.line
-        if not line.strip() or line.lstrip().startswith("#"):
-            continue
-        if separator is None:
-            yield start, [line]
-            continue
-        try:
-            # One reader per row: it takes further lines only inside a quoted cell, so a '#' there is no comment.
-            row = next(csv.reader(chain([line], numbered), delimiter=separator, strict=True, skipinitialspace=True))
-        except (csv.Error, StopIteration) as error:
-            raise FileError(path, f"not a CSV row: {error}", start) from error
-        if any(cell.strip() for cell in row):
-            yield start, [cell.strip() for cell in row]
+class _Packed:
+    """Rows put together into the texts of `Table.cells`."""
 
+    def __init__(self, columns: int) -> None:
+        self.cells: tuple[list[str], ...] = tuple([] for _ in range(columns))
+        self.lines = array("q")
+        self._rows: list[list[str]] = []
+        self._at_once = max(1, _PACKED // max(1, columns))
 
-class _Counted:
-    """The lines of a text, ends kept, with the number of the last line given out."""
+    def add(self, line: int, row: list[str]) -> None:
+        """One row more."""
+        self._rows.append(row)
+        self.lines.append(line)
+        if len(self._rows) >= self._at_once:
+            self._pack()
 
-    def __init__(self, text: str) -> None:
-        self.line = 0
-        self._lines = io.StringIO(text, newline="")
+    def _pack(self) -> None:
+        for column, cells in zip(self.cells, zip(*self._rows, strict=True), strict=True):
+            column.append(BETWEEN.join(cells))
+        self._rows = []
 
-    def __iter__(self) -> _Counted:
-        return self
-
-    def __next__(self) -> str:
-        line = next(self._lines)
-        self.line += 1
-        return line
+    def done(self) -> tuple[tuple[list[str], ...], NDArray[np.int64]]:
+        """All cells, and the lines of the rows."""
+        if self._rows:
+            self._pack()
+        return self.cells, np.array(self.lines, dtype=np.int64)
 
 
 def _without_empty_end(cells: list[str]) -> list[str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 import re
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -131,6 +132,7 @@ def _read(
     """Mesh, columns by their variables' names, the coordinates' unit ("" where nothing says it)."""
     content = _parse(raw, Path(path))
     names = [quoted or bare for quoted, bare in _NAME.findall(content.variables)]
+    _check_once(content.path, names)
     parts: list[_Part] = []
     for zone in content.zones:
         parts.append(_part(content.path, zone, len(names), len(parts)))
@@ -149,6 +151,17 @@ def _read(
     fields: dict[str, NDArray[np.floating]] = dict(columns)
     unit = content.aux.get("lengthunit", told)
     return replace(_mesh(vertices, parts, blanked, volumes), length_unit=unit), fields, unit
+
+
+def _check_once(path: Path, names: list[str]) -> None:
+    """`FileError` where one name means two variables; coordinates and blanking go by any case, and with any unit."""
+    bare = [split_label(name)[0].strip().lower() for name in names]
+    any_case = ("x", "y", "z", "iblank")
+    meant = [word if word in any_case else name.strip() for word, name in zip(bare, names, strict=True)]
+    twice = next((name for name, times in Counter(meant).items() if times > 1), None)
+    if twice is not None:
+        told = " and ".join(repr(n) for n, m in zip(names, meant, strict=True) if m == twice)
+        raise FileError(path, f"{told} are two variables of one name; expected a name of its own for each", "VARIABLES")
 
 
 def _fill(content: _Content) -> float | None:

@@ -45,9 +45,11 @@ def read_clicks(path: Path, names: Sequence[str]) -> Clicks:
         assert four is not None
         table.check(np.isfinite(four).all(axis=1), "a place is missing; expected x_a, y_a, x_b, y_b")
         own = table.text("name") if "name" in table else [str(k + 1) for k in range(len(table))]
+        seen: set[str] = set()
         for row, name in enumerate(own):
-            if name in own[:row]:
+            if name in seen:
                 table.fail(row, f"the name {name} is there before; expected it once")
+            seen.add(name)
         return Clicks(four[:, :2], four[:, 2:], tuple(own), "name" in table)
     lost = [c for c in ("image", "name", "x", "y") if c not in table]
     if lost:

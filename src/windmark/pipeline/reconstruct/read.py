@@ -83,7 +83,7 @@ def read_labels(path: Path, images: Sequence[str], primary: MarkerSet) -> LabelT
             table.fail(row, f"{name!r} is no primary marker ({', '.join(sorted(names)[:5])}), and in no other picture")
         if (out[-1], name) in seen:
             table.fail(row, f"{name} is already on line {seen[out[-1], name]} for this picture; expected it once")
-        seen[out[-1], name] = table.lines[row]
+        seen[out[-1], name] = int(table.lines[row])
     return LabelTable(table, tuple(out), np.stack([table.numbers("x"), table.numbers("y")], axis=1))
 
 
