@@ -201,6 +201,25 @@ def test_a_far_field_zone_does_not_loosen_what_hides_what(count):
     assert tap.triangle[0] == -1  # half the model's size off: on no surface, however far the far field is
 
 
+def test_a_far_field_of_the_same_volume_is_told_by_what_hangs_together():
+    """As above, but nothing names the far field: one volume without blocks, its triangles among those of the model."""
+    model = joined(plate(21, 21), moved(plate(21, 21), 0.0, 0.0, -0.004))
+    far = box(5, half=(2000.0, 2000.0, 2000.0))
+    both = joined(model, Mesh(far.vertices, far.triangles[:, ::-1], far.volume))
+    mixed = np.random.default_rng(0).permutation(len(both.triangles))
+    both = Mesh(both.vertices, both.triangles[mixed], np.full(len(mixed), "model"))
+    pose = looking_at([0.1, 0.1, 6.0], up=[0, 1, 0])
+    alone = see_nodes(model, CAMERA, pose).reason
+    assert (alone[441:] == HIDDEN).sum() > 300
+    np.testing.assert_array_equal(see_nodes(both, CAMERA, pose).reason[:882], alone)
+    of_model = mixed < len(model.triangles)
+    np.testing.assert_allclose(both.sizes[of_model], model.diagonal)
+    assert (both.sizes[~of_model] == both.diagonal).all()
+    moved_on = both.moved(2 * both.vertices)
+    np.testing.assert_allclose(moved_on.sizes, 2 * both.sizes)
+    np.testing.assert_allclose(moved_on.sizes, replace(both, vertices=2 * both.vertices).sizes)
+
+
 def test_a_small_part_is_as_exact_as_its_coordinates():
     """A patch of a thousandth of the body, far from the origin: rounded to five digits it still hides nothing of it."""
     body = plate(21, 21, size=(2.0, 2.0))

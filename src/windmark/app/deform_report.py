@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -240,7 +239,7 @@ def _extent(mesh: Mesh) -> float:
 
 def magnified(mesh: Mesh, state: Deformation, zero: Any, factor: float) -> Mesh:
     """The grid with its deformation since the zero, rigid motion removed, magnified."""
-    return replace(mesh, vertices=mesh.vertices + factor * _change(mesh, state, zero))
+    return mesh.moved(mesh.vertices + factor * _change(mesh, state, zero))
 
 
 def deformation_size(mesh: Mesh, state: Deformation, zero: Any) -> Array:

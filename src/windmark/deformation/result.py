@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -118,7 +118,7 @@ class Deformation:
 
     def mesh(self, mesh: Mesh, *, frame: str = "tunnel") -> Mesh:
         """The grid as it is now; vertices that belong to no triangle follow the rigid motion."""
-        return replace(mesh, vertices=self.place(mesh.vertices, vertex_volumes(mesh), frame=frame)[0])
+        return mesh.moved(self.place(mesh.vertices, vertex_volumes(mesh), frame=frame)[0])
 
     def propagated(self, by_free: Array) -> Array:
         """(..., m, m) covariance of quantities with derivatives (..., m, F) by everything that was free."""

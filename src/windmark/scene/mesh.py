@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -70,6 +70,13 @@ class Mesh:
         names = np.full(len(t), volume) if isinstance(volume, str) else np.asarray(volume, dtype=np.str_)
         return Mesh(np.asarray(vertices, dtype=float).reshape(-1, 3), t, names)
 
+    def moved(self, vertices: Array) -> Mesh:
+        """The same surface with its nodes elsewhere (V, 3); what hangs together in it is not looked for again."""
+        out = replace(self, vertices=vertices)
+        if len(self.triangles):
+            out.__dict__["_parts"] = self._parts
+        return out
+
     def triangle_normals(self) -> Array:
         """(T, 3) outward normals, length = twice the area (zero for a degenerate triangle)."""
         a, b, c = (self.vertices[self.triangles[:, k]] for k in range(3))
@@ -119,18 +126,36 @@ class Mesh:
 
         That of the whole mesh (`diagonal`), unless a part of it is so much larger than all smaller parts together (a
         far field, a tunnel) that these would be lost in its tolerance; then theirs is the box of their own, but no less
-        than the coordinates are, which are as rounded as they are large. Parts are runs of triangles of one volume and
-        one block.
+        than the coordinates are, which are as rounded as they are large. Parts are the connected pieces (by
+        common nodes) of each run of triangles of one volume and one block.
         """
         if not len(self.triangles):
             return np.zeros(0)
-        block = np.searchsorted([b.first for b in self.blocks], self.triangles[:, 0], side="right")
-        first = np.flatnonzero(np.append(True, (self.volume[1:] != self.volume[:-1]) | (np.diff(block) != 0)))
+        part = self._parts
+        order = np.argsort(part, kind="stable")
+        first = np.flatnonzero(np.append(True, np.diff(part[order]) != 0))
         if len(first) == 1:
             return np.full(len(self.triangles), self.diagonal)
-        parts = [self.vertices[t.ravel()] for t in np.split(self.triangles, first[1:])]
-        low, high = (np.stack([ends(part, axis=0) for part in parts]) for ends in (np.min, np.max))
-        return np.repeat(_part_sizes(low, high), np.diff(np.append(first, len(self.triangles))))
+        corners = self.vertices[self.triangles[order]]
+        low, high = np.minimum.reduceat(corners.min(axis=1), first), np.maximum.reduceat(corners.max(axis=1), first)
+        out = np.empty(len(order))
+        out[order] = np.repeat(_part_sizes(low, high), np.diff(np.append(first, len(order))))
+        return out
+
+    @cached_property
+    def _parts(self) -> NDArray[np.int64]:
+        """(T,) the part, see `sizes`, that each triangle belongs to, as any number."""
+        from scipy.sparse import coo_array
+        from scipy.sparse.csgraph import connected_components
+
+        block = np.searchsorted([b.first for b in self.blocks], self.triangles[:, 0], side="right")
+        run = np.cumsum(np.append(False, (self.volume[1:] != self.volume[:-1]) | (np.diff(block) != 0)))
+        a, b, c = self.triangles.T
+        edges = np.concatenate([a, b]), np.concatenate([b, c])
+        count = len(self.vertices)
+        graph = coo_array((np.ones(len(edges[0]), dtype=np.int8), edges), shape=(count, count))
+        pieces, piece = connected_components(graph, directed=False)
+        return np.asarray(run * np.int64(pieces) + piece[a])
 
     @cached_property
     def size(self) -> float:
