@@ -1,6 +1,8 @@
 """One job, one length unit: what is in another one is refused by every verb, with both units and who says them."""
 
 import ast
+import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +12,9 @@ import windmark as package
 from windmark import io
 from windmark.geometry import Camera, Pose
 from windmark.pipeline.lengths import Lengths
+from windmark.pipeline.likely_unit import likely_unit, model_box
 from windmark.scene import MarkerSet, Mesh
+from windmark.scene.units import IN_MM
 
 CAMERA = Camera((320, 240), 400.0)
 POSE = Pose.look_at([0.0, 0, 500], [0, 0, 0], [0, 1, 0])
@@ -187,3 +191,74 @@ def test_no_verb_reads_lengths_past_the_check():
                 owner = getattr(node.func.value, "id", "")
                 past += [f"{path.name}: {node.func.attr}"] if owner == "io" and path.name not in handing_on else []
     assert past == []
+
+
+# --- files that say no unit
+
+
+UNITS = ("in", "mm", "m", "ft")
+PLACES = np.array([[0.1, 0.1, 0], [0.9, 0.15, 0.02], [0.2, 0.8, 0.05], [0.8, 0.9, 0.03], [0.5, 0.5, 0.04]])
+
+
+def placed(folder, unit, table, grid, says):
+    """A table and a grid of a model of one metre, numbers in their own units; ``says``: those that tell theirs."""
+    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0.1], [1, 1, 0.1]], dtype=float)
+    size = {u: 1000.0 / IN_MM[u] for u in UNITS}
+    mesh = Mesh.make(size[grid] * corners, np.array([[0, 1, 2], [1, 3, 2]]))
+    markers = MarkerSet.make(list("ABCDE"), size[table] * PLACES)
+    pose = Pose.look_at([0, 0, 3 * size[unit]], [0, 0, 0], [0, 1, 0])
+    io.write_camera(folder / "camera.json", CAMERA, pose, unit=unit)
+    io.write_markers(folder / "markers.csv", markers, length_unit=table if "table" in says else "")
+    io.write_mesh(folder / "grid.obj", mesh, length_unit=grid if "grid" in says else "")
+    return "pov", folder / "camera.json", "-m", folder / "markers.csv", "-g", folder / "grid.obj"
+
+
+@pytest.mark.parametrize("unit", UNITS)
+@pytest.mark.parametrize("says", [(), ("table",), ("grid",), ("table", "grid")])
+def test_every_mixture_of_units_is_right_refused_or_named(windmark, tmp_path, unit, says):
+    for table in UNITS:
+        for grid in UNITS:
+            done = windmark(*placed(tmp_path, unit, table, grid, says))
+            told = done.err.count("says no length unit; its lengths are taken in " + unit)
+            if {"table": table, "grid": grid} == {"table": unit, "grid": unit}:
+                assert (done.code, told) == (0, 2 - len(says)), done.err
+                assert "rather in" not in done.err
+            elif any({"table": table, "grid": grid}[file] != unit for file in says):
+                assert done.code == 2
+            elif {table, grid} == {"m", "ft"} and done.code == 0:  # three times too small may be a part of the model
+                assert told == 2 - len(says)
+            elif says and table != grid:  # the silent one is wrong
+                wrong = "inch" if (other := grid if says == ("table",) else table) == "in" else other
+                assert re.search(rf"(rather in|does not lie at .*, in) .*\b{wrong}\b", done.err), done.err
+            elif unit in (table, grid):  # which of the silent ones is wrong, nobody can know
+                assert "rather in" in done.err or "(which says none, either), in" in done.err
+            elif table != grid:
+                assert done.code == 2 or told == 2
+            else:  # both alike, and both silent: only the camera says another unit
+                assert (done.code, told) == (0, 2)
+
+
+def test_points_beside_the_grid_name_the_unit_in_which_they_would_be_at_it(windmark, tmp_path):
+    done = windmark(*placed(tmp_path, "in", "mm", "in", ("grid",)))
+    assert done.code == 2
+    assert "markers.csv: length unit: says none; in inch it does not lie at" in done.err
+    assert "in mm it would (windmark convert --unit mm --to-unit in)" in done.err
+    done = windmark(*placed(tmp_path, "mm", "in", "mm", ("grid",)))
+    assert done.code == 0  # within the grid, but in a corner of it
+    assert "its lengths are taken in mm, as" in done.err
+    assert "by their size they are rather in inch" in done.err
+
+
+def test_what_is_on_the_grid_or_anywhere_else_is_left_alone():
+    rng = np.random.default_rng(0)
+    box = np.zeros(3), np.array([10.0, 4, 1])
+    assert likely_unit(rng.uniform(*box, (20, 3)), box, "mm")[0] == []
+    assert likely_unit(rng.uniform(*box, (20, 3)) + 100, box, "mm")[0] == []  # another frame, no unit
+    assert likely_unit(25.4 * rng.uniform(*box, (3, 3)), box, "in")[0] == []  # too few
+    assert likely_unit(25.4 * rng.uniform(*box, (20, 3)), box, "in") == (["mm"], True)
+    assert likely_unit(25.4 * rng.uniform(*box, (20, 3)), box, "mm", of_surface=True) == (["in"], True)
+    assert likely_unit(rng.uniform(*box, (20, 3)) / 1000, box, "mm") == (["m", "ft"], False)
+    far = Mesh.make(np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [-9e3, -9e3, 0], [9e3, -9e3, 0], [0, 9e3, 0]]),
+                    np.array([[0, 1, 2], [3, 4, 5]]))  # fmt: skip
+    assert model_box(replace(far, triangles=np.array([[0, 1, 2], [0, 2, 1], [3, 4, 5]]),
+                             volume=np.array(["a", "a", "far"])))[1].tolist() == [1, 1, 0]  # fmt: skip

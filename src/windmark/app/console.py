@@ -24,6 +24,7 @@ except ImportError:
 if TYPE_CHECKING:
     from windmark.geometry import Camera
     from windmark.io import ResultFolder
+    from windmark.pipeline.lengths import Lengths
 
 DONE, DATA_SAY_NO, WRONG_USAGE, FAULT, INTERRUPTED = 0, 1, 2, 3, 130
 
@@ -86,6 +87,12 @@ def read_lens(path: Path) -> Camera:
 def note(path: Path, text: str) -> None:
     """One line about a file, beside the result."""
     typer.echo(f"windmark: {path}: {text}", err=True)
+
+
+def notes(lengths: Lengths) -> None:
+    """What is to be said of the length units of a job's files, once all are read."""
+    for path, text in lengths.notes():
+        note(path, text)
 
 
 @contextmanager

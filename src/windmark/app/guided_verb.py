@@ -125,7 +125,9 @@ def _expected(guide: Guide, image: str, radius_px: float | None) -> Predictions:
     content = lengths.camera(guide.camera)
     if content.cam_from_model is None:
         raise io.FileError(guide.camera, "has no pose; expected one, to know where the markers are")
-    return from_camera(content.camera, content.cam_from_model, lengths.markers(guide.markers), radius_px)
+    markers = lengths.markers(guide.markers)
+    console.notes(lengths)
+    return from_camera(content.camera, content.cam_from_model, markers, radius_px)
 
 
 def _names(one: _Seen, which: NDArray[np.bool_]) -> list[str]:

@@ -50,6 +50,7 @@ def check(files: Files, settings: CheckSettings, as_json: bool) -> None:
         from windmark.pipeline.project import GridEntry
 
         mesh = read_grid(GridEntry(file=files.grid), lengths)
+    console.notes(lengths)
     with console.progress() as show, console.result_folder(files.output) as out:
         done = check_markers(markers, files.unit, camera=camera, mesh=mesh, settings=settings, progress=show)
         show("draw")

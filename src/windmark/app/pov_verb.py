@@ -70,6 +70,7 @@ def show(wishes: Wishes, as_json: bool) -> None:
     lengths = Lengths(wishes.unit)
     views = [_from_file(path, wishes, lengths) for path in wishes.cameras]
     mesh, markers = _model(wishes, lengths)
+    console.notes(lengths)
     points = markers if mesh is None else mesh.vertices[mesh.used]
     if wishes.direction is not None:
         views = [_framed(wishes, points)]

@@ -110,6 +110,7 @@ def run(files: Files, match: MatchOptions, as_json: bool) -> None:
     rough = None if files.rough is None else lengths.markers(files.rough)
     table = None if files.labels is None else read_labels(files.labels, files.names, primary)
     poses = {} if files.poses is None else read_poses(files.poses, files.names, lengths)
+    console.notes(lengths)
     with console.progress() as show, console.result_folder(files.output) as out:
         clock = Clock(show)
         pictures, views = read_spots(files.images, files.cameras, files.patterns, match, clock)

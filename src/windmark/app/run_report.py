@@ -46,6 +46,8 @@ def run_report(result: RunResult, clock: Clock, truth: Comparison | None = None)
     project = result.project
     report = Report(project.title, f"windmark {windmark.__version__}, {when}, length unit: {project.length_unit}")
     _overview(report, result)
+    for path, text in result.notes:
+        report.text(f"{path.name}: {text}.", "soft")
     if truth is not None:
         _truth(report, truth)
     _views(report, result)

@@ -68,6 +68,7 @@ def follow_files(wishes: Wishes, options: Record, change: tuple[float, float], a
     roles = tuple(wishes.roles) if wishes.roles else MODEL_ROLES
     markers, camera = lengths.markers(wishes.markers, roles), console.read_lens(wishes.camera)
     prior = None if wishes.prior is None else lengths.camera(wishes.prior).cam_from_model
+    console.notes(lengths)
     if wishes.prior is not None and prior is None:
         raise io.FileError(wishes.prior, "has no pose; expected one, as --prior")
     mask = None if wishes.mask is None else io.read_mask(wishes.mask, camera.size_px[::-1])

@@ -62,6 +62,7 @@ def run_project(project: Project, *, progress: Progress = silent, workers: int |
         raise io.FileError(project.path, "plot3d needs a grid of structured blocks, this one has none", "output.nodes")
     framed = () if inputs.mesh is None else frame_views(project, inputs.mesh)
     lists = read_lists(project.points, lengths)
+    notes += lengths.notes()
     threads = min(len(project.image), workers or os.cpu_count() or 1)
     images = _located(inputs, progress, threads)
     points: tuple[PointSet, ...] = ()

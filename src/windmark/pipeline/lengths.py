@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -11,6 +11,7 @@ from windmark import io
 from windmark.errors import UsageError
 from windmark.io.cameras.record import FREE
 from windmark.io.markers import TARGET_ROLES
+from windmark.pipeline.likely_unit import Array, Box, likely_unit, model_box
 from windmark.pipeline.settings import COMMAND_LINE
 from windmark.scene import MarkerSet, Mesh
 from windmark.scene.units import IN_WORDS
@@ -21,8 +22,9 @@ Noun = TypeVar("Noun", MarkerSet, Mesh, io.PointList)
 class Lengths:
     """The length unit of a job, and who says it: the user, or else the first file that does.
 
-    What a file says must be the job's unit; lengths of a file that says none are in the job's. Poses that are not used
-    are not asked (a camera that is read for its lens only).
+    What a file says must be the job's unit; lengths of a file that says none are in the job's, which `notes` tells
+    where other files say theirs. Points of such a file that are beside the grid and would be at it in another unit are
+    refused. Poses that are not used are not asked (a camera that is read for its lens only).
 
     Parameters
     ----------
@@ -34,6 +36,12 @@ class Lengths:
         if unit is not None and unit not in io.LENGTH_UNITS:
             raise UsageError(f"{by} must be one of {', '.join(io.LENGTH_UNITS)}, got {unit or 'none'!r}")
         self.unit, self.by = unit, by
+        self._telling: list[Path] = []
+        """Files that say their unit."""
+        self._silent: list[Path] = []
+        self._points: dict[Path, Array] = {}
+        """Places that belong on the grid, without those of walls."""
+        self._boxes: dict[Path, Box] = {}
 
     @staticmethod
     def of_project(path: Path, unit: str) -> Lengths:
@@ -50,6 +58,7 @@ class Lengths:
             files or keys, and both units.
         """
         if not said:
+            _note(self._silent, path)
             return
         unit = IN_WORDS.get(said.lower(), said)
         wanted = f"expected one of {', '.join(io.LENGTH_UNITS)}"
@@ -62,18 +71,57 @@ class Lengths:
         if unit != self.unit:
             words = f"its {what} in {unit}, {self.by} is {self.unit}; expected the same"
             raise io.FileError(path, f"{words} (windmark convert --to-unit {self.unit})", _KEY)
+        _note(self._telling, path)
+
+    def notes(self) -> tuple[tuple[Path, str], ...]:
+        """What is to be said of files that say no unit, beside others that do: in which their lengths are taken."""
+        out = []
+        for path in self._silent if self._telling else ():
+            text = f"says no length unit; its lengths are taken in {self.unit}, as {self._telling[0]} says"
+            likely = next((units for _, units, _ in self._doubts(path)), None)
+            out.append((path, f"{text}; by their size they are rather in {_or(likely)}" if likely else text))
+        return tuple(out)
+
+    def _doubts(self, path: Path) -> Iterator[tuple[Path, list[str], bool]]:
+        """Points or grids that ``path`` does not fit, the units that it is likely in, and whether that is sure."""
+        for table, points in self._points.items():
+            for grid, box in self._boxes.items():
+                if path in (table, grid) and self.unit is not None:
+                    units, sure = likely_unit(points, box, self.unit, of_surface=path == grid)
+                    if units:
+                        yield grid if path == table else table, units, sure
+
+    def _check_sizes(self) -> None:
+        """`FileError` for points and a grid of which one says no unit and is surely in another one."""
+        for path in self._silent:
+            for other, units, sure in self._doubts(path):
+                if sure:
+                    there = f"{other}{' (which says none, either)' if other in self._silent else ''}"
+                    taken = _or([str(self.unit)])
+                    words = f"says none; in {taken} it does not lie at {there}, in {_or(units)} it would"
+                    hint = f"windmark convert --unit {units[0]} --to-unit {self.unit}"
+                    raise io.FileError(path, f"{words} ({hint})", _KEY)
 
     def markers(self, path: Path, roles: Sequence[str] | None = TARGET_ROLES) -> MarkerSet:
         """`io.read_markers`, in the job's unit."""
-        return self._agreed(path, io.read_markers(path, roles=roles))
+        markers = self._agreed(path, io.read_markers(path, roles=roles))
+        self._points[path] = markers.xyz[markers.role != "wall"]
+        self._check_sizes()
+        return markers
 
     def points(self, path: Path, roles: Sequence[str] | None = None) -> io.PointList:
         """`io.read_points`, in the job's unit."""
-        return self._agreed(path, io.read_points(path, roles=roles))
+        points = self._agreed(path, io.read_points(path, roles=roles))
+        self._points[path] = points.xyz
+        self._check_sizes()
+        return points
 
     def mesh(self, path: Path, **options: Any) -> Mesh:
         """`io.read_mesh`, in the job's unit."""
-        return self._agreed(path, io.read_mesh(path, **options))
+        mesh = self._agreed(path, io.read_mesh(path, **options))
+        self._boxes[path] = model_box(mesh)
+        self._check_sizes()
+        return mesh
 
     def camera(self, path: Path, **options: Any) -> io.CameraFile:
         """`io.read_camera_file`, its pose in the job's unit."""
@@ -94,3 +142,12 @@ class Lengths:
 
 
 _KEY = "length unit"
+
+
+def _note(paths: list[Path], path: Path) -> None:
+    if path not in paths:
+        paths.append(path)
+
+
+def _or(units: list[str]) -> str:
+    return " or ".join("inch" if unit == "in" else unit for unit in units)

@@ -18,6 +18,7 @@ from windmark.io.errors import reading
 from windmark.pipeline.deform.project import CameraEntry, DeformProject, VolumeEntry
 from windmark.pipeline.deform.task import DeformationTest, LookOptions, Station
 from windmark.pipeline.grid import read_grid, sight
+from windmark.pipeline.lengths import Lengths
 from windmark.pipeline.walls import wall_volumes, walls_note, without
 from windmark.scene import MarkerSet, Mesh
 
@@ -52,14 +53,16 @@ def load(project: DeformProject) -> Loaded:
     FileError
         Naming the project's key, or the file, that is wrong.
     """
-    markers = project.lengths.markers(project.markers.file, project.markers.roles)
-    rig = tuple(_station(project, i, c) for i, c in enumerate(project.camera))
+    lengths = project.lengths
+    markers = lengths.markers(project.markers.file, project.markers.roles)
+    rig = tuple(_station(project, i, c, lengths) for i, c in enumerate(project.camera))
     # The grid is that of the model where it stands without load: near enough to know which side the cameras see.
     posed = [(s.camera, s.cam_from_tunnel) for s in rig]
-    mesh, walls = _grid(project, posed)
+    mesh, walls = _grid(project, posed, lengths)
     volumes, remarks = volumes_of(project, markers)
     remarks += walls
-    remarks += [f"{c.file}: {note}" for c in project.camera if (note := project.lengths.camera(c.file).note)]
+    remarks += [f"{c.file}: {note}" for c in project.camera if (note := lengths.camera(c.file).note)]
+    remarks += [f"{path}: {text}" for path, text in lengths.notes()]
     stations = None
     if project.stations is not None:
         given = project.stations
@@ -82,19 +85,21 @@ def load(project: DeformProject) -> Loaded:
     return Loaded(project, test, mesh, stations, tuple(remarks))
 
 
-def _grid(project: DeformProject, posed: Sequence[tuple[Camera, Pose]]) -> tuple[Mesh | None, list[str]]:
+def _grid(
+    project: DeformProject, posed: Sequence[tuple[Camera, Pose]], lengths: Lengths
+) -> tuple[Mesh | None, list[str]]:
     """The grid, and what is said of it."""
     if project.grid is None:
         return None, []
-    mesh = read_grid(project.grid, project.lengths, posed)
+    mesh = read_grid(project.grid, lengths, posed)
     if project.grid.walls == "keep":
         return mesh, []
-    walls = wall_volumes(project.markers.file, project.grid, mesh, project.lengths)
+    walls = wall_volumes(project.markers.file, project.grid, mesh, lengths)
     return without(mesh, walls), [f"{project.grid.file}: {walls_note(walls, 'the grid')}"] if walls else []
 
 
-def _station(project: DeformProject, i: int, entry: CameraEntry) -> Station:
-    content = project.lengths.camera(entry.file)
+def _station(project: DeformProject, i: int, entry: CameraEntry, lengths: Lengths) -> Station:
+    content = lengths.camera(entry.file)
     camera, pose = content.camera, content.cam_from_model
     if pose is None:
         raise io.FileError(
