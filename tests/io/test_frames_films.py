@@ -74,3 +74,14 @@ def test_a_film_without_pictures(tmp_path):
         out.mux(sound.encode())
     with pytest.raises(io.FileError, match="holds no pictures"):
         io.frames(tmp_path / "a.mp4")
+
+
+def test_a_table_of_more_entries_than_memory_is_damage(tmp_path):
+    write(tmp_path / "a.mov", GREY8[:4], "png", "gray", "gray")
+    content = bytearray((tmp_path / "a.mov").read_bytes())
+    count = content.index(b"stts") + 8
+    content[count : count + 4] = (2**31 - 1).to_bytes(4, "big")
+    (tmp_path / "a.mov").write_bytes(content)
+    with pytest.raises(io.FileError, match="claims more entries than any film has") as caught:
+        io.frames(tmp_path / "a.mov")
+    assert not isinstance(caught.value.__cause__, MemoryError)

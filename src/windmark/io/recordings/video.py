@@ -35,7 +35,10 @@ class VideoRecording(Recording):
             raise FileError(path, "films need PyAV: pip install windmark[video]") from None
         super().__init__(path)
         self._guard = threading.Lock()
-        self._av, self._file = av, av.open(str(path), mode="r")
+        try:
+            self._av, self._file = av, av.open(str(path), mode="r")
+        except MemoryError:  # FFmpeg's own word on a count that no memory could hold: it has asked for none
+            raise FileError(path, "damaged: one of its tables claims more entries than any film has") from None
         try:
             self._open()
         except BaseException:
