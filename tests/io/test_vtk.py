@@ -324,3 +324,18 @@ def test_nothing_appears_on_a_full_disk(tmp_path, make_mesh, full_disk, name):
     with full_disk(5000), pytest.raises(FileError, match="cannot be written"):
         write_nodes_vtk(tmp_path / name, mesh, values(mesh))
     assert not list(tmp_path.iterdir())
+
+
+def test_a_unit_that_is_no_text(tmp_path):
+    surface = pv.Plane(i_resolution=2, j_resolution=2).triangulate()
+    surface.field_data["length_unit"] = ["mm"]
+    surface.save(tmp_path / "a.vtk", binary=False)
+    assert read_mesh(tmp_path / "a.vtk").length_unit == "mm"
+    content = (tmp_path / "a.vtk").read_bytes()
+    assert content.count(b"\nmm\n") == 1
+    (tmp_path / "a.vtk").write_bytes(content.replace(b"\nmm\n", b"\n%b2\xff\n"))
+    with pytest.raises(FileError, match="is not UTF-8; expected UTF-8 text"):
+        read_mesh(tmp_path / "a.vtk")
+    surface.field_data["length_unit"] = [25.4]
+    surface.save(tmp_path / "a.vtk")
+    assert read_mesh(tmp_path / "a.vtk").length_unit == ""

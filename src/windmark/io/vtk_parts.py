@@ -215,8 +215,12 @@ def _blanked(data: Any) -> NDArray[np.bool_] | None:
 
 
 def _field_strings(data: Any, name: str) -> list[str]:
+    """The texts of a field array; numbers are none. `UnicodeDecodeError` where VTK has only bytes."""
     array = data.GetFieldData().GetAbstractArray(name)
-    return [] if array is None else [array.GetValue(k) for k in range(array.GetNumberOfValues())]
+    if array is None or not array.IsA("vtkStringArray"):
+        return []
+    values = [array.GetValue(k) for k in range(array.GetNumberOfValues())]
+    return [value.decode("utf-8") if isinstance(value, bytes) else value for value in values]
 
 
 def _structured(path: str | os.PathLike[str], data: Any, name: str) -> Iterator[_Part]:
