@@ -1,6 +1,7 @@
 """`windmark deform` stopped at any moment: what was measured is readable, and goes on to the same bytes."""
 
 import csv
+import errno
 import os
 import re
 import shutil
@@ -14,7 +15,7 @@ import xarray
 
 from windmark import io
 from windmark.io.journal import AppendedFile
-from windmark.pipeline.deform import resume
+from windmark.pipeline.deform import outputs, resume
 from windmark.pipeline.deform.resume import JOURNAL, STATE, TITLE, loaded, measured
 from windmark.pipeline.simulate_deforming import simulate_deforming
 
@@ -221,6 +222,25 @@ def test_a_full_disk_is_told_and_keeps_what_is_written(made, whole, windmark, tm
     assert assert_readable(beside) == int(kept.group(1)) == len(rows(beside / "deformation.csv"))
     assert windmark("deform", made / "deform.toml", "-o", out, "--resume").code == 0
     assert_same(whole, out)
+
+
+def test_a_series_that_somebody_looks_at_is_written_later(made, whole, windmark, tmp_path, monkeypatch):
+    """Windows does not replace an open file: the run ended there, with all frames still to come."""
+    replace, refused = os.replace, []
+
+    def held(source, target, *rest):
+        if Path(target).name == "deformation.nc" and Path(target).exists() and len(refused) < 2:
+            refused.append(len(rows(Path(target).with_name("deformation.csv"))))
+            raise PermissionError(errno.EACCES, "The process cannot access the file", str(target))
+        replace(source, target, *rest)
+
+    monkeypatch.setattr(outputs, "CHUNK", 2)
+    monkeypatch.setattr(os, "replace", held)
+    done = windmark("deform", made / "deform.toml", "-o", tmp_path / "out")
+    monkeypatch.undo()
+    assert done.code == 0, done.err
+    assert refused == [2, 4]
+    assert_same(whole, tmp_path / "out")
 
 
 def test_a_disk_that_is_really_full(made, windmark, tmp_path, monkeypatch):

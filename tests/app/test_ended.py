@@ -1,5 +1,6 @@
 """How the program ends when something outside of it goes wrong: signals, a full standard output, odd project files."""
 
+import contextlib
 import os
 import signal
 import subprocess
@@ -9,21 +10,91 @@ import weakref
 
 import pytest
 
-from windmark.app import cli
+from windmark.app import cli, console
 
 WINDMARK = [sys.executable, "-m", "windmark.app.cli"]
 
 
 @pytest.mark.skipif(os.name == "nt", reason="signals are sent in another way on Windows")
-def test_sigterm_tidies_up_as_ctrl_c_does(tmp_path):
+@pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP"])
+def test_a_queue_or_a_closing_terminal_ends_a_run_as_ctrl_c_does(tmp_path, name):
     process = subprocess.Popen([*WINDMARK, "simulate", tmp_path / "test", "--photos", "40"], stderr=subprocess.PIPE)
     while process.poll() is None and not (tmp_path / ".windmark-test" / "new").is_dir():
         time.sleep(0.01)
-    process.send_signal(signal.SIGTERM)
+    process.send_signal(getattr(signal, name))
+    if name == "SIGHUP":  # shell and kernel both send it
+        process.send_signal(signal.SIGHUP)
     _, said = process.communicate(timeout=120)
     assert process.returncode == 130
     assert said.decode() == "windmark: interrupted; nothing was written\n"
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no terminals of this kind")
+def test_a_terminal_that_closes_leaves_nothing_half_done(tmp_path):
+    """Standard output and error are gone then, too: neither may break off the tidying up."""
+    import pty
+
+    pid, terminal = pty.fork()
+    if pid == 0:
+        try:
+            os.execv(WINDMARK[0], [*WINDMARK, "simulate", str(tmp_path / "test"), "--photos", "40"])
+        finally:
+            os._exit(99)
+    while not (tmp_path / ".windmark-test" / "new").is_dir():
+        assert os.waitid(os.P_PID, pid, os.WEXITED | os.WNOHANG | os.WNOWAIT) is None
+        time.sleep(0.01)
+    os.close(terminal)
+    _, status = os.waitpid(pid, 0)
+    assert os.WIFEXITED(status)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.skipif(os.name == "nt", reason="the signal is one of POSIX")
+def test_what_nohup_asks_for_holds(tmp_path):
+    code = ("import signal, sys; signal.signal(signal.SIGHUP, signal.SIG_IGN); sys.argv[1:] = ['--version']\n"
+            "from windmark.app.cli import main\ntry:\n    main()\nexcept SystemExit:\n    "
+            "print(signal.getsignal(signal.SIGHUP) == signal.SIG_IGN)")  # fmt: skip
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.stdout.splitlines()[-1] == "True"
+
+
+@pytest.mark.skipif(os.name == "nt", reason="pipes end in another way on Windows")
+@pytest.mark.parametrize("arguments", [["--version"], ["laws"], ["laws", "--json"]])
+def test_a_reader_that_has_had_enough_is_no_failure(arguments):
+    """``windmark laws | head -1`` ended with code 1, which says that the data say no."""
+    reads, writes = os.pipe()
+    os.close(reads)
+    done = subprocess.run([*WINDMARK, *arguments], stdout=writes, stderr=subprocess.PIPE, text=True, check=False)
+    os.close(writes)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.skipif(os.name == "nt", reason="streams are closed by a shell of POSIX")
+@pytest.mark.parametrize("closed", ["1>&-", "2>&-", "0<&- 1>&- 2>&-"])
+def test_closed_streams_lead_to_nowhere(tmp_path, closed):
+    """The next file that was opened took their number, and what a library prints went into it."""
+    code = ("import os, sys; sys.argv[1:] = ['--version']\nfrom windmark.app.cli import main\ntry:\n    main()\n"
+            "except SystemExit as end:\n    with open(r'%s', 'w') as stream:\n        "
+            "print(stream.fileno() > 2, end.code, file=stream)" % (tmp_path / "out.txt"))  # fmt: skip
+    command = subprocess.list2cmdline([sys.executable, "-c"]) + ' "$CODE" ' + closed
+    done = subprocess.run(["sh", "-c", command], env={**os.environ, "CODE": code}, capture_output=True, check=False)
+    assert done.returncode == 0
+    assert (tmp_path / "out.txt").read_text() == "True 0\n"
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="the system has no /dev/full")
+def test_a_narration_that_nobody_can_read_does_not_end_the_run(monkeypatch, capsys):
+    with open("/dev/full", "w") as full:
+        monkeypatch.setattr(sys, "stdout", full)
+        tell = console.Narration()
+        for k in range(3):
+            tell(f"frame {k}")
+        monkeypatch.undo()
+        with contextlib.suppress(OSError):
+            full.close()
+    said = capsys.readouterr().err
+    assert said == "windmark: standard output: cannot be written: the disk is full; the run goes on without it\n"
 
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="the system has no /dev/full")

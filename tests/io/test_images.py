@@ -573,3 +573,21 @@ def test_missing_rows_are_not_black(tmp_path):
         tag.overwrite([0, *tag.value[1:]])
     with pytest.raises(FileError, match="page 0 lacks a part of its pixels"):
         read_image(tmp_path / "v.tif")
+
+
+@pytest.mark.skipif(os.name == "nt", reason="the limit on the size of files is one of POSIX")
+def test_a_disk_that_fills_up_within_a_picture_is_said(tmp_path):
+    """NumPy wrote past Python and said "125000 requested and 49836 written", which gives no reason."""
+    import resource
+
+    values = RNG.integers(0, 256, (250, 500), dtype=np.uint8)
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    try:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, before[1]))
+        with pytest.raises(FileError, match=r"a\.tif: cannot be written: the file is larger than is allowed$"):
+            write_image(tmp_path / "a.tif", values)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert not list(tmp_path.iterdir())
+    write_image(tmp_path / "a.tif", values)
+    np.testing.assert_array_equal(read_image(tmp_path / "a.tif"), values)

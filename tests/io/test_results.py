@@ -339,6 +339,51 @@ def test_a_full_disk_names_the_folder(tmp_path):
     assert read(tmp_path / "out") == {"a": "1"}
 
 
+@pytest.mark.parametrize("older", [True, False])
+def test_a_full_disk_is_named_and_what_was_there_is_said(tmp_path, older):
+    if older:
+        fill(tmp_path / "out", {"a": "1"})
+    full = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    stays = "the result that was there is as it was" if older else "nothing was put there"
+    with pytest.raises(FileError, match=rf"the disk is full; disk /.* has [\d.]+ of [\d.]+ MB free; {stays}$"):
+        fill(tmp_path / "out", {"a": "2"}, then=lambda: throw(full))
+    with pytest.raises(FileError) as caught:  # no size is told where the disk's space is not the reason
+        fill(tmp_path / "out", {"a": "2"}, then=lambda: throw(OSError(errno.EFBIG, "too large")))
+    assert caught.value.what == f"cannot be written: the file is larger than is allowed; {stays}"
+
+
+def test_a_disk_too_full_for_the_name_of_the_process_keeps_nothing_of_ours(tmp_path, monkeypatch):
+    """It made the hidden folder, could not write into it, and left it there, in the older result, too."""
+    fill(tmp_path / "out", {"a": "1"})
+    full = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    with monkeypatch.context() as patch:
+        for call in ("write", "pwrite"):
+            patch.setattr(os, call, lambda *_: throw(full))
+        with pytest.raises(FileError, match="the disk is full"):
+            fill(tmp_path / "out", {"a": "2"})
+    assert read(tmp_path / "out") == {"a": "1"}
+    assert not [*tmp_path.rglob(".windmark*")]
+
+
+def test_a_disk_too_full_for_the_trial_keeps_nothing_of_it(tmp_path, monkeypatch):
+    """The file that is moved for a trial was made, could not be written, and stayed with its hidden folder."""
+    fill(tmp_path / "out", {"a": "1"})
+    write = Path.write_bytes
+
+    def full(self, data):
+        if self.name == ".windmark-probe":
+            self.touch()
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return write(self, data)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "write_bytes", full)
+        with pytest.raises(FileError, match="the disk is full"):
+            fill(tmp_path / "out", {"a": "2"})
+    assert read(tmp_path / "out") == {"a": "1"}
+    assert not [*tmp_path.rglob(".windmark*")]
+
+
 def test_an_error_of_the_work_is_not_blamed_on_the_result(tmp_path):
     for error in (OSError("unable to decode"), FileNotFoundError(errno.ENOENT, "no such file", "/input.tif")):
         with pytest.raises(type(error)) as caught:

@@ -33,7 +33,7 @@ def version_asked(value: bool) -> None:
     if value:
         from windmark import __version__
 
-        typer.echo(f"windmark {__version__}")
+        console.answer({}, False, [f"windmark {__version__}"])
         raise typer.Exit
 
 
@@ -131,8 +131,12 @@ def main() -> None:
     # way (on two busy cores milliseconds become seconds). Must be said before numpy is imported.
     for name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
         os.environ.setdefault(name, "1")
+    _open_closed_streams()
     console.print_any_name()
-    signal.signal(signal.SIGTERM, _terminated)
+    for name in ("SIGTERM", "SIGHUP", "SIGBREAK"):  # a queue, a terminal that closes, Ctrl-Break on Windows
+        number = getattr(signal, name, None)
+        if number is not None and signal.getsignal(number) != signal.SIG_IGN:  # nohup has it ignored
+            signal.signal(number, _terminated)
     sys.unraisablehook = _unraisable
     code: int | str | None = 0
     try:
@@ -148,8 +152,27 @@ def main() -> None:
     sys.exit(code)
 
 
-def _terminated(*_: object) -> None:
-    """A queue or a closing machine asks us to stop: as Ctrl-C does, with everything tidied up."""
+def _open_closed_streams() -> None:
+    """Streams that were closed before the start (``>&-``, a service of Windows) lead to nowhere.
+
+    Otherwise the next file that is opened takes the number of one of them, and whatever a library prints goes into it.
+    """
+    for number in (0, 1, 2):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest number that is free: this one
+    if sys.stdout is None:
+        sys.stdout = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115 (open as long as the program runs)
+    if sys.stderr is None:
+        sys.stderr = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115
+
+
+def _terminated(number: int, _frame: object) -> None:
+    """A queue, a closing machine or terminal asks us to stop: as Ctrl-C does, with everything tidied up."""
+    if number == getattr(signal, "SIGHUP", None):
+        # Shell and kernel may both send it: the second one would break off the tidying up.
+        signal.signal(number, signal.SIG_IGN)
     raise KeyboardInterrupt
 
 
@@ -166,7 +189,9 @@ def _not_printed(error: OSError) -> int:
 
     # What could not be printed is not tried again when Python ends.
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    print(f"windmark: standard output: cannot be written: {reason(error)}", file=sys.stderr)  # noqa: T201
+    if isinstance(error, BrokenPipeError):  # who reads our output has had enough of it
+        return console.DONE
+    console.complain(f"standard output: cannot be written: {reason(error)}")
     return console.WRONG_USAGE
 
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import sys
 import traceback
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from io import TextIOWrapper
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -46,14 +47,16 @@ def progress(total: int | None = None) -> Iterator[Callable[[str], None]]:
 
 
 def answer(record: Mapping[str, Any], as_json: bool, lines: list[str]) -> None:
-    """Print the result: JSON for machines, or lines for people."""
+    """Print the result: JSON for machines, or lines for people, who may have had enough of it (``| head``)."""
     if as_json:
         from windmark.io import to_json
 
-        typer.echo(_printable(to_json(record)))
-    else:
+        lines = [_printable(to_json(record))]
+    try:
         for line in lines:
             typer.echo(line)
+    except BrokenPipeError:
+        _lead_nowhere()
 
 
 def print_any_name() -> None:
@@ -86,7 +89,32 @@ def read_lens(path: Path) -> Camera:
 
 def note(path: Path, text: str) -> None:
     """One line about a file, beside the result."""
-    typer.echo(f"windmark: {path}: {text}", err=True)
+    complain(f"{path}: {text}")
+
+
+def complain(text: str) -> None:
+    """One line for the user on the standard error; no run ends because it leads nowhere (any more)."""
+    with suppress(OSError):
+        typer.echo(f"windmark: {text}", err=True)
+
+
+class Narration:
+    """Lines that a run prints while it works: it goes on where nobody can read them any more, and says so once."""
+
+    def __init__(self) -> None:
+        self._heard = True
+
+    def __call__(self, line: str) -> None:
+        """Print a line."""
+        from windmark.io import reason
+
+        if not self._heard:
+            return
+        try:
+            typer.echo(line)
+        except OSError as error:
+            self._heard = False
+            complain(f"standard output: cannot be written: {reason(error)}; the run goes on without it")
 
 
 def notes(lengths: Lengths) -> None:
@@ -100,7 +128,7 @@ def result_folder(folder: Path, *, live: bool = False, resume: bool = False) -> 
     """`io.result_folder` of the verb at work: its manifest has the options, what it has to say goes to the user."""
     from windmark import io
 
-    with io.result_folder(folder, _about(folder), say=_say, live=live, resume=resume) as out:
+    with io.result_folder(folder, _about(folder), say=complain, live=live, resume=resume) as out:
         yield out
 
 
@@ -123,10 +151,6 @@ def _plain(value: Any, folder: Path) -> Any:
     return value if isinstance(value, bool | int | float) else str(value)
 
 
-def _say(text: str) -> None:
-    typer.echo(f"windmark: {text}", err=True)
-
-
 @contextmanager
 def errors(as_json: bool) -> Iterator[None]:
     """Turn what went wrong into one clear message and the exit code of the conventions.
@@ -141,7 +165,7 @@ def errors(as_json: bool) -> Iterator[None]:
             yield
     except KeyboardInterrupt as error:
         _fail(f"interrupted; {str(error) or 'nothing was written'}", INTERRUPTED, as_json)
-    except (typer.Exit, typer.Abort, BrokenPipeError):  # said already; who reads our output has had enough
+    except (typer.Exit, typer.Abort):  # said already
         raise
     except FileNotFoundError as error:
         _fail(str(error), WRONG_USAGE, as_json)
@@ -160,7 +184,8 @@ def _report_fault(error: Exception, as_json: bool) -> None:
     """A fault of windmark: its traceback, and what to do with it."""
     from windmark import __version__
 
-    typer.echo("".join(traceback.format_exception(error)), err=True, nl=False)
+    with suppress(OSError):
+        typer.echo("".join(traceback.format_exception(error)), err=True, nl=False)
     what = f"{type(error).__name__}: {error}"
     report = "please report it, with the lines above, the command and, if you may, its files"
     _fail(f"a fault of windmark {__version__}, not of your data ({what}); {report}", FAULT, as_json)
@@ -170,12 +195,19 @@ def refuse(reason: str, as_json: bool, record: Mapping[str, Any] | None = None) 
     """The data say no: print the reason, leave with exit code 1."""
     if as_json:
         answer({**(record or {}), "error": reason}, True, [])
-    typer.echo(f"windmark: {reason}", err=True)
+    complain(reason)
     raise typer.Exit(DATA_SAY_NO)
 
 
 def _fail(message: str, code: int, as_json: bool) -> None:
     if as_json:
-        typer.echo(json.dumps({"error": message}))
-    typer.echo(f"windmark: {message}", err=True)
+        with suppress(OSError):  # what it is about counts more than that it cannot be printed
+            typer.echo(json.dumps({"error": message}))
+    complain(message)
     raise typer.Exit(code)
+
+
+def _lead_nowhere() -> None:
+    """The standard output of this process leads nowhere from now on: what is left in its buffer is dropped quietly."""
+    with suppress(OSError, ValueError):  # tests have streams without a number
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -105,19 +105,16 @@ def _with_what_is_kept(error: BaseException, place: Path) -> BaseException | Non
 
 
 def _live(loaded: Loaded, folder: Path, live: Live, resume: bool, as_json: bool) -> Sequence:
-    say: Callable[[FrameRecord], None] | None = None if as_json else _said
+    tell = console.Narration()
+    say: Callable[[FrameRecord], None] | None = None if as_json else lambda row: tell(live_line(row))
     if not as_json:
-        console.answer({}, False, [f"watching {live.folder} (Ctrl-C ends), results in {folder}"])
+        tell(f"watching {live.folder} (Ctrl-C ends), results in {folder}")
     arriving = Watch(loaded.project, live.folder, idle_s=live.idle_s, stop_after=live.frames)
     return run_sequence(loaded, folder, frames=arriving, live=True, say=say, resume=resume)
 
 
 def _quiet(_: str) -> None:
     """Show nothing."""
-
-
-def _said(row: FrameRecord) -> None:
-    console.answer({}, False, [live_line(row)])
 
 
 def live_line(row: FrameRecord) -> str:

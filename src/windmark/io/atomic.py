@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import io
 import os
 import secrets
 import shutil
@@ -12,14 +13,14 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import IO, Any
 
-from windmark.io.errors import FileError, reason
+from windmark.io.errors import NO_SPACE, FileError, reason
 from windmark.io.staging import resolved, stage
 
 # A virus scanner or a viewer may hold a file on Windows for a moment; elsewhere a rename never has to wait.
 _RETRY_AFTER_S: tuple[float, ...] = (0.05, 0.2, 0.5) if os.name == "nt" else ()
 
 
-FULL = (errno.ENOSPC, getattr(errno, "EDQUOT", -1), errno.EFBIG, errno.EROFS)
+FULL = (*NO_SPACE, errno.EFBIG, errno.EROFS)
 """What the system says of a disk that takes no more."""
 
 
@@ -84,6 +85,21 @@ def atomic_paths(paths: Iterable[Path]) -> Iterator[dict[Path, Path]]:
         except FileError as error:  # the user knows the file by its own name
             real = {temporary: path for path, temporary in places.items()}
             raise FileError(real.get(error.path, error.path), error.what, error.where) from error
+
+
+class _Told(io.FileIO):
+    """A file without a number: NumPy, handed one with a number, writes past Python and loses the system's reason."""
+
+    def fileno(self) -> int:
+        raise io.UnsupportedOperation("fileno")
+
+
+def told_file(path: Path) -> IO[bytes]:
+    """A new file for libraries that write arrays: a full disk is an `OSError` that says so.
+
+    NumPy's own writing says only how many bytes it could not write.
+    """
+    return io.BufferedRandom(_Told(path, "w+"))
 
 
 def try_paths(paths: Iterable[Path]) -> None:

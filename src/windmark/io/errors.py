@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import errno
 import os
+import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from windmark.errors import WindmarkError
@@ -62,9 +63,52 @@ _REASONS = {
 }
 
 
+NO_SPACE = (errno.ENOSPC, getattr(errno, "EDQUOT", -1))
+"""What the system says of a disk, or a share of it, that is full."""
+
+
+_REASONS_ON_WINDOWS = {
+    19: _REASONS[errno.EROFS],
+    32: "another program has it open",
+    33: "another program has it open",
+    39: _REASONS[errno.ENOSPC],
+    112: _REASONS[errno.ENOSPC],
+    123: "the name has a sign that Windows does not take",
+    206: _REASONS[errno.ENAMETOOLONG],
+    1295: _REASONS[errno.EDQUOT] if hasattr(errno, "EDQUOT") else _REASONS[errno.ENOSPC],
+}
+"""By Windows' own numbers (winerror.h): POSIX' are "permission denied" or "no such file" for some."""
+_LONGEST_ON_WINDOWS = 247
+"""Signs of a path (MAX_PATH less a name of DOS) up to which Windows makes folders unless long paths are switched on."""
+
+
 def reason(error: OSError) -> str:
     """The operating system's error in words, without its path."""
+    on_windows = getattr(error, "winerror", None)
+    if on_windows in _REASONS_ON_WINDOWS:
+        return _REASONS_ON_WINDOWS[on_windows]
+    path = error.filename2 or error.filename
+    if on_windows in (2, 3) and isinstance(path, str) and len(os.path.abspath(path)) > _LONGEST_ON_WINDOWS:
+        return "its path is longer than Windows takes unless long paths are switched on"
     return _REASONS.get(error.errno or 0) or error.strerror or str(error) or type(error).__name__
+
+
+def refusal(error: FileError) -> OSError | None:
+    """What the operating system said, where that is behind an error."""
+    cause: BaseException | None = error
+    while cause is not None and not isinstance(cause, OSError):
+        cause = cause.__cause__
+    return cause
+
+
+def space_on(path: Path) -> str:
+    """The disk on which ``path`` is or would be, and what is free of it, in words; "" where that is not known."""
+    for place in (path, *path.parents):
+        with suppress(OSError):
+            usage, real = shutil.disk_usage(place), Path(os.path.realpath(place))
+            top = next(p for p in (real, *real.parents) if os.path.ismount(p) or p == p.parent)
+            return f"disk {top} has {usage.free / 1e6:.1f} of {usage.total / 1e6:.1f} MB free"
+    return ""
 
 
 _WITNESSES: list[set[str]] = []

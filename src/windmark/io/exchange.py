@@ -10,10 +10,8 @@ import ctypes
 import json
 import os
 import shutil
-import signal
-import threading
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -168,21 +166,3 @@ def _rename_exchange(a: Path, b: Path) -> bool:
     rename = getattr(ctypes.CDLL(None), "renameat2", None) if os.name == "posix" else None
     here, exchange = -100, 2
     return rename is not None and rename(here, os.fsencode(a), here, os.fsencode(b), exchange) == 0
-
-
-@contextmanager
-def uninterrupted(target: Path) -> Iterator[None]:
-    """Ctrl-C and SIGTERM wait until the block is done."""
-    caught: list[int] = []
-    before = {}
-    if threading.current_thread() is threading.main_thread():
-        for number in (signal.SIGINT, signal.SIGTERM):
-            before[number] = signal.signal(number, lambda n, _: caught.append(n))
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            if handler is not None:  # None: not Python's own, nobody can set it again
-                signal.signal(number, handler)
-    if caught:
-        raise KeyboardInterrupt(f"{target} had been written whole before")

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from windmark.errors import UsageError
 from windmark.io import _pillow
 from windmark.io._tiff import open_tiff
-from windmark.io.atomic import atomic_path, atomic_write
+from windmark.io.atomic import atomic_path, atomic_write, told_file
 from windmark.io.colour import check_channel, check_mosaic, from_mosaic, to_grey
 from windmark.io.errors import FileError, decoding
 from windmark.io.recordings.address import FrameAddress, frame_address
@@ -257,7 +257,7 @@ def _write_tiff(path: Path, pictures: Iterable[Image], description: str = "") ->
     import tifffile
 
     count = 0
-    with tifffile.TiffWriter(path) as writer:
+    with told_file(path) as stream, tifffile.TiffWriter(stream) as writer:
         for values in pictures:
             photometric = "rgb" if values.ndim == 3 else "minisblack"
             writer.write(

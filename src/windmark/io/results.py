@@ -23,9 +23,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from windmark.io.atomic import writing
-from windmark.io.errors import FileError, witness
-from windmark.io.exchange import UNFINISHED, exchange, finish_exchange, newer, uninterrupted
+from windmark.io.atomic import FULL, writing
+from windmark.io.errors import NO_SPACE, FileError, refusal, space_on, witness
+from windmark.io.exchange import UNFINISHED, exchange, finish_exchange, newer
+from windmark.io.interrupts import interrupts_wait
 from windmark.io.manifest import MANIFEST, files_below, read_manifest, write_manifest
 from windmark.io.staging import Say, Staging, busy, hidden_places, in_use, silent, stage
 from windmark.io.text import write_json
@@ -85,7 +86,8 @@ def result_folder(
     """
     out = None
     with witness() as read:
-        staging = stage(path, say)
+        with _what_stays(path, live):
+            staging = stage(path, say)
         try:
             _refuse_folders(staging.target)
             with writing(path, staging.hidden, *([staging.target] if live else []), only=False):
@@ -96,16 +98,34 @@ def result_folder(
                 described = {**out.about, "refused": out.refused}
                 record = write_manifest(out.place, staging.target, read, described, there)
                 if not live:
-                    with uninterrupted(staging.target):
+                    with interrupts_wait(f"{staging.target} had been written whole before"):
                         exchange(staging, set(record["outputs"]), out.refused, say)
                 out.keep = False
         except FileError as error:
-            if not error.path.is_relative_to(staging.new):
-                raise
-            # The user knows the file by the name that it would have had.
-            raise FileError(staging.target / error.path.relative_to(staging.new), error.what, error.where) from error
+            with _what_stays(path, live):
+                if not error.path.is_relative_to(staging.new):
+                    raise
+                # The user knows the file by the name that it would have had.
+                real = staging.target / error.path.relative_to(staging.new)
+                raise FileError(real, error.what, error.where) from error
         finally:
             staging.release(clear=out is None or not out.keep)
+
+
+@contextmanager
+def _what_stays(path: str | os.PathLike[str], live: bool) -> Iterator[None]:
+    """Where a disk takes no more, the error says which disk that is, and what is there as it was."""
+    try:
+        yield
+    except FileError as error:
+        cause = refusal(error)
+        if cause is None or cause.errno not in FULL:
+            raise
+        older = read_manifest(Path(os.path.realpath(path))) is not None
+        words = [error.what, space_on(error.path) if cause.errno in NO_SPACE else ""]
+        if not live:
+            words.append("the result that was there is as it was" if older else "nothing was put there")
+        raise FileError(error.path, "; ".join(word for word in words if word), error.where) from error
 
 
 def unfinished(path: str | os.PathLike[str]) -> Path | None:

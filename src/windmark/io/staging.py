@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import os
 import shutil
-import socket
+import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 from windmark.io.errors import FileError, reason
+from windmark.io.lock import TRIES, holder, is_file, let_go, locked, sign, unlocked
 
 HIDDEN = ".windmark"
 """Name of the hidden folder inside a target; beside it, the target's own name follows."""
 _LOCK, _PROBE = "lock", ".windmark-probe"
 _LONGEST = 200
-_TRIES = 20
-"""Rounds in which the folder of a run that just ended may vanish under our hands."""
+_DELETED_S = 0.05
+"""Windows denies access to a name while it removes what had it, until the last program that looks at it closes it."""
 
 Say = Callable[[str], None]
 
@@ -149,9 +150,10 @@ def stage(path: str | os.PathLike[str], say: Say = silent, *, parents: bool = Tr
         raise
 
 
-def busy(path: str | os.PathLike[str], holder: str) -> FileError:
+def busy(path: str | os.PathLike[str], process: str) -> FileError:
     """The refusal of a folder that another run holds."""
-    return FileError(path, f"another run writes into this folder ({holder}); wait for it to end, or choose another one")
+    what = f"another run writes into this folder ({process}); wait for it to end, or choose another one"
+    return FileError(path, what)
 
 
 def _stage(path: str | os.PathLike[str], target: Path, made: tuple[Path, ...], say: Say) -> Staging:
@@ -198,8 +200,8 @@ def _try(target: Path, hidden: Path) -> None:
         target.mkdir()
         target.rmdir()
         return
-    probe.write_bytes(b"?")
     try:
+        probe.write_bytes(b"?")
         os.replace(probe, target / _PROBE)
         (target / _PROBE).unlink()
     finally:
@@ -213,104 +215,49 @@ def in_use(hidden: Path) -> str:
     except OSError:
         return ""
     try:
-        return "" if _locked(lock) else _holder(lock)
+        return "" if locked(lock) else holder(lock)
     except NotImplementedError:
         return ""
     finally:
-        os.close(lock)
-
-
-# --- the lock: the operating system lets go of it when its process ends, however it ends ---------------
+        unlocked(lock)
 
 
 def _take(hidden: Path, path: str | os.PathLike[str], say: Say) -> int:
     """Descriptor of the hidden folder's lock file, locked by us."""
-    for _ in range(_TRIES):
-        # Made by us alone or left by a killed run; a run that just ends removes it at any moment.
-        with suppress(FileExistsError):
-            hidden.mkdir()
+    for k in range(TRIES):
         try:
+            # Made by us alone or left by a killed run; a run that just ends removes it at any moment.
+            with suppress(FileExistsError):
+                hidden.mkdir()
             lock = os.open(hidden / _LOCK, os.O_RDWR | os.O_CREAT, 0o666)
         except FileNotFoundError:
             continue
+        except PermissionError:
+            if os.name != "nt" or k == TRIES - 1:
+                raise
+            time.sleep(_DELETED_S)
+            continue
         try:
-            if not _locked(lock):
-                raise busy(path, _holder(lock))
-            if _is(lock, hidden / _LOCK):
-                os.ftruncate(lock, 0)
-                os.pwrite(lock, _we(), 0) if hasattr(os, "pwrite") else os.write(lock, _we())
-                return lock
+            if not locked(lock):
+                raise busy(path, holder(lock))
         except NotImplementedError:
             say("this disk has no locks: a second run into the same folder would not be noticed")
             return lock
         except BaseException:
             os.close(lock)
             raise
-        os.close(lock)
+        if is_file(lock, hidden / _LOCK):
+            try:
+                sign(lock)
+            except BaseException:  # the disk is too full for it: nothing of ours stays there
+                _release(hidden, lock)
+                raise
+            return lock
+        unlocked(lock)
     raise FileError(path, "other runs come and go in this folder; choose another one")
 
 
 def _release(hidden: Path, lock: int) -> None:
-    # The file is removed while it is locked: who waits for it sees that it is gone and begins anew.
-    if os.name == "nt":  # an open file cannot be removed there
-        os.close(lock)
+    let_go(lock, hidden / _LOCK)
     with suppress(OSError):
-        (hidden / _LOCK).unlink(missing_ok=True)
         hidden.rmdir()
-    if os.name != "nt":
-        os.close(lock)
-
-
-def _we() -> bytes:
-    return f"process {os.getpid()} on {socket.gethostname()}".encode()
-
-
-def _holder(lock: int) -> str:
-    with suppress(OSError, UnicodeDecodeError):
-        os.lseek(lock, 0, os.SEEK_SET)
-        return os.read(lock, 200).decode() or "it has just begun"
-    return "its process is not known"
-
-
-def _is(lock: int, file: Path) -> bool:
-    """Whether the open file is the one of this name: it may have been removed meanwhile."""
-    with suppress(OSError):
-        return os.path.samestat(os.fstat(lock), os.stat(file))
-    return False
-
-
-if os.name == "nt":
-    import msvcrt
-
-    def _locked(lock: int) -> bool:
-        """Take the lock, if it is free: of a byte far behind the text, which others may read."""
-        os.lseek(lock, 1 << 30, os.SEEK_SET)
-        try:
-            msvcrt.locking(lock, msvcrt.LK_NBLCK, 1)  # type: ignore[attr-defined]
-        except OSError:
-            return False
-        finally:
-            os.lseek(lock, 0, os.SEEK_SET)
-        return True
-
-else:
-    import errno
-    import fcntl
-
-    def _locked(lock: int) -> bool:
-        """Take the lock, if it is free.
-
-        Raises
-        ------
-        NotImplementedError
-            On a disk without locks.
-        """
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            return False
-        except OSError as error:
-            if error.errno in (errno.ENOLCK, errno.ENOTSUP, errno.ENOSYS):
-                raise NotImplementedError from error
-            raise
-        return True

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from windmark.errors import UsageError
-from windmark.io.atomic import atomic_folder, atomic_path
+from windmark.io.atomic import atomic_folder, atomic_path, told_file
 from windmark.io.errors import FileError
 from windmark.io.recordings.base import Frames, Image
 from windmark.io.text import Pathlike
@@ -74,7 +74,10 @@ def _write_tiff(target: Path, frames: Frames, each: Each) -> None:
     import tifffile
 
     total = len(frames) * frames.dtype.itemsize * int(np.prod(frames.shape))
-    with atomic_path(target) as temporary, tifffile.TiffWriter(temporary, bigtiff=total > _BIG) as writer:
+    with (
+        atomic_path(target) as temporary, told_file(temporary) as stream,
+        tifffile.TiffWriter(stream, bigtiff=total > _BIG) as writer,
+    ):  # fmt: skip
         for k, picture in enumerate(frames):
             each(frames.name(k))
             photometric = "rgb" if picture.ndim == 3 and picture.shape[2] > 2 else "minisblack"

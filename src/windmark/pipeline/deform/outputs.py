@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from windmark import io
 from windmark.deformation import Deformation
+from windmark.io.errors import refusal
 from windmark.io.journal import AppendedFile
 from windmark.pipeline.deform.frames import FrameTable
 from windmark.pipeline.deform.inbox import Arrival
@@ -172,7 +173,12 @@ class Writer:
             file.sync()
         self._journal.sync()
         if len(self._rows) - self._in_series >= max(CHUNK, len(self._rows) // GROWN):
-            self._write_series()
+            try:
+                self._write_series()
+            except io.FileError as error:
+                # On Windows a file that somebody looks at cannot be replaced: next time, or at the end.
+                if not isinstance(refusal(error), PermissionError):
+                    raise
 
     def _write_series(self) -> None:
         replaced_file(self._folder, "deformation.nc", series_content(self._loaded, self._table, self._rows))

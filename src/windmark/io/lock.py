@@ -1,0 +1,105 @@
+"""Locks of files: the operating system lets go of them when their process ends, however it ends."""
+
+from __future__ import annotations
+
+import errno
+import os
+import socket
+from contextlib import suppress
+from pathlib import Path
+
+TRIES = 20
+"""Rounds in which the lock of a run that just ended may vanish under our hands."""
+_SIGNED = 200
+"""Bytes of the text in a lock file: always the same, as Windows may refuse to cut a file of which a part is locked."""
+_FAR = 1 << 30
+"""Where Windows locks a byte: far behind the text, which others may read then; a file need not reach so far."""
+
+
+def locked(lock: int) -> bool:
+    """Take the lock of an open file, if it is free.
+
+    Raises
+    ------
+    NotImplementedError
+        On a disk without locks.
+    """
+    return _locked_on_windows(lock) if os.name == "nt" else _locked_on_posix(lock)
+
+
+def unlocked(lock: int) -> None:
+    """Close the file; its lock is free at once. (Windows frees the locks of a closed file only when it finds time.)"""
+    if os.name == "nt":
+        import msvcrt
+
+        with suppress(OSError):
+            os.lseek(lock, _FAR, os.SEEK_SET)
+            msvcrt.locking(lock, msvcrt.LK_UNLCK, 1)  # type: ignore[attr-defined]
+    os.close(lock)
+
+
+def let_go(lock: int, file: Path) -> None:
+    """Remove a lock file that we hold."""
+    # It is removed while it is locked: who waits for it sees that it is gone and begins anew.
+    if os.name == "nt":  # an open file cannot be removed there
+        unlocked(lock)
+    with suppress(OSError):
+        file.unlink(missing_ok=True)
+    if os.name != "nt":
+        os.close(lock)
+
+
+def sign(lock: int) -> None:
+    """Write into a lock file whose it is.
+
+    Raises
+    ------
+    OSError
+        Where the disk is full.
+    """
+    os.lseek(lock, 0, os.SEEK_SET)
+    os.write(lock, f"process {os.getpid()} on {socket.gethostname()}".encode()[:_SIGNED].ljust(_SIGNED))
+
+
+def holder(lock: int) -> str:
+    """The process, in words, that has signed a lock file."""
+    with suppress(OSError, UnicodeDecodeError):
+        os.lseek(lock, 0, os.SEEK_SET)
+        return os.read(lock, _SIGNED).decode().strip() or "it has just begun"
+    return "its process is not known"
+
+
+def is_file(lock: int, file: Path) -> bool:
+    """Whether the open file is the one of this name: it may have been removed meanwhile."""
+    with suppress(OSError):
+        return os.path.samestat(os.fstat(lock), os.stat(file))
+    return False
+
+
+def _locked_on_windows(lock: int) -> bool:
+    import msvcrt
+
+    os.lseek(lock, _FAR, os.SEEK_SET)
+    try:
+        msvcrt.locking(lock, msvcrt.LK_NBLCK, 1)  # type: ignore[attr-defined]
+    except OSError as error:
+        if error.errno in (errno.EACCES, errno.EDEADLK):  # the two that its documentation names for a taken one
+            return False
+        raise NotImplementedError from error  # a share that has none says EINVAL
+    finally:
+        os.lseek(lock, 0, os.SEEK_SET)
+    return True
+
+
+def _locked_on_posix(lock: int) -> bool:
+    import fcntl
+
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError as error:
+        if error.errno in (errno.ENOLCK, errno.ENOTSUP, errno.ENOSYS):
+            raise NotImplementedError from error
+        raise
+    return True
