@@ -10,6 +10,7 @@ import hashlib
 import json
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -23,10 +24,15 @@ WINDMARK = [sys.executable, "-m", "windmark.app.cli"]
 
 def prepared(folder: Path) -> dict[str, list[str]]:
     """Small synthetic tests as files, and the command of every verb without its output."""
-    for name, kind in (("test", []), ("wing", ["--deforming", "12"]), ("photos", ["--photos", "12"])):
+    from windmark.pipeline.simulate_deforming import simulate_deforming
+
+    for name, kind in (("test", []), ("photos", ["--photos", "12"])):
         if not (folder / name).exists():
             subprocess.run([*WINDMARK, "simulate", str(folder / name), *kind], check=True, capture_output=True)
-    test, photos, wing = folder / "test", folder / "photos", folder / "wing"
+    if not (folder / "bending").exists():
+        (folder / "bending").mkdir()
+        simulate_deforming(folder / "bending", 3, 8, (640, 400))
+    test, photos, wing = folder / "test", folder / "photos", folder / "bending"
     frames = folder / "frames"
     frames.mkdir(exist_ok=True)
     for k in range(4):
@@ -156,3 +162,14 @@ class Run:
             texts.append(path.read_text(errors="replace") if path.exists() else "")
             path.unlink(missing_ok=True)
         return Ended(code, *texts, seconds)
+
+
+def warm(command: list[str], out: Path) -> None:
+    """Carry a verb out in this process."""
+    from typer.testing import CliRunner
+
+    from windmark.app.cli import app
+
+    done = CliRunner().invoke(app, [*command, "-o", str(out)], catch_exceptions=False)
+    assert done.exit_code == 0, done.output
+    shutil.rmtree(out)

@@ -28,7 +28,7 @@ from pathlib import Path
 
 import numpy as np
 
-from _faults import Ended, Run, hidden, prepared, state, told, watched
+from _faults import Ended, Run, hidden, prepared, state, told, warm, watched
 
 MIB = 2**20
 BALLAST = "ballast"
@@ -298,17 +298,6 @@ def main() -> None:
     print("sentences:")
     for line, count in sentences.most_common():
         print(f"  {count:3d}  {line}")
-
-
-def warm(command: list[str], out: Path) -> None:
-    """Carry a verb out in this process."""
-    from typer.testing import CliRunner
-
-    from windmark.app.cli import app
-
-    done = CliRunner().invoke(app, [*command, "-o", str(out)], catch_exceptions=False)
-    assert done.exit_code == 0, done.output
-    shutil.rmtree(out)
 
 
 if __name__ == "__main__":

@@ -2,11 +2,12 @@
 
 Kills: `deform` and `deform --watch` are killed (SIGKILL, SIGTERM in turn) at random moments, what is there is opened,
 and `--resume` goes on, again and again, until the run ends; its files are compared with those of an undisturbed one.
-Live: 1,000 frames by a writer with pauses, files made in their full size, disorder, duplicates, dates that are off by
-hours and files that are never finished; every frame must have one row, every file one, and no number may be another one
-than from the disk.
+Live: 1,000 frames by a writer with pauses, files made in their full size (some stay half black), disorder, duplicates,
+names that are changed in place, dates that are off by hours, files that are never finished, and a second camera that
+falls behind and catches up; every frame must have one row, every file one, and no number may differ from that of the
+disk.
 
-    python benchmarks/series_faults.py [--kills 30] [--frames 1000]
+    python benchmarks/series_faults.py [--kills 30] [--frames 1000] [--only kills fed "live kills"]
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import Any
 
@@ -30,8 +31,15 @@ MADE = 12
 """Frames that are rendered; longer sequences go through them to and fro."""
 
 
-def main(quick: bool = False, kills: int | None = None, frames: int | None = None) -> dict[str, Any]:
-    """Both attacks; figures."""
+ATTACKS = ("kills", "fed", "live kills")
+BEHIND = 12
+"""Frames by which the second camera falls behind at most."""
+
+
+def main(
+    quick: bool = False, kills: int | None = None, frames: int | None = None, only: Collection[str] = ATTACKS
+) -> dict[str, Any]:
+    """The attacks; figures."""
     from windmark.pipeline.simulate_deforming import simulate_deforming
 
     kills, frames = kills or (4 if quick else 30), frames or (100 if quick else 1000)
@@ -42,8 +50,9 @@ def main(quick: bool = False, kills: int | None = None, frames: int | None = Non
         figures: dict[str, Any] = {}
         for key, attack in (("kills", lambda: killed(folder, kills, False)), ("fed", lambda: fed(folder, frames)),
                             ("live kills", lambda: killed(folder, kills, True))):  # fmt: skip
-            figures[key] = attack()
-            print(f"{key}: {figures[key]}", flush=True)
+            if key in only:
+                figures[key] = attack()
+                print(f"{key}: {figures[key]}", flush=True)
     return figures
 
 
@@ -192,11 +201,17 @@ def write(images: Path, incoming: Path, frames: int) -> None:
     """Deliver the pictures with faults, about 25 frames a second."""
     rng = np.random.default_rng(9)
     late: list[tuple[int, Path, Path]] = []
-    for k in range(frames):
-        for camera in ("cam1", "cam2"):
-            source, target = images / f"{camera}-{k:04d}.tif", incoming / f"{camera}-{k:04d}.tif"
-            how = rng.choice(["moved", "pause", "made full", "cut", "late", "twice", "dated"],
-                             p=[0.72, 0.1, 0.05, 0.01, 0.04, 0.03, 0.05])  # fmt: skip
+    kinds = {"moved": 0.67, "pause": 0.1, "made full": 0.05, "half black": 0.003, "cut": 0.007, "late": 0.04,
+             "twice": 0.03, "dated": 0.05, "renamed": 0.05}  # fmt: skip
+    begun = 0
+    for k in range(frames + BEHIND):
+        behind = round(BEHIND * min(1.0, 4 * abs((k / frames) % 0.5 - 0.25)))  # of the second camera: to and fro
+        turns = [("cam1", k)] if k < frames else []
+        turns += [("cam2", j) for j in range(begun, min(max(begun, k + 1 - behind), frames))]
+        begun = max([begun, *(j + 1 for camera, j in turns if camera == "cam2")])
+        for camera, j in turns:
+            source, target = images / f"{camera}-{j:04d}.tif", incoming / f"{camera}-{j:04d}.tif"
+            how = rng.choice(list(kinds), p=list(kinds.values()))
             if how == "late":
                 late.append((k + int(rng.integers(1, 12)), source, target))
             else:
@@ -205,6 +220,8 @@ def write(images: Path, incoming: Path, frames: int) -> None:
             late.remove(item)
             deliver(item[1].read_bytes(), item[2], "moved", rng)
         time.sleep(0.04)
+    for j in range(begun, frames):
+        deliver((images / f"cam2-{j:04d}.tif").read_bytes(), incoming / f"cam2-{j:04d}.tif", "moved", rng)
     for _, source, target in late:
         deliver(source.read_bytes(), target, "moved", rng)
 
@@ -212,18 +229,20 @@ def write(images: Path, incoming: Path, frames: int) -> None:
 def deliver(data: bytes, target: Path, how: str, rng: np.random.Generator) -> None:
     """One file, in one of several ways."""
     part = int(len(data) * rng.uniform(0.05, 0.95))
-    if how in ("pause", "cut", "made full"):
+    if how in ("pause", "cut", "made full", "half black"):
         with open(target, "wb", buffering=0) as stream:
             stream.write(data[:part])
-            if how == "made full":
+            if how in ("made full", "half black"):
                 stream.write(bytes(len(data) - part))
                 stream.seek(part)
-            if how != "cut":
+            if how not in ("cut", "half black"):
                 time.sleep(rng.choice([0.03, 0.06, 0.12]))
                 stream.write(data[part:])
         return
-    temporary = target.with_name(f".{target.name}")
+    temporary = target.with_name(f"{target.name}.part" if how == "renamed" else f".{target.name}")
     temporary.write_bytes(data)
+    if how == "renamed":
+        time.sleep(rng.choice([0.0, 0.02]))
     if how == "dated":
         os.utime(temporary, (time.time() + 3600 * rng.choice([-5, 5]),) * 2)
     temporary.rename(target)
@@ -235,5 +254,6 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
     parser.add_argument("--kills", type=int, default=30)
     parser.add_argument("--frames", type=int, default=1000)
+    parser.add_argument("--only", nargs="*", choices=ATTACKS, default=ATTACKS)
     options = parser.parse_args()
-    sys.exit(main(False, options.kills, options.frames) is None)
+    sys.exit(main(False, options.kills, options.frames, options.only) is None)

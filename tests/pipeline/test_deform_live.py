@@ -138,6 +138,18 @@ def test_a_content_that_changes_while_date_and_size_stay_is_not_whole(tmp_path, 
     assert inbox.after(0.5) == [("c1-1.tif", "measured", "")]
 
 
+def test_a_file_that_is_renamed_when_it_is_whole_is_no_foreign_one(tmp_path, inbox):
+    """Every picture was told of twice at the end: as measured, and as one that matches no camera's pattern."""
+    (tmp_path / "c1-1.tif.part").write_bytes(content(tmp_path))
+    (tmp_path / "notes.txt").write_text("mine")
+    assert inbox.after(0.0) == []
+    assert sorted(inbox.inbox.foreign) == ["c1-1.tif.part", "notes.txt"]
+    (tmp_path / "c1-1.tif.part").rename(tmp_path / "c1-1.tif")
+    told = [fate for _ in range(4) for fate in inbox.after(0.6)]
+    assert told == [("c1-1.tif", "measured", "")]
+    assert inbox.inbox.foreign == ["notes.txt"]
+
+
 @pytest.mark.parametrize("shift_s", [-3600.0, 3600.0])
 def test_dates_of_files_do_not_matter(tmp_path, inbox, shift_s):
     """A file dated an hour ahead was never taken."""

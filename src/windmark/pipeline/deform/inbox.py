@@ -94,8 +94,12 @@ class Inbox:
         self.waiting: dict[Path, Arriving] = {}
         self.known: frozenset[tuple[str, str]] = frozenset()
         """Camera and name of files that a run that was stopped has dealt with."""
-        self.foreign: list[str] = []
-        """Names of files that match no camera's pattern."""
+        self._foreign: list[Path] = []
+
+    @property
+    def foreign(self) -> list[str]:
+        """Names of files that match no camera's pattern and are still there: many cameras rename what is whole."""
+        return [path.name for path in self._foreign if os.path.lexists(path)]
 
     def look(self, now: float) -> list[Arriving]:
         """List the folders; the files that are new, which wait from now on."""
@@ -104,7 +108,7 @@ class Inbox:
             for path in self._list(folder, now):
                 camera = self._camera(folder, path.name)
                 if camera is None:
-                    self.foreign.append(path.name)
+                    self._foreign.append(path)
                 elif (camera, path.name) not in self.known:
                     self.waiting[path] = Arriving(path, camera, key_of(path.stem), now)
                     new.append(self.waiting[path])
