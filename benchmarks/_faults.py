@@ -18,6 +18,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TextIO
 
 WINDMARK = [sys.executable, "-m", "windmark.app.cli"]
 
@@ -129,11 +130,14 @@ class Run:
                 before()
             from windmark.app.cli import main
 
+            # As a process of its own has them: this one's know where they stood in another file.
+            sys.stdout, sys.stderr = _stream(1), _stream(2)  # type: ignore[assignment]
             sys.argv = ["windmark", *arguments]
             try:
                 main()
             except SystemExit as end:
                 code = int(end.code or 0)
+            sys.stdout.flush()
             sys.stderr.flush()
         except BaseException:
             import traceback
@@ -162,6 +166,14 @@ class Run:
             texts.append(path.read_text(errors="replace") if path.exists() else "")
             path.unlink(missing_ok=True)
         return Ended(code, *texts, seconds)
+
+
+def _stream(number: int) -> TextIO | None:
+    """A standard stream as Python makes it at its start: None for a closed one."""
+    try:
+        return open(number, "w", 1, closefd=False)
+    except OSError:
+        return None
 
 
 def warm(command: list[str], out: Path) -> None:

@@ -123,7 +123,12 @@ def crowd(command: list[str], place: Path, rounds: int, sentences: Counter[str])
     talk.mkdir(exist_ok=True)
     for _ in range(rounds):
         before = state(out)
-        ends = [run.end() for run in [Run([*command, "-o", str(out)], talk) for _ in range(4)]]
+        begun, took = time.monotonic(), dict[int, float]()
+        runs = [Run([*command, "-o", str(out)], talk) for _ in range(4)]
+        while len(took) < len(runs):
+            took.update({r.pid: time.monotonic() - begun for r in runs if r.pid not in took and not r.is_going()})
+            time.sleep(0.01)
+        ends = [run.end() for run in runs]
         refused = [e for e in ends if e.code == 2 and "another run writes into this folder (process " in e.said]
         won = [e for e in ends if e.code == 0]
         for end in ends:
@@ -134,8 +139,8 @@ def crowd(command: list[str], place: Path, rounds: int, sentences: Counter[str])
         seen[f"BAD: {sorted(e.code for e in ends)}"] += not won or len(won) + len(refused) != 4
         seen["BAD: mixed"] += after == before or after == "none" or after.startswith("MIXED")
         seen["BAD: hidden"] += bool(hidden(place))
-        late = max((e.seconds for e in refused), default=0.0) / min(e.seconds for e in won) if won else 1.0
-        seen["refused within half of a run's time"] += late < 0.5
+        late = max((took[r.pid] for r, e in zip(runs, ends, strict=True) if e.code), default=0.0)
+        seen["all refused before half of the longest run's time"] += late < 0.5 * max(took.values())
     found = ", ".join(f"{what} {n}" for what, n in sorted(seen.items()) if n)
     return f"4 runs into one folder, {rounds} times: {found}"
 

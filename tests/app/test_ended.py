@@ -103,7 +103,7 @@ def test_a_full_standard_output_is_said(arguments):
     with open("/dev/full", "w") as full:
         done = subprocess.run([*WINDMARK, *arguments], stdout=full, stderr=subprocess.PIPE, text=True, check=False)
     assert done.returncode == 2
-    assert done.stderr.splitlines()[-1].endswith("the disk is full")
+    assert done.stderr.splitlines()[-1] == "windmark: standard output: cannot be written: the disk is full"
     assert "Traceback" not in done.stderr
     assert "Exception ignored" not in done.stderr
 

@@ -365,6 +365,23 @@ def test_a_disk_too_full_for_the_name_of_the_process_keeps_nothing_of_ours(tmp_p
     assert not [*tmp_path.rglob(".windmark*")]
 
 
+def test_a_disk_without_room_for_one_more_file_keeps_no_folder(tmp_path, monkeypatch):
+    fill(tmp_path / "out", {"a": "1"})
+    opened = os.open
+
+    def full(path, flags, *rest, **more):
+        if flags & os.O_CREAT:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
+        return opened(path, flags, *rest, **more)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "open", full)
+        with pytest.raises(FileError, match="the disk is full"):
+            fill(tmp_path / "out", {"a": "2"})
+    assert read(tmp_path / "out") == {"a": "1"}
+    assert not [*tmp_path.rglob(".windmark*")]
+
+
 def test_a_disk_too_full_for_the_trial_keeps_nothing_of_it(tmp_path, monkeypatch):
     """The file that is moved for a trial was made, could not be written, and stayed with its hidden folder."""
     fill(tmp_path / "out", {"a": "1"})

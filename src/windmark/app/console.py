@@ -55,8 +55,13 @@ def answer(record: Mapping[str, Any], as_json: bool, lines: list[str]) -> None:
     try:
         for line in lines:
             typer.echo(line)
-    except BrokenPipeError:
+    except OSError as error:
+        from windmark.io import reason
+
         _lead_nowhere()
+        if not isinstance(error, BrokenPipeError):
+            complain(f"standard output: cannot be written: {reason(error)}")
+            raise typer.Exit(WRONG_USAGE) from error
 
 
 def print_any_name() -> None:

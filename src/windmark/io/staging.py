@@ -237,6 +237,10 @@ def _take(hidden: Path, path: str | os.PathLike[str], say: Say) -> int:
                 raise
             time.sleep(_DELETED_S)
             continue
+        except OSError:  # no room for one more file
+            with suppress(OSError):
+                hidden.rmdir()
+            raise
         try:
             if not locked(lock):
                 raise busy(path, holder(lock))
