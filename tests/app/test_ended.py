@@ -50,6 +50,21 @@ def test_a_terminal_that_closes_leaves_nothing_half_done(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+def test_ctrl_c_before_a_verb_is_at_work_is_no_traceback(monkeypatch, capsys):
+    """While the command line was being set up, a signal ended in a traceback with exit code 1."""
+
+    def interrupted():
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(cli, "app", interrupted)
+    monkeypatch.setattr(signal, "signal", lambda *_: None)
+    monkeypatch.setattr(sys, "unraisablehook", sys.unraisablehook)
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    assert ended.value.code == 130
+    assert capsys.readouterr().err == "windmark: interrupted; nothing was written\n"
+
+
 @pytest.mark.skipif(os.name == "nt", reason="the signal is one of POSIX")
 def test_what_nohup_asks_for_holds(tmp_path):
     code = ("import signal, sys; signal.signal(signal.SIGHUP, signal.SIG_IGN); sys.argv[1:] = ['--version']\n"

@@ -143,6 +143,9 @@ def main() -> None:
         app()
     except SystemExit as end:
         code = end.code
+    except KeyboardInterrupt:  # before a verb was at work
+        console.complain("interrupted; nothing was written")
+        code = console.INTERRUPTED
     except OSError as error:  # of the standard streams: what verbs meet, they have said themselves
         code = _not_printed(error)
     try:
