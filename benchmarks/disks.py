@@ -64,9 +64,14 @@ def used(disk: Path) -> int:
 
 def fill(disk: Path, leave: int) -> None:
     """Somebody else's file takes everything but so many bytes."""
-    stat = os.statvfs(disk)
     with suppress(OSError), open(disk / BALLAST, "ab", buffering=0) as stream:
-        os.posix_fallocate(stream.fileno(), 0, max(stat.f_bavail * stat.f_frsize - leave, 1))
+        for _ in range(10):  # others write meanwhile
+            stat = os.statvfs(disk)
+            left = stat.f_bavail * stat.f_frsize - leave
+            if left <= 0:
+                return
+            with suppress(OSError):
+                os.posix_fallocate(stream.fileno(), os.fstat(stream.fileno()).st_size, left)
 
 
 def empty(disk: Path) -> None:
