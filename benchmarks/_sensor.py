@@ -46,7 +46,7 @@ class Sensor:
         """The file's grey levels; 16 bits hold 256 times the light's level, so that rounding adds nothing."""
         image = clean
         if self.texture > 0:
-            image = image * (1 + self.texture * _grain(clean.shape, self.length, rng))
+            image = image * (1 + self.texture * grain(clean.shape, self.length, rng))
         if self.electrons > 0:
             gain = self.electrons / self.level
             image = rng.poisson(np.maximum(image, 0) * gain) / gain
@@ -97,7 +97,7 @@ class Sensor:
         return samples.T @ samples / n * ((n - 1) / (n - p - 2))  # the inverse of a sample covariance is too large
 
 
-def _grain(shape: tuple[int, ...], length: float, rng: np.random.Generator) -> Array:
+def grain(shape: tuple[int, ...], length: float, rng: np.random.Generator) -> Array:
     """Gaussian noise of variance 1 with correlation exp(-d^2 / (4 length^2)), periodic."""
     v, u = np.fft.fftfreq(shape[0])[:, None], np.fft.rfftfreq(shape[1])[None]
     power = np.exp(-4 * np.pi**2 * length**2 * (u**2 + v**2)) * 4 * np.pi * length**2
