@@ -1,9 +1,11 @@
-"""Detection on real images with truth: recall, false markers, distance to the truth, time; one default setting.
+"""Detection on real images with truth: recall, false markers, distance to the truth, time.
 
-Only the radius (from the size of the discs that each set's README states) and the polarity are given. The data lie
-beside the checkout (`../shared/data`); without them the benchmark says so and ends.
+Two ways: with the radius (from the size of the discs that each set's README states) and the polarity given, and with
+no option at all but `polarity="auto"`, which is what the command line does. The data lie beside the checkout
+(`../shared/data`); without them the benchmark says so and ends. Left out: how good the truth itself is
+(`centres_real`). The chart has no discs, so everything found there is false.
 
-    python benchmarks/detection_real.py [--quick] [--pictures DIR] [SET ...]
+    python benchmarks/detection_real.py [--quick] [--pictures DIR] [--sheets DIR] [SET ...]
 """
 
 from __future__ import annotations
@@ -35,8 +37,9 @@ class Tally:
         """The numbers of `COLUMNS`; RMS and median are of the 2-D distance to the truth."""
         error = np.array(self.error or [np.nan])
         values = (
-            len(self.true), sum(self.true), 100 * sum(self.found) / sum(self.true),
-            100 * min(f / t for f, t in zip(self.found, self.true, strict=True)), sum(self.false), max(self.false),
+            len(self.true), sum(self.true), 100 * sum(self.found) / sum(self.true) if any(self.true) else np.nan,
+            100 * min([f / t for f, t in zip(self.found, self.true, strict=True) if t] or [np.nan]),
+            sum(self.false), max(self.false),
             sum(self.other), float(np.sqrt(np.mean(error**2))), float(np.median(error)),
             float(np.median(self.ms_per_mpx)),
         )  # fmt: skip
@@ -61,8 +64,8 @@ def judge(view: View, detector: Detector, tally: Tally) -> tuple[np.ndarray, Pai
     return xy, pairs, excused
 
 
-def picture(path: Path, view: View, xy: np.ndarray, pairs: Pairs, excused: np.ndarray, radius_px: float) -> None:
-    """Write the view with found (green), missed (red), false (magenta) and other (blue) circled."""
+def drawn(view: View, xy: np.ndarray, pairs: Pairs, excused: np.ndarray, radius_px: float) -> np.ndarray:
+    """The view with found (green), missed (red), false (magenta) and other (blue) circled."""
     import cv2
 
     low, high = np.percentile(view.image, [0.5, 99.5])
@@ -81,17 +84,35 @@ def picture(path: Path, view: View, xy: np.ndarray, pairs: Pairs, excused: np.nd
     ring(view.true[pairs.missed], 1.6 * radius_px + 6, (0, 0, 255), 2)
     ring(xy[pairs.false[~excused]], 1.6 * radius_px + 6, (255, 0, 255), 2)
     ring(xy[pairs.false[excused]], 1.3 * radius_px + 1, (255, 128, 0), 1)
+    return colour
+
+
+def write_sheet(path: Path, parts: list[np.ndarray], wide: int = 640) -> None:
+    """All views of a set on one picture, each so many pixels wide."""
+    import cv2
+
+    small = [cv2.resize(p, (wide, round(wide * p.shape[0] / p.shape[1])), interpolation=cv2.INTER_AREA) for p in parts]
+    small += [np.zeros_like(small[0])] * (-len(small) % min(len(small), 4))
+    across = min(len(parts), 4)
+    rows = [np.hstack(small[k : k + across]) for k in range(0, len(small), across)]
     path.parent.mkdir(parents=True, exist_ok=True)
-    cv2.imwrite(str(path), colour)
+    cv2.imwrite(str(path), np.vstack(rows))
 
 
-def run_set(name: str, one: RealSet, quick: bool, pictures: Path | None) -> dict[str, dict[str, float]]:
-    """All detectors on one set; pictures are of the best refinement there is."""
+NOTHING = "nothing given"
+
+
+def run_set(
+    name: str, one: RealSet, quick: bool, pictures: Path | None, sheets: Path | None
+) -> dict[str, dict[str, float]]:
+    """All detectors on one set; pictures and sheets are of the result with nothing given."""
+    import cv2
+
     radii = one.radius_px
-    detectors = {f"windmark {r}": windmark_detector(radii, refine=r) for r in refinements()}
-    best = list(detectors)[-1]
+    detectors: dict[str, Detector] = {NOTHING: windmark_detector(None, polarity="auto")}
+    detectors |= {f"radius given, {r}": windmark_detector(radii, refine=r) for r in refinements()}
     detectors["SimpleBlob tuned"] = simple_blob((radii[0], radii[-1]))
-    tallies = {key: Tally() for key in detectors}
+    tallies, parts = {key: Tally() for key in detectors}, []
     for number, view in enumerate(one.views(DATA / one.folder)):
         if quick and number == one.quick:
             break
@@ -99,16 +120,23 @@ def run_set(name: str, one: RealSet, quick: bool, pictures: Path | None) -> dict
             if number == 0:
                 detector(view.image, view.polarity)  # compiles
             result = judge(view, detector, tallies[key])
-            if pictures is not None and key == best:
-                file = f"{one.folder}-{view.name}.png".replace(" ", "").replace(",", "-")
-                picture(pictures / file, view, *result, radii[-1])
+            if key == NOTHING and (pictures or sheets):
+                parts.append(drawn(view, *result, radii[-1]))
+                if pictures is not None:
+                    file = f"{one.folder}-{view.name}.png".replace(" ", "").replace(",", "-")
+                    pictures.mkdir(parents=True, exist_ok=True)
+                    cv2.imwrite(str(pictures / file), parts[-1])
+    if sheets is not None:
+        write_sheet(sheets / f"{one.folder}.jpg", parts)
     print(f"{name}: radius_px = {radii if len(radii) > 1 else radii[0]}; truth: {one.truth}")
     for key, tally in tallies.items():
         print(f"  {key:20s}" + "".join(f"{_number(v):>9s}" for v in tally.row().values()), flush=True)
     return {key: tally.row() for key, tally in tallies.items()}
 
 
-def main(quick: bool = False, pictures: Path | None = None, names: list[str] | None = None) -> dict[str, object]:
+def main(
+    quick: bool = False, pictures: Path | None = None, names: list[str] | None = None, sheets: Path | None = None
+) -> dict[str, object]:
     """Judge on the named sets (all by default), print one table, return its numbers: set -> detector -> column."""
     if not DATA.is_dir():
         print("skipped: the real data are not beside the checkout (../shared/data)")
@@ -119,7 +147,7 @@ def main(quick: bool = False, pictures: Path | None = None, names: list[str] | N
         if not (DATA / SETS[name].folder).is_dir():
             print(f"{name}: skipped, {SETS[name].folder} is absent")
             continue
-        results[name] = run_set(name, SETS[name], quick, pictures)
+        results[name] = run_set(name, SETS[name], quick, pictures, sheets)
     print(
         "recall over all and of the worst view; false markers in all views and in the worst; others found (cut, holed "
         "or\nunpublished discs, not judged); distance to the truth, 2-D; time per megapixel (single thread)"
@@ -138,8 +166,9 @@ if __name__ == "__main__":
     parser.add_argument("sets", nargs="*", metavar="SET", help=f"one of {', '.join(SETS)}; all by default")
     parser.add_argument("--quick", action="store_true", help="only a few views of each set")
     parser.add_argument("--pictures", type=Path, metavar="DIR", help="write every view with the result drawn in")
+    parser.add_argument("--sheets", type=Path, metavar="DIR", help="write one picture of all views of each set")
     options = parser.parse_args()
     unknown = sorted(set(options.sets) - set(SETS))
     if unknown:
         parser.error(f"unknown set {unknown[0]!r}; expected one of {', '.join(SETS)}")
-    main(options.quick, options.pictures, options.sets)
+    main(options.quick, options.pictures, options.sets, options.sheets)
