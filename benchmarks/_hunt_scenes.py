@@ -62,7 +62,7 @@ def faint(radius: float, seed: int, sensor: Sensor, snr: tuple[float, float], si
         contrast = wanted / (LIGHT * np.sqrt(cover[window] @ np.linalg.solve(cov, cover[window])))
         if contrast > 0.9:
             continue
-        _press(share, xy, contrast * cover)
+        press(share, xy, contrast * cover)
         kept.append(xy), ratio.append(wanted), tilts.append(tilt)
     return Hunt(sensor.picture(share * _light(size, rng), rng), np.array(kept), radius, np.array(ratio),
                 np.array(tilts), "dark")  # fmt: skip
@@ -74,7 +74,7 @@ def clean(radius: float, seed: int, depth_over_noise: float, size: int = 512) ->
     centres = places(size, rng, 4 * radius + 22, 10)
     share, tilts = np.ones((size, size)), rng.uniform(0, 70, len(centres))
     for xy, tilt in zip(centres, tilts, strict=True):
-        _press(share, xy, 0.7 * (1 - stamp(radius, tilt, xy, rng).draw()))
+        press(share, xy, 0.7 * (1 - stamp(radius, tilt, xy, rng).draw()))
     sensor = Sensor(white=0.7 * LIGHT / depth_over_noise)
     image = sensor.picture(share * _light(size, rng, 0.0), rng)
     return Hunt(image, centres, radius, np.full(len(centres), np.nan), tilts, "dark")
@@ -94,7 +94,7 @@ def cluttered(kind: str, radius: float, seed: int, markers: int, size: int = 768
     share = np.asarray(cv2.GaussianBlur(share, (0, 0), OPTICS.gauss), dtype=float)
     tilts = np.degrees(np.arccos(rng.uniform(0.5, 1, len(mine))))
     for xy, tilt in zip(mine, tilts, strict=True):
-        _press(share, xy, 0.7 * (1 - stamp(radius, tilt, xy, rng).draw()))
+        press(share, xy, 0.7 * (1 - stamp(radius, tilt, xy, rng).draw()))
     sensor, unknown = Sensor(white=2.0, bits=8), np.full(len(mine), np.nan)
     dark = sensor.picture(share * _light(size, rng), rng)
     bright = sensor.picture(DIM * (1 + GAIN * (1 - share)), rng)
@@ -107,7 +107,7 @@ def _light(size: int, rng: np.random.Generator, uneven: float = 0.15) -> Array:
     return np.asarray(LIGHT * (1 + uneven * np.sin(3 * x + a) * np.cos(2 * y + b)))
 
 
-def _press(share: Array, xy: Array, cover: Array) -> None:
+def press(share: Array, xy: Array, cover: Array) -> None:
     """A disc's share of the light taken away from the scene."""
     x, y = np.rint(xy).astype(int)
     half = len(cover) // 2

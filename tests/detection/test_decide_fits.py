@@ -50,6 +50,21 @@ def test_markers_in_falling_light_and_in_haze_are_kept(surface):
     assert len(found) == len(places)
 
 
+@pytest.mark.parametrize(("share", "marker"), [(0.68, True), (0.53, False)])
+def test_worn_markers_are_markers_down_to_three_fifths_of_the_contrast(surface, draw, share, marker):
+    """Five discs of the markers' shape but paler than all round them: worn paint, and below that a stain."""
+    places, transmission = surface
+    between = MARKERS.reshape(len(ROWS), len(COLUMNS), 2)[:-1, :-1].reshape(-1, 2) + 25.0
+    worn = between[[0, 3, 7, 10, 14]]
+    other = paint(draw, np.column_stack([worn, np.full(5, 3.3)]), share * 0.7)
+    image = 150.0 * transmission * other + np.random.default_rng(5).normal(0, 0.5, SHAPE_PX)
+    there, _, rejected = taken(image, worn)
+    assert there.tolist() == [marker] * 5
+    if not marker:
+        assert all(PALE in r for r in reasons_at(rejected, worn))
+    assert taken(image, places)[0].all()
+
+
 def test_stains_specks_and_strokes_are_not(surface, draw):
     """Between the markers: pale stains, specks, strokes and squares; their reasons are what they lack."""
     places, transmission = surface
