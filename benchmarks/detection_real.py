@@ -1,8 +1,8 @@
 """Detection on real images with truth: recall, false markers, distance to the truth, time.
 
-Two ways: with the radius (from the size of the discs that each set's README states) and the polarity given, and with
-no option at all but `polarity="auto"`, which is what the command line does. The data lie beside the checkout
-(`../shared/data`); without them the benchmark says so and ends. Left out: how good the truth itself is
+With the radius (from the size of the discs that each set's README states) and the polarity given, and with no option
+at all: `detect(image)`, and `detect(image, polarity="auto")`, which is what the command line does. The data lie beside
+the checkout (`../shared/data`); without them the benchmark says so and ends. Left out: how good the truth itself is
 (`centres_real`). The chart has no discs, so everything found there is false.
 
     python benchmarks/detection_real.py [--quick] [--pictures DIR] [--sheets DIR] [SET ...]
@@ -18,6 +18,7 @@ import numpy as np
 
 from _real_truth import DATA, SETS, RealSet, View
 from _scoring import Detector, Pairs, pair, refinements, simple_blob, timed, windmark_detector
+from windmark.detection import detect
 
 COLUMNS = ("views", "true", "recall %", "worst %", "false", "worst", "other", "RMS px", "median", "ms/Mpx")
 
@@ -87,10 +88,11 @@ def drawn(view: View, xy: np.ndarray, pairs: Pairs, excused: np.ndarray, radius_
     return colour
 
 
-def write_sheet(path: Path, parts: list[np.ndarray], wide: int = 640) -> None:
-    """All views of a set on one picture, each so many pixels wide."""
+def write_sheet(path: Path, parts: list[np.ndarray]) -> None:
+    """All views of a set on one picture, at most four side by side."""
     import cv2
 
+    wide = 2560 // min(len(parts), 4)
     small = [cv2.resize(p, (wide, round(wide * p.shape[0] / p.shape[1])), interpolation=cv2.INTER_AREA) for p in parts]
     small += [np.zeros_like(small[0])] * (-len(small) % min(len(small), 4))
     across = min(len(parts), 4)
@@ -99,7 +101,7 @@ def write_sheet(path: Path, parts: list[np.ndarray], wide: int = 640) -> None:
     cv2.imwrite(str(path), np.vstack(rows))
 
 
-NOTHING = "nothing given"
+NOTHING = "no option, as the command"
 
 
 def run_set(
@@ -109,7 +111,10 @@ def run_set(
     import cv2
 
     radii = one.radius_px
-    detectors: dict[str, Detector] = {NOTHING: windmark_detector(None, polarity="auto")}
+    detectors: dict[str, Detector] = {
+        NOTHING: windmark_detector(None, polarity="auto"),
+        "no option, in Python": lambda image, _: (detect(image).xy, None),
+    }
     detectors |= {f"radius given, {r}": windmark_detector(radii, refine=r) for r in refinements()}
     detectors["SimpleBlob tuned"] = simple_blob((radii[0], radii[-1]))
     tallies, parts = {key: Tally() for key in detectors}, []
@@ -127,10 +132,10 @@ def run_set(
                     pictures.mkdir(parents=True, exist_ok=True)
                     cv2.imwrite(str(pictures / file), parts[-1])
     if sheets is not None:
-        write_sheet(sheets / f"{one.folder}.jpg", parts)
+        write_sheet(sheets / f"{one.folder}.png", parts)
     print(f"{name}: radius_px = {radii if len(radii) > 1 else radii[0]}; truth: {one.truth}")
     for key, tally in tallies.items():
-        print(f"  {key:20s}" + "".join(f"{_number(v):>9s}" for v in tally.row().values()), flush=True)
+        print(f"  {key:26s}" + "".join(f"{_number(v):>9s}" for v in tally.row().values()), flush=True)
     return {key: tally.row() for key, tally in tallies.items()}
 
 
@@ -141,7 +146,7 @@ def main(
     if not DATA.is_dir():
         print("skipped: the real data are not beside the checkout (../shared/data)")
         return {"skipped": "no data"}
-    print(f"{'':22s}" + "".join(f"{name:>9s}" for name in COLUMNS))
+    print(f"{'':28s}" + "".join(f"{name:>9s}" for name in COLUMNS))
     results: dict[str, object] = {}
     for name in names or list(SETS):
         if not (DATA / SETS[name].folder).is_dir():
