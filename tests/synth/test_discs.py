@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
+from windmark.errors import UsageError
 from windmark.synth import disc_image, marker_sheet
 
 
@@ -93,3 +94,9 @@ def test_bad_input():
         disc_image((9, 9), (4, 4), 0.0)
     with pytest.raises(ValueError, match="max_tilt_deg"):
         marker_sheet(np.random.default_rng(0), max_tilt_deg=90)
+
+
+@pytest.mark.parametrize("wish", [{"blur_passes": 10**20}, {"grid": (10**10, 10**10)}, {"radius_px": 1e9}])
+def test_a_sheet_that_no_memory_holds_is_refused_before_it_is_made(wish):
+    with pytest.raises(UsageError, match=r"are a picture of over 2e\+08 pixels; expected less"):
+        marker_sheet(np.random.default_rng(0), **wish)

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from windmark.errors import UsageError
 from windmark.synth.degrade import average_blur
 
 Array = NDArray[np.float64]
@@ -93,6 +94,10 @@ def disc_image(
     return light - _weighted(along_y, loss, along_x)
 
 
+MOST_PIXELS = 200_000_000
+"""Of a sheet: 1.6 GB."""
+
+
 def marker_sheet(
     rng: np.random.Generator,
     *,
@@ -126,6 +131,11 @@ def marker_sheet(
     -------
     image : (rows * pitch, columns * pitch) float64 grey levels, not rounded
     truth : SheetTruth, row by row
+
+    Raises
+    ------
+    UsageError
+        For a sheet of more than 200 million pixels, by its markers, their distance or the blur between them.
     """
     columns, rows = grid
     if not 0 <= max_tilt_deg < 90:
@@ -133,6 +143,9 @@ def marker_sheet(
     if pitch_px is None:
         pitch_px = int(np.ceil(4 * radius_px + 10 * np.hypot(blur_px, np.sqrt(2 / 3 * blur_passes)) + 6))
     n, pitch = columns * rows, int(pitch_px)
+    if n * pitch**2 > MOST_PIXELS:
+        sheet = f"{columns} x {rows} markers {pitch} px apart"
+        raise UsageError(f"marker_sheet: {sheet} are a picture of over {MOST_PIXELS:.0e} pixels; expected less")
     tilt, azimuth = rng.uniform(0, max_tilt_deg, n), rng.uniform(0, np.pi, n)
     local = (pitch - 1) / 2 + rng.uniform(-0.5, 0.5, (n, 2))
     axes = radius_px * np.stack([np.ones(n), np.cos(np.radians(tilt))], axis=1)
