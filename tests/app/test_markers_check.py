@@ -178,3 +178,12 @@ def test_help_has_an_example(windmark):
     done = windmark("markers", "check", "--help")
     assert done.code == 0
     assert "Example: windmark markers check" in done.out
+
+
+@pytest.mark.parametrize("x", ["1", "1e-320"])
+def test_markers_at_one_place_are_bad_data_and_no_fault(windmark, tmp_path, x):
+    rows = "".join(f"m{k},{x},{x},{x}\n" for k in range(20))
+    (tmp_path / "m.csv").write_text(f"name,x,y,z\n{rows}")
+    done = windmark("markers", "check", tmp_path / "m.csv", "--unit", "mm", "-o", tmp_path / "out")
+    assert done.code == 2, done.err
+    assert "they are all at one place" in done.err

@@ -160,6 +160,7 @@ def test_binding_is_for_labels(write):
         ("a = " + "[" * 2000 + "]" * 2000, "is nested too deeply"),
         ("a = " + "1" * 5000, "is not valid TOML"),
         ("a." * 20_000 + "b = 1", "a key has over 100 parts"),
+        ("[detect]\n" + "x" * 400_000, "not valid TOML"),  # took the square of its length
         (GOOD.replace("a.tif", "x" * 5000), "it is too long"),
         (GOOD.replace("camera.json", "x" * 5000), "the name is too long; expected the path of an existing file"),
         (GOOD.replace("camera.json", "a\\u0000b"), "null (byte|character).*; expected the path of an existing file"),

@@ -16,8 +16,9 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from windmark.io import FrameAddress, frame_address
 from windmark.io.errors import FileError, reading, reason
 
-_DEEP_KEY = re.compile(r"(?:[\w-]++[ \t]*+\.[ \t]*+){100}")
-"""For each part of a key the library goes through all parts before it."""
+_DEEP_KEY = re.compile(r"(?<![\w-])(?:[\w-]++[ \t]*+\.[ \t]*+){100}")
+"""For each part of a key the library goes through all parts before it. Looked for from where a word begins only: from
+within a long word it would take the square of its length."""
 
 COMMAND_LINE = "command line"
 """Name of the project file where settings come from the command line."""

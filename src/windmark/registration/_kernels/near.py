@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from windmark.geometry._jit import nb
+from windmark.geometry.errors import DegenerateGeometry
 
 Array = NDArray[np.float64]
 
@@ -15,11 +16,19 @@ FEW = 300
 
 
 def nearest(points: Array, k: int) -> tuple[NDArray[np.int32], Array]:
-    """(N, k) indices of the k nearest other points, nearest first, and their distances."""
+    """(N, k) indices of the k nearest other points, nearest first, and their distances.
+
+    Raises
+    ------
+    DegenerateGeometry
+        For distances that are no finite numbers: what is not nearer than that is no neighbour, and is not set.
+    """
     if k < 1:
         return np.zeros((len(points), 0), np.int32), np.zeros((len(points), 0))
     if len(points) <= FEW:
         found: tuple[NDArray[np.int32], Array] = nearest_kernel(np.ascontiguousarray(points), k)
+        if not np.isfinite(found[1]).all():
+            raise DegenerateGeometry("markers: they are all at one place, or too far apart to be compared")
         return found
     distance, index = cKDTree(points).query(points, k=k + 1)
     # The point itself comes first, but for coincident points; where it is missing, the farthest goes.
