@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.geometry import Pose
+from windmark.geometry import DegenerateGeometry, Pose
 from windmark.registration._kernels.hypothesis import Model
 from windmark.registration._kernels.near import nearest
 from windmark.registration._kernels.quad import Table, table_of
@@ -179,9 +179,15 @@ class Layout:
 
 
 def unit_model(xyz: Array, normal: Array) -> tuple[Model, Frame]:
-    """Markers for the kernels, (N, 3) and (N, 3) with NaN where unknown; N >= 2."""
+    """Markers for the kernels, (N, 3) and (N, 3) with NaN where unknown; N >= 2.
+
+    `DegenerateGeometry` where they have no size by which they could be divided.
+    """
     centre = xyz.mean(axis=0)
-    scale = float(np.sqrt(((xyz - centre) ** 2).sum(axis=1).mean()))
+    with np.errstate(over="ignore", invalid="ignore"):
+        scale = float(np.sqrt(((xyz - centre) ** 2).sum(axis=1).mean()))
+    if not 0.0 < scale < np.inf:
+        raise DegenerateGeometry("markers: they are all at one place, or too far apart to be compared")
     unit = (xyz - centre) / scale
     known = np.where(np.isfinite(normal).all(axis=1, keepdims=True), normal, 0.0)
     near = nearest(unit, min(NEIGHBOURS, len(xyz) - 1))[0]
