@@ -1,7 +1,7 @@
 """Self-calibration of real pictures: the DBAT sheet, from the published marks and from windmark's own.
 
 The sheet: 21 hand-held views of 100 discs with a consumer camera. Published: sigma0 0.1615 px with four control points
-held (backward lens model). Marks have one sigma of 1 px here, so sigma0 is in pixels per coordinate. "own": windmark's
+held (backward lens model). Marks have that sigma here, sigma0 is shown in pixels per coordinate. "own": windmark's
 centres (template fit, green channel) next to the published marks. "split": two halves of the views against each other;
 1 would mean that the covariance tells the whole story. The last columns are differences to PhotoModeler's coordinates.
 """
@@ -28,6 +28,7 @@ from windmark.scene import MarkerSet, Observations, View
 SIZE = (2272, 1704)
 CONTROL = ("1001", "1002", "1003", "1004")
 ROUGH_MM = 5.0
+MARK_PX = 0.1615
 BROWN = ("focal_px", "aspect", "cx", "cy", "k1", "k2", "p1", "p2")
 LENSES = {"k1 k2 p1 p2": BROWN, "+ k3": (*BROWN, "k3"), "+ tilts": (*BROWN, "tilt_x", "tilt_y")}
 
@@ -52,7 +53,7 @@ def published(folder: Path) -> Sheet:
         for row in csv.reader(line for line in file if not line.startswith("#")):
             xyz[index[int(row[0])]] = [1000 * float(v) for v in row[-3:]]
     view, point = marks[:, 0].astype(int) - 1, np.array([index[int(k)] for k in marks[:, 1]])
-    cov = np.broadcast_to(np.eye(2), (len(marks), 2, 2)).copy()
+    cov = np.broadcast_to(MARK_PX**2 * np.eye(2), (len(marks), 2, 2)).copy()
     return Sheet(
         Observations(view, point, marks[:, 2:4] - 0.5, cov), MarkerSet.make([str(n) for n in names], xyz),
         tuple(View(f"{v + 1:02d}") for v in range(int(view.max()) + 1)),
@@ -102,7 +103,7 @@ def row(sheet: Sheet, free: tuple[str, ...], held: bool, reject: bool, seed: int
     half = split_half(result)
     found = result.cameras["camera"]
     return {
-        "sigma0_px": result.sigma0, "left_out": int((~result.used).sum()), "focal_px": found.focal_px,
+        "sigma0_px": result.sigma0 * MARK_PX, "left_out": int((~result.used).sum()), "focal_px": found.focal_px,
         "focal_sigma": result.sigma("camera", "focal_px"), "map_excess": residual_map(result, "camera").excess,
         "split": half.comparison.ratio if isinstance(half, SplitHalf) else np.nan,
         **{f"rms_{axis}_mm": float(np.sqrt((off[:, n] ** 2).mean())) for n, axis in enumerate("xyz")},

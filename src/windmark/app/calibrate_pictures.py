@@ -12,7 +12,7 @@ from scipy.stats import chi2
 from windmark.app.pictures import WIDTH_IN, round_length
 from windmark.calibration import Calibration
 from windmark.calibration.quality import Comparison, projection_sigma
-from windmark.calibration.snooping import LIMIT
+from windmark.calibration.snooping import critical
 
 Array = NDArray[np.float64]
 
@@ -72,14 +72,15 @@ def tests_picture(result: Calibration) -> Figure:
     """The squared standardised residuals beside what they should be: chi-square with two degrees of freedom."""
     figure = Figure(figsize=(WIDTH_IN * 0.55, 3.8), layout="constrained")
     axes = figure.add_subplot()
-    test = np.minimum(result.test, 1.5 * LIMIT)
-    edges = np.linspace(0, 1.5 * LIMIT, 43)
+    limit = critical(len(result.test))
+    test = np.minimum(result.test, 1.5 * limit)
+    edges = np.linspace(0, 1.5 * limit, 43)
     axes.hist(test, edges.tolist(), color="#90caf9", edgecolor="white", lw=0.4, label=f"{len(test)} marks")
     expected = len(test) * np.diff(chi2.cdf(edges, 2))
     axes.step(edges, np.append(expected, expected[-1]), where="post", color=DARK, lw=1.2, label="chi-square (2)")
-    axes.axvline(LIMIT, color=RED, lw=1, ls="--", label=f"limit {LIMIT:.1f}: 1 in 1000 by chance")
+    axes.axvline(limit, color=RED, lw=1, ls="--", label=f"limit {limit:.1f}: none by chance (95 %)")
     axes.set_yscale("log")
-    axes.set(ylim=(0.5, None), xlim=(0, 1.5 * LIMIT), xlabel="test value (last bar: this and larger)", ylabel="marks")
+    axes.set(ylim=(0.5, None), xlim=(0, 1.5 * limit), xlabel="test value (last bar: this and larger)", ylabel="marks")
     axes.legend(fontsize=8)
     axes.set_title(f"{int((~result.used).sum())} of {len(test)} marks left out")
     return figure

@@ -17,7 +17,7 @@ from windmark.app.pictures import png
 from windmark.app.report import Report
 from windmark.calibration import Calibration, NotCalibrated, magnify_distortion, undistort
 from windmark.calibration.quality import Comparison, SplitHalf, residual_map
-from windmark.calibration.snooping import LIMIT
+from windmark.calibration.snooping import critical
 from windmark.geometry import PARAMETERS
 from windmark.pipeline.calibrate import Calibrated, MatchOptions, Picture
 from windmark.pipeline.calibrate.outputs import STRONG, correlations, datum_words, pose_columns, sigma_rms, views_seen
@@ -103,9 +103,8 @@ def _overview(report: Report, done: Calibrated, unit: str) -> None:
         rows.append(("two halves of the pictures, difference / sigma", done.halves.ratio))
     rows.append(("adjustment", f"{result.report.reason}, {result.report.iterations} iterations"))
     report.table(["", "value"], rows)
-    for name in result.suspect:
-        report.text(f"{name} lost more than half of its marks: a held marker that is not where its table says, a "
-                    "picture out of focus, wrong labels, or a marker that moved.", "bad")  # fmt: skip
+    for sentence in result.warnings:
+        report.text(f"{sentence}.", "bad")
 
 
 def add_camera(report: Report, result: Calibration, name: str) -> None:
@@ -210,7 +209,7 @@ def add_errors(report: Report, result: Calibration) -> None:
     report.heading("Gross errors")
     bad = np.flatnonzero(~result.used)
     report.text(f"{len(bad)} of {len(result.used)} marks were left out: their residual, predicted from all others, is "
-                f"beyond the limit of {LIMIT:.1f} in units of its own variance.")  # fmt: skip
+                f"beyond the limit of {critical(len(result.test)):.1f} in units of its own variance.")  # fmt: skip
     for a, b, view in result.swapped:
         report.text(f"{a} and {b} are exchanged in {view}.", "bad")
     worst = bad[np.argsort(-result.test[bad], kind="stable")][:WORST]

@@ -238,7 +238,7 @@ def _lines(done: Calibrated, matched: Pictures, against: Comparison | None, file
         lines.append(f"against {files.against}: {len(against.name)} markers differ by {against.rms:.2g} "
                      f"{files.unit} RMS,"
                      f" {against.ratio:.2f} times what the covariances say")  # fmt: skip
-    lines += [f"suspect: {name} lost most of its marks" for name in result.suspect]
+    lines += [f"warning: {sentence}" for sentence in result.warnings]
     lines += [f"swapped: {a} and {b} in {view}" for a, b, view in result.swapped]
     lines += [f"left out: {name}: {why}" for name, why in result.dropped.items()]
     return [*lines, f"report: {files.output / 'report.html'}"]

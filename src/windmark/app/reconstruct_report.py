@@ -122,9 +122,8 @@ def _overview(report: Report, result: Reconstruction, shown: Shown) -> None:
         rows.append(("markers with a normal from their ellipses", len(known_normals)))
         rows.append(("median of 1 sigma of these normals, degrees", float(np.median(known_normals))))
     report.table(["", "value"], rows)
-    for name in done.suspect:
-        report.text(f"{name} lost more than half of its marks: a primary marker that is not where its table says, a "
-                    "picture out of focus, or a marker that moved.", "bad")  # fmt: skip
+    for sentence in done.warnings:
+        report.text(f"{sentence}.", "bad")
 
 
 def _pictures(report: Report, result: Reconstruction, shown: Shown) -> None:

@@ -202,7 +202,7 @@ def _lines(
         free = [f"{p} {getattr(camera, p):.6g} ({done.sigma(name, p):.2g})" for p in files.free]
         lines += [f"{name}: {', '.join(free)}"] if free else []
     lines += [f"  not used: {name}: {why}" for name, why in result.dropped.items()]
-    lines += [f"suspect: {name} lost most of its marks" for name in done.suspect]
+    lines += [f"warning: {sentence}" for sentence in done.warnings]
     if pair is not None:
         lines.append(f"{pair.a.name} and {pair.b.name}: {len(pair.names)} markers in both, RMS {pair.rms_px:.3f} px "
                      f"from their epipolar lines: {files.output / 'pair.png'}")  # fmt: skip

@@ -34,11 +34,13 @@ SURE = float(np.radians(3.0))
 through the neighbours or a rough table leave."""
 
 
-def with_eccentricity(job: Job, state: NetworkState, good: Mask, options: dict[str, Any]) -> Solved:
-    """Adjust; then with the eccentricity of the imaged discs, until that changes no more."""
+def with_eccentricity(
+    job: Job, state: NetworkState, good: Mask, options: dict[str, Any], fits: Mask | None = None
+) -> Solved:
+    """Adjust; then with the eccentricity of the imaged discs, until that changes no more. ``fits`` as of `solve`."""
     how, reject = options["eccentricity"], options["reject"]
     shift = np.zeros((len(job.observations), 2))
-    solved = solve(job, state, good, shift, reject)
+    solved = solve(job, state, good, shift, reject, fits)
     told = how == "auto" and job.ellipses is not None and bool(np.isfinite(job.ellipses).all(axis=1).any())
     if how == "off" or not (told or np.isfinite(job.markers.radius).any()):
         return solved
@@ -57,8 +59,15 @@ def with_eccentricity(job: Job, state: NetworkState, good: Mask, options: dict[s
         if np.abs(new - shift).max(initial=0.0) < NOTICED_PX:
             break
         shift = new
-        solved = replace(solve(job, solved.state, good, shift, reject), discs=discs)
+        solved = replace(solve(job, solved.state, good, shift, reject, fitting(solved)), discs=discs)
     return solved
+
+
+def fitting(solved: Solved) -> Mask:
+    """(O,) marks that an adjustment used."""
+    out = solved.taken.copy()
+    out[solved.taken] = solved.used
+    return out
 
 
 def radii_off(markers: MarkerSet, discs: Discs | None) -> float:

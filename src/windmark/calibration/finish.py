@@ -14,7 +14,7 @@ from windmark.adjust.network.datum import DatumCovariance, in_datum
 from windmark.adjust.network.problem import camera_columns
 from windmark.calibration.datum import Free
 from windmark.calibration.disc_shapes import Discs
-from windmark.calibration.result import Calibration
+from windmark.calibration.result import Calibration, Doubt
 from windmark.calibration.setup import Job, frames_of, views_of
 from windmark.calibration.solve import Solved
 from windmark.calibration.swaps import swapped
@@ -31,8 +31,10 @@ WEAK = 0.1
 centre) above which something counts as not determined."""
 
 
-def calibration(job: Job, solved: Solved, dropped: dict[str, str], options: dict[str, Any]) -> Calibration:
-    """Put an adjusted network into its datum and name everything.
+def calibration(
+    job: Job, solved: Solved, dropped: dict[str, str], options: dict[str, Any], doubts: tuple[Doubt, ...] = ()
+) -> Calibration:
+    """Put an adjusted network into its datum and name everything, with the ``doubts`` known before.
 
     What is not determined must have been refused before (`refuse_weak`).
     """
@@ -42,6 +44,7 @@ def calibration(job: Job, solved: Solved, dropped: dict[str, str], options: dict
     seen = np.zeros(len(job.markers), dtype=np.bool_)
     seen[obs.point[solved.taken]] = True
     state, discs = solved.state, solved.discs
+    doubts = (*doubts, *_lost(job, solved))
     if chosen is not None:
         fit = align(state.points[chosen & seen], job.markers.xyz[chosen & seen], scale=motions == 7)
         state, discs = transformed(state, fit), None if discs is None else discs.moved(fit)
@@ -49,7 +52,7 @@ def calibration(job: Job, solved: Solved, dropped: dict[str, str], options: dict
     assert system is not None
     solved = replace(solved, state=state, covariance=network_covariance(system, solved.problem.layout))
     covariance = in_datum(solved.covariance, chosen)
-    scale = solved.sigma0**2
+    scale = _scale(solved)
     marker_cov = covariance.points()[seen] * scale
     sigma = np.sqrt(np.maximum(np.diagonal(marker_cov, axis1=1, axis2=2), 0.0))
     markers = replace(_with_discs(job.markers, discs).take(seen), xyz=state.points[seen], sigma=sigma)
@@ -75,7 +78,8 @@ def calibration(job: Job, solved: Solved, dropped: dict[str, str], options: dict
         rms_px=float(np.sqrt((_pixels(solved, obs.cov[solved.taken])[solved.used] ** 2).sum(axis=1).mean())),
         focal_change=(np.zeros(len(job.views)) if state.focal_change is None else state.focal_change)[view_seen],
         dropped=dropped,
-        suspect=_suspect(job, solved),
+        suspect=tuple(dict.fromkeys(name for doubt in doubts for name in doubt.names)),
+        doubts=doubts,
         swapped=swapped(job, solved, at),
         report=solved.report,
         options=options,
@@ -105,7 +109,7 @@ def refuse_weak(job: Job, solved: Solved) -> None:
         )
     covariance = in_datum(solved.covariance, datum_points(job))
     lay = solved.problem.layout
-    sigma = np.sqrt(np.maximum(np.diagonal(covariance.dense()), 0.0)) * solved.sigma0
+    sigma = np.sqrt(np.maximum(np.diagonal(covariance.dense()), 0.0)) * np.sqrt(_scale(solved))
     names = list(job.cameras)
     weak = [
         parameter if len(names) == 1 else f"{names[c]} {parameter}"
@@ -113,21 +117,35 @@ def refuse_weak(job: Job, solved: Solved) -> None:
         if not sigma[column] < WEAK
     ]
     spread = np.sqrt(np.nanmax(np.diagonal(covariance.points(), axis1=1, axis2=2), axis=1, initial=0.0))
-    loose = np.flatnonzero(spread * solved.sigma0 > WEAK * lay.unit)
+    loose = np.flatnonzero(spread * np.sqrt(_scale(solved)) > WEAK * lay.unit)
     weak += [f"marker {name}" for name in job.markers.name[loose][:10]]
     if weak:
         raise DegenerateGeometry("the pictures do not determine everything that is free", tuple(weak))
 
 
-def _suspect(job: Job, solved: Solved) -> tuple[str, ...]:
-    """Markers and views that lost more than half of their marks."""
-    obs, bad = job.observations, ~solved.used
-    out: list[str] = []
-    for index, names in ((obs.point, job.markers.name.tolist()), (obs.view, [v.name for v in job.views])):
+def _scale(solved: Solved) -> float:
+    """Factor on all covariances: sigma0 squared, but never below 1.
+
+    What the marks' covariances say is a lower bound: a sigma0 below it comes from few residuals, or from gross errors
+    that took their scatter with them.
+    """
+    return max(solved.sigma0, 1.0) ** 2
+
+
+def _lost(job: Job, solved: Solved) -> list[Doubt]:
+    """Markers and views that lost a quarter of their marks and more than one by chance."""
+    obs, bad, out = job.observations, ~solved.used, []
+    for index, names, words in (
+        (obs.point, job.markers.name.tolist(), "it moved, is not where its table says, or has wrong labels"),
+        (obs.view, [v.name for v in job.views], "out of focus, wrong labels, or the markers had moved"),
+    ):
         lost = np.bincount(index[solved.taken][bad], minlength=len(names))
         every = np.bincount(index[solved.taken], minlength=len(names))
-        out += [str(names[n]) for n in np.flatnonzero(2 * lost > every)]
-    return tuple(out)
+        out += [
+            Doubt((str(names[n]),), f"{{}} lost {lost[n]} of its {every[n]} marks: {words}")
+            for n in np.flatnonzero((lost > 1) & (4 * lost >= every))
+        ]
+    return out
 
 
 def _with_discs(markers: MarkerSet, discs: Discs | None) -> MarkerSet:

@@ -20,9 +20,31 @@ CAUSES = {
     "degenerate": "the pictures do not determine what was asked for",
     "misfit": "the marks do not fit any solution that was found",
     "not_converged": "the adjustment did not reach a minimum",
+    "control": "what is known of markers or distances contradicts itself",
     "discs": "the table's radii contradict the ellipses in the pictures",
 }
 """Every cause of a `NotCalibrated`, in words."""
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """Something that was found to be wrong, or weaker than it looks.
+
+    Parameters
+    ----------
+    names : of markers, views, cameras or parameters
+    words : a sentence with ``{}`` for each name, in their order
+    """
+
+    names: tuple[str, ...]
+    words: str
+
+    def __str__(self) -> str:
+        return self.words.format(*self.names)
+
+    def renamed(self, names: Mapping[str, str]) -> Doubt:
+        """The same of things that are called otherwise."""
+        return Doubt(tuple(names.get(n, n) for n in self.names), self.words)
 
 
 @dataclass(frozen=True)
@@ -33,22 +55,24 @@ class Calibration:
     ----------
     cameras : by name, with ``cov`` over their free parameters
     views : the views that took part, with their poses
-    markers : the markers that took part; ``sigma`` from this adjustment, times ``sigma0``
-    marker_cov : (N, 3, 3) their covariances in the datum, times ``sigma0**2``
-    pose_cov : (V, 6, 6) of ``exp(delta) @ cam_from_model``, times ``sigma0**2``
+    markers : the markers that took part; ``sigma`` from this adjustment, times ``sigma0`` where that is above 1
+    marker_cov : (N, 3, 3) their covariances in the datum, times ``max(1, sigma0)**2``
+    pose_cov : (V, 6, 6) of ``exp(delta) @ cam_from_model``, times ``max(1, sigma0)**2``
     observations : the marks that took part: ``view`` and ``point`` are those of this result
     residuals : (O, 2) projected - observed in pixels
-    test : (O,) squared residual in units of its own standard deviation; 13.8 is exceeded once in a thousand
+    test : (O,) squared residual in units of its own standard deviation: chi-square with two degrees of freedom for a
+        right mark, beside the residuals of the others
     used : (O,) False for gross errors, which were left out of the adjustment
     sigma0 : standard deviation of unit weight: 1 where the residuals are as large as the covariances of the marks say
     redundancy : observations minus unknowns
     rms_px : root mean square length of the residuals of the used marks
     focal_change : (V,) relative change of the focal length of each view; zero where it is that of its camera
     cam_from_rig : of each camera of a rig, the first one's is the identity; empty without a rig
-    rig_cov : (6, 6) of ``exp(delta) @ cam_from_rig`` of each, times ``sigma0**2``
+    rig_cov : (6, 6) of ``exp(delta) @ cam_from_rig`` of each, times ``max(1, sigma0)**2``
     dropped : why views or markers did not take part, by their name
-    suspect : names of markers and views most of whose marks were left out: a held marker that is not where its table
-        says, a picture out of focus, a marker that moved
+    suspect : names of what contradicts the rest: control that was left out, markers and views that lost a quarter of
+        their marks (a marker that moved, a picture out of focus)
+    doubts : what was found to be wrong, or weaker than it looks; ``warnings`` are their sentences
     swapped : (first, second, view) names of markers whose marks were exchanged
     report : why the adjustment stopped
     options : everything it was made with, by name
@@ -74,9 +98,15 @@ class Calibration:
     options: Mapping[str, Any] = field(default_factory=dict)
     cam_from_rig: Mapping[str, Pose] = field(default_factory=dict)
     rig_cov: Mapping[str, Array] = field(default_factory=dict)
+    doubts: tuple[Doubt, ...] = ()
 
     def __bool__(self) -> bool:
         return True
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The doubts as sentences."""
+        return tuple(str(d) for d in self.doubts)
 
     def pose(self, view: str) -> Pose:
         """``cam_from_model`` of a view by name."""

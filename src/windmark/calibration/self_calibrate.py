@@ -10,15 +10,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from windmark.adjust.network import NetworkState
+from windmark.calibration.consistent import with_control
 from windmark.calibration.datum import Datum, Distance
-from windmark.calibration.eccentric import ECCENTRICITY, radii_off, with_eccentricity
+from windmark.calibration.eccentric import ECCENTRICITY, radii_off
 from windmark.calibration.finish import calibration, refuse_weak
+from windmark.calibration.hypotheses import focus_doubts
 from windmark.calibration.result import Calibration, NotCalibrated
-from windmark.calibration.setup import Job, first_state, taking_part, views_of
-from windmark.calibration.solve import Solved
+from windmark.calibration.setup import Job, first_state, taking_part
 from windmark.calibration.start import start_poses
 from windmark.errors import UsageError
-from windmark.geometry import Camera, DegenerateGeometry, Pose, triangulate
+from windmark.geometry import Camera, DegenerateGeometry, Pose
 from windmark.scene import MarkerSet, Observations, View
 from windmark.scene.units import RADII_OFF, radii_words
 
@@ -147,8 +148,11 @@ def _attempt(
         good, state, dropped = _start(job, cameras, seed)
         if state is None:
             return refused("too_few", "no view has a pose: fewer than four marks, or markers on one line")
-        solved = _every_mark(job, state, good, options)
+        held = with_control(job, state, good, options)
+        job, solved = held.job, held.solved
         dropped, sigma0 = solved.dropped | dropped, solved.sigma0
+        if held.unclear is not None:
+            return refused("control", str(held.unclear), held.unclear.names, sigma0)
         if solved.redundancy <= 0:
             return refused("too_few", f"{2 * int(solved.used.sum())} observations for as many unknowns or more")
         ratio = radii_off(job.markers, solved.discs)
@@ -174,7 +178,8 @@ def _attempt(
                 "lens beyond the model (free more parameters)",
                 sigma0=sigma0,
             )
-        return calibration(job, solved, dropped, options)
+        used = {"datum": job.datum, "distances": job.distances, "prior_sigma": dict(job.prior_sigma)}
+        return calibration(job, solved, dropped, {**options, **used}, (*held.doubts, *focus_doubts(job, solved)))
     except DegenerateGeometry as error:
         return refused("degenerate", str(error), error.weak, sigma0)
 
@@ -201,39 +206,3 @@ def _start(job: Job, cameras: Mapping[str, Camera], seed: int) -> tuple[Mask, Ne
     if not taking_part(job, good)[0].any():
         return good, None, dropped
     return good, first_state(job, found, poses), dropped
-
-
-def _every_mark(job: Job, state: NetworkState, good: Mask, options: dict[str, Any]) -> Solved:
-    """Adjust the good marks; those that a first pose found here cannot see join once the others are adjusted."""
-    given = np.array([v.cam_from_model is not None for v in job.views])[job.observations.view]
-    seen = good & (given | _imaged(job, state))
-    solved = with_eccentricity(job, state, seen, options)
-    if (seen == good).all() or not solved.report.converged:
-        return solved
-    state = _placed(job, solved, good)
-    return with_eccentricity(job, state, good & _imaged(job, state), options)
-
-
-def _placed(job: Job, solved: Solved, good: Mask) -> NetworkState:
-    """Markers that took no part, for no camera could see them at their rough place, go where their marks say."""
-    obs, state = job.observations, solved.state
-    lost = np.unique(obs.point[good & ~np.isin(obs.point, obs.point[solved.taken])])
-    if not len(lost):
-        return state
-    xy = np.full((len(job.views), len(lost), 2), np.nan)
-    mine = good & np.isin(obs.point, lost)
-    xy[obs.view[mine], np.searchsorted(lost, obs.point[mine])] = obs.xy[mine]
-    cameras, poses = zip(*views_of(job, state), strict=True)
-    found = triangulate(cameras, poses, xy)
-    points = state.points.copy()
-    points[lost[found.valid]] = found.xyz[found.valid]
-    return replace(state, points=points)
-
-
-def _imaged(job: Job, state: NetworkState) -> Mask:
-    """(O,) marks whose marker has an image in their view."""
-    obs, out = job.observations, np.zeros(len(job.observations), dtype=np.bool_)
-    for v, (camera, pose) in enumerate(views_of(job, state)):
-        mine = obs.view == v
-        out[mine] = camera.project(pose.apply(state.points[obs.point[mine]]))[1]
-    return out

@@ -114,6 +114,19 @@ class Job:
             return self.chosen(self.datum.markers, "datum")
         return np.zeros(len(self.markers), dtype=np.bool_)
 
+    def known_sigma(self) -> Array:
+        """(N, 3) 1 sigma of the coordinates that a `Weighted` datum knows, inf of all others."""
+        datum = self.datum
+        if not isinstance(datum, Weighted):
+            return np.full((len(self.markers), 3), np.inf)
+        given = self.markers.sigma if datum.sigma is None else np.full((len(self.markers), 3), datum.sigma)
+        chosen = self.chosen(datum.markers, "datum")[:, None] & np.isfinite(given)
+        if not (given[chosen] > 0).all():
+            raise UsageError("self_calibrate: datum Weighted: sigma must be > 0; hold markers with Fixed")
+        if chosen.any(axis=1).sum() < 3:
+            raise UsageError("self_calibrate: datum Weighted needs at least three markers with a sigma")
+        return np.where(chosen, given, np.inf)
+
 
 def taking_part(job: Job, used: Mask) -> tuple[Mask, dict[str, str]]:
     """Marks that can take part, (O,), and why views and markers cannot, by name.
@@ -151,7 +164,7 @@ def make_network(job: Job, taken: Mask, weight: Array | None = None) -> Network:
     held = np.repeat(job.held[:, None], 3, axis=1)
     value = sigma = None
     if isinstance(job.datum, Weighted):
-        value, sigma = markers.xyz, _weights(job)
+        value, sigma = markers.xyz, job.known_sigma()
     free_offset = np.arange(len(names)) > 0 if job.rig else np.zeros(0, dtype=np.bool_)
     priors = {k: v for k, v in job.prior_sigma.items() if k in job.free}
     return Network(
@@ -170,18 +183,6 @@ def frames_of(job: Job) -> tuple[list[str], Ints]:
     keys = [v.frame if job.rig else v.name for v in job.views]
     names = list(dict.fromkeys(keys))
     return names, np.array([names.index(k) for k in keys], dtype=np.int64)
-
-
-def _weights(job: Job) -> Array:
-    datum = job.datum
-    assert isinstance(datum, Weighted)
-    given = job.markers.sigma if datum.sigma is None else np.full((len(job.markers), 3), datum.sigma)
-    chosen = job.chosen(datum.markers, "datum")[:, None] & np.isfinite(given)
-    if not (given[chosen] > 0).all():
-        raise UsageError("self_calibrate: datum Weighted: sigma must be > 0; hold markers with Fixed")
-    if chosen.any(axis=1).sum() < 3:
-        raise UsageError("self_calibrate: datum Weighted needs at least three markers with a sigma")
-    return np.where(chosen, given, np.inf)
 
 
 def _bars(job: Job) -> Bars:

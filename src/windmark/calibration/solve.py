@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 
 from windmark.adjust import PaperOptions, SolveReport
 from windmark.adjust.levenberg_marquardt import SolveOptions, minimise
-from windmark.adjust.network import NetworkProblem, NetworkState, graduated, minimise_network_by_steps
+from windmark.adjust.network import Network, NetworkProblem, NetworkState, graduated, minimise_network_by_steps
 from windmark.adjust.network.covariance import NetworkCovariance, network_covariance
 from windmark.adjust.network.equations import NetworkEquations
 from windmark.calibration.disc_shapes import Discs
 from windmark.calibration.setup import LEAST_MARKS, Job, frames_of, make_network, taking_part, views_of
-from windmark.calibration.snooping import LIMIT, influence, statistic
+from windmark.calibration.snooping import critical, externally, influence, statistic
 from windmark.calibration.start import start_poses
 from windmark.geometry import DegenerateGeometry, Pose
 
@@ -63,10 +63,13 @@ class Solved:
     discs: Discs | None = None
 
 
-def solve(job: Job, start: NetworkState, allowed: Mask, shift: Array, reject: bool) -> Solved:
+def solve(
+    job: Job, start: NetworkState, allowed: Mask, shift: Array, reject: bool, fits: Mask | None = None
+) -> Solved:
     """Adjust the ``allowed`` (O,) marks of a job from a start; ``shift`` (O, 2) is the eccentricity of each.
 
-    With ``reject`` gross errors are left out.
+    With ``reject`` gross errors are left out. ``fits`` (O,) are the marks that do as far as is known, where the start
+    is near the minimum; without, robust stages find both.
 
     Raises
     ------
@@ -75,13 +78,15 @@ def solve(job: Job, start: NetworkState, allowed: Mask, shift: Array, reject: bo
     ValueError
         When the start has no image of a marker.
     """
-    good = allowed.copy()
-    taken, _ = taking_part(job, good)
-    state, fits = _robust(job, start, taken, shift)
+    good, state = allowed.copy(), start
+    if fits is None:
+        taken, _ = taking_part(job, good)
+        state, good[taken] = _robust(job, start, taken, shift)
+    else:
+        good &= fits
     if not reject:
         taken, dropped = taking_part(job, allowed)
         return _adjusted(job, state, taken, np.zeros_like(taken), allowed, shift, dropped)
-    good[taken] = fits
     solved, good = _tested(job, state, allowed, good, shift)
     for _ in range(RESCUES):
         state, again = _rescued(job, solved, allowed, good)
@@ -104,7 +109,7 @@ def _tested(job: Job, state: NetworkState, allowed: Mask, good: Mask, shift: Arr
         if not solved.report.converged:
             return solved, good  # the tests of marks mean nothing there
         fits = good.copy()
-        fits[solved.taken] = solved.test <= LIMIT
+        fits[solved.taken] = solved.test <= critical(int(solved.taken.sum()))
         fits = _one_by_one(job, good, fits, solved)
         if (fits == good).all() or fits.tobytes() in seen or len(seen) == ROUNDS - 1:
             return solved, good
@@ -151,7 +156,7 @@ def _robust(job: Job, state: NetworkState, taken: Mask, shift: Array) -> tuple[N
     residual = problem.residual(state)
     assert residual is not None
     fits = np.empty(len(residual), dtype=np.bool_)
-    fits[problem.order] = (residual**2).sum(axis=1) < LIMIT * scale**2
+    fits[problem.order] = (residual**2).sum(axis=1) < critical(len(residual)) * scale**2
     return state, fits
 
 
@@ -172,16 +177,23 @@ def _adjusted(
     used = good[every][problem.order]
     lay = problem.layout
     unknowns = lay.dense + lay.blocks * lay.size
-    known = 0 if network.point_sigma is None else int(np.isfinite(network.point_sigma).sum())
-    redundancy = 2 * int(used.sum()) + known + len(network.bars.length) + covariance.motions.shape[1] - unknowns
+    redundancy = 2 * int(used.sum()) + _known(network) + covariance.motions.shape[1] - unknowns
     squares = 2 * report.final_cost
     sigma0 = float(np.sqrt(squares / redundancy)) if redundancy > 0 else float("nan")
     test = statistic(residual, influence(problem, state, covariance), used)
-    test = test / sigma0**2 if redundancy > 0 and sigma0 > 0 else test
+    test = externally(test, used, squares, redundancy)
     back = np.argsort(problem.order)
     return Solved(
         problem, state, covariance, report, every, used[back], residual[back], test[back], sigma0, redundancy, dropped
     )
+
+
+def _known(network: Network) -> int:
+    """What is known besides the pictures and has a residual: coordinates of markers in use, distances, parameters."""
+    points = 0
+    if network.point_sigma is not None:
+        points = int(np.isfinite(network.point_sigma[network.used_point & ~network.held.all(axis=1)]).sum())
+    return points + len(network.bars.length) + sum(len(sigma) for sigma in network.camera_sigma)
 
 
 def _minimum(

@@ -15,7 +15,7 @@ from windmark import io
 from windmark.calibration import Calibration, NotCalibrated
 from windmark.calibration.datum import Fixed, Free, Weighted
 from windmark.calibration.quality import Comparison, KnownMarkers, SplitHalf, residual_map
-from windmark.calibration.snooping import LIMIT
+from windmark.calibration.snooping import critical
 from windmark.geometry import PARAMETERS
 from windmark.io.cameras.record import FREE
 from windmark.pipeline.calibrate.marks import Marks
@@ -235,10 +235,11 @@ def record(
     return {
         "windmark": windmark.__version__, "length_unit": unit, "sigma0": result.sigma0,
         "redundancy": result.redundancy, "rms_px": result.rms_px, "marks": len(result.observations),
-        "left_out": int((~result.used).sum()), "test_limit": LIMIT, "views": len(result.views),
+        "left_out": int((~result.used).sum()), "test_limit": critical(len(result.test)), "views": len(result.views),
         "markers": len(result.markers), "marker_sigma_rms": sigma_rms(result.markers), "datum": datum_words(result),
         "cameras": cameras, "rig": [beside_record(b) for b in beside(result)],
         "halves": _halves_record(done.halves), "suspect": list(result.suspect),
+        "warnings": list(result.warnings),
         "swapped": [list(s) for s in result.swapped], "dropped": dict(result.dropped),
         "converged": result.report.reason, "iterations": result.report.iterations,
         "pictures": None if matched is None else [vars_of(m) for m in matched],

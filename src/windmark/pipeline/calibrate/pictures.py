@@ -141,10 +141,17 @@ def calibrate_pictures(
         found = {**found, **{k: replace(c, cov=None) for k, c in calibration.cameras.items()}}
         known, how, excess, done = _refined(markers, calibration), {}, excess_px(calibration, excess), matched
         # A picture that lost all of its marks is not suspect but gone.
-        doubtful = {*calibration.suspect, *calibration.dropped} & {p.name for p in pictures if p.count}
+        doubtful = {*_lost_most(calibration), *calibration.dropped} & {p.name for p in pictures if p.count}
     pictures = [_without_labels(p) if p.name in doubtful else p for p in pictures]
     marks = _marks(pictures, markers, found, excess)
     return calibrate_marks(marks, settings, clock), tuple(replace(p, excess_px=excess) for p in pictures)
+
+
+def _lost_most(calibration: Calibration) -> list[str]:
+    """Views more than half of whose marks were left out."""
+    view = calibration.observations.view
+    every, lost = (np.bincount(v, minlength=len(calibration.views)) for v in (view, view[~calibration.used]))
+    return [calibration.views[int(v)].name for v in np.flatnonzero(2 * lost > every)]
 
 
 def _without_labels(picture: MatchedPicture) -> MatchedPicture:

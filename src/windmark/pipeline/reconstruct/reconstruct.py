@@ -197,6 +197,7 @@ def _result(
         views=tuple(replace(v, name=task.views[int(v.name)].name) for v in calibration.views),
         dropped={renamed.get(n, n): why for n, why in calibration.dropped.items()},
         suspect=tuple(renamed.get(n, n) for n in calibration.suspect),
+        doubts=tuple(d.renamed(renamed) for d in calibration.doubts),
         swapped=tuple((more.get(a, a), more.get(b, b), renamed.get(v, v)) for a, b, v in calibration.swapped),
     )  # fmt: skip
     tracks = Tracks(track, structure.view[kept], structure.spot[kept])

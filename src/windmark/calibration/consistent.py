@@ -1,0 +1,220 @@
+"""An adjustment whose control has been tested: first the pictures alone, then with what is known beforehand.
+
+In the pictures' own network wrong control bends nothing and throws out no right mark; what of it contradicts the rest
+is left out and named, and the network is adjusted again with what is right.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.adjust.network import NetworkState
+from windmark.calibration.control import Control, Verdict, control_of, judge
+from windmark.calibration.datum import Fixed, Free, Weighted
+from windmark.calibration.eccentric import fitting, with_eccentricity
+from windmark.calibration.finish import refuse_weak, transformed
+from windmark.calibration.hypotheses import contradicted
+from windmark.calibration.result import Doubt
+from windmark.calibration.setup import Job, frames_of, views_of
+from windmark.calibration.solve import Solved
+from windmark.errors import WindmarkError
+from windmark.geometry import Pose, triangulate
+from windmark.geometry.similarity import Similarity, align
+
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Held:
+    """An adjusted network, and what its control was found to be.
+
+    Parameters
+    ----------
+    job : with the control that is right
+    solved : adjusted with that
+    doubts : what of the control was left out or contradicts
+    unclear : why the control cannot be used: which of it is wrong cannot be told; None if it can
+    """
+
+    job: Job
+    solved: Solved
+    doubts: tuple[Doubt, ...] = ()
+    unclear: Doubt | None = None
+
+
+def with_control(job: Job, state: NetworkState, good: Mask, options: dict[str, Any]) -> Held:
+    """Adjust the pictures alone, test the control, adjust with it.
+
+    Where the pictures alone do not determine everything (one view of a known target) the control goes in untested, and
+    marks tell.
+
+    Raises
+    ------
+    DegenerateGeometry, ValueError
+        As of `solve`.
+    """
+    alone = _alone(job, state, good, options)
+    if alone is None:
+        return _with_priors(Held(job, every_mark(job, state, good, options)), good, options)
+    obs = job.observations
+    seen = np.zeros(len(job.markers), dtype=np.bool_)
+    seen[obs.point[alone.taken]] = True
+    control = control_of(job, seen)
+    rough = align(alone.state.points[seen], job.markers.xyz[seen], scale=alone.covariance.motions.shape[1] == 7)
+    verdict = judge(control, alone, rough)
+    doubts = _said(job, control, verdict, alone)
+    if verdict.unclear:
+        return Held(job, alone, unclear=doubts[0])
+    if options["reject"]:
+        job = _cleaned(job, control, verdict)
+    start = _together(job, state, alone, verdict.fit, seen)
+    fits = fitting(alone)
+    fits |= good & ~alone.taken
+    return _with_priors(Held(job, with_eccentricity(job, start, good, options, fits), doubts), good, options)
+
+
+def _with_priors(held: Held, good: Mask, options: dict[str, Any]) -> Held:
+    """Without priors of interior parameters that the pictures contradict."""
+    job, solved = held.job, held.solved
+    if not (job.prior_sigma and solved.report.converged and solved.redundancy > 0):
+        return held
+    wrong = contradicted(job, solved)
+    if not wrong:
+        return held
+    if options["reject"]:
+        job = replace(job, prior_sigma={k: v for k, v in job.prior_sigma.items() if k not in wrong})
+        solved = with_eccentricity(job, solved.state, good, options, fitting(solved))
+    how = "was left out" if options["reject"] else "is contradicted"
+    doubts = [
+        Doubt((name,), f"the prior of {{}} {how}: {off:.4g} from what the pictures say ({sigmas:.0f} sigma)")
+        for name, (off, sigmas) in wrong.items()
+    ]
+    return replace(held, job=job, solved=solved, doubts=(*held.doubts, *doubts))
+
+
+def _alone(job: Job, state: NetworkState, good: Mask, options: dict[str, Any]) -> Solved | None:
+    """The network of the pictures without any control; None where there is no control, or they do not determine it."""
+    if isinstance(job.datum, Free) and not job.distances:
+        return None
+    job = replace(job, datum=Free(), distances=(), solver="newton")
+    try:
+        solved = every_mark(job, state, good, options)
+        if not (solved.report.converged and solved.redundancy > 0 and solved.sigma0 <= options["max_sigma0"]):
+            return None
+        refuse_weak(job, solved)
+    except WindmarkError:
+        return None
+    return solved
+
+
+def _cleaned(job: Job, control: Control, verdict: Verdict) -> Job:
+    """The job with the right control, its sigmas enlarged where all of it fits worse than they say."""
+    points = len(control.point)
+    bad = {str(job.markers.name[control.point[b]]) for b in verdict.wrong if b < points}
+    ends = {tuple(control.bar[b - points].tolist()) for b in verdict.wrong if b >= points}
+    datum, markers, factor = job.datum, job.markers, verdict.factor
+    if isinstance(datum, Fixed | Weighted) and bad:
+        names = datum.markers if datum.markers is not None else markers.name.tolist()
+        datum = replace(datum, markers=[n for n in names if n not in bad])
+    if isinstance(datum, Weighted) and factor > 1:
+        datum = replace(datum, sigma=None if datum.sigma is None else datum.sigma * factor)
+        markers = replace(markers, sigma=markers.sigma * factor)
+    distances = tuple(
+        replace(d, sigma=d.sigma * factor)
+        for d in job.distances
+        if (job.marker(d.first, ""), job.marker(d.second, "")) not in ends
+    )
+    return replace(job, datum=datum, markers=markers, distances=distances)
+
+
+def _together(job: Job, start: NetworkState, alone: Solved, fit: Similarity, seen: Mask) -> NetworkState:
+    """The pictures' network in the frame of its control; what took no part in it stays where it was."""
+    state = transformed(alone.state, fit)
+    points = np.where(seen[:, None], state.points, start.points)
+    points = np.where(job.held[:, None], job.markers.xyz, points)
+    frames = frames_of(job)[1]
+    moved = np.isin(np.arange(len(start.frames.translation)), frames[job.observations.view[alone.taken]])
+    rotation = np.where(moved[:, None, None], state.frames.rotation, start.frames.rotation)
+    translation = np.where(moved[:, None], state.frames.translation, start.frames.translation)
+    return replace(state, points=points, frames=Pose(rotation, translation))
+
+
+def _said(job: Job, control: Control, verdict: Verdict, alone: Solved) -> tuple[Doubt, ...]:
+    """What the test of the control found, in words; only one where it cannot be told what is wrong."""
+    points, moved = len(control.point), verdict.fit.apply(alone.state.points)
+
+    def names(block: int) -> tuple[str, ...]:
+        index = control.point[block : block + 1] if block < points else control.bar[block - points]
+        return tuple(str(n) for n in job.markers.name[index])
+
+    def what(block: int) -> str:
+        if block >= points:
+            return "distance {} to {}"
+        return "held marker {}" if isinstance(job.datum, Fixed) else "control point {}"
+
+    def off(block: int) -> str:
+        if block < points:
+            known = np.isfinite(control.sigma[block])
+            away = float(np.linalg.norm((control.xyz[block] - moved[control.point[block]])[known]))
+        else:
+            a, b = control.bar[block - points]
+            away = float(control.length[block - points] - np.linalg.norm(moved[a] - moved[b]))
+        return f"{away:.3g} {job.markers.length_unit or ''}".rstrip()
+
+    if verdict.unclear:
+        listed = ", ".join(f"{what(b)} ({off(b)})" for b in verdict.unclear)
+        return (Doubt(
+            tuple(n for b in verdict.unclear for n in names(b)),
+            f"what is known contradicts itself; without any one of these the rest would fit: {listed}. Measure them "
+            "again, leave the wrong one out, or give more control",
+        ),)  # fmt: skip
+    out = [
+        Doubt(names(b), f"{what(b)} was left out: {off(b)} from where the pictures and the other control put it "
+                        f"({np.sqrt(t):.0f} sigma)")
+        for b, t in verdict.wrong.items()
+    ]  # fmt: skip
+    if verdict.factor > 1:
+        more = "" if isinstance(job.datum, Fixed) and not job.distances else "; its sigmas were enlarged"
+        out.append(Doubt((), f"the control fits {verdict.factor:.1f} times worse than its sigmas say, no single one is "
+                             f"at fault{more}"))  # fmt: skip
+    return tuple(out)
+
+
+def every_mark(job: Job, state: NetworkState, good: Mask, options: dict[str, Any]) -> Solved:
+    """Adjust the good marks; those that a first pose found here cannot see join once the others are adjusted."""
+    given = np.array([v.cam_from_model is not None for v in job.views])[job.observations.view]
+    seen = good & (given | _imaged(job, state))
+    solved = with_eccentricity(job, state, seen, options)
+    if (seen == good).all() or not solved.report.converged:
+        return solved
+    state = _placed(job, solved, good)
+    return with_eccentricity(job, state, good & _imaged(job, state), options)
+
+
+def _placed(job: Job, solved: Solved, good: Mask) -> NetworkState:
+    """Markers that took no part, for no camera could see them at their rough place, go where their marks say."""
+    obs, state = job.observations, solved.state
+    lost = np.unique(obs.point[good & ~np.isin(obs.point, obs.point[solved.taken])])
+    if not len(lost):
+        return state
+    xy = np.full((len(job.views), len(lost), 2), np.nan)
+    mine = good & np.isin(obs.point, lost)
+    xy[obs.view[mine], np.searchsorted(lost, obs.point[mine])] = obs.xy[mine]
+    cameras, poses = zip(*views_of(job, state), strict=True)
+    found = triangulate(cameras, poses, xy)
+    points = state.points.copy()
+    points[lost[found.valid]] = found.xyz[found.valid]
+    return replace(state, points=points)
+
+
+def _imaged(job: Job, state: NetworkState) -> Mask:
+    """(O,) marks whose marker has an image in their view."""
+    obs, out = job.observations, np.zeros(len(job.observations), dtype=np.bool_)
+    for v, (camera, pose) in enumerate(views_of(job, state)):
+        mine = obs.view == v
+        out[mine] = camera.project(pose.apply(state.points[obs.point[mine]]))[1]
+    return out

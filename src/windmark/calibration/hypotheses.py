@@ -1,0 +1,145 @@
+"""What may be wrong besides single marks, tested in the adjusted network: a prior, a picture that was focused anew.
+
+A hypothesis adds an unknown to the network: a column b to its equations. Whether that unknown is there is told without
+solving again (Baarda 1967; Teunissen, "Testing theory", 2000, ch. 4): with the residuals r, their cofactors
+Q = 1 - J C J^T, the unknown is -b^T r / (b^T Q b), and the sum of squares would fall by T = (b^T r)^2 / (b^T Q b).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import f as fisher
+
+from windmark.adjust.network import linear
+from windmark.adjust.network._arrays import ROOM
+from windmark.adjust.network.problem import camera_columns
+from windmark.calibration.control import FALSE
+from windmark.calibration.result import Doubt
+from windmark.calibration.setup import Job
+from windmark.calibration.solve import Solved
+from windmark.geometry import PARAMETERS
+
+Array = NDArray[np.float64]
+
+CHECKED = 1e-4
+"""Share of a hypothesis that the network's own unknowns leave over, below which it cannot be told from them."""
+
+
+def contradicted(job: Job, solved: Solved) -> dict[str, tuple[float, float]]:
+    """Priors of interior parameters that the pictures contradict: by name, how far off, and in how many sigmas."""
+    columns = [entry for entry in camera_columns(solved.problem.layout) if entry[1] in job.prior_sigma]
+    units, given = solved.problem.units(solved.state).camera, list(job.cameras.values())
+    found: dict[str, tuple[float, float]] = {}
+    for c, name, column in columns:
+        sigma, step = job.prior_sigma[name], float(units[c][PARAMETERS.index(name)])
+        off = float(getattr(solved.state.cameras[c], name) - getattr(given[c], name))
+        left = sigma**2 - float(solved.covariance.dense[column, column]) * step**2
+        if left <= CHECKED * sigma**2:
+            continue  # nothing but the prior tells it
+        if _chance(off**2 / left, 1, solved) < FALSE / len(columns):
+            found[name] = (off, float(np.sqrt(off**2 / left)))
+    return found
+
+
+NAMED = 5
+"""Pictures that are named at most."""
+
+
+@dataclass(frozen=True)
+class Refocused:
+    """A view whose focal length is another one: its relative change and 1 sigma of that."""
+
+    view: str
+    change: float
+    sigma: float
+
+
+def refocused(job: Job, solved: Solved) -> tuple[list[Refocused], float]:
+    """Views whose marks ask for a focal length of their own, among those that share that of their camera.
+
+    Also the root mean square change of all, where they together ask for it though perhaps none alone does; else 0.
+    """
+    problem, state, obs = solved.problem, solved.state, job.observations
+    marks, lay, order = problem.marks, problem.layout, problem.order
+    center = np.array([(c.cx, c.cy) for c in state.cameras])[problem.scene(state).view_camera[marks.views]]
+    used = solved.used[order]
+    r = solved.residual[order]
+    white = _whiteners(marks.white)
+    seen = np.linalg.solve(white, r[..., None])[..., 0] + marks.xy - marks.shift
+    b = np.where(used[:, None], (white @ (seen - center)[..., None])[..., 0], 0.0)
+    views = np.array([v for v in np.unique(obs.view[solved.taken]) if lay.columns.focal[v] < 0])
+    if not len(views):
+        return [], 0.0
+    at = np.full(len(job.views), -1)
+    at[views] = np.arange(len(views))
+    by_view = at[marks.views]
+    known = by_view >= 0
+    cross = _gathered(solved, np.where(known[:, None], b, 0.0), by_view, len(views))
+    power, score = np.zeros(len(views)), np.zeros(len(views))
+    np.add.at(power, by_view[known], (b[known] ** 2).sum(axis=1))
+    np.add.at(score, by_view[known], (b[known] * r[known]).sum(axis=1))
+    every = np.diag(power) - cross.T @ solved.covariance.product(cross)
+    left = np.diagonal(every)
+    out = []
+    for n, v in enumerate(views):
+        if left[n] > CHECKED * power[n] and _chance(score[n] ** 2 / left[n], 1, solved) < FALSE / len(views):
+            spread = max(solved.sigma0, 1.0) / np.sqrt(left[n])
+            out.append(Refocused(job.views[v].name, float(-score[n] / left[n]), float(spread)))
+    size = np.sqrt(power)
+    value, vector = np.linalg.eigh(every / np.outer(size, size))
+    told = value > CHECKED
+    change = (vector[:, told].T @ (score / size)) / value[told]
+    test = float((change**2 * value[told]).sum())
+    together = _chance(test, int(told.sum()), solved) < FALSE
+    rms = float(np.sqrt((((vector[:, told] @ change) / size) ** 2).mean())) if together else 0.0
+    return out, rms
+
+
+def focus_doubts(job: Job, solved: Solved) -> tuple[Doubt, ...]:
+    """What is said of pictures whose focal length is not that of the others, the surest first."""
+    found, together = refocused(job, solved)
+    if not found:
+        rms = f"focal lengths of the pictures differ by {100 * together:.2g} % (rms): free_focal"
+        return (Doubt((), rms),) if together else ()
+    worst = sorted(found, key=lambda r: -abs(r.change) / r.sigma)[:NAMED]
+    listed = ", ".join(f"{{}} ({100 * r.change:+.2g} +- {100 * r.sigma:.1g} %)" for r in worst)
+    more = f" and {len(found) - NAMED} more" if len(found) > NAMED else ""
+    words = f"focal length not that of the other pictures (free_focal): {listed}{more}"
+    return (Doubt(tuple(r.view for r in worst), words),)
+
+
+def _gathered(solved: Solved, b: Array, group: NDArray[np.int64], count: int) -> Array:
+    """(D + E b, count) J^T b, summed over the marks of each group."""
+    problem, state, lay = solved.problem, solved.state, solved.problem.layout
+    o = len(problem.order)
+    jd, je = np.zeros((o, 2, ROOM)), np.zeros((o, 2, lay.size))
+    cols, block = np.zeros((o, ROOM), np.int64), np.zeros(o, np.int64)
+    linear.jacobian_rows(problem.marks, problem.scene(state), problem.units(state), lay.columns, jd, je, cols, block)
+    out = np.zeros((lay.dense + lay.blocks * lay.size, count))
+    which = np.broadcast_to(group[:, None], cols.shape)
+    here = (cols >= 0) & (which >= 0)
+    np.add.at(out, (cols[here], which[here]), (jd * b[:, :, None]).sum(axis=1)[here])
+    row = lay.dense + lay.size * block[:, None] + np.arange(lay.size)
+    here = np.broadcast_to(((block >= 0) & (group >= 0))[:, None], row.shape)
+    which = np.broadcast_to(group[:, None], row.shape)
+    np.add.at(out, (row[here], which[here]), (je * b[:, :, None]).sum(axis=1)[here])
+    return out
+
+
+def _chance(test: float, dof: int, solved: Solved) -> float:
+    """Probability that chance makes a T of so many degrees as large, beside the residuals that would be left."""
+    free = solved.redundancy - dof
+    rest = solved.sigma0**2 * solved.redundancy - test
+    if free < 1 or dof < 1:
+        return 1.0
+    return 0.0 if rest <= 0 else float(fisher.sf(test / dof * free / rest, dof, free))
+
+
+def _whiteners(packed: Array) -> Array:
+    """(O, 2, 2) lower triangular from xx, yx, yy."""
+    out = np.zeros((len(packed), 2, 2))
+    out[:, 0, 0], out[:, 1, 0], out[:, 1, 1] = packed.T
+    return out

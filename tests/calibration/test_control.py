@@ -1,0 +1,170 @@
+"""What is known beforehand is tested like a mark: control points, held markers, distances, priors, one focal length."""
+
+from dataclasses import replace
+
+import networks
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from windmark.calibration import Calibration, Distance, Fixed, Free, NotCalibrated, Weighted, self_calibrate
+from windmark.calibration.snooping import critical, externally
+
+SIGMA = 0.05
+CONTROL = [0, 1, 2, 3, 4, 5]
+
+
+def names(index):
+    return [f"m{i:02d}" for i in index]
+
+
+def known(case, off=None, seed=0, index=CONTROL):
+    """Rough markers, but control within its sigma; ``off`` moves one of it by so many millimetres."""
+    start = case.start.points.copy()
+    start[index] = case.truth.points[index] + np.random.default_rng(seed).normal(0, SIGMA, (len(index), 3))
+    if off is not None:
+        start[index[0]] += np.array([0.6, 0.0, 0.8]) * off
+    return start
+
+
+def run(case, start=None, **options):
+    observations, markers, cameras, views, _ = networks.nouns(case, start=start)
+    markers = replace(markers, length_unit="mm")
+    cameras = options.pop("cameras", cameras)
+    return self_calibrate(observations, markers, cameras, views, **options)
+
+
+@pytest.fixture(scope="module")
+def case():
+    return networks.make(71, points=30, views=10)
+
+
+def test_right_control_raises_no_doubt(case):
+    for seed in range(5):
+        result = run(case, known(case, seed=seed), datum=Weighted(names(CONTROL), SIGMA))
+        assert isinstance(result, Calibration)
+        assert result.doubts == result.suspect == result.warnings == ()
+
+
+@pytest.mark.parametrize("off", [1.5, 5.0, 50.0])
+def test_a_control_point_elsewhere_is_left_out_and_named(case, off):
+    result = run(case, known(case, off), datum=Weighted(names(CONTROL), SIGMA))
+    assert isinstance(result, Calibration)
+    assert result.suspect == ("m00",)
+    said = result.warnings[0].removeprefix("control point m00 was left out: ")
+    assert float(said.split()[0]) == pytest.approx(off, abs=0.3)
+    assert "mm from where the pictures and the other control put it" in result.warnings[0]
+    assert result.used.all()  # none of its marks is to blame
+    place = result.markers.name.tolist().index("m00")
+    assert np.abs(result.markers.xyz[place] - case.truth.points[0]).max() < 5 * result.markers.sigma[place].max()
+    # What was left out has no part in what comes after: halves, other datums.
+    assert "m00" not in result.options["datum"].markers
+
+
+def test_a_held_marker_elsewhere_is_left_out_and_named(case):
+    result = run(case, known(case, 2.0), datum=Fixed(names(CONTROL)))
+    assert result.suspect[0] == "m00"
+    assert result.warnings[0].startswith("held marker m00 was left out")
+
+
+def test_what_cannot_be_told_apart_is_refused_with_all_of_it(case):
+    """Of two distances that contradict each other one is wrong; of three control points, any one."""
+    xyz = case.truth.points
+    pairs = [(6, 7), (8, 9)]
+    lengths = [float(np.linalg.norm(xyz[a] - xyz[b])) for a, b in pairs]
+    bars = [Distance(*names(p), d + e, SIGMA) for p, d, e in zip(pairs, lengths, (0.0, 30 * SIGMA), strict=True)]
+    result = run(case, datum=Free(), distances=bars)
+    assert isinstance(result, NotCalibrated)
+    assert result.cause == "control"
+    assert result.weak == ("m06", "m07", "m08", "m09")
+    assert "contradicts itself" in result.reason
+    assert "distance m06 to m07" in result.reason
+    three = run(case, known(case, 3.0, index=[10, 20, 29]), datum=Weighted(names([10, 20, 29]), SIGMA))
+    assert (three.cause, three.weak) == ("control", ("m10", "m20", "m29"))
+
+
+def test_one_of_three_distances_is_told(case):
+    xyz = case.truth.points
+    pairs = [(6, 7), (8, 9), (10, 11)]
+    wrong = [Distance(*names((a, b)), float(np.linalg.norm(xyz[a] - xyz[b])) + 2.0 * (a == 8), SIGMA) for a, b in pairs]
+    result = run(case, datum=Free(), distances=wrong)
+    assert result.warnings[0].startswith("distance m08 to m09 was left out: ")
+    assert len(result.options["distances"]) == 2
+    away = float(np.linalg.norm(np.subtract(*result.markers.xyz[[6, 7]])))
+    assert away == pytest.approx(wrong[0].length, abs=5 * SIGMA)
+
+
+def test_control_that_is_worse_than_its_sigmas_everywhere_gets_larger_ones(case):
+    start = known(case)
+    start[CONTROL] += np.random.default_rng(1).normal(0, 10 * SIGMA, (len(CONTROL), 3))
+    result = run(case, start, datum=Weighted(names(CONTROL), SIGMA))
+    (sentence,) = result.warnings
+    assert "times worse than its sigmas say" in sentence
+    assert result.options["datum"].sigma > 3 * SIGMA
+    off = np.abs(result.markers.xyz - case.truth.points[: len(result.markers)]) / result.markers.sigma
+    assert off.max() < 5
+
+
+def test_without_rejection_wrong_control_stays_but_is_named(case):
+    result = run(case, known(case, 1.5), datum=Weighted(names(CONTROL), SIGMA), reject=False)
+    assert "m00" in result.suspect
+    assert "m00" in result.options["datum"].markers
+
+
+def test_a_prior_that_the_pictures_contradict_is_left_out(case):
+    believed = {"cam0": replace(networks.ROUGH, cx=networks.CAMERA.cx + 60.0)}
+    result = run(case, datum=Free(), cameras=believed, prior_sigma={"cx": 2.0, "cy": 20.0})
+    assert result.suspect == ("cx",)
+    assert result.options["prior_sigma"] == {"cy": 20.0}
+    assert abs(result.cameras["cam0"].cx - networks.CAMERA.cx) < 4 * result.sigma("cam0", "cx")
+    right = {"cam0": replace(networks.ROUGH, cx=networks.CAMERA.cx + 3.0)}
+    assert run(case, datum=Free(), cameras=right, prior_sigma={"cx": 2.0}).doubts == ()
+
+
+def test_a_picture_with_another_focal_length_is_named(case):
+    change = np.where(np.arange(10) == 4, 0.02, 0.0)
+    truth, net = replace(case.truth, focal_change=change), case.network
+    xy, inside = networks.project(truth, net.view_frame, net.view_offset, net.view_camera, net.view, net.point)
+    xy = (xy + np.random.default_rng(0).normal(0, 0.1, xy.shape))[inside]
+    network = replace(net, view=net.view[inside], point=net.point[inside], xy=xy, cov=net.cov[inside])
+    other = networks.Case(network, truth, case.start)
+    result = run(other, datum=Free())
+    (doubt,) = result.doubts
+    assert doubt.names[0] == "v04"
+    assert str(doubt).startswith("focal length not that of the other pictures (free_focal): v04 (+2")
+    assert run(other, datum=Free(), free_focal=["v04"]).doubts == ()
+
+
+def test_names_with_braces_are_names(case):
+    result = run(case, known(case, 1.5), datum=Weighted(names(CONTROL), SIGMA))
+    (doubt,) = result.doubts
+    assert "{x}" in str(doubt.renamed({"m00": "{x}"}))
+
+
+@pytest.mark.parametrize("redundancy", [3, 8, 400])
+def test_the_test_beside_the_other_residuals_is_chi_square_for_any_redundancy(redundancy):
+    """Parts of a sum of squares whose sigma0 is estimated from that sum: its probabilities stay what they are."""
+    rng = np.random.default_rng(4)
+    parts = rng.normal(0, 3.0, (200_000, redundancy)) ** 2
+    test, squares = parts[:, :2].sum(axis=1), parts.sum(axis=1)
+    values = [externally(np.array([t]), np.array([True]), s, redundancy)[0] for t, s in zip(test, squares, strict=True)]
+    for p in (0.5, 0.01, 0.001):
+        assert (np.array(values) > chi2.isf(p, 2)).mean() == pytest.approx(p, rel=0.2)
+
+
+def test_a_left_out_mark_is_tested_against_its_prediction():
+    rng = np.random.default_rng(5)
+    own, others = rng.normal(0, 2.0, (100_000, 2)) ** 2, rng.normal(0, 2.0, (100_000, 6)) ** 2
+    pairs = zip(own.sum(axis=1), others.sum(axis=1), strict=True)
+    values = np.array([externally(np.array([t]), np.array([False]), s, 6)[0] for t, s in pairs])
+    assert (values > chi2.isf(0.01, 2)).mean() == pytest.approx(0.01, rel=0.2)
+    assert critical(1000) == pytest.approx(chi2.isf(0.05 / 1000, 2))
+
+
+def test_a_small_sigma0_makes_nothing_surer(case):
+    """Residuals smaller than the marks' covariances say are no reason for smaller ones."""
+    observations, markers, cameras, views, _ = networks.nouns(case)
+    loose = replace(observations, cov=observations.cov * 4)
+    result, usual = (self_calibrate(o, markers, cameras, views, datum=Free()) for o in (loose, observations))
+    assert result.sigma0 == pytest.approx(usual.sigma0 / 2, rel=0.05)
+    np.testing.assert_allclose(result.markers.sigma, 2 * usual.markers.sigma / max(usual.sigma0, 1), rtol=0.05)
