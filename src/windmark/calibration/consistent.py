@@ -64,6 +64,8 @@ def with_control(job: Job, state: NetworkState, good: Mask, options: dict[str, A
     seen = np.zeros(len(job.markers), dtype=np.bool_)
     seen[obs.point[alone.taken]] = True
     control = control_of(job, seen)
+    if len(control.point) and not _placing(control):
+        return Held(job, every_mark(job, state, good, options))  # which refuses the datum
     rough = align(alone.state.points[seen], job.markers.xyz[seen], scale=alone.covariance.motions.shape[1] == 7)
     verdict = judge(control, alone, rough)
     doubts = _said(job, control, verdict, alone)
@@ -94,6 +96,13 @@ def _with_priors(held: Held, good: Mask, options: dict[str, Any]) -> Held:
         for name, (off, sigmas) in wrong.items()
     ]
     return replace(held, job=job, solved=solved, doubts=(*held.doubts, *doubts))
+
+
+def _placing(control: Control) -> bool:
+    """Whether the known points hold a network: three at least, not on a line."""
+    arm = control.xyz - control.xyz.mean(axis=0)
+    spread = np.linalg.svd(arm, compute_uv=False)
+    return len(arm) >= 3 and bool(spread[1] > 1e-3 * spread[0])
 
 
 def _alone(job: Job, state: NetworkState, good: Mask, options: dict[str, Any]) -> Solved | None:
