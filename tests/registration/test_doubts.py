@@ -36,7 +36,7 @@ def test_what_is_wrong_with_a_camera_is_named(what):
     """Focal length by 10 %, aspect by 3 %, principal point by 94 px, a lens that shifts the corner by 6 %."""
     scene = settling.wide_scene(66, WRONG[what])
     views, best = settling.best_of(scene)
-    doubts = Doubts(views, best, views.layout.modes[:0], MARGIN)
+    doubts = Doubts(views, best, 0.0, MARGIN)
     assert doubts.camera_promises
     named = doubts.other_camera(best.evidence)
     assert named.what == what
@@ -51,7 +51,7 @@ def test_the_right_camera_is_not_doubted():
     for seed in range(67, 72):
         scene = settling.wide_scene(seed)
         views, best = settling.best_of(scene)
-        doubts = Doubts(views, best, views.layout.modes[:0], MARGIN)
+        doubts = Doubts(views, best, 0.0, MARGIN)
         assert not doubts.camera_promises or doubts.other_camera(best.evidence) is None
 
 
@@ -92,14 +92,14 @@ def test_what_is_unchecked_goes_unnoticed_and_more_does_not(what, more):
     """
     plain = settling.wide_scene(73, noise_px=0.3)
     views, best = settling.best_of(plain)
-    doubts = Doubts(views, best, views.layout.modes[:0], MARGIN)
+    doubts = Doubts(views, best, 0.0, MARGIN)
     k = PARTS[what][0]
     size = doubts._cameras.shown(k, MARGIN)
     column = v.doubted_camera(plain.camera)[:11, k]
     for factor, noticed in ((0.4, False), (more, True)):
         given = Camera(plain.camera.size_px, *(plain.camera.packed()[:11] + factor * size * column))
         views, best = settling.best_of(replace(plain, camera=given))
-        other = Doubts(views, best, views.layout.modes[:0], MARGIN)
+        other = Doubts(views, best, 0.0, MARGIN)
         found = other.other_camera(best.evidence) if other.camera_promises else None
         assert (found is not None) == noticed
 
@@ -142,6 +142,6 @@ def test_bending_is_tried_where_the_residuals_or_free_spots_speak_for_it():
     straight = scenes.scene(7112, "A", noise_px=0.2)
     for scene, promising in ((bent, True), (straight, False)):
         views, best = settling.best_of(scene)
-        doubts = Doubts(views, best, Bender(views, 0.05, Budget()).modes, MARGIN)
+        doubts = Doubts(views, best, Bender(views, 0.05, Budget()).bend, MARGIN)
         assert doubts.bending_promises == promising
-    assert not Doubts(*settling.best_of(bent), views.layout.modes[:0], MARGIN).bending_promises
+    assert not Doubts(*settling.best_of(bent), 0.0, MARGIN).bending_promises

@@ -8,7 +8,13 @@ import registration_scenes as scenes
 import settle_scenes as settling
 
 from windmark.registration import register
+from windmark.registration.judge.bending import PRIOR
 from windmark.registration.judge.unseen import unchecked_bend, unseen_bend
+from windmark.registration.search.field import STIFF
+from windmark.registration.settle._kernels.doubt import doubt_kernel
+from windmark.registration.settle._kernels.slopes import slopes_kernel
+from windmark.registration.settle._kernels.unseen import _motions
+from windmark.registration.settle.settling import opened
 from windmark.registration.settle.solution import beyond_rigid
 
 MARGIN = 10.0
@@ -61,3 +67,40 @@ def test_a_rigid_motion_is_no_bow():
     np.testing.assert_allclose(beyond_rigid(xyz, rest), rest, atol=1e-12)
     line = np.outer(np.arange(5.0), [1.0, 0.0, 0.0])
     np.testing.assert_allclose(beyond_rigid(line, np.cross([0, 0, 0.1], line)), 0.0, atol=1e-12)
+
+
+def test_the_kernel_says_what_least_squares_do():
+    """By LAPACK, from the normal equations of a model that may bend."""
+    for kind in "AC":
+        views, best = settling.best_of(scenes.scene(8, kind, hidden=0.3))
+        layout, matched = views.layout, np.asarray((best.state.match >= 0).any(axis=0))
+        amplitude = PRIOR * 0.05 * layout.size * layout.far_field.amplitude(STIFF)
+        modes = amplitude[:, None, None] * layout.far_field.modes
+        bent = views.bent(modes)
+        normal = doubt_kernel(bent.sights, opened(bent, best.state))[0] + np.diag(np.arange(6 + len(modes)) >= 6)
+        taken = np.linalg.solve(normal[:6, :6], normal[:6, 6:])
+        open_ = np.linalg.inv(np.linalg.cholesky(normal[6:, 6:] - normal[6:, :6] @ taken)).T
+        turns = (best.state.rotation @ (amplitude * layout.far_field.motions[matched, :3]) - taken[:3]) @ open_
+        _, sigma, way = np.linalg.svd(turns[(turns**2).sum(axis=(1, 2)).argmax()], full_matrices=False)
+        rest = beyond_rigid(layout.model.xyz[matched], modes[:, matched]) / layout.size
+        rest = np.sqrt(2 * MARGIN) * np.tensordot(open_.T, rest, 1)
+        own = np.linalg.norm(np.tensordot(way[0], rest, 1), axis=1).max()
+        turn = min(0.05 / own, 1.0) * np.sqrt(2 * MARGIN) * sigma[0]
+        bow = min(np.sqrt((rest**2).sum(axis=(0, 2)).max()), 0.05)
+        np.testing.assert_allclose(unseen_bend(best, 0.05, MARGIN), (bow, turn), rtol=1e-8)
+
+
+def test_slopes_make_the_normal_equations():
+    views, best = settling.best_of(scenes.scene(9, "B", hidden=0.3))
+    bent = views.bent(0.3 * views.layout.modes)
+    normal, side = doubt_kernel(bent.sights, opened(bent, best.state))
+    slopes, off = slopes_kernel(views.sights, best.state, views.layout.modes_of_each, 0.3)
+    np.testing.assert_allclose(slopes.T @ slopes, normal, atol=1e-9 * np.abs(normal).max())
+    np.testing.assert_allclose(slopes.T @ off, side, atol=1e-9 * np.abs(side).max() + 1e-9)
+
+
+def test_a_row_of_markers_has_five_motions():
+    """Beside its own axis it cannot be turned: what bends it is no motion, and nothing divides by nothing."""
+    xyz, seen = np.outer(np.linspace(-1, 1, 7), [1.0, 0.0, 0.0]), np.ones(7, dtype=bool)
+    basis = _motions(xyz, seen, 7, np.zeros(3))
+    np.testing.assert_allclose(basis @ basis.T, np.diag([0.0, 1, 1, 1, 1, 1]), atol=1e-12)

@@ -80,15 +80,7 @@ def curvature(best: Solution) -> Array:
     parameter effects; Box 1971). The covariance of the second term is half the sum of all K_ij K_ij'. It is some 1 % of
     C for markers that fix their pose well. Of the pose alone, by its covariance with the other unknowns as they are.
     """
-    cov, factor = best.unit_cov, np.tril(best.state.factor)
-    columns = np.zeros((len(cov), 6))
-    columns[:6] = np.linalg.cholesky(np.linalg.inv((factor @ factor.T)[:6, :6]))
-    moved = -curve_kernel(best.views.sights, copied(best.views, best.state), columns) @ cov
-    # Of ``exp(delta) @ pose`` the shift is that of the unknowns less half of turn x shift, besides the first order.
-    turned = np.cross(columns[:3, :, None], columns[3:6, None, :], axis=0).transpose(1, 2, 0)
-    moved[..., 3:6] -= 0.5 * (turned + turned.transpose(1, 0, 2))
-    moved = moved.reshape(-1, len(cov))
-    return np.asarray(0.5 * moved.T @ moved)
+    return np.asarray(curve_kernel(best.views.sights, best.state, best.unit_cov))
 
 
 def _way(best: Solution, beside: Solution) -> Array:

@@ -26,6 +26,8 @@ CORE_ANGLE = float(np.radians(10.0))
 class Bender:
     """Grows candidates into solutions of a model that may be bent; what was grown is kept.
 
+    ``bend`` is 1 sigma of the deformation's prior, in sizes of the unit model; 0 where it cannot bend.
+
     Parameters
     ----------
     views : what was seen, rigid
@@ -36,23 +38,23 @@ class Bender:
     def __init__(self, views: Views, most: float, budget: Budget) -> None:
         self._budget = budget
         self._rigid, self._most = views, most
-        self.modes = PRIOR * most * views.layout.size * views.layout.modes if most > 0 else views.layout.modes[:0]
+        self.bend = PRIOR * most * views.layout.size if most > 0 and len(views.layout.modes) else 0.0
         self._grown: dict[Candidate, Solution | None] = {}
 
     @cached_property
     def _views(self) -> Views:
         """What was seen of a model that is stiff along its wide axes."""
-        return self._rigid.bent(self.modes)
+        return self._rigid.bent(self.bend * self._rigid.layout.modes)
 
     @cached_property
     def _bows(self) -> Views:
         """And of one that is supple."""
-        return self._rigid.bent(PRIOR * self._most * self._rigid.layout.size * self._rigid.layout.bows)
+        return self._rigid.bent(self.bend * self._rigid.layout.bows)
 
     def solutions(self, candidates: Sequence[tuple[int, Candidate]]) -> list[Solution]:
         """Distinct bent solutions, best first; a core of one that is known already is not grown again."""
         found: list[Solution] = []
-        for c, candidate in candidates if len(self.modes) else ():
+        for c, candidate in candidates if self.bend > 0.0 else ():
             if any(_core_of(c, candidate, known) for known in found):
                 continue
             if candidate not in self._grown:

@@ -67,9 +67,9 @@ def _grown(best: Solution, final: Solution, limits: Limits) -> str:
 
     With the discs as the table has them the gates are the same, and the spots may not speak clearly against it.
     """
-    plain = accepted(best)
     if not final.state.offset.any():
         return ""
+    plain = accepted(best)
     # Where some discs are unknown, what the pose made up for in all of them is left in these: no evidence.
     all_known = bool(are_discs(best)[(best.state.match >= 0).any(axis=0)].all())
     worse = plain.score - final.score if all_known else 0.0

@@ -19,6 +19,7 @@ from windmark.registration.judge.own import is_loose
 from windmark.registration.result import Cause, Unchecked
 from windmark.registration.settle._kernels.doubt import doubt_kernel
 from windmark.registration.settle._kernels.places import places_kernel
+from windmark.registration.settle._kernels.slopes import slopes_kernel
 from windmark.registration.settle.settling import accepted, opened, with_freedom
 from windmark.registration.settle.solution import Solution
 from windmark.registration.settle.views import (
@@ -72,13 +73,13 @@ class Doubts:
     ----------
     views : what was seen, rigid and with the cameras as given
     best : the solution; rigid, or the bent one that is to be judged
-    modes : (K, N, 3) how the model may be bent; K = 0: not at all
+    bend : 1 sigma of the deformation that the model may have, in sizes of the unit model; 0: none
     margin : lead (nats) that counts as one
     """
 
     views: Views
     best: Solution
-    modes: Array
+    bend: float
     margin: float
 
     @cached_property
@@ -103,16 +104,18 @@ class Doubts:
     @cached_property
     def bending_promises(self) -> bool:
         """Whether a bent model may explain the spots better."""
-        if not len(self.modes):
+        if not self.bend > 0.0:
             return False
         if any(is_loose(self.best, c) for c in range(len(self.best.counts))):
             return True
         if self.best.count < self.best.expected and self._near_missing():
             return True
-        views = self.views.bent(self.modes)
-        normal, side = doubt_kernel(views.sights, opened(views, self.best.state))
-        modes = len(self.modes)
-        return FirstOrder(normal, side, np.arange(len(side) - modes, len(side))).gain(0, modes) > rules.DOUBT
+        slopes, off = slopes_kernel(
+            self.best.views.sights, self.best.state, self.views.layout.modes_of_each, self.bend
+        )  # fmt: skip
+        rigid, size = len(self.best.state.factor), slopes.shape[1]
+        gain = FirstOrder(slopes.T @ slopes, slopes.T @ off, np.arange(rigid, size)).gain(0, size - rigid)
+        return gain > rules.DOUBT
 
     def _near_missing(self) -> bool:
         """Whether more of the missing markers than by chance have a free spot near, as far as bending could be."""

@@ -48,8 +48,8 @@ class Judge:
         self._bender = Bender(self._views, limits.deformation, budget)
         self._repaired = Repaired(self._views, budget)
         # What is asked of a solution once is asked again at the next verdict.
-        views, modes, margin = self._views, self._bender.modes, limits.margin
-        self._doubts = cache(lambda best: Doubts(views, best, modes, margin))
+        views, bend, margin = self._views, self._bender.bend, limits.margin
+        self._doubts = cache(lambda best: Doubts(views, best, bend, margin))
         self._places = cache(lambda best: Places(best, margin))
         self._mirror = cache(lambda best: mirror_of(views, best, MIRRORS))
         self._plain = -np.inf  # evidence of the rigid solution, if it is an answer
@@ -76,7 +76,7 @@ class Judge:
         if rigid.cause in DOUBTFUL and not deformed and self._displaced is None:
             return rigid
         # A label may contradict a rigid model because the model is bent.
-        verdict = self._bent(rigid) if len(self._bender.modes) else rigid
+        verdict = self._bent(rigid) if self._bender.bend > 0.0 else rigid
         if verdict.cause == "labels":
             return verdict
         if verdict.best is not None and (verdict.cause in ("misfit", "weak") or verdict.best.is_bent):

@@ -10,18 +10,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from windmark.registration.judge import rules
 from windmark.registration.judge.bending import PRIOR
 from windmark.registration.judge.root import may_be_root
 from windmark.registration.result import Unchecked
-from windmark.registration.search.field import STIFF
-from windmark.registration.settle._kernels.doubt import doubt_kernel
-from windmark.registration.settle.settling import opened
-from windmark.registration.settle.solution import Solution, beyond_rigid
-
-Array = NDArray[np.float64]
+from windmark.registration.settle._kernels.unseen import unseen_kernel
+from windmark.registration.settle.solution import Solution
 
 WORDS = (
     "a bend of the model by up to {bow:.2g} % of its size would go unnoticed here; its root would then be turned by up "
@@ -44,31 +39,18 @@ def unseen_bend(best: Solution, most: float, margin: float) -> tuple[float, floa
     part that may be the root against the pose (radians). Both zero where the model cannot bend.
     """
     layout = best.views.layout
-    field = layout.far_field
-    amplitude = PRIOR * most * layout.size * field.amplitude(STIFF)
-    modes = amplitude[:, None, None] * field.modes
-    if not len(modes):
+    size = PRIOR * most * layout.size
+    if not (size > 0.0 and len(layout.far_field.modes)):
         return 0.0, 0.0
-    views = best.views.bent(modes)
-    normal, _ = doubt_kernel(views.sights, opened(views, best.state))
-    bends = len(normal) - len(modes)
-    normal[6:, 6:] += np.eye(len(normal) - 6)
-    # The rigid fit takes up a part of the deformation; where a root goes is the rest of its motion.
-    taken = np.linalg.solve(normal[:bends, :bends], normal[:bends, bends:])
-    told = np.linalg.cholesky(normal[bends:, bends:] - normal[bends:, :bends] @ taken)
-    open_ = np.linalg.inv(told).T  # a root of what stays open of the coefficients
-    matched = np.asarray((best.state.match >= 0).any(axis=0))
-    roots = may_be_root(field, matched)
-    turns = (best.state.rotation @ (amplitude * field.motions[roots, :3]) - taken[:3]) @ open_
-    _, sigma, way = np.linalg.svd(turns[(turns**2).sum(axis=(1, 2)).argmax()], full_matrices=False)
+    roots = np.zeros(best.state.match.shape[1], np.bool_)
+    roots[may_be_root(layout.far_field, np.asarray((best.state.match >= 0).any(axis=0)))] = True
     # Among deformations of so many nats, and no larger than is allowed.
     reach = math.sqrt(2 * margin)
-    rest = beyond_rigid(layout.model.xyz[matched], modes[:, matched]) / layout.size
-    rest = reach * (open_.T @ rest.reshape(len(modes), -1)).reshape(rest.shape)
-    own = float(np.linalg.norm(np.tensordot(way[0], rest, 1), axis=1).max())
-    turn = (most / own if own > most else 1.0) * reach * float(sigma[0])
-    bow = math.sqrt(float((rest**2).sum(axis=(0, 2)).max()))
-    return min(bow, most), turn
+    bow, turn = unseen_kernel(
+        best.views.sights, best.state, layout.stiff_bows_of_each, layout.stiff_turns_of_each, roots, size, reach,
+        most * layout.size,
+    )  # fmt: skip
+    return bow / layout.size, turn
 
 
 def unchecked_bend(best: Solution, most: float, margin: float) -> list[Unchecked]:

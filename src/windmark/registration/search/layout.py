@@ -13,7 +13,7 @@ from windmark.registration._kernels.hypothesis import Model
 from windmark.registration._kernels.near import nearest
 from windmark.registration._kernels.quad import Table, table_of
 from windmark.registration._kernels.symmetry import alike_triangles, motions_of, symmetries_of
-from windmark.registration.search.field import FAR, REACH, SUPPLE, Field, extents, field_of, modes_of
+from windmark.registration.search.field import FAR, REACH, STIFF, SUPPLE, Field, extents, field_of, modes_of
 from windmark.registration.task import on_line
 from windmark.scene import MarkerSet
 
@@ -173,6 +173,22 @@ class Layout:
     def bows(self) -> Array:
         """(K, N, 3) how they may be displaced by a deformation that is hardly more than a bow, but along all axes."""
         return self.far_field.amplitude(SUPPLE)[:, None, None] * self.far_field.modes
+
+    @cached_property
+    def modes_of_each(self) -> Array:
+        """(N, 3, K) `modes` as `settle._kernels.slopes` wants them: those of a marker's coordinate side by side."""
+        return np.ascontiguousarray(self.modes.transpose(1, 2, 0))
+
+    @cached_property
+    def stiff_bows_of_each(self) -> Array:
+        """(N, 3, K) the same of a stiff model's `far_field`."""
+        bows = self.far_field.amplitude(STIFF)[:, None, None] * self.far_field.modes
+        return np.ascontiguousarray(bows.transpose(1, 2, 0))
+
+    @cached_property
+    def stiff_turns_of_each(self) -> Array:
+        """(N, 3, K) how the whole model would turn if it went on from each marker as these do there."""
+        return np.ascontiguousarray(self.far_field.amplitude(STIFF) * self.far_field.motions[:, :3])
 
     def _tabled(self, reach: int) -> Table:
         return table_of(self.model, min(reach, self.model.near.shape[1]), sphere(DIRECTIONS))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.geometry._cholesky_kernels import cholesky, inverse_factor
 from windmark.geometry._jit import nb
 from windmark.registration._kernels.growth import _move
 from windmark.registration.settle._kernels.project import place_cameras, room_for, see
@@ -14,29 +15,61 @@ Array = NDArray[np.float64]
 
 STEP = 0.1
 """Of the difference quotients, as part of each column."""
+POSE = 6
+"""Unknowns of the pose, along which the second order is looked at."""
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def curve_kernel(sights: Sights, state: State, columns: Array) -> Array:
-    """(Q, Q, P) J'WD_ij for the second derivatives D_ij of all projections along ``columns`` (P, Q) of the unknowns.
+def curve_kernel(sights: Sights, state: State, cov: Array) -> Array:
+    """(P, P) half the sum of K_ij K_ij' for K_ij = -C J'W D_ij, from the covariance C of the unknowns; see
+    `judge.answer.curvature`.
 
-    W is the inverse of `State.spread`. ``state`` is scratch: its unknowns are moved, and back again.
-    """
+    D_ij are the second derivatives of all projections along the columns of a root of the covariance that the pose has
+    with all other unknowns as they are, W is the inverse of `State.spread`. The unknowns of ``state`` are moved, and
+    back again.
+    """  # fmt: skip
+    size, columns = cov.shape[0], _columns(state.factor)
+    pulls, out = _pulls(sights, state, columns), np.zeros((size, size))
+    moved = np.empty(size)
+    for i in range(POSE):
+        for j in range(i + 1):
+            for p in range(size):
+                moved[p] = 0.0
+                for q in range(size):
+                    moved[p] -= pulls[i, j, q] * cov[q, p]
+            # Of ``exp(delta) @ pose`` the shift is that of the unknowns less half of turn x shift, besides the first
+            # order; of either order of the two.
+            for axis in range(3):
+                one, two = (axis + 1) % 3, (axis + 2) % 3
+                for a, b in ((i, j), (j, i)):
+                    turned = columns[one, a] * columns[3 + two, b] - columns[two, a] * columns[3 + one, b]
+                    moved[3 + axis] -= 0.5 * turned
+            # Those with i and j exchanged are the same.
+            weight = 0.5 if i == j else 1.0
+            for p in range(size):
+                for q in range(size):
+                    out[p, q] += weight * moved[p] * moved[q]
+    return out
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _columns(factor: Array) -> Array:
+    """(P, POSE) lower root of the covariance of the pose with the other unknowns as they are, zero for these."""
+    inverse, columns = inverse_factor(factor, POSE), np.zeros((factor.shape[0], POSE))
+    for i in range(POSE):
+        for j in range(i + 1):
+            for k in range(i, POSE):
+                columns[i, j] += inverse[k, i] * inverse[k, j]
+    if not cholesky(columns, POSE, 0.0):
+        columns[:] = np.nan
+    return columns
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _pulls(sights: Sights, state: State, columns: Array) -> Array:
+    """(Q, Q, P) J'WD_ij for the second derivatives D_ij of all projections along ``columns`` (P, Q); its lower half."""
     size, count = columns.shape
-    by, quotient = _slopes(sights, state), 1.0 / (2.0 * STEP)
-    bends = np.zeros((by.shape[0], 2, count, count))
-    for i in range(count):
-        change = _moved_slopes(sights, state, STEP * columns[:, i])
-        change -= _moved_slopes(sights, state, -STEP * columns[:, i])
-        for k in range(by.shape[0]):
-            for q in range(2):
-                for j in range(count):
-                    total = 0.0
-                    for p in range(size):
-                        total += change[k, q, p] * columns[p, j]
-                    # A turn after another is not the same in the other order; their mean is the second derivative.
-                    bends[k, q, i, j] += 0.5 * quotient * total
-                    bends[k, q, j, i] += 0.5 * quotient * total
+    by, bends = _slopes(sights, state), _bends(sights, state, columns)
     out, k = np.zeros((count, count, size)), 0
     for c in range(state.match.shape[0]):
         for m in range(state.match.shape[1]):
@@ -44,35 +77,38 @@ def curve_kernel(sights: Sights, state: State, columns: Array) -> Array:
                 continue
             xx, xy, yy = state.spread[c, m, 0], state.spread[c, m, 1], state.spread[c, m, 2]
             k2 = 1.0 / (xx * yy - xy * xy)
-            for p in range(size):
-                u, v = by[k, 0, p], by[k, 1, p]
-                wu, wv = k2 * (yy * u - xy * v), k2 * (xx * v - xy * u)
-                for i in range(count):
-                    for j in range(count):
-                        out[i, j, p] += wu * bends[k, 0, i, j] + wv * bends[k, 1, i, j]
+            for i in range(count):
+                for j in range(i + 1):
+                    u, v = bends[k, 0, i, j], bends[k, 1, i, j]
+                    wu, wv = k2 * (yy * u - xy * v), k2 * (xx * v - xy * u)
+                    for p in range(size):
+                        out[i, j, p] += wu * by[k, 0, p] + wv * by[k, 1, p]
             k += 1
     return out
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _moved_slopes(sights: Sights, state: State, step: Array) -> Array:
-    """`_slopes` with the unknowns moved by a step (P,)."""
+def _bends(sights: Sights, state: State, columns: Array) -> Array:
+    """(K, 2, Q, Q) second derivatives of the projections of all pairs along ``columns`` (P, Q); the lower half."""
+    count, quotient = columns.shape[1], 1.0 / (2.0 * STEP)
     rotation, translation = state.rotation.copy(), state.translation.copy()
-    nuisance, bent = state.nuisance.copy(), state.bent.copy()
-    _move(state.rotation, state.translation, step)
-    at = 6
-    for c in range(nuisance.shape[0]):
-        for p in range(nuisance.shape[1]):
-            state.nuisance[c, p] += step[at]
-            at += 1
-    for p in range(bent.shape[0]):
-        state.bent[p] += step[at]
-        at += 1
+    bends = np.zeros(((state.match >= 0).sum(), 2, count, count))
+    for i in range(count):
+        for way in (1.0, -1.0):
+            _move(state.rotation, state.translation, way * STEP * columns[:, i])
+            place_cameras(sights, state)
+            slopes = _slopes(sights, state)
+            state.rotation[:], state.translation[:] = rotation, translation
+            for k in range(bends.shape[0]):
+                for q in range(2):
+                    for j in range(count):
+                        total = 0.0
+                        for p in range(j, POSE):  # a root that is lower, and of the pose alone
+                            total += slopes[k, q, p] * columns[p, j]
+                        # A turn after another is not the same in the other order; their mean is the second derivative.
+                        bends[k, q, max(i, j), min(i, j)] += (1.0 if i == j else 0.5) * way * quotient * total
     place_cameras(sights, state)
-    out = _slopes(sights, state)
-    state.rotation[:], state.translation[:], state.nuisance[:], state.bent[:] = rotation, translation, nuisance, bent
-    place_cameras(sights, state)
-    return out
+    return bends
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
@@ -85,6 +121,8 @@ def _slopes(sights: Sights, state: State) -> Array:
         for m in range(n):
             if state.match[c, m] >= 0:
                 if not np.isnan(xy[m, 0]):
-                    out[k] = by[m, :, :size]
+                    for q in range(2):
+                        for p in range(size):
+                            out[k, q, p] = by[m, q, p]
                 k += 1
     return out
