@@ -27,7 +27,7 @@ import _matching_cases as cases
 from _matching_cases import scenes
 from windmark.geometry import Pose
 from windmark.registration import RigRegistration, prepare, register_rig
-from windmark.registration.search.search import FAR_STAGES
+from windmark.registration.search.trials import FAR_STAGES
 from windmark.scene import Detections, MarkerSet
 
 SEEDS = 1_900_000

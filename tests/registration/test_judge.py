@@ -14,7 +14,7 @@ from windmark.registration.budget import Budget
 from windmark.registration.judge import own, rules
 from windmark.registration.judge.answer import answer
 from windmark.registration.judge.cameras import blocked
-from windmark.registration.judge.mirror import FAR, FLIP, _with_twins, mirror_of, mirrored_views
+from windmark.registration.judge.mirror import FAR, FLIP, _unlike, _with_twins, mirror_of, mirrored_views
 from windmark.registration.judge.source import Source, distinct
 from windmark.registration.judge.symmetric import told_by_table_errors
 from windmark.registration.search.pool import Candidate
@@ -124,7 +124,7 @@ def test_mirror_images_are_given_up_where_adjusting_them_to_the_end_brings_them_
             images = _with_twins(views, best, onto[:8], FLIP @ turn[:8], shift[:8] @ FLIP)
             sights, reach = mirrored_views(views).sights, FAR * np.maximum(best.misfit_px, 0.1)
             state = state_of(sights, best.state.rotation, best.state.translation, best.state.match)
-            kept = mirrors_kernel(sights, best.state, state, *images, reach)
+            kept = mirrors_kernel(sights, best.state, state, *images, reach)[0]
             for b, image in enumerate(zip(*images, strict=True)):
                 start(best.state, state, *image)
                 adjusted = refine(sights, state, np.zeros((*state.match.shape, 3)))
@@ -132,6 +132,15 @@ def test_mirror_images_are_given_up_where_adjusting_them_to_the_end_brings_them_
                 assert kept[b] == (adjusted and np.median(residual) <= reach[0])
                 near, far = near + kept[b], far + (not kept[b])
     assert min(near, far) > 5
+
+
+def test_mirror_images_that_come_to_rest_at_one_are_one():
+    onto, places = np.array([[0, 1], [0, 1], [1, 0], [0, 1], [0, 1]], np.int32), np.array([[0.0, 0.0, 4.0]] * 5)
+    turns, nuisances = np.stack([np.eye(3)] * 5), np.zeros((5, 1, 2))
+    turns[1] += 1e-9  # the same; another labelling; another place; other cameras
+    places[3, 0], nuisances[4, 0, 1] = 1e-3, 0.5
+    assert _unlike(np.arange(5), onto, turns, places, nuisances) == [0, 2, 3, 4]
+    assert _unlike(np.array([1, 4]), onto, turns, places, nuisances) == [1, 4]
 
 
 def test_register_says_that_the_table_is_mirrored():

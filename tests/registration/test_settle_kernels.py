@@ -9,7 +9,7 @@ import settle_scenes as settling
 import settle_twins as twins
 from scipy.optimize import least_squares
 
-from windmark.registration.settle._kernels import fit, places, project
+from windmark.registration.settle._kernels import fit, places, project, rigid
 from windmark.registration.settle._kernels import settle as kernels
 from windmark.registration.settle._kernels.state import COST_END, EXCESS, MISFIT, TAKEN
 from windmark.registration.settle.settling import copied, settle_state, with_freedom
@@ -228,3 +228,25 @@ def test_a_bent_model_whose_misfit_stays_large_is_lost():
     assert with_freedom(settling.bent_views(views), settling.settled(views, told)) is None
     right = settling.views_of(scene)
     assert settling.settled(settling.bent_views(right), scene) is not None
+
+
+@pytest.mark.parametrize("rough", [0.0, 0.002], ids=["exact table", "rough table"])
+def test_of_a_rigid_model_the_normal_equations_are_the_general_ones(rough):
+    """Bit for bit: residuals, weights, and the covariance by the table; two cameras, one of them curved."""
+    rig = scenes.rig_scene(72, "B", 2, hidden=0.3, false=0.5)
+    views = settling.views_of_rig(rig)
+    views.__dict__["sights"] = views.sights._replace(sigma=np.full_like(views.sights.sigma, rough))
+    found = []
+    for way in ("rigid", "general"):
+        state = copied(views, settling.settled(views, rig).state)
+        state.offset[:] = np.random.default_rng(3).normal(0, 0.3, state.offset.shape)
+        table, a, g = np.zeros((*state.match.shape, 3)), np.empty((6, 6)), np.empty(6)
+        if way == "rigid":
+            cost = rigid.rigid_equations(views.sights, state, table, a, g)
+        else:
+            cost = fit._normal_equations(views.sights, state, table, *project.room_for(state), a, g)
+        found.append((cost, a, g, table, state.residual))
+    assert found[0][0] > 0
+    assert (found[0][3].max() > 0) == (rough > 0)
+    for one, other in zip(*found, strict=True):
+        np.testing.assert_array_equal(one, other)

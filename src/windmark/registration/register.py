@@ -20,6 +20,7 @@ from windmark.registration.task import (
     Task,
     Visible,
     fixed_pairs,
+    ideal_pixels,
     off_line,
     on_line,
     used_spots,
@@ -250,7 +251,8 @@ def _task(
     excluded: ArrayLike | None, free_focal: bool, visible: Visible | None, binding: bool, options: dict[str, Any],
 ) -> tuple[Task, Ints]:  # fmt: skip
     """One camera's task, and which spots take part."""
-    usable = used_spots(np.asarray(np.isfinite(camera.unproject(detections.xy)).all(axis=1)), excluded)
+    rays = camera.unproject(detections.xy)
+    usable = used_spots(np.asarray(np.isfinite(rays).all(axis=1)), excluded)
     pairs = fixed_pairs(fixed, detections, markers, usable)
     xy, factor = detections.xy[usable], options["focal_range"]
     task = Task(
@@ -259,6 +261,7 @@ def _task(
         tuple(np.geomspace(1 / factor, factor, FOCAL_STEPS)) if free_focal else (1.0,), pairs,
         visible, detections.radius_px[usable], binding,
     )  # fmt: skip
+    task.__dict__["plane_xy"] = ideal_pixels(camera, rays[usable])  # it would only be found again
     return task, np.flatnonzero(usable)
 
 

@@ -50,7 +50,7 @@ def solve(
     work = one if cam_from_rig is None else max(one, PER_CAMERA) * len(tasks)
     budget = Budget.of(work, options["max_time_s"])
     names = [c for c, task in enumerate(tasks) if len(task.xy)]
-    used = [replace(tasks[c], visible=budget.without(tasks[c].visible)) for c in names]
+    used = [_uncounted(tasks[c], budget) for c in names]
     poses = None if cam_from_rig is None else [cam_from_rig[c] for c in names]
     covs, tried = [rig_cov[c] for c in names], 0
     for _ in range(LENS_STARTS):
@@ -71,6 +71,11 @@ def solve(
             return _registration(verdict.best, verdict, tried, index[0], options)
         return _of_rig(verdict.best, verdict, tried, tasks, names, cam_from_rig, index, options)
     return _refused(verdict, late, budget, tried, tasks, cam_from_rig, options)
+
+
+def _uncounted(task: Task, budget: Budget) -> Task:
+    """The task with the time of its ``visible`` not counted."""
+    return task if task.visible is None else replace(task, visible=budget.without(task.visible))
 
 
 def _refused(

@@ -86,6 +86,11 @@ class Task:
         return np.asarray(np.sqrt(0.5 * (self.cov[:, 0, 0] + self.cov[:, 1, 1])))
 
     @cached_property
+    def plane_xy(self) -> Array:
+        """(M, 2) the spots as a camera without a lens of the same focal length sees them, see `search.plane`."""
+        return ideal_pixels(self.camera, self.camera.unproject(self.xy))
+
+    @cached_property
     def typical_sigma_px(self) -> float:
         """Median of `sigma_px`."""
         return median(self.sigma_px)
@@ -181,6 +186,11 @@ def _log_choices(markers: int, spots: int, pairs: int) -> float:
         return 0.0
     ways = lgamma(markers + 1.0) - lgamma(markers - pairs + 1.0) - lgamma(pairs + 1.0)
     return ways + lgamma(spots + 1.0) - lgamma(spots - pairs + 1.0)
+
+
+def ideal_pixels(camera: Camera, rays: Array) -> Array:
+    """Ideal pixels (M, 2) of unprojected points (M, 3): principal point at the origin, square."""
+    return np.ascontiguousarray(camera.focal_px * rays[:, :2])
 
 
 def with_focal(camera: Camera, focal_px: float) -> Camera:

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from windmark.registration.budget import BEND, BEND_PAIR, Budget
 from windmark.registration.judge.source import distinct, focal_of, start_of
 from windmark.registration.search.pool import Candidate
+from windmark.registration.settle.common import SAME_SHARE
 from windmark.registration.settle.settling import settle
-from windmark.registration.settle.solution import SAME_SHARE, Solution
+from windmark.registration.settle.solution import Solution
 from windmark.registration.settle.views import Views
 
 Array = NDArray[np.float64]

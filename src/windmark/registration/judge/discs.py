@@ -50,9 +50,9 @@ def _ratios(best: Solution) -> Array:
     ratios = [np.zeros(0)]
     for c in np.flatnonzero(best.counts).tolist():
         task, pose = best.views.planes[c].task, best.cam_from_model(c)
-        if task.radius_px is None:
-            continue
         spot, marker = best.pairs(c)
+        if task.radius_px is None or not np.isfinite(task.radius_px[spot] * task.markers.radius[marker]).any():
+            continue
         place = pose.apply(task.markers.xyz[marker])
         away = np.linalg.norm(place, axis=1)
         # A disc that is seen obliquely is smaller; where the normal is not known it counts as seen from the front.

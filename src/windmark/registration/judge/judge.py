@@ -16,6 +16,7 @@ import numpy as np
 from windmark.registration.budget import Budget
 from windmark.registration.judge import own, rules, words
 from windmark.registration.judge.bending import Bender
+from windmark.registration.judge.binding import unbound
 from windmark.registration.judge.cameras import Places, blocked
 from windmark.registration.judge.doubts import Doubts, OtherCamera
 from windmark.registration.judge.mirror import mirror_of
@@ -26,8 +27,6 @@ from windmark.registration.judge.twins import Weighed, elsewhere, near_ones, twi
 from windmark.registration.judge.unseen import unchecked_bend
 from windmark.registration.judge.verdict import Verdict, runner_up
 from windmark.registration.result import Cause, RunnerUp, Unchecked
-from windmark.registration.settle._kernels.settle import STEADY, settle_kernel
-from windmark.registration.settle.settling import copied
 from windmark.registration.settle.solution import Solution
 from windmark.registration.task import Limits
 
@@ -80,7 +79,7 @@ class Judge:
         if verdict.cause == "labels":
             return verdict
         if verdict.best is not None and (verdict.cause in ("misfit", "weak") or verdict.best.is_bent):
-            verdict = self._unbound(verdict.best) or verdict
+            verdict = unbound(self._views, verdict.best, self._limits.margin) or verdict
         if verdict.cause is None and verdict.best is not None:
             verdict = self._beside_copies(verdict, verdict.best)
         if verdict.cause is None and verdict.best is not None:
@@ -268,24 +267,6 @@ class Judge:
         return distinct([self._repaired.of(s) if s.evidence > least else s for s in found])
 
     # --- labels --------------------------------------------------------------------------
-    def _unbound(self, best: Solution) -> Verdict | None:
-        """The verdict where binding labels are against all others: without them a rigid model explains more."""
-        if not any(plane.task.binding and plane.task.fixed for plane in self._views.planes):
-            return None
-        state = copied(self._views, best.state)
-        for c, plane in enumerate(self._views.planes):
-            marker = [m for _, m in plane.task.fixed]
-            state.bound[c], state.match[c, marker] = -1, -1
-        if settle_kernel(self._views.sights, state, 0) != STEADY:
-            return None
-        free = Solution(self._views, state)
-        if free.keeps_labels or free.evidence < best.evidence + self._limits.margin:
-            return None
-        return Verdict(free, None, "labels", (
-            f"binding labels contradict the others: {free.count} of {free.expected} markers in view fit without them, "
-            f"and better; {words.contradiction(free)}"
-        ))  # fmt: skip
-
     def _contradicted(self, kept: list[Solution], others: list[Solution]) -> Verdict | None:
         """The verdict where a solution without the labels is clearly better than the best with them.
 

@@ -23,6 +23,8 @@ FAR = 5.0
 """Mirrored markers that leave residuals of so many times the misfit (their median) with the labels as they are make no
 rival. Where a picture is mirrored, what the best solution without a mirror leaves is its misfit: it takes markers for
 others that are about where they are. So a near-symmetry that is much coarser than the misfit is none."""
+AT_ONE = 1e-7
+"""Two images whose places differ by less than this (radians, part of the distance, sigmas) came to rest at one."""
 FLIP = np.diag([-1.0, 1.0, 1.0])
 
 
@@ -68,12 +70,31 @@ def mirror_of(views: Views, best: Solution, most: int) -> Solution | None:
     found: Solution | None = None
     for way in [mirrored_views(views), *([mirrored_views(best.views)] if best.is_bent else [])]:
         state = state_of(way.sights, best.state.rotation, best.state.translation, best.state.match)
-        for b in np.flatnonzero(mirrors_kernel(way.sights, best.state, state, onto, turn, shift, reach)).tolist():
+        near, *rest = mirrors_kernel(way.sights, best.state, state, onto, turn, shift, reach)
+        for b in _unlike(np.flatnonzero(near), onto, *rest):
             state = state_of(way.sights, best.state.rotation, best.state.translation, best.state.match)
             start(best.state, state, onto[b], turn[b], shift[b])
+            state.rotation[:], state.translation[:], state.nuisance[:] = (part[b] for part in rest)
             if not fit_kernel(way.sights, state) or settle_kernel(way.sights, state, 0) != STEADY:
                 continue
             solution = Solution(way, state)
             if found is None or solution.evidence > found.evidence:
                 found = solution
     return found
+
+
+def _unlike(
+    images: NDArray[np.int64], onto: Ints, rotations: Array, translations: Array, nuisances: Array
+) -> list[int]:  # fmt: skip
+    """The mirror images that do not come to rest with the labels, in the place and with the cameras of one before."""
+    kept: list[int] = []
+    for b in images.tolist():
+        if not any(
+            np.array_equal(onto[a], onto[b])
+            and np.allclose(rotations[b], rotations[a], rtol=0.0, atol=AT_ONE)
+            and np.allclose(translations[b], translations[a], rtol=AT_ONE, atol=0.0)
+            and np.allclose(nuisances[b], nuisances[a], rtol=0.0, atol=AT_ONE)
+            for a in kept
+        ):
+            kept.append(b)
+    return kept

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from windmark.registration.judge import rules
 from windmark.registration.settle._kernels.label import GATE
 from windmark.registration.settle._kernels.places import places_kernel
-from windmark.registration.settle.solution import SAME_SHARE, Solution
+from windmark.registration.settle.common import SAME_SHARE
+from windmark.registration.settle.solution import Solution
 
 Array = NDArray[np.float64]
 

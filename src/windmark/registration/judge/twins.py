@@ -18,8 +18,9 @@ from windmark.registration.judge.mirror import FAR
 from windmark.registration.settle._kernels.mirror import mirrors_kernel
 from windmark.registration.settle._kernels.places import places_kernel
 from windmark.registration.settle._kernels.state import state_of
+from windmark.registration.settle.common import SAME_SHARE
 from windmark.registration.settle.settling import settle
-from windmark.registration.settle.solution import SAME_ANGLE, SAME_SHARE, Solution
+from windmark.registration.settle.solution import SAME_ANGLE, Solution
 
 Array = NDArray[np.float64]
 
@@ -43,7 +44,7 @@ def twin_of(best: Solution) -> Solution | None:
     reach = FAR * np.maximum(best.misfit_px, [plane.task.typical_sigma_px for plane in views.planes])
     scratch = state_of(views.sights, state.rotation, state.translation, state.match)
     turn = np.ascontiguousarray((state.rotation.T @ rotation).T)
-    if not mirrors_kernel(views.sights, state, scratch, itself, turn[None], shift[None], reach)[0]:
+    if not mirrors_kernel(views.sights, state, scratch, itself, turn[None], shift[None], reach)[0][0]:
         return None
     return settle(views, rotation, place, state.match, focal_px=state.camera[:, 0])
 

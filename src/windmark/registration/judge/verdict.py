@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 from windmark.registration.judge.twins import Weighed
 from windmark.registration.result import Cause, RunnerUp, Unchecked
-from windmark.registration.settle.solution import SAME_SHARE, Solution
+from windmark.registration.settle.common import SAME_SHARE
+from windmark.registration.settle.solution import Solution
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,7 +17,7 @@ from windmark.registration._kernels.hypothesis import Picture, Rules
 from windmark.registration._kernels.near import nearest
 from windmark.registration._kernels.raster import raster_kernel
 from windmark.registration.search.layout import Layout
-from windmark.registration.task import Task
+from windmark.registration.task import Task, ideal_pixels
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int32]
@@ -53,7 +53,7 @@ class Plane:
         self.model, self.frame = self.layout.model, self.layout.frame
         self._packed = task.camera.packed()
         self._size = np.array(task.camera.size_px, dtype=float)
-        self._p = np.ascontiguousarray(to_plane(task.camera, task.xy))
+        self._p = task.plane_xy
         known = np.zeros(0) if task.radius_px is None else task.radius_px[np.isfinite(task.radius_px)]
         self.radius = median(known) if len(known) else 0.0
         self._bounds = _bounds(task.camera, self._p)
@@ -115,7 +115,7 @@ class Plane:
 
 def to_plane(camera: Camera, xy: Array) -> Array:
     """Ideal pixels (M, 2) of image points: principal point at the origin, square; NaN where the lens has no inverse."""
-    return camera.focal_px * camera.unproject(xy)[:, :2]
+    return ideal_pixels(camera, camera.unproject(xy))
 
 
 def density_of(distance: Array, size: Array) -> Array:

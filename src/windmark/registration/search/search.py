@@ -1,7 +1,7 @@
 """The search of one camera: links of spots to markers are tried, and the best distinct solutions are kept.
 
 It goes on after a good solution as long as the caller asks: "stop at the first good pose" is the trap of regular
-layouts. `Search.rivals` looks for others on purpose.
+layouts. `Search.rivals` looks for others on purpose. What is tried, in which order, is in `search.trials`.
 
 ``method="ransac"`` is the search of AIAA 2005-5007, section III.C, steps 1 to 9, with these differences:
 
@@ -15,48 +15,29 @@ layouts. `Search.rivals` looks for others on purpose.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.registration._kernels.growth import Gates, grow
-from windmark.registration._kernels.hypothesis import Picture, Rules
-from windmark.registration._kernels.match import Links, search_kernel
+from windmark.registration._kernels.growth import grow
+from windmark.registration._kernels.match import search_kernel
 from windmark.registration._kernels.rival import _mirrored, rivals_kernel
-from windmark.registration.budget import LINK, TRIPLET, Budget
+from windmark.registration.budget import LINK, Budget
 from windmark.registration.labelled import poses_of
 from windmark.registration.search import links
 from windmark.registration.search.layout import REACHES
 from windmark.registration.search.plane import Plane
 from windmark.registration.search.pool import Candidate, Pool
+from windmark.registration.search.trials import CHECKS, PRIOR_SLACK, STAGES, WORK, Trial, Trials
 from windmark.registration.task import with_focal
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int32]
 
-STAGES = ((REACHES[0], 0, 5), (REACHES[0], 5, 8), (REACHES[1], 0, 8), (REACHES[1], 8, 12))
-"""Table, and the neighbours of a spot that its quads are taken from (not all of them among the first number)."""
-FAR_STAGES = ((16, 0, 12), (16, 12, 16))
-"""Where two of three markers are hidden, four neighbouring spots are far apart on the model (the second one: in all
-cameras of a rig but one) ..."""
-FAR_MARKERS = 80
-"""... with more markers than this the table of such quads would be too large, and enough near ones are seen."""
-CHECKS = (0.2, 0.5)
-"""The anchor of a quad must lie within this part of the tolerance. With the first, all quads take half the time, and
-hardly a right one is lost but on a deformed model or with a rough table: then all are tried with the second."""
-TRIPLET_STAGES = ((4, 4), (4, 6), (6, 8), (8, 12), (14, 20), (24, 32))
-"""Neighbours that a marker triplet and a spot triplet are taken from."""
-HEADED_STAGE = (10, 14)
-"""The same for triplets that are headed by a labelled marker."""
 LABEL_POSES, LABEL_TRIPLETS = 4, 4
 """Poses taken from labels, as three of them leave so many, and the triplets of labels that they come from."""
-WORK = 20_000
-"""Links after which the caller is asked whether to go on."""
 POOL = 12
 """Solutions kept."""
-PRIOR_SLACK = float(np.radians(5.0))
-"""What starts so far beyond the prior's angle may grow into it."""
 RIVAL_TURNS = 3
 """After so many times this work no more rivals are looked for; the near-symmetries have made the likely ones before."""
 RIVAL_NEAR, RIVAL_QUADS = 6, 24
@@ -69,18 +50,6 @@ COPY_WORK = 40_000
 """Links tried for them at least; or as many as all quads of the nearest spots have (`attacks`: copies)."""
 COPY_CHECK = 4.0
 """The anchor of their quads must lie within so many times the misfit of the solution they are looked for beside."""
-
-
-@dataclass(frozen=True, eq=False)
-class _Trial:
-    """Links to be tried in a picture by some rules, what a link costs, and the pool for what they become."""
-
-    picture: Picture
-    links: Links
-    rules: Rules
-    gates: Gates
-    price: float
-    pool: Pool
 
 
 class Search:
@@ -100,10 +69,11 @@ class Search:
         budget: Budget | None = None,
     ) -> None:  # fmt: skip
         self.plane, self.task, self.links, self._work, self._budget = plane, plane.task, 0, 0.0, budget or Budget()
-        self._stop_at, self._method, self._wide, self._seed = stop_at, method, wide, seed
+        self._stop_at = stop_at
         self._focals = plane.task.camera.focal_px * np.array(plane.task.focal_factors)
-        self._rules, self._gates = plane.rules(wide=wide), plane.gates()
         self._free, self._bound = (Pool(plane.frame, POOL, len(plane.task.markers)) for _ in range(2))
+        self._trials = Trials(plane, method, wide, seed, self._budget, self._free, self._bound)
+        self._gates = self._trials.gates
         self._moved: Candidate | None = None
 
     # --- candidates ----------------------------------------------------------------------
@@ -137,7 +107,7 @@ class Search:
         if len(self.task.fixed) >= 3:
             self._by_labels()
             yield self.links
-        for trial in self._trials():
+        for trial in self._trials.all():
             start = 0
             while start < len(trial.links.spots):
                 start = self._try(trial, start)
@@ -146,7 +116,7 @@ class Search:
                 yield self.links
 
     def _try(
-        self, trial: _Trial, start: int, *, work: float = WORK, stop_at: float | None = None, known: Ints | None = None
+        self, trial: Trial, start: int, *, work: float = WORK, stop_at: float | None = None, known: Ints | None = None
     ) -> int:  # fmt: skip
         """Try links from these spots on; the spots to go on with. Pairs of ``known`` solutions are left out."""
         best = trial.pool.best
@@ -159,85 +129,6 @@ class Search:
         self.links, self._work = self.links + int(tried), self._work + work
         self._budget.spend(work)
         return int(start)
-
-    def _trials(self) -> Iterator[_Trial]:
-        """All there is to try, the most promising first."""
-        if self.task.least_explained:
-            yield from self._in_full()
-        last = max((spot for spot, _ in self.task.fixed), default=0)
-        for lead in (lead for lead in self.plane.leads if lead > last):
-            for spot, marker in self.task.fixed:
-                yield self._headed(lead, spot, marker)
-        yield from self._by_triplets() if self._method == "ransac" else self._by_quads()
-
-    def _trial(
-        self, picture: Picture, of: Links, *, price: float = 1.0, pool: Pool | None = None, rules: Rules | None = None,
-        gates: Gates | None = None,
-    ) -> _Trial:  # fmt: skip
-        return _Trial(picture, of, rules or self._rules, gates or self._gates, price, pool or self._free)
-
-    def _by_quads(self) -> Iterator[_Trial]:
-        """Quads: strictest check first, then cheapest stage and number of best spots."""
-        far = FAR_STAGES[: 1 + self._wide] if len(self.task.markers) <= FAR_MARKERS else ()
-        cost = {
-            (stage, lead): stage[0] ** 3 * stage[2] ** 3 * lead
-            for lead in self.plane.leads
-            for stage in (*STAGES, *far)
-        }
-        # A rig's cameras are searched to their end, so there would be no gain from a first round with strict checks.
-        for part in CHECKS[self._wide :]:
-            for (reach, low, high), lead in sorted(cost, key=lambda key: cost[key]):
-                picture, table = self.plane.picture(lead), self.plane.layout.table(reach)
-                self._budget.spend(LINK * lead * high**3 / 12)
-                yield self._trial(picture, links.quad_links(picture, table, low, high, self._check(part)))
-
-    def _check(self, part: float) -> float:
-        """How far (px) an anchor may lie off."""
-        return part * self.task.tolerance_px
-
-    def _by_triplets(self) -> Iterator[_Trial]:
-        """The paper's random marker triplets, stage by stage, cheapest first; nothing twice."""
-        model, rng, cost = self.plane.model, np.random.default_rng(self._seed), {}
-        for lead in self.plane.leads:
-            for near_markers, near_spots in TRIPLET_STAGES:
-                cost[near_markers, near_spots, lead] = near_markers**2 * near_spots**2 * lead
-                if near_markers >= len(model.xyz) - 1 and near_spots >= lead - 1:
-                    break
-        for near_markers, near_spots, lead in sorted(cost, key=lambda key: cost[key]):
-            picture = self.plane.picture(lead, TRIPLET_STAGES[-1][1])
-            triplets = rng.permutation(links.marker_triplets(model, near_markers))
-            some = max(1, WORK // (lead * near_spots * (near_spots - 1) * len(self._focals)))
-            anchors = np.arange(lead, dtype=np.int32)
-            for start in range(0, len(triplets), some):
-                of = links.triplet_links(model, picture, triplets[start : start + some], anchors, near_spots)
-                yield self._trial(picture, of, price=TRIPLET)
-
-    def _headed(self, lead: int, spot: int, marker: int) -> _Trial:
-        """Triplets of a labelled marker and two of its neighbours against its spot and two of its neighbours."""
-        picture = self.plane.picture(lead)
-        triplets = links.marker_triplets(self.plane.model, HEADED_STAGE[0], every_corner=True)
-        triplets, anchor = triplets[triplets[:, 0] == marker], np.array([spot], dtype=np.int32)
-        of = links.triplet_links(self.plane.model, picture, triplets, anchor, HEADED_STAGE[1])
-        return self._trial(picture, of, price=TRIPLET, pool=self._bound)
-
-    def _in_full(self) -> Iterator[_Trial]:
-        """Few spots: as many triplets of them as one must have no false, against all triplets of markers.
-
-        Where labels are fixed a solution may have or contradict them, so both kinds are looked for.
-        """
-        task = self.task
-        picture, least = self.plane.picture(len(task.xy)), task.least_explained
-        rules, gates = self._rules._replace(least=least), self._gates._replace(least=least, least_part=0.0)
-        if task.prior is not None:
-            # Three spots alone may put the pose beyond it; what all of them say is checked later.
-            rules = rules._replace(prior_cosine=np.cos(min(task.prior_max_angle_rad + PRIOR_SLACK, np.pi)))
-        known = dict(task.fixed)
-        corners = links.wide_triplets(picture.p, len(task.xy) - least + 1)
-        bound = [np.array([known.get(int(spot), -1) for spot in three], dtype=np.int32) for three in corners]
-        ways = [(corners[[n]], must, self._bound) for n, must in enumerate(bound)] if known else []
-        for some, must, pool in (*ways, (corners, np.full(3, -1, np.int32), self._free)):
-            of = links.full_links(self.plane.model, picture.p, some, must)
-            yield self._trial(picture, of, price=TRIPLET, pool=pool, rules=rules, gates=gates)
 
     def _by_labels(self) -> None:
         """Poses from three labels or more: solutions worth a verdict by themselves, grown."""
@@ -277,14 +168,14 @@ class Search:
         if beaten:
             return True
         others = _without(len(picture.p), spots)
-        table, check = self.plane.layout.table(REACHES[1]), self._check(CHECKS[-1])
+        table, check = self.plane.layout.table(REACHES[1]), self._trials.check(CHECKS[-1])
         # The candidate itself may have grown from a bad start: it is grown again from its quads.
         same = (self._free.best.match == candidate.match).all(axis=1)
         known = np.where(same[:, None], np.int32(-1), self._free.best.match)
         for some, most in ((spots, RIVAL_QUADS), (others, RIVAL_QUADS // 2)):
             if len(some) < 4:
                 continue
-            trial = self._trial(picture, links.compact_links(picture, some, RIVAL_NEAR, most, table, check))
+            trial = self._trials.of(picture, links.compact_links(picture, some, RIVAL_NEAR, most, table, check))
             start = 0
             for _ in range(RIVAL_TURNS):
                 if over():
@@ -346,10 +237,10 @@ class Search:
             return True
         picture, found = self.plane.part(spots), Pool(self.plane.frame, COPIES, len(candidate.match))
         best, table = found.best, self.plane.layout.table(REACHES[0])
-        check = np.clip(COPY_CHECK * misfit_px, self._check(CHECKS[0]), self._check(CHECKS[1]))
+        check = np.clip(COPY_CHECK * misfit_px, self._trials.check(CHECKS[0]), self._trials.check(CHECKS[1]))
         near, far = (links.quad_links(picture, table, low, high, check) for _, low, high in STAGES[:2])
         self._budget.spend(LINK * len(spots) * STAGES[1][2] ** 3 / 12)
-        trial = self._trial(picture, links.in_turn(near, far), pool=found)
+        trial = self._trials.of(picture, links.in_turn(near, far), pool=found)
         start, most = 0, self._work + LINK * max(COPY_WORK, int((near.last - near.first).sum()))
         while (
             start < len(trial.links.spots)

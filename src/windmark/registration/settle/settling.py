@@ -86,7 +86,7 @@ def _with_hiding(views: Views, state: State) -> bool:
 
 def copied(views: Views, state: State) -> State:
     """A state of its own, with the freedom of other views of the same spots; what it has not had before is zero."""
-    return State(**{name: part.copy() for name, part in opened(views, state)._asdict().items()})
+    return State._make(part.copy() for part in opened(views, state))
 
 
 def opened(views: Views, state: State) -> State:

@@ -23,15 +23,14 @@ from windmark.registration.settle._kernels.worth import (
     SYSTEMATIC,
     worth_kernel,
 )
+from windmark.registration.settle.common import SAME_SHARE, where_both
 from windmark.registration.settle.views import Views
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int32]
 
-SAME_SHARE, SAME_ANGLE, SAME_DISTANCE2 = 0.6, float(np.radians(3.0)), 36.0
-"""Two solutions are one if more than this share of the pairs is, and the poses agree in angle or in so many sigma."""
-AS_MANY = 0.8
-"""A labelling that is shifted on a board beyond its table explains at least this part of the spots."""
+SAME_ANGLE, SAME_DISTANCE2 = float(np.radians(3.0)), 36.0
+"""Two solutions with mostly the same pairs are one if the poses agree in angle or in so many sigma."""
 SCALES = math.log(100.0)
 """Logarithm of the range of distances that a model may be at: a factor of ten either way."""
 
@@ -257,7 +256,7 @@ class Solution:
         alone, closed = (self._hiding(r) - other._hiding(r) for r in (ALONE, CLOSED))
         smooth = self._of(SYSTEMATIC) - other._of(SYSTEMATIC)
         leads = [float(np.sum(pairs + hiding + s)) for hiding in (alone, closed) for s in (0.0 * smooth, smooth)]
-        common = [_where_both(self, other, c) for c in range(len(self.counts))]
+        common = [where_both(self, other, c) for c in range(len(self.counts))]
         if any(lead is not None for lead in common):
             shared = sum(lead for lead in common if lead is not None)
             leads += [float(shared), float(shared + smooth.sum())]
@@ -280,28 +279,3 @@ def beyond_rigid(xyz: Array, moved: Array) -> Array:
     basis = basis[:, size > 1e-9 * size[0]]
     flat = moved.reshape(-1, len(basis))
     return np.asarray((flat - flat @ basis @ basis.T).reshape(moved.shape))
-
-
-def _where_both(a: Solution, b: Solution, c: int) -> float | None:
-    """The lead of one solution over another from the spots that both explain, where a regular layout goes on in the
-    picture beyond its table; None where it does not.
-
-    A board that is larger than its table shows as many spots under a labelling that is shifted by a row: those beyond
-    the table, which the one explains and the other does not. They are no chance, so how many each of the two finds is
-    no evidence.
-    """
-    (spot_a, marker_a), (spot_b, marker_b) = a.pairs(c), b.pairs(c)
-    both, at_a, at_b = np.intersect1d(spot_a, spot_b, assume_unique=True, return_indices=True)
-    only_a, only_b = len(spot_a) - len(both), len(spot_b) - len(both)
-    if AS_MANY * a.count >= b.count or a.shared(b) > SAME_SHARE or 2 * only_b < only_a or only_b < 2:
-        return None
-    worth = (_worth_of(s, c, marker[at]).sum() for s, marker, at in ((a, marker_a, at_a), (b, marker_b, at_b)))
-    return float(next(worth) - next(worth))
-
-
-def _worth_of(solution: Solution, c: int, marker: NDArray[np.int64]) -> Array:
-    """(K,) logarithm of the density of each residual."""
-    r, (xx, xy, yy) = solution.state.residual[c, marker], solution.state.spread[c, marker].T
-    det = xx * yy - xy * xy
-    square = (yy * r[:, 0] ** 2 - 2 * xy * r[:, 0] * r[:, 1] + xx * r[:, 1] ** 2) / det
-    return np.asarray(-np.log(2 * np.pi * np.sqrt(det)) - 0.5 * square)

@@ -25,6 +25,8 @@ DOUBTED_FOCAL, DOUBTED_ASPECT, DOUBTED_CENTRE, DOUBTED_EDGE = 0.15, 0.02, 0.04, 
 point as part of the image's diagonal, and of the lens' shift of the corner as part of its distance from the centre."""
 SURE = 1e-9
 """Directions of a covariance with less than this part of its largest variance are no freedom."""
+AT_HOME = Pose.identity()
+"""Of a single camera in the rig that it is."""
 DOUBTS = ("focal length", "aspect", "principal point", "principal point", "lens")
 """What the columns of `doubted_camera` are."""
 
@@ -54,7 +56,7 @@ class Views:
         rig_cov: Sequence[Array | None] = (),
     ) -> Views:  # fmt: skip
         """Rigid, with the cameras as open as their tasks and the covariances (6, 6) of their places say."""
-        poses = tuple(cam_from_rig) if cam_from_rig is not None else (Pose.identity(),) * len(planes)
+        poses = tuple(cam_from_rig) if cam_from_rig is not None else (AT_HOME,) * len(planes)
         columns = [known_camera(p.task.camera, p.task.focal_sigma) for p in planes]
         places = [known_place(cov, planes[0].layout.frame.scale) for cov in rig_cov]
         none = np.zeros((0, len(planes[0].model.xyz), 3))

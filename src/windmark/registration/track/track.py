@@ -100,7 +100,7 @@ def track(
     if previous is not None and not state.prepared.fits(markers, camera):
         if layout is None and state.prepared.layout.is_of(markers):
             layout = state.prepared.layout
-        from windmark.registration.track.step import carried_over
+        from windmark.registration.track.carried import carried_over
 
         state = carried_over(state, _prepared(markers, camera, layout))
     why = ""
@@ -128,7 +128,7 @@ def predict(state: TrackState, dt: float = 1.0) -> tuple[Pose, Array]:
     """
     if state.estimate is None:
         raise ValueError("predict: the state has no pose yet; register a first frame")
-    from windmark.registration.track.step import predicted_pose
+    from windmark.registration.track.carried import predicted_pose
 
     return predicted_pose(state, dt)
 
@@ -166,7 +166,7 @@ def _search(
     if not isinstance(answer, Registration):
         reason = f"{why}; searched for: {answer.reason}" if why else answer.reason
         return replace(answer, reason=reason), state.without(reason, dt)
-    from windmark.registration.track.step import restart
+    from windmark.registration.track.carried import restart
 
     status: Status = "cold" if state.estimate is None else "reacquired"
     return answer, restart(state, answer, dt, motion, status, why)

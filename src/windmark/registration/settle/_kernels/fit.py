@@ -11,6 +11,7 @@ from windmark.geometry._cholesky_kernels import cholesky, inverse_factor, solve_
 from windmark.geometry._jit import nb
 from windmark.registration._kernels.growth import PRIOR_WORTH, _move
 from windmark.registration.settle._kernels.project import place_cameras, room_for, see
+from windmark.registration.settle._kernels.rigid import rigid_equations
 from windmark.registration.settle._kernels.state import (
     COST_END,
     COST_START,
@@ -48,11 +49,17 @@ def refine(sights: Sights, state: State, table: Array, most: int = MOST_STEPS) -
         pairs += 1 if s >= 0 else 0
     if pairs < MIN_MATCHES:
         return False
-    g, decrease, (xy, by) = np.empty(size), math.inf, room_for(state)
+    is_rigid = size == 6
+    g, decrease, xy, by = np.empty(size), math.inf, np.empty((0, 2)), np.empty((0, 2, 0))
+    if not is_rigid:
+        xy, by = room_for(state)
     state.report[STEPS] = 0.0
     for _ in range(most):
         place_cameras(sights, state)
-        cost = _normal_equations(sights, state, table, xy, by, a, g)
+        if is_rigid:
+            cost = rigid_equations(sights, state, table, a, g)
+        else:
+            cost = _normal_equations(sights, state, table, xy, by, a, g)
         if not cholesky(a, size, 1e-12):
             return False
         if state.report[STEPS] == 0.0:

@@ -25,21 +25,29 @@ FARTHER2 = 25.0
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def mirrors_kernel(
     sights: Sights, best: State, state: State, onto: Ints, turn: Array, shift: Array, reach: Array
-) -> NDArray[np.bool_]:
-    """Whether each of B mirror images leaves residuals (their median) within ``reach`` (C,), in every camera.
+) -> tuple[NDArray[np.bool_], Array, Array, Array]:
+    """Which of B mirror images leave residuals (their median) within ``reach`` (C,), in every camera, and their poses.
 
     ``sights`` has the mirrored table; with image b the spots of marker m are those of marker ``onto[b, m]`` (of none:
-    -1), and the model is seen from where ``turn`` (B, 3, 3) and ``shift`` (B, 3) put it. ``state`` is scratch.
+    -1), and the model is seen from where ``turn`` (B, 3, 3) and ``shift`` (B, 3) put it. ``state`` is scratch. Those
+    that need more steps than a fit may take leave none.
+
+    Returns
+    -------
+    (B,) whether they do, and (B, 3, 3), (B, 3) and (B, C, P) their poses and nuisances at rest.
     """
-    cameras, n = best.match.shape
-    out, table, away = np.zeros(onto.shape[0], np.bool_), np.zeros((cameras, n, 3)), np.empty(n)
-    for b in range(onto.shape[0]):
+    (cameras, n), count = best.match.shape, onto.shape[0]
+    out, table, away = np.zeros(count, np.bool_), np.zeros((cameras, n, 3)), np.empty(n)
+    rotation, translation = np.zeros((count, 3, 3)), np.zeros((count, 3))
+    nuisance = np.zeros((count, cameras, state.nuisance.shape[1]))
+    for b in range(count):
         start(best, state, onto[b], turn[b], shift[b])
         refine(sights, state, table, 1)
         promised = 2.0 * state.report[COST_END] - state.report[DECREASE]
         if promised < HOPELESS**2 * _allowed(sights, state, table, reach):
             out[b] = _comes_near(sights, state, table, reach, away)
-    return out
+            rotation[b], translation[b], nuisance[b] = state.rotation, state.translation, state.nuisance
+    return out, rotation, translation, nuisance
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
@@ -64,7 +72,7 @@ def _allowed(sights: Sights, state: State, table: Array, reach: Array) -> float:
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def _comes_near(sights: Sights, state: State, table: Array, reach: Array, away: Array) -> bool:
     """Whether the residuals' medians come within ``reach``; given up as soon as the steps are too small for that."""
-    for _ in range(MOST_STEPS):
+    for _ in range(MOST_STEPS - 1):  # besides the first one
         if refine(sights, state, table, 1):
             return refine(sights, state, table) and _loosest(state, reach, away) <= 1.0
         if not _still_to_go(sights, state, table, reach, away) < FARTHER2 * state.report[DECREASE] < math.inf:
