@@ -135,12 +135,12 @@ def test_mirror_images_are_given_up_where_adjusting_them_to_the_end_brings_them_
 
 
 def test_mirror_images_that_come_to_rest_at_one_are_one():
-    onto, places = np.array([[0, 1], [0, 1], [1, 0], [0, 1], [0, 1]], np.int32), np.array([[0.0, 0.0, 4.0]] * 5)
-    turns, nuisances = np.stack([np.eye(3)] * 5), np.zeros((5, 1, 2))
-    turns[1] += 1e-9  # the same; another labelling; another place; other cameras
-    places[3, 0], nuisances[4, 0, 1] = 1e-3, 0.5
-    assert _unlike(np.arange(5), onto, turns, places, nuisances) == [0, 2, 3, 4]
-    assert _unlike(np.array([1, 4]), onto, turns, places, nuisances) == [1, 4]
+    onto, places = np.array([[0, 1]] * 6, np.int32), np.array([[0.0, 0.0, 4.0]] * 6)
+    turns, nuisances, bent = np.stack([np.eye(3)] * 6), np.zeros((6, 1, 2)), np.zeros((6, 3))
+    turns[1] += 1e-9  # the same; another labelling; another place; other cameras; another deformation
+    onto[2], places[3, 0], nuisances[4, 0, 1], bent[5, 1] = (1, 0), 1e-3, 0.5, 0.1
+    assert _unlike(np.arange(6), onto, turns, places, nuisances, bent) == [0, 2, 3, 4, 5]
+    assert _unlike(np.array([1, 4]), onto, turns, places, nuisances, bent) == [1, 4]
 
 
 def test_register_says_that_the_table_is_mirrored():

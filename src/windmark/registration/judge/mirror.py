@@ -23,8 +23,9 @@ FAR = 5.0
 """Mirrored markers that leave residuals of so many times the misfit (their median) with the labels as they are make no
 rival. Where a picture is mirrored, what the best solution without a mirror leaves is its misfit: it takes markers for
 others that are about where they are. So a near-symmetry that is much coarser than the misfit is none."""
-AT_ONE = 1e-7
-"""Two images whose places differ by less than this (radians, part of the distance, sigmas) came to rest at one."""
+AT_ONE, ALIKE = 1e-7, 1e-4
+"""Two images whose places differ by less than the first (radians, part of the distance), and whose cameras and
+coefficients by less than the second (sigmas of their priors), came to rest at one."""
 FLIP = np.diag([-1.0, 1.0, 1.0])
 
 
@@ -74,7 +75,7 @@ def mirror_of(views: Views, best: Solution, most: int) -> Solution | None:
         for b in _unlike(np.flatnonzero(near), onto, *rest):
             state = state_of(way.sights, best.state.rotation, best.state.translation, best.state.match)
             start(best.state, state, onto[b], turn[b], shift[b])
-            state.rotation[:], state.translation[:], state.nuisance[:] = (part[b] for part in rest)
+            state.rotation[:], state.translation[:], state.nuisance[:], state.bent[:] = (part[b] for part in rest)
             if not fit_kernel(way.sights, state) or settle_kernel(way.sights, state, 0) != STEADY:
                 continue
             solution = Solution(way, state)
@@ -84,16 +85,19 @@ def mirror_of(views: Views, best: Solution, most: int) -> Solution | None:
 
 
 def _unlike(
-    images: NDArray[np.int64], onto: Ints, rotations: Array, translations: Array, nuisances: Array
+    images: NDArray[np.int64], onto: Ints, rotations: Array, translations: Array, nuisances: Array, bent: Array
 ) -> list[int]:  # fmt: skip
-    """The mirror images that do not come to rest with the labels, in the place and with the cameras of one before."""
+    """The mirror images that do not come to rest with the labels, in the place, with the cameras and as bent as one
+    before.
+    """  # fmt: skip
     kept: list[int] = []
     for b in images.tolist():
         if not any(
             np.array_equal(onto[a], onto[b])
             and np.allclose(rotations[b], rotations[a], rtol=0.0, atol=AT_ONE)
             and np.allclose(translations[b], translations[a], rtol=AT_ONE, atol=0.0)
-            and np.allclose(nuisances[b], nuisances[a], rtol=0.0, atol=AT_ONE)
+            and np.allclose(nuisances[b], nuisances[a], rtol=0.0, atol=ALIKE)
+            and np.allclose(bent[b], bent[a], rtol=0.0, atol=ALIKE)
             for a in kept
         ):
             kept.append(b)

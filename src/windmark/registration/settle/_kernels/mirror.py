@@ -25,7 +25,7 @@ FARTHER2 = 25.0
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def mirrors_kernel(
     sights: Sights, best: State, state: State, onto: Ints, turn: Array, shift: Array, reach: Array
-) -> tuple[NDArray[np.bool_], Array, Array, Array]:
+) -> tuple[NDArray[np.bool_], Array, Array, Array, Array]:
     """Which of B mirror images leave residuals (their median) within ``reach`` (C,), in every camera, and their poses.
 
     ``sights`` has the mirrored table; with image b the spots of marker m are those of marker ``onto[b, m]`` (of none:
@@ -34,20 +34,21 @@ def mirrors_kernel(
 
     Returns
     -------
-    (B,) whether they do, and (B, 3, 3), (B, 3) and (B, C, P) their poses and nuisances at rest.
+    (B,) whether they do, and (B, 3, 3), (B, 3), (B, C, P) and (B, K) their poses, nuisances and coefficients at rest.
     """
     (cameras, n), count = best.match.shape, onto.shape[0]
     out, table, away = np.zeros(count, np.bool_), np.zeros((cameras, n, 3)), np.empty(n)
     rotation, translation = np.zeros((count, 3, 3)), np.zeros((count, 3))
-    nuisance = np.zeros((count, cameras, state.nuisance.shape[1]))
+    nuisance, bent = np.zeros((count, cameras, state.nuisance.shape[1])), np.zeros((count, state.bent.shape[0]))
     for b in range(count):
         start(best, state, onto[b], turn[b], shift[b])
         refine(sights, state, table, 1)
         promised = 2.0 * state.report[COST_END] - state.report[DECREASE]
         if promised < HOPELESS**2 * _allowed(sights, state, table, reach):
             out[b] = _comes_near(sights, state, table, reach, away)
-            rotation[b], translation[b], nuisance[b] = state.rotation, state.translation, state.nuisance
-    return out, rotation, translation, nuisance
+            rotation[b], translation[b] = state.rotation, state.translation
+            nuisance[b], bent[b] = state.nuisance, state.bent
+    return out, rotation, translation, nuisance, bent
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
