@@ -1,7 +1,7 @@
 """Normal equations of a rigid model seen by cameras as given, as a numba kernel: `fit` without any other unknown.
 
 Most of all fits are such ones. Seeing a marker, weighing its residual and adding its part is one pass over the pairs,
-in which nothing is stored but the sums: three times as fast as the general way, with the same bits.
+in which nothing is stored but the sums, which have the same bits as those of the general way.
 """
 
 from __future__ import annotations
