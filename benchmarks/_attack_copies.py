@@ -10,6 +10,8 @@ from windmark.geometry import Pose
 
 NOISE_PX = 0.2
 """1 sigma of all spots."""
+LEAST_LEFT = 5
+"""So many markers of the model are left in view at least, before it is thinned."""
 THINNED = (0.0, 0.1)
 """Part of the copy, and of the model, that is hidden at random."""
 SAYS = ("copy", "second copy")
@@ -30,8 +32,14 @@ def _scene(seed: int) -> tuple[np.random.Generator, models.MarkerSet, Picture]:
 
 
 def _with(rng: np.random.Generator, markers: models.MarkerSet, shot: Picture, copy: Array, hidden: bool) -> Trial:
-    """The picture with the spots of a copy in it, half of the true ones hidden or none; either may lack some."""
-    keep = _half(rng, seen_by(markers, shot.camera, shot.pose)[0], hidden)
+    """The picture with the spots of a copy in it, half of the true ones hidden or none; either may lack some.
+
+    Where hardly a marker of the half that is left is in view it is the other one: the model must be there.
+    """
+    xy, seen = seen_by(markers, shot.camera, shot.pose)
+    keep = _half(rng, xy, hidden)
+    if (keep & seen).sum() < LEAST_LEFT:
+        keep = ~keep
     copy = copy[rng.random(len(copy)) >= rng.choice(THINNED)]
     made = picture(rng, markers, shot.camera, shot.pose, keep=keep, hidden=rng.choice(THINNED),
                    false=rng.choice([0.0, 0.3]), extra=copy, noise_px=NOISE_PX)  # fmt: skip

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections import Counter
 from dataclasses import dataclass, replace
@@ -21,6 +22,8 @@ WRONG_SIGMA = 5.0
 """Root of chi-square over six degrees of freedom beyond which a stated covariance does not own up to an error."""
 NEAR_SIGMA = 3.0
 """A spot so near to where a marker truly is counts as its own."""
+LEAST_COPY = re.compile(r"fewer than (\d+) markers")
+"""How much of a second copy a result says that it would have noticed."""
 KINDS = ("right", "said", "reason", "refused", "WRONG")
 
 SPARSE = ({"too_few", "degenerate", "weak", "nothing", "ambiguous"}, ())
@@ -123,9 +126,17 @@ def judged(attack: str, trial: Trial, answer: Any, milliseconds: float) -> Outco
         faults.append("pose" if trial.truth.poses else "no pose is right")
     if 2 * wrong > matched:
         faults.append("labels")
-    named = {str(item.what) for item in getattr(answer, "unchecked", ())}
-    kind = "right" if not faults else "said" if named & trial.unseen else "WRONG"
+    said = any(_says(item, trial) for item in getattr(answer, "unchecked", ()))
+    kind = "right" if not faults else "said" if said else "WRONG"
     return Outcome(kind, error, sigmas, wrong, matched, milliseconds, " and ".join(faults))
+
+
+def _says(item: Any, trial: Trial) -> bool:
+    """Whether an unchecked thing is the fault of this trial; a copy only where the model shows less than it names."""
+    if item.what not in trial.unseen:
+        return False
+    least = LEAST_COPY.search(getattr(item, "words", ""))
+    return item.what != "copy" or (least is not None and int((trial.truth.label >= 0).sum()) < int(least[1]))
 
 
 def answered(trial: Trial) -> tuple[Any, float]:

@@ -103,6 +103,9 @@ def test_what_must_be_accepted_is_not_refused_for_a_right_reason(answered):
         "copy/second model/6900016",  # of 150 markers, which takes a hundred times the work of 24
         "copy/second model/7000049",  # what grows first among its spots is a shifted labelling of half of them
         "copy/second model, half hidden/8840011",  # of 150 discs in a box, their normals unknown
+        "copy/ghost, half hidden/42000140",  # beside a regular front whose own rivals are worth more than the copy
+        "copy/ghost, half hidden/42000256",  # of nine spots, five of which grow to something else first
+        "copy/ghost, half hidden/42000019",  # 5 px beside, where a search looks no farther than 1 px
     ],
 )
 def test_a_second_copy_is_looked_for_as_long_as_the_model_was_and_among_the_spots_that_it_leaves(name):
@@ -125,6 +128,25 @@ def test_a_second_copy_is_looked_for_as_long_as_the_model_was_and_among_the_spot
 def test_what_a_bent_model_or_a_grazing_view_would_explain_is_refused_for_the_right_reason(name, cause):
     trial = attacks.trial(name)
     assert register(trial.detections, trial.markers, trial.camera, **trial.options).cause == cause
+
+
+def test_a_copy_that_is_no_evidence_is_named_and_counts_as_said_only_where_it_shows_less_than_that():
+    """Six spots of the model beside a whole ghost of it: two nats more than chance, once the pose is paid for."""
+    trial = attacks.trial("copy/ghost, half hidden/42000102")
+    answer = register(trial.detections, trial.markers, trial.camera)
+    assert judge.judged("copy", trial, answer, 0.0).kind == "said"
+    some = [replace(u, words="a copy of which fewer than 6 markers are seen") for u in answer.unchecked]
+    assert judge.judged("copy", trial, replace(answer, unchecked=tuple(some)), 0.0).kind == "WRONG"
+
+
+def test_what_a_single_spot_says_is_known_no_better_than_without_it():
+    """A foreign spot 1.8 px from where the only marker beside a row is: eight of the sigmas with it."""
+    trial = attacks.trial("one-pair/stray spot only/31000011")
+    answer = register(trial.detections, trial.markers, trial.camera)
+    outcome = judge.judged("one-pair", trial, answer, 0.0)
+    assert outcome.kind == "right"
+    assert outcome.error_px > 1.5
+    assert "m014" in next(item.words for item in answer.unchecked if item.what == "pair")
 
 
 def test_the_spot_of_a_pair_that_the_others_hardly_check_is_tried_with_the_neighbouring_markers():

@@ -1,6 +1,6 @@
 """The judge's questions one by one: one pair that holds the pose, the mirror image, solutions beside each other."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ from windmark.registration.judge.answer import answer
 from windmark.registration.judge.cameras import blocked
 from windmark.registration.judge.mirror import FAR, FLIP, _unlike, _with_twins, mirror_of, mirrored_views
 from windmark.registration.judge.source import Source, distinct
-from windmark.registration.judge.symmetric import told_by_table_errors
+from windmark.registration.judge.symmetric import told_by_bending, told_by_table_errors
 from windmark.registration.search.pool import Candidate
 from windmark.registration.settle._kernels.fit import refine
 from windmark.registration.settle._kernels.mirror import mirrors_kernel, start
@@ -194,6 +194,30 @@ def test_errors_of_a_table_are_told_from_irregularities_that_are_there(seed):
         assert one.shared(two) < 0.1
         found[name] = told_by_table_errors(one, two, MARGIN)
     assert found == {"errors": True, "there": False}
+
+
+@dataclass(frozen=True)
+class Plain:
+    """What `told_by_bending` asks of a solution: its labels' name, pairs, and worth."""
+
+    labels: str
+    count: int
+    worth: float = 0.0
+
+    def shared(self, other):
+        return float(self.labels == other.labels)
+
+    def lead_over(self, other):
+        return self.worth - other.worth
+
+
+def test_bending_alone_does_not_decide_between_labellings():
+    bent = Plain("shifted", 77)
+    other, own = Plain("as it is", 80, 15.0), Plain("shifted", 80, 0.0)
+    assert told_by_bending(bent, [other, own], MARGIN) is other
+    assert told_by_bending(bent, [other, replace(own, worth=30.0)], MARGIN) is None  # the rigid model says so, too
+    assert told_by_bending(bent, [replace(other, count=60), own], MARGIN) is None  # bending brings labels
+    assert told_by_bending(bent, [own], MARGIN) is None
 
 
 def test_distinct_solutions_are_the_best_of_their_like():

@@ -1,15 +1,16 @@
-"""What a bow that the picture does not show would do to the pose, and that it is said."""
+"""What a bow that the picture does not show would do to the pose, and that it is said; and what of a second copy."""
 
 from __future__ import annotations
 
 import bent_scenes
 import numpy as np
+import pytest
 import registration_scenes as scenes
 import settle_scenes as settling
 
 from windmark.registration import register
 from windmark.registration.judge.bending import PRIOR
-from windmark.registration.judge.unseen import unchecked_bend, unseen_bend
+from windmark.registration.judge.unseen import least_copy, unchecked_bend, unchecked_copy, unseen_bend
 from windmark.registration.search.field import STIFF
 from windmark.registration.settle._kernels.doubt import doubt_kernel
 from windmark.registration.settle._kernels.slopes import slopes_kernel
@@ -54,6 +55,39 @@ def test_a_bow_is_no_larger_than_allowed():
     least, less = unseen_bend(best, 0.0005, MARGIN)
     assert least <= 0.0005
     assert less < 0.5 * turn
+
+
+@pytest.mark.parametrize("kind", ["A", "B"])
+def test_a_copy_of_as_many_markers_as_are_named_is_evidence_and_one_of_less_is_not(kind):
+    """Neighbours of one marker, as the edge of what hides leaves them."""
+    image = scenes.scene(11, kind, noise_px=0.2)
+    views, best = settling.best_of(image)
+    least = least_copy(best, 0, MARGIN)
+    assert 5 < least < 16
+    match, near = best.state.match[0], views.layout.model.near
+    middle = int(best.pairs()[1][0])
+    some = [m for m in (middle, *near[middle]) if match[m] >= 0]
+    worth = []
+    for count in (least - 2, least + 2):
+        alone = np.full_like(best.state.match, -1)
+        alone[0, some[:count]] = match[some[:count]]
+        taken = np.isin(np.arange(len(image.detections)), alone[0], invert=True)
+        copy = settling.settle(views.without([taken]), best.state.rotation, best.state.translation, alone)
+        worth.append(copy.evidence if copy is not None else -np.inf)
+    assert worth[0] < MARGIN < worth[1]
+
+
+def test_copies_are_named_where_enough_spots_are_left_for_one_and_no_label_says_which():
+    alone, among = (scenes.scene(7, "A", false=false) for false in (0.0, 0.5))
+    left = len(among.detections) - settling.best_of(among)[1].count
+    (said,) = unchecked_copy(settling.best_of(among)[1], 0.0, MARGIN)
+    assert f"among the {left} spots" in said.words
+    assert unchecked_copy(settling.best_of(alone)[1], 0.0, MARGIN) == []
+    (over,) = unchecked_copy(settling.best_of(alone)[1], 1.0, MARGIN)
+    assert "max_time_s" in over.words
+    spot = int(np.flatnonzero(among.label >= 0)[0])
+    found = register(among.detections, among.markers, among.camera, fixed={spot: int(among.label[spot])})
+    assert "copy" not in [u.what for u in found.unchecked]
 
 
 def test_a_rigid_motion_is_no_bow():

@@ -66,7 +66,7 @@ class Unchecked:
     Parameters
     ----------
     what : "focal length", "principal point", "aspect", "lens", "place in the rig", "scale", "mirror", "copy",
-        "bending" or "radii"
+        "pair", "bending" or "radii"
     words : why, and how large an error this picture would show
     camera : number of the camera, of a rig
     """

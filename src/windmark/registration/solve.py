@@ -123,7 +123,7 @@ def _with_other_lenses(tasks: Sequence[Task], verdict: Verdict) -> list[Task] | 
 def _registration(
     best: Solution, verdict: Verdict, tried: int, index: Ints, options: dict[str, Any], bends: float = 0.0
 ) -> Registration:
-    final, unit_cov = answer(best, verdict.beside, bends, verdict.near, verdict.published)
+    final, unit_cov = answer(best, verdict.beside, bends, verdict.near, verdict.published, verdict.without)
     spot, marker = final.pairs()
     residuals = final.state.residual[0, marker]
     distance = np.hypot(residuals[:, 0], residuals[:, 1])
@@ -145,7 +145,7 @@ def _of_rig(
     cam_from_rig: Sequence[Pose], index: Sequence[Ints], options: dict[str, Any],
 ) -> RigRegistration:  # fmt: skip
     """What several cameras found; those without spots are given back as they were."""
-    final, unit_cov = answer(best, verdict.beside, near=verdict.near, final=verdict.published)
+    final, unit_cov = answer(best, verdict.beside, near=verdict.near, final=verdict.published, without=verdict.without)
     nothing = np.zeros(0, np.int64)
     matchings = [Matching(nothing, nothing, np.zeros(0)) for _ in tasks]
     residuals = [np.zeros((0, 2)) for _ in tasks]

@@ -47,7 +47,7 @@ def corrected(best: Solution) -> Solution:
 
 def answer(
     best: Solution, beside: Solution | None = None, bends: float = 0.0, near: Sequence[Weighed] = (),
-    final: Solution | None = None,
+    final: Solution | None = None, without: Solution | None = None,
 ) -> tuple[Solution, Array]:  # fmt: skip
     """The solution as it is reported, and the covariance (P, P) of all its unknowns; ``final`` where it is `corrected`.
 
@@ -55,10 +55,13 @@ def answer(
     covariance has the way from the one explanation to the other, and of the pose also that one's own.
     ``bends`` is the evidence (nats) of other pictures that the model bends. Solutions that are ``near`` a rigid one
     (weight, solution) are parts of one distribution of the pose, whose second moment about the answer is given.
+    What only one pair says, ``without`` which the solution is less certain, is no more certain than that.
     """
+    single = 0.0 if without is None else _more_open(best, without)
     best = final or corrected(best)
     curved = curvature(best)
     best, cov = _of_root(best, bends)
+    cov[: len(curved), : len(curved)] += single
     cov[: len(curved), : len(curved)] += curved
     if near:
         cov *= 1.0 - sum(weight for weight, _ in near)
@@ -70,6 +73,15 @@ def answer(
         cov += np.outer(way, way)
         cov[:6, :6] += beside.unit_cov[:6, :6]
     return best, cov
+
+
+def _more_open(best: Solution, without: Solution) -> Array:
+    """(P, P) what the covariance of a solution with less pairs has more, along the unknowns where it has more."""
+    root = np.linalg.cholesky(best.unit_cov)
+    own = np.linalg.solve(root, np.linalg.solve(root, without.unit_cov).T)
+    value, vector = np.linalg.eigh(0.5 * (own + own.T))
+    along = (root @ vector) * np.sqrt(np.maximum(value - 1.0, 0.0))
+    return np.asarray(along @ along.T)
 
 
 def curvature(best: Solution) -> Array:

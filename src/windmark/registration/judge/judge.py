@@ -22,9 +22,9 @@ from windmark.registration.judge.doubts import Doubts, OtherCamera
 from windmark.registration.judge.mirror import mirror_of
 from windmark.registration.judge.repaired import Repaired
 from windmark.registration.judge.source import Source, distinct
-from windmark.registration.judge.symmetric import told_by_table_errors
+from windmark.registration.judge.symmetric import told_by_bending, told_by_table_errors
 from windmark.registration.judge.twins import Weighed, elsewhere, near_ones, twin_of
-from windmark.registration.judge.unseen import unchecked_bend
+from windmark.registration.judge.unseen import unchecked_bend, unchecked_copy
 from windmark.registration.judge.verdict import Verdict, runner_up
 from windmark.registration.result import Cause, RunnerUp, Unchecked
 from windmark.registration.settle.solution import Solution
@@ -56,7 +56,7 @@ class Judge:
         self._displaced: OtherCamera | None = None
         self._copies: list[tuple[Solution, Solution | None]] = []
         self._unchallenged = False  # the work was over before all rivals had been looked for
-        self._copies_ended = True  # and not before a second copy of the model had been looked for
+        self._copies_from = 0.0  # part of a second copy's markers that must be seen for it to be met
 
     # --- the verdict ---------------------------------------------------------------------
     def verdict(self, *, deformed: bool = True, final: bool = False) -> Verdict:
@@ -121,12 +121,16 @@ class Judge:
         free = all(plane.task.free_focal for plane in self._views.planes)
         if own.labelled(bent) < (most if own.is_cluttered(bent) or free else everywhere):
             return rigid
-        others = [s for s in [*found[1:], *self._source.solutions()] if not s.same_as(bent)]
+        solutions = self._source.solutions()
+        others = [s for s in [*found[1:], *solutions] if not s.same_as(bent)]
         verdict = self._judged(bent, sorted(others, key=lambda s: -s.evidence))
         if verdict.cause is not None or not self._bender.allows(bent):
             return rigid
         if bent.count <= rules.FEW and any(s.evidence > bent.evidence for s in self._repaired.with_one_less(bent)):
             return rigid
+        if (other := told_by_bending(bent, solutions, self._limits.margin)) is not None:
+            answer = runner_up(bent, other)
+            return Verdict(bent, answer, "ambiguous", words.ambiguity(bent, other, answer, only_by=words.BENDING))
         return verdict
 
     def _bent_lead(self, bent: Solution, rigid: Solution) -> float:
@@ -160,7 +164,7 @@ class Judge:
             if best.lead_over(other) < limits.margin or second:
                 return "ambiguous", words.ambiguity(best, other, runner_up(best, other))
             if told_by_table_errors(best, other, limits.margin):
-                return "ambiguous", words.ambiguity(best, other, runner_up(best, other), by_table_errors=True)
+                return "ambiguous", words.ambiguity(best, other, runner_up(best, other), only_by=words.TABLE_ERRORS)
         for _, other in self._near(best):
             if elsewhere(best, other):
                 return "ambiguous", words.ambiguity(best, other, runner_up(best, other))
@@ -173,8 +177,8 @@ class Judge:
         """The verdict beside a second copy of the model among the spots that the best solution leaves."""
         known = [copy for old, copy in self._copies if best.same_as(old)]
         if not known:
-            found, self._copies_ended = self._source.copies(best, lambda: self._budget.exhausted)
-            known = [next((s for s in found if words.apart(best, s) and own.is_copy(s, self._limits.margin)), None)]
+            found, self._copies_from = self._source.copies(best, lambda: self._budget.exhausted)
+            known = [next((s for s in found if words.apart(best, s) and own.is_copy(s, self._limits)), None)]
             self._copies.append((best, known[0]))
         if (other := known[0]) is None:
             return verdict
@@ -215,9 +219,13 @@ class Judge:
         unchecked.extend(unchecked_bend(best, self._limits.deformation, self._limits.margin))
         if len(self._views.planes) == 1:
             unchecked.append(Unchecked("scale", words.SCALE_UNSEEN))
-        if not self._copies_ended:
-            unchecked.append(Unchecked("copy", words.COPY_UNSEEN))
-        return Verdict(best, verdict.runner_up, None, "", tuple(unchecked), beside, self._near(best))
+        unchecked.extend(unchecked_copy(best, self._copies_from, self._limits.margin))
+        if (without := own.without_unheld(best)) is not None:
+            unchecked.append(Unchecked("pair", without[1]))
+        return Verdict(
+            best, verdict.runner_up, None, "", tuple(unchecked), beside, self._near(best),
+            without=without[0] if without is not None else None,
+        )  # fmt: skip
 
     def _explained(self, verdict: Verdict) -> Verdict:
         """A refusal, with the camera as its reason if another one makes of the best solution a sound one."""

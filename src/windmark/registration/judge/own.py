@@ -11,8 +11,9 @@ from windmark.geometry.order import median
 from windmark.registration.judge import rules
 from windmark.registration.settle._kernels.fit import spread_places
 from windmark.registration.settle._kernels.places import open_kernel
+from windmark.registration.settle._kernels.settle import fit_kernel
 from windmark.registration.settle._kernels.state import EXCESS, TAKEN
-from windmark.registration.settle.settling import with_freedom
+from windmark.registration.settle.settling import copied, with_freedom
 from windmark.registration.settle.solution import Solution
 from windmark.registration.task import ON_LINE_PX, Limits, off_line
 
@@ -104,14 +105,17 @@ def odds_of_few(best: Solution) -> float:
     return best.evidence + rate + float(np.log(np.exp(narrower).mean()))
 
 
-def is_copy(other: Solution, margin: float) -> bool:
+def is_copy(other: Solution, limits: Limits) -> bool:
     """Whether a solution of spots that the best one leaves is no chance: the model is there, too, if half hidden.
 
-    Among very many spots some fit wherever a marker is; their misfit is that of the neighbourhood.
+    Among very many spots some fit wherever a marker is; their misfit is that of the neighbourhood. That is no doubt of
+    one that would be beyond chance alone.
     """
+    if beyond_chance(other, limits):
+        return True
     if any(is_too_loose(other, c) for c in np.flatnonzero(other.counts).tolist()):
         return False
-    return other.evidence > margin and other.log10_nfa < rules.COPY_NFA
+    return other.evidence > limits.margin and other.log10_nfa < rules.COPY_NFA
 
 
 def is_too_loose(best: Solution, c: int) -> bool:
@@ -189,6 +193,37 @@ def held_by_one(best: Solution) -> str:
                 "pose is not determined, and with it nothing checks it"
             )
     return ""
+
+
+def unheld_pair(best: Solution) -> tuple[int, int, float] | None:
+    """Camera, marker and openness (px, 1 sigma) of the pair of a rigid solution that the others hardly check, if any.
+
+    Of a bent model each pair has most of its own place, and its root's pose is known less well than that.
+    """
+    for c in np.flatnonzero(best.counts).tolist() if not best.is_bent else ():
+        marker, wide = open_kernel(best.state, best.state.place, c)[2:]
+        if is_unheld(best, c, marker, wide):
+            return c, marker, wide
+    return None
+
+
+def without_unheld(best: Solution) -> tuple[Solution, str] | None:
+    """The solution less the pair that the others hardly check, and what that is in words; None where all are checked.
+
+    The pair is likelier than a foreign spot that is anywhere, but foreign spots may be near markers, too.
+    """
+    if (found := unheld_pair(best)) is None:
+        return None
+    c, marker, wide = found
+    state, plane = copied(best.views, best.state), best.views.planes[c]
+    spot, state.match[c, marker] = int(state.match[c, marker]), -1
+    if not fit_kernel(best.views.sights, state):
+        return None
+    x, y = plane.task.xy[spot]
+    return Solution(best.views, state), (
+        f"a single spot at ({x:.0f}, {y:.0f}) says where marker {plane.task.markers.name[marker]} is, whose place the "
+        f"others leave open by {wide:.2g} px (1 sigma): the sigma of the pose is that without it"
+    )
 
 
 def is_unheld(best: Solution, c: int, marker: int, wide: float) -> bool:

@@ -163,28 +163,31 @@ class Source:
                 del self._running[c]
         return True
 
-    def copies(self, best: Solution, over: Callable[[], bool]) -> tuple[list[Solution], bool]:
-        """Solutions of mostly other spots than the best one explains, also weak ones, best first; and whether they were
-        looked for to the end.
+    def copies(self, best: Solution, over: Callable[[], bool]) -> tuple[list[Solution], float]:
+        """Solutions of mostly other spots than the best one explains, also weak ones, best first; and the part of a
+        copy's markers that must be seen for it to be met for sure, see `Search.copies`.
         """  # fmt: skip
-        found, ended, taken = [], True, []
+        found, part, taken = [], 0.0, []
         for c, search in enumerate(self._searches):
             used = np.zeros(len(self.views.planes[c].task.xy), dtype=bool)
             used[best.pairs(c)[0]] = True
             taken.append(used)
             if search is None:
                 continue
+            copies: list[Candidate] = []
             if isinstance(search, Search):
-                ended &= search.copies(self._as_candidate(best, c), over, float(best.misfit_px[c]))
-            for candidate in search.top(POOL):
+                copies, met = search.copies(self._as_candidate(best, c), over, float(best.misfit_px[c]))
+                part = max(part, met)
+            known = {copy.match.tobytes() for copy in copies}
+            for candidate in [*copies, *(one for one in search.top(POOL) if one.match.tobytes() not in known)]:
                 spots = candidate.match[candidate.match >= 0]
                 if 2 * int(taken[c][spots].sum()) < len(spots):
                     found.append((c, candidate))
         if not found:
-            return [], ended
+            return [], part
         # Beside the best one the others would take over its spots, where they are but some pixels away.
         rest = self.views.without(taken)
-        return distinct([s for c, candidate in found if (s := self._settled_in(rest, c, candidate)) is not None]), ended
+        return distinct([s for c, candidate in found if (s := self._settled_in(rest, c, candidate)) is not None]), part
 
     def _as_candidate(self, best: Solution, c: int) -> Candidate:
         match, focal = best.state.match[c].copy(), float(best.state.camera[c, 0])

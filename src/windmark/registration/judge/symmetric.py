@@ -1,13 +1,18 @@
-"""Labellings that differ by a near-symmetry of the layout, told apart by the errors of the table only.
+"""Labellings that differ by a near-symmetry of the layout, told apart by the errors of the table or by bending only.
 
 A regular layout whose table is rough looks irregular, and one of its turned or shifted labellings fits these
 irregularities better than the others: by chance, and by more nats the more markers there are. So it is asked what a
 table without them would do. Where two labellings give a spot to two markers, the mean of what they predict is that of
 the table made symmetric: errors of the table are halved in it (variance), while an irregularity that the picture shows
 is lost.
+
+A deformation gains by any misfit that is smooth: a lens, a board that is not flat. It is smooth with every labelling of
+a lattice, and which of them gains most by it is a matter of what the misfit looks like, no evidence of a shift.
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,6 +57,28 @@ def told_by_table_errors(best: Solution, other: Solution, margin: float) -> bool
         return False
     symmetric_is_better = ((0.5 * (a + b)) ** 2).sum() < (a**2).sum()
     return bool(symmetric_is_better and lead.sum() < rules.SYMMETRIC * np.sqrt((lead**2).sum()))
+
+
+def told_by_bending(bent: Solution, rigid: Sequence[Solution], margin: float) -> Solution | None:
+    """The rigid solution with another labelling that a bent one leads by nothing but the bending; None without one.
+
+    Parameters
+    ----------
+    bent : the best solution of a model that may be bent
+    rigid : solutions of the rigid model
+    margin : lead (nats) that counts as one
+
+    Notes
+    -----
+    Where the rigid model explains no fewer spots with another labelling, bending brings the labels nothing. Then the
+    labelling of the bent solution must be the better one of the rigid model, too.
+    """
+    own = [s for s in rigid if s.shared(bent) > SAME_SHARE]
+    for other in rigid:
+        another = other.count >= bent.count and other.shared(bent) <= SAME_SHARE
+        if another and any(s.lead_over(other) < margin for s in own):
+            return other
+    return None
 
 
 def _sigma(solution: Solution, c: int) -> float:

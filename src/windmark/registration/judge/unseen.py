@@ -1,8 +1,10 @@
-"""What a deformation that the picture does not show would do to the pose of a rigid answer.
+"""What a picture does not show of a deformation and of a second copy, and what that would do to the answer.
 
 A flat model that bows along the line of sight looks like one that is turned a little, so what is found is the pose of a
 straight model, and its root is turned against it. Where the bow is lost in the noise nothing of it can be in the
 residuals; how large it may be, and how far the root is turned then, the normal equations say to first order.
+
+A second model of which few markers are seen is no evidence: what a spot more is worth must first pay for the pose.
 """
 
 from __future__ import annotations
@@ -15,12 +17,22 @@ from windmark.registration.judge import rules
 from windmark.registration.judge.bending import PRIOR
 from windmark.registration.judge.root import may_be_root
 from windmark.registration.result import Unchecked
+from windmark.registration.settle._kernels.state import EXPECTED
 from windmark.registration.settle._kernels.unseen import unseen_kernel
+from windmark.registration.settle._kernels.worth import LINKS, PAIRS, PER_LINK, SEEN_LEAST, SEEN_MOST
 from windmark.registration.settle.solution import Solution
+from windmark.registration.task import MIN_COUNT
 
 WORDS = (
     "a bend of the model by up to {bow:.2g} % of its size would go unnoticed here; its root would then be turned by up "
     "to {turn:.2g} deg against this pose (the pose and its sigma are those of a straight model)"
+)
+COPY = (
+    "a second copy of the model (a ghost, a reflection) of which fewer than {least} markers are seen would go "
+    "unnoticed among the {spots} spots that are left"
+)
+COPY_UNSEEN = (
+    "whether the model is in the picture a second time was not looked for to the end, as the work was over (max_time_s)"
 )
 
 
@@ -61,3 +73,37 @@ def unchecked_bend(best: Solution, most: float, margin: float) -> list[Unchecked
     if turn < rules.CHECKED["bending"]:
         return []
     return [Unchecked("bending", WORDS.format(bow=100 * bow, turn=math.degrees(turn)))]
+
+
+def least_copy(best: Solution, c: int, margin: float) -> int:
+    """How many markers of a second copy camera c must show for it to lead chance by the margin (nats).
+
+    A pair is worth what one of the solution is, and the copy's pose costs what the solution's does. What is missing is
+    missing by itself or hidden in one piece, whichever is likelier, see `worth_kernel`.
+    """
+    expected, markers = int(best.state.numbers[c, EXPECTED]), best.state.match.shape[1]
+    pair = float(best.readings[c, PAIRS]) / int(best.counts[c])
+    count = np.arange(MIN_COUNT, expected + 1)
+    seen = np.clip((count + 1.0) / (expected + 2.0), SEEN_LEAST, SEEN_MOST)
+    alone = count * np.log(seen) + (expected - count) * np.log(1.0 - seen)
+    piece = -math.log(markers) - 0.5 * PER_LINK * LINKS * np.minimum(count, expected - count)
+    enough = count * pair + np.maximum(alone, piece) + best.freedom > margin
+    return int(count[enough.argmax()]) if enough.any() else expected + 1
+
+
+def unchecked_copy(best: Solution, part: float, margin: float) -> list[Unchecked]:
+    """What is to be said of second copies that show less than is evidence, or than ``part`` of their markers in view.
+
+    Nothing where too few spots are left for a pose, or labels say which one is meant. Of a rig by the camera that has
+    most of them.
+    """
+    if any(plane.task.fixed for plane in best.views.planes):
+        return []
+    if part >= 1.0:
+        return [Unchecked("copy", COPY_UNSEEN)]
+    left = [len(plane.task.xy) - int(n) for plane, n in zip(best.views.planes, best.counts, strict=True)]
+    c = int(np.argmax(np.where(best.counts > 0, left, -1)))
+    if left[c] < MIN_COUNT:
+        return []
+    least = max(least_copy(best, c, margin), math.ceil(part * float(best.state.numbers[c, EXPECTED])))
+    return [Unchecked("copy", COPY.format(least=least, spots=left[c]))]

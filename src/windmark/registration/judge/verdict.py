@@ -16,7 +16,8 @@ class Verdict:
 
     ``beside`` is another camera's that may be the right one, whose pose the covariance has to cover; so it has that of
     those that are ``near``, each with its probability (`judge.twins`). ``published`` is the best one as it is reported,
-    with the discs' eccentricity, once that has been looked at.
+    with the discs' eccentricity, once that has been looked at. ``without`` is the best one less a pair that the others
+    hardly check: a foreign spot near the marker's place would be taken for it, so the pose is known as it is there.
     """
 
     best: Solution | None
@@ -27,6 +28,7 @@ class Verdict:
     beside: Solution | None = None
     near: tuple[Weighed, ...] = ()
     published: Solution | None = None
+    without: Solution | None = None
 
 
 def runner_up(best: Solution, other: Solution) -> RunnerUp:

@@ -18,9 +18,8 @@ MIRROR_UNSEEN = (
     "the mirror image of the table explains the spots about as well: whether picture or table is mirrored cannot be "
     "seen here"
 )
-COPY_UNSEEN = (
-    "whether the model is in the picture a second time was not looked for to the end, as the work was over (max_time_s)"
-)
+TABLE_ERRORS, BENDING = "errors of the table", "a bending of the model"
+"""What alone may tell two labellings apart, and is no evidence for either."""
 SCALE_UNSEEN = "one camera sees no scale: a table that is too large looks like one that is nearer"
 
 
@@ -74,8 +73,8 @@ def beyond_prior(task: Task, best: Candidate | None, least: float) -> str:
     )
 
 
-def ambiguity(best: Solution, other: Solution, answer: RunnerUp, *, by_table_errors: bool = False) -> str:
-    """Why a solution is no answer beside another one, and what would decide."""
+def ambiguity(best: Solution, other: Solution, answer: RunnerUp, *, only_by: str = "") -> str:
+    """Why a solution is no answer beside another one, and what would decide; ``only_by`` what its lead rests on."""
     angle = float(np.degrees(best.rig_from_model.angle_to(other.rig_from_model)))
     lead, decides = best.score - answer.score, "a prior pose or the label of a spot"
     if answer.same_labels:
@@ -89,11 +88,13 @@ def ambiguity(best: Solution, other: Solution, answer: RunnerUp, *, by_table_err
             "other spots, as with a reflection, a ghost or a second model in view: exclude its spots, or give "
             f"{decides}"
         )
-    if by_table_errors:
+    if only_by:
+        fits = "a symmetric table would fit better" if only_by == TABLE_ERRORS else "a rigid model tells them no better"
+        better = ", or a more accurate table" if only_by == TABLE_ERRORS else ""
         return (
-            f"two labellings differ by no more than errors of the table: {best.count} and {other.count} markers "
-            f"matched, poses {angle:.1f} degrees apart, lead {lead:.1f} nats, but a symmetric table would fit better; "
-            f"the layout is (nearly) symmetric or regular: give {decides}, or a more accurate table"
+            f"two labellings differ by no more than {only_by}: {best.count} and {other.count} markers "
+            f"matched, poses {angle:.1f} degrees apart, lead {lead:.1f} nats, but {fits}; "
+            f"the layout is (nearly) symmetric or regular: give {decides}{better}"
         )
     missing = best.expected - best.count
     more = f"make more of the {missing} missing markers visible" if missing else "add a marker that breaks the symmetry"

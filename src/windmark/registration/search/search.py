@@ -15,6 +15,7 @@ layouts. `Search.rivals` looks for others on purpose. What is tried, in which or
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,6 +51,8 @@ COPY_WORK = 40_000
 """Links tried for them at least; or as many as all quads of the nearest spots have (`attacks`: copies)."""
 COPY_CHECK = 4.0
 """The anchor of their quads must lie within so many times the misfit of the solution they are looked for beside."""
+COPY_HALF = 0.5
+"""Part of a copy's markers that must be seen for it to be met by the nearest spots' quads (see `Search.copies`)."""
 
 
 class Search:
@@ -222,38 +225,47 @@ class Search:
         _mirrored(self.plane.model.xyz, candidate.match, poses[0], places[0], poses[-1], places[-1])
         return poses, places, candidate.focal_px, match
 
-    def copies(self, candidate: Candidate, over: Callable[[], bool], misfit_px: float = 0.0) -> bool:
+    def copies(self, candidate: Candidate, over: Callable[[], bool], misfit_px: float = 0.0
+    ) -> tuple[list[Candidate], float]:  # fmt: skip
         """Look for another solution among the spots that a candidate does not explain: a second copy of the model.
 
         A reflection, a ghost of a double exposure or a second model leaves spots of its own, which neighbour each other
         when the explained ones are taken away. Every spot in turn is the anchor of a quad, those whose key fewest quads
         of markers share first, checked as sharply as the candidate fits, until one grows to a solution of most of these
-        spots; it is grown among them alone, or the copy beside it would take it over. The work is that of all quads of
-        the nearest spots: with them and the first of the others a half-hidden copy among as many false spots is met in
-        92 of 100 pictures, one in one piece in 98. False if the work was ``over`` before all of this was done.
+        spots that is worth a verdict; what four of few spots grow to by chance is not. It is grown among them alone, or
+        the copy beside it would take it over, and however few of its markers it has: the rest may be hidden in one
+        piece. The work is that of all quads of the nearest spots: with them and the first of the others a half-hidden
+        copy among as many false spots is met in 92 of 100 pictures, one in one piece in 98.
+
+        Returns
+        -------
+        What was found, though the candidate's own rivals may be worth more than it; and the part of a copy's markers in
+        view that must be seen for it to be met: 0 where all quads were tried or one was met, 1 where the work was
+        ``over`` before.
         """
         spots = _without(len(self.task.xy), candidate.match[candidate.match >= 0])
         if len(spots) < LEAST_SPOTS:
-            return True
+            return [], 0.0
         picture, found = self.plane.part(spots), Pool(self.plane.frame, COPIES, len(candidate.match))
         best, table = found.best, self.plane.layout.table(REACHES[0])
         check = np.clip(COPY_CHECK * misfit_px, self._trials.check(CHECKS[0]), self._trials.check(CHECKS[1]))
         near, far = (links.quad_links(picture, table, low, high, check) for _, low, high in STAGES[:2])
         self._budget.spend(LINK * len(spots) * STAGES[1][2] ** 3 / 12)
-        trial = self._trials.of(picture, links.in_turn(near, far), pool=found)
-        start, most = 0, self._work + LINK * max(COPY_WORK, int((near.last - near.first).sum()))
-        while (
-            start < len(trial.links.spots)
-            and self._work < most
-            and 2 * (best.match >= 0).sum(axis=1).max() < len(spots)
-        ):
+        gates = self._gates._replace(least_part=0.0)
+        trial = self._trials.of(picture, links.in_turn(near, far), pool=found, gates=gates)
+        start, most, met = 0, self._work + LINK * max(COPY_WORK, int((near.last - near.first).sum())), False
+        while start < len(trial.links.spots) and self._work < most and not met:
             if over():
-                return False
+                return [], 1.0
             start = self._try(trial, start, work=most - self._work)
-        for n in np.flatnonzero(best.score > -np.inf):
-            match = np.where(best.match[n] >= 0, spots[best.match[n]], -1).astype(np.int32)
-            self._free.add(best.rotation[n], best.translation[n], float(best.focal[n]), float(best.score[n]), match)
-        return True
+            met = bool((2 * best.matched[best.score > self._stop_at] >= len(spots)).any())
+        copies = []  # labels say which one is meant
+        for one in found.top():
+            match = np.where(one.match >= 0, spots[one.match], -1).astype(np.int32)
+            self._free.add(*self.plane.frame.unit(one.cam_from_model), one.focal_px, one.score, match)
+            if self.task.keeps(match):
+                copies.append(replace(one, match=match))
+        return copies, 0.0 if met or start == len(trial.links.spots) else COPY_HALF
 
 
 def _without(count: int, some: Ints) -> Ints:
