@@ -221,7 +221,7 @@ class Judge:
             unchecked.append(Unchecked("scale", words.SCALE_UNSEEN))
         unchecked.extend(unchecked_copy(best, self._copies_from, self._limits.margin))
         if (without := own.without_unheld(best)) is not None:
-            unchecked.append(Unchecked("pair", without[1]))
+            unchecked.append(without[1])
         return Verdict(
             best, verdict.runner_up, None, "", tuple(unchecked), beside, self._near(best),
             without=without[0] if without is not None else None,

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from windmark.geometry.order import median
 from windmark.registration.judge import rules
+from windmark.registration.result import Unchecked
 from windmark.registration.settle._kernels.fit import spread_places
 from windmark.registration.settle._kernels.places import open_kernel
 from windmark.registration.settle._kernels.settle import fit_kernel
@@ -207,8 +208,8 @@ def unheld_pair(best: Solution) -> tuple[int, int, float] | None:
     return None
 
 
-def without_unheld(best: Solution) -> tuple[Solution, str] | None:
-    """The solution less the pair that the others hardly check, and what that is in words; None where all are checked.
+def without_unheld(best: Solution) -> tuple[Solution, Unchecked] | None:
+    """The solution less the pair that the others hardly check, and what is to be said; None where all are checked.
 
     The pair is likelier than a foreign spot that is anywhere, but foreign spots may be near markers, too.
     """
@@ -220,10 +221,11 @@ def without_unheld(best: Solution) -> tuple[Solution, str] | None:
     if not fit_kernel(best.views.sights, state):
         return None
     x, y = plane.task.xy[spot]
-    return Solution(best.views, state), (
+    words = (
         f"a single spot at ({x:.0f}, {y:.0f}) says where marker {plane.task.markers.name[marker]} is, whose place the "
         f"others leave open by {wide:.2g} px (1 sigma): the sigma of the pose is that without it"
     )
+    return Solution(best.views, state), Unchecked("pair", words, best.views.names[c])
 
 
 def is_unheld(best: Solution, c: int, marker: int, wide: float) -> bool:

@@ -106,4 +106,4 @@ def unchecked_copy(best: Solution, part: float, margin: float) -> list[Unchecked
     if left[c] < MIN_COUNT:
         return []
     least = max(least_copy(best, c, margin), math.ceil(part * float(best.state.numbers[c, EXPECTED])))
-    return [Unchecked("copy", COPY.format(least=least, spots=left[c]))]
+    return [Unchecked("copy", COPY.format(least=least, spots=left[c]), best.views.names[c])]
