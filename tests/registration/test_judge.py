@@ -204,6 +204,10 @@ class Plain:
     count: int
     worth: float = 0.0
 
+    @property
+    def evidence(self):
+        return self.worth
+
     def shared(self, other):
         return float(self.labels == other.labels)
 
@@ -217,6 +221,8 @@ def test_bending_alone_does_not_decide_between_labellings():
     assert told_by_bending(bent, [other, own], MARGIN) is other
     assert told_by_bending(bent, [other, replace(own, worth=30.0)], MARGIN) is None  # the rigid model says so, too
     assert told_by_bending(bent, [replace(other, count=60), own], MARGIN) is None  # bending brings labels
+    poor = replace(other, worth=-40.0)  # a grown part of the labelling is no measure of it
+    assert told_by_bending(bent, [poor, own, replace(own, worth=-35.0)], MARGIN) is None
     assert told_by_bending(bent, [own], MARGIN) is None
 
 

@@ -178,7 +178,7 @@ class Judge:
         known = [copy for old, copy in self._copies if best.same_as(old)]
         if not known:
             found, self._copies_from = self._source.copies(best, lambda: self._budget.exhausted)
-            known = [next((s for s in found if words.apart(best, s) and own.is_copy(s, self._limits)), None)]
+            known = [next((s for s in found if words.apart(best, s) and own.is_copy(best, s, self._limits)), None)]
             self._copies.append((best, known[0]))
         if (other := known[0]) is None:
             return verdict

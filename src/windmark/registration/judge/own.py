@@ -106,13 +106,14 @@ def odds_of_few(best: Solution) -> float:
     return best.evidence + rate + float(np.log(np.exp(narrower).mean()))
 
 
-def is_copy(other: Solution, limits: Limits) -> bool:
+def is_copy(best: Solution, other: Solution, limits: Limits) -> bool:
     """Whether a solution of spots that the best one leaves is no chance: the model is there, too, if half hidden.
 
     Among very many spots some fit wherever a marker is; their misfit is that of the neighbourhood. That is no doubt of
-    one that would be beyond chance alone.
+    one that would be beyond chance alone, if most of its markers are seen twice: what is bent apart is seen once.
     """
-    if beyond_chance(other, limits):
+    twice = (best.state.match >= 0) & (other.state.match >= 0)
+    if beyond_chance(other, limits) and 2 * int(twice.sum()) > other.count:
         return True
     if any(is_too_loose(other, c) for c in np.flatnonzero(other.counts).tolist()):
         return False

@@ -73,10 +73,10 @@ def told_by_bending(bent: Solution, rigid: Sequence[Solution], margin: float) ->
     Where the rigid model explains no fewer spots with another labelling, bending brings the labels nothing. Then the
     labelling of the bent solution must be the better one of the rigid model, too.
     """
-    own = [s for s in rigid if s.shared(bent) > SAME_SHARE]
-    for other in rigid:
+    own = max((s for s in rigid if s.shared(bent) > SAME_SHARE), key=lambda s: s.evidence, default=None)
+    for other in rigid if own is not None else ():
         another = other.count >= bent.count and other.shared(bent) <= SAME_SHARE
-        if another and any(s.lead_over(other) < margin for s in own):
+        if another and own is not None and own.lead_over(other) < margin:
             return other
     return None
 
