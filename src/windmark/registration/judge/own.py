@@ -110,10 +110,13 @@ def is_copy(best: Solution, other: Solution, limits: Limits) -> bool:
     """Whether a solution of spots that the best one leaves is no chance: the model is there, too, if half hidden.
 
     Among very many spots some fit wherever a marker is; their misfit is that of the neighbourhood. That is no doubt of
-    one that would be beyond chance alone, if most of its markers are seen twice: what is bent apart is seen once.
+    one that would be beyond chance alone, if most of its markers are seen twice (what is bent apart is seen once) and
+    it fits as the best one does, or as its spots are known: a mirror image taken for the model does not.
     """
     twice = (best.state.match >= 0) & (other.state.match >= 0)
-    if beyond_chance(other, limits) and 2 * int(twice.sum()) > other.count:
+    noise = [plane.task.typical_sigma_px for plane in best.views.planes]
+    fits = bool((other.misfit_px <= math.hypot(1.0, rules.DOUBLED) * np.maximum(best.misfit_px, noise)).all())
+    if fits and beyond_chance(other, limits) and 2 * int(twice.sum()) > other.count:
         return True
     if any(is_too_loose(other, c) for c in np.flatnonzero(other.counts).tolist()):
         return False
