@@ -36,7 +36,7 @@ def prepared(folder: Path) -> dict[str, list[str]]:
     test, photos, wing = folder / "test", folder / "photos", folder / "bending"
     frames = folder / "frames"
     frames.mkdir(exist_ok=True)
-    for k in range(4):
+    for k in range(10):
         (frames / f"f{k}.tif").write_bytes((test / "wind-off.tif").read_bytes())
     unit = ["--unit", "mm"]
     taken = sorted(map(str, (photos / "photos").glob("*.tif")))

@@ -5,8 +5,9 @@
 
 Every verb works on a small synthetic test. A run is ended by SIGINT, SIGTERM, SIGHUP or SIGKILL at a random moment;
 then the folder of its results must hold exactly the files that its manifest names, with their hashes, of the run before
-or of this one; the next run must leave nothing hidden. Prints counts, and every sentence that a user reads, once. For
-full disks, mount points and other places see `disks.py`.
+or of this one; the next run must leave nothing hidden; a series that is gone on with must come to the tables of an
+undisturbed one. Prints counts, and every sentence that a user reads, once. For full disks, mount points and other
+places see `disks.py`.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import argparse
 import os
 import random
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -26,6 +28,54 @@ from pathlib import Path
 from _faults import Run, hidden, prepared, state, told, warm, watched
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGKILL, signal.SIGHUP)
+SERIES = ("deform", "track", "deform --watch")
+"""What can go on where it was stopped."""
+TABLES = ("poses.csv", "matches.csv", "markers.csv", "span.csv")
+"""Tables of a series that have no wall times."""
+
+
+def tables(folder: Path) -> dict[str, bytes]:
+    return {name: (folder / name).read_bytes() for name in TABLES if (folder / name).is_file()}
+
+
+def resumed(
+    name: str, command: list[str], place: Path, count: int, chance: random.Random, sentences: Counter[str]
+) -> str:
+    """Killed, perhaps killed again while it goes on, and gone on with to its end: the tables of an undisturbed run."""
+    from windmark.pipeline.resume import measured
+
+    kind = name.split()[-1].strip("-")
+    out, whole, talk, seen = place / f"{kind}-resumed", place / f"{kind}-whole", place / "talk", Counter[str]()
+    talk.mkdir(exist_ok=True)
+    first = Run([*command, "-o", str(whole)], talk).end()
+    assert first.code == 0, first.said
+    command = [*command, "-o", str(out)]
+    for k in range(count):
+        shutil.rmtree(out, ignore_errors=True)
+        more: list[str] = []
+        for again in range(1 + k % 2):
+            number = SIGNALS[(k + again) % len(SIGNALS)]
+            run = Run([*command, *more], talk)
+            if run.sleep(chance.uniform(0.2, 1.05) * first.seconds):
+                os.kill(run.pid, number)
+            ended = run.end()
+            sentences.update(line for line in told(ended.said, place) if "report:" not in line)
+            seen["BAD: traceback"] += "Traceback" in ended.said
+            kept = max(measured(folder) for folder in (out, place / f".windmark-{out.name}" / "new"))
+            if not ended.code:
+                seen["ended before the signal"] += 1
+                break
+            seen[f"{number.name}: {'frames kept' if kept else 'none'}"] += 1
+            more = ["--resume"] if kept else []
+        if ended.code:
+            ended = Run([*command, *more], talk).end()
+            sentences.update(told(ended.said, place))
+            seen[f"{'gone on with' if more else 'begun anew'}: exit code {ended.code}"] += 1
+        same = state(out).isalnum() and tables(out) == tables(whole)
+        seen["same tables" if same else f"BAD: {state(out)[:80]}, other tables {tables(out) != tables(whole)}"] += 1
+        seen["BAD: hidden after the next run"] += len(hidden(place))
+    found = ", ".join(f"{what} {n}" for what, n in sorted(seen.items()) if n)
+    return f"{name}, resumed ({first.seconds:.1f} s): {found}"
 
 
 def kills(
@@ -52,7 +102,7 @@ def kills(
         left = bool(hidden(place))
         seen[f"{number.name}: {'BAD ' + after if bad else 'old' if after == before else 'new'}"] += 1
         seen["hidden folder after the kill"] += left
-        resumable = name == "deform"  # keeps its frames for --resume, and says so
+        resumable = name in SERIES  # keeps its frames for --resume, and says so
         seen["BAD: hidden after a signal that can be caught"] += left and number != signal.SIGKILL and not resumable
         if bad:
             seen[f"BAD {ended.said[-300:]}"] += 1
@@ -63,6 +113,7 @@ def kills(
     sentences.update(told(done.said, place))
     final = state(out)
     seen["BAD at the end"] += done.code != 0 or bool(hidden(place)) or final.startswith("MIXED")
+    seen["BAD: kept"] += len(list(place.glob("*.kept*")))
     return f"{name} ({whole_s:.1f} s): " + ", ".join(f"{what} {n}" for what, n in sorted(seen.items()) if n)
 
 
@@ -190,10 +241,12 @@ def main() -> None:
             print(exchanges(place, asked.exchanges, foreign, chance), flush=True)
         commands = prepared(asked.tests or place)
         commands["deform --watch"] = watched(commands)
-        verbs = asked.verbs if asked.verbs is not None else [v for v in commands if v != "deform --watch"]
+        verbs = asked.verbs if asked.verbs is not None else list(commands)
         for verb in {*verbs, "track"}:
             warm(commands[verb], place / "warm")
         for verb in verbs:
+            if verb in SERIES:
+                print(resumed(verb, commands[verb], place, asked.kills, chance, sentences), flush=True)
             if verb != "deform --watch":  # its tables are in the folder itself: see series_faults.py
                 print(kills(verb, commands[verb], place, asked.kills, chance, sentences), flush=True)
         print(crowd(commands["track"], place, asked.crowds, sentences), flush=True)

@@ -130,7 +130,7 @@ def killed(folder: Path, kills: int, live: bool) -> dict[str, int]:
     """Kill a run, look at what it left, resume it; until so many kills are done."""
     import xarray
 
-    from windmark.pipeline.deform.resume import JOURNAL, measured
+    from windmark.pipeline.resume import JOURNAL, measured
 
     rng = np.random.default_rng(5)
     path = project(folder, f"kill-{live}", 60)

@@ -19,3 +19,27 @@ def windmark():
         return SimpleNamespace(code=done.exit_code, out=done.stdout, err=done.stderr, json=record)
 
     return call
+
+
+@pytest.fixture
+def no_pictures(monkeypatch):
+    """No picture can be drawn; called with what a verb answered: each is named there and, once, in the page."""
+    from matplotlib.figure import Figure
+
+    def broken(*_, **__):
+        raise ValueError("no such colour")
+
+    monkeypatch.setattr(Figure, "savefig", broken)
+
+    def named(done, count, page=None):
+        assert done.code == 0, done.err
+        missing = done.json["not_drawn"]
+        assert len(missing) == count, missing
+        assert all(": ValueError: no such colour (conftest.py:" in said for said in missing)
+        if page is not None:
+            text = page.read_text(encoding="utf-8")
+            assert text.count("This part is missing: ") == count
+            assert "data:image/png" not in text
+        return missing
+
+    return named

@@ -253,3 +253,12 @@ def test_the_papers_steps_end_where_newton_does(windmark, tmp_path):
     off = found["steps"].xyz - found["newton"].xyz
     assert 0 < np.abs(off / found["newton"].sigma).max() < 0.3  # another way, the same place
     assert call(windmark, tmp_path, "--datum", "free", "--solver", "magic").code == 2
+
+
+def test_without_its_pictures_the_calibration_is_there(windmark, plate, no_pictures):
+    _, _, folder = plate
+    done = call(windmark, folder, "--datum", "free", "--json")
+    missing = no_pictures(done, 8, folder / "out" / "report.html")
+    assert any(said.startswith("camera: picture of the residuals") for said in missing)
+    assert io.read_camera(folder / "out" / "camera.json")[0].cov is not None
+    assert io.read_json(folder / "out" / "summary.json")["not_drawn"] == missing

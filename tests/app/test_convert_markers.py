@@ -148,7 +148,7 @@ def test_pictures_become_recordings(windmark, tmp_path):
     np.testing.assert_array_equal(io.read_image(tmp_path / "one.png"), io.read_image(tmp_path / "b.tif"))
     first = windmark("convert", tmp_path / "run.h5", tmp_path / "pictures", "--frames", "0", "--pictures", "png")
     assert first.code == 0, first.err
-    assert len(list((tmp_path / "pictures").iterdir())) == 1
+    assert sorted(p.name for p in (tmp_path / "pictures").iterdir()) == ["manifest.json", "run-000000.png"]
     for target, options, message in (
         ("a.stl", [], "is pictures; the target's path must end in one of .tif"),
         ("c.tif", ["--unit", "mm"], "--unit is for camera, grid, markers, and"),

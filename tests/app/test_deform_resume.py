@@ -6,17 +6,19 @@ import os
 import re
 import shutil
 import signal
-import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 import xarray
+from killing import in_child, killed_at
 
 from windmark import io
 from windmark.io.journal import AppendedFile
-from windmark.pipeline.deform import outputs, resume
-from windmark.pipeline.deform.resume import JOURNAL, STATE, TITLE, loaded, measured
+from windmark.pipeline import resume
+from windmark.pipeline.deform import outputs
+from windmark.pipeline.journal_values import loaded
+from windmark.pipeline.resume import JOURNAL, STATE, TITLE, measured
 from windmark.pipeline.simulate_deforming import simulate_deforming
 
 FRAMES = 8
@@ -35,27 +37,6 @@ def whole(made, windmark):
     """Results of a run that nobody disturbed."""
     assert windmark("deform", made / "deform.toml", "-o", made / "whole").code == 0
     return made / "whole"
-
-
-def in_child(call):
-    """Run it in a process of its own that may be killed; what is compiled and imported is there already."""
-    pid = os.fork()
-    if pid == 0:
-        try:
-            call()
-        finally:
-            os._exit(0)
-    return pid
-
-
-def killed_at(folder, frames, call, how=signal.SIGKILL):
-    """Kill the child as soon as the journal in ``folder`` has so many frames."""
-    pid = in_child(call)
-    end = time.monotonic() + 120
-    while measured(folder) < frames and time.monotonic() < end:
-        time.sleep(0.002)
-    os.kill(pid, how)
-    os.waitpid(pid, 0)
 
 
 def rows(path):

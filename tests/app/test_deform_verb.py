@@ -341,3 +341,20 @@ def test_simulate_says_what_to_do_next(tmp_path, windmark):
     assert done.code == 2
     assert "at least 3" in done.err
     assert not (tmp_path / "s").exists()
+
+
+def test_without_its_pictures_and_its_film_the_deformation_is_there(copy, windmark, no_pictures, monkeypatch):
+    from windmark.app import deform_report
+
+    def broken(*_):
+        raise ValueError("no such colour (conftest.py:")
+
+    monkeypatch.setattr(deform_report, "film", broken)
+    done = windmark("deform", copy / "deform.toml", "--json")
+    assert done.code == 0, done.err
+    assert done.json["not_drawn"][-1].startswith("film: ValueError")
+    assert done.json["lost"] == 0
+    page = (copy / "deformation" / "report.html").read_text()
+    assert page.count("This part is missing: ") == len(done.json["not_drawn"]) > 4
+    assert len(rows(copy / "deformation" / "deformation.csv")) == FRAMES
+    assert not (copy / "deformation" / "deformation.gif").exists()

@@ -187,3 +187,9 @@ def test_markers_at_one_place_are_bad_data_and_no_fault(windmark, tmp_path, x):
     done = windmark("markers", "check", tmp_path / "m.csv", "--unit", "mm", "-o", tmp_path / "out")
     assert done.code == 2, done.err
     assert "they are all at one place" in done.err
+
+
+def test_without_its_pictures_the_check_is_there(windmark, table, tmp_path, no_pictures):
+    done = windmark("markers", "check", table(), "--unit", "mm", *FRONT, "-o", tmp_path / "out", "--json")
+    no_pictures(done, 3, tmp_path / "out" / "check.html")
+    assert (tmp_path / "out" / "directions.csv").exists()

@@ -259,3 +259,16 @@ def test_bad_files_are_named(windmark, folder, tmp_path):
     done = call(windmark, folder, tmp_path / "out", images=["w0", "small"])
     assert done.code == 2
     assert "small has (80, 60) px" in done.err
+
+
+def test_without_its_pictures_the_reconstruction_is_there(windmark, folder, tmp_path, no_pictures):
+    (folder / "damaged.png").write_bytes(b"no picture")
+    names = ["w0", "w1", "w2", "damaged", "w3", "w4", "w5"]
+    done = call(windmark, folder, tmp_path / "out", "--pair", "w1", "w3", "--json", images=names)
+    unused = {p["image"]: p["problem"] for p in done.json["pictures"] if p["problem"]}
+    assert list(unused) == ["damaged"]
+    assert unused["damaged"].startswith("cannot be read: ")
+    missing = no_pictures(done, len(done.json["not_drawn"]), tmp_path / "out" / "report.html")
+    assert any(said.startswith("picture of the epipolar lines") for said in missing)
+    assert not (tmp_path / "out" / "pair.png").exists()
+    assert len(io.read_markers(tmp_path / "out" / "markers.csv")) > 30

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from windmark.io import FileError, _limits, atomic, lock, reason, result_folder, staging
+from windmark.io import FileError, _limits, atomic, lock, making, reason, result_folder, staging
 
 
 class Windows:
@@ -65,7 +65,7 @@ class Locks:
 def windows(monkeypatch):
     """Windows and its locks."""
     system, locks = Windows(), Locks()
-    for module in (lock, staging):
+    for module in (lock, making, staging):
         monkeypatch.setattr(module, "os", system)
     monkeypatch.setitem(sys.modules, "msvcrt", locks)
     real = Path.unlink
@@ -130,6 +130,35 @@ def test_a_name_that_is_just_being_removed_is_waited_for(windows, tmp_path, monk
         (out.place / "a").write_text("1")
     assert len(tries) == 3
     assert names(tmp_path) == ["a", "manifest.json", "out"]
+
+
+def test_a_single_file_lets_go_of_its_lock_by_hand(windows, tmp_path):
+    """And what a killed run left of another one is removed, though Windows does not remove an open file."""
+    (tmp_path / ".windmark-0123456789ab.csv").write_text("half")
+    (tmp_path / ".windmark-0123456789ab.lock").write_bytes(b"process 1 on somewhere")
+    atomic.try_paths([tmp_path / "a.csv"])
+    with atomic.atomic_write(tmp_path / "a.csv") as stream:
+        stream.write("1")
+        assert making.left_behind(tmp_path) == []  # its process lives
+    assert not windows.locks.held
+    assert not windows.os.open_files
+    assert names(tmp_path) == ["a.csv"]
+
+
+def test_the_lock_of_a_single_file_that_is_just_being_removed_is_waited_for(windows, tmp_path, monkeypatch):
+    opened, tries = windows.os.open, []
+
+    def denied(path, *rest):
+        if len(tries) < 3:
+            tries.append(path)
+            raise PermissionError(errno.EACCES, "Access is denied", str(path))
+        return opened(path, *rest)
+
+    monkeypatch.setattr(windows.os, "open", denied)
+    with atomic.atomic_write(tmp_path / "a.csv") as stream:
+        stream.write("1")
+    assert len(tries) == 3
+    assert names(tmp_path) == ["a.csv"]
 
 
 def test_a_file_that_a_scanner_holds_for_a_moment_is_waited_for(tmp_path, monkeypatch):

@@ -68,7 +68,9 @@ def test_some_frames_and_several_sources(folder):
     convert_frames([folder / "grey.cine"], folder / "one.png", FrameOptions("-1"))
     np.testing.assert_array_equal(io.read_image(folder / "one.png"), GREY[5])
     convert_frames([folder / "grey.cine"], folder / "many", FrameOptions("0:2", "png"))
-    assert sorted(p.name for p in (folder / "many").iterdir()) == ["grey-000000.png", "grey-000001.png"]
+    assert sorted(p.name for p in (folder / "many").iterdir()) == [
+        "grey-000000.png", "grey-000001.png", "manifest.json",
+    ]  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -99,3 +101,27 @@ def test_a_frame_that_cannot_be_read_leaves_no_target(folder):
         with pytest.raises(io.FileError, match="f2: is uint16"):
             convert_frames([folder / "f*.tif"], folder / target)
         assert not (folder / target).exists()
+
+
+def test_a_folder_holds_one_recording(folder, tmp_path):
+    """A shorter recording left the last pictures of the longer one before it, and both were read as one."""
+    many, said = tmp_path / "many", []
+    convert_frames([folder / "grey.cine"], many)
+    (many / "notes.txt").write_text("mine")
+    record = convert_frames([folder / "grey.cine"], many, FrameOptions("0:2"), say=said.append)
+    assert record["read_back"] == {"frames": 2, "same": 2}
+    np.testing.assert_array_equal(np.stack(list(io.frames(many))), GREY[:2])
+    assert (many / "notes.txt").read_text() == "mine"
+    assert said == []
+    assert sorted(p.name for p in many.iterdir()) == [
+        "grey-000000.tif", "grey-000001.tif", "manifest.json", "notes.txt",
+    ]  # fmt: skip
+
+
+def test_others_pictures_do_not_become_part_of_a_recording(folder, tmp_path):
+    many = tmp_path / "many"
+    many.mkdir()
+    io.write_image(many / "mine.tif", GREY[0])
+    with pytest.raises(io.FileError, match=r"many: holds mine\.tif, which no conversion wrote"):
+        convert_frames([folder / "grey.cine"], many)
+    assert [p.name for p in many.iterdir()] == ["mine.tif"]

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from datetime import datetime
 from typing import Any
+
+from matplotlib.figure import Figure
 
 import windmark
 from windmark.app.report import Report
 
 Record = dict[str, Any]
+Drawing = tuple[str, Callable[[], Figure | None], str]
+"""What it is, what draws it, its caption."""
 
 MEANING = (
     "2D alignment: the transformation takes each pixel of the reference to the place in the image where the markers "
@@ -25,8 +29,8 @@ HELD_OUT = (
 )
 
 
-def align_report(record: Record, pictures: Mapping[str, Sequence[tuple[bytes, str]]]) -> str:
-    """The page, from the summary and the PNGs with captions of the images that are shown."""
+def align_report(record: Record, pictures: Mapping[str, Sequence[Drawing]]) -> Report:
+    """The page, from the summary and what is drawn of the images that are shown; what could not be is in ``failed``."""
     when = datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
     report = Report(f"Images aligned to {record['reference']}", f"windmark {windmark.__version__}, {when}")
     report.text(MEANING)
@@ -59,8 +63,8 @@ def align_report(record: Record, pictures: Mapping[str, Sequence[tuple[bytes, st
     for name, drawn in pictures.items():
         report.heading(name)
         report.text(next(row["choice"] for row in good if row["image"] == name))
-        for png, caption in drawn:
-            report.picture(png, caption)
+        for what, draw, caption in drawn:
+            report.drawing(f"{name}: {what}", draw, caption)
     report.closing(
         [
             ("NAME/aligned.tif", "the image recomputed on the reference, float32, NaN where it shows nothing"),
@@ -71,7 +75,7 @@ def align_report(record: Record, pictures: Mapping[str, Sequence[tuple[bytes, st
         ],
         record["options"], {"whole job": record["seconds"]},
     )  # fmt: skip
-    return report.html()
+    return report
 
 
 def _row(row: Record) -> list[Any]:

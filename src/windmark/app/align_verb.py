@@ -5,16 +5,24 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from windmark import io
 from windmark.app import console
+from windmark.app.alone import not_drawn
 from windmark.errors import UsageError
 from windmark.pipeline.align2d import AlignedFile, AlignSettings, Reference, align_files, read_named, read_reference
 from windmark.pipeline.align2d.outputs import ratios, record_of, write_one
 from windmark.pipeline.settings import unusable_name
 from windmark.tasks.align2d.align import check_options
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from windmark.app.align_report import Drawing
+    from windmark.app.report import Report
 
 Record = dict[str, Any]
 
@@ -55,14 +63,14 @@ def align(wishes: Wishes, as_json: bool) -> None:
             "seconds": time.perf_counter() - start, "folder": wishes.output,
         }  # fmt: skip
         show("draw the report")
-        _report(out.place, record, shown)
+        page = _report(out.place, record, shown)
         io.write_json(out.place / "summary.json", record)
         out.refused = not any(row["aligned"] for row in rows)
     lines = [reference.radius_note] if reference.radius_note else []
     lines += [line(row) for row in rows]
     good = [row for row in rows if row["aligned"]]
     if good or not as_json:
-        console.answer(record, as_json, [*lines, f"report: {wishes.output / 'report.html'}"])
+        console.answer(record, as_json, [*lines, *not_drawn(page.failed), f"report: {wishes.output / 'report.html'}"])
     if not good:
         console.refuse(f"no image could be aligned; {rows[0]['image']}: {rows[0]['problem']}", as_json, record)
 
@@ -106,21 +114,29 @@ class Shown:
             self.items.sort(key=lambda i: -(i.alignment.held_out_px if i.alignment is not None else 0.0))
             del self.items[DRAWN:]
 
-    def pictures(self) -> dict[str, list[tuple[bytes, str]]]:
-        """PNGs with their captions, by file name."""
-        from windmark.app.align_pictures import ratio_picture, residual_map
-        from windmark.app.pictures import png
-
-        out: dict[str, list[tuple[bytes, str]]] = {}
+    def pictures(self) -> dict[str, list[Drawing]]:
+        """What is drawn, by file name."""
+        out: dict[str, list[Drawing]] = {}
         for item in sorted(self.items, key=lambda i: i.name):
-            answer = item.alignment
-            assert answer is not None
-            drawn = [(png(residual_map(self.reference.image, answer, item.name)), "Residuals of held-out markers.")]
-            if (pair := ratios(item, self.reference)) is not None:
-                caption = "Ratio of reference and image, as taken and aligned; dashed: hull of the markers."
-                drawn.append((png(ratio_picture(*pair, answer, item.name)), caption))
-            out[item.path.name] = drawn
+            caption = "Ratio of reference and image, as taken and aligned; dashed: hull of the markers."
+            out[item.path.name] = [
+                ("picture of the residuals", partial(self._residuals, item), "Residuals of held-out markers."),
+                ("picture of the ratio", partial(self._ratio, item), caption),
+            ]
         return out
+
+    def _residuals(self, item: AlignedFile) -> Figure:
+        from windmark.app.align_pictures import residual_map
+
+        assert item.alignment is not None
+        return residual_map(self.reference.image, item.alignment, item.name)
+
+    def _ratio(self, item: AlignedFile) -> Figure | None:
+        from windmark.app.align_pictures import ratio_picture
+
+        assert item.alignment is not None
+        pair = ratios(item, self.reference)
+        return None if pair is None else ratio_picture(*pair, item.alignment, item.name)
 
 
 def line(row: Record) -> str:
@@ -136,7 +152,10 @@ def line(row: Record) -> str:
     )
 
 
-def _report(place: Path, record: Record, shown: Shown) -> None:
+def _report(place: Path, record: Record, shown: Shown) -> Report:
     from windmark.app.align_report import align_report
 
-    (place / "report.html").write_text(align_report(record, shown.pictures()), encoding="utf-8")
+    page = align_report(record, shown.pictures())
+    (place / "report.html").write_text(page.html(), encoding="utf-8")
+    record["not_drawn"] = page.failed
+    return page

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
+from functools import partial
 
 import numpy as np
 
@@ -64,8 +65,8 @@ class Shown:
     other: str
 
 
-def calibration_report(done: Calibrated, shown: Shown, clock: Clock) -> str:
-    """The whole report as HTML."""
+def calibration_report(done: Calibrated, shown: Shown, clock: Clock) -> Report:
+    """The whole report, what could not be drawn in its ``failed``."""
     when = datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
     unit, result = shown.unit, done.result
     report = Report("Calibration", f"windmark {windmark.__version__}, {when}, length unit: {unit}")
@@ -76,7 +77,8 @@ def calibration_report(done: Calibrated, shown: Shown, clock: Clock) -> str:
     for name in result.cameras:
         add_camera(report, result, name)
         if shown.paths is not None:
-            _corrected(report, result, name, shown.paths, shown.match)
+            with report.part(f"{name}: the lens undone in a picture"):
+                _corrected(report, result, name, shown.paths, shown.match)
     _rig(report, result, unit)
     _halves(report, done.halves, unit)
     if shown.against is not None:
@@ -86,7 +88,7 @@ def calibration_report(done: Calibrated, shown: Shown, clock: Clock) -> str:
         _matched(report, shown.pictures)
     add_space(report, result, unit)
     report.closing(FILES, result.options, clock.seconds)
-    return report.html()
+    return report
 
 
 def _overview(report: Report, done: Calibrated, unit: str) -> None:
@@ -129,18 +131,26 @@ def add_camera(report: Report, result: Calibration, name: str) -> None:
         report.text(f"Correlated beyond {STRONG:g}: {pairs}. Use the whole covariance of the camera's file, "
                     "never one of "
                     "these sigmas alone.")  # fmt: skip
-    report.picture(png(distortion_picture(camera), dpi=88), "What the lens does.")
-    seen = residual_map(result, name)
-    report.picture(png(residual_map_picture(seen), dpi=88), "What the lens model misses.")
-    report.text(f"The cell means are {seen.excess:.2f} times what the scatter within the cells gives; 1 where the lens "
-                "model misses nothing.", "soft")  # fmt: skip
-    report.picture(png(drawn.residual_vectors_picture(result, name), dpi=88), "Every residual at its place.")
+    report.drawing(f"{name}: picture of the distortion", lambda: distortion_picture(camera), "What the lens does.",
+                   dpi=88)  # fmt: skip
+    with report.part(f"{name}: map of the residuals"):
+        seen = residual_map(result, name)
+        report.picture(png(residual_map_picture(seen), dpi=88), "What the lens model misses.")
+        report.text(f"The cell means are {seen.excess:.2f} times what the scatter within the cells gives; 1 where the "
+                    "lens model misses nothing.", "soft")  # fmt: skip
+    add_residuals(report, result, name)
     if camera.cov is not None:
-        report.picture(
-            png(drawn.projection_sigma_picture(result, name), dpi=88),
+        report.drawing(
+            f"{name}: picture of the projection's sigma", lambda: drawn.projection_sigma_picture(result, name),
             "What the covariance of the interior parameters means in the image; a turn of the whole camera is left out."
-            " Beyond the marks it grows fast.",
-        )
+            " Beyond the marks it grows fast.", dpi=88,
+        )  # fmt: skip
+
+
+def add_residuals(report: Report, result: Calibration, name: str) -> None:
+    """The residuals of a camera."""
+    report.drawing(f"{name}: picture of the residuals", lambda: drawn.residual_vectors_picture(result, name),
+                   "Every residual at its place.", dpi=88)  # fmt: skip
 
 
 def _corrected(
@@ -200,8 +210,9 @@ def _against(report: Report, found: Comparison, unit: str, other: str) -> None:
                 "markers differ by "
                 f"{found.rms:.3g} {unit} RMS, {found.ratio:.2f} times what both covariances say.",
                 "good" if found.ratio < OPTIMISTIC else "bad")  # fmt: skip
-    report.picture(png(drawn.comparison_picture(found, unit, "Difference of the two sets"), dpi=88),
-                   "The paper's cross-check (AIAA 2005-5007, section IV.D).")  # fmt: skip
+    report.drawing("picture of the difference of the two sets",
+                   lambda: drawn.comparison_picture(found, unit, "Difference of the two sets"),
+                   "The paper's cross-check (AIAA 2005-5007, section IV.D).", dpi=88)  # fmt: skip
 
 
 def add_errors(report: Report, result: Calibration) -> None:
@@ -224,7 +235,8 @@ def add_errors(report: Report, result: Calibration) -> None:
             ],
             scroll=True,
         )  # fmt: skip
-    report.picture(png(drawn.tests_picture(result), dpi=88), "Test values of all marks.")
+    report.drawing("picture of the test values", lambda: drawn.tests_picture(result), "Test values of all marks.",
+                   dpi=88)  # fmt: skip
     if result.dropped:
         report.heading("What did not take part", 3)
         report.table(["view or marker", "why"], list(result.dropped.items()), scroll=True)
@@ -251,10 +263,13 @@ def _matched(report: Report, matched: Sequence[Picture]) -> None:
 def add_space(report: Report, result: Calibration, unit: str) -> None:
     """Stations and markers with their uncertainty, as pictures and tables."""
     report.heading("Stations and markers")
-    report.picture(png(space.space_picture(result, unit), dpi=88), "Where the pictures were taken from.")
-    report.picture(png(space.stations_picture(result, unit), dpi=88), "The same along each axis.")
-    if result.marker_cov.any():
-        report.picture(png(space.markers_picture(result, unit), dpi=88), "How sure the markers are.")
+    for what, draw, caption in (
+        ("picture of the stations", space.space_picture, "Where the pictures were taken from."),
+        ("picture of the stations along each axis", space.stations_picture, "The same along each axis."),
+        ("picture of the markers' sigma", space.markers_picture, "How sure the markers are."),
+    ):
+        if draw is not space.markers_picture or result.marker_cov.any():
+            report.drawing(what, partial(draw, result, unit), caption, dpi=88)
     table, seen = result.markers, views_seen(result)
     report.table(
         ["marker", f"x, {unit}", "y", "z", f"sigma x, {unit}", "sigma y", "sigma z", "views"],

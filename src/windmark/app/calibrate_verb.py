@@ -10,6 +10,7 @@ from typing import Any
 
 from windmark import io
 from windmark.app import console
+from windmark.app.alone import not_drawn
 from windmark.app.calibrate_options import TABLES
 from windmark.calibration import NotCalibrated
 from windmark.calibration.quality import Comparison, SplitHalf, compare
@@ -108,7 +109,10 @@ def run(files: Files, settings: CalibrateSettings, match: MatchOptions, as_json:
             return
         against = None if known is None else compare(known, done.result)
         content = _write(out.place, files, done, pictures, against, match, clock)
-    console.answer({**content, "folder": files.output}, as_json, _lines(done, pictures, against, files))
+    console.answer({**content, "folder": files.output}, as_json, [
+        *_lines(done, pictures, against, files), *not_drawn(content["not_drawn"]),
+        f"report: {files.output / 'report.html'}",
+    ])  # fmt: skip
 
 
 def _write(
@@ -130,7 +134,8 @@ def _write(
         paths = None if pictures is None else dict(zip([p.name for p in pictures], files.inputs, strict=True))
         shown = Shown(files.unit, pictures, paths, match, against, str(files.against or ""))
         page = calibration_report(done, shown, clock)
-    (place / "report.html").write_text(page, encoding="utf-8")
+    (place / "report.html").write_text(page.html(), encoding="utf-8")
+    content["not_drawn"] = page.failed
     io.write_json(place / "summary.json", {**content, "seconds": clock.seconds})
     return content
 
@@ -241,7 +246,7 @@ def _lines(done: Calibrated, matched: Pictures, against: Comparison | None, file
     lines += [f"warning: {sentence}" for sentence in result.warnings]
     lines += [f"swapped: {a} and {b} in {view}" for a, b, view in result.swapped]
     lines += [f"left out: {name}: {why}" for name, why in result.dropped.items()]
-    return [*lines, f"report: {files.output / 'report.html'}"]
+    return lines
 
 
 def _beside_line(one: Beside, unit: str) -> str:

@@ -133,16 +133,19 @@ def result_folder(folder: Path, *, live: bool = False, resume: bool = False) -> 
     """`io.result_folder` of the verb at work: its manifest has the options, what it has to say goes to the user."""
     from windmark import io
 
-    with io.result_folder(folder, _about(folder), say=complain, live=live, resume=resume) as out:
+    with io.result_folder(folder, about(folder), say=complain, live=live, resume=resume) as out:
         yield out
 
 
-def _about(folder: Path) -> dict[str, Any]:
-    """The verb and its options, without those that do not change the result: where it goes, how it is printed."""
+def about(folder: Path) -> dict[str, Any]:
+    """The verb and its options, without those that do not change the result: where it goes, how it is printed,
+    whether it goes on with a run that was stopped.
+    """
     context = get_current_context(silent=True)
     if context is None:
         return {}
-    given = {key: value for key, value in context.params.items() if key != "as_json" and value not in (None, folder)}
+    none = ("as_json", "resume")
+    given = {k: v for k, v in context.params.items() if k not in none and v not in (None, folder)}
     return {"verb": context.info_name, "options": {key: _plain(value, folder) for key, value in given.items()}}
 
 

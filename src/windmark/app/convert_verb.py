@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from windmark import io
 from windmark.app import console
 from windmark.app.commands.matching_options import grid_settings
 from windmark.errors import UsageError
@@ -60,6 +61,8 @@ def convert(sources: list[Path], target: Path, wishes: Wishes, as_json: bool) ->
             raise UsageError(f"{target}: is the source itself; expected another file as the target")
     if not (kind == "camera" and wishes.typed.get("to_format")):
         refuse_target(sources[0], kind, target)
+    if not target.is_dir() and target.suffix:  # a file
+        io.try_paths([target], console.complain)
     record = _JOBS[kind](sources, target, wishes)
     console.answer(record, as_json, _LINES[kind](record))
 
@@ -82,7 +85,9 @@ def _markers(sources: list[Path], target: Path, wishes: Wishes) -> Record:
 def _pictures(sources: list[Path], target: Path, wishes: Wishes) -> Record:
     options = FrameOptions(**wishes.of("frames", "pictures"))
     with console.progress() as show:
-        return {"kind": "pictures", **convert_frames(sources, target, options, progress=show)}
+        return {"kind": "pictures", **convert_frames(
+            sources, target, options, progress=show, say=console.complain, about=console.about(target)
+        )}  # fmt: skip
 
 
 def parse_size(text: str | None) -> tuple[int, int] | None:

@@ -35,8 +35,8 @@ WORDS = {
 }  # fmt: skip
 
 
-def deform_page(loaded: Loaded, sequence: Sequence, record: dict[str, Any], folder: Path) -> str:
-    """The HTML page."""
+def deform_page(loaded: Loaded, sequence: Sequence, record: dict[str, Any], folder: Path) -> Report:
+    """The page, what could not be drawn in its ``failed``; the film goes into ``folder``."""
     project, unit = loaded.project, loaded.project.length_unit
     when = datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
     report = Report(project.title, f"windmark {windmark.__version__}, {when}, length unit: {unit}")
@@ -47,25 +47,30 @@ def deform_page(loaded: Loaded, sequence: Sequence, record: dict[str, Any], fold
         if loaded.stations is not None:
             report.heading("Bending and twist along the span")
             caption = "By the laws alone, the rigid motion removed; error bars: 2 sigma"
-            report.picture(png(span_picture(rows, loaded.stations.eta, unit)), caption)
+            eta = loaded.stations.eta
+            report.drawing("picture of bending and twist", lambda: span_picture(rows, eta, unit), caption)
         report.heading("Against " + label.split(",")[0])
-        report.picture(png(history_picture(sequence.records, x, label, unit)),
+        report.drawing("picture of the history", lambda: history_picture(sequence.records, x, label, unit),
                        "Bands: 2 sigma; red lines: lost frames. Shift of the markers' centre and rotation vector, both "
                        "in the tunnel's axes")  # fmt: skip
         names = loaded.test.volumes.names
         if names:
             units = [p.unit for p in loaded.test.volumes.parameters]
-            report.picture(png(parameter_picture(sequence.records, names, units, x, label)),
+            report.drawing("picture of the parameters",
+                           lambda: parameter_picture(sequence.records, names, units, x, label),
                            "Parameters of the laws, less the wind-off zero; bands: 2 sigma")  # fmt: skip
         if loaded.stations is not None:
-            spectrum = spectrum_picture(rows, project.sequence.rate_hz, unit)
-            if spectrum is not None:
-                report.picture(png(spectrum), "Spectrum of the tip (Hann window)")
+            report.drawing("picture of the spectrum",
+                           lambda: spectrum_picture(rows, project.sequence.rate_hz, unit),
+                           "Spectrum of the tip (Hann window)")  # fmt: skip
         _surface(report, loaded, sequence)
     _cameras(report, sequence, record)
     _tables(report, loaded, sequence)
+    if project.output.film and len(sequence.film) > 1:
+        with report.part("film"):
+            film(loaded, sequence, folder / "deformation.gif")
     _files(report, folder)
-    return report.html()
+    return report
 
 
 def _overview(report: Report, loaded: Loaded, sequence: Sequence, record: dict[str, Any]) -> None:
@@ -182,18 +187,19 @@ def _files(report: Report, folder: Path) -> None:
 
 
 def _surface(report: Report, loaded: Loaded, sequence: Sequence) -> None:
-    figure = surface_figure(loaded, sequence)
-    if figure is not None:
-        report.picture(png(figure), "Length of the displacement by the laws, rigid motion removed")
-    mapped = values_figure(loaded, sequence)
-    if mapped is not None and (of := sequence.compared) is not None:
-        off = of.off_px[np.isfinite(of.rigid)]
-        report.heading("Values on the deformed grid")
-        caption = (
-            f"Frame {of.key}, {of.camera}: the same picture mapped in two ways. The grid moved as a whole, to where it "
-            f"fits all markers best, is {np.sqrt(np.mean(off**2)):.2g} px off (RMS), {off.max():.2g} px at most"
-        )
-        report.picture(png(mapped), caption)
+    report.drawing("picture of the deformed grid", lambda: surface_figure(loaded, sequence),
+                   "Length of the displacement by the laws, rigid motion removed")  # fmt: skip
+    with report.part("values on the deformed grid"):
+        mapped = values_figure(loaded, sequence)
+        if mapped is not None and (of := sequence.compared) is not None:
+            off = of.off_px[np.isfinite(of.rigid)]
+            report.heading("Values on the deformed grid")
+            caption = (
+                f"Frame {of.key}, {of.camera}: the same picture mapped in two ways. The grid moved as a whole, to "
+                f"where it fits all markers best, is {np.sqrt(np.mean(off**2)):.2g} px off (RMS), "
+                f"{off.max():.2g} px at most"
+            )
+            report.picture(png(mapped), caption)
 
 
 def values_figure(loaded: Loaded, sequence: Sequence) -> Figure | None:

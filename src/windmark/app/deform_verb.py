@@ -13,7 +13,9 @@ import numpy as np
 
 from windmark import io
 from windmark.app import console
-from windmark.app.deform_report import deform_page, film
+from windmark.app.alone import not_drawn
+from windmark.app.deform_report import deform_page
+from windmark.app.series_folder import series_folder
 from windmark.deformation import weak_directions
 from windmark.pipeline.deform import (
     Changes,
@@ -25,8 +27,8 @@ from windmark.pipeline.deform import (
     read_deform_project,
     run_sequence,
 )
-from windmark.pipeline.deform.resume import begun_with, clear, measured
 from windmark.pipeline.deform.series import NOT_TRIED, STATUS
+from windmark.pipeline.resume import begun_with, measured
 
 Record = dict[str, Any]
 
@@ -62,46 +64,28 @@ def deform(path: Path, changed: Changes, live: Live | None, go_on: str, as_json:
         )  # fmt: skip
     shown: AbstractContextManager[Callable[[str], None]]
     shown = console.progress() if live is None else nullcontext(_quiet)  # live, every frame has its line
-    with shown as show, console.result_folder(folder, live=alive, resume=bool(go_on)) as out:
-        if go_on == "resume" and out.resumed and begun_with(out.place) is None:
-            go_on = ""  # stopped before there was anything to go on with
-        try:
-            if live is not None:
-                sequence = _live(loaded, folder, live, go_on == "resume", as_json)
-            else:
-                show("compile and find the first frame")
-                sequence = run_sequence(
-                    loaded, out.place, frames=[] if alive else None, live=alive,
-                    say=lambda row: show(f"frame {row.key}: {row.status}"), resume=go_on == "resume",
-                    finish=go_on == "finish",
-                )  # fmt: skip
-            show("draw the report")
-            record = _finish(loaded, sequence, out.place, start)
-        except BaseException as error:
-            out.keep = bool(measured(out.place))
-            if (told := _with_what_is_kept(error, out.place)) is None:
-                raise
-            raise told from error
-        out.keep = True  # until the result is in its place
+    with shown as show, series_folder(folder, go_on, live=alive) as (out, go_on):
+        if live is not None:
+            sequence = _live(loaded, folder, live, go_on == "resume", as_json)
+        else:
+            show("compile and find the first frame")
+            sequence = run_sequence(
+                loaded, out.place, frames=[] if alive else None, live=alive,
+                say=lambda row: show(f"frame {row.key}: {row.status}"), resume=go_on == "resume",
+                finish=go_on == "finish",
+            )  # fmt: skip
+        show("draw the report")
+        record = _finish(loaded, sequence, out.place, start)
         out.refused = not sequence.good
-    clear(folder)
     record["folder"] = folder
     good = bool(sequence.good)
     if good or not as_json:
-        console.answer(record, as_json, [*_lines(loaded, sequence, record), f"report: {folder / 'report.html'}"])
+        console.answer(record, as_json, [
+            *_lines(loaded, sequence, record), *not_drawn(record["not_drawn"]), f"report: {folder / 'report.html'}",
+        ])  # fmt: skip
     if not good:
         why = sequence.records[0].reason if sequence.records else "no frame arrived"
         console.refuse(f"no frame gave a deformation; the first: {why}", as_json, record)
-
-
-def _with_what_is_kept(error: BaseException, place: Path) -> BaseException | None:
-    """What stopped a run, with the frames that it leaves; None where there are none, or it is a fault of ours."""
-    if not (count := measured(place)):
-        return None
-    kept = f"{count} frames are kept: --resume goes on with them, --finish makes do with them"
-    if isinstance(error, io.FileError):
-        return io.FileError(error.path, f"{error.what}; {kept}", error.where)
-    return KeyboardInterrupt(kept) if isinstance(error, KeyboardInterrupt) else None
 
 
 def _live(loaded: Loaded, folder: Path, live: Live, resume: bool, as_json: bool) -> Sequence:
@@ -134,10 +118,9 @@ def live_line(row: FrameRecord) -> str:
 def _finish(loaded: Loaded, sequence: Sequence, folder: Path, start: float) -> Record:
     """Report, film and summary beside the tables."""
     record = summary(loaded, sequence)
-    if loaded.project.output.film and len(sequence.film) > 1:
-        film(loaded, sequence, folder / "deformation.gif")
-    record["seconds"] = time.perf_counter() - start
-    (folder / "report.html").write_text(deform_page(loaded, sequence, record, folder), encoding="utf-8")
+    page = deform_page(loaded, sequence, record, folder)
+    (folder / "report.html").write_text(page.html(), encoding="utf-8")
+    record |= {"not_drawn": page.failed, "seconds": time.perf_counter() - start}
     io.write_json(folder / "summary.json", record)
     return record
 

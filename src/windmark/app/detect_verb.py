@@ -4,17 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from windmark import detection, io
 from windmark.app import console
+from windmark.app.alone import Unreadable, not_drawn, png_alone
 from windmark.detection import RadiusEstimate, Rejected
 from windmark.errors import UsageError
 from windmark.scene import Detections
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Record = dict[str, Any]
 Image = NDArray[np.generic]
@@ -58,20 +63,25 @@ class _Found:
 
 def detect(images: list[Path], wishes: Wishes, as_json: bool) -> None:
     """Detect in each image; one table for all."""
-    io.try_paths(wishes.files)
+    io.try_paths(wishes.files, console.complain)
     found: dict[str, _Found] = {}
+    lost = Unreadable()
     with console.progress() as show:
         for path in uniquely_named(images):
             show(f"detect {path.name}")
-            one = _detect_one(read_wished(path, wishes), wishes)
-            drawn = wishes.picture is not None or wishes.merit_map is not None
-            found[path.name] = one if drawn else replace(one, image=one.image[:0], mask=None)  # recordings are long
+            with lost.unless_readable(path.name):
+                one = _detect_one(read_wished(path, wishes), wishes)
+                drawn = wishes.picture is not None or wishes.merit_map is not None
+                found[path.name] = one if drawn else replace(one, image=one.image[:0], mask=None)  # recordings are long
+        lost.refuse_unless(found)
         show("write")
         good = any(len(one.spots) for one in found.values())
-        written = _write(found, wishes, good)
-    lines = [_line(name, one) for name, one in found.items()]
-    record = {"images": {name: _record(one) for name, one in found.items()}, "output": str(wishes.output)}
-    lines += [f"written: {', '.join(map(str, written))}"] if written else []
+        failed: list[str] = []
+        written = _write(found, wishes, good, failed)
+    lines = [_line(name, one) for name, one in found.items()] + lost.lines()
+    record = {"images": {name: _record(one) for name, one in found.items()}, "output": str(wishes.output),
+              "left_out": lost.why, "not_drawn": failed}  # fmt: skip
+    lines += [*not_drawn(failed), *([f"written: {', '.join(map(str, written))}"] if written else [])]
     if good:
         console.answer(record, as_json, lines)
         return
@@ -80,9 +90,9 @@ def detect(images: list[Path], wishes: Wishes, as_json: bool) -> None:
     console.refuse(_why_none(found, wishes), as_json, record)
 
 
-def _write(found: dict[str, _Found], wishes: Wishes, good: bool) -> list[Path]:
+def _write(found: dict[str, _Found], wishes: Wishes, good: bool, failed: list[str]) -> list[Path]:
     """Table and pictures, all of them or none; without a marker no table: one of an earlier run stays as it was."""
-    drawn = _drawn(found, wishes)
+    drawn = _drawn(found, wishes, failed)
     tables = [wishes.output] if good else []
     tables += [wishes.explain] if wishes.explain is not None else []
     with io.atomic_paths([*tables, *(path for path, _ in drawn)]) as places:
@@ -92,7 +102,7 @@ def _write(found: dict[str, _Found], wishes: Wishes, good: bool) -> list[Path]:
             io.write_table(places[wishes.explain], _rejected_columns(found))
         for path, data in drawn:
             places[path].write_bytes(data)
-    return tables + [p for p in (wishes.picture, wishes.merit_map) if p is not None]
+    return tables + [path for path, _ in drawn]
 
 
 def parse_roi(text: str | None) -> tuple[int, int, int, int] | None:
@@ -162,27 +172,34 @@ def _rejected_columns(found: dict[str, _Found]) -> dict[str, Any]:
     return columns
 
 
-def _drawn(found: dict[str, _Found], wishes: Wishes) -> list[tuple[Path, bytes]]:
+def _drawn(found: dict[str, _Found], wishes: Wishes, failed: list[str]) -> list[tuple[Path, bytes]]:
     """The pictures that are wanted, and where they go; several images get a number each."""
-    drawn: list[tuple[Path, bytes]] = []
-    if wishes.picture is None and wishes.merit_map is None:
-        return drawn
-    from windmark.app.detect_pictures import explained_picture, merit_picture
-    from windmark.app.pictures import png, spots_picture
-
+    drawn: list[tuple[Path, bytes | None]] = []
     for k, (name, one) in enumerate(found.items()):
         number = k + 1 if len(found) > 1 else None
         if wishes.picture is not None:
-            if one.rejected is not None:
-                figure = explained_picture(one.image, one.spots, one.rejected, name)
-            else:
-                figure = spots_picture(one.image, one.spots, name)
-            drawn.append((numbered(wishes.picture, number), png(figure)))
+            picture = png_alone(f"{name}: picture of the spots", partial(_spots, name, one), failed)
+            drawn.append((numbered(wishes.picture, number), picture))
         if wishes.merit_map is not None and one.radii_px:
-            best, words = _best_merit(one, one.polarity)
-            figure = merit_picture(best, wishes.options["merit_max"], f"{name}: {words}")
-            drawn.append((numbered(wishes.merit_map, number), png(figure)))
-    return drawn
+            merit = partial(_merit, name, one, wishes.options["merit_max"])
+            drawn.append((numbered(wishes.merit_map, number), png_alone(f"{name}: map of the merit", merit, failed)))
+    return [(path, data) for path, data in drawn if data is not None]
+
+
+def _spots(name: str, one: _Found) -> Figure:
+    from windmark.app.detect_pictures import explained_picture
+    from windmark.app.pictures import spots_picture
+
+    if one.rejected is not None:
+        return explained_picture(one.image, one.spots, one.rejected, name)
+    return spots_picture(one.image, one.spots, name)
+
+
+def _merit(name: str, one: _Found, merit_max: float) -> Figure:
+    from windmark.app.detect_pictures import merit_picture
+
+    best, words = _best_merit(one, one.polarity)
+    return merit_picture(best, merit_max, f"{name}: {words}")
 
 
 def _best_merit(one: _Found, polarity: str) -> tuple[NDArray[np.float32], str]:

@@ -10,8 +10,9 @@ from matplotlib.patheffects import withStroke
 
 from windmark import io
 from windmark.app import console
+from windmark.app.alone import not_drawn, write_png
 from windmark.app.epipolar_pictures import PairWords, pair_picture
-from windmark.app.pictures import MISSING, png
+from windmark.app.pictures import MISSING
 from windmark.errors import UsageError
 from windmark.geometry import Camera
 from windmark.pipeline.calibrate import MatchOptions
@@ -58,11 +59,17 @@ def run(
             console.refuse("; ".join([result.reason, *result.notes]), as_json, record)
             return
         sizes = [(int(g.shape[1]), int(g.shape[0])) for g in grey]
-        figure = pair_picture(lines_of(result, clicks, (names[0], names[1]), pair, sizes, both), *grey, words=SPOTS)
-        _mark_clicks(figure, result, clicks)
+        failed: list[str] = record.setdefault("not_drawn", [])
+
+        def draw() -> Figure:
+            figure = pair_picture(lines_of(result, clicks, (names[0], names[1]), pair, sizes, both), *grey, words=SPOTS)
+            _mark_clicks(figure, result, clicks)
+            return figure
+
+        write_png(out.place / "epipolar.png", draw, failed)
         _write(out.place, result, clicks, (names[0], names[1]), pair, record)
-        (out.place / "epipolar.png").write_bytes(png(figure, dpi=110))
-    console.answer({**record, "folder": output}, as_json, [*_lines(result, clicks, pair), f"results: {output}"])
+    console.answer({**record, "folder": output}, as_json,
+                   [*_lines(result, clicks, pair), *not_drawn(failed), f"results: {output}"])  # fmt: skip
 
 
 def _mark_clicks(figure: Figure, result: ClickedPair, clicks: Clicks) -> None:

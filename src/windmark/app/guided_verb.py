@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from windmark import io
 from windmark.app import console
+from windmark.app.alone import Unreadable, not_drawn, png_alone
 from windmark.app.detect_verb import Wishes, numbered, read_wished, uniquely_named, used_pixels
 from windmark.detection import AUTO, Guided
 from windmark.detection.either import FEW
 from windmark.errors import UsageError
 from windmark.pipeline.lengths import Lengths
 from windmark.pipeline.predictions import Predictions, from_camera, from_detections, look
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Record = dict[str, Any]
 
@@ -56,32 +61,40 @@ def detect(images: list[Path], wishes: Wishes, guide: Guide, as_json: bool) -> N
     if len(wishes.radius_px) > 1 or wishes.merit_map is not None:
         raise UsageError("markers near predictions: give one --radius at most, and no --merit-map")
     seen: dict[str, _Seen] = {}
+    lost = Unreadable()
+    failed: list[str] = []
     options = {"search_px": guide.search_px, "photometry": wishes.options["photometry"]}
-    io.try_paths(wishes.files)
+    io.try_paths(wishes.files, console.complain)
     with console.progress() as show:
         for path in uniquely_named(images):
             show(f"detect {path.name}")
-            image = read_wished(path, wishes)
+            image = None
+            with lost.unless_readable(path.name):
+                image = read_wished(path, wishes)
+            if image is None:
+                continue
             expected = _expected(guide, path.name, wishes.radius_px[0] if wishes.radius_px else None)
             mask = used_pixels(image, wishes.mask, wishes.roi)
             seen[path.name] = _look(image, expected, wishes.options["polarity"], {**options, "mask": mask})
+        lost.refuse_unless(seen)
         show("write")
         good = any(one.got.found.any() for one in seen.values())
-        written = _write(seen, wishes, good)
+        written = _write(seen, wishes, good, failed)
     lines = [f"{name}: {one.got.found.sum()} of {len(one.expected)} expected markers{one.decided}{_why(one)}"
              for name, one in seen.items()]  # fmt: skip
     console.answer(
-        {"images": {name: _record(one) for name, one in seen.items()}, "output": str(wishes.output)},
+        {"images": {name: _record(one) for name, one in seen.items()}, "output": str(wishes.output),
+         "left_out": lost.why, "not_drawn": failed},
         as_json,
-        [*lines, *([f"written: {', '.join(map(str, written))}"] if written else [])],
-    )
+        [*lines, *lost.lines(), *not_drawn(failed), *([f"written: {', '.join(map(str, written))}"] if written else [])],
+    )  # fmt: skip
     if not good:
         console.refuse(f"none of the expected markers was found{_why(next(iter(seen.values())))}", as_json)
 
 
-def _write(seen: dict[str, _Seen], wishes: Wishes, good: bool) -> list[Path]:
+def _write(seen: dict[str, _Seen], wishes: Wishes, good: bool, failed: list[str]) -> list[Path]:
     """Table and pictures, all of them or none; without a marker no table: one of an earlier run stays as it was."""
-    drawn = _drawn(seen, wishes)
+    drawn = _drawn(seen, wishes, failed)
     tables = [wishes.output] if good else []
     tables += [wishes.explain] if wishes.explain is not None else []
     with io.atomic_paths([*tables, *(path for path, _ in drawn)]) as places:
@@ -95,7 +108,7 @@ def _write(seen: dict[str, _Seen], wishes: Wishes, good: bool) -> list[Path]:
             io.write_table(places[wishes.explain], _missing(seen))
         for path, data in drawn:
             places[path].write_bytes(data)
-    return tables + ([] if wishes.picture is None else [wishes.picture])
+    return tables + [path for path, _ in drawn]
 
 
 def _look(image: NDArray[np.generic], expected: Predictions, polarity: str, options: dict[str, Any]) -> _Seen:
@@ -148,21 +161,25 @@ def _missing(seen: dict[str, _Seen]) -> dict[str, Any]:
     return columns
 
 
-def _drawn(seen: dict[str, _Seen], wishes: Wishes) -> list[tuple[Path, bytes]]:
+def _drawn(seen: dict[str, _Seen], wishes: Wishes, failed: list[str]) -> list[tuple[Path, bytes]]:
     if wishes.picture is None:
         return []
-    from windmark.app.pictures import matching_picture, png
-
     drawn = []
     for k, (name, one) in enumerate(seen.items()):
-        found = one.got.found
-        spots = one.got.detections
-        figure = matching_picture(
-            one.image, spots, np.arange(len(spots)), _names(one, found), one.expected.xy[found],
-            one.expected.xy[~found], _names(one, ~found), name, guided=True,
-        )  # fmt: skip
-        drawn.append((numbered(wishes.picture, k + 1 if len(seen) > 1 else None), png(figure)))
+        picture = png_alone(f"{name}: picture of the matching", partial(_matching, name, one), failed)
+        if picture is not None:
+            drawn.append((numbered(wishes.picture, k + 1 if len(seen) > 1 else None), picture))
     return drawn
+
+
+def _matching(name: str, one: _Seen) -> Figure:
+    from windmark.app.pictures import matching_picture
+
+    found, spots = one.got.found, one.got.detections
+    return matching_picture(
+        one.image, spots, np.arange(len(spots)), _names(one, found), one.expected.xy[found], one.expected.xy[~found],
+        _names(one, ~found), name, guided=True,
+    )  # fmt: skip
 
 
 def _why(one: _Seen) -> str:

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from windmark import io
 from windmark.app import console
-from windmark.app.pictures import png
+from windmark.app.alone import not_drawn, write_png
 from windmark.errors import UsageError
 from windmark.pipeline.deform import load, read_deform_project
 from windmark.pipeline.deform.laws import DECISIVE, LawsCompared, candidates, compare_project
@@ -33,16 +33,17 @@ def compare(project: Path, laws: Sequence[str], frames: int, folder: Path | None
     with console.progress() as show, console.result_folder(folder) as out:
         show("compile and find the first frame")
         result = compare_project(loaded, volumes, frames=frames, seed=seed, say=show)
-        (out.place / "laws.png").write_bytes(png(laws_figure(result)))
+        failed: list[str] = []
+        write_png(out.place / "laws.png", lambda: laws_figure(result), failed)
         columns = [asdict(s) for s in result.scores]
         io.write_table(out.place / "laws.csv", {k: np.array([c[k] for c in columns]) for k in columns[0]})
     record: dict[str, Any] = {
         "winner": result.winner or None, "verdict": result.verdict, "frames": list(result.frames),
         "frames_lost": list(result.lost), "misfit": float(np.sqrt(result.scale)),
-        "laws": [asdict(s) for s in result.scores], "folder": folder,
+        "laws": [asdict(s) for s in result.scores], "folder": folder, "not_drawn": failed,
     }  # fmt: skip
     if result.winner or not as_json:
-        console.answer(record, as_json, [*_lines(result), f"table and picture: {folder}"])
+        console.answer(record, as_json, [*_lines(result), *not_drawn(failed), f"table and picture: {folder}"])
     if not result.winner:
         console.refuse(result.verdict, as_json, record)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 
 from windmark import io
 from windmark.app import console
+from windmark.app.alone import not_drawn, write_png
 from windmark.app.laws_examples import HALF, UNIT, Shown, example, of_user, wing_points
 from windmark.deformation import Law, UserLaw, check_law, laws_of_source
 from windmark.deformation.laws import CATALOG, Entry
@@ -29,8 +31,8 @@ def built_in(pictures: Path | None, as_json: bool) -> None:
     lines = [line for entry in record["laws"] for line in _entry_lines(entry)]
     lines.append(f"Lengths are in the project's unit, {UNIT} here; the parameters are those of examples on {HALF}.")
     if pictures is not None:
-        record["pictures"] = _save(pictures, shown)
-        lines.append(f"pictures: {pictures}")
+        record |= _save(pictures, shown)
+        lines += [*not_drawn(record["not_drawn"]), f"pictures: {pictures}"]
     console.answer(record, as_json, lines)
 
 
@@ -47,8 +49,8 @@ def check_file(file: Path, markers: Path | None, volume: str | None, pictures: P
         lines += [*_entry_lines(entry), *(f"  remark: {text}" for text in entry["remarks"])]
         lines += [] if entry["remarks"] else ["  sound: finite, continuous, every parameter has an effect"]
     if pictures is not None:
-        record["pictures"] = _save(pictures, {name: of_user(law) for name, law in laws.items()})
-        lines.append(f"pictures, on a half wing: {pictures}")
+        record |= _save(pictures, {name: of_user(law) for name, law in laws.items()})
+        lines += [*not_drawn(record["not_drawn"]), f"pictures, on a half wing: {pictures}"]
     console.answer(record, as_json, lines)
 
 
@@ -66,14 +68,16 @@ def _points(markers: Path | None, volume: str | None) -> tuple[NDArray[np.float6
     return model[0][mine], f"markers of volume {volume}"
 
 
-def _save(folder: Path, shown: Mapping[str, Shown]) -> list[str]:
+def _save(folder: Path, shown: Mapping[str, Shown]) -> Record:
+    """The pictures that were drawn, and those that could not be."""
     from windmark.app.laws_pictures import law_picture
-    from windmark.app.pictures import png
 
+    failed: list[str] = []
     with console.result_folder(folder) as out:
         for name, one in shown.items():
-            (out.place / f"{name}.png").write_bytes(png(law_picture(name, one)))
-    return [f"{name}.png" for name in shown]
+            write_png(out.place / f"{name}.png", partial(law_picture, name, one), failed)
+        drawn = [f"{name}.png" for name in shown if (out.place / f"{name}.png").exists()]
+    return {"pictures": drawn, "not_drawn": failed}
 
 
 def _entry(entry: Entry, law: Law) -> Record:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from datetime import datetime
+from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,7 +17,6 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 import windmark
-from windmark.app.pictures import png
 from windmark.app.report import Report
 from windmark.app.sphere_maps import Disc, discs, draw_map
 from windmark.pipeline.marker_check import Change, MarkerCheck
@@ -33,12 +35,12 @@ PAGE_IN = 10.0
 DPI = 110
 
 
-def draw(check: MarkerCheck) -> dict[str, bytes]:
-    """All pictures as PNG, by file name; without directions only the layout."""
-    figures = {"layout": layout_picture(check)}
-    if len(check.campaign.directions):
-        figures = {"directions": directions_picture(check), "pose": pose_picture(check)} | figures
-    return {name: png(figure, DPI) for name, figure in figures.items()}
+def drawings(check: MarkerCheck) -> dict[str, Callable[[MarkerCheck], Figure]]:
+    """What draws the pictures, by file name; without directions only the layout."""
+    layout: dict[str, Callable[[MarkerCheck], Figure]] = {"layout": layout_picture}
+    if not len(check.campaign.directions):
+        return layout
+    return {"directions": directions_picture, "pose": pose_picture, **layout}
 
 
 def directions_picture(check: MarkerCheck) -> Figure:
@@ -258,8 +260,8 @@ def _layout_handles(check: MarkerCheck, planes: tuple[_Plane, ...]) -> list[Line
     return handles
 
 
-def check_page(check: MarkerCheck, drawn: dict[str, bytes], name: str) -> str:
-    """The check on one HTML page that opens without a network."""
+def check_page(check: MarkerCheck, name: str, place: Path) -> Report:
+    """The check on one HTML page that opens without a network; its pictures go into ``place``, too."""
     when = datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
     report = Report(f"Check of the markers of {name}", f"windmark {windmark.__version__}, {when}, length unit:"
                     f" {check.unit}")  # fmt: skip
@@ -273,15 +275,17 @@ def check_page(check: MarkerCheck, drawn: dict[str, bytes], name: str) -> str:
         "pose": "Expected uncertainty of the pose by direction",
         "layout": "The layout, what it is confused with, and what to change",
     }
-    for key, picture in drawn.items():
-        report.picture(picture, captions[key])
+    for key, draw in drawings(check).items():
+        drawn = report.drawing(f"picture {key}.png", partial(draw, check), captions[key], dpi=DPI)
+        if drawn is not None:
+            (place / f"{key}.png").write_bytes(drawn)
     _symmetries(report, check)
     report.heading("Directions")
     columns = check.columns()
     report.table(list(columns), zip(*(np.asarray(v).tolist() for v in columns.values()), strict=True), scroll=True)
     report.heading("Assumptions")
     report.table(["assumption", "value"], [[k, str(v)] for k, v in check.record()["settings"].items()])
-    return report.html()
+    return report
 
 
 def _symmetries(report: Report, check: MarkerCheck) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 
 from windmark import io
 from windmark.app import console
+from windmark.app.alone import not_drawn
 from windmark.errors import UsageError
 from windmark.pipeline.lengths import Lengths
 from windmark.pipeline.marker_check import CheckSettings, MarkerCheck, check_markers
@@ -57,29 +58,29 @@ def check(files: Files, settings: CheckSettings, as_json: bool) -> None:
         record: Record = {"file": files.markers, **done.record(), "camera_file": files.camera,
                           "grid_file": files.grid, "seconds": time.perf_counter() - start,
                           "folder": files.output}  # fmt: skip
-        write_check(done, out.place, files.markers.name)
+        record["not_drawn"] = write_check(done, out.place, files.markers.name)
         io.write_json(out.place / "summary.json", record)
     head, *lines = done.lines()
     page = files.output / "check.html"
     console.answer(
-        record, as_json, [f"{files.markers.name}: {len(markers)} markers, {head}", *lines, f"report: {page}"]
-    )
+        record, as_json, [f"{files.markers.name}: {len(markers)} markers, {head}", *lines,
+                          *not_drawn(record["not_drawn"]), f"report: {page}"],
+    )  # fmt: skip
     if not done.identifiable:
         # With --json the record is out already; the reason is in it.
         console.refuse(f"{files.markers}: {done.reason()}", False)
 
 
-def write_check(done: MarkerCheck, place: Path, name: str) -> None:
-    """Table of directions, the changed layout, pictures and page."""
-    from windmark.app.markers_pictures import check_page, draw
+def write_check(done: MarkerCheck, place: Path, name: str) -> list[str]:
+    """Table of directions, the changed layout, pictures and page; what could not be drawn."""
+    from windmark.app.markers_pictures import check_page
 
     io.write_table(place / "directions.csv", done.columns())
     if done.proposals:
         io.write_markers(place / "markers-proposed.csv", done.proposals[0].stage.markers)
-    drawn = draw(done)
-    for key, png in drawn.items():
-        (place / f"{key}.png").write_bytes(png)
-    (place / "check.html").write_text(check_page(done, drawn, name), encoding="utf-8")
+    page = check_page(done, name, place)
+    (place / "check.html").write_text(page.html(), encoding="utf-8")
+    return page.failed
 
 
 def view_from(text: str | None) -> tuple[float, float] | None:

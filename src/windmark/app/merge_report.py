@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 
@@ -51,14 +52,19 @@ def merged_part(report: Report, item: MergeResult, unit: str) -> None:
         f"{record['nodes_with_value']} nodes have a value, {record['nodes_of_several']} of them from several images;"
         f" their sigma is {record['sigma_percent']:.2g} % (median)."
     )
-    report.picture(png(merge_pictures.value_figure(merged, f"Merged: {', '.join(merged.names)}", item.quantity.label)),
+    title = f"Merged: {', '.join(merged.names)}"
+    report.drawing(f"{item.folder}: picture of the values",
+                   lambda: merge_pictures.value_figure(merged, title, item.quantity.label),
                    "Merged values, seen from between the cameras. Grey: no image sees it.")  # fmt: skip
-    report.picture(png(merge_pictures.source_figure(merged)), "The image with the largest weight at each place.")
-    report.picture(png(merge_pictures.sigma_figure(merged)),
+    report.drawing(f"{item.folder}: picture of the sources", lambda: merge_pictures.source_figure(merged),
+                   "The image with the largest weight at each place.")  # fmt: skip
+    report.drawing(f"{item.folder}: picture of the sigma", lambda: merge_pictures.sigma_figure(merged),
                    "Standard deviation: noise, poses, gains and the images' systematic difference.")  # fmt: skip
-    _seams(report, item, record, unit)
+    with report.part(f"{item.folder}: seams"):
+        _seams(report, item, record, unit)
     for view in item.views:
-        report.picture(png(pictures.view_picture(view.view, unit)),
+        report.drawing(f"{item.folder}: picture of view {view.view.name}",
+                       partial(pictures.view_picture, view.view, unit),
                        f"All images recomputed for one point of view: “{view.view.name}”.")  # fmt: skip
     tables(report, item.points, unit, item.quantity.label)
 
@@ -110,8 +116,8 @@ def tables(report: Report, found: Sequence[PointTable | MergedTable], unit: str,
     for table in found:
         record = table_summary(table)
         if table.of.kind == "line":
-            drawn = merge_pictures.line_figure(table, unit, label)
-            report.picture(png(drawn), f"Values along the line “{table.of.name}”.")
+            report.drawing(f"picture of line {table.of.name}", partial(merge_pictures.line_figure, table, unit, label),
+                           f"Values along the line “{table.of.name}”.")  # fmt: skip
             continue
         report.heading(f"Points “{table.of.name}”", 3)
         moved = record["largest_move"]

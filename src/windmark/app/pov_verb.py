@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from windmark import io
 from windmark.app import console
+from windmark.app.alone import not_drawn, png_alone
 from windmark.app.commands.matching_options import grid_settings
 from windmark.app.convert_verb import parse_size
 from windmark.errors import UsageError, WindmarkError
@@ -67,6 +68,7 @@ class Viewpoint:
 def show(wishes: Wishes, as_json: bool) -> None:
     """Find the point of view, write what is wanted, say it."""
     _check(wishes)
+    io.try_paths([path for path in (wishes.output, wishes.picture) if path is not None], console.complain)
     lengths = Lengths(wishes.unit)
     views = [_from_file(path, wishes, lengths) for path in wishes.cameras]
     mesh, markers = _model(wishes, lengths)
@@ -90,13 +92,17 @@ def show(wishes: Wishes, as_json: bool) -> None:
         record["output"] = wishes.output
         lines.append(f"written: {wishes.output}")
     if wishes.picture is not None:
-        from windmark.app.pictures import png
         from windmark.app.pov_pictures import pov_picture
 
-        with io.atomic_path(wishes.picture) as place:
-            place.write_bytes(png(pov_picture(view, mesh, markers)))
-        record["picture"] = wishes.picture
-        lines.append(f"picture: {wishes.picture}")
+        failed: list[str] = []
+        drawn = png_alone("picture", lambda: pov_picture(view, mesh, markers), failed)
+        if drawn is not None:
+            with io.atomic_path(wishes.picture) as place:
+                place.write_bytes(drawn)
+            record["picture"] = wishes.picture
+            lines.append(f"picture: {wishes.picture}")
+        record["not_drawn"] = failed
+        lines += not_drawn(failed)
     console.answer(record, as_json, lines)
 
 

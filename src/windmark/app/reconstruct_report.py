@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
+from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 
 import windmark
 from windmark import io
-from windmark.app import calibrate_pictures as drawn
-from windmark.app.calibrate_report import add_camera, add_errors, add_space
+from windmark.app.calibrate_report import add_camera, add_errors, add_residuals, add_space
 from windmark.app.epipolar_pictures import pair_picture, views_picture
 from windmark.app.pictures import matching_picture, png
 from windmark.app.report import Report
@@ -63,7 +64,7 @@ class Shown:
     primary : the table of primary markers
     pictures, paths : the pictures with their spots, and the files by name
     match : how the pictures are read
-    pair, pair_drawn : the two pictures with epipolar lines, and the PNG; None where not asked for
+    pair : the two pictures with epipolar lines; None where not asked for
     """
 
     unit: str
@@ -72,36 +73,30 @@ class Shown:
     paths: Mapping[str, io.PictureFile]
     match: MatchOptions
     pair: PairLines | None
-    pair_drawn: bytes | None
 
 
-def pair_png(pair: PairLines, paths: Mapping[str, io.PictureFile], match: MatchOptions) -> bytes:
-    """Two pictures with the epipolar lines of their markers, as PNG."""
-    images = [read_image(paths[side.name], match)[0] for side in (pair.a, pair.b)]
-    return png(pair_picture(pair, *images), dpi=110)
-
-
-def reconstruction_report(result: Reconstruction, shown: Shown, clock: Clock) -> str:
-    """The whole report as HTML."""
+def reconstruction_report(result: Reconstruction, shown: Shown, clock: Clock, place: Path) -> Report:
+    """The whole report, what could not be drawn in its ``failed``; the picture of a pair goes into ``place``, too."""
     when = datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
     done, unit = network(result), shown.unit
     report = Report("Reconstruction", f"windmark {windmark.__version__}, {when}, length unit: {unit}")
     _overview(report, result, shown)
     _pictures(report, result, shown)
     _primaries(report, result, shown)
-    _tracks(report, result, shown)
-    if shown.pair is not None and shown.pair_drawn is not None:
-        _pair(report, shown.pair, shown.pair_drawn)
+    with report.part("picture of the spots and their markers"):
+        _tracks(report, result, shown)
+    if shown.pair is not None:
+        _pair(report, shown.pair, shown, place)
     add_space(report, done, unit)
     for name in done.cameras:
         if result.options["free"]:
             add_camera(report, done, name)
         else:
             report.heading(f"Residuals of camera {name}" if len(done.cameras) > 1 else "Residuals")
-            report.picture(png(drawn.residual_vectors_picture(done, name), dpi=88), "Every residual at its place.")
+            add_residuals(report, done, name)
     add_errors(report, done)
     report.closing(FILES, result.options, clock.seconds)
-    return report.html()
+    return report
 
 
 def _overview(report: Report, result: Reconstruction, shown: Shown) -> None:
@@ -136,7 +131,8 @@ def _pictures(report: Report, result: Reconstruction, shown: Shown) -> None:
         ],
         scroll=len(shown.pictures) > 15,
     )  # fmt: skip
-    report.picture(png(views_picture(result.count), dpi=88), "Markers by the number of pictures that they are seen in.")
+    report.drawing("picture of the markers' views", lambda: views_picture(result.count),
+                   "Markers by the number of pictures that they are seen in.", dpi=88)  # fmt: skip
 
 
 def _primaries(report: Report, result: Reconstruction, shown: Shown) -> None:
@@ -195,9 +191,15 @@ def _tracks(report: Report, result: Reconstruction, shown: Shown) -> None:
     )  # fmt: skip
 
 
-def _pair(report: Report, pair: PairLines, drawn_png: bytes) -> None:
+def _pair(report: Report, pair: PairLines, shown: Shown, place: Path) -> None:
+    def draw() -> Figure:
+        return pair_picture(pair, *(read_image(shown.paths[side.name], shown.match)[0] for side in (pair.a, pair.b)))
+
     report.heading("Epipolar lines of two pictures")
-    report.picture(
-        drawn_png, f"{pair.a.name} and {pair.b.name} (AIAA 2005-5007, Fig. 12). Each marker is on the line of its "
-        "spot in the other picture; lines bend as the lens does.",
+    drawn = report.drawing(
+        "picture of the epipolar lines", draw,
+        f"{pair.a.name} and {pair.b.name} (AIAA 2005-5007, Fig. 12). Each marker is on the line of its spot in the "
+        "other picture; lines bend as the lens does.",
     )  # fmt: skip
+    if drawn is not None:
+        (place / "pair.png").write_bytes(drawn)

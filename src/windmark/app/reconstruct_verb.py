@@ -11,6 +11,7 @@ import numpy as np
 
 from windmark import io
 from windmark.app import console
+from windmark.app.alone import not_drawn
 from windmark.calibration import Distance
 from windmark.errors import UsageError
 from windmark.geometry import Camera
@@ -122,6 +123,8 @@ def run(files: Files, match: MatchOptions, as_json: bool) -> None:
                 labels=labels, rough=rough, free=files.free, model_px=files.model_px, distances=files.distances,
                 seed=match.seed,
             )  # fmt: skip
+        unread = {p.name: p.unread for p in pictures if p.unread and p.name in result.dropped}
+        result = replace(result, dropped={**result.dropped, **unread})
         if isinstance(result, NotReconstructed):
             console.refuse(_why(result), as_json, _refusal(result, pictures))
             return
@@ -129,7 +132,10 @@ def run(files: Files, match: MatchOptions, as_json: bool) -> None:
             files = replace(files, unit=FREE_UNIT)
         pair = _pair(files, result, pictures)
         content = _write(out.place, files, result, primary, pictures, pair, match, clock)
-    console.answer({**content, "folder": files.output}, as_json, _lines(result, primary, pictures, pair, files))
+    console.answer({**content, "folder": files.output}, as_json, [
+        *_lines(result, primary, pictures, pair, files), *not_drawn(content["not_drawn"]),
+        f"report: {files.output / 'report.html'}",
+    ])  # fmt: skip
 
 
 def _pair(files: Files, result: Reconstruction, pictures: Sequence[Picture]) -> PairLines | None:
@@ -146,19 +152,17 @@ def _write(
     pair: PairLines | None, match: MatchOptions, clock: Clock,
 ) -> Record:  # fmt: skip
     """The folder; what its summary holds."""
-    from windmark.app.reconstruct_report import Shown, pair_png, reconstruction_report
+    from windmark.app.reconstruct_report import Shown, reconstruction_report
 
     with clock("write"):
         write_reconstruction(result, place, files.unit, {p.name: p.detections for p in pictures})
     content = record(result, primary, pictures, files.unit, pair)
     with clock("draw report"):
         paths = dict(zip(files.names, files.images, strict=True))
-        drawn = None if pair is None else pair_png(pair, paths, match)
-        shown = Shown(files.unit, primary, pictures, paths, match, pair, drawn)
-        page = reconstruction_report(result, shown, clock)
-    if drawn is not None:
-        (place / "pair.png").write_bytes(drawn)
-    (place / "report.html").write_text(page, encoding="utf-8")
+        shown = Shown(files.unit, primary, pictures, paths, match, pair)
+        page = reconstruction_report(result, shown, clock, place)
+    (place / "report.html").write_text(page.html(), encoding="utf-8")
+    content["not_drawn"] = page.failed
     io.write_json(place / "summary.json", {**content, "seconds": clock.seconds})
     return content
 
@@ -204,9 +208,10 @@ def _lines(
     lines += [f"  not used: {name}: {why}" for name, why in result.dropped.items()]
     lines += [f"warning: {sentence}" for sentence in done.warnings]
     if pair is not None:
+        drawn = files.output / "pair.png"
         lines.append(f"{pair.a.name} and {pair.b.name}: {len(pair.names)} markers in both, RMS {pair.rms_px:.3f} px "
-                     f"from their epipolar lines: {files.output / 'pair.png'}")  # fmt: skip
+                     "from their epipolar lines" + (f": {drawn}" if drawn.is_file() else ""))  # fmt: skip
     elif files.pair is not None:
         gone = next(n for n in files.pair if n in result.dropped)
         lines.append(f"--pair was not drawn: {gone} has no pose")
-    return [*lines, f"report: {files.output / 'report.html'}"]
+    return lines

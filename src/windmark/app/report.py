@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import base64
-import os
-import traceback
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from html import escape
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+from windmark.app.alone import alone
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _STYLE = """
 :root { --ink: #1c2430; --soft: #5b6778; --line: #d9dfe7; --good: #0a7d33; --bad: #b3261e; --panel: #f6f8fa; }
@@ -43,15 +46,24 @@ class Report:
     @contextmanager
     def part(self, what: str) -> Iterator[None]:
         """A part that fails alone: whatever goes wrong in it is said in its place and in ``failed``."""
-        before = len(self.parts)
-        try:
+        before, well = len(self.parts), len(self.failed)
+        with alone(what, self.failed):
             yield
-        except Exception as error:  # a drawing must never cost the numbers
-            at = traceback.extract_tb(error.__traceback__)[-1]
-            said = " ".join(str(error).split())[:300]
-            self.failed.append(f"{what}: {type(error).__name__}: {said} ({os.path.basename(at.filename)}:{at.lineno})")
-            del self.parts[before:]
-            self.text(f"This part is missing: {self.failed[-1]}", "bad")
+            return
+        del self.parts[before:]
+        for said in self.failed[well:]:
+            self.text(f"This part is missing: {said}", "bad")
+
+    def drawing(self, what: str, draw: Callable[[], Figure | None], caption: str, *, dpi: int = 110) -> bytes | None:
+        """A picture that fails alone, see `part`; as PNG, None where ``draw`` gives none or fails."""
+        from windmark.app.pictures import png
+
+        drawn: bytes | None = None
+        with self.part(what):
+            if (figure := draw()) is not None:
+                drawn = png(figure, dpi)
+                self.picture(drawn, caption)
+        return drawn
 
     def heading(self, text: str, level: int = 2) -> None:
         """A heading of level 2 or 3."""

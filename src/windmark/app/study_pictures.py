@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from datetime import datetime
 from itertools import cycle
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 
 import windmark
 from windmark.app.report import Report
-from windmark.pipeline.study import Example, Study, StudySettings
+from windmark.pipeline.study import Example, Study, StudySettings, examples
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -164,8 +165,8 @@ SUMMARY = {
 }  # fmt: skip
 
 
-def study_page(study: Study, sheets: bytes, curves: bytes) -> str:
-    """The study on one HTML page that opens without a network; ``sheets`` and ``curves`` are PNGs."""
+def study_page(study: Study, place: Path) -> Report:
+    """The study on one HTML page that opens without a network; its pictures go into ``place``, too."""
     when = datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
     report = Report("Marker uncertainty study", f"windmark {windmark.__version__}, {when}")
     report.text(
@@ -174,18 +175,26 @@ def study_page(study: Study, sheets: bytes, curves: bytes) -> str:
         f" {study.settings.span_px:g} px smaller or larger. Errors are per axis; uncertainty is 2 RMS, as in the paper."
     )
     report.heading("Error against the real radius (the paper’s Figure 4)")
-    report.picture(curves, "2 RMS error per axis, and share of the markers that were not found")
+    drawn = report.drawing("picture of the error", lambda: curves_picture(study),
+                           "2 RMS error per axis, and share of the markers that were not found", dpi=120)  # fmt: skip
+    if drawn is not None:
+        (place / "error.png").write_bytes(drawn)
     _precision(report, study)
     report.heading("All real radii of a reference radius together", 3)
     report.table(list(SUMMARY.values()), ([row[key] for key in SUMMARY] for row in study.summary()))
     report.heading("Virtual markers (the paper’s Figure 3)")
-    report.picture(sheets, "One sheet without and with blur and noise; below, its upper left part enlarged")
+    drawn = report.drawing("picture of the markers",
+                           lambda: sheets_picture(*examples(study.settings), study.settings),
+                           "One sheet without and with blur and noise; below, its upper left part enlarged",
+                           dpi=120)  # fmt: skip
+    if drawn is not None:
+        (place / "markers.png").write_bytes(drawn)
     report.heading("Every point")
     columns = study.columns()
     report.table(list(columns), zip(*(values.tolist() for values in columns.values()), strict=True), scroll=True)
     report.heading("Settings")
     report.table(["setting", "value"], [[key, str(value)] for key, value in study.record()["settings"].items()])
-    return report.html()
+    return report
 
 
 def _precision(report: Report, study: Study) -> None:

@@ -8,7 +8,8 @@ from typing import Any
 
 from windmark import io
 from windmark.app import console
-from windmark.pipeline.study import Study, StudySettings, examples, run_study
+from windmark.app.alone import not_drawn
+from windmark.pipeline.study import Study, StudySettings, run_study
 
 Record = dict[str, Any]
 
@@ -19,25 +20,23 @@ def study(settings: StudySettings, output: Path, as_json: bool) -> None:
     with console.progress() as show, console.result_folder(output) as out:
         done = run_study(settings, show)
         show("draw")
-        write_study(done, out.place)
-        record = {**done.record(), "seconds": time.perf_counter() - start, "folder": output}
+        failed = write_study(done, out.place)
+        record = {**done.record(), "seconds": time.perf_counter() - start, "folder": output, "not_drawn": failed}
         io.write_json(out.place / "summary.json", record)
-    console.answer(record, as_json, [*map(_line, record["summary"]), f"report: {output / 'study.html'}"])
+    lines = [*map(_line, record["summary"]), *not_drawn(failed), f"report: {output / 'study.html'}"]
+    console.answer(record, as_json, lines)
     if (done.missed == done.markers).all():
         console.refuse("no marker was found at these settings; nothing can be said of the error", as_json)
 
 
-def write_study(done: Study, place: Path) -> None:
-    """Table, pictures and page of a study."""
-    from windmark.app.pictures import png
-    from windmark.app.study_pictures import curves_picture, sheets_picture, study_page
+def write_study(done: Study, place: Path) -> list[str]:
+    """Table, pictures and page of a study; what could not be drawn."""
+    from windmark.app.study_pictures import study_page
 
-    sheets = png(sheets_picture(*examples(done.settings), done.settings), dpi=120)
-    curves = png(curves_picture(done), dpi=120)
     io.write_table(place / "study.csv", done.columns())
-    (place / "markers.png").write_bytes(sheets)
-    (place / "error.png").write_bytes(curves)
-    (place / "study.html").write_text(study_page(done, sheets, curves), encoding="utf-8")
+    page = study_page(done, place)
+    (place / "study.html").write_text(page.html(), encoding="utf-8")
+    return page.failed
 
 
 def _line(row: Record) -> str:

@@ -14,18 +14,16 @@ import numpy as np
 import windmark
 from windmark import io
 from windmark.app import console
+from windmark.app.alone import not_drawn
 from windmark.app.report import Report
+from windmark.app.series_folder import series_folder
 from windmark.errors import UsageError
 from windmark.geometry import Camera
 from windmark.pipeline.lengths import Lengths
-from windmark.pipeline.track import FollowedFrame, FollowOptions, follow
-from windmark.pipeline.track_results import (
-    POV,
-    PoseRow,
-    match_columns,
-    pose_columns,
-    sequence_summary,
-)
+from windmark.pipeline.resume import made_with
+from windmark.pipeline.track import FollowOptions
+from windmark.pipeline.track_results import POV, PoseRow, match_columns, pose_columns, sequence_summary
+from windmark.pipeline.track_series import Series, follow_series
 from windmark.registration import Motion
 from windmark.scene import MarkerSet
 
@@ -56,10 +54,11 @@ class Wishes:
     output: Path
 
 
-def follow_files(wishes: Wishes, options: Record, change: tuple[float, float], as_json: bool) -> None:
+def follow_files(wishes: Wishes, options: Record, change: tuple[float, float], go_on: str, as_json: bool) -> None:
     """Follow the images in the given order and write everything into the output folder, whole or not at all.
 
-    ``options`` go to `FollowOptions`; ``change`` is that of the motion, in degrees and percent.
+    ``options`` go to `FollowOptions`; ``change`` is that of the motion, in degrees and percent. What was stopped on the
+    way is gone on with (``go_on`` "resume") or brought to its end with what it has ("finish").
     """
     unit, lengths = wishes.unit, Lengths(wishes.unit)
     for name, value in zip(("--change-deg", "--change-percent"), change, strict=True):
@@ -76,26 +75,36 @@ def follow_files(wishes: Wishes, options: Record, change: tuple[float, float], a
     how = FollowOptions(**options, motion=motion, prior=prior, mask=mask)
     images = io.pictures(wishes.images)
     instants = stamped_instants(images) if wishes.frames is None else read_instants(wishes.frames, images)
-    start, last, polarity = time.perf_counter(), None, ""
-    rows: list[PoseRow] = []
-    with console.progress(len(images)) as show, console.result_folder(wishes.output) as out:
-        for frame in follow(images, markers, camera, options=how, instants=instants):
-            show(f"{frame.name}: {frame.status}")
-            rows.append(PoseRow.of(frame))
-            last = frame if frame.registered is not None else last
-            polarity = frame.polarity or polarity
+    start, made = time.perf_counter(), _made_with(wishes, options, change)
+    with console.progress(len(images)) as show, series_folder(wishes.output, go_on) as (out, go_on):
+        series = follow_series(
+            out.place, images, markers, camera, options=how, instants=instants, made=made, go_on=go_on,
+            say=lambda row: show(f"{row.name}: {row.status}"),
+        )  # fmt: skip
         show("write")
-        seconds = time.perf_counter() - start
+        rows, last = series.rows, series.last
         record = {
-            **sequence_summary(rows, camera, unit), "seconds": seconds, "folder": wishes.output,
-            "polarity": polarity,
+            **sequence_summary(rows, camera, unit), "seconds": time.perf_counter() - start, "folder": wishes.output,
+            "polarity": series.polarity,
         }  # fmt: skip
-        _write(out.place, rows, markers, camera, unit, record, last)
+        page = _write(out.place, series, markers, camera, unit, record)
         out.refused = last is None
     if last is None:
         console.refuse(f"no image gave a pose; the first: {rows[0].reason}", as_json, record)
-    decided = ["bright markers: dark spots gave no pose"] if polarity == "bright" and how.polarity == "auto" else []
-    console.answer(record, as_json, [*_lines(rows), *decided, f"report: {wishes.output / 'report.html'}"])
+    auto = series.polarity == "bright" and how.polarity == "auto"
+    decided = ["bright markers: dark spots gave no pose"] if auto else []
+    missing = not_drawn(page.failed)
+    console.answer(record, as_json, [*_lines(rows), *decided, *missing, f"report: {wishes.output / 'report.html'}"])
+
+
+def _made_with(wishes: Wishes, options: Record, change: tuple[float, float]) -> Record:
+    """See `pipeline.resume.made_with`; the images are looked at one by one."""
+    words = {key: f"--{key.removesuffix('_px').removesuffix('_s').replace('_', '-')}" for key in options}
+    asked = {words[key]: value for key, value in options.items()}
+    asked |= {"--unit": wishes.unit, "--roles": wishes.roles, "--change-deg": change[0], "--change-percent": change[1]}
+    files = {"--markers": wishes.markers, "--camera": wishes.camera, "--prior": wishes.prior, "--frames": wishes.frames,
+             "--mask": wishes.mask}  # fmt: skip
+    return made_with("track", asked, [(key, path) for key, path in files.items() if path is not None])
 
 
 def stamped_instants(images: list[io.PictureFile]) -> list[float] | None:
@@ -117,25 +126,22 @@ def read_instants(path: Path, images: list[io.PictureFile]) -> list[float]:
     return [known.get(image.name, known.get(image.stem, np.nan)) for image in images]
 
 
-def _write(
-    place: Path, rows: list[PoseRow], markers: MarkerSet, camera: Camera, unit: str, record: Record,
-    last: FollowedFrame | None,
-) -> None:  # fmt: skip
-    from windmark.app.pictures import png
+def _write(place: Path, series: Series, markers: MarkerSet, camera: Camera, unit: str, record: Record) -> Report:
+    """Tables, picture, page and figures; what could not be drawn goes into the record, too."""
+    io.write_table(place / "poses.csv", pose_columns(series.rows))
+    io.write_table(place / "matches.csv", match_columns(series.rows, markers))
+    if series.last is not None:  # a start for the images that come later
+        io.write_camera(place / "camera.json", camera, series.last[0], unit=unit, pose_cov=series.last[1])
+    page = _page(series.rows, record, unit, place)
+    (place / "report.html").write_text(page.html(), encoding="utf-8")
+    record["not_drawn"] = page.failed
+    io.write_json(place / "summary.json", record)
+    return page
+
+
+def _page(rows: list[PoseRow], record: Record, unit: str, place: Path) -> Report:
     from windmark.app.track_pictures import motion_picture
 
-    picture = png(motion_picture(rows, unit), dpi=110)
-    io.write_table(place / "poses.csv", pose_columns(rows))
-    io.write_table(place / "matches.csv", match_columns(rows, markers))
-    io.write_json(place / "summary.json", record)
-    (place / "motion.png").write_bytes(picture)
-    if last is not None and last.registered is not None:  # a start for the images that come later
-        io.write_camera(place / "camera.json", camera, last.registered.cam_from_model, unit=unit,
-                        pose_cov=last.registered.cov[:6, :6])  # fmt: skip
-    (place / "report.html").write_text(_page(rows, record, unit, picture), encoding="utf-8")
-
-
-def _page(rows: list[PoseRow], record: Record, unit: str, picture: bytes) -> str:
     when = datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
     report = Report("A model followed through images", f"windmark {windmark.__version__}, {when}, length unit: {unit}")
     report.table(
@@ -153,9 +159,12 @@ def _page(rows: list[PoseRow], record: Record, unit: str, picture: bytes) -> str
         if row.status == "lost":
             report.text(f"{row.name}: {row.reason}", "bad")
     report.heading("Motion")
-    report.picture(
-        picture, "Point of view (AIAA 2005-5007, Fig. 5) against the frame, less that of the first pose; bands: 1 sigma"
-    )
+    drawn = report.drawing(
+        "picture of the motion", lambda: motion_picture(rows, unit),
+        "Point of view (AIAA 2005-5007, Fig. 5) against the frame, less that of the first pose; bands: 1 sigma",
+    )  # fmt: skip
+    if drawn is not None:
+        (place / "motion.png").write_bytes(drawn)
     report.heading("Every image")
     columns = ["frame", "image", "status", "matched", "expected", "RMS px", *_headings(unit), "time ms", "reason"]
     report.table(columns, [_row(row) for row in rows], scroll=True)
@@ -166,7 +175,7 @@ def _page(rows: list[PoseRow], record: Record, unit: str, picture: bytes) -> str
         ["camera.json", "camera with the pose of the last good image"],
         ["motion.png, summary.json", "the picture above, the figures above"],
     ])  # fmt: skip
-    return report.html()
+    return report
 
 
 def _headings(unit: str) -> list[str]:

@@ -4,17 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from windmark import io
 from windmark.app import console
+from windmark.app.alone import Unreadable, not_drawn, write_png
 from windmark.calibration import KEEP, corrected_camera, magnified_camera, magnify_distortion, redraw
 from windmark.calibration import undistort as correct
 from windmark.errors import UsageError, WindmarkError
 from windmark.geometry import Camera
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _SHOWN = 3.0  # the paper's factor
 _AS_PNG = (".png", ".jpg", ".jpeg", ".bmp")
@@ -46,26 +52,31 @@ def undistort(images: list[Path], camera_file: Path, wishes: Wishes, as_json: bo
     target = corrected_camera(camera, keep=wishes.keep)
     magnified = None if wishes.magnify is None else magnified_camera(camera, wishes.magnify)
     written: dict[str, list[str]] = {}
+    lost = Unreadable()
+    failed: list[str] = []
     with console.progress() as show, console.result_folder(wishes.output) as out:
         place = out.place
         for path in images:
             show(f"undistort {path.name}")
-            written[path.name] = _one(path, place, camera, target, magnified, wishes)
+            with lost.unless_readable(path.name, place):
+                written[path.name] = _one(path, place, camera, target, magnified, wishes)
+        lost.refuse_unless(written)
         # An image of ones shows which pixels have a value; files have no word for "none" but 0.
         valid = redraw(np.ones(camera.size_px[::-1], np.uint8), camera, target).valid
         io.write_image(place / "valid.png", valid)
         pose = content.cam_from_model if content.length_unit else None
         pose_cov = None if pose is None else content.pose_cov
         io.write_camera(place / "camera.json", target, pose, unit=content.length_unit, pose_cov=pose_cov)
-        _draw(images, camera, camera_file.name, place, wishes)
+        _draw([path for path in images if path.name in written], camera, camera_file.name, place, wishes, failed)
     filled = 100 * float(valid.mean())
     width, height = target.size_px
     record = {
         "folder": wishes.output, "images": written, "camera": "camera.json", "size_px": target.size_px,
         "filled_percent": filled, "note": content.note,
+        "left_out": lost.why, "not_drawn": failed,
     }  # fmt: skip
     lines = [content.note] if content.note else []
-    lines += [f"{name}: {', '.join(files)}" for name, files in written.items()]
+    lines += [f"{name}: {', '.join(files)}" for name, files in written.items()] + lost.lines() + not_drawn(failed)
     lines.append(f"{width} x {height} px, {filled:.1f} % of them filled (valid.png)")
     if content.cam_from_model is not None and content.length_unit is None:
         lines.append(f"{camera_file} does not say the length unit of its pose: the pose is left out")
@@ -124,19 +135,21 @@ def _grey_of_mosaics(source: Path) -> Iterator[Image]:
     return pages if mosaic is None else (io.from_mosaic(page, mosaic) for page in pages)
 
 
-def _draw(images: list[Path], camera: Camera, name: str, place: Path, wishes: Wishes) -> None:
+def _draw(images: list[Path], camera: Camera, name: str, place: Path, wishes: Wishes, failed: list[str]) -> None:
     """The pictures that are wanted."""
     if not (wishes.field or wishes.picture):
         return
     from windmark.app.lens_pictures import correction_picture, distortion_picture
-    from windmark.app.pictures import png
 
     if wishes.field:
-        (place / "distortion.png").write_bytes(png(distortion_picture(camera, name)))
+        write_png(place / "distortion.png", lambda: distortion_picture(camera, name), failed)
     if wishes.picture:
         factor = _SHOWN if wishes.magnify is None else wishes.magnify
-        for path in images:
+
+        def draw(path: Path) -> Figure:
             image = next(_grey_of_mosaics(path))
             shown = correct(image, camera), magnify_distortion(image, camera, factor)
-            figure = correction_picture(image, camera, *shown, factor)
-            (place / f"{io.picture_name(path)}-picture.png").write_bytes(png(figure))
+            return correction_picture(image, camera, *shown, factor)
+
+        for path in images:
+            write_png(place / f"{io.picture_name(path)}-picture.png", partial(draw, path), failed)

@@ -1,6 +1,7 @@
 """Files: images, markers, cameras, grids and results. The only place where conventions are converted."""
 
-from windmark.io.atomic import atomic_folder, atomic_path, atomic_paths, atomic_write, try_paths
+from windmark.io.added import atomic_folder
+from windmark.io.atomic import atomic_path, atomic_paths, atomic_write, try_paths
 from windmark.io.cameras import (
     CAMERA_FORMATS,
     LENGTH_UNITS,
@@ -53,7 +54,7 @@ from windmark.io.recordings.base import Frames
 from windmark.io.recordings.open import frames, is_recording
 from windmark.io.recordings.picture import Frame, PictureFile, addresses, gathered, pictures, times_of
 from windmark.io.recordings.write import write_frames
-from windmark.io.results import ResultFolder, result_folder, unfinished
+from windmark.io.results import ResultFolder, result_folder
 from windmark.io.tables import (
     MatchTable,
     read_detection_names,
@@ -71,7 +72,7 @@ from windmark.io.vtk_write import write_nodes_vtk
 __all__ = [
     "CAMERA_FORMATS", "CHANNELS", "LENGTH_UNITS", "MOSAICS", "CameraFile", "ColmapModel", "FileError", "MatchTable",
     "PointList", "RigFile", "read_rig", "write_rig",
-    "ResultFolder", "result_folder", "unfinished", "reason", "witness", "atomic_paths", "try_paths",
+    "ResultFolder", "result_folder", "reason", "witness", "atomic_paths", "try_paths",
     "is_camera_text", "atomic_folder", "atomic_path", "atomic_write", "from_mosaic", "read_detection_names",
     "read_camera", "read_camera_file", "read_colmap", "write_colmap", "written_camera_format",
     "read_detections", "read_json", "read_markers", "read_matches", "read_modes", "read_points", "read_table",

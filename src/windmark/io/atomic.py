@@ -5,16 +5,16 @@ from __future__ import annotations
 import errno
 import io
 import os
-import secrets
 import shutil
 import time
 from collections.abc import Iterable, Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import IO, Any
 
 from windmark.io.errors import NO_SPACE, FileError, reason
-from windmark.io.staging import resolved, stage
+from windmark.io.making import PREFIX, Making, left_behind, making
+from windmark.io.staging import Say, resolved, silent
 
 # A virus scanner or a viewer may hold a file on Windows for a moment; elsewhere a rename never has to wait.
 _RETRY_AFTER_S: tuple[float, ...] = (0.05, 0.2, 0.5) if os.name == "nt" else ()
@@ -43,17 +43,17 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
         with writing(path, target):
             yield target
         return
-    temporary = target.with_name(f".windmark-{secrets.token_hex(6)}{target.suffix}")
+    made: Making | None = None
     try:
-        with writing(path, target, temporary):
-            temporary.touch(exist_ok=False)  # says early that the folder cannot be written to
-            yield temporary
+        with writing(path, target, target.with_name(PREFIX)):
+            made = making(target)
+            yield made.path
             if os.path.exists(target):
-                shutil.copymode(target, temporary)
-            replace_file(temporary, target)
+                shutil.copymode(target, made.path)
+            replace_file(made.path, target)
     finally:
-        with suppress(OSError):  # gone already when all went well
-            temporary.unlink(missing_ok=True)
+        if made is not None:
+            made.release()
 
 
 @contextmanager
@@ -102,73 +102,24 @@ def told_file(path: Path) -> IO[bytes]:
     return io.BufferedRandom(_Told(path, "w+"))
 
 
-def try_paths(paths: Iterable[Path]) -> None:
+def try_paths(paths: Iterable[Path], say: Say = silent) -> None:
     """Try that these files can be written, before the work that their content takes.
+
+    What killed processes left of files that they wrote beside them is removed, and told to ``say``.
 
     Raises
     ------
     FileError
         For the first one that cannot, with the reason.
     """
-    for path in paths:
-        target = _checked_target(path)
+    targets = {path: _checked_target(path) for path in paths}
+    for folder in dict.fromkeys(target.parent for target in targets.values()):
+        for file in left_behind(folder):
+            say(f"{file} was left by a run that was killed; removed")
+    for path, target in targets.items():
         if not os.path.exists(target) or target.is_file():
-            temporary = target.with_name(f".windmark-{secrets.token_hex(6)}{target.suffix}")
-            with writing(path, target, temporary):
-                temporary.touch(exist_ok=False)
-                temporary.unlink()
-
-
-@contextmanager
-def atomic_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Give a temporary folder; the files written there move into ``path`` together when the block ends.
-
-    ``path`` is created when missing (its parent must exist). Files of the same name are replaced,
-    other files in ``path`` stay. Any exception leaves ``path`` as it was. For the result of a job: `result_folder`.
-
-    Raises
-    ------
-    FileError
-        When the operating system refuses (before anything is written, if it can be known then), or another process
-        writes there: names ``path`` and the reason.
-    """
-    staging = stage(path, parents=False)
-    try:
-        with writing(path, staging.target, staging.hidden):
-            staging.clear()
-            staging.new.mkdir()
-            yield staging.new
-            _move_all(staging.new, staging.target, staging.old)
-    finally:
-        staging.release()
-
-
-def _move_all(new: Path, target: Path, old: Path) -> None:
-    """Move every file of ``new`` to ``target``; on any failure put everything back."""
-    created = not target.exists()
-    done: list[tuple[Path, Path, bool]] = []
-    try:
-        for source in sorted(p for p in new.rglob("*") if p.is_file()):
-            name = source.relative_to(new)
-            place, backup = target / name, old / name
-            place.parent.mkdir(parents=True, exist_ok=True)
-            backup.parent.mkdir(parents=True, exist_ok=True)
-            replaced = place.exists()
-            done.append((place, backup, replaced))
-            if replaced:
-                replace_file(place, backup)
-            replace_file(source, place)
-        target.mkdir(exist_ok=True)
-    except BaseException:
-        for place, backup, replaced in reversed(done):
-            with suppress(OSError):
-                if not replaced:
-                    place.unlink(missing_ok=True)
-                elif backup.exists():
-                    os.replace(backup, place)
-        if created:
-            shutil.rmtree(target, ignore_errors=True)
-        raise
+            with writing(path, target, target.with_name(PREFIX)):
+                making(target).release()
 
 
 def _checked_target(path: str | os.PathLike[str]) -> Path:

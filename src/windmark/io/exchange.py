@@ -52,7 +52,31 @@ def exchange(staging: Staging, outputs: set[str], refused: bool, say: Say) -> No
     if (not target.exists() or not (foreign or keep)) and _swapped(staging):
         return
     kept = _kept_folder(staging) if keep else None
-    todo = {"away": sorted(ours - keep), "keep": sorted(keep), "kept": None if kept is None else str(kept)}
+    _moved(staging, {"away": sorted(ours - keep), "keep": sorted(keep), "kept": None if kept is None else str(kept)})
+    if kept is not None:
+        why = "of an earlier run that was not refused" if refused else "not written by windmark, or changed since"
+        first = ", ".join(sorted(keep)[:3]) + (f" and {len(keep) - 3} more" if len(keep) > 3 else "")
+        say(f"{target}: {first}: {why}; kept in {kept}")
+    if old is None and foreign and "summary.json" in taken:
+        say(f"{target}: holds an older result without a manifest; what the new one does not replace stays beside it")
+
+
+def add(staging: Staging) -> None:
+    """Put the new files into the target, in place of those of the same names; on failure everything is as it was.
+
+    Raises
+    ------
+    FileError
+        When a file cannot be moved.
+    """
+    target = staging.target
+    _moved(staging, {"away": [n for n in files_below(staging.new) if os.path.isfile(target / n)], "keep": [],
+                     "kept": None})  # fmt: skip
+
+
+def _moved(staging: Staging, todo: Mapping[str, Any]) -> None:
+    """Carry a list of moves out, which the next run goes on with after a kill; on failure everything is as it was."""
+    target, there = staging.target, staging.target.exists()
     staging.journal.write_text(json.dumps(todo), encoding="utf-8")
     done: list[tuple[Path, Path]] = []
     try:
@@ -62,15 +86,13 @@ def exchange(staging: Staging, outputs: set[str], refused: bool, say: Say) -> No
             with suppress(OSError):
                 source.parent.mkdir(parents=True, exist_ok=True)
                 replace_file(place, source)
+        _remove_empty(target, {place.parent.relative_to(target) for _, place in done if place.is_relative_to(target)})
+        if not there:
+            with suppress(OSError):
+                target.rmdir()
         staging.journal.unlink(missing_ok=True)
         raise FileError(target, f"cannot be written: {error.filename2 or error.filename}: {reason(error)}") from error
     staging.journal.unlink(missing_ok=True)
-    if kept is not None:
-        why = "of an earlier run that was not refused" if refused else "not written by windmark, or changed since"
-        first = ", ".join(sorted(keep)[:3]) + (f" and {len(keep) - 3} more" if len(keep) > 3 else "")
-        say(f"{target}: {first}: {why}; kept in {kept}")
-    if old is None and foreign and "summary.json" in taken:
-        say(f"{target}: holds an older result without a manifest; what the new one does not replace stays beside it")
 
 
 def finish_exchange(staging: Staging, say: Say) -> None:

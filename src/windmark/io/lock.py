@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import socket
+import time
 from contextlib import suppress
 from pathlib import Path
 
@@ -12,8 +13,56 @@ TRIES = 20
 """Rounds in which the lock of a run that just ended may vanish under our hands."""
 _SIGNED = 200
 """Bytes of the text in a lock file: always the same, as Windows may refuse to cut a file of which a part is locked."""
+_DELETED_S = 0.05
 _FAR = 1 << 30
 """Where Windows locks a byte: far behind the text, which others may read then; a file need not reach so far."""
+
+
+def taken(file: Path) -> int | None:
+    """Descriptor of a lock file, made if it is not there and locked by us; None where another process holds it.
+
+    On a disk without locks it is made and nothing more.
+
+    Raises
+    ------
+    OSError
+        Where it cannot be made.
+    """
+    for k in range(TRIES):
+        try:
+            lock = os.open(file, os.O_RDWR | os.O_CREAT, 0o666)
+        except PermissionError:
+            being_removed(k)
+            continue
+        try:
+            free = locked(lock)
+        except NotImplementedError:
+            return lock
+        except BaseException:
+            os.close(lock)
+            raise
+        if not free:
+            os.close(lock)
+            return None
+        if is_file(lock, file):
+            try:
+                sign(lock)
+            except BaseException:  # the disk is too full for it: nothing of ours stays there
+                let_go(lock, file)
+                raise
+            return lock
+        unlocked(lock)
+    return None
+
+
+def being_removed(k: int) -> None:
+    """For a name that the system just denied, in round ``k`` of `TRIES`: give it time, or raise that error again.
+
+    Windows denies access to a name while it removes what had it, until the last program that looks at it closes it.
+    """
+    if os.name != "nt" or k == TRIES - 1:
+        raise
+    time.sleep(_DELETED_S)
 
 
 def locked(lock: int) -> bool:

@@ -12,6 +12,7 @@ from contextlib import suppress
 from pathlib import Path, PurePosixPath
 from typing import Any
 
+from windmark.io.making import is_making
 from windmark.io.text import write_json
 
 MANIFEST = "manifest.json"
@@ -31,7 +32,7 @@ def files_below(folder: Path) -> Iterable[str]:
     for place, inside, names in os.walk(folder):
         inside[:] = sorted(d for d in inside if not d.startswith(".windmark"))
         links = [d for d in inside if os.path.islink(os.path.join(place, d))]
-        for name in (*sorted(names), *links):
+        for name in (*(n for n in sorted(names) if not is_making(n)), *links):
             yield (Path(place) / name).relative_to(folder).as_posix()
 
 

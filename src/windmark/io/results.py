@@ -16,19 +16,19 @@ two of these moves is made good by the next run: the hidden folder has a list of
 from __future__ import annotations
 
 import os
-import shutil
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from windmark.io.atomic import FULL, writing
 from windmark.io.errors import NO_SPACE, FileError, refusal, space_on, witness
-from windmark.io.exchange import UNFINISHED, exchange, finish_exchange, newer
+from windmark.io.exchange import UNFINISHED, exchange, newer
 from windmark.io.interrupts import interrupts_wait
+from windmark.io.leftovers import put_right
 from windmark.io.manifest import MANIFEST, files_below, read_manifest, write_manifest
-from windmark.io.staging import Say, Staging, busy, hidden_places, in_use, silent, stage
+from windmark.io.staging import Say, Staging, silent, staged
 from windmark.io.text import write_json
 
 FIXED = ("report.html", "summary.json", MANIFEST)
@@ -84,32 +84,37 @@ def result_folder(
     FileError
         At the start, when nothing can be written there or another run does; at the end, when the disk is full.
     """
-    out = None
-    with witness() as read:
+    with witness() as read, ExitStack() as held:
         with _what_stays(path, live):
-            staging = stage(path, say)
-        try:
+            staging = held.enter_context(staged(path, say))
+        with _what_stays(path, live), _by_their_names(staging):
             _refuse_folders(staging.target)
             with writing(path, staging.hidden, *([staging.target] if live else []), only=False):
-                resumed = _leftovers(path, staging, say, resume)
+                resumed = put_right(path, staging, say, resume)
                 out, there = _begin(staging, live, resume, say)
                 out.about, out.resumed = dict(about or {}), out.resumed or resumed
-                yield out
+                try:
+                    yield out
+                finally:
+                    staging.keep = out.keep
                 described = {**out.about, "refused": out.refused}
                 record = write_manifest(out.place, staging.target, read, described, there)
                 if not live:
                     with interrupts_wait(f"{staging.target} had been written whole before"):
                         exchange(staging, set(record["outputs"]), out.refused, say)
-                out.keep = False
-        except FileError as error:
-            with _what_stays(path, live):
-                if not error.path.is_relative_to(staging.new):
-                    raise
-                # The user knows the file by the name that it would have had.
-                real = staging.target / error.path.relative_to(staging.new)
-                raise FileError(real, error.what, error.where) from error
-        finally:
-            staging.release(clear=out is None or not out.keep)
+                        staging.keep = False
+                staging.keep = False
+
+
+@contextmanager
+def _by_their_names(staging: Staging) -> Iterator[None]:
+    """The user knows a file by the name that it would have had."""
+    try:
+        yield
+    except FileError as error:
+        if not error.path.is_relative_to(staging.new):
+            raise
+        raise FileError(staging.target / error.path.relative_to(staging.new), error.what, error.where) from error
 
 
 @contextmanager
@@ -126,19 +131,6 @@ def _what_stays(path: str | os.PathLike[str], live: bool) -> Iterator[None]:
         if not live:
             words.append("the result that was there is as it was" if older else "nothing was put there")
         raise FileError(error.path, "; ".join(word for word in words if word), error.where) from error
-
-
-def unfinished(path: str | os.PathLike[str]) -> Path | None:
-    """What a killed run has left of a result for ``path``: the folder with its files; None where there is nothing."""
-    for hidden in hidden_places(Path(os.path.realpath(path))):
-        if _is_unfinished(hidden / "new"):
-            return hidden / "new"
-    return None
-
-
-def _is_unfinished(new: Path) -> bool:
-    """Whether a folder has files and no manifest, which is written last (an older result, taken out, has one)."""
-    return new.is_dir() and any(new.iterdir()) and not (new / MANIFEST).exists()
 
 
 def _refuse_folders(target: Path) -> None:
@@ -167,26 +159,3 @@ def _begin(staging: Staging, live: bool, resume: bool, say: Say) -> tuple[Result
         write_json(target / MANIFEST, {UNFINISHED: True, "outputs": {}})
     there = {name: os.lstat(target / name).st_mtime_ns for name in files_below(target) if name not in of_it}
     return ResultFolder(target, target, resumed=resumed), there
-
-
-# --- what a killed run has left ------------------------------------------------------------------------
-
-
-def _leftovers(path: str | os.PathLike[str], staging: Staging, say: Say, resume: bool) -> bool:
-    """Finish an exchange that a kill broke off, remove or take over an unfinished result; whether it is taken over."""
-    for hidden in hidden_places(staging.target):
-        if hidden == staging.hidden or not hidden.is_dir():
-            continue
-        if holder := in_use(hidden):
-            raise busy(path, holder)
-        with suppress(OSError):  # on a disk that we could not write to this time it must wait
-            finish_exchange(Staging(staging.target, hidden, -1), say)
-            shutil.rmtree(hidden)
-            say(f"{hidden} was left by a run that was killed; removed")
-    finish_exchange(staging, say)
-    if resume and _is_unfinished(staging.new):
-        return True
-    if staging.new.is_dir() and any(staging.new.iterdir()):
-        say(f"{staging.hidden} was left by a run that was killed; removed")
-    staging.clear()
-    return False

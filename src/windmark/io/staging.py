@@ -4,21 +4,19 @@ from __future__ import annotations
 
 import os
 import shutil
-import time
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 from windmark.io.errors import FileError, reason
-from windmark.io.lock import TRIES, holder, is_file, let_go, locked, sign, unlocked
+from windmark.io.interrupts import interrupts_wait
+from windmark.io.lock import TRIES, being_removed, holder, is_file, let_go, locked, sign, unlocked
 
 HIDDEN = ".windmark"
 """Name of the hidden folder inside a target; beside it, the target's own name follows."""
 _LOCK, _PROBE = "lock", ".windmark-probe"
 _LONGEST = 200
-_DELETED_S = 0.05
-"""Windows denies access to a name while it removes what had it, until the last program that looks at it closes it."""
 
 Say = Callable[[str], None]
 
@@ -27,7 +25,7 @@ def silent(_text: str) -> None:
     """Say nothing."""
 
 
-@dataclass(frozen=True)
+@dataclass
 class Staging:
     """A hidden folder that this process holds: ``new`` is written to, ``old`` takes what is replaced.
 
@@ -37,12 +35,14 @@ class Staging:
     hidden : beside the target, or inside of it where it is on another disk or its parent cannot be written to
     lock : descriptor of the locked file
     made : folders above the target that were made for it, the highest first
+    keep : `release` leaves what is in it, as it can be gone on with
     """
 
     target: Path
     hidden: Path
     lock: int
     made: tuple[Path, ...] = ()
+    keep: bool = False
 
     @property
     def beside(self) -> bool:
@@ -70,12 +70,9 @@ class Staging:
             shutil.rmtree(part, ignore_errors=True)
         self.journal.unlink(missing_ok=True)
 
-    def release(self, *, clear: bool = True) -> None:
-        """Remove it and let go of the lock; folders made for a target that did not come are removed, too.
-
-        ``clear``: not False, as what is in it may be gone on with.
-        """
-        if clear:
+    def release(self) -> None:
+        """Remove it and let go of the lock; folders made for a target that did not come are removed, too."""
+        if not self.keep:
             with suppress(OSError):
                 self.clear()
         _release(self.hidden, self.lock)
@@ -148,6 +145,23 @@ def stage(path: str | os.PathLike[str], say: Say = silent, *, parents: bool = Tr
             with suppress(OSError):
                 folder.rmdir()
         raise
+
+
+@contextmanager
+def staged(path: str | os.PathLike[str], say: Say = silent, *, parents: bool = True) -> Iterator[Staging]:
+    """`stage` for a block; what the block leaves in it is removed unless it says `Staging.keep`.
+
+    What asks the process to end waits while it is taken and while it is let go of, so that no half of it is left.
+    """
+    held: Staging | None = None
+    try:
+        with interrupts_wait():
+            held = stage(path, say, parents=parents)
+        yield held
+    finally:
+        if held is not None:
+            with interrupts_wait():
+                held.release()
 
 
 def busy(path: str | os.PathLike[str], process: str) -> FileError:
@@ -233,9 +247,7 @@ def _take(hidden: Path, path: str | os.PathLike[str], say: Say) -> int:
         except FileNotFoundError:
             continue
         except PermissionError:
-            if os.name != "nt" or k == TRIES - 1:
-                raise
-            time.sleep(_DELETED_S)
+            being_removed(k)
             continue
         except OSError:  # no room for one more file
             with suppress(OSError):

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from windmark.errors import UsageError
-from windmark.io.atomic import atomic_folder, atomic_path
+from windmark.io.added import atomic_folder
+from windmark.io.atomic import atomic_path
 from windmark.io.fields import LENGTH, checked_fields, label, single_is_exact, written_by
 from windmark.scene import Block, Mesh
 

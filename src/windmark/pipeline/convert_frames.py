@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -31,7 +31,8 @@ class FrameOptions:
 
 def convert_frames(
     sources: Sequence[Path], target: Path, options: FrameOptions | None = None, *,
-    progress: Callable[[str], None] = lambda _: None,
+    progress: Callable[[str], None] = lambda _: None, say: Callable[[str], None] = lambda _: None,
+    about: Mapping[str, Any] | None = None,
 ) -> Record:  # fmt: skip
     """Write a recording as another one, and read back what was written.
 
@@ -41,6 +42,7 @@ def convert_frames(
     target : see `io.write_frames`; or ``.png``, ``.jpg``, ``.bmp`` for a single frame
     options : see `FrameOptions`
     progress : told the name of every frame
+    say, about : see `io.write_frames`
 
     Returns
     -------
@@ -68,7 +70,9 @@ def convert_frames(
             io.write_image(target, chosen[0])
             lost: list[str] = [] if chosen.time_s is None else ["the time stamp"]
         else:
-            lost = io.write_frames(target, chosen, pictures=options.pictures or "tif", each=progress)
+            lost = io.write_frames(
+                target, chosen, pictures=options.pictures or "tif", each=progress, say=say, about=about
+            )
         notes = [part for part in chosen.note.split("; ") if part] + [f"left out: {what}" for what in lost]
         times = chosen.time_s
         return {

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from windmark.geometry import Camera, Pose
 from windmark.geometry.rotations import hat
 from windmark.pipeline.predictions import Known, from_camera, look_again
 from windmark.registration import Motion, NotRegistered, Registration, TrackState, predict, track
+from windmark.registration.track import taken_up
 from windmark.scene import Detections, MarkerSet
 
 Array = NDArray[np.float64]
@@ -97,6 +99,7 @@ def follow(
     *,
     options: FollowOptions | None = None,
     instants: Sequence[float] | None = None,
+    handed_on: dict[str, Any] | None = None,
 ) -> Iterator[FollowedFrame]:
     """Pose and labels in every image of a sequence, one after the other; memory does not grow with its length.
 
@@ -112,6 +115,9 @@ def follow(
     camera : interior parameters
     options : see `FollowOptions`
     instants : when each image was taken, in frames, strictly increasing; None means one frame apart
+    handed_on : takes what every image hands on to the next, before it is yielded; where it holds what an earlier
+        sequence of the same markers, camera and options left in it, the images go on with that, and with the instants
+        behind its own
 
     Raises
     ------
@@ -119,16 +125,23 @@ def follow(
         For options out of range, instants that do not increase or do not fit the images.
     """
     follower = _Follower(markers, camera, options or FollowOptions())
-    last = -np.inf
-    for index, item in enumerate(images):
-        if instants is not None and index >= len(instants):
+    kept = {} if handed_on is None else handed_on
+    follower.take_up(kept.get("follower", {}))
+    first, last = kept.get("index", 0), kept.get("instant", -np.inf)
+    for k, item in enumerate(images):
+        index = first + k
+        if instants is not None and k >= len(instants):
             raise UsageError(f"follow: instants must be given for every image, got {len(instants)} for more images")
-        instant = float(index) if instants is None else float(instants[index])
+        instant = float(index) if instants is None else float(instants[k])
         if not (np.isfinite(instant) and instant > last):
             raise UsageError(f"follow: instants must increase strictly, number {index} is {instant:g} after {last:g}")
         frame = follower.frame(index, item, instant, 1.0 if index == 0 else instant - last)
-        yield replace(frame, time_s=item.time_s) if isinstance(item, io.Frame) else frame
         last = instant
+        kept.update(follower=follower.handed_on(), index=index + 1, instant=last)
+        yield replace(frame, time_s=item.time_s) if isinstance(item, io.Frame) else frame
+
+
+_HANDED_ON = ("_known", "_radius", "_polarity", "_last")
 
 
 class _Follower:
@@ -141,6 +154,18 @@ class _Follower:
         self._radius: tuple[float, ...] | None = options.radius_px
         self._polarity = "" if options.polarity == detection.AUTO else options.polarity  # "": not decided yet
         self._last: tuple[int, float] = (0, np.nan)  # markers and their radius in the last good image
+
+    def handed_on(self) -> dict[str, Any]:
+        """What the next image goes on with; what markers and camera alone make is left out."""
+        state = None if self._state is None else self._state.told()
+        return {"state": state, **{name: getattr(self, name) for name in _HANDED_ON}}
+
+    def take_up(self, handed_on: Mapping[str, Any]) -> None:
+        """Go on with what `handed_on` gave."""
+        for name in _HANDED_ON if handed_on else ():
+            setattr(self, name, handed_on[name])
+        if (state := handed_on.get("state")) is not None:
+            self._state = taken_up(state, self._markers, self._camera)
 
     def frame(self, index: int, item: io.PictureFile | tuple[str, Image], instant: float, dt: float) -> FollowedFrame:
         """Follow one image."""

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from windmark.app import console
-from windmark.app.commands.options import Json
+from windmark.app.commands.options import Finish, Json, Resume
 from windmark.errors import UsageError
 
 
@@ -35,23 +35,18 @@ def deform(
     ] = None,
     idle: Annotated[float | None, typer.Option(help="Live: end when nothing has come for so many seconds.")] = None,
     frames: Annotated[int | None, typer.Option(help="Live: end after so many frames.")] = None,
-    resume: Annotated[
-        bool, typer.Option("--resume", help="Go on with a run that was stopped, from its last frame.")
-    ] = False,
-    finish: Annotated[
-        bool, typer.Option("--finish", help="End a run that was stopped: results of the frames that it has measured.")
-    ] = False,
+    resume: Resume = False,
+    finish: Finish = False,
     as_json: Json = False,
 ) -> None:
     """Model deformation from one camera or several: laws, rigid motion, twist and bending, frame by frame."""
     with console.errors(as_json):
         from windmark.app import deform_verb
+        from windmark.app.series_folder import how_to_go_on
         from windmark.pipeline.deform.project import Changes
 
         changed = Changes(output, tuple(camera or ()), tuple(moves or ()))
         if watch is None and (idle is not None or frames is not None):
             raise UsageError("--idle and --frames belong to --watch")
-        if (resume and finish) or (finish and watch is not None):
-            raise UsageError("--finish measures no more: leave out --resume and --watch")
         live = None if watch is None else deform_verb.Live(watch, idle, frames)
-        deform_verb.deform(project, changed, live, "resume" if resume else "finish" if finish else "", as_json)
+        deform_verb.deform(project, changed, live, how_to_go_on(resume, finish, watch), as_json)

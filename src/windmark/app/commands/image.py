@@ -30,7 +30,19 @@ from windmark.app.commands.matching_options import (
     register_settings,
     values_settings,
 )
-from windmark.app.commands.options import CameraFile, GridFile, Json, Markers, MeritMax, Polarity, Radius, Seed, Unit
+from windmark.app.commands.options import (
+    CameraFile,
+    Finish,
+    GridFile,
+    Json,
+    Markers,
+    MeritMax,
+    Polarity,
+    Radius,
+    Resume,
+    Seed,
+    Unit,
+)
 from windmark.errors import UsageError
 
 
@@ -264,15 +276,18 @@ def track(
     max_time: MaxTime = None,
     seed: Seed = 0,
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder of the results.")] = Path("track"),
+    resume: Resume = False,
+    finish: Finish = False,
     as_json: Json = False,
 ) -> None:
     """Follow the model through images: pose and labels in each; bad images are flagged and stop nothing."""
     with console.errors(as_json):
         from windmark.app import track_verb
+        from windmark.app.series_folder import how_to_go_on
 
         wishes = track_verb.Wishes(images, markers, camera, unit, roles, prior, frames, mask, output)
         options = {
             "radius_px": tuple(radius) if radius else None, "polarity": polarity, "merit_max": merit_max,
             "channel": channel, "max_time_s": max_time, "seed": seed,
         }  # fmt: skip
-        track_verb.follow_files(wishes, options, (change_deg, change_percent), as_json)
+        track_verb.follow_files(wishes, options, (change_deg, change_percent), how_to_go_on(resume, finish), as_json)

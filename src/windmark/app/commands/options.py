@@ -28,4 +28,8 @@ CameraFile = Annotated[
 ]
 GridFile = Annotated[Path, typer.Option("--grid", "-g", help="Surface grid: PLOT3D, STL, OBJ, PLY, VTK.")]
 Unit = Annotated[str, typer.Option("--unit", help="Length unit of markers and grid: in, ft, mm, cm, m.")]
+Resume = Annotated[bool, typer.Option("--resume", help="Go on with a run that was stopped, from its last frame.")]
+Finish = Annotated[
+    bool, typer.Option("--finish", help="End a run that was stopped: results of the frames that it has measured.")
+]
 Seed = Annotated[int, typer.Option(help="Seed of every random choice: same seed, same result.")]

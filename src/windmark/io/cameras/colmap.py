@@ -22,7 +22,7 @@ import numpy as np
 from windmark.errors import UsageError
 from windmark.geometry import Camera, Pose
 from windmark.geometry.rotations import quaternion
-from windmark.io.atomic import atomic_folder
+from windmark.io.added import atomic_folder
 from windmark.io.cameras import record
 from windmark.io.errors import FileError
 from windmark.io.text import Pathlike, read_text

@@ -58,7 +58,7 @@ def picture_files(path: Pathlike) -> list[Path]:
     text = os.fspath(path)
     with decoding(path):
         if os.path.isdir(text):
-            files = [Path(e.path) for e in os.scandir(text) if e.name[0] != "." and _is_picture(e.name) and e.is_file()]
+            files = [Path(e.path) for e in os.scandir(text) if e.name[0] != "." and is_picture(e.name) and e.is_file()]
             kinds = sorted({f.suffix.lower().replace("jpeg", "jpg").replace("tiff", "tif") for f in files})
             if len(kinds) > 1:
                 some = os.path.join(text, f"*{kinds[0]}")
@@ -71,7 +71,7 @@ def picture_files(path: Pathlike) -> list[Path]:
             files = [Path(p) for p in glob(pattern, recursive=True) if os.path.isfile(p)]
             if not files:
                 raise FileError(path, "no file matches this pattern")
-            if (odd := next((f for f in files if not _is_picture(f.name, ".csv")), None)) is not None:
+            if (odd := next((f for f in files if not is_picture(f.name, ".csv")), None)) is not None:
                 raise FileError(odd, f"is no picture; expected {', '.join(PICTURES)} or .csv, as {text} matches it")
     return sorted(files, key=lambda f: natural(str(f)))
 
@@ -86,7 +86,8 @@ def is_pattern(path: Pathlike) -> bool:
     return has_magic(os.fspath(path)) and not os.path.exists(path)
 
 
-def _is_picture(name: str, *more: str) -> bool:
+def is_picture(name: str, *more: str) -> bool:
+    """Whether a name is that of a picture, or has one of some more extensions."""
     return name.lower().endswith(PICTURES + more)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -11,9 +11,13 @@ from typing import Any
 import numpy as np
 
 from windmark.errors import UsageError
-from windmark.io.atomic import atomic_folder, atomic_path, told_file
+from windmark.io.atomic import atomic_path, told_file
 from windmark.io.errors import FileError
+from windmark.io.manifest import read_manifest
 from windmark.io.recordings.base import Frames, Image
+from windmark.io.recordings.folder import is_picture
+from windmark.io.results import result_folder
+from windmark.io.staging import Say, silent
 from windmark.io.text import Pathlike
 
 _TIFF, _HDF, _NETCDF, _AVI = (".tif", ".tiff"), (".h5", ".hdf5"), (".nc",), (".avi", ".mkv")
@@ -23,7 +27,10 @@ _BIG = 2**31
 Each = Callable[[str], None]
 
 
-def write_frames(path: Pathlike, frames: Frames, *, pictures: str = "tif", each: Each = lambda _: None) -> list[str]:
+def write_frames(
+    path: Pathlike, frames: Frames, *, pictures: str = "tif", each: Each = lambda _: None, say: Say = silent,
+    about: Mapping[str, Any] | None = None,
+) -> list[str]:  # fmt: skip
     """Write a recording, whole or not at all; the extension tells the format.
 
     Parameters
@@ -34,6 +41,8 @@ def write_frames(path: Pathlike, frames: Frames, *, pictures: str = "tif", each:
     frames : what is written; numbers as they are
     pictures : "png" or "tif", of a folder
     each : told the name of every frame
+    say, about : of a folder, which holds one recording: see `result_folder`. Pictures of an older recording go when a
+        new one comes
 
     Returns
     -------
@@ -44,7 +53,7 @@ def write_frames(path: Pathlike, frames: Frames, *, pictures: str = "tif", each:
     ValueError
         For an extension or pixels that the format cannot hold.
     FileError
-        When a frame cannot be read or the target cannot be written.
+        When a frame cannot be read or the target cannot be written, or is a folder with others' pictures.
     """
     target, suffix = Path(path), Path(path).suffix.lower()
     if not len(frames):
@@ -61,7 +70,7 @@ def write_frames(path: Pathlike, frames: Frames, *, pictures: str = "tif", each:
     elif suffix in _AVI:
         lost = _write_film(target, frames, each)
     elif not suffix or target.is_dir():
-        _write_folder(target, frames, pictures, each)
+        _write_folder(target, frames, pictures, each, say, about)
     else:
         names = ", ".join(WRITTEN)
         raise UsageError(f"write_frames: path must end in {names}, or be a folder, got {os.fspath(path)!r}")
@@ -84,15 +93,30 @@ def _write_tiff(target: Path, frames: Frames, each: Each) -> None:
             writer.write(picture, photometric=photometric, metadata=None, software="windmark")
 
 
-def _write_folder(target: Path, frames: Frames, pictures: str, each: Each) -> None:
+def _write_folder(
+    target: Path, frames: Frames, pictures: str, each: Each, say: Say, about: Mapping[str, Any] | None
+) -> None:
     from windmark.io.images import write_image
 
     if pictures not in PICTURES:
         raise UsageError(f"write_frames: pictures must be one of {', '.join(PICTURES)}, got {pictures!r}")
-    with atomic_folder(target) as place:
+    with result_folder(target, about, say=say) as out:
+        _refuse_others(target)
         for k, picture in enumerate(frames):
             each(frames.name(k))
-            write_image(place / f"{frames.name(k)}.{pictures}", picture)
+            write_image(out.place / f"{frames.name(k)}.{pictures}", picture)
+
+
+def _refuse_others(target: Path) -> None:
+    """A folder is one recording: pictures that we did not write would become part of it."""
+    old = read_manifest(target)
+    ours = {} if old is None else old["outputs"]
+    there = sorted(os.listdir(target)) if target.is_dir() else []
+    others = [name for name in there if is_picture(name) and name[0] != "." and name not in ours]
+    if others:
+        more = f" and {len(others) - 1} more" if len(others) > 1 else ""
+        raise FileError(target, f"holds {others[0]}{more}, which no conversion wrote, and a folder is one recording; "
+                        "expected a new folder, or one that a conversion wrote")  # fmt: skip
 
 
 def _write_hdf(target: Path, frames: Frames, each: Each, *, netcdf: bool) -> None:

@@ -123,7 +123,7 @@ def calibrate_board(
     Raises
     ------
     ValueError
-        For unreadable pictures, sizes that differ, a datum or a rig that needs dots that are told apart.
+        For fewer than two readable pictures, sizes that differ, a datum or a rig that needs dots that are told apart.
     """
     if not board.marks and board.layout == "square":
         _refuse_moves(settings.datum or Fixed(), settings.rig)
@@ -192,7 +192,7 @@ def _boards(pictures: Sequence[BoardPicture], board: Board) -> list[BoardPicture
         one = {"size_px": sizes.pop()} if len(sizes) == 1 else {}
         found = find_boards([p.detections for p in pictures], columns=board.columns, rows=board.rows, **known, **one)
     return [
-        replace(p, board=f, round=1) if isinstance(f, BoardView) else replace(p, problem=f.reason)
+        replace(p, board=f, round=1) if isinstance(f, BoardView) else replace(p, problem=p.unread or f.reason)
         for p, f in zip(pictures, found, strict=True)
     ]
 

@@ -112,7 +112,7 @@ def calibrate_pictures(
     Raises
     ------
     ValueError
-        For unreadable pictures, sizes that differ, labels of no picture or of no spot.
+        For fewer than two readable pictures, sizes that differ, labels of no picture or of no spot.
     """
     _check_labels(picture_names(paths), markers, options)
 
@@ -208,6 +208,8 @@ def _match(
     anew: bool,
 ) -> MatchedPicture:
     """Match one picture; ``how`` is empty where camera and markers are known, ``anew`` forgets the last labels."""
+    if picture.unread:
+        return picture
     xy = picture.detections.xy
     tolerance = options.tolerance_px
     if how and tolerance is None and len(xy) > 1:

@@ -67,6 +67,7 @@ class Picture:
     problem : why it could not be used
     round : in which it was accepted for the first time, 0 if never
     excess_px : 1 sigma per coordinate that was added to the detector's, as the residuals of all pictures ask for
+    unread : why its file could not be read, "" where it could
     """
 
     name: str
@@ -77,6 +78,7 @@ class Picture:
     problem: str = ""
     round: int = 0
     excess_px: float = 0.0
+    unread: str = ""
 
     @property
     def count(self) -> int:
@@ -95,6 +97,8 @@ class Picture:
 
 
 P = TypeVar("P", bound=Picture)
+LEAST_READ = 2
+"""Pictures that must be readable: with one alone nothing can be calibrated or reconstructed."""
 
 
 def read_pictures(
@@ -114,21 +118,52 @@ def read_pictures(
     focal_px : rough focal length of unknown cameras
     make : what is done with each, from its path, its name, and who took it
 
+    Returns
+    -------
+    The pictures, those that cannot be read without a spot and with the reason (``unread``), and the cameras
+
     Raises
     ------
     ValueError
-        For unreadable pictures, sizes that differ, names that say no camera.
+        For sizes that differ, names that say no camera.
+    FileError
+        For a picture that cannot be read, where fewer than two can, or none of its camera.
     """
     names = picture_names(paths)
     jobs = list(zip(paths, names, taken_by(names, list(cameras), patterns), strict=True))
     with ThreadPoolExecutor(max_workers=min(len(paths), os.cpu_count() or 1)) as pool:
-        pictures = [job.result() for job in [pool.submit(make, *j) for j in jobs]]
+        found = list(pool.map(lambda job: _made(make, *job), jobs))
+    read = [p for p in found if not isinstance(p, io.FileError)]
+    seeing = {p.camera for p in read}
+    for p, (_, _, taken) in zip(found, jobs, strict=True):
+        if isinstance(p, io.FileError) and (len(read) < LEAST_READ or taken.camera not in seeing):
+            raise p
     sized: dict[str, Camera] = {}
-    for p in pictures:
+    for p in read:
         camera = sized.setdefault(p.camera, cameras[p.camera] or start_camera(p.size_px, focal_px))
         if camera.size_px != p.size_px:
             raise UsageError(f"picture {p.name} has {p.size_px} px; expected {camera.size_px}, as its camera")
+    pictures = [_unread(type(read[0]), path, name, taken, sized[taken.camera], p) if isinstance(p, io.FileError) else p
+                for p, (path, name, taken) in zip(found, jobs, strict=True)]  # fmt: skip
     return pictures, {name: sized[name] for name in cameras if name in sized}
+
+
+def _made(
+    make: Callable[[io.PictureFile, str, Taken], P], path: io.PictureFile, name: str, taken: Taken
+) -> P | io.FileError:
+    try:
+        return make(path, name, taken)
+    except io.FileError as error:
+        return error
+
+
+def _unread(
+    kind: type[P], path: io.PictureFile, name: str, taken: Taken, camera: Camera, error: io.FileError
+) -> P:
+    """A picture that cannot be read, or whose mask cannot."""
+    none, why = Detections.make(np.zeros((0, 2))), error.what if str(error.path) == str(path) else str(error)
+    said = f"cannot be read: {why}"
+    return kind(name, taken.camera, camera.size_px, none, taken.frame, problem=said, unread=said)
 
 
 def picture_names(paths: Sequence[io.PictureFile]) -> list[str]:

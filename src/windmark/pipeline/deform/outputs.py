@@ -23,16 +23,15 @@ from windmark.pipeline.deform.names import is_number, number_of, stamp_text
 from windmark.pipeline.deform.points import COLUMNS, FramePoints
 from windmark.pipeline.deform.project import OutputEntry
 from windmark.pipeline.deform.record import MOTION, FrameRecord
-from windmark.pipeline.deform.resume import Kept, SequenceJournal, Stopped, pictures_of, replaced_file
+from windmark.pipeline.deform.resume import Kept, named, pictures_of
 from windmark.pipeline.deform.series import series_content
 from windmark.pipeline.deform.task import DeformedFrame, FrameImages
 from windmark.pipeline.deform.values import units
 from windmark.pipeline.deform.why import words_of
+from windmark.pipeline.resume import CHUNK, SeriesJournal, Stopped, replaced_file
 
 Array = NDArray[np.float64]
 
-CHUNK = 64
-"""Frames after which all is made to outlast a power failure, and the NetCDF file is written anew."""
 GROWN = 16
 """A long NetCDF file is written anew when it has grown by this part of its frames: the work stays in proportion."""
 
@@ -49,7 +48,7 @@ class Writer:
     station, ``markers.csv`` one per frame and marker seen, ``deformation.nc`` all of it as arrays over frames;
     ``points-NAME.csv`` has one per frame, camera and point; ``arrivals.csv``, live, one per file seen.
 
-    A frame is in all tables or in none, in the journal (`SequenceJournal`) after them. ``deformation.nc`` is put in its
+    A frame is in all tables or in none, in the journal (`SeriesJournal`) after them. ``deformation.nc`` is put in its
     place whole, every `CHUNK` frames, at last with all of them.
 
     Parameters
@@ -63,8 +62,8 @@ class Writer:
     """
 
     def __init__(
-        self, folder: Path, loaded: Loaded, table: FrameTable, made: Mapping[str, Any], stopped: Stopped | None = None,
-        *, live: bool = False,
+        self, folder: Path, loaded: Loaded, table: FrameTable, made: Mapping[str, Any],
+        stopped: Stopped[Kept] | None = None, *, live: bool = False,
     ) -> None:  # fmt: skip
         self._folder, self._loaded, self._table, self._made, self._live = folder, loaded, table, made, live
         self._names = loaded.test.volumes.names
@@ -75,7 +74,7 @@ class Writer:
         self._lines: dict[str, list[str]] = {}
         self._arrivals: list[Arrival] = []
         self._sizes: dict[str, int] = {}
-        self._journal: SequenceJournal | None = None
+        self._journal: SeriesJournal | None = None
 
     def __enter__(self) -> Writer:
         try:
@@ -206,7 +205,7 @@ class Writer:
             units_of = {"length": unit, "parameters": dict(zip(self._names, of_laws, strict=True))}
             stream.write(json.dumps(units_of, indent=2) + "\n")
         self._sizes = {name: file.size for name, file in self._files.items()}
-        self._journal = SequenceJournal(self._folder, self._loaded.test, stopped)
+        self._journal = SeriesJournal(self._folder, named(self._loaded.test), stopped)
         if stopped is None:
             self._journal.begin(self._made, self._sizes)
         self._write_series()

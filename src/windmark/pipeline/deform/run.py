@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from itertools import islice, zip_longest
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -24,20 +24,11 @@ from windmark.pipeline.deform.names import key_of
 from windmark.pipeline.deform.outputs import Writer, gridded
 from windmark.pipeline.deform.points import PointMapper
 from windmark.pipeline.deform.record import FrameRecord, Zero, record
-from windmark.pipeline.deform.resume import (
-    Kept,
-    Stopped,
-    begun_with,
-    changed,
-    files_told,
-    loaded_state,
-    made_with,
-    pictures_of,
-    read_stopped,
-)
+from windmark.pipeline.deform.resume import Kept, files_told, made_with, named, pictures_of
 from windmark.pipeline.deform.task import DeformedFrame, FrameImages
 from windmark.pipeline.deform.timeline import Timeline
 from windmark.pipeline.deform.values import Compared, Mapper
+from windmark.pipeline.resume import Stopped, check_begun, check_pictures, check_state, read_stopped
 from windmark.scene import View
 
 Array = NDArray[np.float64]
@@ -136,12 +127,12 @@ def run_sequence(
                            "own are measured from the disk", "camera")  # fmt: skip
     made = made_with(project)
     if resume or finish:
-        _check_begun(folder, made)
+        check_begun(folder, made)
     known = instants_of(project) if frames is None or project.sequence.zero else Timeline([], "")
     out = Sequence(table=table, clock=known.clock, remarks=known.remarks)
     points = PointMapper(loaded) if project.points and loaded.mesh is not None else None
     loaded, out.zero, out.moved, still = zeroed(loaded, known)
-    stopped = read_stopped(folder, loaded.test, to_go_on=not finish) if resume or finish else None
+    stopped = read_stopped(folder, named(loaded.test), to_go_on=not finish) if resume or finish else None
     mapper = _mapper(loaded, still)
     if points is not None:
         points.reference(still)
@@ -163,14 +154,6 @@ def run_sequence(
     return out
 
 
-def _check_begun(folder: Path, made: dict[str, Any]) -> None:
-    begun = begun_with(folder)
-    if begun is None:
-        raise io.FileError(folder, "has no run that was stopped; expected one to go on with")
-    if (why := changed(begun, made)) is not None:
-        raise io.FileError(folder, f"the run that was stopped there cannot go on: {why}")
-
-
 @dataclass
 class _Job:
     """What takes the frames of a sequence, one after the other; parameters as in `run_sequence`."""
@@ -183,24 +166,16 @@ class _Job:
     handed_on: dict[str, Any] = field(default_factory=dict)
 
     def take_up(
-        self, stopped: Stopped, frames: Iterable[FrameImages], known: list[FrameImages], folder: Path, finish: bool
-    ) -> Iterable[FrameImages]:
+        self, stopped: Stopped[Kept], frames: Iterable[FrameImages], known: list[FrameImages], folder: Path,
+        finish: bool,
+    ) -> Iterable[FrameImages]:  # fmt: skip
         """Go on with a run that was stopped; the frames that it has not measured."""
-        if stopped.state is None and stopped.frames and not finish:
-            raise io.FileError(
-                folder, "the run that was stopped there cannot go on: what its last frame hands on to the next is not "
-                "there; --finish keeps what it has measured",
-            )  # fmt: skip
         done, count = stopped.frames, len(stopped.frames)
-        if isinstance(frames, list) and not finish:
-            for kept, frame in zip_longest(done, frames[:count]):
-                if frame is None or kept.row.key != frame.key or pictures_of(frame) != dict(kept.pictures):
-                    raise io.FileError(
-                        folder, f"the run that was stopped there cannot go on: the pictures of frame {kept.row.key} "
-                        "have changed since",
-                    )  # fmt: skip
-        if stopped.state is not None:
-            self.handed_on.update(loaded_state(stopped, self.loaded.test))
+        if not finish:
+            check_state(folder, stopped)
+            if isinstance(frames, list):
+                check_pictures(folder, done, [(frame.key, pictures_of(frame)) for frame in frames[:count]])
+        self.handed_on.update(stopped.handed_on(named(self.loaded.test)))
         for kept in done:
             self.out.keep(kept.row, kept.state)
         self._compare_again(done, {f.key: f for f in known})

@@ -118,7 +118,7 @@ def read_spots(
     Raises
     ------
     ValueError
-        For unreadable pictures, sizes that are not those of their camera, names that say no camera.
+        For fewer than two readable pictures, sizes that are not those of their camera, names that say no camera.
     """
 
     def look(path: io.PictureFile, name: str, taken: Taken) -> Picture:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Literal
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from windmark.errors import UsageError
-from windmark.geometry import Pose
+from windmark.geometry import Camera, Pose
+from windmark.scene import MarkerSet
 
 if TYPE_CHECKING:
     from windmark.registration.track._kernels.motion import Estimate
@@ -105,9 +107,20 @@ class TrackState:
         units = _units(self.prepared)
         return self.estimate.cov * (units[:, None] * units)
 
+    def told(self) -> dict[str, Any]:
+        """Its fields but for what markers and camera alone make, so that it can be kept; `taken_up` makes it again."""
+        return {f.name: getattr(self, f.name) for f in fields(self) if f.name != "prepared"}
+
     def without(self, reason: str, dt: float) -> TrackState:
         """The state after a frame that gave no pose: what was known stays, only time goes on."""
         return replace(self, status="lost", reason=reason, missed=self.missed + dt)
+
+
+def taken_up(told: Mapping[str, Any], markers: MarkerSet, camera: Camera) -> TrackState:
+    """The state that `TrackState.told` told of, with the same markers and camera."""
+    from windmark.registration.track.prepared import Prepared  # this brings numba
+
+    return TrackState(**told, prepared=Prepared.of(markers, camera))
 
 
 def _units(prepared: Prepared) -> Array:

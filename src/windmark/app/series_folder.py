@@ -1,0 +1,59 @@
+"""The folder of a series' results: where the series is stopped, what it has measured is kept for `--resume`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from windmark import io
+from windmark.app import console
+from windmark.errors import UsageError
+from windmark.pipeline.resume import begun_with, clear, measured
+
+
+@contextmanager
+def series_folder(folder: Path, go_on: str, *, live: bool = False) -> Iterator[tuple[io.ResultFolder, str]]:
+    """`console.result_folder` of a series, and how it goes on with what was stopped there.
+
+    Parameters
+    ----------
+    go_on : "resume", "finish" (only bring to its end what was measured), or "" for a new run. "resume" becomes "" where
+        the run was stopped before there was anything to go on with
+    """
+    with console.result_folder(folder, live=live, resume=bool(go_on)) as out:
+        if go_on == "resume" and out.resumed and begun_with(out.place) is None:
+            go_on = ""
+        try:
+            yield out, go_on
+        except BaseException as error:
+            out.keep = bool(measured(out.place))
+            if (told := _with_what_is_kept(error, out.place)) is None:
+                raise
+            raise told from error
+        out.keep = True  # until the result is in its place
+    clear(folder)
+
+
+def how_to_go_on(resume: bool, finish: bool, watch: Path | None = None) -> str:
+    """``go_on`` of the options `--resume` and `--finish`.
+
+    Raises
+    ------
+    UsageError
+        For both, and for `--finish` with a folder that is watched.
+    """
+    if (resume and finish) or (finish and watch is not None):
+        also = "--resume" if watch is None else "--resume and --watch"
+        raise UsageError(f"--finish measures no more: leave out {also}")
+    return "resume" if resume else "finish" if finish else ""
+
+
+def _with_what_is_kept(error: BaseException, place: Path) -> BaseException | None:
+    """What stopped a run, with the frames that it leaves; None where there are none, or it is a fault of ours."""
+    if not (count := measured(place)):
+        return None
+    kept = f"{count} frames are kept: --resume goes on with them, --finish makes do with them"
+    if isinstance(error, io.FileError):
+        return io.FileError(error.path, f"{error.what}; {kept}", error.where)
+    return KeyboardInterrupt(kept) if isinstance(error, KeyboardInterrupt) else None
