@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import json
 import os
@@ -23,12 +24,12 @@ def names(folder):
     return sorted(p.relative_to(folder).as_posix() for p in folder.rglob("*") if not p.is_dir())
 
 
-def fill(folder, files, *, refused=False, say=lambda _: None, then=lambda: None, **more):
+def fill(folder, files, *, refused=False, keep=False, say=lambda _: None, then=lambda: None, **more):
     with result_folder(folder, {"verb": "test"}, say=say, **more) as out:
         for name, text in files.items():
             (out.place / name).parent.mkdir(parents=True, exist_ok=True)
             (out.place / name).write_text(text)
-        out.refused = refused
+        out.refused, out.keep = refused, keep
         then()
 
 
@@ -151,7 +152,7 @@ def test_moves_that_fail_are_taken_back(tmp_path, monkeypatch):
 
         with monkeypatch.context() as patch:
             patch.setattr(os, "replace", once)
-            if fails_at > 9:  # the manifest, 4 files away, 4 files in their place
+            if fails_at > 11:  # the journal, the manifest, the journal, 4 files away, 4 files in their place
                 fill(out, {"a": "2", "b": "2", "d": "2"})
                 break
             with pytest.raises(FileError, match="the disk is full"):
@@ -185,28 +186,97 @@ with result_folder(target) as out:
 
 
 @pytest.mark.skipif(os.name == "nt", reason="there is no SIGKILL")
-@pytest.mark.parametrize("at", range(10))
+@pytest.mark.parametrize("at", range(12))
 def test_a_kill_between_two_moves_is_made_good_by_the_next_run(tmp_path, at):
     out, said = tmp_path / "out", []
     fill(out, {"a": "1", "b": "1", "c": "1"})
     (out / "b").write_text("edited")
     (out / "notes.txt").write_text("mine")
     done = subprocess.run([sys.executable, "-c", KILLED, str(out), str(at)], check=False)
-    assert done.returncode == (-signal.SIGKILL if at < 9 else 0)
-    if at == 0:
+    assert done.returncode == (-signal.SIGKILL if at < 11 else 0)
+    if at < 2:  # before the manifest was written
         assert read(out) == {"a": "1", "b": "edited", "c": "1", "notes.txt": "mine"}
         assert any((tmp_path / ".windmark-out" / "new").iterdir())
-    else:  # whatever was left of the moves is done before anything else
+    else:  # whatever was left, all of it or some moves, is done before anything else
         with pytest.raises(RuntimeError):
             fill(out, {"z": "3"}, then=lambda: throw(RuntimeError), say=said.append)
         assert read(out) == {"a": "2", "b": "2", "new/d": "2", "notes.txt": "mine"}
         assert json.loads((out / "manifest.json").read_text())["outputs"].keys() == {"a", "b", "new/d"}
         assert read(tmp_path / "out.kept-1") == {"b": "edited"}
-        assert ("this is done now" in said[0]) if at < 9 else not said
+        assert [text for text in said if "this is done now" in text] == said[-1:]
+        assert bool(said) == (at < 11)
     fill(out, {"a": "3"}, say=said.append)
-    assert at or "was left by a run that was killed; removed" in said[0]
+    assert at > 1 or "was left by a run that was killed; removed" in said[0]
     assert read(out) == {"a": "3", "notes.txt": "mine"}
     assert not list(tmp_path.rglob(".windmark*"))
+
+
+SWAPPED = """
+import os, signal, sys
+import windmark.io.exchange as module
+from windmark.io import result_folder
+from pathlib import Path
+real = module._swapped
+def swapped(staging):
+    if sys.argv[2] == "before":
+        os.kill(os.getpid(), signal.SIGKILL)
+    assert real(staging)
+    (staging.new / "manifest.json").unlink(missing_ok=sys.argv[2] == "new")  # its removal has begun
+    os.kill(os.getpid(), signal.SIGKILL)
+module._swapped = swapped
+with result_folder(Path(sys.argv[1])) as out:
+    for name in ("a", "b"):
+        (out.place / name).write_text("2")
+"""
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="folders are exchanged in one step on Linux")
+@pytest.mark.parametrize("resume", [False, True])
+@pytest.mark.parametrize("older", [True, False])
+@pytest.mark.parametrize("at", ["before", "after"])
+def test_a_kill_beside_the_exchange_in_one_step_loses_no_whole_result(tmp_path, at, older, resume):
+    """Killed behind its manifest and before the exchange, it was removed by the next run; killed behind the exchange,
+    `resume` took what was left of the older result for frames to go on with."""
+    out, said = tmp_path / "out", []
+    if older:
+        fill(out, {"a": "1", "c": "1"})
+    words = [sys.executable, "-c", SWAPPED, str(out), at if older or at == "before" else "new"]
+    assert subprocess.run(words, check=False).returncode == -signal.SIGKILL
+    with contextlib.suppress(RuntimeError), result_folder(out, resume=resume, say=said.append) as made:
+        assert not made.resumed
+        assert not list(made.place.iterdir())
+        raise RuntimeError
+    assert read(out) == {"a": "2", "b": "2"}
+    assert ["this is done now" in text for text in said] == [True] * (at == "before")
+    assert [p.name for p in tmp_path.iterdir()] == ["out"]
+
+
+@pytest.mark.skipif(os.name == "nt", reason="there is no SIGKILL")
+def test_a_whole_result_that_a_power_failure_cut_is_not_put_in_its_place(tmp_path):
+    out, said = tmp_path / "out", []
+    fill(out, {"a": "1"})
+    subprocess.run([sys.executable, "-c", SWAPPED, str(out), "before"], check=False)
+    (tmp_path / ".windmark-out" / "new" / "b").write_bytes(b"")
+    with pytest.raises(RuntimeError):
+        fill(out, {"z": "3"}, then=lambda: throw(RuntimeError), say=said.append)
+    assert read(out) == {"a": "1"}
+    assert "was left by a run that was killed; removed" in said[0]
+
+
+def test_what_was_kept_to_be_gone_on_with_is_no_result_of_the_next_run(tmp_path, monkeypatch):
+    """The exchange fails; the frames stay and can be gone on with, as the message says."""
+
+    def refused(*_):
+        raise FileError(tmp_path / "out", "cannot be written: the disk is full")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(module, "exchange", refused)
+        with pytest.raises(FileError, match="the disk is full"):
+            fill(tmp_path / "out", {"series.csv": "1"}, keep=True)
+    assert not (tmp_path / "out").exists()
+    with result_folder(tmp_path / "out", resume=True) as made:
+        assert made.resumed
+        assert [p.name for p in made.place.iterdir()] == ["series.csv"]
 
 
 def test_what_a_killed_run_left_can_be_taken_over(tmp_path):
@@ -441,6 +511,9 @@ def test_a_live_run_goes_on_in_what_another_one_left(tmp_path):
         assert made.resumed
         (made.place / "b.csv").write_text("2")
     assert json.loads((out / "manifest.json").read_text())["outputs"].keys() == {"a.csv", "b.csv"}
+    with pytest.raises(FileError, match="came to its end"), result_folder(out, live=True, resume=True):
+        pass
+    assert read(out) == {"a.csv": "1", "b.csv": "2", "notes.txt": "mine"}
 
 
 def test_a_shell_in_the_target_does_not_end_up_in_a_removed_folder(tmp_path, monkeypatch):

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 import windmark
+from windmark import io
 from windmark.app.deform_curves import history_picture, parameter_picture, span_picture, spectrum_picture
 from windmark.app.deform_pictures import compared_picture
 from windmark.app.pictures import png, surface_picture
@@ -284,7 +285,10 @@ def film(loaded: Loaded, sequence: Sequence, path: Path) -> None:
         moved = magnified(mesh, state, sequence.zero, factor)
         shown = surface_view(moved, size, direction=direction, up=up, focus=focus, size_px=FILM_SIZE)
         images.append(_drawn(shown.value, shown.shade, largest, f"frame {row.key}   deformation x {factor:g}"))
-    iio.imwrite(path, np.stack(images), extension=".gif", duration=100, loop=0)
+    # Made in memory: on a full disk imageio's writer tries once more while Python takes it away, with a traceback.
+    content = iio.imwrite("<bytes>", np.stack(images), extension=".gif", duration=100, loop=0)
+    with io.atomic_write(path, "wb") as stream:
+        stream.write(content)
 
 
 def _drawn(value: NDArray[np.float32], shade: NDArray[np.float32], largest: float, text: str) -> NDArray[np.uint8]:

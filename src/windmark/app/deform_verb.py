@@ -15,7 +15,7 @@ from windmark import io
 from windmark.app import console
 from windmark.app.alone import not_drawn
 from windmark.app.deform_report import deform_page
-from windmark.app.series_folder import series_folder
+from windmark.app.series_folder import left, series_folder
 from windmark.deformation import weak_directions
 from windmark.pipeline.deform import (
     Changes,
@@ -28,7 +28,7 @@ from windmark.pipeline.deform import (
     run_sequence,
 )
 from windmark.pipeline.deform.series import NOT_TRIED, STATUS
-from windmark.pipeline.resume import begun_with, measured
+from windmark.pipeline.resume import begun_with
 
 Record = dict[str, Any]
 
@@ -57,7 +57,7 @@ def deform(path: Path, changed: Changes, live: Live | None, go_on: str, as_json:
         console.note(path, remark)
     folder = loaded.project.output.folder
     alive = live is not None or (go_on == "finish" and begun_with(folder) is not None)
-    if alive and not go_on and (count := measured(folder)):
+    if alive and not go_on and (count := left(folder)):
         raise io.FileError(
             folder, f"holds {count} frames of a run that was stopped; --resume goes on with them, --finish makes do "
             "with them, --output takes another folder",

@@ -9,6 +9,8 @@ from pathlib import Path
 from windmark import io
 from windmark.app import console
 from windmark.errors import UsageError
+from windmark.io.exchange import UNFINISHED
+from windmark.io.manifest import read_manifest
 from windmark.pipeline.resume import begun_with, clear, measured
 
 
@@ -21,18 +23,38 @@ def series_folder(folder: Path, go_on: str, *, live: bool = False) -> Iterator[t
     go_on : "resume", "finish" (only bring to its end what was measured), or "" for a new run. "resume" becomes "" where
         the run was stopped before there was anything to go on with
     """
-    with console.result_folder(folder, live=live, resume=bool(go_on)) as out:
-        if go_on == "resume" and out.resumed and begun_with(out.place) is None:
-            go_on = ""
-        try:
-            yield out, go_on
-        except BaseException as error:
-            out.keep = bool(measured(out.place))
-            if (told := _with_what_is_kept(error, out.place)) is None:
+    out: io.ResultFolder | None = None
+    _clear_if_finished(folder)
+    try:
+        with console.result_folder(folder, live=live, resume=bool(go_on)) as out:
+            if live and not go_on:  # a result whose exchange a kill broke off may just have come, with its journal
+                clear(folder)
+            elif not live:
+                _clear_if_finished(folder)
+            if go_on == "resume" and out.resumed and begun_with(out.place) is None:
+                go_on = ""
+            try:
+                yield out, go_on
+            except BaseException:
+                out.keep = bool(measured(out.place))
                 raise
-            raise told from error
-        out.keep = True  # until the result is in its place
+            out.keep = True  # until the result is in its place
+    except BaseException as error:
+        if out is None or came_to_its_end(out.place) or (told := _with_what_is_kept(error, out)) is None:
+            raise
+        raise told from error
     clear(folder)
+
+
+def came_to_its_end(folder: Path) -> bool:
+    """Whether the result in a folder is whole: a journal beside it is only what a kill left there."""
+    manifest = read_manifest(folder)
+    return manifest is not None and not manifest.get(UNFINISHED)
+
+
+def left(folder: Path) -> int:
+    """How many frames of a run that did not come to its end stand in a folder of results."""
+    return 0 if came_to_its_end(folder) else measured(folder)
 
 
 def how_to_go_on(resume: bool, finish: bool, watch: Path | None = None) -> str:
@@ -49,11 +71,18 @@ def how_to_go_on(resume: bool, finish: bool, watch: Path | None = None) -> str:
     return "resume" if resume else "finish" if finish else ""
 
 
-def _with_what_is_kept(error: BaseException, place: Path) -> BaseException | None:
+def _clear_if_finished(folder: Path) -> None:
+    if came_to_its_end(folder):
+        clear(folder)
+
+
+def _with_what_is_kept(error: BaseException, out: io.ResultFolder) -> BaseException | None:
     """What stopped a run, with the frames that it leaves; None where there are none, or it is a fault of ours."""
-    if not (count := measured(place)):
+    if not (count := measured(out.place)):
         return None
     kept = f"{count} frames are kept: --resume goes on with them, --finish makes do with them"
     if isinstance(error, io.FileError):
         return io.FileError(error.path, f"{error.what}; {kept}", error.where)
+    if isinstance(error, OSError):
+        return io.FileError(error.filename or out.target, f"{io.reason(error)}; {kept}")
     return KeyboardInterrupt(kept) if isinstance(error, KeyboardInterrupt) else None

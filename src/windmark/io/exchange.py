@@ -1,7 +1,8 @@
 """Old for new: a result that is whole takes the place of the one before, see `results`.
 
 A target that holds nothing but ours is exchanged in one step. Otherwise the files are moved one by one, by a list
-(`Staging.journal`) that stands beside them: a kill between two moves is made good by the next run.
+(`Staging.journal`) that stands beside them. Before the manifest of the new result is written, which makes it whole, the
+journal says what the target holds: a kill from then on, also between two moves, is made good by the next run.
 """
 
 from __future__ import annotations
@@ -17,11 +18,26 @@ from typing import Any
 
 from windmark.io.atomic import replace_file
 from windmark.io.errors import FileError, reason
-from windmark.io.manifest import MANIFEST, files_below, read_manifest, unchanged
+from windmark.io.manifest import MANIFEST, Record, file_hash, files_below, read_manifest, unchanged
 from windmark.io.staging import Say, Staging
 
 UNFINISHED = "unfinished"
 """In the manifest of a live run until it ends."""
+
+
+_BEFORE = "before"
+"""In the journal: the hash of the manifest in the target before the exchange; None without one."""
+
+
+def announce(staging: Staging) -> None:
+    """Note what the target holds, before the new result's manifest is written; see `finish_exchange`."""
+    _note(staging, {_BEFORE: _print(staging.target)})
+
+
+def withdraw(staging: Staging) -> None:
+    """What is in ``new`` is no whole result (any more): its frames may be gone on with."""
+    for note in (staging.new / MANIFEST, staging.draft, staging.journal):
+        note.unlink(missing_ok=True)
 
 
 def exchange(staging: Staging, outputs: set[str], refused: bool, say: Say) -> None:
@@ -76,8 +92,8 @@ def add(staging: Staging) -> None:
 
 def _moved(staging: Staging, todo: Mapping[str, Any]) -> None:
     """Carry a list of moves out, which the next run goes on with after a kill; on failure everything is as it was."""
-    target, there = staging.target, staging.target.exists()
-    staging.journal.write_text(json.dumps(todo), encoding="utf-8")
+    target, there, earlier = staging.target, staging.target.exists(), _noted(staging)
+    _note(staging, todo)
     done: list[tuple[Path, Path]] = []
     try:
         _carry_out(staging, todo, done)
@@ -90,22 +106,65 @@ def _moved(staging: Staging, todo: Mapping[str, Any]) -> None:
         if not there:
             with suppress(OSError):
                 target.rmdir()
-        staging.journal.unlink(missing_ok=True)
+        if earlier is None:
+            staging.journal.unlink(missing_ok=True)
+        else:
+            with suppress(OSError):
+                _note(staging, earlier)
         raise FileError(target, f"cannot be written: {error.filename2 or error.filename}: {reason(error)}") from error
     staging.journal.unlink(missing_ok=True)
 
 
 def finish_exchange(staging: Staging, say: Say) -> None:
-    """Do what is left of an exchange that a kill broke off."""
-    if not staging.journal.is_file():
+    """Do an exchange that a kill broke off, or what is left of it.
+
+    Raises
+    ------
+    FileError
+        When a whole result cannot be put in its place; it waits for the next run then.
+    """
+    todo = _noted(staging)
+    if todo is None:
         return
-    try:
-        todo = json.loads(staging.journal.read_bytes())
-    except ValueError:  # killed while it was written: nothing has been moved yet
+    if _BEFORE not in todo:
+        _carry_out(staging, todo)
+    elif (record := _whole(staging)) is not None and _print(staging.new) != todo[_BEFORE]:
+        staging.keep = True
+        exchange(staging, set(record["outputs"]), bool(record.get("refused")), say)
+        staging.keep = False
+    elif _print(staging.target) != todo[_BEFORE]:  # both have changed places: what is here is the older one
+        staging.clear()
         return
-    _carry_out(staging, todo)
+    else:  # killed before it was whole
+        withdraw(staging)
+        return
     staging.clear()
     say(f"{staging.target}: a run was killed while it put its result there; this is done now")
+
+
+def _whole(staging: Staging) -> Record | None:
+    """The manifest of what is in ``new`` where all files are as it says: a power failure may have cut some."""
+    record = read_manifest(staging.new)
+    return None if record is None or unchanged(staging.new, record) != (set(record["outputs"]), set()) else record
+
+
+def _print(folder: Path) -> str | None:
+    """The hash of the manifest in a folder; None without one."""
+    return file_hash(folder / MANIFEST) if (folder / MANIFEST).is_file() else None
+
+
+def _note(staging: Staging, todo: Mapping[str, Any]) -> None:
+    """Write the journal anew, whole."""
+    staging.draft.write_text(json.dumps(todo), encoding="utf-8")
+    replace_file(staging.draft, staging.journal)
+
+
+def _noted(staging: Staging) -> dict[str, Any] | None:
+    """What the journal says; None where there is none, or not a whole one (a power failure)."""
+    with suppress(FileNotFoundError, ValueError):
+        found = json.loads(staging.journal.read_bytes())
+        return found if isinstance(found, dict) else None
+    return None
 
 
 def newer(target: Path, than: Path) -> set[str]:

@@ -7,6 +7,7 @@ import shutil
 from contextlib import suppress
 from pathlib import Path, PurePosixPath
 
+from windmark.io.errors import FileError
 from windmark.io.exchange import UNFINISHED, finish_exchange
 from windmark.io.making import left_behind, left_below
 from windmark.io.manifest import MANIFEST, read_manifest
@@ -33,7 +34,7 @@ def put_right(path: str | os.PathLike[str], staging: Staging, say: Say, resume: 
             continue
         if process := in_use(hidden):
             raise busy(path, process)
-        with suppress(OSError):  # on a disk that we could not write to this time it must wait
+        with suppress(OSError, FileError):  # on a disk that we could not write to this time it must wait
             finish_exchange(Staging(staging.target, hidden, -1), say)
             shutil.rmtree(hidden)
             say(f"{hidden} was left by a run that was killed; removed")

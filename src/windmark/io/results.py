@@ -24,7 +24,7 @@ from typing import Any
 
 from windmark.io.atomic import FULL, writing
 from windmark.io.errors import NO_SPACE, FileError, refusal, space_on, witness
-from windmark.io.exchange import UNFINISHED, exchange, newer
+from windmark.io.exchange import UNFINISHED, announce, exchange, newer, withdraw
 from windmark.io.interrupts import interrupts_wait
 from windmark.io.leftovers import put_right
 from windmark.io.manifest import MANIFEST, files_below, read_manifest, write_manifest
@@ -82,7 +82,8 @@ def result_folder(
     Raises
     ------
     FileError
-        At the start, when nothing can be written there or another run does; at the end, when the disk is full.
+        At the start, when nothing can be written there or another run does, or when a live run is to go on and came to
+        its end; at the end, when the disk is full.
     """
     with witness() as read, ExitStack() as held:
         with _what_stays(path, live):
@@ -98,12 +99,27 @@ def result_folder(
                 finally:
                     staging.keep = out.keep
                 described = {**out.about, "refused": out.refused}
-                record = write_manifest(out.place, staging.target, read, described, there)
-                if not live:
-                    with interrupts_wait(f"{staging.target} had been written whole before"):
-                        exchange(staging, set(record["outputs"]), out.refused, say)
-                        staging.keep = False
+                if live:
+                    write_manifest(out.place, staging.target, read, described, there)
+                else:
+                    with _withdrawn_unless_it_comes(staging):
+                        announce(staging)
+                        record = write_manifest(out.place, staging.target, read, described, there)
+                        with interrupts_wait(f"{staging.target} had been written whole before"):
+                            exchange(staging, set(record["outputs"]), out.refused, say)
+                            staging.keep = False
                 staging.keep = False
+
+
+@contextmanager
+def _withdrawn_unless_it_comes(staging: Staging) -> Iterator[None]:
+    """A result that was not put in its place, and is kept to be gone on with, is none that the next run puts there."""
+    try:
+        yield
+    except BaseException:
+        if staging.keep:
+            withdraw(staging)
+        raise
 
 
 @contextmanager
@@ -153,6 +169,8 @@ def _begin(staging: Staging, live: bool, resume: bool, say: Say) -> tuple[Result
     resumed = resume and old is not None and bool(old.get(UNFINISHED))
     if resumed:
         of_it = newer(target, target / MANIFEST)
+    elif resume and old is not None:
+        raise FileError(target, "has no run to go on with: the one there came to its end")
     else:
         if old is not None:
             exchange(staging, set(), True, say)

@@ -61,14 +61,20 @@ class Staging:
 
     @property
     def journal(self) -> Path:
-        """What the exchange of old and new has to do; there only while it is done."""
+        """What the exchange of old and new has to do; there from the moment on when the new result is whole."""
         return self.hidden / "exchange.json"
+
+    @property
+    def draft(self) -> Path:
+        """The journal while it is written."""
+        return self.hidden / "exchange.new"
 
     def clear(self) -> None:
         """Remove what is in it, not the lock."""
         for part in (self.new, self.old):
             shutil.rmtree(part, ignore_errors=True)
-        self.journal.unlink(missing_ok=True)
+        for note in (self.draft, self.journal):
+            note.unlink(missing_ok=True)
 
     def release(self) -> None:
         """Remove it and let go of the lock; folders made for a target that did not come are removed, too."""
