@@ -9,6 +9,7 @@ import sys
 import pytest
 
 from windmark.io import FileError, atomic_folder, atomic_path, result_folder, try_paths
+from windmark.io import making as making_module
 from windmark.io.making import is_making, left_behind
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="there is no SIGKILL")
@@ -34,6 +35,20 @@ def killed(target):
 
 def names(folder):
     return sorted(p.name for p in folder.iterdir())
+
+
+@pytest.mark.parametrize("step", ["taken", "let_go"])
+def test_ctrl_c_while_the_name_is_taken_or_let_go_of_leaves_nothing(tmp_path, monkeypatch, step):
+    real = getattr(making_module, step)
+
+    def interrupted(*given):
+        os.kill(os.getpid(), signal.SIGINT)
+        return real(*given)
+
+    monkeypatch.setattr(making_module, step, interrupted)
+    with pytest.raises(KeyboardInterrupt), atomic_path(tmp_path / "table.csv") as place:
+        place.write_text("new")
+    assert names(tmp_path) == ([] if step == "taken" else ["table.csv"])
 
 
 def test_the_next_write_of_the_same_file_leaves_nothing(tmp_path):
@@ -126,7 +141,8 @@ def test_a_folder_of_files_that_was_killed_is_finished_by_the_next_one(tmp_path)
         "    for name in 'abc':\n"
         "        (place / name).write_text('2')\n"
     )
-    for at in range(1, 6):  # two away, three in their place
+    old, new = {"a": "1", "b": "1", "z": "1"}, {"a": "2", "b": "2", "c": "2", "z": "1"}
+    for at in range(1, 7):  # what is to be done noted, two away, three in their place
         out = tmp_path / str(at)
         out.mkdir()
         for name in "abz":
@@ -134,8 +150,8 @@ def test_a_folder_of_files_that_was_killed_is_finished_by_the_next_one(tmp_path)
         assert subprocess.run([sys.executable, "-c", code, str(out), str(at)], check=False).returncode < 0
         with pytest.raises(RuntimeError), atomic_folder(out):
             raise RuntimeError
-        assert {p.name: p.read_text() for p in out.iterdir()} == {"a": "2", "b": "2", "c": "2", "z": "1"}
-    assert names(tmp_path) == [str(k) for k in range(1, 6)]
+        assert {p.name: p.read_text() for p in out.iterdir()} == (old if at == 1 else new)
+    assert names(tmp_path) == [str(k) for k in range(1, 7)]
 
 
 def test_a_folder_in_the_way_is_not_replaced(tmp_path):

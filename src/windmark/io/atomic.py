@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from windmark.io.errors import NO_SPACE, FileError, reason
+from windmark.io.interrupts import interrupts_wait
 from windmark.io.making import PREFIX, Making, left_behind, making
 from windmark.io.staging import Say, resolved, silent
 
@@ -46,14 +47,16 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
     made: Making | None = None
     try:
         with writing(path, target, target.with_name(PREFIX)):
-            made = making(target)
+            with interrupts_wait():  # or a lock would be left that nobody knows of
+                made = making(target)
             yield made.path
             if os.path.exists(target):
                 shutil.copymode(target, made.path)
             replace_file(made.path, target)
     finally:
         if made is not None:
-            made.release()
+            with interrupts_wait():
+                made.release()
 
 
 @contextmanager
