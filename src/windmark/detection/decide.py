@@ -35,7 +35,7 @@ def judge(spots: Spots, found: Shapes, options: Options) -> tuple[Array, Ints]:
     Where several things speak against a spot the one that says most is given: its size before its faintness.
     """
     value = quality(spots, found.depth, found.noise)
-    ratio = found.radius / spots.r0
+    ratio = (np.fmax(found.axes[:, 0], found.radius) if options.refine == "template" else found.radius) / spots.r0
     reason = np.full(len(value), ACCEPTED, dtype=np.int64)
     if options.min_depth is not None:
         reason[~(found.depth >= options.min_depth)] = SHALLOW

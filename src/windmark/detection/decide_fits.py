@@ -29,11 +29,13 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
+EVIDENCE_MIN = 10.0  # of the matched filter: white noise reaches 5 in every picture, what is correlated twice as much
 CORRELATION_MIN = 0.93, 0.975  # of disc and window but for noise: of spots that SPOT takes, and of weaker ones
 SHARP_EDGE, WITH_SHARP_EDGE = 0.9, 0.8  # enough where most of the edge is beyond doubt: the rest is beside the marker
 ROUND_MIN = 0.3, 0.45  # ratio of the axes, 72 and 63 deg of tilt: for the same two
 RADIUS_RATIO = 0.7, 1.4  # larger half axis over the radii asked for
 BLUR_SIGMAS = 4.0  # a marker's blur may differ from the frame's by so many standard deviations
+SAME_BLUR_PX = 0.1  # standard deviation of the blur among markers near each other
 SMALL_BLURS = 5.0  # discs below so many blurs may be confused with blurred specks
 EDGE_MEDIAN = 0.6  # of the edge must be there in most sectors
 SOUND_MIN = 0.5  # least contrast / the markers' * ratio of axes * exp(0.3 * worst sector)
@@ -75,27 +77,38 @@ def judge_fits(
             reason[~(fits.depth >= options.min_depth)] = SHALLOW
         # Where a line was fitted too, the edge it hides says nothing: contrast and roundness decide.
         edge = np.where(fits.crossed, 0.0, support[:, 0])
-        correlation = shape_correlation(fits, expected_variance(fits, spots))
+        variance = expected_variance(fits, spots)
+        correlation = shape_correlation(fits, variance)
         sharp = support[:, 1] >= SHARP_EDGE
         reason[~(correlation >= np.where(sharp & ~weak, WITH_SHARP_EDGE, np.array(CORRELATION_MIN)[band]))] = MISFIT
         shapely = weak | has_shape(fits, radii)
         reason[shapely & ~(minor + doubt[:, 1] >= np.array(ROUND_MIN)[band] * major)] = MISFIT
         reason[shapely & ~fits.crossed & ~(support[:, 1] >= EDGE_MEDIAN)] = PART
-        odd = np.abs(fits.blur_px - fits.frame.blur_px) > BLUR_SIGMAS * spread
-        reason[odd & (fits.radius_px < SMALL_BLURS * fits.blur_px)] = BLURRED
-        reason[~(fits.depth > 0.0)] = FAINT
+        # Beside markers beyond doubt the frame's noise is known from them; else how correlated it is says the search.
+        answer = matched_filter(fits, variance)
+        beyond = fits.converged & (correlation >= SOUND_CORRELATION) & (answer >= EVIDENCE_MIN * spots.tail)
+        known = np.isfinite(fits.chi2) & (beyond.sum() >= TYPICAL)
+        reason[~(fits.depth > 0.0) | ~(answer >= EVIDENCE_MIN * np.where(known, 1.0, spots.tail))] = FAINT
         reason[major - doubt[:, 0] > RADIUS_RATIO[1] * max(radii)] = LARGE
         reason[major + doubt[:, 0] < RADIUS_RATIO[0] * min(radii)] = SMALL
         reason[~fits.converged | ~np.isfinite(fits.cov).all(axis=(1, 2)) | (away > spots.r0)] = UNCERTAIN
         sound = (edge >= SOUND_EDGE) & (correlation >= SOUND_CORRELATION)
         sound |= fits.crossed | ((fits.flags & SATURATED) > 0)  # saturated: too little is left of it to look disturbed
-        _beside_the_others(reason, fits, edge, doubt[:, 1], sound, weak, radii, options)
+        weight = np.nan_to_num(answer, nan=0.0, posinf=0.0) ** 2  # specks and noise say little
+        odd = (reason == ACCEPTED) & (fits.radius_px < SMALL_BLURS * fits.blur_px)
+        odd &= np.abs(fits.blur_px - fits.frame.blur_px) > BLUR_SIGMAS * spread
+        if odd.any():  # optics are not sharp everywhere: beside others that are as blurred it is one of them
+            there = beside(fits.xy, fits.blur_px, (reason == ACCEPTED) & sound & ~weak, weight)
+            odd &= ~(np.abs(fits.blur_px - there) <= BLUR_SIGMAS * np.hypot(fits.blur_sigma_px, SAME_BLUR_PX))
+        reason[odd] = BLURRED
+        _beside_the_others(reason, fits, weight, edge, doubt[:, 1], sound, weak, radii, options)
     return reason
 
 
 def _beside_the_others(
     reason: Ints,
     fits: TemplateFits,
+    weight: Array,
     edge: Array,
     doubt: Array,
     sound: Flags,
@@ -114,7 +127,6 @@ def _beside_the_others(
     shapely = weak | has_shape(fits, radii)
     share, major, minor = np.ones(len(fits)), *fits.axes_px.T
     if typical.sum() >= TYPICAL:
-        weight = (major * fits.depth / fits.noise) ** 2  # specks and noise say little
         if options.light == "multiplicative":
             share = relative_contrast(fits.xy, fits.contrast, typical, weight)
             reason[(reason == ACCEPTED) & ~(share >= CONTRAST_SHARE)] = PALE
@@ -126,7 +138,11 @@ def _beside_the_others(
             reason[(reason == ACCEPTED) & (size < min(float(least), NEAR_RADIUS * min(radii)))] = SMALL
     else:  # no frame tells size from blur
         minor = np.minimum(minor + doubt, major)
-    whole = np.minimum(share, CONTRAST_CAP) * minor / major * np.exp(0.3 * edge)
+    # Seen at an angle all that are near each other are as narrow.
+    narrow = beside(fits.xy, minor / major, typical, weight)
+    roundness = np.clip(minor / major / np.fmin(narrow, 1.0), minor / major, 1.0)
+    roundness = np.where(np.isfinite(roundness), roundness, minor / major)
+    whole = np.minimum(share, CONTRAST_CAP) * roundness * np.exp(0.3 * edge)
     reason[
         (reason == ACCEPTED)
         & shapely
@@ -144,6 +160,18 @@ def relative_contrast(xy: Array, contrast: Array, typical: Flags, weight: Array)
     return np.asarray(np.abs(contrast) / least)
 
 
+def beside(xy: Array, value: Array, typical: Flags, weight: Array) -> Array:
+    """Weighted median (K,) of a value of the typical markers near a place, itself left out; NaN where they are few."""
+    from scipy.spatial import cKDTree
+
+    index = np.flatnonzero(typical)
+    if len(index) < TYPICAL:
+        return np.full(len(xy), np.nan)
+    near = index[cKDTree(xy[index]).query(np.nan_to_num(xy), k=min(NEAREST + 1, len(index)))[1]]
+    counts = np.where(near == np.arange(len(xy))[:, None], 0.0, weight[near])
+    return np.asarray(weighted_quantile(value[near], counts, 0.5))
+
+
 def size_at_blur(fits: TemplateFits, blur_px: float) -> Array:
     """Larger half axis (K,) that a marker would have with the frame's blur: small discs leave the two open."""
     return np.sqrt(np.maximum(fits.axes_px[:, 0] ** 2 + 4.0 * (fits.blur_px**2 - blur_px**2), 0.0))
@@ -158,6 +186,14 @@ def expected_variance(fits: TemplateFits, spots: Spots) -> Array:
     """Variance (K,) of a pixel's noise: the frame's, or where too few markers are clean, the surface's at the spot."""
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.where(np.isfinite(fits.chi2), fits.noise**2 / fits.chi2, TILE_VARIANCE * spots.noise**2)
+
+
+def matched_filter(fits: TemplateFits, variance: Array) -> Array:
+    """Answer (K,) of the disc's matched filter in standard deviations of noise of that variance (K,)."""
+    pixels = np.pi * window_radius(fits.radius_px, fits.blur_px) ** 2
+    with np.errstate(invalid="ignore", divide="ignore"):
+        rho2 = np.clip(fits.correlation, -1.0, 1.0) ** 2
+        return np.sqrt(pixels * rho2 / (1.0 - rho2) / variance) * fits.noise
 
 
 def shape_correlation(fits: TemplateFits, variance: Array) -> Array:

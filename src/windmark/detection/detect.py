@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from windmark.detection.decide import describe_spots, judge, rejected_places
 from windmark.detection.image import Prepared, check_image, check_polarity, prepare
+from windmark.detection.look import look_for
 from windmark.detection.options import QUALITY_MIN, REFINEMENTS, Options, check_radii
 from windmark.detection.radius import prevailing
 from windmark.detection.refined import FIT_SLACK, refined, worth_fitting
@@ -137,15 +138,19 @@ def _examine(image: ArrayLike, options: Options, *, why: bool) -> tuple[Detectio
     options = options.in_light_of(checked)
     template = options.refine == "template"
     limit = options.merit_max * (FIT_SLACK if template else 1.0)
-    spots = Spots.join([find_spots(prepared, r, limit) for r in radii])
-    found = describe_spots(prepared, spots)
+    if template:
+        spots, found = look_for(prepared, radii, limit)
+    else:
+        spots = Spots.join([find_spots(prepared, r, limit) for r in radii])
+        found = describe_spots(prepared, spots)
     value, reason = judge(spots, found, options)
     chosen = np.flatnonzero(reason == ACCEPTED)
-    chosen = chosen[distinct(spots.take(chosen))]
+    if not template:
+        chosen = chosen[distinct(spots.take(chosen))]
     order = chosen[np.argsort(-value[chosen], kind="stable")]
     if template:
         taken = len(order)
-        order = worth_fitting(value, spots, order, options)
+        order = worth_fitting(value, spots, found, order, options)
         result, verdict = refined(checked, prepared, spots.take(order), found.take(order), radii, taken, options)
     else:
         result, verdict = _bowls(prepared, spots.take(order), found.take(order))

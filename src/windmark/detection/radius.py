@@ -7,18 +7,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from windmark.detection.decide import describe_spots, judge
 from windmark.detection.image import Prepared, check_image, check_polarity, prepare
-from windmark.detection.options import Options
+from windmark.detection.look import measured_regions, separate
+from windmark.detection.options import QUALITY_MIN
 from windmark.detection.quantile import weighted_quantile
-from windmark.detection.rejected import ACCEPTED
-from windmark.detection.spots import MERIT_FLOOR, Spots, distinct, find_spots
+from windmark.detection.shape import Shapes
+from windmark.detection.spots import MERIT_FLOOR, Spots, quality
 
 Array = NDArray[np.float64]
 
-SMALLEST_PX, LARGEST_PX, STEP = 1.2, 64.0, 1.3  # the radii that are tried
+SMALLEST_PX, LARGEST_PX, STEP = 1.3, 64.0, 1.7  # the radii that are tried: each measures discs of half to twice its size
 SHARE_OF_SIDE = 8.0  # the largest is the image's shorter side over this
-MERIT_MAX = 0.6  # stricter than `detect`: a size is wanted, not every marker
+MISFIT_MAX = 0.45  # merit but for noise: stricter than `detect`, as a size is wanted, not every marker
+POINT_PX = 1.5  # discs below are hardly told from points: their evidence counts r^2 / (r^2 + this^2)
 WIDTH = 0.12  # of the kernel over log radius: half a step
 EDGE = 0.1  # the range ends where the density is below this share of its peak
 VALLEY = 0.5  # or at a minimum below this share of it
@@ -26,7 +27,7 @@ SEARCH_STEP = 1.4  # between radii to search with: one finds 0.8 ... 1.2 of its 
 LEAST_SPOTS = 3
 SHALLOW = 0.2  # of the median depth of a size: shallower spots of this size are dust
 RIVAL = 0.5  # another size with this share of the evidence is named
-UNFIT = 1 | 16  # flags of spots that do not know their size: border, ill-conditioned
+FILL_MIN = 0.85  # area of a region over that of its ellipse: less is no disc, however few its pixels
 
 
 @dataclass(frozen=True)
@@ -106,18 +107,23 @@ def prevailing(image: Prepared) -> RadiusEstimate:
 
 
 def clear_spots(image: Prepared) -> tuple[Array, Array, Array]:
-    """Measured radius, depth and evidence of the clear spots, each with the trial radius that suits it best."""
-    largest = min(LARGEST_PX, min(image.g.shape) / SHARE_OF_SIDE)
-    count = int(np.log(max(largest / SMALLEST_PX, 1.0)) / np.log(STEP))
-    trials = SMALLEST_PX * STEP ** np.arange(count + 1)
-    options = Options(merit_max=MERIT_MAX)
-    spots = Spots.join([find_spots(image, float(r), MERIT_MAX) for r in trials])
-    found = describe_spots(image, spots)
-    good = np.flatnonzero(judge(spots, found, options)[1] == ACCEPTED)
-    good = good[distinct(spots.take(good))]
-    good = good[(found.flags[good] & UNFIT) == 0]
-    radius, depth = found.radius[good], found.depth[good]
-    return radius, depth, radius * depth / np.maximum(spots.merit[good], MERIT_FLOOR)
+    """Larger half axis, depth and evidence of the clear spots."""
+    parts = [measured_regions(image, r) for r in trials(min(image.g.shape))]
+    spots, found = Spots.join([p.spots for p in parts]), Shapes.join([p.found for p in parts])
+    filled = np.concatenate([p.fill >= FILL_MIN for p in parts])
+    good = filled & (spots.misfit <= MISFIT_MAX) & (quality(spots, found.depth, found.noise) >= QUALITY_MIN)
+    spots, found = spots.take(good), found.take(good)
+    once = separate(spots, found)
+    major, depth = found.axes[once, 0], found.depth[once]
+    resolved = major**2 / (major**2 + POINT_PX**2)
+    return major, depth, resolved * found.radius[once] * depth / np.maximum(spots.merit[once], MERIT_FLOOR)
+
+
+def trials(side_px: int) -> list[float]:
+    """Radii to look for where none is known, in an image of that shorter side."""
+    largest = min(LARGEST_PX, side_px / SHARE_OF_SIDE)
+    count = int(np.log(max(largest / SMALLEST_PX, 1.0)) / np.log(STEP)) + 1
+    return [float(r) for r in SMALLEST_PX * STEP ** np.arange(count + 1)]
 
 
 def _foot(at: Array, density: Array, peak: int) -> tuple[float, float]:

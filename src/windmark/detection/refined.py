@@ -10,31 +10,32 @@ from numpy.typing import NDArray
 
 from windmark.detection.decide_fits import expected_variance, judge_fits
 from windmark.detection.image import Prepared
-from windmark.detection.options import Options
+from windmark.detection.options import QUALITY_MIN, Options
 from windmark.detection.rejected import ACCEPTED, SAME
 from windmark.detection.shape import CONTAMINATED, Shapes
-from windmark.detection.spots import Spots, distinct
+from windmark.detection.spots import Spots, distinct, significance
 from windmark.scene import Detections
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 FIT_SLACK = 1.43  # times the limit of the merit: a tilted or dirty disc may suit no trial radius, so the fit decides
+SIGMAS = 8.0  # of the matched filter, from which a spot is fitted
 QUALITY_SHARE = 0.5  # of the least quality of `detect`: fainter spots are not fitted
 
 
-def worth_fitting(value: Array, spots: Spots, bowl: Ints, options: Options) -> Ints:
-    """Indices of the spots to be fitted, best first: those that SPOT takes, then weaker ones at other places."""
-    weak = (value >= QUALITY_SHARE * options.min_quality) & (spots.merit <= options.merit_max * FIT_SLACK)
-    weak[bowl] = False
-    rest = np.flatnonzero(weak)
-    rest = rest[distinct(spots.take(rest))]
-    if len(bowl) and len(rest):
-        from scipy.spatial import cKDTree
+def worth_fitting(value: Array, spots: Spots, found: Shapes, sure: Ints, options: Options) -> Ints:
+    """Indices of the spots to be fitted, best first: the sure ones, then weaker ones at other places.
 
-        away, nearest = cKDTree(spots.xy[bowl]).query(spots.xy[rest])
-        rest = rest[away >= 0.75 * (spots.r0[rest] + spots.r0[bowl[nearest]])]
-    return np.concatenate([bowl, rest[np.argsort(-value[rest], kind="stable")]])
+    A spot is worth it for its quality, or where no more is asked for than usual, for what its matched filter says.
+    """
+    weak = value >= QUALITY_SHARE * options.min_quality
+    if options.min_quality <= QUALITY_MIN:
+        weak |= significance(spots, found) >= SIGMAS
+    weak &= spots.misfit <= options.merit_max * FIT_SLACK
+    weak[sure] = False
+    rest = np.flatnonzero(weak)
+    return np.concatenate([sure, rest[np.argsort(-value[rest], kind="stable")]])
 
 
 def refined(
@@ -57,7 +58,7 @@ def refined(
     from windmark.detection.template.rim import rim_support
 
     usable = np.isfinite(prepared.g) if prepared.missing else None
-    radius = np.clip(np.nan_to_num(found.radius, nan=0.0), 0.75 * spots.r0, 1.3 * spots.r0)
+    radius = np.clip(np.nan_to_num(np.fmax(found.axes[:, 0], found.radius), nan=0.0), 0.7 * spots.r0, 1.4 * spots.r0)
     fits = refine_template(
         image, spots.xy, radius, polarity=options.polarity, photometry=options.light, mask=usable
     )  # fmt: skip

@@ -41,6 +41,11 @@ class Shapes:
         """The spots of a mask or of indices, in that order."""
         return Shapes(**{f.name: getattr(self, f.name)[index] for f in fields(self)})
 
+    @staticmethod
+    def join(parts: list[Shapes]) -> Shapes:
+        """All spots of several lists."""
+        return Shapes(**{f.name: np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(Shapes)})
+
 
 def shapes(raw: Array, xy: Array, r0: Array, size: tuple[int, int], tile_noise: Array) -> Shapes:
     """Interpret the columns of `describe` for spots at xy found with the reference radii r0.

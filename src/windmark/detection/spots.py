@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from windmark.detection.image import Prepared
 from windmark.detection.search import MERIT_SLACK, Bowl, at_tiles, candidates, surface_noise
+
+if TYPE_CHECKING:
+    from windmark.detection.shape import Shapes
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64] | NDArray[np.bool_]
@@ -29,6 +33,8 @@ class Spots:
     settled : (K,) whether the bowl came to rest
     r0 : (K,) reference radius
     noise : (K,) of the surface in the spot's tile
+    tail : (K,) scatter there of the filter that searched, over that of noise as strong but not correlated
+    misfit : (K,) the merit that would be left without noise
     """
 
     xy: Array
@@ -37,6 +43,8 @@ class Spots:
     settled: NDArray[np.bool_]
     r0: Array
     noise: Array
+    tail: Array
+    misfit: Array
 
     def take(self, index: Index) -> Spots:
         """The spots of a mask or of indices, in that order."""
@@ -59,7 +67,7 @@ def find_spots(image: Prepared, r0: float, merit_max: float) -> Spots:
         found = refine_bowl(image.g, start, r0, merit_max + MERIT_SLACK, MIN_CORE, bowl.positions, bowl.functionals)
         found = found[found[:, 2] <= merit_max]
     xy, radius = found[:, :2], np.full(len(found), r0)
-    spots = Spots(xy, found[:, 2], found[:, 3], found[:, 4] > 0, radius, at_tiles(noise, xy, r0))
+    spots = Spots(xy, found[:, 2], found[:, 3], found[:, 4] > 0, radius, at_tiles(noise, xy, r0), np.ones(len(xy)), found[:, 2])
     return spots.take(distinct(spots))
 
 
@@ -69,8 +77,13 @@ def quality(spots: Spots, depth: Array, noise: Array) -> Array:
     return np.asarray(evidence * depth / noise / np.maximum(spots.merit, MERIT_FLOOR))
 
 
-def distinct(spots: Spots) -> NDArray[np.int64]:
-    """Indices of the best of those that are nearer to each other than 1.5 times their mean reference radius.
+def significance(spots: Spots, found: Shapes) -> Array:
+    """Standard deviations (K,) by which the spots' matched filter rises out of the surface's scatter."""
+    return np.asarray(np.sqrt(0.75 * np.pi) * found.radius * found.depth / (found.noise * spots.tail))
+
+
+def distinct(spots: Spots, width: Array | None = None) -> NDArray[np.int64]:
+    """Indices of the best of those that are nearer to each other than 1.5 times their mean reference radius, or width.
 
     The best by quality with the tiles' noise, which competing radii share. Not by merit alone: a speck at a
     marker's rim may fit a small top-hat well without being the marker.
@@ -80,7 +93,7 @@ def distinct(spots: Spots) -> NDArray[np.int64]:
         return order
     from scipy.spatial import cKDTree
 
-    xy, r0 = spots.xy[order], spots.r0[order]
+    xy, r0 = spots.xy[order], (spots.r0 if width is None else width)[order]
     pairs = cKDTree(xy).query_pairs(1.5 * r0.max(), output_type="ndarray")
     distance = np.hypot(*(xy[pairs[:, 0]] - xy[pairs[:, 1]]).T)
     pairs = np.sort(pairs[distance < 0.75 * (r0[pairs[:, 0]] + r0[pairs[:, 1]])], axis=1)
