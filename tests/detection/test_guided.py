@@ -64,7 +64,7 @@ def test_a_shape_that_is_wrong_by_a_tenth_does_not_move_centres(noise):
 
 
 def test_faint_markers_are_found_and_absent_ones_are_not():
-    """Depth 3 times the noise: far below what `detect` takes. Every second marker is not there."""
+    """Depth 3 times the noise: the least that `detect` takes, and by no means always. Every second is not there."""
     found = false = 0
     for seed in range(4):
         there = np.arange(36) % 2 == 0
@@ -74,7 +74,8 @@ def test_faint_markers_are_found_and_absent_ones_are_not():
         false += int((got.found & ~there).sum())
         assert set(got.answer[~there]) <= {CHANCE, OTHER}
         assert np.isnan(got.xy[~got.found]).all()
-        assert len(wm.detect(image, radius_px=3.0)) <= 2
+        free = wm.detect(image, radius_px=3.0).xy
+        assert (np.hypot(*(free[:, None] - xy[there]).transpose(2, 0, 1)).min(axis=1) < 2.0).all()
     assert found >= 65  # of 72
     assert false <= 1
 

@@ -78,17 +78,13 @@ def judge_fits(
         # Where a line was fitted too, the edge it hides says nothing: contrast and roundness decide.
         edge = np.where(fits.crossed, 0.0, support[:, 0])
         variance = expected_variance(fits, spots)
-        correlation = shape_correlation(fits, variance)
+        correlation, answer = shape_correlation(fits, variance), matched_filter(fits, variance) / tail_of(fits, spots)
         sharp = support[:, 1] >= SHARP_EDGE
         reason[~(correlation >= np.where(sharp & ~weak, WITH_SHARP_EDGE, np.array(CORRELATION_MIN)[band]))] = MISFIT
         shapely = weak | has_shape(fits, radii)
         reason[shapely & ~(minor + doubt[:, 1] >= np.array(ROUND_MIN)[band] * major)] = MISFIT
         reason[shapely & ~fits.crossed & ~(support[:, 1] >= EDGE_MEDIAN)] = PART
-        # Beside markers beyond doubt the frame's noise is known from them; else how correlated it is says the search.
-        answer = matched_filter(fits, variance)
-        beyond = fits.converged & (correlation >= SOUND_CORRELATION) & (answer >= EVIDENCE_MIN * spots.tail)
-        known = np.isfinite(fits.chi2) & (beyond.sum() >= TYPICAL)
-        reason[~(fits.depth > 0.0) | ~(answer >= EVIDENCE_MIN * np.where(known, 1.0, spots.tail))] = FAINT
+        reason[~(fits.depth > 0.0) | ~(answer >= EVIDENCE_MIN)] = FAINT
         reason[major - doubt[:, 0] > RADIUS_RATIO[1] * max(radii)] = LARGE
         reason[major + doubt[:, 0] < RADIUS_RATIO[0] * min(radii)] = SMALL
         reason[~fits.converged | ~np.isfinite(fits.cov).all(axis=(1, 2)) | (away > spots.r0)] = UNCERTAIN
@@ -101,7 +97,7 @@ def judge_fits(
             there = beside(fits.xy, fits.blur_px, (reason == ACCEPTED) & sound & ~weak, weight)
             odd &= ~(np.abs(fits.blur_px - there) <= BLUR_SIGMAS * np.hypot(fits.blur_sigma_px, SAME_BLUR_PX))
         reason[odd] = BLURRED
-        _beside_the_others(reason, fits, weight, edge, doubt[:, 1], sound, weak, radii, options)
+        _beside_the_others(reason, fits, weight, edge, doubt, sound, weak, radii, options)
     return reason
 
 
@@ -135,9 +131,11 @@ def _beside_the_others(
         size = size_at_blur(fits, fits.frame.blur_px)
         least = SIZE_SHARE * weighted_quantile(size[typical], size[typical] ** 2, SIZE_QUANTILE)
         if min(radii) >= TINY_PX:
-            reason[(reason == ACCEPTED) & (size < min(float(least), NEAR_RADIUS * min(radii)))] = SMALL
+            # The frame's blur differs from place to place: so does the size that a small disc would have with it.
+            unsure = doubt[:, 0] + 4.0 * fits.frame.blur_px * fits.frame.blur_spread_px / np.maximum(size, TINY_PX)
+            reason[(reason == ACCEPTED) & (size + unsure < min(float(least), NEAR_RADIUS * min(radii)))] = SMALL
     else:  # no frame tells size from blur
-        minor = np.minimum(minor + doubt, major)
+        minor = np.minimum(minor + doubt[:, 1], major)
     # Seen at an angle all that are near each other are as narrow.
     narrow = beside(fits.xy, minor / major, typical, weight)
     roundness = np.clip(minor / major / np.fmin(narrow, 1.0), minor / major, 1.0)
@@ -182,10 +180,30 @@ def has_shape(fits: TemplateFits, radii: Sequence[float]) -> Flags:
     return (fits.radius_px >= TINY_PX) | (min(radii) >= TINY_PX)
 
 
+def speaks_for_all(fits: TemplateFits, spots: Spots) -> bool:
+    """Whether the frame's noise is that of markers: most of what rises from it are discs by the surface's noise too.
+
+    In a picture of text or strong texture the fits agree on a noise in which every letter is a disc.
+    """
+    surface = TILE_VARIANCE * spots.noise**2
+    with np.errstate(invalid="ignore"):
+        rises = fits.converged & (matched_filter(fits, fits.noise**2 / fits.chi2) >= EVIDENCE_MIN)
+        beyond = rises & (matched_filter(fits, surface) >= EVIDENCE_MIN * spots.tail)
+        beyond &= shape_correlation(fits, surface) >= CORRELATION_MIN[1]
+    return bool(beyond.sum() >= max(TYPICAL, 0.5 * rises.sum()))
+
+
+def tail_of(fits: TemplateFits, spots: Spots) -> Array:
+    """How much more the noise moves a filter (K,) than if it were not correlated: 1 where the markers have shown it."""
+    return np.ones(len(fits)) if speaks_for_all(fits, spots) else spots.tail
+
+
 def expected_variance(fits: TemplateFits, spots: Spots) -> Array:
-    """Variance (K,) of a pixel's noise: the frame's, or where too few markers are clean, the surface's at the spot."""
+    """Variance (K,) of a pixel's noise: the frame's if that speaks for all, else not more than the surface's there."""
+    surface = TILE_VARIANCE * spots.noise**2
     with np.errstate(invalid="ignore", divide="ignore"):
-        return np.where(np.isfinite(fits.chi2), fits.noise**2 / fits.chi2, TILE_VARIANCE * spots.noise**2)
+        frame = fits.noise**2 / fits.chi2
+    return np.where(np.isfinite(frame), frame if speaks_for_all(fits, spots) else np.fmin(frame, surface), surface)
 
 
 def matched_filter(fits: TemplateFits, variance: Array) -> Array:

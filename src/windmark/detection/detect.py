@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 from windmark.detection.decide import describe_spots, judge, rejected_places
 from windmark.detection.image import Prepared, check_image, check_polarity, prepare
 from windmark.detection.look import look_for
-from windmark.detection.options import QUALITY_MIN, REFINEMENTS, Options, check_radii
+from windmark.detection.options import FIT_SLACK, QUALITY_MIN, REFINEMENTS, Options, check_radii
 from windmark.detection.radius import prevailing
-from windmark.detection.refined import FIT_SLACK, refined, worth_fitting
+from windmark.detection.refined import refined, worth_fitting
 from windmark.detection.rejected import ACCEPTED, FAINT, SURPLUS, UNCERTAIN, Rejected
 from windmark.detection.search import MERIT_SLACK, Bowl
 from windmark.detection.shape import ILL, TOUCHING, Shapes, covariance
@@ -53,10 +53,11 @@ def detect(
         None takes what `estimate_radius` says; an image in which no size prevails has no spots
     polarity : "dark" or "bright" markers on their surface; "auto" takes bright ones where fewer than three dark ones
         are there, see `find_markers`, which also says what was decided
-    merit_max : largest merit of a spot; the paper's 0.7 is a correlation of 0.778 with the top-hat
-    refine : "template", a fit of the blurred ellipse to every candidate (`template.refine_template`), also to those
-        whose merit is up to 1.43 `merit_max` or whose quality is down to half of `min_quality`; the fit decides: see
-        `decide_fits`. Or "bowl", the paper's centre and decision
+    merit_max : largest merit of a spot; the paper's 0.7 is a correlation of 0.778 with the top-hat. For the template
+        the top-hat is taken as the surface's tilt shows it, and what noise adds does not count
+    refine : "template", a fit of the blurred ellipse to every candidate of `look` (`template.refine_template`), also to
+        those whose quality is down to half of `min_quality` and those whose matched filter rises by 8 sigma; the fit
+        decides: see `decide_fits`. Or "bowl", the paper's centre and decision
     photometry : of the template, "multiplicative" where paint scales the light (black must be 0) or "additive"
         (infrared); None takes the first for dark markers, the second for bright ones and for images with negative light
     mask : (H, W), only pixels where it is true (not 0) are used; a marker needs 85 % of its disc in them
@@ -65,15 +66,17 @@ def detect(
     min_quality : smallest depth / noise / merit. The noise is the scatter of one pixel of the surface round the spot,
         and not below that of its neighbourhood. The worse the shape, the more a spot must stand out: m = 0.7 needs
         8.4 times the noise, m = 0.35 half of that; below r0 = 3 px fewer pixels vouch for it and the ratio counts
-        sqrt(r0 / 3). White noise alone gives m = 2 noise / depth: the default passes perfect discs down to
-        depth / noise = 5
+        sqrt(r0 / 3). White noise alone gives m = 2 noise / depth: in a bowl the default passes perfect discs down to
+        depth / noise = 5. The template passes fainter ones whose matched filter has 10 sigma of the frame's noise,
+        unless more than the default is asked for
 
     Returns
     -------
     Detections
-        Best first (largest quality, see `min_quality`). `xy` is the centre of the imaged ellipse, not the image of the
-        disc's centre (`geometry.imaged_ellipse` tells the difference). A constant image, or one smaller than the
-        marker, has no spots; `why_none` says why. Pixels that stand out alone are taken as dead.
+        Best first (largest quality, see `min_quality`, times radius for the template). `xy` is the centre of the imaged
+        ellipse, not the image of the disc's centre (`geometry.imaged_ellipse` tells the difference). A constant image,
+        or one smaller than the marker, has no spots; `why_none` says why. Pixels that stand out alone are taken as
+        dead.
 
         template: `cov` is the bound of least squares in the frame's own noise, texture included; `axes_px` are those of
         the disc without blur, `depth` is that of its middle. Flags: border, saturated (over 2 % of the window; integer
@@ -147,7 +150,8 @@ def _examine(image: ArrayLike, options: Options, *, why: bool) -> tuple[Detectio
     chosen = np.flatnonzero(reason == ACCEPTED)
     if not template:
         chosen = chosen[distinct(spots.take(chosen))]
-    order = chosen[np.argsort(-value[chosen], kind="stable")]
+    rank = value * found.radius if template else value  # of two as clear the larger one is the surer
+    order = chosen[np.argsort(-rank[chosen], kind="stable")]
     if template:
         taken = len(order)
         order = worth_fitting(value, spots, found, order, options)

@@ -3,7 +3,7 @@
 A difference of two boxes finds what is as deep as a marker and about as large (`search`). The region below half depth
 round each of its maxima says where a disc would be, how large and how elongated, whatever size was looked for, and the
 correlation of that ellipse with its window how much of a disc it is: the paper's merit, taken with the top-hat as the
-surface's tilt shows it. What runs on into something else (a line crosses the disc) has no such region: there SPOT tells.
+surface's tilt shows it. What runs on into something else (a line crosses the disc) has no such region: there SPOT says.
 Large discs are looked at on a reduced picture throughout; the template then sees every pixel.
 """
 
@@ -11,13 +11,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+
 import numpy as np
 from numpy.typing import NDArray
 
 from windmark.detection.image import Pixels, Prepared
+from windmark.detection.options import FIT_SLACK
 from windmark.detection.search import (
     MAX_LAG_PX,
-    MERIT_SLACK,
     TILE,
     Bowl,
     at_tiles,
@@ -26,16 +27,14 @@ from windmark.detection.search import (
     surface_noise,
 )
 from windmark.detection.shape import COLUMNS, Shapes, shapes
-from windmark.detection.spots import MIN_CORE, Spots, distinct, significance
+from windmark.detection.spots import MIN_CORE, Spots, distinct
 
 Array = NDArray[np.float64]
 
 FILTER_SIGMA = 5.0  # of the filter's noise if it is white: less rises from noise in every picture
 SEARCH_SHARE = 0.8  # of a radius is searched for: a disc seen at an angle has less than its area
 REDUCED_PX = 3.5  # a searched radius is not reduced below this
-SAMPLED_ROWS = 16  # one row in so many says how the filter scatters
-CALM_SIGMAS = 10.0  # of uncorrelated noise: what rises more is left out when the filter's scatter is measured
-TENTH = 1.2816  # standard deviations below which a tenth of Gaussian noise lies
+TAIL_LAG = 2  # boxes between those that are compared: neighbours share the surface's shape
 SPAN = 1.6  # discs of the searched radius over this ... times this are measured
 CLEAR_MERIT = 1.2  # of a region's ellipse: what is worse is no disc of its own, and SPOT is asked too
 
@@ -85,7 +84,7 @@ class Regions:
     rest : (L, 2) pixels of the reduced picture where something rises that is no such region
     level, factor : the reduced picture and how far it is
     tiles : noise of the picture's own pixels, see `surface_noise`
-    tails : `Spots.tail` of the reduced picture's tiles
+    tails, box : `Spots.tail` in tiles of boxes of so many pixels of the reduced picture
     """
 
     spots: Spots
@@ -96,25 +95,24 @@ class Regions:
     factor: int
     tiles: Array
     tails: Array
+    box: int
 
 
 def measured_regions(image: Prepared, radius_px: float) -> Regions:
     """What rises out of the noise and is about as large as a radius, measured by its region below half depth."""
-    from windmark.detection._kernels.map import bin_mean, depths
+    from windmark.detection._kernels.map import bin_mean, depth_peaks
     from windmark.detection._kernels.regions import WHOLE, regions
 
     factor = max(1, int(radius_px // REDUCED_PX))
     level = image.g if factor == 1 else bin_mean(image.g, factor)
     r, tiles = radius_px / factor, surface_noise(image, radius_px)
-    start, tails = np.empty((0, 2)), np.ones((1, 1))
+    start, tails, box = np.empty((0, 2)), np.ones((1, 1)), 1
     if min(level.shape) >= 2.0 * r:
         noise = np.maximum(noise_tiles(level, TILE, min(max(round(r), 1), MAX_LAG_PX)), image.quantum)
         core, window = box_sizes(r)
         inner, outer = (2 * core + 1) ** 2, (2 * window + 1) ** 2 - (2 * core + 1) ** 2
-        white = np.sqrt(1.0 / inner + 1.0 / outer) * noise
-        sampled = np.empty((max(level.shape[0] // SAMPLED_ROWS, 1), level.shape[1]), np.float32)
-        gate = (FILTER_SIGMA * white).astype(np.float32)
-        start = np.ascontiguousarray(depths(level, core, window, gate, TILE, SAMPLED_ROWS, sampled)[:, :2])
+        gate = (FILTER_SIGMA * np.sqrt(1.0 / inner + 1.0 / outer) * noise).astype(np.float32)
+        start = np.ascontiguousarray(depth_peaks(level, core, window, gate, TILE)[:, :2])
     level_noise = at_tiles(noise, start, 1.0) if len(start) else np.empty(0)
     rows = regions(level, start, r, level_noise)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -130,32 +128,37 @@ def measured_regions(image: Prepared, radius_px: float) -> Regions:
     spots = Spots(xy, merit, rows[:, 6], one > 0, radius_px * one, local, one, misfit)
     found = Shapes(rows[:, 8], local, rows[:, 6], size, axes, angle, flags)
     if len(start):
-        places, sure = (xy + 0.5) / factor - 0.5, significance(spots, found) >= CALM_SIGMAS
-        most = float((1.0 / inner + 1.0 / outer) ** -0.5)
-        tails = _tails(sampled, white, np.concatenate([places, rest]), places[sure], axes[sure, 0] / factor, float(window + 1), most)
-        spots = replace(spots, tail=at_tiles(tails, places, 1.0))
-    return Regions(spots, found, rows[:, 10], rest, level, factor, tiles, tails)
+        tails, box = _tails(level, noise, core), 2 * core + 1
+        spots = replace(spots, tail=at_tiles(tails, (xy + 0.5) / (factor * box) - 0.5, 1.0))
+    return Regions(spots, found, rows[:, 10], rest, level, factor, tiles, tails, box)
 
 
-def _tails(sampled: Pixels, white: Array, xy: Array, sure: Array, size: Array, span: float, most: float) -> Array:
-    """`Spots.tail` in the tiles of places (L, 2), from the sampled rows of the filter without the `sure` spots (K, 2).
+def _tails(level: Pixels, noise: Array, core: int) -> Array:
+    """`Spots.tail` in tiles of the picture reduced by the inner box: how its noise differs from that of white noise.
 
-    By the negative side, where no marker is, beside what clearly rises: its surroundings are no scatter. Noise of a
-    pixel's strength moves the filter at `most` so much more, however it is correlated: what does is something else.
+    By second differences again, which markers and edges reach in less than half of the places.
     """
-    from windmark.detection._kernels.map import calm_scatter
+    from windmark.detection._kernels.map import bin_mean
 
-    wanted, scatter = np.zeros(white.shape, dtype=bool), np.empty(white.shape)
-    index = (np.maximum(xy, 0.0) / TILE).astype(np.int64)
-    wanted[index[:, 1].clip(0, wanted.shape[0] - 1), index[:, 0].clip(0, wanted.shape[1] - 1)] = True
-    calm_scatter(sampled, SAMPLED_ROWS, TILE, sure, size + span, wanted, scatter)
-    return np.clip(scatter / (TENTH * white), 1.0, most)
+    width = 2 * core + 1
+    if min(level.shape) < 8 * width:
+        return np.ones((1, 1))
+    coarse = noise_tiles(bin_mean(level, width), TILE, TAIL_LAG)
+    fine = [[_tile_mean(noise, j, i, width) for i in range(coarse.shape[1])] for j in range(coarse.shape[0])]
+    return np.clip(width * coarse / np.array(fine), 1.0, width)  # noise of a pixel's strength cannot do more
+
+
+def _tile_mean(noise: Array, j: int, i: int, width: int) -> float:
+    """Root mean square of the tiles' noise over one tile of a picture reduced by `width`."""
+    part = noise[j * width : (j + 1) * width, i * width : (i + 1) * width]
+    return float(np.sqrt(np.mean(np.square(part if part.size else noise[-1:, -1:]))))
 
 
 def _look(image: Prepared, radius_px: float, radii: Sequence[float], merit_max: float) -> tuple[Spots, Shapes]:
     """Regions, and SPOT where there are none, of one searched radius."""
     here = measured_regions(image, max(SEARCH_SHARE * radius_px, 1.0))
-    spots, found = here.spots, here.found
+    like = here.spots.misfit <= min(merit_max / FIT_SLACK, CLEAR_MERIT)  # its own ellipse has no tilt to be excused for
+    spots, found = here.spots.take(like), here.found.take(like)
     asked = np.array(sorted(radii))
     nearest = np.abs(np.log(asked[:, None] / found.axes[:, 0])).argmin(axis=0)
     spots = replace(spots, r0=asked[nearest])
@@ -189,7 +192,7 @@ def _spot(
     raw[:, COLUMNS.index("volume")] *= factor**2
     raw[:, [COLUMNS.index(k) for k in ("mxx", "mxy", "myy")]] *= factor**4
     size = image.g.shape[1], image.g.shape[0]
-    tail = at_tiles(here.tails, rows[:, :2], 1.0)
+    tail = at_tiles(here.tails, (rows[:, :2] + 0.5) / here.box - 0.5, 1.0)
     spots = Spots(xy, rows[:, 2], rows[:, 3], rows[:, 4] > 0, r0, noise, tail, rows[:, 2])
     return spots, shapes(raw, xy, r0, size, noise)
 

@@ -14,6 +14,7 @@ from windmark.errors import UsageError
 REFINEMENTS = ("bowl", "template")
 PHOTOMETRIES = ("multiplicative", "additive")
 QUALITY_MIN = 12.0  # see `detect`
+FIT_SLACK = 1.43  # times the limit of the merit: a tilted or dirty disc may suit no trial radius, so the fit decides
 DARKER_THAN_BLACK = 0.01  # share of the pixels; less is noise in deep shadow
 
 

@@ -16,7 +16,7 @@ from windmark.detection.spots import MERIT_FLOOR, Spots, quality
 
 Array = NDArray[np.float64]
 
-SMALLEST_PX, LARGEST_PX, STEP = 1.3, 64.0, 1.7  # the radii that are tried: each measures discs of half to twice its size
+SMALLEST_PX, LARGEST_PX, STEP = 1.3, 64.0, 1.7  # the radii that are tried: each measures half to twice its size
 SHARE_OF_SIDE = 8.0  # the largest is the image's shorter side over this
 MISFIT_MAX = 0.45  # merit but for noise: stricter than `detect`, as a size is wanted, not every marker
 POINT_PX = 1.5  # discs below are hardly told from points: their evidence counts r^2 / (r^2 + this^2)
@@ -25,7 +25,7 @@ EDGE = 0.1  # the range ends where the density is below this share of its peak
 VALLEY = 0.5  # or at a minimum below this share of it
 SEARCH_STEP = 1.4  # between radii to search with: one finds 0.8 ... 1.2 of its own
 LEAST_SPOTS = 3
-SHALLOW = 0.2  # of the median depth of a size: shallower spots of this size are dust
+SHALLOW = 0.25  # of the median depth of a size: shallower spots of this size are dust, light falls less
 RIVAL = 0.5  # another size with this share of the evidence is named
 FILL_MIN = 0.85  # area of a region over that of its ellipse: less is no disc, however few its pixels
 
@@ -56,12 +56,13 @@ class RadiusEstimate:
 def estimate_radius(image: ArrayLike, polarity: str = "dark", *, mask: ArrayLike | None = None) -> RadiusEstimate:
     """Estimate the radius of the markers in an image.
 
-    Radii from 1.2 to 64 px (at most an eighth of the shorter side) are tried in steps of 1.3; every spot has the
-    measured radius of the trial that suits it best. Each counts with its radius times its depth over its merit: the
-    root of what it explains in its window (more pixels vouch for large ones, and dust is small and pale), more for a
-    better shape. Not with the noise at its place: where a camera has cut off black or white there is none, and one grey
-    level would outweigh all markers. The mode of the density over log radius is taken, with all that belongs to its
-    peak: down to a tenth of it, or to a valley of less than half of it.
+    Spots of 1 to some 100 px (a fourth of the shorter side) are looked for in steps of 1.7 and measured by their region
+    below half depth, see `look`: tilted discs by their larger half axis. Each counts with its radius times its depth
+    over its merit: the root of what it explains in its window (more pixels vouch for large ones, and dust is small and
+    pale), more for a better shape, less where it is hardly told from a point. Not with the noise at its place: where a
+    camera has cut off black or white there is none, and one grey level would outweigh all markers. The mode of the
+    density over log radius is taken, with all that belongs to its peak: down to a tenth of it, or to a valley of less
+    than half of it.
 
     Where other round things outweigh the markers, it is their size that is found; the reason names a size that has at
     least half as much evidence. Give the radius then.

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from windmark.detection.decide_fits import expected_variance, judge_fits
 from windmark.detection.image import Prepared
-from windmark.detection.options import QUALITY_MIN, Options
+from windmark.detection.options import FIT_SLACK, QUALITY_MIN, Options
 from windmark.detection.rejected import ACCEPTED, SAME
 from windmark.detection.shape import CONTAMINATED, Shapes
 from windmark.detection.spots import Spots, distinct, significance
@@ -19,7 +19,6 @@ from windmark.scene import Detections
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-FIT_SLACK = 1.43  # times the limit of the merit: a tilted or dirty disc may suit no trial radius, so the fit decides
 SIGMAS = 8.0  # of the matched filter, from which a spot is fitted
 QUALITY_SHARE = 0.5  # of the least quality of `detect`: fainter spots are not fitted
 
@@ -31,7 +30,8 @@ def worth_fitting(value: Array, spots: Spots, found: Shapes, sure: Ints, options
     """
     weak = value >= QUALITY_SHARE * options.min_quality
     if options.min_quality <= QUALITY_MIN:
-        weak |= significance(spots, found) >= SIGMAS
+        regions = spots.misfit < spots.merit  # of what SPOT has measured only the quality is known
+        weak |= regions & (significance(spots, found) >= SIGMAS)
     weak &= spots.misfit <= options.merit_max * FIT_SLACK
     weak[sure] = False
     rest = np.flatnonzero(weak)
@@ -58,7 +58,8 @@ def refined(
     from windmark.detection.template.rim import rim_support
 
     usable = np.isfinite(prepared.g) if prepared.missing else None
-    radius = np.clip(np.nan_to_num(np.fmax(found.axes[:, 0], found.radius), nan=0.0), 0.7 * spots.r0, 1.4 * spots.r0)
+    size = np.where(spots.misfit < spots.merit, found.axes[:, 0], found.radius)
+    radius = np.clip(np.nan_to_num(size, nan=0.0), 0.75 * spots.r0, 1.3 * spots.r0)
     fits = refine_template(
         image, spots.xy, radius, polarity=options.polarity, photometry=options.light, mask=usable
     )  # fmt: skip

@@ -67,7 +67,8 @@ def find_spots(image: Prepared, r0: float, merit_max: float) -> Spots:
         found = refine_bowl(image.g, start, r0, merit_max + MERIT_SLACK, MIN_CORE, bowl.positions, bowl.functionals)
         found = found[found[:, 2] <= merit_max]
     xy, radius = found[:, :2], np.full(len(found), r0)
-    spots = Spots(xy, found[:, 2], found[:, 3], found[:, 4] > 0, radius, at_tiles(noise, xy, r0), np.ones(len(xy)), found[:, 2])
+    merit, depth, settled = found[:, 2], found[:, 3], found[:, 4] > 0
+    spots = Spots(xy, merit, depth, settled, radius, at_tiles(noise, xy, r0), np.ones(len(xy)), merit)
     return spots.take(distinct(spots))
 
 

@@ -6,12 +6,11 @@ tests/detection/test_search.py.
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
 
-from windmark.detection._kernels.spot import grown, smallest
+from windmark.detection._kernels.spot import grown
 from windmark.geometry._jit import nb
 
 
@@ -198,20 +197,12 @@ def _padded_row(g: Any, y: int, h: int, out: Any) -> None:
 
 
 @nb.njit(cache=True, nogil=True)
-def _scaled(row: Any, scale: Any, out: Any) -> None:
-    for i in range(out.size):
-        out[i] = scale * row[i]
-
-
-@nb.njit(cache=True, nogil=True)
-def depths(g: Any, c: int, h: int, gate: Any, tile: int, every: int, sampled: Any) -> Any:
+def depth_peaks(g: Any, c: int, h: int, gate: Any, tile: int) -> Any:
     """Local maxima (3 x 3) of the box depth above the gate of their tile: (K, 3) columns x, y, depth.
 
     The box depth is the mean of the box of half width h less the inner one (half width c < h), minus the mean of the
     inner box. Column sums go from row to row; their rows of the last 2 h + 2 are kept, filled and padded. The depth is
     taken times the numbers of both means' pixels: sums of 8-bit grey levels stay whole numbers.
-
-    Every so many rows the depth itself goes into `sampled` (rows // every, columns), from row every // 2 on.
     """
     rows, n = g.shape
     n_core, n_ring = (2 * c + 1) ** 2, (2 * h + 1) ** 2 - (2 * c + 1) ** 2
@@ -235,8 +226,6 @@ def depths(g: Any, c: int, h: int, gate: Any, tile: int, every: int, sampled: An
             _next_sums(ring[(y + c) % size], ring[(y - c - 1) % size], core)
             _both(win, core, np.float32(n_core), np.float32(n_core + n_ring), both)
             _box_depth(win, both, c, h, np.float32(n_core), below[1 : n + 1])
-            if y % every == every // 2 and y // every < sampled.shape[0]:
-                _scaled(below[1 : n + 1], np.float32(scale), sampled[y // every])
         else:
             below[:] = np.float32(-np.inf)
         if y > 0:
@@ -249,41 +238,3 @@ def depths(g: Any, c: int, h: int, gate: Any, tile: int, every: int, sampled: An
                 out[count + i, 0], out[count + i, 1], out[count + i, 2] = x, y - 1, here[x + 1] * scale
             count += k
     return out[:count]
-
-
-@nb.njit(cache=True, nogil=True)
-def depth_peaks(g: Any, c: int, h: int, gate: Any, tile: int) -> Any:
-    """The local maxima of `depths`."""
-    return depths(g, c, h, gate, tile, 1, np.empty((0, g.shape[1]), np.float32))
-
-
-@nb.njit(cache=True, nogil=True)
-def calm_scatter(sampled: Any, every: int, tile: int, xy: Any, reach: Any, wanted: Any, out: Any) -> None:
-    """How deep the lowest tenth of the sampled depths of a tile begins, those near spots left out; 0 without any.
-
-    Parameters
-    ----------
-    sampled : (S, W) rows of `depths`, every so many; overwritten with NaN near the spots
-    xy, reach : (K, 2), (K,) spots in pixels and how far each is seen
-    wanted : (down, across) tiles to be done
-    out : (down, across)
-    """
-    for k in range(xy.shape[0]):
-        low = max(int(math.ceil((xy[k, 1] - reach[k] - every // 2) / every)), 0)
-        high = min(int(math.floor((xy[k, 1] + reach[k] - every // 2) / every)), sampled.shape[0] - 1)
-        left, right = max(int(xy[k, 0] - reach[k]), 0), min(int(xy[k, 0] + reach[k]) + 1, sampled.shape[1])
-        for j in range(low, high + 1):
-            for i in range(left, right):
-                sampled[j, i] = np.nan
-    values = np.empty((tile // every) * tile, np.float32)
-    for a in range(out.shape[0]):
-        for b in range(out.shape[1]):
-            n, out[a, b] = 0, 0.0
-            if wanted[a, b]:
-                for j in range(a * (tile // every), min((a + 1) * (tile // every), sampled.shape[0])):
-                    for i in range(b * tile, min((b + 1) * tile, sampled.shape[1])):
-                        if sampled[j, i] == sampled[j, i]:
-                            values[n] = sampled[j, i]
-                            n += 1
-                if n > 0:
-                    out[a, b] = max(-smallest(values, n, n // 10), np.float32(0.0))

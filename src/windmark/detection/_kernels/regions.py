@@ -29,7 +29,8 @@ def _value(g: Any, y: int, x: int, smooth: bool) -> float:
     if not smooth or y == 0 or x == 0 or y == g.shape[0] - 1 or x == g.shape[1] - 1:
         return g[y, x]
     a, b, c = g[y - 1], g[y], g[y + 1]
-    return 0.0625 * (a[x - 1] + a[x + 1] + c[x - 1] + c[x + 1]) + 0.125 * (a[x] + c[x] + b[x - 1] + b[x + 1]) + 0.25 * b[x]
+    corners, sides = a[x - 1] + a[x + 1] + c[x - 1] + c[x + 1], a[x] + c[x] + b[x - 1] + b[x + 1]
+    return 0.0625 * corners + 0.125 * sides + 0.25 * b[x]
 
 
 @nb.njit(cache=True, nogil=True)
@@ -38,7 +39,8 @@ def _surface(g: Any, cy: int, cx: int, distance: float, ring: Any) -> float:
     n = 0
     for k in range(RING):
         t = 2.0 * math.pi * k / RING
-        v = _value(g, cy + math.floor(distance * math.sin(t) + 0.5), cx + math.floor(distance * math.cos(t) + 0.5), False)
+        u, w = math.floor(distance * math.cos(t) + 0.5), math.floor(distance * math.sin(t) + 0.5)
+        v = _value(g, cy + w, cx + u, False)
         if v == v:
             ring[n] = v
             n += 1
@@ -120,7 +122,7 @@ def disc_match(g: Any, x: float, y: float, shape: Any, out: Any) -> None:
     """Least squares of plane and soft disc over the window: depth, rho^2, residual scatter, kappa into `out`.
 
     `shape` is the ellipse: symmetric (xx, xy, yy) matrix that maps the unit disc onto it; the window is `WINDOW` times
-    as large and at least 2 px wider. Its edge is 1 px wide across. NaN where less than half of the window is there.
+    as large and at least 2 px wider. Its edge is 2 px wide across. NaN where less than half of the window is there.
     """
     a, b, c = shape[0], shape[1], shape[2]
     det = a * c - b * b
