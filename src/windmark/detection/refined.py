@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from windmark.detection.decide_fits import expected_variance, judge_fits
 from windmark.detection.image import Prepared
 from windmark.detection.options import FIT_SLACK, QUALITY_MIN, Options
-from windmark.detection.rejected import ACCEPTED, SAME
+from windmark.detection.rejected import ACCEPTED, OTHER, SAME
+from windmark.detection.rivals import rival_evidence
 from windmark.detection.shape import CONTAMINATED, Shapes
 from windmark.detection.spots import Spots, distinct, significance
 from windmark.scene import Detections
@@ -19,6 +20,7 @@ from windmark.scene import Detections
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
+RIVAL_NATS = 20.0  # by which a square, cross or ring must explain the pixels better than the disc
 SIGMAS = 8.0  # of the matched filter, from which a spot is fitted
 QUALITY_SHARE = 0.5  # of the least quality of `detect`: fainter spots are not fitted
 
@@ -64,9 +66,13 @@ def refined(
         image, spots.xy, radius, polarity=options.polarity, photometry=options.light, mask=usable
     )  # fmt: skip
     scene = make_scene(image, options.polarity, options.light, usable, None)
-    support = rim_support(scene, fits, expected_variance(fits, spots))
+    variance = expected_variance(fits, spots)
+    support = rim_support(scene, fits, variance)
     weak = np.arange(len(fits)) >= taken
     reason = judge_fits(fits, spots, support, weak, radii, options)
+    sure = np.flatnonzero(reason == ACCEPTED)
+    other = rival_evidence(prepared.g, fits.take(sure), variance[sure]) > RIVAL_NATS
+    reason[sure[other & ~fits.crossed[sure]]] = OTHER
     good = np.flatnonzero(reason == ACCEPTED)
     once = np.sort(good[distinct(replace(spots.take(good), xy=fits.xy[good]))])
     reason[np.setdiff1d(good, once)] = SAME

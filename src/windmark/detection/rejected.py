@@ -11,7 +11,7 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 ACCEPTED, SHAPE, FAINT, SHALLOW, SMALL, LARGE, FORMLESS = range(7)
-UNCERTAIN, SURPLUS, MISFIT, BLURRED, SAME, PALE, PART = range(7, 14)
+UNCERTAIN, SURPLUS, MISFIT, BLURRED, SAME, PALE, PART, OTHER = range(7, 15)
 REASONS = {
     SHAPE: "no disc of this size: the merit is above the limit",
     FAINT: "too faint for its shape: depth / noise / merit is below the limit",
@@ -24,6 +24,7 @@ REASONS = {
     MISFIT: "no blurred disc: the fitted template explains too little of what is there",
     PALE: "paler than the image's markers: less contrast than those near it and the others",
     PART: "part of something else: its edge is not there all the way round",
+    OTHER: "another shape: a square, a cross or a ring explains it better",
     SAME: "a better marker lies there",
     BLURRED: "sharper or more blurred than the image's markers",
 }
