@@ -35,7 +35,7 @@ from _scoring import pair, simple_blob
 from _sensor import Sensor
 from windmark.detection import detect, merit_map, why_none
 from windmark.detection.image import check_polarity, prepare
-from windmark.detection.spots import find_spots
+from windmark.detection.look import look_for
 from windmark.synth import Scene, marker_scene
 
 RADII_PX = (2.5, 3.5, 5.0)
@@ -94,7 +94,7 @@ def discs(count: int, radius: float) -> NDArray[np.uint8]:
 
 def _coarse(image: NDArray, polarity: str, radius_px: float) -> object:
     prepared = prepare(image, check_polarity(polarity))
-    return None if prepared is None else find_spots(prepared, radius_px, MERIT_MAX)
+    return None if prepared is None else look_for(prepared, (radius_px,), MERIT_MAX)[0]
 
 
 def _runs(image: NDArray, polarity: str, radii: tuple[float, ...]) -> dict[str, Callable[[], object]]:

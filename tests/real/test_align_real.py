@@ -13,8 +13,9 @@ def aligned(folder, reference, image, **options):
 
 @pytest.mark.parametrize(
     ("camera", "pairs", "held_out_px", "motion_px"),
-    # Camera 3 sees the two levels of the plate 20 degrees off: parallax; see benchmarks/alignment_real.py.
-    [("1", 61, 0.035, 3.8), ("3", 27, 0.13, 20.1)],
+    # Camera 3 sees the two levels of the plate 20 degrees off: parallax, most with the disc at the border; see
+    # benchmarks/alignment_real.py.
+    [("1", 61, 0.035, 3.8), ("3", 28, 0.15, 20.3)],
 )
 def test_the_plate_of_the_piv_challenge_in_two_places(shared_data, camera, pairs, held_out_px, motion_px):
     folder = shared_data / "piv-challenge-e-calib" / f"camera{camera}"

@@ -67,7 +67,7 @@ def test_dots_faded_to_a_seventh_are_found_where_detect_misses_some(frame):
         hits += len(away)
     assert hits >= 0.85 * 4 * 15
     blind = detect(pale, radius_px=3.0)
-    assert (np.hypot(*(whole.xy[:, None] - blind.xy).transpose(2, 0, 1)).min(axis=1) < 1).sum() <= 10
+    assert (np.hypot(*(whole.xy[:, None] - blind.xy).transpose(2, 0, 1)).min(axis=1) < 1).sum() < 15
 
 
 def test_dots_of_four_grey_levels_on_a_block_darkened_to_twelve(frame):

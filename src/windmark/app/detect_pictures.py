@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 COLOURS = (
     "#ff1744", "#ff9100", "#ffea00", "#00b0ff", "#d500f9", "#ff80ab", "#8d6e63", "#b0bec5", "#1de9b6", "#ffab91",
-    "#9e9d24", "#5c6bc0", "#f4511e",
+    "#9e9d24", "#5c6bc0", "#f4511e", "#006064",
 )  # fmt: skip
 """Of the reasons, in the order of their codes; green is for what was taken."""
 
