@@ -4,7 +4,7 @@ Pictures: `windmark.synth.marker_scene` (2048 x 2048 px with 150 markers; infrar
 radius 10, and real ones where the data lie beside the checkout. The peer has tuned settings (`_scoring.simple_blob`,
 one setting for all pictures but for the range of radii); its image is stretched to bytes in its time where it has more.
 All take turns in each round; times are CPU times of the calling thread, medians over the rounds, and the ratio is the
-median of the rounds' ratios. The coarse search is all that happens before shapes are measured and markers decided on.
+median of the rounds' ratios. The coarse search is that for candidates, measured by their regions, before templates.
 Left out: reading the file, the first call (compiling, at the end of the table), and what each of them finds
 (`detection_scenes`, `detection_real`).
 
