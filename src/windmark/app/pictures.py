@@ -62,6 +62,10 @@ def stretched(image: NDArray[np.generic], low: float = 0.5, high: float = 99.5) 
     return np.clip((values - a) / max(float(b - a), 1e-12), 0, 1)
 
 
+LEGEND_ROWS, LEGEND_ROW_IN = 2, 0.2
+"""Rows of a legend that `image_axes` has room for, and the height of one."""
+
+
 def image_axes(image: NDArray[np.generic], *, colour_bar_room: bool = False) -> tuple[Figure, Axes]:
     """A figure that shows an image in its own proportions, axes in pixels."""
     height, width = image.shape[:2]
@@ -297,7 +301,10 @@ def _name_points(axes: Axes, xy: Array, names: Sequence[str], colour: str, shape
 
 
 def draw_legend(axes: Axes, entries: list[tuple[str, str, str]]) -> None:
-    """Legend below the picture, in rows of four; entries are colour, mark ("-" for a line), words."""
+    """Legend below the picture, in rows of four; entries are colour, mark ("-" for a line), words.
+
+    `image_axes` leaves room for two rows; for more the figure grows.
+    """
     from matplotlib.lines import Line2D
 
     handles: list[Any] = [
@@ -306,5 +313,7 @@ def draw_legend(axes: Axes, entries: list[tuple[str, str, str]]) -> None:
         for c, mark, text in entries
     ]  # fmt: skip
     columns = min(len(handles), 4)
-    axes.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.07), ncols=columns, fontsize=8,
-                frameon=False)  # fmt: skip
+    rows, figure = -(-len(handles) // columns), axes.figure
+    assert isinstance(figure, Figure)
+    figure.set_figheight(figure.get_figheight() + LEGEND_ROW_IN * max(rows - LEGEND_ROWS, 0))
+    figure.legend(handles=handles, loc="outside lower center", ncols=columns, fontsize=8, frameon=False)
