@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,9 +53,24 @@ SIZE_SHARE, SIZE_QUANTILE = 0.8, 0.2  # of the smaller of the typical markers, f
 NEAR_RADIUS = 0.86  # of the smallest radius asked for
 
 
+@dataclass(frozen=True)
+class Noise:
+    """What noise a spot's pixels have.
+
+    Parameters
+    ----------
+    variance : (K,) of a pixel: the frame's if that speaks for all, else not more than the surface's there
+    tail : (K,) how much more the noise moves a filter than if it were not correlated: 1 where the markers have shown it
+    """
+
+    variance: Array
+    tail: Array
+
+
 def judge_fits(
-    fits: TemplateFits, spots: Spots, support: Array, weak: Flags, radii: Sequence[float], options: Options
-) -> Ints:
+    fits: TemplateFits, spots: Spots, noise: Noise, support: Array, weak: Flags, radii: Sequence[float],
+    options: Options,
+) -> Ints:  # fmt: skip
     """What decides about each fit (K,): ACCEPTED or a code of `rejected.REASONS`.
 
     A disc seen at an angle keeps its radius as the larger half axis, so that one is compared with the radii asked for.
@@ -77,8 +93,8 @@ def judge_fits(
             reason[~(fits.depth >= options.min_depth)] = SHALLOW
         # Where a line was fitted too, the edge it hides says nothing: contrast and roundness decide.
         edge = np.where(fits.crossed, 0.0, support[:, 0])
-        variance = expected_variance(fits, spots)
-        correlation, answer = shape_correlation(fits, variance), matched_filter(fits, variance) / tail_of(fits, spots)
+        correlation = shape_correlation(fits, noise.variance)
+        answer = matched_filter(fits, noise.variance) / noise.tail
         sharp = support[:, 1] >= SHARP_EDGE
         reason[~(correlation >= np.where(sharp & ~weak, WITH_SHARP_EDGE, np.array(CORRELATION_MIN)[band]))] = MISFIT
         shapely = weak | has_shape(fits, radii)
@@ -193,17 +209,14 @@ def speaks_for_all(fits: TemplateFits, spots: Spots) -> bool:
     return bool(beyond.sum() >= max(TYPICAL, 0.5 * rises.sum()))
 
 
-def tail_of(fits: TemplateFits, spots: Spots) -> Array:
-    """How much more the noise moves a filter (K,) than if it were not correlated: 1 where the markers have shown it."""
-    return np.ones(len(fits)) if speaks_for_all(fits, spots) else spots.tail
-
-
-def expected_variance(fits: TemplateFits, spots: Spots) -> Array:
-    """Variance (K,) of a pixel's noise: the frame's if that speaks for all, else not more than the surface's there."""
+def expected_noise(fits: TemplateFits, spots: Spots) -> Noise:
+    """The noise that the spots' pixels are expected to have."""
     surface = TILE_VARIANCE * spots.noise**2
     with np.errstate(invalid="ignore", divide="ignore"):
         frame = fits.noise**2 / fits.chi2
-    return np.where(np.isfinite(frame), frame if speaks_for_all(fits, spots) else np.fmin(frame, surface), surface)
+    if speaks_for_all(fits, spots):
+        return Noise(np.where(np.isfinite(frame), frame, surface), np.ones(len(fits)))
+    return Noise(np.where(np.isfinite(frame), np.fmin(frame, surface), surface), spots.tail)
 
 
 def matched_filter(fits: TemplateFits, variance: Array) -> Array:

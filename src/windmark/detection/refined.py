@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.detection.decide_fits import expected_variance, judge_fits
+from windmark.detection.decide_fits import expected_noise, judge_fits
 from windmark.detection.image import Prepared
 from windmark.detection.options import FIT_SLACK, QUALITY_MIN, Options
 from windmark.detection.rejected import ACCEPTED, OTHER, SAME
@@ -66,12 +66,12 @@ def refined(
         image, spots.xy, radius, polarity=options.polarity, photometry=options.light, mask=usable
     )  # fmt: skip
     scene = make_scene(image, options.polarity, options.light, usable, None)
-    variance = expected_variance(fits, spots)
-    support = rim_support(scene, fits, variance)
+    noise = expected_noise(fits, spots)
+    support = rim_support(scene, fits, noise.variance)
     weak = np.arange(len(fits)) >= taken
-    reason = judge_fits(fits, spots, support, weak, radii, options)
+    reason = judge_fits(fits, spots, noise, support, weak, radii, options)
     sure = np.flatnonzero(reason == ACCEPTED)
-    other = rival_evidence(prepared.g, fits.take(sure), variance[sure]) > RIVAL_NATS
+    other = rival_evidence(prepared.g, fits.take(sure), noise.variance[sure]) > RIVAL_NATS
     reason[sure[other & ~fits.crossed[sure]]] = OTHER
     good = np.flatnonzero(reason == ACCEPTED)
     once = np.sort(good[distinct(replace(spots.take(good), xy=fits.xy[good]))])
