@@ -44,15 +44,28 @@ def taken(file: Path) -> int | None:
         if not free:
             os.close(lock)
             return None
-        if is_file(lock, file):
-            try:
-                sign(lock)
-            except BaseException:  # the disk is too full for it: nothing of ours stays there
-                let_go(lock, file)
-                raise
+        if claimed(lock, file):
             return lock
-        unlocked(lock)
     return None
+
+
+def claimed(lock: int, file: Path) -> bool:
+    """Sign a lock file that we have just locked; False, and closed, where it is no longer the one of this name.
+
+    Raises
+    ------
+    OSError
+        Where the disk is too full for it; nothing of ours stays there.
+    """
+    if not is_file(lock, file):
+        unlocked(lock)
+        return False
+    try:
+        sign(lock)
+    except BaseException:
+        let_go(lock, file)
+        raise
+    return True
 
 
 def being_removed(k: int) -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from windmark.io.errors import FileError, reason
 from windmark.io.interrupts import interrupts_wait
-from windmark.io.lock import TRIES, being_removed, holder, is_file, let_go, locked, sign, unlocked
+from windmark.io.lock import TRIES, being_removed, claimed, holder, let_go, locked, unlocked
 
 HIDDEN = ".windmark"
 """Name of the hidden folder inside a target; beside it, the target's own name follows."""
@@ -268,14 +268,13 @@ def _take(hidden: Path, path: str | os.PathLike[str], say: Say) -> int:
         except BaseException:
             os.close(lock)
             raise
-        if is_file(lock, hidden / _LOCK):
-            try:
-                sign(lock)
-            except BaseException:  # the disk is too full for it: nothing of ours stays there
-                _release(hidden, lock)
-                raise
-            return lock
-        unlocked(lock)
+        try:
+            if claimed(lock, hidden / _LOCK):
+                return lock
+        except BaseException:  # the disk is too full to sign it
+            with suppress(OSError):
+                hidden.rmdir()
+            raise
     raise FileError(path, "other runs come and go in this folder; choose another one")
 
 
