@@ -3,10 +3,12 @@
 import json
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from windmark.app.cli import app
+from windmark.synth import marker_sheet
 
 
 @pytest.fixture(scope="session")
@@ -19,6 +21,16 @@ def windmark():
         return SimpleNamespace(code=done.exit_code, out=done.stdout, err=done.stderr, json=record)
 
     return call
+
+
+@pytest.fixture(scope="session")
+def sheet_image():
+    """A flat sheet of 42 markers of radius 4 px. Not to be written into."""
+    sheet, _ = marker_sheet(
+        np.random.default_rng(3), radius_px=4.0, grid=(7, 6), pitch_px=48, max_tilt_deg=0.0, blur_passes=1, noise=0.02,
+        level=150.0, depth=90.0,
+    )  # fmt: skip
+    return np.clip(np.rint(sheet), 0, 255).astype(np.uint8)
 
 
 @pytest.fixture

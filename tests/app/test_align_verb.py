@@ -7,21 +7,16 @@ import pytest
 
 from windmark import io
 from windmark.geometry.planar import planar_from_record
-from windmark.synth import marker_sheet
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory):
+def folder(tmp_path_factory, sheet_image):
     """Pictures of one sheet of markers, shifted by whole pixels; one blank; one that is no picture."""
     place = tmp_path_factory.mktemp("pictures")
-    rng = np.random.default_rng(3)
-    sheet, _ = marker_sheet(rng, radius_px=4.0, grid=(7, 6), pitch_px=48, max_tilt_deg=0.0, blur_passes=1, noise=0.02,
-                            level=150.0, depth=90.0)  # fmt: skip
-    image = np.clip(np.rint(sheet), 0, 255).astype(np.uint8)
-    io.write_image(place / "off.tif", image[12:-12, 12:-12])
-    io.write_image(place / "on1.tif", image[5:-19, 10:-14])
-    io.write_image(place / "on2.tif", image[12:-12, 19:-5])
-    io.write_image(place / "blank.tif", np.full_like(image, 90))
+    io.write_image(place / "off.tif", sheet_image[12:-12, 12:-12])
+    io.write_image(place / "on1.tif", sheet_image[5:-19, 10:-14])
+    io.write_image(place / "on2.tif", sheet_image[12:-12, 19:-5])
+    io.write_image(place / "blank.tif", np.full_like(sheet_image, 90))
     (place / "broken.tif").write_bytes(b"II*\0nothing")
     return place
 

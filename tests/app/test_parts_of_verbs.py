@@ -1,6 +1,5 @@
 """A picture that cannot be drawn, or read, costs only itself in every verb: it is named, the numbers are there."""
 
-import numpy as np
 import pytest
 
 from windmark import io, synth
@@ -8,24 +7,19 @@ from windmark.app import laws_verb
 from windmark.deformation.laws import CATALOG
 from windmark.geometry import Camera
 from windmark.scene import MarkerSet
-from windmark.synth import marker_sheet
 
 FORMULA = r"$\frac{$"
 """A name that matplotlib takes for a broken formula."""
 
 
 @pytest.fixture(scope="module")
-def sheets(tmp_path_factory):
+def sheets(tmp_path_factory, sheet_image):
     """Three pictures of one sheet of markers, the second of which is damaged."""
     place = tmp_path_factory.mktemp("sheets")
-    rng = np.random.default_rng(3)
-    sheet, _ = marker_sheet(rng, radius_px=4.0, grid=(7, 6), pitch_px=48, max_tilt_deg=0.0, blur_passes=1, noise=0.02,
-                            level=150.0, depth=90.0)  # fmt: skip
-    image = np.clip(np.rint(sheet), 0, 255).astype(np.uint8)
-    io.write_image(place / "a.tif", image[12:-12, 12:-12])
+    io.write_image(place / "a.tif", sheet_image[12:-12, 12:-12])
     (place / "b.tif").write_bytes(b"II*\0nothing")
-    io.write_image(place / "c.tif", image[12:-12, 19:-5])
-    io.write_camera(place / "camera.json", Camera(image[12:-12, 12:-12].shape[::-1], 900.0, 1.0, 150.0, 130.0))
+    io.write_image(place / "c.tif", sheet_image[12:-12, 19:-5])
+    io.write_camera(place / "camera.json", Camera(sheet_image[12:-12, 12:-12].shape[::-1], 900.0, 1.0, 150.0, 130.0))
     return place
 
 
