@@ -124,7 +124,7 @@ def _cleaned(job: Job, control: Control, verdict: Verdict) -> Job:
     """The job with the right control, its sigmas enlarged where all of it fits worse than they say."""
     points = len(control.point)
     bad = {str(job.markers.name[control.point[b]]) for b in verdict.wrong if b < points}
-    ends = {tuple(control.bar[b - points].tolist()) for b in verdict.wrong if b >= points}
+    gone = {int(control.distance[b - points]) for b in verdict.wrong if b >= points}
     datum, markers, factor = job.datum, job.markers, verdict.factor
     if isinstance(datum, Fixed | Weighted) and bad:
         names = datum.markers if datum.markers is not None else markers.name.tolist()
@@ -132,11 +132,7 @@ def _cleaned(job: Job, control: Control, verdict: Verdict) -> Job:
     if isinstance(datum, Weighted) and factor > 1:
         datum = replace(datum, sigma=None if datum.sigma is None else datum.sigma * factor)
         markers = replace(markers, sigma=markers.sigma * factor)
-    distances = tuple(
-        replace(d, sigma=d.sigma * factor)
-        for d in job.distances
-        if (job.marker(d.first, ""), job.marker(d.second, "")) not in ends
-    )
+    distances = tuple(replace(d, sigma=d.sigma * factor) for n, d in enumerate(job.distances) if n not in gone)
     return replace(job, datum=datum, markers=markers, distances=distances)
 
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from windmark.calibration.datum import Fixed, Weighted
-from windmark.calibration.setup import Job
+from windmark.calibration.setup import Job, bars_of
 from windmark.calibration.solve import Solved
 from windmark.geometry import DegenerateGeometry
 from windmark.geometry.rotations import hat
@@ -46,6 +46,7 @@ class Control:
     xyz, sigma : (K, 3) these and their 1 sigma; zero where they are held, inf where one is not known
     bar : (B, 2) markers of the known distances
     length, bar_sigma : (B,)
+    distance : (B,) which of the job's distances each one is
     """
 
     point: Ints
@@ -54,6 +55,7 @@ class Control:
     bar: Ints
     length: Array
     bar_sigma: Array
+    distance: Ints
 
     def __len__(self) -> int:
         return len(self.point) + len(self.bar)
@@ -86,11 +88,10 @@ def control_of(job: Job, seen: Mask) -> Control:
     elif isinstance(job.datum, Weighted):
         sigma = job.known_sigma()
     point = np.flatnonzero(np.isfinite(sigma).any(axis=1) & seen)
-    pairs = [(job.marker(d.first, ""), job.marker(d.second, "")) for d in job.distances]
-    ends = np.array(pairs, dtype=np.int64).reshape(-1, 2)
-    use = seen[ends].all(axis=1) if len(ends) else np.zeros(0, np.bool_)
-    length, bar = (np.array([getattr(d, k) for d in job.distances], dtype=float) for k in ("length", "sigma"))
-    return Control(point, job.markers.xyz[point], sigma[point], ends[use], length[use], bar[use])
+    bars = bars_of(job)
+    use = np.flatnonzero(seen[bars.first] & seen[bars.second])
+    ends = np.stack([bars.first, bars.second], axis=1)[use]
+    return Control(point, job.markers.xyz[point], sigma[point], ends, bars.length[use], bars.sigma[use], use)
 
 
 def judge(control: Control, solved: Solved, rough: Similarity) -> Verdict:
@@ -116,7 +117,7 @@ def _group(control: Control, g: int, groups: int) -> Control:
     part, bars = slice(g, None, groups), slice(None) if g == 0 else slice(0, 0)
     return Control(
         control.point[part], control.xyz[part], control.sigma[part], control.bar[bars], control.length[bars],
-        control.bar_sigma[bars],
+        control.bar_sigma[bars], control.distance[bars],
     )  # fmt: skip
 
 
@@ -171,7 +172,7 @@ class _Test:
     def __init__(self, control: Control, solved: Solved, rough: Similarity) -> None:
         self.control, self.solved, self.rough = control, solved, rough
         self.ends = np.unique(np.concatenate([control.point, control.bar.ravel()]))
-        self.cov = _joint(solved, self.ends) * max(solved.sigma0, 1.0) ** 2
+        self.cov = _joint(solved, self.ends) * solved.scale
 
     def fit(self, used: Mask) -> Similarity:
         """The similarity from the network to the used control: of the points, else the scale of the distances."""

@@ -52,7 +52,7 @@ def calibration(
     assert system is not None
     solved = replace(solved, state=state, covariance=network_covariance(system, solved.problem.layout))
     covariance = in_datum(solved.covariance, chosen)
-    scale = _scale(solved)
+    scale = solved.scale
     marker_cov = covariance.points()[seen] * scale
     sigma = np.sqrt(np.maximum(np.diagonal(marker_cov, axis1=1, axis2=2), 0.0))
     markers = replace(_with_discs(job.markers, discs).take(seen), xyz=state.points[seen], sigma=sigma)
@@ -109,7 +109,7 @@ def refuse_weak(job: Job, solved: Solved) -> None:
         )
     covariance = in_datum(solved.covariance, datum_points(job))
     lay = solved.problem.layout
-    sigma = np.sqrt(np.maximum(np.diagonal(covariance.dense()), 0.0)) * np.sqrt(_scale(solved))
+    sigma = np.sqrt(np.maximum(np.diagonal(covariance.dense()), 0.0)) * np.sqrt(solved.scale)
     names = list(job.cameras)
     weak = [
         parameter if len(names) == 1 else f"{names[c]} {parameter}"
@@ -117,19 +117,10 @@ def refuse_weak(job: Job, solved: Solved) -> None:
         if not sigma[column] < WEAK
     ]
     spread = np.sqrt(np.nanmax(np.diagonal(covariance.points(), axis1=1, axis2=2), axis=1, initial=0.0))
-    loose = np.flatnonzero(spread * np.sqrt(_scale(solved)) > WEAK * lay.unit)
+    loose = np.flatnonzero(spread * np.sqrt(solved.scale) > WEAK * lay.unit)
     weak += [f"marker {name}" for name in job.markers.name[loose][:10]]
     if weak:
         raise DegenerateGeometry("the pictures do not determine everything that is free", tuple(weak))
-
-
-def _scale(solved: Solved) -> float:
-    """Factor on all covariances: sigma0 squared, but never below 1.
-
-    What the marks' covariances say is a lower bound: a sigma0 below it comes from few residuals, or from gross errors
-    that took their scatter with them.
-    """
-    return max(solved.sigma0, 1.0) ** 2
 
 
 def _lost(job: Job, solved: Solved) -> list[Doubt]:

@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import f as fisher
 
-from windmark.adjust.network import linear
-from windmark.adjust.network._arrays import ROOM
 from windmark.adjust.network.problem import camera_columns
+from windmark.adjust.terms import whitener
 from windmark.calibration.control import FALSE
 from windmark.calibration.result import Doubt
 from windmark.calibration.setup import Job
@@ -67,10 +66,10 @@ def refocused(job: Job, solved: Solved) -> tuple[list[Refocused], float]:
     center = np.array([(c.cx, c.cy) for c in state.cameras])[problem.scene(state).view_camera[marks.views]]
     used = solved.used[order]
     r = solved.residual[order]
-    white = _whiteners(marks.white)
+    white = whitener(problem.network.cov, len(order))[order]
     seen = np.linalg.solve(white, r[..., None])[..., 0] + marks.xy - marks.shift
     b = np.where(used[:, None], (white @ (seen - center)[..., None])[..., 0], 0.0)
-    views = np.array([v for v in np.unique(obs.view[solved.taken]) if lay.columns.focal[v] < 0])
+    views = np.array([v for v in np.unique(obs.view[solved.taken][solved.used]) if lay.columns.focal[v] < 0])
     if not len(views):
         return [], 0.0
     at = np.full(len(job.views), -1)
@@ -86,8 +85,8 @@ def refocused(job: Job, solved: Solved) -> tuple[list[Refocused], float]:
     out = []
     for n, v in enumerate(views):
         if left[n] > CHECKED * power[n] and _chance(score[n] ** 2 / left[n], 1, solved) < FALSE / len(views):
-            spread = max(solved.sigma0, 1.0) / np.sqrt(left[n])
-            out.append(Refocused(job.views[v].name, float(-score[n] / left[n]), float(spread)))
+            spread = float(np.sqrt(solved.scale / left[n]))
+            out.append(Refocused(job.views[v].name, float(-score[n] / left[n]), spread))
     size = np.sqrt(power)
     value, vector = np.linalg.eigh(every / np.outer(size, size))
     told = value > CHECKED
@@ -113,11 +112,8 @@ def focus_doubts(job: Job, solved: Solved) -> tuple[Doubt, ...]:
 
 def _gathered(solved: Solved, b: Array, group: NDArray[np.int64], count: int) -> Array:
     """(D + E b, count) J^T b, summed over the marks of each group."""
-    problem, state, lay = solved.problem, solved.state, solved.problem.layout
-    o = len(problem.order)
-    jd, je = np.zeros((o, 2, ROOM)), np.zeros((o, 2, lay.size))
-    cols, block = np.zeros((o, ROOM), np.int64), np.zeros(o, np.int64)
-    linear.jacobian_rows(problem.marks, problem.scene(state), problem.units(state), lay.columns, jd, je, cols, block)
+    lay = solved.problem.layout
+    jd, je, cols, block = solved.problem.jacobian(solved.state)
     out = np.zeros((lay.dense + lay.blocks * lay.size, count))
     which = np.broadcast_to(group[:, None], cols.shape)
     here = (cols >= 0) & (which >= 0)
@@ -136,10 +132,3 @@ def _chance(test: float, dof: int, solved: Solved) -> float:
     if free < 1 or dof < 1:
         return 1.0
     return 0.0 if rest <= 0 else float(fisher.sf(test / dof * free / rest, dof, free))
-
-
-def _whiteners(packed: Array) -> Array:
-    """(O, 2, 2) lower triangular from xx, yx, yy."""
-    out = np.zeros((len(packed), 2, 2))
-    out[:, 0, 0], out[:, 1, 0], out[:, 1, 1] = packed.T
-    return out

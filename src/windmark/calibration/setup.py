@@ -172,7 +172,7 @@ def make_network(job: Job, taken: Mask, weight: Array | None = None) -> Network:
         view_camera=camera, view_frame=frame, view_offset=camera if job.rig else np.full(len(views), -1),
         free_camera=(job.free,) * len(names), free_frame=np.ones(len(frames), dtype=np.bool_), held=held,
         free_offset=free_offset, free_focal=np.array([v.name in job.free_focal for v in views], dtype=np.bool_),
-        point_value=value, point_sigma=sigma, bars=_bars(job), weight=None if weight is None else weight[taken],
+        point_value=value, point_sigma=sigma, bars=bars_of(job), weight=None if weight is None else weight[taken],
         camera_value=[{k: float(getattr(c, k)) for k in priors} for c in job.cameras.values()] if priors else (),
         camera_sigma=[priors] * len(names) if priors else (),
     )  # fmt: skip
@@ -185,7 +185,8 @@ def frames_of(job: Job) -> tuple[list[str], Ints]:
     return names, np.array([names.index(k) for k in keys], dtype=np.int64)
 
 
-def _bars(job: Job) -> Bars:
+def bars_of(job: Job) -> Bars:
+    """The known distances by the markers' indices."""
     ends = [(job.marker(d.first, "distances"), job.marker(d.second, "distances")) for d in job.distances]
     first, second = (np.array([e[n] for e in ends], dtype=np.int64) for n in (0, 1))
     return Bars(first, second, np.array([d.length for d in job.distances], dtype=float),

@@ -14,8 +14,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.adjust.network import NetworkProblem, NetworkState, linear
-from windmark.adjust.network._arrays import ROOM
+from windmark.adjust.network import NetworkProblem, NetworkState
 from windmark.adjust.network.covariance import NetworkCovariance
 
 Array = NDArray[np.float64]
@@ -54,11 +53,7 @@ def externally(test: Array, used: NDArray[np.bool_], squares: float, redundancy:
 def influence(problem: NetworkProblem, state: NetworkState, covariance: NetworkCovariance) -> Array:
     """(O, 2, 2) J C J^T of every mark in units of its variance, in the problem's order."""
     lay, o = problem.layout, len(problem.order)
-    jd, je = np.zeros((o, 2, ROOM)), np.zeros((o, 2, lay.size))
-    cols, block = np.zeros((o, ROOM), np.int64), np.zeros(o, np.int64)
-    linear.jacobian_rows(
-        problem.marks, problem.scene(state), problem.units(state), lay.columns, jd, je, cols, block
-    )  # fmt: skip
+    jd, je, cols, block = problem.jacobian(state)
     # Minus the covariance of the eliminated with the dense parameters.
     cross = (covariance.half @ covariance.dense).reshape(lay.blocks, lay.size, -1)
     out = np.zeros((o, 2, 2))

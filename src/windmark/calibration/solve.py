@@ -62,6 +62,15 @@ class Solved:
     dropped: dict[str, str]
     discs: Discs | None = None
 
+    @property
+    def scale(self) -> float:
+        """Factor on all covariances: sigma0 squared, but never below 1.
+
+        What the marks' covariances say is a lower bound: a sigma0 below it comes from few residuals, or from gross
+        errors that took their scatter with them.
+        """
+        return max(self.sigma0, 1.0) ** 2
+
 
 def solve(
     job: Job, start: NetworkState, allowed: Mask, shift: Array, reject: bool, fits: Mask | None = None

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from windmark.adjust.loss import Loss
 from windmark.adjust.network import linear
-from windmark.adjust.network._arrays import Equations, Marks, Scene, Units
+from windmark.adjust.network._arrays import ROOM, Equations, Marks, Scene, Units
 from windmark.adjust.network.equations import NetworkEquations
 from windmark.adjust.network.gauge import free_motions, stabiliser
 from windmark.adjust.network.layout import Layout, make_layout, natural_units
@@ -96,6 +96,23 @@ class NetworkProblem:
         """(O, 2) whitened residuals, projected - observed, in the kernels' `order`; None without prediction."""
         out = np.empty((len(self.order), 2))
         return out if linear.residuals(self.marks, self.scene(state), out) else None
+
+    def jacobian(self, state: NetworkState) -> tuple[Array, Array, Ints, Ints]:
+        """Derivatives of the whitened residuals by each observation's own parameters, in the kernels' `order`.
+
+        Returns
+        -------
+        dense : (O, 2, ROOM) by the dense parameters, whose columns are ``columns`` (O, ROOM); -1 where there is none
+        eliminated : (O, 2, b) by the eliminated block ``block`` (O,), -1 for none
+        columns, block : as said; the four come as (dense, eliminated, columns, block)
+        """
+        o, lay = len(self.order), self.layout
+        dense, eliminated = np.zeros((o, 2, ROOM)), np.zeros((o, 2, lay.size))
+        columns, block = np.zeros((o, ROOM), np.int64), np.zeros(o, np.int64)
+        linear.jacobian_rows(
+            self.marks, self.scene(state), self.units(state), lay.columns, dense, eliminated, columns, block
+        )  # fmt: skip
+        return dense, eliminated, columns, block
 
     def linearise(self, state: NetworkState) -> NetworkEquations | None:
         """Cost, gradient and information; None where a point has no image."""
