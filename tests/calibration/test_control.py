@@ -94,6 +94,15 @@ def test_one_of_three_distances_is_told(case):
     assert away == pytest.approx(wrong[0].length, abs=5 * SIGMA)
 
 
+def test_of_two_distances_between_the_same_markers_only_the_wrong_one_goes(case):
+    xyz = case.truth.points
+    pairs, off = [(6, 7), (6, 7), (8, 9)], (0.0, 2.0, 0.0)
+    lengths = [float(np.linalg.norm(xyz[a] - xyz[b])) + e for (a, b), e in zip(pairs, off, strict=True)]
+    bars = [Distance(*names(p), d, SIGMA) for p, d in zip(pairs, lengths, strict=True)]
+    result = run(case, datum=Free(), distances=bars)
+    assert [d.length for d in result.options["distances"]] == [lengths[0], lengths[2]]
+
+
 def test_control_that_is_worse_than_its_sigmas_everywhere_gets_larger_ones(case):
     start = known(case)
     start[CONTROL] += np.random.default_rng(1).normal(0, 10 * SIGMA, (len(CONTROL), 3))
