@@ -36,10 +36,11 @@ def off_deg(pose, truth):
     return np.degrees(np.arccos(np.clip(pose.translation @ t, -1, 1)))
 
 
+@pytest.mark.parametrize("draw", [1, 4])
 @pytest.mark.parametrize("options", [{"cov_a": 0.16**2 * np.eye(2), "cov_b": 0.16**2 * np.eye(2)}, {}])
-def test_the_pose_is_found_and_doubt_is_told(calibrated, options):
+def test_the_pose_is_found_and_doubt_is_told(calibrated, options, draw):
     camera, poses, xy = calibrated
-    rng, silent = np.random.default_rng(1), []
+    rng, silent = np.random.default_rng(draw), []
     for i in range(len(poses)):
         j = (i + 1) % len(poses)
         xy_b = xy[j].copy()
@@ -53,7 +54,4 @@ def test_the_pose_is_found_and_doubt_is_told(calibrated, options):
             assert "equally well" in view.reason
         moved = wrong & (xy_b != xy[j]).any(axis=1)
         assert (view.inliers & moved).sum() <= 0.25 * moved.sum()  # rows of the sheet lie along epipolar lines
-    # Not solved: without covariances the sigma comes from the pairs that agree, and where these are fitted by the wrong
-    # one of a plane's two poses and its relief, it is so small that the right one is refuted. One pair of pictures of
-    # 21 is, for four of six draws of the wrong pairs.
-    assert silent in (([],) if options else ([], [14]))
+    assert silent == []

@@ -44,8 +44,9 @@ def estimate_two_view(
     xy_a, xy_b : (N, 2) pixels as taken, row by row one point; rows with NaN are left out
     camera_a, camera_b : interior parameters; None for the same camera
     cov_a, cov_b : covariances of the spots in px^2, (N, 2, 2) or one (2, 2); give both, or none: then one sigma for all
-        is estimated, starting from 1 px. They should hold what the lens model leaves, too: noise counts as white, and
-        between the two readings of a nearly flat scene small systematic errors may choose the wrong one
+        is estimated, starting from 1 px, and no pose that leaves an rms of 0.1 px or less is refuted by a better one.
+        They should hold what the lens model leaves, too: noise counts as white, and between the two readings of a
+        nearly flat scene small systematic errors may choose the wrong one
     seed : of the random search
     max_log10_nfa : a model is accepted only if chance gives one as good less often than this (decimal logarithm);
         infinity for pairs that are known to be right
@@ -71,15 +72,18 @@ def estimate_two_view(
         raise ValueError("estimate_two_view: give both cov_a and cov_b, or none of them")
     every = pairs_of_pixels(xy_a, xy_b, camera_a, camera_b or camera_a, cov_a, cov_b)
     use, known, rng = every.finite, cov_a is not None, np.random.default_rng(seed)
-    view = _estimate(every[use], known, rng, max_log10_nfa, max_trials)
+    view = _estimate(every[use], None if known else 1.0, rng, max_log10_nfa, max_trials)
     if not known and view and np.isfinite(view.sigma0) and view.sigma0 > 0:
         sigma = _robust_sigma(view)
-        again = _estimate(every[use].scaled(sigma), known, rng, max_log10_nfa, max_trials)
+        again = _estimate(every[use].scaled(sigma), sigma, rng, max_log10_nfa, max_trials)
         view = replace(again, sigma0=sigma * again.sigma0)
     return _of_all(view, use)
 
 
-def _estimate(pairs: Pairs, known: bool, rng: np.random.Generator, max_log10_nfa: float, max_trials: int) -> TwoView:
+def _estimate(
+    pairs: Pairs, sigma_px: float | None, rng: np.random.Generator, max_log10_nfa: float, max_trials: int
+) -> TwoView:
+    """With known covariances (``sigma_px`` None), or with such of one sigma for all."""
     n = len(pairs)
     if n < _FEWEST:
         return _nothing(
@@ -89,7 +93,8 @@ def _estimate(pairs: Pairs, known: bool, rng: np.random.Generator, max_log10_nfa
         return _nothing(n, "all points are on a line: the relative pose is not determined", ("relative pose",))
     found = find_candidates(pairs, rng, max_trials)
     try:
-        view = _view(choose(found, pairs, known, max_log10_nfa == np.inf), found, pairs, known)
+        model = choose(found, pairs, sigma_px is None, max_log10_nfa == np.inf)
+        view = _view(model, found, pairs, sigma_px)
     except (DegenerateGeometry, np.linalg.LinAlgError) as error:
         return _nothing(n, f"the pairs do not determine the relative pose: {error}", ("relative pose",))
     if view is None:
@@ -106,13 +111,14 @@ def _estimate(pairs: Pairs, known: bool, rng: np.random.Generator, max_log10_nfa
     return view
 
 
-def _view(model: str, found: Candidates, pairs: Pairs, known: bool) -> TwoView | None:
+def _view(model: str, found: Candidates, pairs: Pairs, sigma_px: float | None) -> TwoView | None:
+    known = sigma_px is None
     if model == "rotation" and found.rotation is not None:
         return rotation_view(found.rotation, pairs, known)
     if model == "homography-plane" and found.plane is not None:
         return plane_view(found.plane, pairs, known)
     if model == "essential" and found.space:
-        return essential_view(found.space, pairs, known)
+        return essential_view(found.space, pairs, sigma_px)
     return None
 
 

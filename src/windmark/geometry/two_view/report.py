@@ -30,6 +30,7 @@ Mask = NDArray[np.bool_]
 
 _DOUBT = 12.0  # sigma^2 by which another pose may be worse and still be possible
 _LOOSE = 1.5**2  # the same as a factor where the noise is not white (a nearly flat sheet, a real lens: up to 1.44**2)
+_LENS_PX = 0.1  # what a good lens model leaves, as an rms: no pose of that fit is refuted where no covariance is given
 _WEAK_DEG = 10.0  # a direction known no better than this counts as not determined
 _OTHER_RAD = 1e-3  # poses less apart are the same
 
@@ -87,8 +88,12 @@ def plane_view(found: Candidate[Array], pairs: Pairs, known: bool) -> TwoView:
     return _with_weakness(view)
 
 
-def essential_view(found: list[Candidate[Pose]], pairs: Pairs, known: bool) -> TwoView | None:
-    """Points in space: the best pose, and others nearly as good; None if fewer than five pairs agree."""
+def essential_view(found: list[Candidate[Pose]], pairs: Pairs, sigma_px: float | None) -> TwoView | None:
+    """Points in space: the best pose, and others nearly as good; None if fewer than five pairs agree.
+
+    ``sigma_px``: where the covariances are not known, the sigma that they were given; else None.
+    """
+    known = sigma_px is None
     pose, inliers = _settled(found[0].model, pairs)
     if inliers.sum() < 5:
         return None
@@ -98,7 +103,7 @@ def essential_view(found: list[Candidate[Pose]], pairs: Pairs, known: bool) -> T
     s0 = _sigma0(residual, 5)
     cost, dof = float(residual @ residual), len(residual) - 5
     loose = not known or (dof > 0 and cost > chdtri(dof, 0.01))
-    others = _others(found, pose, near, max(_scale(s0, False), 1.0 if known else 0.0), loose)
+    others = _others(found, pose, near, max(_scale(s0, False), 1.0 if known else 0.0), loose, sigma_px)
     errors = sampson_errors(essential_from_poses(pose), pairs)
     parallax, sigma = _parallax(pose, near)
     view = TwoView(
@@ -132,17 +137,22 @@ def _settled(pose: Pose, pairs: Pairs) -> tuple[Pose, Mask]:
     return pose, inliers
 
 
-def _others(found: list[Candidate[Pose]], best: Pose, near: Pairs, scale: float, loose: bool) -> tuple[Pose, ...]:
+def _others(
+    found: list[Candidate[Pose]], best: Pose, near: Pairs, scale: float, loose: bool, sigma_px: float | None
+) -> tuple[Pose, ...]:
     """Other poses that the pairs do not refute.
 
     Truncated costs are compared on the pairs that agree with either. White noise of a trusted sigma refutes a pose
-    that is worse by `_DOUBT`; errors of a lens do not: ``loose`` keeps what leaves sigma up to 1.5 times as large.
+    that is worse by `_DOUBT`; errors of a lens do not: ``loose`` keeps what leaves sigma up to 1.5 times as large,
+    and where sigma itself is taken from the pairs, all poses that leave no more than a lens does. (Of a nearly flat
+    scene the wrong pose takes part of the lens's errors for relief, and has the smaller sigma.)
     """
+    share = 0.0 if sigma_px is None else (_LENS_PX / sigma_px) ** 2
     kept: list[Pose] = []
     for other in found[1:]:
         on = (found[0].squares < GATE_LINE) | (other.squares < GATE_LINE)
         least, cost = (float(np.minimum(c.squares[on], GATE_LINE).sum()) for c in (found[0], other))
-        possible = cost < least + _DOUBT * scale or (loose and cost < _LOOSE * least)
+        possible = cost < least + _DOUBT * scale or (loose and cost < max(_LOOSE * least, share * int(on.sum())))
         if not possible or any(_apart(other.model, k) < _OTHER_RAD for k in kept):
             continue
         if _apart(refine_pose(other.model, near)[0], best) > _OTHER_RAD:  # else the same minimum, one pair more or less
