@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from windmark.geometry import imaged_ellipse
 from windmark.registration._kernels.growth import _move
-from windmark.registration.judge.root import root_of
+from windmark.registration.judge.root import likeliest, root_of
 from windmark.registration.judge.twins import Weighed
 from windmark.registration.settle._kernels.curve import curve_kernel
 from windmark.registration.settle._kernels.project import place_cameras
@@ -106,6 +106,7 @@ def _of_root(best: Solution, bends: float) -> tuple[Solution, Array]:
     """The solution with the root's pose, if it is bent, and the covariance (P, P) of its unknowns."""
     if not (best.is_bent or best.excess_px.any() or bends > 0.0):
         return best, best.unit_cov.copy()
+    best = likeliest(best) if best.is_bent else best
     root = root_of(best, bends)
     off, cov = root.shift.copy(), best.unit_cov.copy()
     if best.is_bent:

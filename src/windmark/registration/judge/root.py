@@ -7,7 +7,8 @@ what the deformation may be that the picture cannot tell from a motion, and the 
 
 The deformation is a Gaussian process (`search.field`). How large it is, how far it reaches, how stiff the model is
 along its wide sides, and how much the spots are worse than they say are not known either: all are weighed by their
-marginal likelihood with a flat prior of the pose (Rasmussen and Williams 2006, sections 2.7 and 5.4.1).
+marginal likelihood with a flat prior of the pose (Rasmussen and Williams 2006, sections 2.7 and 5.4.1). A bent model is
+first brought to where the likeliest of them has it, since all of this is to first order.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from windmark.geometry.order import median
 from windmark.registration.judge import rules
 from windmark.registration.search.field import STIFF, SUPPLE, Field
 from windmark.registration.settle._kernels.doubt import doubt_kernel
+from windmark.registration.settle._kernels.settle import fit_kernel
 from windmark.registration.settle._kernels.state import EXCESS
 from windmark.registration.settle.settling import copied
 from windmark.registration.settle.solution import Solution
@@ -30,6 +32,8 @@ Array = NDArray[np.float64]
 
 AMPLITUDES = np.geomspace(1e-4, 0.05, 16)
 """1 sigma of the displacements along the thinnest axis, as parts of the model's size."""
+ROUNDS = 2
+"""So often the likeliest deformation is asked again where the last one was."""
 STIFFNESSES = (STIFF, SUPPLE, 1.0)
 """Least amplitudes along wide axes, as parts of that along the thinnest one."""
 NOISES = np.linspace(0.0, 1.0, 6)[:, None]
@@ -60,6 +64,7 @@ class Bent:
     Parameters
     ----------
     evidence : (S,)
+    amplitude : (S, K) of the coefficients' prior that is likeliest with each
     noise : (S,) mean variance of the residuals that each finds
     mean, second : (S, K) and (S, K, K) moments of the coefficients
     start, inverse : (P,) and (P, P) pose and nuisances without a deformation, and their covariance
@@ -69,6 +74,7 @@ class Bent:
     """
 
     evidence: Array
+    amplitude: Array
     noise: Array
     mean: Array
     second: Array
@@ -98,7 +104,7 @@ def root_of(best: Solution, bends: float = 0.0) -> Root:
     ``bends`` is the evidence (nats) of other pictures that the model bends.
     """
     layout = best.views.layout
-    found = [_by_field(best, field, layout.size) for field in layout.fields]
+    found = [_by_field(best, field) for field in layout.fields]
     worth = np.concatenate([bent.evidence for bent in found])
     worth = worth - math.log(len(worth))
     if not best.is_bent:
@@ -114,6 +120,24 @@ def root_of(best: Solution, bends: float = 0.0) -> Root:
     return Root(evidence, shift, second - np.outer(shift, shift))
 
 
+def likeliest(best: Solution) -> Solution:
+    """A bent solution with the deformation that is the likeliest by its own evidence, its labels as they are.
+
+    Labels are found with a deformation of a fixed prior. Where the picture leaves open what is pose and what is
+    bending, that one may be some degrees away from what the residuals speak for, too far for the normal equations.
+    """
+    for _ in range(ROUNDS):
+        found = [(bent, field) for field in best.views.layout.fields for bent in [_by_field(best, field)]]
+        bent, field = max(found, key=lambda one: one[0].evidence.max())
+        views = best.views.bent(bent.amplitude[bent.evidence.argmax(), :, None, None] * field.modes)
+        state = copied(views, best.state)
+        state.bent[:] = 0.0
+        if not fit_kernel(views.sights, state):
+            break
+        best = Solution(views, state)
+    return best
+
+
 def _by_none(best: Solution) -> Root:
     """Of a rigid model."""
     matched = best.state.match >= 0
@@ -123,9 +147,9 @@ def _by_none(best: Solution) -> Root:
     return Root(evidence - math.log(weight.size), np.zeros(len(best.unit_cov)), float(weight @ noise) * best.unit_cov)
 
 
-def _by_field(best: Solution, field: Field, size: float) -> Bent:
+def _by_field(best: Solution, field: Field) -> Bent:
     """By one field, of every stiffness."""
-    state, matched = best.state, np.asarray(best.state.match >= 0)
+    state, size, matched = best.state, best.views.layout.size, np.asarray(best.state.match >= 0)
     views = best.views.bent(np.concatenate([field.modes, best.displacement[None]]))
     bare = copied(views, state)
     bare.bent[:] = 0.0
@@ -143,26 +167,28 @@ def _by_field(best: Solution, field: Field, size: float) -> Bent:
     gram, pull = normal[bends:-1, bends:-1] - across.T @ taken, side[bends:-1] - across.T @ start
     noise, rest, count = _noises(best, matched), square - side[:bends] @ start, 2 * int(matched.sum()) - 6
     found = [_by_amplitude(gram, pull, size * field.amplitude(stiff), noise, rest, count) for stiff in STIFFNESSES]
-    evidence, noises, mean, second = (np.array(part) for part in zip(*found, strict=True))
+    evidence, likely, noises, mean, second = (np.array(part) for part in zip(*found, strict=True))
     motions = field.motions[may_be_root(field, np.asarray(matched.any(axis=0)))]
     by, turn = -taken, np.zeros((6, 6))
     turn[:3, :3] = turn[3:, 3:] = state.rotation
     by[:6] += turn @ motions.sum(axis=0) / len(motions)
-    return Bent(evidence, noises, mean, second, start - have[:bends], inverse, by, motions, turn)
+    return Bent(evidence, likely, noises, mean, second, start - have[:bends], inverse, by, motions, turn)
 
 
 def _by_amplitude(
     gram: Array, pull: Array, amplitude: Array, noise: Array, rest: float, count: int
-) -> tuple[float, float, Array, Array]:
-    """Evidence, mean noise, and the moments of the coefficients (K,), from the reduced normal equations of a field.
+) -> tuple[float, Array, float, Array, Array]:
+    """Evidence, likeliest prior, mean noise, and the moments of the coefficients (K,), from the reduced normal
+    equations of a field.
 
     ``rest`` and ``count`` are as in `_weighed`.
     """
     value, vector = np.linalg.eigh(gram * np.outer(amplitude, amplitude))
     along = vector.T @ (amplitude * pull)
     weight, evidence, mean, second = _weighed(np.maximum(value, 0.0), along, noise, rest, count)
-    by = amplitude[:, None] * vector
-    return evidence, float(weight @ noise[:, 0]), by @ mean, by @ second @ by.T
+    by, of_noise = amplitude[:, None] * vector, weight.sum(axis=1)
+    likely = AMPLITUDES[weight.sum(axis=0).argmax()] * amplitude
+    return evidence, likely, float(of_noise @ noise[:, 0]), by @ mean, by @ second @ by.T
 
 
 def may_be_root(field: Field, matched: NDArray[np.bool_]) -> NDArray[np.int64]:
@@ -174,7 +200,7 @@ def may_be_root(field: Field, matched: NDArray[np.bool_]) -> NDArray[np.int64]:
 def _weighed(
     value: Array, along: Array, noise: Array, rest: float, count: int
 ) -> tuple[Array, float, Array, Array]:  # fmt: skip
-    """Weights of the noises, evidence, and the first two moments of the coefficients, over amplitudes and noises.
+    """Weights (S, A) of noises and amplitudes, evidence, and the first two moments of the coefficients over both.
 
     ``value`` and ``along`` (K,) are the eigenvalues of the reduced normal equations and their right side, ``rest`` the
     sum of squares without a deformation, ``count`` the coordinates that are left.
@@ -187,7 +213,7 @@ def _weighed(
     flat = mean.reshape(-1, len(value))
     second = (flat.T * weight.ravel()) @ flat
     second += np.diag((weight * noise).ravel() @ spread.reshape(flat.shape))
-    return weight.sum(axis=1), evidence - math.log(weight.size), weight.ravel() @ flat, second
+    return weight, evidence - math.log(weight.size), weight.ravel() @ flat, second
 
 
 def _weights(log: Array) -> tuple[Array, float]:

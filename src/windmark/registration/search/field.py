@@ -26,8 +26,9 @@ and of one that may be sheared, too."""
 MOST_MODES = 24
 LANDMARKS = 600
 """The modes of more markers are those of about so many of them: the process is far smoother than they are apart."""
-FAINT = 0.01
-"""Modes with an amplitude below this part of the strongest one's are left out."""
+FAINT, FAINTEST = 0.01, 1e-4
+"""Modes with an amplitude below this part of the strongest one's are left out: where labels are found, whose gates are
+open by more than that, and where the pose is told, which takes up whatever is left out and larger than the noise."""
 
 
 def extents(xyz: Array) -> tuple[Array, Array]:
@@ -60,9 +61,12 @@ class Field:
         return _amplitudes(self.extent, stiff)[self.axis]
 
 
-def field_of(xyz: Array, rigid: NDArray[np.bool_], reach: float) -> Field:
-    """The deformation of markers (N, 3) of the unit model; those that are ``rigid`` (N,) do not move."""
-    shape, slope = _shapes(xyz, rigid, reach)
+def field_of(xyz: Array, rigid: NDArray[np.bool_], reach: float, faint: float = FAINT) -> Field:
+    """The deformation of markers (N, 3) of the unit model; those that are ``rigid`` (N,) do not move.
+
+    Modes with an amplitude below ``faint`` times the strongest one's are left out.
+    """
+    shape, slope = _shapes(xyz, rigid, reach, faint)
     axes, extent = extents(xyz)
     products = xyz.T @ xyz
     inertia = np.linalg.pinv(np.trace(products) * np.eye(3) - products)
@@ -83,7 +87,7 @@ def modes_of(field: Field) -> Array:
     return modes[strength > FAINT * strength.max(initial=0.0)]
 
 
-def _shapes(xyz: Array, rigid: NDArray[np.bool_], reach: float) -> tuple[Array, Array]:
+def _shapes(xyz: Array, rigid: NDArray[np.bool_], reach: float, faint: float) -> tuple[Array, Array]:
     """(K, N) of the strongest modes at the markers, and (K, N, 3) their slopes."""
     soft = np.flatnonzero(~rigid)
     count = min(len(soft), MOST_MODES)
@@ -91,7 +95,7 @@ def _shapes(xyz: Array, rigid: NDArray[np.bool_], reach: float) -> tuple[Array, 
         return np.zeros((0, len(xyz))), np.zeros((0, len(xyz), 3))
     some = xyz[soft[:: -(-len(soft) // LANDMARKS)]]
     value, vector = eigh(_correlation(some, some, reach), subset_by_index=(max(len(some) - count, 0), len(some) - 1))
-    kept = np.flatnonzero(value > FAINT**2 * value[-1])[::-1]
+    kept = np.flatnonzero(value > faint**2 * value[-1])[::-1]
     weight = vector[:, kept] / np.sqrt(value[kept])
     # The process at the landmarks, carried to all (Nystroem's method); exact where these are all.
     correlation = _correlation(xyz, some, reach) * ~rigid[:, None]

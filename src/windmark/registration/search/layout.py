@@ -13,7 +13,7 @@ from windmark.registration._kernels.hypothesis import Model
 from windmark.registration._kernels.near import nearest
 from windmark.registration._kernels.quad import Table, table_of
 from windmark.registration._kernels.symmetry import alike_triangles, motions_of, symmetries_of
-from windmark.registration.search.field import FAR, REACH, STIFF, SUPPLE, Field, extents, field_of, modes_of
+from windmark.registration.search.field import FAINTEST, FAR, REACH, STIFF, SUPPLE, Field, extents, field_of, modes_of
 from windmark.registration.task import on_line
 from windmark.scene import MarkerSet
 
@@ -153,21 +153,18 @@ class Layout:
     @cached_property
     def modes(self) -> Array:
         """(K, N, 3) how the markers may be displaced if the model is deformed; walls are not."""
-        return modes_of(self._near_field)
-
-    @cached_property
-    def _near_field(self) -> Field:
-        return field_of(self.model.xyz, self.markers.role == "wall", REACH)
+        return modes_of(field_of(self.model.xyz, self.markers.role == "wall", REACH))
 
     @cached_property
     def far_field(self) -> Field:
         """A deformation that is hardly more than a bow."""
         return field_of(self.model.xyz, self.markers.role == "wall", FAR)
 
-    @property
+    @cached_property
     def fields(self) -> tuple[Field, ...]:
         """Deformations of more than one reach, for the pose."""
-        return self._near_field, self.far_field
+        xyz, walls = self.model.xyz, self.markers.role == "wall"
+        return field_of(xyz, walls, REACH, FAINTEST), field_of(xyz, walls, FAR, FAINTEST)
 
     @cached_property
     def bows(self) -> Array:
