@@ -80,6 +80,8 @@ class Layout:
         for reach in REACHES:
             self.table(reach)
         _ = self.symmetries, self.mirrors, self.size, self.on_line
+        # Every answer asks for the deformations, so the first one of a prepared set should not find them.
+        _ = self.modes_of_each, self.stiff_bows_of_each, self.stiff_turns_of_each
         return self
 
     def table(self, reach: int) -> Table:
