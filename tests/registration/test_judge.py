@@ -124,7 +124,7 @@ def test_mirror_images_are_given_up_where_adjusting_them_to_the_end_brings_them_
             images = _with_twins(views, best, onto[:8], FLIP @ turn[:8], shift[:8] @ FLIP)
             sights, reach = mirrored_views(views).sights, FAR * np.maximum(best.misfit_px, 0.1)
             state = state_of(sights, best.state.rotation, best.state.translation, best.state.match)
-            kept = mirrors_kernel(sights, best.state, state, *images, reach)[0]
+            kept = mirrors_kernel(sights, best.state, *images, reach)[0]
             for b, image in enumerate(zip(*images, strict=True)):
                 start(best.state, state, *image)
                 adjusted = refine(sights, state, np.zeros((*state.match.shape, 3)))

@@ -56,6 +56,34 @@ def rivals_kernel(
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
+def made_kernel(
+    xyz: Array, rotation: Array, translation: Array, match: Ints, onto: Ints, turn: Array, shift: Array
+) -> tuple[Array, Array, Ints]:
+    """Poses (S + 2, 3, 3), (S + 2, 3) and labels (S + 2, N) that start from a solution's: its own, what the S motions
+    ``onto`` (S, N), ``turn`` (S, 3, 3) and ``shift`` (S, 3) make of it, and its own from the mirrored pose.
+
+    The spot of marker m is taken for that of marker onto[m], so the camera sees the model moved back.
+    """  # fmt: skip
+    moves, n = onto.shape
+    r, t = np.empty((moves + 2, 3, 3)), np.empty((moves + 2, 3))
+    labels = np.full((moves + 2, n), -1, np.int32)
+    r[0], t[0], labels[0], labels[moves + 1] = rotation, translation, match, match
+    for s in range(moves):
+        for i in range(3):
+            t[s + 1, i] = translation[i]
+            for j in range(3):
+                r[s + 1, i, j] = 0.0
+                for k in range(3):
+                    r[s + 1, i, j] += rotation[i, k] * turn[s, j, k]
+                t[s + 1, i] -= r[s + 1, i, j] * shift[s, j]
+        for m in range(n):
+            if onto[s, m] >= 0 and match[m] >= 0:
+                labels[s + 1, onto[s, m]] = match[m]
+    _mirrored(xyz, match, rotation, translation, r[moves + 1], t[moves + 1])
+    return r, t, labels
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
 def promise(model: Model, picture: Picture, gates: Gates, r: Array, t: Array, f: float) -> float:
     """More than the score that can be grown from a pose, unless that moves much farther.
 

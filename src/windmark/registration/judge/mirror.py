@@ -54,6 +54,11 @@ def _with_twins(views: Views, best: Solution, onto: Ints, turn: Array, shift: Ar
     return np.concatenate([onto, onto]), np.concatenate([turn, other]), np.concatenate([shift, moved])
 
 
+def reach_of(best: Solution) -> Array:
+    """(C,) px, the median residual that a rival may leave with the labels as they are."""
+    return FAR * np.maximum(best.misfit_px, [plane.task.typical_sigma_px for plane in best.views.planes])
+
+
 def mirror_of(views: Views, best: Solution, most: int) -> Solution | None:
     """The best solution with the mirrored table that the layout's improper near-symmetries make of one.
 
@@ -66,12 +71,10 @@ def mirror_of(views: Views, best: Solution, most: int) -> Solution | None:
         return None
     # F x_o is about F (A x_m + s) and must be seen where x_m was.
     onto, turn, shift = _with_twins(views, best, onto[:most], FLIP @ turns[:most], shifts[:most] @ FLIP)
-    noise = [plane.task.typical_sigma_px for plane in views.planes]
-    reach = FAR * np.maximum(best.misfit_px, noise)
+    reach = reach_of(best)
     found: Solution | None = None
     for way in [mirrored_views(views), *([mirrored_views(best.views)] if best.is_bent else [])]:
-        state = state_of(way.sights, best.state.rotation, best.state.translation, best.state.match)
-        near, *rest = mirrors_kernel(way.sights, best.state, state, onto, turn, shift, reach)
+        near, *rest = mirrors_kernel(way.sights, best.state, onto, turn, shift, reach)
         for b in _unlike(np.flatnonzero(near), onto, *rest):
             state = state_of(way.sights, best.state.rotation, best.state.translation, best.state.match)
             start(best.state, state, onto[b], turn[b], shift[b])

@@ -13,11 +13,9 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.registration._kernels.rival import _mirrored
-from windmark.registration.judge.mirror import FAR
-from windmark.registration.settle._kernels.mirror import mirrors_kernel
+from windmark.registration.judge.mirror import reach_of
+from windmark.registration.settle._kernels.mirror import twin_kernel
 from windmark.registration.settle._kernels.places import places_kernel
-from windmark.registration.settle._kernels.state import state_of
 from windmark.registration.settle.common import SAME_SHARE
 from windmark.registration.settle.settling import settle
 from windmark.registration.settle.solution import SAME_ANGLE, Solution
@@ -29,24 +27,12 @@ Weighed = tuple[float, Solution]
 
 
 def twin_of(best: Solution) -> Solution | None:
-    """What the labels of a solution become from the other pose that sees nearly flat markers almost the same.
-
-    That is mirrored in the plane of the matched markers and across the line of sight of the camera with most of them.
-    None where it is not nearly as good.
-    """
-    views, state, c = best.views, best.state, int(best.counts.argmax())
-    rotation, translation = np.empty((3, 3)), np.empty(3)
-    _mirrored(views.sights.xyz, state.match[c], state.rotations[c], state.translations[c], rotation, translation)
-    back = state.rotation @ state.rotations[c].T  # from the camera's axes to those of the unknowns
-    rotation, place = back @ rotation, back @ (translation - state.translations[c]) + state.translation
-    itself = np.arange(state.match.shape[1], dtype=np.int32)[None]
-    shift = rotation.T @ (state.translation - place)
-    reach = FAR * np.maximum(best.misfit_px, [plane.task.typical_sigma_px for plane in views.planes])
-    scratch = state_of(views.sights, state.rotation, state.translation, state.match)
-    turn = np.ascontiguousarray((state.rotation.T @ rotation).T)
-    if not mirrors_kernel(views.sights, state, scratch, itself, turn[None], shift[None], reach)[0][0]:
-        return None
-    return settle(views, rotation, place, state.match, focal_px=state.camera[:, 0])
+    """What the labels of a solution become from the other pose that sees nearly flat markers almost the same; None
+    where it is not nearly as good.
+    """  # fmt: skip
+    views, state = best.views, best.state
+    near, rotation, translation = twin_kernel(views.sights, state, reach_of(best))
+    return settle(views, rotation, translation, state.match, focal_px=state.camera[:, 0]) if near else None
 
 
 def near_ones(best: Solution, others: Iterable[Solution], margin: float) -> tuple[Weighed, ...]:
@@ -55,7 +41,9 @@ def near_ones(best: Solution, others: Iterable[Solution], margin: float) -> tupl
     """  # fmt: skip
     found: list[tuple[float, Solution]] = []
     for other in others:
-        if other.is_bent or other.shared(best) <= SAME_SHARE or any(_at_one(other, s) for s in (best, *_of(found))):
+        if other is best or other.is_bent or other.shared(best) <= SAME_SHARE:
+            continue
+        if any(_at_one(other, s) for s in (best, *_of(found))):
             continue
         if other.same_as(best) and (lead := best.lead_over(other)) < margin:
             found.append((lead, other))

@@ -52,12 +52,18 @@ class Pool:
     def __init__(self, frame: Frame, size: int, markers: int) -> None:
         self._frame, self.best = frame, room_for_best(size, markers)
         self._made: dict[int, Candidate] = {}
+        self._told: tuple[int, dict[tuple[int | None, float], list[Candidate]]] = (-1, {})  # of what `top` is made
 
     def top(self, count: int | None = None, within: float = np.inf) -> list[Candidate]:
         """The candidates, best first; so many, and none with a score that is so much below the best or more."""
-        score = self.best.score
-        least = score.max() - within
-        return [self._candidate(n) for n in np.argsort(-score, kind="stable")[:count].tolist() if score[n] > least]
+        score, kept = self.best.score, int(self.best.serial[len(self.best.score)])
+        if self._told[0] != kept:
+            self._told = kept, {}
+        known = self._told[1]
+        if (count, within) not in known:
+            least, order = score.max() - within, np.argsort(-score, kind="stable")[:count].tolist()
+            known[count, within] = [self._candidate(n) for n in order if score[n] > least]
+        return list(known[count, within])
 
     def add(self, rotation: Array, translation: Array, focal_px: float, score: float, match: NDArray[np.int32]) -> None:
         """Keep a solution of the unit model unless one like it is as good."""

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from windmark.registration._kernels.growth import grow
 from windmark.registration._kernels.match import search_kernel
-from windmark.registration._kernels.rival import _mirrored, rivals_kernel
+from windmark.registration._kernels.rival import made_kernel, rivals_kernel
 from windmark.registration.budget import LINK, Budget
 from windmark.registration.labelled import poses_of
 from windmark.registration.search import links
@@ -209,20 +209,13 @@ class Search:
         """  # fmt: skip
         task, (rotation, translation) = self.task, self.plane.frame.unit(candidate.cam_from_model)
         onto, turn, shift = self.plane.layout.symmetries
-        turned = rotation @ turn.transpose(0, 2, 1)
         if task.prior is not None:
-            cosine = (np.einsum("sij,ij->s", turned, task.prior.rotation) - 1) / 2
+            cosine = (np.einsum("ik,sjk,ij->s", rotation, turn, task.prior.rotation) - 1) / 2
             allowed = cosine > np.cos(min(task.prior_max_angle_rad + PRIOR_SLACK, np.pi)) - 1e-9
-            onto, turned, shift = onto[allowed], turned[allowed], shift[allowed]
-        # The spot of marker m is taken for that of marker onto[m], so the camera sees the model moved back.
-        match = np.full((len(onto) + 2, len(candidate.match)), -1, np.int32)
-        symmetry, marker = np.nonzero((onto >= 0) & (candidate.match >= 0))
-        match[1 + symmetry, onto[symmetry, marker]] = candidate.match[marker]
-        match[[0, -1]] = candidate.match
-        moved = translation - np.einsum("sij,sj->si", turned, shift)
-        poses = np.concatenate([rotation[None], turned, rotation[None]])
-        places = np.concatenate([translation[None], moved, translation[None]])
-        _mirrored(self.plane.model.xyz, candidate.match, poses[0], places[0], poses[-1], places[-1])
+            onto, turn, shift = onto[allowed], turn[allowed], shift[allowed]
+        poses, places, match = made_kernel(
+            self.plane.model.xyz, rotation, translation, candidate.match, onto, turn, shift
+        )  # fmt: skip
         return poses, places, candidate.focal_px, match
 
     def copies(self, candidate: Candidate, over: Callable[[], bool], misfit_px: float = 0.0

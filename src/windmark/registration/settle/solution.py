@@ -180,7 +180,7 @@ class Solution:
         """
         state, c = self.state, int(self.counts.argmax())
         task = self.views.planes[c].task
-        volume = 3 * math.log(2 * math.pi) - float(np.log(state.factor.diagonal()).sum())
+        volume = 3 * math.log(2 * math.pi) - sum(map(math.log, state.factor.diagonal().tolist()))
         depth = max(float(state.translations[c, 2]), 1e-9)
         volume += 2 * math.log(state.camera[c, 0] / depth) - math.log(depth)
         prior = math.log(8 * math.pi**2 * math.prod(task.camera.size_px) * SCALES * task.prior_share)
@@ -202,8 +202,8 @@ class Solution:
 
         Markers are missing each by itself, or hidden in one piece, whichever is likelier.
         """
-        r = self.readings
-        return np.where(self.counts > 0, r[:, PAIRS] + np.maximum(r[:, ALONE], r[:, PIECES]), 0.0)
+        pairs = zip(self.readings.tolist(), self.counts.tolist(), strict=True)
+        return np.array([r[PAIRS] + max(r[ALONE], r[PIECES]) if count else 0.0 for r, count in pairs])
 
     @cached_property
     def score(self) -> float:

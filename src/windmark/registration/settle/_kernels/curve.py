@@ -90,23 +90,31 @@ def _pulls(sights: Sights, state: State, columns: Array) -> Array:
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def _bends(sights: Sights, state: State, columns: Array) -> Array:
     """(K, 2, Q, Q) second derivatives of the projections of all pairs along ``columns`` (P, Q); the lower half."""
-    count, quotient = columns.shape[1], 1.0 / (2.0 * STEP)
+    (cameras, n), count, (xy, by) = state.match.shape, columns.shape[1], room_for(state)
     rotation, translation = state.rotation.copy(), state.translation.copy()
     bends = np.zeros(((state.match >= 0).sum(), 2, count, count))
     for i in range(count):
         for way in (1.0, -1.0):
             _move(state.rotation, state.translation, way * STEP * columns[:, i])
             place_cameras(sights, state)
-            slopes = _slopes(sights, state)
+            # A turn after another is not the same in the other order; their mean is the second derivative.
+            k, own, other = 0, way / (2.0 * STEP), way / (4.0 * STEP)
+            for c in range(cameras):
+                match = state.match[c]
+                see(sights, state, c, match >= 0, xy, by)
+                for m in range(n):
+                    if match[m] < 0:
+                        continue
+                    for q in range(2):
+                        if np.isnan(xy[m, 0]):
+                            continue
+                        for j in range(count):
+                            total = 0.0
+                            for p in range(j, POSE):  # a root that is lower, and of the pose alone
+                                total += by[m, q, p] * columns[p, j]
+                            bends[k, q, max(i, j), min(i, j)] += (own if i == j else other) * total
+                    k += 1
             state.rotation[:], state.translation[:] = rotation, translation
-            for k in range(bends.shape[0]):
-                for q in range(2):
-                    for j in range(count):
-                        total = 0.0
-                        for p in range(j, POSE):  # a root that is lower, and of the pose alone
-                            total += slopes[k, q, p] * columns[p, j]
-                        # A turn after another is not the same in the other order; their mean is the second derivative.
-                        bends[k, q, max(i, j), min(i, j)] += (1.0 if i == j else 0.5) * way * quotient * total
     place_cameras(sights, state)
     return bends
 

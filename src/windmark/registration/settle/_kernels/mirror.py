@@ -1,4 +1,4 @@
-"""Which mirror images of a solution its residuals allow, as a numba kernel."""
+"""Which mirror images of a solution its residuals allow, as numba kernels."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.geometry._jit import nb
+from windmark.registration._kernels.rival import _mirrored
 from windmark.registration.settle._kernels.fit import MOST_STEPS, refine
-from windmark.registration.settle._kernels.state import COST_END, DECREASE, EXCESS, Sights, State
+from windmark.registration.settle._kernels.state import COST_END, DECREASE, EXCESS, Sights, State, blank_kernel
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int32]
@@ -24,31 +25,70 @@ FARTHER2 = 25.0
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def mirrors_kernel(
-    sights: Sights, best: State, state: State, onto: Ints, turn: Array, shift: Array, reach: Array
+    sights: Sights, best: State, onto: Ints, turn: Array, shift: Array, reach: Array
 ) -> tuple[NDArray[np.bool_], Array, Array, Array, Array]:
     """Which of B mirror images leave residuals (their median) within ``reach`` (C,), in every camera, and their poses.
 
     ``sights`` has the mirrored table; with image b the spots of marker m are those of marker ``onto[b, m]`` (of none:
-    -1), and the model is seen from where ``turn`` (B, 3, 3) and ``shift`` (B, 3) put it. ``state`` is scratch. Those
-    that need more steps than a fit may take leave none.
+    -1), and the model is seen from where ``turn`` (B, 3, 3) and ``shift`` (B, 3) put it. Those that need more steps
+    than a fit may take leave none.
 
     Returns
     -------
     (B,) whether they do, and (B, 3, 3), (B, 3), (B, C, P) and (B, K) their poses, nuisances and coefficients at rest.
     """
-    (cameras, n), count = best.match.shape, onto.shape[0]
+    (cameras, n), count, state = best.match.shape, onto.shape[0], blank_kernel(sights)
     out, table, away = np.zeros(count, np.bool_), np.zeros((cameras, n, 3)), np.empty(n)
     rotation, translation = np.zeros((count, 3, 3)), np.zeros((count, 3))
     nuisance, bent = np.zeros((count, cameras, state.nuisance.shape[1])), np.zeros((count, state.bent.shape[0]))
     for b in range(count):
         start(best, state, onto[b], turn[b], shift[b])
-        refine(sights, state, table, 1)
-        promised = 2.0 * state.report[COST_END] - state.report[DECREASE]
-        if promised < HOPELESS**2 * _allowed(sights, state, table, reach):
-            out[b] = _comes_near(sights, state, table, reach, away)
-            rotation[b], translation[b] = state.rotation, state.translation
-            nuisance[b], bent[b] = state.nuisance, state.bent
+        out[b] = _is_allowed(sights, state, table, reach, away)
+        rotation[b], translation[b] = state.rotation, state.translation
+        nuisance[b], bent[b] = state.nuisance, state.bent
     return out, rotation, translation, nuisance, bent
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def twin_kernel(sights: Sights, best: State, reach: Array) -> tuple[bool, Array, Array]:
+    """The other pose that sees nearly flat markers almost the same, and whether its residuals (their median) come
+    within ``reach`` (C,) with the labels as they are.
+
+    The solution is mirrored in the plane of the matched markers and across the line of sight of the camera with most
+    of them.
+    """  # fmt: skip
+    (cameras, n), state, most, c = best.match.shape, blank_kernel(sights), -1, 0
+    for other in range(cameras):
+        count = 0
+        for m in range(n):
+            count += best.match[other, m] >= 0
+        if count > most:
+            most, c = count, other
+    rot, shift, seen_rot, seen_shift = best.rotations[c], best.translations[c], np.empty((3, 3)), np.empty(3)
+    _mirrored(sights.xyz, best.match[c], rot, shift, seen_rot, seen_shift)
+    rotation, translation = np.zeros((3, 3)), best.translation.copy()
+    for i in range(3):
+        for j in range(3):
+            # From the camera's axes to those of the unknowns.
+            back = best.rotation[i, 0] * rot[j, 0] + best.rotation[i, 1] * rot[j, 1] + best.rotation[i, 2] * rot[j, 2]
+            translation[i] += back * (seen_shift[j] - shift[j])
+            for k in range(3):
+                rotation[i, k] += back * seen_rot[j, k]
+    state.rotation[:], state.translation[:], state.match[:] = rotation, translation, best.match
+    for other in range(cameras):
+        state.numbers[other, EXCESS] = best.numbers[other, EXCESS]
+    near = _is_allowed(sights, state, np.zeros((cameras, n, 3)), reach, np.empty(n))
+    return near, rotation, translation
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _is_allowed(sights: Sights, state: State, table: Array, reach: Array, away: Array) -> bool:
+    """Whether what is begun comes to rest with residuals (their median) within ``reach``; ``away`` (N,) is scratch."""
+    refine(sights, state, table, 1)
+    promised = 2.0 * state.report[COST_END] - state.report[DECREASE]
+    if not promised < HOPELESS**2 * _allowed(sights, state, table, reach):
+        return False
+    return _comes_near(sights, state, table, reach, away)
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")

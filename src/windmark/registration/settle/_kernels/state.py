@@ -13,6 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.geometry._jit import nb
+
 Array = NDArray[np.float64]
 Ints = NDArray[np.int32]
 Mask = NDArray[np.bool_]
@@ -77,12 +79,19 @@ class State(NamedTuple):
 
 def state_of(sights: Sights, rotation: Array, translation: Array, match: Ints) -> State:
     """A state to start from: the pose of the unit model in the rig, and labels (C, N)."""
-    (c, n), p, k = match.shape, sights.loose.shape[2], len(sights.modes)
+    state = blank_kernel(sights)
+    state.rotation[:], state.translation[:], state.match[:] = rotation, translation, match
+    return state
+
+
+@nb.njit(cache=True, nogil=True)
+def blank_kernel(sights: Sights) -> State:
+    """A state without labels, and with the cameras as given."""
+    c, n, p, k = sights.camera.shape[0], sights.xyz.shape[0], sights.loose.shape[2], sights.modes.shape[0]
     size = 6 + c * p + k
     return State(
-        np.array(rotation, dtype=np.float64), np.array(translation, dtype=np.float64), np.zeros((c, p)), np.zeros(k),
-        sights.camera.copy(), np.zeros((c, 3, 3)), np.zeros((c, 3)), np.zeros((c, NUMBERS)), np.zeros(REPORT),
-        np.array(match, dtype=np.int32), np.zeros((c, n, 2)), np.zeros((c, n, 3)), np.zeros((c, n, 3)),
-        np.zeros((c, n), np.bool_), np.zeros((c, n), np.bool_), np.zeros((c, n), np.bool_), np.zeros((c, n, 2)),
-        np.full((c, n), -1, np.int32), np.zeros((size, size)),
+        np.zeros((3, 3)), np.zeros(3), np.zeros((c, p)), np.zeros(k), sights.camera.copy(), np.zeros((c, 3, 3)),
+        np.zeros((c, 3)), np.zeros((c, NUMBERS)), np.zeros(REPORT), np.full((c, n), -1, np.int32), np.zeros((c, n, 2)),
+        np.zeros((c, n, 3)), np.zeros((c, n, 3)), np.zeros((c, n), np.bool_), np.zeros((c, n), np.bool_),
+        np.zeros((c, n), np.bool_), np.zeros((c, n, 2)), np.full((c, n), -1, np.int32), np.zeros((size, size)),
     )  # fmt: skip

@@ -41,26 +41,28 @@ def unseen_kernel(
     taken, open_, good = _left_open(slopes_kernel(sights, state, modes, size)[0], state.factor.shape[0])
     if not good:
         return most, math.pi
-    rotation, bends = state.rotation, modes.shape[2]
+    rotation, bends, at = state.rotation, modes.shape[2], 0
     own, row, gram, widest = np.zeros((3, bends)), np.empty(bends), np.zeros((3, 3)), -1.0
-    turned, product = np.empty((3, bends)), np.empty((3, bends))
     for a in range(3):  # what the rigid fit takes up, in the model's own axes
         for b in range(3):
             for k in range(bends):
                 own[a, k] += rotation[b, a] * taken[b, k]
+    rows = np.empty((3 * roots.sum(), bends))
     for m in range(roots.shape[0]):
-        if not roots[m]:
-            continue
+        if roots[m]:
+            for a in range(3):
+                for k in range(bends):
+                    rows[at, k] = size * motions[m, a, k] - own[a, k]
+                at += 1
+    products, turned = rows @ open_, np.zeros((3, bends))
+    for root in range(0, at, 3):
         total = 0.0
         for a in range(3):
             for k in range(bends):
-                row[k] = size * motions[m, a, k] - own[a, k]
-            _times(row, open_, product[a])
-            for k in range(bends):
-                total += product[a, k] * product[a, k]
+                total += products[root + a, k] * products[root + a, k]
         if total > widest:
             widest = total
-            turned[:] = product
+            turned[:] = products[root : root + 3]
     for a in range(3):
         for b in range(3):
             for k in range(bends):
@@ -103,15 +105,6 @@ def _left_open(slopes: Array, rigid: int) -> tuple[Array, Array, bool]:
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _times(row: Array, right: Array, out: Array) -> None:
-    """``row @ right`` for an upper triangle (K, K), into ``out`` (K,)."""
-    out[:] = 0.0
-    for k in range(row.shape[0]):
-        for j in range(k, row.shape[0]):
-            out[j] += row[k] * right[k, j]
-
-
-@nb.njit(cache=True, nogil=True, error_model="numpy")
 def _along(gram: Array) -> Array:
     """(3,) unit vector of the largest eigenvalue of a symmetric positive matrix: its square, squared, and so on."""
     power, other, way = gram.copy(), np.empty((3, 3)), np.zeros(3)
@@ -150,36 +143,22 @@ def _farthest(
             count += 1
             centre += xyz[m]
     centre /= max(count, 1)
-    basis, common = _motions(xyz, seen, count, centre), np.zeros((6, bends))
-    for b in range(6):
-        at = 0
-        for m in range(n):
-            if seen[m]:
-                for axis in range(3):
-                    part = basis[b, 3 * at + axis]
-                    for k in range(bends):
-                        common[b, k] += part * modes[m, axis, k]
-                at += 1
-    row, product = np.empty(bends), np.empty(bends)
-    far2, along2, at = 0.0, 0.0, 0
+    basis, rows, at = _motions(xyz, seen, count, centre), np.empty((3 * count, bends)), 0
     for m in range(n):
-        if not seen[m]:
-            continue
+        if seen[m]:
+            rows[at : at + 3] = modes[m]
+            at += 3
+    rows -= basis.T @ (basis @ rows)
+    products, far2, along2 = rows @ open_, 0.0, 0.0
+    for first in range(0, at, 3):
         any2, own2 = 0.0, 0.0
         for axis in range(3):
-            for k in range(bends):
-                row[k] = modes[m, axis, k]
-            for b in range(6):
-                part = basis[b, 3 * at + axis]
-                for k in range(bends):
-                    row[k] -= part * common[b, k]
-            _times(row, open_, product)
             own = 0.0
             for k in range(bends):
-                any2 += product[k] * product[k]
-                own += product[k] * along[k]
+                any2 += products[first + axis, k] * products[first + axis, k]
+                own += products[first + axis, k] * along[k]
             own2 += own * own
-        far2, along2, at = max(far2, any2), max(along2, own2), at + 1
+        far2, along2 = max(far2, any2), max(along2, own2)
     return size * math.sqrt(far2), size * math.sqrt(along2)
 
 
