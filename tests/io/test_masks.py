@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import tifffile
+from PIL import Image
 
 from windmark import io
 from windmark.io.masks import polygon_pixels
@@ -83,3 +84,67 @@ def test_masks_of_one_bit(tmp_path):
         np.testing.assert_array_equal(io.read_mask(tmp_path / name, use.shape), use)
     tifffile.imwrite(tmp_path / "black.tif", use, photometric="minisblack", metadata=None)
     np.testing.assert_array_equal(io.read_mask(tmp_path / "black.tif", use.shape), use)
+
+
+SHAPE = np.zeros((20, 24), dtype=bool)
+SHAPE[5:15, 6:20] = True
+
+
+def transparent(kind, shape=SHAPE):
+    """A picture whose shape an eye sees by its transparency alone, as Pillow's picture and what it is saved with."""
+    alpha, white = 255 * shape.astype(np.uint8), np.full(shape.shape, 255, np.uint8)
+    if kind == "colours":
+        return Image.fromarray(np.dstack([white] * 3 + [alpha])), {}
+    if kind == "grey":
+        return Image.fromarray(np.dstack([white, alpha]), "LA"), {}
+    if kind == "palette":
+        picture = Image.fromarray(shape.astype(np.uint8), "P")
+        picture.putpalette([255] * 6)
+        return picture, {"transparency": 0}
+    if kind == "one grey":  # 255 is the transparent one
+        return Image.fromarray(np.where(shape, 200, 255).astype(np.uint8)), {"transparency": 255}
+    return Image.fromarray(np.where(shape, 2000, 65535).astype(np.uint16)), {"transparency": 65535}
+
+
+@pytest.mark.parametrize("kind", ["colours", "grey", "palette", "one grey", "one of 16 bits"])
+def test_a_shape_that_is_transparency_alone_is_refused(tmp_path, kind):
+    """White everywhere, transparent outside of the shape: nothing was masked, without a word."""
+    picture, options = transparent(kind)
+    picture.save(tmp_path / "mask.png", **options)
+    with pytest.raises(io.FileError, match=r"mask.png: 340 transparent pixels of it are not black; expected grey"):
+        io.read_mask(tmp_path / "mask.png", SHAPE.shape)
+
+
+def test_a_black_one_is_no_mask_that_leaves_nothing(tmp_path):
+    values = np.zeros((*SHAPE.shape, 4), np.uint8)
+    values[SHAPE, 3] = 255
+    Image.fromarray(values).save(tmp_path / "mask.png")
+    tifffile.imwrite(tmp_path / "mask.tif", values, photometric="rgb", extrasamples=["unassalpha"])
+    for name in ("mask.png", "mask.tif"):
+        with pytest.raises(io.FileError, match="it is black, its shape transparency"):
+            io.read_mask(tmp_path / name, SHAPE.shape)
+
+
+def test_transparency_that_says_what_the_colours_say_is_none(tmp_path):
+    """A white shape on a transparent black ground, and a picture that is opaque everywhere."""
+    for alpha in (255 * SHAPE, np.full(SHAPE.shape, 255)):
+        values = np.dstack([255 * SHAPE] * 3 + [alpha]).astype(np.uint8)
+        Image.fromarray(values).save(tmp_path / "mask.png")
+        np.testing.assert_array_equal(io.read_mask(tmp_path / "mask.png", SHAPE.shape), SHAPE)
+
+
+def test_masks_that_mask_nothing_or_everything(tmp_path):
+    path = tmp_path / "mask.png"
+    io.write_image(path, np.where(SHAPE, 255, 40).astype(np.uint8))  # a photograph, or labels from 1
+    with pytest.raises(io.FileError, match="its pixels are 40 to 255 and none is 0: it would mask nothing"):
+        io.read_mask(path, SHAPE.shape)
+    io.write_image(path, np.zeros(SHAPE.shape, np.uint8))
+    with pytest.raises(io.FileError, match="no pixel is used: the mask is 0 everywhere"):
+        io.read_mask(path, SHAPE.shape)
+    (tmp_path / "beside.csv").write_text("x,y\n100,100\n120,100\n110,120\n")
+    with pytest.raises(io.FileError, match="no pixel is used"):
+        io.read_mask(tmp_path / "beside.csv", SHAPE.shape)
+    io.write_images(tmp_path / "stack.tif", [255 * SHAPE.astype(np.uint8), ~SHAPE])
+    np.testing.assert_array_equal(io.read_mask(tmp_path / "stack.tif[0]", SHAPE.shape), SHAPE)
+    io.write_image(path, np.full(SHAPE.shape, 255, np.uint8))  # of a camera that nothing is in the way of
+    assert io.read_mask(path, SHAPE.shape).all()

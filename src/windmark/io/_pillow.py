@@ -83,6 +83,20 @@ def check_plausible(path: Pathlike, size_px: tuple[int, int], pixel_bytes: int) 
     check_unpacked(path, width * height * pixel_bytes, os.path.getsize(path))
 
 
+def transparent_pixels(path: Pathlike, shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    """Pixels (H, W) that a PNG's palette, or its one transparent colour, makes invisible; none in other pictures."""
+    with open(path, "rb") as stream:
+        if stream.read(8) != b"\x89PNG\r\n\x1a\n":
+            return np.zeros(shape, dtype=bool)
+    with open_picture(path, ("PNG",)) as picture:
+        clear: Any = picture.info.get("transparency")
+        if clear is None or picture.mode in ("LA", "RGBA"):
+            return np.zeros(shape, dtype=bool)
+        if picture.mode.startswith("I"):  # 16 bits, which Pillow would cut to 8
+            return np.array(picture) == clear
+        return np.array(picture.convert("RGBA"))[..., 3] == 0
+
+
 def encode(kind: str, values: NDArray[Any]) -> bytes:
     """A picture as PNG, JPEG or BMP."""
     from PIL import Image

@@ -9,9 +9,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from windmark.io._pillow import transparent_pixels
+from windmark.io.colour import to_grey
 from windmark.io.csvtable import read_table
-from windmark.io.errors import FileError
-from windmark.io.images import read_grey
+from windmark.io.errors import FileError, decoding
+from windmark.io.images import read_image
+from windmark.io.recordings.address import frame_address
 from windmark.io.text import Pathlike
 
 Array = NDArray[np.float64]
@@ -25,22 +28,47 @@ _FARTHEST_PX = 1e9
 def read_mask(path: Pathlike, shape: tuple[int, ...]) -> Mask:
     """Pixels to be used, (H, W).
 
-    A picture of the image's size: the pixels that are not 0. Or a table (.csv, .txt) of corners with the columns x, y
-    in pixels and, where there are several polygons, `polygon`: the pixels whose centre is inside an odd number of them
-    (a polygon in another is a hole).
+    A picture of the image's size: the pixels that are not 0, in its grey levels. Or a table (.csv, .txt) of corners
+    with the columns x, y in pixels and, where there are several polygons, `polygon`: the pixels whose centre is inside
+    an odd number of them (a polygon in another is a hole).
 
     Raises
     ------
     FileError
-        Where the picture has not the given shape (H, W), or a polygon has fewer than three corners.
+        Where the picture has not the given shape (H, W), is transparent where its colour is not black, has several grey
+        levels and none of them 0; where a polygon has fewer than three corners; where no pixel is used.
     """
     if Path(path).suffix.lower() in TABLES:
-        return _from_table(path, shape)
-    picture = read_grey(path)
-    if picture.shape != tuple(shape):
-        (h, w), (height, width) = picture.shape, shape
+        use = _from_table(path, shape)
+    else:
+        use = _from_picture(path, shape)
+    if not use.any():
+        raise FileError(path, "no pixel is used: the mask is 0 everywhere, and 0 is what is left out")
+    return use
+
+
+def _from_picture(path: Pathlike, shape: tuple[int, ...]) -> Mask:
+    picture = read_image(path)
+    grey = to_grey(picture)
+    if grey.shape != tuple(shape):
+        (h, w), (height, width) = grey.shape, shape
         raise FileError(path, f"is {w} x {h} pixels, the image {width} x {height}; expected a mask of the image's size")
-    return np.asarray(picture != 0)
+    use = np.asarray(grey != 0)
+    if picture.ndim == 3 and picture.shape[2] in (2, 4):
+        clear = np.asarray(picture[..., -1] == 0)
+    else:
+        file = frame_address(path).file
+        with decoding(file):
+            clear = transparent_pixels(file, shape)
+    if (count := int((clear & use).sum())) or (clear.any() and not use.any()):  # a shape that only an eye would see
+        which = f"{count} transparent pixels of it are not black" if count else "it is black, its shape transparency"
+        what = "expected grey levels alone to say what is used (0: left out): save it without transparency"
+        raise FileError(path, f"{which}; {what}")
+    if use.all() and (grey != grey.flat[0]).any():
+        low, high = grey.min(), grey.max()
+        what = f"its pixels are {low:g} to {high:g} and none is 0: it would mask nothing"
+        raise FileError(path, f"{what}; expected 0 where pixels are left out")
+    return use
 
 
 def _from_table(path: Pathlike, shape: tuple[int, ...]) -> Mask:
