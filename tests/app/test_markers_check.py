@@ -36,6 +36,18 @@ def table(tmp_path):
     return write
 
 
+@pytest.mark.parametrize("far", [1e300, 1e150, 1e19])
+def test_coordinates_that_nothing_can_be_reckoned_with_are_no_fault(windmark, tmp_path, far):
+    """They ended it in a figure that matplotlib could not draw, or in a pose that was not finite: exit code 3."""
+    markers = sheet(irregular=True)
+    markers.xyz[3, 1] = far
+    write_markers(tmp_path / "far.csv", markers)
+    done = windmark("markers", "check", tmp_path / "far.csv", "--unit", "mm", "-o", tmp_path / "out")
+    assert done.code == 2
+    assert f"far.csv: line 5: y is '{far!r}'; expected a finite number of at most 1e+18" in done.err
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_good_layout_is_said_to_be_good_and_everything_is_written(windmark, table, tmp_path):
     out = tmp_path / "out"
     done = windmark("markers", "check", table(), "--unit", "mm", *FRONT, "-o", out)

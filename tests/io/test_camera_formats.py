@@ -184,6 +184,7 @@ def test_colmap_quaternion_and_lines_of_points(tmp_path):
         ),
         ("1 PINHOLE 640 480 9 9 1", "", "line 1: 3 parameters of PINHOLE; expected fx fy cx cy"),
         ("1 PINHOLE 640 480 9 9 1 nan", "", "line 1: not finite numbers"),
+        ("1 PINHOLE 640 480 9 9 1 2e18", "", r"line 1: not finite numbers of at most 1e\+18: "),
         ("1 PINHOLE 640 480 9 -9 1 1", "", "line 1, PINHOLE': the focal lengths are 9 and -9"),
         ("1 PINHOLE 640 480 9 9 1 1\n1 PINHOLE 640 480 9 9 1 1", "", "line 2: camera 1 is there twice"),
         ("1 FULL_OPENCV 640 480 9 9 1 1 0 0 0 0 0 0 .5 0", "", "FULL_OPENCV': k5 not zero: a rational"),

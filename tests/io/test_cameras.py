@@ -157,9 +157,11 @@ def set_key(*keys, to):
         (lambda c: c.pop("length_unit"), "key 'length_unit': None"),
         (set_key("cam_from_model", "rotation", to=np.diag([1, 1, -1]).tolist()), "rotation must be orthonormal"),
         (
-            set_key("cam_from_model", "rotation", to=(np.eye(3) * 1e300).tolist()),
+            set_key("cam_from_model", "rotation", to=(np.eye(3) * 1e9).tolist()),
             "not a rotation; expected an orthonormal",
         ),
+        (set_key("cam_from_model", "rotation", to=(np.eye(3) * 1e300).tolist()), r"1e\+300 is too large; expected"),
+        (set_key("focal_px", to=1e19), r"'focal_px': 1e\+19 is too large; expected a finite number of at most 1e\+18"),
         (set_key("cam_from_model", "rotation", to=[[1, 0], [0, 1]]), r"the shape is \(2, 2\); expected 3 x 3"),
         (set_key("cam_from_model", "translation", to=[1, 2, "3"]), r"key 'cam_from_model\.translation'"),
         (set_key("cam_from_model", "pov", "fov_deg", to=0), r"pov\.fov_deg': 0; expected an angle between 0 and 180"),

@@ -176,6 +176,7 @@ def test_tgts_without_sections_holds_targets(file):
         ("*Target\n1 0 0 0 0 0 1 0.1 1 2 3 P1\n", r"line 1: unknown section '\*Target'; expected one of \*Targets"),
         ("*Targets\n1 0 0 0 0 0 1 0.1 1 2 3\n", "line 2: 11 values; expected 12"),
         ("*Targets\n1 0 0 zero 0 0 1 0.1 1 2 3 A\n", "line 2: z is 'zero'; expected a finite number"),
+        ("*Targets\n1 0 2e18 0 0 0 1 0.1 1 2 3 A\n", r"line 2: y is '2e18'; expected a finite number of at most 1e"),
         ("*Targets\n1 0 nan 0 0 0 1 0.1 1 2 3 A\n", "line 2: y is 'nan'"),
         ("*Targets\n1 0 0 0 0 0 1 -0.1 1 2 3 A\n", "line 2: size is -0.1"),
         (

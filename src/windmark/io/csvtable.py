@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from windmark.io.atomic import atomic_write
 from windmark.io.csv_rows import BETWEEN, rows_of
-from windmark.io.errors import LONGEST_NAME, FileError
+from windmark.io.errors import LARGEST, LONGEST_NAME, FileError
 from windmark.io.text import Pathlike, read_text
 
 Array = NDArray[np.float64]
@@ -90,12 +90,12 @@ class Table:
         return names
 
     def numbers(self, column: str, *, optional: bool = False) -> Array:
-        """One column as (N,) finite numbers; with ``optional`` an empty cell (or nan) is NaN.
+        """One column as (N,) numbers that can be reckoned with; with ``optional`` an empty cell (or nan) is NaN.
 
         Raises
         ------
         FileError
-            Names line and column of the first cell that is no finite number.
+            Names line and column of the first cell that is no finite number, or beyond `LARGEST`.
         """
         out, row = [np.zeros(0)], 0
         for cells in self._parts(column):
@@ -104,11 +104,12 @@ class Table:
             except ValueError:
                 values = np.array([_number(cell) for cell in cells])
             empty = np.array([cell.lower() in ("", "nan") for cell in cells], dtype=bool)
-            bad = ~np.isfinite(values) & ~(optional & empty)
+            bad = ~(np.abs(values) <= LARGEST) & ~(optional & empty)
             bad |= np.array(["_" in cell for cell in cells], dtype=bool)  # Python's 1_000 is nobody's number here
             if bad.any():
                 k = int(np.argmax(bad))
                 hint = " with a decimal point" if "," in cells[k] else ""
+                hint = f" of at most {LARGEST:g}" if np.isfinite(values[k]) and abs(values[k]) > LARGEST else hint
                 self.fail(row + k, f"{column} is {cells[k]!r}; expected a finite number{hint}")
             out.append(values)
             row += len(cells)

@@ -11,6 +11,9 @@ from pathlib import Path
 
 from windmark.errors import WindmarkError
 
+LARGEST = 1e18
+"""A number of a file beyond it is a mistake (no length, angle, time or grey level in any unit), and what is reckoned
+with it would overflow: products of six pairs of them, as in the determinant of a covariance, stay finite."""
 LONGEST_NAME = 256
 """Characters of a name: as an array it takes for every row or triangle as much memory as the longest of them."""
 

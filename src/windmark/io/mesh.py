@@ -12,7 +12,7 @@ import numpy as np
 
 from windmark.errors import UsageError
 from windmark.io.cart3d import read_cart3d, write_cart3d
-from windmark.io.errors import FileError, reading
+from windmark.io.errors import LARGEST, FileError, reading
 from windmark.io.fields import LENGTH
 from windmark.io.netcdf import read_nodes_netcdf, write_nodes_netcdf
 from windmark.io.obj import read_obj, write_obj
@@ -95,8 +95,8 @@ def _unit_in_comment(path: str | os.PathLike[str]) -> str:
 
 
 def checked_nodes(path: str | os.PathLike[str], mesh: Mesh, *, only: bool = False) -> Mesh:
-    """The same mesh, if every node (with ``only``: every node in a triangle) is finite; else `FileError`."""
-    bad = np.asarray(~np.isfinite(mesh.vertices).all(axis=1))
+    """The same mesh if every node (with ``only``: each in a triangle) is a number up to `LARGEST`; else `FileError`."""
+    bad = np.asarray(~(np.abs(mesh.vertices) <= LARGEST).all(axis=1))
     if only:
         bad &= np.isin(np.arange(len(mesh.vertices)), mesh.used)
     if mesh.blanked is not None:
@@ -104,7 +104,8 @@ def checked_nodes(path: str | os.PathLike[str], mesh: Mesh, *, only: bool = Fals
     if bad.any():
         node = int(np.argmax(bad))
         where = ", ".join(f"{v:g}" for v in mesh.vertices[node])
-        raise FileError(path, f"node {node} (from 0) is at ({where}); expected finite coordinates")
+        what = f"node {node} (from 0) is at ({where})"
+        raise FileError(path, f"{what}; expected finite coordinates of at most {LARGEST:g}")
     return mesh
 
 

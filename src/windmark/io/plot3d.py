@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from windmark.errors import UsageError
 from windmark.io.atomic import atomic_path
-from windmark.io.errors import FileError
+from windmark.io.errors import LARGEST, FileError
 from windmark.io.fields import single_is_exact
 from windmark.io.numbers_text import format_values
 from windmark.io.plot3d_choose import checked_iblank, choose
@@ -114,7 +114,7 @@ def _named(name: str, volumes: Volumes) -> bool:
 
 
 def _check_finite(source: Source, block: Block, xyz: NDArray[np.floating], iblank: NDArray[np.integer] | None) -> None:
-    bad = ~np.isfinite(xyz).all(axis=0)
+    bad = ~(np.abs(xyz) <= LARGEST).all(axis=0)
     if iblank is not None:
         bad &= iblank != 0
     if bad.any():
@@ -122,7 +122,8 @@ def _check_finite(source: Source, block: Block, xyz: NDArray[np.floating], iblan
         ni, nj, _ = block.shape_ijk
         ijk = f"i={node % ni}, j={node // ni % nj}, k={node // (ni * nj)} (from 0)"
         value = ", ".join(f"{v:g}" for v in xyz[:, node])
-        raise FileError(source.path, f"node {ijk} is at ({value}); expected finite coordinates", block.name)
+        what = f"node {ijk} is at ({value}); expected finite coordinates of at most {LARGEST:g}"
+        raise FileError(source.path, what, block.name)
 
 
 def _face(

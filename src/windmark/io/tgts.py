@@ -17,7 +17,7 @@ import numpy as np
 
 from windmark.errors import UsageError
 from windmark.io.atomic import atomic_write
-from windmark.io.errors import FileError
+from windmark.io.errors import LARGEST, FileError
 from windmark.io.fields import written_by
 from windmark.io.mesh_content import check_names
 from windmark.io.text import Pathlike, read_text
@@ -102,8 +102,9 @@ def _number(path: Pathlike, line: int, key: str, word: str) -> float:
         value = float(word)
     except ValueError:
         value = math.nan
-    if not math.isfinite(value) or "_" in word:
-        raise FileError(path, f"{key} is {word!r}; expected a finite number", line)
+    if not abs(value) <= LARGEST or "_" in word:
+        most = f" of at most {LARGEST:g}" if math.isfinite(value) else ""
+        raise FileError(path, f"{key} is {word!r}; expected a finite number{most}", line)
     return value
 
 

@@ -24,7 +24,7 @@ from windmark.geometry import Camera, Pose
 from windmark.geometry.rotations import quaternion
 from windmark.io.added import atomic_folder
 from windmark.io.cameras import record
-from windmark.io.errors import FileError
+from windmark.io.errors import LARGEST, FileError
 from windmark.io.text import Pathlike, read_text
 
 CAMERAS, IMAGES, POINTS = "cameras.txt", "images.txt", "points3D.txt"
@@ -222,8 +222,8 @@ def _numbers(path: Path, line: int, words: list[str]) -> list[float]:
         values = [float(word) for word in words]
     except ValueError:
         values = [float("nan")]
-    if not np.isfinite(values).all():
-        raise FileError(path, f"not finite numbers: {' '.join(words)[:60]}", line)
+    if not (np.abs(values) <= LARGEST).all():
+        raise FileError(path, f"not finite numbers of at most {LARGEST:g}: {' '.join(words)[:60]}", line)
     return values
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from windmark.errors import UsageError
 from windmark.geometry import Camera, Pose
-from windmark.io.errors import FileError
+from windmark.io.errors import LARGEST, FileError
 from windmark.io.text import Pathlike
 from windmark.scene.units import LENGTH_UNITS as LENGTH_UNITS
 
@@ -83,6 +83,8 @@ def numbers(path: Pathlike, key: str, value: Any, shape: tuple[int, ...]) -> Arr
         raise key_error(path, key, f"the shape is {array.shape}; {wanted}")
     if not np.isfinite(array).all() or _has_bool_or_text(value):
         raise key_error(path, key, f"not finite numbers; {wanted}")
+    if (np.abs(array) > LARGEST).any():
+        raise key_error(path, key, f"{np.abs(array).max():g} is too large; {wanted} of at most {LARGEST:g}")
     return array.reshape(shape)
 
 
