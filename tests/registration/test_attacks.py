@@ -162,3 +162,32 @@ def test_labels_on_a_board_that_goes_on_beyond_its_table_are_not_contradicted_by
     trial = attacks.trial("board/larger, prior, labels/12000006")
     answer = register(trial.detections, trial.markers, trial.camera, **trial.options)
     assert judge.judged("board", trial, answer, 0.0).kind == "right"
+
+
+# --- the reason of a refusal -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["root 1%, rigid/41000004", "root 4%, rigid/63000007", "wing 4%, rigid/63000004"])
+def test_a_bent_model_that_should_be_rigid_is_neither_two_models_nor_another_camera(name):
+    trial = attacks.trial(f"bent/{name}")
+    answer = register(trial.detections, trial.markers, trial.camera, **trial.options)
+    assert answer.cause == "misfit"
+    assert "one model that is bent" in answer.reason
+    assert "max_deformation = 0 %" in answer.reason
+
+
+@pytest.mark.parametrize("name", ["second model, half hidden/63100004", "second, partial, half hidden/63100005"])
+def test_two_models_are_not_one_that_is_bent(name):
+    trial = attacks.trial(f"copy/{name}")
+    for more in ({}, {"max_deformation": 0.0}):
+        answer = register(trial.detections, trial.markers, trial.camera, **trial.options | more)
+        assert answer.cause == "ambiguous"
+        assert "seen twice" in answer.reason
+
+
+@pytest.mark.parametrize(("fault", "cause"), [("focal", "wrong_focal"), ("lens", "wrong_camera")])
+def test_another_camera_is_no_bending(fault, cause):
+    trial = attacks.trial(f"camera/{fault}, solid, rigid/63000002")
+    answer = register(trial.detections, trial.markers, trial.camera, **trial.options)
+    assert answer.cause == cause
+    assert "bent" not in answer.reason

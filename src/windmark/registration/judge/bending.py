@@ -12,7 +12,7 @@ from windmark.registration.budget import BEND, BEND_PAIR, Budget
 from windmark.registration.judge.source import distinct, focal_of, start_of
 from windmark.registration.search.pool import Candidate
 from windmark.registration.settle.common import SAME_SHARE
-from windmark.registration.settle.settling import settle
+from windmark.registration.settle.settling import copied, settle, settle_state, with_freedom
 from windmark.registration.settle.solution import Solution
 from windmark.registration.settle.views import Views
 
@@ -20,6 +20,8 @@ Array = NDArray[np.float64]
 
 PRIOR = 0.3
 """1 sigma of the prior of the displacement, as part of the largest one allowed."""
+DOUBTED = 0.05
+"""Largest displacement that is asked about where less is allowed, as part of the model's size."""
 CORE_ANGLE = float(np.radians(10.0))
 """A candidate within this angle of a solution that has most of its pairs is a core of it."""
 
@@ -79,6 +81,22 @@ class Bender:
             start = stiff.state.rotation, stiff.state.translation, stiff.state.match
         bow = settle(self._bows, *start, focal_px=focal_px)
         return max((s for s in (stiff, bow) if s is not None), key=lambda s: s.evidence, default=None)
+
+    def as_one(self, best: Solution, other: Solution) -> Solution | None:
+        """The bent model of which two rigid solutions are parts; None where two models are the likelier explanation."""
+        state = copied(self._doubted, best.state)
+        np.copyto(state.match, other.state.match, where=state.match < 0)
+        bent = settle_state(self._doubted, state)
+        return bent if bent is not None and bent.evidence > best.evidence + other.evidence else None
+
+    def doubted(self, best: Solution) -> Solution | None:
+        """What becomes of a rigid solution if the model is bent though it is said to be rigid; None where it may be."""
+        return None if best.is_bent or self.bend > 0.0 else with_freedom(self._doubted, best)
+
+    @cached_property
+    def _doubted(self) -> Views:
+        layout = self._rigid.layout
+        return self._rigid.bent(PRIOR * max(self._most, DOUBTED) * layout.size * layout.modes)
 
     def allows(self, solution: Solution) -> bool:
         """Whether a solution is bent by no more than the model may be."""

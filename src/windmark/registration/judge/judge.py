@@ -25,7 +25,7 @@ from windmark.registration.judge.source import Source, distinct
 from windmark.registration.judge.symmetric import told_by_bending, told_by_table_errors
 from windmark.registration.judge.twins import Weighed, elsewhere, near_ones, twin_of
 from windmark.registration.judge.unseen import unchecked_bend, unchecked_copy
-from windmark.registration.judge.verdict import Verdict, runner_up
+from windmark.registration.judge.verdict import Verdict, for_camera, runner_up
 from windmark.registration.result import Cause, RunnerUp, Unchecked
 from windmark.registration.settle.solution import Solution
 from windmark.registration.task import Limits
@@ -183,6 +183,8 @@ class Judge:
         if (other := known[0]) is None:
             return verdict
         answer = runner_up(best, other)
+        if (bent := self._bender.as_one(best, other)) is not None:
+            return Verdict(best, answer, "misfit", words.in_parts(best, other, bent, self._limits.deformation))
         return Verdict(best, answer, "ambiguous", words.ambiguity(best, other, answer))
 
     def _checked(self, verdict: Verdict, best: Solution, rigid: Verdict) -> Verdict:
@@ -198,7 +200,7 @@ class Judge:
                 # Then it is no bending, and the rigid model may do.
                 return self._checked(rigid, rigid.best, rigid)
             elif best.is_bent or not other.is_slight:
-                return Verdict(best, verdict.runner_up, other.cause, other.words)
+                return for_camera(best, verdict.runner_up, other, self._bender.doubted(best), self._limits)
             else:
                 words_ = f"{other.words}; the sigma of the pose has what that would change"
             beside = other.solution
@@ -235,7 +237,7 @@ class Judge:
         other = self._other_camera(best, promised=verdict.cause != "ambiguous")
         if other is None or self._refusal(other.solution, ())[0] is not None:
             return verdict
-        return Verdict(best, verdict.runner_up, other.cause, other.words)
+        return for_camera(best, verdict.runner_up, other, self._bender.doubted(best), self._limits)
 
     def _other_camera(self, best: Solution, *, promised: bool) -> OtherCamera | None:
         """A camera that is another one, or elsewhere in the rig, if that explains the spots better; both where both do.

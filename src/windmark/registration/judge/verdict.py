@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
+from windmark.registration.judge import words
+from windmark.registration.judge.doubts import OtherCamera
 from windmark.registration.judge.twins import Weighed
 from windmark.registration.result import Cause, RunnerUp, Unchecked
 from windmark.registration.settle.common import SAME_SHARE
 from windmark.registration.settle.solution import Solution
+from windmark.registration.task import Limits
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,3 +39,18 @@ def runner_up(best: Solution, other: Solution) -> RunnerUp:
     """Another solution beside the best, with the score that it has in comparison."""
     lead = best.lead_over(other)
     return RunnerUp(best.score - lead, other.cam_from_model(), other.count, best.shared(other) > SAME_SHARE)
+
+
+def for_camera(
+    best: Solution, answer: RunnerUp | None, other: OtherCamera, bent: Solution | None, limits: Limits
+) -> Verdict:
+    """The refusal for another camera; for a bent model that should be rigid, where that explains the spots better; for
+    either where they do about as well.
+    """  # fmt: skip
+    lead = -math.inf if bent is None else bent.evidence - other.solution.evidence
+    if bent is None or lead < -limits.margin:
+        return Verdict(best, answer, other.cause, other.words)
+    reason = f"{words.seen(best)}, but {words.is_bent(bent, limits.deformation)}"
+    if lead < limits.margin:
+        reason += f"; or, about as likely: {other.words}"
+    return Verdict(best, answer, "misfit", reason)

@@ -105,6 +105,19 @@ def ambiguity(best: Solution, other: Solution, answer: RunnerUp, *, only_by: str
     )
 
 
+def in_parts(best: Solution, other: Solution, bent: Solution, most: float) -> str:
+    """That two rigid solutions are parts of a bent model, which may differ from its table by ``most`` of its size."""
+    return f"{seen(best)}, and {other.count} spots are those of other markers elsewhere: {is_bent(bent, most)}"
+
+
+def is_bent(bent: Solution, most: float) -> str:
+    """That the model is bent, and by how much of its size; ``most`` is allowed."""
+    return (
+        f"it is one model that is bent by {100 * bent.largest:.2g} % of its size, as that explains {bent.count} of "
+        f"{bent.expected} markers in view (max_deformation = {100 * most:.2g} %)"
+    )
+
+
 def mirrored(best: Solution, mirror: Solution, lead: float) -> str:
     """That the mirrored table explains the spots better; ``lead`` (nats, negative) is that of the table over it."""
     return (
