@@ -231,6 +231,8 @@ def fixed_pairs(
         For a spot or a marker that does not exist or takes no part, or comes twice.
     """
     given = list(fixed.items()) if isinstance(fixed, Mapping) else list(fixed or ())
+    if not given:
+        return ()
     names = markers.name.tolist()
     place = np.cumsum(used) - 1
     pairs: list[tuple[int, int]] = []

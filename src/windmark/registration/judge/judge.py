@@ -51,6 +51,7 @@ class Judge:
         self._doubts = cache(lambda best: Doubts(views, best, bend, margin))
         self._places = cache(lambda best: Places(best, margin))
         self._mirror = cache(lambda best: mirror_of(views, best, MIRRORS))
+        self._nearest = cache(lambda best, *others: near_ones(best, others, margin))
         self._plain = -np.inf  # evidence of the rigid solution, if it is an answer
         self._challenged: list[Solution] = []
         self._displaced: OtherCamera | None = None
@@ -255,9 +256,7 @@ class Judge:
 
     def _near(self, best: Solution) -> tuple[Weighed, ...]:
         """Other explanations that count as the same as a rigid one but have another pose, see `judge.twins`."""
-        return () if best.is_bent else near_ones(
-            best, [*self._source.every(), *self._repaired.tried], self._limits.margin
-        )  # fmt: skip
+        return () if best.is_bent else self._nearest(best, *self._source.every(), *self._repaired.tried)
 
     # --- solutions -----------------------------------------------------------------------
     def _challenge(self) -> None:

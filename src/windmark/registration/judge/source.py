@@ -12,7 +12,7 @@ from windmark.registration.search.pool import Candidate
 from windmark.registration.search.search import POOL, Search
 from windmark.registration.settle.settling import settle
 from windmark.registration.settle.solution import Solution
-from windmark.registration.settle.views import Views
+from windmark.registration.settle.views import AT_HOME, Views
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int32]
@@ -172,7 +172,7 @@ class Source:
             used = np.zeros(len(self.views.planes[c].task.xy), dtype=bool)
             used[best.pairs(c)[0]] = True
             taken.append(used)
-            if search is None:
+            if search is None or used.all():
                 continue
             copies: list[Candidate] = []
             if isinstance(search, Search):
@@ -224,7 +224,9 @@ class Source:
 
 def start_of(views: Views, c: int, candidate: Candidate) -> tuple[Array, Array, Ints]:
     """Pose of the unit model in the rig and labels (C, N) to start from, of a candidate of camera c."""
-    pose = views.cam_from_rig[c].inverse() @ candidate.cam_from_model
+    pose, place = candidate.cam_from_model, views.cam_from_rig[c]
+    if place is not AT_HOME:
+        pose = place.inverse() @ pose
     match = np.full((len(views.planes), len(candidate.match)), -1, np.int32)
     match[c] = candidate.match
     return (*views.layout.frame.unit(pose), match)

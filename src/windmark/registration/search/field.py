@@ -15,6 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eigh
 
+from windmark.geometry.rotations import hat
+
 Array = NDArray[np.float64]
 
 REACH, FAR = 1.2, 3.0
@@ -73,8 +75,8 @@ def field_of(xyz: Array, rigid: NDArray[np.bool_], reach: float, faint: float = 
     modes, motions = [], []
     for axis in axes:
         modes.append(shape[:, :, None] * axis)
-        turn = np.cross(slope @ products, axis) @ inertia  # of the rigid motion nearest to this slope
-        motions.append(np.concatenate([turn, modes[-1] - np.cross(turn, xyz)], axis=2))
+        turn = slope @ products @ hat(axis) @ inertia  # of the rigid motion nearest to this slope
+        motions.append(np.concatenate([turn, modes[-1] - np.einsum("knj,nji->kni", turn, hat(xyz))], axis=2))
     return Field(
         np.concatenate(modes), np.concatenate(motions).transpose(1, 2, 0), np.repeat(np.arange(3), len(shape)), extent
     )
@@ -93,12 +95,14 @@ def _shapes(xyz: Array, rigid: NDArray[np.bool_], reach: float, faint: float) ->
     count = min(len(soft), MOST_MODES)
     if not count:
         return np.zeros((0, len(xyz))), np.zeros((0, len(xyz), 3))
-    some = xyz[soft[:: -(-len(soft) // LANDMARKS)]]
-    value, vector = eigh(_correlation(some, some, reach), subset_by_index=(max(len(some) - count, 0), len(some) - 1))
+    landmarks = soft[:: -(-len(soft) // LANDMARKS)]
+    some = xyz[landmarks]
+    correlation = _correlation(xyz, some, reach)
+    value, vector = eigh(correlation[landmarks], subset_by_index=(max(len(some) - count, 0), len(some) - 1))
     kept = np.flatnonzero(value > faint**2 * value[-1])[::-1]
     weight = vector[:, kept] / np.sqrt(value[kept])
     # The process at the landmarks, carried to all (Nystroem's method); exact where these are all.
-    correlation = _correlation(xyz, some, reach) * ~rigid[:, None]
+    correlation *= ~rigid[:, None]
     shape = (correlation @ weight).T
     towards = np.stack([(correlation @ (some[:, axis, None] * weight)).T for axis in range(3)], axis=2)
     return shape, (towards - shape[:, :, None] * xyz) / reach**2

@@ -44,7 +44,9 @@ def compact_links(picture: Picture, spots: Ints, neighbours: int, most: int, tab
     p = picture.p[spots]
     near = nearest(p, min(neighbours, len(p) - 1))[0]
     quads, cells = spot_quads_kernel(p, near, 0, near.shape[1], table.first)
-    chosen = np.sort(np.unique(quads[:, 0], return_index=True)[1])[:most]
+    rarest = np.full(len(p), len(quads))
+    rarest[quads[::-1, 0]] = np.arange(len(quads))[::-1]  # of quads of one anchor the first one stays
+    chosen = np.sort(rarest[rarest < len(quads)])[:most]
     cells = cells[chosen]
     return _anchored(spots[quads[chosen]], cells, table, check)
 
