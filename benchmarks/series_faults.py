@@ -13,7 +13,6 @@ disk.
 from __future__ import annotations
 
 import argparse
-import csv
 import os
 import shutil
 import signal
@@ -26,6 +25,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from _same import differences, table
 
 MADE = 12
 """Frames that are rendered; longer sequences go through them to and fro."""
@@ -106,26 +107,6 @@ def child(call: Callable[[], object]) -> int:
     return pid
 
 
-def table(path: Path) -> list[dict[str, str]]:
-    """Rows of a table without wall times."""
-    with open(path, newline="") as stream:
-        return [{k: v for k, v in row.items() if k != "seconds"} for row in csv.DictReader(stream)]
-
-
-def same(one: Path, other: Path) -> bool:
-    """Whether two result folders hold the same numbers, bit by bit."""
-    import xarray
-
-    names = ("cameras.csv", "span.csv", "markers.csv", "units.json")
-    with xarray.open_dataset(one / "deformation.nc") as a, xarray.open_dataset(other / "deformation.nc") as b:
-        series = a.drop_vars("seconds").equals(b.drop_vars("seconds"))
-    return (
-        series and all((one / n).read_bytes() == (other / n).read_bytes() for n in names)
-        and table(one / "deformation.csv") == table(other / "deformation.csv")
-        and {p.name for p in one.iterdir()} == {p.name for p in other.iterdir()}
-    )  # fmt: skip
-
-
 def killed(folder: Path, kills: int, live: bool) -> dict[str, int]:
     """Kill a run, look at what it left, resume it; until so many kills are done."""
     import xarray
@@ -166,7 +147,7 @@ def killed(folder: Path, kills: int, live: bool) -> dict[str, int]:
                 counts["failed"] += verb("deform", path, "-o", out, *watched, *more) != 0
                 break
         counts["runs"] += 1
-        counts["same"] += same(folder / f"whole-{live}", out)
+        counts["same"] += not differences(folder / f"whole-{live}", out)
     counts["left"] = sum(p.name.startswith(".") for p in folder.iterdir())
     return dict(counts)
 

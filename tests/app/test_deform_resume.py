@@ -14,7 +14,7 @@ import xarray
 from killing import in_child, killed_at
 
 from windmark import io
-from windmark.app import deform_verb, series_folder
+from windmark.app import deform_verb
 from windmark.io.journal import AppendedFile
 from windmark.pipeline import resume
 from windmark.pipeline.deform import outputs
@@ -268,30 +268,6 @@ def test_a_disk_that_is_full_when_the_report_is_drawn_keeps_the_frames(made, win
     done = windmark(*command, "--resume", "--json")
     assert (done.code, done.json["frames"]) == (0, FRAMES)
     assert [p.name for p in tmp_path.iterdir()] == ["out"]
-
-
-def test_a_live_run_killed_behind_its_manifest_is_a_whole_result(made, windmark, tmp_path, monkeypatch):
-    """Its journal stayed: the next live run was refused for frames that were all in the result."""
-    out = tmp_path / "out"
-    command = ["deform", made / "deform.toml", "-o", out, "--watch", made / "images", "--idle", 0.5]
-
-    def killed(folder):
-        if series_folder.came_to_its_end(folder):
-            os._exit(9)
-
-    def run():
-        series_folder.clear = killed
-        windmark(*command)
-
-    os.waitpid(in_child(run), 0)
-    assert measured(out) == FRAMES
-    content = {path.name: path.read_bytes() for path in out.iterdir() if path.is_file()}
-    done = windmark(*command, "--resume")
-    assert done.code == 2
-    assert "came to its end" in done.err
-    assert {path.name: path.read_bytes() for path in out.iterdir() if path.is_file()} == content
-    assert windmark(*command).code == 0
-    assert not (out / resume.HIDDEN).exists()
 
 
 def test_a_journal_makes_nothing_but_values():

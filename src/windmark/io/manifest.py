@@ -57,7 +57,7 @@ def write_manifest(
     record = {
         **about,
         "versions": {"python": platform.python_version(), **_versions()},
-        "inputs": _inputs(place, target, inputs),
+        "inputs": _inputs(place, target, inputs, names),
         "outputs": {name: file_hash(place / name) for name in names},
     }
     write_json(place / MANIFEST, record)
@@ -72,14 +72,25 @@ def _versions() -> dict[str, str]:
     return out
 
 
-def _inputs(place: Path, target: Path, inputs: Collection[str]) -> list[Record]:
+def _inputs(place: Path, target: Path, inputs: Collection[str], outputs: Collection[str]) -> list[Record]:
     """Paths from the result's folder on, so that a test that is moved as a whole keeps a manifest that is true."""
     real = {Path(os.path.realpath(path)) for path in inputs}
     out = []
-    for path in sorted(p for p in real if p.is_file() and (place == target or not p.is_relative_to(place))):
+    for path in sorted(p for p in real if p.is_file() and not _is_ours(p, place, target, outputs)):
         with suppress(OSError):  # gone or closed to us since it was read
             out.append({"file": relative(path, target), "bytes": path.stat().st_size, "sha256": file_hash(path)})
     return out
+
+
+def _is_ours(path: Path, place: Path, target: Path, outputs: Collection[str]) -> bool:
+    """Whether a file that was read is a part of the result, or what a run that goes on has kept to do so.
+
+    Live, pictures may arrive in the very folder of the results; they are inputs.
+    """
+    if not path.is_relative_to(place):
+        return False
+    inside = path.relative_to(place)
+    return place != target or inside.as_posix() in outputs or any(p.startswith(".windmark") for p in inside.parts)
 
 
 def relative(path: Path, folder: Path) -> str:

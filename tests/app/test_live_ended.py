@@ -1,0 +1,104 @@
+"""`windmark deform --watch` ended on the way: by a kill, after which it goes on, or by a signal, as is meant to be."""
+
+import csv
+import json
+import os
+import signal
+
+import pytest
+from killing import in_child, killed_at
+
+from windmark.app import series_folder
+from windmark.pipeline import resume
+from windmark.pipeline.resume import measured
+from windmark.pipeline.simulate_deforming import simulate_deforming
+
+FRAMES = 8
+WITH_TIMES = ("deformation.csv", "deformation.nc", "report.html", "summary.json", "manifest.json")
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("live")
+    simulate_deforming(folder, 3, FRAMES, (640, 400))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def whole(made, windmark):
+    """Results of a live run that nobody disturbed."""
+    assert windmark(*command(made, made / "whole")).code == 0
+    return made / "whole"
+
+
+def command(made, out):
+    return "deform", made / "deform.toml", "-o", out, "--watch", made / "images", "--idle", 0.5
+
+
+def untimed(path):
+    with open(path, newline="") as stream:
+        return [{k: v for k, v in row.items() if k != "seconds"} for row in csv.DictReader(stream)]
+
+
+def test_killed_amid_its_frames_and_resumed_it_is_the_same_as_undisturbed(made, whole, windmark, tmp_path):
+    """Bytes of every table, also of what became of every file; the manifest named the run's own journal as an input."""
+    out = tmp_path / "out"
+    killed_at(out, 3, lambda: windmark(*command(made, out)))
+    assert 3 <= measured(out) < FRAMES
+    done = windmark(*command(made, out), "--resume")
+    assert done.code == 0, done.err
+    files = {p.relative_to(whole) for p in whole.rglob("*") if p.is_file()}
+    assert {p.relative_to(out) for p in out.rglob("*") if p.is_file()} == files
+    for name in files:
+        if name.name not in WITH_TIMES:
+            assert (out / name).read_bytes() == (whole / name).read_bytes(), name
+    assert untimed(out / "deformation.csv") == untimed(whole / "deformation.csv")
+    first, second = (json.loads((folder / "manifest.json").read_text()) for folder in (out, whole))
+    assert [i["sha256"] for i in first["inputs"]] == [i["sha256"] for i in second["inputs"]]
+    assert not [i for i in first["inputs"] if ".windmark" in i["file"] or i["file"] in first["outputs"]]
+
+
+@pytest.mark.parametrize("signalled", [signal.SIGINT, signal.SIGTERM])
+def test_ended_by_a_signal_its_first_frames_are_those_of_a_whole_run(made, whole, windmark, tmp_path, signalled):
+    out = tmp_path / "out"
+
+    def run():
+        signal.signal(signal.SIGTERM, signal.default_int_handler)  # as `main` has it
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        (tmp_path / "code").write_text(str(windmark(*command(made, out)).code))
+
+    killed_at(out, 3, run, signalled)
+    assert (tmp_path / "code").read_text() == "0"
+    rows, usual = untimed(out / "deformation.csv"), untimed(whole / "deformation.csv")
+    done = [row["frame"] for row in rows if row["status"] != "left"]
+    assert 2 <= len(done) < FRAMES  # the one at hand may be taken back
+    assert rows[: len(done)] == usual[: len(done)]
+    assert all(row["reason"] == "the run was ended before it was measured" for row in rows[len(done) :])
+    for name in ("cameras.csv", "markers.csv", "span.csv", "arrivals.csv"):
+        mine, theirs = ([r for r in untimed(folder / name) if r["frame"] in done] for folder in (out, whole))
+        assert mine == theirs, name
+    assert not (out / resume.HIDDEN).exists()
+    assert {row["frame"] for row in untimed(out / "arrivals.csv")} <= {row["frame"] for row in rows}
+
+
+def test_a_live_run_killed_behind_its_manifest_is_a_whole_result(made, windmark, tmp_path, monkeypatch):
+    """Its journal stayed: the next live run was refused for frames that were all in the result."""
+    out = tmp_path / "out"
+
+    def killed(folder):
+        if series_folder.came_to_its_end(folder):
+            os._exit(9)
+
+    def run():
+        series_folder.clear = killed
+        windmark(*command(made, out))
+
+    os.waitpid(in_child(run), 0)
+    assert measured(out) == FRAMES
+    content = {path.name: path.read_bytes() for path in out.iterdir() if path.is_file()}
+    done = windmark(*command(made, out), "--resume")
+    assert done.code == 2
+    assert "came to its end" in done.err
+    assert {path.name: path.read_bytes() for path in out.iterdir() if path.is_file()} == content
+    assert windmark(*command(made, out)).code == 0
+    assert not (out / resume.HIDDEN).exists()
