@@ -1,4 +1,4 @@
-"""Squares, crosses and rings among discs: what explains the pixels better is what is there."""
+"""Squares, crosses, rings and domes among discs: outline and inside say what is there."""
 
 import numpy as np
 import pytest
@@ -6,6 +6,8 @@ import pytest
 import windmark as wm
 from windmark.detection import explain
 from windmark.detection.rejected import OTHER
+from windmark.detection.rivals import GROUPS, OF_DISCS, _measured, _neighbours, rival_evidence
+from windmark.detection.template.refine import make_scene, refine_template
 
 PLACES = np.stack(np.meshgrid(np.arange(30, 330, 50.0), np.arange(30, 230, 50.0)), axis=-1).reshape(-1, 2)
 SIZE = (240, 340)
@@ -49,3 +51,55 @@ def test_another_shape_is_none_beside_discs_and_alone(other):
     assert len(wm.detect(picture([other] * len(PLACES)), radius_px=9.0)) == 0
     if other == "square":
         assert (rejected.reason == OTHER).any()  # most lack enough of the edge already
+
+
+def waved(wave=0, share=0.0, slope=0.0, radius=6.0, noise=0.0):
+    """A disc of depth 100 whose outline has waves along x, and whose depth falls off along x: 11 x 11 sub-pixels."""
+    sub = (np.arange(11) - 5) / 11.0
+    fine = ((np.arange(41) - 20)[:, None] + sub).ravel()
+    u, v = np.meshgrid(fine - 0.2, fine + 0.3)
+    rim = radius * (1.0 + share * np.cos(wave * np.arctan2(v, u)))
+    depth = 100.0 * (np.hypot(u, v) <= rim) * (1.0 + slope * u / radius)
+    image = 150.0 - depth.reshape(41, 11, 41, 11).mean(axis=(1, 3))
+    smooth = np.exp(-0.5 * (np.arange(-4, 5) / 0.7) ** 2)
+    smooth /= smooth.sum()
+    for axis in (0, 1):
+        image = np.apply_along_axis(np.convolve, axis, np.pad(image, 4, mode="edge"), smooth, mode="valid")
+        image = image[4:-4] if axis == 1 and image.shape[0] > 41 else image
+    return image[:41, :41] + np.random.default_rng(0).normal(0.0, noise, (41, 41))
+
+
+def fitted(image, radius=6.0):
+    fits = refine_template(image, [[20.0, 20.0]], radius, robust=False)
+    return make_scene(image, "dark", "multiplicative", None, None), fits
+
+
+@pytest.mark.parametrize("wave", [3, 4, 5])
+def test_waves_of_the_outline_are_measured(wave):
+    scene, fits = fitted(waved(wave, 0.05))
+    value = _measured(scene, fits, np.array([0]), _neighbours(fits), 12)[0][0]
+    first, last = GROUPS[wave - 3]
+    assert np.hypot(*value[first:last]) == pytest.approx(0.05, abs=0.008)
+    others = [np.hypot(*value[a:b]) for k, (a, b) in enumerate(GROUPS[:3]) if k != wave - 3]
+    assert max(others) < 0.01
+
+
+def test_a_slope_of_the_inside_is_measured():
+    scene, fits = fitted(waved(slope=0.3))
+    value = _measured(scene, fits, np.array([0]), _neighbours(fits), 12)[0][0]
+    assert np.hypot(*value[6:8]) == pytest.approx(0.3, abs=0.06)
+
+
+def test_evidence_grows_with_the_wave_and_goes_in_noise():
+    """A square's wave, 0.15, is beyond doubt in clear pixels; in noise as strong as the disc nothing is said."""
+    clear = [rival_evidence(*fitted(waved(4, share)), np.ones(1))[0] for share in (0.0, OF_DISCS[1], 0.15)]
+    assert clear[:2] == [0.0, 0.0]
+    assert clear[2] > 8.0
+    noisy = waved(4, 0.15, noise=60.0)
+    assert not rival_evidence(*fitted(noisy), np.full(1, 60.0**2))[0] > 4.0
+
+
+@pytest.mark.parametrize("half", [3.5, 5.0])
+def test_small_squares_are_none(half):
+    assert len(wm.detect(picture(["square"] * len(PLACES), half=half), radius_px=1.13 * half)) == 0
+    assert len(wm.detect(picture(["disc"] * len(PLACES), half=half), radius_px=half)) == len(PLACES)

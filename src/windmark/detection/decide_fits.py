@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +16,7 @@ from windmark.detection.rejected import (
     FAINT,
     LARGE,
     MISFIT,
+    OTHER,
     PALE,
     PART,
     SHALLOW,
@@ -30,6 +31,7 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
+RIVAL_NATS = 4.0  # by which the pixels must speak for another thing than a disc
 EVIDENCE_MIN = 10.0  # of the matched filter: white noise reaches 5 in every picture, what is correlated twice as much
 CORRELATION_MIN = 0.93, 0.975  # of disc and window but for noise: of spots that SPOT takes, and of weaker ones
 SHARP_EDGE, WITH_SHARP_EDGE = 0.9, 0.8  # enough where most of the edge is beyond doubt: the rest is beside the marker
@@ -69,7 +71,7 @@ class Noise:
 
 def judge_fits(
     fits: TemplateFits, spots: Spots, noise: Noise, support: Array, weak: Flags, radii: Sequence[float],
-    options: Options,
+    options: Options, rivals: Callable[[Ints], Array],
 ) -> Ints:  # fmt: skip
     """What decides about each fit (K,): ACCEPTED or a code of `rejected.REASONS`.
 
@@ -81,6 +83,7 @@ def judge_fits(
     ----------
     support : (K, 2) of the edge, see `rim_support`
     weak : (K,) spots that SPOT would not take: they must be better discs
+    rivals : `rivals.rival_evidence` of some of the fits
     """
     reason = np.full(len(fits), ACCEPTED, dtype=np.int64)
     band = weak.astype(int)
@@ -104,6 +107,8 @@ def judge_fits(
         reason[major - doubt[:, 0] > RADIUS_RATIO[1] * max(radii)] = LARGE
         reason[major + doubt[:, 0] < RADIUS_RATIO[0] * min(radii)] = SMALL
         reason[~fits.converged | ~np.isfinite(fits.cov).all(axis=(1, 2)) | (away > spots.r0)] = UNCERTAIN
+        good = np.flatnonzero((reason == ACCEPTED) & ~fits.crossed)
+        reason[good[rivals(good) > RIVAL_NATS]] = OTHER  # before it can say what the image's markers are like
         sound = (edge >= SOUND_EDGE) & (correlation >= SOUND_CORRELATION)
         sound |= fits.crossed | ((fits.flags & SATURATED) > 0)  # saturated: too little is left of it to look disturbed
         weight = np.nan_to_num(answer, nan=0.0, posinf=0.0) ** 2  # specks and noise say little

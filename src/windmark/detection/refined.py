@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from windmark.detection.decide_fits import expected_noise, judge_fits
 from windmark.detection.image import Prepared
 from windmark.detection.options import FIT_SLACK, QUALITY_MIN, Options
-from windmark.detection.rejected import ACCEPTED, OTHER, SAME
+from windmark.detection.rejected import ACCEPTED, SAME
 from windmark.detection.rivals import rival_evidence
 from windmark.detection.shape import CONTAMINATED, Shapes
 from windmark.detection.spots import Spots, distinct, significance
@@ -20,7 +20,6 @@ from windmark.scene import Detections
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-RIVAL_NATS = 20.0  # by which a square, cross or ring must explain the pixels better than the disc
 SIGMAS = 8.0  # of the matched filter, from which a spot is fitted
 QUALITY_SHARE = 0.5  # of the least quality of `detect`: fainter spots are not fitted
 
@@ -69,10 +68,11 @@ def refined(
     noise = expected_noise(fits, spots)
     support = rim_support(scene, fits, noise.variance)
     weak = np.arange(len(fits)) >= taken
-    reason = judge_fits(fits, spots, noise, support, weak, radii, options)
-    sure = np.flatnonzero(reason == ACCEPTED)
-    other = rival_evidence(prepared.g, fits.take(sure), noise.variance[sure]) > RIVAL_NATS
-    reason[sure[other & ~fits.crossed[sure]]] = OTHER
+    # Whether it is a disc is asked of the surface's noise: fits to squares agree on a noise in which they are discs.
+    reason = judge_fits(
+        fits, spots, noise, support, weak, radii, options,
+        lambda index: rival_evidence(scene, fits.take(index), spots.noise[index] ** 2),
+    )  # fmt: skip
     good = np.flatnonzero(reason == ACCEPTED)
     once = np.sort(good[distinct(replace(spots.take(good), xy=fits.xy[good]))])
     reason[np.setdiff1d(good, once)] = SAME

@@ -24,7 +24,7 @@ REASONS = {
     MISFIT: "no blurred disc: the fitted template explains too little of what is there",
     PALE: "paler than the image's markers: less contrast than those near it and the others",
     PART: "part of something else: its edge is not there all the way round",
-    OTHER: "another shape: a square, a cross or a ring explains it better",
+    OTHER: "another shape: its outline or its inside is not that of a disc (square, cross, letter, ring, dome)",
     SAME: "a better marker lies there",
     BLURRED: "sharper or more blurred than the image's markers",
 }

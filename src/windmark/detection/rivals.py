@@ -1,43 +1,111 @@
-"""Is it a disc, or another thing of its size? Squares, crosses and rings are compared with it on the same pixels."""
+"""Is it a disc, or another thing of its size? How outline and inside deviate from an even ellipse says so.
+
+The fitted template is a blurred ellipse of one contrast. What a square, a cross, a letter, a chip of paint, a ring or
+a lit rivet has besides are waves of the outline (a square seen at any angle one of four with 0.15 of the radius, see
+`_kernels.rivals`), a contrast that falls off across the disc, or a hole. Printed discs have some of each, of known
+size; other things have more. Both are normal laws, and the ratio of their densities at what the pixels show is the
+evidence. Where the pixels do not show the shape, both say the same: no decision is possible, and a disc it stays.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.detection.image import Pixels
+from windmark.detection.pairs import close_pairs
+from windmark.detection.template.disc_model import shape_matrix
+from windmark.detection.template.fit import BATCH_PIXELS, Scene, cut_patches
 from windmark.detection.template.result import TemplateFits
+from windmark.detection.template.rim import _parameters as model_parameters
 
 Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
-PIXEL = 0.29  # px, standard deviation of a pixel's box
-LEAST_PX = 3.5  # smaller half axis; below, straight edges sampled at pixels are too coarse a model to judge by
+GROUPS = ((0, 2), (2, 4), (4, 6), (6, 8), (8, 9))  # of the deviations: three waves, the inside's slope, the hole
+OF_DISCS = 0.027, 0.02, 0.016, 0.1, 0.3  # standard deviation of each among printed discs: `detection_real`
+OF_OTHERS = 0.15, 0.15, 0.15, 0.5, 2.0  # among squares, letters, chips, rivets and rings: `detection_hunt`
+MODEL_ERROR = 0.03  # of the depth: pixels of printed discs differ so much from any blurred ellipse (JPEG, blur, print)
+OF_PIXELS = 0.5, 0.5, 0.5, 4.0, 8.0  # px^3, over the radius cubed: what pixels and lenses add to either
+LEAST_PX = 1.9  # mean half axis; what blur leaves of the shape of smaller discs is no small change of the template
+REACH_PX, REACH_BLURS = 2.0, 3.0  # of the patches beyond the larger half axis
+BESIDE_PX, BESIDE_BLURS = 0.5, 2.0  # a neighbour's pixels reach so far beyond its ellipse
 
 
-def rival_evidence(g: Pixels, fits: TemplateFits, variance: Array) -> Array:
-    """Nats (K,) by which the best other shape explains the pixels better than the disc; NaN where none can be judged.
+def rival_evidence(scene: Scene, fits: TemplateFits, variance: Array) -> Array:
+    """Nats (K,) by which the pixels speak for another thing than a disc; NaN where there is no fit or too few pixels.
 
-    All shapes have the fitted ellipse's place, size and tilt and the fitted blur; depth and plane are fitted to each.
-    What neither explains is no noise of single pixels: the misfit of the better one counts as such.
+    Each kind of deviation counts by itself where it speaks against the disc: a square has one kind, a letter several.
 
     Parameters
     ----------
-    g : (H, W) the prepared image
-    fits : (K,) fitted discs
-    variance : (K,) of one pixel's noise
+    scene : the image as the fits saw it
+    fits : (K,) fitted markers, none twice; the pixels of others are left out
+    variance : (K,) of one pixel's noise. What template and deviations together leave counts as noise where it is more
     """
-    from windmark.detection._kernels.rivals import SHAPES, misfits
-
     out = np.full(len(fits), np.nan)
-    index = np.flatnonzero(np.isfinite(fits.axes_px).all(axis=1) & (fits.axes_px[:, 1] >= LEAST_PX))
-    if not index.size:
-        return out
-    c, s = np.cos(fits.angle[index]), np.sin(fits.angle[index])
-    a, b = fits.axes_px[index].T
-    shape = np.column_stack([a * c * c + b * s * s, (a - b) * c * s, a * s * s + b * c * c])
-    edges, left = np.sqrt(12.0) * np.hypot(fits.blur_px[index], PIXEL), np.empty((index.size, SHAPES + 1))
-    misfits(g, np.ascontiguousarray(fits.xy[index]), shape, edges, left)
-    best, pixels = left[:, 1:SHAPES].min(axis=1), left[:, SHAPES]
-    with np.errstate(invalid="ignore", divide="ignore"):
-        out[index] = 0.5 * (left[:, 0] - best) / np.maximum(best / pixels, variance[index])
+    half = np.ceil(fits.axes_px[:, 0] + REACH_BLURS * fits.blur_px + REACH_PX)
+    good = np.isfinite(fits.cov).all(axis=(1, 2)) & (fits.blur_px > 0.0) & (half < 0.5 * max(scene.image.shape))
+    good &= fits.radius_px >= LEAST_PX
+    near = _neighbours(fits)
+    for size in np.unique(half[good]):
+        mine = np.flatnonzero(good & (half == size))
+        count = -(-mine.size * (2 * int(size) + 1) ** 2 // BATCH_PIXELS)
+        for index in np.array_split(mine, count):
+            least = variance[index] + np.square(MODEL_ERROR * fits.depth[index])
+            out[index] = _evidence(*_measured(scene, fits, index, near, int(size)), least, fits.radius_px[index])
     return out
+
+
+def _measured(scene: Scene, fits: TemplateFits, index: Ints, near: Ints, half: int) -> tuple[Array, Array, Array]:
+    """Deviations (B, E) of some of the fits, their inverse covariances in noise of variance 1, and what is left."""
+    from windmark.detection._kernels.rivals import EXTRA, deviations
+
+    pixel = np.rint(fits.xy[index]).astype(np.int64)
+    patches, weights = cut_patches(scene, pixel, half)
+    row = {int(k): n for n, k in enumerate(index)}
+    for i, j in near.tolist():
+        if i in row:
+            weights[row[i]][_covered(fits, j, pixel[row[i]], half)] = 0.0
+    value, weight, left = np.empty((index.size, EXTRA)), np.empty((index.size, EXTRA, EXTRA)), np.empty(index.size)
+    params = model_parameters(scene, fits.take(index), pixel)
+    deviations(patches, weights, params, float(scene.multiplicative), value, weight, left)
+    return value, weight, left
+
+
+def _evidence(value: Array, weight: Array, left: Array, variance: Array, radius: Array) -> Array:
+    """Sum over the kinds of deviations of the logarithm of the densities' ratio, where that is positive."""
+    out = np.full(len(value), np.nan)
+    known = np.flatnonzero(np.isfinite(value).all(axis=1) & np.isfinite(left))
+    cov = np.linalg.inv(weight[known]) * np.fmax(left, variance)[known, None, None]
+    total = np.zeros(known.size)
+    for k, (first, last) in enumerate(GROUPS):
+        a, own, one = value[known, first:last], cov[:, first:last, first:last], np.eye(last - first)
+        coarse = OF_PIXELS[k] / radius[known] ** 3
+        density = []
+        for spread in (np.hypot(OF_DISCS[k], coarse), np.hypot(OF_OTHERS[k], coarse)):
+            law = own + np.square(spread)[:, None, None] * one
+            square = np.einsum("ki,kij,kj->k", a, np.linalg.inv(law), a)
+            density.append(-0.5 * (square + np.log(np.linalg.det(law))))
+        total += np.maximum(density[1] - density[0], 0.0)
+    out[known] = total
+    return out
+
+
+def _neighbours(fits: TemplateFits) -> Ints:
+    """Pairs (L, 2) of fits, both ways, of which the second may reach into the first one's patch."""
+    place = np.nan_to_num(fits.xy, nan=-1e9)
+    reach = np.nan_to_num(2.0 * fits.axes_px[:, 0] + 5.0 * fits.blur_px + REACH_PX)
+    pairs = close_pairs(place, float(reach.max(initial=0.0)))
+    pairs = np.concatenate([pairs, pairs[:, ::-1]])
+    distance, size = np.hypot(*(place[pairs[:, 0]] - place[pairs[:, 1]]).T), fits.axes_px[:, 0]
+    inner = 0.5 * np.minimum(size[pairs[:, 0]], size[pairs[:, 1]])  # one marker found twice hides nothing
+    return np.asarray(pairs[(distance > inner) & (distance < reach[pairs[:, 0]])])
+
+
+def _covered(fits: TemplateFits, j: int, pixel: Ints, half: int) -> NDArray[np.bool_]:
+    """Pixels (S, S) of a patch round a pixel that belong to a fit."""
+    reach = BESIDE_PX + BESIDE_BLURS * fits.blur_px[j]
+    shape = shape_matrix(fits.axes_px[j] + reach, fits.angle[j])
+    place = np.arange(-half, half + 1)
+    uv = np.stack(np.meshgrid(place, place), axis=-1) + pixel - fits.xy[j]
+    return np.asarray((np.square(uv @ np.linalg.inv(shape)).sum(axis=-1)) <= 1.0)

@@ -1,4 +1,4 @@
-"""What else a disc could be: squares, crosses and rings of its size, tilt and blur. Private; arrays in, arrays out."""
+"""How a fitted disc's outline and inside differ from an even ellipse's. Private; arrays in, arrays out."""
 
 from __future__ import annotations
 
@@ -7,118 +7,125 @@ from typing import Any
 
 import numpy as np
 
+from windmark.detection.template._kernels.algebra import factor, substitute
+from windmark.detection.template._kernels.model import CUT, evaluate, normal_edges, points_needed
+from windmark.detection.template._kernels.rim import rim_distance
 from windmark.geometry._jit import nb
 
-TURNS = 8  # directions of squares and crosses, over 90 degrees
-SQUARE = 0.88  # half side of the square that a unit disc takes for itself: of its area 0.886, of its moments 0.866
-BARS = 0.35  # half width of a cross's bars
-HOLE = 0.55  # radius of a ring's hole
-SHAPES = 2 + 2 * TURNS  # disc, ring, squares, crosses
-WINDOW = 1.8  # half axes of the window
-SAMPLES = 5.0  # of the window's pixels per half axis are enough
+FIT = 10  # unknowns of the template
+WAVES = (3, 4, 5)  # of the outline round the disc; 0 to 2 are ellipses too
+INSIDE = 3  # slope along both axes, and a hole
+OUTLINE = 2 * len(WAVES)
+EXTRA = OUTLINE + INSIDE
+COUNT = FIT + EXTRA
+DAMPING = 1e-7  # of the normal equations: blur and size of points are one unknown
+REACH_PX, REACH_BLURS = 1.0, 3.0  # beyond the edge
+SAMPLES = 4.0  # of the window's pixels per half axis are enough
 
 
-@nb.njit(cache=True, nogil=True)
-def _inside(distance: float, edge: float) -> float:
-    return min(max(0.5 - distance / edge, 0.0), 1.0)
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _waves(p: Any, points: int, table: Any, g: Any) -> None:
+    """Change of the blurred ellipse's image by waves of its outline, r -> r (1 + a cos k t + b sin k t): g (., S, S).
+
+    By Green's theorem as the derivatives of `disc_model`: the integral of K_i(u) K_j(v) (u_a dv - v_a du).
+    """
+    size = g.shape[1]
+    cx, cy, a, b, d, sigma = p[0] + size // 2, p[1] + size // 2, p[2], p[3], p[4], p[5]
+    inv, reach, step = 1.0 / sigma, CUT * sigma + 0.5, 2.0 * math.pi / points
+    cdf, pdf, kx = table[0], table[1], table[2]
+    g[:OUTLINE] = 0.0
+    for n in range(points):
+        t = n * step
+        co, si = math.cos(t), math.sin(t)
+        u, v = a * co + b * si, b * co + d * si
+        area = step * (u * (d * co - b * si) - v * (b * co - a * si))
+        u, v = u + cx, v + cy
+        i0, i1 = max(0, int(math.ceil(u - reach))), min(size, int(math.floor(u + reach)) + 1)
+        j0, j1 = max(0, int(math.ceil(v - reach))), min(size, int(math.floor(v + reach)) + 1)
+        ni, nj = max(i1 - i0, 0), max(j1 - j0, 0)
+        normal_edges((i0 - 0.5 - u) * inv, inv, ni + 1, cdf, pdf)
+        for i in range(ni):
+            kx[i] = cdf[i + 1] - cdf[i]
+        normal_edges((j0 - 0.5 - v) * inv, inv, nj + 1, cdf, pdf)
+        for m in range(OUTLINE):
+            wave = WAVES[m // 2] * t
+            share = area * (math.cos(wave) if m % 2 == 0 else math.sin(wave))
+            for j in range(nj):
+                row = share * (cdf[j + 1] - cdf[j])
+                for i in range(ni):
+                    g[m, j0 + j, i0 + i] += row * kx[i]
 
 
-@nb.njit(cache=True, nogil=True)
-def _covers(p: float, q: float, scales: Any, radial: float, edge: float, out: Any) -> None:
-    """All shapes at a place of the unit disc's plane; `scales` (TURNS, 2) are pixels per unit along the bars."""
-    r = math.sqrt(p * p + q * q)
-    out[0] = _inside((r - 1.0) * radial, edge)
-    out[1] = out[0] - _inside((r - HOLE) * radial, edge)
-    for k in range(TURNS):
-        t = 0.5 * math.pi * k / TURNS
-        c, s = math.cos(t), math.sin(t)
-        a, b = abs(c * p + s * q), abs(c * q - s * p)
-        u, v = scales[k, 0], scales[k, 1]
-        out[2 + k] = _inside((a - SQUARE) * u, edge) * _inside((b - SQUARE) * v, edge)
-        one = _inside((a - BARS) * u, edge) * _inside((b - 1.1) * v, edge)
-        two = _inside((a - 1.1) * u, edge) * _inside((b - BARS) * v, edge)
-        out[2 + TURNS + k] = max(one, two)
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _normal(
+    patch: Any, weight: Any, p: Any, multiplicative: float, table: Any, jac: Any, res: Any, waves: Any, row: Any,
+    matrix: Any, rhs: Any,
+) -> tuple[float, float]:  # fmt: skip
+    """Normal equations of template and deviations together; squared residuals and number of the pixels used."""
+    size, half, points = res.shape[0], res.shape[0] // 2, points_needed(p)
+    evaluate(patch, weight, p, points, True, 0.0, multiplicative, table, jac, res)
+    _waves(p, points, table, waves)
+    det, squares, pixels = p[2] * p[4] - p[3] * p[3], 0.0, 0.0
+    step, reach = max(1, int(math.sqrt(det) / SAMPLES)), REACH_PX + REACH_BLURS * p[5]
+    matrix[:], rhs[:] = 0.0, 0.0
+    for j in range(half % step, size, step):
+        for i in range(half % step, size, step):
+            x, y = i - half - p[0], j - half - p[1]
+            if weight[j, i] == 0.0 or rim_distance(x, y, p, det) > reach:
+                continue
+            for m in range(FIT):
+                row[m] = jac[m, j, i]
+            light = 1.0 + multiplicative * (p[8] * (i - half) + p[9] * (j - half))
+            for m in range(OUTLINE):
+                row[FIT + m] = -p[6] * light * waves[m, j, i]
+            u, v, inside = (p[4] * x - p[3] * y) / det, (p[2] * y - p[3] * x) / det, p[6] * jac[6, j, i]
+            row[COUNT - 3], row[COUNT - 2], row[COUNT - 1] = inside * u, inside * v, inside * (u * u + v * v - 0.5)
+            for m in range(COUNT):
+                rhs[m] += row[m] * res[j, i]
+                for n in range(m + 1):
+                    matrix[m, n] += row[m] * row[n]
+            squares += res[j, i] * res[j, i]
+            pixels += 1.0
+    return squares, pixels
 
 
-@nb.njit(cache=True, nogil=True)
-def misfits(g: Any, xy: Any, shape: Any, edges: Any, out: Any) -> None:
-    """Sum of squares that plane and shape leave of a window, for each shape, and its number of pixels in the last.
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def deviations(
+    patches: Any, weights: Any, params: Any, multiplicative: float, value: Any, weight: Any, left: Any
+) -> None:
+    """How the discs of M patches (M, S, S) deviate from the fitted template, by one step of least squares.
+
+    Unknowns: those of the template; waves of the outline relative to the radius; change of the depth relative to it,
+    along both axes of the unit disc, and of its middle against its edge.
 
     Parameters
     ----------
-    g : (H, W) as in `_kernels.spot`; NaN is missing
-    xy : (K, 2) centres
-    shape : (K, 3) symmetric matrices xx, xy, yy that map the unit disc onto the ellipses
-    edges : (K,) width of the shapes' edges in pixels
-    out : (K, SHAPES + 1), NaN where half of the window is missing
+    patches, weights : as of `template.fit.cut_patches`
+    params : (M, 10) as in `template._kernels.model`
+    value : (M, EXTRA) deviations, NaN where the pixels do not determine them
+    weight : (M, EXTRA, EXTRA) inverse of their covariance in noise of variance 1, the template's unknowns left open
+    left : (M,) variance of what is then left
     """
-    cover, scales = np.empty(SHAPES + 4), np.empty((TURNS, 2))
-    sums = np.empty((SHAPES + 4, SHAPES + 4))
-    plane, left = np.empty((3, 3)), np.empty(3)
-    for k in range(xy.shape[0]):
-        out[k] = np.nan
-        a, b, c = shape[k, 0], shape[k, 1], shape[k, 2]
-        det = a * c - b * b
-        ia, ib, ic = c / det, -b / det, a / det
-        for m in range(TURNS):
-            t = 0.5 * math.pi * m / TURNS
-            n0, n1 = math.cos(t), math.sin(t)
-            scales[m, 0] = 1.0 / math.hypot(ia * n0 + ib * n1, ib * n0 + ic * n1)
-            scales[m, 1] = 1.0 / math.hypot(ib * n0 - ia * n1, ic * n0 - ib * n1)
-        hx, hy = int(WINDOW * math.hypot(a, b)) + 1, int(WINDOW * math.hypot(b, c)) + 1
-        step = max(1, int(math.sqrt(det) / SAMPLES))
-        cx, cy = math.floor(xy[k, 0] + 0.5), math.floor(xy[k, 1] + 0.5)
-        sums[:, :] = 0.0
-        total, base = 0.0, math.nan
-        for j in range(-(hy // step) * step, hy + 1, step):
-            for i in range(-(hx // step) * step, hx + 1, step):
-                u, v = cx + i - xy[k, 0], cy + j - xy[k, 1]
-                p, q = ia * u + ib * v, ib * u + ic * v
-                r = math.sqrt(p * p + q * q)
-                if r > WINDOW:
-                    continue
-                total += 1.0
-                if not (0 <= cy + j < g.shape[0] and 0 <= cx + i < g.shape[1]):
-                    continue
-                value = float(g[cy + j, cx + i])
-                if value != value:
-                    continue
-                if base != base:
-                    base = value
-                radial = r / max(math.hypot(ia * p + ib * q, ib * p + ic * q), 1e-12)
-                _covers(p, q, scales, radial, edges[k], cover)
-                cover[SHAPES], cover[SHAPES + 1], cover[SHAPES + 2], cover[SHAPES + 3] = 1.0, p, q, value - base
-                for m in range(SHAPES + 4):  # of pairs only those that are needed
-                    for n in range(SHAPES, SHAPES + 4):
-                        sums[m, n] += cover[m] * cover[n]
-                    sums[m, m] += cover[m] * cover[m] if m < SHAPES else 0.0
-        n = sums[SHAPES, SHAPES]
-        if not (n >= 12.0 and 2.0 * n >= total):
+    size = patches.shape[1]
+    jac, res, table = np.empty((10, size, size)), np.empty((size, size)), np.empty((8, size + 6))
+    waves, row, matrix = np.empty((OUTLINE, size, size)), np.empty(COUNT), np.empty((COUNT, COUNT))
+    rhs, root, solved = np.empty(COUNT), np.empty((COUNT, COUNT)), np.empty(COUNT)
+    free = np.zeros(COUNT, np.bool_)
+    for k in range(patches.shape[0]):
+        squares, pixels = _normal(
+            patches[k], weights[k], params[k], multiplicative, table, jac, res, waves, row, matrix, rhs
+        )
+        value[k], weight[k], left[k] = math.nan, math.nan, math.nan
+        if pixels <= COUNT or not factor(matrix, DAMPING, free, root):
             continue
-        for i in range(3):
-            for j in range(3):
-                plane[i, j] = sums[SHAPES + i, SHAPES + j]
-        if not abs(np.linalg.det(plane)) > 1e-9 * n**3:
-            continue
-        inverse = np.linalg.inv(plane)
-        y = SHAPES + 3
-        rest = sums[y, y] - _form(inverse, sums, y, y, left)
-        for m in range(SHAPES):
-            power = sums[m, m] - _form(inverse, sums, m, m, left)
-            along = sums[m, y] - _form(inverse, sums, m, y, left)
-            gain = along * along / power if power > 1e-6 * n and along < 0.0 else 0.0
-            out[k, m] = rest - gain
-        out[k, SHAPES] = n
-
-
-@nb.njit(cache=True, nogil=True)
-def _form(inverse: Any, sums: Any, i: int, j: int, left: Any) -> float:
-    """What the plane explains of the product of two columns."""
-    total = 0.0
-    for a in range(3):
-        left[a] = 0.0
-        for b in range(3):
-            left[a] += inverse[a, b] * sums[j, SHAPES + b] if j < SHAPES else inverse[a, b] * sums[SHAPES + b, j]
-    for a in range(3):
-        total += (sums[i, SHAPES + a] if i < SHAPES else sums[SHAPES + a, i]) * left[a]
-    return total
+        substitute(root, rhs, free, solved)
+        for m in range(COUNT):
+            squares -= rhs[m] * solved[m]
+        left[k] = max(squares, 0.0) / (pixels - COUNT)
+        for m in range(EXTRA):
+            value[k, m] = solved[FIT + m]
+            for n in range(EXTRA):  # the factor's last block is that of what the template leaves open
+                total = 0.0
+                for q in range(min(m, n) + 1):
+                    total += root[FIT + m, FIT + q] * root[FIT + n, FIT + q]
+                weight[k, m, n] = total
