@@ -33,7 +33,7 @@ Array = NDArray[np.float64]
 AMPLITUDES = np.geomspace(1e-4, 0.05, 16)
 """1 sigma of the displacements along the thinnest axis, as parts of the model's size."""
 ROUNDS = 2
-"""So often the likeliest deformation is asked again where the last one was."""
+"""So often the likeliest deformation is asked for again where the last one was: then it rests."""
 STIFFNESSES = (STIFF, SUPPLE, 1.0)
 """Least amplitudes along wide axes, as parts of that along the thinnest one."""
 NOISES = np.linspace(0.0, 1.0, 6)[:, None]
@@ -104,7 +104,7 @@ def root_of(best: Solution, bends: float = 0.0) -> Root:
     ``bends`` is the evidence (nats) of other pictures that the model bends.
     """
     layout = best.views.layout
-    found = [_by_field(best, field) for field in layout.fields]
+    found = [_by_field(best, field) for field in (layout.fine_fields if best.is_bent else layout.fields)]
     worth = np.concatenate([bent.evidence for bent in found])
     worth = worth - math.log(len(worth))
     if not best.is_bent:
@@ -127,7 +127,7 @@ def likeliest(best: Solution) -> Solution:
     bending, that one may be some degrees away from what the residuals speak for, too far for the normal equations.
     """
     for _ in range(ROUNDS):
-        found = [(bent, field) for field in best.views.layout.fields for bent in [_by_field(best, field)]]
+        found = [(bent, field) for field in best.views.layout.fine_fields for bent in [_by_field(best, field)]]
         bent, field = max(found, key=lambda one: one[0].evidence.max())
         views = best.views.bent(bent.amplitude[bent.evidence.argmax(), :, None, None] * field.modes)
         state = copied(views, best.state)

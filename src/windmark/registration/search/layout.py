@@ -155,16 +155,25 @@ class Layout:
     @cached_property
     def modes(self) -> Array:
         """(K, N, 3) how the markers may be displaced if the model is deformed; walls are not."""
-        return modes_of(field_of(self.model.xyz, self.markers.role == "wall", REACH))
+        return modes_of(self._near_field)
+
+    @cached_property
+    def _near_field(self) -> Field:
+        return field_of(self.model.xyz, self.markers.role == "wall", REACH)
 
     @cached_property
     def far_field(self) -> Field:
         """A deformation that is hardly more than a bow."""
         return field_of(self.model.xyz, self.markers.role == "wall", FAR)
 
-    @cached_property
+    @property
     def fields(self) -> tuple[Field, ...]:
-        """Deformations of more than one reach, for the pose."""
+        """Deformations of more than one reach, for a pose whose residuals may have a little of them."""
+        return self._near_field, self.far_field
+
+    @cached_property
+    def fine_fields(self) -> tuple[Field, ...]:
+        """The same for the pose of a model that is bent, where a hundredth of the bow is more than the noise."""
         xyz, walls = self.model.xyz, self.markers.role == "wall"
         return field_of(xyz, walls, REACH, FAINTEST), field_of(xyz, walls, FAR, FAINTEST)
 
