@@ -12,7 +12,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import IO, Any
 
-from windmark.io.errors import NO_SPACE, FileError, reason
+from windmark.io.errors import NO_SPACE, FileError, reason, was_read
 from windmark.io.interrupts import interrupts_wait
 from windmark.io.making import PREFIX, Making, left_behind, making
 from windmark.io.staging import Say, resolved, silent
@@ -37,7 +37,8 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
     Raises
     ------
     FileError
-        When the operating system refuses (disk full, no such folder, read-only): names ``path`` and the reason.
+        When the operating system refuses (disk full, no such folder, read-only): names ``path`` and the reason; and
+        where ``path`` is a file that the job at work has read (`witness`).
     """
     target = _checked_target(path)
     if os.path.exists(target) and not target.is_file():
@@ -134,6 +135,8 @@ def _checked_target(path: str | os.PathLike[str]) -> Path:
         raise FileError(path, f"cannot be written: the folder {target.parent} does not exist")
     if os.path.exists(target) and not os.access(target, os.W_OK):
         raise FileError(path, "cannot be written: the file is write-protected")
+    if target.is_file() and was_read(target):
+        raise FileError(path, "is an input of this run, and is not written over; choose another file for the output")
     return target
 
 

@@ -132,6 +132,11 @@ def witness() -> Iterator[set[str]]:
         _WITNESSES.remove(seen)
 
 
+def was_read(path: Path) -> bool:
+    """Whether a file is one that the job at work has read: its own input, by whatever name."""
+    return any(os.path.realpath(name) == os.path.realpath(path) for seen in _WITNESSES for name in tuple(seen))
+
+
 @contextmanager
 def reading(path: str | os.PathLike[str]) -> Iterator[None]:
     """Turn what the operating system says against reading ``path`` into `FileError`."""
