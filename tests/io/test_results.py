@@ -136,6 +136,22 @@ def test_the_manifest_is_the_same_for_the_same_result(tmp_path):
     assert {"python", "numpy", "windmark"} <= set(found["versions"])
 
 
+@pytest.mark.parametrize("live", [False, True])
+def test_an_input_that_was_edited_while_the_run_was_at_work_is_said(tmp_path, live):
+    """The manifest had the hash of a project that was never read."""
+    said = []
+    for name in ("project.toml", "markers.csv"):
+        (tmp_path / name).write_text("before")
+    with result_folder(tmp_path / "out", live=live, say=said.append) as out:
+        (out.place / "a.csv").write_text(read_text(tmp_path / "project.toml") + read_text(tmp_path / "markers.csv"))
+        (tmp_path / "project.toml").write_text("edited")
+        os.utime(tmp_path / "project.toml", (1, 1))
+    inputs = {entry["file"]: entry for entry in json.loads((tmp_path / "out" / "manifest.json").read_text())["inputs"]}
+    assert [name for name, entry in inputs.items() if entry.get("changed_since_read")] == ["../project.toml"]
+    words = "was changed after it had been read: the result is of what was in it then"
+    assert said == [f"{tmp_path / 'project.toml'}: {words}"]
+
+
 def test_moves_that_fail_are_taken_back(tmp_path, monkeypatch):
     out = tmp_path / "out"
     fill(out, {"a": "1", "b": "1", "c": "1"})

@@ -114,22 +114,35 @@ def space_on(path: Path) -> str:
     return ""
 
 
-_WITNESSES: list[set[str]] = []
+FileState = tuple[int, int] | None
+"""Size and date (ns) of a file; None where it has none."""
+_WITNESSES: list[dict[str, FileState]] = []
 """Of jobs that want to know which files were read: the outermost first."""
 
 
 @contextmanager
-def witness() -> Iterator[set[str]]:
-    """The paths of all files that are read in this block, by any thread; an outer block's, where there is one."""
+def witness() -> Iterator[dict[str, FileState]]:
+    """The paths of all files that are read in this block, by any thread, with their state as they were read last; an
+    outer block's, where there is one.
+    """
     if _WITNESSES:
         yield _WITNESSES[0]
         return
-    seen: set[str] = set()
+    seen: dict[str, FileState] = {}
     _WITNESSES.append(seen)
     try:
         yield seen
     finally:
-        _WITNESSES.remove(seen)
+        del _WITNESSES[next(k for k, other in enumerate(_WITNESSES) if other is seen)]
+
+
+def file_state(path: str | os.PathLike[str]) -> FileState:
+    """What tells whether a file was changed."""
+    try:
+        stat = os.stat(path)
+    except (OSError, ValueError):
+        return None
+    return stat.st_size, stat.st_mtime_ns
 
 
 def was_read(path: Path) -> bool:
@@ -141,7 +154,7 @@ def was_read(path: Path) -> bool:
 def reading(path: str | os.PathLike[str]) -> Iterator[None]:
     """Turn what the operating system says against reading ``path`` into `FileError`."""
     for seen in _WITNESSES:
-        seen.add(os.path.abspath(path))
+        seen[os.path.abspath(path)] = file_state(path)
     try:
         yield
     except OSError as error:

@@ -12,10 +12,12 @@ from contextlib import suppress
 from pathlib import Path, PurePosixPath
 from typing import Any
 
+from windmark.io.errors import FileState, file_state
 from windmark.io.making import is_making
 from windmark.io.text import write_json
 
 MANIFEST = "manifest.json"
+CHANGED = "changed_since_read"
 _PACKAGES = ("windmark", "numpy", "scipy", "numba", "h5py", "tifffile", "matplotlib")
 
 Record = dict[str, Any]
@@ -39,7 +41,7 @@ def files_below(folder: Path) -> Iterable[str]:
 def write_manifest(
     place: Path,
     target: Path,
-    inputs: Collection[str],
+    inputs: Mapping[str, FileState],
     about: Mapping[str, Any],
     there: Mapping[str, int] | None = None,
 ) -> Record:
@@ -48,7 +50,8 @@ def write_manifest(
     Parameters
     ----------
     place, target : where the files are now, where they will be (the same for a live run)
-    inputs : files that were read; those that are no files (any more) and those of the result are left out
+    inputs : files that were read, and their state then; those that are no files (any more) and those of the result are
+        left out, those that were changed since have ``changed_since_read``: what the hash is of was not read
     about : goes in as it is: verb, options, whether the data said no
     there : files of ``place`` that are not of the result as long as their times (ns) are these
     """
@@ -72,13 +75,17 @@ def _versions() -> dict[str, str]:
     return out
 
 
-def _inputs(place: Path, target: Path, inputs: Collection[str], outputs: Collection[str]) -> list[Record]:
+def _inputs(
+    place: Path, target: Path, inputs: Mapping[str, FileState], outputs: Collection[str]
+) -> list[Record]:
     """Paths from the result's folder on, so that a test that is moved as a whole keeps a manifest that is true."""
-    real = {Path(os.path.realpath(path)) for path in inputs}
-    out = []
+    real = {Path(os.path.realpath(path)): state for path, state in inputs.items()}
+    out: list[Record] = []
     for path in sorted(p for p in real if p.is_file() and not _is_ours(p, place, target, outputs)):
         with suppress(OSError):  # gone or closed to us since it was read
             out.append({"file": relative(path, target), "bytes": path.stat().st_size, "sha256": file_hash(path)})
+            if file_state(path) != real[path]:
+                out[-1][CHANGED] = True
     return out
 
 

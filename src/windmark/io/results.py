@@ -27,7 +27,7 @@ from windmark.io.errors import NO_SPACE, FileError, refusal, space_on, witness
 from windmark.io.exchange import UNFINISHED, announce, exchange, newer, withdraw
 from windmark.io.interrupts import interrupts_wait
 from windmark.io.leftovers import put_right
-from windmark.io.manifest import MANIFEST, files_below, read_manifest, write_manifest
+from windmark.io.manifest import CHANGED, MANIFEST, files_below, read_manifest, write_manifest
 from windmark.io.staging import Say, Staging, silent, staged
 from windmark.io.text import write_json
 
@@ -100,7 +100,7 @@ def result_folder(
                     staging.keep = out.keep
                 described = {**out.about, "refused": out.refused}
                 if live:
-                    write_manifest(out.place, staging.target, read, described, there)
+                    _say_changed(write_manifest(out.place, staging.target, read, described, there), staging.target, say)
                 else:
                     with _withdrawn_unless_it_comes(staging):
                         announce(staging)
@@ -108,7 +108,16 @@ def result_folder(
                         with interrupts_wait(f"{staging.target} had been written whole before"):
                             exchange(staging, set(record["outputs"]), out.refused, say)
                             staging.keep = False
+                        _say_changed(record, staging.target, say)
                 staging.keep = False
+
+
+def _say_changed(manifest: Mapping[str, Any], target: Path, say: Say) -> None:
+    """Name the files that were edited while the run was at work: the result is of what was in them before."""
+    for entry in manifest["inputs"]:
+        if entry.get(CHANGED):
+            path = os.path.normpath(target / entry["file"])
+            say(f"{path}: was changed after it had been read: the result is of what was in it then")
 
 
 @contextmanager
