@@ -35,15 +35,16 @@ def judge(spots: Spots, found: Shapes, options: Options) -> tuple[Array, Ints]:
     Where several things speak against a spot the one that says most is given: its size before its faintness.
     """
     value = quality(spots, found.depth, found.noise)
-    ratio = (np.fmax(found.axes[:, 0], found.radius) if options.refine == "template" else found.radius) / spots.r0
+    ratio = found.radius / spots.r0
+    longer = np.fmax(found.axes[:, 0] / spots.r0, ratio) if options.refine == "template" else ratio  # at an angle
     reason = np.full(len(value), ACCEPTED, dtype=np.int64)
     if options.min_depth is not None:
         reason[~(found.depth >= options.min_depth)] = SHALLOW
     reason[~(value >= options.min_quality)] = FAINT
     reason[spots.merit > options.merit_max] = SHAPE
     reason[ratio > RADIUS_RATIO[1]] = LARGE
-    reason[ratio < RADIUS_RATIO[0]] = SMALL
-    reason[~np.isfinite(ratio)] = FORMLESS
+    reason[longer < RADIUS_RATIO[0]] = SMALL
+    reason[~np.isfinite(longer)] = FORMLESS
     return value, reason
 
 

@@ -36,7 +36,7 @@ EVIDENCE_MIN = 10.0  # of the matched filter: white noise reaches 5 in every pic
 CORRELATION_MIN = 0.93, 0.975  # of disc and window but for noise: of spots that SPOT takes, and of weaker ones
 SHARP_EDGE, WITH_SHARP_EDGE = 0.9, 0.8  # enough where most of the edge is beyond doubt: the rest is beside the marker
 ROUND_MIN = 0.3, 0.45  # ratio of the axes, 72 and 63 deg of tilt: for the same two
-RADIUS_RATIO = 0.7, 1.4  # larger half axis over the radii asked for
+RADIUS_RATIO = 0.7, 1.4  # larger half axis, and mean one, over the radii asked for
 BLUR_SIGMAS = 4.0  # a marker's blur may differ from the frame's by so many standard deviations
 SAME_BLUR_PX = 0.1  # standard deviation of the blur among markers near each other
 SMALL_BLURS = 5.0  # discs below so many blurs may be confused with blurred specks
@@ -75,7 +75,8 @@ def judge_fits(
 ) -> Ints:  # fmt: skip
     """What decides about each fit (K,): ACCEPTED or a code of `rejected.REASONS`.
 
-    A disc seen at an angle keeps its radius as the larger half axis, so that one is compared with the radii asked for.
+    A disc seen at an angle keeps its radius as the larger half axis, so that one must not be smaller than asked for;
+    the mean one must not be larger.
     What a blurred disc shows is r^2 / 4 + blur^2: an error e of the blur is one of 4 blur e / r of an axis r, which is
     allowed for. Discs much larger than the blur cannot be confused with blurred specks; for them the blur says nothing.
 
@@ -104,7 +105,8 @@ def judge_fits(
         reason[shapely & ~(minor + doubt[:, 1] >= np.array(ROUND_MIN)[band] * major)] = MISFIT
         reason[shapely & ~fits.crossed & ~(support[:, 1] >= EDGE_MEDIAN)] = PART
         reason[~(fits.depth > 0.0) | ~(answer >= EVIDENCE_MIN)] = FAINT
-        reason[major - doubt[:, 0] > RADIUS_RATIO[1] * max(radii)] = LARGE
+        # A radius measured off the picture may be the mean one; a disc seen at an angle has it as the larger half axis.
+        reason[fits.radius_px - doubt[:, 0] > RADIUS_RATIO[1] * max(radii)] = LARGE
         reason[major + doubt[:, 0] < RADIUS_RATIO[0] * min(radii)] = SMALL
         reason[~fits.converged | ~np.isfinite(fits.cov).all(axis=(1, 2)) | (away > spots.r0)] = UNCERTAIN
         good = np.flatnonzero((reason == ACCEPTED) & ~fits.crossed)

@@ -13,6 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.detection.pairs import close_pairs
+from windmark.detection.shape import CONTAMINATED
+from windmark.detection.template.crlb import window_radius
 from windmark.detection.template.disc_model import shape_matrix
 from windmark.detection.template.fit import BATCH_PIXELS, Scene, cut_patches
 from windmark.detection.template.result import TemplateFits
@@ -26,6 +28,8 @@ OF_DISCS = 0.027, 0.02, 0.016, 0.1, 0.3  # standard deviation of each among prin
 OF_OTHERS = 0.15, 0.15, 0.15, 0.5, 2.0  # among squares, letters, chips, rivets and rings: `detection_hunt`
 MODEL_ERROR = 0.03  # of the depth: pixels of printed discs differ so much from any blurred ellipse (JPEG, blur, print)
 OF_PIXELS = 0.5, 0.5, 0.5, 4.0, 8.0  # px^3, over the radius cubed: what pixels and lenses add to either
+LEAST_WAVE = 0.06  # of the radius, of an outline that is another thing's
+PIXEL = 0.29  # px, standard deviation of a pixel's box
 LEAST_PX = 1.9  # mean half axis; what blur leaves of the shape of smaller discs is no small change of the template
 REACH_PX, REACH_BLURS = 2.0, 3.0  # of the patches beyond the larger half axis
 BESIDE_PX, BESIDE_BLURS = 0.5, 2.0  # a neighbour's pixels reach so far beyond its ellipse
@@ -47,6 +51,7 @@ def rival_evidence(scene: Scene, fits: TemplateFits, variance: Array) -> Array:
     good = np.isfinite(fits.cov).all(axis=(1, 2)) & (fits.blur_px > 0.0) & (half < 0.5 * max(scene.image.shape))
     good &= fits.radius_px >= LEAST_PX
     near = _neighbours(fits)
+    out[good], good = 0.0, good & _room(fits)
     for size in np.unique(half[good]):
         mine = np.flatnonzero(good & (half == size))
         count = -(-mine.size * (2 * int(size) + 1) ** 2 // BATCH_PIXELS)
@@ -54,6 +59,18 @@ def rival_evidence(scene: Scene, fits: TemplateFits, variance: Array) -> Array:
             least = variance[index] + np.square(MODEL_ERROR * fits.depth[index])
             out[index] = _evidence(*_measured(scene, fits, index, near, int(size)), least, fits.radius_px[index])
     return out
+
+
+def _room(fits: TemplateFits) -> NDArray[np.bool_]:
+    """Fits (K,) that leave so much of their windows that a deviation that could decide may be in it.
+
+    A wave of the outline of share a leaves a^2 depth^2 radius^3 sqrt(pi) / (2 blur), a Gaussian edge squared along the
+    rim; half of it is asked for. Fits that are contaminated have left pixels out and say nothing of what is in them.
+    """
+    pixels = np.pi * window_radius(fits.radius_px, fits.blur_px) ** 2
+    edge = np.hypot(fits.blur_px, PIXEL)
+    wave = np.square(LEAST_WAVE * fits.depth) * fits.radius_px**3 * 0.5 * np.sqrt(np.pi) / edge
+    return np.asarray(((fits.flags & CONTAMINATED) > 0) | (pixels * np.square(fits.noise) > 0.5 * wave))
 
 
 def _measured(scene: Scene, fits: TemplateFits, index: Ints, near: Ints, half: int) -> tuple[Array, Array, Array]:
