@@ -29,6 +29,7 @@ from pathlib import Path
 import numpy as np
 
 from _faults import Ended, Run, hidden, prepared, state, told, warm, watched
+from _same import Rows, table
 
 MIB = 2**20
 BALLAST = "ballast"
@@ -88,7 +89,7 @@ def full_disks(
     """A disk that fills up while a verb works, again and again."""
     out, seen = disk / "out", Counter[str]()
     talk = Path(tempfile.mkdtemp())
-    live, resumable = "--watch" in command, command[0] == "deform"
+    live, resumable = "--watch" in command, command[0] in ("deform", "track")
     command = [*command, "-o", str(out)]
     for _ in range(2):  # the first one finds nothing, the second replaces
         whole = Run(command, talk).end()
@@ -151,14 +152,9 @@ def judge(ended: Ended, before: str, out: Path, live: bool, seen: Counter[str]) 
         seen["BAD: the disk is not named"] += "the disk is full" in ended.said and "MB free" not in ended.said
 
 
-def series(out: Path) -> bytes:
+def series(out: Path) -> Rows:
     """The numbers of a sequence without wall times; nothing for the other verbs."""
-    path = out / "deformation.csv"
-    if not path.is_file():
-        return b""
-    head, *rows = [line.split(",") for line in path.read_text().splitlines()]
-    taken = [k for k, name in enumerate(head) if name not in ("seconds", "latency_s")]
-    return "\n".join(",".join(row[k] for k in taken) for row in rows).encode()
+    return [row for name in ("deformation.csv", "poses.csv") if (out / name).is_file() for row in table(out / name)]
 
 
 # --- places --------------------------------------------------------------------------------------
