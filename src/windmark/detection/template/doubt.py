@@ -13,10 +13,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.detection.template.fit import Fitted, fit_without
+from windmark.detection.template.fit import Fitted, refit
 from windmark.detection.template.request import Neighbours, Request, Scene
 
 Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 QUARTERS = 8  # directions of the middles of the quarters
 LEFT_TO_GONE = 3.0  # pixels that stay over those left out: the jackknife's factor
@@ -35,7 +36,16 @@ def with_doubt(scene: Scene, request: Request, done: Fitted, others: Neighbours,
     """
     scatter = np.zeros_like(cov)
     for turn in 2.0 * np.pi * np.arange(QUARTERS) / QUARTERS:
-        moved, converged = fit_without(scene, request, done, others, turn, np.pi / 4.0)
+
+        def without_quarter(index: Ints, patches: Array, weights: Array, turn: float = turn) -> None:
+            x = np.arange(patches.shape[1]) - patches.shape[1] // 2
+            centre = done.params[index, :2, None, None]
+            along = np.arctan2(x[:, None] - centre[:, 1], x[None, :] - centre[:, 0])
+            weights[np.abs(np.remainder(along - turn + np.pi, 2.0 * np.pi) - np.pi) < np.pi / 4.0] = 0.0
+
+        again = refit(scene, request, done, others, without_quarter)
+        moved = again.params[:, :2] - done.params[:, :2]
+        converged = (again.column("status") == 1) & np.isfinite(moved).all(axis=1)
         moved = np.where(converged[:, None], moved, 0.0)
         scatter += moved[:, :, None] * moved[:, None, :]
         scatter += np.where(converged, 0.0, request.radius**2)[:, None, None] * np.eye(2)

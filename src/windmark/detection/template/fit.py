@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.detection.template.disc_model import PIXEL_VARIANCE
 from windmark.detection.template.request import Neighbours, Request, Scene
 
 Array = NDArray[np.float64]
@@ -126,36 +128,42 @@ def fit_at_once(scene: Scene, request: Request, others: Neighbours) -> Fitted:
     return done
 
 
-def fit_without(
-    scene: Scene, request: Request, done: Fitted, others: Neighbours, turn: float, half_angle: float
-) -> tuple[Array, Flags]:
-    """Fits that leave out the sector of the windows within `half_angle` of the direction `turn`, from the fits `done`.
+def refit(
+    scene: Scene, request: Request, done: Fitted, others: Neighbours, change: Callable[[Ints, Array, Array], None]
+) -> Fitted:
+    """The fits again, from the fits `done`, after `change` (index (B,), patches, weights (B, S, S)) of the windows."""
+    from windmark.detection.template._kernels.fit import fit_discs
 
-    Returns
-    -------
-    moved : (K, 2) by which the centres differ from those of `done`, px
-    converged : (K,)
-    """
-    from windmark.detection.template._kernels.fit import FITS, fit_discs
-
-    moved, converged = np.zeros((len(request.xy), 2)), np.zeros(len(request.xy), dtype=bool)
-    request = replace(request, states=done.states)
+    out, request = Fitted.empty(len(request.xy)), replace(request, states=done.states)
     sizes = np.ceil(request.reach() + 0.5).astype(np.int64)
     for half in np.unique(sizes):
         index = np.flatnonzero(sizes == half)
-        again, start, patches, weights = windows(scene, request.take(index), others.take(index), int(half))
-        starts, *known = start_of(scene, request.take(index), again, start)
-        x = np.arange(-half, half + 1)
-        centre = done.params[index, :2, None, None]
-        along = np.arctan2(x[:, None] - centre[:, 1], x[None, :] - centre[:, 0])
-        gone = np.abs(np.remainder(along - turn + np.pi, 2.0 * np.pi) - np.pi) < half_angle
+        one = request.take(index)
+        again, start, patches, weights = windows(scene, one, others.take(index), int(half))
+        starts, *known = start_of(scene, one, again, start)
+        change(index, patches, weights)
         fit_discs(
-            patches, weights * ~gone, starts, again.states, *known, again.table, again.params, again.cov,
+            patches, weights, starts, again.states, *known, again.table, again.params, again.cov,
             np.zeros((len(index), 0, *patches.shape[1:])),
         )  # fmt: skip
-        moved[index] = again.pixel + again.params[:, :2] - done.pixel[index] - done.params[index, :2]
-        converged[index] = (again.table[:, FITS.index("status")] == 1) & np.isfinite(moved[index]).all(axis=1)
-    return moved, converged
+        again.states[:, :2] -= start
+        out.put(index, again)
+    return out
+
+
+def linearised(scene: Scene, patch: Array, weight: Array, params: Array) -> tuple[Array, Array]:
+    """Residual (S, S) of a patch and the model's derivatives (10, S, S) by `params`, as `Fitted` has them."""
+    from windmark.detection.template._kernels.model import evaluate, points_needed
+
+    size, p = len(patch), params.copy()
+    light = max(1.0 + scene.multiplicative * float(p[8:] @ p[:2]), 0.05)
+    slope, reach = scene.multiplicative * p[8:] / light, p[5] ** 2 + PIXEL_VARIANCE
+    p[:2] -= reach * slope  # the kernel's centre is the one without the light's coupling
+    jac, residual, table = np.empty((10, size, size)), np.empty((size, size)), np.empty((8, size + 6))
+    evaluate(patch, weight, p, points_needed(p), True, 0.0, float(scene.multiplicative), table, jac, residual)
+    jac[8:] -= scene.multiplicative * reach / light * jac[:2]
+    jac[5] -= 2.0 * p[5] * (slope[0] * jac[0] + slope[1] * jac[1])
+    return residual, jac
 
 
 def start_of(

@@ -13,9 +13,11 @@ from windmark.detection.template.crlb import window_radius
 from windmark.detection.template.disc_model import patch_model
 from windmark.detection.template.doubt import with_doubt
 from windmark.detection.template.fit import Batch, Fitted
-from windmark.detection.template.noise import FrameNoise, frame_noise
+from windmark.detection.template.noise import FrameNoise
+from windmark.detection.template.noise_learnt import frame_noise
 from windmark.detection.template.request import WINDOW_BLURS, Neighbours, Request, Scene
 from windmark.detection.template.result import (
+    BORDER,
     CONTAMINATED,
     MANY_SATURATED,
     SATURATED,
@@ -35,6 +37,7 @@ from windmark.detection.template.robust import (
     scatter,
     trust,
 )
+from windmark.detection.template.weigh import weighed
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -52,6 +55,7 @@ HELD_SPREAD = 0.02  # px, of a blur that is tried
 NARROW, MOST_LONGER = 1.1, 1.6  # a window is made again if it is so much too small; an ellipse may be so much longer
 OUTVOICED = 9.0  # chi^2 by which one marker can speak against a blur
 SAMPLE = 48  # markers that are enough to know a frame
+RIM_BLURS = 3.0  # blurs beyond its rim from where on a disc is not seen
 OUTVOTED = 2.5  # a marker is not clean if its residuals exceed the sample's by so many robust standard deviations
 
 
@@ -195,7 +199,10 @@ def _learn_noise(scene: Scene, batches: list[Batch], clean: Bools) -> FrameNoise
     variance = np.concatenate([f.column("noise2") for f in fitted])
     variance[[0, typical]] = variance[[typical, 0]]
     params[[0, typical]] = params[[typical, 0]]
-    return frame_noise(images, jacobian * (images[0, 3] != 0), variance, level(params), scene.multiplicative)
+    beside = np.hypot(lattice[None, :] - params[:, 0, None, None], lattice[:, None] - params[:, 1, None, None])
+    beside = beside > (ellipses(params[:, 2:5])[0][:, 0] + RIM_BLURS * params[:, 5])[:, None, None]
+    jacobian *= images[0, 3] != 0
+    return frame_noise(images, jacobian, variance, level(params), beside, scene.multiplicative)
 
 
 def fit_markers(scene: Scene, request: Request, frame: Frame, *, robust: bool) -> TemplateFits:
@@ -218,7 +225,14 @@ def fit_markers(scene: Scene, request: Request, frame: Frame, *, robust: bool) -
         worse = contaminated(chi2, done, expected, flags)
         flags |= np.where(worse, CONTAMINATED, 0)
         crossed = _cleaned(scene, request, done, others, cov, expected, worse, radius, frame.noise, robust=robust)
-    return columns(scene, request.xy, done, cov=cov, chi2=chi2, flags=flags, crossed=crossed, frame=frame)
+    fits = columns(scene, request.xy, done, cov=cov, chi2=chi2, flags=flags, crossed=crossed, frame=frame)
+    if frame.noise is None or frame.noise.weights is None or request.shape is not None:
+        return fits
+    index = np.flatnonzero(fits.converged & (fits.flags & ~(TOUCHING | BORDER) == 0))
+    step, best = weighed(scene, request.take(index), done.take(index), others.take(index), frame.noise, cov[index])
+    fits.xy[index] += step
+    fits.cov[index] = best
+    return fits
 
 
 def _cleaned(
