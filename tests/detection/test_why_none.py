@@ -41,3 +41,12 @@ def test_an_image_of_64_pixels_and_one_with_missing_pixels(draw):
     image[5, ::7] = np.inf
     found = wd.detect(image, radius_px=3.0)
     np.testing.assert_allclose(np.sort(found.xy, axis=0), [[20.3, 12.2], [50.0, 30.6]], atol=0.1)
+
+
+def test_the_setting_that_finds_markers_is_said(draw):
+    discs = [(20.3 + 25 * i, 30.6 + 25 * j, 3.0) for i in range(5) for j in range(3)]
+    image = 255.0 - draw((110, 150), discs, blur=1) + np.random.default_rng(0).normal(0, 1, (110, 150))
+    assert "bright markers: 15 found with `--polarity bright`" in wd.why_none(image, radius_px=3.0)
+    assert "bright markers: 15 found with `--polarity bright`" in wd.why_none(image)
+    assert "other sizes: 15 found with `no radius`" in wd.why_none(image, radius_px=9.0, polarity="bright")
+    assert "found with" not in wd.why_none(NOISE, radius_px=3.0)

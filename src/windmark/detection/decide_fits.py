@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
-RIVAL_NATS = 4.0  # by which the pixels must speak for another thing than a disc
+RIVAL_NATS = 5.0  # by which the pixels must speak for another thing than a disc
 EVIDENCE_MIN = 10.0  # of the matched filter: white noise reaches 5 in every picture, what is correlated twice as much
 CORRELATION_MIN = 0.93, 0.975  # of disc and window but for noise: of spots that SPOT takes, and of weaker ones
 SHARP_EDGE, WITH_SHARP_EDGE = 0.9, 0.8  # enough where most of the edge is beyond doubt: the rest is beside the marker

@@ -24,6 +24,7 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 GROUPS = ((0, 2), (2, 4), (4, 6), (6, 8), (8, 9))  # of the deviations: three waves, the inside's slope, the hole
+HOLE = 4
 OF_DISCS = 0.027, 0.02, 0.016, 0.1, 0.3  # standard deviation of each among printed discs: `detection_real`
 OF_OTHERS = 0.15, 0.15, 0.15, 0.5, 2.0  # among squares, letters, chips, rivets and rings: `detection_hunt`
 MODEL_ERROR = 0.03  # of the depth: pixels of printed discs differ so much from any blurred ellipse (JPEG, blur, print)
@@ -103,7 +104,8 @@ def _evidence(value: Array, weight: Array, left: Array, variance: Array, radius:
             law = own + np.square(spread)[:, None, None] * one
             square = np.einsum("ki,kij,kj->k", a, np.linalg.inv(law), a)
             density.append(-0.5 * (square + np.log(np.linalg.det(law))))
-        total += np.maximum(density[1] - density[0], 0.0)
+        against = np.maximum(density[1] - density[0], 0.0)
+        total += np.where(a[:, 0] > 0.0, against, 0.0) if k == HOLE else against  # a peak in the middle is glare
     out[known] = total
     return out
 

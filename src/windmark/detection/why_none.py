@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from windmark.detection.detect import explain
 from windmark.detection.either import AUTO, find_markers
+from windmark.detection.hints import hint
 from windmark.detection.image import check_image, check_mask, check_polarity, prepare, usable_sample
 from windmark.detection.options import Options, check_radii
 from windmark.detection.radius import prevailing
@@ -26,11 +27,11 @@ def why_none(image: ArrayLike, **options: Any) -> str:
     -------
     str
         What is wrong with the image or the radius; else how many candidates were rejected, with the reasons, or that
-        nothing of this size rises out of the noise.
+        nothing of this size rises out of the noise; and a setting with which markers are found, see `hints.hint`.
     """
     if options.get("polarity") == AUTO:
         return _why_neither(image, options)
-    asked, grey = Options(**options), check_image(image)
+    asked, grey, given = Options(**options), check_image(image), dict(options)
     height, width = grey.shape
     if usable_sample(grey, check_mask(asked.mask, grey.shape)).size == 0:
         return "no pixel can be used: all are masked out or not finite"
@@ -40,7 +41,7 @@ def why_none(image: ArrayLike, **options: Any) -> str:
     if asked.radius_px is None:
         estimate = prevailing(prepared)
         if not estimate:
-            return estimate.reason
+            return _with_hint(estimate.reason, image, given)
         options["radius_px"] = estimate.radii_px
     radii = check_radii(options["radius_px"])
     if min(grey.shape) < 2.0 * radii[0]:
@@ -49,11 +50,18 @@ def why_none(image: ArrayLike, **options: Any) -> str:
     if len(found):
         return ""
     if not len(rejected):
-        return f"nothing {asked.polarity} of this size rises out of the noise"
+        return _with_hint(f"nothing {asked.polarity} of this size rises out of the noise", image, given)
     codes, counts = np.unique(rejected.reason, return_counts=True)
     order = np.argsort(-counts, kind="stable")
     words = "; ".join(f"{counts[k]} {REASONS[int(codes[k])]}" for k in order)
-    return f"{len(rejected)} candidate{'s were' if len(rejected) > 1 else ' was'} rejected: {words}"
+    many = "s were" if len(rejected) > 1 else " was"
+    return _with_hint(f"{len(rejected)} candidate{many} rejected: {words}", image, given)
+
+
+def _with_hint(why: str, image: ArrayLike, options: dict[str, Any]) -> str:
+    """The reason, with the setting that finds something."""
+    other = hint(image, options)
+    return f"{why}; {other}" if other else why
 
 
 def _why_neither(image: ArrayLike, options: dict[str, Any]) -> str:
