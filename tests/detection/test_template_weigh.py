@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from windmark.detection.template.noise import PARTS, FrameNoise
+from windmark.detection.template.noise_learnt import _expected_of_photons
 from windmark.detection.template.refine import refine_template
 from windmark.synth import disc_image
 
@@ -118,6 +119,9 @@ def test_pixels_have_the_variance_that_is_given():
     assert by_level.shape == (35,)
     assert by_level.mean() == pytest.approx(4.0)
     assert (np.diff(by_level) > 0).all()
+    photons = replace(FrameNoise.white(1.0), weights=0.4 * np.eye(2 * PARTS)[0], photons=0.6).pixels(model, 4.0)
+    light = 0.4 + 0.6 * model[model > 0] / 200.0
+    np.testing.assert_allclose(photons, 4.0 * light / light.mean())
     strengths[PARTS + 5] = 1.0
     cov = replace(FrameNoise.white(1.0), weights=strengths).pixels(model, 4.0)
     assert np.trace(cov) == pytest.approx(35 * 4.0)
@@ -126,3 +130,14 @@ def test_pixels_have_the_variance_that_is_given():
     like = bright[3] * bright[17] * np.exp(-gap2.sum() / (4 * 1.2**2))
     own = 0.25 + 1.75 * bright[3] ** 2
     assert cov[3, 17] / cov[3, 3] == pytest.approx(like / own)
+
+
+def test_what_photons_leave_in_residuals_is_that_of_dense_matrices():
+    rng = np.random.default_rng(5)
+    bright, used = rng.uniform(0.3, 1.0, (7, 7)), rng.random((7, 7)) > 0.1
+    jacobian, weights = rng.normal(size=(4, 7, 7)) * used, [used.astype(float), bright * used]
+    rows = jacobian.reshape(4, -1)
+    left = np.eye(49) - rows.T @ np.linalg.solve(rows @ rows.T, rows)
+    noise = np.diag((bright * used).ravel())
+    dense = [np.trace(left @ np.diag(np.square(w).ravel()) @ left @ noise) for w in weights]
+    np.testing.assert_allclose(_expected_of_photons(weights, bright * used, jacobian), dense)

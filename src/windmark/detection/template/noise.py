@@ -41,6 +41,7 @@ class FrameNoise:
         same marker is off by the same in every frame, and for every camera
     weights : (16,) `constant` and `paint` of the noise by which centres are weighed: what the surface shows where no
         disc is, as a disc's model is never quite right and its errors are correlated too. None for least squares
+    photons : strength of white noise whose variance is in proportion to the brightness, relative as `paint`'s
     """
 
     curve: Array
@@ -49,6 +50,7 @@ class FrameNoise:
     kept: float
     texture: float = 0.0
     weights: Array | None = None
+    photons: float = 0.0
 
     @staticmethod
     def white(sigma: float) -> FrameNoise:
@@ -58,7 +60,7 @@ class FrameNoise:
     @property
     def is_white(self) -> bool:
         """Whether the usual covariance of least squares holds."""
-        return not (self.constant[1:].any() or self.paint.any())
+        return not (self.constant[1:].any() or self.paint.any() or self.photons)
 
     def variance(self, level: ArrayLike) -> Array:
         """Residual variance to be expected at grey levels."""
@@ -70,7 +72,9 @@ class FrameNoise:
         bright = brightness(images)
         pixels = np.maximum((bright != 0).sum((1, 2)), 1)
         total = self.constant.sum() + self.paint.sum() * (bright**2).sum((1, 2)) / pixels
+        total += self.photons * bright.sum((1, 2)) / pixels
         cov = of_centres(images, self.constant, self.paint)
+        cov += self.photons * np.einsum("kiab,kab,kjab->kij", images[:, :2], bright, images[:, :2])
         return np.asarray(cov * (variance / (self.kept * total))[:, None, None])
 
     def pixels(self, model: Array, variance: float) -> Array:
@@ -83,7 +87,7 @@ class FrameNoise:
         bright = model[j, i] / np.abs(model).max()
         constant, paint = self.weights[:PARTS], self.weights[PARTS:]
         if not (constant[1:].any() or paint[1:].any()):
-            own = constant[0] + paint[0] * bright**2
+            own = constant[0] + self.photons * bright + paint[0] * bright**2
             return np.asarray(own * (variance / own.mean()))
         first = [(rows[0], columns[0]) for rows, columns in tables_of(len(model))]  # all that two pixels' distance says
         apart = np.abs(j[:, None] - j) * len(model) + np.abs(i[:, None] - i)

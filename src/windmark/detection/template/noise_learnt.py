@@ -47,39 +47,50 @@ def frame_noise(
     curve = _transfer(variance, level)
     forms = _measure(images, jacobian, variance, None)
     plain, correlated = FrameNoise(curve, np.eye(PARTS)[0], np.zeros(PARTS), 1.0), forms.unlike(0)
-    strengths: Array | None
+    strengths, photons = np.eye(PARTS * 2)[0], 0.0
     if correlated:
         forms = _measure(images, jacobian, variance, beside)
         strengths, family = _correlated(forms, multiplicative)
         weights = _beside(forms, family)
     else:
-        strengths = weights = _by_level(forms)
-    if strengths is None:
+        strengths[0], photons = _by_level(forms)
+        weights = strengths
+    if not (correlated or photons):
         return plain
-    total = strengths[:PARTS].sum() + strengths[PARTS:].sum() * forms.bright2
-    kept = float(forms.expected[0] @ strengths) * forms.pixels / (forms.pixels - len(jacobian)) / total
-    grain = np.where(np.arange(PARTS) < 3, 0.0, strengths[PARTS:])
-    texture = [np.trace(of_centres(images, *c), axis1=1, axis2=2).sum()
-               for c in ((np.zeros(PARTS), grain), (strengths[:PARTS], strengths[PARTS:]))]  # fmt: skip
-    found = FrameNoise(curve, strengths[:PARTS], strengths[PARTS:], kept, float(texture[0] / texture[1]), weights)
+    total = strengths[:PARTS].sum() + strengths[PARTS:].sum() * forms.bright2 + photons * forms.bright1
+    found_in_fits = float(forms.expected[0] @ strengths) + photons * forms.of_photons[0]
+    kept = found_in_fits * forms.pixels / (forms.pixels - len(jacobian)) / total
+    texture = _texture(images, strengths) if correlated else 0.0
+    found = FrameNoise(curve, strengths[:PARTS], strengths[PARTS:], kept, texture, weights, photons)
     size_of = [np.trace(noise.covariance(images[:1], variance[:1])[0]) for noise in (found, plain)]
     same = correlated and abs(size_of[0] - size_of[1]) < SAME * size_of[1]
     return plain if same else found
+
+
+def _texture(images: Array, strengths: Array) -> float:
+    """Part of the centres' variance that is of the paint's texture: in proportion to the light and correlated."""
+    grain = np.where(np.arange(PARTS) < 3, 0.0, strengths[PARTS:])
+    of_grain, of_all = (np.trace(of_centres(images, *c), axis1=1, axis2=2).sum()
+                        for c in ((np.zeros(PARTS), grain), (strengths[:PARTS], strengths[PARTS:])))  # fmt: skip
+    return float(of_grain / of_all)
 
 
 @dataclass(frozen=True)
 class _Forms:
     """Quadratic forms of the residuals per pixel, four kinds of `PARTS`: weighted by 1, brightness, contrast, beside.
 
-    `mean`, `unsure` (32,) over the markers; `expected` (32, 16) for each part of strength 1; `size` (32,) their own;
-    of the typical marker the number of pixels and the mean square of its brightness.
+    `mean`, `unsure` (32,) over the markers; `expected` (32, 16) for each part of strength 1, and `of_photons` (3,) of
+    the white ones for photons; `size` (32,) their own; of the typical marker the number of pixels, the mean of its
+    brightness and of its square.
     """
 
     mean: Array
     unsure: Array
     expected: Array
+    of_photons: Array
     size: Array
     pixels: float
+    bright1: float
     bright2: float
 
     def unlike(self, first: int) -> bool:
@@ -117,7 +128,9 @@ def _measure(images: Array, jacobian: Array, variance: Array, beside: Array | No
     each = np.minimum(each, OUTVOTED * np.median(each, axis=1, keepdims=True))
     expected, size = _expectations([w[0] for w in weights], tables, jacobian, pixels)
     unsure = each.std(axis=1) / np.sqrt(len(images))
-    return _Forms(each.mean(axis=1), unsure, expected, size, pixels, float((bright[0] ** 2).sum() / pixels))
+    photons = _expected_of_photons([w[0] for w in weights[:3]], bright[0], jacobian) / pixels
+    powers = (float((bright[0] ** n).sum() / pixels) for n in (1, 2))
+    return _Forms(each.mean(axis=1), unsure, expected, photons, size, pixels, *powers)
 
 
 def _correlated(forms: _Forms, multiplicative: bool) -> tuple[Array, list[int]]:
@@ -152,24 +165,21 @@ def _beside(forms: _Forms, family: list[int]) -> Array | None:
     return None if explained.max() > EXPLAINED or explained.min() < 1.0 / EXPLAINED else strengths
 
 
-def _by_level(forms: _Forms) -> Array | None:
-    """Strengths (16,) of white noise whose variance grows with the light: photons. None where nothing shows it.
+def _by_level(forms: _Forms) -> tuple[float, float]:
+    """Strengths of white noise and of such whose variance grows with the light: photons. (1, 0) if nothing shows these.
 
-    The light b of a pixel is written as (1 + 3 b^2) / 4, right to 0.06. The variance of what is dark in a window, the
-    form of the contrast, must be clearly smaller than equal variances would make it.
+    The variance of what is dark in a window, the form of the contrast, must be clearly smaller than equal variances
+    would make it.
     """
     from scipy.optimize import nnls
 
     white, dark = slice(0, NOT_BESIDE, PARTS), 2 * PARTS
     fall = forms.expected[dark, 0] * forms.mean[0] / forms.expected[0, 0] - forms.mean[dark]
     if fall < UNLIKELY * forms.unsure[dark]:
-        return None
-    parts = forms.expected[white][:, [0, PARTS]] @ np.array([[1.0, 0.25], [0.0, 0.75]])
-    size = forms.size[white]
+        return 1.0, 0.0
+    parts, size = np.column_stack([forms.expected[white, 0], forms.of_photons]), forms.size[white]
     (constant, light), _ = nnls(parts / size[:, None], forms.mean[white] / size)
-    strengths = np.zeros(2 * PARTS)
-    strengths[0], strengths[PARTS] = constant + 0.25 * light, 0.75 * light
-    return strengths if constant < LEVEL_MATTERS * light else None
+    return (float(constant), float(light)) if constant < LEVEL_MATTERS * light else (1.0, 0.0)
 
 
 def _transfer(variance: Array, level: Array) -> Array:
@@ -185,6 +195,18 @@ def _transfer(variance: Array, level: Array) -> Array:
         ratio = variance / np.maximum(design @ curve, 1e-300)
         good = ratio < 2.0 * max(1.0, float(np.median(ratio[good])))
     return np.asarray(curve)
+
+
+def _expected_of_photons(weights: list[Array], bright: Array, jacobian: Array) -> Array:
+    """Expectations of the white forms, as of `_expectations`, for noise whose variances are the brightness."""
+    flat = jacobian.reshape(len(jacobian), -1)
+    basis, light = np.linalg.qr(flat.T)[0], bright.ravel()
+    inner, out = basis.T @ (light[:, None] * basis), []
+    for w in weights:
+        square = np.square(w).ravel()
+        both = basis.T @ (square[:, None] * basis)
+        out.append(square @ light - 2.0 * np.square(basis).sum(axis=1) @ (square * light) + (both * inner).sum())
+    return np.array(out)
 
 
 def _expectations(
