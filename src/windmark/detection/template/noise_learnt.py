@@ -151,7 +151,7 @@ def _beside(forms: _Forms, family: list[int]) -> Array | None:
     What the discs show beyond it is the model's error (a hard rim, pixels that see less than their square), common to
     all markers, or noise of other kinds (a compressed file has none on even ground): no weights can be right then.
     """
-    if not forms.unlike(NOT_BESIDE):
+    if not (forms.expected[NOT_BESIDE, 0] > 0.0 and forms.unlike(NOT_BESIDE)):  # windows may be full of discs
         return None
     # White noise that fades with the light and such that does not are one where no disc is; how much of it there is in
     # the dark, where texture has faded, the discs have to say.
