@@ -37,6 +37,7 @@ from windmark.detection.template.robust import (
     scatter,
     trust,
 )
+from windmark.detection.template.touching import fit_touching
 from windmark.detection.template.weigh import weighed
 
 Array = NDArray[np.float64]
@@ -218,6 +219,9 @@ def fit_markers(scene: Scene, request: Request, frame: Frame, *, robust: bool) -
             wider, batches = fit_all(scene, request.take(index), others.take(index), images=images)
             done.put(index, wider)
             cov[index], expected[index] = trust(frame.noise, wider, batches)
+    alone = np.ones(len(done.params), dtype=bool)
+    if request.shape is None and others.index.size:
+        alone[_parted(scene, request, done, others, cov)] = False
     with np.errstate(invalid="ignore"):
         chi2 = done.column("noise2") / expected
     flags, crossed = np.where(others.touching(), TOUCHING, 0), np.zeros(len(done.params), dtype=bool)
@@ -228,7 +232,7 @@ def fit_markers(scene: Scene, request: Request, frame: Frame, *, robust: bool) -
     fits = columns(scene, request.xy, done, cov=cov, chi2=chi2, flags=flags, crossed=crossed, frame=frame)
     if frame.noise is None or frame.noise.weights is None or request.shape is not None:
         return fits
-    index = np.flatnonzero(fits.converged & (fits.flags & ~(TOUCHING | BORDER) == 0))
+    index = np.flatnonzero(alone & fits.converged & (fits.flags & ~(TOUCHING | BORDER) == 0))
     step, best = weighed(scene, request.take(index), done.take(index), others.take(index), frame.noise, cov[index])
     fits.xy[index] += step
     fits.cov[index] = best
@@ -257,6 +261,16 @@ def _cleaned(
         weighted = replace(request.take(index), scale=weight[index])
         cov[index] = with_doubt(scene, weighted, done.take(index), others.take(index), cov[index])
     return crossed
+
+
+def _parted(scene: Scene, request: Request, done: Fitted, others: Neighbours, cov: Array) -> Ints:
+    """Fit markers that touch together, in `done` and `cov`: as much larger in the frame's noise as before; which."""
+    white = np.trace(done.cov[:, :2, :2], axis1=1, axis2=2)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        coloured = np.trace(cov, axis1=1, axis2=2) / white
+    index = fit_touching(scene, request, done, others)
+    cov[index] = done.cov[index, :2, :2] * np.where(np.isfinite(coloured), coloured, 1.0)[index, None, None]
+    return index
 
 
 def _first_fits(
