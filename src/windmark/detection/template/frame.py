@@ -11,13 +11,9 @@ from windmark.detection.quantile import weighted_quantile
 from windmark.detection.template.colour import coloured
 from windmark.detection.template.crlb import window_radius
 from windmark.detection.template.disc_model import patch_model
-from windmark.detection.template.doubt import with_doubt
-from windmark.detection.template.fit import Batch, Fitted
-from windmark.detection.template.noise import FrameNoise
-from windmark.detection.template.noise_learnt import frame_noise
-from windmark.detection.template.request import WINDOW_BLURS, Neighbours, Request, Scene
+from windmark.detection.template.fit import WINDOW_BLURS, Batch, Fitted, Neighbours, Request, Scene
+from windmark.detection.template.noise import FrameNoise, frame_noise
 from windmark.detection.template.result import (
-    BORDER,
     CONTAMINATED,
     MANY_SATURATED,
     SATURATED,
@@ -37,8 +33,6 @@ from windmark.detection.template.robust import (
     scatter,
     trust,
 )
-from windmark.detection.template.touching import fit_touching
-from windmark.detection.template.weigh import weighed
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -56,7 +50,6 @@ HELD_SPREAD = 0.02  # px, of a blur that is tried
 NARROW, MOST_LONGER = 1.1, 1.6  # a window is made again if it is so much too small; an ellipse may be so much longer
 OUTVOICED = 9.0  # chi^2 by which one marker can speak against a blur
 SAMPLE = 48  # markers that are enough to know a frame
-RIM_BLURS = 3.0  # blurs beyond its rim from where on a disc is not seen
 OUTVOTED = 2.5  # a marker is not clean if its residuals exceed the sample's by so many robust standard deviations
 
 
@@ -200,10 +193,7 @@ def _learn_noise(scene: Scene, batches: list[Batch], clean: Bools) -> FrameNoise
     variance = np.concatenate([f.column("noise2") for f in fitted])
     variance[[0, typical]] = variance[[typical, 0]]
     params[[0, typical]] = params[[typical, 0]]
-    beside = np.hypot(lattice[None, :] - params[:, 0, None, None], lattice[:, None] - params[:, 1, None, None])
-    beside = beside > (ellipses(params[:, 2:5])[0][:, 0] + RIM_BLURS * params[:, 5])[:, None, None]
-    jacobian *= images[0, 3] != 0
-    return frame_noise(images, jacobian, variance, level(params), beside, scene.multiplicative)
+    return frame_noise(images, jacobian * (images[0, 3] != 0), variance, level(params), scene.multiplicative)
 
 
 def fit_markers(scene: Scene, request: Request, frame: Frame, *, robust: bool) -> TemplateFits:
@@ -219,58 +209,31 @@ def fit_markers(scene: Scene, request: Request, frame: Frame, *, robust: bool) -
             wider, batches = fit_all(scene, request.take(index), others.take(index), images=images)
             done.put(index, wider)
             cov[index], expected[index] = trust(frame.noise, wider, batches)
-    alone = np.ones(len(done.params), dtype=bool)
-    if request.shape is None and others.index.size:
-        alone[_parted(scene, request, done, others, cov)] = False
     with np.errstate(invalid="ignore"):
         chi2 = done.column("noise2") / expected
     flags, crossed = np.where(others.touching(), TOUCHING, 0), np.zeros(len(done.params), dtype=bool)
     if frame.noise is not None:
         worse = contaminated(chi2, done, expected, flags)
+        contrast = median_contrast(done, worse)
         flags |= np.where(worse, CONTAMINATED, 0)
-        crossed = _cleaned(scene, request, done, others, cov, expected, worse, radius, frame.noise, robust=robust)
-    fits = columns(scene, request.xy, done, cov=cov, chi2=chi2, flags=flags, crossed=crossed, frame=frame)
-    if frame.noise is None or frame.noise.weights is None or request.shape is not None:
-        return fits
-    index = np.flatnonzero(alone & fits.converged & (fits.flags & ~(TOUCHING | BORDER) == 0))
-    step, best = weighed(scene, request.take(index), done.take(index), others.take(index), frame.noise, cov[index])
-    fits.xy[index] += step
-    fits.cov[index] = best
-    return fits
-
-
-def _cleaned(
-    scene: Scene, request: Request, done: Fitted, others: Neighbours, cov: Array, expected: Array, worse: Bools,
-    radius: Array, noise: FrameNoise, *, robust: bool,
-) -> Bools:  # fmt: skip
-    """Fit the contaminated markers again, in `done` and `cov`; which (K,) are fitted with a line or an edge."""
-    weight, crossed = np.full(len(worse), np.inf), np.zeros(len(worse), dtype=bool)
-    # A saturated disc has lost its inside: what is left of it does not tell dirt from disc.
-    index = np.flatnonzero(worse & (done.column("status") >= 0) & (done.saturated <= MANY_SATURATED))
-    if robust and index.size:
-        again, trusted, with_stroke = decontaminated(
-            scene, request.take(index), done.take(index), others.take(index), expected[index], noise,
-            median_contrast(done, worse), radius[index],
-        )  # fmt: skip
-        better = again.column("status") == 1
-        index = index[better]
-        done.put(index, again.take(better))
-        cov[index], crossed[index], weight[index] = trusted[better], with_stroke[better], np.sqrt(expected[index])
-    index = np.flatnonzero(worse & (done.column("status") >= 0) & ~crossed)
-    if index.size:
-        weighted = replace(request.take(index), scale=weight[index])
-        cov[index] = with_doubt(scene, weighted, done.take(index), others.take(index), cov[index])
-    return crossed
-
-
-def _parted(scene: Scene, request: Request, done: Fitted, others: Neighbours, cov: Array) -> Ints:
-    """Fit markers that touch together, in `done` and `cov`: as much larger in the frame's noise as before; which."""
-    white = np.trace(done.cov[:, :2, :2], axis1=1, axis2=2)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        coloured = np.trace(cov, axis1=1, axis2=2) / white
-    index = fit_touching(scene, request, done, others)
-    cov[index] = done.cov[index, :2, :2] * np.where(np.isfinite(coloured), coloured, 1.0)[index, None, None]
-    return index
+        # A saturated disc has lost its inside: what is left of it does not tell dirt from disc.
+        index = np.flatnonzero(worse & (done.column("status") >= 0) & (done.saturated <= MANY_SATURATED))
+        if robust and index.size:
+            again, trusted, with_stroke = decontaminated(
+                scene,
+                request.take(index),
+                done.take(index),
+                others.take(index),
+                expected[index],
+                frame.noise,
+                contrast,
+                radius[index],
+            )
+            better = again.column("status") == 1
+            done.put(index[better], again.take(better))
+            cov[index[better]] = trusted[better]
+            crossed[index[better]] = with_stroke[better]
+    return columns(scene, request.xy, done, cov=cov, chi2=chi2, flags=flags, crossed=crossed, frame=frame)
 
 
 def _first_fits(

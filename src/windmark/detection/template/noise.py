@@ -7,8 +7,12 @@ How correlated: paint is not smooth, and sensors have columns. What is left afte
 pixel, and where paint multiplies the light its texture fades in a dark marker. Least squares stays unbiased, but its
 usual covariance is too small, up to five times. The noise of a marker is modelled as a sum of covariances of unknown
 strengths >= 0: white noise, columns and rows, and noise correlated over several lengths, either in proportion to the
-image's brightness (paint) or of constant strength (infrared, sensor); `noise_learnt` finds them. The covariance of a
-centre is then a^T C a with a the influence of each pixel on it.
+image's brightness (paint) or of constant strength (infrared, sensor). The strengths come from quadratic forms of the
+residuals. A fit takes ten degrees of freedom out of a window of 150 to 500 pixels, and from correlated noise the more
+the longer it is correlated; the expectation of each form is computed with the projection Q = 1 - U U^T that the fit
+applies, E[e^T Q S Q e] = sum_b c_b tr(S Q C_b Q), so the strengths are unbiased (variance components by quadratic
+forms: C. R. Rao, J. Multivariate Analysis 1, 1971). The covariance of a centre is then a^T C a with a the influence of
+each pixel on it.
 
 All correlations are products of one over rows and one over columns, so that C f is two small matrix products.
 """
@@ -25,6 +29,11 @@ Array = NDArray[np.float64]
 
 LENGTHS_PX = (0.5, 0.8, 1.2, 1.8, 2.7)  # standard deviations of filters on white noise: correlation exp(-d^2 / (4 l^2))
 PARTS = 3 + len(LENGTHS_PX)  # white, columns, rows, lengths
+EVIDENCE = 0.7  # constant correlations are believed where they leave less than this of the misfit of proportional ones
+OUTVOTED = 3.0  # a marker's residuals count at most so many times the median: a line or a bent background is no noise
+TESTED = slice(1, 6)  # forms that hardly depend on the marker's shape: columns, rows, the shorter lengths
+UNLIKELY = 4.0  # noise is called white unless one of them differs by so many standard deviations
+SAME = 0.08  # ... or where that changes the variance of a centre by less
 
 
 @dataclass(frozen=True)
@@ -39,9 +48,6 @@ class FrameNoise:
     kept : part of such noise's variance that a typical fit leaves in its residuals
     texture : part of the variance of a typical centre that the paint's texture makes. It goes with the surface: the
         same marker is off by the same in every frame, and for every camera
-    weights : (16,) `constant` and `paint` of the noise by which centres are weighed: what the surface shows where no
-        disc is, as a disc's model is never quite right and its errors are correlated too. None for least squares
-    photons : strength of white noise whose variance is in proportion to the brightness, relative as `paint`'s
     """
 
     curve: Array
@@ -49,8 +55,6 @@ class FrameNoise:
     paint: Array
     kept: float
     texture: float = 0.0
-    weights: Array | None = None
-    photons: float = 0.0
 
     @staticmethod
     def white(sigma: float) -> FrameNoise:
@@ -60,7 +64,7 @@ class FrameNoise:
     @property
     def is_white(self) -> bool:
         """Whether the usual covariance of least squares holds."""
-        return not (self.constant[1:].any() or self.paint.any() or self.photons)
+        return not (self.constant[1:].any() or self.paint.any())
 
     def variance(self, level: ArrayLike) -> Array:
         """Residual variance to be expected at grey levels."""
@@ -72,40 +76,16 @@ class FrameNoise:
         bright = brightness(images)
         pixels = np.maximum((bright != 0).sum((1, 2)), 1)
         total = self.constant.sum() + self.paint.sum() * (bright**2).sum((1, 2)) / pixels
-        total += self.photons * bright.sum((1, 2)) / pixels
-        cov = of_centres(images, self.constant, self.paint)
-        cov += self.photons * np.einsum("kiab,kab,kjab->kij", images[:, :2], bright, images[:, :2])
+        cov = _of_centres(images, self.constant, self.paint)
         return np.asarray(cov * (variance / (self.kept * total))[:, None, None])
 
-    def pixels(self, model: Array, variance: float) -> Array:
-        """By `weights`, variances (P,) or covariance (P, P) of the P pixels that are not 0 in a model image (S, S).
 
-        Their mean variance is as given.
-        """
-        assert self.weights is not None
-        j, i = np.nonzero(model)
-        bright = model[j, i] / np.abs(model).max()
-        constant, paint = self.weights[:PARTS], self.weights[PARTS:]
-        if not (constant[1:].any() or paint[1:].any()):
-            own = constant[0] + self.photons * bright + paint[0] * bright**2
-            return np.asarray(own * (variance / own.mean()))
-        first = [(rows[0], columns[0]) for rows, columns in tables_of(len(model))]  # all that two pixels' distance says
-        apart = np.abs(j[:, None] - j) * len(model) + np.abs(i[:, None] - i)
-        total = np.zeros(apart.shape)
-        for strengths, light in ((constant, None), (paint, bright)):
-            if strengths.any():
-                like = sum(s * np.outer(*one) for s, one in zip(strengths, first, strict=True) if s > 0.0)
-                part = np.ravel(like)[apart]
-                total += part if light is None else light[:, None] * part * light
-        return np.asarray(total * (variance / np.trace(total) * len(total)))
-
-
-def of_centres(images: Array, constant: Array, paint: Array) -> Array:
+def _of_centres(images: Array, constant: Array, paint: Array) -> Array:
     """(B, 2, 2) covariance of the centres for noise of these strengths."""
     influence, bright = images[:, :2], brightness(images)
     cov = np.zeros((len(images), 2, 2))
     for strengths, weighted in ((constant, influence), (paint, influence * bright[:, None])):
-        for strength, (rows, columns) in zip(strengths, tables_of(images.shape[-1]), strict=True):
+        for strength, (rows, columns) in zip(strengths, _tables(images.shape[-1]), strict=True):
             if strength > 0.0:
                 cov += strength * np.einsum("kiab,kjab->kij", weighted, rows @ weighted @ columns)
     return cov
@@ -117,10 +97,98 @@ def brightness(images: Array) -> Array:
     return np.asarray(model / np.maximum(np.abs(model).max((1, 2), keepdims=True), 1e-300))
 
 
+def frame_noise(images: Array, jacobian: Array, variance: Array, level: Array, multiplicative: bool) -> FrameNoise:
+    """Noise of a frame from some of its clean markers.
+
+    Parameters
+    ----------
+    images : (B, 4, S, S), `Batch.images` of the markers; the first must be a typical one
+    jacobian : (10, S, S) derivatives of the model of the first marker, 0 where its pixels were not used
+    variance, level : (B,) residual variance of the fits, largest grey level of the windows
+    multiplicative : whether paint multiplies the light, so that its texture is proportional to the brightness
+    """
+    from scipy.optimize import nnls
+
+    curve = _transfer(variance, level)
+    residual = images[:, 2] / np.sqrt(variance)[:, None, None]
+    used, bright = (images[:, 3] != 0).astype(float), brightness(images)
+    contrast = np.abs(np.sign(images[:, 3]) - bright)
+    weights, tables = (used, bright, contrast), _tables(images.shape[-1])
+    pixels = used.sum((1, 2))
+    each = np.array([
+        np.einsum("kab,kab->k", residual * w, rows @ (residual * w) @ columns) / pixels
+        for w in weights for rows, columns in tables
+    ])  # fmt: skip
+    each = np.minimum(each, OUTVOTED * np.median(each, axis=1, keepdims=True))
+    forms = each.mean(axis=1)
+    expected, size = _expectations([w[0] for w in weights], tables, jacobian, float(pixels[0]))
+    plain = FrameNoise(curve, np.eye(PARTS)[0], np.zeros(PARTS), 1.0)
+    unlike = np.abs(forms - expected[:, 0] * forms[0] / expected[0, 0])[TESTED]
+    if (unlike < UNLIKELY * each[TESTED].std(axis=1) / np.sqrt(len(images))).all():
+        return plain
+    scaled, target = expected / size[:, None], forms / size
+    unit = np.linalg.norm(scaled, axis=0)
+    lengths, best, misfit = list(range(3, PARTS)), np.zeros(2 * PARTS), np.inf
+    paint = [0, 1, 2, PARTS, *(PARTS + k for k in lengths)] if multiplicative else list(range(PARTS))
+    for family, trust in ((paint, 1.0), (list(range(PARTS)), EVIDENCE)):
+        strengths = np.zeros(2 * PARTS)
+        strengths[family], left = nnls((scaled / unit)[:, family], target)
+        if left < trust * misfit:
+            best, misfit = strengths / unit, left
+    total = best[:PARTS].sum() + best[PARTS:].sum() * float((bright[0] ** 2).sum() / pixels[0])
+    kept = float(expected[0] @ best) * pixels[0] / (pixels[0] - len(jacobian)) / total
+    grain = np.where(np.arange(PARTS) < 3, 0.0, best[PARTS:])
+    texture = [np.trace(_of_centres(images, *c), axis1=1, axis2=2).sum()
+               for c in ((np.zeros(PARTS), grain), (best[:PARTS], best[PARTS:]))]  # fmt: skip
+    found = FrameNoise(curve, best[:PARTS], best[PARTS:], kept, float(texture[0] / texture[1]))
+    size_of = [np.trace(noise.covariance(images[:1], variance[:1])[0]) for noise in (found, plain)]
+    return plain if abs(size_of[0] - size_of[1]) < SAME * size_of[1] else found
+
+
+def _transfer(variance: Array, level: Array) -> Array:
+    """Coefficients >= 0 of variance = c0 + c1 v + c2 v^2, by relative errors, without markers far above it."""
+    from scipy.optimize import nnls
+
+    design = np.abs(level)[:, None] ** np.arange(3)
+    good, curve = np.ones(len(variance), dtype=bool), np.array([np.median(variance), 0.0, 0.0])
+    for _ in range(3):
+        weight = 1.0 / np.maximum(design @ curve, 1e-300)
+        scale = np.maximum(np.abs(design[good] * weight[good, None]).max(axis=0), 1e-300)
+        curve = nnls(design[good] * weight[good, None] / scale, variance[good] * weight[good])[0] / scale
+        ratio = variance / np.maximum(design @ curve, 1e-300)
+        good = ratio < 2.0 * max(1.0, float(np.median(ratio[good])))
+    return np.asarray(curve)
+
+
 @cache
-def tables_of(size: int) -> tuple[tuple[Array, Array], ...]:
+def _tables(size: int) -> tuple[tuple[Array, Array], ...]:
     """Correlations (S, S) along columns and along rows of pixels: white, columns, rows, then `LENGTHS_PX`."""
     gap2 = (np.arange(size)[:, None] - np.arange(size)[None, :]) ** 2
     alone, together = np.eye(size), np.ones((size, size))
     lengths = [np.exp(-gap2 / (4.0 * length**2)) for length in LENGTHS_PX]
     return (alone, alone), (together, alone), (alone, together), *((t, t) for t in lengths)
+
+
+def _expectations(
+    weights: list[Array], tables: tuple[tuple[Array, Array], ...], jacobian: Array, pixels: float
+) -> tuple[Array, Array]:
+    """Expectations (forms, parts) of the forms per pixel for each part of strength 1, and the forms' own size.
+
+    With S = w T w and C = v T' v: tr(S Q C Q) = tr(S C) - 2 tr(U^T S C U) + tr(U^T S U U^T C U), and
+    tr(S C) = (w v)^T (T * T') (w v) because T * T' is again a correlation along columns times one along rows.
+    """
+    shape = jacobian.shape
+    basis = np.linalg.qr(jacobian.reshape(shape[0], -1).T)[0].T.reshape(shape)
+    rows, columns = np.array([r for r, _ in tables]), np.array([c for _, c in tables])
+    parts = 2 * PARTS
+    sandwich = np.concatenate([w * (rows[:, None] @ (w * basis) @ columns[:, None]) for w in weights])
+    inner = np.einsum("iab,fjab->fij", basis, sandwich, optimize=True)
+    flat = sandwich.reshape(len(sandwich), -1)
+    out = np.tensordot(inner, inner[:parts].swapaxes(1, 2), axes=((1, 2), (1, 2))) - 2.0 * flat @ flat[:parts].T
+    both_rows, both_columns = rows[:, None] * rows, columns[:, None] * columns
+    for i, w in enumerate(weights):
+        for j, v in enumerate(weights[:2]):
+            block = ((w * v) * (both_rows @ (w * v) @ both_columns)).sum((2, 3))
+            out[i * PARTS : (i + 1) * PARTS, j * PARTS : (j + 1) * PARTS] += block
+    size = np.concatenate([np.sqrt((w**2 * (rows**2 @ w**2 @ columns**2)).sum((1, 2))) for w in weights])
+    return out / pixels, size / pixels

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from windmark.detection.image import check_image, check_mask, check_polarity
 from windmark.detection.template.disc_model import check_photometry
+from windmark.detection.template.fit import Request, Scene
 from windmark.detection.template.frame import (
     BLUR_SPREAD,
     BLUR_START,
@@ -22,7 +23,6 @@ from windmark.detection.template.frame import (
     learn_frame,
 )
 from windmark.detection.template.noise import FrameNoise
-from windmark.detection.template.request import Request, Scene
 from windmark.detection.template.result import Frame, TemplateFits
 from windmark.errors import UsageError
 
@@ -62,19 +62,17 @@ def refine_template(
     mask : (H, W), only pixels where it is true are used
     saturation : grey level from which on a pixel is left out, unless most of a window is; None takes the largest number
         of an integer type
-    robust : contaminated markers are fitted again: with a line or a shadow's edge across them if there is one, else
-        with Tukey's weights for the frame's noise
+    robust : contaminated markers are fitted again: with a line across them if there is one, else with Tukey's weights
+        for the frame's noise
 
     Returns
     -------
     TemplateFits
-        In white noise the centres reach the bound of `crlb.centre_bound` and `cov` is theirs; on textured paint and in
-        photon noise pixels are weighed by what the frame shows of it (`weigh`) and `cov` holds for it; of contaminated
-        markers it is not below what the centre owes to a quarter of the window (`doubt`). Flags: border (the ellipse is
-        cut by the image's edge), saturated (over 2 % of the window), contaminated (the residuals are not the frame's
-        noise, or pixels of the disc are missing), touching (another marker reaches into the window; its pixels are left
-        out, or both are fitted together), ill-conditioned (not converged, size or blur at the bound of what pixels can
-        show, or no disc to be seen).
+        In white noise the centres reach the bound of `crlb.centre_bound` and `cov` is theirs; on textured paint `cov`
+        holds for the texture that the residuals show. Flags: border (the ellipse is cut by the image's edge), saturated
+        (over 2 % of the window), contaminated (the residuals are not the frame's noise, or pixels of the disc are
+        missing), touching (another marker reaches into the window; its pixels are left out), ill-conditioned (not
+        converged, size or blur at the bound of what pixels can show, or no disc to be seen).
 
     Raises
     ------

@@ -7,9 +7,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.detection.template.fit import TUKEY, Batch, Fitted, fit_at_once, fit_batches
+from windmark.detection.template.fit import TUKEY, Batch, Fitted, Neighbours, Request, Scene, fit_at_once, fit_batches
 from windmark.detection.template.noise import FrameNoise
-from windmark.detection.template.request import Neighbours, Request, Scene
 from windmark.detection.template.stroke import fit_strokes
 from windmark.geometry.order import median, quantile
 
@@ -94,9 +93,9 @@ def decontaminated(
     contrast: float,
     radius: Array,
 ) -> tuple[Fitted, Array, Bools]:
-    """Contaminated markers again: with a stroke or a shadow's edge across them if there is one, else with weights.
+    """Contaminated markers again: with a stroke across them if there is one, else with weights.
 
-    Returns the fits, the covariances of their centres, and which are with a stroke or an edge.
+    Returns the fits, the covariances of their centres, and which are with a stroke.
     """
     again, batches = _fit_robustly(scene, request, plain, others, np.sqrt(variance), not noise.is_white)
     cov, believed = trust(noise, again, batches)[0], np.zeros(len(radius), dtype=bool)

@@ -1,14 +1,10 @@
-"""A line across a marker: pen strokes, joints and edges of shadows are fitted together with the disc.
+"""A line across a marker: pen strokes, scratches and joints are fitted together with the disc.
 
 A line that crosses a disc moves the centre of a least-squares fit by tenths of a pixel, and weights that leave out what
 does not fit help only half: where the line meets the rim it looks like rim. Fitted as what it is, a straight stroke of
 some width that takes away a part of the light (or adds a constant), it does no harm: the centre is again as good as
 its covariance. Unknown are the stroke's direction, place, strength and width beside the ten of the disc. It is searched
 through all directions and places in what a plain round disc leaves over, then all fourteen are fitted.
-
-A shadow's edge moves the centre by half a pixel and more, and no weights help: half of the disc is another disc. It is
-the same model with a half-plane instead of the stroke and its penumbra instead of the width; tried where no stroke is
-believed.
 """
 
 from __future__ import annotations
@@ -19,8 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.detection.template.fit import Fitted, windows
-from windmark.detection.template.request import Neighbours, Request, Scene
+from windmark.detection.template.fit import Fitted, Neighbours, Request, Scene, windows
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -35,19 +30,18 @@ LEAST_PIXELS = 42  # three times the unknowns
 WIDEST = 61  # px, of a window: beside larger discs a line is narrow and weights do
 EVALUATIONS, HOPE = 25, 8  # at most; after so many it must be near a good fit, or it is given up
 TOLERANCE = 1e-2  # chi^2 of the last step
-BETTER, GOOD = 0.6, 2.0  # believed if it leaves that part of the residual variance, and so much over the noise's
+BETTER, GOOD = (
+    0.6,
+    2.0,
+)  # a stroke is believed if it leaves that part of the residual variance, and so much over the noise's
 HOPELESS = 3.0  # times what is good
 LIKE = 0.5, 2.0  # contrast over that of clean markers: others are none
-LEAST_POWER = 1.0  # pixels on either side of an edge that say something
 MOVED = 0.5  # radii by which it may move the centre
 
 
 @dataclass(frozen=True)
 class _Window:
-    """One marker: patch, weights (S, S), what is known of blur and noise, grey level of a stroke of strength 1.
-
-    `shaded`: the other model, with the edge of a shadow in the place of the stroke.
-    """
+    """One marker: patch, weights (S, S), what is known of blur and noise, grey level of a stroke of strength 1."""
 
     patch: Array
     weight: Array
@@ -56,10 +50,9 @@ class _Window:
     noise: float
     scale: float
     multiplicative: bool
-    shaded: bool = False
 
     def model(self, v: Array) -> tuple[Array, Array]:
-        """Image (S, S) of disc and stroke or shadow, and its derivatives (14, S, S)."""
+        """Image (S, S) of disc and stroke, and its derivatives (14, S, S)."""
         from windmark.detection.template._kernels.model import evaluate, points_needed
 
         size = len(self.patch)
@@ -68,7 +61,7 @@ class _Window:
         ones, zeros = np.ones((size, size)), np.zeros((size, size))
         evaluate(zeros, ones, p, points_needed(p), True, 0.0, float(self.multiplicative), table, jac[:10], image)
         disc = -image
-        covered, derivatives = (shadow if self.shaded else stroke)(size, v[10], v[11], v[13], self.blur)
+        covered, derivatives = stroke(size, v[10], v[11], v[13], self.blur)
         carrier = disc if self.multiplicative else np.full_like(disc, self.scale)
         jac[10:12], jac[12], jac[13] = (
             -v[12] * carrier * derivatives[:2],
@@ -109,26 +102,10 @@ def stroke(size: int, direction: float, place: float, log_half_width: float, blu
     return ndtr(high) - ndtr(low), np.stack([turned, -across, (g_high + g_low) * half])
 
 
-def shadow(size: int, direction: float, place: float, log_penumbra: float, blur: float) -> tuple[Array, Array]:
-    """The dark side (S, S) of a straight edge, 1 far within, and its derivatives (3, S, S) by the three unknowns.
-
-    `direction` is that of the normal towards the dark, `place` as for `stroke`; the penumbra is a Gaussian's.
-    """
-    from scipy.special import ndtr
-
-    x = np.arange(size) - size // 2
-    c, s, soft = np.cos(direction), np.sin(direction), np.exp(log_penumbra)
-    sigma = np.sqrt(soft**2 + blur**2 + PIXEL**2)
-    distance = (c * x[None, :] + s * x[:, None] - place) / sigma
-    across = np.exp(-0.5 * distance**2) / (np.sqrt(2.0 * np.pi) * sigma)
-    turned = across * (c * x[:, None] - s * x[None, :])
-    return ndtr(distance), np.stack([turned, -across, -across * distance * soft**2 / sigma])
-
-
 def fit_strokes(
     scene: Scene, request: Request, plain: Fitted, others: Neighbours, noise: Array, contrast: float, radius: Array
 ) -> tuple[Fitted, Bools]:
-    """Fits of disc and stroke, or disc and shadow, and for which markers (K,) they are to be believed.
+    """Fits of disc and stroke, and for which markers (K,) they are to be believed.
 
     Parameters
     ----------
@@ -140,47 +117,46 @@ def fit_strokes(
     from windmark.detection.template._kernels.fit import FITS
 
     out, believed = plain.take(np.arange(len(noise))), np.zeros(len(noise), dtype=bool)
-    tried: dict[tuple[int, bool], tuple[Array, Array, Array]] = {}
+    tried: dict[int, tuple[Array, Array, Array]] = {}
     for k in range(len(noise)):
         one = request.take(np.array([k]))
         done, start, patches, weights = windows(
             scene, one, others.take(np.array([k])), int(np.ceil(one.reach()[0] + 0.5))
         )
-        size, pixels = len(patches[0]), float(weights[0].sum())
+        window = _Window(
+            patches[0], weights[0], float(one.blur[0]), float(one.blur_spread[0]), float(noise[k]),
+            abs(float(plain.params[k, 6])), scene.multiplicative,
+        )  # fmt: skip
+        pixels = float(weights[0].sum())
         with np.errstate(divide="ignore", invalid="ignore"):
             like = plain.params[k, 6] / np.abs(plain.params[k, 7]) / contrast
-        if pixels < LEAST_PIXELS or size > WIDEST or not LIKE[0] < like < LIKE[1]:
+        if pixels < LEAST_PIXELS or len(patches[0]) > WIDEST or not LIKE[0] < like < LIKE[1]:
             continue
+        size = len(patches[0])
+        if size not in tried:
+            tried[size] = _candidates(size, window.blur)
+        first = _start(window, start[0], float(radius[k]), contrast, tried[size])
+        found = None if first is None else _fit(window, first)
+        if found is None:
+            continue
+        v, matrix, cost = found
+        chi2 = cost / (pixels - 14.0)
         before = plain.column("noise2")[k] / noise[k] ** 2
-        for shaded in (False, True):
-            window = _Window(
-                patches[0], weights[0], float(one.blur[0]), float(one.blur_spread[0]), float(noise[k]),
-                abs(float(plain.params[k, 6])), scene.multiplicative, shaded,
-            )  # fmt: skip
-            if (size, shaded) not in tried:
-                tried[size, shaded] = _candidates(size, window.blur, shaded)
-            first = _start(window, start[0], float(radius[k]), contrast, tried[size, shaded])
-            found = None if first is None else _fit(window, first)
-            if found is None:
-                continue
-            v, matrix, cost = found
-            chi2 = cost / (pixels - 14.0)
-            moved = np.hypot(*(done.pixel[0] + v[:2] - request.xy[k]))
-            believed[k] = chi2 < min(BETTER * before, GOOD) and moved < MOVED * radius[k]
-            if believed[k]:
-                done.params[0], done.cov[0] = _centred(v, np.linalg.inv(matrix) * max(chi2, 1.0), scene)
-                done.cov[0, [0, 1], [0, 1]] += INEXACT**2
-                done.table[0] = plain.table[k]
-                done.table[0, [FITS.index("cost"), FITS.index("status")]] = cost * noise[k] ** 2, 1.0
-                out.put(np.array([k]), done)
-                break
+        moved = np.hypot(*(done.pixel[0] + v[:2] - request.xy[k]))
+        believed[k] = chi2 < min(BETTER * before, GOOD) and moved < MOVED * radius[k]
+        if believed[k]:
+            done.params[0], done.cov[0] = _centred(v, np.linalg.inv(matrix) * max(chi2, 1.0), scene)
+            done.cov[0, [0, 1], [0, 1]] += INEXACT**2
+            done.table[0] = plain.table[k]
+            done.table[0, [FITS.index("cost"), FITS.index("status")]] = cost * noise[k] ** 2, 1.0
+            out.put(np.array([k]), done)
     return out, believed
 
 
 def _start(
     window: _Window, place: Array, radius: float, contrast: float, candidates: tuple[Array, Array, Array]
 ) -> Array | None:
-    """A round disc as given, and the stroke or shadow that explains most of what is beside it; None if none does."""
+    """A round disc as given, and the stroke that explains most of what is beside it; None if there is none."""
     size = len(window.patch)
     x = np.arange(size) - size // 2
     used = window.weight > 0
@@ -188,45 +164,30 @@ def _start(
     if not outside.any():
         return None
     level = float(np.median(window.patch[outside]))
-    directions, offsets, lines = candidates
-    if window.shaded:
-        # On which side the light is, is not known: level and strength of each edge together.
-        light = np.where(outside, level - window.patch, 0.0).ravel()
-        share = lines @ outside.ravel() / outside.sum()
-        power = np.square(lines) @ outside.ravel() - share**2 * outside.sum()
-        along = lines @ light - share * light.sum()
-        gain = np.where(power > LEAST_POWER, np.sign(along) * along**2 / np.maximum(power, LEAST_POWER), 0.0)
-        k = int(gain.argmax())
-        fall = along[k] / max(power[k], LEAST_POWER)
-        level += fall * share[k] - light.sum() / outside.sum()
-        strength = fall / max(abs(level) if window.multiplicative else window.scale, 1e-300)
     v = np.zeros(14)
     v[:2], v[2], v[4], v[5], v[6], v[7] = place, radius, radius, window.blur, abs(level) * contrast, level
     v[13] = np.log(HALF_WIDTH)
-    if not window.shaded:
-        disc, _ = window.model(v)
-        carrier = (disc if window.multiplicative else np.full_like(disc, window.scale)) * outside
-        left, weight = (disc - window.patch) * outside, carrier.ravel()
-        along, power = lines @ (weight * left.ravel()), np.square(lines) @ np.square(weight)
-        gain = np.sign(along) * along**2 / np.maximum(power, 1e-300)
-        k = int(gain.argmax())
-        strength = along[k] / max(power[k], 1e-300)
-    v[10:13] = directions[k], offsets[k], min(strength, 0.9)
+    disc, _ = window.model(v)
+    carrier = (disc if window.multiplicative else np.full_like(disc, window.scale)) * outside
+    left = (disc - window.patch) * outside
+    (directions, offsets, lines), weight = candidates, carrier.ravel()
+    along, power = lines @ (weight * left.ravel()), np.square(lines) @ np.square(weight)
+    gain = np.sign(along) * along**2 / np.maximum(power, 1e-300)
+    k = int(gain.argmax())
+    v[10:13] = directions[k], offsets[k], min(along[k] / max(power[k], 1e-300), 0.9)
     return v if gain[k] > 0.0 else None
 
 
-def _candidates(size: int, blur: float, shaded: bool) -> tuple[Array, Array, Array]:
-    """Directions and places (N,) across a patch, and images (N, S S) of strokes with rims that fall linearly, or of
-    shadows.
-    """
-    x, turn = np.arange(size) - size // 2, 2.0 * np.pi if shaded else np.pi
+def _candidates(size: int, blur: float) -> tuple[Array, Array, Array]:
+    """Directions and places (N,) of strokes across a patch, and their images (N, S S) with rims that fall linearly."""
+    x = np.arange(size) - size // 2
     directions, offsets = np.meshgrid(
-        np.arange(DIRECTIONS) * turn / DIRECTIONS, np.arange(1.5 - size // 2, size // 2 - 1.0), indexing="ij"
+        np.arange(DIRECTIONS) * np.pi / DIRECTIONS, np.arange(1.5 - size // 2, size // 2 - 1.0), indexing="ij"
     )
     directions, offsets = directions.ravel(), offsets.ravel()
     along_x, along_y = np.cos(directions)[:, None, None] * x, np.sin(directions)[:, None, None] * x[:, None]
-    distance, soft = along_x + along_y - offsets[:, None, None], np.sqrt(2.0 * np.pi) * np.hypot(blur, PIXEL)
-    lines = np.clip(0.5 + (distance if shaded else HALF_WIDTH - np.abs(distance)) / soft, 0.0, 1.0)
+    distance = np.abs(along_x + along_y - offsets[:, None, None])
+    lines = np.clip(0.5 + (HALF_WIDTH - distance) / (np.sqrt(2.0 * np.pi) * np.hypot(blur, PIXEL)), 0.0, 1.0)
     return directions, offsets, lines.reshape(len(lines), -1)
 
 

@@ -116,5 +116,5 @@ def _correlation(a: Array, b: Array, reach: float) -> Array:
 
 def _amplitudes(extent: Array, stiff: float) -> Array:
     """(3,) along each axis: one for the thinnest, less for wider ones, but ``stiff`` at least."""
-    wide = [max(stiff, extent[2] / size) if size > 0.0 else 1.0 for size in extent[:2]]  # 0: on a line, all in one place
+    wide = [max(stiff, extent[2] / size) if size > 0.0 else 1.0 for size in extent[:2]]  # 0: on a line
     return np.array([*wide, 1.0])
