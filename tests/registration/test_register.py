@@ -293,6 +293,20 @@ def test_another_model_of_the_same_design_is_a_misfit_unless_its_table_may_be_th
         assert (scene.label[result.matching.detection] == result.matching.marker).all()
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_a_tight_limit_on_the_table_judges_the_residuals_and_not_the_gates(seed):
+    """The gates stay open by more than 0.1 % of the spacing for few pairs; that is no error of the table."""
+    rng = np.random.default_rng(seed)
+    markers = scenes.wing(rng)
+    camera, pose = scenes.random_view(rng, markers)
+    scene = scenes.image_of(rng, markers, camera, pose, noise_px=0.05)
+    assert register(scene.detections, markers, camera, max_table_error=0.001)
+    off = replace(scene.detections, xy=scene.detections.xy + rng.normal(0, 0.4, scene.detections.xy.shape))
+    result = register(off, markers, camera, max_table_error=0.001)
+    assert_refused(result, "misfit")
+    assert 0.25 < float(result.reason.split("off their table by ")[1].split(" px")[0]) < 0.6
+
+
 @pytest.mark.parametrize("kind", ["A", "B"])
 def test_table_errors_of_one_percent_of_the_spacing_are_no_misfit(kind):
     scene, rng = scenes.scene(11, kind, hidden=0.25), np.random.default_rng(11)

@@ -29,9 +29,13 @@ def is_loose(best: Solution, c: int) -> bool:
     misfit = float(best.misfit_px[c])
     if not best.counts[c] or misfit <= rules.LOOSE * best.views.planes[c].task.typical_sigma_px:
         return False
+    return misfit > rules.LOOSE * math.sqrt(_known(best, c))
+
+
+def _known(best: Solution, c: int) -> float:
+    """Variance per coordinate that the covariances of a camera's spots and markers explain."""
     spread = best.state.spread[c, best.state.match[c] >= 0]
-    known = 0.5 * float((spread[:, 0] + spread[:, 2]).mean()) - float(best.state.numbers[c, EXCESS])
-    return misfit > rules.LOOSE * math.sqrt(known)
+    return 0.5 * float((spread[:, 0] + spread[:, 2]).mean()) - float(best.state.numbers[c, EXCESS])
 
 
 def is_cluttered(best: Solution) -> bool:
@@ -133,10 +137,12 @@ def misfit_of(best: Solution, c: int, limits: Limits) -> str:
 
     Another model of the same design is matched completely, well beyond chance and without a rival: chance and
     rivals say nothing against it, only what one expects of the table. The few pairs of a part of it may agree by
-    luck, so the excess counts with its own sigma on top. The spots may be twice as bad as they say.
+    luck, so the excess counts with its own sigma on top. The spots may be twice as bad as they say. What the gates are
+    kept open for beyond the residuals (`settle._kernels.fit.excess_of`) is doubt, no error of the table.
     """
     task, layout = best.views.planes[c].task, best.views.layout
-    misfit, excess = float(best.misfit_px[c]), float(best.excess_px[c])
+    misfit = float(best.misfit_px[c])
+    excess = min(float(best.excess_px[c]), math.sqrt(max(misfit**2 - _known(best, c), 0.0)))
     if is_too_loose(best, c):
         return (
             f"with a misfit of {misfit:.1f} px (1 sigma per coordinate) it is too loose for tolerance_px = "
