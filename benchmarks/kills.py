@@ -58,7 +58,8 @@ def resumed(
                 os.kill(run.pid, number)
             ended = run.end()
             sentences.update(line for line in told(ended.said, place) if "report:" not in line)
-            seen["BAD: traceback"] += "Traceback" in ended.said
+            if "Traceback" in ended.said:
+                seen[f"BAD {ended.said[ended.said.index('Traceback') :]}"] += 1
             if not ended.code:
                 break
             kept = _kept(out)
