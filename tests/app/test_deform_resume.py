@@ -107,6 +107,31 @@ def test_killed_before_the_first_frame_has_handed_anything_on(made, whole, windm
     assert_same(whole, out)
 
 
+@pytest.mark.parametrize("when", ["before", "after"])
+def test_interrupted_between_tables_and_journal(made, whole, windmark, tmp_path, when):
+    """The third frame is in all of them or in none: the interrupt waits until it is."""
+    out = tmp_path / "out"
+    real = resume.replaced_file
+
+    def interrupted(folder, name, content):
+        here = name == STATE and int.from_bytes(content[:8], "little") == 3
+        if here and when == "before":
+            os.kill(os.getpid(), signal.SIGINT)
+        real(folder, name, content)
+        if here and when == "after":
+            os.kill(os.getpid(), signal.SIGINT)
+
+    def run():
+        resume.replaced_file = interrupted
+        windmark("deform", made / "deform.toml", "-o", out)
+
+    os.waitpid(in_child(run), 0)
+    assert measured(tmp_path / ".windmark-out" / "new") == 3
+    done = windmark("deform", made / "deform.toml", "-o", out, "--resume")
+    assert done.code == 0, done.err
+    assert_same(whole, out)
+
+
 def test_finish_makes_results_of_what_was_measured(made, whole, windmark, tmp_path):
     out, beside = tmp_path / "out", tmp_path / ".windmark-out" / "new"
     killed_at(beside, 4, lambda: windmark("deform", made / "deform.toml", "-o", out))

@@ -11,7 +11,7 @@ from killing import in_child, killed_at
 
 from windmark import io, synth
 from windmark.io.journal import AppendedFile
-from windmark.pipeline import resume, track_series
+from windmark.pipeline import resume, same_run, track_series
 from windmark.pipeline.resume import STATE, measured
 
 FRAMES = 8
@@ -103,6 +103,26 @@ def test_stopped_between_the_journal_and_what_is_handed_on(made, whole, windmark
     assert_same(shutil.copytree(whole, tmp_path / "whole"), out)
 
 
+def test_interrupted_as_soon_as_the_state_is_in_its_place(made, whole, windmark, tmp_path):
+    """The third row is not taken back then: it would leave a state that belongs to no row, and nothing could go on."""
+    out, real = tmp_path / "out", resume.replaced_file
+
+    def interrupted(folder, name, content):
+        real(folder, name, content)
+        if name == STATE and int.from_bytes(content[:8], "little") == 3:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    def run():
+        resume.replaced_file = interrupted
+        windmark(*asked(made, out))
+
+    os.waitpid(in_child(run), 0)
+    assert measured(tmp_path / ".windmark-out" / "new") == 3
+    done = windmark(*asked(made, out, "--resume"))
+    assert done.code == 0, done.err
+    assert_same(shutil.copytree(whole, tmp_path / "whole"), out)
+
+
 def test_finish_makes_results_of_what_was_measured(made, whole, windmark, tmp_path):
     out, beside = tmp_path / "out", tmp_path / ".windmark-out" / "new"
     killed_at(beside, 4, lambda: windmark(*asked(made, out)))
@@ -174,4 +194,4 @@ def test_a_series_of_another_verb_is_not_gone_on_with(made, windmark, tmp_path):
     out, beside = tmp_path / "out", tmp_path / ".windmark-out" / "new"
     killed_at(beside, 2, lambda: windmark(*asked(made, out)))
     with pytest.raises(io.FileError, match="it was begun by windmark track"):
-        resume.check_begun(beside, resume.made_with("deform", {}, []))
+        same_run.check_begun(beside, same_run.made_with("deform", {}, []))

@@ -20,7 +20,7 @@ from windmark.app.series_folder import series_folder
 from windmark.errors import UsageError
 from windmark.geometry import Camera
 from windmark.pipeline.lengths import Lengths
-from windmark.pipeline.resume import made_with
+from windmark.pipeline.same_run import made_with
 from windmark.pipeline.track import FollowOptions
 from windmark.pipeline.track_results import POV, PoseRow, match_columns, pose_columns, sequence_summary
 from windmark.pipeline.track_series import Series, follow_series
@@ -98,7 +98,7 @@ def follow_files(wishes: Wishes, options: Record, change: tuple[float, float], g
 
 
 def _made_with(wishes: Wishes, options: Record, change: tuple[float, float]) -> Record:
-    """See `pipeline.resume.made_with`; the images are looked at one by one."""
+    """See `pipeline.same_run.made_with`; the images are looked at one by one."""
     words = {key: f"--{key.removesuffix('_px').removesuffix('_s').replace('_', '-')}" for key in options}
     asked = {words[key]: value for key, value in options.items()}
     asked |= {"--unit": wishes.unit, "--roles": wishes.roles, "--change-deg": change[0], "--change-percent": change[1]}

@@ -10,20 +10,17 @@ is not written but read from its files again, and referred to by name.
 
 from __future__ import annotations
 
-import hashlib
 import shutil
 import struct
 import zlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from itertools import zip_longest
 from pathlib import Path
 from typing import Any, Generic, Protocol, TypeVar
 
-import windmark
 from windmark import io
 from windmark.io.atomic import replace_file, writing
-from windmark.io.errors import reading
+from windmark.io.interrupts import interrupts_wait
 from windmark.io.journal import AppendedFile, Journal, read_journal
 from windmark.pipeline.journal_values import dumped, loaded
 
@@ -45,7 +42,7 @@ class KeptFrame(Protocol):
 
     @property
     def pictures(self) -> Mapping[str, str]:
-        """Camera -> its pictures' names, sizes and checksums, see `picture_print`."""
+        """Camera -> its pictures' names, sizes and checksums, see `same_run.picture_print`."""
 
 
 Kept = TypeVar("Kept", bound=KeptFrame)
@@ -57,7 +54,7 @@ class Stopped(Generic[Kept]):
 
     Parameters
     ----------
-    made_with : see `made_with`
+    made_with : see `same_run.made_with`
     sizes : table -> its length before the first frame
     frames : what is known of every frame
     end : of the journal, behind the last of them
@@ -95,23 +92,29 @@ class SeriesJournal:
 
     def begin(self, made: Mapping[str, Any], sizes: Mapping[str, int]) -> None:
         """The record before the first frame, to which nothing is handed on."""
-        self._journal.add(dumped((dict(made), dict(sizes)), self._names))
-        self._hand_on({})
+        with interrupts_wait():
+            self._journal.add(dumped((dict(made), dict(sizes)), self._names))
+            self._hand_on({}, 0)
 
     def add(self, kept: KeptFrame, state: Mapping[str, Any]) -> None:
-        """A frame that is in the tables, and what it hands on."""
-        before = self._journal.size
-        try:
-            self._journal.add(dumped(kept, self._names))
-            self._count += 1
-            self._hand_on(state)
-        except BaseException:
-            self._journal.take_back(before)
-            raise
+        """A frame that is in the tables, and what it hands on: both or, where the disk takes no more, neither.
 
-    def _hand_on(self, state: Mapping[str, Any]) -> None:
+        An interrupt between the two would leave a state that belongs to no frame of the journal.
+        """
+        content = dumped(kept, self._names)
+        with interrupts_wait():
+            before = self._journal.size
+            try:
+                self._journal.add(content)
+                self._hand_on(state, self._count + 1)
+            except BaseException:
+                self._journal.take_back(before)
+                raise
+            self._count += 1
+
+    def _hand_on(self, state: Mapping[str, Any], count: int) -> None:
         content = dumped(dict(state), self._names)
-        replaced_file(self._folder, STATE, _STATE_HEAD.pack(self._count, zlib.crc32(content)) + content)
+        replaced_file(self._folder, STATE, _STATE_HEAD.pack(count, zlib.crc32(content)) + content)
 
     def sync(self) -> None:
         """Make it outlast a power failure."""
@@ -186,7 +189,7 @@ def _with_state(out: Stopped[Any], folder: Path) -> None:
 
 
 def begun_with(folder: Path) -> dict[str, Any] | None:
-    """What a run that was stopped was made with, see `made_with`; None where there is none."""
+    """What a run that was stopped was made with, see `same_run.made_with`; None where there is none."""
     if not (folder / JOURNAL).is_file():
         return None
     for content, _ in read_journal(folder / JOURNAL, TITLE):
@@ -207,68 +210,6 @@ def clear(folder: Path) -> None:
     shutil.rmtree(folder / HIDDEN, ignore_errors=True)
 
 
-# --- is it the same run? -----------------------------------------------------------------------
-def made_with(verb: str, options: Mapping[str, Any], files: Iterable[tuple[str, Path]]) -> dict[str, Any]:
-    """Verb, version, options and the SHA-256 of every file besides pictures that a run is made with.
-
-    Parameters
-    ----------
-    options, files : what they are called in messages -> plain values, paths
-    """
-    prints = {key: _sha256(path) for key, path in files}
-    return {"verb": verb, "version": windmark.__version__, "options": dict(options), "files": prints}
-
-
-def check_begun(folder: Path, made: Mapping[str, Any]) -> None:
-    """See that the run that was stopped in a folder was made with the same.
-
-    Raises
-    ------
-    FileError
-        Where there is none, or something has changed: it is named.
-    """
-    begun = begun_with(folder)
-    if begun is None:
-        raise io.FileError(folder, "has no run that was stopped; expected one to go on with")
-    if (why := _changed(begun, made)) is not None:
-        raise io.FileError(folder, f"the run that was stopped there cannot go on: {why}")
-
-
-def _changed(before: Mapping[str, Any], now: Mapping[str, Any]) -> str | None:
-    """What a run was made with otherwise, in words; None where all is the same."""
-    if before["verb"] != now["verb"]:
-        return f"it was begun by windmark {before['verb']}"
-    if before["version"] != now["version"]:
-        return f"it was begun by windmark {before['version']}, this is {now['version']}"
-    for key, digest in now["files"].items():
-        if before["files"].get(key) != digest:
-            return f"{key} has changed since"
-    for key in sorted({*before["options"], *now["options"]}):
-        if before["options"].get(key) != now["options"].get(key):
-            return f"{key} has changed since"
-    return None if before == dict(now) else "other files take part now"
-
-
-def check_pictures(folder: Path, done: Sequence[KeptFrame], now: Sequence[tuple[str, Mapping[str, str]]]) -> None:
-    """See that the pictures of the frames that were measured are still the same.
-
-    Parameters
-    ----------
-    now : key and prints of the first frames as they are now, as many as there are of those that were measured
-
-    Raises
-    ------
-    FileError
-        For the first frame whose pictures are others.
-    """
-    for kept, new in zip_longest(done, now):
-        if new is None or (kept.key, dict(kept.pictures)) != (new[0], dict(new[1])):
-            raise io.FileError(
-                folder, f"the run that was stopped there cannot go on: the pictures of frame {kept.key} have changed "
-                "since",
-            )  # fmt: skip
-
-
 def check_state(folder: Path, stopped: Stopped[Any]) -> None:
     """See that something more can be measured.
 
@@ -282,22 +223,3 @@ def check_state(folder: Path, stopped: Stopped[Any]) -> None:
             folder, "the run that was stopped there cannot go on: what its last frame hands on to the next is not "
             "there; --finish keeps what it has measured",
         )  # fmt: skip
-
-
-def picture_print(item: io.PictureFile) -> str:
-    """A picture's name, size and checksum; of a recording its file's size, date and the frame's number."""
-    path = item if isinstance(item, Path) else item.path
-    try:
-        if isinstance(item, io.Frame):
-            stat = path.stat()
-            return f"{path.name}[{item.number}]:{stat.st_size}:{stat.st_mtime_ns}"
-        with reading(path):
-            content = path.read_bytes()
-    except (OSError, io.FileError):
-        return f"{path.name}:gone"
-    return f"{path.name}:{len(content)}:{zlib.crc32(content):08x}"
-
-
-def _sha256(path: Path) -> str:
-    with reading(path), open(path, "rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()

@@ -15,12 +15,10 @@ from windmark.geometry import Camera, Pose
 from windmark.pipeline.resume import (
     CHUNK,
     SeriesJournal,
-    check_begun,
-    check_pictures,
     check_state,
-    picture_print,
     read_stopped,
 )
+from windmark.pipeline.same_run import check_begun, check_pictures, picture_print
 from windmark.pipeline.track import FollowedFrame, FollowOptions, follow
 from windmark.pipeline.track_results import PoseRow
 from windmark.scene import MarkerSet
@@ -104,7 +102,7 @@ def follow_series(
     ----------
     folder : an existing folder
     images, markers, camera, options, instants : see `follow`
-    made : what the series is made with, see `resume.made_with`
+    made : what the series is made with, see `same_run.made_with`
     go_on : "resume" goes on with the series that was stopped in ``folder``, "finish" takes what that has measured, ""
         begins
     say : called with the row of every image

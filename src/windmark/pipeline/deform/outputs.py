@@ -15,18 +15,18 @@ from numpy.typing import NDArray
 from windmark import io
 from windmark.deformation import Deformation
 from windmark.io.errors import refusal
+from windmark.io.interrupts import interrupts_wait
 from windmark.io.journal import AppendedFile
 from windmark.pipeline.deform.frames import FrameTable
+from windmark.pipeline.deform.grid_output import write_grid
 from windmark.pipeline.deform.inbox import Arrival
 from windmark.pipeline.deform.load import Loaded
 from windmark.pipeline.deform.names import is_number, number_of, stamp_text
 from windmark.pipeline.deform.points import COLUMNS, FramePoints
-from windmark.pipeline.deform.project import OutputEntry
 from windmark.pipeline.deform.record import MOTION, FrameRecord
 from windmark.pipeline.deform.resume import Kept, named, pictures_of
 from windmark.pipeline.deform.series import series_content
 from windmark.pipeline.deform.task import DeformedFrame, FrameImages
-from windmark.pipeline.deform.values import units
 from windmark.pipeline.deform.why import words_of
 from windmark.pipeline.resume import CHUNK, SeriesJournal, Stopped, replaced_file
 
@@ -34,11 +34,6 @@ Array = NDArray[np.float64]
 
 GROWN = 16
 """A long NetCDF file is written anew when it has grown by this part of its frames: the work stays in proportion."""
-
-
-def gridded(wanted: OutputEntry, frame: DeformedFrame) -> bool:
-    """Whether the grid of a frame is written."""
-    return bool(wanted.grid) and frame.index % wanted.every == 0
 
 
 class Writer:
@@ -126,18 +121,19 @@ class Writer:
                 self._line("span.csv", [number, _cell(eta), *(_cell(c[s]) for c in columns)])
         if frame.state is not None:
             self._markers(number, frame, frame.state)
-            self._grid(frame, frame.state, mapped)
+            write_grid(self._folder, self._loaded, frame, frame.state, mapped)
         for found in points:
             self._points(number, found)
-        self._commit()
         whole = all(isinstance(item, Path) for item in images.images.values())
         most = (frame, images if whole else None) if compared else None
         pictures = {} if self._live else pictures_of(images)
-        sizes = {name: file.size for name, file in self._files.items()}
         assert self._journal is not None
-        self._journal.add(Kept(row, state, most, pictures, sizes), handed_on or {})
-        self._rows.append(row)
-        self._sizes, self._arrivals = sizes, []
+        with interrupts_wait():  # or tables would be taken back of a frame that the journal has
+            self._commit()
+            sizes = {name: file.size for name, file in self._files.items()}
+            self._journal.add(Kept(row, state, most, pictures, sizes), handed_on or {})
+            self._rows.append(row)
+            self._sizes, self._arrivals = sizes, []
         if len(self._rows) % CHUNK == 0:
             self._sync()
 
@@ -279,30 +275,6 @@ class Writer:
             numbers = (*v.xyz[k], v.value[k], v.sigma[k], found.ratio[k], found.sigma_ratio[k])
             self._line(f"points-{found.of.name}.csv",
                        [number, found.camera, _quoted(name), *map(_cell, numbers), words[k]])  # fmt: skip
-
-    def _grid(self, frame: DeformedFrame, state: Deformation, mapped: Mapping[str, Array]) -> None:
-        wanted = self._loaded.project.output
-        if not gridded(wanted, frame):
-            return
-        from windmark.deformation import vertex_volumes
-
-        mesh = self._loaded.mesh
-        assert mesh is not None
-        (self._folder / "grid").mkdir(exist_ok=True)
-        moved = state.mesh(mesh)
-        unit = self._loaded.project.length_unit
-        if "plot3d" in wanted.grid:
-            io.write_mesh(self._folder / "grid" / f"{frame.key}.xyz", moved, length_unit=unit)
-        if "vtk" in wanted.grid:
-            shift = moved.vertices - mesh.vertices
-            place, cov = state.displacement(mesh.vertices, vertex_volumes(mesh), frame="model")
-            fields = {
-                "displacement_x": shift[:, 0], "displacement_y": shift[:, 1], "displacement_z": shift[:, 2],
-                "deformation": np.linalg.norm(place, axis=1),
-                "sigma_deformation": np.sqrt(np.trace(cov, axis1=1, axis2=2)),
-            }  # fmt: skip
-            io.write_nodes_vtk(self._folder / "grid" / f"{frame.key}.vtp", moved, {**fields, **mapped},
-                               units={**dict.fromkeys(fields, unit), **units(mapped)})  # fmt: skip
 
 
 def _cell(value: float) -> str:

@@ -12,7 +12,7 @@ from typing import Any
 from windmark import io
 from windmark.deformation import Deformation
 from windmark.io.errors import reading
-from windmark.pipeline import resume
+from windmark.pipeline import same_run
 from windmark.pipeline.deform.project import RECORDING, DeformProject
 from windmark.pipeline.deform.record import FrameRecord
 from windmark.pipeline.deform.task import DeformationTest, DeformedFrame, FrameImages
@@ -55,9 +55,9 @@ def named(test: DeformationTest) -> dict[str, Any]:
 
 
 def made_with(project: DeformProject) -> dict[str, Any]:
-    """See `resume.made_with`; where the results go is left out."""
+    """See `same_run.made_with`; where the results go is left out."""
     options = json.loads(project.model_dump_json(exclude={"path": True, "output": {"folder"}, "watch": True}))
-    return resume.made_with("deform", {f"[{k}] of the project": v for k, v in options.items()}, inputs(project))
+    return same_run.made_with("deform", {f"[{k}] of the project": v for k, v in options.items()}, inputs(project))
 
 
 def inputs(project: DeformProject) -> list[tuple[str, Path]]:
@@ -82,11 +82,11 @@ def inputs(project: DeformProject) -> list[tuple[str, Path]]:
 
 
 def pictures_of(frame: FrameImages) -> dict[str, str]:
-    """Camera -> `resume.picture_print` of its pictures of an instant."""
+    """Camera -> `same_run.picture_print` of its pictures of an instant."""
     out = {}
     for name, image in frame.images.items():
         shots = [shot.image for shot in frame.shots.get(name, ())]
-        out[name] = " ".join(resume.picture_print(i) for i in (image, *shots) if isinstance(i, io.PictureFile))
+        out[name] = " ".join(same_run.picture_print(i) for i in (image, *shots) if isinstance(i, io.PictureFile))
     return out
 
 

@@ -1,0 +1,58 @@
+"""The deformed grid of a frame as files."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark import io
+from windmark.deformation import Deformation
+from windmark.pipeline.deform.load import Loaded
+from windmark.pipeline.deform.project import OutputEntry
+from windmark.pipeline.deform.task import DeformedFrame
+from windmark.pipeline.deform.values import units
+
+Array = NDArray[np.float64]
+
+
+def gridded(wanted: OutputEntry, frame: DeformedFrame) -> bool:
+    """Whether the grid of a frame is written."""
+    return bool(wanted.grid) and frame.index % wanted.every == 0
+
+
+def write_grid(
+    folder: Path, loaded: Loaded, frame: DeformedFrame, state: Deformation, mapped: Mapping[str, Array]
+) -> None:
+    """Write the grid of a frame, displaced, where the project wants it (`gridded`).
+
+    Parameters
+    ----------
+    folder : of the results; the files go into ``grid`` there
+    state : of the frame
+    mapped : values at the grid's nodes, see `Mapper.frame`
+    """
+    wanted = loaded.project.output
+    if not gridded(wanted, frame):
+        return
+    from windmark.deformation import vertex_volumes
+
+    mesh = loaded.mesh
+    assert mesh is not None
+    (folder / "grid").mkdir(exist_ok=True)
+    moved = state.mesh(mesh)
+    unit = loaded.project.length_unit
+    if "plot3d" in wanted.grid:
+        io.write_mesh(folder / "grid" / f"{frame.key}.xyz", moved, length_unit=unit)
+    if "vtk" in wanted.grid:
+        shift = moved.vertices - mesh.vertices
+        place, cov = state.displacement(mesh.vertices, vertex_volumes(mesh), frame="model")
+        fields = {
+            "displacement_x": shift[:, 0], "displacement_y": shift[:, 1], "displacement_z": shift[:, 2],
+            "deformation": np.linalg.norm(place, axis=1),
+            "sigma_deformation": np.sqrt(np.trace(cov, axis1=1, axis2=2)),
+        }  # fmt: skip
+        io.write_nodes_vtk(folder / "grid" / f"{frame.key}.vtp", moved, {**fields, **mapped},
+                           units={**dict.fromkeys(fields, unit), **units(mapped)})  # fmt: skip

@@ -1,0 +1,95 @@
+"""Is a run that goes on the same one: verb, version, options, the files it was made with, and its pictures."""
+
+from __future__ import annotations
+
+import hashlib
+import zlib
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import zip_longest
+from pathlib import Path
+from typing import Any
+
+import windmark
+from windmark import io
+from windmark.io.errors import reading
+from windmark.pipeline.resume import KeptFrame, begun_with
+
+
+def made_with(verb: str, options: Mapping[str, Any], files: Iterable[tuple[str, Path]]) -> dict[str, Any]:
+    """Verb, version, options and the SHA-256 of every file besides pictures that a run is made with.
+
+    Parameters
+    ----------
+    options, files : what they are called in messages -> plain values, paths
+    """
+    prints = {key: _sha256(path) for key, path in files}
+    return {"verb": verb, "version": windmark.__version__, "options": dict(options), "files": prints}
+
+
+def check_begun(folder: Path, made: Mapping[str, Any]) -> None:
+    """See that the run that was stopped in a folder was made with the same.
+
+    Raises
+    ------
+    FileError
+        Where there is none, or something has changed: it is named.
+    """
+    begun = begun_with(folder)
+    if begun is None:
+        raise io.FileError(folder, "has no run that was stopped; expected one to go on with")
+    if (why := _changed(begun, made)) is not None:
+        raise io.FileError(folder, f"the run that was stopped there cannot go on: {why}")
+
+
+def _changed(before: Mapping[str, Any], now: Mapping[str, Any]) -> str | None:
+    """What a run was made with otherwise, in words; None where all is the same."""
+    if before["verb"] != now["verb"]:
+        return f"it was begun by windmark {before['verb']}"
+    if before["version"] != now["version"]:
+        return f"it was begun by windmark {before['version']}, this is {now['version']}"
+    for key, digest in now["files"].items():
+        if before["files"].get(key) != digest:
+            return f"{key} has changed since"
+    for key in sorted({*before["options"], *now["options"]}):
+        if before["options"].get(key) != now["options"].get(key):
+            return f"{key} has changed since"
+    return None if before == dict(now) else "other files take part now"
+
+
+def check_pictures(folder: Path, done: Sequence[KeptFrame], now: Sequence[tuple[str, Mapping[str, str]]]) -> None:
+    """See that the pictures of the frames that were measured are still the same.
+
+    Parameters
+    ----------
+    now : key and prints of the first frames as they are now, as many as there are of those that were measured
+
+    Raises
+    ------
+    FileError
+        For the first frame whose pictures are others.
+    """
+    for kept, new in zip_longest(done, now):
+        if new is None or (kept.key, dict(kept.pictures)) != (new[0], dict(new[1])):
+            raise io.FileError(
+                folder, f"the run that was stopped there cannot go on: the pictures of frame {kept.key} have changed "
+                "since",
+            )  # fmt: skip
+
+
+def picture_print(item: io.PictureFile) -> str:
+    """A picture's name, size and checksum; of a recording its file's size, date and the frame's number."""
+    path = item if isinstance(item, Path) else item.path
+    try:
+        if isinstance(item, io.Frame):
+            stat = path.stat()
+            return f"{path.name}[{item.number}]:{stat.st_size}:{stat.st_mtime_ns}"
+        with reading(path):
+            content = path.read_bytes()
+    except (OSError, io.FileError):
+        return f"{path.name}:gone"
+    return f"{path.name}:{len(content)}:{zlib.crc32(content):08x}"
+
+
+def _sha256(path: Path) -> str:
+    with reading(path), open(path, "rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
