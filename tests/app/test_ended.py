@@ -5,9 +5,12 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 import weakref
 
+import numba as nb
+import numpy as np
 import pytest
 
 from windmark.app import cli, console
@@ -63,6 +66,34 @@ def test_ctrl_c_before_a_verb_is_at_work_is_no_traceback(monkeypatch, capsys):
         cli.main()
     assert ended.value.code == 130
     assert capsys.readouterr().err == "windmark: interrupted; nothing was written\n"
+
+
+@nb.njit(nogil=True)
+def _long(n):
+    total = 0.0
+    for i in range(n):
+        total += np.sin(1.0 * i)
+    return np.full(3, total), np.full(3, total)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="signals are sent in another way on Windows")
+def test_ctrl_c_amid_a_kernel_is_no_fault_of_windmark():
+    """Raised while numba hands the arrays over it came out as a SystemError: "a fault of windmark", exit code 3."""
+    _long(3)
+    before = signal.signal(signal.SIGINT, cli._ended)
+    ctrl_c = threading.Timer(0.05, os.kill, (os.getpid(), signal.SIGINT))
+    try:
+        ctrl_c.start()
+        with pytest.raises(KeyboardInterrupt):
+            _run_and_wait(60_000_000)
+    finally:
+        ctrl_c.join()
+        signal.signal(signal.SIGINT, before)
+
+
+def _run_and_wait(n):
+    _long(n)
+    time.sleep(10)  # the signal is sent again a moment after the kernel
 
 
 @pytest.mark.skipif(os.name == "nt", reason="the signal is one of POSIX")

@@ -8,6 +8,7 @@ import signal
 import sys
 import threading
 from pathlib import Path
+from types import FrameType
 from typing import Annotated
 
 import typer
@@ -133,10 +134,10 @@ def main() -> None:
         os.environ.setdefault(name, "1")
     _open_closed_streams()
     console.print_any_name()
-    for name in ("SIGTERM", "SIGHUP", "SIGBREAK"):  # a queue, a terminal that closes, Ctrl-Break on Windows
+    for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK"):  # Ctrl-C, a queue, a terminal that closes, Ctrl-Break
         number = getattr(signal, name, None)
         if number is not None and signal.getsignal(number) != signal.SIG_IGN:  # nohup has it ignored
-            signal.signal(number, _terminated)
+            signal.signal(number, _ended)
     sys.unraisablehook = _unraisable
     code: int | str | None = 0
     try:
@@ -171,12 +172,28 @@ def _open_closed_streams() -> None:
         sys.stderr = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115
 
 
-def _terminated(number: int, _frame: object) -> None:
-    """A queue, a closing machine or terminal asks us to stop: as Ctrl-C does, with everything tidied up."""
+def _ended(number: int, frame: FrameType | None) -> None:
+    """A user, a queue, a closing machine or terminal asks us to stop: as Ctrl-C does, with everything tidied up."""
+    if _hands_over(frame):
+        threading.Timer(0.01, _thread.interrupt_main, (number,)).start()
+        return
     if number == getattr(signal, "SIGHUP", None):
         # Shell and kernel may both send it: the second one would break off the tidying up.
         signal.signal(number, signal.SIG_IGN)
     raise KeyboardInterrupt
+
+
+def _hands_over(frame: FrameType | None) -> bool:
+    """Whether a compiled kernel is just being called or hands over what it has made.
+
+    numba does not look at errors there and goes on with one set, which Python makes a `SystemError` of.
+    """
+    numbas = False
+    while frame is not None and str(frame.f_globals.get("__name__")).partition(".")[0] == "numba":
+        if frame.f_code.co_name == "_compile_for_args":
+            return False
+        numbas, frame = True, frame.f_back
+    return numbas
 
 
 def _unraisable(unraisable: sys.UnraisableHookArgs, /) -> None:
