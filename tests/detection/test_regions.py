@@ -90,3 +90,14 @@ def test_discs_side_by_side_at_a_grazing_angle_are_two(draw):
     spots, _ = look_for(image, [10.0], 1.0)
     near = np.hypot(*(spots.xy[:, None] - np.array(discs)[:, :2]).transpose(2, 0, 1)).min(axis=0)
     assert (near < 0.5).all()
+
+
+def test_the_noise_of_boxes_is_that_of_the_surface_between_dense_markers(draw):
+    """White noise has tail 1; markers in every third box of a row are not counted as noise."""
+    rng = np.random.default_rng(3)
+    places = np.stack(np.meshgrid(np.arange(24, 500, 34.0), np.arange(24, 500, 34.0)), axis=-1).reshape(-1, 2)
+    image = draw((512, 512), np.column_stack([places, np.full(len(places), 5.0)]), blur=1, depth=12.0)
+    image = image + rng.normal(0, 4.0, image.shape)
+    here = measured_regions(prepare(image, 1.0), 4.0)
+    assert len(here.spots.xy) > 100
+    assert here.tails.max() < 1.3

@@ -34,7 +34,9 @@ Array = NDArray[np.float64]
 FILTER_SIGMA = 5.0  # of the filter's noise if it is white: less rises from noise in every picture
 SEARCH_SHARE = 0.8  # of a radius is searched for: a disc seen at an angle has less than its area
 REDUCED_PX = 3.5  # a searched radius is not reduced below this
+DISC_MISFIT = 0.3  # of a region's ellipse: what is better is a disc, not a piece of texture
 TAIL_LAG = 2  # boxes between those that are compared: neighbours share the surface's shape
+TAIL_ROWS = 16  # of a tile's boxes: 4 leave the ratio of two noises unsure by 12 %
 SPAN = 1.6  # discs of the searched radius over this ... times this are measured
 CLEAR_MERIT = 1.2  # of a region's ellipse: what is worse is no disc of its own, and SPOT is asked too
 
@@ -128,24 +130,41 @@ def measured_regions(image: Prepared, radius_px: float) -> Regions:
     spots = Spots(xy, merit, rows[:, 6], one > 0, radius_px * one, local, one, misfit)
     found = Shapes(rows[:, 8], local, rows[:, 6], size, axes, angle, flags)
     if len(start):
-        tails, box = _tails(level, noise, core), 2 * core + 1
+        disc = misfit <= DISC_MISFIT
+        tails, box = _tails(level, noise, core, (xy[disc] + 0.5) / factor), 2 * core + 1
         spots = replace(spots, tail=at_tiles(tails, (xy + 0.5) / (factor * box) - 0.5, 1.0))
     return Regions(spots, found, rows[:, 10], rest, level, factor, tiles, tails, box)
 
 
-def _tails(level: Pixels, noise: Array, core: int) -> Array:
+def _tails(level: Pixels, noise: Array, core: int, discs: Array) -> Array:
     """`Spots.tail` in tiles of the picture reduced by the inner box: how its noise differs from that of white noise.
 
-    By second differences again, which markers and edges reach in less than half of the places.
+    By second differences again. Three boxes in a row hit a marker in half of the places where markers are dense, so
+    what looks like discs (K, 2) is left out. What a border leaves of a tile is no measure of it where it is little: the
+    tile before it says what is there.
     """
     from windmark.detection._kernels.map import bin_mean
 
     width = 2 * core + 1
     if min(level.shape) < 8 * width:
         return np.ones((1, 1))
-    coarse = noise_tiles(bin_mean(level, width), TILE, TAIL_LAG)
+    boxes = _without(bin_mean(level, width), discs / width)
+    coarse = noise_tiles(boxes, TILE, TAIL_LAG, TAIL_ROWS)
+    for axis, side in enumerate(boxes.shape):
+        if coarse.shape[axis] > 1 and (side - 1) % TILE + 1 < TILE // 2:
+            last = [slice(None), slice(None)]
+            last[axis] = slice(-2, None)
+            coarse[tuple(last)] = np.take(coarse, [-2], axis=axis)
     fine = [[_tile_mean(noise, j, i, width) for i in range(coarse.shape[1])] for j in range(coarse.shape[0])]
     return np.clip(width * coarse / np.array(fine), 1.0, width)  # noise of a pixel's strength cannot do more
+
+
+def _without(boxes: Pixels, discs: Array) -> Pixels:
+    """Boxes without those at and next to discs (K, 2), unless these cover so much that the rest says nothing."""
+    out, place, (h, w) = boxes.copy(), discs.astype(np.int64), boxes.shape
+    for dx, dy in np.ndindex(3, 3):
+        out[(place[:, 1] + dy - 1).clip(0, h - 1), (place[:, 0] + dx - 1).clip(0, w - 1)] = np.nan
+    return out if np.isfinite(out).mean() > 0.5 else boxes
 
 
 def _tile_mean(noise: Array, j: int, i: int, width: int) -> float:
@@ -174,9 +193,7 @@ def trial_of(radius: float, radii: Sequence[float]) -> float:
     return min(trial_radii(radii), key=lambda t: abs(np.log(t / radius)))
 
 
-def _spot(
-    image: Prepared, radius_px: float, here: Regions, merit_max: float
-) -> tuple[Spots, Shapes]:
+def _spot(image: Prepared, radius_px: float, here: Regions, merit_max: float) -> tuple[Spots, Shapes]:
     """SPOT on the reduced picture at pixels of it."""
     from windmark.detection._kernels.shape import describe
     from windmark.detection._kernels.spot import refine_bowl

@@ -57,11 +57,11 @@ def box_sizes(radius_px: float) -> tuple[int, int]:
     return core, window
 
 
-def noise_tiles(g: Pixels, tile: int, lag: int) -> Array:
+def noise_tiles(g: Pixels, tile: int, lag: int, rows_each: int = 4) -> Array:
     """Scatter of the surface, one pixel, in tiles of `tile` pixels: (ceil(H / tile), ceil(W / tile)).
 
-    Second differences over `lag` pixels along 4 rows of each tile: slopes drop out, and texture that is correlated over
-    less than the lag counts in full (neighbouring pixels of a blurred texture differ too little). Their lower
+    Second differences over `lag` pixels along some rows of each tile: slopes drop out, and texture that is correlated
+    over less than the lag counts in full (neighbouring pixels of a blurred texture differ too little). Their lower
     quartile is taken, so that markers and edges may cover half of a tile. Missing pixels (NaN) do not count; a tile
     without any other has the noise of the median tile.
     """
@@ -69,10 +69,10 @@ def noise_tiles(g: Pixels, tile: int, lag: int) -> Array:
 
     h, w = g.shape
     across, down = -(-w // tile), -(-h // tile)
-    rows = np.minimum((np.arange(4 * down) + 0.5) * (tile / 4.0), h - 1).astype(np.int64)
+    rows = np.minimum((np.arange(rows_each * down) + 0.5) * (tile / rows_each), h - 1).astype(np.int64)
     cols = np.clip((np.arange(64 * across) + 0.5) * (tile / 64.0), lag, max(lag, w - 1 - lag)).astype(np.int64)
     quartile = np.empty((down, across))
-    bend_quartiles(g, rows.reshape(down, 4), cols.reshape(across, 64), lag, 16, quartile)
+    bend_quartiles(g, rows.reshape(down, rows_each), cols.reshape(across, 64), lag, 16, quartile)
     known = np.isfinite(quartile)
     quartile[~known] = np.median(quartile[known]) if known.any() else 0.0
     return quartile / (0.3186 * np.sqrt(6.0))
