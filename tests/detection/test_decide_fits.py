@@ -7,7 +7,7 @@ import windmark as wm
 from windmark.detection import explain
 from windmark.detection.decide_fits import relative_contrast
 from windmark.detection.quantile import weighted_quantile
-from windmark.detection.rejected import LARGE, MISFIT, PALE, PART, SHAPE, SMALL
+from windmark.detection.rejected import LARGE, MISFIT, OTHER, PALE, PART, SHAPE, SMALL
 
 COLUMNS, ROWS = np.arange(30, 330, 50.0), np.arange(30, 200, 50.0)
 MARKERS = np.stack(np.meshgrid(COLUMNS, ROWS), axis=-1).reshape(-1, 2)
@@ -81,7 +81,7 @@ def test_stains_specks_and_strokes_are_not(surface, draw):
     assert len(found) == len(places)
     assert all(PALE in r for r in reasons_at(rejected, stains))
     assert all(SMALL in r for r in reasons_at(rejected, specks))
-    assert all(r & {PART, MISFIT, SHAPE, LARGE, PALE} for r in reasons_at(rejected, strokes))
+    assert all(r & {PART, MISFIT, SHAPE, LARGE, PALE, OTHER} for r in reasons_at(rejected, strokes))
 
 
 def test_markers_that_lines_cross_are_kept(surface):
@@ -130,3 +130,17 @@ def test_contrast_is_compared_with_all_or_with_those_near_whichever_is_kinder():
     assert share.min() >= 1.0
     lone = relative_contrast(xy, np.where(np.arange(40) == 5, 0.3, 0.8), np.arange(40) != 5, np.ones(40))
     assert lone[5] == pytest.approx(0.3 / 0.8)
+
+
+def test_specks_beside_markers_of_a_pixel_are_told_by_what_they_add(draw):
+    """Bright points of radius 1.3, whose size and contrast are one number: specks of a quarter of it are none."""
+    rng = np.random.default_rng(11)
+    places = MARKERS + rng.uniform(-0.5, 0.5, MARKERS.shape)
+    specks = places[::4] + np.array([9.0, 6.0])
+    light = draw(SHAPE_PX, np.column_stack([places, np.full(len(places), 1.3)]), blur=1, background=0.0, depth=-180.0)
+    light += draw(SHAPE_PX, np.column_stack([specks, np.full(len(specks), 1.0)]), blur=1, background=0.0, depth=-45.0)
+    image = 10.0 + light + rng.normal(0, 0.5, SHAPE_PX)
+    found = wm.detect(image, radius_px=(1.3, 1.8), polarity="bright")
+    away = np.hypot(*(found.xy[:, None] - places).transpose(2, 0, 1))
+    assert (away.min(axis=0) < 0.5).all()
+    assert len(found) == len(places)

@@ -25,13 +25,13 @@ from windmark.detection.rejected import (
 )
 from windmark.detection.spots import Spots
 from windmark.detection.template.crlb import window_radius
-from windmark.detection.template.result import SATURATED, TemplateFits
+from windmark.detection.template.result import LEAST_AXIS_PX, SATURATED, TemplateFits
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
-RIVAL_NATS = 5.0  # by which the pixels must speak for another thing than a disc
+RIVAL_NATS = 3.4  # by which the pixels must speak for another thing: of what comes so far 30 times as much are discs
 EVIDENCE_MIN = 10.0  # of the matched filter: white noise reaches 5 in every picture, what is correlated twice as much
 CORRELATION_MIN = 0.93, 0.975  # of disc and window but for noise: of spots that SPOT takes, and of weaker ones
 SHARP_EDGE, WITH_SHARP_EDGE = 0.9, 0.8  # enough where most of the edge is beyond doubt: the rest is beside the marker
@@ -53,6 +53,7 @@ NEAREST = 9  # of them are those near a place
 CONTRAST_SHARE = 0.6  # of the markers' contrast
 SIZE_SHARE, SIZE_QUANTILE = 0.8, 0.2  # of the smaller of the typical markers, for those smaller than asked for
 NEAR_RADIUS = 0.86  # of the smallest radius asked for
+LEAST_VOLUME = 0.85  # of that of a disc as small as may be, with the markers' contrast
 
 
 @dataclass(frozen=True)
@@ -92,7 +93,9 @@ def judge_fits(
         spread = np.hypot(fits.blur_sigma_px, fits.frame.blur_spread_px)
         away = np.hypot(*(fits.xy - spots.xy).T)
         major, minor = fits.axes_px.T
-        doubt = 4.0 * fits.blur_px[:, None] * fits.blur_sigma_px[:, None] / np.maximum(fits.axes_px, 0.5)
+        # At the bound of its axes a fit is surer of its blur than it may be: then it is the frame's.
+        unsure = np.where(like_points(fits), spread, fits.blur_sigma_px)
+        doubt = 4.0 * fits.blur_px[:, None] * unsure[:, None] / np.maximum(fits.axes_px, 0.5)
         if options.min_depth is not None:
             reason[~(fits.depth >= options.min_depth)] = SHALLOW
         # Where a line was fitted too, the edge it hides says nothing: contrast and roundness decide.
@@ -109,7 +112,7 @@ def judge_fits(
         reason[fits.radius_px - doubt[:, 0] > RADIUS_RATIO[1] * max(radii)] = LARGE
         reason[major + doubt[:, 0] < RADIUS_RATIO[0] * min(radii)] = SMALL
         reason[~fits.converged | ~np.isfinite(fits.cov).all(axis=(1, 2)) | (away > spots.r0)] = UNCERTAIN
-        good = np.flatnonzero((reason == ACCEPTED) & ~fits.crossed)
+        good = np.flatnonzero((reason == ACCEPTED) & ~fits.crossed & has_shape(fits, radii))
         reason[good[rivals(good) > RIVAL_NATS]] = OTHER  # before it can say what the image's markers are like
         sound = (edge >= SOUND_EDGE) & (correlation >= SOUND_CORRELATION)
         sound |= fits.crossed | ((fits.flags & SATURATED) > 0)  # saturated: too little is left of it to look disturbed
@@ -142,7 +145,7 @@ def _beside_the_others(
     many, so each counts by its area. Contrast, roundness and edge count together: pieces of letters, rings and
     scratches lack some of each.
     """
-    typical = (reason == ACCEPTED) & sound & ~weak & ~fits.crossed
+    typical = (reason == ACCEPTED) & sound & ~weak & ~fits.crossed & ~like_points(fits)
     shapely = weak | has_shape(fits, radii)
     share, major, minor = np.ones(len(fits)), *fits.axes_px.T
     if typical.sum() >= TYPICAL:
@@ -150,7 +153,10 @@ def _beside_the_others(
             share = relative_contrast(fits.xy, fits.contrast, typical, weight)
             reason[(reason == ACCEPTED) & ~(share >= CONTRAST_SHARE)] = PALE
         else:
-            share = np.sqrt(relative_contrast(fits.xy, fits.depth, typical, weight))
+            share = relative_contrast(fits.xy, fits.depth, typical, weight)
+        small = share * face_on(fits) < LEAST_VOLUME * np.square(RADIUS_RATIO[0] * min(radii))
+        reason[(reason == ACCEPTED) & ~shapely & small] = SMALL
+        share = share if options.light == "multiplicative" else np.sqrt(share)
         size = size_at_blur(fits, fits.frame.blur_px)
         least = SIZE_SHARE * weighted_quantile(size[typical], size[typical] ** 2, SIZE_QUANTILE)
         if min(radii) >= TINY_PX:
@@ -196,6 +202,20 @@ def beside(xy: Array, value: Array, typical: Flags, weight: Array) -> Array:
 def size_at_blur(fits: TemplateFits, blur_px: float) -> Array:
     """Larger half axis (K,) that a marker would have with the frame's blur: small discs leave the two open."""
     return np.sqrt(np.maximum(fits.axes_px[:, 0] ** 2 + 4.0 * (fits.blur_px**2 - blur_px**2), 0.0))
+
+
+def face_on(fits: TemplateFits) -> Array:
+    """Square (K,) of the radius that the discs would have if seen at no angle; as they are where pixels do not tell.
+
+    Contrast times this is known where neither of them is: of discs so small that only what they take away is seen.
+    """
+    major, minor = fits.axes_px.T
+    return np.asarray(major * np.where(like_points(fits), minor, major))
+
+
+def like_points(fits: TemplateFits) -> Flags:
+    """Fits (K,) at the bound of their axes: size and depth are each arbitrary."""
+    return np.asarray(fits.axes_px[:, 1] < LEAST_AXIS_PX)
 
 
 def has_shape(fits: TemplateFits, radii: Sequence[float]) -> Flags:

@@ -2,9 +2,11 @@
 
 The fitted template is a blurred ellipse of one contrast. What a square, a cross, a letter, a chip of paint, a ring or
 a lit rivet has besides are waves of the outline (a square seen at any angle one of four with 0.15 of the radius, see
-`_kernels.rivals`), a contrast that falls off across the disc, or a hole. Printed discs have some of each, of known
-size; other things have more. Both are normal laws, and the ratio of their densities at what the pixels show is the
-evidence. Where the pixels do not show the shape, both say the same: no decision is possible, and a disc it stays.
+`_kernels.rivals`), a contrast that falls off across the disc, or a hole; and something of it is left that none of these
+explains. Printed discs have some of each, of known size; other things have more of one or several. Each kind of
+deviation has a law among discs and one among other things; at what the pixels show the ratio of their densities is the
+evidence, in nats. Another thing has a kind of deviation as often as not, so that a kind it lacks says little for a
+disc, and one it has nearly all. Where the pixels do not show the shape, both laws say the same: a disc it stays.
 """
 
 from __future__ import annotations
@@ -18,28 +20,30 @@ from windmark.detection.template.crlb import window_radius
 from windmark.detection.template.disc_model import shape_matrix
 from windmark.detection.template.fit import BATCH_PIXELS, Scene, cut_patches
 from windmark.detection.template.result import TemplateFits
-from windmark.detection.template.rim import _parameters as model_parameters
+from windmark.detection.template.rim import model_parameters
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 GROUPS = ((0, 2), (2, 4), (4, 6), (6, 8), (8, 9))  # of the deviations: three waves, the inside's slope, the hole
 HOLE = 4
-OF_DISCS = 0.027, 0.02, 0.016, 0.1, 0.3  # standard deviation of each among printed discs: `detection_real`
-OF_OTHERS = 0.15, 0.15, 0.15, 0.5, 2.0  # among squares, letters, chips, rivets and rings: `detection_hunt`
+OF_DISCS = 0.027, 0.022, 0.03, 0.12, 0.3  # standard deviation of each among printed discs: `detection_real`
+OF_OTHERS = 0.12, 0.12, 0.12, 0.5, 0.8  # among squares, letters, chips, rivets and rings: `detection_hunt`
+OF_PIXELS = 1.3, 1.3, 1.3, 20.0, 30.0  # px^5, over the fifth power of the radius: pixels and lenses add it to either
+LEFT_BY_DISCS, LEFT_BY_OTHERS = 0.03, 0.1  # of the depth, beyond the noise: half-normal, and exponential
+DISTURBED, LEFT_BY_DISTURBED = 0.25, 0.1  # share of the discs that dirt or a line reaches into, and what that leaves
+SHARE_OF_NOISE = 0.5  # what is left is not known better, as the tiles' noise is not
+ONE_KIND = 0.5  # share of the other things that have a kind of deviation
 MODEL_ERROR = 0.03  # of the depth: pixels of printed discs differ so much from any blurred ellipse (JPEG, blur, print)
-OF_PIXELS = 0.5, 0.5, 0.5, 4.0, 8.0  # px^3, over the radius cubed: what pixels and lenses add to either
 LEAST_WAVE = 0.06  # of the radius, of an outline that is another thing's
 PIXEL = 0.29  # px, standard deviation of a pixel's box
-LEAST_PX = 1.9  # mean half axis; what blur leaves of the shape of smaller discs is no small change of the template
+LEAST_PX = 1.2  # mean half axis; what blur leaves of the shape of smaller discs is no small change of the template
 REACH_PX, REACH_BLURS = 2.0, 3.0  # of the patches beyond the larger half axis
 BESIDE_PX, BESIDE_BLURS = 0.5, 2.0  # a neighbour's pixels reach so far beyond its ellipse
 
 
 def rival_evidence(scene: Scene, fits: TemplateFits, variance: Array) -> Array:
     """Nats (K,) by which the pixels speak for another thing than a disc; NaN where there is no fit or too few pixels.
-
-    Each kind of deviation counts by itself where it speaks against the disc: a square has one kind, a letter several.
 
     Parameters
     ----------
@@ -58,7 +62,8 @@ def rival_evidence(scene: Scene, fits: TemplateFits, variance: Array) -> Array:
         count = -(-mine.size * (2 * int(size) + 1) ** 2 // BATCH_PIXELS)
         for index in np.array_split(mine, count):
             least = variance[index] + np.square(MODEL_ERROR * fits.depth[index])
-            out[index] = _evidence(*_measured(scene, fits, index, near, int(size)), least, fits.radius_px[index])
+            found = *_measured(scene, fits, index, near, int(size)), least, fits.radius_px[index]
+            out[index] = _evidence(*found) + _of_left(found[2], variance[index], fits.depth[index])
     return out
 
 
@@ -91,23 +96,40 @@ def _measured(scene: Scene, fits: TemplateFits, index: Ints, near: Ints, half: i
 
 
 def _evidence(value: Array, weight: Array, left: Array, variance: Array, radius: Array) -> Array:
-    """Sum over the kinds of deviations of the logarithm of the densities' ratio, where that is positive."""
+    """Sum over the kinds of deviations of what each says, see `_of_one_kind`; NaN where they are not determined."""
     out = np.full(len(value), np.nan)
     known = np.flatnonzero(np.isfinite(value).all(axis=1) & np.isfinite(left))
     cov = np.linalg.inv(weight[known]) * np.fmax(left, variance)[known, None, None]
     total = np.zeros(known.size)
     for k, (first, last) in enumerate(GROUPS):
         a, own, one = value[known, first:last], cov[:, first:last, first:last], np.eye(last - first)
-        coarse = OF_PIXELS[k] / radius[known] ** 3
+        coarse = OF_PIXELS[k] / radius[known] ** 5
         density = []
         for spread in (np.hypot(OF_DISCS[k], coarse), np.hypot(OF_OTHERS[k], coarse)):
             law = own + np.square(spread)[:, None, None] * one
             square = np.einsum("ki,kij,kj->k", a, np.linalg.inv(law), a)
             density.append(-0.5 * (square + np.log(np.linalg.det(law))))
-        against = np.maximum(density[1] - density[0], 0.0)
-        total += np.where(a[:, 0] > 0.0, against, 0.0) if k == HOLE else against  # a peak in the middle is glare
+        against = density[1] - density[0]
+        # A peak in the middle is glare.
+        total += _of_one_kind(np.where(a[:, 0] > 0.0, against, np.minimum(against, 0.0)) if k == HOLE else against)
     out[known] = total
     return out
+
+
+def _of_left(left: Array, variance: Array, depth: Array) -> Array:
+    """What the pixels say that template and deviations together do not explain, beyond noise of a variance (K,)."""
+    unsure = SHARE_OF_NOISE * np.sqrt(variance) / depth
+    share = np.sqrt(np.maximum(left - variance, 0.0)) / depth
+    disc, other = np.hypot(LEFT_BY_DISCS, unsure), np.hypot(LEFT_BY_OTHERS, unsure)
+    usual = np.sqrt(2.0 / np.pi) / disc * np.exp(-0.5 * np.square(share / disc))
+    disturbed = np.exp(-share / LEFT_BY_DISTURBED) / LEFT_BY_DISTURBED
+    law = (1.0 - DISTURBED) * usual + DISTURBED * disturbed
+    return _of_one_kind(-share / other - np.log(other) - np.log(law))
+
+
+def _of_one_kind(against: Array) -> Array:
+    """Evidence of a kind of deviation for a thing that has it or, as often, has not; `against` (K,) if it has."""
+    return np.asarray(np.logaddexp(np.log(1.0 - ONE_KIND), np.log(ONE_KIND) + against))
 
 
 def _neighbours(fits: TemplateFits) -> Ints:

@@ -45,7 +45,7 @@ def _support(scene: Scene, fits: TemplateFits, variance: Array, half: int) -> Ar
     pixel = np.rint(fits.xy).astype(np.int64)
     patches, weights = cut_patches(scene, pixel, half)
     shares = np.empty((len(fits), SECTORS))
-    rim_shares(patches, weights, _parameters(scene, fits, pixel), variance, float(scene.multiplicative), shares)
+    rim_shares(patches, weights, model_parameters(scene, fits, pixel), variance, float(scene.multiplicative), shares)
     shares = np.clip(shares, -1.0, 1.0)
     known = ~np.isnan(shares)
     some = np.asarray(known.any(axis=1))
@@ -54,7 +54,7 @@ def _support(scene: Scene, fits: TemplateFits, variance: Array, half: int) -> Ar
     return np.where(some[:, None], support, np.nan)
 
 
-def _parameters(scene: Scene, fits: TemplateFits, pixel: NDArray[np.int64]) -> Array:
+def model_parameters(scene: Scene, fits: TemplateFits, pixel: NDArray[np.int64]) -> Array:
     """Parameters (K, 10) of the model on patches round the pixels: the inverse of `template_result.columns`."""
     p, offset = np.empty((len(fits), 10)), fits.xy - pixel
     shape = shape_matrix(fits.axes_px, fits.angle)
