@@ -48,5 +48,17 @@ def test_the_setting_that_finds_markers_is_said(draw):
     image = 255.0 - draw((110, 150), discs, blur=1) + np.random.default_rng(0).normal(0, 1, (110, 150))
     assert "bright markers: 15 found with `--polarity bright`" in wd.why_none(image, radius_px=3.0)
     assert "bright markers: 15 found with `--polarity bright`" in wd.why_none(image)
-    assert "other sizes: 15 found with `no radius`" in wd.why_none(image, radius_px=9.0, polarity="bright")
+    assert "other sizes: 15 found without `--radius`" in wd.why_none(image, radius_px=9.0, polarity="bright")
     assert "found with" not in wd.why_none(NOISE, radius_px=3.0)
+
+
+def test_few_are_asked_about_too(draw):
+    """Two dark specks beside fifteen bright discs, looked for as dark: the other polarity is named, with its number."""
+    discs = [(20.3 + 25 * i, 30.6 + 25 * j, 3.0) for i in range(5) for j in range(3)]
+    image = 255.0 - draw((110, 150), discs, blur=1) + np.random.default_rng(0).normal(0, 1, (110, 150))
+    image -= 100.0 - draw((110, 150), [(32.0, 95.0, 3.0), (82.0, 95.0, 3.0)], depth=60.0)
+    options = {"radius_px": 3.0, "polarity": "dark", "photometry": "additive"}
+    found = wd.detect(image, **options)
+    assert len(found) == 2
+    assert wd.hint(image, options, len(found)) == "bright markers: 15 found with `--polarity bright`"
+    assert wd.hint(image, {**options, "polarity": "bright"}, 15) == ""

@@ -152,8 +152,11 @@ def _detect_one(image: Image, wishes: Wishes) -> _Found:
     look = detection.find_markers(image, rejected=wishes.explain is not None, **options)
     if look.radius is not None and not look.radius:
         why = "; ".join(filter(None, [look.radius.reason, look.words]))
-    else:
-        why = "" if len(look.detections) else detection.why_none(image, **options)
+    elif not len(look.detections):
+        why = detection.why_none(image, **options)
+    else:  # few are asked about too
+        count = len(look.detections)
+        why = detection.hint(image, options, count) if count < detection.FEW else ""
     return _Found(
         image, mask, look.radii_px, look.radius, look.detections, look.rejected, why, look.polarity, look.words
     )
@@ -227,7 +230,7 @@ def _record(one: _Found) -> Record:
     if one.rejected is not None:
         record["rejected"] = len(one.rejected)
     if one.why_none:
-        record["why_none"] = one.why_none
+        record["hint" if len(one.spots) else "why_none"] = one.why_none
     return record
 
 
