@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from windmark.detection.template.fit import Neighbours, Request, Scene, cut_patches, windows
+from windmark.detection.template.fit import cut_patches, windows
+from windmark.detection.template.request import Neighbours, Request, Scene
 
 HALF = 8
 

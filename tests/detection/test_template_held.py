@@ -9,7 +9,8 @@ from windmark.detection.template._kernels.held import held_sums, pixel_table
 from windmark.detection.template._kernels.model import CENTRE, disc_sums, points_needed
 from windmark.detection.template.colour import colour_of, coloured
 from windmark.detection.template.disc_model import patch_model, shape_matrix
-from windmark.detection.template.fit import Neighbours, Request, Scene, fit_at_once, fit_batches
+from windmark.detection.template.fit import fit_at_once, fit_batches
+from windmark.detection.template.request import Neighbours, Request, Scene
 from windmark.detection.template.result import Frame
 from windmark.scene import Detections
 

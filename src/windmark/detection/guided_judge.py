@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.detection.pairs import close_pairs
-from windmark.detection.template.fit import Request, Scene
+from windmark.detection.template.request import Request, Scene
 from windmark.detection.template.result import TemplateFits
 from windmark.detection.template.search import surroundings
 

@@ -18,7 +18,8 @@ from windmark.detection.pairs import close_pairs
 from windmark.detection.shape import CONTAMINATED
 from windmark.detection.template.crlb import window_radius
 from windmark.detection.template.disc_model import shape_matrix
-from windmark.detection.template.fit import BATCH_PIXELS, Scene, cut_patches
+from windmark.detection.template.fit import BATCH_PIXELS, cut_patches
+from windmark.detection.template.request import Scene
 from windmark.detection.template.result import TemplateFits
 from windmark.detection.template.rim import model_parameters
 

@@ -3,90 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.detection.pairs import close_pairs
-from windmark.detection.template.crlb import window_radius
+from windmark.detection.template.request import Neighbours, Request, Scene
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
-WINDOW_BLURS = 4.5  # the window reaches so many blurs beyond the disc
 BATCH_PIXELS = 200_000  # of the patches of one batch: they stay in the cache
-NO_MASK = np.zeros((0, 0), dtype=bool)
 SHAPE_SPREAD = 0.6  # prior of the second moments, relative to those of a round disc of the given radius
 TUKEY = 4.685  # cut of Tukey's weights in units of the noise: 95 % efficient on Gaussian noise
-
-
-@dataclass(frozen=True)
-class Scene:
-    """What the fits of one image have in common.
-
-    Parameters
-    ----------
-    image : (H, W) grey levels, any real type
-    usable : (H, W) or None: pixels that may be used
-    sign : 1 for dark markers, -1 for bright ones
-    saturation : grey level from which on a pixel says nothing
-    multiplicative : True where paint multiplies the light
-    """
-
-    image: NDArray[np.generic]
-    usable: Flags | None
-    sign: float
-    saturation: float
-    multiplicative: bool
-
-    def pixels(self) -> tuple[NDArray[np.generic], Flags, float, float]:
-        """What the kernels want to know of the image."""
-        dtype, image = self.image.dtype, self.image
-        if dtype.kind == "f" and dtype.itemsize not in (4, 8):
-            image = image.astype(np.float64)
-        elif not dtype.isnative:
-            image = image.astype(dtype.newbyteorder("="))
-        return image, NO_MASK if self.usable is None else self.usable, self.sign, self.saturation
-
-
-@dataclass(frozen=True)
-class Request:
-    """K markers to be fitted; positions in pixels of the image.
-
-    Parameters
-    ----------
-    xy : (K, 2) start of the centre
-    radius : (K,) radius of the disc, for the window and the prior of the shape
-    blur, blur_spread : (K,) prior of the blur and its standard deviation
-    shape : (K, 3) L_xx, L_xy, L_yy to be held together with the blur, or None where the shape is fitted
-    scale : (K,) noise for Tukey's weights, inf for least squares
-    states : (K, 10) states to start from, relative to `xy`; NaN where the start is taken from the image's moments
-    window : (K,) radius of the windows, None for what disc and blur need
-    colour : (K, 2, 2) what the noise's correlation does to the covariances, as `TemplateFits.colour` had it in a frame
-        before: taken as it is. NaN: computed; None: of all
-    """
-
-    xy: Array
-    radius: Array
-    blur: Array
-    blur_spread: Array
-    shape: Array | None
-    scale: Array
-    states: Array
-    window: Array | None = None
-    colour: Array | None = None
-
-    def take(self, index: Ints | Flags) -> Request:
-        """The markers of an index."""
-        columns: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self)}
-        taken: dict[str, Any] = {name: None if value is None else value[index] for name, value in columns.items()}
-        return Request(**taken)
-
-    def reach(self) -> Array:
-        """Radius of the windows (K,)."""
-        return self.window if self.window is not None else window_radius(self.radius, self.blur, WINDOW_BLURS)
 
 
 @dataclass(frozen=True)
@@ -261,50 +190,3 @@ def _priors(request: Request) -> tuple[Array, Array, Flags]:
         )
         fixed[2:6] = True
     return mean, stiff, fixed
-
-
-@dataclass(frozen=True)
-class Neighbours:
-    """For K markers the places and radii of those near them: their pixels are not used.
-
-    Parameters
-    ----------
-    xy, radius : (N, 2), (N,) all markers
-    index : (K, L) into them, -1 where there are fewer than L
-    margin : (N,) how far beyond its radius a neighbour is seen
-    """
-
-    xy: Array
-    radius: Array
-    index: Ints
-    margin: Array
-
-    @staticmethod
-    def find(request: Request) -> Neighbours:
-        """Neighbours of all markers whose discs come into their windows; the same marker found twice is none."""
-        xy, radius, reach = request.xy, request.radius, request.reach()
-        count, margin = len(xy), 3.0 * request.blur + 0.5
-        if count < 2:
-            return Neighbours(xy, radius, np.empty((count, 0), np.int64), margin)
-        pairs = close_pairs(xy, float((reach + (radius + margin).max()).max()))
-        if not len(pairs):
-            return Neighbours(xy, radius, np.empty((count, 0), np.int64), margin)
-        pairs = np.concatenate([pairs, pairs[:, ::-1]])
-        i, j = pairs.T
-        distance = np.hypot(*(xy[i] - xy[j]).T)
-        near = (distance < reach[i] + radius[j] + margin[j]) & (distance > 0.5 * np.minimum(radius[i], radius[j]))
-        i, j = i[near], j[near]
-        order = np.lexsort((distance[near], i))
-        i, j = i[order], j[order]
-        many = np.bincount(i, minlength=count)
-        index = np.full((count, int(many.max(initial=0))), -1, dtype=np.int64)
-        index[i, np.arange(i.size) - np.repeat(np.cumsum(many) - many, many)] = j
-        return Neighbours(xy, radius, index, margin)
-
-    def take(self, index: Ints) -> Neighbours:
-        """The neighbours of some markers."""
-        return replace(self, index=self.index[index])
-
-    def touching(self) -> Flags:
-        """Markers (K,) into whose window another one reaches."""
-        return np.asarray((self.index >= 0).any(axis=1))

@@ -11,8 +11,9 @@ from windmark.detection.quantile import weighted_quantile
 from windmark.detection.template.colour import coloured
 from windmark.detection.template.crlb import window_radius
 from windmark.detection.template.disc_model import patch_model
-from windmark.detection.template.fit import WINDOW_BLURS, Batch, Fitted, Neighbours, Request, Scene
+from windmark.detection.template.fit import Batch, Fitted
 from windmark.detection.template.noise import FrameNoise, frame_noise
+from windmark.detection.template.request import WINDOW_BLURS, Neighbours, Request, Scene
 from windmark.detection.template.result import (
     CONTAMINATED,
     MANY_SATURATED,
@@ -214,26 +215,29 @@ def fit_markers(scene: Scene, request: Request, frame: Frame, *, robust: bool) -
     flags, crossed = np.where(others.touching(), TOUCHING, 0), np.zeros(len(done.params), dtype=bool)
     if frame.noise is not None:
         worse = contaminated(chi2, done, expected, flags)
-        contrast = median_contrast(done, worse)
         flags |= np.where(worse, CONTAMINATED, 0)
-        # A saturated disc has lost its inside: what is left of it does not tell dirt from disc.
-        index = np.flatnonzero(worse & (done.column("status") >= 0) & (done.saturated <= MANY_SATURATED))
-        if robust and index.size:
-            again, trusted, with_stroke = decontaminated(
-                scene,
-                request.take(index),
-                done.take(index),
-                others.take(index),
-                expected[index],
-                frame.noise,
-                contrast,
-                radius[index],
-            )
-            better = again.column("status") == 1
-            done.put(index[better], again.take(better))
-            cov[index[better]] = trusted[better]
-            crossed[index[better]] = with_stroke[better]
+        crossed = _cleaned(scene, request, done, others, cov, expected, worse, radius, frame.noise, robust=robust)
     return columns(scene, request.xy, done, cov=cov, chi2=chi2, flags=flags, crossed=crossed, frame=frame)
+
+
+def _cleaned(
+    scene: Scene, request: Request, done: Fitted, others: Neighbours, cov: Array, expected: Array, worse: Bools,
+    radius: Array, noise: FrameNoise, *, robust: bool,
+) -> Bools:  # fmt: skip
+    """Fit the contaminated markers again, in `done` and `cov`; which (K,) are fitted with a line."""
+    crossed = np.zeros(len(worse), dtype=bool)
+    # A saturated disc has lost its inside: what is left of it does not tell dirt from disc.
+    index = np.flatnonzero(worse & (done.column("status") >= 0) & (done.saturated <= MANY_SATURATED))
+    if robust and index.size:
+        again, trusted, with_stroke = decontaminated(
+            scene, request.take(index), done.take(index), others.take(index), expected[index], noise,
+            median_contrast(done, worse), radius[index],
+        )  # fmt: skip
+        better = again.column("status") == 1
+        index = index[better]
+        done.put(index, again.take(better))
+        cov[index], crossed[index] = trusted[better], with_stroke[better]
+    return crossed
 
 
 def _first_fits(

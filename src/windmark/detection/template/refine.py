@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from windmark.detection.image import check_image, check_mask, check_polarity
 from windmark.detection.template.disc_model import check_photometry
-from windmark.detection.template.fit import Request, Scene
 from windmark.detection.template.frame import (
     BLUR_SPREAD,
     BLUR_START,
@@ -23,6 +22,7 @@ from windmark.detection.template.frame import (
     learn_frame,
 )
 from windmark.detection.template.noise import FrameNoise
+from windmark.detection.template.request import Request, Scene
 from windmark.detection.template.result import Frame, TemplateFits
 from windmark.errors import UsageError
 

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from windmark.detection.template.colour import colour_of
-from windmark.detection.template.fit import Fitted, Scene
+from windmark.detection.template.fit import Fitted
 from windmark.detection.template.noise import FrameNoise
+from windmark.detection.template.request import Scene
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -61,7 +62,7 @@ class TemplateFits:
     iterations : (M,) evaluations of the model
     converged : (M,)
     flags : (M,) bits of `scene.detections.FLAGS`
-    crossed : (M,) a line across the marker was fitted with it
+    crossed : (M,) a line across the marker, or a shadow's edge, was fitted with it
     frame : what all of them have in common
     """
 

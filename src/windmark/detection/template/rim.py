@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.detection.template.disc_model import PIXEL_VARIANCE, shape_matrix
-from windmark.detection.template.fit import BATCH_PIXELS, Scene, cut_patches
+from windmark.detection.template.fit import BATCH_PIXELS, cut_patches
+from windmark.detection.template.request import Scene
 from windmark.detection.template.result import TemplateFits
 
 Array = NDArray[np.float64]

@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.detection.template.fit import TUKEY, Batch, Fitted, Neighbours, Request, Scene, fit_at_once, fit_batches
+from windmark.detection.template.fit import TUKEY, Batch, Fitted, fit_at_once, fit_batches
 from windmark.detection.template.noise import FrameNoise
+from windmark.detection.template.request import Neighbours, Request, Scene
 from windmark.detection.template.stroke import fit_strokes
 from windmark.geometry.order import median, quantile
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.detection.template.fit import Request, Scene
+from windmark.detection.template.request import Request, Scene
 
 Array = NDArray[np.float64]
 

@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.detection.template.fit import Fitted, Neighbours, Request, Scene, windows
+from windmark.detection.template.fit import Fitted, windows
+from windmark.detection.template.request import Neighbours, Request, Scene
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -30,10 +31,7 @@ LEAST_PIXELS = 42  # three times the unknowns
 WIDEST = 61  # px, of a window: beside larger discs a line is narrow and weights do
 EVALUATIONS, HOPE = 25, 8  # at most; after so many it must be near a good fit, or it is given up
 TOLERANCE = 1e-2  # chi^2 of the last step
-BETTER, GOOD = (
-    0.6,
-    2.0,
-)  # a stroke is believed if it leaves that part of the residual variance, and so much over the noise's
+BETTER, GOOD = 0.6, 2.0  # believed if it leaves that part of the residual variance, and so much over the noise's
 HOPELESS = 3.0  # times what is good
 LIKE = 0.5, 2.0  # contrast over that of clean markers: others are none
 MOVED = 0.5  # radii by which it may move the centre
