@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -124,6 +125,29 @@ def fit_at_once(scene: Scene, request: Request, others: Neighbours) -> Fitted:
     done.usable[:], done.saturated[:] = share.T
     done.states[:, :2] -= start
     return done
+
+
+def refit(
+    scene: Scene, request: Request, done: Fitted, others: Neighbours, change: Callable[[Ints, Array, Array], None]
+) -> Fitted:
+    """The fits again, from the fits `done`, after `change` (index (B,), patches, weights (B, S, S)) of the windows."""
+    from windmark.detection.template._kernels.fit import fit_discs
+
+    out, request = Fitted.empty(len(request.xy)), replace(request, states=done.states)
+    sizes = np.ceil(request.reach() + 0.5).astype(np.int64)
+    for half in np.unique(sizes):
+        index = np.flatnonzero(sizes == half)
+        one = request.take(index)
+        again, start, patches, weights = windows(scene, one, others.take(index), int(half))
+        starts, *known = _start(scene, one, again, start)
+        change(index, patches, weights)
+        fit_discs(
+            patches, weights, starts, again.states, *known, again.table, again.params, again.cov,
+            np.zeros((len(index), 0, *patches.shape[1:])),
+        )  # fmt: skip
+        again.states[:, :2] -= start
+        out.put(index, again)
+    return out
 
 
 def _start(

@@ -11,6 +11,7 @@ from windmark.detection.quantile import weighted_quantile
 from windmark.detection.template.colour import coloured
 from windmark.detection.template.crlb import window_radius
 from windmark.detection.template.disc_model import patch_model
+from windmark.detection.template.doubt import larger, quarters_scatter, rougher
 from windmark.detection.template.fit import Batch, Fitted
 from windmark.detection.template.noise import FrameNoise, frame_noise
 from windmark.detection.template.request import WINDOW_BLURS, Neighbours, Request, Scene
@@ -51,6 +52,7 @@ HELD_SPREAD = 0.02  # px, of a blur that is tried
 NARROW, MOST_LONGER = 1.1, 1.6  # a window is made again if it is so much too small; an ellipse may be so much longer
 OUTVOICED = 9.0  # chi^2 by which one marker can speak against a blur
 SAMPLE = 48  # markers that are enough to know a frame
+ASKED = 12  # clean ones that are enough to know how its discs are
 OUTVOTED = 2.5  # a marker is not clean if its residuals exceed the sample's by so many robust standard deviations
 
 
@@ -225,7 +227,7 @@ def _cleaned(
     radius: Array, noise: FrameNoise, *, robust: bool,
 ) -> Bools:  # fmt: skip
     """Fit the contaminated markers again, in `done` and `cov`; which (K,) are fitted with a line."""
-    crossed = np.zeros(len(worse), dtype=bool)
+    weight, crossed = np.full(len(worse), np.inf), np.zeros(len(worse), dtype=bool)
     # A saturated disc has lost its inside: what is left of it does not tell dirt from disc.
     index = np.flatnonzero(worse & (done.column("status") >= 0) & (done.saturated <= MANY_SATURATED))
     if robust and index.size:
@@ -236,7 +238,15 @@ def _cleaned(
         better = again.column("status") == 1
         index = index[better]
         done.put(index, again.take(better))
-        cov[index], crossed[index] = trusted[better], with_stroke[better]
+        cov[index], crossed[index], weight[index] = trusted[better], with_stroke[better], np.sqrt(expected[index])
+    index = np.flatnonzero(worse & (done.column("status") >= 0) & ~crossed)
+    if index.size:
+        usual = np.flatnonzero(~worse & (done.column("status") == 1) & np.isfinite(cov).all(axis=(1, 2)))[:ASKED]
+        every = np.concatenate([usual, index])
+        weighted = replace(request.take(every), scale=weight[every])
+        scatter = quarters_scatter(scene, weighted, done.take(every), others.take(every))
+        scatter, common = scatter[usual.size :], rougher(scatter[: usual.size], cov[usual])
+        cov[index] = larger(cov[index], scatter / common)
     return crossed
 
 

@@ -1,0 +1,78 @@
+"""How far a centre hangs on a part of its window: what the covariance of a contaminated marker must not be below.
+
+Dirt, a scratch or a shadow's edge is no noise: it sits at one place and pulls the centre as a whole, while the
+covariance of least squares counts every pixel as one more independent witness. What such a thing does shows when its
+place is left out. The marker is fitted again without each of eight overlapping quarters of its window; the scatter of
+the centres is the covariance of the delete-a-group jackknife (Shao and Wu, Annals of Statistics 17, 1989), right for
+errors that are independent from quarter to quarter whatever they are within.
+
+Outlines that are rough everywhere (print, hand-painted discs) move such centres too, those of clean markers as much as
+those of others: that is how the discs of this frame are, not what lies on one of them. The frame's clean markers are
+asked the same, and where their centres hang on quarters more than white noise makes them the contaminated ones' scatter
+is taken in proportion.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.detection.template.fit import Fitted, refit
+from windmark.detection.template.request import Neighbours, Request, Scene
+from windmark.geometry.order import median
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+QUARTERS = 8  # directions of the middles of the quarters
+LEFT_TO_GONE = 3.0  # pixels that stay over those left out: the jackknife's factor
+IN_WHITE_NOISE = 5.8  # jackknife over covariance, variances: a fit without a quarter loses more than a quarter
+ENOUGH = 5  # clean markers that say how discs are in this frame
+
+
+def quarters_scatter(scene: Scene, request: Request, done: Fitted, others: Neighbours) -> Array:
+    """The jackknife's covariances (K, 2, 2) of the centres of fits `done`, made as `request` says.
+
+    A fit that fails without a quarter hangs on it altogether: its centre counts as a radius away, in both directions.
+    """
+    scatter = np.zeros((len(request.xy), 2, 2))
+    for turn in 2.0 * np.pi * np.arange(QUARTERS) / QUARTERS:
+
+        def without_quarter(index: Ints, patches: Array, weights: Array, turn: float = turn) -> None:
+            x = np.arange(patches.shape[1]) - patches.shape[1] // 2
+            centre = done.params[index, :2, None, None]
+            along = np.arctan2(x[:, None] - centre[:, 1], x[None, :] - centre[:, 0])
+            weights[np.abs(np.remainder(along - turn + np.pi, 2.0 * np.pi) - np.pi) < np.pi / 4.0] = 0.0
+
+        again = refit(scene, request, done, others, without_quarter)
+        moved = again.params[:, :2] - done.params[:, :2]
+        converged = (again.column("status") == 1) & np.isfinite(moved).all(axis=1)
+        moved = np.where(converged[:, None], moved, 0.0)
+        scatter += moved[:, :, None] * moved[:, None, :]
+        scatter += np.where(converged, 0.0, request.radius**2)[:, None, None] * np.eye(2)
+    return scatter * LEFT_TO_GONE / QUARTERS
+
+
+def rougher(scatter: Array, cov: Array) -> float:
+    """By how much (>= 1) the scatter of a frame's clean markers is above white noise's, of covariances (K, 2, 2)."""
+    if len(cov) < ENOUGH:
+        return 1.0
+    ratio = np.trace(np.linalg.solve(cov, scatter), axis1=1, axis2=2) / 2.0
+    return max(1.0, median(ratio) / IN_WHITE_NOISE)
+
+
+def larger(cov: Array, other: Array) -> Array:
+    """The covariance (K, 2, 2) that is the larger of both in each of the directions that are common to both.
+
+    With cov = L L^T and L^-1 other L^-T = V diag(e) V^T these are the columns of L V: the result is
+    L V diag(max(1, e)) V^T L^T.
+    """
+    out = cov.copy()
+    with np.errstate(invalid="ignore"):
+        good = np.isfinite(other).all(axis=(1, 2)) & (cov[:, 0, 0] > 0.0) & (np.linalg.det(cov) > 0.0)
+    root = np.linalg.cholesky(cov[good])
+    inverse = np.linalg.inv(root)
+    size, turn = np.linalg.eigh(inverse @ other[good] @ np.swapaxes(inverse, 1, 2))
+    turned = root @ turn
+    out[good] = (turned * np.maximum(size, 1.0)[:, None, :]) @ np.swapaxes(turned, 1, 2)
+    return out
