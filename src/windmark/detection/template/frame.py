@@ -35,6 +35,7 @@ from windmark.detection.template.robust import (
     scatter,
     trust,
 )
+from windmark.detection.template.touching import fit_touching
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -212,6 +213,8 @@ def fit_markers(scene: Scene, request: Request, frame: Frame, *, robust: bool) -
             wider, batches = fit_all(scene, request.take(index), others.take(index), images=images)
             done.put(index, wider)
             cov[index], expected[index] = trust(frame.noise, wider, batches)
+    if request.shape is None and others.index.size:
+        _parted(scene, request, done, others, cov)
     with np.errstate(invalid="ignore"):
         chi2 = done.column("noise2") / expected
     flags, crossed = np.where(others.touching(), TOUCHING, 0), np.zeros(len(done.params), dtype=bool)
@@ -248,6 +251,15 @@ def _cleaned(
         scatter, common = scatter[usual.size :], rougher(scatter[: usual.size], cov[usual])
         cov[index] = larger(cov[index], scatter / common)
     return crossed
+
+
+def _parted(scene: Scene, request: Request, done: Fitted, others: Neighbours, cov: Array) -> None:
+    """Fit markers that touch together, in `done` and `cov`: as much larger in the frame's noise as before."""
+    white = np.trace(done.cov[:, :2, :2], axis1=1, axis2=2)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        coloured = np.trace(cov, axis1=1, axis2=2) / white
+    index = fit_touching(scene, request, done, others)
+    cov[index] = done.cov[index, :2, :2] * np.where(np.isfinite(coloured), coloured, 1.0)[index, None, None]
 
 
 def _first_fits(

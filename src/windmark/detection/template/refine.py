@@ -72,8 +72,8 @@ def refine_template(
         holds for the texture that the residuals show; of contaminated markers it is not below what the centre owes to
         a quarter of the window (`doubt`). Flags: border (the ellipse is cut by the image's edge), saturated (over 2 %
         of the window), contaminated (the residuals are not the frame's noise, or pixels of the disc are missing),
-        touching (another marker reaches into the window; its pixels are left out), ill-conditioned (not converged, size
-        or blur at the bound of what pixels can show, or no disc to be seen).
+        touching (another marker reaches into the window; its pixels are left out, or both are fitted together),
+        ill-conditioned (not converged, size or blur at the bound of what pixels can show, or no disc to be seen).
 
     Raises
     ------

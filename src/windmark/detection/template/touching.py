@@ -1,0 +1,122 @@
+"""Markers that touch are fitted together: each with its neighbours' discs taken away from its window, until all stay.
+
+Where the blurred rims of two discs overlap neither window is one disc's: to leave out the pixels of the nearer one cuts
+the rim that is to be found, and what is left of the other pulls. Paint that does not overlap takes light away
+independently, I = L (1 - c_1 H_1 - c_2 H_2), so that a neighbour's share can be subtracted. Fits of one disc at a time
+to what the others leave, repeated, end where the fit of all at once has its minimum (block coordinate descent); the
+covariance is that of the fit of all at once: the neighbours' unknowns are among its own,
+C_1 = (A_11 - A_12 A_22^-1 A_21)^-1 with the blocks A of the normal matrix.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.detection.template.fit import Fitted, linearised, refit
+from windmark.detection.template.request import Neighbours, Request, Scene
+from windmark.detection.template.result import ellipses
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Ints = NDArray[np.int64]
+
+SWEEPS = 12  # at most: the rims that overlap are narrow, and each sweep leaves a small part of the error
+STILL = 1e-3  # px that no centre moves by: all stay
+MOVED = 0.5  # radii by which the neighbours' light may move a centre
+SHARED = 7  # the first unknowns, those of a disc alone: its light is fitted for each window
+
+
+def fit_touching(scene: Scene, request: Request, done: Fitted, others: Neighbours) -> Ints:
+    """Fit again, in `done`, the markers whose rims overlap; which they are (L,). Others are not converged with them.
+
+    A marker that does not converge so, whose neighbour does not, or that cannot be told from it, keeps its first fit.
+    """
+    joint = _overlapping(request, done, others)
+    index = np.flatnonzero((joint >= 0).any(axis=1))
+    if not index.size:
+        return index
+    part, first = request.take(index), done.take(index)
+    left_out = replace(others, index=np.where(joint >= 0, -1, others.index)).take(index)
+
+    def without_neighbours(k: Ints, patches: Array, weights: Array) -> None:
+        for patch, weight, m in zip(patches, weights, index[k], strict=True):
+            for n in joint[m][joint[m] >= 0]:
+                patch -= hole(scene, len(patch), _seen_from(scene, done, n, m)) * (weight > 0.0)
+
+    for _ in range(SWEEPS):
+        before = done.params[index, :2].copy()
+        done.put(index, refit(scene, part, done.take(index), left_out, without_neighbours))
+        if not (np.abs(done.params[index, :2] - before) > STILL).any():
+            break
+    moved = np.hypot(*(done.params[index, :2] - first.params[:, :2]).T)
+    good = np.ones(len(joint), dtype=bool)
+    good[index] = (done.column("status")[index] == 1) & (moved < MOVED * request.radius[index])
+    stay = good[index] & np.where(joint[index] >= 0, good[joint[index]], True).all(axis=1)
+    cov = np.full((len(index), 10, 10), np.nan)
+    for k in np.flatnonzero(stay):
+        cov[k] = _with_neighbours(scene, request, done, index[k], joint[index[k]][joint[index[k]] >= 0])
+    stay &= np.isfinite(cov).all(axis=(1, 2))
+    done.put(index[~stay], first.take(~stay))
+    done.cov[index[stay]] = cov[stay]
+    return index[stay]
+
+
+def _overlapping(request: Request, done: Fitted, others: Neighbours) -> Ints:
+    """Of the neighbours (K, L) those whose blurred rim overlaps the marker's own and both of which are fitted; -1."""
+    if not others.index.size:
+        return others.index
+    xy, axes = done.pixel + done.params[:, :2], ellipses(done.params[:, 2:5])[0][:, 0]
+    i = np.arange(len(xy))[:, None]
+    gap = np.hypot(*np.moveaxis(xy[others.index] - xy[i], -1, 0)) - axes[others.index] - axes[i]
+    fitted = (done.column("status") == 1) & np.isfinite(done.cov).all(axis=(1, 2))
+    with np.errstate(invalid="ignore"):
+        near = (others.index >= 0) & fitted[others.index] & fitted[i]
+        near &= gap < others.margin[others.index] + others.margin[i]
+    return np.where(near, others.index, -1)
+
+
+def _seen_from(scene: Scene, done: Fitted, n: int, m: int) -> Array:
+    """Parameters (10,) of the marker n with regard to the middle of the patch of marker m."""
+    p, away = done.params[n].copy(), (done.pixel[m] - done.pixel[n]).astype(float)
+    p[:2] -= away
+    if scene.multiplicative:  # the light, 1 in the middle of the own patch, is another one there
+        light = max(1.0 + p[8:] @ away, 0.05)
+        p[6:8], p[8:] = p[6:8] * light, p[8:] / light
+    else:
+        p[7] += p[8:] @ away
+    return p
+
+
+def hole(scene: Scene, size: int, params: Array) -> Array:
+    """Grey levels (S, S) that a disc adds to a patch without it."""
+    zeros, ones, flat = np.zeros((size, size)), np.ones((size, size)), params.copy()
+    flat[6] = 0.0
+    return np.asarray(linearised(scene, zeros, ones, flat)[0] - linearised(scene, zeros, ones, params)[0])
+
+
+def _with_neighbours(scene: Scene, request: Request, done: Fitted, m: int, neighbours: Ints) -> Array:
+    """Covariance (10, 10) of a marker whose neighbours' discs are unknown too; NaN where both cannot be told apart."""
+    size = 2 * int(np.ceil(request.reach()[m] + 0.5)) + 1
+    x = np.arange(size) - size // 2
+    offset = request.xy[m] - done.pixel[m]
+    inside = (np.hypot(x[None, :] - offset[0], x[:, None] - offset[1]) <= request.reach()[m]).astype(float)
+    patch, variance = np.zeros_like(inside), done.column("noise2")
+    unit = np.sqrt(np.diagonal(done.cov[m]))
+    free = np.flatnonzero(unit > 0.0)  # what is held is known
+    unit, cov = unit[free], np.full((10, 10), np.nan)
+    own = linearised(scene, patch, inside, done.params[m])[1].reshape(10, -1)[free]
+    alone = done.cov[m][np.ix_(free, free)] / np.outer(unit, unit)
+    if not ((variance[[m, *neighbours]] > 0.0).all() and np.linalg.eigvalsh(alone)[0] > 0.0):
+        return cov
+    matrix = np.linalg.inv(alone) * variance[m]
+    for n in neighbours:
+        other = linearised(scene, patch, inside, _seen_from(scene, done, n, m))[1].reshape(10, -1)[:SHARED]
+        mixed = (own * unit[:, None]) @ other.T
+        matrix -= mixed @ (done.cov[n, :SHARED, :SHARED] / variance[n]) @ mixed.T
+    if np.isfinite(matrix).all() and np.linalg.eigvalsh(matrix)[0] > 0.0:
+        cov[:] = 0.0
+        cov[np.ix_(free, free)] = np.linalg.inv(matrix) * np.outer(unit, unit) * variance[m]
+    return cov
