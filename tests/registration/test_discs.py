@@ -5,9 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import registration_scenes as scenes
+import settle_scenes
 
 from windmark.geometry import Camera, Pose, imaged_ellipse
 from windmark.registration import CAUSES, register, register_rig
+from windmark.registration.judge.answer import corrected
+from windmark.registration.judge.discs import _grown
+from windmark.registration.settle._kernels.state import EXCESS
+from windmark.registration.settle.settling import accepted, with_excess
+from windmark.registration.task import Limits
 from windmark.scene import Detections
 from windmark.scene.units import mixed_units
 
@@ -99,6 +105,20 @@ def test_a_rig_refuses_them_too():
     said = register_rig(radii, small, cameras, poses)
     assert said.cause == "discs"
     assert "beside places in" in said.reason
+
+
+@pytest.mark.parametrize(("factor", "refused"), [(1.0, False), (4.0, True)])
+def test_an_excess_that_comes_to_rest_elsewhere_says_nothing_of_the_discs(discs, factor, refused):
+    """Two that fit alike are 20 nats and more apart where only one of them has an excess."""
+    spots, markers, camera, pose = discs
+    markers = replace(markers, radius=factor * markers.radius)
+    label = np.flatnonzero(camera.in_image(camera.project(pose.apply(markers.xyz))[0]))
+    scene = scenes.Scene(spots, markers, camera, pose, label)
+    best = settle_scenes.settled(settle_scenes.views_of(scene), scene)
+    plain, final = accepted(best), corrected(best)
+    final = with_excess(final, final.state.numbers[:, EXCESS] + (5 * SIGMA) ** 2)
+    assert plain.score - final.score > 20
+    assert bool(_grown(best, final, Limits(-9.0, 60.0, 10.0, 0.05, 0.025, 0.05))) == refused
 
 
 def test_factors_of_units():

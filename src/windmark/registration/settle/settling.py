@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.registration.settle._kernels.settle import STEADY, accept_kernel, fit_kernel, settle_kernel
-from windmark.registration.settle._kernels.state import State, state_of
+from windmark.registration.settle._kernels.state import EXCESS, State, state_of
 from windmark.registration.settle.solution import Solution
 from windmark.registration.settle.views import Views
 
@@ -106,6 +106,13 @@ def with_freedom(views: Views, solution: Solution, *, relabel: bool = True) -> S
     if relabel:
         return settle_state(views, state)
     return Solution(views, state) if fit_kernel(views.sights, state) else None
+
+
+def with_excess(solution: Solution, excess: Array) -> Solution | None:
+    """The same labels with each camera's excess (C,) held; None where it falls apart."""
+    state = copied(solution.views, solution.state)
+    state.numbers[:, EXCESS] = excess
+    return replace(solution, state=state) if fit_kernel(solution.views.sights, state) else None
 
 
 def accepted(solution: Solution) -> Solution:
