@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from windmark.detection.template.fit import Fitted, linearised, refit
 from windmark.detection.template.request import Neighbours, Request, Scene
-from windmark.detection.template.result import ellipses
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -68,9 +67,14 @@ def _overlapping(request: Request, done: Fitted, others: Neighbours) -> Ints:
     """Of the neighbours (K, L) those whose blurred rim overlaps the marker's own and both of which are fitted; -1."""
     if not others.index.size:
         return others.index
-    xy, axes = done.pixel + done.params[:, :2], ellipses(done.params[:, 2:5])[0][:, 0]
+    xy, (xx, yx, yy) = done.pixel + done.params[:, :2], done.params[:, 2:5].T
     i = np.arange(len(xy))[:, None]
-    gap = np.hypot(*np.moveaxis(xy[others.index] - xy[i], -1, 0)) - axes[others.index] - axes[i]
+    x, y = np.moveaxis(xy[others.index] - xy[i], -1, 0)
+    away = np.hypot(x, y)
+    # How far an ellipse reaches towards the other: |L e| with e the direction and L its half axes.
+    reach = [np.hypot(xx[k] * x + yx[k] * y, yx[k] * x + yy[k] * y) for k in (others.index, i)]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        gap = away - (reach[0] + reach[1]) / away
     fitted = (done.column("status") == 1) & np.isfinite(done.cov).all(axis=(1, 2))
     with np.errstate(invalid="ignore"):
         near = (others.index >= 0) & fitted[others.index] & fitted[i]
