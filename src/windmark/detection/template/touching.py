@@ -37,23 +37,9 @@ def fit_touching(scene: Scene, request: Request, done: Fitted, others: Neighbour
     index = np.flatnonzero((joint >= 0).any(axis=1))
     if not index.size:
         return index
-    part, first = request.take(index), done.take(index)
+    first = done.take(index)
     left_out = replace(others, index=np.where(joint >= 0, -1, others.index)).take(index)
-
-    def without_neighbours(k: Ints, patches: Array, weights: Array) -> None:
-        for patch, weight, m in zip(patches, weights, index[k], strict=True):
-            for n in joint[m][joint[m] >= 0]:
-                patch -= hole(scene, len(patch), _seen_from(scene, done, n, m)) * (weight > 0.0)
-
-    for _ in range(SWEEPS):
-        before = done.params[index, :2].copy()
-        done.put(index, refit(scene, part, done.take(index), left_out, without_neighbours))
-        if not (np.abs(done.params[index, :2] - before) > STILL).any():
-            break
-    moved = np.hypot(*(done.params[index, :2] - first.params[:, :2]).T)
-    good = np.ones(len(joint), dtype=bool)
-    good[index] = (done.column("status")[index] == 1) & (moved < MOVED * request.radius[index])
-    stay = good[index] & np.where(joint[index] >= 0, good[joint[index]], True).all(axis=1)
+    stay = _swept(scene, request, done, index, joint[index], left_out)
     cov = np.full((len(index), 10, 10), np.nan)
     for k in np.flatnonzero(stay):
         cov[k] = _with_neighbours(scene, request, done, index[k], joint[index[k]][joint[index[k]] >= 0])
@@ -61,6 +47,37 @@ def fit_touching(scene: Scene, request: Request, done: Fitted, others: Neighbour
     done.put(index[~stay], first.take(~stay))
     done.cov[index[stay]] = cov[stay]
     return index[stay]
+
+
+def _swept(scene: Scene, request: Request, done: Fitted, index: Ints, joint: Ints, left_out: Neighbours) -> Bools:
+    """Fit each of ``index`` (L,) to what its neighbours ``joint`` (L, N) leave, in `done`, until all stay; which do.
+
+    What has settled is fitted again only where a neighbour has moved, and what is lost, or has a neighbour that is, no
+    more at all: most candidates that touch others are no discs.
+    """
+    part, first = request.take(index), done.params[index, :2].copy()
+    place = np.full(len(done.params), -1)
+    place[index] = np.arange(len(index))
+    beside = np.where(joint >= 0, place[joint], -1)
+    good, moved = np.ones(len(index), dtype=bool), np.ones(len(index), dtype=bool)
+    for _ in range(SWEEPS):
+        good &= np.where(beside >= 0, good[beside], True).all(axis=1)
+        asked = np.flatnonzero(good & (moved | np.where(beside >= 0, moved[beside], False).any(axis=1)))
+        if not asked.size:
+            break
+
+        def without_neighbours(k: Ints, patches: Array, weights: Array, asked: Ints = asked) -> None:
+            for patch, weight, m in zip(patches, weights, asked[k], strict=True):
+                for n in joint[m][joint[m] >= 0]:
+                    patch -= hole(scene, len(patch), _seen_from(scene, done, n, index[m])) * (weight > 0.0)
+
+        before = done.params[index, :2].copy()
+        done.put(index[asked], refit(scene, part.take(asked), done.take(index[asked]), left_out.take(asked),
+                                     without_neighbours))  # fmt: skip
+        moved = (np.abs(done.params[index, :2] - before) > STILL).any(axis=1)
+        off = np.hypot(*(done.params[index, :2] - first).T)
+        good &= (done.column("status")[index] == 1) & (off < MOVED * part.radius)
+    return np.asarray(good & np.where(beside >= 0, good[beside], True).all(axis=1))
 
 
 def _overlapping(request: Request, done: Fitted, others: Neighbours) -> Ints:
