@@ -59,7 +59,8 @@ def _swept(scene: Scene, request: Request, done: Fitted, index: Ints, joint: Int
     place = np.full(len(done.params), -1)
     place[index] = np.arange(len(index))
     beside = np.where(joint >= 0, place[joint], -1)
-    good, moved = np.ones(len(index), dtype=bool), np.ones(len(index), dtype=bool)
+    good: Bools = np.ones(len(index), dtype=bool)
+    moved: Bools = good.copy()
     for _ in range(SWEEPS):
         good &= np.where(beside >= 0, good[beside], True).all(axis=1)
         asked = np.flatnonzero(good & (moved | np.where(beside >= 0, moved[beside], False).any(axis=1)))
@@ -74,7 +75,7 @@ def _swept(scene: Scene, request: Request, done: Fitted, index: Ints, joint: Int
         before = done.params[index, :2].copy()
         done.put(index[asked], refit(scene, part.take(asked), done.take(index[asked]), left_out.take(asked),
                                      without_neighbours))  # fmt: skip
-        moved = (np.abs(done.params[index, :2] - before) > STILL).any(axis=1)
+        moved = np.asarray((np.abs(done.params[index, :2] - before) > STILL).any(axis=1))
         off = np.hypot(*(done.params[index, :2] - first).T)
         good &= (done.column("status")[index] == 1) & (off < MOVED * part.radius)
     return np.asarray(good & np.where(beside >= 0, good[beside], True).all(axis=1))
