@@ -295,6 +295,24 @@ def test_a_disk_that_is_full_when_the_report_is_drawn_keeps_the_frames(made, win
     assert [p.name for p in tmp_path.iterdir()] == ["out"]
 
 
+def test_a_disk_that_is_full_before_the_first_frame_leaves_nothing_hidden(made, windmark, tmp_path, monkeypatch):
+    """A watched run writes into its folder itself: a journal without a frame stayed there."""
+    out = tmp_path / "out"
+
+    def full(*_, **__):
+        raise io.FileError(out / "deformation.csv", "cannot be written: the disk is full")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(outputs.Writer, "add", full)
+        done = windmark("deform", made / "deform.toml", "-o", out, "--watch", made / "images", "--idle", 0.5)
+    assert done.code == 2
+    assert "the disk is full" in done.err
+    assert "are kept" not in done.err
+    assert not list(out.rglob(".*"))
+    again = ("deform", made / "deform.toml", "-o", out, "--watch", made / "images", "--idle", 0.5)
+    assert windmark(*again, "--resume", "--json").json["frames"] == FRAMES
+
+
 def test_a_journal_makes_nothing_but_values():
     """Unpickling calls no function, whatever a journal asks for."""
     import pickle

@@ -370,6 +370,35 @@ def test_a_live_run_that_was_killed_is_kept_whole(tmp_path):
     assert read(tmp_path / "out.kept-1") == {"a.csv": "1"}
 
 
+@pytest.mark.parametrize(
+    ("older", "begun", "stays"),
+    [
+        (False, False, "nothing was put there"),
+        (True, False, "the result that was there is as it was"),
+        (True, True, "what is there is unfinished"),
+    ],
+)
+def test_where_a_live_run_finds_the_disk_full_it_is_said_what_is_there(tmp_path, monkeypatch, older, begun, stays):
+    """At the beginning the older result was untouched, and nobody said so."""
+    out = tmp_path / "out"
+    if older:
+        fill(out, {"a.csv": "1"})
+
+    def full(*_, **__):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(out))
+
+    def end():
+        raise FileError(out / "a.csv", "cannot be written: the disk is full") from OSError(errno.ENOSPC, "full")
+
+    with monkeypatch.context() as patch:
+        if not begun:
+            patch.setattr(Path, "mkdir", full)
+        with pytest.raises(FileError, match=f"the disk is full; .* has .* MB free; {stays}$"):
+            fill(out, {"a.csv": "2"}, live=True, then=end)
+    if older and not begun:
+        assert read(out) == {"a.csv": "1"}
+
+
 # --- the output is tried before the work ----------------------------------------------------
 
 

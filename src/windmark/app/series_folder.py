@@ -37,6 +37,8 @@ def series_folder(folder: Path, go_on: str, *, live: bool = False) -> Iterator[t
                 yield out, go_on
             except BaseException:
                 out.keep = bool(measured(out.place))
+                if live and not out.keep:  # what it writes to is no hidden folder, which would go by itself
+                    clear(out.place)
                 raise
             out.keep = True  # until the result is in its place
     except BaseException as error:

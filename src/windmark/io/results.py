@@ -151,10 +151,13 @@ def _what_stays(path: str | os.PathLike[str], live: bool) -> Iterator[None]:
         cause = refusal(error)
         if cause is None or cause.errno not in FULL:
             raise
-        older = read_manifest(Path(os.path.realpath(path))) is not None
+        there = read_manifest(Path(os.path.realpath(path)))
         words = [error.what, space_on(error.path) if cause.errno in NO_SPACE else ""]
-        if not live:
-            words.append("the result that was there is as it was" if older else "nothing was put there")
+        if there is None:
+            words.append("nothing was put there")
+        else:
+            begun = live and there.get(UNFINISHED)
+            words.append("what is there is unfinished" if begun else "the result that was there is as it was")
         raise FileError(error.path, "; ".join(word for word in words if word), error.where) from error
 
 
