@@ -120,9 +120,28 @@ def test_a_file_made_in_its_full_size_is_whole_when_its_end_is_there(tmp_path, i
     assert inbox.after(0.5) == []
     ((_, fate, reason),) = inbox.after(PATIENCE_S)
     assert (fate, reason.endswith("rows are empty, which stayed so for 0.6 s")) == ("measured", True)
-    (tmp_path / "c1-3.tif").write_bytes(file.read_bytes())  # this camera's pictures are like that
-    inbox.after(0)
-    assert inbox.after(0.03) == [("c1-3.tif", "measured", "")]
+
+
+def test_pictures_that_end_in_the_dark_are_taken_at_once_where_most_do(tmp_path, inbox):
+    """One that stayed half black was the measure of all others: of those, too, that were just being filled."""
+    data = content(tmp_path)
+    half = data[: len(data) // 2] + bytes(len(data) - len(data) // 2)
+    for k, last_is_odd in enumerate([False, True, True, False]):
+        (tmp_path / f"c1-{k}.tif").write_bytes(half if k else data)
+        inbox.after(0)
+        found = inbox.after(0.1)
+        assert bool(found) != last_is_odd, k
+        if last_is_odd:
+            ((_, fate, reason),) = inbox.after(PATIENCE_S)
+            assert (fate, "rows are empty" in reason) == ("measured", True)
+
+
+def test_a_frame_with_a_picture_that_stays_half_black_says_so(tmp_path):
+    data = content(tmp_path)
+    (tmp_path / "c1-1.tif").write_bytes(data[: len(data) // 2] + bytes(len(data) - len(data) // 2))
+    (frame,) = Watch(project(tmp_path, "c1-*.tif"), tmp_path, idle_s=0.5)
+    assert list(frame.images) == ["cam1"]
+    assert "rows are empty, which stayed so" in frame.odd["cam1"]
 
 
 def test_a_content_that_changes_while_date_and_size_stay_is_not_whole(tmp_path, inbox):

@@ -17,6 +17,7 @@ REACH = 3.2  # radii to which a region may reach
 RING = 32  # pixels that say what the surface is
 SOFT = 0.15  # share of the depth within which noise may be for the region to be taken from single pixels
 WINDOW = 2.0  # half axes of the window
+TIE = 1e-3  # of the noise: whole grey levels are often the same, and rounding must not say which is less
 COLUMNS = ("x", "y", "xx", "xy", "yy", "area", "depth", "rho2", "residual", "kappa", "fill", "state")
 OPEN, CUT, WHOLE = 0.0, 1.0, 2.0  # state: goes on beyond reach, cut by border or missing pixels, whole
 
@@ -200,11 +201,11 @@ def region_at(g: Any, x0: int, y0: int, r0: float, noise: float, mask: Any, stac
     s, ring = work[:6], work[6 : 6 + RING]
     out[:] = math.nan
     out[11] = OPEN
-    near, cx, cy, low = int(0.5 * r0) + 1, x0, y0, math.inf
+    near, cx, cy, low, tie = int(0.5 * r0) + 1, x0, y0, math.inf, TIE * noise
     for j in range(-near, near + 1):  # the darkest place: the box's maximum may be beside it
         for i in range(-near, near + 1):
             value = _value(g, y0 + j, x0 + i, True)
-            if value < low:
+            if value < low - tie:
                 low, cx, cy = value, x0 + i, y0 + j
     top = _surface(g, cy, cx, 2.0 * r0, ring)
     if not top - low > 0.0:
@@ -212,7 +213,7 @@ def region_at(g: Any, x0: int, y0: int, r0: float, noise: float, mask: Any, stac
     smooth = noise > SOFT * (top - low)
     if not smooth:
         low = min(low, _value(g, cy, cx, False))
-    state = _flood(g, cy, cx, 0.5 * (top + low), smooth, half, mask, stack, s)
+    state = _flood(g, cy, cx, 0.5 * (top + low) + tie, smooth, half, mask, stack, s)
     if state == OPEN:
         return
     x, y, xx, xy, yy = _central(s)

@@ -114,7 +114,7 @@ class _Follower:
         self._last = {}
         images, bad = self._read(frame)
         self._open(frame, images, bad)
-        troubles = [f"{n}: {why}" for n, why in bad.items()]
+        troubles = [f"{n}: {why}" for n, why in {**frame.odd, **bad}.items()]
         status, why, found = "tracked", "", None
         if self._memory is not None and self._believed(images):
             found = self._tracked(images, frame.instant)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import os
 import zlib
+from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
 from fnmatch import fnmatch
@@ -24,6 +25,8 @@ from windmark.pipeline.deform.project import DeformProject
 
 LIST_AGAIN_S = 0.5
 """A folder is listed when its date changes and, as that may miss what comes within its resolution, so often besides."""
+USUAL_OF = 9
+"""Pictures of a camera that say how many rows at the end of its pictures are empty: as many as in half of them."""
 BACK_OFF = 1.5
 """Every trial of a file that cannot be read yet waits so many times longer than the one before."""
 
@@ -89,7 +92,7 @@ class Inbox:
         self._settle_s, self._patience_s = project.watch.settle_s, project.watch.patience_s
         self._listed: dict[Path, tuple[int, float]] = {}
         self._seen: set[tuple[str, int]] = set()
-        self._dark: dict[str, int] = {}
+        self._empty: dict[str, deque[int]] = {}
         self._taken: dict[Path, tuple[int, int]] = {}
         self.waiting: dict[Path, Arriving] = {}
         self.known: frozenset[tuple[str, str]] = frozenset()
@@ -174,17 +177,19 @@ class Inbox:
     def _has_its_end(self, file: Arriving, empty: int, dark: bool, now: float) -> bool:
         """A file that was made in its full size is filled to its end.
 
-        More empty rows than any picture of the camera had before, or all of them, have to stay so for as long as
-        patience lasts. Such a picture is then taken: what is in view may be that dark.
+        More empty rows than half of the camera's pictures had before, or all of them, have to stay so for as long as
+        patience lasts. Such a picture is then taken, and that is said: what is in view may be that dark. One that stays
+        half empty must not be the measure of those that are just being filled.
         """
-        usual = self._dark.get(file.camera, 0)
+        had = self._empty.setdefault(file.camera, deque(maxlen=USUAL_OF))
+        usual = sorted(had)[(len(had) - 1) // 2] if had else 0
         if empty > usual or dark:
             if now - file.since_s < self._patience_s:
                 file.trouble = f"its last {empty} rows are empty"
                 return False
             file.note = f"its last {empty} rows are empty, which stayed so for {self._patience_s:g} s"
-            if not dark:
-                self._dark[file.camera] = empty
+        if not dark:
+            had.append(empty)
         return True
 
     def _list(self, folder: Path, now: float) -> list[Path]:

@@ -27,6 +27,7 @@ class _Waiting:
     ----------
     whole : camera -> the picture
     bad : camera -> why it has none
+    odd : camera -> what is odd about its picture
     pending : files that are not known to be whole yet
     seen_s : when its newest file was seen
     overtaken_s : since when a later one is complete; None before
@@ -35,6 +36,7 @@ class _Waiting:
 
     whole: dict[str, Path] = field(default_factory=dict)
     bad: dict[str, str] = field(default_factory=dict)
+    odd: dict[str, str] = field(default_factory=dict)
     pending: set[Path] = field(default_factory=set)
     seen_s: float = 0.0
     overtaken_s: float | None = None
@@ -188,6 +190,8 @@ class Watch:
             fate, reason = "duplicate", f"{of.whole[file.camera].name} is the same frame of this camera"
         elif fate == "measured":
             of.whole[file.camera] = file.path
+            if reason:
+                of.odd[file.camera] = f"{file.path.name}: {reason}"
         else:
             of.bad[file.camera] = f"{file.path.name}: {reason}"
         of.told.append(Arrival(file.path.name, file.camera, file.key, fate, reason))
@@ -225,7 +229,7 @@ class Watch:
         missing = {name: why for name, why in of.bad.items() if name not in of.whole}
         return FrameImages(
             key, instant, of.whole, missing=missing, time_s=instant if kind == "stamp" else float("nan"),
-            seen_s=of.seen_s,
+            seen_s=of.seen_s, odd=of.odd,
         )  # fmt: skip
 
 

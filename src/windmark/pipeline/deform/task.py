@@ -121,6 +121,7 @@ class FrameImages:
     time_s : the time in seconds; NaN where unknown
     seen_s : when its newest picture was seen, by the monotonic clock; NaN unless live
     skipped : for an instant that is not measured, "late" or "left" (the run ended first), and why
+    odd : camera -> what is odd about its image, which is used
     """
 
     key: str
@@ -131,6 +132,7 @@ class FrameImages:
     time_s: float = float("nan")
     seen_s: float = float("nan")
     skipped: tuple[str, str] | None = None
+    odd: Mapping[str, str] = field(default_factory=dict)
 
     def lag(self, name: str) -> float:
         """How much later than the instant the nearest picture of a camera is; 0 where it took one just then."""
