@@ -5,8 +5,10 @@ import pytest
 
 import windmark as wm
 from windmark.detection import explain
+from windmark.detection._kernels.rivals import EXTRA
+from windmark.detection.decide_fits import RIVAL_NATS
 from windmark.detection.rejected import OTHER
-from windmark.detection.rivals import GROUPS, OF_DISCS, _measured, _neighbours, rival_evidence
+from windmark.detection.rivals import GROUPS, OF_DISCS, _evidence, _measured, _neighbours, rival_evidence
 from windmark.detection.template.refine import make_scene, refine_template
 
 PLACES = np.stack(np.meshgrid(np.arange(30, 330, 50.0), np.arange(30, 230, 50.0)), axis=-1).reshape(-1, 2)
@@ -77,17 +79,40 @@ def fitted(image, radius=6.0):
 @pytest.mark.parametrize("wave", [3, 4, 5])
 def test_waves_of_the_outline_are_measured(wave):
     scene, fits = fitted(waved(wave, 0.05))
-    value = _measured(scene, fits, np.array([0]), _neighbours(fits), 12)[0][0]
+    value = _measured(scene, fits, np.array([0]), _neighbours(fits), 12)[0][0, 1]
     first, last = GROUPS[wave - 3]
     assert np.hypot(*value[first:last]) == pytest.approx(0.05, abs=0.008)
     others = [np.hypot(*value[a:b]) for k, (a, b) in enumerate(GROUPS[:3]) if k != wave - 3]
     assert max(others) < 0.01
 
 
-def test_a_slope_of_the_inside_is_measured():
-    scene, fits = fitted(waved(slope=0.3))
+@pytest.mark.parametrize(("slope", "fitted_within", "within"), [(0.3, 0.02, 0.01), (0.6, 0.03, 0.01), (0.9, 0.2, 0.05)])
+def test_a_slope_of_the_inside_is_measured(slope, fitted_within, within):
+    """The template that was fitted has moved to the dark side; beside the deviations it moves back."""
+    scene, fits = fitted(waved(slope=slope))
     value = _measured(scene, fits, np.array([0]), _neighbours(fits), 12)[0][0]
-    assert np.hypot(*value[6:8]) == pytest.approx(0.3, abs=0.06)
+    as_fitted, moved = np.hypot(*value[:, 6:8].T)
+    assert as_fitted == pytest.approx(slope, abs=fitted_within)
+    assert moved == pytest.approx(slope, abs=within)
+
+
+def test_a_square_in_noise_is_none_beside_discs():
+    """The fit had taken its corners up as blur and left others out: one of twelve passed."""
+    shapes = ["disc", "square"] * (len(PLACES) // 2)
+    assert len(wm.detect(picture(shapes, half=7.0, noise=4.0), radius_px=7.0)) == len(PLACES) // 2
+
+
+def test_a_worn_disc_stays_one():
+    """Waves of every kind, of a tail or a nick, are another thing's than the one wave of a square."""
+    def nats(*waves, moved):
+        value = np.zeros((1, EXTRA))
+        value[0, [0, 2, 4]] = waves
+        weight = np.eye(EXTRA)[None] / 0.01**2
+        return _evidence(value, weight, np.ones(1), np.ones(1), np.full(1, 4.0), moved)[0]
+
+    assert nats(0.08, 0.1, 0.07, moved=False) > RIVAL_NATS > nats(0.08, 0.1, 0.07, moved=True)
+    assert nats(0.0, 0.16, 0.0, moved=True) > RIVAL_NATS
+    assert nats(0.5, 0.3, 0.5, moved=True) < RIVAL_NATS  # a line that crosses it
 
 
 def test_evidence_grows_with_the_wave_and_goes_in_noise():

@@ -27,10 +27,14 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 GROUPS = ((0, 2), (2, 4), (4, 6), (6, 8), (8, 9))  # of the deviations: three waves, the inside's slope, the hole
-HOLE = 4
+SLOPE, HOLE = 3, 4
 OF_DISCS = 0.027, 0.022, 0.03, 0.12, 0.3  # standard deviation of each among printed discs: `detection_real`
 OF_OTHERS = 0.12, 0.12, 0.12, 0.5, 0.8  # among squares, letters, chips, rivets and rings: `detection_hunt`
 OF_PIXELS = 1.3, 1.3, 1.3, 20.0, 30.0  # px^5, over the fifth power of the radius: pixels and lenses add it to either
+OF_PIXELS_MOVED = 1.3, 6.0, 1.3, 20.0, 30.0  # px^5: the moved template's blur follows the pixels less
+WORN = 0.05  # share of the discs whose outline is worn or has a tail, and of those that a line or dirt reaches into
+WORN_OUTLINE, CROSSED_OUTLINE = (0.07, 0.07, 0.07), (0.3, 0.3, 0.3)  # waves of such outlines
+SHADED = 0.05  # share of the discs that are lit or covered in part: their slope is that of other things
 LEFT_BY_DISCS, LEFT_BY_OTHERS = 0.03, 0.1  # of the depth, beyond the noise: half-normal, and exponential
 DISTURBED, LEFT_BY_DISTURBED = 0.25, 0.1  # share of the discs that dirt or a line reaches into, and what that leaves
 SHARE_OF_NOISE = 0.5  # what is left is not known better, as the tiles' noise is not
@@ -63,8 +67,13 @@ def rival_evidence(scene: Scene, fits: TemplateFits, variance: Array) -> Array:
         count = -(-mine.size * (2 * int(size) + 1) ** 2 // BATCH_PIXELS)
         for index in np.array_split(mine, count):
             least = variance[index] + np.square(MODEL_ERROR * fits.depth[index])
-            found = *_measured(scene, fits, index, near, int(size)), least, fits.radius_px[index]
-            out[index] = _evidence(*found) + _of_left(found[2], variance[index], fits.depth[index])
+            seen = _measured(scene, fits, index, near, int(size))
+            nats = [
+                _evidence(*(part[:, at] for part in seen), least, fits.radius_px[index], moved=at == 1)
+                + _of_left(seen[2][:, at], variance[index], fits.depth[index])
+                for at in range(2)
+            ]
+            out[index] = np.fmax(*nats)
     return out
 
 
@@ -81,7 +90,9 @@ def _room(fits: TemplateFits) -> NDArray[np.bool_]:
 
 
 def _measured(scene: Scene, fits: TemplateFits, index: Ints, near: Ints, half: int) -> tuple[Array, Array, Array]:
-    """Deviations (B, E) of some of the fits, their inverse covariances in noise of variance 1, and what is left."""
+    """Deviations (B, 2, E) of some of the fits, their inverse covariances in noise of variance 1, and what is left, of
+    the template as it was fitted and as it is best beside the deviations.
+    """  # fmt: skip
     from windmark.detection._kernels.rivals import EXTRA, deviations
 
     pixel = np.rint(fits.xy[index]).astype(np.int64)
@@ -90,31 +101,50 @@ def _measured(scene: Scene, fits: TemplateFits, index: Ints, near: Ints, half: i
     for i, j in near.tolist():
         if i in row:
             weights[row[i]][_covered(fits, j, pixel[row[i]], half)] = 0.0
-    value, weight, left = np.empty((index.size, EXTRA)), np.empty((index.size, EXTRA, EXTRA)), np.empty(index.size)
+    count = index.size
+    value, weight, left = np.empty((count, 2, EXTRA)), np.empty((count, 2, EXTRA, EXTRA)), np.empty((count, 2))
     params = model_parameters(scene, fits.take(index), pixel)
     deviations(patches, weights, params, float(scene.multiplicative), value, weight, left)
     return value, weight, left
 
 
-def _evidence(value: Array, weight: Array, left: Array, variance: Array, radius: Array) -> Array:
-    """Sum over the kinds of deviations of what each says, see `_of_one_kind`; NaN where they are not determined."""
+def _evidence(value: Array, weight: Array, left: Array, variance: Array, radius: Array, moved: bool) -> Array:
+    """Sum over the kinds of deviations of what each says, see `_of_one_kind`; NaN where they are not determined.
+
+    Beside the template as it was fitted all discs of a frame deviate little; beside the moved one it is seen how much
+    a worn outline or a shadow deviates, and a few of the discs have such.
+    """
     out = np.full(len(value), np.nan)
     known = np.flatnonzero(np.isfinite(value).all(axis=1) & np.isfinite(left))
     cov = np.linalg.inv(weight[known]) * np.fmax(left, variance)[known, None, None]
-    total = np.zeros(known.size)
-    for k, (first, last) in enumerate(GROUPS):
-        a, own, one = value[known, first:last], cov[:, first:last, first:last], np.eye(last - first)
-        coarse = OF_PIXELS[k] / radius[known] ** 5
-        density = []
-        for spread in (np.hypot(OF_DISCS[k], coarse), np.hypot(OF_OTHERS[k], coarse)):
-            law = own + np.square(spread)[:, None, None] * one
-            square = np.einsum("ki,kij,kj->k", a, np.linalg.inv(law), a)
-            density.append(-0.5 * (square + np.log(np.linalg.det(law))))
-        against = density[1] - density[0]
-        # A peak in the middle is glare.
-        total += _of_one_kind(np.where(a[:, 0] > 0.0, against, np.minimum(against, 0.0)) if k == HOLE else against)
-    out[known] = total
+    pixels = np.divide.outer(np.array(OF_PIXELS_MOVED if moved else OF_PIXELS), radius[known] ** 5)
+
+    def law(spreads: tuple[float, ...]) -> Array:
+        return np.array([
+            _log_normal(value[known][:, slice(*GROUPS[k])], cov[:, slice(*GROUPS[k]), slice(*GROUPS[k])],
+                        np.hypot(spread, pixels[k]))
+            for k, spread in enumerate(spreads)
+        ])  # fmt: skip
+
+    disc = law(OF_DISCS)
+    against = law(OF_OTHERS) - disc
+    # A peak in the middle is glare.
+    against[HOLE] = np.where(value[known][:, GROUPS[HOLE][0]] > 0.0, against[HOLE], np.minimum(against[HOLE], 0.0))
+    out[known] = _of_one_kind(against).sum(axis=0)
+    if moved:
+        usual, *odd = np.log(1.0 - 2.0 * WORN), *(
+            np.log(WORN) + (law(outline) - disc[:SLOPE]).sum(axis=0) for outline in (WORN_OUTLINE, CROSSED_OUTLINE)
+        )  # fmt: skip
+        out[known] -= np.logaddexp(usual, np.logaddexp(*odd))
+        out[known] -= np.logaddexp(np.log(1.0 - SHADED), np.log(SHADED) + against[SLOPE])
     return out
+
+
+def _log_normal(a: Array, own: Array, spread: Array) -> Array:
+    """Logarithm (K,) of a normal density, but for its constant, at a (K, N) known with covariances `own` (K, N, N)."""
+    law = own + np.square(spread)[:, None, None] * np.eye(a.shape[1])
+    square = np.einsum("ki,kij,kj->k", a, np.linalg.inv(law), a)
+    return np.asarray(-0.5 * (square + np.log(np.linalg.det(law))))
 
 
 def _of_left(left: Array, variance: Array, depth: Array) -> Array:

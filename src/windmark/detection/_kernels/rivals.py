@@ -20,6 +20,9 @@ EXTRA = OUTLINE + INSIDE
 COUNT = FIT + EXTRA
 DAMPING = 1e-7  # of the normal equations: blur and size of points are one unknown
 REACH_PX, REACH_BLURS = 1.0, 3.0  # beyond the edge
+TRIALS = 8  # of the template beside the deviations
+STILL = 1e-3  # of the squared residuals: no step brings more
+MOST = 1.5  # factor by which the template may differ from the fitted one
 SAMPLES = 4.0  # of the window's pixels per half axis are enough
 
 
@@ -58,21 +61,22 @@ def _waves(p: Any, points: int, table: Any, g: Any) -> None:
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def _normal(
-    patch: Any, weight: Any, p: Any, multiplicative: float, table: Any, jac: Any, res: Any, waves: Any, row: Any,
-    matrix: Any, rhs: Any,
+    patch: Any, weight: Any, fitted: Any, p: Any, multiplicative: float, table: Any, jac: Any, res: Any, waves: Any,
+    row: Any, matrix: Any, rhs: Any,
 ) -> tuple[float, float]:  # fmt: skip
-    """Normal equations of template and deviations together; squared residuals and number of the pixels used."""
+    """Normal equations of template `p` and deviations; squared residuals and number of pixels: the fitted one's."""
     size, half, points = res.shape[0], res.shape[0] // 2, points_needed(p)
     evaluate(patch, weight, p, points, True, 0.0, multiplicative, table, jac, res)
     _waves(p, points, table, waves)
-    det, squares, pixels = p[2] * p[4] - p[3] * p[3], 0.0, 0.0
-    step, reach = max(1, int(math.sqrt(det) / SAMPLES)), REACH_PX + REACH_BLURS * p[5]
+    det, around, squares, pixels = p[2] * p[4] - p[3] * p[3], fitted[2] * fitted[4] - fitted[3] * fitted[3], 0.0, 0.0
+    step, reach = max(1, int(math.sqrt(around) / SAMPLES)), REACH_PX + REACH_BLURS * fitted[5]
     matrix[:], rhs[:] = 0.0, 0.0
     for j in range(half % step, size, step):
         for i in range(half % step, size, step):
-            x, y = i - half - p[0], j - half - p[1]
-            if weight[j, i] == 0.0 or rim_distance(x, y, p, det) > reach:
+            x, y = i - half - fitted[0], j - half - fitted[1]
+            if weight[j, i] == 0.0 or rim_distance(x, y, fitted, around) > reach:
                 continue
+            x, y = i - half - p[0], j - half - p[1]
             for m in range(FIT):
                 row[m] = jac[m, j, i]
             light = 1.0 + multiplicative * (p[8] * (i - half) + p[9] * (j - half))
@@ -90,42 +94,102 @@ def _normal(
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
+def _unexplained(
+    matrix: Any, rhs: Any, squares: float, part: Any, rest: Any, root: Any, solved: Any, free: Any
+) -> float:  # fmt: skip
+    """Squared residuals that the deviations alone leave, the template as it is; NaN where they are not determined.
+
+    `part`, `rest`, `root`, `solved`, `free` are scratch for them.
+    """
+    for m in range(EXTRA):
+        rest[m] = rhs[FIT + m]
+        for n in range(m + 1):
+            part[m, n] = matrix[FIT + m, FIT + n]
+    if not factor(part, DAMPING, free, root):
+        return math.nan
+    substitute(root, rest, free, solved)
+    for m in range(EXTRA):
+        squares -= rest[m] * solved[m]
+    return squares
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _is_like(p: Any, start: Any) -> bool:
+    """Whether a template is still about the fitted one; beyond this deviations stand for something else."""
+    mean, before = math.sqrt(max(p[2] * p[4] - p[3] * p[3], 0.0)), math.sqrt(start[2] * start[4] - start[3] * start[3])
+    grown, blurred = mean / before, p[5] / start[5]
+    away = math.hypot(p[0] - start[0], p[1] - start[1])
+    return 1.0 / MOST < grown < MOST and 1.0 / MOST < blurred < MOST and away < (MOST - 1.0) * before and p[2] > 0.0
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _told(solved: Any, root: Any, value: Any, weight: Any) -> None:
+    """The deviations, and the inverse of their covariance: the factor's last block is what the template leaves open."""
+    for m in range(EXTRA):
+        value[m] = solved[FIT + m]
+        for n in range(EXTRA):
+            weight[m, n] = 0.0
+            for q in range(min(m, n) + 1):
+                weight[m, n] += root[FIT + m, FIT + q] * root[FIT + n, FIT + q]
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
 def deviations(
     patches: Any, weights: Any, params: Any, multiplicative: float, value: Any, weight: Any, left: Any
 ) -> None:
-    """How the discs of M patches (M, S, S) deviate from the fitted template, by one step of least squares.
+    """How the discs of M patches (M, S, S) deviate from an ellipse's template, by least squares of both together.
 
     Unknowns: those of the template; waves of the outline relative to the radius; change of the depth relative to it,
-    along both axes of the unit disc, and of its middle against its edge.
+    along both axes of the unit disc, and of its middle against its edge. The fitted template has taken up what it can
+    of another thing's shape (its blur grows over the corners of a square), so that the template is moved to where it
+    leaves, together with the deviations, the least: by Gauss and Newton's steps, halved where they leave more
+    (variable projection, Golub and Pereyra, SIAM J. Numer. Anal. 10, 1973), as long as it stays about the fitted one.
+    A small ring, whose hole such a template would fill by its blur, shows at the fitted one.
 
     Parameters
     ----------
     patches, weights : as of `template.fit.cut_patches`
     params : (M, 10) as in `template._kernels.model`
-    value : (M, EXTRA) deviations, NaN where the pixels do not determine them
-    weight : (M, EXTRA, EXTRA) inverse of their covariance in noise of variance 1, the template's unknowns left open
-    left : (M,) variance of what is then left
+    value : (M, 2, EXTRA) deviations from the fitted and from the moved template, NaN where the pixels do not determine
+        them
+    weight : (M, 2, EXTRA, EXTRA) inverses of their covariances in noise of variance 1, the template left open
+    left : (M, 2) variance of what is then left
     """
     size = patches.shape[1]
     jac, res, table = np.empty((10, size, size)), np.empty((size, size)), np.empty((8, size + 6))
     waves, row, matrix = np.empty((OUTLINE, size, size)), np.empty(COUNT), np.empty((COUNT, COUNT))
     rhs, root, solved = np.empty(COUNT), np.empty((COUNT, COUNT)), np.empty(COUNT)
-    free = np.zeros(COUNT, np.bool_)
+    part, rest, half = np.empty((EXTRA, EXTRA)), np.empty(EXTRA), np.empty((EXTRA, EXTRA))
+    some, none, free = np.empty(EXTRA), np.zeros(EXTRA, np.bool_), np.zeros(COUNT, np.bool_)
+    good, p, step = np.empty(FIT), np.empty(FIT), np.empty(FIT)
     for k in range(patches.shape[0]):
-        squares, pixels = _normal(
-            patches[k], weights[k], params[k], multiplicative, table, jac, res, waves, row, matrix, rhs
-        )
         value[k], weight[k], left[k] = math.nan, math.nan, math.nan
-        if pixels <= COUNT or not factor(matrix, DAMPING, free, root):
-            continue
-        substitute(root, rhs, free, solved)
-        for m in range(COUNT):
-            squares -= rhs[m] * solved[m]
-        left[k] = max(squares, 0.0) / (pixels - COUNT)
-        for m in range(EXTRA):
-            value[k, m] = solved[FIT + m]
-            for n in range(EXTRA):  # the factor's last block is that of what the template leaves open
-                total = 0.0
-                for q in range(min(m, n) + 1):
-                    total += root[FIT + m, FIT + q] * root[FIT + n, FIT + q]
-                weight[k, m, n] = total
+        good[:], p[:], step[:], least, first = params[k], params[k], 0.0, math.inf, 0
+        for _ in range(TRIALS):
+            squares, pixels = _normal(
+                patches[k], weights[k], params[k], p, multiplicative, table, jac, res, waves, row, matrix, rhs
+            )
+            if pixels <= COUNT:
+                break
+            now = _unexplained(matrix, rhs, squares, part, rest, half, some, none)
+            if now < least and factor(matrix, DAMPING, free, root):
+                good[:], found, least = p, now < least * (1.0 - STILL), now
+                substitute(root, rhs, free, solved)
+                for m in range(COUNT):
+                    squares -= rhs[m] * solved[m]
+                for m in range(first, 2):
+                    left[k, m] = max(squares, 0.0) / (pixels - COUNT)
+                    _told(solved, root, value[k, m], weight[k, m])
+                step[:], first = solved[:FIT], 1
+                if not found:
+                    break
+            else:
+                step *= 0.5
+            if math.isinf(least):
+                break
+            p[:] = good + step
+            for _ in range(TRIALS):
+                if _is_like(p, params[k]):
+                    break
+                step *= 0.5
+                p[:] = good + step
