@@ -14,6 +14,7 @@ from windmark.detection.template.disc_model import patch_model
 from windmark.detection.template.doubt import larger, quarters_scatter, rougher
 from windmark.detection.template.fit import Batch, Fitted
 from windmark.detection.template.noise import FrameNoise, frame_noise
+from windmark.detection.template.odd import odd_ratio
 from windmark.detection.template.request import WINDOW_BLURS, Neighbours, Request, Scene
 from windmark.detection.template.result import (
     CONTAMINATED,
@@ -197,7 +198,8 @@ def _learn_noise(scene: Scene, batches: list[Batch], clean: Bools) -> FrameNoise
     variance = np.concatenate([f.column("noise2") for f in fitted])
     variance[[0, typical]] = variance[[typical, 0]]
     params[[0, typical]] = params[[typical, 0]]
-    return frame_noise(images, jacobian * (images[0, 3] != 0), variance, level(params), scene.multiplicative)
+    noise = frame_noise(images, jacobian * (images[0, 3] != 0), variance, level(params), scene.multiplicative)
+    return replace(noise, odd=odd_ratio(images, params[:, :2], variance)) if noise.is_white else noise
 
 
 def fit_markers(scene: Scene, request: Request, frame: Frame, *, robust: bool) -> TemplateFits:

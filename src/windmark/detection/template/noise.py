@@ -48,6 +48,7 @@ class FrameNoise:
     kept : part of such noise's variance that a typical fit leaves in its residuals
     texture : part of the variance of a typical centre that the paint's texture makes. It goes with the surface: the
         same marker is off by the same in every frame, and for every camera
+    odd : of white noise, variance of a centre over what least squares makes it from the residuals (`template.odd`)
     """
 
     curve: Array
@@ -55,6 +56,7 @@ class FrameNoise:
     paint: Array
     kept: float
     texture: float = 0.0
+    odd: float = 1.0
 
     @staticmethod
     def white(sigma: float) -> FrameNoise:
@@ -63,7 +65,7 @@ class FrameNoise:
 
     @property
     def is_white(self) -> bool:
-        """Whether the usual covariance of least squares holds."""
+        """Whether the usual covariance of least squares holds, but for the factor `odd`."""
         return not (self.constant[1:].any() or self.paint.any())
 
     def variance(self, level: ArrayLike) -> Array:

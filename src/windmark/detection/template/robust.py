@@ -46,6 +46,7 @@ def trust(noise: FrameNoise | None, done: Fitted, batches: list[Batch]) -> tuple
     if noise is None:
         return cov, np.full(len(cov), np.nan)
     expected = noise.variance(level(done.params))
+    cov *= noise.odd
     if not noise.is_white:
         for b in batches:
             variance = np.where(b.weighted, expected[b.index], b.fitted.column("noise2"))
