@@ -1,7 +1,10 @@
 """Template fits of whole frames: errors and covariances against the bound, convergence, what a frame learns."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 
 from windmark.detection.template.crlb import centre_bound, window_radius
 from windmark.detection.template.refine import FrameNoise, frame_blur, refine_template
@@ -115,6 +118,33 @@ def test_white_covariance_would_be_too_small_on_texture():
     assert not learnt.frame.noise.is_white
     assert scaled_errors(white, scene.xy)[good].std() > 1.25
     assert 0.8 < scaled_errors(learnt, scene.xy)[good].std() < 1.2
+
+
+def test_on_texture_the_frame_says_how_strong_the_noise_is():
+    """Few grains in a window: residuals of one marker are too small by chance, and sigma by them 8 % on average."""
+    z, own = [], []
+    for seed in range(50, 58):
+        image, xy, axes, *_ = sheet(seed, radius=2.5, tilt=30.0, noise=0.01, count=80, level=180.0, depth=126.0)
+        rng = np.random.default_rng([seed, 3])
+        grain = gaussian_filter(rng.normal(size=image.shape), 1.8)
+        image *= 1.0 + 0.04 * grain / grain.std()
+        fits = refine_template(image, *started(xy, np.sqrt(axes.prod()), seed))
+        assert fits.frame.noise.chance > 0.2
+        factor = fits.frame.noise.factor(fits.noise**2, fits.background)
+        z.append(scaled_errors(fits, xy))
+        own.append(z[-1] * np.sqrt(factor)[:, None])
+    assert 0.93 < np.std(z) < 1.07
+    assert np.std(own) > 1.09
+
+
+def test_markers_that_differ_by_more_than_chance_keep_their_own_noise():
+    noise = FrameNoise(np.array([4.0, 0.0, 0.0]), np.eye(8)[3], np.zeros(8), 1.0)
+    variance = np.array([1.0, 4.0, 16.0, np.nan, 0.0])
+    np.testing.assert_array_equal(noise.factor(variance, 100.0), 1.0)
+    alike = replace(noise, chance=0.3)
+    np.testing.assert_allclose(alike.factor(variance[:2], 100.0) * variance[:2], 4.0)
+    assert 4.0 < alike.factor(variance[2:3], 100.0)[0] * 16.0 < 16.0  # a line across it, not chance
+    np.testing.assert_array_equal(alike.factor(variance[3:], 100.0), 1.0)
 
 
 @pytest.mark.parametrize("slope", [0.02, 0.08])

@@ -1,9 +1,10 @@
 """What the correlation of a frame's noise does to the covariance of a centre, apart from everything else.
 
-With L L^T = C_0 the covariance in white noise, by the marker's own residuals, and C that in the frame's noise, the
-*colour* is the matrix M with C = L M L^T: one on white noise, up to 25 on coarse paint. It depends on the noise's
-correlation, the disc's shape and its contrast, which hardly change from one frame of a sequence to the next, while C_0
-follows place, light and noise at once. So M is handed on for some frames: computing it costs as much as the fit.
+With L L^T = C_0 the covariance in white noise as strong as the marker's is taken to be, and C that in the frame's
+noise, the *colour* is the matrix M with C = L M L^T: one on white noise, up to 25 on coarse paint. It depends on the
+noise's correlation, the disc's shape and its contrast, which hardly change from one frame of a sequence to the next,
+while C_0 follows place, light and noise at once. So M is handed on for some frames: computing it costs as much as the
+fit.
 """
 
 from __future__ import annotations

@@ -273,12 +273,14 @@ def _first_fits(
         return done, *trust(noise, done, batches)
     assert noise is not None
     done, _ = fit_all(scene, request, others, images=False)
-    cov = coloured(done.cov[:, :2, :2], request.colour)
+    levels = level(done.params)
+    factor = noise.factor(done.column("noise2"), levels)
+    cov = coloured(done.cov[:, :2, :2] * factor[:, None, None], request.colour)
     unknown = np.flatnonzero(~np.isfinite(request.colour).all(axis=(1, 2)))
     if unknown.size:
         again, batches = fit_all(scene, request.take(unknown), others.take(unknown), images=True)
         cov[unknown] = trust(noise, again, batches)[0]
-    return done, cov, noise.variance(level(done.params))
+    return done, cov, noise.variance(levels)
 
 
 def _widened(request: Request, done: Fitted) -> tuple[Request, Ints]:

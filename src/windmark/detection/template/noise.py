@@ -12,14 +12,16 @@ residuals. A fit takes ten degrees of freedom out of a window of 150 to 500 pixe
 the longer it is correlated; the expectation of each form is computed with the projection Q = 1 - U U^T that the fit
 applies, E[e^T Q S Q e] = sum_b c_b tr(S Q C_b Q), so the strengths are unbiased (variance components by quadratic
 forms: C. R. Rao, J. Multivariate Analysis 1, 1971). The covariance of a centre is then a^T C a with a the influence of
-each pixel on it.
+each pixel on it. How strong the noise is the marker's own residuals say; but correlated noise has few independent
+pieces in a window. Where markers do not differ by more than such chance (the variance of e^T Q e, 2 tr (Q C)^2), the
+frame says it.
 
 All correlations are products of one over rows and one over columns, so that C f is two small matrix products.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -34,6 +36,8 @@ OUTVOTED = 3.0  # a marker's residuals count at most so many times the median: a
 TESTED = slice(1, 6)  # forms that hardly depend on the marker's shape: columns, rows, the shorter lengths
 UNLIKELY = 4.0  # noise is called white unless one of them differs by so many standard deviations
 SAME = 0.08  # ... or where that changes the variance of a centre by less
+OWN = 2.5  # chances by which a marker's residuals may be above the frame's before they are its own
+DIFFER = 3.0  # standard deviations of the markers' scatter by which they differ by more than chance
 
 
 @dataclass(frozen=True)
@@ -48,6 +52,8 @@ class FrameNoise:
     kept : part of such noise's variance that a typical fit leaves in its residuals
     texture : part of the variance of a typical centre that the paint's texture makes. It goes with the surface: the
         same marker is off by the same in every frame, and for every camera
+    chance : standard deviation of the logarithm of one marker's residual variance in noise that is the same for all; 0
+        where noise is white or the markers differ by more: each marker's own residuals count
     odd : of white noise, variance of a centre over what least squares makes it from the residuals (`template.odd`)
     """
 
@@ -56,6 +62,7 @@ class FrameNoise:
     paint: Array
     kept: float
     texture: float = 0.0
+    chance: float = 0.0
     odd: float = 1.0
 
     @staticmethod
@@ -72,6 +79,18 @@ class FrameNoise:
         """Residual variance to be expected at grey levels."""
         v = np.abs(np.asarray(level, dtype=float))
         return np.asarray(self.curve[0] + v * (self.curve[1] + v * self.curve[2]))
+
+    def factor(self, variance: Array, level: ArrayLike) -> Array:
+        """Noise of markers (B,) over their residual variances, which are too small or too large by chance.
+
+        What is above the frame's noise at a grey level by far more than chance is the marker's own.
+        """
+        if self.chance == 0.0:
+            return np.full(len(variance), self.odd)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            above = np.log(variance / self.variance(level))
+        by_chance = np.where(np.isfinite(above), np.minimum(above, OWN * self.chance), 0.0)
+        return np.asarray(self.odd * np.exp(-by_chance))
 
     def covariance(self, images: Array, variance: Array) -> Array:
         """Covariance (B, 2, 2) of the centres of fits with images `Batch.images` and residual variances (B,)."""
@@ -143,6 +162,10 @@ def frame_noise(images: Array, jacobian: Array, variance: Array, level: Array, m
     texture = [np.trace(_of_centres(images, *c), axis1=1, axis2=2).sum()
                for c in ((np.zeros(PARTS), grain), (best[:PARTS], best[PARTS:]))]  # fmt: skip
     found = FrameNoise(curve, best[:PARTS], best[PARTS:], kept, float(texture[0] / texture[1]))
+    # tr (Q C Q)^2 and tr Q C Q, of which the variance of the residuals' sum of squares is made.
+    chance = float(np.sqrt(2.0 * best @ expected[: 2 * PARTS] @ best / pixels[0]) / (expected[0] @ best))
+    if np.log(variance / found.variance(level)).std() < chance * np.sqrt(1.0 + DIFFER * np.sqrt(2.0 / len(variance))):
+        found = replace(found, chance=chance)
     size_of = [np.trace(noise.covariance(images[:1], variance[:1])[0]) for noise in (found, plain)]
     return plain if abs(size_of[0] - size_of[1]) < SAME * size_of[1] else found
 

@@ -11,6 +11,7 @@ from windmark.detection.template.colour import colour_of
 from windmark.detection.template.fit import Fitted
 from windmark.detection.template.noise import FrameNoise
 from windmark.detection.template.request import Scene
+from windmark.detection.template.robust import level
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -125,6 +126,7 @@ def columns(
         # Paint takes away no more light than there is: where noise says so, the disc is larger and takes the same.
         excess = np.where((depth > ramp) & (ramp > 0.0), depth / np.maximum(ramp, 1e-300), 1.0)
         depth, axes = depth / excess, axes * np.sqrt(excess)[:, None]
+    factor = np.ones(len(p)) if frame.noise is None else frame.noise.factor(done.column("noise2"), level(p))
     with np.errstate(divide="ignore", invalid="ignore"):
         slope = p[:, 8:] / light[:, None] if scene.multiplicative else scene.sign * p[:, 8:]
         correlation = np.where(flat, 0.0, np.sign(p[:, 6]) * np.sqrt(signal / (signal + cost)))
@@ -145,7 +147,7 @@ def columns(
         slope=slope,
         noise=np.sqrt(done.column("noise2")),
         chi2=chi2,
-        colour=colour_of(cov, done.cov[:, :2, :2]),
+        colour=colour_of(cov, done.cov[:, :2, :2] * factor[:, None, None]),
         correlation=correlation,
         iterations=done.column("evaluations").astype(np.int64),
         converged=converged,

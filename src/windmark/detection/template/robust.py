@@ -39,17 +39,18 @@ def fit_all(scene: Scene, request: Request, others: Neighbours, *, images: bool)
 def trust(noise: FrameNoise | None, done: Fitted, batches: list[Batch]) -> tuple[Array, Array]:
     """Covariance of the centres and the residual variance that the frame's noise lets expect.
 
-    White noise: least squares' own covariance. Else that of the frame's noise, scaled by the marker's own residuals;
-    where weights are used those say nothing, and the frame's noise counts alone.
+    White noise: least squares' own covariance. Else that of the frame's noise, scaled by what is known of the marker's
+    noise; where weights are used its residuals say nothing, and the frame's noise counts alone.
     """
     cov = done.cov[:, :2, :2].copy()
     if noise is None:
         return cov, np.full(len(cov), np.nan)
-    expected = noise.variance(level(done.params))
-    cov *= noise.odd
+    levels, own = level(done.params), done.column("noise2")
+    expected, factor = noise.variance(levels), noise.factor(own, levels)
+    cov *= factor[:, None, None]
     if not noise.is_white:
         for b in batches:
-            variance = np.where(b.weighted, expected[b.index], b.fitted.column("noise2"))
+            variance = np.where(b.weighted, expected[b.index], (own * factor)[b.index])
             cov[b.index] = noise.covariance(b.images, variance)
     return cov, expected
 
