@@ -55,7 +55,10 @@ def odd_ratio(images: Array, centre: Array, variance: Array) -> float:
         return 1.0
     ratio = np.minimum(ratio, OUTVOTED * median(ratio))
     off, doubt = ratio.mean() - 1.0, DOUBTED * ratio.std() / np.sqrt(len(ratio))
-    return 1.0 if abs(off) <= doubt else max(float(1.0 + off * (1.0 - (doubt / off) ** 2)), LEAST)
+    if abs(off) <= doubt:
+        return 1.0
+    # What is stated too well does harm, what is stated too badly little: sigmas get smaller only as far as is sure.
+    return float(1.0 + off * (1.0 - (doubt / off) ** 2) if off > 0.0 else max(1.0 + off + doubt, LEAST))
 
 
 def _inverse(matrix: Array) -> Array:
