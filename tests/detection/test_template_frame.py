@@ -145,6 +145,8 @@ def test_markers_that_differ_by_more_than_chance_keep_their_own_noise():
     np.testing.assert_allclose(alike.factor(variance[:2], 100.0) * variance[:2], 4.0)
     assert 4.0 < alike.factor(variance[2:3], 100.0)[0] * 16.0 < 16.0  # a line across it, not chance
     np.testing.assert_array_equal(alike.factor(variance[3:], 100.0), 1.0)
+    louder = replace(alike, usual=1.1)  # than the curve, which is made without the largest residuals
+    np.testing.assert_allclose(louder.factor(variance[:2], 100.0) * variance[:2], 4.4)
 
 
 @pytest.mark.parametrize("slope", [0.02, 0.08])

@@ -54,6 +54,7 @@ class FrameNoise:
         same marker is off by the same in every frame, and for every camera
     chance : standard deviation of the logarithm of one marker's residual variance in noise that is the same for all; 0
         where noise is white or the markers differ by more: each marker's own residuals count
+    usual : mean residual variance of the clean markers over `curve`, which is made without the largest
     odd : of white noise, variance of a centre over what least squares makes it from the residuals (`template.odd`)
     """
 
@@ -63,6 +64,7 @@ class FrameNoise:
     kept: float
     texture: float = 0.0
     chance: float = 0.0
+    usual: float = 1.0
     odd: float = 1.0
 
     @staticmethod
@@ -88,7 +90,7 @@ class FrameNoise:
         if self.chance == 0.0:
             return np.full(len(variance), self.odd)
         with np.errstate(divide="ignore", invalid="ignore"):
-            above = np.log(variance / self.variance(level))
+            above = np.log(variance / (self.usual * self.variance(level)))
         by_chance = np.where(np.isfinite(above), np.minimum(above, OWN * self.chance), 0.0)
         return np.asarray(self.odd * np.exp(-by_chance))
 
@@ -164,8 +166,9 @@ def frame_noise(images: Array, jacobian: Array, variance: Array, level: Array, m
     found = FrameNoise(curve, best[:PARTS], best[PARTS:], kept, float(texture[0] / texture[1]))
     # tr (Q C Q)^2 and tr Q C Q, of which the variance of the residuals' sum of squares is made.
     chance = float(np.sqrt(2.0 * best @ expected[: 2 * PARTS] @ best / pixels[0]) / (expected[0] @ best))
-    if np.log(variance / found.variance(level)).std() < chance * np.sqrt(1.0 + DIFFER * np.sqrt(2.0 / len(variance))):
-        found = replace(found, chance=chance)
+    ratio = variance / found.variance(level)
+    if np.log(ratio).std() < chance * np.sqrt(1.0 + DIFFER * np.sqrt(2.0 / len(ratio))):
+        found = replace(found, chance=chance, usual=float(ratio.mean()))
     size_of = [np.trace(noise.covariance(images[:1], variance[:1])[0]) for noise in (found, plain)]
     return plain if abs(size_of[0] - size_of[1]) < SAME * size_of[1] else found
 
