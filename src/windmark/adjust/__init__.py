@@ -5,6 +5,7 @@ Jobs differ only in what is free. `refine_pose` is the first; others are further
 """
 
 from windmark.adjust.blocks import POSE_PARAMETERS, CameraBlock, PoseBlock, VectorBlock
+from windmark.adjust.chance import chance
 from windmark.adjust.determinacy import covariance, weak_parameters
 from windmark.adjust.levenberg_marquardt import SolveOptions, minimise
 from windmark.adjust.loss import Loss
@@ -19,5 +20,5 @@ __all__ = [
     "refine_pose", "PoseEstimate", "SolveReport", "REASONS",
     "pose_problem", "minimise", "SolveOptions", "minimise_by_steps", "PaperOptions",
     "Problem", "NormalEquations", "PoseBlock", "CameraBlock", "VectorBlock", "Reprojection", "Linearised", "Prior",
-    "JointPrior", "Loss", "POSE_PARAMETERS", "covariance", "weak_parameters",
+    "JointPrior", "Loss", "POSE_PARAMETERS", "chance", "covariance", "weak_parameters",
 ]  # fmt: skip

@@ -33,6 +33,7 @@ VISIBLE_PART = 0.12
 """The film magnifies so that the largest deformation is this part of the model."""
 WORDS = {
     "cold": "found without help", "tracked": "followed from the frame before", "lost": "no deformation, see the reason",
+    "misfit": "laws or table do not explain it, see the reason; its sigmas contain what is left",
 }  # fmt: skip
 
 
@@ -92,6 +93,8 @@ def _overview(report: Report, loaded: Loaded, sequence: Sequence, record: dict[s
             "of the model beside them or over them, a highlight, dirt. Their sigma, more than "
             f"{DOUBTFUL:g} times the usual one, says so, and they hardly count."
         )
+    for words, frames in record.get("warnings", {}).items():
+        report.text(f"{words} ({frames} of {len(sequence.good)} frames).", "bad")
     if sequence.zero is not None and sequence.moved is not None:
         size = np.linalg.norm(sequence.moved, axis=1)
         report.text(
@@ -104,14 +107,15 @@ def _overview(report: Report, loaded: Loaded, sequence: Sequence, record: dict[s
     fixed = [s.name for s in test.stations if not s.moves]
     if fixed:
         report.text(
-            f"Taken as fixed: {', '.join(fixed)}. A camera that moved unnoticed is an error that no sigma shows."
+            f"Taken as fixed: {', '.join(fixed)}. One that moved is named where markers on walls or other cameras tell."
         )
     if moving:
         report.text(f"Found in every frame by markers on walls: {', '.join(moving)}.")
     for words in record.get("weak", ()):
         report.text(f"Seen least: {words}.")
     report.text(
-        "Every sigma is 1 sigma, from the spots' and the markers' covariances, times sigma0 where that is above 1.",
+        "Every sigma is 1 sigma, from the spots' and the markers' covariances; where the residuals are larger than "
+        "these explain, it contains what is left.",
         "soft",
     )
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 import time
+from collections import Counter
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
@@ -27,6 +29,7 @@ from windmark.pipeline.deform import (
     read_deform_project,
     run_sequence,
 )
+from windmark.pipeline.deform.record import MISFIT
 from windmark.pipeline.deform.series import NOT_TRIED, STATUS
 from windmark.pipeline.resume import begun_with
 
@@ -144,6 +147,8 @@ def summary(loaded: Loaded, sequence: Sequence) -> Record:
         latency = [r.latency_s for r in good if np.isfinite(r.latency_s)]
         if latency:
             record["median_latency_ms"] = 1e3 * float(np.median(latency))
+        record["warnings"] = warnings(sequence)
+        record["suspect"] = dict(Counter(n for r in good for n in r.suspect))
         record["weak"] = list(weakest(loaded, sequence))
         last = good[-1]
         record["last"] = {
@@ -154,6 +159,18 @@ def summary(loaded: Loaded, sequence: Sequence) -> Record:
             record["last_twist_deg"], record["last_twist_sigma_deg"] = last.twist.tolist(), last.twist_sigma.tolist()
             record["last_bending"], record["last_bending_sigma"] = last.bending.tolist(), last.bending_sigma.tolist()
     return record
+
+
+def warnings(sequence: Sequence) -> dict[str, int]:
+    """What frames warn of -> in how many; numbers differ from frame to frame and are those of the first one."""
+    first: dict[str, str] = {}
+    count: Counter[str] = Counter()
+    for row in sequence.good:
+        for words in row.warnings:
+            alike = re.sub(r"[0-9.]+(e[-+]?[0-9]+)?", "#", words)
+            first.setdefault(alike, f"frame {row.key}: {words}")
+            count[alike] += 1
+    return {first[alike]: n for alike, n in count.most_common()}
 
 
 def cameras_record(sequence: Sequence) -> Record:
@@ -186,7 +203,8 @@ def weakest(loaded: Loaded, sequence: Sequence) -> tuple[str, ...]:
 def _lines(loaded: Loaded, sequence: Sequence, record: Record) -> list[str]:
     """The figures in words, and one line for frames that were not simply tracked."""
     lines = [f"{record['frames']} frames: {record['tracked']} tracked, {record['cold']} found without help, "
-             f"{record['lost']} lost" + "".join(f", {record[n]} {n}" for n in NOT_TRIED if record[n])
+             f"{record['lost']} lost"
+             + "".join(f", {record[n]} {n}" for n in (*NOT_TRIED, MISFIT) if record[n])
              + (", interrupted" if sequence.interrupted else "")]  # fmt: skip
     if sequence.arrivals:
         fates = ", ".join(f"{count} {fate}" for fate, count in sequence.arrivals.most_common())
@@ -208,6 +226,8 @@ def _lines(loaded: Loaded, sequence: Sequence, record: Record) -> list[str]:
             f"{record['median_sigma0']:.2f}, {record['median_frame_ms']:.0f} ms per frame"
             + (f", latency {record['median_latency_ms']:.0f} ms" if "median_latency_ms" in record else "")
         )
+        lines += [f"warning: {words} ({n} of {len(sequence.good)} frames)" for words, n in
+                  [*record["warnings"].items()][:FEW_SHOWN]]  # fmt: skip
         lines += [f"weak: {words}" for words in record["weak"]]
         last, unit = sequence.good[-1], loaded.project.length_unit
         if len(last.twist):

@@ -18,12 +18,12 @@ from windmark.calibration.datum import Fixed, Free, Weighted
 from windmark.calibration.eccentric import fitting, with_eccentricity
 from windmark.calibration.finish import refuse_weak, transformed
 from windmark.calibration.hypotheses import contradicted
-from windmark.calibration.result import Doubt
 from windmark.calibration.setup import Job, frames_of, views_of
 from windmark.calibration.solve import Solved
 from windmark.errors import WindmarkError
 from windmark.geometry import Pose, triangulate
 from windmark.geometry.similarity import Similarity, align
+from windmark.scene import Doubt
 
 Mask = NDArray[np.bool_]
 

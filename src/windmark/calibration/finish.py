@@ -14,14 +14,14 @@ from windmark.adjust.network.datum import DatumCovariance, in_datum
 from windmark.adjust.network.problem import camera_columns
 from windmark.calibration.datum import Free
 from windmark.calibration.disc_shapes import Discs
-from windmark.calibration.result import Calibration, Doubt
+from windmark.calibration.result import Calibration
 from windmark.calibration.setup import Job, frames_of, views_of
 from windmark.calibration.solve import Solved
 from windmark.calibration.swaps import swapped
 from windmark.geometry import PARAMETERS, DegenerateGeometry, Pose
 from windmark.geometry.rotations import hat
 from windmark.geometry.similarity import Similarity, align
-from windmark.scene import MarkerSet, Observations
+from windmark.scene import Doubt, MarkerSet, Observations
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

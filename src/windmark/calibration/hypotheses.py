@@ -11,15 +11,15 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import f as fisher
 
+from windmark.adjust import chance
 from windmark.adjust.network.problem import camera_columns
 from windmark.adjust.terms import whitener
 from windmark.calibration.control import FALSE
-from windmark.calibration.result import Doubt
 from windmark.calibration.setup import Job
 from windmark.calibration.solve import Solved
 from windmark.geometry import PARAMETERS
+from windmark.scene import Doubt
 
 Array = NDArray[np.float64]
 
@@ -126,9 +126,5 @@ def _gathered(solved: Solved, b: Array, group: NDArray[np.int64], count: int) ->
 
 
 def _chance(test: float, dof: int, solved: Solved) -> float:
-    """Probability that chance makes a T of so many degrees as large, beside the residuals that would be left."""
-    free = solved.redundancy - dof
-    rest = solved.sigma0**2 * solved.redundancy - test
-    if free < 1 or dof < 1:
-        return 1.0
-    return 0.0 if rest <= 0 else float(fisher.sf(test / dof * free / rest, dof, free))
+    """`chance` beside the residuals of the network."""
+    return chance(test, dof, solved.sigma0**2 * solved.redundancy, solved.redundancy)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from windmark.adjust import SolveReport
 from windmark.geometry import Camera, Pose
-from windmark.scene import MarkerSet, Observations, View
+from windmark.scene import Doubt, MarkerSet, Observations, View
 
 Array = NDArray[np.float64]
 
@@ -24,27 +24,6 @@ CAUSES = {
     "discs": "the table's radii contradict the ellipses in the pictures",
 }
 """Every cause of a `NotCalibrated`, in words."""
-
-
-@dataclass(frozen=True)
-class Doubt:
-    """Something that was found to be wrong, or weaker than it looks.
-
-    Parameters
-    ----------
-    names : of markers, views, cameras or parameters
-    words : a sentence with ``{}`` for each name, in their order
-    """
-
-    names: tuple[str, ...]
-    words: str
-
-    def __str__(self) -> str:
-        return self.words.format(*self.names)
-
-    def renamed(self, names: Mapping[str, str]) -> Doubt:
-        """The same of things that are called otherwise."""
-        return Doubt(tuple(names.get(n, n) for n in self.names), self.words)
 
 
 @dataclass(frozen=True)

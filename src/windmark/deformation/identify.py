@@ -4,29 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from windmark.adjust import Loss, Problem, SolveOptions, SolveReport, covariance, minimise
-from windmark.deformation.outliers import critical, scale_of, test_left_out, test_used
+from windmark.deformation.judge import Verdict, judge
+from windmark.deformation.lost import residuals_of_all
 from windmark.deformation.result import Deformation, NotIdentified
 from windmark.deformation.setup import Task, prepare, start_values
-from windmark.deformation.sighting import LAW, MOTION, Sighting, camera_block, pose_block
+from windmark.deformation.sighting import LAW, MOTION, camera_block, pose_block
+from windmark.deformation.solve import Solved, free_names, solve
 from windmark.deformation.volumes import Volume, Volumes
 from windmark.geometry import Camera, DegenerateGeometry
 from windmark.scene import MarkerSet, Observations, View
 
 Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
-ROUGH = SolveOptions(max_iterations=30, gradient_tol=0.03, cost_tol=1e-4)
-FINE = SolveOptions(max_iterations=40, gradient_tol=1e-2, cost_tol=1e-9, initial_damping=1e-8)
-"""Near the minimum, where plain Gauss-Newton steps are best; a hundredth of a sigma is left."""
-FAR_LOSS = Loss.make("cauchy", 4.0)
-MOST_OUT = 0.4
-"""More outliers than this part, and the answer is that nothing fits."""
 PRIOR_SHARE = 0.7
 """A law parameter whose sigma is more than this part of its prior's is known from that prior alone."""
 
@@ -90,7 +84,7 @@ def identify(
     if (refusal := _unfit(task)) is not None:
         return replace(refusal, options=options)
     try:
-        solved = _solve(task, values, _shift(task, values, eccentricity), reject, near=start is not None)
+        solved = solve(task, values, _shift(task, values, eccentricity), reject, near=start is not None)
     except DegenerateGeometry as error:
         weak = ", ".join(error.weak)
         return NotIdentified(
@@ -98,19 +92,10 @@ def identify(
         )
     if isinstance(solved, NotIdentified):
         return replace(solved, options=options)
-    return _result(task, solved, options)
-
-
-class _Solved(NamedTuple):
-    """An adjusted instant."""
-
-    problem: Problem
-    values: Mapping[str, Any]
-    cov: Array
-    report: SolveReport
-    shift: Array
-    used: Mask
-    test: Array
+    judged = judge(solved)
+    if isinstance(judged, NotIdentified):
+        return replace(judged, options=options)
+    return _result(*judged, options)
 
 
 def _unfit(task: Task) -> NotIdentified | None:
@@ -143,111 +128,29 @@ def _shift(task: Task, values: dict[str, Any], eccentricity: ArrayLike | None) -
     return given
 
 
-def _solve(task: Task, values: dict[str, Any], shift: Array, reject: bool, near: bool) -> _Solved | NotIdentified:
-    used = np.ones(len(task.observations), bool)
-    readmitted = np.zeros(len(used), bool)
-    problem = task.problem(values, shift, used, Loss())
-    if _sighting(problem).raw_jacobian(values) is None:
-        return NotIdentified("the start puts markers behind a camera or beyond its lens", "behind")
-    if not near:
-        values, _, _ = minimise(problem, values, ROUGH)
-        problem, shift = _renewed(task, values, used)
-    robust = False
-    while True:
-        values, system, report = minimise(problem, values, FINE)
-        cov = covariance(system, _names(problem))
-        test = test_used(task, _sighting(problem), values, cov, used)
-        if not reject:
-            break
-        limit = critical(int(used.sum())) * scale_of(test[used])
-        if not robust and _many_gross(test, limit):
-            robust = True
-            values, used = _without_gross(task, values, shift, used)
-            problem, shift = _renewed(task, values, used)
-            continue
-        worst = int(np.nanargmax(test))
-        if test[worst] > limit:
-            used = used.copy()
-            used[worst] = False
-            if used.mean() < 1 - MOST_OUT:
-                return NotIdentified(f"{(~used).sum()} of {len(used)} observations contradict the others", "no_fit")
-            problem, shift = _renewed(task, values, used)
-            continue
-        left = test_left_out(task, problem, values, cov, shift, ~used)
-        test = np.where(used, test, left)
-        back = ~used & (left < limit) & ~readmitted
-        if not back.any():
-            break
-        used, readmitted = used | back, readmitted | back
-        problem, shift = _renewed(task, values, used)
-    if not report.converged:
-        return NotIdentified(f"the search stopped before its minimum: {report.reason}", "no_convergence")
-    return _Solved(problem, values, cov, report, shift, used, test)
-
-
-def _renewed(task: Task, values: Any, used: Mask) -> tuple[Problem, Array]:
-    """The adjustment, with eccentricity and whiteners at these values."""
-    shift = task.eccentricity(values)
-    return task.problem(values, shift, used, Loss()), shift
-
-
-def _sighting(problem: Problem) -> Sighting:
-    term = problem.terms[0]
-    assert isinstance(term, Sighting)
-    return term
-
-
-def _many_gross(test: Array, limit: float) -> bool:
-    """Whether there is more than a single test can be trusted with."""
-    return bool(np.count_nonzero(test > limit) > 1 or scale_of(test) > 4)
-
-
-def _without_gross(task: Task, values: Any, shift: Array, used: Mask) -> tuple[Any, Mask]:
-    """Where single tests would see errors that pull everything, a robust solution comes first."""
-    robust = task.problem(values, shift, used, FAR_LOSS)
-    values, system, _ = minimise(robust, values, ROUGH)
-    try:
-        cov = covariance(system, _names(robust))
-    except DegenerateGeometry:
-        return values, used
-    every = test_left_out(task, robust, values, cov, shift, used)
-    keep = used & (every <= critical(len(every)) * scale_of(every))
-    return values, keep if keep.mean() >= 1 - MOST_OUT else used
-
-
-def _result(task: Task, s: _Solved, options: Mapping[str, Any]) -> Deformation:
-    values, volumes = s.values, task.volumes
-    term = _sighting(s.problem)
-    if not s.used.all():  # those that did not take part, too
-        term = replace(term, sights=task.sights(s.shift, np.ones(len(s.used), bool)), _last=[])
-    raw = term.raw(values)
-    assert raw is not None
+def _result(s: Solved, verdict: Verdict, options: Mapping[str, Any]) -> Deformation:
+    task, values, volumes = s.task, s.values, s.task.volumes
+    raw = residuals_of_all(s)
     point, view = task.slots
     residuals = raw[point[:, None], 2 * view[:, None] + np.arange(2)]
-    parts = [part for term in s.problem.terms if (part := term.residual(values)) is not None]
-    chi2 = float(sum((part**2).sum() for part in parts))
-    slices, q = s.problem.slices, values[LAW]
+    slices = s.problem.slices
     weight = s.used / np.trace(task.observations.cov, axis1=1, axis2=2)
     sigma = np.sqrt(np.diag(s.cov)[slices[LAW]]) if LAW in slices else np.zeros(0)
     known = zip(volumes.names, volumes.parameters, sigma, strict=True)
-    edge = zip(volumes.names, volumes.parameters, q, strict=True)
-    at_bound = tuple(n for n, p, value in edge if value in (p.lower, p.upper))
-    redundancy = 2 * int(s.used.sum()) + sum(part.size for part in parts[1:]) - s.problem.size + len(at_bound)
+    cov, misfit = verdict.scale * s.cov, verdict.misfit
+    if misfit is not None:
+        cov = cov + misfit.follow @ misfit.second @ misfit.follow.T
     return Deformation(
-        volumes=volumes, placed=task.placed, q=q, tunnel_from_model=values[MOTION],
+        volumes=volumes, placed=task.placed, q=values[LAW], tunnel_from_model=values[MOTION],
         cam_from_tunnel={v.name: values[pose_block(v.name)] for v in task.views},
         cameras={v.camera: values[camera_block(v.camera)] for v in task.views},
-        names=_names(s.problem), cov=s.cov, slices=slices, residuals_px=residuals, used=s.used, test=s.test,
+        names=free_names(s.problem), cov=cov, slices=slices, residuals_px=residuals, used=s.used, test=s.test,
         rms_px=float(np.sqrt(weight @ (residuals**2).sum(axis=1) / weight.sum())),
-        sigma0=float(np.sqrt(chi2 / redundancy)) if redundancy > 0 else float("nan"), chi2=chi2, redundancy=redundancy,
-        from_prior=tuple(n for n, p, size in known if size > PRIOR_SHARE * p.sigma),
-        at_bound=at_bound, report=s.report, options=options,
+        sigma0=float(np.sqrt(s.chi2 / s.redundancy)) if s.redundancy > 0 else float("nan"), chi2=s.chi2,
+        redundancy=s.redundancy, from_prior=tuple(n for n, p, size in known if size > PRIOR_SHARE * p.sigma),
+        at_bound=s.at_bound, report=s.report, options=options, doubts=verdict.doubts, suspect=verdict.suspect,
+        misfit=misfit,
     )  # fmt: skip
-
-
-def _names(problem: Problem) -> tuple[str, ...]:
-    """Such as wing.tip for laws, motion.rotation_x, cam1.pose.rotation_x, cam1.camera.focal_px."""
-    return tuple(n if key == LAW else f"{key}.{n}" for key, block in problem.blocks.items() for n in block.names)
 
 
 def _advice(task: Task, weak: Sequence[str]) -> str:

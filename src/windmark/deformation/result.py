@@ -10,12 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from windmark.adjust import SolveReport
+from windmark.deformation.misfit import Misfit
 from windmark.deformation.sighting import LAW, MOTION
 from windmark.deformation.volumes import Placed, Volumes
 from windmark.errors import UsageError
 from windmark.geometry import Camera, Pose
 from windmark.geometry.rotations import hat
-from windmark.scene import Mesh
+from windmark.scene import Doubt, Mesh
 
 Array = NDArray[np.float64]
 
@@ -23,6 +24,7 @@ CAUSES = {
     "undetermined": "this set-up does not determine all that is free",
     "too_few": "fewer observations than free parameters",
     "no_fit": "no laws and motion fit the observations",
+    "moved": "a camera taken as fixed is not where it should be",
     "no_convergence": "the search ended before its minimum",
     "behind": "the start puts markers behind a camera",
 }
@@ -42,8 +44,9 @@ class Deformation:
     cam_from_tunnel : pose of every view by its name
     cameras : by name; the focal length replaced where it was free
     names : (F,) names of all that was free, in the order of `cov`
-    cov : (F, F) covariance of these, from the covariances of the spots and of the markers. Poses and motion are
-        perturbed as ``exp(delta) @ pose``, delta = [rotation, translation]
+    cov : (F, F) covariance of these, from the covariances of the spots and of the markers; where the residuals are
+        larger than these explain, times what is left of sigma0 squared, see `windmark.deformation.judge`. Poses and
+        motion are perturbed as ``exp(delta) @ pose``, delta = [rotation, translation]
     slices : where each block stands in it
     residuals_px : (O, 2) projected - observed, in the order of the observations, discs' eccentricity removed
     used : (O,) observations that took part; the others are outliers
@@ -55,6 +58,9 @@ class Deformation:
     at_bound : names of law parameters that ended at a bound; the covariance takes these as known there
     report : why the solve stopped
     options : everything it was made with
+    doubts : what contradicts the rest; ``warnings`` are their sentences
+    suspect : names of the markers, views and volumes in them
+    misfit : what the laws lack, where neighbouring residuals agree in it; it is in ``cov`` and in that of every place
     """
 
     volumes: Volumes
@@ -77,6 +83,19 @@ class Deformation:
     at_bound: tuple[str, ...]
     report: SolveReport
     options: Mapping[str, Any] = field(default_factory=dict)
+    doubts: tuple[Doubt, ...] = ()
+    suspect: tuple[str, ...] = ()
+    misfit: Misfit | None = None
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The doubts as sentences."""
+        return tuple(str(d) for d in self.doubts)
+
+    @property
+    def fits(self) -> bool:
+        """False where more than half of the residuals (their squares) is neither laws nor stated noise."""
+        return not (self.doubts and self.sigma0**2 > 2.0)
 
     @property
     def parameters(self) -> dict[str, float]:
@@ -120,9 +139,24 @@ class Deformation:
         """The grid as it is now; vertices that belong to no triangle follow the rigid motion."""
         return mesh.moved(self.place(mesh.vertices, vertex_volumes(mesh), frame=frame)[0])
 
-    def propagated(self, by_free: Array) -> Array:
-        """(..., m, m) covariance of quantities with derivatives (..., m, F) by everything that was free."""
-        return np.asarray(by_free @ self.cov @ np.swapaxes(by_free, -1, -2))
+    def propagated(self, by_free: Array, lacking: Array | None = None) -> Array:
+        """(..., m, m) covariance of quantities with derivatives (..., m, F) by everything that was free.
+
+        ``lacking`` (..., m, k), see `lacking`: their derivatives by what the laws lack.
+        """
+        out = np.asarray(by_free @ self.cov @ np.swapaxes(by_free, -1, -2))
+        if self.misfit is None or lacking is None:
+            return out
+        mixed = by_free @ self.misfit.follow @ self.misfit.second @ np.swapaxes(lacking, -1, -2)
+        own = lacking @ self.misfit.second @ np.swapaxes(lacking, -1, -2)
+        return np.asarray(out + own + mixed + np.swapaxes(mixed, -1, -2))
+
+    def lacking(self, xyz: Array, names: Any, frame: str) -> Array | None:
+        """(N, 3, k) how undeformed points of volumes (N,) move by what the laws lack; None where that is nothing."""
+        if self.misfit is None:
+            return None
+        columns = self.misfit.columns(xyz, names)
+        return columns if frame == "model" else self.tunnel_from_model.rotation @ columns
 
     def by_free(self, by_law: Array, by_motion: Array | None = None) -> Array:
         """(..., m, F) derivatives from those by the laws' parameters (..., m, K) and the motion (..., m, 6)."""
@@ -137,11 +171,12 @@ class Deformation:
         if frame not in ("tunnel", "model"):
             raise UsageError(f"frame: expected 'tunnel' or 'model', got {frame!r}")
         place, by_q = placed.linearise(self.q)
+        lacking = self.lacking(placed.xyz, placed.names, frame)
         if frame == "model":
-            return place, self.propagated(self.by_free(by_q))
+            return place, self.propagated(self.by_free(by_q), lacking)
         place = self.tunnel_from_model.apply(place)
         by_motion = np.concatenate([-hat(place), np.broadcast_to(np.eye(3), (len(place), 3, 3))], axis=-1)
-        return place, self.propagated(self.by_free(self.tunnel_from_model.rotation @ by_q, by_motion))
+        return place, self.propagated(self.by_free(self.tunnel_from_model.rotation @ by_q, by_motion), lacking)
 
 
 @dataclass(frozen=True)

@@ -131,17 +131,22 @@ def span_values(state: Deformation, stations: Stations, *, frame: str = "model")
         place, by_q = motion.apply(place), motion.rotation @ by_q
         by_motion = np.concatenate([-hat(place), np.broadcast_to(np.eye(3), (len(place), 3, 3))], axis=-1)
     by_free = state.by_free(by_q, by_motion)
+    lacking = state.lacking(ends, np.full(len(ends), stations.volume), frame)
     s = len(stations)
     chord = stations.aft - stations.fore
     length = np.linalg.norm(chord, axis=1)
     aft = chord / length[:, None]
-    now, by_now = place[s:] - place[:s], by_free[s:] - by_free[:s]
+    now = place[s:] - place[:s]
     along, rise = (now * aft).sum(axis=1), now @ stations.up
     # Nose-up: the trailing edge goes down.
     twist = np.degrees(np.arctan2(-rise, along))
     turn = (rise[:, None] * aft - along[:, None] * stations.up) / (along**2 + rise**2)[:, None]
-    by_twist = np.degrees(np.einsum("si,sif->sf", turn, by_now))
     middle = 0.5 * (place[:s] + place[s:]) - 0.5 * (stations.fore + stations.aft)
-    by_bending = np.einsum("i,sif->sf", stations.up, 0.5 * (by_free[:s] + by_free[s:]))
-    j = np.concatenate([by_bending, by_twist])
-    return SpanValues(stations.eta, middle @ stations.up, twist, j @ state.cov @ j.T)
+
+    def of(by_ends: Array) -> Array:
+        """(2 S, ...) bending and twist by what moves the chords' ends (2 S, 3, ...)."""
+        by_bending = np.einsum("i,sif->sf", stations.up, 0.5 * (by_ends[:s] + by_ends[s:]))
+        return np.concatenate([by_bending, np.degrees(np.einsum("si,sif->sf", turn, by_ends[s:] - by_ends[:s]))])
+
+    cov = state.propagated(of(by_free), None if lacking is None else of(lacking))
+    return SpanValues(stations.eta, middle @ stations.up, twist, cov)

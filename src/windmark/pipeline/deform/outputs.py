@@ -213,7 +213,7 @@ class Writer:
         for name in (*self._names, *MOTION):
             head += [name, f"sigma_{name}"]
         out: dict[str, tuple[Sequence[str], str]] = {
-            "deformation.csv": ([*head, "few", "seconds", "reason", "stamp", "name"], ""),
+            "deformation.csv": ([*head, "few", "seconds", "reason", "stamp", "name", "warnings"], ""),
             "cameras.csv": (["frame", "time_s", "camera", "lag_s", "expected", "spots", "reason"], ""),
         }
         if self._loaded.stations is not None:
@@ -243,7 +243,7 @@ class Writer:
         name = "" if label == row.key else row.key
         self._line("deformation.csv", [
             *cells, _quoted(words_of(row.cameras)), _cell(row.seconds), _quoted(row.reason), stamp_text(row.key),
-            _quoted(name),
+            _quoted(name), _quoted("; ".join(row.warnings)),
         ])  # fmt: skip
 
     @staticmethod
@@ -261,7 +261,7 @@ class Writer:
         point = np.unique(seen.point[markers.role[seen.point] != "wall"])
         moved, cov = (column[point] for column in state.markers_displaced())
         place = markers.xyz[point] + moved
-        sigma = max(1.0, np.nan_to_num(state.sigma0)) * np.sqrt(np.diagonal(cov, axis1=1, axis2=2))
+        sigma = np.sqrt(np.diagonal(cov, axis1=1, axis2=2))
         bad = np.unique(seen.point[~state.used])
         for k, p in enumerate(point):
             numbers = (*place[k], *moved[k], *sigma[k])

@@ -19,6 +19,8 @@ Pair = tuple[Array, Array]
 
 MOTION = ("shift_x", "shift_y", "shift_z", "turn_x_deg", "turn_y_deg", "turn_z_deg")
 """The rigid motion of the model in the tunnel's axes: shift of its markers' centre, rotation vector."""
+MISFIT = "misfit"
+"""Status of a frame whose laws do not explain it: its numbers are there, with sigmas that contain the misfit."""
 DOUBTFUL = 5.0
 """A spot whose sigma is so many times the median of its frame has something on it or beside it."""
 
@@ -66,7 +68,9 @@ class FrameRecord:
 
     Parameters
     ----------
-    index, key, instant, time_s, status, reason, seconds : see `DeformedFrame`
+    index, key, instant, time_s, seconds : see `DeformedFrame`
+    status : that of the frame; "misfit" where more of the residuals is misfit than noise
+    reason : that of the frame, and the warnings that name something or belong to a misfit
     spots, outliers : observations, and those left out
     rms_px, sigma0 : of the residuals
     doubtful : camera and marker of the spots that are much less certain than the others, see `doubtful`
@@ -76,9 +80,10 @@ class FrameRecord:
     pitch, pitch_sigma : (S,) twist with the rigid motion, less the zero
     latency_s : from the newest image's time stamp to the result; NaN unless live
     cameras : camera -> what it saw, and why that is little
+    warnings, suspect : see `Deformation`
 
-    Every sigma is that of the covariance times max(1, sigma0): the residuals may say that tables and lens are worse
-    than what was stated, never that they are better.
+    Every sigma is that of the state's covariance, which contains what the residuals show: they may say that laws,
+    tables and lens are worse than what was stated, never that they are better.
     """
 
     index: int
@@ -105,6 +110,8 @@ class FrameRecord:
     latency_s: float = float("nan")
     doubtful: tuple[str, ...] = ()
     cameras: Mapping[str, Sight] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
+    suspect: tuple[str, ...] = ()
 
 
 def doubtful(frame: DeformedFrame, names: NDArray[np.str_]) -> tuple[str, ...]:
@@ -142,15 +149,18 @@ def record(
             cameras=frame.cameras,
         )  # fmt: skip
     state = frame.state
-    worse = max(1.0, state.sigma0) if np.isfinite(state.sigma0) else 1.0
-    q_sigma = worse * np.array([state.sigma[n] for n in state.volumes.names])
+    q_sigma = np.array([state.sigma[n] for n in state.volumes.names])
     motion, motion_sigma = _motion(state, zero, centre)
     none = np.zeros(0)
-    bending, twist, pitch = ((none, none),) * 3 if stations is None else _span(state, zero, stations, worse)
+    bending, twist, pitch = ((none, none),) * 3 if stations is None else _span(state, zero, stations)
+    named = [str(d) for d in state.doubts if d.names or not state.fits]
+    status, reason = frame.status if state.fits else MISFIT, "; ".join([frame.reason] * bool(frame.reason) + named)
     return FrameRecord(
-        *common, len(state.used), int((~state.used).sum()), state.rms_px, state.sigma0,
-        state.q - (zero.q if zero is not None else 0.0), q_sigma, motion, worse * motion_sigma, *bending, *twist,
-        *pitch, latency_s, doubtful(frame, markers.name), frame.cameras,
+        *common[:4], status, reason, frame.seconds, len(state.used), int((~state.used).sum()), state.rms_px,
+        state.sigma0,
+        state.q - (zero.q if zero is not None else 0.0), q_sigma, motion, motion_sigma, *bending, *twist,
+        *pitch, latency_s, doubtful(frame, markers.name), frame.cameras, state.warnings,
+        state.suspect,
     )  # fmt: skip
 
 
@@ -172,11 +182,11 @@ def _motion(state: Deformation, zero: Zero | None, centre: Array) -> tuple[Array
     return out, np.sqrt(np.diag(cov))
 
 
-def _span(state: Deformation, zero: Zero | None, stations: Stations, worse: float) -> tuple[Pair, Pair, Pair]:
+def _span(state: Deformation, zero: Zero | None, stations: Stations) -> tuple[Pair, Pair, Pair]:
     """Bending, twist and pitch with their sigma, less the zero."""
     model, tunnel = (span_values(state, stations, frame=f) for f in ("model", "tunnel"))
     off = zero.span if zero is not None else None
-    cov = [worse**2 * v.cov for v in (model, tunnel)]
+    cov = [v.cov for v in (model, tunnel)]
     bending, twist, pitch = model.bending, model.twist_deg, tunnel.twist_deg
     if off is not None:
         bending, twist, pitch = bending - off[0].bending, twist - off[0].twist_deg, pitch - off[1].twist_deg

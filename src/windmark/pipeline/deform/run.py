@@ -24,7 +24,7 @@ from windmark.pipeline.deform.load import Loaded
 from windmark.pipeline.deform.names import key_of
 from windmark.pipeline.deform.outputs import Writer
 from windmark.pipeline.deform.points import PointMapper
-from windmark.pipeline.deform.record import FrameRecord, Zero, record
+from windmark.pipeline.deform.record import MISFIT, FrameRecord, Zero, record
 from windmark.pipeline.deform.resume import Kept, files_told, made_with, named, pictures_of
 from windmark.pipeline.deform.task import DeformedFrame, FrameImages
 from windmark.pipeline.deform.timeline import Timeline
@@ -89,7 +89,7 @@ class Sequence:
     @property
     def good(self) -> list[FrameRecord]:
         """The frames with a state."""
-        return [r for r in self.records if r.status in ("cold", "tracked")]
+        return [r for r in self.records if r.status in ("cold", "tracked", MISFIT)]
 
 
 def run_sequence(

@@ -14,13 +14,13 @@ import windmark
 from windmark.pipeline.deform.frames import FrameTable
 from windmark.pipeline.deform.load import Loaded
 from windmark.pipeline.deform.names import number_of, stamp_ns
-from windmark.pipeline.deform.record import MOTION, FrameRecord
+from windmark.pipeline.deform.record import MISFIT, MOTION, FrameRecord
 
 Array = NDArray[np.float64]
 
 NOT_TRIED = ("late", "left")
 """Frames that were seen and not looked at: they came after a later one was measured, or the run ended first."""
-STATUS = ("cold", "tracked", "lost", *NOT_TRIED)
+STATUS = ("cold", "tracked", "lost", *NOT_TRIED, MISFIT)
 NO_STAMP = -(2**63)
 
 

@@ -1,0 +1,76 @@
+"""Is what was identified to be believed? The residuals as a whole, their pattern, markers and views that lost marks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import chdtrc
+
+from windmark.deformation.equations import Equations
+from windmark.deformation.lost import lost
+from windmark.deformation.misfit import Misfit
+from windmark.deformation.moved import candidates, moved, price
+from windmark.deformation.patterns import pattern_of
+from windmark.deformation.result import NotIdentified
+from windmark.deformation.solve import Solved
+from windmark.scene import Doubt
+
+FALSE = 2.5e-4
+"""Probability that residuals as large as stated are called too large."""
+WORTH = 0.1
+"""Residuals that are larger than those of so many right instants are worth the test of the cameras."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What is to be said.
+
+    Parameters
+    ----------
+    scale : factor of the covariances, 1 where the residuals are as large as stated
+    misfit : what the laws lack, None for nothing
+    doubts : sentences
+    suspect : names of markers, views and volumes that contradict the rest
+    """
+
+    scale: float = 1.0
+    misfit: Misfit | None = None
+    doubts: tuple[Doubt, ...] = ()
+
+    @property
+    def suspect(self) -> tuple[str, ...]:
+        """All that the doubts name."""
+        return tuple(dict.fromkeys(n for d in self.doubts for n in d.names))
+
+
+def judge(solved: Solved) -> tuple[Solved, Verdict] | NotIdentified:
+    """Judge an adjusted instant; where a camera moved it is the one with that camera's pose free."""
+    doubts = lost(solved)
+    chi2, redundancy = solved.chi2, solved.redundancy
+    if redundancy < 1 or (chi2 <= redundancy and not doubts):
+        return solved, Verdict()
+    equations = Equations(solved)
+    pattern = pattern_of(equations) if chi2 > redundancy else None
+    suspect = tuple(n for d in doubts for n in d.names)
+    if pattern is not None or suspect or chdtrc(redundancy, chi2) < WORTH:
+        found = moved(solved, candidates(equations, suspect), price(solved, pattern))
+        if isinstance(found, NotIdentified):
+            return found
+        if found is not None:
+            healed, doubt = found
+            return healed, Verdict(doubts=(doubt, *lost(healed)))
+    if pattern is not None:
+        chi2, redundancy = chi2 - pattern.test, redundancy - pattern.rank
+        by_volume: dict[str, list[str]] = {}
+        for volume, words in pattern.looks:
+            by_volume.setdefault(volume, []).append(words)
+        doubts += [Doubt((v,), "law of {} too simple: what is left looks like " + " and ".join(w))
+                   for v, w in by_volume.items()]  # fmt: skip
+    scale = 1.0
+    if chdtrc(redundancy, chi2) < FALSE:
+        scale = chi2 / redundancy
+        besides = " besides" if doubts else ""
+        doubts.append(Doubt((), f"residuals are {np.sqrt(scale):.2g} times as large as stated{besides} (sigma0): "
+                            "spots or the table of markers are less certain, or the laws too simple"))  # fmt: skip
+    return solved, Verdict(scale, pattern.misfit if pattern else None, tuple(doubts))

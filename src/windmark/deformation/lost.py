@@ -1,0 +1,78 @@
+"""What lost its marks as gross errors together: a marker that stands elsewhere, a view that contradicts the others."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import bdtrc, chdtrc
+
+from windmark.deformation.misfit import length_unit
+from windmark.deformation.sighting import LAW, MOTION, by_place, in_tunnel
+from windmark.deformation.solve import Solved
+from windmark.scene import Doubt
+
+Array = NDArray[np.float64]
+
+FALSE = 1e-3
+"""Probability that marks that are right, or gross errors that have nothing in common, are taken for the other."""
+QUARTER = 0.25
+"""A view that lost so many of its marks, and far more than the others, is named."""
+
+
+def lost(solved: Solved) -> list[Doubt]:
+    """Markers and views whose marks were left out together."""
+    if solved.used.all():
+        return []
+    return [*_elsewhere(solved), *_views(solved)]
+
+
+def residuals_of_all(solved: Solved) -> Array:
+    """(P, 2 V) projected - observed of all observations, those left out, too."""
+    term = solved.sighting
+    if not solved.used.all():
+        sights = solved.task.sights(solved.shift, np.ones(len(solved.used), bool))
+        term = replace(term, sights=sights, _last=[])
+    raw = term.raw(solved.values)
+    assert raw is not None  # what was left out has been predicted for its test
+    return raw
+
+
+def _elsewhere(solved: Solved) -> list[Doubt]:
+    """Markers whose two marks or more are all wrong, and agree with each other on another place."""
+    task, values = solved.task, solved.values
+    count = len(task.markers)
+    point, view = task.slots
+    every, left = np.bincount(point, minlength=count), np.bincount(point[~solved.used], minlength=count)
+    wrong = np.flatnonzero((left > 1) & (left == every))
+    if not len(wrong):
+        return []
+    place = in_tunnel(task.placed.place(values[LAW]), task.wall, values[MOTION])
+    residual = residuals_of_all(solved)
+    by = by_place(task.sights(solved.shift, np.ones(len(point), bool)), values, place)
+    out, unit = [], length_unit(task.volumes)
+    for n in wrong:
+        own = np.flatnonzero(point == n)
+        rows = (2 * view[own, None] + np.arange(2)).ravel()
+        half = np.linalg.inv(np.linalg.cholesky(task.observations.cov[own]))
+        e = (half @ residual[n, rows].reshape(-1, 2, 1)).ravel()
+        a = (half @ by[n, rows].reshape(-1, 2, 3)).reshape(-1, 3)
+        off = np.linalg.lstsq(a, -e, rcond=None)[0]
+        if chdtrc(len(e) - 3, float(((e + a @ off) ** 2).sum())) > FALSE:
+            words = f"{{}} is {np.linalg.norm(off):.2g} {unit}".rstrip() + " from where its table has it"
+            out.append(Doubt((str(task.markers.name[n]),), words))
+    return out
+
+
+def _views(solved: Solved) -> list[Doubt]:
+    """Views that lost a quarter of their marks or more, beside the share that the others lost."""
+    task, view, bad = solved.task, solved.task.observations.view, ~solved.used
+    gone, every = (np.bincount(v, minlength=len(task.views)) for v in (view[bad], view))
+    out = []
+    for n in np.flatnonzero((gone > 1) & (gone >= QUARTER * every) & (every < len(view))):
+        usual = (gone.sum() - gone[n] + 1) / (len(view) - every[n] + 1)
+        if bdtrc(gone[n] - 1, every[n], min(usual, 1.0)) < FALSE:
+            words = f"{{}} lost {gone[n]} of its {every[n]} spots: it moved, or has wrong labels"
+            out.append(Doubt((task.views[n].name,), words))
+    return out

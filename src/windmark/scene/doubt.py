@@ -1,0 +1,27 @@
+"""What a result says against itself."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """Something that was found to be wrong, or weaker than it looks.
+
+    Parameters
+    ----------
+    names : of markers, views, cameras or parameters
+    words : a sentence with ``{}`` for each name, in their order
+    """
+
+    names: tuple[str, ...]
+    words: str
+
+    def __str__(self) -> str:
+        return self.words.format(*self.names)
+
+    def renamed(self, names: Mapping[str, str]) -> Doubt:
+        """The same of things that are called otherwise."""
+        return Doubt(tuple(names.get(n, n) for n in self.names), self.words)

@@ -1,0 +1,162 @@
+"""Does a deformation say what contradicts it? All residuals, their pattern, markers and views that lost marks."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from swept_scenes import BEAM, CAMERAS, MARKERS, MOTION, NOISE, PARTS, VIEWS, Q, draws, observed, seen, z_of
+
+from windmark.deformation import Deformation, Stations, Volume, Volumes, identify, span_values
+from windmark.deformation.equations import CHECKED, Equations
+from windmark.deformation.laws import Powers
+from windmark.deformation.setup import prepare, start_values
+from windmark.deformation.solve import solve
+from windmark.geometry import Pose
+
+SIMPLE = (Volume("wing", replace(BEAM, bend=Powers((2,))), parent="body"), Volume("body"))
+
+
+def solved(spots, parts):
+    task = prepare(spots, MARKERS, Volumes.of(parts), CAMERAS, VIEWS, True, None, False, None, False, None, None)
+    values = start_values(task, None)
+    return solve(task, values, task.eccentricity(values), False, near=False)
+
+
+def test_what_is_right_is_not_doubted():
+    found = draws(200, seen(), 31)
+    assert [r.warnings for r in found if r.warnings] == []
+    assert all(r.fits and r.misfit is None for r in found)
+
+
+def test_what_an_unknown_would_explain_is_what_it_explains():
+    """The test without solving again against solving again, with the same shape as a parameter of the law."""
+    spots = observed(seen(), np.random.default_rng(32))
+    few, many = solved(spots, SIMPLE), solved(spots, PARTS)
+    equations = Equations(few)
+    rich = Volumes.of(PARTS).bind(MARKERS.xyz, np.where(MARKERS.role == "wall", "", MARKERS.volume))
+    b2, t1, t2 = few.values["law"]
+    slope = rich.linearise(np.array([b2, 0.0, t1, t2]))[1][..., 1:2]
+    added = equations.added(equations.by_place @ (few.values["motion"].rotation @ slope))
+    test, rank, value, _ = added.fitted(np.array([0]))
+    assert rank == 1
+    share = added.power[0, 0] / added.size[0] ** 2
+    faded = share / (share + CHECKED)
+    assert test == pytest.approx(faded * (few.chi2 - many.chi2), rel=0.01)
+    assert value[0] == pytest.approx(faded * many.values["law"][1], rel=0.01)
+    assert few.redundancy == many.redundancy + 1
+
+
+def test_groups_at_once_are_groups_one_by_one():
+    equations = Equations(solved(observed(seen(), np.random.default_rng(33)), SIMPLE))
+    rng = np.random.default_rng(34)
+    added = equations.added(equations.by_place @ rng.standard_normal((len(MARKERS), 3, 7)))
+    groups = np.array([[0, 1, 2], [3, 4, -1], [5, 6, 1]])
+    tests, ranks = added.each(groups)
+    for k, group in enumerate(groups):
+        test, rank, _, _ = added.fitted(group[group >= 0])
+        assert tests[k] == pytest.approx(test, rel=1e-9)
+        assert ranks[k] == rank
+
+
+def test_a_law_too_simple_is_named_by_what_is_left_and_its_sigmas_contain_it():
+    """4 mm of the cubic are missing; the quadratic takes most of it, 0.1 to 0.6 mm stay."""
+    outside, without, at = [], [], Stations.along((205, 80, 0), (430, 590, 0), 9, volume="wing", chord=(100, 0, 0))
+    truth = Volumes.of(PARTS)
+    ends = np.concatenate([at.fore, at.aft])
+    place = truth.bind(ends, "wing").place(Q)
+    bending = (place - ends)[:, 2].reshape(2, -1).mean(axis=0)
+    for k in range(20):
+        spots = observed(seen(), np.random.default_rng([35, k]))
+        found = identify(spots, MARKERS, SIMPLE, CAMERAS, VIEWS)
+        assert isinstance(found, Deformation)
+        assert not found.fits
+        assert found.suspect == ("wing",)
+        assert "law of wing too simple: what is left looks like bending of" in found.warnings[0]
+        assert " mm at m" in found.warnings[0]
+        got, cov = found.place(MARKERS.xyz[:50], "wing")
+        off = got - MOTION.apply(truth.bind(MARKERS.xyz[:50], "wing").place(Q))
+        outside.append(np.abs(off) > 1.96 * np.sqrt(np.diagonal(cov, axis1=1, axis2=2)))
+        span = span_values(found, at)
+        assert (np.abs(span.bending - bending) < 4 * span.bending_sigma).all()
+        stated = replace(found, misfit=None, cov=solved(spots, SIMPLE).cov).place(MARKERS.xyz[:50], "wing")[1]
+        without.append(np.abs(off) > 1.96 * np.sqrt(np.diagonal(stated, axis1=1, axis2=2)))
+    assert np.mean(outside) < 0.08
+    assert np.mean(without) > 0.3
+
+
+def test_spots_less_certain_than_stated_scale_the_covariance_and_never_shrink_it():
+    spots = observed(seen(), np.random.default_rng(36))
+    right = identify(spots, MARKERS, PARTS, CAMERAS, VIEWS)
+    worse = identify(replace(spots, cov=spots.cov / 9), MARKERS, PARTS, CAMERAS, VIEWS)
+    better = identify(replace(spots, cov=spots.cov * 9), MARKERS, PARTS, CAMERAS, VIEWS)
+    assert f"residuals are {worse.sigma0:.2g} times as large as stated (sigma0)" in worse.warnings[0]
+    assert worse.sigma0 == pytest.approx(3 * right.sigma0, rel=1e-2)
+    assert not worse.fits
+    np.testing.assert_allclose(worse.cov, right.cov * right.sigma0**2, rtol=2e-2)
+    assert better.sigma0 < 0.4
+    assert better.warnings == ()
+    np.testing.assert_allclose(better.cov, right.cov * 9, rtol=1e-2)
+
+
+def test_a_marker_that_stands_elsewhere_is_named_with_its_distance():
+    xyz = MARKERS.xyz.copy()
+    xyz[7] += [2.0, 0.0, 1.0]
+    found = identify(observed(seen(xyz=xyz), np.random.default_rng(37)), MARKERS, PARTS, CAMERAS, VIEWS)
+    assert found.suspect == ("m7",)
+    (words,) = found.warnings
+    assert words.startswith("m7 is ")
+    assert words.endswith(" mm from where its table has it")
+    assert float(words.split()[2]) == pytest.approx(5**0.5, abs=0.1)  # three sigma in depth
+    assert found.fits
+
+
+def test_gross_errors_that_have_nothing_in_common_are_no_marker_and_no_camera():
+    rng = np.random.default_rng(38)
+    named = 0
+    for _ in range(20):
+        spots = observed(seen(), rng)
+        bad = rng.random(len(spots)) < 0.2
+        spots.xy[bad] += rng.uniform(-40, 40, (int(bad.sum()), 2))
+        found = identify(spots, MARKERS, PARTS, CAMERAS, VIEWS)
+        named += bool(found.suspect)
+    assert named <= 2
+
+
+def test_a_view_that_loses_far_more_than_the_others_is_named():
+    rng = np.random.default_rng(39)
+    spots = observed(seen(), rng)
+    bad = (spots.view == 1) & (rng.random(len(spots)) < 0.5)
+    spots.xy[bad] += 400 * NOISE * rng.standard_normal((int(bad.sum()), 2))
+    found = identify(spots, MARKERS, PARTS, CAMERAS, VIEWS)
+    assert found.suspect == ("v1",)
+    assert "v1 lost" in found.warnings[0]
+
+
+def test_a_camera_that_moved_is_named_with_how_far_and_the_rest_is_as_if_it_had_been_free():
+    for k, walls in enumerate((True, True, False)):
+        delta = np.concatenate([np.radians([0.0, 0.2, 0.0]), [1.0, 0.0, 0.0]])
+        poses = [VIEWS[0].cam_from_model, Pose.exp(delta) @ VIEWS[1].cam_from_model]
+        spots = observed(seen(poses=poses, wall=walls), np.random.default_rng([40, k]))
+        found = identify(spots, MARKERS, PARTS, CAMERAS, VIEWS)
+        if not walls:  # the model with one camera moved as well as the other one did
+            assert not found
+            assert found.cause == "moved"
+            assert set(found.weak) == {"v0", "v1"}
+            assert "do not tell which" in found.reason
+            continue
+        assert found.suspect == ("v1",)
+        assert "v1 is taken as fixed and is not where it should be: it turned by 0.2 ± " in found.warnings[0]
+        free = identify(spots, MARKERS, PARTS, CAMERAS, VIEWS, free_poses=["v1"])
+        np.testing.assert_allclose(found.q, free.q, rtol=1e-3)
+        np.testing.assert_allclose(found.cov, free.cov, rtol=1e-2, atol=1e-12)
+        assert (np.abs(z_of(found, Q)) < 4).all()
+
+
+def test_cameras_that_stand_still_are_not_said_to_have_moved():
+    """Nor where a law is too simple, or spots are worse than stated."""
+    for k in range(10):
+        spots = observed(seen(wall=True), np.random.default_rng([41, k]))
+        for cov, parts in ((spots.cov, PARTS), (spots.cov, SIMPLE), (spots.cov / 9, PARTS)):
+            found = identify(replace(spots, cov=cov), MARKERS, parts, CAMERAS, VIEWS)
+            assert isinstance(found, Deformation)
+            assert not {"v0", "v1"} & set(found.suspect)
