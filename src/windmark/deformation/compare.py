@@ -76,6 +76,7 @@ def compare_laws(
     """
     if folds < 2:
         raise UsageError(f"compare_laws: folds must be at least 2, got {folds}")
+    options.setdefault("free_moved", False)  # what a camera explains is not the law's merit
     first = {n: identify(observations, markers, v, cameras, views, **options) for n, v in candidates.items()}
     good = [r.used for r in first.values() if isinstance(r, Deformation)]
     used = max(good, key=np.count_nonzero) if good else np.ones(len(observations), bool)

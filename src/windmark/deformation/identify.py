@@ -41,6 +41,7 @@ def identify(
     start: Deformation | None = None,
     eccentricity: ArrayLike | None = None,
     reject: bool = True,
+    free_moved: bool = True,
 ) -> Deformation | NotIdentified:
     """How a model moved and deformed, from one or more images of one instant.
 
@@ -61,6 +62,7 @@ def identify(
     start : a state to begin at, that of the frame before; its markers bound to laws are used again
     eccentricity : (O, 2) the discs' eccentricity in pixels at the start, where it is known; None works it out
     reject : test every observation and leave gross errors out
+    free_moved : a camera taken as fixed that moved is named, and its pose found; False takes all of them as they are
 
     Returns
     -------
@@ -79,6 +81,7 @@ def identify(
     options = {
         "free_motion": task.free_motion, "free_poses": task.free_poses, "free_focal": task.free_focal,
         "motion_cov": motion_cov is not None, "pose_cov": tuple(task.pose_cov), "reject": reject,
+        "free_moved": free_moved,
     }  # fmt: skip
     values = start_values(task, start)
     if (refusal := _unfit(task)) is not None:
@@ -92,7 +95,7 @@ def identify(
         )
     if isinstance(solved, NotIdentified):
         return replace(solved, options=options)
-    judged = judge(solved)
+    judged = judge(solved, free_moved)
     if isinstance(judged, NotIdentified):
         return replace(judged, options=options)
     return _result(*judged, options)

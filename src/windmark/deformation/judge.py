@@ -44,8 +44,8 @@ class Verdict:
         return tuple(dict.fromkeys(n for d in self.doubts for n in d.names))
 
 
-def judge(solved: Solved) -> tuple[Solved, Verdict] | NotIdentified:
-    """Judge an adjusted instant; where a camera moved it is the one with that camera's pose free."""
+def judge(solved: Solved, free_moved: bool) -> tuple[Solved, Verdict] | NotIdentified:
+    """Judge an adjusted instant; where a camera moved, with ``free_moved``, it is the one with that pose free."""
     doubts = lost(solved)
     chi2, redundancy = solved.chi2, solved.redundancy
     if redundancy < 1 or (chi2 <= redundancy and not doubts):
@@ -53,7 +53,7 @@ def judge(solved: Solved) -> tuple[Solved, Verdict] | NotIdentified:
     equations = Equations(solved)
     pattern = pattern_of(equations) if chi2 > redundancy else None
     suspect = tuple(n for d in doubts for n in d.names)
-    if pattern is not None or suspect or chdtrc(redundancy, chi2) < WORTH:
+    if free_moved and (pattern is not None or suspect or chdtrc(redundancy, chi2) < WORTH):
         found = moved(solved, candidates(equations, suspect), price(solved, pattern))
         if isinstance(found, NotIdentified):
             return found

@@ -289,7 +289,9 @@ class _Follower:
         last = look(own)  # here: a thread less to wait for
         return {**{name: job.result() for name, job in zip(others, jobs, strict=True)}, own: last}
 
-    def _identify(self, labelled: dict[str, Labelled], start: Deformation | None) -> tuple[Any, Observations]:
+    def _identify(
+        self, labelled: dict[str, Labelled], start: Deformation | None, *, free_moved: bool = True
+    ) -> tuple[Any, Observations]:
         parts = list(labelled.values())
         view = np.repeat(np.arange(len(parts)), [len(s.marker) for s in parts])
         observations = Observations(
@@ -300,7 +302,7 @@ class _Follower:
         known = self._test.marker_cov if self._texture is None else self._texture.place_cov
         known_off = [s.eccentricity_px for s in parts if s.eccentricity_px is not None]
         eccentricity = np.concatenate(known_off) if start is not None and len(known_off) == len(parts) else None
-        return _state(observations, poses, self._test, start, known, eccentricity), observations
+        return _state(observations, poses, self._test, start, known, eccentricity, free_moved), observations
 
     # --- without -----------------------------------------------------------------------------
     def _everything(self, images: dict[str, Image]) -> dict[str, Detections | str]:
@@ -355,7 +357,8 @@ class _Follower:
 
     def _settled(self, images: dict[str, Image], seen: dict[str, Labelled], start: Deformation | None) -> Any:
         """State, spots and observations from first labels; or why not, as text."""
-        answer, _ = self._identify(seen, start)
+        # Rough labels, and pictures of another time than the instant: cameras need not agree yet.
+        answer, _ = self._identify(seen, start, free_moved=False)
         if not isinstance(answer, Deformation):
             return str(answer.reason)
         self._hidden = {n: h for n in images if (h := self._hidden_from(n, answer)) is not None}
@@ -407,7 +410,7 @@ def identified_again(frame: DeformedFrame, test: DeformationTest) -> DeformedFra
 
 def _state(
     observations: Observations, poses: dict[str, Pose], test: DeformationTest, start: Deformation | None,
-    marker_cov: Array | None, eccentricity: Array | None = None,
+    marker_cov: Array | None, eccentricity: Array | None = None, free_moved: bool = True,
 ) -> Deformation | NotIdentified:  # fmt: skip
     """The state of one instant; ``poses`` of its views, in the order of ``observations.view``.
 
@@ -417,7 +420,7 @@ def _state(
     return identify(
         observations, test.markers, test.volumes, {s.name: s.camera for s in stations},
         [View(n, n, "", pose) for n, pose in poses.items()], **what_is_free(test, tuple(poses)), marker_cov=marker_cov,
-        start=start, eccentricity=eccentricity,
+        start=start, eccentricity=eccentricity, free_moved=free_moved,
     )  # fmt: skip
 
 
