@@ -223,6 +223,15 @@ def unattached(rng: np.random.Generator, cameras: int, attached: bool) -> Case:
     return case
 
 
+def apart(rng: np.random.Generator, rest: bool) -> Case:
+    """The flap stands on the body beside a wing that moves (or rests), and the laws say so."""
+    q = np.array([0.0, 0.0, 0.0, 0.0, 5.0]) if rest else None
+    case = wing(rng, flap=True, attached=False, q=q)
+    case.truth = case.laws
+    case.look(rng)
+    return case
+
+
 def shaken(rng: np.random.Generator) -> Case:
     """Cameras that may move, held by markers on a wall."""
     case = wing(rng, walls=True)
@@ -238,6 +247,8 @@ KINDS: dict[str, Callable[[np.random.Generator], Case]] = {
     "clean: three cameras, walls": lambda rng: wing(rng, 3, walls=True),
     "clean: shaken, walls": shaken,
     "clean: flap attached": lambda rng: unattached(rng, 2, True),
+    "clean: flap on the body": lambda rng: apart(rng, False),
+    "clean: flap on the body, at rest": lambda rng: apart(rng, True),
     "gross: 5 %": lambda rng: gross(rng, 0.05),
     "gross: 25 %": lambda rng: gross(rng, 0.25),
     "exchanged: one camera": lambda rng: exchanged(rng, 1, 1),

@@ -8,7 +8,7 @@ from swept_scenes import BEAM, CAMERAS, MARKERS, MOTION, NOISE, PARTS, VIEWS, Q,
 
 from windmark.deformation import Deformation, Stations, Volume, Volumes, identify, span_values
 from windmark.deformation.equations import CHECKED, Equations
-from windmark.deformation.laws import Powers
+from windmark.deformation.laws import Hinge, Powers
 from windmark.deformation.setup import prepare, start_values
 from windmark.deformation.solve import solve
 from windmark.geometry import Pose
@@ -160,3 +160,34 @@ def test_cameras_that_stand_still_are_not_said_to_have_moved():
             found = identify(replace(spots, cov=cov), MARKERS, parts, CAMERAS, VIEWS)
             assert isinstance(found, Deformation)
             assert not {"v0", "v1"} & set(found.suspect)
+
+
+def flapped(attached, bends=True):
+    """What comes of a flap that is fixed to the wing, or to the body, where the laws have it on the body."""
+    rng = np.random.default_rng(42)
+    hinge = Hinge((330.0, 350.0, 0.0), (420.0, 560.0, 0.0))
+    xyz = MARKERS.xyz.copy()
+    along = rng.uniform(0, 1, 10)[:, None]
+    xyz[50:60] = [330.0, 350.0, 0.0] + along * [90.0, 210.0, 0.0] + rng.uniform([8, 0, 0], [50, 0, 0], (10, 3))
+    volume = np.where(np.arange(72) < 50, "wing", np.where(np.arange(72) < 60, "flap", "wall"))
+    set_of = replace(MARKERS, xyz=xyz, volume=volume)
+    body, wing = Volume("body"), PARTS[0]
+    on = {n: Volumes.of((body, wing, Volume("flap", hinge, parent=n))) for n in ("wing", "body")}
+    q = np.append(Q if bends else 0 * Q, 6.0)
+    truth = seen(q, xyz=xyz, volumes=on["wing" if attached else "body"], set_of=set_of, wall=True)
+    return identify(observed(truth, rng), set_of, on["body"], CAMERAS, VIEWS)
+
+
+def test_a_flap_that_moves_with_the_wing_is_asked_for_its_parent():
+    fixed = flapped(True)
+    words = "" if fixed else fixed.reason
+    if fixed:
+        words = " ".join(fixed.warnings)
+        assert {"flap", "wing"} <= set(fixed.suspect)
+    assert "flap moves with wing" in words
+    assert "give it that parent" in words
+
+
+@pytest.mark.parametrize("bends", [True, False])
+def test_a_flap_that_stands_on_the_body_is_left_alone(bends):
+    assert flapped(False, bends).warnings == ()

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtrc
 
+from windmark.deformation.attached import unattached
 from windmark.deformation.equations import Equations
 from windmark.deformation.lost import lost
 from windmark.deformation.misfit import Misfit
@@ -46,13 +47,14 @@ class Verdict:
 
 def judge(solved: Solved, free_moved: bool) -> tuple[Solved, Verdict] | NotIdentified:
     """Judge an adjusted instant; where a camera moved, with ``free_moved``, it is the one with that pose free."""
-    doubts = lost(solved)
+    doubts = [*unattached(solved), *lost(solved)]
     chi2, redundancy = solved.chi2, solved.redundancy
     if redundancy < 1 or (chi2 <= redundancy and not doubts):
-        return solved, Verdict()
+        return solved, Verdict(doubts=tuple(doubts))
     equations = Equations(solved)
     pattern = pattern_of(equations) if chi2 > redundancy else None
-    suspect = tuple(n for d in doubts for n in d.names)
+    views = {v.name for v in solved.task.views}
+    suspect = tuple(n for d in doubts for n in d.names if n in views)
     if free_moved and (pattern is not None or suspect or chdtrc(redundancy, chi2) < WORTH):
         found = moved(solved, candidates(equations, suspect), price(solved, pattern))
         if isinstance(found, NotIdentified):

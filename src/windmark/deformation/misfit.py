@@ -98,3 +98,17 @@ def length_unit(volumes: Volumes) -> str:
     """The length unit, where a law's parameter has it; else ""."""
     known = [p.unit for p in volumes.parameters if p.unit and "/" not in p.unit and p.unit not in ANGLE_UNITS]
     return known[0] if known else ""
+
+
+def carried(volumes: Volumes, name: str) -> list[str]:
+    """The volume itself; where it has a law, all that is moved with it."""
+    parts = {p.name: p for p in volumes.parts}
+    if name not in parts or parts[name].law is None:
+        return [name]
+    out = []
+    for part in volumes.parts:
+        walk = part
+        while walk.name != name and walk.parent is not None:
+            walk = parts[walk.parent]
+        out += [part.name] if walk.name == name else []
+    return out

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from windmark.adjust import chance
 from windmark.deformation.equations import Added, Equations
-from windmark.deformation.misfit import KINDS, MOST_DEGREE, Misfit, Shapes, length_unit
+from windmark.deformation.misfit import KINDS, MOST_DEGREE, Misfit, Shapes, carried, length_unit
 from windmark.deformation.sighting import MOTION
-from windmark.deformation.volumes import Placed, Volumes
+from windmark.deformation.volumes import Placed
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -74,7 +74,7 @@ def _fields(placed: Placed) -> _Fields | None:
     if placed not in _KNOWN:
         names = np.asarray(placed.names)
         volumes = [n for n in np.unique(names).tolist() if n]
-        found = (Shapes.of(n, _carried(placed.volumes, n), placed.xyz[names == n]) for n in volumes)
+        found = (Shapes.of(n, carried(placed.volumes, n), placed.xyz[names == n]) for n in volumes)
         _KNOWN[placed] = _joined(placed, tuple(s for s in found if s is not None))
     return _KNOWN[placed]
 
@@ -116,20 +116,6 @@ def pattern_of(equations: Equations) -> Pattern | None:
         looks.append(_looks(shape, str(fields.kind[fields.groups[g, 0]]), amount, task.placed.xyz[at],
                             task.markers.name[at], length_unit(task.volumes)))  # fmt: skip
     return Pattern(misfit, test, rank, tuple(looks))
-
-
-def _carried(volumes: Volumes, name: str) -> list[str]:
-    """The volume itself; where it has a law, all that is moved with it."""
-    parts = {p.name: p for p in volumes.parts}
-    if name not in parts or parts[name].law is None:
-        return [name]
-    out = []
-    for part in volumes.parts:
-        walk = part
-        while walk.name != name and walk.parent is not None:
-            walk = parts[walk.parent]
-        out += [part.name] if walk.name == name else []
-    return out
 
 
 def _chosen(equations: Equations, added: Added, fields: _Fields) -> list[int]:
