@@ -191,3 +191,16 @@ def test_a_flap_that_moves_with_the_wing_is_asked_for_its_parent():
 @pytest.mark.parametrize("bends", [True, False])
 def test_a_flap_that_stands_on_the_body_is_left_alone(bends):
     assert flapped(False, bends).warnings == ()
+
+
+@pytest.mark.parametrize("both", [True, False])
+def test_exchanged_labels_are_named_with_their_view(both):
+    spots = observed(seen(), np.random.default_rng(43))
+    for v in (0, 1) if both else (1,):
+        a, b = (int(np.flatnonzero((spots.view == v) & (spots.point == n))[0]) for n in (4, 31))
+        spots.xy[[a, b]] = spots.xy[[b, a]]
+    found = identify(spots, MARKERS, PARTS, CAMERAS, VIEWS)
+    where = "v0, v1" if both else "v1"
+    assert found.warnings == (f"labels of m4 and m31 are exchanged in {where}",)
+    assert found.suspect == ("m4", "m31")
+    assert (np.abs(z_of(found, Q)) < 4).all()

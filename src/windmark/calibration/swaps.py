@@ -6,14 +6,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from windmark.adjust import exchanged_pairs
 from windmark.geometry import Camera, Pose
 
 if TYPE_CHECKING:
     from windmark.calibration.setup import Job
     from windmark.calibration.solve import Solved
-
-NEAR = 8.0
-"""Distance in sigma up to which a mark fits another marker's place."""
 
 
 def swapped(job: Job, solved: Solved, views: list[tuple[Camera, Pose]]) -> tuple[tuple[str, str, str], ...]:
@@ -25,9 +23,7 @@ def swapped(job: Job, solved: Solved, views: list[tuple[Camera, Pose]]) -> tuple
         camera, pose = views[int(v)]
         seen, valid = camera.project(pose.apply(solved.state.points[obs.point[mine]]))
         sigma = np.sqrt(np.trace(obs.cov[mine], axis1=1, axis2=2) / 2) * solved.sigma0
-        away = np.linalg.norm(obs.xy[mine][:, None] - seen[None], axis=2) / sigma[:, None]
-        fits = (away < NEAR) & valid[None]
-        for a, b in zip(*np.nonzero(np.triu(fits & fits.T, 1)), strict=True):
+        for a, b in exchanged_pairs(obs.xy[mine], np.where(valid[:, None], seen, np.nan), sigma):
             names = job.markers.name[obs.point[mine[[a, b]]]]
             found.append((str(names[0]), str(names[1]), job.views[int(v)].name))
     return tuple(found)

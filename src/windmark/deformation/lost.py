@@ -1,4 +1,4 @@
-"""What lost its marks as gross errors together: a marker that stands elsewhere, a view that contradicts the others."""
+"""What was left out together: exchanged labels, a marker that stands elsewhere, a view against the others."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import bdtrc, chdtrc
 
+from windmark.adjust import exchanged_pairs
 from windmark.deformation.misfit import length_unit
 from windmark.deformation.sighting import LAW, MOTION, by_place, in_tunnel
 from windmark.deformation.solve import Solved
@@ -25,7 +26,25 @@ def lost(solved: Solved) -> list[Doubt]:
     """Markers and views whose marks were left out together."""
     if solved.used.all():
         return []
-    return [*_elsewhere(solved), *_views(solved)]
+    swapped = _exchanged(solved)
+    named = {n for doubt in swapped for n in doubt.names}
+    return [*swapped, *(d for d in _elsewhere(solved) if not named & set(d.names)), *_views(solved)]
+
+
+def _exchanged(solved: Solved) -> list[Doubt]:
+    """Markers of which one view took each for the other, by pairs; the views that did are in the sentence."""
+    task, bad = solved.task, np.flatnonzero(~solved.used)
+    point, view = task.slots
+    seen = task.observations.xy[bad] - solved.shift[bad]
+    there = seen + residuals_of_all(solved)[point[bad, None], 2 * view[bad, None] + np.arange(2)]
+    sigma = np.sqrt(np.trace(task.observations.cov[bad], axis1=1, axis2=2) / 2)
+    found: dict[tuple[str, str], list[str]] = {}
+    for v in np.unique(view[bad]):
+        own = np.flatnonzero(view[bad] == v)
+        for a, b in exchanged_pairs(seen[own], there[own], sigma[own]):
+            names = task.markers.name[point[bad[own[[a, b]]]]]
+            found.setdefault((str(names[0]), str(names[1])), []).append(task.views[int(v)].name)
+    return [Doubt(pair, "labels of {} and {} are exchanged in " + ", ".join(views)) for pair, views in found.items()]
 
 
 def residuals_of_all(solved: Solved) -> Array:
