@@ -67,10 +67,10 @@ def rival_evidence(scene: Scene, fits: TemplateFits, variance: Array) -> Array:
         count = -(-mine.size * (2 * int(size) + 1) ** 2 // BATCH_PIXELS)
         for index in np.array_split(mine, count):
             least = variance[index] + np.square(MODEL_ERROR * fits.depth[index])
-            seen = _measured(scene, fits, index, near, int(size))
+            value, weight, left = _measured(scene, fits, index, near, int(size))
             nats = [
-                _evidence(*(part[:, at] for part in seen), least, fits.radius_px[index], moved=at == 1)
-                + _of_left(seen[2][:, at], variance[index], fits.depth[index])
+                _evidence(value[:, at], weight[:, at], left[:, at], least, fits.radius_px[index], moved=at == 1)
+                + _of_left(left[:, at], variance[index], fits.depth[index])
                 for at in range(2)
             ]
             out[index] = np.fmax(*nats)
@@ -116,8 +116,8 @@ def _evidence(value: Array, weight: Array, left: Array, variance: Array, radius:
     """
     out = np.full(len(value), np.nan)
     known = np.flatnonzero(np.isfinite(value).all(axis=1) & np.isfinite(left))
-    cov = np.linalg.inv(weight[known]) * np.fmax(left, variance)[known, None, None]
-    pixels = np.divide.outer(np.array(OF_PIXELS_MOVED if moved else OF_PIXELS), radius[known] ** 5)
+    cov: Array = np.asarray(np.linalg.inv(weight[known]) * np.fmax(left, variance)[known, None, None], np.float64)
+    pixels = np.array(OF_PIXELS_MOVED if moved else OF_PIXELS)[:, None] / radius[known] ** 5
 
     def law(spreads: tuple[float, ...]) -> Array:
         return np.array([
