@@ -4,12 +4,14 @@ import csv
 import shutil
 import threading
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import xarray
 
 from windmark import io
+from windmark.app import deform_verb
 from windmark.geometry import Pose
 from windmark.pipeline.simulate_deforming import simulate_deforming
 
@@ -358,3 +360,17 @@ def test_without_its_pictures_and_its_film_the_deformation_is_there(copy, windma
     assert page.count("This part is missing: ") == len(done.json["not_drawn"]) > 4
     assert len(rows(copy / "deformation" / "deformation.csv")) == FRAMES
     assert not (copy / "deformation" / "deformation.gif").exists()
+
+
+def test_a_warning_is_counted_once_a_frame():
+    """Several markers of one frame counted as frames: "17 of 8 frames"."""
+    marker = "W{} is {} mm from where its table has it"
+    rows = [
+        SimpleNamespace(key="3", warnings=(marker.format(4, 0.4), marker.format(6, 0.5))),
+        SimpleNamespace(key="4", warnings=("law of wing too simple: what is left looks like twist of 0.2 deg at W5",)),
+        SimpleNamespace(key="5", warnings=("law of wing too simple: what is left looks like bending of 1 mm at W5",)),
+    ]
+    assert list(deform_verb.warnings(SimpleNamespace(good=rows)).items()) == [
+        ("frame 4: law of wing too simple: what is left looks like twist of 0.2 deg at W5", 2),
+        ("frame 3: W4 is 0.4 mm from where its table has it", 1),
+    ]

@@ -35,6 +35,7 @@ from windmark.pipeline.resume import begun_with
 
 Record = dict[str, Any]
 
+NUMBER = re.compile(r"[0-9.]+(e[-+]?[0-9]+)?")
 FEW_SHOWN = 5
 """Frames of a camera with few markers that are listed; all are in cameras.csv."""
 
@@ -162,14 +163,18 @@ def summary(loaded: Loaded, sequence: Sequence) -> Record:
 
 
 def warnings(sequence: Sequence) -> dict[str, int]:
-    """What frames warn of -> in how many; numbers differ from frame to frame and are those of the first one."""
+    """What frames warn of -> in how many of them, most first.
+
+    Numbers, names of markers and what is left of a law differ from frame to frame: they are those of the first one.
+    """
     first: dict[str, str] = {}
     count: Counter[str] = Counter()
     for row in sequence.good:
-        for words in row.warnings:
-            alike = re.sub(r"[0-9.]+(e[-+]?[0-9]+)?", "#", words)
+        # Of several of one kind the frame's first one stays.
+        kinds = {NUMBER.sub("#", words.partition(": ")[0]): words for words in reversed(row.warnings)}
+        for alike, words in kinds.items():
             first.setdefault(alike, f"frame {row.key}: {words}")
-            count[alike] += 1
+        count.update(kinds.keys())
     return {first[alike]: n for alike, n in count.most_common()}
 
 
