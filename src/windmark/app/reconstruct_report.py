@@ -117,7 +117,7 @@ def _overview(report: Report, result: Reconstruction, shown: Shown) -> None:
         rows.append(("markers with a normal from their ellipses", len(known_normals)))
         rows.append(("median of 1 sigma of these normals, degrees", float(np.median(known_normals))))
     report.table(["", "value"], rows)
-    for sentence in done.warnings:
+    for sentence in result.warnings:
         report.text(f"{sentence}.", "bad")
 
 
@@ -160,11 +160,8 @@ def _primaries(report: Report, result: Reconstruction, shown: Shown) -> None:
         ],
     )
     report.text(f"Reconstructed less given coordinates, {unit}.", "soft")
-    if known.missing:
-        report.text(
-            f"Not recognised: {', '.join(known.missing)}. They have too few spots, or are not where the table says.",
-            "bad",
-        )
+    for name in known.missing:
+        report.text(f"{name} was not recognised: {result.unrecognised[name]}.", "bad")
 
 
 def _tracks(report: Report, result: Reconstruction, shown: Shown) -> None:

@@ -201,12 +201,12 @@ def _lines(
     lines += [f"primaries: {words}" for words in primary_sigma_words(primary, unit)]
     lines += [f"  open: {name}: {len(spots)} spots have several possible partners, or one that could be chance"
               for name, spots in result.open_spots.items() if len(spots)]  # fmt: skip
-    lines += [f"  primary marker {name} was not recognised" for name in against.missing]
+    lines += [f"  primary marker {name} was not recognised: {result.unrecognised[name]}" for name in against.missing]
     for name, camera in result.cameras.items():
         free = [f"{p} {getattr(camera, p):.6g} ({done.sigma(name, p):.2g})" for p in files.free]
         lines += [f"{name}: {', '.join(free)}"] if free else []
     lines += [f"  not used: {name}: {why}" for name, why in result.dropped.items()]
-    lines += [f"warning: {sentence}" for sentence in done.warnings]
+    lines += [f"warning: {sentence}" for sentence in result.warnings]
     if pair is not None:
         drawn = files.output / "pair.png"
         lines.append(f"{pair.a.name} and {pair.b.name}: {len(pair.names)} markers in both, RMS {pair.rms_px:.3f} px "

@@ -26,16 +26,18 @@ SPAN = 5.0
 
 def ideal_spots(detections: Sequence[Detections], cameras: Sequence[Camera]) -> tuple[Array, Array]:
     """Ideal coordinates (S, 2) of all spots and their covariance (S, 3); NaN where the lens has no inverse."""
-    xy, cov = [], []
-    for spots, camera in zip(detections, cameras, strict=True):
-        rays = camera.unproject(spots.xy)
+    pixels, pixel_cov = (np.concatenate([getattr(d, name) for d in detections]) for name in ("xy", "cov"))
+    whose = np.repeat([id(camera) for camera in cameras], [len(d) for d in detections])
+    xy, cov = np.empty((len(pixels), 2)), np.empty((len(pixels), 3))
+    for camera in {id(c): c for c in cameras}.values():  # most views have the same one
+        mine = whose == id(camera)
+        rays = camera.unproject(pixels[mine])
         known = np.asarray(np.isfinite(rays).all(axis=1))
         _, _, d_xyz, _ = camera.project_jacobian(np.where(known[:, None], rays, [0.0, 0.0, 1.0]))
         back = np.linalg.inv(d_xyz[:, :, :2])
-        c = back @ spots.cov @ back.transpose(0, 2, 1)
-        xy.append(rays[:, :2])
-        cov.append(np.stack([c[:, 0, 0], c[:, 0, 1], c[:, 1, 1]], axis=1))
-    return np.concatenate(xy), np.concatenate(cov)
+        c = back @ pixel_cov[mine] @ back.transpose(0, 2, 1)
+        xy[mine], cov[mine] = rays[:, :2], np.stack([c[:, 0, 0], c[:, 0, 1], c[:, 1, 1]], axis=1)
+    return xy, cov
 
 
 def stations(
@@ -60,7 +62,8 @@ def stations(
         near, far = np.maximum(depth - spread, depth / SPAN), depth + spread
     else:
         near, far = depth / SPAN, depth * SPAN
-    low, high = zip(*[_borders(camera) for camera in cameras], strict=True)
+    border = {id(camera): _borders(camera) for camera in cameras}  # most views have the same one
+    low, high = zip(*[border[id(camera)] for camera in cameras], strict=True)
     towards = middle - poses.center
     towards /= np.linalg.norm(towards, axis=1, keepdims=True)
     order = np.argsort(-(towards @ towards.T) - 2 * np.eye(len(depth)), axis=1, kind="stable")

@@ -103,7 +103,8 @@ def chance_on_line(pose: Pose, pairs: Pairs) -> float:
     line_b, line_a = some.a @ essential.T, some.b @ essential
     part_a = np.einsum("ni,nij,nj->n", line_a[:, :2], some.cov_a, line_a[:, :2])
     part_b = np.einsum("ni,nij,nj->n", line_b[:, :2], some.cov_b, line_b[:, :2])
-    sigma = np.sqrt((part_a + part_b) / np.sum(line_b[:, :2] ** 2, axis=1))
+    with np.errstate(divide="ignore"):  # a point at the epipole has no line: any partner agrees
+        sigma = np.sqrt((part_a + part_b) / np.sum(line_b[:, :2] ** 2, axis=1))
     width, height = _extent(pairs.b)
     geometric = 2 * np.sqrt(GATE_LINE) * float(np.median(sigma)) * float(np.hypot(width, height)) / (width * height)
     return _with_counted(geometric, sampson_errors(essential, _every_couple(some)) ** 2 < GATE_LINE, len(some))

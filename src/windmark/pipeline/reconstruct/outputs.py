@@ -150,7 +150,9 @@ def record(
         "frame": result.frame or "that of the primary markers",
         "primary_sigma_default": default_sigma(primary) if len(primary) else None,
         "open_spots": {n: len(s) for n, s in result.open_spots.items()},
-        "primaries_not_found": list(against.missing), "cameras": cameras, "dropped": dict(result.dropped),
+        "primaries_not_found": list(against.missing), "unrecognised": dict(result.unrecognised),
+        "warnings": list(result.warnings), "suspect": list(result.suspect), "cameras": cameras,
+        "dropped": dict(result.dropped),
         "pair": None if pair is None else pair_record(pair),
     }  # fmt: skip
 

@@ -13,21 +13,25 @@ from numpy.typing import NDArray
 from windmark.calibration import Calibration, Distance
 from windmark.errors import UsageError
 from windmark.geometry import Camera
+from windmark.pipeline.reconstruct.again import Answers, asked_again
+from windmark.pipeline.reconstruct.doubts import Sight, off_their_table, two_places
 from windmark.pipeline.reconstruct.frame import Frame, FreeFrame, Held
 from windmark.pipeline.reconstruct.free import frame_words
-from windmark.pipeline.reconstruct.groups import framed, why_left
+from windmark.pipeline.reconstruct.groups import Framed, framed, why_left
 from windmark.pipeline.reconstruct.normals import with_normals
 from windmark.pipeline.reconstruct.pairwise import open_spots
 from windmark.pipeline.reconstruct.primaries import check_primaries, with_sigma
 from windmark.pipeline.reconstruct.result import NotReconstructed, Reconstruction
 from windmark.pipeline.reconstruct.structure import Structure, adjusted, compact, linked, marks_of, rows_of
 from windmark.pipeline.reconstruct.task import FEWEST_SPOTS, Labels, Refused, Task
-from windmark.scene import Detections, MarkerSet, Tracks, View
+from windmark.scene import Detections, Doubt, MarkerSet, Tracks, View
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 FINAL_ROUNDS = 3
+ASKED = 2
+"""Times that pictures may move after everything was adjusted; then they are left out."""
 LIMIT_3D = 16.27
 """99.9 % point of chi-square with three degrees of freedom."""
 
@@ -95,16 +99,43 @@ def reconstruct(
             check_primaries(primary)
         known = framed(task, rough)
         begun: Frame = Held(task, known.group.structure, known.located) if known.located else FreeFrame(task, distances)
-        structure, result, names, linked_marks = _in_frame(task, known.group.structure, begun, free)
+        structure, result, names, linked_marks, said = _confirmed(task, known, begun, free)
     except Refused as refusal:
         dropped |= {task.views[v].name: "could not be connected with the others" for v in refusal.alone}
         return NotReconstructed(refusal.reason, refusal.cause, dropped, options)  # type: ignore[arg-type]
     for v, view in enumerate(task.views):
         if v not in structure.poses and view.name not in dropped:
-            dropped[view.name] = why_left(task, known.others, v)
+            dropped[view.name] = said.out.get(v) or why_left(task, known.others, v)
     out = _result(task, structure, result, names, linked_marks, dropped, known.group.found_by, options)
     frame, unitless = ("", False) if known.located else frame_words(task, structure, distances)
-    return replace(out, frame=frame, free_scale=unitless, open_spots=open_spots(task, out))
+    out = replace(out, frame=frame, free_scale=unitless, open_spots=open_spots(task, out))
+    return _doubted(task, out, said.doubts)
+
+
+def _doubted(task: Task, out: Reconstruction, said: Sequence[Doubt]) -> Reconstruction:
+    """With what speaks against it."""
+    sight = Sight.of(out.markers, out.tracks, out.views, out.cameras)
+    why, off = off_their_table(task.primary, out.markers, sight, out.views, out.cameras)
+    pictures = {str(v): view.name for v, view in enumerate(task.views)}
+    doubts = (*(d.renamed(pictures) for d in said), *two_places(out.markers, sight), *off)
+    return replace(out, doubts=doubts, unrecognised=why)
+
+
+def _confirmed(
+    task: Task, known: Framed, frame: Frame, free: Sequence[str]
+) -> tuple[Structure, Calibration, list[str], Mask, Answers]:
+    """`_in_frame`, with every picture where the finished structure puts it, too."""
+    structure, out, answers = known.group.structure, dict[int, str](), Answers({}, {})
+    for asked in range(ASKED + 2):
+        structure, result, names, linked_marks = _in_frame(task, structure, frame, free)
+        if asked > ASKED:
+            break
+        answers = asked_again(task, structure, result, names, known.group.found_by, last=asked == ASKED)
+        out |= answers.out
+        if not answers:
+            break
+        structure = compact(answers.applied(structure))
+    return structure, result, names, linked_marks, replace(answers, out=out)
 
 
 def _in_frame(

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from windmark.calibration import Calibration
 from windmark.geometry import Camera
-from windmark.scene import MarkerSet, Tracks, View
+from windmark.scene import Doubt, MarkerSet, Tracks, View
 
 Array = NDArray[np.float64]
 
@@ -57,6 +57,8 @@ class Reconstruction:
     options : everything it was made with, by name
     frame : what frame and scale are, in words; "" where primaries hold them
     free_scale : lengths have no unit
+    doubts : what the pictures and the table say against it, besides the calibration's
+    unrecognised : why primaries have no marker, by name
     open_spots : of two pictures: spots, by the picture, that have possible partners in the other one, none of which
         stands out; they are in no track
     """
@@ -76,9 +78,21 @@ class Reconstruction:
     frame: str = ""
     free_scale: bool = False
     open_spots: Mapping[str, NDArray[np.int64]] = field(default_factory=dict)
+    doubts: tuple[Doubt, ...] = ()
+    unrecognised: Mapping[str, str] = field(default_factory=dict)
 
     def __bool__(self) -> bool:
         return True
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Everything that was found to be wrong, or weaker than it looks, in sentences."""
+        return (*self.calibration.warnings, *(str(d) for d in self.doubts))
+
+    @property
+    def suspect(self) -> tuple[str, ...]:
+        """Names of markers, primaries and pictures that contradict the rest."""
+        return tuple(dict.fromkeys((*self.calibration.suspect, *(n for d in self.doubts for n in d.names))))
 
     @property
     def rms_px(self) -> float:
