@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from windmark.calibration import Free, self_calibrate
-from windmark.calibration.disc_shapes import discs_of_ellipses, shape_matrices
+from windmark.calibration.disc_shapes import discs_of_ellipses, shape_matrices, with_common_radius
 from windmark.geometry import Camera, Pose, imaged_ellipse
 from windmark.geometry.camera_jacobian import project_jacobian
 from windmark.geometry.similarity import align
@@ -108,6 +108,7 @@ def test_a_disc_and_its_mirror_image_are_not_told_apart_from_one_side():
     seen = np.isin(np.arange(COUNT), point[one])
     assert (leans & seen).sum() > 10
     assert np.isinf(found.sigma[leans & seen]).mean() > 0.9
+    np.testing.assert_allclose(found.radius[leans & seen], RADIUS, rtol=0.05)
 
 
 @pytest.mark.parametrize("radius", [RADIUS, np.nan])
@@ -171,3 +172,32 @@ def test_ellipses_of_the_wrong_shape_are_named():
             Observations(net.view, net.point, xy, net.cov), markers, {"cam": networks.CAMERA}, views, datum=Free(),
             ellipses=ellipse[:, :2],
         )  # fmt: skip
+
+
+def test_discs_without_a_radius_of_their_own_get_the_one_that_all_others_have():
+    """Left without, they alone would be off by r^2 / d along their normal."""
+    case, normal, xy, ellipse, _ = pictures(72, noise=0.01)
+    rng, net = np.random.default_rng(6), case.network
+    lost = np.isin(np.arange(COUNT), [4, 11, 19, 27, 33])
+    given = noisy(ellipse, rng, 0.1)
+    given[lost[net.point]] = np.nan
+    table = MarkerSet.make([f"m{k:02d}" for k in range(COUNT)], case.start.points, normal=normal)
+    result = self_calibrate(
+        Observations(net.view, net.point, xy, net.cov), table, {"cam": Camera((1500, 1000), 1600.0)},
+        [View(f"v{v:02d}", "cam") for v in range(VIEWS)], datum=Free(), ellipses=given, reject=False,
+    )  # fmt: skip
+    assert result
+    fit = align(result.markers.xyz[~lost], case.truth.points[~lost])
+    off = ((fit.apply(result.markers.xyz) - case.truth.points) * normal).sum(axis=1)
+    bound = np.sqrt((fit.scale**2 * np.einsum("ni,nij,nj->n", normal, result.marker_cov, normal)).mean())
+    assert np.sqrt((off[~lost] ** 2).mean()) < 2 * bound
+    assert np.sqrt((off[lost] ** 2).mean()) < 2.5 * bound
+    assert np.isnan(result.markers.radius[lost]).all()  # lent, not told
+
+
+def test_radii_that_differ_are_lent_to_nobody():
+    radius = np.array([10.0, 15.0, 20.0, 12.0, 17.0, np.nan])
+    np.testing.assert_array_equal(with_common_radius(radius), radius)
+    radius = np.array([10.0, 10.1, 9.9, 10.05, np.nan, 25.0, 10.0])
+    np.testing.assert_allclose(with_common_radius(radius)[4], 10.0, atol=0.1)
+    assert with_common_radius(radius)[5] == 25.0

@@ -28,6 +28,8 @@ SAME, DOUBT = float(np.radians(3.0)), 5.0
 """Two solutions farther apart than this are told apart by a misfit that differs by so many sigma."""
 ROUND = 0.1
 """Median misfit of the squared half axes, as part of them, from which a marker is no disc."""
+ALIKE, MOST_ALIKE, LEAST_ALIKE = 0.05, 0.75, 4
+"""Radii within so large a part of their median are one radius, where that many of all, and at least so many, are."""
 ROOT2 = float(np.sqrt(2.0))
 MEDIAN = 1.538
 """Median length of three numbers with unit sigma."""
@@ -39,7 +41,7 @@ class Discs:
 
     Parameters
     ----------
-    normal, radius : (N, 3) unit vectors towards the cameras, (N,)
+    normal, radius : (N, 3) unit vectors towards the cameras, (N,); a disc and its mirror image have one radius
     sigma : (N,) standard deviation of the normal's direction (the worse one), radians
     """
 
@@ -84,11 +86,24 @@ def discs_of_ellipses(ellipses: Array, point: Ints, jacobian: Array, towards: Ar
     best, other = best.where(~worse, other), other.where(~worse, best)
     apart = np.arccos(np.clip(np.abs((best.normal * other.normal).sum(axis=1)), 0, 1))
     open_ = (apart > SAME) & (other.cost - best.cost < DOUBT**2 * best.scale**2)
-    known = (np.bincount(marks.who, minlength=count) >= LEAST_MARKS) & (best.scale < ROUND) & ~open_
+    round_ = (np.bincount(marks.who, minlength=count) >= LEAST_MARKS) & (best.scale < ROUND)
+    known = round_ & ~open_
     variance = np.linalg.inv(best.information + 1e-9 * np.eye(3))[:, :2, :2]
     sigma = np.where(known, best.scale * np.sqrt(np.linalg.eigvalsh(variance)[:, 1]), np.inf)
     normal = best.normal * np.where((best.normal * facing).sum(axis=1) < 0, -1.0, 1.0)[:, None]
-    return Discs(np.where(known[:, None], normal, np.nan), np.where(known, best.radius, np.nan), sigma)
+    return Discs(np.where(known[:, None], normal, np.nan), np.where(round_, best.radius, np.nan), sigma)
+
+
+def with_common_radius(radius: Array) -> Array:
+    """Radii (N,) with those that are not known (NaN) taken from the others, where nearly all of these have one."""
+    known = radius[np.isfinite(radius)]
+    if not len(known):
+        return radius
+    middle = float(np.median(known))
+    alike = np.abs(known - middle) < ALIKE * middle
+    if alike.sum() < max(LEAST_ALIKE, MOST_ALIKE * len(known)):
+        return radius
+    return np.where(np.isfinite(radius), radius, np.median(known[alike]))
 
 
 class _Marks(NamedTuple):

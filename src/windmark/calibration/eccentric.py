@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.adjust.network import NetworkState
-from windmark.calibration.disc_shapes import Discs, discs_of_ellipses
+from windmark.calibration.disc_shapes import Discs, discs_of_ellipses, with_common_radius
 from windmark.calibration.finish import datum_points
 from windmark.calibration.normals import all_normals
 from windmark.calibration.setup import Job, views_of
@@ -53,6 +53,7 @@ def with_eccentricity(
             normal = np.where(np.isfinite(discs.normal), discs.normal, normal)
             radius = np.where(np.isfinite(radius), radius, discs.radius)
         if how == "auto":
+            radius = with_common_radius(radius)
             normal = all_normals(solved.state.points, normal, _towards_cameras(job, solved))
         new = eccentricities(job, solved.state, normal, radius)
         solved = replace(solved, discs=discs)
