@@ -248,3 +248,28 @@ def test_the_papers_steps_find_the_same_calibration_or_say_that_they_do_not(monk
     refused = run(case, free=("focal_px",), solver="steps", **given)
     assert (refused.cause, bool(refused)) == ("not_converged", False)
     assert "max_iterations" in refused.reason
+
+
+@pytest.mark.parametrize("datum", ["free", "fixed"])
+def test_redundancy_counts_what_the_datum_leaves_open(datum):
+    """Marks less unknowns; a free network has seven unknowns (place, direction, scale) that no mark asks for."""
+    case = networks.make(41, points=25, views=6)
+    held = [0, 1, 2]
+    start = case.start.points.copy()
+    start[held] = case.truth.points[held]
+    how = Free() if datum == "free" else Fixed([f"m{i:02d}" for i in held])
+    result = run(case, datum=how, reject=False, given={"start": start})
+    assert result
+    points = 3 * len(result.markers) if datum == "free" else 3 * (len(result.markers) - len(held))
+    unknowns = len(networks.NAMES) + 6 * len(result.views) + points
+    assert result.redundancy == 2 * int(result.used.sum()) - unknowns + (7 if datum == "free" else 0)
+
+
+@pytest.mark.parametrize(
+    ("parameter", "sigma"), [("focal_px", 0.01), ("aspect", 1e-7), ("cx", 0.01), ("k1", 1e-6), ("p1", 1e-8)]
+)
+def test_a_prior_that_is_surer_than_the_pictures_is_the_sigma_of_its_parameter(parameter, sigma):
+    case = networks.make(42, points=30, views=8)
+    result = run(case, datum=Free(), prior_sigma={parameter: sigma}, given={"camera": networks.CAMERA})
+    assert result
+    assert result.sigma("cam0", parameter) == pytest.approx(sigma * max(1.0, result.sigma0), rel=0.005)
