@@ -21,6 +21,9 @@ TRIPLETS, DRAWN = 24, 200
 """Triplets tried per picture, the widest of so many drawn at random."""
 FACTORS = tuple(np.geomspace(0.5, 2.0, 13))
 """Focal lengths tried, relative to the given one; 1 is among them."""
+SCANNED, SCANNED_MARKS = 8, 30
+"""Pictures that the focal lengths are tried on, those with the most marks, spread over all; and marks of each, or up
+to twice as many."""
 LEAST = 4
 """Marks that a picture needs: three give up to four poses."""
 
@@ -43,19 +46,33 @@ def start_poses(
     poses : a pose for each picture, None where there is none
     median_px : median residual of each picture, inf without a pose
     """
-    chosen = [_wide_triplets(xy, xyz, rng) if len(xy) >= LEAST else None for xy, xyz in marks]
-    best: tuple[float, Camera, list[Pose | None], Array] | None = None
-    for factor in FACTORS if scan_focal else (1.0,):
-        trial = replace(camera, focal_px=camera.focal_px * float(factor))
-        found = [_best_pose(trial, *m, t) for m, t in zip(marks, chosen, strict=True)]
-        median = np.array([f[0] for f in found])
-        finite = np.isfinite(median)
-        # Relative to the focal length a longer one would not gain by shrinking the picture of errors.
-        total = float(np.median(median[finite])) if finite.any() else np.inf
-        if best is None or total < best[0]:
-            best = total, trial, [f[1] for f in found], median
-    assert best is not None
-    return best[1], best[2], best[3]
+    triplets = [_wide_triplets(xy, xyz, rng) if len(xy) >= LEAST else None for xy, xyz in marks]
+    if scan_focal:
+        some = _scanned([len(xy) for xy, _ in marks])
+        trials = [replace(camera, focal_px=camera.focal_px * float(factor)) for factor in FACTORS]
+        asked = [(*_thinned(*marks[m]), _wide_triplets(*_thinned(*marks[m]), rng)[::2]) for m in some]
+        camera = min(trials, key=lambda trial: _misfit([_best_pose(trial, *each)[0] for each in asked]))
+    found = [_best_pose(camera, *m, t) for m, t in zip(marks, triplets, strict=True)]
+    return camera, [f[1] for f in found], np.array([f[0] for f in found])
+
+
+def _scanned(count: list[int]) -> list[int]:
+    """Numbers of the pictures that the focal lengths are tried on, from how many marks each has."""
+    full = np.flatnonzero(np.array(count) >= max(np.median(count), LEAST))
+    return full[np.unique(np.linspace(0, len(full) - 1, SCANNED).round().astype(int))].tolist() if len(full) else []
+
+
+def _thinned(xy: Array, xyz: Array) -> tuple[Array, Array]:
+    """Some of the marks, taken evenly."""
+    step = max(1, len(xy) // SCANNED_MARKS)
+    return xy[::step], xyz[::step]
+
+
+def _misfit(median: list[float]) -> float:
+    """Of the median residuals of some pictures, those without a pose left out."""
+    # Relative to the focal length a longer one would not gain by shrinking the picture of errors.
+    finite = [m for m in median if np.isfinite(m)]
+    return float(np.median(finite)) if finite else np.inf
 
 
 def _wide_triplets(xy: Array, xyz: Array, rng: np.random.Generator) -> Ints:
