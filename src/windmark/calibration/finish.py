@@ -12,6 +12,7 @@ from windmark.adjust.network import NetworkState
 from windmark.adjust.network.covariance import network_covariance
 from windmark.adjust.network.datum import DatumCovariance, in_datum
 from windmark.adjust.network.problem import camera_columns
+from windmark.calibration.advice import helpful_pictures
 from windmark.calibration.datum import Free
 from windmark.calibration.disc_shapes import Discs
 from windmark.calibration.result import Calibration
@@ -93,8 +94,10 @@ def datum_points(job: Job) -> Mask | None:
     return job.chosen(job.datum.markers, "datum") if isinstance(job.datum, Free) else None
 
 
-def refuse_weak(job: Job, solved: Solved) -> None:
+def refuse_weak(job: Job, solved: Solved, rough: NetworkState | None = None) -> None:
     """Nothing undetermined is returned as if it were known.
+
+    ``rough`` is what the adjustment began with; with it the refusal names pictures that would help.
 
     Raises
     ------
@@ -111,16 +114,15 @@ def refuse_weak(job: Job, solved: Solved) -> None:
     lay = solved.problem.layout
     sigma = np.sqrt(np.maximum(np.diagonal(covariance.dense()), 0.0)) * np.sqrt(solved.scale)
     names = list(job.cameras)
-    weak = [
-        parameter if len(names) == 1 else f"{names[c]} {parameter}"
-        for c, parameter, column in camera_columns(lay)
-        if not sigma[column] < WEAK
-    ]
+    poor = [each for each in camera_columns(lay) if not sigma[each[2]] < WEAK]
+    weak = [parameter if len(names) == 1 else f"{names[c]} {parameter}" for c, parameter, _ in poor]
     spread = np.sqrt(np.nanmax(np.diagonal(covariance.points(), axis1=1, axis2=2), axis=1, initial=0.0))
     loose = np.flatnonzero(spread * np.sqrt(solved.scale) > WEAK * lay.unit)
     weak += [f"marker {name}" for name in job.markers.name[loose][:10]]
     if weak:
-        raise DegenerateGeometry("the pictures do not determine everything that is free", tuple(weak))
+        best = () if rough is None else helpful_pictures(solved, rough, [column for *_, column in poor], WEAK)
+        advice = f"; what would help most: a further picture {', and one '.join(best)}" if best else ""
+        raise DegenerateGeometry(f"the pictures do not determine everything that is free{advice}", tuple(weak))
 
 
 def _lost(job: Job, solved: Solved) -> list[Doubt]:

@@ -166,7 +166,7 @@ def _attempt(
                 sigma0=sigma0,
             )
         # First: where something is not determined, the search has no end.
-        refuse_weak(job, solved)
+        refuse_weak(job, solved, state)
         if not solved.report.converged:
             return refused(
                 "not_converged", f"the adjustment ended without a minimum: {solved.report.reason}", sigma0=sigma0
