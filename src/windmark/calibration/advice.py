@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from windmark.adjust.network import Network, NetworkProblem, NetworkState
 from windmark.adjust.network.covariance import network_covariance
 from windmark.adjust.network.datum import in_datum
+from windmark.adjust.network.problem import camera_columns
 from windmark.calibration.solve import Solved
 from windmark.geometry import PARAMETERS, Pose
 
@@ -24,6 +25,8 @@ ROLL_DEG, TILT_DEG = 90.0, 35.0
 NEARER, FARTHER = 0.6, 1.6
 """Distances of the candidates, in parts of that of the picture they start from."""
 LEAST_MARKS = 4
+ASKED = 30
+"""Pictures of a network that take part, or up to twice as many."""
 LOOSE = 10.0
 """1 sigma in natural units with which everything is known."""
 ENOUGH, HELPS, MOST = 0.5, 2.0, 4
@@ -33,8 +36,10 @@ SAME = 0.8
 """Of two candidates the first named one is taken unless the other's sigmas are smaller than this part of its."""
 
 
-def helpful_pictures(solved: Solved, rough: NetworkState, columns: Sequence[int], weak: float) -> tuple[str, ...]:
-    """Pictures that make the weak parameters (dense ``columns``) sure, the best one first, in words; () where none do.
+def helpful_pictures(
+    solved: Solved, rough: NetworkState, poor: Sequence[tuple[int, str]], weak: float
+) -> tuple[str, ...]:
+    """Pictures that make the ``poor`` parameters sure, the best one first, in words; () where none do.
 
     One by one: the next is that with which the ones before leave the least open.
 
@@ -43,13 +48,13 @@ def helpful_pictures(solved: Solved, rough: NetworkState, columns: Sequence[int]
     solved : the network that leaves them open
     rough : what the adjustment began with: where the pictures tell little it is nearer to the truth than the
         adjustment is, whose depths and directions are noise
-    columns : of the dense part, with sigmas in natural units
+    poor : number of the camera and name of each parameter
     weak : 1 sigma in natural units above which something is not determined
     """
-    if not len(columns) or rough.offsets is not None:  # of a rig a whole instant would have to be added
+    if not poor or rough.offsets is not None:  # of a rig a whole instant would have to be added
         return ()
-    network, state = _loosely_known(solved.problem, rough), rough
-    worst, named = _worst(network, state, columns), list[str]()
+    network, state = _some(_loosely_known(solved.problem, rough)), rough
+    worst, named = _worst(network, state, poor), list[str]()
     before, target = worst, min(ENOUGH * weak / np.sqrt(solved.scale), worst / HELPS)
     first = int(np.bincount(network.view, minlength=len(network.view_camera)).argmax())
     while worst > target and len(named) < MOST:
@@ -57,7 +62,7 @@ def helpful_pictures(solved: Solved, rough: NetworkState, columns: Sequence[int]
         for words, pose in _candidates(network, state, first):
             if words in named or (more := _with_picture(network, state, first, pose)) is None:
                 continue
-            left = _worst(*more, columns)
+            left = _worst(*more, poor)
             if best is None or left < SAME * best[0]:
                 best = left, words, *more
         if best is None:
@@ -123,6 +128,17 @@ def _with_picture(network: Network, state: NetworkState, view: int, pose: Pose) 
     return wider, replace(state, frames=stations, focal_change=change)
 
 
+def _some(network: Network) -> Network:
+    """The marks of `ASKED` pictures, taken evenly: what all of a large network leave open these do, too."""
+    used = np.flatnonzero(network.used_view)
+    kept = np.isin(network.view, used[:: max(1, len(used) // ASKED)])
+    weight = None if network.weight is None else network.weight[kept]
+    return replace(
+        network, view=network.view[kept], point=network.point[kept], xy=network.xy[kept], cov=network.cov[kept],
+        weight=weight,
+    )  # fmt: skip
+
+
 def _loosely_known(problem: NetworkProblem, state: NetworkState) -> Network:
     """Everything known to `LOOSE` natural units: what pictures leave open has a large sigma then, no infinite one."""
     network, unit = problem.network, problem.units(state).camera
@@ -138,10 +154,11 @@ def _loosely_known(problem: NetworkProblem, state: NetworkState) -> Network:
     )  # fmt: skip
 
 
-def _worst(network: Network, state: NetworkState, columns: Sequence[int]) -> float:
-    """Largest 1 sigma of the dense parameters, in natural units."""
+def _worst(network: Network, state: NetworkState, poor: Sequence[tuple[int, str]]) -> float:
+    """Largest 1 sigma of the parameters, in natural units."""
     problem = NetworkProblem(network, state)
     system = problem.linearise(state)
     assert system is not None
     covariance = in_datum(network_covariance(system, problem.layout))
-    return float(np.sqrt(np.diagonal(covariance.dense())[list(columns)].max(initial=0.0)))
+    columns = [column for c, name, column in camera_columns(problem.layout) if (c, name) in poor]
+    return float(np.sqrt(np.diagonal(covariance.dense())[columns].max(initial=0.0)))

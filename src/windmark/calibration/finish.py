@@ -120,7 +120,7 @@ def refuse_weak(job: Job, solved: Solved, rough: NetworkState | None = None) -> 
     loose = np.flatnonzero(spread * np.sqrt(solved.scale) > WEAK * lay.unit)
     weak += [f"marker {name}" for name in job.markers.name[loose][:10]]
     if weak:
-        best = () if rough is None else helpful_pictures(solved, rough, [column for *_, column in poor], WEAK)
+        best = () if rough is None else helpful_pictures(solved, rough, [(c, name) for c, name, _ in poor], WEAK)
         advice = f"; what would help most: a further picture {', and one '.join(best)}" if best else ""
         raise DegenerateGeometry(f"the pictures do not determine everything that is free{advice}", tuple(weak))
 
