@@ -40,17 +40,16 @@ class Answers:
 
     Parameters
     ----------
-    moved : {view: where it is instead}
-    out : {view: why it cannot stay}
+    moved : {view: where it is instead, or for the first time}
+    out : {view: why it cannot stay, or come in}
+    changed : whether the structure is another one then
     doubts : of pictures that stay where they are though they would fit elsewhere as well
     """
 
     moved: Mapping[int, Registration]
     out: Mapping[int, str]
+    changed: bool
     doubts: tuple[Doubt, ...] = ()
-
-    def __bool__(self) -> bool:
-        return bool(self.moved or self.out)
 
     def applied(self, structure: Structure) -> Structure:
         """The structure with the pictures where they belong."""
@@ -73,37 +72,38 @@ def asked_again(
 ) -> Answers:
     """Register every picture to the points of the others; ``names`` are those of the structure's points.
 
-    ``last``: pictures that would move are left out instead.
+    Pictures without a pose are asked, too. ``last``: pictures that would move are left out instead.
     """
     row = {str(n): k for k, n in enumerate(done.markers.name)}
     links = np.bincount(structure.point, minlength=len(structure.xyz))
     point = np.array([p for p in np.flatnonzero(links >= LINKS_OF_OTHERS).tolist() if names[p] in row], dtype=np.int64)
     if len(point) < LEAST_POINTS:
-        return Answers({}, {})
+        return Answers({}, {}, False)
     at = [row[names[p]] for p in point.tolist()]
     markers = MarkerSet.make([names[p] for p in point.tolist()], done.markers.xyz[at], sigma=done.markers.sigma[at])
     layout = prepare(markers)
     moved: dict[int, Registration] = {}
     out: dict[int, str] = {}
     tied: dict[int, str] = {}
-    for v in structure.posed:
+    for v in task.usable:
         spots = _as_uncertain(task.detections[v], done.sigma0)
         answer = _asked(task, structure, v, spots, markers, layout)
         if isinstance(answer, Registration):
             if not _same(structure, v, answer, point):
                 moved[v] = replace(answer, options={**answer.options, "points": point})
         elif answer.cause == "ambiguous":
-            if found_by.get(v) in BY_PICTURES:
+            if found_by.get(v, "register") in BY_PICTURES:
                 tied[v] = answer.reason
         else:
             out[v] = _why(answer)
     if last:
         out |= dict.fromkeys(moved, "it fits the points of the other pictures elsewhere, and not there either")
         moved = {}
-    if len(tied) * 2 < len(structure.poses):
-        return Answers(moved, out | {v: f"it fits in two places: {why}" for v, why in tied.items()})
+    stay = [v for v in tied if v in structure.poses] if 2 * len(tied) >= len(structure.poses) else []
+    out |= {v: f"it fits in two places: {why}" for v, why in tied.items() if v not in stay}
     words = "{} fits the markers in two places about equally well, and is where its neighbours put it"
-    return Answers(moved, out, tuple(Doubt((str(v),), words) for v in tied))
+    doubts = tuple(Doubt((str(v),), words) for v in stay)
+    return Answers(moved, out, bool(moved) or not structure.poses.keys().isdisjoint(out), doubts)
 
 
 def _asked(
@@ -112,7 +112,8 @@ def _asked(
     """Recognised from nothing, or else near its pose, where few spots are not enough for the former."""
     camera = structure.cameras[task.views[view].camera]
     answer = register(spots, markers, camera, layout=layout, max_deformation=0.0, seed=task.seed)
-    if isinstance(answer, Registration) or answer.cause == "ambiguous" or answer.cause in CONTRADICTED:
+    settled = isinstance(answer, Registration) or answer.cause == "ambiguous" or answer.cause in CONTRADICTED
+    if settled or view not in structure.poses:
         return answer
     return register(
         spots, markers, camera, layout=layout, prior=structure.poses[view], prior_max_angle_deg=NEAR_DEG,
@@ -137,4 +138,4 @@ def _same(structure: Structure, view: int, answer: Registration, point: Ints) ->
 def _why(no: NotRegistered) -> str:
     if no.cause in CONTRADICTED:
         return f"it contradicts the other pictures: {no.reason}"
-    return f"its pose does not hold against the points of the other pictures: {no.reason}"
+    return f"the points of the other pictures do not show where it was taken: {no.reason}"

@@ -85,12 +85,12 @@ def framed(task: Task, rough: MarkerSet | None) -> Framed:
 
 
 def why_left(task: Task, others: tuple[Group, ...], view: int) -> str:
-    """Why a picture is not in the result."""
+    """With which other pictures one is connected that is not in the result; "" for none."""
     for group in others:
         if view in group.views:
             rest = [v for v in group.views if v != view]
             return f"connected with {_names(task, rest)}, but with none of the pictures that have the primary markers"
-    return "not connected with the others: no pose explains its spots by the known points"
+    return ""
 
 
 def _groups(task: Task, rough: MarkerSet | None) -> list[Group]:

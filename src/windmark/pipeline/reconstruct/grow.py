@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from windmark.calibration import Free
 from windmark.epipolar import PairMatching
 from windmark.geometry import DegenerateGeometry, Pose
+from windmark.pipeline.reconstruct.again import asked_again
 from windmark.pipeline.reconstruct.matched import PairMatcher
 from windmark.pipeline.reconstruct.seed import FEWEST_POINTS, seeds, settled
-from windmark.pipeline.reconstruct.structure import Structure, adjusted, compact, linked
+from windmark.pipeline.reconstruct.structure import Structure, adjusted, compact, linked, point_names
 from windmark.pipeline.reconstruct.task import Refused, Task
 from windmark.registration import Registration, pose_from_labels, prepare, register
 from windmark.scene import MarkerSet
@@ -63,6 +64,26 @@ def from_nothing(task: Task, views: list[int], match: PairMatcher) -> tuple[Stru
 def grow(
     task: Task, structure: Structure, found_by: dict[int, str], views: list[int], match: PairMatcher
 ) -> tuple[Structure, dict[int, str]]:
+    """Views added until no other one fits, and every picture asked again what the points then say of it."""
+    structure, found_by = _grown(task, structure, found_by, views, match)
+    confirmed = _confirmed(task, structure, found_by)
+    if confirmed is None:
+        return structure, found_by
+    return _grown(task, confirmed, {v: found_by.get(v, "register") for v in confirmed.poses}, views, match)
+
+
+def _confirmed(task: Task, structure: Structure, found_by: dict[int, str]) -> Structure | None:
+    """The structure with its pictures where the points of the others put them; None where they are there already."""
+    result = adjusted(task, structure, Free())
+    if not isinstance(result, tuple):
+        return None
+    answers = asked_again(task, result[0], result[1], point_names(len(result[0].xyz)), found_by, last=False)
+    return refined(task, compact(answers.applied(result[0]))) if answers.changed else None
+
+
+def _grown(
+    task: Task, structure: Structure, found_by: dict[int, str], views: list[int], match: PairMatcher
+) -> tuple[Structure, dict[int, str]]:
     """Views added until no other one fits; after each round all spots are linked anew and everything is adjusted."""
     found_by = dict(found_by)
     for _ in range(ROUNDS):
@@ -106,7 +127,7 @@ def _adjusted(task: Task, structure: Structure) -> Structure | None:
 
 def _registered(task: Task, structure: Structure, left: list[int]) -> Structure:
     """Views that `register` recognises, with the links it gives."""
-    markers = MarkerSet.make([f"p{k:05d}" for k in range(len(structure.xyz))], structure.xyz)
+    markers = MarkerSet.make(point_names(len(structure.xyz)), structure.xyz)
     layout = prepare(markers)
     out = structure
     for v in left:

@@ -32,6 +32,7 @@ Mask = NDArray[np.bool_]
 FINAL_ROUNDS = 3
 ASKED = 2
 """Times that pictures may move after everything was adjusted; then they are left out."""
+ALONE = "nothing connects it with the others"
 LIMIT_3D = 16.27
 """99.9 % point of chi-square with three degrees of freedom."""
 
@@ -105,7 +106,7 @@ def reconstruct(
         return NotReconstructed(refusal.reason, refusal.cause, dropped, options)  # type: ignore[arg-type]
     for v, view in enumerate(task.views):
         if v not in structure.poses and view.name not in dropped:
-            dropped[view.name] = said.out.get(v) or why_left(task, known.others, v)
+            dropped[view.name] = why_left(task, known.others, v) or said.out.get(v, ALONE)
     out = _result(task, structure, result, names, linked_marks, dropped, known.group.found_by, options)
     frame, unitless = ("", False) if known.located else frame_words(task, structure, distances)
     out = replace(out, frame=frame, free_scale=unitless, open_spots=open_spots(task, out))
@@ -125,14 +126,14 @@ def _confirmed(
     task: Task, known: Framed, frame: Frame, free: Sequence[str]
 ) -> tuple[Structure, Calibration, list[str], Mask, Answers]:
     """`_in_frame`, with every picture where the finished structure puts it, too."""
-    structure, out, answers = known.group.structure, dict[int, str](), Answers({}, {})
+    structure, out, answers = known.group.structure, dict[int, str](), Answers({}, {}, False)
     for asked in range(ASKED + 2):
         structure, result, names, linked_marks = _in_frame(task, structure, frame, free)
         if asked > ASKED:
             break
         answers = asked_again(task, structure, result, names, known.group.found_by, last=asked == ASKED)
-        out |= answers.out
-        if not answers:
+        out = {v: why for v, why in out.items() if v not in answers.moved} | dict(answers.out)
+        if not answers.changed:
             break
         structure = compact(answers.applied(structure))
     return structure, result, names, linked_marks, replace(answers, out=out)

@@ -183,9 +183,14 @@ def compact(structure: Structure) -> Structure:
     return replace(structure, xyz=structure.xyz[used], point=point.astype(np.int64))
 
 
+def point_names(count: int) -> list[str]:
+    """Names of points while there are no others."""
+    return [f"p{k:05d}" for k in range(count)]
+
+
 def _markers(structure: Structure, names: Sequence[str] | None, table: MarkerSet | None) -> MarkerSet:
     n = len(structure.xyz)
-    name = [f"p{k:05d}" for k in range(n)] if names is None else list(names)
+    name = point_names(n) if names is None else list(names)
     xyz, sigma = structure.xyz.copy(), np.full((n, 3), np.nan)
     if table is not None:
         row = {m: k for k, m in enumerate(name)}
