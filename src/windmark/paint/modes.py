@@ -157,9 +157,10 @@ def combined(value: ArrayLike, parts: Sequence[tuple[NodeField, ArrayLike]], *, 
             raise ValueError(f"combined: all fields must have {len(v)} nodes, got {len(part)}")
         s = np.broadcast_to(np.asarray(slope, dtype=float), v.shape)
         with np.errstate(invalid="ignore"):
-            white += np.where(np.isfinite(v), s**2 * part.white, 0.0)
+            counts = np.isfinite(v) & (s != 0)
+            white += np.where(counts, s**2 * part.white, 0.0)
             for k, name in enumerate(part.names):
-                modes[:, names.index(name)] += np.where(np.isfinite(v), s * part.modes[:, k], 0.0)
+                modes[:, names.index(name)] += np.where(counts, s * part.modes[:, k], 0.0)
     return NodeField(v, white, modes, names, unit)
 
 

@@ -1,0 +1,152 @@
+"""The mean of registered frames of one point, bad frames left out with the reason."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from windmark.errors import UsageError
+from windmark.paint.refusal import NotFitted
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+APART = 5.0
+"""Robust sigmas by which the logarithm of a frame's misfit must be above the other frames'."""
+EVEN = 0.02
+"""What frames' misfits differ by at any rate, beside the chance of few nodes."""
+NO_LIGHT = 0.1
+"""A frame of less than this part of the others' light has none: shutter, lamp."""
+COVERED = 0.5
+"""A frame must show so large a part of the nodes that the median frame shows."""
+TRIM = 0.02
+"""Part of a frame's nodes, those that fit worst, that do not count for it: dust, glints, outlines."""
+
+
+@dataclass(frozen=True, eq=False)
+class AveragedFrames:
+    """The mean of F frames on N nodes.
+
+    Parameters
+    ----------
+    value, variance : (N,) of the mean at the mean light; NaN where no frame that counts shows the node
+    used : (F,) frames that count
+    reasons : (F,) why a frame does not, "" where it does
+    light : (F,) each frame's light relative to the mean of those that count, 1 where it is taken as even
+    count : (N,) frames that show the node
+    excess : by which the frames scatter more than their variances say, as a factor of sigma; in ``variance`` if above 1
+    """
+
+    value: Array
+    variance: Array
+    used: Mask
+    reasons: tuple[str, ...]
+    light: Array
+    count: NDArray[np.int64]
+    excess: float
+
+    def __bool__(self) -> bool:
+        return True
+
+
+def average_frames(values: ArrayLike, variances: ArrayLike, *, free_light: bool = True) -> AveragedFrames | NotFitted:
+    """The mean of frames of one point that were brought onto the same nodes (or pixels).
+
+    Parameters
+    ----------
+    values, variances : (F, N), NaN where a frame does not show a node
+    free_light : the lamp's power may differ between frames: each is brought to the mean one
+
+    Returns
+    -------
+    AveragedFrames; or NotFitted where fewer than half of the frames agree (three frames or more). A frame is bad where
+    it shows less than half of the nodes that others show, it is dark, or it differs from the median of all by more than
+    the others do. The mean is the sum of the frames over the sum of their lights, the best one for photon noise.
+
+    Raises
+    ------
+    ValueError
+        For arrays that are not (F, N).
+    """
+    v, var = np.asarray(values, dtype=float), np.asarray(variances, dtype=float)
+    if v.ndim != 2 or v.shape != var.shape or not v.size:
+        raise UsageError(f"average_frames: values and variances must be (F, N), got {v.shape} and {var.shape}")
+    v = np.where(var >= 0, v, np.nan)
+    frames = len(v)
+    reasons = [""] * frames
+    shown = np.isfinite(v).sum(axis=1)
+    for k in np.flatnonzero((shown < COVERED * np.median(shown)) | (shown == 0)).tolist():
+        reasons[k] = f"shows {shown[k]} nodes, the others {int(np.median(shown))}"
+    light, misfit = _compared(v, var, reasons, free_light)
+    for k in np.flatnonzero(light < NO_LIGHT).tolist():
+        reasons[k] = reasons[k] or f"its light is {100 * light[k]:.3g} % of the other frames'"
+    light, misfit = _compared(v, var, reasons, free_light)
+    for k in _standing_out(reasons, np.log(np.maximum(misfit, 1e-12)), float(np.median(shown))):
+        reasons[k] = f"differs from the others by {misfit[k]:.3g} times its sigma"
+    used = np.array([not r for r in reasons])
+    if not used.any() or (frames > 2 and 2 * used.sum() < frames):
+        return NotFitted(f"average_frames: {int(used.sum())} of {frames} frames agree", {"reasons": tuple(reasons)})
+    light, misfit = _compared(v, var, reasons, free_light)
+    if free_light:
+        light = light / light[used].mean()
+    on = np.isfinite(v) & used[:, None]
+    count = on.sum(axis=0)
+    total = np.where(on, light[:, None], 0.0).sum(axis=0)
+    total = np.where(count > 0, total, 1.0)
+    mean = np.where(on, v, 0.0).sum(axis=0) / total
+    excess = float(np.sqrt(np.mean(misfit[used] ** 2))) if used.sum() > 1 else 1.0
+    variance = np.where(on, var, 0.0).sum(axis=0) / total**2 * max(excess, 1.0) ** 2
+    mean, variance = (np.where(count > 0, a, np.nan) for a in (mean, variance))
+    return AveragedFrames(mean, variance, used, tuple(reasons), light, count, excess)
+
+
+def _compared(v: Array, var: Array, reasons: list[str], free_light: bool) -> tuple[Array, Array]:
+    """Light (F,) of each frame and its misfit (F,) in sigmas, against the median of the frames without a reason."""
+    good = np.array([not r for r in reasons])
+    light, misfit = np.ones(len(v)), np.ones(len(v))
+    if good.sum() < 2:
+        return light, misfit
+    for _ in range(2):
+        seen = np.isfinite(v[good]).any(axis=0)
+        middle = np.full(v.shape[1], np.nan)
+        middle[seen] = np.nanmedian((v[good] / light[good, None])[:, seen], axis=0)
+        if not free_light:
+            break
+        light = np.array([_ratio(frame, middle) for frame in v])
+    n = int(good.sum())
+    # The median of n frames follows each of them: var(median) and twice its covariance 1 / n with one of them.
+    inside = 1 + 0.5 * np.pi / (n + (0.5 if n % 2 else 1.2)) - 2 / n
+    for k, frame in enumerate(v):
+        with np.errstate(invalid="ignore", divide="ignore"):
+            square = (frame / light[k] - middle) ** 2 / (var[k] / light[k] ** 2)
+        square = np.sort(square[np.isfinite(square)])
+        square = square[: max(int((1 - TRIM) * len(square)), 1)]
+        misfit[k] = np.sqrt(square.mean() / inside / _TRIMMED) if len(square) else 1.0
+    return light, misfit
+
+
+_TRIMMED = 0.87346
+"""Mean of the squares of normal deviates without the largest 2 %: P(chi2_3 <= 5.412) / 0.98."""
+
+
+def _ratio(frame: Array, middle: Array) -> float:
+    """The light of a frame over that of the median, by the brighter half of its nodes."""
+    both = np.isfinite(frame) & np.isfinite(middle) & (middle > 0)
+    if not both.any():
+        return 1.0
+    bright = both & (middle >= np.median(middle[both]))
+    ratio = float(np.median(frame[bright] / middle[bright]))
+    return ratio if ratio > 0 else 1e-6
+
+
+def _standing_out(reasons: list[str], score: Array, nodes: float) -> list[int]:
+    """Frames without a reason whose score, the logarithm of a misfit over so many nodes, is above all others'."""
+    good = np.array([not r for r in reasons])
+    if good.sum() < 3:
+        return []
+    middle = float(np.median(score[good]))
+    by_chance = EVEN + 1 / np.sqrt(2 * max(nodes, 1.0))
+    spread = max(1.4826 * float(np.median(np.abs(score[good] - middle))), by_chance)
+    return list(np.flatnonzero(good & (score - middle > APART * spread)).tolist())
