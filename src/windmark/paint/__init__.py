@@ -9,6 +9,7 @@ from windmark.paint.filling import fill_smoothly
 from windmark.paint.in_situ import InSitu, in_situ
 from windmark.paint.loads import Loads, integrate_loads
 from windmark.paint.modes import MOST_MODES, NodeField, combined, interpolated
+from windmark.paint.patches import FilledField, disc_nodes, fill_patches, polygon_nodes
 from windmark.paint.photons import PhotonTransfer, photon_transfer
 from windmark.paint.pressure import PressureMap, TunnelGain, pressure_map
 from windmark.paint.radiometry import (
@@ -23,12 +24,16 @@ from windmark.paint.radiometry import (
 from windmark.paint.ratio import form_ratio, mean_reference, reference_at
 from windmark.paint.refusal import NotFitted
 from windmark.paint.stern_volmer import FLAGS, Inversion, SternVolmer
+from windmark.paint.temperature import given_temperature, recovery_temperature, thermocouple_temperature
+from windmark.paint.temperature_paint import TemperaturePaint, fit_temperature_paint
 
 __all__ = [
-    "AveragedFrames", "COEFFICIENTS", "Carried", "FLAGS", "InSitu", "Intensity", "Inversion", "Linearity",
-    "LoadReference", "Loads", "MOST_MODES", "NodeField", "NotFitted", "PIXEL_FLAGS", "PaintFit", "PhotonTransfer",
-    "PressureMap", "SensorModel", "SternVolmer", "TunnelConditions", "TunnelGain", "average_frames", "carried",
-    "combined", "correct_picture", "dominant", "fewer_modes", "fill_smoothly", "fit_paint", "form_ratio", "in_situ",
-    "integrate_loads", "interpolated", "mean_dark", "mean_flat", "mean_reference", "photon_transfer",
-    "pressure_coefficient", "pressure_map", "reference_at",
+    "AveragedFrames", "COEFFICIENTS", "Carried", "FLAGS", "FilledField", "InSitu", "Intensity", "Inversion",
+    "Linearity", "LoadReference", "Loads", "MOST_MODES", "NodeField", "NotFitted", "PIXEL_FLAGS", "PaintFit",
+    "PhotonTransfer", "PressureMap", "SensorModel", "SternVolmer", "TemperaturePaint", "TunnelConditions",
+    "TunnelGain", "average_frames", "carried", "combined", "correct_picture", "disc_nodes", "dominant",
+    "fewer_modes", "fill_patches", "fill_smoothly", "fit_paint", "fit_temperature_paint", "form_ratio",
+    "given_temperature", "in_situ", "integrate_loads", "interpolated", "mean_dark", "mean_flat", "mean_reference",
+    "photon_transfer", "polygon_nodes", "pressure_coefficient", "pressure_map", "recovery_temperature",
+    "reference_at", "thermocouple_temperature",
 ]  # fmt: skip

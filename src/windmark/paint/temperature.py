@@ -1,0 +1,190 @@
+"""The surface's temperature, wind on and off: given, by recovery, from thermocouples."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from windmark.errors import DataError, UsageError
+from windmark.paint.cp import AIR, TunnelConditions
+from windmark.paint.modes import NodeField, principal_axes
+
+Array = NDArray[np.float64]
+
+TURBULENT, LAMINAR = 0.896, 0.845
+"""Recovery factors of air, about the cube and the square root of its Prandtl number."""
+COLUMNS = 8
+"""Principal axes of an interpolation's error that are kept as modes; the rest counts as independent."""
+ANCHORS = 60
+"""Places at which the interpolation's error is known jointly; between them it is interpolated by its own covariance."""
+
+
+def given_temperature(value: ArrayLike, sigma: ArrayLike = 0.0, *, common_sigma: float = 0.0, count: int | None = None,
+                      unit: str = "K", cause: str = "temperature") -> NodeField:  # fmt: skip
+    """A known temperature: one for ``count`` nodes, or a map (N,).
+
+    Parameters
+    ----------
+    sigma : (N,) or one number, independent errors
+    common_sigma : error that all nodes share, the mode ``cause``
+    """
+    v = np.asarray(value, dtype=float)
+    if v.ndim == 0:
+        if count is None:
+            raise UsageError("given_temperature: one number needs count, the number of nodes")
+        v = np.full(count, float(v))
+    out = NodeField.make(v, sigma, unit=unit)
+    return out.with_mode(cause, common_sigma) if common_sigma else out
+
+
+def recovery_temperature(
+    conditions: TunnelConditions,
+    count: int,
+    *,
+    recovery: ArrayLike = TURBULENT,
+    recovery_sigma: float = 0.01,
+    t_0_sigma: float = 0.5,
+    gamma: float = AIR,
+    cause: str = "recovery temperature",
+) -> NodeField:
+    """Adiabatic wall temperature of N nodes: T = T_inf + r (T_0 - T_inf).
+
+    Parameters
+    ----------
+    conditions : with Mach number and total temperature (absolute, K)
+    count : number of nodes
+    recovery : r of all nodes or (N,): 0.896 turbulent, 0.845 laminar
+    recovery_sigma, t_0_sigma : errors that all nodes share (modes ``cause:1``, ``cause:2``)
+
+    Raises
+    ------
+    DataError
+        Where the conditions hold no Mach number or no total temperature, or one that is not absolute.
+    """
+    if not (np.isfinite(conditions.mach) and np.isfinite(conditions.t_0)):
+        raise DataError("recovery_temperature: the conditions have no Mach number or no total temperature")
+    if conditions.temperature_unit != "K" or not conditions.t_0 > 0:
+        raise DataError(f"recovery_temperature: the total temperature must be in K, got {conditions.t_0:g} "
+                        f"{conditions.temperature_unit}")  # fmt: skip
+    r = np.broadcast_to(np.asarray(recovery, dtype=float), (count,))
+    share = 1 / (1 + 0.5 * (gamma - 1) * conditions.mach**2)
+    slopes = np.stack([np.full(count, conditions.t_0 * (1 - share)), share + r * (1 - share)], axis=1)
+    out = NodeField.make(conditions.t_0 * (share + r * (1 - share)), unit="K")
+    return out.with_modes(cause, slopes, np.diag([recovery_sigma**2, t_0_sigma**2]))
+
+
+def thermocouple_temperature(
+    xyz: ArrayLike,
+    points: ArrayLike,
+    values: ArrayLike,
+    *,
+    sigma: ArrayLike,
+    length: float,
+    spread: float | None = None,
+    common_sigma: float = 0.0,
+    unit: str = "K",
+    cause: str = "thermocouples",
+) -> NodeField:
+    """Temperature of nodes from a few thermocouples in the surface.
+
+    Parameters
+    ----------
+    xyz : (N, 3) nodes
+    points, values : (M, 3) and (M,) of the thermocouples; NaN values do not count
+    sigma : (M,) or one number, their own errors
+    length : distance over which the temperature keeps about its value
+    spread : standard deviation of the temperature about its mean over the surface; None: as the thermocouples show it
+        (three or more)
+    common_sigma : error that all share (mode ``cause common``)
+
+    Returns
+    -------
+    NodeField: between thermocouples interpolated, far from them (several ``length``) their mean, with a sigma that
+    grows to ``spread``; modes ``cause:k``.
+
+    Raises
+    ------
+    DataError
+        Without any thermocouple, or with fewer than three and no spread.
+
+    Notes
+    -----
+    Kriging with an unknown mean and the covariance spread^2 exp(-d^2 / (2 length^2)) (Cressie, Statistics for Spatial
+    Data, 1993, section 3.2); distances are straight ones, through the model.
+    """
+    node, at = np.asarray(xyz, dtype=float), np.asarray(points, dtype=float)
+    t, s = np.asarray(values, dtype=float), np.asarray(sigma, dtype=float)
+    if node.ndim != 2 or node.shape[1] != 3 or at.shape != (len(t), 3):
+        raise ValueError(
+            f"thermocouple_temperature: expected xyz (N, 3), points (M, 3), values (M,), got {node.shape}, {at.shape}, "
+            f"{t.shape}"
+        )
+    if not (length > 0 and (s > 0).all() and (spread is None or spread > 0)):
+        raise UsageError("thermocouple_temperature: length, sigma and spread must be above zero")
+    good = np.isfinite(t) & np.isfinite(at).all(axis=1)
+    noise = np.broadcast_to(s**2, t.shape)[good]
+    at, t = at[good], t[good]
+    if not len(t) or (len(t) < 3 and spread is None):
+        raise DataError(f"thermocouple_temperature: {len(t)} thermocouples have a value; expected at least "
+                        f"{1 if spread else 3}")  # fmt: skip
+    power = float(spread**2 if spread is not None else max(np.var(t, ddof=1) - noise.mean(), noise.mean()))
+    anchor = _spread_out(node[np.isfinite(node).all(axis=1)], ANCHORS)
+    inverse: Array = np.asarray(np.linalg.inv(power * _alike(at, at, length) + np.diag(noise)), dtype=float)
+    ones = np.ones(len(t))
+    mean = float(ones @ inverse @ t / (ones @ inverse @ ones))
+    value = _blocks(node, lambda x: mean + power * _alike(x, at, length) @ (inverse @ (t - mean)))
+    own, error = _errors(node, at, anchor, inverse, power, length)
+    axes = principal_axes(error)
+    kept = axes[:, :COLUMNS]
+    # The error at a node, given that at the anchors: linear in it, and independent of it for the rest.
+    gain = np.linalg.solve(error + 1e-9 * power * np.eye(len(anchor)), kept)
+    modes = np.concatenate([_cross(x, at, anchor, inverse, power, length) @ gain for x in _cut(node)])
+    rest = np.maximum(own - (modes**2).sum(axis=1), 0.0)
+    names = tuple(f"{cause}:{k + 1}" for k in range(kept.shape[1]))
+    out = NodeField(value, np.where(np.isfinite(value), rest, 0.0), np.where(np.isfinite(value)[:, None], modes, 0.0),
+                    names, unit)  # fmt: skip
+    return out.with_mode(f"{cause} common", common_sigma) if common_sigma else out
+
+
+def _alike(a: Array, b: Array, length: float) -> Array:
+    square = ((a[:, None] - b[None]) ** 2).sum(axis=2)
+    return np.asarray(np.exp(-0.5 * square / length**2))
+
+
+def _cut(node: Array) -> list[Array]:
+    return np.array_split(node, max(len(node) // 20_000, 1))
+
+
+def _blocks(node: Array, of: object) -> Array:
+    return np.concatenate([of(x) for x in _cut(node)])  # type: ignore[operator]
+
+
+def _cross(a: Array, at: Array, b: Array, inverse: Array, power: float, length: float) -> Array:
+    """(A, B) covariance of the kriging error at places a and b."""
+    ones = np.ones(len(at))
+    ka, kb = power * _alike(a, at, length), power * _alike(b, at, length)
+    ua, ub = 1 - ka @ inverse @ ones, 1 - kb @ inverse @ ones
+    return np.asarray(power * _alike(a, b, length) - ka @ inverse @ kb.T + np.outer(ua, ub) / (ones @ inverse @ ones))
+
+
+def _errors(node: Array, at: Array, anchor: Array, inverse: Array, power: float, length: float) -> tuple[Array, Array]:
+    """Variance (N,) of the kriging error at the nodes, and its covariance (A, A) at the anchors."""
+    ones = np.ones(len(at))
+
+    def own(x: Array) -> Array:
+        k = power * _alike(x, at, length)
+        u = 1 - k @ inverse @ ones
+        return np.asarray(power - np.einsum("nk,kl,nl->n", k, inverse, k) + u**2 / (ones @ inverse @ ones))
+
+    error = _cross(anchor, at, anchor, inverse, power, length)
+    return np.maximum(_blocks(node, own), 0.0), 0.5 * (error + error.T)
+
+
+def _spread_out(xyz: Array, count: int) -> Array:
+    """At most ``count`` places, each as far as can be from those before (Gonzalez, 1985)."""
+    far = np.linalg.norm(xyz - xyz[0], axis=1)
+    chosen = [0]
+    while len(chosen) < min(count, len(xyz)) and far.max() > 0:
+        chosen.append(int(np.argmax(far)))
+        far = np.minimum(far, np.linalg.norm(xyz - xyz[chosen[-1]], axis=1))
+    return xyz[chosen]
