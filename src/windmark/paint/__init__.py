@@ -2,6 +2,7 @@
 
 from windmark.paint.averaging import AveragedFrames, average_frames
 from windmark.paint.axes import COEFFICIENTS, LoadReference
+from windmark.paint.cameras import CameraSeams, MergedCameras, merge_cameras
 from windmark.paint.carry import Carried, carried, dominant, fewer_modes
 from windmark.paint.cell_fit import PaintFit, fit_paint
 from windmark.paint.cp import TunnelConditions, pressure_coefficient
@@ -23,17 +24,19 @@ from windmark.paint.radiometry import (
 )
 from windmark.paint.ratio import form_ratio, mean_reference, reference_at
 from windmark.paint.refusal import NotFitted
+from windmark.paint.sections import SECTION_LOADS, SectionProfile, SpanLoading, section_profile, span_loading
 from windmark.paint.stern_volmer import FLAGS, Inversion, SternVolmer
 from windmark.paint.temperature import given_temperature, recovery_temperature, thermocouple_temperature
 from windmark.paint.temperature_paint import TemperaturePaint, fit_temperature_paint
 
 __all__ = [
-    "AveragedFrames", "COEFFICIENTS", "Carried", "FLAGS", "FilledField", "InSitu", "Intensity", "Inversion",
-    "Linearity", "LoadReference", "Loads", "MOST_MODES", "NodeField", "NotFitted", "PIXEL_FLAGS", "PaintFit",
-    "PhotonTransfer", "PressureMap", "SensorModel", "SternVolmer", "TemperaturePaint", "TunnelConditions",
-    "TunnelGain", "average_frames", "carried", "combined", "correct_picture", "disc_nodes", "dominant",
-    "fewer_modes", "fill_patches", "fill_smoothly", "fit_paint", "fit_temperature_paint", "form_ratio",
-    "given_temperature", "in_situ", "integrate_loads", "interpolated", "mean_dark", "mean_flat", "mean_reference",
-    "photon_transfer", "polygon_nodes", "pressure_coefficient", "pressure_map", "recovery_temperature",
-    "reference_at", "thermocouple_temperature",
+    "AveragedFrames", "COEFFICIENTS", "CameraSeams", "Carried", "FLAGS", "FilledField", "InSitu", "Intensity",
+    "Inversion", "Linearity", "LoadReference", "Loads", "MOST_MODES", "MergedCameras", "NodeField", "NotFitted",
+    "PIXEL_FLAGS", "PaintFit", "PhotonTransfer", "PressureMap", "SECTION_LOADS", "SectionProfile", "SensorModel",
+    "SpanLoading", "SternVolmer", "TemperaturePaint", "TunnelConditions", "TunnelGain", "average_frames", "carried",
+    "combined", "correct_picture", "disc_nodes", "dominant", "fewer_modes", "fill_patches", "fill_smoothly",
+    "fit_paint", "fit_temperature_paint", "form_ratio", "given_temperature", "in_situ", "integrate_loads",
+    "interpolated", "mean_dark", "mean_flat", "mean_reference", "merge_cameras", "photon_transfer", "polygon_nodes",
+    "pressure_coefficient", "pressure_map", "recovery_temperature", "reference_at", "section_profile",
+    "span_loading", "thermocouple_temperature",
 ]  # fmt: skip
