@@ -7,12 +7,14 @@ from windmark.paint.carry import Carried, carried, dominant, fewer_modes
 from windmark.paint.cell_fit import PaintFit, fit_paint
 from windmark.paint.cp import TunnelConditions, pressure_coefficient
 from windmark.paint.filling import fill_smoothly
+from windmark.paint.heat_flux import HeatFlux, heat_flux, lateral_conduction
 from windmark.paint.in_situ import InSitu, in_situ
 from windmark.paint.loads import Loads, integrate_loads
 from windmark.paint.modes import MOST_MODES, NodeField, combined, interpolated
 from windmark.paint.patches import FilledField, disc_nodes, fill_patches, polygon_nodes
 from windmark.paint.photons import PhotonTransfer, photon_transfer
 from windmark.paint.pressure import PressureMap, TunnelGain, pressure_map
+from windmark.paint.radiance import PlanckBand, PolynomialRadiance, dielectric_emissivity, surface_temperature
 from windmark.paint.radiometry import (
     PIXEL_FLAGS,
     Intensity,
@@ -28,15 +30,18 @@ from windmark.paint.sections import SECTION_LOADS, SectionProfile, SpanLoading, 
 from windmark.paint.stern_volmer import FLAGS, Inversion, SternVolmer
 from windmark.paint.temperature import given_temperature, recovery_temperature, thermocouple_temperature
 from windmark.paint.temperature_paint import TemperaturePaint, fit_temperature_paint
+from windmark.paint.walls import Layer, Wall
 
 __all__ = [
-    "AveragedFrames", "COEFFICIENTS", "CameraSeams", "Carried", "FLAGS", "FilledField", "InSitu", "Intensity",
-    "Inversion", "Linearity", "LoadReference", "Loads", "MOST_MODES", "MergedCameras", "NodeField", "NotFitted",
-    "PIXEL_FLAGS", "PaintFit", "PhotonTransfer", "PressureMap", "SECTION_LOADS", "SectionProfile", "SensorModel",
-    "SpanLoading", "SternVolmer", "TemperaturePaint", "TunnelConditions", "TunnelGain", "average_frames", "carried",
-    "combined", "correct_picture", "disc_nodes", "dominant", "fewer_modes", "fill_patches", "fill_smoothly",
-    "fit_paint", "fit_temperature_paint", "form_ratio", "given_temperature", "in_situ", "integrate_loads",
-    "interpolated", "mean_dark", "mean_flat", "mean_reference", "merge_cameras", "photon_transfer", "polygon_nodes",
-    "pressure_coefficient", "pressure_map", "recovery_temperature", "reference_at", "section_profile",
-    "span_loading", "thermocouple_temperature",
+    "AveragedFrames", "COEFFICIENTS", "CameraSeams", "Carried", "FLAGS", "FilledField", "HeatFlux", "InSitu",
+    "Intensity", "Inversion", "Layer", "Linearity", "LoadReference", "Loads", "MOST_MODES", "MergedCameras",
+    "NodeField", "NotFitted", "PIXEL_FLAGS", "PaintFit", "PhotonTransfer", "PlanckBand", "PolynomialRadiance",
+    "PressureMap", "SECTION_LOADS", "SectionProfile", "SensorModel", "SpanLoading", "SternVolmer",
+    "TemperaturePaint", "TunnelConditions", "TunnelGain", "Wall", "average_frames", "carried", "combined",
+    "correct_picture", "dielectric_emissivity", "disc_nodes", "dominant", "fewer_modes", "fill_patches",
+    "fill_smoothly", "fit_paint", "fit_temperature_paint", "form_ratio", "given_temperature", "heat_flux",
+    "in_situ", "integrate_loads", "interpolated", "lateral_conduction", "mean_dark", "mean_flat", "mean_reference",
+    "merge_cameras", "photon_transfer", "polygon_nodes", "pressure_coefficient", "pressure_map",
+    "recovery_temperature", "reference_at", "section_profile", "span_loading", "surface_temperature",
+    "thermocouple_temperature",
 ]  # fmt: skip
