@@ -7,6 +7,7 @@ from windmark.paint.carry import Carried, carried, dominant, fewer_modes
 from windmark.paint.cell_fit import PaintFit, fit_paint
 from windmark.paint.cp import TunnelConditions, pressure_coefficient
 from windmark.paint.filling import fill_smoothly
+from windmark.paint.form_factors import FormFactors, form_factors
 from windmark.paint.heat_flux import HeatFlux, heat_flux, lateral_conduction
 from windmark.paint.in_situ import InSitu, in_situ
 from windmark.paint.loads import Loads, integrate_loads
@@ -24,6 +25,7 @@ from windmark.paint.radiometry import (
     mean_dark,
     mean_flat,
 )
+from windmark.paint.radiosity import SelfIllumination, add_self_illumination, remove_self_illumination
 from windmark.paint.ratio import form_ratio, mean_reference, reference_at
 from windmark.paint.refusal import NotFitted
 from windmark.paint.sections import SECTION_LOADS, SectionProfile, SpanLoading, section_profile, span_loading
@@ -33,15 +35,16 @@ from windmark.paint.temperature_paint import TemperaturePaint, fit_temperature_p
 from windmark.paint.walls import Layer, Wall
 
 __all__ = [
-    "AveragedFrames", "COEFFICIENTS", "CameraSeams", "Carried", "FLAGS", "FilledField", "HeatFlux", "InSitu",
-    "Intensity", "Inversion", "Layer", "Linearity", "LoadReference", "Loads", "MOST_MODES", "MergedCameras",
-    "NodeField", "NotFitted", "PIXEL_FLAGS", "PaintFit", "PhotonTransfer", "PlanckBand", "PolynomialRadiance",
-    "PressureMap", "SECTION_LOADS", "SectionProfile", "SensorModel", "SpanLoading", "SternVolmer",
-    "TemperaturePaint", "TunnelConditions", "TunnelGain", "Wall", "average_frames", "carried", "combined",
-    "correct_picture", "dielectric_emissivity", "disc_nodes", "dominant", "fewer_modes", "fill_patches",
-    "fill_smoothly", "fit_paint", "fit_temperature_paint", "form_ratio", "given_temperature", "heat_flux",
-    "in_situ", "integrate_loads", "interpolated", "lateral_conduction", "mean_dark", "mean_flat", "mean_reference",
-    "merge_cameras", "photon_transfer", "polygon_nodes", "pressure_coefficient", "pressure_map",
-    "recovery_temperature", "reference_at", "section_profile", "span_loading", "surface_temperature",
+    "AveragedFrames", "COEFFICIENTS", "CameraSeams", "Carried", "FLAGS", "FilledField", "FormFactors", "HeatFlux",
+    "InSitu", "Intensity", "Inversion", "Layer", "Linearity", "LoadReference", "Loads", "MOST_MODES",
+    "MergedCameras", "NodeField", "NotFitted", "PIXEL_FLAGS", "PaintFit", "PhotonTransfer", "PlanckBand",
+    "PolynomialRadiance", "PressureMap", "SECTION_LOADS", "SectionProfile", "SelfIllumination", "SensorModel",
+    "SpanLoading", "SternVolmer", "TemperaturePaint", "TunnelConditions", "TunnelGain", "Wall",
+    "add_self_illumination", "average_frames", "carried", "combined", "correct_picture", "dielectric_emissivity",
+    "disc_nodes", "dominant", "fewer_modes", "fill_patches", "fill_smoothly", "fit_paint", "fit_temperature_paint",
+    "form_factors", "form_ratio", "given_temperature", "heat_flux", "in_situ", "integrate_loads", "interpolated",
+    "lateral_conduction", "mean_dark", "mean_flat", "mean_reference", "merge_cameras", "photon_transfer",
+    "polygon_nodes", "pressure_coefficient", "pressure_map", "recovery_temperature", "reference_at",
+    "remove_self_illumination", "section_profile", "span_loading", "surface_temperature",
     "thermocouple_temperature",
 ]  # fmt: skip

@@ -1,0 +1,163 @@
+"""What facets shine on what: rays against the surface, and form factors of facets seen from points."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.geometry._jit import nb
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+FAR = 4.0
+"""Facets farther away than so many of their radii count as one place (error of the factor about 1 / (2 FAR^2))."""
+
+
+@nb.njit(cache=True, nogil=True)
+def is_blocked(ox: float, oy: float, oz: float, tx: float, ty: float, tz: float, own: int, boxes: Array, leaves: int,
+               per_leaf: int, corners: Array, facet: Ints) -> bool:  # fmt: skip
+    """Whether a triangle of another facet than ``own`` lies between two points.
+
+    Parameters
+    ----------
+    boxes : (2 leaves - 1, 6) of a complete binary tree, root first: lowest and highest x, y, z
+    corners : (T, 9) of the triangles in the order of the leaves, ``per_leaf`` in each
+    facet : (T,)
+    """
+    dx, dy, dz = tx - ox, ty - oy, tz - oz
+    stack = np.empty(64, np.int64)
+    stack[0], top = 0, 1
+    while top > 0:
+        top -= 1
+        k = stack[top]
+        low, high = 0.0, 1.0
+        for axis in range(3):
+            o, d = (ox, dx) if axis == 0 else ((oy, dy) if axis == 1 else (oz, dz))
+            a, b = boxes[k, axis] - o, boxes[k, axis + 3] - o
+            if abs(d) < 1e-300:
+                if a > 0.0 or b < 0.0:
+                    high = -1.0
+            else:
+                a, b = a / d, b / d
+                low, high = max(low, min(a, b)), min(high, max(a, b))
+        if low > high:
+            continue
+        if k < leaves - 1:
+            stack[top], stack[top + 1] = 2 * k + 1, 2 * k + 2
+            top += 2
+            continue
+        first = (k - leaves + 1) * per_leaf
+        for t in range(first, min(first + per_leaf, corners.shape[0])):
+            if facet[t] == own:
+                continue
+            # Moeller and Trumbore, J. Graphics Tools 2 (1997).
+            ax, ay, az = corners[t, 0], corners[t, 1], corners[t, 2]
+            ex, ey, ez = corners[t, 3] - ax, corners[t, 4] - ay, corners[t, 5] - az
+            fx, fy, fz = corners[t, 6] - ax, corners[t, 7] - ay, corners[t, 8] - az
+            px, py, pz = dy * fz - dz * fy, dz * fx - dx * fz, dx * fy - dy * fx
+            det = ex * px + ey * py + ez * pz
+            if det == 0.0:
+                continue
+            sx, sy, sz = ox - ax, oy - ay, oz - az
+            u = (sx * px + sy * py + sz * pz) / det
+            if u < 0.0 or u > 1.0:
+                continue
+            qx, qy, qz = sy * ez - sz * ey, sz * ex - sx * ez, sx * ey - sy * ex
+            v = (dx * qx + dy * qy + dz * qz) / det
+            if v < 0.0 or u + v > 1.0:
+                continue
+            s = (fx * qx + fy * qy + fz * qz) / det
+            if 0.0 < s < 1.0 - 1e-6:
+                return True
+    return False
+
+
+@nb.njit(cache=True, nogil=True)
+def triangle_factor(x: Array, n: Array, corner: Array, clipped: Array) -> float:
+    """Form factor of a triangle seen from a small surface at ``x`` with unit normal ``n``: Lambert's contour sum.
+
+    Parameters
+    ----------
+    corner : (9,) of the triangle; the sign does not depend on its direction
+    clipped : (5, 3) working memory: the part of the triangle above the horizon, as seen from x
+    """
+    count = 0
+    for k in range(3):
+        a, b = 3 * k, 3 * ((k + 1) % 3)
+        ha = (corner[a] - x[0]) * n[0] + (corner[a + 1] - x[1]) * n[1] + (corner[a + 2] - x[2]) * n[2]
+        hb = (corner[b] - x[0]) * n[0] + (corner[b + 1] - x[1]) * n[1] + (corner[b + 2] - x[2]) * n[2]
+        if ha >= 0.0:
+            for axis in range(3):
+                clipped[count, axis] = corner[a + axis] - x[axis]
+            count += 1
+        if (ha > 0.0 and hb < 0.0) or (ha < 0.0 and hb > 0.0):
+            t = ha / (ha - hb)
+            for axis in range(3):
+                clipped[count, axis] = corner[a + axis] + t * (corner[b + axis] - corner[a + axis]) - x[axis]
+            count += 1
+    total = 0.0
+    for k in range(count):
+        m = (k + 1) % count
+        ax, ay, az = clipped[k, 0], clipped[k, 1], clipped[k, 2]
+        bx, by, bz = clipped[m, 0], clipped[m, 1], clipped[m, 2]
+        cx, cy, cz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+        size = math.sqrt(cx * cx + cy * cy + cz * cz)
+        if size > 0.0:
+            angle = math.atan2(size, ax * bx + ay * by + az * bz)
+            total += angle * (cx * n[0] + cy * n[1] + cz * n[2]) / size
+    return abs(total) / (2.0 * math.pi)
+
+
+@nb.njit(cache=True, nogil=True)
+def gather(points: Array, normals: Array, lift: float, centre: Array, area: Array, radius: Array, first: Ints,
+           boxes: Array, leaves: int, per_leaf: int, corners: Array, facet: Ints, order: Ints, out: Array
+           ) -> None:  # fmt: skip
+    """Form factors of J facets seen from B points.
+
+    Parameters
+    ----------
+    points, normals : (B, 3); NaN normals see nothing
+    lift : by which rays begin above the surface
+    centre, area, radius : (J, 3) middle, (J, 3) sum of the area vectors, (J,) reach of each facet
+    first, order : (J + 1,), (T,) triangles of facet j are ``order[first[j]:first[j + 1]]``, in the order of ``corners``
+    out : (B, J)
+    """
+    clipped = np.empty((5, 3))
+    for i in range(points.shape[0]):
+        x, n = points[i], normals[i]
+        for j in range(centre.shape[0]):
+            out[i, j] = 0.0
+        if not (n[0] * n[0] + n[1] * n[1] + n[2] * n[2] > 0.0):
+            continue
+        ox, oy, oz = x[0] + lift * n[0], x[1] + lift * n[1], x[2] + lift * n[2]
+        for j in range(centre.shape[0]):
+            dx, dy, dz = centre[j, 0] - x[0], centre[j, 1] - x[1], centre[j, 2] - x[2]
+            r2 = dx * dx + dy * dy + dz * dz
+            here = dx * n[0] + dy * n[1] + dz * n[2]
+            if here <= -radius[j]:
+                continue
+            if r2 > FAR * FAR * radius[j] * radius[j]:
+                there = -(dx * area[j, 0] + dy * area[j, 1] + dz * area[j, 2])
+                if here <= 0.0 or there <= 0.0:
+                    continue
+                if not is_blocked(ox, oy, oz, centre[j, 0], centre[j, 1], centre[j, 2], j, boxes, leaves, per_leaf,
+                                  corners, facet):  # fmt: skip
+                    out[i, j] = here * there / (math.pi * r2 * r2)
+                continue
+            for m in range(first[j], first[j + 1]):
+                c = corners[order[m]]
+                ux, uy, uz = c[3] - c[0], c[4] - c[1], c[5] - c[2]
+                vx, vy, vz = c[6] - c[0], c[7] - c[1], c[8] - c[2]
+                wx, wy, wz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+                # A triangle turns its back where the point is below its plane, or in it (its own).
+                above = wx * (x[0] - c[0]) + wy * (x[1] - c[1]) + wz * (x[2] - c[2])
+                if above <= 1e-9 * math.sqrt((wx * wx + wy * wy + wz * wz) * r2):
+                    continue
+                f = triangle_factor(x, n, c, clipped)
+                if f > 0.0:
+                    tx, ty, tz = (c[0] + c[3] + c[6]) / 3.0, (c[1] + c[4] + c[7]) / 3.0, (c[2] + c[5] + c[8]) / 3.0
+                    if not is_blocked(ox, oy, oz, tx, ty, tz, j, boxes, leaves, per_leaf, corners, facet):
+                        out[i, j] += f

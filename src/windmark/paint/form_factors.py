@@ -1,0 +1,200 @@
+"""Form factors on the grid: which part of what a node receives comes from which facet, hidden ones left out.
+
+A facet is a group of neighbouring triangles that face about the same way. Near ones are summed triangle by triangle by
+Lambert's exact contour sum, far ones count as one place; a ray to each says whether something hides it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.errors import UsageError
+from windmark.scene import Mesh
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+FACETS = 1500
+LEAF = 8
+"""Triangles in a leaf of the tree."""
+BLOCK = 256
+"""Nodes whose factors are in memory at a time."""
+TURN = 1.0
+"""What a difference of normals counts beside one of places, in sizes of the mesh: facets stay flat."""
+INWARD = 0.1
+"""Part of the way to the middle of its triangles from which a node looks."""
+LEAST = 1e-6
+"""Smaller factors are left out."""
+
+
+@dataclass(frozen=True, eq=False)
+class FormFactors:
+    """Of a mesh with V nodes and J facets.
+
+    Parameters
+    ----------
+    matrix : (V, J) sparse: the part of a node's hemisphere (by the cosine) that each facet fills
+    facet : (T,) facet of each triangle
+    share : (J, V) sparse: the mean of a facet over its nodes, by area
+    """
+
+    matrix: Any
+    facet: Ints
+    share: Any
+
+    @property
+    def seen(self) -> Array:
+        """(V,) part of a node's hemisphere that other surface fills."""
+        return np.asarray(self.matrix.sum(axis=1)).ravel()
+
+
+def form_factors(mesh: Mesh, *, facets: int = FACETS) -> FormFactors:
+    """Form factors of every node towards the facets of its own mesh.
+
+    Parameters
+    ----------
+    mesh : triangles counter-clockwise from the air
+    facets : how many groups of triangles at most; more are finer where surfaces meet, and take longer in proportion
+
+    Raises
+    ------
+    ValueError
+        For fewer than one facet or a mesh without triangles.
+
+    Notes
+    -----
+    One ray decides for a whole far facet, or for a near triangle: shadows have the facets' size.
+    """
+    from scipy.sparse import csr_array, vstack
+
+    from windmark.paint._kernels import gather
+
+    t = len(mesh.triangles)
+    if facets < 1 or not t:
+        raise UsageError(f"form_factors: expected at least one facet and one triangle, got {facets} and {t}")
+    facet = _grouped(mesh, facets)
+    tree, leaves, sorted_ = _tree(mesh)
+    corners = mesh.vertices[mesh.triangles[sorted_]].reshape(t, 9)
+    own = facet[sorted_]
+    order = np.argsort(own, kind="stable")
+    count = int(facet.max()) + 1
+    first = np.searchsorted(own[order], np.arange(count + 1))
+    centre, area, radius = _shapes(mesh, facet, count)
+    normals, points = mesh.vertex_normals(), _seats(mesh)
+    parts = []
+    for k in range(0, len(normals), BLOCK):
+        rows = slice(k, k + BLOCK)
+        out = np.empty((len(normals[rows]), count))
+        gather(points[rows], normals[rows], 1e-5 * mesh.size, centre, area, radius, first, tree, leaves, LEAF,
+               corners, own, order, out)  # fmt: skip
+        out[out < LEAST] = 0.0
+        parts.append(csr_array(out))
+    return FormFactors(vstack(parts).tocsr(), facet, _share(mesh, facet, count))
+
+
+def _seats(mesh: Mesh) -> Array:
+    """(V, 3) where each node looks from: a little towards the middle of its triangles.
+
+    A node on the edge at which two surfaces meet lies in the other one's plane and would see nothing of it.
+    """
+    count = np.maximum(np.bincount(mesh.triangles.ravel(), minlength=len(mesh.vertices)), 1)
+    middle = mesh.vertices[mesh.triangles].mean(axis=1)
+    total = np.zeros_like(mesh.vertices)
+    for axis in range(3):
+        total[:, axis] = np.bincount(mesh.triangles.ravel(), np.repeat(middle[:, axis], 3), len(mesh.vertices))
+    used = np.bincount(mesh.triangles.ravel(), minlength=len(mesh.vertices)) > 0
+    return np.where(used[:, None], mesh.vertices + INWARD * (total / count[:, None] - mesh.vertices), mesh.vertices)
+
+
+def _grouped(mesh: Mesh, most: int) -> Ints:
+    """(T,) groups of triangles, halved along their widest direction of places and normals until there are enough."""
+    import heapq
+
+    n = mesh.triangle_normals()
+    length = np.linalg.norm(n, axis=1, keepdims=True)
+    place = mesh.vertices[mesh.triangles].mean(axis=1) / (mesh.size or 1.0)
+    at = np.column_stack([place, TURN * n / np.where(length > 0, length, 1.0)])
+    heap: list[tuple[float, int, Ints]] = []
+    count = 0
+
+    def push(which: Ints) -> None:
+        nonlocal count
+        # The widest direction, more of it where there is more area.
+        spread = float(np.ptp(at[which], axis=0).max()) * float(np.sqrt(length[which].sum()))
+        heapq.heappush(heap, (-spread if len(which) > 1 else 0.0, count, which))
+        count += 1
+
+    push(np.arange(len(at)))
+    while len(heap) < most and heap[0][0] < 0:
+        which = heapq.heappop(heap)[2]
+        axis = int(np.argmax(np.ptp(at[which], axis=0)))
+        along = np.argsort(at[which, axis], kind="stable")
+        half = len(which) // 2
+        push(which[along[:half]])
+        push(which[along[half:]])
+    out = np.empty(len(at), np.int64)
+    for k, (_, _, which) in enumerate(sorted(heap, key=lambda item: item[1])):
+        out[which] = k
+    return out
+
+
+def _shapes(mesh: Mesh, facet: Ints, count: int) -> tuple[Array, Array, Array]:
+    """Middle (J, 3), area vector (J, 3) and reach (J,) of the facets."""
+    vector = 0.5 * mesh.triangle_normals()
+    size = np.linalg.norm(vector, axis=1)
+    corner = mesh.vertices[mesh.triangles]
+    middle = corner.mean(axis=1)
+    total = np.maximum(np.bincount(facet, size, count), 1e-300)
+    centre = np.stack([np.bincount(facet, size * middle[:, k], count) for k in range(3)], axis=1) / total[:, None]
+    empty = np.bincount(facet, size, count) <= 0
+    centre[empty] = np.stack([np.bincount(facet, middle[:, k], count) / np.bincount(facet, minlength=count)
+                              for k in range(3)], axis=1)[empty]  # fmt: skip
+    area: Array = np.stack([np.bincount(facet, vector[:, k], count) for k in range(3)], axis=1).astype(float)
+    radius: Array = np.zeros(count, dtype=np.float64)
+    for k in range(3):
+        np.maximum.at(radius, facet, np.linalg.norm(corner[:, k] - centre[facet], axis=1))
+    return centre, area, radius
+
+
+def _share(mesh: Mesh, facet: Ints, count: int) -> Any:
+    """(J, V) mean of a facet over its nodes: a third of each triangle's area to each corner."""
+    from scipy.sparse import coo_array, diags_array
+
+    area = np.repeat(np.linalg.norm(mesh.triangle_normals(), axis=1) + 1e-300, 3)
+    both = coo_array((area, (np.repeat(facet, 3), mesh.triangles.ravel())), shape=(count, len(mesh.vertices))).tocsr()
+    return (diags_array(1 / np.asarray(both.sum(axis=1)).ravel()) @ both).tocsr()
+
+
+def _tree(mesh: Mesh) -> tuple[Array, int, Ints]:
+    """Boxes (2 L - 1, 6) of a complete binary tree over L leaves, L, and the triangles in the leaves' order.
+
+    Triangles are put in the order of their place along a Morton curve (Lauterbach et al., Computer Graphics Forum 28,
+    2009), `LEAF` of them make a leaf.
+    """
+    corner = mesh.vertices[mesh.triangles]
+    middle = corner.mean(axis=1)
+    low = middle.min(axis=0)
+    span = np.maximum(middle.max(axis=0) - low, 1e-300)
+    cell = np.minimum(((middle - low) / span * 1024).astype(np.int64), 1023)
+    code = np.zeros(len(cell), np.int64)
+    for bit in range(10):
+        for axis in range(3):
+            code |= ((cell[:, axis] >> bit) & 1) << (3 * bit + axis)
+    order = np.argsort(code, kind="stable")
+    used = -(-len(order) // LEAF)
+    leaves = 1 << max(used - 1, 0).bit_length()
+    boxes = np.concatenate([np.full((2 * leaves - 1, 3), np.inf), np.full((2 * leaves - 1, 3), -np.inf)], axis=1)
+    start = np.arange(0, len(order), LEAF)
+    boxes[leaves - 1 : leaves - 1 + used, :3] = np.minimum.reduceat(corner[order].min(axis=1), start)
+    boxes[leaves - 1 : leaves - 1 + used, 3:] = np.maximum.reduceat(corner[order].max(axis=1), start)
+    width = leaves
+    while width > 1:
+        width //= 2
+        below = boxes[2 * width - 1 : 4 * width - 1]
+        boxes[width - 1 : 2 * width - 1, :3] = np.minimum(below[0::2, :3], below[1::2, :3])
+        boxes[width - 1 : 2 * width - 1, 3:] = np.maximum(below[0::2, 3:], below[1::2, 3:])
+    return boxes, leaves, order
