@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 FAR = 4.0
-"""Facets farther away than so many of their radii count as one place (error of the factor about 1 / (2 FAR^2))."""
+"""Groups of triangles farther away than so many of their radii count as one place."""
 
 
 @nb.njit(cache=True, nogil=True)
@@ -112,52 +112,69 @@ def triangle_factor(x: Array, n: Array, corner: Array, clipped: Array) -> float:
 
 
 @nb.njit(cache=True, nogil=True)
-def gather(points: Array, normals: Array, lift: float, centre: Array, area: Array, radius: Array, first: Ints,
-           boxes: Array, leaves: int, per_leaf: int, corners: Array, facet: Ints, order: Ints, out: Array
-           ) -> None:  # fmt: skip
-    """Form factors of J facets seen from B points.
+def gather(points: Array, normals: Array, lift: float, count: int, centre: Array, area: Array, radius: Array,
+           ends: Ints, child: Ints, order: Ints, boxes: Array, leaves: int, per_leaf: int, corners: Array, facet: Ints,
+           out: Array) -> None:  # fmt: skip
+    """Form factors of facets seen from B points.
 
     Parameters
     ----------
     points, normals : (B, 3); NaN normals see nothing
     lift : by which rays begin above the surface
-    centre, area, radius : (J, 3) middle, (J, 3) sum of the area vectors, (J,) reach of each facet
-    first, order : (J + 1,), (T,) triangles of facet j are ``order[first[j]:first[j + 1]]``, in the order of ``corners``
+    count : J facets, the first of the G groups of triangles; each is halved down to a few triangles
+    centre, area, radius : (G, 3) middle, (G, 3) sum of the area vectors, (G,) reach of each group
+    ends, child : (G, 2) its triangles are ``order[ends[0]:ends[1]]``, numbers in ``corners``; (G,) the first of its two
+        halves, -1 for none
+    boxes, leaves, per_leaf, corners, facet : see `is_blocked`
     out : (B, J)
     """
     clipped = np.empty((5, 3))
+    stack = np.empty(64, np.int64)
     for i in range(points.shape[0]):
         x, n = points[i], normals[i]
-        for j in range(centre.shape[0]):
+        for j in range(count):
             out[i, j] = 0.0
         if not (n[0] * n[0] + n[1] * n[1] + n[2] * n[2] > 0.0):
             continue
         ox, oy, oz = x[0] + lift * n[0], x[1] + lift * n[1], x[2] + lift * n[2]
-        for j in range(centre.shape[0]):
-            dx, dy, dz = centre[j, 0] - x[0], centre[j, 1] - x[1], centre[j, 2] - x[2]
-            r2 = dx * dx + dy * dy + dz * dz
-            here = dx * n[0] + dy * n[1] + dz * n[2]
-            if here <= -radius[j]:
-                continue
-            if r2 > FAR * FAR * radius[j] * radius[j]:
-                there = -(dx * area[j, 0] + dy * area[j, 1] + dz * area[j, 2])
-                if here <= 0.0 or there <= 0.0:
+        for j in range(count):
+            stack[0], top = j, 1
+            while top > 0:
+                top -= 1
+                g = stack[top]
+                dx, dy, dz = centre[g, 0] - x[0], centre[g, 1] - x[1], centre[g, 2] - x[2]
+                r2 = dx * dx + dy * dy + dz * dz
+                here = dx * n[0] + dy * n[1] + dz * n[2]
+                if here <= -radius[g]:
                     continue
-                if not is_blocked(ox, oy, oz, centre[j, 0], centre[j, 1], centre[j, 2], j, boxes, leaves, per_leaf,
-                                  corners, facet):  # fmt: skip
-                    out[i, j] = here * there / (math.pi * r2 * r2)
-                continue
-            for m in range(first[j], first[j + 1]):
-                c = corners[order[m]]
-                ux, uy, uz = c[3] - c[0], c[4] - c[1], c[5] - c[2]
-                vx, vy, vz = c[6] - c[0], c[7] - c[1], c[8] - c[2]
-                wx, wy, wz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-                # A triangle turns its back where the point is below its plane, or in it (its own).
-                above = wx * (x[0] - c[0]) + wy * (x[1] - c[1]) + wz * (x[2] - c[2])
-                if above <= 1e-9 * math.sqrt((wx * wx + wy * wy + wz * wz) * r2):
+                if r2 > FAR * FAR * radius[g] * radius[g]:
+                    there = -(dx * area[g, 0] + dy * area[g, 1] + dz * area[g, 2])
+                    if here > 0.0 and there > 0.0 and not is_blocked(
+                        ox, oy, oz, centre[g, 0], centre[g, 1], centre[g, 2], j, boxes, leaves, per_leaf, corners, facet
+                    ):
+                        out[i, j] += here * there / (math.pi * r2 * r2)
                     continue
-                f = triangle_factor(x, n, c, clipped)
-                if f > 0.0:
-                    tx, ty, tz = (c[0] + c[3] + c[6]) / 3.0, (c[1] + c[4] + c[7]) / 3.0, (c[2] + c[5] + c[8]) / 3.0
-                    if not is_blocked(ox, oy, oz, tx, ty, tz, j, boxes, leaves, per_leaf, corners, facet):
+                if child[g] >= 0:
+                    stack[top], stack[top + 1] = child[g], child[g] + 1
+                    top += 2
+                    continue
+                for m in range(ends[g, 0], ends[g, 1]):
+                    c = corners[order[m]]
+                    f = facing_factor(x, n, c, r2, clipped)
+                    if f > 0.0 and not is_blocked(
+                        ox, oy, oz, (c[0] + c[3] + c[6]) / 3.0, (c[1] + c[4] + c[7]) / 3.0, (c[2] + c[5] + c[8]) / 3.0,
+                        j, boxes, leaves, per_leaf, corners, facet
+                    ):  # fmt: skip
                         out[i, j] += f
+
+
+@nb.njit(cache=True, nogil=True)
+def facing_factor(x: Array, n: Array, c: Array, r2: float, clipped: Array) -> float:
+    """`triangle_factor`, 0 where the triangle turns its back to ``x`` or has it in its plane (its own)."""
+    ux, uy, uz = c[3] - c[0], c[4] - c[1], c[5] - c[2]
+    vx, vy, vz = c[6] - c[0], c[7] - c[1], c[8] - c[2]
+    wx, wy, wz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    above = wx * (x[0] - c[0]) + wy * (x[1] - c[1]) + wz * (x[2] - c[2])
+    if above <= 1e-9 * math.sqrt((wx * wx + wy * wy + wz * wz) * r2):
+        return 0.0
+    return triangle_factor(x, n, c, clipped)

@@ -1,7 +1,7 @@
 """Form factors on the grid: which part of what a node receives comes from which facet, hidden ones left out.
 
-A facet is a group of neighbouring triangles that face about the same way. Near ones are summed triangle by triangle by
-Lambert's exact contour sum, far ones count as one place; a ray to each says whether something hides it.
+A facet is a group of neighbouring triangles that face about the same way. Far ones count as one place, near ones by
+their halves, down to Lambert's exact contour sum of single triangles; a ray to each says whether something hides it.
 """
 
 from __future__ import annotations
@@ -77,20 +77,20 @@ def form_factors(mesh: Mesh, *, facets: int = FACETS) -> FormFactors:
     if facets < 1 or not t:
         raise UsageError(f"form_factors: expected at least one facet and one triangle, got {facets} and {t}")
     facet = _grouped(mesh, facets)
+    count = int(facet.max()) + 1
     tree, leaves, sorted_ = _tree(mesh)
     corners = mesh.vertices[mesh.triangles[sorted_]].reshape(t, 9)
     own = facet[sorted_]
+    # Within a facet in the leaves' order, so that halves of it lie together.
     order = np.argsort(own, kind="stable")
-    count = int(facet.max()) + 1
-    first = np.searchsorted(own[order], np.arange(count + 1))
-    centre, area, radius = _shapes(mesh, facet, count)
+    groups = _halved(corners[order].reshape(t, 3, 3), np.searchsorted(own[order], np.arange(count + 1)))
     normals, points = mesh.vertex_normals(), _seats(mesh)
     parts = []
     for k in range(0, len(normals), BLOCK):
         rows = slice(k, k + BLOCK)
         out = np.empty((len(normals[rows]), count))
-        gather(points[rows], normals[rows], 1e-5 * mesh.size, centre, area, radius, first, tree, leaves, LEAF,
-               corners, own, order, out)  # fmt: skip
+        gather(points[rows], normals[rows], 1e-5 * mesh.size, count, *groups, order, tree, leaves, LEAF, corners, own,
+               out)  # fmt: skip
         out[out < LEAST] = 0.0
         parts.append(csr_array(out))
     return FormFactors(vstack(parts).tocsr(), facet, _share(mesh, facet, count))
@@ -142,22 +142,46 @@ def _grouped(mesh: Mesh, most: int) -> Ints:
     return out
 
 
-def _shapes(mesh: Mesh, facet: Ints, count: int) -> tuple[Array, Array, Array]:
-    """Middle (J, 3), area vector (J, 3) and reach (J,) of the facets."""
-    vector = 0.5 * mesh.triangle_normals()
+def _halved(corner: Array, first: Ints) -> tuple[Array, Array, Array, Ints, Ints]:
+    """Groups of triangles: the J facets, their halves, the halves of these, down to `LEAF` triangles.
+
+    Parameters
+    ----------
+    corner : (T, 3, 3) facet by facet, neighbours near each other
+    first : (J + 1,) where each facet begins
+
+    Returns
+    -------
+    middle (G, 3), area vector (G, 3), reach (G,), triangles from and to (G, 2), first of its two halves (G,) or -1
+    """
+    vector = 0.5 * np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     size = np.linalg.norm(vector, axis=1)
-    corner = mesh.vertices[mesh.triangles]
-    middle = corner.mean(axis=1)
-    total = np.maximum(np.bincount(facet, size, count), 1e-300)
-    centre = np.stack([np.bincount(facet, size * middle[:, k], count) for k in range(3)], axis=1) / total[:, None]
-    empty = np.bincount(facet, size, count) <= 0
-    centre[empty] = np.stack([np.bincount(facet, middle[:, k], count) / np.bincount(facet, minlength=count)
-                              for k in range(3)], axis=1)[empty]  # fmt: skip
-    area: Array = np.stack([np.bincount(facet, vector[:, k], count) for k in range(3)], axis=1).astype(float)
-    radius: Array = np.zeros(count, dtype=np.float64)
-    for k in range(3):
-        np.maximum.at(radius, facet, np.linalg.norm(corner[:, k] - centre[facet], axis=1))
-    return centre, area, radius
+    size = size + 1e-9 * max(float(size.mean()), 1e-300)  # of collapsed triangles, too, there is a middle
+    sums = np.concatenate([np.zeros((1, 7)), np.cumsum(np.column_stack([
+        size, size[:, None] * corner.mean(axis=1), vector]), axis=0)])  # fmt: skip
+    low, high = corner.min(axis=1), corner.max(axis=1)
+    ends = np.stack([first[:-1], first[1:]], axis=1)
+    parts, done = [], 0
+    while len(ends):
+        total = sums[ends[:, 1]] - sums[ends[:, 0]]
+        box = [of.reduceat(a, ends.ravel())[::2] for of, a in ((np.minimum, _padded(low)), (np.maximum, _padded(high)))]
+        # Differences of long sums round off: the middle stays in the box.
+        middle = np.clip(total[:, 1:4] / total[:, :1], *box)
+        radius = np.linalg.norm(np.maximum(middle - box[0], box[1] - middle), axis=1)
+        split = np.diff(ends, axis=1)[:, 0] > LEAF
+        child = np.full(len(ends), -1, np.int64)
+        child[split] = done + len(ends) + 2 * np.arange(int(split.sum()))
+        parts.append((middle, total[:, 4:], radius, ends, child))
+        done += len(ends)
+        half = ends[split].mean(axis=1).astype(np.int64)
+        ends = np.stack([ends[split][:, 0], half, half, ends[split][:, 1]], axis=1).reshape(-1, 2)
+    middle, area, radius, ends, child = (np.concatenate(p) for p in zip(*parts, strict=True))
+    return middle, area, radius, ends, child
+
+
+def _padded(values: Array) -> Array:
+    """With one more row, at which a group that ends at the last triangle may end."""
+    return np.concatenate([values, values[-1:]])
 
 
 def _share(mesh: Mesh, facet: Ints, count: int) -> Any:
