@@ -91,6 +91,7 @@ def test_a_curved_paint_needs_a_polynomial():
         ([5e4, 6e4, np.nan], [5e4, 6e4, 7e4], {}, "2 taps have a reading"),
         ([5e4] * 6, [5e4] * 6, {}, "nothing tells the slope"),
         ([5e4, 5.001e4, 5.002e4, 5.001e4, 5e4], [5e4, 5.002e4, 5.001e4, 5e4, 5.003e4], {}, "do not spread|do not rise"),
+        ([5e4] * 5 + [6e4], [5e4] * 5 + [6e4], {}, "too few places along the pressure"),
         ([9e4, 8e4, 7e4, 6e4, 5e4], [5e4, 6e4, 7e4, 8e4, 9e4], {}, "do not rise with what the paint shows"),
     ],
 )  # fmt: skip

@@ -213,6 +213,8 @@ def test_missing_samples_and_wrong_use():
             heat_flux(t, **{"dt": 0.1, "wall": MACOR, **wrong})
     with pytest.raises(UsageError, match="back one of"):
         Wall.of([Layer(1.0, 1.0, 1.0)], "open")
+    with pytest.raises(UsageError, match="finite thickness"):
+        Wall.of([Layer(np.inf, 1.0, 1.0)])
     with pytest.raises(UsageError, match="above zero"):
         Layer(0.0, 1.0, 1.0)
     both = heat_flux(np.cumsum(t[:1], axis=1), 0.1, Wall.semi_infinite(1.46, 2e6, relative_sigma=0.05), sigma=0.1)

@@ -45,6 +45,12 @@ def test_a_shared_cause_cancels_in_a_ratio_and_independent_ones_do_not():
     np.testing.assert_allclose(got.sigma, 0.5 * 0.01 * np.sqrt(2))
 
 
+def test_a_value_without_variance_is_none():
+    f = NodeField.make([1.0, 2.0], [0.1, np.nan])
+    assert f.known.tolist() == [True, False]
+    assert np.isnan(f.sigma[1])
+
+
 def test_sparse_and_dense_operators_agree_and_unknown_nodes_must_not_count():
     rng = np.random.default_rng(1)
     f = field(rng)

@@ -67,6 +67,15 @@ def test_a_polygon_covers_its_side_only():
         polygon_nodes(mesh, [[0, 0, 0], [1, 0, 0], [2, 0, 0]])
 
 
+def test_patches_of_single_nodes_are_measured_on_single_nodes():
+    mesh = plate(61, 45)
+    true = wavy(mesh.vertices, np.array([2.0, 1.0, 0]), 0.3)
+    number = np.where(np.arange(len(true)) % 97 == 0, np.arange(len(true)), -1)
+    got = fill_patches(mesh, NodeField.make(np.where(number >= 0, 9.0, true), 0.0), number)
+    assert got.tested > 10
+    assert got.misfit.max() < 0.01
+
+
 def test_nothing_to_fill_and_no_room_for_tests():
     mesh = plate()
     field = NodeField.make(mesh.vertices[:, 0], 0.1)

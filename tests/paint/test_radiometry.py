@@ -127,6 +127,7 @@ def test_hot_pixels_of_the_dark_picture():
         (np.full((9, 9), 200.0), np.full((9, 9), 900.0), "dark picture is brighter than the picture on 100 %"),
         (np.full((9, 9), 4095.0), np.full((9, 9), 100.0), "100 % of the picture is saturated"),
         (np.full((9, 9), 101.0), np.full((9, 9), 100.0), "no light above the dark"),
+        (np.full((9, 9), np.nan), np.full((9, 9), 100.0), "no pixel that is a number"),
         (np.full((9, 9), 900.0), np.full((9, 8), 100.0), "dark: 8 x 9 pixels; expected 9 x 9 pixels"),
     ],
 )
@@ -209,7 +210,7 @@ def test_ratio_is_at_the_photon_limit_and_two_colours_take_the_lamp_out():
 def test_ratio_without_light_is_none():
     got = form_ratio(NodeField.make([100.0, 100.0, np.nan, -5.0], 1.0), NodeField.make([0.0, 50.0, 50.0, 50.0], 1.0))
     np.testing.assert_array_equal(got.known, [False, True, False, False])
-    assert np.isfinite(got.sigma).all()
+    np.testing.assert_array_equal(np.isfinite(got.sigma), got.known)
 
 
 def test_references_between_incidences_and_of_the_run():
@@ -219,6 +220,10 @@ def test_references_between_incidences_and_of_the_run():
     at = reference_at([4.0, 0.0, 2.0], [lights(140.0), lights(100.0), lights(120.0)], 1.0)
     assert at.value.tolist() == [110.0, 110.0]
     assert at.sigma[0] == pytest.approx(np.sqrt(2))
+    # Shown by one of two: not known in between, known at the one.
+    half = [lights(100.0), lights(110.0, gap=True)]
+    assert reference_at([0.0, 1.0], half, 0.5).known.tolist() == [True, False]
+    assert reference_at([0.0, 1.0], half, 0.0).known.all()
     with pytest.raises(DataError, match="incidence 9 lies outside"):
         reference_at([0.0, 2.0], [lights(1.0), lights(2.0)], 9.0)
     with pytest.raises(UsageError):

@@ -57,6 +57,8 @@ def test_what_is_outside_or_missing_is_flagged_and_never_guessed():
     assert np.isnan(got.field.value[[3, 4, 5]]).all()
     np.testing.assert_array_equal(got.flags, inv.flags)
     assert (law.invert([0.9], 293.0, p_off=np.nan).flags == 16).all()
+    assert np.isnan(got.field.sigma[[3, 4, 5]]).all()
+    assert not len(law.invert([], 293.0).pressure)
 
 
 @pytest.mark.parametrize(
@@ -164,6 +166,8 @@ def test_cell_fit_refuses_with_the_reason():
     line = fit_paint(p[:8], 280 + p[:8] / 1e4, r[:8], p_ref=1e5, t_ref=290.0, order=(1, 1))
     assert not line
     assert "cannot be told apart" in line.reason
+    with pytest.raises(UsageError, match="no rows"):
+        fit_paint([], [], [], p_ref=1e5, t_ref=290.0)
     with pytest.raises(UsageError, match="row 2: ratio is -1"):
         fit_paint([1e5, 2e5], [290.0, 290.0], [1.0, -1.0], p_ref=1e5, t_ref=290.0)
 

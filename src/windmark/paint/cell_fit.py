@@ -136,6 +136,8 @@ def _table(pressure: ArrayLike, temperature: ArrayLike, ratio: ArrayLike, p_ref:
     p, t, r = (np.asarray(a, dtype=float) for a in (pressure, temperature, ratio))
     if p.ndim != 1 or p.shape != t.shape or p.shape != r.shape:
         raise ValueError(f"fit_paint: pressure, temperature, ratio must be (M,), got {p.shape}, {t.shape}, {r.shape}")
+    if not len(p):
+        raise UsageError("fit_paint: the table has no rows")
     for name, a, least in (("pressure", p, 0.0), ("temperature", t, -np.inf), ("ratio", r, 0.0)):
         bad = np.flatnonzero(~(np.isfinite(a) & (a > least)))
         if len(bad):

@@ -82,13 +82,13 @@ class NodeField:
 
     @property
     def known(self) -> NDArray[np.bool_]:
-        """(N,) where there is a value."""
-        return np.isfinite(self.value)
+        """(N,) where there is a value, and a variance of it."""
+        return np.isfinite(self.value) & np.isfinite(self.white)
 
     @property
     def variance(self) -> Array:
-        """(N,) of each node by itself."""
-        return np.asarray(self.white + np.einsum("nk,nk->n", self.modes, self.modes))
+        """(N,) of each node by itself; NaN where there is no value."""
+        return np.where(self.known, self.white + np.einsum("nk,nk->n", self.modes, self.modes), np.nan)
 
     @property
     def sigma(self) -> Array:
@@ -156,7 +156,7 @@ def combined(value: ArrayLike, parts: Sequence[tuple[NodeField, ArrayLike]], *, 
         if len(part) != len(v):
             raise ValueError(f"combined: all fields must have {len(v)} nodes, got {len(part)}")
         s = np.broadcast_to(np.asarray(slope, dtype=float), v.shape)
-        with np.errstate(invalid="ignore"):
+        with np.errstate(invalid="ignore", over="ignore"):
             counts = np.isfinite(v) & (s != 0)
             white += np.where(counts, s**2 * part.white, 0.0)
             for k, name in enumerate(part.names):

@@ -164,6 +164,10 @@ def _sizes(mesh: Mesh, number: Ints, covered: Mask) -> tuple[Array, Array]:
     centre = np.stack([np.bincount(of, xyz[:, k], minlength=count) / n for k in range(3)], axis=1)
     radius = np.zeros(count)
     np.maximum.at(radius, of, np.linalg.norm(xyz - centre[of], axis=1))
+    # A patch of one node is as large as what that node stands for.
+    area = np.bincount(mesh.triangles.ravel(), np.repeat(np.linalg.norm(mesh.triangle_normals(), axis=1) / 6, 3),
+                       minlength=len(covered))  # fmt: skip
+    np.maximum.at(radius, of, 0.5 * np.sqrt(area[covered]))
     present = np.bincount(of, minlength=count) > 0
     return np.where(present[:, None], centre, np.nan), np.where(present, radius, np.nan)
 

@@ -181,6 +181,8 @@ def _size(shape: tuple[int, ...]) -> str:
 
 
 def _refuse(raw: Array, signal: Array, variance: Array, flags: Flags, most_saturated: float) -> None:
+    if not np.isfinite(signal).any():
+        raise DataError("the picture, or the dark picture, has no pixel that is a number")
     share = float(np.mean((flags & DARKER) > 0))
     if share > MOST_DARKER:
         raise DataError(

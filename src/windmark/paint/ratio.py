@@ -74,7 +74,12 @@ def reference_at(incidences: ArrayLike, fields: Sequence[NodeField], incidence: 
         raise DataError(f"reference_at: incidence {incidence:g} lies outside the references' {at[0]:g} to {at[-1]:g}")
     k = int(np.clip(np.searchsorted(at, incidence, side="right") - 1, 0, len(at) - 2))
     share = (incidence - at[k]) / (at[k + 1] - at[k])
-    return weighted_mean([fields[k], fields[k + 1]], [1 - share, share])
+    if share in (0.0, 1.0):
+        return fields[k + int(share)]
+    pair = fields[k], fields[k + 1]
+    # A node that one of them does not show is not known in between.
+    both = pair[0].known & pair[1].known
+    return weighted_mean([replace(f, value=np.where(both, f.value, np.nan)) for f in pair], [1 - share, share])
 
 
 def mean_reference(fields: Sequence[NodeField]) -> NodeField:

@@ -233,4 +233,4 @@ def law_slopes(a: Array, p_ref: float, t_ref: float, pressure: ArrayLike, temper
     dtd = np.concatenate([np.zeros((*x.shape, 1)), td[..., :-1] * np.arange(1, a.shape[1])], axis=-1)
     by_p = np.asarray(((dpx @ a) * td).sum(axis=-1))
     by_t = np.asarray(((px @ a) * dtd).sum(axis=-1))
-    return by_p, by_t, (px[..., :, None] * td[..., None, :]).reshape(*x.shape, -1)
+    return by_p, by_t, (px[..., :, None] * td[..., None, :]).reshape(*x.shape, a.size)

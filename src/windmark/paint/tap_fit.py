@@ -100,12 +100,15 @@ def fit_taps(p: Array, sigma: Array, x: NodeField, have: Mask, centre: float, sc
     own = taps.covariance(of, coefficients, scatter)
     m = taps.slope(coefficients)[of, None] * x.modes[of]
     cov = response @ (own - m @ m.T) @ response.T
+    design = powers[of] if free == "both" else powers[of, :1]
+    if np.linalg.matrix_rank(design, tol=1e-6 * np.sqrt(len(of))) < design.shape[1]:
+        cov = np.full(cov.shape, np.inf)
     residuals = np.where(have, p - powers @ coefficients, np.nan)
     used = np.zeros(len(p), bool)
     used[of] = True
     reasons = {int(k): f"{residuals[k]:+.4g} off, by {tests[k]:.3g} sigma" for k in candidates.tolist() if not used[k]}
     return TapFit(coefficients, cov, used, residuals, reasons, scatter, response, taps.slope(coefficients)[of],
-                  powers[of] if free == "both" else powers[of, :1], total)  # fmt: skip
+                  design, total)  # fmt: skip
 
 
 def _start(taps: _Taps, of: NDArray[np.int64]) -> Array:

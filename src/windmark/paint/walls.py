@@ -65,6 +65,9 @@ class Wall:
     def __post_init__(self) -> None:
         if not self.layers or self.back not in BACKS or not self.relative_sigma >= 0:
             raise UsageError(f"Wall: at least one layer, and back one of {', '.join(BACKS)}, got {self.back!r}")
+        finite = self.layers[:-1] if self.back == "semi-infinite" else self.layers
+        if any(not np.isfinite(layer.thickness) for layer in finite):
+            raise UsageError("Wall: layers must have a finite thickness, but for the last one of a semi-infinite wall")
 
     @staticmethod
     def semi_infinite(conductivity: float, capacity: float, *, thickness: float = np.inf, relative_sigma: float = 0.0
