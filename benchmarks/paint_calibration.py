@@ -1,9 +1,9 @@
 """Calibration of pressure paint: ``python benchmarks/paint_calibration.py``.
 
-Fresh paints (second order in pressure, one to two in temperature, at random), each calibrated from a cell table of its
-own: orders chosen, error of p and coverage of its 95 % interval at pressures and temperatures inside of the range, sigma
-of the table stated or not. Then in-situ: 20 taps of which none to six are blocked, a temperature error that all share,
-an a-priori calibration with an error of its own: coverage, blocked taps missed, good taps left out, error with and without
+Fresh paints (second order in pressure, one to two in temperature, at random), each calibrated from a table of its own:
+orders chosen, error of p and coverage of its 95 % interval at pressures and temperatures inside of the range, sigma of
+the table stated or not. Then in-situ: 20 taps of which none to six are blocked, a temperature error that all share, an
+a-priori calibration with an error of its own: coverage, blocked taps missed, good taps left out, error with and without
 in-situ. Seeds begin at 5000.
 """
 
@@ -51,7 +51,7 @@ def a_priori(runs: int) -> dict[str, float | str]:
         rng = np.random.default_rng(5000 + seed)
         law = random_paint(rng)
         fit = cell_table(law, rng, 0.003)
-        orders[fit.law.order] += 1
+        orders[fit.order] += 1
         p, t = rng.uniform(2.2e4, 1.45e5, 100), rng.uniform(282, 313, 100)
         r = law.ratio(p, t) / law.ratio(9e4, 291.0)
         exact = pressure_map(fit.law, NodeField.make(r), given_temperature(t), p_off=9e4, t_off=291.0).field

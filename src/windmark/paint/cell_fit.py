@@ -1,5 +1,9 @@
 """A-priori calibration: Stern-Volmer fitted to a table of cell measurements, its order by cross-validation.
 
+Where the order is not given, the law is the mean of all orders that the table leaves possible, by Akaike's weights, and
+its covariance holds what they differ by (Buckland, Burnham and Augustin, Biometrics 53, 1997): the covariance of one
+order that was chosen by the same table is too small (90 % of its 95 % intervals held).
+
 Least squares in scaled powers (p / p_ref, and T between -1 and 1), each row weighted by the variance that its ratio has
 by its own sigma and by those of pressure and temperature through the slopes of the law (York, Can. J. Phys. 44, 1966).
 What the law cannot follow beyond the stated sigmas, or all of it where none is stated, scales the covariance.
@@ -23,6 +27,8 @@ Order = tuple[int, int]
 
 MOST_P, MOST_T = 4, 3
 """Highest powers of pressure and temperature that are tried."""
+LITTLE = 0.01
+"""Orders of less than this part of the likeliest one's weight do not count."""
 RANK = 1e-10
 """Smallest singular value of the scaled equations, relative to the largest, that is more than rounding."""
 _ROUNDS = 6
@@ -35,6 +41,8 @@ class PaintFit:
     Parameters
     ----------
     law : the paint, with covariance
+    order : highest powers of pressure and temperature that cross-validation chooses; the law has more of them where
+        higher orders are possible, too
     residuals : (M,) measured less fitted I_ref / I
     rms, cv_rms : of the residuals, and of each row against the fit of all others
     sigma0 : residuals in units of their stated sigmas (root mean square, less what the fit takes up); NaN where no
@@ -44,6 +52,7 @@ class PaintFit:
     """
 
     law: SternVolmer
+    order: Order
     residuals: Array
     rms: float
     cv_rms: float
@@ -101,8 +110,9 @@ def fit_paint(
     p_ref, t_ref : at which I_ref was taken; the law's powers are of p / p_ref and T - t_ref
     ratio_sigma : (M,) or one number; None: not known, and taken from the residuals
     pressure_sigma, temperature_sigma : (M,) or one number
-    order : highest powers of pressure (1 to 4) and temperature (0 to 3); None: the lowest whose cross-validated RMS is
-        within one standard error of the best (Breiman et al., 1984, section 3.4.3)
+    order : highest powers of pressure (1 to 4) and temperature (0 to 3), of the whole law. None: the mean of what is
+        possible; `PaintFit.order` is the lowest one whose cross-validated RMS is within one standard error of the best
+        (Breiman et al., 1984, section 3.4.3)
 
     Returns
     -------
@@ -127,7 +137,7 @@ def fit_paint(
         why = next(iter(tried.values()))
         return NotFitted(f"fit_paint: {why}", {"orders": words})
     chosen = _chosen(found)
-    return _result(table, found[chosen], words, chosen)
+    return _result(table, found, words, chosen)
 
 
 def _table(pressure: ArrayLike, temperature: ArrayLike, ratio: ArrayLike, p_ref: float, t_ref: float,
@@ -235,7 +245,40 @@ def _chosen(found: Mapping[Order, _Candidate]) -> Order:
     return min(good, key=lambda o: ((o[0] + 1) * (o[1] + 1), _rms(found[o].press)))
 
 
-def _result(table: _Table, fit: _Candidate, words: Mapping[Order, Any], order: Order) -> PaintFit:
+def _averaged(table: _Table, found: Mapping[Order, _Candidate]) -> tuple[Array, Array]:
+    """Coefficients (K + 1, J + 1) and covariance of the mean of the orders, by their weights.
+
+    A mean of laws that rise is one that rises.
+    """
+    n = len(table.p)
+    score = {}
+    for o, c in found.items():
+        k = n - c.dof + 1  # and the scatter
+        small = 2 * k * (k + 1) / (n - k - 1) if n - k - 1 > 0 else np.inf
+        score[o] = n * np.log(max(c.squares, 1e-300) / n) + 2 * k + small
+    best = min(score.values())
+    if not np.isfinite(best):  # too few rows to compare orders at all: the one of most freedom that there is
+        score = {o: float(n - found[o].dof) * -1.0 for o in found}
+        best = min(score.values())
+    weight = {o: float(np.exp(-0.5 * (s - best))) for o, s in score.items()}
+    kept = {o: w for o, w in weight.items() if w > LITTLE * max(weight.values())}
+    shape = max(o[0] for o in kept) + 1, max(o[1] for o in kept) + 1
+    places = {o: (np.arange(o[0] + 1)[:, None] * shape[1] + np.arange(o[1] + 1)).ravel() for o in kept}
+    total, size = sum(kept.values()), shape[0] * shape[1]
+    each = {o: np.zeros(size) for o in kept}
+    for o, at in places.items():
+        each[o][at] = found[o].coefficients.ravel()
+    mean = sum((w / total * each[o] for o, w in kept.items()), np.zeros(size))
+    cov = np.zeros((size, size))
+    for o, w in kept.items():
+        cov += w / total * np.outer(each[o] - mean, each[o] - mean)
+        cov[np.ix_(places[o], places[o])] += w / total * found[o].cov
+    return mean.reshape(shape), cov
+
+
+def _result(table: _Table, found: Mapping[Order, _Candidate], words: Mapping[Order, Any], order: Order) -> PaintFit:
+    fit = found[order]
+    law = _law(table, *_averaged(table, found))
     sigma0 = float(np.sqrt(fit.squares / fit.dof)) if table.stated else float("nan")
     said = []
     if table.stated and sigma0 > 1:
@@ -245,5 +288,5 @@ def _result(table: _Table, fit: _Candidate, words: Mapping[Order, Any], order: O
             said.append(f"the residuals are {sigma0:.3g} times their stated sigmas; the covariance is larger by that")
     if order[1] == 0 and _levels(table.t) == 1:
         said.append("one temperature alone: the paint's temperature coefficient is not known")
-    return PaintFit(_law(table, fit.coefficients, fit.cov), fit.residuals, _rms(fit.residuals), _rms(fit.press), sigma0,
-                    dict(words), tuple(said))  # fmt: skip
+    residuals = table.ratio - law.ratio(table.p, table.t)
+    return PaintFit(law, order, residuals, _rms(residuals), _rms(fit.press), sigma0, dict(words), tuple(said))
