@@ -74,6 +74,23 @@ def test_scatter_beyond_the_sigmas_is_found_and_is_in_every_node():
     assert any("beyond their sigmas" in w for w in fit.warnings)
 
 
+@pytest.mark.parametrize("n", [6, 20])
+def test_sigmas_that_are_stated_too_small_do_not_make_the_result_too_sure(n):
+    """Readings that scatter five times as stated: few taps tell the scatter badly, and none of them is blocked."""
+    hold, left = [], 0
+    nodes = np.linspace(4.5e4, 8.5e4, 5)
+    for seed in range(150):
+        rng = np.random.default_rng(500 + seed)
+        true = rng.uniform(4e4, 9e4, n)
+        fit = in_situ([str(k) for k in range(n)], true + rng.normal(0, 500, n), NodeField.make(true, 50.0),
+                      pressure_sigma=100.0)  # fmt: skip
+        left += n - fit.used.sum()
+        got = fit.applied(NodeField.make(nodes, 50.0))
+        hold.append(np.abs(got.value - nodes) < 1.96 * np.sqrt(got.variance - got.white))
+    assert 0.89 < np.mean(hold) < 0.98
+    assert left < 15
+
+
 def test_a_curved_paint_needs_a_polynomial():
     rng = np.random.default_rng(6)
     ratio = rng.uniform(0.5, 1.2, 25)

@@ -42,8 +42,8 @@ class InSitu:
     residuals : (M,) tap minus fit, also of taps that do not count; NaN for taps without reading
     blocked : taps that do not count, with the reason
     rms, loo_rms : of the residuals of the taps that count, and of each against the fit of the others
-    scatter : standard deviation by which taps and paint differ beyond what their sigmas explain; in ``cov``, and in
-        every node's independent noise
+    scatter : standard deviation by which taps and paint differ beyond what their sigmas explain, larger by Student's
+        factor where it comes from few taps; in ``cov``, and in every node's independent noise
     warnings : what is to be said of it, in words
     """
 

@@ -96,6 +96,7 @@ def fit_taps(p: Array, sigma: Array, x: NodeField, have: Mask, centre: float, sc
         scatter = _scatter(taps, of, coefficients)
         total = taps.covariance(of, coefficients, scatter)
         coefficients, response, _ = taps.solve(of, total)
+    scatter *= _student(len(of) - (order + 1 if free == "both" else 1))
     # Errors that the taps share with the nodes are modes; the fit's own covariance is of the rest.
     own = taps.covariance(of, coefficients, scatter)
     m = taps.slope(coefficients)[of, None] * x.modes[of]
@@ -173,7 +174,7 @@ def _tests(taps: _Taps, of: NDArray[np.int64], candidates: NDArray[np.int64]) ->
     inverse = np.linalg.inv(total)
     dof = len(of) - int(np.linalg.matrix_rank(response))
     squares = float(residual[of] @ inverse @ residual[of])
-    scale = max(squares / dof, 1.0) if dof > 0 else 1.0
+    scale = max(squares / dof / _of_best(len(of) / len(candidates)), 1.0) if dof > 0 else 1.0
     inside, outside = np.full(len(taps.p), np.nan), np.full(len(taps.p), np.nan)
     e = inverse @ residual[of]
     spread = np.diagonal(inverse @ left @ inverse)
@@ -189,11 +190,28 @@ def _tests(taps: _Taps, of: NDArray[np.int64], candidates: NDArray[np.int64]) ->
     return inside / np.sqrt(scale), outside / np.sqrt(scale)
 
 
+def _of_best(share: float) -> float:
+    """Mean square of the smallest ``share`` of normal deviates: what fits best by choice scatters too little."""
+    from scipy.special import ndtri
+
+    if share >= 1:
+        return 1.0
+    q = float(ndtri(0.5 + 0.5 * share))
+    return 1 - 2 * q * float(np.exp(-0.5 * q * q)) / np.sqrt(2 * np.pi) / share
+
+
 def _critical(count: int, dof: int) -> float:
     """Size in sigmas that any of ``count`` good taps exceeds with the probability `FALSE` (Student, two-sided)."""
     from scipy.special import stdtrit
 
     return float(stdtrit(max(dof, 1), 1 - 0.5 * FALSE / max(count, 1)))
+
+
+def _student(dof: int) -> float:
+    """By which a scatter that comes from so few residuals must be larger for 1.96 of it to hold 95 %."""
+    from scipy.special import stdtrit
+
+    return float(stdtrit(max(dof, 1), 0.975)) / 1.959964
 
 
 def _scatter(taps: _Taps, of: NDArray[np.int64], coefficients: Array) -> float:
