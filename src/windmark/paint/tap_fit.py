@@ -129,14 +129,34 @@ def _forward(taps: _Taps, candidates: NDArray[np.int64]) -> tuple[NDArray[np.int
         inside, outside = _tests(taps, of, candidates)
         rest = np.setdiff1d(candidates, of)
         if not len(rest):
-            worst = int(of[np.argmax(inside[of])])
-            return of, {worst: float(inside[worst])}
+            of = _backward(taps, of, candidates, unknowns)
+            return of, _sizes(taps, of, candidates)
         nearest = rest[np.argsort(outside[rest], kind="stable")]
         if outside[nearest[0]] > _critical(count, len(of) - unknowns):
-            return of, {int(k): float(outside[k]) for k in rest}
+            of = _backward(taps, of, candidates, unknowns)
+            return of, _sizes(taps, of, candidates)
         # The best ones of all that were looked at, one more than before: those taken early may go out again.
         distance = np.where(np.isin(candidates, of), inside[candidates], outside[candidates])
         of = np.sort(candidates[np.argsort(distance, kind="stable")[: len(of) + 1]])
+
+
+def _backward(taps: _Taps, of: NDArray[np.int64], candidates: NDArray[np.int64], unknowns: int) -> NDArray[np.int64]:
+    """Without taps that stand out of all others that count: on the way forward the scale is a guess."""
+    while len(of) > unknowns + 2:
+        inside, _ = _tests(taps, of, candidates, trimmed=False)
+        worst = int(of[np.argmax(inside[of])])
+        others = of[of != worst]
+        outside = _tests(taps, others, candidates, trimmed=False)[1][worst]
+        if not outside > _critical(len(candidates), len(others) - unknowns):
+            break
+        of = others
+    return of
+
+
+def _sizes(taps: _Taps, of: NDArray[np.int64], candidates: NDArray[np.int64]) -> dict[int, float]:
+    """How far the taps that do not count are from the others, in sigmas."""
+    outside = _tests(taps, of, candidates, trimmed=False)[1]
+    return {int(k): float(outside[k]) for k in np.setdiff1d(candidates, of)}
 
 
 def _best_half(taps: _Taps, candidates: NDArray[np.int64], unknowns: int) -> NDArray[np.int64]:
@@ -160,10 +180,12 @@ def _best_half(taps: _Taps, candidates: NDArray[np.int64], unknowns: int) -> NDA
     return np.asarray(np.sort(candidates[chosen]))
 
 
-def _tests(taps: _Taps, of: NDArray[np.int64], candidates: NDArray[np.int64]) -> tuple[Array, Array]:
+def _tests(taps: _Taps, of: NDArray[np.int64], candidates: NDArray[np.int64], *, trimmed: bool = True
+           ) -> tuple[Array, Array]:  # fmt: skip
     """Sizes (M,) of residuals in sigmas: of taps that count, and of predictions of the others. NaN elsewhere.
 
-    The scale is that of the residuals, or 1 where these are smaller than stated.
+    The scale is that of the residuals, or 1 where these are smaller than stated; ``trimmed``: of taps that were chosen
+    for fitting best.
     """
     coefficients = _start(taps, of)
     total = taps.covariance(of, coefficients, 0.0)
@@ -174,7 +196,7 @@ def _tests(taps: _Taps, of: NDArray[np.int64], candidates: NDArray[np.int64]) ->
     inverse = np.linalg.inv(total)
     dof = len(of) - int(np.linalg.matrix_rank(response))
     squares = float(residual[of] @ inverse @ residual[of])
-    scale = max(squares / dof / _of_best(len(of) / len(candidates)), 1.0) if dof > 0 else 1.0
+    scale = max(squares / dof / (_of_best(len(of) / len(candidates)) if trimmed else 1.0), 1.0) if dof > 0 else 1.0
     inside, outside = np.full(len(taps.p), np.nan), np.full(len(taps.p), np.nan)
     e = inverse @ residual[of]
     spread = np.diagonal(inverse @ left @ inverse)
