@@ -81,6 +81,9 @@ def simulate(
     photos: Annotated[
         int | None, typer.Option(help="Hand-held pictures of the model instead: so many, with a few known markers.")
     ] = None,
+    psp: Annotated[
+        int | None, typer.Option(help="A paint test instead: a polar of so many incidences by two cameras, with taps.")
+    ] = None,
     clocks: Annotated[
         bool, typer.Option("--clocks", help="With --deforming: cameras of different rates, a swinging wing.")
     ] = False,
@@ -90,7 +93,7 @@ def simulate(
     with console.errors(as_json):
         from windmark.app import simulate_verb
 
-        wishes = simulate_verb.Wishes(deforming, infrared, cameras, photos, clocks)
+        wishes = simulate_verb.Wishes(deforming, infrared, cameras, photos, clocks, psp)
         simulate_verb.simulate(folder, seed, wishes, as_json)
 
 

@@ -23,18 +23,21 @@ class Wishes:
     cameras: int | None = None
     photos: int | None = None
     clocks: bool = False
+    psp: int | None = None
 
 
 def simulate(folder: Path, seed: int, wishes: Wishes, as_json: bool) -> None:
     """Make the test, say what it holds."""
     kinds = {"infrared": wishes.infrared, "deforming": wishes.deforming is not None,
-             "cameras": wishes.cameras is not None, "photos": wishes.photos is not None}  # fmt: skip
+             "cameras": wishes.cameras is not None, "photos": wishes.photos is not None,
+             "psp": wishes.psp is not None}  # fmt: skip
     chosen = [name for name, asked in kinds.items() if asked]
     if len(chosen) > 1:
-        raise UsageError("--infrared, --deforming, --cameras and --photos are different tests; give one of them")
+        raise UsageError("--infrared, --deforming, --cameras, --photos and --psp are different tests; give one of them")
     if wishes.clocks and wishes.deforming is None:
         raise UsageError("--clocks belongs to --deforming")
-    make = {"infrared": _infrared, "deforming": _deforming, "cameras": _cameras, "photos": _photos, "": _default}
+    make = {"infrared": _infrared, "deforming": _deforming, "cameras": _cameras, "photos": _photos, "psp": _psp,
+            "": _default}
     write, describe = make[chosen[0] if chosen else ""](seed, wishes)
     with console.progress() as show, console.result_folder(folder) as out:
         show("render the virtual wind tunnel")
@@ -110,3 +113,17 @@ def _deforming(seed: int, wishes: Wishes) -> Kind:
         return record, [said, _next(folder, "deform", "deform.toml")]
 
     return lambda place: write(place, seed, frames, clocks=wishes.clocks), describe
+
+
+def _psp(seed: int, wishes: Wishes) -> Kind:
+    from windmark.pipeline.simulate_psp import simulate_psp as write
+
+    incidences = wishes.psp or 0
+
+    def describe(test: Any, folder: Path) -> tuple[Record, list[str]]:
+        record = {"markers": len(test.test.markers), "taps": len(test.taps), "points": [p.name for p in test.points],
+                  "cameras": list(test.cameras)}  # fmt: skip
+        said = f"{len(test.points)} points of {len(test.cameras)} cameras, {len(test.taps)} taps: {folder}"
+        return record, [said, _next(folder, "psp", "psp.toml")]
+
+    return lambda place: write(place, seed, incidences), describe

@@ -197,24 +197,24 @@ def _write_tables(folder: Path, states: list[WingState], time_s: Array | None) -
 
 def _write_projects(folder: Path, seed: int, test: TunnelTest, radius_px: float, every: int, clocks: bool) -> None:
     shape = test.shape
-    root, tip = (_on_axis(shape, y) for y in (shape.body_radius, shape.span))
+    root, tip = (axis_point(shape, y) for y in (shape.body_radius, shape.span))
     start, end = (_middle(shape, y) for y in (shape.body_radius, shape.span))
     volumes = ", ".join(f"{name} = {zones}" for name, zones in zones_of(test.mesh).items() if name != "wall")
     common = {
-        "seed": seed, "volumes": volumes, "radius": radius_px, "start": _text(start), "end": _text(end),
+        "seed": seed, "volumes": volumes, "radius": radius_px, "start": point_text(start), "end": point_text(end),
         "clock1": f"\nrate_hz = {RATE_HZ}" if clocks else "", "clock2": '\ntimes = "cam2-times.csv"' if clocks else "",
         "rate": "" if clocks else f"rate_hz = {RATE_HZ}\n",
         "black": Sensor().black, "every": every, "zeros": ", ".join(f'"{k}"' for k in range(ZEROS)),
     }  # fmt: skip
     for name, law, out in (("deform", _BEAM, "deformation"), ("deform-own-law", _OWN, "deformation-own-law")):
-        text = law.format(root=_text(root), tip=_text(tip))
+        text = law.format(root=point_text(root), tip=point_text(tip))
         with io.atomic_write(folder / f"{name}.toml") as stream:
             stream.write(_PROJECT.format(**common, law=text, folder=out))
     with io.atomic_write(folder / "my_law.py") as stream:
-        stream.write(_LAW.format(root=_text(root), tip=_text(tip)))
+        stream.write(_LAW.format(root=point_text(root), tip=point_text(tip)))
 
 
-def _on_axis(shape: HalfModel, y: float) -> tuple[float, float, float]:
+def axis_point(shape: HalfModel, y: float) -> tuple[float, float, float]:
     """The quarter-chord line of the virtual wing, about which it twists."""
     return 0.25 * shape.root_chord + float(np.tan(np.radians(shape.sweep_deg))) * y, y, 0.0
 
@@ -223,5 +223,6 @@ def _middle(shape: HalfModel, y: float) -> tuple[float, float, float]:
     return float(shape.leading_edge(y) + 0.5 * shape.chord(y)), y, 0.0
 
 
-def _text(point: tuple[float, float, float]) -> str:
+def point_text(point: tuple[float, float, float]) -> str:
+    """A point as a project file has it, without its brackets."""
     return ", ".join(f"{v:.6g}" for v in point)

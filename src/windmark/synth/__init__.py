@@ -15,7 +15,11 @@ from windmark.synth.layout import rows_layout
 from windmark.synth.marks import Clutter, Marks
 from windmark.synth.motion import bend, flex, random_poses
 from windmark.synth.paint import Flow, Paint, TransonicFlow
+from windmark.synth.paint_camera import PaintCamera
 from windmark.synth.patch import Patch, assemble
+from windmark.synth.polar_flow import PolarFlow
+from windmark.synth.pressure_paint import SensitivePaint, SternVolmer, StillAir
+from windmark.synth.psp import PspPoint, PspTest, psp_test
 from windmark.synth.render import Rendering, render
 from windmark.synth.scenes import Scene, marker_scene
 from windmark.synth.screen import Rays
@@ -28,9 +32,10 @@ from windmark.synth.world import World
 
 __all__ = [
     "WIND_OFF", "WIND_ON", "BoardSpots", "Clutter", "Decals", "Flow", "HalfModel", "InfraredTest", "MarkerTruth",
-    "Marks", "Paint", "Patch", "Rays", "Rendering", "Scene", "Sensor", "SheetTruth", "Shot", "TransonicFlow",
+    "Marks", "Paint", "PaintCamera", "Patch", "PolarFlow", "PspPoint", "PspTest", "Rays", "Rendering", "Scene",
+    "Sensor", "SensitivePaint", "SheetTruth", "Shot", "SternVolmer", "StillAir", "TransonicFlow",
     "TunnelTest", "WingState", "World", "assemble", "bend", "board_spots", "default_stations", "deformed_world",
     "deforming_sequence", "degrade", "disc_image", "flex", "infrared_test", "marker_scene", "marker_sheet",
-    "marker_truth", "random_poses", "render", "rows_layout", "stereo_layout", "stereo_stations", "stereo_wing",
-    "swinging", "tunnel_sequence", "wind_tunnel",
+    "marker_truth", "psp_test", "random_poses", "render", "rows_layout", "stereo_layout", "stereo_stations",
+    "stereo_wing", "swinging", "tunnel_sequence", "wind_tunnel",
 ]  # fmt: skip
