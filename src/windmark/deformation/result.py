@@ -122,6 +122,13 @@ class Deformation:
         """
         return self._moved(self.volumes.bind(xyz, volume), frame)
 
+    def linearised(self, xyz: ArrayLike, volume: Any, *, frame: str = "tunnel") -> tuple[Array, Array]:
+        """`place` of points (N, 3) and its derivatives (N, 3, F) by everything that was free, in the order of `names`.
+
+        Those by poses and focal lengths of cameras are zero: these move no point.
+        """
+        return self._linearised(self.volumes.bind(xyz, volume), frame)
+
     def displacement(self, xyz: ArrayLike, volume: Any, *, frame: str = "tunnel") -> tuple[Array, Array]:
         """`place` less the undeformed place: (N, 3) and (N, 3, 3)."""
         place, cov = self.place(xyz, volume, frame=frame)
@@ -168,15 +175,18 @@ class Deformation:
         return out
 
     def _moved(self, placed: Placed, frame: str) -> tuple[Array, Array]:
+        place, by_free = self._linearised(placed, frame)
+        return place, self.propagated(by_free, self.lacking(placed.xyz, placed.names, frame))
+
+    def _linearised(self, placed: Placed, frame: str) -> tuple[Array, Array]:
         if frame not in ("tunnel", "model"):
             raise UsageError(f"frame: expected 'tunnel' or 'model', got {frame!r}")
         place, by_q = placed.linearise(self.q)
-        lacking = self.lacking(placed.xyz, placed.names, frame)
         if frame == "model":
-            return place, self.propagated(self.by_free(by_q), lacking)
+            return place, self.by_free(by_q)
         place = self.tunnel_from_model.apply(place)
         by_motion = np.concatenate([-hat(place), np.broadcast_to(np.eye(3), (len(place), 3, 3))], axis=-1)
-        return place, self.propagated(self.by_free(self.tunnel_from_model.rotation @ by_q, by_motion), lacking)
+        return place, self.by_free(self.tunnel_from_model.rotation @ by_q, by_motion)
 
 
 @dataclass(frozen=True)

@@ -122,7 +122,7 @@ def _images(project: DeformProject, i: int, camera: CameraEntry) -> dict[str, io
     base = project.path.parent
     out: dict[str, io.PictureFile] = {}
     for pattern in camera.patterns:
-        files = _files(base / pattern)
+        files = files_of(base / pattern)
         if not files:
             raise io.FileError(project.path, f"no file matches {pattern!r} beside the project", f"camera[{i}].images")
         for file in files:
@@ -136,8 +136,8 @@ def _images(project: DeformProject, i: int, camera: CameraEntry) -> dict[str, io
     return out
 
 
-def _files(pattern: Path) -> list[io.PictureFile]:
-    """The pictures that a pattern names; recordings and folders frame by frame."""
+def files_of(pattern: Path) -> list[io.PictureFile]:
+    """The pictures that a pattern names, in order, recordings and folders frame by frame; none where no file fits."""
     address = io.frame_address(pattern)
     if address.dataset is not None or address.number is not None or address.file.exists():
         return io.pictures([pattern]) if address.file.exists() else []

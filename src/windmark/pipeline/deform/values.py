@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt
 from scipy.spatial import cKDTree
 
 from windmark.deformation import Deformation, identify
@@ -15,15 +14,11 @@ from windmark.geometry import Camera, Pose
 from windmark.pipeline.deform.project import ValuesEntry
 from windmark.pipeline.deform.spots import read
 from windmark.pipeline.deform.task import DeformationTest, DeformedFrame, FrameImages, Image
-from windmark.resection import map_pixels, node_values, see_nodes
+from windmark.resection import inside_px, node_values, see_nodes
 from windmark.scene import MarkerSet, Mesh, View
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-
-CLIFF = 12.0
-"""Neighbouring pixels whose depths differ by more pixel widths are on two surfaces: a slope of 85 degrees."""
-
 
 @dataclass(frozen=True)
 class Compared:
@@ -67,23 +62,6 @@ def surface_values(image: Image, mesh: Mesh, camera: Camera, cam_from_mesh: Pose
         near = inside[np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)] <= how.edge_px
         values[seen[near]] = np.nan
     return values
-
-
-def inside_px(mesh: Mesh, camera: Camera, cam_from_mesh: Pose) -> Array:
-    """(H, W) distance of every pixel to the nearest one of the surface's outline, in pixels; 0 off the surface.
-
-    An outline is where the surface ends, or passes before another part of itself. The image's border is none.
-    """
-    pixels = map_pixels(mesh, camera, cam_from_mesh, cull_backfaces=True)
-    whole = pixels.valid.copy()
-    if not whole.any():
-        return np.zeros(whole.shape)
-    depth = np.where(whole, pixels.depth(), np.inf)
-    with np.errstate(invalid="ignore"):  # beside the surface: infinite less infinite
-        across, down = (np.abs(np.diff(depth, axis=a)) > CLIFF * depth.min() / camera.focal_px for a in (1, 0))
-    for part, jump in ((np.s_[:, :-1], across), (np.s_[:, 1:], across), (np.s_[:-1], down), (np.s_[1:], down)):
-        whole[part] &= ~jump
-    return np.asarray(distance_transform_edt(whole)) if not whole.all() else np.full(whole.shape, np.inf)
 
 
 class Mapper:

@@ -1,0 +1,94 @@
+"""The verb `windmark psp`: reduce a paint test, write whole, say how it went."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from windmark import io
+from windmark.app import console
+from windmark.app.alone import not_drawn
+from windmark.app.psp_report import psp_page
+from windmark.app.series_folder import series_folder
+from windmark.pipeline.psp import FAILED, PointRecord, PspTest, grouped, load_psp, read_psp_project, reduced, run_psp
+
+Record = dict[str, Any]
+
+SHOWN = 20
+"""Points with something to be said that are listed on the terminal; all are in the report."""
+
+
+def psp(path: Path, output: Path | None, threads: int, go_on: str, as_json: bool) -> None:
+    """Reduce every point of a project; ``go_on`` "resume" or "finish" what was stopped, "" begins anew."""
+    start = time.perf_counter()
+    test = load_psp(read_psp_project(path, output))
+    for remark in test.remarks:
+        console.note(path, remark)
+    folder = test.project.output.folder
+    with console.progress(len(test.rows)) as show, series_folder(folder, go_on) as (out, go_on):
+        records = run_psp(
+            test, out.place, threads=threads, say=lambda r: show(f"point {r.name}: {r.status}"),
+            resume=go_on == "resume", finish=go_on == "finish",
+        )  # fmt: skip
+        show("draw the report")
+        record = summary(test, records)
+        page = psp_page(test, records, out.place)
+        (out.place / "report.html").write_text(page.html(), encoding="utf-8")
+        record |= {"not_drawn": page.failed, "seconds": time.perf_counter() - start}
+        io.write_json(out.place / "summary.json", record)
+        out.refused = not reduced(records)
+    record["folder"] = folder
+    good = bool(reduced(records))
+    if good or not as_json:
+        console.answer(record, as_json, [
+            *_lines(records), *not_drawn(record["not_drawn"]), f"report: {folder / 'report.html'}",
+        ])  # fmt: skip
+    if not good:
+        why = records[0].reason if records else "the table has no points"
+        console.refuse(f"no point could be reduced; the first: {why}", as_json, record)
+
+
+def summary(test: PspTest, records: list[PointRecord]) -> Record:
+    """The figures of a test."""
+    law = test.paint.law
+    return {
+        "points": len(records), "reduced": len(reduced(records)), "failed": sum(r.status == FAILED for r in records),
+        "paint": {"orders": list(law.order), "rms": test.paint.rms, "cross_validated_rms": test.paint.cv_rms},
+        "cameras": {name: {"gain": sensor.model.gain, "gain_from": sensor.gain_from}
+                    for name, sensor in test.sensors.items()},
+        "remarks": list(test.remarks),
+        "results": [_point(r) for r in records],
+    }  # fmt: skip
+
+
+def _point(r: PointRecord) -> Record:
+    out: Record = {"point": r.name, "alpha_deg": r.alpha_deg, "status": r.status, "reason": r.reason}
+    if r.status == FAILED:
+        return out
+    taps = {} if r.taps is None else {"rms_cp": r.taps.rms}
+    return out | {
+        "alpha_seen_deg": r.alpha_seen_deg, "rms_px": r.rms_px, "pictures": list(r.pictures_used), "seen": r.seen,
+        "median_sigma_cp": r.median_sigma_cp, "flicker": r.flicker, "in_situ": dict(r.fit), "taps": taps,
+        "loads": {v: {c: list(pair) for c, pair in of.items()} for v, of in r.loads.items()},
+        "causes": {k: [[n, s] for n, s in of[:5]] for k, of in r.causes.items()}, "remarks": list(r.remarks),
+        "seconds": dict(r.seconds),
+    }  # fmt: skip
+
+
+def _lines(records: list[PointRecord]) -> list[str]:
+    """The result in words."""
+    done = reduced(records)
+    lines = [f"{len(records)} points: {len(done)} reduced, {len(records) - len(done)} failed"]
+    lines += [f"  point {r.name}: {r.reason}" for r in records if r.reason][:SHOWN]
+    for r in done[:SHOWN]:
+        loads = r.loads.get("all", {})
+        words = ", ".join(f"{c} {loads[c][0]:+.4f} ± {loads[c][1]:.4f}" for c in ("CL", "CD", "Cm") if c in loads)
+        taps = "" if r.taps is None or not np.isfinite(r.taps.rms) else f", taps {r.taps.rms:.4f} RMS in Cp"
+        lines.append(f"  point {r.name}: alpha {r.alpha_deg:+.2f} deg, sigma(Cp) {r.median_sigma_cp:.4f}{taps}"
+                     + (f", {words} (1 sigma)" if words else ""))  # fmt: skip
+    lines += [f"  note: {remark} ({len(names)} of {len(done)} points)" for remark, names in
+              [*grouped(done).items()][:SHOWN]]  # fmt: skip
+    return lines

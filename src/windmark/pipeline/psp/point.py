@@ -1,0 +1,232 @@
+"""One point from its pictures: read, corrected, the model found in every one of them, reduced."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark import io
+from windmark.deformation import Deformation
+from windmark.errors import DataError
+from windmark.paint import LoadReference, TunnelConditions, correct_picture
+from windmark.pipeline.deform.follow import follow_deformation
+from windmark.pipeline.deform.spots import read
+from windmark.pipeline.deform.task import FrameImages
+from windmark.pipeline.psp.load import PspTest
+from windmark.pipeline.psp.sensors import pictures_named
+from windmark.pipeline.psp.table import PointRow, SensorTable
+from windmark.tasks.psp import (
+    ModelPicture,
+    PointTask,
+    Readings,
+    ReducedPoint,
+    Sampling,
+    SectionWanted,
+    moved_grid,
+    ratio_of,
+    reduce_point,
+)
+
+Array = NDArray[np.float64]
+Image = NDArray[np.generic]
+
+WIND_ON, WIND_OFF = "wind-on", "wind-off"
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """The pictures of a kind in which the model was found.
+
+    Parameters
+    ----------
+    pictures : with pose and deformation
+    states : of the instants, in order
+    rms_px : residuals of each instant
+    troubles : picture or instant -> what was wrong
+    """
+
+    pictures: tuple[ModelPicture, ...]
+    states: tuple[Deformation, ...]
+    rms_px: tuple[float, ...]
+    troubles: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class PointOutcome:
+    """A point with its result.
+
+    Parameters
+    ----------
+    reduced : what came of it
+    alpha_seen_deg : the incidence that the wind-on pictures show
+    on, off : the pictures
+    seconds : for each stage
+    """
+
+    reduced: ReducedPoint
+    alpha_seen_deg: float
+    on: Found
+    off: Found
+    seconds: Mapping[str, float]
+
+
+def run_point(test: PspTest, row: PointRow) -> PointOutcome:
+    """Reduce a point.
+
+    Raises
+    ------
+    DataError, FileError
+        With one sentence that says what is missing or wrong; nothing else is touched by it.
+    """
+    clock = _Clock()
+    stream = row.conditions()
+    if not np.isfinite(row.t_off):
+        raise DataError(f"T_off is missing in the table of points (line {row.line})")
+    _check_paint(test, row)
+    raw = {kind: _read(test, kind, pattern) for kind, pattern in ((WIND_ON, row.on), (WIND_OFF, row.off))}
+    clock.lap("read")
+    on, off = (_found(test, kind, raw[kind]) for kind in (WIND_ON, WIND_OFF))
+    clock.lap("find the model")
+    alpha = _incidence(test, row, on)
+    sampling = Sampling(test.project.sampling.max_obliquity_deg, test.project.sampling.edge_px)
+    ratio = ratio_of(on.pictures, off.pictures, how=sampling, lamps=test.lamps)
+    clock.lap("ratio on the model")
+    state = on.states[0]
+    reduced = reduce_point(ratio, test.mesh, state.mesh(test.mesh, frame="model"), _task(test, row, stream))
+    clock.lap("pressure and loads")
+    return PointOutcome(reduced, alpha, on, off, clock.laps)
+
+
+class _Clock:
+    def __init__(self) -> None:
+        self.laps: dict[str, float] = {}
+        self._last = time.perf_counter()
+
+    def lap(self, name: str) -> None:
+        now = time.perf_counter()
+        self.laps[name], self._last = now - self._last, now
+
+
+def _check_paint(test: PspTest, row: PointRow) -> None:
+    """The wind-off state has to be one that the paint was calibrated at: otherwise a unit is wrong."""
+    law = test.paint.law
+    asked = (("p_off", row.p_off, law.p_range, "Pa"), ("T_off", row.t_off, law.t_range, "K"))
+    for what, value, (low, high), unit in asked:
+        if not low <= value <= high:
+            raise DataError(
+                f"{what} is {value:g} {unit}, outside the paint's calibration ({low:g} to {high:g} {unit}): its unit "
+                f"is another one, or the cell is wrong (line {row.line} of the table of points)"
+            )
+
+
+def _read(test: PspTest, kind: str, pattern: str) -> dict[str, list[tuple[str, Image]]]:
+    """Camera -> name and grey levels of its pictures."""
+    if not pattern:
+        missing = ": the reference is missing" if kind == WIND_OFF else ""
+        raise DataError(f"the table of points names no {kind} pictures{missing}")
+    out = {}
+    for station in test.deforming.test.stations:
+        files = pictures_named(test.project, pattern, station.name)
+        out[station.name] = [(file.name, read(file, station)) for file in files]
+    if not any(out.values()):
+        missing = "the reference is missing: " if kind == WIND_OFF else ""
+        raise DataError(f"{missing}no {kind} picture matches {pattern!r} beside the project")
+    return {name: pictures for name, pictures in out.items() if pictures}
+
+
+def _found(test: PspTest, kind: str, raw: Mapping[str, Sequence[tuple[str, Image]]]) -> Found:
+    """The model in the pictures of a kind: those of one number, of all cameras, are of one instant."""
+    light = {}
+    for name, pictures in raw.items():
+        for file, image in pictures:
+            light[name, file] = _corrected(test, kind, name, file, image)
+    count = max(len(p) for p in raw.values())
+    frames = [FrameImages(f"{k}", float(k), {n: p[k][1] for n, p in raw.items() if k < len(p)}) for k in range(count)]
+    seen: list[ModelPicture] = []
+    states, rms, troubles = [], [], {}
+    for k, frame in enumerate(follow_deformation(frames, test.deforming.test)):
+        state = frame.state
+        if state is None:
+            troubles[f"{kind} picture {k + 1}"] = f"the model was not found: {frame.reason}"
+            continue
+        if not state.fits:
+            troubles[f"{kind} picture {k + 1}"] = "; ".join(state.warnings[:2])
+        states.append(state)
+        rms.append(state.rms_px)
+        mesh, moves = moved_grid(state, test.mesh)
+        for name in frame.views:
+            file = raw[name][k][0]
+            station = test.deforming.test.station(name)
+            value, variance = light[name, file]
+            lens = state.cameras.get(name, station.camera)
+            pose = state.cam_from_tunnel.get(name, station.cam_from_tunnel)
+            seen.append(ModelPicture(f"{kind} {file}", name, value, variance, lens, pose, mesh, moves))
+    if not states:
+        raise DataError(f"no {kind} picture can be used; {next(iter(troubles.values()))}")
+    return Found(tuple(seen), tuple(states), tuple(rms), troubles)
+
+
+def _corrected(test: PspTest, kind: str, camera: str, file: str, image: Image) -> tuple[Array, Array]:
+    """Light and variance of a picture; NaN where a pixel cannot be used."""
+    how = test.project.radiometry
+    try:
+        done = correct_picture(image, test.sensors[camera].model, most_saturated=how.max_saturated)
+    except DataError as error:
+        raise DataError(f"{kind} picture {file} of {camera}: {error}") from None
+    return np.where(done.usable, done.value, np.nan), np.where(done.usable, done.variance, np.nan)
+
+
+def _incidence(test: PspTest, row: PointRow, on: Found) -> float:
+    """The incidence that the pictures show; DataError where the table has another one."""
+    entry = test.project.points
+    pitch = float(np.degrees(np.arcsin(on.states[0].tunnel_from_model.rotation[0, 2])))
+    seen = entry.alpha_at_rest_deg + pitch
+    if abs(seen - row.alpha_deg) > entry.max_alpha_error_deg:
+        raise DataError(
+            f"its pictures show an incidence of {seen:.2f} degrees, the table of points says {row.alpha_deg:g}: rows "
+            "and pictures were exchanged, or points.alpha_at_rest_deg is not that of markers and grid"
+        )
+    return seen
+
+
+def _task(test: PspTest, row: PointRow, stream: TunnelConditions) -> PointTask:
+    project = test.project
+    warm, loads = project.temperature, project.loads
+    reference = None if loads is None else LoadReference(
+        loads.area, loads.chord, loads.span or loads.chord, np.array(loads.moment_point), row.alpha_deg,
+        float(np.nan_to_num(row.beta_deg)),
+    )  # fmt: skip
+    return PointTask(
+        row.name, test.paint.law, stream, row.p_off, row.t_off, warm.recovery, warm.sigma_K,
+        _readings(test.wells, test.readings, row.name), _readings(test.taps, test.pressures, row.name),
+        "compare" if project.taps is None else project.taps.in_situ, _patches(test), reference,
+        0.5 if loads is None else loads.least_seen,
+        tuple(SectionWanted(s.name, s.point, s.normal, s.volume) for s in project.section),
+    )  # fmt: skip
+
+
+def _readings(places: io.PointList | None, table: SensorTable | None, point: str) -> Readings | None:
+    """The sensors that have a place and a reading at a point."""
+    if places is None or table is None:
+        return None
+    value, sigma = table.at(point, places.name.tolist())
+    good = np.isfinite(value) & np.isfinite(places.xyz).all(axis=1)
+    return Readings(
+        tuple(places.name[good].tolist()), places.xyz[good], places.normal[good], value[good], sigma[good]
+    )  # fmt: skip
+
+
+def _patches(test: PspTest) -> tuple[Array, Array]:
+    """Centres and radii of what is no paint: markers and the holes of taps."""
+    clear, markers, taps = test.project.patches.clear, test.deforming.test.markers, test.taps
+    own = (markers.role != "wall") & (markers.radius > 0)
+    centres, radii = [markers.xyz[own]], [markers.radius[own]]
+    if taps is not None and test.project.taps is not None and test.project.taps.radius is not None:
+        place = np.isfinite(taps.xyz).all(axis=1)
+        centres.append(taps.xyz[place])
+        radii.append(np.full(int(place.sum()), test.project.taps.radius))
+    return np.concatenate(centres), clear * np.concatenate(radii)

@@ -1,0 +1,157 @@
+"""The numbers of a point: what tables, report and journal have of it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.paint import COEFFICIENTS, InSitu, dominant
+from windmark.pipeline.psp.point import PointOutcome
+from windmark.pipeline.psp.table import PointRow
+from windmark.tasks.psp import SurfaceSection, TapTable
+
+Array = NDArray[np.float64]
+
+REDUCED, FAILED = "reduced", "failed"
+
+
+@dataclass(frozen=True, eq=False)
+class SectionRecord:
+    """Cp along a cut, see `SurfaceSection`; (K,) taps in it that count: x / c, Cp and sigma."""
+
+    name: str
+    xyz: Array
+    x_c: Array
+    above: NDArray[np.bool_]
+    cp: Array
+    sigma: Array
+    line: NDArray[np.int32]
+    tap_x_c: Array
+    tap_cp: Array
+    tap_sigma: Array
+
+
+@dataclass(frozen=True, eq=False)
+class PointRecord:
+    """What became of a point.
+
+    Parameters
+    ----------
+    name, alpha_deg : of the table
+    pictures : camera and kind -> names, sizes and checksums of its pictures
+    status, reason : `REDUCED`; or `FAILED`, and why
+    remarks : what is to be said of it
+    alpha_seen_deg : the incidence that the pictures show
+    rms_px : median residual of the registrations
+    pictures_used : wind-on and wind-off pictures that count
+    seen : part of the grid's nodes with a Cp
+    median_sigma_cp : over these
+    flicker : of the lamps, see `MergedRatio`
+    fit : figures of the fit to the taps, empty without one
+    loads : volume -> coefficient -> value and sigma
+    causes : what dominates: of "Cp" over all nodes, of "CL" of all volumes -> (cause, share), the largest first
+    taps, sections : paint against taps, Cp along cuts
+    seconds : for each stage
+    """
+
+    name: str
+    alpha_deg: float
+    pictures: Mapping[str, str]
+    status: str
+    reason: str = ""
+    remarks: tuple[str, ...] = ()
+    alpha_seen_deg: float = float("nan")
+    rms_px: float = float("nan")
+    pictures_used: tuple[int, int] = (0, 0)
+    seen: float = 0.0
+    median_sigma_cp: float = float("nan")
+    flicker: float = float("nan")
+    fit: Mapping[str, float] = field(default_factory=dict)
+    loads: Mapping[str, Mapping[str, tuple[float, float]]] = field(default_factory=dict)
+    causes: Mapping[str, list[tuple[str, float]]] = field(default_factory=dict)
+    taps: TapTable | None = None
+    sections: tuple[SectionRecord, ...] = ()
+    seconds: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def key(self) -> str:
+        """The point's name."""
+        return self.name
+
+
+def failed(row: PointRow, pictures: Mapping[str, str], why: str) -> PointRecord:
+    """A point that could not be reduced."""
+    return PointRecord(row.name, row.alpha_deg, pictures, FAILED, why)
+
+
+def record_of(row: PointRow, pictures: Mapping[str, str], done: PointOutcome) -> PointRecord:
+    """The numbers of a reduced point."""
+    reduced = done.reduced
+    troubles = [f"{what}: {why}" for found in (done.on, done.off) for what, why in found.troubles.items()]
+    known = reduced.cp.known
+    used = np.isin(np.arange(len(reduced.cp)), reduced.mesh.used)
+    loads, causes = {}, {"Cp": dominant(reduced.cp)}
+    if reduced.loads is not None:
+        loads = {name: reduced.loads.row(name) for name in reduced.loads.names}
+        causes["CL"] = reduced.loads.dominant("all", "CL")
+        troubles += reduced.loads.warnings
+    counts = tuple(sum(p.name not in reduced.merged.left_out for p in found.pictures) for found in (done.on, done.off))
+    return PointRecord(
+        row.name, row.alpha_deg, pictures, REDUCED, "", (*reduced.remarks, *troubles), done.alpha_seen_deg,
+        float(np.median([*done.on.rms_px, *done.off.rms_px])), (counts[0], counts[1]),
+        float((known & used).sum() / max(int(used.sum()), 1)),
+        float(np.median(reduced.cp.sigma[known])), reduced.merged.flicker, _fit(reduced.in_situ), loads, causes,
+        reduced.taps,
+        tuple(_section(s, reduced.taps) for s in reduced.sections),
+        dict(done.seconds),
+    )  # fmt: skip
+
+
+def _section(s: SurfaceSection, taps: TapTable | None) -> SectionRecord:
+    at = np.array([k for k in s.taps if taps is not None and not taps.words[k]], dtype=int)
+    cp, sigma = (np.zeros(0), np.zeros(0)) if taps is None else (taps.cp[at], taps.cp_sigma[at])
+    x_c = s.tap_x_c[np.isin(s.taps, at)]
+    return SectionRecord(s.name, s.xyz, s.x_c, s.above, s.cp.value, s.cp.sigma, s.line, x_c, cp, sigma)
+
+
+def _fit(fit: InSitu | None) -> dict[str, float]:
+    """Slope and offset (at the middle of the taps), and how well taps and paint agree, in pascals."""
+    if fit is None:
+        return {}
+    slope = float(fit.coefficients[1] / fit.scale) if len(fit.coefficients) > 1 else float("nan")
+    return {
+        "taps": int(fit.used.sum()), "slope": slope, "offset_Pa": float(fit.coefficients[0] - fit.center),
+        "rms_Pa": fit.rms, "leave_one_out_rms_Pa": fit.loo_rms, "scatter_Pa": fit.scatter,
+    }  # fmt: skip
+
+
+def load_columns(records: list[PointRecord]) -> dict[str, NDArray]:
+    """The table of loads: a row for each point and volume."""
+    rows = [(r, volume, of) for r in records for volume, of in r.loads.items()]
+    out: dict[str, NDArray] = {
+        "point": np.array([r.name for r, _, _ in rows], dtype=np.str_),
+        "alpha_deg": np.array([r.alpha_deg for r, _, _ in rows]),
+        "volume": np.array([v for _, v, _ in rows], dtype=np.str_),
+    }
+    for name in COEFFICIENTS:
+        out[name] = np.array([of[name][0] for _, _, of in rows])
+        out[f"sigma_{name}"] = np.array([of[name][1] for _, _, of in rows])
+    return out
+
+
+NUMBER = re.compile(r"[-+]?[0-9][0-9.]*(e[-+]?[0-9]+)?")
+
+
+def grouped(records: Sequence[PointRecord]) -> dict[str, list[str]]:
+    """What is to be said of points -> their names; numbers that differ from point to point are those of the first."""
+    first: dict[str, str] = {}
+    of: dict[str, list[str]] = {}
+    for r in records:
+        for remark in dict.fromkeys(r.remarks):
+            alike = NUMBER.sub("#", remark)
+            of.setdefault(first.setdefault(alike, remark), []).append(r.name)
+    return {remark: list(dict.fromkeys(names)) for remark, names in of.items()}

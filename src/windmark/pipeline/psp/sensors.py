@@ -1,0 +1,128 @@
+"""What a camera does to the light: dark and flat pictures, and the gain that the pictures themselves show."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark import io
+from windmark.errors import DataError
+from windmark.paint import NotFitted, SensorModel, mean_dark, mean_flat, photon_transfer
+from windmark.pipeline.deform.frames import files_of
+from windmark.pipeline.deform.spots import read
+from windmark.pipeline.deform.task import Station
+from windmark.pipeline.psp.project import CAMERA, PspProject
+from windmark.pipeline.psp.table import PointRow
+
+Array = NDArray[np.float64]
+
+TRIED = 3
+"""Points whose wind-off pictures are asked for the gain, one after the other."""
+
+
+@dataclass(frozen=True)
+class CameraSensor:
+    """A camera's sensor.
+
+    Parameters
+    ----------
+    model : how pictures are corrected
+    gain_from : what said the gain
+    remarks : what is to be said
+    """
+
+    model: SensorModel
+    gain_from: str
+    remarks: tuple[str, ...] = ()
+
+
+def pictures_named(project: PspProject, pattern: str, camera: str) -> list[io.PictureFile]:
+    """The pictures that a pattern names for a camera, in order; none where there is no such file."""
+    return files_of(project.path.parent / pattern.replace(CAMERA, camera))
+
+
+def read_sensor(project: PspProject, name: str, station: Station, rows: Sequence[PointRow]) -> CameraSensor:
+    """The sensor of a camera from its dark and flat pictures, and its gain from pictures of one scene.
+
+    Where the project does not say the gain, the scatter of several flat pictures does or, where an even field tells too
+    little, that of the first points' wind-off pictures.
+
+    Raises
+    ------
+    FileError
+        For patterns that name no picture, pictures of another size, flats that are no brighter than the dark, and where
+        nothing says the gain: without it no result has a sigma.
+    """
+    how = project.radiometry
+    remarks: list[str] = []
+    dark, dark_variance, dead = _dark(project, name, station, remarks)
+    saturation = np.inf if how.saturation is None else how.saturation
+    flats = None if how.flat is None else _read_all(project, how.flat, name, station, "radiometry.flat")
+    gain, read_variance, source = how.gain_levels, how.read_variance, "radiometry.gain"
+    if gain is None:
+        gain, read_variance, source = _gain(project, name, station, rows, flats, dark)
+    sensor = SensorModel(dark, saturation, gain, read_variance, dark_variance, dead=dead)
+    if flats is not None:
+        try:
+            flat, flat_variance, bad = mean_flat(flats, sensor)
+        except DataError as error:
+            raise io.FileError(project.path, f"camera {name}: {error}", "radiometry.flat") from None
+        bad = bad if dead is None else bad | dead
+        sensor = replace(sensor, flat=flat, flat_variance=flat_variance, dead=bad)
+    return CameraSensor(sensor, source, tuple(remarks))
+
+
+def _dark(
+    project: PspProject, name: str, station: Station, remarks: list[str]
+) -> tuple[Array | float, Array | float, NDArray[np.bool_] | None]:
+    """Level without light, its variance, dead and hot pixels."""
+    how = project.radiometry
+    if how.dark is not None:
+        return mean_dark(_read_all(project, how.dark, name, station, "radiometry.dark"))
+    if how.black is None:
+        remarks.append(f"camera {name}: neither dark pictures nor radiometry.black are given: the level without light "
+                       "is taken as 0")  # fmt: skip
+    return how.black or 0.0, 0.0, None
+
+
+def _gain(
+    project: PspProject, name: str, station: Station, rows: Sequence[PointRow], flats: Array | None,
+    dark: Array | float,
+) -> tuple[float, float, str]:  # fmt: skip
+    """Gain, read variance, and which pictures say them."""
+    reasons = []
+    if flats is not None and len(flats) > 1:
+        found = photon_transfer(flats, dark=dark, saturation=project.radiometry.saturation)
+        if not isinstance(found, NotFitted):
+            return found.gain, found.read_variance, "flat pictures"
+        reasons.append(f"flat pictures: {found.reason}")
+    for row in rows[:TRIED]:
+        files = pictures_named(project, row.off, name) if row.off else []
+        if len(files) < 2:
+            reasons.append(f"wind-off pictures of {row.name}: there are {len(files)}, two are needed")
+            continue
+        found = photon_transfer(_stack(files, station), dark=dark, saturation=project.radiometry.saturation)
+        if not isinstance(found, NotFitted):
+            return found.gain, found.read_variance, f"wind-off pictures of {row.name}"
+        reasons.append(f"wind-off pictures of {row.name}: {found.reason}")
+    why = "; ".join(reasons) or "there are none"
+    raise io.FileError(
+        project.path, f"camera {name}: no pictures say its gain ({why}); expected it in photo-electrons per grey level",
+        "radiometry.gain",
+    )  # fmt: skip
+
+
+def _read_all(project: PspProject, pattern: str, name: str, station: Station, key: str) -> Array:
+    """(F, H, W) the pictures of a pattern."""
+    files = pictures_named(project, pattern, name)
+    if not files:
+        shown = pattern.replace(CAMERA, name)
+        raise io.FileError(project.path, f"no file matches {shown!r} beside the project", key)
+    return _stack(files, station)
+
+
+def _stack(files: Sequence[io.PictureFile], station: Station) -> Array:
+    return np.stack([np.asarray(read(file, station)) for file in files])

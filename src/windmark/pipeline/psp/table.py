@@ -1,0 +1,199 @@
+"""The run/point table of a paint test, and the readings of its sensors: units are in the names of columns."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark import io
+from windmark.errors import DataError
+from windmark.io.csvtable import Table
+from windmark.paint import TunnelConditions
+
+Array = NDArray[np.float64]
+
+PRESSURE = {"Pa": 1.0, "hPa": 100.0, "mbar": 100.0, "kPa": 1e3, "bar": 1e5, "psf": 47.880259, "psi": 6894.757293}
+"""Pascals of the units that columns of pressures may be in."""
+TEMPERATURE = {"K": (1.0, 0.0), "degC": (1.0, 273.15), "degF": (5 / 9, 255.3722222222222)}
+"""Factor and offset to kelvin."""
+MIXED = 0.05
+"""q of the table and 0.7 M^2 p differ by less than this part where both are in the units that they say."""
+
+
+@dataclass(frozen=True)
+class PointRow:
+    """A row of the table; NaN where a cell is empty. Pascals and kelvin.
+
+    Parameters
+    ----------
+    name : of the point
+    alpha_deg, beta_deg : incidence and sideslip
+    mach, p_inf, q_inf, t_0 : of the stream
+    p_off, t_off : of the wind-off pictures
+    on, off : patterns of pictures, see `project.CAMERA`
+    sigma_p, sigma_q : of static and dynamic pressure
+    line : in the file
+    """
+
+    name: str
+    alpha_deg: float
+    beta_deg: float
+    mach: float
+    p_inf: float
+    q_inf: float
+    t_0: float
+    p_off: float
+    t_off: float
+    on: str
+    off: str
+    sigma_p: float
+    sigma_q: float
+    line: int
+
+    def conditions(self) -> TunnelConditions:
+        """The stream.
+
+        Raises
+        ------
+        DataError
+            For what is missing, and for pressures that do not fit each other: their units are mixed.
+        """
+        needed = {"p_inf": self.p_inf, "q_inf": self.q_inf, "p_off": self.p_off, "alpha": self.alpha_deg}
+        for what, value in needed.items():
+            if not np.isfinite(value):
+                raise DataError(f"{what} is missing in the table of points (line {self.line})")
+        if np.isfinite(self.mach):
+            by_mach = 0.7 * self.mach**2 * self.p_inf
+            if not abs(by_mach / self.q_inf - 1) < MIXED:
+                raise DataError(
+                    f"q_inf is {self.q_inf:g} Pa, but Mach {self.mach:g} and p_inf {self.p_inf:g} Pa give {by_mach:g} "
+                    f"Pa: units are mixed, or a cell is wrong (line {self.line} of the table of points)"
+                )
+        cov = np.diag([np.nan_to_num(self.sigma_p) ** 2, np.nan_to_num(self.sigma_q) ** 2])
+        return TunnelConditions(
+            self.p_inf, self.q_inf, cov if cov.any() else None, mach=self.mach, t_0=self.t_0
+        )  # fmt: skip
+
+
+def read_points_table(path: Path) -> tuple[PointRow, ...]:
+    """The rows of a CSV table ``point,alpha_deg,p_inf_UNIT,q_inf_UNIT,p_off_UNIT,T_off_UNIT,on,off[,...]``.
+
+    May have: ``beta_deg``, ``mach``, ``T0_UNIT``, ``sigma_p_inf_UNIT``, ``sigma_q_inf_UNIT``; other columns are left
+    out. An empty cell is missing for its point alone. Units of pressures: `PRESSURE`; of temperatures: `TEMPERATURE`.
+
+    Raises
+    ------
+    FileError
+        For a missing column, a unit that is not known, a cell that is no number, a point twice, or no point at all.
+    """
+    table = io.read_table(path, required=("point", "alpha_deg", "on", "off"), known=None)
+    names = table.text("point")
+    twice = sorted({n for n in names if names.count(n) > 1})
+    if twice or "" in names:
+        why = f"point {twice[0]!r} is there more than once" if twice else "a point has no name"
+        raise io.FileError(path, why, "point")
+    if not names:
+        raise io.FileError(path, "has no points; expected a row for each")
+    none = np.full(len(table), np.nan)
+
+    def plain(column: str) -> Array:
+        return table.numbers(column, optional=True) if column in table else none
+
+    p = {q: in_unit(table, q, PRESSURE) for q in ("p_inf", "q_inf", "p_off")}
+    off = temperatures(table, "T_off")
+    warm = temperatures(table, "T0") if any(c.startswith("t0_") for c in table.columns) else none
+    sigma = [in_unit(table, q, PRESSURE, optional=True) for q in ("sigma_p_inf", "sigma_q_inf")]
+    columns = (plain("alpha_deg"), plain("beta_deg"), plain("mach"), p["p_inf"], p["q_inf"], warm, p["p_off"], off)
+    keys = ("alpha_deg", "beta_deg", "mach", "p_inf", "q_inf", "t_0", "p_off", "t_off", "sigma_p", "sigma_q")
+    numbers = [dict(zip(keys, row, strict=True)) for row in np.transpose((*columns, *sigma)).tolist()]
+    texts = zip(names, table.text("on"), table.text("off"), table.lines.tolist(), strict=True)
+    return tuple(
+        PointRow(name=name, on=on, off=off_, line=line, **row)
+        for row, (name, on, off_, line) in zip(numbers, texts, strict=True)
+    )
+
+
+def in_unit(table: Table, quantity: str, units: Mapping[str, float], *, optional: bool = False) -> Array:
+    """A column ``quantity_UNIT`` in the units' base; NaN where a cell, or with ``optional`` the column, is missing.
+
+    Raises
+    ------
+    FileError
+        Without such a column, with several, or with one in a unit that is not known.
+    """
+    column = _column(table, quantity, units, optional)
+    if column is None:
+        return np.full(len(table), np.nan)
+    return table.numbers(column, optional=True) * units[_unit_of(column, quantity, units)]
+
+
+def temperatures(table: Table, quantity: str) -> Array:
+    """A column ``quantity_UNIT`` in kelvin; see `in_unit`."""
+    column = _column(table, quantity, TEMPERATURE, False)
+    assert column is not None
+    factor, offset = TEMPERATURE[_unit_of(column, quantity, TEMPERATURE)]
+    return table.numbers(column, optional=True) * factor + offset
+
+
+def _column(table: Table, quantity: str, units: Mapping[str, object], optional: bool) -> str | None:
+    found = [c for c in table.columns if c.startswith(f"{quantity.lower()}_")]
+    if not found and optional:
+        return None
+    expected = f"expected {quantity}_UNIT with one of the units {', '.join(units)}"
+    if len(found) != 1:
+        raise io.FileError(Path(table.path), f"has {' and '.join(found) or f'no column {quantity}_...'}; {expected}")
+    if not _unit_of(found[0], quantity, units):
+        raise io.FileError(Path(table.path), f"its unit is not known; {expected}", found[0])
+    return found[0]
+
+
+def _unit_of(column: str, quantity: str, units: Mapping[str, object]) -> str:
+    """The unit in a column's name, whatever its letters' case; "" for one that is not known."""
+    said = column[len(quantity) + 1 :].lower()
+    return next((unit for unit in units if unit.lower() == said), "")
+
+
+@dataclass(frozen=True)
+class SensorTable:
+    """Readings of sensors: point -> name -> (value, sigma)."""
+
+    path: Path
+    of: Mapping[str, Mapping[str, tuple[float, float]]] = field(default_factory=dict)
+
+    def at(self, point: str, names: Sequence[str]) -> tuple[Array, Array]:
+        """(N,) values and sigmas of a point, NaN for sensors without a reading."""
+        own = self.of.get(point, {})
+        pairs = np.array([own.get(n, (np.nan, np.nan)) for n in names], dtype=float).reshape(-1, 2)
+        return pairs[:, 0], pairs[:, 1]
+
+
+def read_sensors(path: Path, quantity: str, sigma: float) -> SensorTable:
+    """A CSV table ``point,name,QUANTITY_UNIT[,sigma_UNIT]`` of pressures (Pa) or temperatures (K).
+
+    Parameters
+    ----------
+    quantity : "pressure" or "temperature"
+    sigma : of readings whose table says none, in Pa or K
+
+    Raises
+    ------
+    FileError
+        As in `read_points_table`; for a sensor that is there twice at a point, or a sigma that is not above 0.
+    """
+    table = io.read_table(path, required=("point", "name"), known=None)
+    warm = quantity == "temperature"
+    value = temperatures(table, quantity) if warm else in_unit(table, quantity, PRESSURE)
+    factors = {unit: factor for unit, (factor, _) in TEMPERATURE.items()} if warm else PRESSURE
+    sigmas = np.nan_to_num(in_unit(table, "sigma", factors, optional=True), nan=sigma)
+    table.check(sigmas > 0, "sigma must be > 0, or empty where unknown")
+    out: dict[str, dict[str, tuple[float, float]]] = {}
+    for row, (point, name) in enumerate(zip(table.text("point"), table.text("name"), strict=True)):
+        own = out.setdefault(point, {})
+        if name in own:
+            table.fail(row, f"{name!r} is there more than once for point {point!r}")
+        own[name] = (float(value[row]), float(sigmas[row]))
+    return SensorTable(path, out)

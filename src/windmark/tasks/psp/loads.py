@@ -1,0 +1,49 @@
+"""Loads of the sides of the model that cameras show; what none shows is named, not guessed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.errors import WindmarkError
+from windmark.paint import LoadReference, Loads, NodeField, fewer_modes, integrate_loads
+from windmark.scene import Mesh
+
+Mask = NDArray[np.bool_]
+
+MODES = 25
+"""Columns of Cp that the loads get: `integrate_loads` adds one for what it fills in of each volume."""
+UNSEEN_SIDE = " (not seen)"
+"""Ends the name of the part of a volume that no camera shows."""
+
+
+def seen_sides(mesh: Mesh, known: Mask) -> Mesh:
+    """The grid with every volume divided: triangles of which no corner has a value are a volume of their own."""
+    blind = ~known[mesh.triangles].any(axis=1)
+    width = max((len(str(n)) for n in set(mesh.volume.tolist())), default=0) + len(UNSEEN_SIDE)
+    names = mesh.volume.astype(f"<U{width}")
+    names[blind] = np.char.add(mesh.volume[blind].astype(f"<U{width}"), UNSEEN_SIDE)
+    return replace(mesh, volume=names)
+
+
+def seen_loads(
+    mesh: Mesh, cp: NodeField, reference: LoadReference, least_seen: float, remarks: list[str]
+) -> Loads | None:
+    """Loads of what was seen, None where ``remarks`` say why not; they name what no camera shows."""
+    sides = seen_sides(mesh, cp.known)
+    volumes = [str(n) for n in dict.fromkeys(sides.volume.tolist()) if not str(n).endswith(UNSEEN_SIDE)]
+    area = np.linalg.norm(mesh.triangle_normals(), axis=1)
+    for name in dict.fromkeys(mesh.volume.tolist()):
+        own, blind = mesh.volume == name, sides.volume == name + UNSEEN_SIDE
+        part = float(area[blind].sum() / max(float(area[own].sum()), 1e-300))
+        if part > 0:
+            remarks.append(f"{name}: {100 * part:.3g} % of its area is on a side that no camera shows; its loads are "
+                           "those of the rest")  # fmt: skip
+    try:
+        done = integrate_loads(sides, fewer_modes(cp, MODES), reference, volumes=volumes, least_seen=least_seen)
+    except WindmarkError as error:
+        remarks.append(f"no loads: {error}")
+        return None
+    return done

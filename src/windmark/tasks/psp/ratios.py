@@ -1,0 +1,174 @@
+"""The ratio wind-off / wind-on on the model: pictures to nodes, means over pictures, cameras merged."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.errors import DataError
+from windmark.paint import NodeField, NotFitted, average_frames, combined, form_ratio
+from windmark.tasks.psp.lamps import Lamp, lit
+from windmark.tasks.psp.sampling import ModelPicture, Samples, Sampling, sample_picture
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+DIRECTIONS = 3
+"""Of a registration's errors so many are kept as modes, those that change the ratio most; the others count as noise."""
+WIND_ON, WIND_OFF = "wind-on", "wind-off"
+
+
+@dataclass(frozen=True, eq=False)
+class CameraRatio:
+    """What one camera says.
+
+    Parameters
+    ----------
+    ratio : (V) wind-off / wind-on
+    weight : (V,) see `Samples`
+    """
+
+    ratio: NodeField
+    weight: Array
+
+
+@dataclass(frozen=True, eq=False)
+class MergedRatio:
+    """What all cameras say.
+
+    Parameters
+    ----------
+    ratio : (V) wind-off / wind-on
+    cameras : each camera's own
+    source : (V,) int8, which camera counts most; -1 for none
+    flicker : relative standard deviation of the lamps from picture to picture, as the pictures show it
+    left_out : picture -> why it does not count
+    """
+
+    ratio: NodeField
+    cameras: Mapping[str, CameraRatio]
+    source: NDArray[np.int8]
+    flicker: float
+    left_out: Mapping[str, str] = field(default_factory=dict)
+
+
+def ratio_of(
+    on: Sequence[ModelPicture], off: Sequence[ModelPicture], *, how: Sampling | None = None, lamps: Sequence[Lamp] = ()
+) -> MergedRatio:
+    """Ratio at the nodes of a grid from pictures of one point by any number of cameras.
+
+    Every picture is taken to the nodes where they were in it, so nothing has to be aligned. Of one camera, pictures of
+    a kind are averaged (lamps that flicker are evened out; one that contradicts the others does not count); the mean's
+    errors by pose and deformation are the modes ``registration wind-on`` and ``registration wind-off``, which all
+    cameras share, and the lamps' the mode ``lamps``. Cameras count by their inverse variance, and fade where they end.
+
+    Parameters
+    ----------
+    on, off : pictures with wind and without, of the same cameras and grid
+    how : of sampling
+    lamps : the light that the model moves in; none given: it is taken as the same
+
+    Raises
+    ------
+    DataError
+        Where no camera has pictures of both kinds, or none shows a node in both.
+    """
+    how = Sampling() if how is None else how
+    names = [n for n in dict.fromkeys(p.camera for p in on) if any(p.camera == n for p in off)]
+    if not names:
+        raise DataError("no camera has pictures with wind and without")
+    levels: dict[str, dict[str, _Level]] = {}
+    left_out: dict[str, str] = {}
+    for kind, pictures in ((WIND_ON, on), (WIND_OFF, off)):
+        levels[kind] = {name: _level([p for p in pictures if p.camera == name], how, lamps, left_out) for name in names}
+    flicker = _flicker([level for of in levels.values() for level in of.values()])
+    fields = {kind: _as_fields(of, kind) for kind, of in levels.items()}
+    cameras = {}
+    for name in names:
+        ratio = form_ratio(fields[WIND_OFF][name], fields[WIND_ON][name])
+        n_on, n_off = levels[WIND_ON][name].count, levels[WIND_OFF][name].count
+        if flicker > 0:
+            part = flicker * np.sqrt(1 / n_on + 1 / n_off)
+            ratio = ratio.with_mode("lamps", np.where(ratio.known, part * ratio.value, 0.0))
+        weight = np.minimum(levels[WIND_ON][name].weight, levels[WIND_OFF][name].weight)
+        cameras[name] = CameraRatio(_without_nan(ratio), np.where(ratio.known, weight, 0.0))
+    merged, source = _merged(cameras)
+    if not merged.known.any():
+        raise DataError("no node of the grid is seen both with wind and without")
+    return MergedRatio(merged, cameras, source, flicker, left_out)
+
+
+def _without_nan(field_: NodeField) -> NodeField:
+    """The same field; what is not known has no error, so that it can be given the weight 0."""
+    on = field_.known
+    return replace(field_, white=np.where(on, field_.white, 0.0), modes=np.where(on[:, None], field_.modes, 0.0))
+
+
+@dataclass(frozen=True, eq=False)
+class _Level:
+    """The mean of one camera's pictures of a kind at V nodes, light evened out by the lamps'."""
+
+    value: Array
+    variance: Array
+    columns: Array
+    weight: Array
+    light: Array
+    count: int
+
+
+def _level(pictures: Sequence[ModelPicture], how: Sampling, lamps: Sequence[Lamp], left_out: dict[str, str]) -> _Level:
+    samples = [_in_even_light(sample_picture(p, how), p, lamps) for p in pictures]
+    mean = average_frames(np.stack([s.value for s in samples]), np.stack([s.variance for s in samples]))
+    if isinstance(mean, NotFitted):
+        raise DataError(f"the pictures of camera {pictures[0].camera} contradict each other: {mean.reason}")
+    left_out.update({p.name: why for p, why, used in zip(pictures, mean.reasons, mean.used, strict=True) if not used})
+    used = np.flatnonzero(mean.used)
+    # Each picture has a state of its own: errors of the mean are those of one, smaller by the root of their number.
+    columns = np.mean([samples[k].columns for k in used], axis=0) / np.sqrt(len(used))
+    weight = np.min([samples[k].weight for k in used], axis=0)
+    return _Level(mean.value, mean.variance, columns, weight, mean.light[used], len(used))
+
+
+def _in_even_light(s: Samples, picture: ModelPicture, lamps: Sequence[Lamp]) -> Samples:
+    light = lit(picture.mesh, lamps)
+    return Samples(s.value / light, s.variance / light**2, np.nan_to_num(s.columns / light[:, None]), s.weight)
+
+
+def _flicker(levels: Sequence[_Level]) -> float:
+    """Pooled standard deviation of the lamps; 0 where every mean is of one picture."""
+    several = [level.light for level in levels if level.count > 1]
+    if not several:
+        return 0.0
+    square = sum(float(((g / g.mean() - 1) ** 2).sum()) for g in several)
+    return float(np.sqrt(square / sum(len(g) - 1 for g in several)))
+
+
+def _as_fields(levels: Mapping[str, _Level], kind: str) -> dict[str, NodeField]:
+    """The means with their registration's leading directions as modes, the same for all cameras."""
+    relative = [np.nan_to_num(of.columns / of.value[:, None]) for of in levels.values()]
+    _, axes = np.linalg.eigh(sum(r.T @ r for r in relative))
+    axes = axes[:, ::-1]
+    out = {}
+    for name, of in levels.items():
+        turned = of.columns @ axes
+        rest = (turned[:, DIRECTIONS:] ** 2).sum(axis=1)
+        kept = turned[:, :DIRECTIONS]
+        names = tuple(f"registration {kind}:{k + 1}" for k in range(kept.shape[1]))
+        white = np.where(np.isfinite(of.variance), of.variance, 0.0) + rest
+        out[name] = NodeField(of.value, white, kept, names)
+    return out
+
+
+def _merged(cameras: Mapping[str, CameraRatio]) -> tuple[NodeField, NDArray[np.int8]]:
+    """Weighted by taper over the variance of the noise; errors that cameras share go through the weights."""
+    parts = list(cameras.values())
+    weights = np.stack([np.where(c.ratio.known, c.weight / np.maximum(c.ratio.variance, 1e-300), 0.0) for c in parts])
+    total = weights.sum(axis=0)
+    share = np.divide(weights, total, out=np.zeros_like(weights), where=total > 0)
+    value = sum(w * np.nan_to_num(c.ratio.value) for w, c in zip(share, parts, strict=True))
+    known = total > 0
+    out = combined(np.where(known, value, np.nan), [(c.ratio, w) for w, c in zip(share, parts, strict=True)])
+    return out, np.where(known, share.argmax(axis=0), -1).astype(np.int8)

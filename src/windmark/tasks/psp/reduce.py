@@ -1,0 +1,183 @@
+"""One point of a paint test: the ratio on the model to pressure, Cp, loads and sections, each with its sigma."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.errors import DataError
+from windmark.paint import (
+    InSitu,
+    LoadReference,
+    Loads,
+    NodeField,
+    SternVolmer,
+    TunnelConditions,
+    disc_nodes,
+    fill_patches,
+    pressure_coefficient,
+    pressure_map,
+    recovery_temperature,
+    thermocouple_temperature,
+)
+from windmark.scene import Mesh
+from windmark.tasks.psp.cuts import SectionWanted, SurfaceSection, cut_sections
+from windmark.tasks.psp.loads import seen_loads
+from windmark.tasks.psp.ratios import MergedRatio
+from windmark.tasks.psp.taps import Readings, TapTable, at_taps, in_cp
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class PointTask:
+    """What is known of a point besides its pictures.
+
+    Parameters
+    ----------
+    name : of the point
+    law : the paint's calibration
+    conditions : of the stream
+    p_off, t_off : pressure and temperature of the wind-off pictures, in the calibration's units
+    recovery, recovery_sigma : of the wall's temperature; None: thermocouples alone say it
+    thermocouples : readings in K; None without
+    taps : readings of pressure; None without
+    fit_taps : "offset-slope", "offset", or "compare": the taps are only compared with
+    patches : (D, 3) and (D,) centres and radii, on the model at rest, of what is no paint
+    reference : of the loads; None: none are wanted
+    least_seen : see `integrate_loads`
+    sections : cuts that are wanted
+    """
+
+    name: str
+    law: SternVolmer
+    conditions: TunnelConditions
+    p_off: float
+    t_off: float
+    recovery: float | None = None
+    recovery_sigma: float = 1.0
+    thermocouples: Readings | None = None
+    taps: Readings | None = None
+    fit_taps: str = "offset-slope"
+    patches: tuple[Array, Array] = field(default_factory=lambda: (np.zeros((0, 3)), np.zeros(0)))
+    reference: LoadReference | None = None
+    least_seen: float = 0.5
+    sections: tuple[SectionWanted, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class ReducedPoint:
+    """A point of a paint test.
+
+    Parameters
+    ----------
+    name : of the point
+    mesh : the grid deformed, in the model's frame
+    ratio : (V) wind-off / wind-on, patches filled
+    temperature, pressure, cp : (V) fields
+    flags : (V,) bits of `paint.FLAGS`; filled : (V,) the values are those of their surroundings
+    merged : the ratio before patches were taken out, and each camera's
+    in_situ : the fit to the taps; None without, ``remarks`` say why
+    taps : paint against taps; None without
+    loads : of the seen side; None where none were wanted, or ``remarks`` say why
+    sections : Cp along cuts
+    remarks : what is to be said of the point
+    """
+
+    name: str
+    mesh: Mesh
+    ratio: NodeField
+    temperature: NodeField
+    pressure: NodeField
+    cp: NodeField
+    flags: NDArray[np.uint8]
+    filled: Mask
+    merged: MergedRatio
+    in_situ: InSitu | None
+    taps: TapTable | None
+    loads: Loads | None
+    sections: tuple[SurfaceSection, ...]
+    remarks: tuple[str, ...] = ()
+
+
+def reduce_point(merged: MergedRatio, rest: Mesh, mesh: Mesh, task: PointTask) -> ReducedPoint:
+    """From the ratio on the model to pressure, Cp, loads and sections.
+
+    Parameters
+    ----------
+    merged : see `ratio_of`
+    rest, mesh : the grid at rest, and as it was with wind in the model's frame
+    task : what is known of the point
+
+    Raises
+    ------
+    DataError
+        Where no node comes to a pressure.
+
+    Notes
+    -----
+    The order: patches out and filled, temperature, pressure by the calibration (a priori), pressure by the taps (in
+    situ), Cp, sections, loads. Errors that nodes share go along as modes (`NodeField`).
+    """
+    remarks: list[str] = [f"{name} does not count: {why}" for name, why in merged.left_out.items()]
+    ratio, filled = _patched(rest, merged.ratio, task, remarks)
+    temperature = _temperature(rest, task, remarks)
+    prior = pressure_map(task.law, ratio, temperature, p_off=task.p_off, t_off=task.t_off)
+    if not prior.field.known.any():
+        raise DataError(f"{task.name}: no node has a pressure: {_why(prior.flags)}")
+    pressure, fit, taps = at_taps(rest, prior.field, task.taps, task.fit_taps, remarks)
+    cp = pressure_coefficient(pressure, task.conditions)
+    if taps is not None and task.taps is not None:
+        taps = in_cp(taps, task.taps, task.conditions, cp, rest)
+    sections = cut_sections(rest, cp, task.sections, None if task.taps is None else task.taps.xyz)
+    loads = None if task.reference is None else seen_loads(mesh, cp, task.reference, task.least_seen, remarks)
+    return ReducedPoint(
+        task.name, mesh, ratio, temperature, pressure, cp, prior.flags, filled, merged, fit, taps, loads, sections,
+        tuple(remarks),
+    )  # fmt: skip
+
+
+def _patched(rest: Mesh, ratio: NodeField, task: PointTask, remarks: list[str]) -> tuple[NodeField, Mask]:
+    """The ratio with what is no paint filled from round it, where that was seen."""
+    centres, radii = task.patches
+    none = np.zeros(len(ratio), bool)
+    if not len(centres):
+        return ratio, none
+    patch = disc_nodes(rest, centres, radii)
+    # A patch that nothing was seen round is not asked for: it stays without a value, as what is round it.
+    near = disc_nodes(rest, centres, 2 * radii)
+    seen = np.unique(near[(near >= 0) & ratio.known])
+    patch = np.where(np.isin(patch, seen), patch, -1)
+    if not (patch >= 0).any():
+        return ratio, none
+    try:
+        done = fill_patches(rest, ratio, patch)
+    except DataError as error:
+        remarks.append(f"markers and taps are left without values: {error}")
+        gone = patch >= 0
+        return replace(ratio, value=np.where(gone, np.nan, ratio.value)), none
+    return done.field, np.asarray(done.filled)
+
+
+def _temperature(rest: Mesh, task: PointTask, remarks: list[str]) -> NodeField:
+    """Of the wall: by thermocouples where they say it, else by recovery."""
+    count = len(rest.vertices)
+    wells = task.thermocouples
+    if wells is not None and len(wells.names):
+        return thermocouple_temperature(rest.vertices, wells.xyz, wells.value, wells.sigma)
+    if task.recovery is None:
+        raise DataError(f"{task.name}: there is no temperature: no thermocouple has a reading and no recovery is given")
+    if not (np.isfinite(task.conditions.mach) and np.isfinite(task.conditions.t_0)):
+        raise DataError(f"{task.name}: the temperature is missing: recovery needs the Mach number and T0")
+    if wells is not None:
+        remarks.append("no thermocouple has a reading: the wall's temperature is that of recovery")
+    return recovery_temperature(task.conditions, count, recovery=task.recovery, sigma=task.recovery_sigma)
+
+
+def _why(flags: NDArray[np.uint8]) -> str:
+    from windmark.paint.stern_volmer import FLAGS
+
+    return "; ".join(words for bit, words in FLAGS.items() if (flags & bit).any()) or "nothing was seen"

@@ -1,0 +1,170 @@
+"""`windmark psp` on a simulated polar: against its truth, and each kind of mistake in its files."""
+
+import csv
+import json
+import shutil
+
+import numpy as np
+import pytest
+
+from windmark import io
+from windmark.pipeline.simulate_psp import simulate_psp
+
+
+@pytest.fixture(scope="module")
+def polar(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("polar") / "test"
+    folder.mkdir()
+    simulate_psp(folder, 11, 2, (640, 400))
+    return folder
+
+
+@pytest.fixture
+def copied(polar, tmp_path):
+    return shutil.copytree(polar, tmp_path / "test")
+
+
+def rows(path):
+    with open(path, newline="") as stream:
+        return list(csv.DictReader(line for line in stream if not line.startswith("#")))
+
+
+def write(path, table):
+    with open(path, "w", newline="") as stream:
+        writer = csv.DictWriter(stream, table[0])
+        writer.writeheader()
+        writer.writerows(table)
+
+
+def fields(path):
+    return io.read_nodes_netcdf(path)[1]
+
+
+def results(folder):
+    """Every file of a result but what names times."""
+    return {
+        str(p.relative_to(folder)): p.read_bytes()
+        for p in sorted(folder.rglob("*")) if p.is_file() and p.suffix in (".csv", ".vtp", ".pvd")
+    }  # fmt: skip
+
+
+def test_a_simulated_polar_comes_out_as_it_is_true(windmark, polar, tmp_path):
+    done = windmark("psp", polar / "psp.toml", "--output", tmp_path / "out", "--json")
+    assert done.code == 0, done.err
+    assert [r["status"] for r in done.json["results"]] == ["reduced", "reduced"]
+    for of in done.json["results"]:
+        place = tmp_path / "out" / of["point"]
+        found, true = fields(place / "fields.nc"), fields(polar / "truth" / f"{of['point']}.nc")
+        off, sigma = found["cp"] - true["cp"], found["sigma_cp"]
+        seen = np.isfinite(off)
+        assert seen.sum() > 4_000
+        assert np.sqrt(np.median(off[seen] ** 2)) < 0.03
+        assert 0.90 < np.mean(np.abs(off[seen]) < 1.96 * sigma[seen]) < 0.985
+        assert abs(np.median(found["ratio"][seen] / true["ratio"][seen]) - 1) < 0.01
+        assert of["in_situ"]["taps"] >= 15
+        assert of["taps"]["rms_cp"] < 0.03
+        assert of["pictures"] == [6, 6]
+        assert 0.1 < of["loads"]["wing"]["CL"][0] < 0.8
+        sections = rows(place / "sections.csv")
+        assert {s["section"] for s in sections} == {"eta30", "eta55", "eta80"}
+    low, high = (of["loads"]["wing"]["CL"] for of in done.json["results"])
+    assert high[0] - low[0] > 5 * np.hypot(low[1], high[1])  # four degrees of incidence
+    html = (tmp_path / "out" / "report.html").read_text()
+    assert html.count("<img") >= 8
+    assert not done.json["not_drawn"]
+    assert (tmp_path / "out" / "polar.pvd").read_text().count("DataSet") == 2
+
+
+def test_a_mistake_in_one_point_gets_a_sentence_and_stops_no_other(windmark, copied):
+    (good, high) = rows(copied / "points.csv")
+    for name, change in (("bright", lambda a: np.where(np.arange(a.size).reshape(a.shape) % 9 == 0, 16383, a)),
+                         ("gloomy", lambda a: np.full_like(a, 100))):  # fmt: skip
+        shutil.copytree(copied / "images" / "p01", copied / "images" / name)
+        for file in (copied / "images" / name).glob("on-*.tif"):
+            io.write_image(file, change(io.read_grey(file)).astype(np.uint16))
+    wrong = {
+        "no-reference": {"off": "images/p01/none-{camera}-*.tif"},
+        "exchanged": {"on": high["on"], "off": high["off"]},
+        "mixed-units": {"q_inf_Pa": float(good["q_inf_Pa"]) / 1000},
+        "other-unit": {"p_off_Pa": float(good["p_off_Pa"]) / 100},
+        "no-temperature": {"T_off_K": ""},
+        "bright": {"on": "images/bright/on-{camera}-*.tif"},
+        "gloomy": {"on": "images/gloomy/on-{camera}-*.tif"},
+        "cold": {"T0_K": ""},
+    }
+    write(copied / "points.csv", [good, *({**good, "point": name, **other} for name, other in wrong.items())])
+    done = windmark("psp", copied / "psp.toml", "--json", "--threads", "2")
+    assert done.code == 0, done.err
+    said = {r["point"]: (r["status"], r["reason"]) for r in done.json["results"]}
+    assert said["p01"] == ("reduced", "")
+    for name, words in {
+        "no-reference": "the reference is missing", "exchanged": "rows and pictures were exchanged",
+        "mixed-units": "units are mixed", "other-unit": "its unit is another one",
+        "no-temperature": "T_off is missing", "bright": "is saturated", "gloomy": "dark picture is brighter",
+        "cold": "temperature is missing",
+    }.items():  # fmt: skip
+        assert said[name][0] == "failed", name
+        assert words in said[name][1], said[name]
+        assert said[name][1].count("\n") == 0
+    table = {r["point"]: r["reason"] for r in rows(copied / "psp" / "points.csv")}
+    assert table["exchanged"] == said["exchanged"][1]
+    assert "Point exchanged" in (copied / "psp" / "report.html").read_text()
+
+
+def test_taps_outside_the_grid_are_said_and_the_calibration_is_taken_alone(windmark, copied):
+    taps = rows(copied / "taps.csv")
+    write(copied / "taps.csv", [{**tap, "z": float(tap["z"]) + 500} for tap in taps])
+    write(copied / "points.csv", rows(copied / "points.csv")[:1])
+    done = windmark("psp", copied / "psp.toml", "--json")
+    assert done.code == 0, done.err
+    (of,) = done.json["results"]
+    assert of["status"] == "reduced"
+    assert of["in_situ"] == {}
+    assert any("54 of 54 taps lie outside the grid" in remark for remark in of["remarks"]), of["remarks"]
+    assert any("that of the calibration alone" in remark for remark in of["remarks"])
+
+
+def test_threads_and_a_run_that_was_stopped_give_the_same_bytes(windmark, polar, tmp_path, monkeypatch):
+    from windmark.pipeline.psp import run as job
+
+    whole, other, stopped = (tmp_path / name for name in ("whole", "threads", "stopped"))
+    assert windmark("psp", polar / "psp.toml", "-o", whole).code == 0
+    assert windmark("psp", polar / "psp.toml", "-o", other, "--threads", "2").code == 0
+    assert results(whole) == results(other)
+    one_point = job.one_point
+
+    def breaks(test, folder, row):
+        if row.name == "p02":
+            raise KeyboardInterrupt
+        return one_point(test, folder, row)
+
+    monkeypatch.setattr(job, "one_point", breaks)
+    ended = windmark("psp", polar / "psp.toml", "-o", stopped)
+    assert ended.code == 130
+    assert "1 frames are kept" in ended.err
+    monkeypatch.undo()
+    again = windmark("psp", polar / "psp.toml", "-o", stopped, "--resume", "--json")
+    assert again.code == 0, again.err
+    assert again.json["reduced"] == 2
+    assert results(whole) == results(stopped)
+    assert not [*stopped.glob(".windmark-*")]
+
+
+def test_what_all_points_need_is_refused_before_any_is_reduced(windmark, copied):
+    project = (copied / "psp.toml").read_text()
+    cell = rows(copied / "paint-cell.csv")
+    for old, new, words in (
+        ('dark = "calibration/dark-{camera}-*.tif"', 'dark = "calibration/drak-{camera}-*.tif"', "no file matches"),
+        ('cell = "paint-cell.csv"', 'cell = "paint-cell.cvs"', "paint-cell.cvs"),
+        ("recovery = 0.896", "recovery = 8.96", "temperature.recovery"),
+    ):
+        (copied / "psp.toml").write_text(project.replace(old, new))
+        done = windmark("psp", copied / "psp.toml")
+        assert done.code == 2
+        assert words in done.err
+        assert not (copied / "psp").exists()
+    (copied / "psp.toml").write_text(project)
+    write(copied / "paint-cell.csv", [row for row in cell if row["pressure_Pa"] == cell[0]["pressure_Pa"]])
+    done = windmark("psp", copied / "psp.toml", "--json")
+    assert done.code == 2
+    assert "paint.cell" in json.loads(done.out)["error"]
