@@ -31,6 +31,14 @@ from windmark.tasks.psp.taps import Readings, TapTable, at_taps, in_cp
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
+WALL = 0.1
+"""Part of the grid's size over which a wall's temperature keeps about its value, where nothing else is said."""
+
+
+def no_patches() -> tuple[Array, Array, Array]:
+    """Centres, radii and normals of none."""
+    return np.zeros((0, 3)), np.zeros(0), np.zeros((0, 3))
+
 
 @dataclass(frozen=True, eq=False)
 class PointTask:
@@ -42,11 +50,13 @@ class PointTask:
     law : the paint's calibration
     conditions : of the stream
     p_off, t_off : pressure and temperature of the wind-off pictures, in the calibration's units
-    recovery, recovery_sigma : of the wall's temperature; None: thermocouples alone say it
+    recovery : factor of the wall's temperature, where no thermocouple has a reading; None: thermocouples alone say it
     thermocouples : readings in K; None without
+    wall_sigma, wall_length : by how much (K) the wall's temperature varies about its mean or differs from recovery, and
+        over what distance it keeps about its value; None: a tenth of the grid's size
     taps : readings of pressure; None without
     fit_taps : "offset-slope", "offset", or "compare": the taps are only compared with
-    patches : (D, 3) and (D,) centres and radii, on the model at rest, of what is no paint
+    patches : centres (D, 3), radii (D,) and outward normals (D, 3) or NaN, on the model at rest, of what is no paint
     reference : of the loads; None: none are wanted
     least_seen : see `integrate_loads`
     sections : cuts that are wanted
@@ -58,11 +68,12 @@ class PointTask:
     p_off: float
     t_off: float
     recovery: float | None = None
-    recovery_sigma: float = 1.0
     thermocouples: Readings | None = None
+    wall_sigma: float = 1.0
+    wall_length: float | None = None
     taps: Readings | None = None
     fit_taps: str = "offset-slope"
-    patches: tuple[Array, Array] = field(default_factory=lambda: (np.zeros((0, 3)), np.zeros(0)))
+    patches: tuple[Array, Array, Array] = field(default_factory=no_patches)
     reference: LoadReference | None = None
     least_seen: float = 0.5
     sections: tuple[SectionWanted, ...] = ()
@@ -142,13 +153,13 @@ def reduce_point(merged: MergedRatio, rest: Mesh, mesh: Mesh, task: PointTask) -
 
 def _patched(rest: Mesh, ratio: NodeField, task: PointTask, remarks: list[str]) -> tuple[NodeField, Mask]:
     """The ratio with what is no paint filled from round it, where that was seen."""
-    centres, radii = task.patches
+    centres, radii, normals = task.patches
     none = np.zeros(len(ratio), bool)
     if not len(centres):
         return ratio, none
-    patch = disc_nodes(rest, centres, radii)
+    patch = disc_nodes(rest, centres, radii, normals)
     # A patch that nothing was seen round is not asked for: it stays without a value, as what is round it.
-    near = disc_nodes(rest, centres, 2 * radii)
+    near = disc_nodes(rest, centres, 2 * radii, normals)
     seen = np.unique(near[(near >= 0) & ratio.known])
     patch = np.where(np.isin(patch, seen), patch, -1)
     if not (patch >= 0).any():
@@ -167,14 +178,17 @@ def _temperature(rest: Mesh, task: PointTask, remarks: list[str]) -> NodeField:
     count = len(rest.vertices)
     wells = task.thermocouples
     if wells is not None and len(wells.names):
-        return thermocouple_temperature(rest.vertices, wells.xyz, wells.value, wells.sigma)
+        return thermocouple_temperature(
+            rest.vertices, wells.xyz, wells.value, sigma=wells.sigma, length=task.wall_length or WALL * rest.diagonal,
+            spread=task.wall_sigma,
+        )  # fmt: skip
     if task.recovery is None:
         raise DataError(f"{task.name}: there is no temperature: no thermocouple has a reading and no recovery is given")
     if not (np.isfinite(task.conditions.mach) and np.isfinite(task.conditions.t_0)):
         raise DataError(f"{task.name}: the temperature is missing: recovery needs the Mach number and T0")
     if wells is not None:
         remarks.append("no thermocouple has a reading: the wall's temperature is that of recovery")
-    return recovery_temperature(task.conditions, count, recovery=task.recovery, sigma=task.recovery_sigma)
+    return recovery_temperature(task.conditions, count, recovery=task.recovery, t_0_sigma=task.wall_sigma)
 
 
 def _why(flags: NDArray[np.uint8]) -> str:
