@@ -14,7 +14,7 @@ from typing import Annotated
 import typer
 
 from windmark.app import console
-from windmark.app.commands import align, camera, deform, epipolar, image, plan, pov
+from windmark.app.commands import align, camera, deform, epipolar, image, plan, pov, psp
 from windmark.app.commands.matching_options import Binding, MaxTime, NoOcclusion, Roles
 from windmark.app.commands.options import Json, Seed
 
@@ -127,6 +127,7 @@ epipolar.add(app)
 deform.add(app)
 plan.add(app)
 pov.add(app)
+psp.add(app)
 
 
 def main() -> None:

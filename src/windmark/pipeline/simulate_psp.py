@@ -77,10 +77,12 @@ pressures = "tap-pressures.csv"
 roles = ["tap"]
 radius = 0.4
 
-# The wall's temperature: recovery of the stream, corrected where thermocouples say otherwise.
+# The wall's temperature: thermocouples where they have readings, else recovery of the stream. It varies over the wall
+# by 1 K, over some 100 mm.
 [temperature]
 recovery = 0.896
 sigma_K = 1.0
+length = 100
 thermocouples = "thermocouples.csv"
 readings = "thermocouple-readings.csv"
 

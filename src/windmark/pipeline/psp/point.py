@@ -27,6 +27,7 @@ from windmark.tasks.psp import (
     Sampling,
     SectionWanted,
     moved_grid,
+    no_patches,
     ratio_of,
     reduce_point,
 )
@@ -87,16 +88,16 @@ def run_point(test: PspTest, row: PointRow) -> PointOutcome:
     if not np.isfinite(row.t_off):
         raise DataError(f"T_off is missing in the table of points (line {row.line})")
     _check_paint(test, row)
-    raw = {kind: _read(test, kind, pattern) for kind, pattern in ((WIND_ON, row.on), (WIND_OFF, row.off))}
+    raw = {kind: read_pictures(test, kind, pattern) for kind, pattern in ((WIND_ON, row.on), (WIND_OFF, row.off))}
     clock.lap("read")
-    on, off = (_found(test, kind, raw[kind]) for kind in (WIND_ON, WIND_OFF))
+    on, off = (the_model_in(test, kind, raw[kind]) for kind in (WIND_ON, WIND_OFF))
     clock.lap("find the model")
     alpha = _incidence(test, row, on)
     sampling = Sampling(test.project.sampling.max_obliquity_deg, test.project.sampling.edge_px)
     ratio = ratio_of(on.pictures, off.pictures, how=sampling, lamps=test.lamps)
     clock.lap("ratio on the model")
     state = on.states[0]
-    reduced = reduce_point(ratio, test.mesh, state.mesh(test.mesh, frame="model"), _task(test, row, stream))
+    reduced = reduce_point(ratio, test.mesh, state.mesh(test.mesh, frame="model"), point_task(test, row, stream))
     clock.lap("pressure and loads")
     return PointOutcome(reduced, alpha, on, off, clock.laps)
 
@@ -123,7 +124,7 @@ def _check_paint(test: PspTest, row: PointRow) -> None:
             )
 
 
-def _read(test: PspTest, kind: str, pattern: str) -> dict[str, list[tuple[str, Image]]]:
+def read_pictures(test: PspTest, kind: str, pattern: str) -> dict[str, list[tuple[str, Image]]]:
     """Camera -> name and grey levels of its pictures."""
     if not pattern:
         missing = ": the reference is missing" if kind == WIND_OFF else ""
@@ -138,7 +139,7 @@ def _read(test: PspTest, kind: str, pattern: str) -> dict[str, list[tuple[str, I
     return {name: pictures for name, pictures in out.items() if pictures}
 
 
-def _found(test: PspTest, kind: str, raw: Mapping[str, Sequence[tuple[str, Image]]]) -> Found:
+def the_model_in(test: PspTest, kind: str, raw: Mapping[str, Sequence[tuple[str, Image]]]) -> Found:
     """The model in the pictures of a kind: those of one number, of all cameras, are of one instant."""
     light = {}
     for name, pictures in raw.items():
@@ -193,7 +194,8 @@ def _incidence(test: PspTest, row: PointRow, on: Found) -> float:
     return seen
 
 
-def _task(test: PspTest, row: PointRow, stream: TunnelConditions) -> PointTask:
+def point_task(test: PspTest, row: PointRow, stream: TunnelConditions) -> PointTask:
+    """What is known of a point besides its pictures."""
     project = test.project
     warm, loads = project.temperature, project.loads
     reference = None if loads is None else LoadReference(
@@ -201,8 +203,9 @@ def _task(test: PspTest, row: PointRow, stream: TunnelConditions) -> PointTask:
         float(np.nan_to_num(row.beta_deg)),
     )  # fmt: skip
     return PointTask(
-        row.name, test.paint.law, stream, row.p_off, row.t_off, warm.recovery, warm.sigma_K,
-        _readings(test.wells, test.readings, row.name), _readings(test.taps, test.pressures, row.name),
+        row.name, test.paint.law, stream, row.p_off, row.t_off, warm.recovery,
+        _readings(test.wells, test.readings, row.name), warm.sigma_K, warm.length,
+        _readings(test.taps, test.pressures, row.name),
         "compare" if project.taps is None else project.taps.in_situ, _patches(test), reference,
         0.5 if loads is None else loads.least_seen,
         tuple(SectionWanted(s.name, s.point, s.normal, s.volume) for s in project.section),
@@ -220,13 +223,16 @@ def _readings(places: io.PointList | None, table: SensorTable | None, point: str
     )  # fmt: skip
 
 
-def _patches(test: PspTest) -> tuple[Array, Array]:
-    """Centres and radii of what is no paint: markers and the holes of taps."""
+def _patches(test: PspTest) -> tuple[Array, Array, Array]:
+    """Centres, radii and normals of what is no paint: markers and the holes of taps."""
     clear, markers, taps = test.project.patches.clear, test.deforming.test.markers, test.taps
     own = (markers.role != "wall") & (markers.radius > 0)
-    centres, radii = [markers.xyz[own]], [markers.radius[own]]
+    centres, radii, normals = [markers.xyz[own]], [markers.radius[own]], [markers.normal[own]]
     if taps is not None and test.project.taps is not None and test.project.taps.radius is not None:
         place = np.isfinite(taps.xyz).all(axis=1)
         centres.append(taps.xyz[place])
+        normals.append(taps.normal[place])
         radii.append(np.full(int(place.sum()), test.project.taps.radius))
-    return np.concatenate(centres), clear * np.concatenate(radii)
+    if not clear:
+        return no_patches()
+    return np.concatenate(centres), clear * np.concatenate(radii), np.concatenate(normals)

@@ -110,13 +110,16 @@ class TapsEntry(Strict):
 
 
 class TemperatureEntry(Strict):
-    """Of the wall. ``recovery``: factor r of T = T_inf + r (T0 - T_inf); ``sigma_K``: what the wall may differ from it.
+    """Of the wall. ``recovery``: factor r of T = T_inf + r (T0 - T_inf).
 
-    ``thermocouples`` (a table of places) and ``readings`` (CSV ``point,name,temperature_K[,sigma_K]``) correct it.
+    ``thermocouples`` (a table of places) and ``readings`` (CSV ``point,name,temperature_K[,sigma_K]``) say it better;
+    recovery counts for points without readings. ``sigma_K``: by how much it varies over the wall, or differs from
+    recovery (1 sigma); ``length``: over what distance it keeps about its value, a tenth of the grid's size by default.
     """
 
     recovery: Annotated[float, Field(gt=0, le=1.2)] | None = None
     sigma_K: Positive = 1.0
+    length: Positive | None = None
     thermocouples: Path | None = None
     readings: Path | None = None
 
