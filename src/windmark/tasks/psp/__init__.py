@@ -1,8 +1,8 @@
 """A paint test, point by point: pictures with poses and deformations to the ratio on the model, pressure and loads."""
 
-from windmark.tasks.psp.cuts import SectionWanted, SurfaceSection
+from windmark.tasks.psp.cuts import SectionWanted, SurfaceSection, cut_sections
 from windmark.tasks.psp.lamps import Lamp
-from windmark.tasks.psp.loads import UNSEEN_SIDE, seen_sides
+from windmark.tasks.psp.loads import UNSEEN_SIDE, seen_loads, seen_sides
 from windmark.tasks.psp.ratios import CameraRatio, MergedRatio, ratio_of
 from windmark.tasks.psp.reduce import PointTask, ReducedPoint, no_patches, reduce_point
 from windmark.tasks.psp.sampling import ModelPicture, Sampling, moved_grid, sample_picture
@@ -10,6 +10,6 @@ from windmark.tasks.psp.taps import Readings, TapTable
 
 __all__ = [
     "UNSEEN_SIDE", "CameraRatio", "Lamp", "MergedRatio", "ModelPicture", "PointTask", "Readings", "ReducedPoint",
-    "Sampling", "SectionWanted", "SurfaceSection", "TapTable", "moved_grid", "no_patches", "ratio_of", "reduce_point",
-    "sample_picture", "seen_sides",
+    "Sampling", "SectionWanted", "SurfaceSection", "TapTable", "cut_sections", "moved_grid", "no_patches", "ratio_of",
+    "reduce_point", "sample_picture", "seen_loads", "seen_sides",
 ]  # fmt: skip

@@ -29,10 +29,19 @@ def seen_sides(mesh: Mesh, known: Mask) -> Mesh:
 
 
 def seen_loads(
-    mesh: Mesh, cp: NodeField, reference: LoadReference, least_seen: float, remarks: list[str]
+    mesh: Mesh,
+    cp: NodeField,
+    reference: LoadReference,
+    least_seen: float,
+    remarks: list[str],
+    *,
+    seen: Mask | None = None,
 ) -> Loads | None:
-    """Loads of what was seen, None where ``remarks`` say why not; they name what no camera shows."""
-    sides = seen_sides(mesh, cp.known)
+    """Loads of what was seen, None where ``remarks`` say why not; they name what no camera shows.
+
+    ``seen`` (V,) nodes that decide which sides those are; by default those with a value.
+    """
+    sides = seen_sides(mesh, cp.known if seen is None else seen)
     volumes = [str(n) for n in dict.fromkeys(sides.volume.tolist()) if not str(n).endswith(UNSEEN_SIDE)]
     area = np.linalg.norm(mesh.triangle_normals(), axis=1)
     for name in dict.fromkeys(mesh.volume.tolist()):
