@@ -84,10 +84,10 @@ class Score:
             self.loads[name].append((value - exact.row("wing")[name][0], sigma, alone))
 
     def _sections(self, test: PspTest, reduced: ReducedPoint, true: np.ndarray, row: PointRow) -> None:
-        wanted = point_task(test, row, row.conditions()).sections
-        exact = cut_sections(test.mesh, NodeField.make(np.nan_to_num(true)), wanted)
-        for found, of in zip(reduced.sections, exact, strict=True):
-            on = np.flatnonzero(found.above & found.cp.known)
+        task = point_task(test, row, row.conditions())
+        exact = cut_sections(test.mesh, NodeField.make(np.nan_to_num(true)), task.sections, task.reference)
+        for found, of in zip([s.profile for s in reduced.sections], [s.profile for s in exact], strict=True):
+            on = np.flatnonzero(found.upper & found.cp.known)
             on = on[np.argsort(found.x_c[on], kind="stable")]
             x = found.x_c[on]
             weights = np.zeros((1, len(on)))

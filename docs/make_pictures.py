@@ -61,6 +61,7 @@ def main() -> None:
         calibration_pictures,
         pair_pictures,
         deformation_pictures,
+        paint_pictures,
         law_pictures,
         merged_pictures,
     ):
@@ -110,6 +111,30 @@ def deformation_pictures() -> dict[str, Figure]:
     return {
         "deform-span": span_picture(sequence.good, loaded.stations.eta, "mm"), "deform-surface": deformed,
         "deform-paint": deformation_paint.picture(deformation_paint.mapped()),
+    }  # fmt: skip
+
+
+def paint_pictures() -> dict[str, Figure]:
+    """A painted polar: Cp on the wing, and a section with its taps."""
+    from windmark.app.psp_pictures import cp_map, section_picture
+    from windmark.pipeline.psp import load_psp, read_psp_project, reduced, run_psp
+    from windmark.pipeline.psp.outputs import FIELDS
+    from windmark.pipeline.simulate_psp import simulate_psp
+
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        simulate_psp(folder, 1, 3)
+        test = load_psp(read_psp_project(folder / "psp.toml"))
+        out = folder / "out"
+        out.mkdir()
+        records = reduced(run_psp(test, out, threads=2))
+        mesh, fields = wm.io.read_nodes_netcdf(out / records[-1].name / FIELDS)[:2]
+    pose = test.deforming.test.stations[0].cam_from_tunnel
+    title = f"Cp at {records[-1].alpha_deg:g}° incidence"
+    cp = np.asarray(fields["cp"], dtype=float)
+    return {
+        "psp-cp": cp_map(mesh, cp, title, "Cp", direction=pose.rotation[2], up=-pose.rotation[1]),
+        "psp-section": section_picture(records, "eta55"),
     }  # fmt: skip
 
 

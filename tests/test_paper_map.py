@@ -26,7 +26,7 @@ ROWS = paper_map.rows()
 def test_the_rows_are_counted():
     assert [row.number for row in ROWS] == list(range(1, len(ROWS) + 1))
     assert len(ROWS) >= 78
-    assert len(paper_map.data_commands()) == 7
+    assert len(paper_map.data_commands()) == 8
 
 
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: str(row.number))

@@ -41,7 +41,7 @@ def section_picture(records: Sequence[PointRecord], name: str) -> Figure:
         label: str | None = f"{r.name}, {r.alpha_deg:g}°"
         for line in np.unique(one.line):
             for side in (True, False):
-                own = np.flatnonzero((one.line == line) & (one.above == side) & np.isfinite(one.cp))
+                own = np.flatnonzero((one.line == line) & (one.upper == side) & np.isfinite(one.cp))
                 if not len(own):
                     continue
                 own = own[np.argsort(one.x_c[own], kind="stable")]

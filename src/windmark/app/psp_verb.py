@@ -71,7 +71,8 @@ def _point(r: PointRecord) -> Record:
     taps = {} if r.taps is None else {"rms_cp": r.taps.rms}
     return out | {
         "alpha_seen_deg": r.alpha_seen_deg, "rms_px": r.rms_px, "pictures": list(r.pictures_used), "seen": r.seen,
-        "median_sigma_cp": r.median_sigma_cp, "flicker": r.flicker, "in_situ": dict(r.fit), "taps": taps,
+        "median_sigma_cp": r.median_sigma_cp, "flicker": r.flicker,
+        "cameras_differ": r.systematic, "in_situ": dict(r.fit), "taps": taps,
         "loads": {v: {c: list(pair) for c, pair in of.items()} for v, of in r.loads.items()},
         "causes": {k: [[n, s] for n, s in of[:5]] for k, of in r.causes.items()}, "remarks": list(r.remarks),
         "seconds": dict(r.seconds),

@@ -52,7 +52,7 @@ def write_tables(place: Path, record: PointRecord) -> None:
             "line": np.concatenate([s.line for s in parts]),
             **{a: np.concatenate([s.xyz[:, k] for s in parts]) for k, a in enumerate("xyz")},
             "x_c": np.concatenate([s.x_c for s in parts]),
-            "above": np.concatenate([s.above.astype(int) for s in parts]),
+            "upper": np.concatenate([s.upper.astype(int) for s in parts]),
             "cp": np.concatenate([s.cp for s in parts]), "sigma_cp": np.concatenate([s.sigma for s in parts]),
         })  # fmt: skip
     if record.taps is not None and len(record.taps.names):

@@ -182,14 +182,19 @@ def _corrected(test: PspTest, kind: str, camera: str, file: str, image: Image) -
 
 
 def _incidence(test: PspTest, row: PointRow, on: Found) -> float:
-    """The incidence that the pictures show; DataError where the table has another one."""
+    """The incidence that the pictures show; DataError where the table has another one.
+
+    Where the laws do not explain what the markers show that is said too: a bent wing that may not bend looks turned.
+    """
     entry = test.project.points
     pitch = float(np.degrees(np.arcsin(on.states[0].tunnel_from_model.rotation[0, 2])))
     seen = entry.alpha_at_rest_deg + pitch
     if abs(seen - row.alpha_deg) > entry.max_alpha_error_deg:
+        also = next(iter(on.troubles.values()), "")
         raise DataError(
             f"its pictures show an incidence of {seen:.2f} degrees, the table of points says {row.alpha_deg:g}: rows "
             "and pictures were exchanged, or points.alpha_at_rest_deg is not that of markers and grid"
+            + (f"; and the markers say: {also}" if also else "")
         )
     return seen
 

@@ -26,7 +26,7 @@ class SectionRecord:
     name: str
     xyz: Array
     x_c: Array
-    above: NDArray[np.bool_]
+    upper: NDArray[np.bool_]
     cp: Array
     sigma: Array
     line: NDArray[np.int32]
@@ -50,7 +50,7 @@ class PointRecord:
     pictures_used : wind-on and wind-off pictures that count
     seen : part of the grid's nodes with a Cp
     median_sigma_cp : over these
-    flicker : of the lamps, see `MergedRatio`
+    flicker, systematic : of the lamps, and by which cameras differ, see `MergedRatio`
     fit : figures of the fit to the taps, empty without one
     loads : volume -> coefficient -> value and sigma
     causes : what dominates: of "Cp" over all nodes, of "CL" of all volumes -> (cause, share), the largest first
@@ -70,6 +70,7 @@ class PointRecord:
     seen: float = 0.0
     median_sigma_cp: float = float("nan")
     flicker: float = float("nan")
+    systematic: float = float("nan")
     fit: Mapping[str, float] = field(default_factory=dict)
     loads: Mapping[str, Mapping[str, tuple[float, float]]] = field(default_factory=dict)
     causes: Mapping[str, list[tuple[str, float]]] = field(default_factory=dict)
@@ -104,7 +105,8 @@ def record_of(row: PointRow, pictures: Mapping[str, str], done: PointOutcome) ->
         row.name, row.alpha_deg, pictures, REDUCED, "", (*reduced.remarks, *troubles), done.alpha_seen_deg,
         float(np.median([*done.on.rms_px, *done.off.rms_px])), (counts[0], counts[1]),
         float((known & used).sum() / max(int(used.sum()), 1)),
-        float(np.median(reduced.cp.sigma[known])), reduced.merged.flicker, _fit(reduced.in_situ), loads, causes,
+        float(np.median(reduced.cp.sigma[known])), reduced.merged.flicker, reduced.merged.systematic,
+        _fit(reduced.in_situ), loads, causes,
         reduced.taps,
         tuple(_section(s, reduced.taps) for s in reduced.sections),
         dict(done.seconds),
@@ -114,8 +116,8 @@ def record_of(row: PointRow, pictures: Mapping[str, str], done: PointOutcome) ->
 def _section(s: SurfaceSection, taps: TapTable | None) -> SectionRecord:
     at = np.array([k for k in s.taps if taps is not None and not taps.words[k]], dtype=int)
     cp, sigma = (np.zeros(0), np.zeros(0)) if taps is None else (taps.cp[at], taps.cp_sigma[at])
-    x_c = s.tap_x_c[np.isin(s.taps, at)]
-    return SectionRecord(s.name, s.xyz, s.x_c, s.above, s.cp.value, s.cp.sigma, s.line, x_c, cp, sigma)
+    p, x_c = s.profile, s.tap_x_c[np.isin(s.taps, at)]
+    return SectionRecord(s.name, p.xyz, p.x_c, p.upper, p.cp.value, p.cp.sigma, p.line, x_c, cp, sigma)
 
 
 def _fit(fit: InSitu | None) -> dict[str, float]:

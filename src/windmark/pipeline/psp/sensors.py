@@ -60,6 +60,8 @@ def read_sensor(project: PspProject, name: str, station: Station, rows: Sequence
     remarks: list[str] = []
     dark, dark_variance, dead = _dark(project, name, station, remarks)
     saturation = np.inf if how.saturation is None else how.saturation
+    if how.flat is None:
+        remarks.append(f"camera {name}: no flat pictures are given: unequal pixels are not corrected, nor in any sigma")
     flats = None if how.flat is None else _read_all(project, how.flat, name, station, "radiometry.flat")
     gain, read_variance, source = how.gain_levels, how.read_variance, "radiometry.gain"
     if gain is None:

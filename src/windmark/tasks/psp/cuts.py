@@ -1,4 +1,4 @@
-"""Cp along cuts of the surface: over x / c, with sigma."""
+"""Cp along cuts of the surface, with the pressure taps that lie in them."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark import resection
-from windmark.paint import NodeField, interpolated
+from windmark.errors import DataError
+from windmark.paint import LoadReference, NodeField, SectionProfile, section_profile
 from windmark.scene import Mesh
 
 Array = NDArray[np.float64]
@@ -20,13 +21,12 @@ IN_PLANE = 2e-3
 
 @dataclass(frozen=True)
 class SectionWanted:
-    """A plane that cuts the model at rest; ``volume`` alone, None: all. ``chord``: the direction of x / c."""
+    """A plane that cuts the model at rest; ``volume`` alone, None: all."""
 
     name: str
     point: tuple[float, float, float]
     normal: tuple[float, float, float]
     volume: str | None = None
-    chord: tuple[float, float, float] = (1.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,60 +36,46 @@ class SurfaceSection:
     Parameters
     ----------
     name : of the section
-    xyz : (N, 3) on the model at rest
-    x_c : (N,) 0 at the foremost point of the cut along the chord's direction, 1 at the last
-    above : (N,) on the side of the chord that the third axis points to
-    cp : (N) NaN where the surface was not seen
-    line : (N,) number of the line that a point belongs to
-    taps, tap_x_c, tap_above : (K,) indices of the points that lie in the cut (pressure taps), and where
+    profile : Cp over x / c
+    taps, tap_x_c : (K,) indices of the points (pressure taps) that lie in the cut, and where
     """
 
     name: str
-    xyz: Array
-    x_c: Array
-    above: NDArray[np.bool_]
-    cp: NodeField
-    line: NDArray[np.int32]
+    profile: SectionProfile
     taps: NDArray[np.int64]
     tap_x_c: Array
-    tap_above: NDArray[np.bool_]
 
 
 def cut_sections(
-    rest: Mesh, cp: NodeField, wanted: Sequence[SectionWanted], taps: Array | None = None
+    rest: Mesh,
+    cp: NodeField,
+    wanted: Sequence[SectionWanted],
+    reference: LoadReference,
+    taps: Array | None = None,
+    remarks: list[str] | None = None,
 ) -> tuple[SurfaceSection, ...]:
-    """Cuts of the surface, each with those of some points (N, 3) that lie in it; a plane may miss: the cut is empty."""
-    points = np.zeros((0, 3)) if taps is None else taps
-    return tuple(_cut(rest, cp, one, points) for one in wanted)
+    """Cuts of the surface, each with those of some points (N, 3) that lie in it.
+
+    A plane that misses the surface gives none, and ``remarks`` say so. ``reference`` has the axes.
+    """
+    points, said = np.zeros((0, 3)) if taps is None else taps, [] if remarks is None else remarks
+    out = []
+    for one in wanted:
+        try:
+            out.append(_cut(rest, cp, one, reference, points))
+        except DataError as error:
+            said.append(f"section {one.name}: {error}")
+    return tuple(out)
 
 
-def _cut(rest: Mesh, cp: NodeField, one: SectionWanted, points: Array) -> SurfaceSection:
+def _cut(rest: Mesh, cp: NodeField, one: SectionWanted, reference: LoadReference, points: Array) -> SurfaceSection:
     part = rest
     if one.volume is not None:
         own = rest.volume == one.volume
         part = Mesh(rest.vertices, rest.triangles[own], rest.volume[own], length_unit=rest.length_unit)
     cut = resection.section(part, one.point, one.normal)
-    weights = np.column_stack([1 - cut.barycentric.sum(axis=1), cut.barycentric])
-    field = interpolated(cp, part.triangles[cut.triangle].reshape(-1, 3), weights.reshape(-1, 3))
-    if not len(cut.xyz):
-        none = np.zeros(0)
-        return SurfaceSection(one.name, cut.xyz, none, none > 0, field, cut.line, none.astype(int), none, none > 0)
+    profile = section_profile(part, cp, cut, reference)
     normal = np.asarray(one.normal, dtype=float) / np.linalg.norm(one.normal)
     near = np.flatnonzero(np.abs((points - one.point) @ normal) < IN_PLANE * rest.diagonal)
-    x_c, above = _chordwise(cut.xyz, cut.xyz, one)
-    tap_x_c, tap_above = _chordwise(points[near], cut.xyz, one)
-    return SurfaceSection(one.name, cut.xyz, x_c, above, field, cut.line, near, tap_x_c, tap_above)
-
-
-def _chordwise(points: Array, cut: Array, one: SectionWanted) -> tuple[Array, NDArray[np.bool_]]:
-    """(N,) x / c of points, and whether they are above the straight line between the cut's foremost and last point.
-
-    Above is where chord x normal points; for a chord that runs aft and a normal to starboard that is up.
-    """
-    chord = np.asarray(one.chord, dtype=float) / np.linalg.norm(one.chord)
-    up = np.cross(chord, one.normal)
-    up = up / max(float(np.linalg.norm(up)), 1e-300)
-    along = cut @ chord
-    first, last = cut[np.argmin(along)], cut[np.argmax(along)]
-    x_c = (points - first) @ chord / max(float((last - first) @ chord), 1e-300)
-    return x_c, np.asarray((points - first) @ up >= x_c * ((last - first) @ up))
+    aft = reference.body_axes[0]
+    return SurfaceSection(one.name, profile, near, (points[near] @ aft - (cut.xyz @ aft).min()) / profile.chord)

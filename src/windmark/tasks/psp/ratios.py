@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.errors import DataError
-from windmark.paint import NodeField, NotFitted, average_frames, combined, form_ratio
+from windmark.paint import NodeField, NotFitted, average_frames, form_ratio, merge_cameras
 from windmark.tasks.psp.lamps import Lamp, lit
 from windmark.tasks.psp.sampling import ModelPicture, Samples, Sampling, sample_picture
 
@@ -17,7 +17,8 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 DIRECTIONS = 3
-"""Of a registration's errors so many are kept as modes, those that change the ratio most; the others count as noise."""
+"""Of a registration's errors at most so many are kept as modes, those that change the ratio most; the others count as
+noise. Fewer with more than two cameras, each of which brings a mode of its own: a field has 30 (`MOST_MODES`)."""
 WIND_ON, WIND_OFF = "wind-on", "wind-off"
 
 
@@ -44,6 +45,7 @@ class MergedRatio:
     ratio : (V) wind-off / wind-on
     cameras : each camera's own
     source : (V,) int8, which camera counts most; -1 for none
+    systematic : part by which cameras differ beyond noise; NaN where none sees what another does
     flicker : relative standard deviation of the lamps from picture to picture, as the pictures show it
     left_out : picture -> why it does not count
     """
@@ -51,6 +53,7 @@ class MergedRatio:
     ratio: NodeField
     cameras: Mapping[str, CameraRatio]
     source: NDArray[np.int8]
+    systematic: float
     flicker: float
     left_out: Mapping[str, str] = field(default_factory=dict)
 
@@ -95,10 +98,11 @@ def ratio_of(
             ratio = ratio.with_mode("lamps", np.where(ratio.known, part * ratio.value, 0.0))
         weight = np.minimum(levels[WIND_ON][name].weight, levels[WIND_OFF][name].weight)
         cameras[name] = CameraRatio(_without_nan(ratio), np.where(ratio.known, weight, 0.0))
-    merged, source = _merged(cameras)
-    if not merged.known.any():
+    tapers = np.stack([of.weight for of in cameras.values()])
+    merged = merge_cameras([of.ratio for of in cameras.values()], names, tapers=tapers, gain="none")
+    if isinstance(merged, NotFitted) or not merged.field.known.any():
         raise DataError("no node of the grid is seen both with wind and without")
-    return MergedRatio(merged, cameras, source, flicker, left_out)
+    return MergedRatio(merged.field, cameras, merged.source, merged.systematic, flicker, left_out)
 
 
 def _without_nan(field_: NodeField) -> NodeField:
@@ -150,25 +154,13 @@ def _as_fields(levels: Mapping[str, _Level], kind: str) -> dict[str, NodeField]:
     """The means with their registration's leading directions as modes, the same for all cameras."""
     relative = [np.nan_to_num(of.columns / of.value[:, None]) for of in levels.values()]
     _, axes = np.linalg.eigh(sum(r.T @ r for r in relative))
-    axes = axes[:, ::-1]
+    axes, most = axes[:, ::-1], max(1, min(DIRECTIONS, (11 - len(levels)) // 2))
     out = {}
     for name, of in levels.items():
         turned = of.columns @ axes
-        rest = (turned[:, DIRECTIONS:] ** 2).sum(axis=1)
-        kept = turned[:, :DIRECTIONS]
+        rest = (turned[:, most:] ** 2).sum(axis=1)
+        kept = turned[:, :most]
         names = tuple(f"registration {kind}:{k + 1}" for k in range(kept.shape[1]))
         white = np.where(np.isfinite(of.variance), of.variance, 0.0) + rest
         out[name] = NodeField(of.value, white, kept, names)
     return out
-
-
-def _merged(cameras: Mapping[str, CameraRatio]) -> tuple[NodeField, NDArray[np.int8]]:
-    """Weighted by taper over the variance of the noise; errors that cameras share go through the weights."""
-    parts = list(cameras.values())
-    weights = np.stack([np.where(c.ratio.known, c.weight / np.maximum(c.ratio.variance, 1e-300), 0.0) for c in parts])
-    total = weights.sum(axis=0)
-    share = np.divide(weights, total, out=np.zeros_like(weights), where=total > 0)
-    value = sum(w * np.nan_to_num(c.ratio.value) for w, c in zip(share, parts, strict=True))
-    known = total > 0
-    out = combined(np.where(known, value, np.nan), [(c.ratio, w) for w, c in zip(share, parts, strict=True)])
-    return out, np.where(known, share.argmax(axis=0), -1).astype(np.int8)

@@ -18,12 +18,12 @@ from windmark.paint import (
     disc_nodes,
     fill_patches,
     pressure_coefficient,
-    pressure_map,
     recovery_temperature,
     thermocouple_temperature,
 )
 from windmark.scene import Mesh
 from windmark.tasks.psp.cuts import SectionWanted, SurfaceSection, cut_sections
+from windmark.tasks.psp.few_modes import pressure_of
 from windmark.tasks.psp.loads import seen_loads
 from windmark.tasks.psp.ratios import MergedRatio
 from windmark.tasks.psp.taps import Readings, TapTable, at_taps, in_cp
@@ -136,14 +136,16 @@ def reduce_point(merged: MergedRatio, rest: Mesh, mesh: Mesh, task: PointTask) -
     remarks: list[str] = [f"{name} does not count: {why}" for name, why in merged.left_out.items()]
     ratio, filled = _patched(rest, merged.ratio, task, remarks)
     temperature = _temperature(rest, task, remarks)
-    prior = pressure_map(task.law, ratio, temperature, p_off=task.p_off, t_off=task.t_off)
+    prior = pressure_of(task.law, ratio, temperature, task.p_off, task.t_off)
     if not prior.field.known.any():
         raise DataError(f"{task.name}: no node has a pressure: {_why(prior.flags)}")
     pressure, fit, taps = at_taps(rest, prior.field, task.taps, task.fit_taps, remarks)
     cp = pressure_coefficient(pressure, task.conditions)
     if taps is not None and task.taps is not None:
         taps = in_cp(taps, task.taps, task.conditions, cp, rest)
-    sections = cut_sections(rest, cp, task.sections, None if task.taps is None else task.taps.xyz)
+    axes = LoadReference(1.0, 1.0, 1.0) if task.reference is None else task.reference
+    taps_at = None if task.taps is None else task.taps.xyz
+    sections = cut_sections(rest, cp, task.sections, axes, taps_at, remarks)
     loads = None if task.reference is None else seen_loads(mesh, cp, task.reference, task.least_seen, remarks)
     return ReducedPoint(
         task.name, mesh, ratio, temperature, pressure, cp, prior.flags, filled, merged, fit, taps, loads, sections,

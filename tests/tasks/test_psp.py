@@ -1,0 +1,178 @@
+"""A paint test's point from arrays: sampling with noise and pose errors, lamps, calibration modes, sides seen."""
+
+import numpy as np
+import pytest
+
+from windmark.errors import DataError
+from windmark.geometry import Camera, Pose
+from windmark.paint import LoadReference, NodeField, SternVolmer, fit_paint, pressure_map
+from windmark.scene import Mesh, structured_triangles
+from windmark.tasks.psp import (
+    UNSEEN_SIDE,
+    Lamp,
+    ModelPicture,
+    Sampling,
+    SectionWanted,
+    cut_sections,
+    ratio_of,
+    sample_picture,
+    seen_loads,
+    seen_sides,
+)
+from windmark.tasks.psp.few_modes import COLUMNS, pressure_of
+from windmark.tasks.psp.lamps import lit
+
+CAMERA = Camera((160, 120), 200.0)
+ABOVE = Pose.look_at(np.array([0.0, 0.0, 100.0]), np.zeros(3), [0.0, 1.0, 0.0])
+"""Two pixels per unit."""
+
+
+def plate(n=15, size=40.0):
+    x, y = np.meshgrid(np.linspace(-size / 2, size / 2, n), np.linspace(-size / 2, size / 2, n))
+    xyz = np.column_stack([x.ravel(), y.ravel(), 0 * x.ravel()])
+    return Mesh.make(xyz, structured_triangles(n, n), "wing")
+
+
+def picture(light, variance=0.0, mesh=None, name="a", moves=None, camera="cam1"):
+    mesh = plate() if mesh is None else mesh
+    moves = np.zeros((len(mesh.vertices), 3, 1)) if moves is None else moves
+    return ModelPicture(name, camera, light, np.broadcast_to(variance, light.shape), CAMERA, ABOVE, mesh, moves)
+
+
+def slope(per_px=2.0):
+    return 500 + per_px * np.arange(160)[None].repeat(120, axis=0).astype(float)
+
+
+def test_values_lie_on_the_surface_where_it_is_and_nothing_at_its_rim():
+    mesh = plate()
+    seen = sample_picture(picture(slope()), Sampling(edge_px=3))
+    xy, _ = CAMERA.project(ABOVE.apply(mesh.vertices))
+    on = np.isfinite(seen.value)
+    np.testing.assert_allclose(seen.value[on], 500 + 2 * xy[on, 0], rtol=1e-6)
+    inner = (np.abs(mesh.vertices[:, :2]) < 17).all(axis=1)
+    assert on[inner].all()
+    rim = (np.abs(mesh.vertices[:, :2]) > 19.9).any(axis=1)
+    assert not on[rim].any()
+    assert (seen.weight[on] > 0).all()
+
+
+def test_the_variance_is_that_of_the_noise():
+    rng, found = np.random.default_rng(4), []
+    for _ in range(400):
+        found.append(sample_picture(picture(slope() + 5 * rng.standard_normal((120, 160)), 25.0), Sampling()).value)
+    stated = sample_picture(picture(slope(), 25.0), Sampling()).variance
+    on = np.isfinite(stated)
+    scatter = np.var(np.array(found)[:, on], axis=0)
+    assert np.mean(scatter / stated[on]) == pytest.approx(1, abs=0.03)
+    assert (np.abs(scatter / stated[on] - 1) < 0.35).all()
+
+
+def test_pose_errors_move_values_along_the_pictures_slope():
+    mesh = plate()
+    moves = np.zeros((len(mesh.vertices), 3, 2))
+    moves[:, 0, 0], moves[:, 1, 1] = 0.1, 0.3  # one sigma: 0.1 units along x, 0.3 along y; 2 px per unit
+    columns = sample_picture(picture(slope(), moves=moves), Sampling()).columns
+    on = np.abs(columns[:, 0]) > 0
+    assert on.sum() > 100
+    np.testing.assert_allclose(np.abs(columns[on, 0]), 2.0 * 0.1 * 2, rtol=1e-3)
+    np.testing.assert_allclose(columns[on, 1], 0, atol=1e-3)
+
+
+def test_pixels_that_cannot_be_used_leave_their_nodes_out():
+    light = slope()
+    light[40:60, 60:80] = np.nan
+    seen = sample_picture(picture(light), Sampling())
+    xy, _ = CAMERA.project(ABOVE.apply(plate().vertices))
+    hole = (xy > [60, 40]).all(axis=1) & (xy < [79, 59]).all(axis=1)
+    assert hole.sum() > 5
+    assert np.isnan(seen.value[hole]).all()
+
+
+def test_the_ratio_is_formed_on_the_model_and_pictures_may_move_and_flicker():
+    """The model is 6 px aside with wind; its paint has a pattern, the wind takes away 30 % of the light."""
+    mesh, rng = plate(), np.random.default_rng(2)
+    shift = Pose(np.eye(3), np.array([3.0, 0.0, 0.0]))
+
+    def shown(mesh, dim, lamp):
+        x = np.arange(160)[None].repeat(120, axis=0)
+        centre = CAMERA.project(ABOVE.apply(mesh.vertices.mean(axis=0)[None]))[0][0, 0]
+        light = lamp * dim * (2000 + 300 * np.sin((x - centre) / 15))
+        return light + np.sqrt(light) * rng.standard_normal(light.shape), light
+
+    on, off = [], []
+    for lamp in (0.99, 1.0, 1.01):
+        noisy, light = shown(mesh.moved(shift.apply(mesh.vertices)), 0.7, lamp)
+        on.append(picture(noisy, light, mesh.moved(shift.apply(mesh.vertices)), f"on {lamp}"))
+        noisy, light = shown(mesh, 1.0, lamp)
+        off.append(picture(noisy, light, mesh, f"off {lamp}"))
+    got = ratio_of(on, off)
+    known = got.ratio.known
+    assert known.sum() > 100
+    z = (got.ratio.value[known] - 1 / 0.7) / got.ratio.sigma[known]
+    assert abs(np.mean(got.ratio.value[known]) * 0.7 - 1) < 0.01
+    assert 0.8 < z.std() < 1.25
+    assert not got.left_out
+    unmoved = ratio_of(on, [picture(p.light, p.variance, on[0].mesh, p.name) for p in off])
+    assert np.nanstd(unmoved.ratio.value) > 2 * np.nanstd(got.ratio.value)
+
+
+def test_pictures_of_one_kind_alone_are_refused():
+    with pytest.raises(DataError, match="with wind and without"):
+        ratio_of([picture(slope())], [picture(slope(), camera="cam2")])
+
+
+def test_light_of_lamps_falls_with_distance_and_angle():
+    mesh = plate(5)
+    middle = len(mesh.vertices) // 2
+    near, far = (lit(mesh, [Lamp((0, 0, z), 1e4)])[middle] for z in (100.0, 200.0))
+    assert near == pytest.approx(1.0)
+    assert far == pytest.approx(0.25)
+    aside = lit(mesh, [Lamp((100.0 * np.sqrt(3), 0, 100.0), 1e4)])[middle]  # 60 degrees, twice as far
+    assert aside == pytest.approx(0.5 / 4)
+    assert np.isnan(lit(mesh, [Lamp((0, 0, -100.0))])).all()
+    assert (lit(mesh, []) == 1).all()
+
+
+def test_few_modes_of_the_calibration_keep_its_variance():
+    true = SternVolmer(np.array([[0.17, 6e-4], [0.88, 7e-3], [-0.05, -3e-4]]), 1e5, 293.15, (2e4, 1.3e5), (278, 313))
+    rng = np.random.default_rng(7)
+    p, t = (a.ravel() for a in np.meshgrid(np.linspace(2e4, 1.3e5, 12), np.linspace(278, 313, 8)))
+    ratio = true.ratio(p, t) * (1 + 0.002 * rng.standard_normal(len(p)))
+    law = fit_paint(p, t, ratio, p_ref=1e5, t_ref=293.15, ratio_sigma=0.002 * ratio, order=(4, 3)).law
+    at = NodeField.make(np.linspace(0.35, 0.9, 50)).with_mode("lamps", 0.001)
+    warm = NodeField.make(np.linspace(298.0, 302.0, 50)[::-1], unit="K")
+    few, all_of_them = (f(law, at, warm, p_off=1e5, t_off=293.0) for f in (pressure_of, pressure_map))
+    assert len(all_of_them.field.names) > len(few.field.names) - 1
+    assert len(few.field.names) <= COLUMNS + 1
+    np.testing.assert_allclose(few.field.value, all_of_them.field.value)
+    np.testing.assert_allclose(few.field.variance, all_of_them.field.variance, rtol=1e-6)
+    noise = np.median(few.field.white / few.field.variance)
+    assert noise < 0.05  # hardly anything of a shared error counts as independent
+
+
+def test_a_side_that_no_camera_shows_is_named_and_has_no_loads():
+    upper, lower = plate(), plate()
+    both = Mesh.make(
+        np.concatenate([upper.vertices, lower.vertices - [0, 0, 1]]),
+        np.concatenate([upper.triangles, lower.triangles[:, ::-1] + len(upper.vertices)]), "wing",
+    )  # fmt: skip
+    cp = NodeField.make(np.where(np.arange(len(both.vertices)) < len(upper.vertices), -0.5, np.nan), 0.01)
+    assert set(seen_sides(both, cp.known).volume.tolist()) == {"wing", f"wing{UNSEEN_SIDE}"}
+    remarks: list[str] = []
+    loads = seen_loads(both, cp, LoadReference(1600.0, 40.0, 40.0), 0.5, remarks)
+    assert loads is not None
+    assert loads.row("wing")["CL"][0] == pytest.approx(0.5)
+    assert "50 % of its area is on a side that no camera shows" in remarks[0]
+
+
+def test_a_plane_that_misses_is_said():
+    remarks: list[str] = []
+    mesh = plate()
+    wanted = [SectionWanted("here", (0, 0, 0), (0, 1, 0)), SectionWanted("nowhere", (0, 99, 0), (0, 1, 0))]
+    taps = np.array([[10.0, 0.01, 0.0], [10.0, 5.0, 0.0]])
+    cut = cut_sections(mesh, NodeField.make(mesh.vertices[:, 0]), wanted, LoadReference(1, 1, 1), taps, remarks)
+    assert [s.name for s in cut] == ["here"]
+    assert cut[0].taps.tolist() == [0]
+    assert cut[0].tap_x_c[0] == pytest.approx(0.75)
+    np.testing.assert_allclose(cut[0].profile.cp.value, 40 * cut[0].profile.x_c - 20, atol=1e-9)
+    assert "section nowhere" in remarks[0]
