@@ -2,7 +2,7 @@
 
     python benchmarks/paint_polar.py [--seeds 101 102] [--incidences 5] [--json FILE]
 
-The wing moves by 10 to 30 px between wind-off and wind-on, bends by up to 2 % of its span and twists by a degree; two
+The wing moves by up to 15 px between wind-off and wind-on, bends by up to 2 % of its span and twists by a degree; two
 cameras, 27 taps on their side. Three ways side by side (AIAA 2005-5007, Fig. 10): pictures taken as if the model stood
 where it was wind-off, moved as a whole, and with the deformation of every picture. Loads are those of the side that the
 cameras show, truth and result alike; the truth is that at the same nodes, so the grid's own error is in neither.

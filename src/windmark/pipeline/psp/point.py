@@ -240,4 +240,12 @@ def _patches(test: PspTest) -> tuple[Array, Array, Array]:
         radii.append(np.full(int(place.sum()), test.project.taps.radius))
     if not clear:
         return no_patches()
-    return np.concatenate(centres), clear * np.concatenate(radii), np.concatenate(normals)
+    rim = test.project.patches.edge_px * _pixel(test)
+    return np.concatenate(centres), clear * np.concatenate(radii) + rim, np.concatenate(normals)
+
+
+def _pixel(test: PspTest) -> float:
+    """Size of a pixel on the model at rest, in length units, of the camera that sees it least finely."""
+    nodes = test.mesh.vertices[test.mesh.used]
+    sizes = [np.median(s.cam_from_tunnel.apply(nodes)[:, 2]) / s.camera.focal_px for s in test.deforming.test.stations]
+    return float(max(sizes))

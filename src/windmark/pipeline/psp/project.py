@@ -133,9 +133,13 @@ class TemperatureEntry(Strict):
 
 
 class PatchesEntry(Strict):
-    """``clear``: nodes within so many radii of a marker's or a tap's centre get the value of their surroundings."""
+    """Nodes near a marker or a tap get the value of their surroundings.
 
-    clear: Annotated[float, Field(ge=0, le=10)] = 1.5
+    ``clear``: within so many radii of its centre, 0: none; and ``edge_px`` pixels farther: lenses blur its rim.
+    """
+
+    clear: Annotated[float, Field(ge=0, le=10)] = 1.2
+    edge_px: Annotated[float, Field(ge=0, le=20)] = 2.5
 
 
 class SamplingEntry(Strict):
