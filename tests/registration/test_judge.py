@@ -9,9 +9,9 @@ import settle_scenes as settling
 import settle_twins as twins
 
 from windmark.geometry import Camera, Pose
-from windmark.registration import CAUSES, register
+from windmark.registration import CAUSES, register, rules
 from windmark.registration.budget import Budget
-from windmark.registration.judge import own, rules
+from windmark.registration.judge import own
 from windmark.registration.judge.answer import answer
 from windmark.registration.judge.cameras import blocked
 from windmark.registration.judge.mirror import FAR, FLIP, _unlike, _with_twins, mirror_of, mirrored_views

@@ -39,6 +39,13 @@ def test_most_markers_hidden_and_as_many_false_spots(kind, cameras, seed):
     assert_right(register_rig(*rig.arguments()), rig, missing=1)
 
 
+@pytest.mark.parametrize("seed", [5_100_003, 5_100_026, 5_100_079])
+def test_a_labelling_that_fits_as_widely_as_is_looked_is_no_rival(seed):
+    """It takes false spots for markers in view of all cameras; a board that goes on beyond its table has sharp ones."""
+    rig = scenes.rig_scene(seed, "A", 3, hidden=0.7, false=1.0)
+    assert_right(register_rig(*rig.arguments()), rig, missing=1)
+
+
 def test_seven_of_24_markers_are_too_few_for_one_camera():
     rig = scenes.rig_scene(501, "A", 2, hidden=0.7, false=1.0)
     for view in rig.views:

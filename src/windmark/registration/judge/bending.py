@@ -8,10 +8,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.registration import rules
 from windmark.registration.budget import BEND, BEND_PAIR, Budget
 from windmark.registration.judge.source import distinct, focal_of, start_of
 from windmark.registration.search.pool import Candidate
-from windmark.registration.settle.common import SAME_SHARE
 from windmark.registration.settle.settling import copied, settle, settle_state, with_freedom
 from windmark.registration.settle.solution import Solution
 from windmark.registration.settle.views import Views
@@ -107,4 +107,4 @@ def _core_of(c: int, candidate: Candidate, known: Solution) -> bool:
     """Whether a candidate has mostly the pairs and nearly the pose of a bent solution."""
     shared = (candidate.match == known.state.match[c]) & (candidate.match >= 0)
     alike = candidate.cam_from_model.angle_to(known.cam_from_model(c)) < CORE_ANGLE
-    return bool(alike and shared.sum() > SAME_SHARE * candidate.count)
+    return bool(alike and shared.sum() > rules.SAME_SHARE * candidate.count)

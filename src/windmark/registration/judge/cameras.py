@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.special import bdtr
 
 from windmark.geometry import Pose
-from windmark.registration.judge import rules
+from windmark.registration import rules
 from windmark.registration.judge.doubts import OtherCamera, fits_slightly
 from windmark.registration.judge.first_order import FirstOrder
 from windmark.registration.judge.own import is_loose

@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.registration.judge import rules
+from windmark.registration import rules
 from windmark.registration.judge.first_order import FirstOrder
 from windmark.registration.judge.own import is_loose
 from windmark.registration.result import Cause, Unchecked

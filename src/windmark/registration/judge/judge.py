@@ -13,8 +13,9 @@ from functools import cache
 
 import numpy as np
 
+from windmark.registration import rules
 from windmark.registration.budget import Budget
-from windmark.registration.judge import own, rules, words
+from windmark.registration.judge import own, words
 from windmark.registration.judge.bending import Bender
 from windmark.registration.judge.binding import unbound
 from windmark.registration.judge.cameras import Places, blocked

@@ -8,12 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.geometry.order import median
-from windmark.registration.judge import rules
+from windmark.registration import rules
 from windmark.registration.result import Unchecked
 from windmark.registration.settle._kernels.fit import spread_places
 from windmark.registration.settle._kernels.places import open_kernel
 from windmark.registration.settle._kernels.settle import fit_kernel
 from windmark.registration.settle._kernels.state import EXCESS, TAKEN
+from windmark.registration.settle.common import is_too_loose
 from windmark.registration.settle.settling import copied, with_freedom
 from windmark.registration.settle.solution import Solution
 from windmark.registration.task import ON_LINE_PX, Limits, off_line
@@ -125,11 +126,6 @@ def is_copy(best: Solution, other: Solution, limits: Limits) -> bool:
     if any(is_too_loose(other, c) for c in np.flatnonzero(other.counts).tolist()):
         return False
     return other.evidence > limits.margin and other.log10_nfa < rules.COPY_NFA
-
-
-def is_too_loose(best: Solution, c: int) -> bool:
-    """Whether a camera's misfit fills the neighbourhood of the search, so that other labels might fit, too."""
-    return rules.MISFIT * float(best.misfit_px[c]) > best.views.planes[c].task.tolerance_px
 
 
 def misfit_of(best: Solution, c: int, limits: Limits) -> str:

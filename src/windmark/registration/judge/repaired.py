@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.geometry import Pose
+from windmark.registration import rules
 from windmark.registration.budget import SETTLE, SETTLE_PAIR, Budget
-from windmark.registration.judge import own, rules
+from windmark.registration.judge import own
 from windmark.registration.settle._kernels.places import open_kernel
 from windmark.registration.settle._kernels.settle import fit_kernel
 from windmark.registration.settle.settling import copied, settle

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.geometry.order import median
-from windmark.registration.judge import rules
+from windmark.registration import rules
 from windmark.registration.search.field import STIFF, SUPPLE, Field
 from windmark.registration.settle._kernels.doubt import doubt_kernel
 from windmark.registration.settle._kernels.settle import fit_kernel

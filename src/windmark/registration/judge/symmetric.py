@@ -17,10 +17,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.registration.judge import rules
+from windmark.registration import rules
 from windmark.registration.settle._kernels.label import GATE
 from windmark.registration.settle._kernels.places import places_kernel
-from windmark.registration.settle.common import SAME_SHARE
 from windmark.registration.settle.solution import Solution
 
 Array = NDArray[np.float64]
@@ -42,7 +41,7 @@ def told_by_table_errors(best: Solution, other: Solution, margin: float) -> bool
     True if the lead comes from the residuals of spots that both explain, the table made symmetric explains these better
     than the table as it is, and the lead could be chance (Hoeffding's bound).
     """
-    if best.shared(other) > SAME_SHARE:
+    if best.shared(other) > rules.SAME_SHARE:
         return False
     one, two, ahead = [], [], []
     for c in range(len(best.counts)):
@@ -73,9 +72,9 @@ def told_by_bending(bent: Solution, rigid: Sequence[Solution], margin: float) ->
     Where the rigid model explains no fewer spots with another labelling, bending brings the labels nothing. Then the
     labelling of the bent solution must be the better one of the rigid model, too.
     """
-    own = max((s for s in rigid if s.shared(bent) > SAME_SHARE), key=lambda s: s.evidence, default=None)
+    own = max((s for s in rigid if s.shared(bent) > rules.SAME_SHARE), key=lambda s: s.evidence, default=None)
     for other in rigid if own is not None else ():
-        another = other.count >= bent.count and other.shared(bent) <= SAME_SHARE
+        another = other.count >= bent.count and other.shared(bent) <= rules.SAME_SHARE
         if another and own is not None and own.lead_over(other) < margin:
             return other
     return None

@@ -13,10 +13,10 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.registration import rules
 from windmark.registration.judge.mirror import reach_of
 from windmark.registration.settle._kernels.mirror import twin_kernel
 from windmark.registration.settle._kernels.places import places_kernel
-from windmark.registration.settle.common import SAME_SHARE
 from windmark.registration.settle.settling import settle
 from windmark.registration.settle.solution import SAME_ANGLE, Solution
 
@@ -41,7 +41,7 @@ def near_ones(best: Solution, others: Iterable[Solution], margin: float) -> tupl
     """  # fmt: skip
     found: list[tuple[float, Solution]] = []
     for other in others:
-        if other is best or other.is_bent or other.shared(best) <= SAME_SHARE:
+        if other is best or other.is_bent or other.shared(best) <= rules.SAME_SHARE:
             continue
         if any(_at_one(other, s) for s in (best, *_of(found))):
             continue

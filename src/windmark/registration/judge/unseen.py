@@ -13,7 +13,7 @@ import math
 
 import numpy as np
 
-from windmark.registration.judge import rules
+from windmark.registration import rules
 from windmark.registration.judge.bending import PRIOR
 from windmark.registration.judge.root import may_be_root
 from windmark.registration.result import Unchecked

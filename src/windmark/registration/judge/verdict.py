@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from windmark.registration import rules
 from windmark.registration.judge import words
 from windmark.registration.judge.doubts import OtherCamera
 from windmark.registration.judge.twins import Weighed
 from windmark.registration.result import Cause, RunnerUp, Unchecked
-from windmark.registration.settle.common import SAME_SHARE
 from windmark.registration.settle.solution import Solution
 from windmark.registration.task import Limits
 
@@ -38,7 +38,7 @@ class Verdict:
 def runner_up(best: Solution, other: Solution) -> RunnerUp:
     """Another solution beside the best, with the score that it has in comparison."""
     lead = best.lead_over(other)
-    return RunnerUp(best.score - lead, other.cam_from_model(), other.count, best.shared(other) > SAME_SHARE)
+    return RunnerUp(best.score - lead, other.cam_from_model(), other.count, best.shared(other) > rules.SAME_SHARE)
 
 
 def for_camera(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from windmark.registration.judge import rules
+from windmark.registration import rules
 from windmark.registration.result import RunnerUp
 from windmark.registration.search.pool import Candidate
 from windmark.registration.settle._kernels.places import places_kernel

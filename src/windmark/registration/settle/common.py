@@ -7,15 +7,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.registration import rules
+
 if TYPE_CHECKING:
     from windmark.registration.settle.solution import Solution
 
 Array = NDArray[np.float64]
 
-SAME_SHARE = 0.6
-"""Two solutions are one only if more than this share of the pairs is."""
-AS_MANY = 0.8
-"""A labelling that is shifted on a board beyond its table explains at least this part of the spots."""
+
+def is_too_loose(solution: Solution, c: int) -> bool:
+    """Whether a camera's misfit fills the neighbourhood of the search, so that other labels might fit, too."""
+    return rules.MISFIT * float(solution.misfit_px[c]) > solution.views.planes[c].task.tolerance_px
 
 
 def where_both(a: Solution, b: Solution, c: int) -> float | None:
@@ -24,12 +26,14 @@ def where_both(a: Solution, b: Solution, c: int) -> float | None:
 
     A board that is larger than its table shows as many spots under a labelling that is shifted by a row: those beyond
     the table, which the one explains and the other does not. They are no chance, so how many each of the two finds is
-    no evidence.
+    no evidence. What a solution explains whose misfit is as wide as the neighbourhood of the search is chance.
     """
     (spot_a, marker_a), (spot_b, marker_b) = a.pairs(c), b.pairs(c)
     both, at_a, at_b = np.intersect1d(spot_a, spot_b, assume_unique=True, return_indices=True)
     only_a, only_b = len(spot_a) - len(both), len(spot_b) - len(both)
-    if AS_MANY * a.count >= b.count or a.shared(b) > SAME_SHARE or 2 * only_b < only_a or only_b < 2:
+    if rules.AS_MANY * a.count >= b.count or a.shared(b) > rules.SAME_SHARE or 2 * only_b < only_a or only_b < 2:
+        return None
+    if is_too_loose(b, c):
         return None
     worth = (_worth_of(s, c, marker[at]).sum() for s, marker, at in ((a, marker_a, at_a), (b, marker_b, at_b)))
     return float(next(worth) - next(worth))

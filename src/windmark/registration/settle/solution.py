@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from windmark.geometry import Camera, Pose
 from windmark.geometry._cholesky_kernels import inverse_factor
+from windmark.registration import rules
 from windmark.registration._kernels.evidence import log10_nfa
 from windmark.registration.settle._kernels.state import EXCESS, EXPECTED, MISFIT, State
 from windmark.registration.settle._kernels.worth import (
@@ -23,7 +24,7 @@ from windmark.registration.settle._kernels.worth import (
     SYSTEMATIC,
     worth_kernel,
 )
-from windmark.registration.settle.common import SAME_SHARE, where_both
+from windmark.registration.settle.common import where_both
 from windmark.registration.settle.views import Views
 
 Array = NDArray[np.float64]
@@ -151,7 +152,7 @@ class Solution:
 
     def same_as(self, other: Solution) -> bool:
         """Mostly the same pairs, and poses that agree within three degrees or six sigma of the less certain one."""
-        if self.shared(other) <= SAME_SHARE:
+        if self.shared(other) <= rules.SAME_SHARE:
             return False
         if self.rig_from_model.angle_to(other.rig_from_model) < SAME_ANGLE:
             return True

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from windmark.geometry import Pose
 from windmark.geometry.rotations import hat
-from windmark.registration.judge import rules
+from windmark.registration import rules
 from windmark.registration.result import Registration
 from windmark.registration.track._kernels.motion import (
     MOST_CHANGE,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from windmark.adjust import SolveReport
 from windmark.geometry import Pose
-from windmark.registration.judge import rules
+from windmark.registration import rules
 from windmark.registration.result import Cause, NotRegistered, Registration, RunnerUp
 from windmark.registration.task import Limits
 from windmark.registration.track._kernels.motion import Estimate

@@ -1,4 +1,4 @@
-"""The rules of the judge: every number it decides by, what it means, and the benchmark that guards it.
+"""The rules of the room: every number the judge decides by, what it means, and the benchmark that guards it.
 
 All evidence is in nats: a lead of 10 is odds of 22,000 to 1. What the user may change comes as `Limits`.
 """
@@ -10,6 +10,11 @@ import math
 MISFIT = 4.0
 """The residuals' sigma times this must fit into the neighbourhood of the search, or another labelling would fit, too
 (`matching_refusals`)."""
+SAME_SHARE = 0.6
+"""Two solutions are one only if more than this share of the pairs is."""
+AS_MANY = 0.8
+"""A labelling that is shifted on a board beyond its table explains at least this part of the spots (`attacks`: board).
+"""
 DOUBLED = math.sqrt(3.0)
 """Spots may be twice as bad as they say: an excess of so many of their sigma (`pose_covariance`)."""
 LOOSE = 1.8
