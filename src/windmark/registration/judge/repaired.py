@@ -58,7 +58,7 @@ class Repaired:
     def _with_one_other(self, solution: Solution) -> Iterator[Solution]:
         """Rigid solutions where the spot that the others hardly check is that of a neighbouring marker."""
         for c, plane in enumerate(self._views.planes):
-            marker, wide = open_kernel(solution.state, solution.state.place, c)[2:]
+            marker, wide = solution.openness[c][2:]
             if not own.is_unheld(solution, c, marker, wide):
                 continue
             match = solution.state.match
@@ -116,14 +116,25 @@ def _row_of(solution: Solution) -> NDArray[np.int64] | None:
     """The matched markers but a few that leave the place of a marker open, if these few are taken away; None where the
     others hold the pose without them.
     """  # fmt: skip
-    views, marker = solution.views, solution.pairs()[1]
+    rows, marker = [], solution.pairs()[1]
     for _ in range(min(BESIDE, len(marker) - 4)):
-        xyz = views.sights.xyz[marker] - views.sights.xyz[marker].mean(axis=0)
-        axis = np.linalg.svd(xyz, full_matrices=False)[2][0]
-        marker = np.delete(marker, np.linalg.norm(np.cross(xyz, axis), axis=1).argmax())
-        state = copied(views, solution.state)
-        state.match[0, np.setdiff1d(solution.pairs()[1], marker)] = -1
-        reach = views.planes[0].task.tolerance_px
-        if not fit_kernel(views.sights, state) or open_kernel(state, state.place, 0)[1] > reach:
-            return marker
-    return None
+        off = solution.views.sights.xyz[marker]
+        off = off - off.sum(axis=0) / len(off)
+        axis = np.linalg.eigh(off.T @ off)[1][:, 2]
+        away = off - (off @ axis)[:, None] * axis
+        marker = np.delete(marker, (away * away).sum(axis=1).argmax())
+        rows.append(marker)
+    # The fewer markers there are the more they leave open, and most solutions need be asked only once.
+    if not rows or not _leaves_open(solution, rows[-1]):
+        return None
+    return next(row for row in rows if _leaves_open(solution, row))
+
+
+def _leaves_open(solution: Solution, row: NDArray[np.int64]) -> bool:
+    """Whether some of the matched markers alone leave the place of another open."""
+    state = copied(solution.views, solution.state)
+    state.match[0] = -1
+    state.match[0, row] = solution.state.match[0, row]
+    if not fit_kernel(solution.views.sights, state):
+        return True
+    return open_kernel(state, state.place, 0)[1] > solution.views.planes[0].task.tolerance_px

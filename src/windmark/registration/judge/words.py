@@ -130,7 +130,7 @@ def apart(best: Solution, other: Solution) -> bool:
     """Whether two solutions explain mostly different spots."""
     shared = 0
     for c in range(len(best.counts)):
-        shared += len(np.intersect1d(best.pairs(c)[0], other.pairs(c)[0]))
+        shared += len(set(best.pairs(c)[0].tolist()).intersection(other.pairs(c)[0].tolist()))
     return 2 * shared < min(best.count, other.count)
 
 

@@ -28,12 +28,12 @@ def where_both(a: Solution, b: Solution, c: int) -> float | None:
     the table, which the one explains and the other does not. They are no chance, so how many each of the two finds is
     no evidence. What a solution explains whose misfit is as wide as the neighbourhood of the search is chance.
     """
+    if rules.AS_MANY * a.count >= b.count or a.shared(b) > rules.SAME_SHARE or is_too_loose(b, c):
+        return None
     (spot_a, marker_a), (spot_b, marker_b) = a.pairs(c), b.pairs(c)
     both, at_a, at_b = np.intersect1d(spot_a, spot_b, assume_unique=True, return_indices=True)
     only_a, only_b = len(spot_a) - len(both), len(spot_b) - len(both)
-    if rules.AS_MANY * a.count >= b.count or a.shared(b) > rules.SAME_SHARE or 2 * only_b < only_a or only_b < 2:
-        return None
-    if is_too_loose(b, c):
+    if 2 * only_b < only_a or only_b < 2:
         return None
     worth = (_worth_of(s, c, marker[at]).sum() for s, marker, at in ((a, marker_a, at_a), (b, marker_b, at_b)))
     return float(next(worth) - next(worth))

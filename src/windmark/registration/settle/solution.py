@@ -13,6 +13,7 @@ from windmark.geometry import Camera, Pose
 from windmark.geometry._cholesky_kernels import inverse_factor
 from windmark.registration import rules
 from windmark.registration._kernels.evidence import log10_nfa
+from windmark.registration.settle._kernels.places import open_kernel
 from windmark.registration.settle._kernels.state import EXCESS, EXPECTED, MISFIT, State
 from windmark.registration.settle._kernels.worth import (
     ALONE,
@@ -134,6 +135,11 @@ class Solution:
         """Whether it has the fixed labels of all cameras."""
         pairs = zip(self.views.planes, self.state.match, strict=True)
         return all(plane.task.keeps(match) for plane, match in pairs)
+
+    @cached_property
+    def openness(self) -> list[tuple[int, float, int, float]]:
+        """Of each camera, which markers' places the pairs leave most open, see `open_kernel`."""
+        return [open_kernel(self.state, self.state.place, c) for c in range(len(self.counts))]
 
     @property
     def excess_px(self) -> Array:
