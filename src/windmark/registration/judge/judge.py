@@ -126,6 +126,8 @@ class Judge:
         solutions = self._source.solutions()
         others = [s for s in [*found[1:], *solutions] if not s.same_as(bent)]
         verdict = self._judged(bent, sorted(others, key=lambda s: -s.evidence))
+        if verdict.cause == "ambiguous" and rigid.cause is None:
+            return verdict  # the worse explanation has its lead by the pairs that its misfit drops
         if verdict.cause is not None or not self._bender.allows(bent):
             return rigid
         if bent.count <= rules.FEW and any(s.evidence > bent.evidence for s in self._repaired.with_one_less(bent)):
