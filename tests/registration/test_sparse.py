@@ -1,5 +1,6 @@
 """Few spots, most markers hidden: what the quads cannot find is searched in full, and its odds are told honestly."""
 
+from dataclasses import replace
 from itertools import permutations
 
 import numpy as np
@@ -13,7 +14,7 @@ from windmark.registration._kernels import best as kept
 from windmark.registration._kernels import growth
 from windmark.registration._kernels import match as match
 from windmark.registration.budget import TRIPLET, Budget, work_for
-from windmark.registration.judge import own
+from windmark.registration.judge import own, scale
 from windmark.registration.judge.source import Source
 from windmark.registration.options import default_tolerance
 from windmark.registration.search import links
@@ -165,7 +166,7 @@ def test_odds_of_chance_are_what_they_say():
         low, high = xy[seen].min(axis=0), xy[seen].max(axis=0)
         spots = Detections.make(rng.uniform(low, high, (6, 2)), sigma_px=0.2)
         solutions = in_full(task_of(spots, markers, camera)).solutions()
-        odds += [own.odds_of_few(s) for s in solutions[:1]]
+        odds += [own.odds_of_few(s, LIMITS) for s in solutions[:1]]
         assert not any(own.is_sure_of_few(s, LIMITS) for s in solutions)
     assert len(odds) > 5
     for t in (2.0, 4.0, 6.0):
@@ -183,6 +184,24 @@ def test_eight_of_sixty_are_sure_and_half_of_five_of_twenty_four():
         sure[kind] = tried
     assert sure["A"] >= 2
     assert sure["B"] >= 5
+
+
+def test_a_rival_is_worth_what_it_is_with_the_errors_that_the_table_may_have():
+    """Five spots: what fits them by ten times the noise is no rival where the table is as good as the spots."""
+    leads = []
+    for table_error in (1e-4, 0.3):
+        limits, of = replace(LIMITS, table_error=table_error), []
+        for seed in range(6):
+            spots, label, markers, camera, _ = few_of(seed, "A", 5)
+            solutions = in_full(task_of(spots, markers, camera)).solutions()
+            if solutions and right(solutions[0], label):
+                of += [scale.lead(solutions[0], other, limits) for other in solutions[1:]]
+        leads.append(of)
+    close, wide = np.array(leads)
+    assert len(close) > 5
+    assert (close > wide).all()
+    assert (close > LIMITS.margin).mean() > 0.8
+    assert (wide > LIMITS.margin).mean() < 0.6
 
 
 def test_a_prior_holds_what_three_of_four_leave_open():

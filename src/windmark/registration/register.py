@@ -133,7 +133,8 @@ def register(  # type: ignore[misc]  # the overloads leave the options to this o
         few spots (at most twelve) that explains nearly all of them is judged by its odds, price of the pose included,
         which must be above ``min_score`` - 50 nats
     max_table_error : markers that are farther off their table (1 sigma per coordinate beyond its sigma, as part of the
-        distance to the nearest other marker) are those of another model of the same design
+        distance to the nearest other marker) are those of another model of the same design; another labelling that
+        needs more than that is no rival
     max_deformation : a model whose residuals show that it is bent or twisted may differ from its table by a smooth
         displacement of so much, as part of its largest extent; see `Deformation`. 0: it is rigid
     seed : of the random triplets

@@ -15,7 +15,7 @@ import numpy as np
 
 from windmark.registration import rules
 from windmark.registration.budget import Budget
-from windmark.registration.judge import own, words
+from windmark.registration.judge import own, scale, words
 from windmark.registration.judge.bending import Bender
 from windmark.registration.judge.binding import unbound
 from windmark.registration.judge.cameras import Places, blocked
@@ -133,7 +133,7 @@ class Judge:
         if bent.count <= rules.FEW and any(s.evidence > bent.evidence for s in self._repaired.with_one_less(bent)):
             return rigid
         if (other := told_by_bending(bent, solutions, self._limits.margin)) is not None:
-            answer = runner_up(bent, other)
+            answer = runner_up(bent, other, self._limits)
             return Verdict(bent, answer, "ambiguous", words.ambiguity(bent, other, answer, only_by=words.BENDING))
         return verdict
 
@@ -143,7 +143,7 @@ class Judge:
 
     def _judged(self, best: Solution, others: Sequence[Solution]) -> Verdict:
         """A solution beside its rivals."""
-        answer = runner_up(best, others[0]) if others else None
+        answer = runner_up(best, others[0], self._limits) if others else None
         cause, reason = self._refusal(best, others)
         if cause is None and self._unchallenged:
             cause = "time"
@@ -165,13 +165,14 @@ class Judge:
                 return "misfit", f"{words.seen(best)}, but {where}"
         for other in others:
             second = words.apart(best, other) and own.beyond_chance(other, limits)
-            if best.lead_over(other) < limits.margin or second:
-                return "ambiguous", words.ambiguity(best, other, runner_up(best, other))
+            if scale.lead(best, other, limits) < limits.margin or second:
+                return "ambiguous", words.ambiguity(best, other, runner_up(best, other, limits))
             if told_by_table_errors(best, other, limits.margin):
-                return "ambiguous", words.ambiguity(best, other, runner_up(best, other), only_by=words.TABLE_ERRORS)
+                answer = runner_up(best, other, limits)
+                return "ambiguous", words.ambiguity(best, other, answer, only_by=words.TABLE_ERRORS)
         for _, other in self._near(best):
             if elsewhere(best, other):
-                return "ambiguous", words.ambiguity(best, other, runner_up(best, other))
+                return "ambiguous", words.ambiguity(best, other, runner_up(best, other, limits))
         if held := own.held_by_one(best):
             return "one_pair", f"{words.seen(best)}, but {held}"
         return None, ""
@@ -186,7 +187,7 @@ class Judge:
             self._copies.append((best, known[0]))
         if (other := known[0]) is None:
             return verdict
-        answer = runner_up(best, other)
+        answer = runner_up(best, other, self._limits)
         if (bent := self._bender.as_one(best, other)) is not None:
             return Verdict(best, answer, "misfit", words.in_parts(best, other, bent, self._limits.deformation))
         return Verdict(best, answer, "ambiguous", words.ambiguity(best, other, answer))
@@ -293,7 +294,7 @@ class Judge:
                      or told_by_table_errors(best, kept[0], self._limits.margin)):  # fmt: skip
             return None
         having = f"{kept[0].count} of {kept[0].expected}" if kept else "no solution"
-        return Verdict(best, runner_up(best, kept[0]) if kept else None, "labels", (
+        return Verdict(best, runner_up(best, kept[0], self._limits) if kept else None, "labels", (
             f"fixed labels contradict the spots: {best.count} of {best.expected} markers in view are matched without "
             f"them, {having} with them; {words.contradiction(best)}"
         ))  # fmt: skip

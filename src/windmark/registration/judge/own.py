@@ -7,8 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.geometry.order import median
 from windmark.registration import rules
+from windmark.registration.judge.scale import allowed_excess, of_scale
 from windmark.registration.result import Unchecked
 from windmark.registration.settle._kernels.fit import spread_places
 from windmark.registration.settle._kernels.places import open_kernel
@@ -20,9 +20,6 @@ from windmark.registration.settle.solution import Solution
 from windmark.registration.task import ON_LINE_PX, Limits, off_line
 
 Array = NDArray[np.float64]
-
-SIGMAS = 21
-"""Values of the residuals' sigma over which the odds of few pairs are averaged."""
 
 
 def is_loose(best: Solution, c: int) -> bool:
@@ -88,27 +85,20 @@ def is_sure_of_few(best: Solution, limits: Limits) -> bool:
     if len(best.views.planes) > 1 or best.is_bent or not least or best.count < least or is_loose(best, 0):
         return False
     known = len(plane.task.fixed) * math.log(len(plane.task.markers))
-    return odds_of_few(best) > limits.score - rules.PRICE - known
+    return odds_of_few(best, limits) > limits.score - rules.PRICE - known
 
 
-def odds_of_few(best: Solution) -> float:
+def odds_of_few(best: Solution, limits: Limits) -> float:
     """Evidence (nats) of a single camera's solution, where neither the clutter's rate nor the excess is known before.
 
     `Solution.evidence` charges the solution with clutter as dense as all spots are, and with the excess that the gates
     are kept open for. Here the rate of the clutter has Jeffreys' prior under both explanations, and the residuals'
-    sigma is anything (by its logarithm) from that of the spots to the one it has. By its construction chance gives odds
-    above exp(t) in less than exp(-t) of the pictures (Markov's inequality).
+    sigma is open (`scale.of_scale`). By its construction chance gives odds above exp(t) in less than exp(-t) of the
+    pictures (Markov's inequality).
     """
     spots, count = len(best.views.planes[0].task.xy), best.count
     rate = math.lgamma(spots - count + 0.5) - math.lgamma(spots + 0.5) + count * math.log(spots)
-    spot, marker = best.pairs()
-    spread, residual = _square(best.state.spread[0, marker]), best.state.residual[0, marker]
-    square = float(np.einsum("ki,kij,kj->", residual, np.linalg.inv(spread), residual))
-    noise = np.linalg.det(best.views.planes[0].task.cov[spot]) / np.linalg.det(spread)
-    sigma = np.geomspace(min(float(noise.mean()) ** 0.25, 1.0), 1.0, SIGMAS)
-    redundancy = 2 * count - float(best.state.numbers[0, TAKEN])
-    narrower = -redundancy * np.log(sigma) - 0.5 * square * (1 / sigma**2 - 1)
-    return best.evidence + rate + float(np.log(np.exp(narrower).mean()))
+    return best.evidence + rate + of_scale(best, limits)
 
 
 def is_copy(best: Solution, other: Solution, limits: Limits) -> bool:
@@ -136,19 +126,15 @@ def misfit_of(best: Solution, c: int, limits: Limits) -> str:
     luck, so the excess counts with its own sigma on top. The spots may be twice as bad as they say. What the gates are
     kept open for beyond the residuals (`settle._kernels.fit.excess_of`) is doubt, no error of the table.
     """
-    task, layout = best.views.planes[c].task, best.views.layout
-    misfit = float(best.misfit_px[c])
+    task, misfit = best.views.planes[c].task, float(best.misfit_px[c])
     excess = min(float(best.excess_px[c]), math.sqrt(max(misfit**2 - _known(best, c), 0.0)))
     if is_too_loose(best, c):
         return (
             f"with a misfit of {misfit:.1f} px (1 sigma per coordinate) it is too loose for tolerance_px = "
             f"{task.tolerance_px:.1f}: another or a deformed model, wrong camera parameters, or too small a tolerance"
         )
-    marker = best.pairs(c)[1]
-    depth = best.cam_from_model(c).apply(task.markers.xyz[marker])[:, 2]
-    spacing = median(layout.spacing[marker] * float(best.state.camera[c, 0]) / depth)
-    redundancy = 2 * len(marker) - float(best.state.numbers[c, 3])
-    allowed = math.hypot(limits.table_error * spacing, rules.DOUBLED * task.typical_sigma_px)
+    redundancy = 2 * int(best.counts[c]) - float(best.state.numbers[c, TAKEN])
+    allowed = allowed_excess(best, c, limits)
     excess *= 1 + 1 / math.sqrt(2 * max(redundancy, 1.0))
     if excess <= allowed:
         return ""
@@ -175,7 +161,9 @@ def held_by_one(best: Solution) -> str:
         # A pair has most of its own place there: 2 % between the excess of the fit and of the residuals would be all.
         best = with_freedom(best.views, best, relabel=False) or best
     placed = _with_prior(best)
-    found = [open_kernel(best.state, placed, c) for c in range(len(best.counts))]
+    found = best.openness
+    if placed is not best.state.place:
+        found = [open_kernel(best.state, placed, c) for c in range(len(best.counts))]
     for c, plane in enumerate(best.views.planes):
         rest, wide = found[c][:2]
         # A bent model leaves the markers that it has no spot of open by its nature.
@@ -208,7 +196,7 @@ def unheld_pair(best: Solution) -> tuple[int, int, float] | None:
     Of a bent model each pair has most of its own place, and its root's pose is known less well than that.
     """
     for c in np.flatnonzero(best.counts).tolist() if not best.is_bent else ():
-        marker, wide = open_kernel(best.state, best.state.place, c)[2:]
+        marker, wide = best.openness[c][2:]
         if is_unheld(best, c, marker, wide):
             return c, marker, wide
     return None

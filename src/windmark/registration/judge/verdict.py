@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from windmark.registration import rules
 from windmark.registration.judge import words
 from windmark.registration.judge.doubts import OtherCamera
+from windmark.registration.judge.scale import lead
 from windmark.registration.judge.twins import Weighed
 from windmark.registration.result import Cause, RunnerUp, Unchecked
 from windmark.registration.settle.solution import Solution
@@ -35,10 +36,10 @@ class Verdict:
     without: Solution | None = None
 
 
-def runner_up(best: Solution, other: Solution) -> RunnerUp:
+def runner_up(best: Solution, other: Solution, limits: Limits) -> RunnerUp:
     """Another solution beside the best, with the score that it has in comparison."""
-    lead = best.lead_over(other)
-    return RunnerUp(best.score - lead, other.cam_from_model(), other.count, best.shared(other) > rules.SAME_SHARE)
+    score, same = best.score - lead(best, other, limits), best.shared(other) > rules.SAME_SHARE
+    return RunnerUp(score, other.cam_from_model(), other.count, same)
 
 
 def for_camera(
@@ -47,10 +48,10 @@ def for_camera(
     """The refusal for another camera; for a bent model that should be rigid, where that explains the spots better; for
     either where they do about as well.
     """  # fmt: skip
-    lead = -math.inf if bent is None else bent.evidence - other.solution.evidence
-    if bent is None or lead < -limits.margin:
+    ahead = -math.inf if bent is None else bent.evidence - other.solution.evidence
+    if bent is None or ahead < -limits.margin:
         return Verdict(best, answer, other.cause, other.words)
     reason = f"{words.seen(best)}, but {words.is_bent(bent, limits.deformation)}"
-    if lead < limits.margin:
+    if ahead < limits.margin:
         reason += f"; or, about as likely: {other.words}"
     return Verdict(best, answer, "misfit", reason)
