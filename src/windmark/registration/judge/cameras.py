@@ -33,6 +33,8 @@ Array = NDArray[np.float64]
 
 ANYWHERE = 1.0
 """1 sigma of the place of a camera that is doubted: radians, and part of its distance."""
+SMALL = 0.005
+"""Part of that by which a camera may be off that was only touched: small, but more than rigs are uncertain by."""
 UNLIKELY = 1e-3
 """A camera contradicts a solution where so few pairs are less likely than this by what the other cameras see, ..."""
 SEEN_LEAST, SEEN_MOST = 0.25, 0.95
@@ -149,7 +151,8 @@ class Places:
         turn, shift = np.split(doubted_place(ANYWHERE, ANYWHERE * self._distances[c]), 2, axis=1)
         focal = doubted_camera(base.views.planes[c].task.camera)[:, :1]
         found = []
-        for pose, column in ((place, np.hstack([turn, shift])), (turned, turn), (shifted, shift), (given, focal)):
+        far = ((place, np.hstack([turn, shift])), (turned, turn), (shifted, shift), (given, focal))
+        for pose, column in (*far, (given, SMALL * turn), (given, SMALL * shift)):
             columns = [column[:, : column.shape[1] * (k == c)] for k in range(len(base.counts))]
             views = base.views.with_place(c, pose).opened(columns)
             state = copied(views, base.state)
