@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from windmark.detection.template._kernels.touching import take_away
 from windmark.detection.template.disc_model import patch_model
-from windmark.detection.template.refine import make_scene, refine_template
+from windmark.detection.template.refine import refine_template
 from windmark.detection.template.result import TOUCHING
-from windmark.detection.template.touching import hole
 from windmark.synth import disc_image
 
 TILE, LEVEL, DEPTH, RADIUS = 45, 200.0, 140.0, 3.5
@@ -54,9 +54,10 @@ def test_a_neighbour_costs_little_and_moves_nothing(gap):
 
 def test_what_a_disc_takes_away_is_its_model_without_the_light():
     params = np.array([1.3, -0.7, 3.0, 0.4, 2.6, 0.8, 90.0, 180.0, 0.01, -0.02])
-    scene = make_scene(np.zeros((9, 9)), "dark", "multiplicative", None, None)
     x = np.arange(23) - 11
     flat = params.copy()
     flat[6] = 0.0
     expected = patch_model(x, x, params)[0] - patch_model(x, x, flat)[0]
-    np.testing.assert_allclose(hole(scene, 23, params), expected, atol=0.03)
+    patch = np.zeros((1, 23, 23))
+    take_away(patch, np.ones_like(patch), np.zeros(1, dtype=np.int64), params[None], 1.0)
+    np.testing.assert_allclose(-patch[0], expected, atol=0.03)

@@ -15,7 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 from windmark.detection.guided_judge import ANSWERS, CLEAR, FOUND, UNSEEN, judge
 from windmark.detection.image import check_polarity
 from windmark.detection.options import PHOTOMETRIES
-from windmark.detection.template.frame import BLUR_SPREAD, BLUR_START, fit_markers, learn_frame
+from windmark.detection.template.frame import fit_markers
+from windmark.detection.template.learn import BLUR_SPREAD, BLUR_START, learn_frame
 from windmark.detection.template.refine import LEAST_AXIS, check_places, fresh_request, known_blur, make_scene
 from windmark.detection.template.request import Request, Scene
 from windmark.detection.template.result import CONTAMINATED, Frame, TemplateFits

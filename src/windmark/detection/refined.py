@@ -55,16 +55,14 @@ def refined(
     markers : the accepted ones, in the order of the spots
     reason : (K,) what decided, ACCEPTED or a code of `rejected.REASONS`
     """
-    from windmark.detection.template.refine import make_scene, refine_template
+    from windmark.detection.template.refine import fit_candidates, make_scene
     from windmark.detection.template.rim import rim_support
 
     usable = np.isfinite(prepared.g) if prepared.missing else None
     size = np.where(spots.misfit < spots.merit, found.axes[:, 0], found.radius)
     radius = np.clip(np.nan_to_num(size, nan=0.0), 0.75 * spots.r0, 1.3 * spots.r0)
-    fits = refine_template(
-        image, spots.xy, radius, polarity=options.polarity, photometry=options.light, mask=usable
-    )  # fmt: skip
     scene = make_scene(image, options.polarity, options.light, usable, None)
+    fits, doubts = fit_candidates(scene, spots.xy, radius)
     noise = expected_noise(fits, spots)
     support = rim_support(scene, fits, noise.variance)
     weak = np.arange(len(fits)) >= taken
@@ -76,7 +74,7 @@ def refined(
     good = np.flatnonzero(reason == ACCEPTED)
     once = np.sort(good[distinct(replace(spots.take(good), xy=fits.xy[good]))])
     reason[np.setdiff1d(good, once)] = SAME
-    fits = fits.take(once)
+    fits = doubts.cast(fits, once)
     return Detections(
         xy=fits.xy, cov=fits.cov, merit=spots.merit[once], radius_px=fits.radius_px, axes_px=fits.axes_px,
         angle=fits.angle, depth=fits.depth, flags=fits.flags | (found.flags[once] & CONTAMINATED),

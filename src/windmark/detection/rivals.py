@@ -93,14 +93,16 @@ def _measured(scene: Scene, fits: TemplateFits, index: Ints, near: Ints, half: i
     """Deviations (B, 2, E) of some of the fits, their inverse covariances in noise of variance 1, and what is left, of
     the template as it was fitted and as it is best beside the deviations.
     """  # fmt: skip
-    from windmark.detection._kernels.rivals import EXTRA, deviations
+    from windmark.detection._kernels.rivals import EXTRA, deviations, hide
 
     pixel = np.rint(fits.xy[index]).astype(np.int64)
     patches, weights = cut_patches(scene, pixel, half)
-    row = {int(k): n for n, k in enumerate(index)}
-    for i, j in near.tolist():
-        if i in row:
-            weights[row[i]][_covered(fits, j, pixel[row[i]], half)] = 0.0
+    row = np.full(len(fits), -1)
+    row[index] = np.arange(index.size)
+    i, j = near[row[near[:, 0]] >= 0].T
+    reach = BESIDE_PX + BESIDE_BLURS * fits.blur_px[j, None]
+    shape = shape_matrix(fits.axes_px[j] + reach, fits.angle[j])
+    hide(weights, row[i], np.column_stack([fits.xy[j] - pixel[row[i]], shape[:, 0], shape[:, 1, 1]]))
     count = index.size
     value, weight, left = np.empty((count, 2, EXTRA)), np.empty((count, 2, EXTRA, EXTRA)), np.empty((count, 2))
     params = model_parameters(scene, fits.take(index), pixel)
@@ -172,12 +174,3 @@ def _neighbours(fits: TemplateFits) -> Ints:
     distance, size = np.hypot(*(place[pairs[:, 0]] - place[pairs[:, 1]]).T), fits.axes_px[:, 0]
     inner = 0.5 * np.minimum(size[pairs[:, 0]], size[pairs[:, 1]])  # one marker found twice hides nothing
     return np.asarray(pairs[(distance > inner) & (distance < reach[pairs[:, 0]])])
-
-
-def _covered(fits: TemplateFits, j: int, pixel: Ints, half: int) -> NDArray[np.bool_]:
-    """Pixels (S, S) of a patch round a pixel that belong to a fit."""
-    reach = BESIDE_PX + BESIDE_BLURS * fits.blur_px[j]
-    shape = shape_matrix(fits.axes_px[j] + reach, fits.angle[j])
-    place = np.arange(-half, half + 1)
-    uv = np.stack(np.meshgrid(place, place), axis=-1) + pixel - fits.xy[j]
-    return np.asarray((np.square(uv @ np.linalg.inv(shape)).sum(axis=-1)) <= 1.0)

@@ -193,3 +193,19 @@ def deviations(
                     break
                 step *= 0.5
                 p[:] = good + step
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def hide(weights: Any, which: Any, params: Any) -> None:
+    """Weight 0 in patch which[n] (of M, S, S) for the pixels of ellipse n: x, y from its middle, L_xx, L_xy, L_yy."""
+    half = weights.shape[1] // 2
+    for n in range(len(which)):
+        x0, y0, a, b, d = params[n, 0], params[n, 1], params[n, 2], params[n, 3], params[n, 4]
+        det, weight = a * d - b * b, weights[which[n]]
+        for j in range(weight.shape[0]):
+            y = j - half - y0
+            for i in range(weight.shape[0]):
+                x = i - half - x0
+                u, v = (d * x - b * y) / det, (a * y - b * x) / det
+                if u * u + v * v <= 1.0:
+                    weight[j, i] = 0.0

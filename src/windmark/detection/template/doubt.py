@@ -10,15 +10,22 @@ Outlines that are rough everywhere (print, hand-painted discs) move such centres
 those of others: that is how the discs of this frame are, not what lies on one of them. The frame's clean markers are
 asked the same, and where their centres hang on quarters more than white noise makes them the contaminated ones' scatter
 is taken in proportion.
+
+Nothing is decided by such a covariance, and most contaminated candidates are no markers: it is asked of those that are
+kept.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.detection.template.colour import colour_of
 from windmark.detection.template.fit import Fitted, refit
 from windmark.detection.template.request import Neighbours, Request, Scene
+from windmark.detection.template.result import TemplateFits
 from windmark.geometry.order import median
 
 Array = NDArray[np.float64]
@@ -28,6 +35,46 @@ QUARTERS = 8  # directions of the middles of the quarters
 LEFT_TO_GONE = 3.0  # pixels that stay over those left out: the jackknife's factor
 IN_WHITE_NOISE = 5.8  # jackknife over covariance, variances: a fit without a quarter loses more than a quarter
 ENOUGH = 5  # clean markers that say how discs are in this frame
+
+
+@dataclass(frozen=True)
+class Doubts:
+    """Contaminated markers of a frame whose covariances are still those of least squares.
+
+    Parameters
+    ----------
+    scene, request, done, others : of all K markers; `request.scale` is that of the weights they were fitted with
+    white : (K, 2, 2) covariances of their centres in white noise as strong as theirs
+    usual, known : (U,), (U, 2, 2) clean ones that say how discs are in this frame, and their covariances
+    index : (L,) the contaminated ones
+    """
+
+    scene: Scene
+    request: Request
+    done: Fitted
+    others: Neighbours
+    white: Array
+    usual: Ints
+    known: Array
+    index: Ints
+
+    def cast(self, fits: TemplateFits, kept: Ints | None = None) -> TemplateFits:
+        """The fits of the markers ``kept`` (all K if None, each once), with covariances as large as the doubts."""
+        kept = np.arange(len(fits)) if kept is None else kept
+        fits, place = fits.take(kept), np.full(len(self.done.params), -1)
+        place[kept] = np.arange(len(kept))
+        index = self.index[place[self.index] >= 0]
+        if not index.size:
+            return fits
+        every = np.concatenate([self.usual, index])
+        scatter = quarters_scatter(
+            self.scene, self.request.take(every), self.done.take(every), self.others.take(every)
+        )
+        usual, own = np.split(scatter, [self.usual.size])
+        row, cov, colour = place[index], fits.cov.copy(), fits.colour.copy()
+        cov[row] = larger(cov[row], own / rougher(usual, self.known))
+        colour[row] = colour_of(cov[row], self.white[index])
+        return replace(fits, cov=cov, colour=colour)
 
 
 def quarters_scatter(scene: Scene, request: Request, done: Fitted, others: Neighbours) -> Array:

@@ -8,7 +8,6 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.detection.template.disc_model import PIXEL_VARIANCE
 from windmark.detection.template.request import Neighbours, Request, Scene
 
 Array = NDArray[np.float64]
@@ -149,21 +148,6 @@ def refit(
         again.states[:, :2] -= start
         out.put(index, again)
     return out
-
-
-def linearised(scene: Scene, patch: Array, weight: Array, params: Array) -> tuple[Array, Array]:
-    """Residual (S, S) of a patch and the model's derivatives (10, S, S) by `params`, as `Fitted` has them."""
-    from windmark.detection.template._kernels.model import evaluate, points_needed
-
-    size, p = len(patch), params.copy()
-    light = max(1.0 + scene.multiplicative * float(p[8:] @ p[:2]), 0.05)
-    slope, reach = scene.multiplicative * p[8:] / light, p[5] ** 2 + PIXEL_VARIANCE
-    p[:2] -= reach * slope  # the kernel's centre is the one without the light's coupling
-    jac, residual, table = np.empty((10, size, size)), np.empty((size, size)), np.empty((8, size + 6))
-    evaluate(patch, weight, p, points_needed(p), True, 0.0, float(scene.multiplicative), table, jac, residual)
-    jac[8:] -= scene.multiplicative * reach / light * jac[:2]
-    jac[5] -= 2.0 * p[5] * (slope[0] * jac[0] + slope[1] * jac[1])
-    return residual, jac
 
 
 def _start(

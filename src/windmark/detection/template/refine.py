@@ -13,14 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from windmark.detection.image import check_image, check_mask, check_polarity
 from windmark.detection.template.disc_model import check_photometry
-from windmark.detection.template.frame import (
-    BLUR_SPREAD,
-    BLUR_START,
-    LEAST_SPREAD,
-    fit_markers,
-    frame_blur,
-    learn_frame,
-)
+from windmark.detection.template.doubt import Doubts
+from windmark.detection.template.frame import fit_at_first, fit_markers
+from windmark.detection.template.learn import BLUR_SPREAD, BLUR_START, LEAST_SPREAD, frame_blur, learn_frame
 from windmark.detection.template.noise import FrameNoise
 from windmark.detection.template.request import Request, Scene
 from windmark.detection.template.result import Frame, TemplateFits
@@ -88,6 +83,15 @@ def refine_template(
         learnt, request = learn_frame(scene, request, blur=blur_px is None, noise=noise is None)
         frame = Frame(learnt.blur_px, learnt.blur_spread_px, learnt.noise if noise is None else noise)
     return fit_markers(scene, request, frame, robust=robust)
+
+
+def fit_candidates(scene: Scene, xy: Array, radius: Array) -> tuple[TemplateFits, Doubts]:
+    """`refine_template` of markers (M,), with the covariances of contaminated ones left to the doubts."""
+    frame = Frame(*known_blur(None), None)
+    request = fresh_request(xy, radius, frame)
+    if len(xy):
+        frame, request = learn_frame(scene, request, blur=True, noise=True)
+    return fit_at_first(scene, request, frame, robust=True)
 
 
 def make_scene(

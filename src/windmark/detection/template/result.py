@@ -109,7 +109,8 @@ class TemplateFits:
 
 
 def columns(
-    scene: Scene, start: Array, done: Fitted, *, cov: Array, chi2: Array, flags: Ints, crossed: Bools, frame: Frame,
+    scene: Scene, start: Array, done: Fitted, *, cov: Array, white: Array, chi2: Array, flags: Ints, crossed: Bools,
+    frame: Frame,
 ) -> TemplateFits:  # fmt: skip
     """Fits as they are reported; `flags` are those that the caller knows of."""
     p = done.params
@@ -126,7 +127,6 @@ def columns(
         # Paint takes away no more light than there is: where noise says so, the disc is larger and takes the same.
         excess = np.where((depth > ramp) & (ramp > 0.0), depth / np.maximum(ramp, 1e-300), 1.0)
         depth, axes = depth / excess, axes * np.sqrt(excess)[:, None]
-    factor = np.ones(len(p)) if frame.noise is None else frame.noise.factor(done.column("noise2"), level(p))
     with np.errstate(divide="ignore", invalid="ignore"):
         slope = p[:, 8:] / light[:, None] if scene.multiplicative else scene.sign * p[:, 8:]
         correlation = np.where(flat, 0.0, np.sign(p[:, 6]) * np.sqrt(signal / (signal + cost)))
@@ -147,7 +147,7 @@ def columns(
         slope=slope,
         noise=np.sqrt(done.column("noise2")),
         chi2=chi2,
-        colour=colour_of(cov, done.cov[:, :2, :2] * factor[:, None, None]),
+        colour=colour_of(cov, white),
         correlation=correlation,
         iterations=done.column("evaluations").astype(np.int64),
         converged=converged,
@@ -155,6 +155,14 @@ def columns(
         crossed=crossed,
         frame=frame,
     )
+
+
+def white_covariance(done: Fitted, frame: Frame) -> Array:
+    """Covariances (K, 2, 2) of the centres in white noise as strong as the frame and the markers say."""
+    if frame.noise is None:
+        return done.cov[:, :2, :2].copy()
+    factor = frame.noise.factor(done.column("noise2"), level(done.params))
+    return np.asarray(done.cov[:, :2, :2] * factor[:, None, None])
 
 
 def ellipses(shape: Array) -> tuple[Array, Array]:

@@ -24,15 +24,12 @@ Bools = NDArray[np.bool_]
 DIRECTIONS = 12  # that are tried, and all places in steps of a pixel
 HALF_WIDTH, WIDTH_SPREAD = 0.8, 0.5  # px, and standard deviation of its logarithm
 PIXEL = 0.29  # px, standard deviation of a pixel's box
-LEAST_AXIS, LEAST_BLUR = 0.5, 0.25  # px
 BESIDE = 1.3  # radii from the centre, from where on only the stroke is seen
 INEXACT = 0.03  # px, what is left because a product of blurred images is not the blurred product
 LEAST_PIXELS = 42  # three times the unknowns
 WIDEST = 61  # px, of a window: beside larger discs a line is narrow and weights do
-EVALUATIONS, HOPE = 25, 8  # at most; after so many it must be near a good fit, or it is given up
-TOLERANCE = 1e-2  # chi^2 of the last step
 BETTER, GOOD = 0.6, 2.0  # believed if it leaves that part of the residual variance, and so much over the noise's
-HOPELESS = 3.0  # times what is good
+HOPELESS = 3.0  # times what is good: given up early
 LIKE = 0.5, 2.0  # contrast over that of clean markers: others are none
 MOVED = 0.5  # radii by which it may move the centre
 
@@ -51,53 +48,24 @@ class _Window:
 
     def model(self, v: Array) -> tuple[Array, Array]:
         """Image (S, S) of disc and stroke, and its derivatives (14, S, S)."""
-        from windmark.detection.template._kernels.model import evaluate, points_needed
+        from windmark.detection.template._kernels.stroke import COUNT, model
 
         size = len(self.patch)
-        jac, image, table = np.empty((14, size, size)), np.empty((size, size)), np.empty((8, size + 6))
-        p = v[:10].copy()
-        ones, zeros = np.ones((size, size)), np.zeros((size, size))
-        evaluate(zeros, ones, p, points_needed(p), True, 0.0, float(self.multiplicative), table, jac[:10], image)
-        disc = -image
-        covered, derivatives = stroke(size, v[10], v[11], v[13], self.blur)
-        carrier = disc if self.multiplicative else np.full_like(disc, self.scale)
-        jac[10:12], jac[12], jac[13] = (
-            -v[12] * carrier * derivatives[:2],
-            -carrier * covered,
-            -v[12] * carrier * derivatives[2],
-        )
-        if self.multiplicative:
-            jac[:10] *= 1.0 - v[12] * covered
-        return disc - v[12] * carrier * covered, jac
+        jac, image, flat = np.empty((COUNT, size, size)), np.empty((size, size)), np.zeros((2, size, size))
+        flat[1] = 1.0
+        model(v, self.blur, self.scale, float(self.multiplicative), flat, np.empty((8, size + 6)),
+              np.empty((4, size, size)), jac, image)  # fmt: skip
+        return image, jac
 
-    def equations(self, v: Array) -> tuple[float, Array, Array]:
-        """Cost, normal matrix and right side in units of the noise, with what is known of blur and width."""
-        image, jac = self.model(v)
-        rows = (jac * (self.weight / self.noise)).reshape(14, -1)
-        residual = ((self.patch - image) * self.weight / self.noise).ravel()
-        matrix, rhs, cost = rows @ rows.T, rows @ residual, float(residual @ residual)
-        for k, value, spread in ((5, self.blur, self.blur_spread), (13, np.log(HALF_WIDTH), WIDTH_SPREAD)):
-            matrix[k, k] += spread**-2.0
-            rhs[k] += (value - v[k]) * spread**-2.0
-            cost += ((value - v[k]) / spread) ** 2
-        return cost, matrix, rhs
+    def fit(self, v: Array) -> tuple[Array, Array, float] | None:
+        """From a start (14,): unknowns, normal matrix and cost in units of the noise; None if it does not converge."""
+        from windmark.detection.template._kernels.stroke import COUNT, fit_stroke
 
-
-def stroke(size: int, direction: float, place: float, log_half_width: float, blur: float) -> tuple[Array, Array]:
-    """A blurred stroke (S, S), 1 in its middle if it is wide, and its derivatives (3, S, S) by the three unknowns.
-
-    `direction` is that of its normal, `place` its distance from the middle of the patch along it.
-    """
-    from scipy.special import ndtr
-
-    x = np.arange(size) - size // 2
-    c, s, half, sigma = np.cos(direction), np.sin(direction), np.exp(log_half_width), np.hypot(blur, PIXEL)
-    distance = c * x[None, :] + s * x[:, None] - place
-    high, low = (distance + half) / sigma, (distance - half) / sigma
-    g_high, g_low = (np.exp(-0.5 * t * t) / (np.sqrt(2.0 * np.pi) * sigma) for t in (high, low))
-    across = g_high - g_low
-    turned = across * (c * x[:, None] - s * x[None, :])
-    return ndtr(high) - ndtr(low), np.stack([turned, -across, (g_high + g_low) * half])
+        known = np.array([[5.0, self.blur, self.blur_spread], [13.0, np.log(HALF_WIDTH), WIDTH_SPREAD]])
+        v, matrix, hopeless = v.copy(), np.empty((COUNT, COUNT)), HOPELESS * GOOD * self.weight.sum()
+        cost = fit_stroke(self.patch, self.weight, v, known, self.noise, self.scale, float(self.multiplicative),
+                          hopeless, matrix)  # fmt: skip
+        return None if np.isnan(cost) else (v, matrix, cost)
 
 
 def fit_strokes(
@@ -134,7 +102,7 @@ def fit_strokes(
         if size not in tried:
             tried[size] = _candidates(size, window.blur)
         first = _start(window, start[0], float(radius[k]), contrast, tried[size])
-        found = None if first is None else _fit(window, first)
+        found = None if first is None else window.fit(first)
         if found is None:
             continue
         v, matrix, cost = found
@@ -187,41 +155,6 @@ def _candidates(size: int, blur: float) -> tuple[Array, Array, Array]:
     distance = np.abs(along_x + along_y - offsets[:, None, None])
     lines = np.clip(0.5 + (HALF_WIDTH - distance) / (np.sqrt(2.0 * np.pi) * np.hypot(blur, PIXEL)), 0.0, 1.0)
     return directions, offsets, lines.reshape(len(lines), -1)
-
-
-def _fit(window: _Window, v: Array) -> tuple[Array, Array, float] | None:
-    """Levenberg and Marquardt: unknowns (14,), normal matrix, cost; None if it does not converge."""
-    cost, matrix, rhs = window.equations(v)
-    damping = 1e-2
-    for k in range(EVALUATIONS):
-        if k == HOPE and cost > HOPELESS * GOOD * window.weight.sum():
-            return None
-        try:
-            step = np.linalg.solve(matrix + damping * np.diag(np.diag(matrix)), rhs)
-        except np.linalg.LinAlgError:
-            return None
-        trial = v + step
-        if _possible(trial, len(window.patch) // 2):
-            new = window.equations(trial)
-            if new[0] <= cost:
-                small = float(step @ matrix @ step) < TOLERANCE
-                v, (cost, matrix, rhs), damping = trial, new, max(0.2 * damping, 1e-7)
-                if small:
-                    return v, matrix, cost
-                continue
-        damping *= 8.0
-        if damping > 1e8:
-            return None
-    return None
-
-
-def _possible(v: Array, half: int) -> bool:
-    """Inside the bounds: an ellipse and a blur that pixels can show, a stroke in the window."""
-    middle, gap = 0.5 * (v[2] + v[4]), np.hypot(0.5 * (v[2] - v[4]), v[3])
-    return bool(
-        middle - gap > LEAST_AXIS and middle + gap < half and v[5] > LEAST_BLUR and np.abs(v[:2]).max() < half
-        and abs(v[12]) < 1.0 and abs(v[11]) < 1.5 * half and abs(v[13]) < 2.0
-    )  # fmt: skip
 
 
 def _centred(v: Array, cov: Any, scene: Scene) -> tuple[Array, Array]:

@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.detection.template.fit import Fitted, linearised, refit
+from windmark.detection.template.fit import Fitted, refit
 from windmark.detection.template.request import Neighbours, Request, Scene
 
 Array = NDArray[np.float64]
@@ -25,7 +25,6 @@ Ints = NDArray[np.int64]
 SWEEPS = 12  # at most: the rims that overlap are narrow, and each sweep leaves a small part of the error
 STILL = 1e-3  # px that no centre moves by: all stay
 MOVED = 0.5  # radii by which the neighbours' light may move a centre
-SHARED = 7  # the first unknowns, those of a disc alone: its light is fitted for each window
 
 
 def fit_touching(scene: Scene, request: Request, done: Fitted, others: Neighbours) -> Ints:
@@ -55,6 +54,8 @@ def _swept(scene: Scene, request: Request, done: Fitted, index: Ints, joint: Int
     What has settled is fitted again only where a neighbour has moved, and what is lost, or has a neighbour that is, no
     more at all: most candidates that touch others are no discs.
     """
+    from windmark.detection.template._kernels.touching import take_away
+
     part, first = request.take(index), done.params[index, :2].copy()
     place = np.full(len(done.params), -1)
     place[index] = np.arange(len(index))
@@ -68,9 +69,10 @@ def _swept(scene: Scene, request: Request, done: Fitted, index: Ints, joint: Int
             break
 
         def without_neighbours(k: Ints, patches: Array, weights: Array, asked: Ints = asked) -> None:
-            for patch, weight, m in zip(patches, weights, asked[k], strict=True):
-                for n in joint[m][joint[m] >= 0]:
-                    patch -= hole(scene, len(patch), _seen_from(scene, done, n, index[m])) * (weight > 0.0)
+            which, column = np.nonzero(joint[asked[k]] >= 0)
+            mine = asked[k][which]
+            seen = seen_from(scene, done, joint[mine, column], index[mine])
+            take_away(patches, weights, which, seen, float(scene.multiplicative))
 
         before = done.params[index, :2].copy()
         done.put(index[asked], refit(scene, part.take(asked), done.take(index[asked]), left_out.take(asked),
@@ -100,44 +102,39 @@ def _overlapping(request: Request, done: Fitted, others: Neighbours) -> Ints:
     return np.where(near, others.index, -1)
 
 
-def _seen_from(scene: Scene, done: Fitted, n: int, m: int) -> Array:
-    """Parameters (10,) of the marker n with regard to the middle of the patch of marker m."""
+def seen_from(scene: Scene, done: Fitted, n: Ints, m: Ints) -> Array:
+    """Parameters (L, 10) of the markers n (L,) with regard to the middles of the patches of markers m (L,)."""
     p, away = done.params[n].copy(), (done.pixel[m] - done.pixel[n]).astype(float)
-    p[:2] -= away
+    p[:, :2] -= away
+    along = (p[:, 8:] * away).sum(axis=1)
     if scene.multiplicative:  # the light, 1 in the middle of the own patch, is another one there
-        light = max(1.0 + p[8:] @ away, 0.05)
-        p[6:8], p[8:] = p[6:8] * light, p[8:] / light
+        light = np.maximum(1.0 + along, 0.05)[:, None]
+        p[:, 6:8], p[:, 8:] = p[:, 6:8] * light, p[:, 8:] / light
     else:
-        p[7] += p[8:] @ away
-    return p
-
-
-def hole(scene: Scene, size: int, params: Array) -> Array:
-    """Grey levels (S, S) that a disc adds to a patch without it."""
-    zeros, ones, flat = np.zeros((size, size)), np.ones((size, size)), params.copy()
-    flat[6] = 0.0
-    return np.asarray(linearised(scene, zeros, ones, flat)[0] - linearised(scene, zeros, ones, params)[0])
+        p[:, 7] += along
+    return np.asarray(p)
 
 
 def _with_neighbours(scene: Scene, request: Request, done: Fitted, m: int, neighbours: Ints) -> Array:
     """Covariance (10, 10) of a marker whose neighbours' discs are unknown too; NaN where both cannot be told apart."""
-    size = 2 * int(np.ceil(request.reach()[m] + 0.5)) + 1
-    x = np.arange(size) - size // 2
-    offset = request.xy[m] - done.pixel[m]
+    from windmark.detection.template._kernels.touching import SHARED, shared_blocks
+
+    half = int(np.ceil(request.take(np.array([m])).reach()[0] + 0.5))
+    x, offset = np.arange(-half, half + 1), request.xy[m] - done.pixel[m]
     inside = (np.hypot(x[None, :] - offset[0], x[:, None] - offset[1]) <= request.reach()[m]).astype(float)
-    patch, variance = np.zeros_like(inside), done.column("noise2")
+    variance, cov = done.column("noise2"), np.full((10, 10), np.nan)
     unit = np.sqrt(np.diagonal(done.cov[m]))
     free = np.flatnonzero(unit > 0.0)  # what is held is known
-    unit, cov = unit[free], np.full((10, 10), np.nan)
-    own = linearised(scene, patch, inside, done.params[m])[1].reshape(10, -1)[free]
+    unit = unit[free]
     alone = done.cov[m][np.ix_(free, free)] / np.outer(unit, unit)
     if not ((variance[[m, *neighbours]] > 0.0).all() and np.linalg.eigvalsh(alone)[0] > 0.0):
         return cov
-    matrix = np.linalg.inv(alone) * variance[m]
-    for n in neighbours:
-        other = linearised(scene, patch, inside, _seen_from(scene, done, n, m))[1].reshape(10, -1)[:SHARED]
-        mixed = (own * unit[:, None]) @ other.T
-        matrix -= mixed @ (done.cov[n, :SHARED, :SHARED] / variance[n]) @ mixed.T
+    blocks = np.empty((len(neighbours), 10, SHARED))
+    seen = seen_from(scene, done, neighbours, np.full(len(neighbours), m))
+    shared_blocks(inside, done.params[m], seen, float(scene.multiplicative), blocks)
+    mixed = blocks[:, free] * unit[:, None]
+    known = done.cov[neighbours, :SHARED, :SHARED] / variance[neighbours, None, None]
+    matrix = np.linalg.inv(alone) * variance[m] - (mixed @ known @ mixed.swapaxes(1, 2)).sum(axis=0)
     if np.isfinite(matrix).all() and np.linalg.eigvalsh(matrix)[0] > 0.0:
         cov[:] = 0.0
         cov[np.ix_(free, free)] = np.linalg.inv(matrix) * np.outer(unit, unit) * variance[m]
