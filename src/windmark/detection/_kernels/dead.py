@@ -11,12 +11,21 @@ from windmark.geometry._jit import nb
 
 
 @nb.njit(cache=True, nogil=True)
-def _row_peaks(left: Any, here: Any, right: Any, limit: Any) -> Any:
-    """Number of pixels that leave both neighbours of their row by more than the limit; vectorises."""
+def _stands_out(left: Any, right: Any, above: Any, below: Any, here: Any, limit: Any, ratio: Any) -> Any:
+    """Number of pixels that leave the range of four neighbours by more than limit and ratio times it; vectorises.
+
+    A dead pixel does: of eight neighbours the range is not smaller, and what leaves it leaves that of four.
+    """
     count = np.int32(0)
     for i in range(here.size):
-        a, b = here[i] - left[i], here[i] - right[i]
-        count += np.int32(((a > limit) & (b > limit)) | ((a < -limit) & (b < -limit)))
+        v = here[i]
+        low, high = (left[i], right[i]) if left[i] < right[i] else (right[i], left[i])
+        floor, top = (above[i], below[i]) if above[i] < below[i] else (below[i], above[i])
+        low = low if low < floor else floor
+        high = high if high > top else top
+        over, under = v - high, low - v
+        excess = over if over > under else under
+        count += np.int32((excess > limit) & (excess > ratio * (high - low)))
     return count
 
 
@@ -43,19 +52,16 @@ def dead_pixels(g: Any, least: float, ratio: float) -> Any:
     """
     rows, n = g.shape
     out, count = np.empty((64, 2), np.int64), 0
-    limit = np.float32(least)
+    limit, share = np.float32(0.999 * least), np.float32(0.999 * ratio)
     for y in range(1, rows - 1):
-        here = g[y]
-        left = _row_peaks(here[: n - 2], here[1 : n - 1], here[2:], limit)
-        x = 1
-        while left > 0:
+        above, here, below = g[y - 1], g[y], g[y + 1]
+        if _stands_out(here[: n - 2], here[2:], above[1 : n - 1], below[1 : n - 1], here[1 : n - 1], limit, share) == 0:
+            continue
+        for x in range(1, n - 1):
             a, b = here[x] - here[x - 1], here[x] - here[x + 1]
-            if (a > limit and b > limit) or (a < -limit and b < -limit):
-                left -= 1
-                if _is_dead(g, y, x, least, ratio):
-                    if count == out.shape[0]:
-                        out = grown(out)
-                    out[count, 0], out[count, 1] = y, x
-                    count += 1
-            x += 1
+            if ((a > limit and b > limit) or (a < -limit and b < -limit)) and _is_dead(g, y, x, least, ratio):
+                if count == out.shape[0]:
+                    out = grown(out)
+                out[count, 0], out[count, 1] = y, x
+                count += 1
     return out[:count]

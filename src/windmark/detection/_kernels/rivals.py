@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from windmark.detection.template._kernels.algebra import factor, substitute
+from windmark.detection.template._kernels.algebra import add_products, factor, substitute
 from windmark.detection.template._kernels.model import CUT, evaluate, normal_edges, points_needed
 from windmark.detection.template._kernels.rim import rim_distance
 from windmark.geometry._jit import nb
@@ -62,13 +62,16 @@ def _waves(p: Any, points: int, table: Any, g: Any) -> None:
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def _normal(
     patch: Any, weight: Any, fitted: Any, p: Any, multiplicative: float, table: Any, jac: Any, res: Any, waves: Any,
-    row: Any, matrix: Any, rhs: Any,
-) -> tuple[float, float]:  # fmt: skip
-    """Normal equations of template `p` and deviations; squared residuals and number of pixels: the fitted one's."""
+    rows: Any, matrix: Any, rhs: Any,
+) -> tuple[float, int]:  # fmt: skip
+    """Normal equations of template `p` and deviations; squared residuals and number of pixels: the fitted one's.
+
+    `rows` (COUNT + 1, S S) is scratch: a column for each pixel.
+    """
     size, half, points = res.shape[0], res.shape[0] // 2, points_needed(p)
     evaluate(patch, weight, p, points, True, 0.0, multiplicative, table, jac, res)
     _waves(p, points, table, waves)
-    det, around, squares, pixels = p[2] * p[4] - p[3] * p[3], fitted[2] * fitted[4] - fitted[3] * fitted[3], 0.0, 0.0
+    det, around, squares, pixels = p[2] * p[4] - p[3] * p[3], fitted[2] * fitted[4] - fitted[3] * fitted[3], 0.0, 0
     step, reach = max(1, int(math.sqrt(around) / SAMPLES)), REACH_PX + REACH_BLURS * fitted[5]
     matrix[:], rhs[:] = 0.0, 0.0
     for j in range(half % step, size, step):
@@ -78,18 +81,16 @@ def _normal(
                 continue
             x, y = i - half - p[0], j - half - p[1]
             for m in range(FIT):
-                row[m] = jac[m, j, i]
+                rows[m, pixels] = jac[m, j, i]
             light = 1.0 + multiplicative * (p[8] * (i - half) + p[9] * (j - half))
             for m in range(OUTLINE):
-                row[FIT + m] = -p[6] * light * waves[m, j, i]
+                rows[FIT + m, pixels] = -p[6] * light * waves[m, j, i]
             u, v, inside = (p[4] * x - p[3] * y) / det, (p[2] * y - p[3] * x) / det, p[6] * jac[6, j, i]
-            row[COUNT - 3], row[COUNT - 2], row[COUNT - 1] = inside * u, inside * v, inside * (u * u + v * v - 0.5)
-            for m in range(COUNT):
-                rhs[m] += row[m] * res[j, i]
-                for n in range(m + 1):
-                    matrix[m, n] += row[m] * row[n]
+            rows[COUNT - 3, pixels], rows[COUNT - 2, pixels] = inside * u, inside * v
+            rows[COUNT - 1, pixels], rows[COUNT, pixels] = inside * (u * u + v * v - 0.5), res[j, i]
             squares += res[j, i] * res[j, i]
-            pixels += 1.0
+            pixels += 1
+    add_products(rows, pixels, matrix, rhs)
     return squares, pixels
 
 
@@ -157,7 +158,8 @@ def deviations(
     """
     size = patches.shape[1]
     jac, res, table = np.empty((10, size, size)), np.empty((size, size)), np.empty((8, size + 6))
-    waves, row, matrix = np.empty((OUTLINE, size, size)), np.empty(COUNT), np.empty((COUNT, COUNT))
+    waves, matrix = np.empty((OUTLINE, size, size)), np.empty((COUNT, COUNT))
+    rows = np.empty((COUNT + 1, size * size))
     rhs, root, solved = np.empty(COUNT), np.empty((COUNT, COUNT)), np.empty(COUNT)
     part, rest, half = np.empty((EXTRA, EXTRA)), np.empty(EXTRA), np.empty((EXTRA, EXTRA))
     some, none, free = np.empty(EXTRA), np.zeros(EXTRA, np.bool_), np.zeros(COUNT, np.bool_)
@@ -167,7 +169,7 @@ def deviations(
         good[:], p[:], step[:], least, first = params[k], params[k], 0.0, math.inf, 0
         for _ in range(TRIALS):
             squares, pixels = _normal(
-                patches[k], weights[k], params[k], p, multiplicative, table, jac, res, waves, row, matrix, rhs
+                patches[k], weights[k], params[k], p, multiplicative, table, jac, res, waves, rows, matrix, rhs
             )
             if pixels <= COUNT:
                 break

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.detection.quantile import weighted_quantile
-from windmark.detection.template.disc_model import patch_model
 from windmark.detection.template.fit import Batch, Fitted
 from windmark.detection.template.noise import FrameNoise, frame_noise
 from windmark.detection.template.odd import odd_ratio
@@ -158,6 +157,8 @@ def _continue(request: Request, index: Ints, done: Fitted, fits: TemplateFits) -
 
 def _learn_noise(scene: Scene, batches: list[Batch], clean: Bools) -> FrameNoise:
     """Noise of the clean markers; patches of different sizes are filled up with unused pixels."""
+    from windmark.detection.template._kernels.touching import derivatives
+
     size = max(b.images.shape[-1] for b in batches)
     stack, fitted = [], []
     for b in batches:
@@ -168,11 +169,11 @@ def _learn_noise(scene: Scene, batches: list[Batch], clean: Bools) -> FrameNoise
     pixels = np.concatenate([f.column("pixels") for f in fitted])
     typical = np.argsort(pixels, kind="stable")[pixels.size // 2]
     images[[0, typical]] = images[[typical, 0]]
-    lattice = np.arange(size) - size // 2
-    photometry = "multiplicative" if scene.multiplicative else "additive"
-    _, jacobian = patch_model(lattice, lattice, params[typical], photometry=photometry)
+    used, jacobian = (images[0, 3] != 0).astype(float), np.empty((10, size, size))
+    derivatives(used, params[typical], float(scene.multiplicative), np.empty(10), np.empty((8, size + 6)),
+                np.empty((size, size)), jacobian)  # fmt: skip
     variance = np.concatenate([f.column("noise2") for f in fitted])
     variance[[0, typical]] = variance[[typical, 0]]
     params[[0, typical]] = params[[typical, 0]]
-    noise = frame_noise(images, jacobian * (images[0, 3] != 0), variance, level(params), scene.multiplicative)
+    noise = frame_noise(images, jacobian, variance, level(params), scene.multiplicative)
     return replace(noise, odd=odd_ratio(images, params[:, :2], variance)) if noise.is_white else noise

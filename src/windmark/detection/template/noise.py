@@ -37,6 +37,7 @@ TESTED = slice(1, 6)  # forms that hardly depend on the marker's shape: columns,
 UNLIKELY = 4.0  # noise is called white unless one of them differs by so many standard deviations
 SAME = 0.08  # ... or where that changes the variance of a centre by less
 OWN = 2.5  # chances by which a marker's residuals may be above the frame's before they are its own
+NOTHING = 1e-30  # a correlation: what is nearly 0 but not quite makes products ten times as slow
 DIFFER = 3.0  # standard deviations of the markers' scatter by which they differ by more than chance
 
 
@@ -138,10 +139,7 @@ def frame_noise(images: Array, jacobian: Array, variance: Array, level: Array, m
     contrast = np.abs(np.sign(images[:, 3]) - bright)
     weights, tables = (used, bright, contrast), _tables(images.shape[-1])
     pixels = used.sum((1, 2))
-    each = np.array([
-        np.einsum("kab,kab->k", residual * w, rows @ (residual * w) @ columns) / pixels
-        for w in weights for rows, columns in tables
-    ])  # fmt: skip
+    each = np.concatenate([_forms(residual * w) for w in weights]) / pixels
     each = np.minimum(each, OUTVOTED * np.median(each, axis=1, keepdims=True))
     forms = each.mean(axis=1)
     expected, size = _expectations([w[0] for w in weights], tables, jacobian, float(pixels[0]))
@@ -188,12 +186,26 @@ def _transfer(variance: Array, level: Array) -> Array:
     return np.asarray(curve)
 
 
+def _forms(images: Array) -> Array:
+    """Quadratic forms (PARTS, B) of images (B, S, S), one for each of `_tables`; to 1e-6: chance moves them by 1e-2."""
+    count, size = images.shape[:2]
+    rows = images.astype(np.float32).reshape(-1, size)
+    turned = np.ascontiguousarray(rows.reshape(images.shape).swapaxes(1, 2)).reshape(count, -1)
+    out = [np.square(images).sum((1, 2)), np.square(images.sum(1)).sum(1), np.square(images.sum(2)).sum(1)]
+    for _, table in _tables(size)[3:]:
+        along = table.astype(np.float32)
+        half = np.ascontiguousarray((rows @ along).reshape(images.shape).swapaxes(1, 2))
+        out.append(np.einsum("ka,ka->k", (half.reshape(-1, size) @ along).reshape(count, -1), turned))
+    return np.array(out, dtype=np.float64)
+
+
 @cache
 def _tables(size: int) -> tuple[tuple[Array, Array], ...]:
     """Correlations (S, S) along columns and along rows of pixels: white, columns, rows, then `LENGTHS_PX`."""
     gap2 = (np.arange(size)[:, None] - np.arange(size)[None, :]) ** 2
     alone, together = np.eye(size), np.ones((size, size))
     lengths = [np.exp(-gap2 / (4.0 * length**2)) for length in LENGTHS_PX]
+    lengths = [np.where(t > NOTHING, t, 0.0) for t in lengths]
     return (alone, alone), (together, alone), (alone, together), *((t, t) for t in lengths)
 
 
@@ -213,10 +225,11 @@ def _expectations(
     inner = np.einsum("iab,fjab->fij", basis, sandwich, optimize=True)
     flat = sandwich.reshape(len(sandwich), -1)
     out = np.tensordot(inner, inner[:parts].swapaxes(1, 2), axes=((1, 2), (1, 2))) - 2.0 * flat @ flat[:parts].T
-    both_rows, both_columns = rows[:, None] * rows, columns[:, None] * columns
+    a, b = np.triu_indices(PARTS)
+    both_rows, both_columns, block = rows[a] * rows[b], columns[a] * columns[b], np.empty((PARTS, PARTS))
     for i, w in enumerate(weights):
         for j, v in enumerate(weights[:2]):
-            block = ((w * v) * (both_rows @ (w * v) @ both_columns)).sum((2, 3))
+            block[a, b] = block[b, a] = ((w * v) * (both_rows @ (w * v) @ both_columns)).sum((1, 2))
             out[i * PARTS : (i + 1) * PARTS, j * PARTS : (j + 1) * PARTS] += block
     size = np.concatenate([np.sqrt((w**2 * (rows**2 @ w**2 @ columns**2)).sum((1, 2))) for w in weights])
     return out / pixels, size / pixels

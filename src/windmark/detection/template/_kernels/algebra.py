@@ -103,6 +103,41 @@ def normal_equations(jac: Any, res: Any, shape: bool, t: Any, matrix: Any, rhs: 
                 total += rows[a, k] * rows[b, k]
             matrix[a, b] = total
             matrix[b, a] = total
+    of_state(matrix, rhs, t, row)
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract"})
+def add_products(rows: Any, n: int, matrix: Any, rhs: Any) -> None:
+    """Add J^T J, of which the upper triangle counts, and J^T r of the first n columns of `rows`: (C, N), J, then r.
+
+    Four sums at a time: one row is read once for all.
+    """
+    count = rhs.size
+    for a in range(count):
+        one = rows[a]
+        for b in range(a, count + 1, 4):
+            s0 = s1 = s2 = s3 = 0.0
+            r0, r1 = rows[b], rows[min(b + 1, count)]
+            r2, r3 = rows[min(b + 2, count)], rows[min(b + 3, count)]
+            for k in range(n):
+                s0 += one[k] * r0[k]
+                s1 += one[k] * r1[k]
+                s2 += one[k] * r2[k]
+                s3 += one[k] * r3[k]
+            for m in range(b, min(b + 4, count + 1)):
+                s = s0 if m == b else (s1 if m == b + 1 else (s2 if m == b + 2 else s3))
+                if m < count:
+                    matrix[a, m] += s
+                else:
+                    rhs[a] += s
+    for a in range(count):
+        for b in range(a):
+            matrix[a, b] = matrix[b, a]
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def of_state(matrix: Any, rhs: Any, t: Any, row: Any) -> None:
+    """From the equations of the model parameters those of the state, with t of `shape_of`."""
     congruence(matrix, t, row)
     for k in range(5):
         row[k] = 0.0

@@ -10,11 +10,19 @@ from typing import Any
 
 import numpy as np
 
-from windmark.detection.template._kernels.algebra import congruence, inverse, normal_equations, quadratic, solve
+from windmark.detection.template._kernels.algebra import (
+    congruence,
+    inverse,
+    normal_equations,
+    of_state,
+    quadratic,
+    solve,
+)
+from windmark.detection.template._kernels.bands import ROWS, banded, extremes, forget, used_runs
 from windmark.detection.template._kernels.centre import center_map, influences, signal
 from windmark.detection.template._kernels.cut import cut_window
 from windmark.detection.template._kernels.held import held_sums, pixel_table
-from windmark.detection.template._kernels.model import SHAPE, compare, disc_sums, points_needed
+from windmark.detection.template._kernels.model import CUT, SHAPE, compare, evaluate, points_needed, rim_sums
 from windmark.detection.template._kernels.state import advance, at_bound, moments, shape_of
 from windmark.geometry._jit import nb
 
@@ -26,6 +34,7 @@ SAME_CHI2 = 2e-3  # increase of chi^2 let pass: the derivatives are not exact in
 JUMP = 1e-3  # increase of chi^2 per depth / noise let pass where the number of points on the ellipse has changed
 NOISE_PER_CUT = 1.0 / 4.685**2  # cut = 1 / (4.685 noise)^2: Tukey's weights with 95 % efficiency
 KNOWN_BLUR = 0.5  # share of what is known of the blur that is known beforehand
+WIDE = 2.0  # reaches of the rim to both sides: discs with larger radii have pixels away from it that are worth it
 MODEL_ERROR = 2e-5  # of the depth; no fit is better than the model
 FITS = ("cost", "noise2", "evaluations", "status", "pixels", "largest", "signal", "rejected")  # columns of `fit_discs`
 
@@ -33,15 +42,17 @@ FITS = ("cost", "noise2", "evaluations", "status", "pixels", "largest", "signal"
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def fit_disc(
     patch: Any, weight: Any, u: Any, prior: Any, stiff: Any, fixed: Any, cut: float, multiplicative: float, n: float,
-    jac: Any, res: Any, table: Any, matrix: Any, work: Any, t: Any, vectors: Any, held: Any, edges: Any,
-) -> tuple[float, float, int, int]:  # fmt: skip
+    wide: bool, edges: Any, space: Any,
+) -> tuple[float, float, int, int, int]:  # fmt: skip
     """Levenberg-Marquardt from the state `u` (overwritten), with the prior (u - prior)^2 stiff in units of the noise.
 
-    Returns (cost, noise variance, evaluations, status): 1 converged, 0 not, -1 too few pixels or singular. `n`
-    degrees of freedom. `jac`, `res` are left as of the last evaluation, `matrix` as the normal matrix of u with the
-    prior. `edges` of `pixel_table` where the shape is held, with its blur.
+    Returns (cost, noise variance, evaluations, status, points): 1 converged, 0 not, -1 too few pixels or singular. `n`
+    degrees of freedom. Of `space`, see `workspace`, the last evaluation's parameters are left, the points on their
+    ellipse, and the images: `jac`, `res` as of `compare`, of `wide` discs as of `banded`; the normal matrix is that of
+    u with the prior. `edges` of `pixel_table` where the shape is held, with its blur.
     """
-    p, rhs, step, trial, row = vectors[0], vectors[1], vectors[2], vectors[3], vectors[4]
+    jac, res, table, matrix, work, t, vectors, held, _, _, _, spans, bands, rows, other = space
+    p, rhs, step, trial, row, new_rhs = vectors[0], vectors[1], vectors[2], vectors[3], vectors[4], vectors[5]
     status, evaluations, points, damping, least, noise2, last = 0, 0, 0, 1e-2, 0.0, 0.0, False
     if not n > 0.0:
         status = -1
@@ -58,9 +69,13 @@ def fit_disc(
             points = need + need // 10
         if fixed[2]:
             held_sums(p, points, edges, jac)
+            new = compare(patch, weight, p, False, cut, multiplicative, table, jac, res)
+        elif not wide:
+            new = evaluate(patch, weight, p, points, True, cut, multiplicative, table, jac, res)
         else:
-            disc_sums(p, points, SHAPE, table, jac)
-        new = compare(patch, weight, p, not fixed[2], cut, multiplicative, table, jac, res)
+            forget(jac, bands)
+            rim_sums(p, points, SHAPE, table, jac, bands)
+            new = banded(patch, weight, spans, p, cut, multiplicative, jac, bands, rows, other, new_rhs)
         fresh = evaluations == 1
         if not fresh:
             change, predicted = new - cost, quadratic(matrix, trial, u)
@@ -73,7 +88,14 @@ def fit_disc(
         if fresh:
             cost = new
             noise2 = max(cost / n, (MODEL_ERROR * p[6]) ** 2) if cut == 0.0 else NOISE_PER_CUT / cut
-            normal_equations(jac, res, not fixed[2], t, matrix, rhs, row)
+            if not wide:
+                normal_equations(jac, res, not fixed[2], t, matrix, rhs, row)
+            else:
+                for a in range(10):
+                    rhs[a] = new_rhs[a]
+                    for b in range(10):
+                        matrix[a, b] = other[a, b]
+                of_state(matrix, rhs, t, row)
             for k in range(10):
                 u[k] = trial[k]
                 rhs[k] += noise2 * stiff[k] * (prior[k] - u[k])
@@ -95,7 +117,7 @@ def fit_disc(
             status = 1
             for k in range(10):
                 u[k] = trial[k]
-    return cost, noise2, evaluations, status
+    return cost, noise2, evaluations, status, points
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
@@ -167,8 +189,9 @@ def workspace(size: int) -> Any:
     """Scratch of `fit_window` for patches (S, S); the derivatives by what is held stay zero."""
     return (
         np.zeros((10, size, size)), np.empty((size, size)), np.empty((8, size + 6)), np.empty((10, 10)),
-        np.empty((10, 10)), np.empty((5, 5)), np.empty((5, 10)), np.empty(10, np.bool_), np.empty((5, 5)),
-        np.empty((2, 10)), np.empty((2, 1)),
+        np.empty((10, 10)), np.empty((5, 5)), np.empty((6, 10)), np.empty(10, np.bool_), np.empty((5, 5)),
+        np.empty((2, 10)), np.empty((2, 1)), np.empty((size, 2), np.int64), np.zeros((size, 4), np.int64),
+        np.empty((ROWS, size * size)), np.empty((10, 10)),
     )  # fmt: skip
 
 
@@ -178,17 +201,24 @@ def fit_window(
     out: Any, p: Any, cov: Any, influence: Any, edges: Any, space: Any,
 ) -> None:  # fmt: skip
     """One of `fit_discs`; `edges` of `pixel_table` for the blur of `start`."""
-    jac, res, table, matrix, work, t, vectors, held, back, rows, centre = space
+    jac, res, table, matrix, work, t, vectors, held, back, rows, centre, spans, bands, _, _ = space
     size, pixels = patch.shape[0], 0.0
+    wide = not fixed[2] and start[2] > WIDE * (CUT * start[3] + 0.5)
+    if wide:
+        used_runs(weight, spans)
+        jac[:8], bands[:] = 0.0, 0
     for j in range(size):
         for i in range(size):
             pixels += weight[j, i]
     if not math.isfinite(u[0]):
         moments(patch, weight, start, u)
-    cost, noise2, evaluations, status = fit_disc(
-        patch, weight, u, prior, stiff, fixed, cut, multiplicative, pixels - 10.0,
-        jac, res, table, matrix, work, t, vectors, held, edges,
-    )  # fmt: skip
+    cost, noise2, evaluations, status, points = fit_disc(
+        patch, weight, u, prior, stiff, fixed, cut, multiplicative, pixels - 10.0, wide, edges, space
+    )
+    if wide:
+        out[5], out[7] = extremes(patch, weight, spans, vectors[0], cut, multiplicative, jac, bands)
+        if influence.shape[0] > 0:
+            evaluate(patch, weight, vectors[0], points, True, cut, multiplicative, table, jac, res)
     out[0], out[1], out[2], out[3], out[4] = cost, noise2, evaluations, status, pixels
     shape_of(u, p, t)
     inverse(matrix, held, noise2 if status >= 0 else math.nan, work, vectors[1], vectors[2], cov)
@@ -198,12 +228,13 @@ def fit_window(
             back[i, m] = t[m, i]
     congruence(cov, back, vectors[4])
     center_map(p, multiplicative, centre, cov, rows)
-    largest, rejected = 0.0, 0
-    for j in range(size):
-        for i in range(size):
-            largest = max(largest, abs(res[j, i]))
-            rejected += weight[j, i] > 0.0 and jac[7, j, i] == 0.0
-    out[5], out[7] = largest, rejected
+    if not wide:
+        largest, rejected = 0.0, 0
+        for j in range(size):
+            for i in range(size):
+                largest = max(largest, abs(res[j, i]))
+                rejected += weight[j, i] > 0.0 and jac[7, j, i] == 0.0
+        out[5], out[7] = largest, rejected
     if influence.shape[0] > 0:
         influences(patch, p, multiplicative, jac, res, rows, noise2, influence)
     p[0], p[1] = p[0] + centre[0, 0], p[1] + centre[1, 0]

@@ -64,12 +64,36 @@ def disc_sums(p: Any, points: int, what: int, table: Any, g: Any) -> None:
     `table` is scratch of shape (8, S + 6).
     """
     size = g.shape[1]
+    g[:8] = 0.0
+    rim_sums(p, points, what, table, g, np.empty((0, 4), np.int64))
+    for j in range(size):
+        inside = 0.0
+        for i in range(size - 1, -1, -1):
+            inside += g[7, j, i]
+            g[6, j, i] += inside
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def widen(bands: Any, j0: int, j1: int, start: int, end: int, side: int) -> None:
+    """Widen a side of the bands by some columns in some rows."""
+    for j in range(j0, j1 if end > start else j0):
+        bands[j, side] = min(bands[j, side], start) if bands[j, side + 1] > 0 else start
+        bands[j, side + 1] = max(bands[j, side + 1], end)
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def rim_sums(p: Any, points: int, what: int, table: Any, g: Any, bands: Any) -> None:
+    """What the rim adds to g of `disc_sums`, which has zeros there: g[7] is still to be summed along the rows to g[6].
+
+    `bands` (S, 4) is widened by the columns it reaches in each row: first and one behind the last of the left and of
+    the right part of the rim; 0, 0 where there is none. (0, 4): nobody asks.
+    """
+    size = g.shape[1]
     cx, cy, a, b, d, sigma = p[0] + size // 2, p[1] + size // 2, p[2], p[3], p[4], p[5]
     inv, reach, step = 1.0 / sigma, CUT * sigma + 0.5, 2.0 * math.pi / points
     cdf, pdf, kx, ex, ax, ky, ey, _ = (
         table[0], table[1], table[2], table[3], table[4], table[5], table[6], table[7],
     )  # fmt: skip
-    g[:8] = 0.0
     ct, st, co, si = math.cos(step), math.sin(step), 1.0, 0.0
     for _ in range(points):
         u, v = cx + a * co + b * si, cy + b * co + d * si
@@ -87,6 +111,8 @@ def disc_sums(p: Any, points: int, what: int, table: Any, g: Any) -> None:
             kx[i], ex[i] = cdf[i + 1] - cdf[i], pdf[i] - pdf[i + 1]
             ax[i] = sigma * (ex[i] - t * (1.0 - cdf[i]) + (t + inv) * (1.0 - cdf[i + 1]))
         left, many = np.uint64(i0), np.uint64(ni)
+        if bands.shape[0] > 0:
+            widen(bands, j0, j1, max(min(i0, size) - 1, 0), max(i1, min(i0, size)), 2 if dv > 0.0 else 0)
         for j in range(nj):
             row, q = np.uint64(j0 + j), ky[j]
             qv, qu, eu = q * dv, q * du, ey[j] * du
@@ -109,11 +135,6 @@ def disc_sums(p: Any, points: int, what: int, table: Any, g: Any) -> None:
             if i0 > 0:
                 g[7, row, np.uint64(min(i0, size) - 1)] += qv
         co, si = co * ct - si * st, si * ct + co * st
-    for j in range(size):
-        inside = 0.0
-        for i in range(size - 1, -1, -1):
-            inside += g[7, j, i]
-            g[6, j, i] += inside
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")

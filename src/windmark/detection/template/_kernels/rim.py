@@ -35,21 +35,24 @@ def rim_shares(patches: Any, weights: Any, params: Any, noise2: Any, multiplicat
     size = patches.shape[1]
     half = size // 2
     jac, res, table = np.empty((10, size, size)), np.empty((size, size)), np.empty((8, size + 6))
-    sums = np.empty((SECTORS, 4))
+    sums, away = np.empty((SECTORS, 4)), np.empty((size, size))
     for k in range(patches.shape[0]):
         p = params[k]
         evaluate(patches[k], weights[k], p, points_needed(p), False, 0.0, multiplicative, table, jac, res)
         reach, det, rim = RIM_PX + RIM_BLURS * p[5], p[2] * p[4] - p[3] * p[3], 0
         for j in range(size):
             for i in range(size):
-                rim += weights[k, j, i] > 0.0 and abs(rim_distance(i - half - p[0], j - half - p[1], p, det)) < reach
+                away[j, i] = math.inf
+                if weights[k, j, i] > 0.0:
+                    away[j, i] = abs(rim_distance(i - half - p[0], j - half - p[1], p, det))
+                rim += away[j, i] < reach
         sectors = min(max(rim // LEAST_PIXELS, 1), SECTORS)
         sums[:] = 0.0
         for j in range(size):
             for i in range(size):
-                x, y = i - half - p[0], j - half - p[1]
-                if weights[k, j, i] == 0.0 or not abs(rim_distance(x, y, p, det)) < reach:
+                if not away[j, i] < reach:
                     continue
+                x, y = i - half - p[0], j - half - p[1]
                 turn = math.atan2((p[2] * y - p[3] * x) / det, (p[4] * x - p[3] * y) / det) / (2.0 * math.pi)
                 s = int((turn + 1.0) * sectors) % sectors
                 model = patches[k, j, i] - res[j, i]
