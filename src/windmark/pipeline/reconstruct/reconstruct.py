@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 FINAL_ROUNDS = 3
-ASKED = 2
+ASKED = 6
 """Times that pictures may move after everything was adjusted; then they are left out."""
 ALONE = "nothing connects it with the others"
 LIMIT_3D = 16.27
