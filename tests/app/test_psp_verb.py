@@ -65,12 +65,16 @@ def test_a_simulated_polar_comes_out_as_it_is_true(windmark, polar, tmp_path):
         assert of["taps"]["rms_cp"] < 0.03
         assert of["pictures"] == [6, 6]
         assert 0.1 < of["loads"]["wing"]["CL"][0] < 0.8
+        assert 0.3 < of["area_shown"]["wing"] < 0.6  # both cameras look from above
         sections = rows(place / "sections.csv")
         assert {s["section"] for s in sections} == {"eta30", "eta55", "eta80"}
     low, high = (of["loads"]["wing"]["CL"] for of in done.json["results"])
     assert high[0] - low[0] > 5 * np.hypot(low[1], high[1])  # four degrees of incidence
     html = (tmp_path / "out" / "report.html").read_text()
     assert html.count("<img") >= 8
+    assert "area shown" in html
+    wing = [r for r in rows(tmp_path / "out" / "loads.csv") if r["volume"] == "wing"]
+    assert all(0.3 < float(r["area_shown"]) < 0.6 for r in wing)
     assert not done.json["not_drawn"]
     assert (tmp_path / "out" / "polar.pvd").read_text().count("DataSet") == 2
 

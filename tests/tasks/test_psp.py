@@ -18,6 +18,7 @@ from windmark.tasks.psp import (
     sample_picture,
     seen_loads,
     seen_sides,
+    shown_areas,
 )
 from windmark.tasks.psp.few_modes import COLUMNS, pressure_of
 from windmark.tasks.psp.lamps import lit
@@ -157,6 +158,7 @@ def test_a_side_that_no_camera_shows_is_named_and_has_no_loads():
         np.concatenate([upper.triangles, lower.triangles[:, ::-1] + len(upper.vertices)]), "wing",
     )  # fmt: skip
     cp = NodeField.make(np.where(np.arange(len(both.vertices)) < len(upper.vertices), -0.5, np.nan), 0.01)
+    assert shown_areas(both, cp.known) == pytest.approx({"wing": 0.5, "all": 0.5}, abs=0.01)
     assert set(seen_sides(both, cp.known).volume.tolist()) == {"wing", f"wing{UNSEEN_SIDE}"}
     remarks: list[str] = []
     loads = seen_loads(both, cp, LoadReference(1600.0, 40.0, 40.0), 0.5, remarks)

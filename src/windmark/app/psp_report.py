@@ -86,10 +86,15 @@ def _causes(r: PointRecord, what: str) -> str:
 
 
 def _loads(report: Report, records: list[PointRecord]) -> None:
-    rows = [[r.name, r.alpha_deg, v, *(f"{of[c][0]:+.5f} ± {of[c][1]:.5f}" for c in ("CL", "CD", "Cm", "CN", "CA")),
-             _causes(r, "CL") if v == "all" else ""] for r in records for v, of in r.loads.items()]  # fmt: skip
-    report.table(["point", "incidence °", "volume", "CL", "CD", "Cm", "CN", "CA", "sigma of CL by"], rows,
-                 scroll=len(rows) > 15)  # fmt: skip
+    names = ("CL", "CD", "Cm", "CN", "CA")
+    rows = [
+        [r.name, r.alpha_deg, v, f"{100 * r.shown.get(v, np.nan):.0f} %",
+         *(f"{of[c][0]:+.5f} ± {of[c][1]:.5f}" for c in names), _causes(r, "CL") if v == "all" else ""]
+        for r in records for v, of in r.loads.items()
+    ]  # fmt: skip
+    columns = ["point", "incidence °", "volume", "area shown", *names, "sigma of CL by"]
+    report.table(columns, rows, scroll=len(rows) > 15)
+    report.text("Loads are those of the part of each volume's area that cameras show, against p_inf.", "soft")
 
 
 def _maps(report: Report, test: PspTest, r: PointRecord, folder: Path) -> None:

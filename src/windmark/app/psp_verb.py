@@ -19,6 +19,8 @@ Record = dict[str, Any]
 
 SHOWN = 20
 """Points with something to be said that are listed on the terminal; all are in the report."""
+WHOLE = 0.98
+"""Part of the surface that cameras show from which its loads are called those of the model."""
 
 
 def psp(path: Path, output: Path | None, threads: int, go_on: str, as_json: bool) -> None:
@@ -73,6 +75,7 @@ def _point(r: PointRecord) -> Record:
         "alpha_seen_deg": r.alpha_seen_deg, "rms_px": r.rms_px, "pictures": list(r.pictures_used), "seen": r.seen,
         "median_sigma_cp": r.median_sigma_cp, "flicker": r.flicker,
         "cameras_differ": r.systematic, "in_situ": dict(r.fit), "taps": taps,
+        "area_shown": dict(r.shown),
         "loads": {v: {c: list(pair) for c, pair in of.items()} for v, of in r.loads.items()},
         "causes": {k: [[n, s] for n, s in of[:5]] for k, of in r.causes.items()}, "remarks": list(r.remarks),
         "seconds": dict(r.seconds),
@@ -88,8 +91,10 @@ def _lines(records: list[PointRecord]) -> list[str]:
         loads = r.loads.get("all", {})
         words = ", ".join(f"{c} {loads[c][0]:+.4f} ± {loads[c][1]:.4f}" for c in ("CL", "CD", "Cm") if c in loads)
         taps = "" if r.taps is None or not np.isfinite(r.taps.rms) else f", taps {r.taps.rms:.4f} RMS in Cp"
+        part = r.shown.get("all", 1.0)
+        of = "" if part > WHOLE else f"loads of the {100 * part:.0f} % of the surface that cameras show: "
         lines.append(f"  point {r.name}: alpha {r.alpha_deg:+.2f} deg, sigma(Cp) {r.median_sigma_cp:.4f}{taps}"
-                     + (f", {words} (1 sigma)" if words else ""))  # fmt: skip
+                     + (f", {of}{words} (1 sigma)" if words else ""))  # fmt: skip
     lines += [f"  note: {remark} ({len(names)} of {len(done)} points)" for remark, names in
               [*grouped(done).items()][:SHOWN]]  # fmt: skip
     return lines

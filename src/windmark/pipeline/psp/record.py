@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from windmark.paint import COEFFICIENTS, InSitu, dominant
 from windmark.pipeline.psp.point import PointOutcome
 from windmark.pipeline.psp.table import PointRow
-from windmark.tasks.psp import SurfaceSection, TapTable
+from windmark.tasks.psp import SurfaceSection, TapTable, shown_areas
 
 Array = NDArray[np.float64]
 
@@ -53,6 +53,7 @@ class PointRecord:
     flicker, systematic : of the lamps, and by which cameras differ, see `MergedRatio`
     fit : figures of the fit to the taps, empty without one
     loads : volume -> coefficient -> value and sigma
+    shown : volume -> part of its area that is on a side that cameras show: loads are those of this part
     causes : what dominates: of "Cp" over all nodes, of "CL" of all volumes -> (cause, share), the largest first
     taps, sections : paint against taps, Cp along cuts
     seconds : for each stage
@@ -73,6 +74,7 @@ class PointRecord:
     systematic: float = float("nan")
     fit: Mapping[str, float] = field(default_factory=dict)
     loads: Mapping[str, Mapping[str, tuple[float, float]]] = field(default_factory=dict)
+    shown: Mapping[str, float] = field(default_factory=dict)
     causes: Mapping[str, list[tuple[str, float]]] = field(default_factory=dict)
     taps: TapTable | None = None
     sections: tuple[SectionRecord, ...] = ()
@@ -106,7 +108,7 @@ def record_of(row: PointRow, pictures: Mapping[str, str], done: PointOutcome) ->
         float(np.median([*done.on.rms_px, *done.off.rms_px])), (counts[0], counts[1]),
         float((known & used).sum() / max(int(used.sum()), 1)),
         float(np.median(reduced.cp.sigma[known])), reduced.merged.flicker, reduced.merged.systematic,
-        _fit(reduced.in_situ), loads, causes,
+        _fit(reduced.in_situ), loads, shown_areas(reduced.mesh, known), causes,
         reduced.taps,
         tuple(_section(s, reduced.taps) for s in reduced.sections),
         dict(done.seconds),
@@ -138,6 +140,7 @@ def load_columns(records: list[PointRecord]) -> dict[str, NDArray]:
         "point": np.array([r.name for r, _, _ in rows], dtype=np.str_),
         "alpha_deg": np.array([r.alpha_deg for r, _, _ in rows]),
         "volume": np.array([v for _, v, _ in rows], dtype=np.str_),
+        "area_shown": np.array([r.shown.get(v, np.nan) for r, v, _ in rows]),
     }
     for name in COEFFICIENTS:
         out[name] = np.array([of[name][0] for _, _, of in rows])

@@ -2,7 +2,7 @@
 
 from windmark.tasks.psp.cuts import SectionWanted, SurfaceSection, cut_sections
 from windmark.tasks.psp.lamps import Lamp
-from windmark.tasks.psp.loads import UNSEEN_SIDE, seen_loads, seen_sides
+from windmark.tasks.psp.loads import UNSEEN_SIDE, seen_loads, seen_sides, shown_areas
 from windmark.tasks.psp.ratios import CameraRatio, MergedRatio, ratio_of
 from windmark.tasks.psp.reduce import PointTask, ReducedPoint, no_patches, reduce_point
 from windmark.tasks.psp.sampling import ModelPicture, Sampling, moved_grid, sample_picture
@@ -11,5 +11,5 @@ from windmark.tasks.psp.taps import Readings, TapTable
 __all__ = [
     "UNSEEN_SIDE", "CameraRatio", "Lamp", "MergedRatio", "ModelPicture", "PointTask", "Readings", "ReducedPoint",
     "Sampling", "SectionWanted", "SurfaceSection", "TapTable", "cut_sections", "moved_grid", "no_patches", "ratio_of",
-    "reduce_point", "sample_picture", "seen_loads", "seen_sides",
+    "reduce_point", "sample_picture", "seen_loads", "seen_sides", "shown_areas",
 ]  # fmt: skip

@@ -15,6 +15,8 @@ Mask = NDArray[np.bool_]
 
 MODES = 25
 """Columns of Cp that the loads get: `integrate_loads` adds one for what it fills in of each volume."""
+ALL = "all"
+"""The row of all volumes together, as `integrate_loads` calls it."""
 UNSEEN_SIDE = " (not seen)"
 """Ends the name of the part of a volume that no camera shows."""
 
@@ -26,6 +28,15 @@ def seen_sides(mesh: Mesh, known: Mask) -> Mesh:
     names = mesh.volume.astype(f"<U{width}")
     names[blind] = np.char.add(mesh.volume[blind].astype(f"<U{width}"), UNSEEN_SIDE)
     return replace(mesh, volume=names)
+
+
+def shown_areas(mesh: Mesh, known: Mask) -> dict[str, float]:
+    """Part of the area of every volume, and of `ALL` of them, that is on a side with values (V,)."""
+    area = np.linalg.norm(mesh.triangle_normals(), axis=1)
+    shown = known[mesh.triangles].any(axis=1)
+    groups = {str(name): mesh.volume == name for name in dict.fromkeys(mesh.volume.tolist())}
+    groups[ALL] = np.ones(len(area), dtype=np.bool_)
+    return {name: float(area[own & shown].sum() / max(area[own].sum(), 1e-300)) for name, own in groups.items()}
 
 
 def seen_loads(
@@ -41,15 +52,13 @@ def seen_loads(
 
     ``seen`` (V,) nodes that decide which sides those are; by default those with a value.
     """
-    sides = seen_sides(mesh, cp.known if seen is None else seen)
+    seen = cp.known if seen is None else seen
+    sides = seen_sides(mesh, seen)
     volumes = [str(n) for n in dict.fromkeys(sides.volume.tolist()) if not str(n).endswith(UNSEEN_SIDE)]
-    area = np.linalg.norm(mesh.triangle_normals(), axis=1)
-    for name in dict.fromkeys(mesh.volume.tolist()):
-        own, blind = mesh.volume == name, sides.volume == name + UNSEEN_SIDE
-        part = float(area[blind].sum() / max(float(area[own].sum()), 1e-300))
-        if part > 0:
-            remarks.append(f"{name}: {100 * part:.3g} % of its area is on a side that no camera shows; its loads are "
-                           "those of the rest")  # fmt: skip
+    for name, part in shown_areas(mesh, seen).items():
+        if part < 1 and name != ALL:
+            remarks.append(f"{name}: {100 * (1 - part):.3g} % of its area is on a side that no camera shows; its loads "
+                           "are those of the rest")  # fmt: skip
     try:
         done = integrate_loads(sides, fewer_modes(cp, MODES), reference, volumes=volumes, least_seen=least_seen)
     except WindmarkError as error:
