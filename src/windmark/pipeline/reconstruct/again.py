@@ -40,13 +40,13 @@ class Answers:
 
     Parameters
     ----------
-    moved : {view: where it is instead, or for the first time}
+    moved : {view: where it is instead, or for the first time, with the points (K,) of the answer's pairs}
     out : {view: why it cannot stay, or come in}
     changed : whether the structure is another one then
     doubts : of pictures that stay where they are though they would fit elsewhere as well
     """
 
-    moved: Mapping[int, Registration]
+    moved: Mapping[int, tuple[Registration, Ints]]
     out: Mapping[int, str]
     changed: bool
     doubts: tuple[Doubt, ...] = ()
@@ -60,17 +60,17 @@ class Answers:
             poses={v: p for v, p in structure.poses.items() if v not in gone},
             pose_cov={v: c for v, c in structure.pose_cov.items() if v not in gone},
         )  # fmt: skip
-        for v, answer in self.moved.items():
-            number = np.array([int(answer.options["points"][m]) for m in answer.matching.marker], dtype=np.int64)
-            out = out.with_view(v, answer.cam_from_model, answer.matching.detection, number)
+        for v, (answer, point) in self.moved.items():
+            out = out.with_view(v, answer.cam_from_model, answer.matching.detection, point)
             out = replace(out, pose_cov={**out.pose_cov, v: answer.cov})
         return out
 
 
 def asked_again(
-    task: Task, structure: Structure, done: Calibration, names: Sequence[str], found_by: Mapping[int, str], last: bool
-) -> Answers:
-    """Register every picture to the points of the others; ``names`` are those of the structure's points.
+    task: Task, views: Sequence[int], structure: Structure, done: Calibration, names: Sequence[str],
+    found_by: Mapping[int, str], last: bool,
+) -> Answers:  # fmt: skip
+    """Register each of some pictures to the points of the others; ``names`` are those of the structure's points.
 
     Pictures without a pose are asked, too. ``last``: pictures that would move are left out instead.
     """
@@ -82,15 +82,16 @@ def asked_again(
     at = [row[names[p]] for p in point.tolist()]
     markers = MarkerSet.make([names[p] for p in point.tolist()], done.markers.xyz[at], sigma=done.markers.sigma[at])
     layout = prepare(markers)
-    moved: dict[int, Registration] = {}
+    moved: dict[int, tuple[Registration, Ints]] = {}
     out: dict[int, str] = {}
     tied: dict[int, str] = {}
-    for v in task.usable:
+    for v in views:
         spots = _as_uncertain(task.detections[v], done.sigma0)
         answer = _asked(task, structure, v, spots, markers, layout)
         if isinstance(answer, Registration):
-            if not _same(structure, v, answer, point):
-                moved[v] = replace(answer, options={**answer.options, "points": point})
+            its = point[answer.matching.marker]
+            if not _same(structure, v, answer.matching.detection, its):
+                moved[v] = answer, its
         elif answer.cause == "ambiguous":
             if found_by.get(v, "register") in BY_PICTURES:
                 tied[v] = answer.reason
@@ -126,12 +127,11 @@ def _as_uncertain(spots: Detections, sigma0: float) -> Detections:
     return spots if sigma0 <= 1 else replace(spots, cov=sigma0**2 * spots.cov)
 
 
-def _same(structure: Structure, view: int, answer: Registration, point: Ints) -> bool:
-    """Whether the answer gives most spots the points that they have."""
+def _same(structure: Structure, view: int, spot: Ints, point: Ints) -> bool:
+    """Whether most of the spots have the points that an answer gives them."""
     mine = structure.view == view
     own = dict(zip(structure.spot[mine].tolist(), structure.point[mine].tolist(), strict=True))
-    pairs = zip(answer.matching.detection.tolist(), point[answer.matching.marker].tolist(), strict=True)
-    agree = [own.get(s) == p for s, p in pairs]
+    agree = [own.get(s) == p for s, p in zip(spot.tolist(), point.tolist(), strict=True)]
     return 2 * sum(agree) > len(agree)
 
 

@@ -66,19 +66,16 @@ def grow(
 ) -> tuple[Structure, dict[int, str]]:
     """Views added until no other one fits, and every picture asked again what the points then say of it."""
     structure, found_by = _grown(task, structure, found_by, views, match)
-    confirmed = _confirmed(task, structure, found_by)
-    if confirmed is None:
-        return structure, found_by
-    return _grown(task, confirmed, {v: found_by.get(v, "register") for v in confirmed.poses}, views, match)
-
-
-def _confirmed(task: Task, structure: Structure, found_by: dict[int, str]) -> Structure | None:
-    """The structure with its pictures where the points of the others put them; None where they are there already."""
     result = adjusted(task, structure, Free())
     if not isinstance(result, tuple):
-        return None
-    answers = asked_again(task, result[0], result[1], point_names(len(result[0].xyz)), found_by, last=False)
-    return refined(task, compact(answers.applied(result[0]))) if answers.changed else None
+        return structure, found_by
+    names = point_names(len(result[0].xyz))
+    answers = asked_again(task, views, *result, names, found_by, last=False)
+    better = refined(task, compact(answers.applied(result[0]))) if answers.changed else None
+    if better is None:
+        return structure, found_by
+    how = found_by | dict.fromkeys(answers.moved, "register")
+    return _grown(task, better, {v: how[v] for v in better.poses}, views, match)
 
 
 def _grown(

@@ -100,14 +100,14 @@ def reconstruct(
             check_primaries(primary)
         known = framed(task, rough)
         begun: Frame = Held(task, known.group.structure, known.located) if known.located else FreeFrame(task, distances)
-        structure, result, names, linked_marks, said = _confirmed(task, known, begun, free)
+        structure, result, names, linked_marks, how, said = _confirmed(task, known, begun, free)
     except Refused as refusal:
         dropped |= {task.views[v].name: "could not be connected with the others" for v in refusal.alone}
         return NotReconstructed(refusal.reason, refusal.cause, dropped, options)  # type: ignore[arg-type]
     for v, view in enumerate(task.views):
         if v not in structure.poses and view.name not in dropped:
             dropped[view.name] = why_left(task, known.others, v) or said.out.get(v, ALONE)
-    out = _result(task, structure, result, names, linked_marks, dropped, known.group.found_by, options)
+    out = _result(task, structure, result, names, linked_marks, dropped, how, options)
     frame, unitless = ("", False) if known.located else frame_words(task, structure, distances)
     out = replace(out, frame=frame, free_scale=unitless, open_spots=open_spots(task, out))
     return _doubted(task, out, said.doubts)
@@ -124,19 +124,21 @@ def _doubted(task: Task, out: Reconstruction, said: Sequence[Doubt]) -> Reconstr
 
 def _confirmed(
     task: Task, known: Framed, frame: Frame, free: Sequence[str]
-) -> tuple[Structure, Calibration, list[str], Mask, Answers]:
-    """`_in_frame`, with every picture where the finished structure puts it, too."""
+) -> tuple[Structure, Calibration, list[str], Mask, dict[int, str], Answers]:
+    """`_in_frame`, with every picture where the finished structure puts it, how each got there, and what they said."""
     structure, out, answers = known.group.structure, dict[int, str](), Answers({}, {}, False)
+    how = known.group.found_by
     for asked in range(ASKED + 2):
         structure, result, names, linked_marks = _in_frame(task, structure, frame, free)
         if asked > ASKED:
             break
-        answers = asked_again(task, structure, result, names, known.group.found_by, last=asked == ASKED)
+        answers = asked_again(task, task.usable, structure, result, names, how, last=asked == ASKED)
+        how = how | dict.fromkeys(answers.moved, "register")
         out = {v: why for v, why in out.items() if v not in answers.moved} | dict(answers.out)
         if not answers.changed:
             break
         structure = compact(answers.applied(structure))
-    return structure, result, names, linked_marks, replace(answers, out=out)
+    return structure, result, names, linked_marks, how, replace(answers, out=out)
 
 
 def _in_frame(
