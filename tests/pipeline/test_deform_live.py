@@ -1,7 +1,10 @@
 """Pictures as they arrive: what is whole, what is tried again, and one row for every frame that is seen."""
 
 import os
+import signal
+import sys
 import time
+from collections import Counter
 from types import SimpleNamespace
 
 import numpy as np
@@ -260,6 +263,52 @@ def test_it_ends_after_so_many_frames_and_says_what_is_left(tmp_path):
     frames = list(watch(project(tmp_path, "c1-*.tif"), tmp_path, stop_after=3))
     assert [f.skipped is None for f in frames] == [True, True, True, False, False]
     assert frames[4].skipped == ("left", "the run ended after 3 frames, as asked for")
+
+
+@pytest.mark.parametrize("stop_after", [None, 2])
+def test_interrupted_at_any_of_its_lines_every_file_told_of_has_its_frame(tmp_path, monkeypatch, stop_after):
+    """Ctrl-C between two lists: a frame was in none, and the table of files had one that no other table knew."""
+    picture(tmp_path, "c1-2.tif", "c1-3.tif", "c2-3.tif", "c1-4.tif", "c2-4.tif", "c1-5.tif")
+
+    def run(at):
+        """Keys of the frames handed on or left, and of those told of, the signal coming after ``at`` lines; these."""
+        lines, handed = [], []
+        arriving = Watch(project(tmp_path, "c1-*.tif", "c2-*.tif"), tmp_path, idle_s=0.3, stop_after=stop_after)
+        monkeypatch.setattr(watching, "time", clock := Time())
+        clock.due = [(0.1, lambda: picture(tmp_path, "c2-2.tif", "c1-1.tif"))]
+
+        def line(frame, event, _):
+            if frame.f_code.co_filename != watching.__file__:
+                return None
+            if event == "line":
+                lines.append(frame.f_lineno)
+                if len(lines) == at:
+                    signal.raise_signal(signal.SIGINT)
+            return line
+
+        before = sys.gettrace()
+        sys.settrace(line)
+        try:
+            handed.extend(frame.key for frame in arriving)
+        except KeyboardInterrupt:
+            sys.settrace(before)
+            handed.extend(f.key for f in arriving.left("ended") if f.key not in handed)
+        finally:
+            sys.settrace(before)
+        (tmp_path / "c2-2.tif").unlink(missing_ok=True)
+        (tmp_path / "c1-1.tif").unlink(missing_ok=True)
+        return handed, {a.key for a in arriving.told}, lines
+
+    whole, told, lines = run(0)
+    assert told == set(whole) == {"1", "2", "3", "4", "5"}
+    times = Counter()
+    for at, number in enumerate(lines, 1):  # every line the first times that it runs
+        times[number] += 1
+        if times[number] > 4:
+            continue
+        handed, told, _ = run(at)
+        assert len(handed) == len(set(handed)), at
+        assert told <= set(handed), at
 
 
 def test_going_on_leaves_what_was_dealt_with_alone(tmp_path):

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from windmark import io
+from windmark.io.interrupts import interrupts_wait
 from windmark.pipeline.deform.inbox import Arrival, Arriving, Inbox
 from windmark.pipeline.deform.names import instant_of, is_number, kind_of, order
 from windmark.pipeline.deform.project import DeformProject
@@ -107,12 +108,16 @@ class Watch:
         last_new = time.monotonic()
         while True:
             now = time.monotonic()
-            last_new = now if self._look(now) else last_new
+            with interrupts_wait():  # or a file amid two lists would be in neither of them
+                last_new = now if self._look(now) else last_new
             for frame in self._due(now):
                 yield from self._handed(frame)
                 last_new = time.monotonic()
                 if self._stop_after is not None and self._measured >= self._stop_after:
-                    yield from self.left(f"the run ended after {self._stop_after} frames, as asked for")
+                    with interrupts_wait():
+                        self._late = self.left(f"the run ended after {self._stop_after} frames, as asked for")
+                    for unmeasured in self._too_late():
+                        yield from self._handed(unmeasured)
                     return
             idle = 0.0 if self._inbox.waiting else time.monotonic() - last_new
             if self._idle_s is not None and idle > self._idle_s:
@@ -123,11 +128,12 @@ class Watch:
 
     def left(self, why: str) -> list[FrameImages]:
         """The frames that were seen and not handed on, as such that are not measured; to be asked for at the end."""
-        current = [] if self._current is None else [replace(self._current, skipped=("left", why))]
-        keys = sorted(self._waiting, key=order)
-        skipped = [replace(self._taken(key), skipped=("left", why)) for key in keys]
-        late, self._late, self._current = self._late, [], None
-        return [*current, *late, *skipped]
+        with interrupts_wait():
+            current = [] if self._current is None else [self._current]
+            late, self._late = self._late, []
+            waiting = [self._taken(key) for key in sorted(self._waiting, key=order)]
+            self._current = None
+        return [f if f.skipped else replace(f, skipped=("left", why)) for f in (*current, *late, *waiting)]
 
     # --- parts -----------------------------------------------------------------------------
     @property
@@ -136,8 +142,7 @@ class Watch:
         return kind_of([] if self._first is None else [self._first])
 
     def _handed(self, frame: FrameImages) -> Iterator[FrameImages]:
-        """Hand a frame on; it counts as dealt with when the next one is asked for."""
-        self._current = frame
+        """Hand the current frame on; it counts as dealt with when the next one is asked for."""
         yield frame
         self._current = None
         self._measured += frame.skipped is None
@@ -198,8 +203,7 @@ class Watch:
 
     def _due(self, now: float) -> Iterator[FrameImages]:
         """Frames whose turn it is, in order; what came too late first."""
-        while self._late:
-            yield self._late.pop(0)
+        yield from self._too_late()
         keys = sorted(self._waiting, key=order)
         complete = [k for k in keys if len(self._waiting[k].whole) == self._cameras and not self._waiting[k].pending]
         for key in keys:
@@ -215,9 +219,20 @@ class Watch:
                 return  # the later ones wait for it: instants go on
             yield self._taken(key)
 
+    def _too_late(self) -> Iterator[FrameImages]:
+        """Frames that are not measured, out of those that were put aside; each is the current one then."""
+        while self._late:
+            with interrupts_wait():
+                frame = self._current = self._late.pop(0)
+            yield frame
+
     def _taken(self, key: str) -> FrameImages:
-        """A frame with what there is of it, out of the waiting ones."""
-        of = self._waiting.pop(key)
+        """A frame with what there is of it, out of the waiting ones; it is the current one then."""
+        with interrupts_wait():  # an interrupted run found files told of whose frame was in no list any more
+            self._current = self._made_of(key, self._waiting.pop(key))
+            return self._current
+
+    def _made_of(self, key: str, of: _Waiting) -> FrameImages:
         for path in of.pending:
             file = self._inbox.waiting.pop(path, None)
             if file is not None:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from windmark import io
 from windmark.deformation import Deformation, zero_markers
+from windmark.io.interrupts import interrupts_wait
 from windmark.pipeline.deform.follow import follow_deformation, identified_again
 from windmark.pipeline.deform.frames import FrameTable, instants_of, read_frame_table
 from windmark.pipeline.deform.grid_output import gridded
@@ -232,9 +233,10 @@ class _Job:
         return row
 
     def _told(self, frames: Watch, writer: Writer) -> None:
-        told, frames.told = frames.told, []
-        self.out.arrivals.update(a.fate for a in told)
-        writer.arrived(told)
+        with interrupts_wait():  # what was told of is written in any case
+            told, frames.told = frames.told, []
+            self.out.arrivals.update(a.fate for a in told)
+            writer.arrived(told)
 
     def _compare_again(self, done: list[Kept], known: dict[str, FrameImages]) -> None:
         """The most deformed frame so far is mapped again, where its pictures are still there."""
