@@ -106,12 +106,15 @@ normal = [0, 1, 0]
 """
 
 
-def simulate_psp(folder: Path, seed: int, incidences: int = 5, size_px: tuple[int, int] = (960, 600)) -> PspTest:
+def simulate_psp(
+    folder: Path, seed: int, incidences: int = 5, size_px: tuple[int, int] = (960, 600), *, moves: float = 1.0
+) -> PspTest:
     """Make a paint test and write it into ``folder`` (existing, empty or not).
 
     Files: psp.toml, points.csv (a row per point), cam1.json and cam2.json (with poses), markers.csv, model.grid,
     taps.csv and tap-pressures.csv, thermocouples.csv with readings, paint-cell.csv, images/POINT/ and calibration/ (the
-    pictures), and truth/ (fields at the nodes, loads, sections, states, the paint and the cameras' gains).
+    pictures), and truth/ (fields at the nodes, loads, sections, states, the paint, the cameras' gains). ``moves``: see
+    `psp_test`.
 
     Raises
     ------
@@ -119,7 +122,7 @@ def simulate_psp(folder: Path, seed: int, incidences: int = 5, size_px: tuple[in
         For no incidence at all.
     """
     shape_taps = tap_table()
-    test = psp_test(seed, incidences=incidences, size_px=size_px, taps=shape_taps)
+    test = psp_test(seed, incidences=incidences, size_px=size_px, taps=shape_taps, moves=moves)
     for name, camera in test.test.cameras.items():
         io.write_camera(folder / f"{name}.json", camera, test.test.cam_from_tunnel[name], unit="mm")
     io.write_markers(folder / "markers.csv", test.test.markers, length_unit="mm")

@@ -1,11 +1,12 @@
 """Image to model surface and back: pixel maps, visibility, virtual images, values on nodes."""
 
+from windmark.resection.footprints import Footprints, FootprintValues, footprint_values, footprints
 from windmark.resection.gains import Gains
 from windmark.resection.merging import MergedValues, MergedViews, NotMerged, merge_views
 from windmark.resection.nearest import SurfacePoints, nearest_on_surface
 from windmark.resection.noise import NoiseLaw, noise_law
 from windmark.resection.orientation import orient_outward
-from windmark.resection.outlines import inside_px
+from windmark.resection.outlines import inside_px, outline_distance
 from windmark.resection.pixelmap import PixelMap, map_pixels
 from windmark.resection.point_values import (
     POINT_REASONS,
@@ -28,10 +29,10 @@ from windmark.resection.visibility import NodeView, see_nodes, see_points
 from windmark.resection.warping import warp_image
 
 __all__ = [
-    "INTERPOLATIONS", "POINT_REASONS", "REASONS", "Gains", "LineProfile", "MergedValues", "MergedViews", "NodeView",
-    "NoiseLaw", "NotMerged", "Picture", "PixelMap", "PointValues", "Seams", "Section", "SurfaceLine", "SurfacePoints",
-    "inside_px", "interpolate_image", "map_pixels", "merge_views", "nearest_on_surface", "node_values", "noise_law",
-    "orient_outward", "point_reasons", "point_values", "reason_words", "sample", "sample_line", "sample_points",
-    "section", "see_nodes", "see_pixels", "see_points", "see_surface", "silhouette", "surface_line", "virtual_image",
-    "warp_image",
+    "INTERPOLATIONS", "POINT_REASONS", "REASONS", "FootprintValues", "Footprints", "Gains", "LineProfile",
+    "MergedValues", "MergedViews", "NodeView", "NoiseLaw", "NotMerged", "Picture", "PixelMap", "PointValues", "Seams",
+    "Section", "SurfaceLine", "SurfacePoints", "footprint_values", "footprints", "inside_px", "interpolate_image",
+    "map_pixels", "merge_views", "nearest_on_surface", "node_values", "noise_law", "orient_outward", "outline_distance",
+    "point_reasons", "point_values", "reason_words", "sample", "sample_line", "sample_points", "section", "see_nodes",
+    "see_pixels", "see_points", "see_surface", "silhouette", "surface_line", "virtual_image", "warp_image",
 ]  # fmt: skip

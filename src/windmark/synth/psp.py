@@ -143,6 +143,7 @@ def psp_test(
     bending: float = 0.02,
     twist_deg: float = -1.0,
     vibration: float = 0.2,
+    moves: float = 1.0,
 ) -> PspTest:
     """Make a test: same seed and options, same bytes.
 
@@ -158,6 +159,7 @@ def psp_test(
     flicker, fading_per_s : of lamps and paint, see `PspTest` and `SensitivePaint`
     bending, twist_deg : of the wing at the last point, see `flex`; less at smaller load
     vibration : standard deviation in mm of the model's and the tip's place from picture to picture
+    moves : how far the model moves and bends under load, of what is usual; 0: all pictures of a point show it alike
     """
     if incidences < 1:
         raise UsageError(f"incidences: expected at least 1, got {incidences}")
@@ -175,7 +177,7 @@ def psp_test(
         wind = PolarFlow(test.shape, alpha, mach, p0, warm + 0.4 * k / incidences, uneven=waves)
         air = StillAir(0.995e5 * (1 + 0.002 * own.uniform(-1, 1)), 293.5 + 0.3 * own.uniform(-1, 1))
         load = (alpha + 1.5) / 5.5
-        on = tuple(_blown(alpha, load, bending, twist_deg, vibration, own) for _ in range(on_frames))
+        on = tuple(_blown(alpha, load, bending, twist_deg, vibration, moves, own) for _ in range(on_frames))
         # First the wind-off pictures of all incidences, then the polar.
         lit = (_SECONDS * k, _SECONDS * (incidences + k))
         points.append(PspPoint(f"p{k + 1:02d}", alpha, wind, air, on, WingState(motion=_pitched(alpha)), lit))
@@ -202,12 +204,14 @@ def _pitched(alpha_deg: float, shift: tuple[float, float, float] = (0.0, 0.0, 0.
 
 
 def _blown(
-    alpha: float, load: float, bending: float, twist_deg: float, vibration: float, rng: np.random.Generator
-) -> WingState:
+    alpha: float, load: float, bending: float, twist_deg: float, vibration: float, moves: float,
+    rng: np.random.Generator,
+) -> WingState:  # fmt: skip
     """The model under load in one picture."""
     shake = vibration * rng.standard_normal(4)
-    motion = _pitched(alpha + 0.05 * load, (0.6 + shake[0], 0.3 * load, 4 * load + shake[1]), 0.1 * load)
-    return WingState(bending * load + shake[2] / 528, twist_deg * load + 0.1 * shake[3], motion)
+    shift = moves * (0.6 + shake[0]), moves * 0.3 * load, moves * (4 * load + shake[1])
+    motion = _pitched(alpha + moves * 0.05 * load, shift, moves * 0.1 * load)
+    return WingState(moves * (bending * load + shake[2] / 528), moves * (twist_deg * load + 0.1 * shake[3]), motion)
 
 
 def _with_taps(test: TunnelTest, taps: MarkerSet) -> TunnelTest:

@@ -20,6 +20,7 @@ from windmark.pipeline.psp.load import PspTest
 from windmark.pipeline.psp.sensors import pictures_named
 from windmark.pipeline.psp.table import PointRow, SensorTable
 from windmark.tasks.psp import (
+    BareDiscs,
     ModelPicture,
     PointTask,
     Readings,
@@ -93,8 +94,7 @@ def run_point(test: PspTest, row: PointRow) -> PointOutcome:
     on, off = (the_model_in(test, kind, raw[kind]) for kind in (WIND_ON, WIND_OFF))
     clock.lap("find the model")
     alpha = _incidence(test, row, on)
-    sampling = Sampling(test.project.sampling.max_obliquity_deg, test.project.sampling.edge_px)
-    ratio = ratio_of(on.pictures, off.pictures, how=sampling, lamps=test.lamps)
+    ratio = ratio_of(on.pictures, off.pictures, how=sampling_of(test), lamps=test.lamps)
     clock.lap("ratio on the model")
     state = on.states[0]
     reduced = reduce_point(ratio, test.mesh, state.mesh(test.mesh, frame="model"), point_task(test, row, stream))
@@ -197,6 +197,12 @@ def _incidence(test: PspTest, row: PointRow, on: Found) -> float:
             + (f"; and the markers say: {also}" if also else "")
         )
     return seen
+
+
+def sampling_of(test: PspTest) -> Sampling:
+    """How the project wants pictures sampled."""
+    entry = test.project.sampling
+    return Sampling(entry.max_obliquity_deg, entry.edge_px, entry.values, BareDiscs(test.mesh, *_patches(test)))
 
 
 def point_task(test: PspTest, row: PointRow, stream: TunnelConditions) -> PointTask:

@@ -143,10 +143,14 @@ class PatchesEntry(Strict):
 
 
 class SamplingEntry(Strict):
-    """``max_obliquity_deg``, ``edge_px``: surface seen more obliquely, or nearer to an outline, gets no value."""
+    """``max_obliquity_deg``, ``edge_px``: surface seen more obliquely, or nearer to an outline, gets no value.
+
+    ``values``: from all pixels nearest to a node, or interpolated at it.
+    """
 
     max_obliquity_deg: Annotated[float, Field(gt=0, le=90)] = 70.0
     edge_px: Annotated[float, Field(ge=0, le=100)] = 3.0
+    values: Literal["footprint", "nearest", "linear", "cubic"] = "footprint"
 
 
 class LoadsEntry(Strict):

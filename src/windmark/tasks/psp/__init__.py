@@ -5,11 +5,11 @@ from windmark.tasks.psp.lamps import Lamp
 from windmark.tasks.psp.loads import UNSEEN_SIDE, seen_loads, seen_sides, shown_areas
 from windmark.tasks.psp.ratios import CameraRatio, MergedRatio, ratio_of
 from windmark.tasks.psp.reduce import PointTask, ReducedPoint, no_patches, reduce_point
-from windmark.tasks.psp.sampling import ModelPicture, Sampling, moved_grid, sample_picture
+from windmark.tasks.psp.sampling import BareDiscs, ModelPicture, Sampling, moved_grid, sample_picture
 from windmark.tasks.psp.taps import Readings, TapTable
 
 __all__ = [
-    "UNSEEN_SIDE", "CameraRatio", "Lamp", "MergedRatio", "ModelPicture", "PointTask", "Readings", "ReducedPoint",
-    "Sampling", "SectionWanted", "SurfaceSection", "TapTable", "cut_sections", "moved_grid", "no_patches", "ratio_of",
-    "reduce_point", "sample_picture", "seen_loads", "seen_sides", "shown_areas",
+    "UNSEEN_SIDE", "BareDiscs", "CameraRatio", "Lamp", "MergedRatio", "ModelPicture", "PointTask", "Readings",
+    "ReducedPoint", "Sampling", "SectionWanted", "SurfaceSection", "TapTable", "cut_sections", "moved_grid",
+    "no_patches", "ratio_of", "reduce_point", "sample_picture", "seen_loads", "seen_sides", "shown_areas",
 ]  # fmt: skip

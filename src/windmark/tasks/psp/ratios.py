@@ -92,6 +92,9 @@ def ratio_of(
     cameras = {}
     for name in names:
         ratio = form_ratio(fields[WIND_OFF][name], fields[WIND_ON][name])
+        # What was taken off for the bend of the light is as unsure as it is large, but for what both kinds share.
+        bend = ratio.value * (levels[WIND_ON][name].bent - levels[WIND_OFF][name].bent)
+        ratio = replace(ratio, white=ratio.white + np.nan_to_num(bend) ** 2)
         n_on, n_off = levels[WIND_ON][name].count, levels[WIND_OFF][name].count
         if flicker > 0:
             part = flicker * np.sqrt(1 / n_on + 1 / n_off)
@@ -113,12 +116,13 @@ def _without_nan(field_: NodeField) -> NodeField:
 
 @dataclass(frozen=True, eq=False)
 class _Level:
-    """The mean of one camera's pictures of a kind at V nodes, light evened out by the lamps'."""
+    """The mean of one camera's pictures of a kind at V nodes, light evened out by the lamps'; ``bent`` relative."""
 
     value: Array
     variance: Array
     columns: Array
     weight: Array
+    bent: Array
     light: Array
     count: int
 
@@ -133,12 +137,15 @@ def _level(pictures: Sequence[ModelPicture], how: Sampling, lamps: Sequence[Lamp
     # Each picture has a state of its own: errors of the mean are those of one, smaller by the root of their number.
     columns = np.mean([samples[k].columns for k in used], axis=0) / np.sqrt(len(used))
     weight = np.min([samples[k].weight for k in used], axis=0)
-    return _Level(mean.value, mean.variance, columns, weight, mean.light[used], len(used))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        bent = np.nan_to_num(np.mean([samples[k].bent for k in used], axis=0) / mean.value)
+    return _Level(mean.value, mean.variance, columns, weight, bent, mean.light[used], len(used))
 
 
 def _in_even_light(s: Samples, picture: ModelPicture, lamps: Sequence[Lamp]) -> Samples:
     light = lit(picture.mesh, lamps)
-    return Samples(s.value / light, s.variance / light**2, np.nan_to_num(s.columns / light[:, None]), s.weight)
+    columns = np.nan_to_num(s.columns / light[:, None])
+    return Samples(s.value / light, s.variance / light**2, columns, s.weight, np.nan_to_num(s.bent / light))
 
 
 def _flicker(levels: Sequence[_Level]) -> float:

@@ -3,14 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from windmark.deformation import Deformation, vertex_volumes
 from windmark.geometry import Camera, Pose
 from windmark.paint.modes import principal_axes
-from windmark.resection import NodeView, inside_px, interpolate_image, see_nodes
+from windmark.resection import (
+    PixelMap,
+    footprint_values,
+    footprints,
+    interpolate_image,
+    map_pixels,
+    outline_distance,
+    see_nodes,
+)
 from windmark.scene import Mesh
 
 Array = NDArray[np.float64]
@@ -44,6 +54,54 @@ class ModelPicture:
     moves: Array
 
 
+@dataclass(frozen=True, eq=False)
+class BareDiscs:
+    """Discs on the model that are no paint: markers, holes of taps.
+
+    Parameters
+    ----------
+    rest : the grid at rest
+    centres, radii, normals : (D, 3), (D,), (D, 3) there; normals NaN where not known
+    """
+
+    rest: Mesh
+    centres: Array
+    radii: Array
+    normals: Array
+
+    def pixels(self, pixels: PixelMap) -> Mask:
+        """(H, W) pixels that see one of the discs, from the side that it is on."""
+        out = np.zeros(pixels.valid.shape, bool)
+        triangle = pixels.triangle.ravel()
+        number = np.flatnonzero((triangle >= 0) & self._touched[triangle])
+        if not len(number):
+            return out
+        corners = self.rest.vertices[self.rest.triangles[triangle[number]]]
+        second, third = pixels.barycentric.reshape(-1, 2)[number].T[..., None]
+        xyz = (1 - second - third) * corners[:, 0] + second * corners[:, 1] + third * corners[:, 2]
+        facing = self.rest.triangle_normals()
+        for k, near in enumerate(cKDTree(xyz).query_ball_point(self.centres, self.radii)):
+            own = number[np.asarray(near, dtype=np.int64)]
+            if np.isfinite(self.normals[k]).all():
+                own = own[facing[triangle[own]] @ self.normals[k] > 0]
+            out.ravel()[own] = True
+        return out
+
+    @cached_property
+    def _touched(self) -> Mask:
+        """(T,) triangles that may reach into a disc."""
+        corners = self.rest.vertices[self.rest.triangles]
+        middle = corners.mean(axis=1)
+        size = np.linalg.norm(corners - middle[:, None], axis=2).max(axis=1, initial=0.0)
+        out = np.zeros(len(middle), bool)
+        if not len(middle):
+            return out
+        for k, near in enumerate(cKDTree(middle).query_ball_point(self.centres, self.radii + size.max())):
+            own = np.asarray(near, dtype=np.int64)
+            out[own[np.linalg.norm(middle[own] - self.centres[k], axis=1) <= self.radii[k] + size[own]]] = True
+        return out
+
+
 @dataclass(frozen=True)
 class Sampling:
     """How values are taken.
@@ -52,10 +110,19 @@ class Sampling:
     ----------
     max_obliquity_deg : surface seen more obliquely gets no value
     edge_px : nor does what is nearer to an outline, where pixels mix
+    values : "footprint": a plane through all pixels that lie nearest to a node, interpolated linearly where that has
+        less noise; or one of `resection.INTERPOLATIONS`
+    bare : what is no paint: its pixels do not count for the nodes beside it
     """
 
     max_obliquity_deg: float = 70.0
     edge_px: float = 3.0
+    values: str = "footprint"
+    bare: BareDiscs | None = None
+
+    def bare_pixels(self, pixels: PixelMap) -> Mask:
+        """(H, W) pixels that see no paint."""
+        return np.zeros(pixels.valid.shape, bool) if self.bare is None else self.bare.pixels(pixels)
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,12 +134,14 @@ class Samples:
     value, variance : (V,) light and the variance of its noise
     columns : (V, F) change of the value for one sigma of each direction of ``moves``
     weight : (V,) 0 at the limit of what the picture shows, 1 well inside
+    bent : (V,) part of the value that was taken off because light is bent round the node (`FootprintValues`)
     """
 
     value: Array
     variance: Array
     columns: Array
     weight: Array
+    bent: Array
 
 
 def moved_grid(state: Deformation, mesh: Mesh) -> tuple[Mesh, Array]:
@@ -82,28 +151,34 @@ def moved_grid(state: Deformation, mesh: Mesh) -> tuple[Mesh, Array]:
 
 
 def sample_picture(picture: ModelPicture, how: Sampling) -> Samples:
-    """Values at the nodes, bilinear between the four pixels round them.
-
-    A node's value is that of the surface there, not the mean over the cells round it: where nodes are coarser than
-    pixels the noise is that of about two pixels.
-    """
+    """Values at the nodes, from all pixels nearest to each node, or by interpolation where these are too few."""
     view = see_nodes(
         picture.mesh, picture.lens, picture.cam_from_tunnel, max_obliquity_deg=how.max_obliquity_deg
     )  # fmt: skip
-    inside = inside_px(picture.mesh, picture.lens, picture.cam_from_tunnel)
+    pixels = map_pixels(picture.mesh, picture.lens, picture.cam_from_tunnel, cull_backfaces=True)
+    inside = outline_distance(pixels)
     count = len(view)
-    value, variance, weight = np.full(count, np.nan), np.full(count, np.nan), np.zeros(count)
+    value, variance, weight, bent = np.full(count, np.nan), np.full(count, np.nan), np.zeros(count), np.zeros(count)
     columns = np.zeros((count, picture.moves.shape[2]))
     seen = np.flatnonzero(view.visible)
     deep = _at_pixels(inside, view.xy[seen])
     seen, deep = seen[deep > how.edge_px], deep[deep > how.edge_px]
-    light, noise = _bilinear(picture.light, picture.variance, view.xy[seen])
+    kind = "linear" if how.values == "footprint" else how.values
+    light, noise = _interpolated(picture.light, picture.variance, view.xy[seen], kind)
+    slope = _slope(picture.light, view.xy[seen])
+    if how.values == "footprint":
+        cells = footprints(pixels, view, (inside > how.edge_px) & ~how.bare_pixels(pixels))
+        of = footprint_values(picture.light, picture.variance, cells, picture.mesh.triangles, view.xy)
+        better = ~(of.variance[seen] > noise) & np.isfinite(of.value[seen])
+        light, noise = np.where(better, of.value[seen], light), np.where(better, of.variance[seen], noise)
+        slope = np.where(better[:, None], of.slope[seen], slope)
+        bent[seen] = np.where(better, of.bent[seen], 0.0)
     good = np.isfinite(light)
     seen, deep = seen[good], deep[good]
     value[seen], variance[seen] = light[good], noise[good]
-    columns[seen] = _along(picture, view, seen)
+    columns[seen] = _along(picture, slope[good], seen)
     weight[seen] = _inside(view.obliquity_deg[seen], deep, how)
-    return Samples(value, variance, columns, weight)
+    return Samples(value, variance, columns, weight, bent)
 
 
 def _at_pixels(image: Array, xy: Array) -> Array:
@@ -112,30 +187,50 @@ def _at_pixels(image: Array, xy: Array) -> Array:
     return np.asarray(image[np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)])
 
 
-def _bilinear(light: Array, variance: Array, xy: Array) -> tuple[Array, Array]:
+def _interpolated(light: Array, variance: Array, xy: Array, kind: str) -> tuple[Array, Array]:
     """Values (N,) and their variance: pixels are independent, so it takes the squares of the weights."""
     height, width = light.shape
-    corner = np.clip(np.floor(xy).astype(int), 0, [width - 2, height - 2])
-    fx, fy = np.clip(xy - corner, 0.0, 1.0).T
+    first, wx, wy = _weights(xy, kind)
     value, noise = np.zeros(len(xy)), np.zeros(len(xy))
-    for dy, wy in ((0, 1 - fy), (1, fy)):
-        for dx, wx in ((0, 1 - fx), (1, fx)):
-            at = corner[:, 1] + dy, corner[:, 0] + dx
-            value += np.where(wx * wy > 0, wx * wy * light[at], 0.0)
-            noise += np.where(wx * wy > 0, (wx * wy) ** 2 * variance[at], 0.0)
+    for j in range(wy.shape[1]):
+        for i in range(wx.shape[1]):
+            w = wx[:, i] * wy[:, j]
+            at = np.clip(first[:, 1] + j, 0, height - 1), np.clip(first[:, 0] + i, 0, width - 1)
+            value += np.where(w != 0, w * light[at], 0.0)
+            noise += np.where(w != 0, w**2 * variance[at], 0.0)
     return value, noise
 
 
-def _along(picture: ModelPicture, view: NodeView, seen: NDArray[np.int64]) -> Array:
-    """(N, F) the picture's slope along the nodes' moves."""
-    xy = view.xy[seen]
+def _weights(xy: Array, kind: str) -> tuple[NDArray[np.int64], Array, Array]:
+    """First pixel (N, 2) and weights (N, K) of each axis; cubic: Catmull-Rom (Keys, IEEE ASSP 29, 1981)."""
+    if kind == "nearest":
+        one = np.ones((len(xy), 1))
+        return np.rint(xy).astype(np.int64), one, one
+    corner = np.floor(xy).astype(np.int64)
+    f = (xy - corner)[..., None]
+    if kind == "linear":
+        w = np.concatenate([1 - f, f], axis=2)
+        return corner, w[:, 0], w[:, 1]
+    w = 0.5 * np.concatenate(
+        [-f + 2 * f**2 - f**3, 2 - 5 * f**2 + 3 * f**3, f + 4 * f**2 - 3 * f**3, f**3 - f**2], axis=2
+    )  # fmt: skip
+    return corner - 1, w[:, 0], w[:, 1]
+
+
+def _slope(light: Array, xy: Array) -> Array:
+    """(N, 2) per pixel, between the pixels on both sides; 0 where one of them is missing."""
     slope = np.zeros((len(xy), 2))
     for axis in range(2):
         step = np.eye(2)[axis]
         ahead, behind = (
-            interpolate_image(picture.light, xy + s * step, interpolation="linear").astype(float) for s in (1.0, -1.0)
+            interpolate_image(light, xy + s * step, interpolation="linear").astype(float) for s in (1.0, -1.0)
         )
         slope[:, axis] = np.nan_to_num(0.5 * (ahead - behind))
+    return slope
+
+
+def _along(picture: ModelPicture, slope: Array, seen: NDArray[np.int64]) -> Array:
+    """(N, F) change of the values along the nodes' moves."""
     cam = picture.cam_from_tunnel.apply(picture.mesh.vertices[seen])
     by_place = np.einsum("nk,nkj->nj", slope, picture.lens.point_jacobian(cam)[2]) @ picture.cam_from_tunnel.rotation
     return np.asarray(np.einsum("nj,njf->nf", by_place, picture.moves[seen]))

@@ -1,0 +1,102 @@
+"""Errors of a reduced paint test against its truth, and over their sigmas; for several benchmarks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from windmark.paint import COEFFICIENTS, NodeField, carried
+from windmark.pipeline.psp import PspTest
+from windmark.pipeline.psp.point import point_task
+from windmark.pipeline.psp.table import PointRow
+from windmark.tasks.psp import ReducedPoint, cut_sections, seen_loads
+
+LOADS = ("CL", "Cm", "CD")
+Z = 1.959964
+
+
+@dataclass
+class Score:
+    """What is known of one way: errors, and errors over their sigmas.
+
+    Parameters
+    ----------
+    nodes, in_sigmas : errors of Cp at the nodes of every point, and over their sigmas
+    ratio, noise : scatter of the ratio over its stated noise, at nodes that were not filled; and that noise, relative
+    loads : coefficient -> (error, sigma, sigma by noise alone) of the wing at every point
+    sections : (error, sigma) of the normal force of the seen side of every section and point
+    failed : points without a result
+    """
+
+    nodes: list[np.ndarray] = field(default_factory=list)
+    in_sigmas: list[np.ndarray] = field(default_factory=list)
+    ratio: list[float] = field(default_factory=list)
+    noise: list[float] = field(default_factory=list)
+    loads: dict[str, list[tuple[float, float, float]]] = field(default_factory=lambda: {name: [] for name in LOADS})
+    sections: list[tuple[float, float]] = field(default_factory=list)
+    failed: list[str] = field(default_factory=list)
+
+    def add(self, test: PspTest, reduced: ReducedPoint, truth: dict[str, np.ndarray], row: PointRow) -> None:
+        """Score a point."""
+        cp, true = reduced.cp, np.asarray(truth["cp"], dtype=float)
+        off = cp.value - true
+        on = np.isfinite(off)
+        self.nodes.append(off[on])
+        self.in_sigmas.append(off[on] / cp.sigma[on])
+        sound = on & ~reduced.filled
+        # Differences of neighbours: what nodes share (registration, lamps) is in none of them.
+        edges = test.mesh.triangles[:, [0, 1, 1, 2]].reshape(-1, 2)
+        i, j = edges[sound[edges].all(axis=1)].T
+        noise, white = reduced.ratio.value - truth["ratio"], reduced.ratio.white
+        self.ratio.append(1.4826 * float(np.median(np.abs(noise[i] - noise[j]) / np.sqrt(white[i] + white[j]))))
+        self.noise.append(float(np.median(np.sqrt(white[sound]) / reduced.ratio.value[sound])))
+        self._loads(test, reduced, true, row)
+        self._sections(test, reduced, true, row)
+
+    def _loads(self, test: PspTest, reduced: ReducedPoint, true: np.ndarray, row: PointRow) -> None:
+        task = point_task(test, row, row.conditions())
+        # The truth at the same nodes, on the side that was seen: what was filled in is part of the error.
+        exact = seen_loads(reduced.mesh, NodeField.make(true), task.reference, 0.0, [], seen=reduced.cp.known)
+        if reduced.loads is None or exact is None:
+            return
+        k = reduced.loads.names.index("wing")
+        for name in LOADS:
+            value, sigma = reduced.loads.row("wing")[name]
+            noise = reduced.loads.causes[k].get("noise", np.zeros(9))
+            alone = float(np.sqrt(noise[COEFFICIENTS.index(name)]))
+            self.loads[name].append((value - exact.row("wing")[name][0], sigma, alone))
+
+    def _sections(self, test: PspTest, reduced: ReducedPoint, true: np.ndarray, row: PointRow) -> None:
+        task = point_task(test, row, row.conditions())
+        exact = cut_sections(test.mesh, NodeField.make(np.nan_to_num(true)), task.sections, task.reference)
+        for found, of in zip([s.profile for s in reduced.sections], [s.profile for s in exact], strict=True):
+            on = np.flatnonzero(found.upper & found.cp.known)
+            on = on[np.argsort(found.x_c[on], kind="stable")]
+            x = found.x_c[on]
+            weights = np.zeros((1, len(on)))
+            weights[0, :-1] += 0.5 * np.diff(x)
+            weights[0, 1:] += 0.5 * np.diff(x)
+            total = carried(found.cp.take(on), weights)
+            self.sections.append((float(total.value[0] - weights[0] @ of.cp.value[on]), float(total.sigma[0])))
+
+    def record(self) -> dict[str, object]:
+        """The figures."""
+        if not self.nodes:
+            return {"points": 0, "failed": self.failed}
+        off, z = np.concatenate(self.nodes), np.concatenate(self.in_sigmas)
+        out: dict[str, object] = {
+            "points": len(self.nodes), "failed": self.failed, "cp_rms": float(np.sqrt(np.mean(off**2))),
+            "cp_median": float(np.median(np.abs(off))), "cp_covered": float(np.mean(np.abs(z) < Z)),
+            "ratio_noise_over_stated": float(np.median(self.ratio)), "ratio_noise": float(np.median(self.noise)),
+        }
+        for name, rows in self.loads.items():
+            e, s, noise = np.array(rows).T
+            out[name] = {"rms": float(np.sqrt(np.mean(e**2))), "sigma": float(np.median(s)),
+                         "covered": float(np.mean(np.abs(e) < Z * s)), "of": len(e),
+                         "covered_noise_alone": float(np.mean(np.abs(e) < Z * noise)),
+                         "too_small": float(np.median(s / np.maximum(noise, 1e-12)))}  # fmt: skip
+        e, s = np.array(self.sections).T
+        out["sections"] = {"rms": float(np.sqrt(np.mean(e**2))), "sigma": float(np.median(s)),
+                           "covered": float(np.mean(np.abs(e) < Z * s)), "of": len(e)}  # fmt: skip
+        return out
