@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from windmark.errors import DataError
 from windmark.paint.modes import NodeField
-from windmark.paint.surface import Surface, joined_surface, laplacian
+from windmark.paint.surface import Surface, joined_surface
 from windmark.scene import Mesh
 
 Array = NDArray[np.float64]
@@ -44,7 +44,7 @@ def fill_smoothly(mesh: Mesh, field: NodeField, missing: Mask, *, surface: Surfa
     surface = joined_surface(mesh) if surface is None else surface
     at = surface.place
     on, wanted = field.known & ~missing & (at >= 0), missing & (at >= 0)
-    lap, areas = laplacian(mesh, surface)
+    lap, areas = surface.laplacian
     count = np.bincount(at[on], minlength=len(areas))
     known = count > 0
     places = _sums(np.column_stack([field.value, field.modes]), on, at, len(areas)) / np.maximum(count, 1)[:, None]
@@ -78,7 +78,7 @@ def _solve(surface: Surface, lap: Any, areas: Array, free: Mask, known: Mask, pl
         raise DataError(
             f"fill: {int((round_it[part] == 0).sum())} of the missing nodes hang together with no node that has a value"
         )
-    border = surface.border()
+    border = surface.border
     open_side = np.bincount(part, border[f]) > 0
     small = ((round_it <= PATCH) & ~open_side)[part]
     if small.any():

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from windmark.errors import UsageError
-from windmark.paint.surface import joined_surface, laplacian
+from windmark.paint.surface import joined_surface
 from windmark.paint.walls import Wall
 from windmark.scene import Mesh
 
@@ -174,11 +174,11 @@ def lateral_conduction(mesh: Mesh, rise: ArrayLike, wall: Wall, time: float) -> 
     if mesh.length_unit not in ("", "m"):
         raise UsageError(f"lateral_conduction: the mesh must be in m, as the wall is; it is in {mesh.length_unit}")
     surface = joined_surface(mesh)
-    lap, areas = laplacian(mesh, surface)
+    lap, areas = surface.laplacian
     out = np.full(len(t), np.nan)
     at = surface.place
     curve = (lap @ t[surface.first]) / np.where(areas > 0, areas, np.nan)
-    curve[surface.border()] = np.nan
+    curve[surface.border] = np.nan
     layer = wall.layers[0]
     depth = 2 * np.sqrt(layer.diffusivity * time / np.pi)
     out[at >= 0] = (-layer.conductivity * depth * curve)[at[at >= 0]]

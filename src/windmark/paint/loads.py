@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -221,5 +221,5 @@ def _opening(mesh: Mesh, triangles: Mask) -> Array:
 
 def _closed(surface: Surface, triangles: Mask) -> bool:
     """Whether every edge of some triangles has two of them."""
-    edges, count = Surface(surface.place, surface.first, surface.triangles[triangles]).edges()
+    edges, count = replace(surface, triangles=surface.triangles[triangles]).edges()
     return bool(len(edges)) and bool((count == 2).all())

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from windmark.errors import UsageError
 from windmark.paint.filling import fill_smoothly
 from windmark.paint.modes import NodeField
-from windmark.paint.surface import joined_surface
+from windmark.paint.surface import Surface, joined_surface
 from windmark.scene import Mesh
 
 Array = NDArray[np.float64]
@@ -150,7 +150,7 @@ def fill_patches(mesh: Mesh, field: NodeField, patch: ArrayLike) -> FilledField:
     surface = joined_surface(mesh)
     filled = fill_smoothly(mesh, field, covered, surface=surface)
     centre, radius = _sizes(mesh, number, covered)
-    misfit, tested = _misfit(mesh, field, covered, centre, radius, number)
+    misfit, tested = _misfit(mesh, field, covered, surface, centre, radius, number)
     out = replace(filled, white=filled.white + np.where(covered, misfit**2, 0.0))
     return FilledField(out, covered, np.where(covered, misfit, 0.0), tested)
 
@@ -172,10 +172,11 @@ def _sizes(mesh: Mesh, number: Ints, covered: Mask) -> tuple[Array, Array]:
     return np.where(present[:, None], centre, np.nan), np.where(present, radius, np.nan)
 
 
-def _misfit(mesh: Mesh, field: NodeField, covered: Mask, centre: Array, radius: Array, number: Ints
-            ) -> tuple[Array, int]:  # fmt: skip
+def _misfit(
+    mesh: Mesh, field: NodeField, covered: Mask, surface: Surface, centre: Array, radius: Array, number: Ints
+) -> tuple[Array, int]:
     """(V,) how wrong the fill of each node is, and how many test patches say so."""
-    laid = _tests(mesh, field, covered, centre, radius)
+    laid = _tests(mesh, field, covered, surface, centre, radius)
     place = np.flatnonzero(np.isfinite(radius))
     size = np.zeros(len(radius))
     if not laid:
@@ -195,8 +196,9 @@ def _misfit(mesh: Mesh, field: NodeField, covered: Mask, centre: Array, radius: 
     return out, len(laid)
 
 
-def _tests(mesh: Mesh, field: NodeField, covered: Mask, centre: Array, radius: Array
-           ) -> list[tuple[Array, float, float]]:  # fmt: skip
+def _tests(
+    mesh: Mesh, field: NodeField, covered: Mask, surface: Surface, centre: Array, radius: Array
+) -> list[tuple[Array, float, float]]:
     """Centre, radius and mean squared misfit beyond noise of test patches on sound paint round the patches.
 
     They are laid in rounds in which none touches another; each round is one fill.
@@ -208,8 +210,7 @@ def _tests(mesh: Mesh, field: NodeField, covered: Mask, centre: Array, radius: A
         return []
     tree = cKDTree(mesh.vertices[sound])
     blocked = cKDTree(mesh.vertices[covered | ~field.known])
-    surface = joined_surface(mesh)
-    border = surface.border()[np.maximum(surface.place, 0)]
+    border = surface.border[np.maximum(surface.place, 0)]
     normals = mesh.vertex_normals()
     found: list[tuple[Array, float, float]] = []
     # What lies under the patches themselves is no paint.

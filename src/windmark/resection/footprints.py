@@ -119,11 +119,19 @@ def footprint_values(
         raise UsageError(f"footprint_values: image and variance must be {shape}, got {pixels.shape} and {noise.shape}")
     v = pixels.ravel()[cells.pixel]
     on = np.isfinite(v)
-    plane = _planes(v[on], noise.ravel()[cells.pixel[on]], cells.node[on], cells.offset[on], cells.nodes)
-    bend = _bend(plane, np.asarray(triangles), np.asarray(xy, float))
+    # Nodes with pixels enough alone: where a grid is finer than the pixels those are few of many.
+    nodes = np.flatnonzero(np.bincount(cells.node[on], minlength=cells.nodes) >= 3)
+    number = np.full(cells.nodes, -1, np.int64)
+    number[nodes] = np.arange(len(nodes))
+    on &= number[cells.node] >= 0
+    plane = _planes(v[on], noise.ravel()[cells.pixel[on]], number[cells.node[on]], cells.offset[on], len(nodes))
+    bend = _bend(plane, number[np.asarray(triangles)], np.asarray(xy, float)[nodes])
     part = np.maximum(0.0, 1 - bend.scatter / np.where(bend.value == 0, np.inf, bend.value**2))
     variance = plane.variance + part**2 * bend.variance - 2 * part * bend.with_value
-    return FootprintValues(plane.value - part * bend.value, variance, plane.slope, part * bend.value)
+    out = np.full((5, cells.nodes), np.nan)
+    out[4] = 0.0
+    out[:, nodes] = plane.value - part * bend.value, variance, *plane.slope.T, part * bend.value
+    return FootprintValues(out[0], out[1], np.ascontiguousarray(out[2:4].T), out[4])
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,7 +167,7 @@ def _planes(v: Array, noise: Array, node: Ints, offset: Array, nodes: int) -> _P
         xx, xy, yy = total(d[:, 0] ** 2), total(d[:, 0] * d[:, 1]), total(d[:, 1] ** 2)
         det = xx * yy - xy**2
         # Ratio of the eigenvalues is about 4 det / trace^2 where it is small.
-        bad = (n < 3) | ~(4 * det > WORST * (xx + yy) ** 2)
+        bad = ~(4 * det > WORST * (xx + yy) ** 2)
         inverse = np.stack([yy, -xy, -xy, xx], axis=1).reshape(-1, 2, 2) / det[:, None, None]
         inverse[bad] = np.nan
         middle = total(v) / n
@@ -196,7 +204,7 @@ class _Bend:
     scatter: Array
 
 
-def _bend(plane: _Planes, triangles: NDArray[np.int32], xy: Array) -> _Bend:
+def _bend(plane: _Planes, triangles: Ints, xy: Array) -> _Bend:
     """What the second derivatives make of each plane at its node.
 
     v_j - v_i - g_i d = d'Hd / 2 for the neighbours j at the distances d: three unknowns, least squares. What is asked
@@ -230,9 +238,10 @@ def _bend(plane: _Planes, triangles: NDArray[np.int32], xy: Array) -> _Bend:
     )  # fmt: skip
 
 
-def _neighbours(triangles: NDArray[np.int32], known: NDArray[np.bool_]) -> tuple[Ints, Ints]:
-    """Pairs of nodes (both ways round) with an edge between them; both known."""
-    edges = triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2).astype(np.int64)
+def _neighbours(triangles: Ints, known: NDArray[np.bool_]) -> tuple[Ints, Ints]:
+    """Pairs of nodes (both ways round) with an edge between them, both known; a corner of -1 is no node."""
+    edges = triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    edges = edges[(edges >= 0).all(axis=1)]
     edges = np.sort(edges[known[edges].all(axis=1)], axis=1)
     number = np.unique(edges[:, 0] * len(known) + edges[:, 1])
     i, j = number // len(known), number % len(known)
