@@ -13,7 +13,7 @@ __version__ = "0.1.0"
 
 _HOME = {
     "geometry": ("Camera", "DegenerateGeometry", "Pose", "PoV"),
-    "scene": ("Detections", "MarkerSet", "Matching", "Mesh", "Observations", "Tracks", "View"),
+    "scene": ("Detections", "MarkerCovariance", "MarkerSet", "Matching", "Mesh", "Observations", "Tracks", "View"),
     "detection": ("detect", "detect_at"),
     "registration": (
         "NotRegistered", "PoseCandidates", "Registration", "RigRegistration", "TrackState", "pose_candidates",
@@ -158,7 +158,7 @@ if TYPE_CHECKING:
         see_nodes,
         virtual_image,
     )
-    from windmark.scene import Detections, MarkerSet, Matching, Mesh, Observations, Tracks, View
+    from windmark.scene import Detections, MarkerCovariance, MarkerSet, Matching, Mesh, Observations, Tracks, View
     from windmark.tasks.align2d import ImageAlignment, NotAligned, align_images
 
 

@@ -6,7 +6,7 @@ import pytest
 
 from windmark import io
 from windmark.geometry import Camera, Pose
-from windmark.scene import MarkerSet
+from windmark.scene import MarkerCovariance, MarkerSet
 
 SIZE = "1500x1000"
 
@@ -72,6 +72,31 @@ def test_json_and_comparison_with_another_set(windmark, plate):
     page = (folder / "out" / "report.html").read_text()
     assert "Against another set of pictures" in page
     assert page.count("data:image/png;base64,") == 9
+
+
+def test_known_markers_with_a_joint_covariance(windmark, plate):
+    case, _, folder = plate
+    names, xyz = [f"m{k:02d}" for k in range(40)], case.start.points.copy()
+    xyz[:5] = case.truth.points[:5] + np.array([0.3, -0.2, 0.1])  # all shifted alike, as the survey's covariance allows
+    io.write_markers(folder / "rough.csv", MarkerSet.make(names, xyz))
+    shared = np.tile(0.3 * np.eye(3), (5, 1))
+    known = MarkerCovariance(names[:5], 0.01**2 * np.eye(15) + shared @ shared.T, "mm")
+    io.write_marker_covariance(folder / "survey.csv", known)
+    done = call(windmark, folder, "--datum", "weighted", "--control-cov", folder / "survey.csv", "--json")
+    assert done.code == 0
+    assert done.json["warnings"] == []
+    assert "m00, m01, m02, m03, m04 are known together, with their correlations" in " ".join(done.json["datum"])
+    assert min(done.json["marker_sigma_rms"]) > 0.29
+    for options, words in (
+        (("--datum", "free"), "--control-cov is for --datum weighted"),
+        (("--datum", "weighted:m00,m01,m09"), "at least three markers with a sigma"),
+    ):
+        done = call(windmark, folder, *options, "--control-cov", folder / "survey.csv")
+        assert done.code == 2
+        assert words in done.err
+    io.write_marker_covariance(folder / "other.csv", MarkerCovariance(["m00", "zz"], np.eye(6)))
+    done = call(windmark, folder, "--datum", "weighted", "--control-cov", folder / "other.csv")
+    assert (done.code, "names 'zz', which the table of markers does not have" in done.err) == (2, True)
 
 
 def test_datum_has_no_default(windmark, plate):

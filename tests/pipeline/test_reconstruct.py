@@ -10,11 +10,12 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parents[1] / "epipolar"))
 import reconstruct_scenes as scenes
 
+from windmark.errors import UsageError
 from windmark.geometry import Pose
 from windmark.pipeline.reconstruct import NotReconstructed, reconstruct
 from windmark.pipeline.reconstruct.task import Task
 from windmark.pipeline.reconstruct.ties import tied_pairs
-from windmark.scene import Detections, MarkerSet, View
+from windmark.scene import Detections, MarkerCovariance, MarkerSet, View
 
 SIGMA = 0.02
 
@@ -71,6 +72,27 @@ def test_labels_of_one_picture_name_the_primaries():
     for k, name in enumerate(result.markers.name):
         if name.startswith("P"):
             assert who[k] == int(name[1:])
+
+
+def test_primaries_of_one_survey_share_their_errors():
+    """The survey is 0.4 off as a whole: its joint covariance says so, and the frame is no surer than that."""
+    case = scenes.make(11, "plate", "walk", views=8, points=60)
+    plain = primaries(case)
+    shared = np.tile(0.4 * np.eye(3), (len(plain), 1))
+    cov = MarkerCovariance(plain.name, SIGMA**2 * np.eye(len(shared)) + shared @ shared.T)
+    surveyed = replace(plain, xyz=plain.xyz + np.array([0.5, -0.3, 0.2]))
+    result = reconstruct(case.detections, case.camera, surveyed, primary_cov=cov)
+    assert result, result.reason
+    assert not result.warnings
+    who, _ = identities(result, case)
+    off = (result.markers.xyz - case.xyz[who]) / result.markers.sigma
+    assert result.markers.sigma.min() > 0.39
+    assert np.abs(off).max() < 4
+    alone = reconstruct(case.detections, case.camera, surveyed)
+    who, _ = identities(alone, case)
+    assert np.abs((alone.markers.xyz - case.xyz[who]) / alone.markers.sigma).max() > 6
+    with pytest.raises(UsageError, match="names the marker 'zz'"):
+        reconstruct(case.detections, case.camera, plain, primary_cov=MarkerCovariance(["zz"], np.eye(3)))
 
 
 def test_primaries_without_labels_are_named_by_their_place():

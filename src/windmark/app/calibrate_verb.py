@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ from windmark import io
 from windmark.app import console
 from windmark.app.alone import not_drawn
 from windmark.app.calibrate_options import TABLES
-from windmark.calibration import NotCalibrated
+from windmark.calibration import NotCalibrated, Weighted
 from windmark.calibration.quality import Comparison, SplitHalf, compare
 from windmark.errors import UsageError
 from windmark.geometry import Camera
@@ -34,7 +34,7 @@ from windmark.pipeline.calibrate.marks import start_camera, with_focal
 from windmark.pipeline.calibrate.rig import Beside, beside
 from windmark.pipeline.clock import Clock
 from windmark.pipeline.lengths import Lengths
-from windmark.scene import MarkerSet
+from windmark.scene import MarkerCovariance, MarkerSet
 
 Record = dict[str, Any]
 Pictures = Sequence[Picture] | None
@@ -58,6 +58,7 @@ class Files:
     sigma_px : of marks whose table has none
     against : folder of another calibration of the same markers
     output : folder of the results
+    control_cov : table of the joint covariance of known markers
     """
 
     inputs: tuple[io.PictureFile, ...]
@@ -72,6 +73,7 @@ class Files:
     sigma_px: float
     against: Path | None
     output: Path
+    control_cov: Path | None = None
 
     def __post_init__(self) -> None:
         if self.cameras and (self.focal_px is not None or self.size_px is not None):
@@ -155,7 +157,10 @@ def _solve(
         return calibrate_board(files.inputs, files.board, files.start, match, settings, clock, files.focal_px,
                                files.patterns)  # fmt: skip
     assert files.markers is not None
-    markers = files.lengths.markers(files.markers, **({"roles": files.roles} if files.roles else {}))
+    lengths = files.lengths
+    markers = lengths.markers(files.markers, **({"roles": files.roles} if files.roles else {}))
+    if files.control_cov is not None:
+        settings = _known_together(settings, lengths.covariance(files.control_cov, markers))
     if not tables:
         return calibrate_pictures(files.inputs, markers, files.start, match, settings, clock, files.focal_px,
                                   files.patterns)  # fmt: skip
@@ -164,11 +169,18 @@ def _solve(
     return _from_table(files, tables[0], markers, settings, clock), None
 
 
+def _known_together(settings: CalibrateSettings, known: MarkerCovariance) -> CalibrateSettings:
+    if not isinstance(settings.datum, Weighted):
+        raise UsageError("--control-cov is for --datum weighted: what is held or free has no sigma of its own")
+    return replace(settings, datum=replace(settings.datum, covariance=known))
+
+
 def _refuse_with_board(files: Files, match: MatchOptions, tables: list[Path]) -> None:
     if tables:
         raise UsageError(f"--board is for pictures, got the table {tables[0].name}")
-    if match.labels or match.tolerance_px is not None or files.roles:
-        raise UsageError("--label, --labels, --tolerance-px and --roles are for --markers; a board has none")
+    if match.labels or match.tolerance_px is not None or files.roles or files.control_cov is not None:
+        raise UsageError("--label, --labels, --tolerance-px, --roles and --control-cov are for --markers; a board "
+                         "has none")  # fmt: skip
 
 
 def _from_table(

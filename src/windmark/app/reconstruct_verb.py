@@ -57,6 +57,7 @@ class Files:
     output : folder of the results
     free_frame : no primary markers
     distances : known ones, with a free frame
+    primary_cov : table of the joint covariance of primaries
     """
 
     images: tuple[io.PictureFile, ...]
@@ -73,12 +74,15 @@ class Files:
     output: Path
     free_frame: bool = False
     distances: tuple[Distance, ...] = ()
+    primary_cov: Path | None = None
 
     def __post_init__(self) -> None:
         if not 0 <= self.model_px < float("inf"):
             raise UsageError(f"--model-px must be 0 or more, got {self.model_px:g}")
         if self.free_frame == (self.primary is not None):
             raise UsageError("give --primary, the known markers, or --free-frame where there are none; one of the two")
+        if self.primary_cov is not None and self.free_frame:
+            raise UsageError("--primary-cov is the covariance of --primary; with --free-frame there are none")
         if self.distances and not self.free_frame:
             raise UsageError("--distance is for --free-frame; the primary markers have a scale of their own")
         if self.distances and self.poses is not None:
@@ -108,6 +112,8 @@ def run(files: Files, match: MatchOptions, as_json: bool) -> None:
     """Reconstruct and write everything into a folder, whole or not at all."""
     lengths = Lengths(files.unit if files.unit in io.LENGTH_UNITS else None)
     primary = NO_MARKERS if files.primary is None else lengths.markers(files.primary)
+    cov = None if files.primary_cov is None else lengths.covariance(files.primary_cov, primary)
+    primary = primary if cov is None else cov.on(primary)
     rough = None if files.rough is None else lengths.markers(files.rough)
     table = None if files.labels is None else read_labels(files.labels, files.names, primary)
     poses = {} if files.poses is None else read_poses(files.poses, files.names, lengths)
@@ -119,9 +125,9 @@ def run(files: Files, match: MatchOptions, as_json: bool) -> None:
         labels = None if table is None else table.spots(pictures)
         with clock("reconstruct"):
             result = reconstruct(
-                [p.detections for p in pictures], files.cameras, None if files.free_frame else primary, views=views,
-                labels=labels, rough=rough, free=files.free, model_px=files.model_px, distances=files.distances,
-                seed=match.seed,
+                [p.detections for p in pictures], files.cameras, None if files.free_frame else primary,
+                primary_cov=cov, views=views, labels=labels, rough=rough, free=files.free, model_px=files.model_px,
+                distances=files.distances, seed=match.seed,
             )  # fmt: skip
         unread = {p.name: p.unread for p in pictures if p.unread and p.name in result.dropped}
         result = replace(result, dropped={**result.dropped, **unread})

@@ -130,7 +130,8 @@ def _cleaned(job: Job, control: Control, verdict: Verdict) -> Job:
         names = datum.markers if datum.markers is not None else markers.name.tolist()
         datum = replace(datum, markers=[n for n in names if n not in bad])
     if isinstance(datum, Weighted) and factor > 1:
-        datum = replace(datum, sigma=None if datum.sigma is None else datum.sigma * factor)
+        together = None if datum.covariance is None else datum.covariance.scaled(factor)
+        datum = replace(datum, sigma=None if datum.sigma is None else datum.sigma * factor, covariance=together)
         markers = replace(markers, sigma=markers.sigma * factor)
     distances = tuple(replace(d, sigma=d.sigma * factor) for n, d in enumerate(job.distances) if n not in gone)
     return replace(job, datum=datum, markers=markers, distances=distances)

@@ -44,6 +44,7 @@ class Control:
     ----------
     point : (K,) markers with known coordinates
     xyz, sigma : (K, 3) these and their 1 sigma; zero where they are held, inf where one is not known
+    cov : (3K, 3K) their covariance, zero where one is not known
     bar : (B, 2) markers of the known distances
     length, bar_sigma : (B,)
     distance : (B,) which of the job's distances each one is
@@ -52,6 +53,7 @@ class Control:
     point: Ints
     xyz: Array
     sigma: Array
+    cov: Array
     bar: Ints
     length: Array
     bar_sigma: Array
@@ -91,7 +93,12 @@ def control_of(job: Job, seen: Mask) -> Control:
     bars = bars_of(job)
     use = np.flatnonzero(seen[bars.first] & seen[bars.second])
     ends = np.stack([bars.first, bars.second], axis=1)[use]
-    return Control(point, job.markers.xyz[point], sigma[point], ends, bars.length[use], bars.sigma[use], use)
+    cov = np.diag(np.where(np.isfinite(sigma[point]), sigma[point], 0.0).ravel() ** 2)
+    together = job.known_together(seen)
+    if together is not None:
+        own = (3 * np.searchsorted(point, together[0])[:, None] + np.arange(3)).ravel()
+        cov[np.ix_(own, own)] = together[1].cov
+    return Control(point, job.markers.xyz[point], sigma[point], cov, ends, bars.length[use], bars.sigma[use], use)
 
 
 def judge(control: Control, solved: Solved, rough: Similarity) -> Verdict:
@@ -115,9 +122,10 @@ def judge(control: Control, solved: Solved, rough: Similarity) -> Verdict:
 def _group(control: Control, g: int, groups: int) -> Control:
     """Every so-many-th point from the g-th on; the distances are with the first."""
     part, bars = slice(g, None, groups), slice(None) if g == 0 else slice(0, 0)
+    own = np.arange(control.xyz.size).reshape(-1, 3)[part].ravel()
     return Control(
-        control.point[part], control.xyz[part], control.sigma[part], control.bar[bars], control.length[bars],
-        control.bar_sigma[bars], control.distance[bars],
+        control.point[part], control.xyz[part], control.sigma[part], control.cov[np.ix_(own, own)],
+        control.bar[bars], control.length[bars], control.bar_sigma[bars], control.distance[bars],
     )  # fmt: skip
 
 
@@ -250,9 +258,10 @@ class _Test:
             by_point[3 * k + n, 3 * j : 3 * j + 3] = -away[n] / there[n]
         design[3 * k :, 6] = scale_free * there
         y = np.concatenate([(control.xyz - xyz[at]).ravel(), control.length - there])
-        own = np.concatenate([np.where(known, control.sigma, 0.0).ravel() ** 2, control.bar_sigma**2])
         rows = np.concatenate([known.ravel(), np.ones(len(control.bar), np.bool_)])
-        spread = by_point @ cov @ by_point.T + np.diag(own)
+        spread = by_point @ cov @ by_point.T
+        spread[: 3 * k, : 3 * k] += control.cov
+        spread[3 * k :, 3 * k :] += np.diag(control.bar_sigma**2)
         block = np.concatenate([np.repeat(np.arange(k), 3), k + np.arange(len(control.bar))])
         return y[rows], spread[np.ix_(rows, rows)], design[rows], block[rows]
 

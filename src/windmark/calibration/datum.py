@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from windmark.scene import MarkerCovariance
+
 
 @dataclass(frozen=True)
 class Fixed:
@@ -20,16 +22,18 @@ class Fixed:
 
 @dataclass(frozen=True)
 class Weighted:
-    """Some markers are known with a standard deviation, that of the table or the one given.
+    """Some markers are known with a standard deviation, that of the table or the one given, or with a joint covariance.
 
     Parameters
     ----------
-    markers : their names; None takes all with a finite sigma in the table
+    markers : their names; None takes all with a finite sigma in the table, and those of the covariance
     sigma : one standard deviation for all their coordinates, in the length unit; None takes the table's
+    covariance : of those of them whose errors are correlated, as of one survey; it counts in place of their sigma
     """
 
     markers: Sequence[str] | None = None
     sigma: float | None = None
+    covariance: MarkerCovariance | None = None
 
 
 @dataclass(frozen=True)

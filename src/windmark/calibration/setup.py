@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.adjust.network import Bars, Network, NetworkState
+from windmark.adjust.network import Bars, KnownTogether, Network, NetworkState
 from windmark.calibration.datum import Datum, Distance, Fixed, Free, Weighted
 from windmark.errors import UsageError
 from windmark.geometry import PARAMETERS, Camera, DegenerateGeometry, Pose
-from windmark.scene import MarkerSet, Observations, View
+from windmark.scene import MarkerCovariance, MarkerSet, Observations, View
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -120,12 +120,24 @@ class Job:
         if not isinstance(datum, Weighted):
             return np.full((len(self.markers), 3), np.inf)
         given = self.markers.sigma if datum.sigma is None else np.full((len(self.markers), 3), datum.sigma)
+        if datum.covariance is not None:
+            given = given.copy()
+            given[[self.marker(str(n), "datum's covariance") for n in datum.covariance.name]] = datum.covariance.sigma
         chosen = self.chosen(datum.markers, "datum")[:, None] & np.isfinite(given)
         if not (given[chosen] > 0).all():
             raise UsageError("self_calibrate: datum Weighted: sigma must be > 0; hold markers with Fixed")
         if chosen.any(axis=1).sum() < 3:
             raise UsageError("self_calibrate: datum Weighted needs at least three markers with a sigma")
         return np.where(chosen, given, np.inf)
+
+    def known_together(self, among: Mask) -> tuple[Ints, MarkerCovariance] | None:
+        """Which of some markers, (N,), a datum knows with a joint covariance, in order, and that; None for none."""
+        datum = self.datum
+        if not isinstance(datum, Weighted) or datum.covariance is None:
+            return None
+        chosen = among & self.chosen(datum.markers, "datum") & np.isin(self.markers.name, datum.covariance.name)
+        index = np.flatnonzero(chosen)
+        return (index, datum.covariance.take(self.markers.name[index].tolist())) if len(index) else None
 
 
 def taking_part(job: Job, used: Mask) -> tuple[Mask, dict[str, str]]:
@@ -165,6 +177,13 @@ def make_network(job: Job, taken: Mask, weight: Array | None = None) -> Network:
     value = sigma = None
     if isinstance(job.datum, Weighted):
         value, sigma = markers.xyz, job.known_sigma()
+    seen = np.zeros(len(markers), dtype=np.bool_)
+    seen[obs.point[taken]] = True
+    together = job.known_together(seen)
+    tied = None
+    if together is not None and sigma is not None:
+        index, known = together
+        sigma[index], tied = np.inf, KnownTogether(index, markers.xyz[index], known.whitener())
     free_offset = np.arange(len(names)) > 0 if job.rig else np.zeros(0, dtype=np.bool_)
     priors = {k: v for k, v in job.prior_sigma.items() if k in job.free}
     return Network(
@@ -172,7 +191,8 @@ def make_network(job: Job, taken: Mask, weight: Array | None = None) -> Network:
         view_camera=camera, view_frame=frame, view_offset=camera if job.rig else np.full(len(views), -1),
         free_camera=(job.free,) * len(names), free_frame=np.ones(len(frames), dtype=np.bool_), held=held,
         free_offset=free_offset, free_focal=np.array([v.name in job.free_focal for v in views], dtype=np.bool_),
-        point_value=value, point_sigma=sigma, bars=bars_of(job), weight=None if weight is None else weight[taken],
+        point_value=value, point_sigma=sigma, bars=bars_of(job), together=tied,
+        weight=None if weight is None else weight[taken],
         camera_value=[{k: float(getattr(c, k)) for k in priors} for c in job.cameras.values()] if priors else (),
         camera_sigma=[priors] * len(names) if priors else (),
     )  # fmt: skip

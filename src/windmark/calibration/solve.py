@@ -202,6 +202,8 @@ def _known(network: Network) -> int:
     points = 0
     if network.point_sigma is not None:
         points = int(np.isfinite(network.point_sigma[network.used_point & ~network.held.all(axis=1)]).sum())
+    if network.together is not None:
+        points += network.together.value.size
     return points + len(network.bars.length) + sum(len(sigma) for sigma in network.camera_sigma)
 
 

@@ -37,6 +37,7 @@ from windmark.io.images import (
     write_image,
     write_images,
 )
+from windmark.io.marker_covariance import read_marker_covariance, write_marker_covariance
 from windmark.io.markers import read_marker_unit, read_markers, write_markers
 from windmark.io.masks import read_mask
 from windmark.io.mesh import GRID_FORMATS, GRID_SUFFIXES, grid_format, read_mesh, write_mesh
@@ -82,9 +83,9 @@ __all__ = [
     "Frame", "FrameAddress", "Frames", "PictureFile", "addresses", "frame_address", "frames", "gathered",
     "is_recording", "picture_name", "pictures", "times_of", "write_frames",
     "GRID_FORMATS", "GRID_SUFFIXES", "UNIT_FORMATS", "GridFile", "fitting_layouts", "grid_format", "read_grid_file",
-    "write_grid_file", "written_grid_format", "read_marker_unit", "told_quantity", "write_tgts",
-    "page_count", "read_grey", "read_image", "read_images", "read_mask", "to_grey", "to_json",
+    "write_grid_file", "written_grid_format", "read_marker_covariance", "read_marker_unit", "told_quantity",
+    "write_tgts", "page_count", "read_grey", "read_image", "read_images", "read_mask", "to_grey", "to_json",
     "write_image", "write_images", "write_pixels",
-    "write_camera", "write_detections", "write_json", "write_markers", "write_matches", "write_point_values",
-    "write_table",
+    "write_camera", "write_detections", "write_json", "write_marker_covariance", "write_markers", "write_matches",
+    "write_point_values", "write_table",
 ]  # fmt: skip

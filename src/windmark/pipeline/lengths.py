@@ -13,7 +13,7 @@ from windmark.io.cameras.record import FREE
 from windmark.io.markers import TARGET_ROLES
 from windmark.pipeline.likely_unit import Array, Box, likely_unit, model_box
 from windmark.pipeline.settings import COMMAND_LINE
-from windmark.scene import MarkerSet, Mesh
+from windmark.scene import MarkerCovariance, MarkerSet, Mesh
 from windmark.scene.units import IN_WORDS
 
 Noun = TypeVar("Noun", MarkerSet, Mesh, io.PointList)
@@ -108,6 +108,15 @@ class Lengths:
         self._points[path] = markers.xyz[markers.role != "wall"]
         self._check_sizes()
         return markers
+
+    def covariance(self, path: Path, markers: MarkerSet) -> MarkerCovariance:
+        """`io.read_marker_covariance`, in the job's unit, of ``markers``; `FileError` where it names another one."""
+        known = io.read_marker_covariance(path)
+        self.agree(path, known.length_unit, "covariances are")
+        missing = [str(n) for n in known.name if str(n) not in set(markers.name.tolist())]
+        if missing:
+            raise io.FileError(path, f"names {missing[0]!r}, which the table of markers does not have")
+        return known
 
     def points(self, path: Path, roles: Sequence[str] | None = None) -> io.PointList:
         """`io.read_points`, in the job's unit."""

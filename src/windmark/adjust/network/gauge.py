@@ -99,6 +99,8 @@ def _free(
     if network.point_sigma is not None:
         known = np.isfinite(network.point_sigma) & ~network.held
         rows.append(point[known] * (units.point / network.point_sigma[known])[:, None])
+    if network.together is not None:
+        rows.append(network.together.whitener @ point[network.together.point].reshape(-1, 7) * units.point)
     bars = network.bars
     if len(bars.length):
         arm = state.points[bars.first] - state.points[bars.second]

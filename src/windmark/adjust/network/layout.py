@@ -47,13 +47,12 @@ _EVERY = CameraBlock(PARAMETERS)
 
 def make_layout(network: Network, state: NetworkState) -> Layout:
     """Number the parameters; what nothing observes and nothing else holds gets no number."""
-    barred = np.zeros(len(network.held), bool)
-    barred[network.bars.first] = barred[network.bars.second] = True
+    tied = network.tied
     point = network.used_point & ~network.held.all(axis=1)
     frame = network.used_frame & network.free_frame
     away = network.eliminate
     if away == "auto":
-        away = "points" if 3 * int((point & ~barred).sum()) >= 6 * int(frame.sum()) else "frames"
+        away = "points" if 3 * int((point & ~tied).sum()) >= 6 * int(frame.sum()) else "frames"
     count = 0
     camera = np.full((len(network.free_camera), 11), -1)
     for c, free in enumerate(network.free_camera):
@@ -71,7 +70,7 @@ def make_layout(network: Network, state: NetworkState) -> Layout:
 
     offset = number(network.free_offset, 6)
     dense_frame = frame if away == "points" else np.zeros_like(frame)
-    dense_point = point & barred if away == "points" else point
+    dense_point = point & tied if away == "points" else point
     frame_column = number(dense_frame, 6)
     focal = number(_both(network.free_focal, network.used_view), 1)
     point_column = number(dense_point, 3)

@@ -43,6 +43,34 @@ class Bars:
             raise ValueError("Bars: length and sigma must be finite and > 0")
 
 
+@dataclass(frozen=True)
+class KnownTogether:
+    """Points whose known coordinates have errors that are correlated.
+
+    Parameters
+    ----------
+    point : (K,) ascending indices of the points
+    value : (K, 3) their known coordinates
+    whitener : (3K, 3K) ``W`` with ``W^T W`` the inverse of their covariance
+    """
+
+    point: Ints
+    value: Array
+    whitener: Array
+
+    def __post_init__(self) -> None:
+        k = len(self.point)
+        for name, shape in (("value", (k, 3)), ("whitener", (3 * k, 3 * k))):
+            if np.shape(getattr(self, name)) != shape:
+                raise ValueError(f"KnownTogether: {name} must be {shape}, got {np.shape(getattr(self, name))}")
+        if (np.diff(self.point) <= 0).any():
+            raise ValueError("KnownTogether: point must be ascending")
+
+    def residual(self, points: Array) -> Array:
+        """(3K,) whitened, of the places (N, 3) of all points."""
+        return np.asarray(self.whitener @ (points[self.point] - self.value).ravel())
+
+
 NO_BARS = Bars(*(np.zeros(0, np.int64),) * 2, *(np.zeros(0),) * 2)
 
 
@@ -63,6 +91,7 @@ class Network:
     camera_value, camera_sigma : for each camera, known parameters by name and their 1 sigma
     focal_sigma : (V,) 1 sigma of the relative focal changes round 0; inf where nothing is known
     bars : known distances
+    together : points with a joint covariance; they are free, observed, and have no ``point_sigma``
     loss : on the length of each observation's whitened residual
     weight : (O,) factors on the observations' part of the cost, 0 for those that are left out; None is 1
     eliminate : "points" or "frames" leave the system of equations first; "auto" takes the larger group
@@ -86,6 +115,7 @@ class Network:
     camera_sigma: Sequence[Mapping[str, float]] = ()
     focal_sigma: Array | None = None
     bars: Bars = NO_BARS
+    together: KnownTogether | None = None
     loss: Loss = field(default_factory=Loss)
     weight: Array | None = None
     eliminate: str = "auto"
@@ -128,6 +158,12 @@ class Network:
         """(N,) points that were observed or belong to a known distance."""
         bars = self.bars
         return _among(np.concatenate([self.point, bars.first, bars.second]), len(self.held))
+
+    @property
+    def tied(self) -> Mask:
+        """(N,) points that known distances or joint covariances tie to others."""
+        more = () if self.together is None else (self.together.point,)
+        return _among(np.concatenate([self.bars.first, self.bars.second, *more]), len(self.held))
 
     @cached_property
     def used_frame(self) -> Mask:

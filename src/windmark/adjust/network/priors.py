@@ -19,6 +19,7 @@ def add_priors(network: Network, layout: Layout, state: NetworkState, units: Uni
     """Add information and gradient of all prior knowledge to (h_dd, h_ee, g_d, g_e); half its sum of squares."""
     return (
         _points(network, layout, state, units, into)
+        + _together(network, layout, state, units, into)
         + _cameras(network, layout, state, units, into)
         + _focals(network, layout, state, into)
         + _bars(network, layout, state, units, into)
@@ -44,6 +45,17 @@ def _points(network: Network, layout: Layout, state: NetworkState, units: Units,
             g_e[3 * own + k] += (j * r)[block >= 0, k]
     used = (start >= 0) | (block >= 0)
     return 0.5 * float((r[used] ** 2).sum())
+
+
+def _together(network: Network, layout: Layout, state: NetworkState, units: Units, into: Into) -> float:
+    if network.together is None:
+        return 0.0
+    h_dd, _, g_d, _ = into
+    r, j = network.together.residual(state.points), network.together.whitener * units.point
+    own = (layout.columns.point[network.together.point][:, None] + np.arange(3)).ravel()
+    h_dd[np.ix_(own, own)] += np.triu(j.T @ j)
+    g_d[own] += j.T @ r
+    return 0.5 * float(r @ r)
 
 
 def _cameras(network: Network, layout: Layout, state: NetworkState, units: Units, into: Into) -> float:

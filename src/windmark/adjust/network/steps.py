@@ -133,7 +133,7 @@ class _Walk:
         if family.prior == "points" and network.point_sigma is not None and network.point_value is not None:
             known = np.isfinite(network.point_sigma) & ~network.held
             off = np.where(known, state.points - np.where(known, network.point_value, 0.0), 0.0) / network.point_sigma
-            return np.asarray(0.5 * (off**2).sum(axis=1)[_moving(self.problem, barred=False)])
+            return np.asarray(0.5 * (off**2).sum(axis=1)[_moving(self.problem, tied=False)])
         return 0.0
 
 
@@ -156,21 +156,19 @@ def _families(problem: NetworkProblem) -> Iterator[_Family]:
     for c, _, column in camera_columns(lay):
         yield _Family(np.array([column]), np.where(network.view_camera[marks.views] == c, 0, -1), "all")
     point = _places(columns.point, columns.point_block, lay.dense, 3)
-    free = np.flatnonzero(_moving(problem, barred=False))
+    free = np.flatnonzero(_moving(problem, tied=False))
     owner = _numbered(free, len(point))[marks.points]
     for k in range(3):
         yield _Family(point[free] + k, owner, "points")
-    for n in np.flatnonzero(_moving(problem, barred=True)):
+    for n in np.flatnonzero(_moving(problem, tied=True)):
         for k in range(3):
             yield _Family(point[[n]] + k, np.where(marks.points == n, 0, -1), "all")
 
 
-def _moving(problem: NetworkProblem, *, barred: bool) -> NDArray[np.bool_]:
-    """(N,) free points that known distances tie to others, or those that none does."""
-    network, columns = problem.network, problem.layout.columns
-    tied = np.zeros(len(network.held), dtype=np.bool_)
-    tied[network.bars.first] = tied[network.bars.second] = True
-    return np.asarray(((columns.point >= 0) | (columns.point_block >= 0)) & (tied == barred))
+def _moving(problem: NetworkProblem, *, tied: bool) -> NDArray[np.bool_]:
+    """(N,) free points that prior knowledge ties to others, or those that none does."""
+    columns = problem.layout.columns
+    return np.asarray(((columns.point >= 0) | (columns.point_block >= 0)) & (problem.network.tied == tied))
 
 
 def _places(column: Ints, block: Ints, dense: int, size: int) -> Ints:

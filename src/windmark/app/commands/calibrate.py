@@ -14,6 +14,7 @@ def calibrate(
     unit: a.Unit,
     markers: a.Markers = None,
     datum: a.Datum = None,
+    control_cov: a.ControlCov = None,
     camera: a.Cameras = None,
     images_of: a.ImagesOf = None,
     size: a.Size = None,
@@ -74,5 +75,6 @@ def calibrate(
         files = Files(
             typed.expanded(inputs), markers, dots, tuple(roles or ()), typed.read_cameras(camera or ()),
             typed.parse_patterns(images_of or ()), parse_size(size), focal, unit, sigma_px, against, output,
+            control_cov,
         )  # fmt: skip
         run(files, settings, match, as_json)

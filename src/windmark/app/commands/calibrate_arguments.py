@@ -27,6 +27,13 @@ Datum = Annotated[
         " weighted[:A,B,C][=sigma]. [with --board: the board's own grid]"
     ),
 ]
+ControlCov = Annotated[
+    Path | None,
+    typer.Option(
+        "--control-cov",
+        help="With --datum weighted: joint covariance of known markers, first,second,xx,xy,...,zz for each pair.",
+    ),
+]
 Cameras = Annotated[
     Texts,
     typer.Option("--camera", "-c", help="Start values; several cameras as NAME=FILE, images' names begin with NAME."),

@@ -20,6 +20,10 @@ Primary = Annotated[
     Path | None,
     typer.Option("--primary", "-p", help="The known markers: CSV or .tgts. Three with --labels, else four; six best."),
 ]
+PrimaryCov = Annotated[
+    Path | None,
+    typer.Option("--primary-cov", help="Joint covariance of primaries: first,second,xx,xy,...,zz for each pair."),
+]
 FreeFrame = Annotated[
     bool,
     typer.Option(
@@ -64,6 +68,7 @@ def reconstruct(
     images: Images,
     camera: Cameras,
     primary: Primary = None,
+    primary_cov: PrimaryCov = None,
     unit: Unit = None,
     free_frame: FreeFrame = False,
     distance: Distances = None,
@@ -97,7 +102,7 @@ def reconstruct(
         files = Files(
             typed.expanded(images), typed.read_cameras(camera), typed.parse_patterns(images_of or ()), primary, labels,
             rough, poses, typed.parse_free(None, free or ""), model_px, pair, unit or "", output, free_frame,
-            typed.parse_distances(distance or ()),
+            typed.parse_distances(distance or ()), primary_cov,
         )  # fmt: skip
         match = MatchOptions(tuple(radius or ()), polarity, merit_max, channel, bayer, mask, seed=seed)
         run(files, match, as_json)

@@ -174,11 +174,13 @@ def datum_words(result: Calibration) -> list[str]:
         text = f"Position, direction and size are those of the markers {_listed(datum.markers or ())}, held where their"
         words = [text + " table has them, with no uncertainty of their own."]
     elif isinstance(datum, Weighted):
-        which = "all markers with a sigma in their table" if datum.markers is None else _listed(datum.markers)
+        which = "all markers with a sigma" if datum.markers is None else _listed(datum.markers)
         sigma = "the table's sigma" if datum.sigma is None else f"a sigma of {datum.sigma:g} per coordinate"
         words = [
             f"Position, direction and size come from {which}, known with {sigma}; they were adjusted with the rest."
         ]
+        if datum.covariance is not None:
+            words.append(f"The errors of {_listed(datum.covariance.name)} are known together, with their correlations.")
     else:
         assert isinstance(datum, Free)
         which = "all markers" if datum.markers is None else f"the markers {_listed(datum.markers)}"

@@ -43,7 +43,7 @@ class Held:
         self._where: Array = structure.xyz[located.point]
         self.table: MarkerSet | None = with_sigma(task.primary)
         self._names = tuple(str(task.primary.name[p]) for p in located.primary)
-        self.datum: Datum = Weighted(self._names)
+        self.datum: Datum = Weighted(self._names, covariance=task.known_together(self._names))
 
     def prepared(self, structure: Structure) -> tuple[Structure, list[str]]:
         """Primaries by their names, other points by numbers."""

@@ -75,9 +75,9 @@ def _calibrated(task: Task, poses: dict[int, Pose]) -> Begun | None:
     prior = {**LENS_SIGMA, "focal_px": FOCAL_SIGMA * focal, "cx": CENTRE_SIGMA * width, "cy": CENTRE_SIGMA * width}
     views = [replace(v, name=str(k), cam_from_model=poses.get(k)) for k, v in enumerate(task.views)]
     result = self_calibrate(
-        marks, with_sigma(task.primary), task.cameras, views, datum=Weighted(), free=task.free,
-        prior_sigma={p: s for p, s in prior.items() if p in task.free}, eccentricity="off", reject=False,
-        seed=task.seed,
+        marks, with_sigma(task.primary), task.cameras, views, datum=Weighted(covariance=task.primary_cov),
+        free=task.free, prior_sigma={p: s for p, s in prior.items() if p in task.free}, eccentricity="off",
+        reject=False, seed=task.seed,
     )  # fmt: skip
     if not isinstance(result, Calibration):
         return None

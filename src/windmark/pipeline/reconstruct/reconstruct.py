@@ -24,7 +24,7 @@ from windmark.pipeline.reconstruct.primaries import check_primaries, with_sigma
 from windmark.pipeline.reconstruct.result import NotReconstructed, Reconstruction
 from windmark.pipeline.reconstruct.structure import Structure, adjusted, compact, linked, marks_of, rows_of
 from windmark.pipeline.reconstruct.task import FEWEST_SPOTS, Labels, Refused, Task
-from windmark.scene import Detections, Doubt, MarkerSet, Tracks, View
+from windmark.scene import Detections, Doubt, MarkerCovariance, MarkerSet, Tracks, View
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -42,6 +42,7 @@ def reconstruct(
     cameras: Camera | Mapping[str, Camera],
     primary: MarkerSet | None,
     *,
+    primary_cov: MarkerCovariance | None = None,
     views: Sequence[View] | None = None,
     labels: Labels | None = None,
     rough: MarkerSet | None = None,
@@ -63,6 +64,7 @@ def reconstruct(
     primary : known markers: three with labels, four or more without (six are safe); their ``sigma`` counts, and is
         1e-4 of their extent where there is none
         None: a free frame, see `free`; the scale is that of given poses or of ``distances``, or free
+    primary_cov : joint covariance of primaries whose errors are correlated, in place of their ``sigma``
     views : one per picture: its name, its camera, and ``cam_from_model`` in the primaries' frame where it is known,
         roughly. None: one camera, pictures named by their numbers
     labels : {name of a view: {spot: name}} where some are known. Four primaries in a picture give its pose; any seven
@@ -83,10 +85,11 @@ def reconstruct(
     ValueError
         For arguments that do not fit together.
     """
-    task = Task.checked(detections, cameras, primary, views, labels, free, seed, model_px)
+    task = Task.checked(detections, cameras, primary, views, labels, free, seed, model_px, primary_cov)
     options: dict[str, Any] = {
         "free": tuple(free), "model_px": model_px, "seed": seed, "rough": rough is not None,
         "poses": len(task.given), "distances": tuple(distances),
+        "primary_cov": primary_cov is not None,
     }  # fmt: skip
     dropped = {
         v.name: f"{len(d)} spots, at least {FEWEST_SPOTS} are needed"

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from windmark.errors import UsageError
 from windmark.geometry import PARAMETERS, Camera, Pose
-from windmark.scene import Detections, MarkerSet, View
+from windmark.scene import Detections, MarkerCovariance, MarkerSet, View
 
 Array = NDArray[np.float64]
 Labels = Mapping[str, Mapping[int, str]]
@@ -38,6 +38,7 @@ class Task:
     cameras : by name
     views : with their camera, and a pose in the primaries' frame where that is known
     primary : the known markers
+    primary_cov : joint covariance of those of them whose errors are correlated, or None
     labels : for each view {spot: index of a primary}
     ties : for each view {name: spot} of all labels, also of markers that are no primaries
     free : interior parameters to be found
@@ -52,14 +53,18 @@ class Task:
     ties: tuple[dict[str, int], ...]
     free: tuple[str, ...]
     seed: int
+    primary_cov: MarkerCovariance | None = None
 
     @classmethod
     def checked(
         cls, detections: Sequence[Detections], cameras: Camera | Mapping[str, Camera], primary: MarkerSet | None,
         views: Sequence[View] | None, labels: Labels | None, free: Sequence[str], seed: int, model_px: float = 0.0,
+        primary_cov: MarkerCovariance | None = None,
     ) -> Task:  # fmt: skip
         """A task from the arguments of `reconstruct`; ValueError where they do not fit."""
         free_frame, primary = primary is None, primary or MarkerSet.make([], np.zeros((0, 3)))
+        if primary_cov is not None:
+            primary = primary_cov.on(primary)
         if views is None:
             if not isinstance(cameras, Camera) and len(cameras) != 1:
                 raise UsageError("reconstruct: with several cameras, views must say which picture has which")
@@ -87,12 +92,19 @@ class Task:
             tuple(replace(d, cov=d.cov + model_px**2 * np.eye(2)) for d in detections), dict(cameras), tuple(views),
             primary,
             tuple({s: index[n] for s, n in mine.items() if n in index} for mine in named),
-            tuple({n: s for s, n in mine.items()} for mine in named), tuple(free), seed,
+            tuple({n: s for s, n in mine.items()} for mine in named), tuple(free), seed, primary_cov,
         )  # fmt: skip
 
     def camera(self, view: int) -> Camera:
         """Camera of a view."""
         return self.cameras[self.views[view].camera]
+
+    def known_together(self, names: Sequence[str]) -> MarkerCovariance | None:
+        """The joint covariance of some of the primaries."""
+        if self.primary_cov is None:
+            return None
+        both = set(names) & set(self.primary_cov.name.tolist())
+        return self.primary_cov.take([n for n in names if n in both])
 
     @property
     def usable(self) -> list[int]:
