@@ -17,8 +17,6 @@ What it leaves out: pictures (marks are given), rigs, lenses that the model does
 
 from __future__ import annotations
 
-import argparse
-from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
@@ -26,6 +24,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+import _contradictions as contradictions
 import _networks as nets
 from windmark.calibration import Calibration, Distance, Fixed, Free, Weighted, self_calibrate
 from windmark.geometry.similarity import align
@@ -185,7 +184,7 @@ KINDS: dict[str, Callable[[np.random.Generator], Case]] = {
 }
 
 
-def outcome(case: Case, rng: np.random.Generator) -> tuple[str, str, list[float]]:
+def outcome(case: Case, rng: np.random.Generator) -> contradictions.Outcome:
     """What came of it, its name if something is named, and the z of focal length and markers."""
     scene = case.scene
     given = np.zeros(MARKERS, bool)
@@ -200,11 +199,12 @@ def outcome(case: Case, rng: np.random.Generator) -> tuple[str, str, list[float]
     result = self_calibrate(*nouns, datum=case.datum, **options)
     if not isinstance(result, Calibration):
         words = f"{result.reason} {' '.join(result.weak)}"
-        return "refused", "right name" if any(n in words for n in case.named) else f"({result.cause})", []
+        return "refused", "right name" if any(n in words for n in case.named) else f"({result.cause})", np.zeros(0)
     z, said = deviations(result, scene, options), words_of(result)
     wrong = max(z) > BEYOND
     if said:
-        return "named", "right name" if any(n in said for n in case.named) else "other name", [] if wrong else z
+        name = "right name" if any(n in said for n in case.named) else "other name"
+        return "named", name, np.zeros(0) if wrong else z
     return ("WRONG" if wrong else "right"), "", z
 
 
@@ -214,7 +214,7 @@ def words_of(result: Calibration) -> str:
     return " ".join([*result.suspect, *swapped, *getattr(result, "warnings", ())])
 
 
-def deviations(result: Calibration, scene: nets.Scenario, options: dict[str, Any]) -> list[float]:
+def deviations(result: Calibration, scene: nets.Scenario, options: dict[str, Any]) -> Array:
     """Deviations from the truth in stated sigmas: focal length, principal point, then the markers' coordinates."""
     index = [int(n[1:]) for n in result.markers.name]
     xyz, truth, cov = result.markers.xyz, scene.truth.points[index], result.marker_cov
@@ -226,39 +226,16 @@ def deviations(result: Calibration, scene: nets.Scenario, options: dict[str, Any
     camera = result.cameras["cam"]
     off = {p: abs(getattr(camera, p) - getattr(nets.CAMERA, p)) for p in ("focal_px", "cx", "cy")}
     inner = [value / result.sigma("cam", p) for p, value in off.items()]
-    return [*inner, *(np.abs(xyz - truth)[seen] / sigma[seen]).tolist()]
+    return np.array([*inner, *(np.abs(xyz - truth)[seen] / sigma[seen]).tolist()])
 
 
 def main() -> None:
     """One row a kind."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("trials", nargs="?", type=int, default=TRIALS)
-    parser.add_argument("kinds", nargs="*", help="parts of names; none means all")
-    parser.add_argument("--seed", type=int, default=SEED)
-    asked = parser.parse_args()
-    heads = ("right", "named", "refused", "WRONG", "right name", "z f", "z xyz")
-    print(f"{'kind':30s}" + "".join(f"{h:>{w}s}" for h, w in zip(heads, (7, 7, 9, 7, 12, 7, 7), strict=True)))
-    total: Counter[str] = Counter()
-    for kind, make in KINDS.items():
-        if asked.kinds and not any(part in kind for part in asked.kinds):
-            continue
-        count, other, focal, marker, wrong = Counter(), Counter(), [], [], []
-        for seed in range(asked.seed, asked.seed + asked.trials):
-            rng = np.random.default_rng(seed)
-            what, name, z = outcome(make(rng), rng)
-            count[what] += 1
-            other[name] += 1
-            if what == "WRONG":
-                wrong.append((seed, round(max(z), 1)))
-            if z and what != "named":
-                focal.append(z[0])
-                marker += z[3:]
-        total += count
-        rms = [f"{np.sqrt(np.mean(np.square(v))):7.2f}" if v else f"{'-':>7s}" for v in (focal, marker)]
-        others = ", ".join(f"{n} {k}" for k, n in other.items() if k not in ("", "right name"))
-        print(f"{kind:30s}{count['right']:7d}{count['named']:7d}{count['refused']:9d}{count['WRONG']:7d}"
-              f"{other['right name']:12d}{rms[0]}{rms[1]}  {others} {wrong[:3] or ''}", flush=True)
-    print("all:", ", ".join(f"{k} {n}" for k, n in total.items()))
+    figures = {
+        "z f": lambda done: contradictions.rms([z[:1] for what, z in done if what != "named"]),
+        "z xyz": lambda done: contradictions.rms([z[3:] for what, z in done if what != "named"]),
+    }
+    contradictions.table(__doc__ or "", KINDS, outcome, figures, TRIALS, SEED)
 
 
 if __name__ == "__main__":

@@ -18,15 +18,14 @@ What it leaves out: pictures (marks are given), time (each instant is by itself)
 
 from __future__ import annotations
 
-import argparse
-from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+import _contradictions as contradictions
 from windmark.deformation import Deformation, Volume, Volumes, identify
 from windmark.deformation.laws import Beam, CantileverModes, Hinge, Powers, TorsionModes
 from windmark.geometry import Camera, Pose
@@ -276,7 +275,7 @@ KINDS: dict[str, Callable[[np.random.Generator], Case]] = {
 }
 
 
-def outcome(case: Case) -> tuple[str, str, Array]:
+def outcome(case: Case, _: np.random.Generator) -> contradictions.Outcome:
     """What came of it, its name if something is named, and the deviations in stated sigmas."""
     answer = identify(case.seen, case.markers, case.laws, CAMERA, case.views, **case.options)
     if not isinstance(answer, Deformation):
@@ -308,34 +307,17 @@ def deviations(answer: Deformation, case: Case) -> Array:
 
 def main() -> None:
     """One row a kind."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("trials", nargs="?", type=int, default=TRIALS)
-    parser.add_argument("kinds", nargs="*", help="parts of names; none means all")
-    parser.add_argument("--seed", type=int, default=SEED)
-    asked = parser.parse_args()
-    heads = ("right", "named", "refused", "WRONG", "right name", "out %", "z")
-    print(f"{'kind':36s}" + "".join(f"{h:>{w}s}" for h, w in zip(heads, (7, 7, 9, 7, 12, 7, 7), strict=True)))
-    total: Counter[str] = Counter()
-    for kind, make in KINDS.items():
-        if asked.kinds and not any(part in kind for part in asked.kinds):
-            continue
-        count, other, outside, unnamed, wrong = Counter(), Counter(), [], [], []
-        for seed in range(asked.seed, asked.seed + asked.trials):
-            what, name, z = outcome(make(np.random.default_rng(seed)))
-            count[what] += 1
-            other[name] += 1
-            outside += (z > 1.96).tolist()
-            if what == "WRONG":
-                wrong.append((seed, round(float(z.max()), 1)))
-            if what in ("right", "WRONG"):
-                unnamed += z.tolist()
-        total += count
-        share = f"{100 * np.mean(outside):7.1f}" if outside else f"{'-':>7s}"
-        rms = f"{np.sqrt(np.mean(np.square(unnamed))):7.2f}" if unnamed else f"{'-':>7s}"
-        others = ", ".join(f"{n} {k}" for k, n in other.items() if k not in ("", "right name"))
-        print(f"{kind:36s}{count['right']:7d}{count['named']:7d}{count['refused']:9d}{count['WRONG']:7d}"
-              f"{other['right name']:12d}{share}{rms}  {others} {wrong[:3] or ''}", flush=True)
-    print("all:", ", ".join(f"{k} {n}" for k, n in total.items()))
+    figures = {
+        "out %": _beyond,
+        "z": lambda done: contradictions.rms([z for what, z in done if what in ("right", "WRONG")]),
+    }
+    contradictions.table(__doc__ or "", KINDS, outcome, figures, TRIALS, SEED)
+
+
+def _beyond(done: Sequence[tuple[str, Array]]) -> float:
+    """Per cent of all deviations beyond their 95 % intervals."""
+    every = np.concatenate([np.zeros(0), *(z for _, z in done)])
+    return 100 * float(np.mean(every > 1.96)) if len(every) else float("nan")
 
 
 if __name__ == "__main__":

@@ -121,11 +121,24 @@ def mirrored(rng: Rng) -> scenes.Case:
 
 def flap(rng: Rng) -> scenes.Case:
     """A sixth of the markers, on one side, is 3 mm higher in half of the pictures."""
+    return _moved(rng, lambda arm: np.tile([0.0, 0.0, 3.0], (len(arm), 1)))
+
+
+def hinged(rng: Rng) -> scenes.Case:
+    """A sixth of the markers, on one side, turns about its inner edge by 1 to 5 degrees in some of the pictures."""
+    angle = np.radians(rng.uniform(1, 5)) * rng.choice([-1, 1])
+    return _moved(rng, lambda arm: arm[:, :1] * [np.cos(angle) - 1, 0.0, np.sin(angle)], int(rng.integers(3, 7)))
+
+
+def _moved(rng: Rng, by: Callable[[Array], Array], count: int | None = None) -> scenes.Case:
+    """The side's markers moved, by what ``by`` says of their arms from its edge, in every second picture or so many."""
     seed, kind, path = int(rng.integers(2**31)), str(rng.choice(["plate", "model"])), str(rng.choice(["walk", "cloud"]))
     case = scenes.make(seed, kind, path, views=12, points=80)
-    raised = case.xyz[:, 0] > np.quantile(case.xyz[:, 0], 0.84)
-    moved = case.xyz + np.where(raised[:, None], [0.0, 0.0, 3.0], 0.0)
-    for v in range(0, len(case.detections), 2):
+    edge = np.quantile(case.xyz[:, 0], 0.84)
+    raised = case.xyz[:, 0] > edge
+    moved = case.xyz + np.where(raised[:, None], by(case.xyz - [edge, 0.0, 0.0]), 0.0)
+    every = range(len(case.detections))
+    for v in every[::2] if count is None else rng.choice(len(every), count, replace=False).tolist():
         pose = Pose(case.poses.rotation[v], case.poses.translation[v])
         shift = case.camera.project(pose.apply(moved))[0] - case.camera.project(pose.apply(case.xyz))[0]
         label = case.labels[v]
@@ -141,7 +154,7 @@ def primary_off(rng: Rng) -> scenes.Case:
 
 KINDS: dict[str, Callable[[Rng], scenes.Case]] = {
     f.__name__.replace("_", "-"): f
-    for f in (clean, dirty, thin, regular, copies, foreign, near_empty, zoomed, mirrored, flap, primary_off)
+    for f in (clean, dirty, thin, regular, copies, foreign, near_empty, zoomed, mirrored, flap, hinged, primary_off)
 }
 FAULTLESS = {"clean", "dirty", "thin", "regular", "copies", "near-empty"}
 

@@ -104,8 +104,8 @@ def _with_picture(network: Network, state: NetworkState, view: int, pose: Pose) 
     """The network with one picture more, with marks of the markers that the ``view`` it starts from has."""
     mine = np.flatnonzero(network.view == view)
     camera = state.cameras[network.view_camera[view]]
-    xy, valid = camera.project(pose.apply(state.points[network.point[mine]]))
-    inside = valid & camera.in_image(np.where(valid[:, None], xy, -9.0))
+    xy = camera.project(pose.apply(state.points[network.point[mine]]))[0]
+    inside = camera.in_image(xy)
     mine, xy = mine[inside], xy[inside]
     if len(mine) < LEAST_MARKS:
         return None

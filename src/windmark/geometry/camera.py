@@ -152,7 +152,7 @@ class Camera:
         return np.concatenate([ideal, np.where(np.isnan(ideal[..., :1]), np.nan, 1.0)], axis=-1)
 
     def in_image(self, xy: ArrayLike) -> Mask:
-        """Whether pixels (..., 2) lie inside the image area, borders included."""
+        """Whether pixels (..., 2) lie inside the image area, borders included; NaN (no image) does not."""
         p = np.asarray(xy, dtype=float)
         w, h = self.size_px
         with np.errstate(invalid="ignore"):

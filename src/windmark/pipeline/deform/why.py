@@ -125,9 +125,9 @@ def why_few(
 def _in_sight(placed: MarkerSet, camera: Camera, pose: Pose, hidden: Mask | None, before: int) -> tuple[Array, str]:
     """Where markers should be seen, and how many of them are out of the picture, turned away or hidden."""
     center, normal = pose.apply(placed.xyz), pose.rotate(placed.normal)
-    xy, valid = camera.project(center)
+    xy = camera.project(center)[0]
     facing = ~((normal * center).sum(axis=1) >= 0)  # without a normal: facing
-    inside = valid & camera.in_image(np.where(valid[:, None], xy, -9.0))
+    inside = camera.in_image(xy)
     covered = np.zeros(len(placed), bool) if hidden is None else hidden
     seen = facing & inside & ~covered
     if seen.sum() >= FEW * max(before, 1):

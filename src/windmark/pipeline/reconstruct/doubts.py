@@ -1,4 +1,4 @@
-"""What a finished reconstruction says against itself: markers that are two places of one, primaries off their table."""
+"""What a finished reconstruction says against itself: who sees what, and primaries that are off their table."""
 
 from __future__ import annotations
 
@@ -16,8 +16,6 @@ Mask = NDArray[np.bool_]
 
 ALIKE_DEG = 20.0
 """Two pictures whose directions differ by less see the same side of a marker: what one shows the other should."""
-NEIGHBOURS = 6
-"""Nearest markers of each one that may be another place of it."""
 LEAST_EXPECTED = 20
 """Expected spots from which the rate of those that are found is known."""
 LEAST_OFTEN = 3
@@ -68,51 +66,7 @@ def in_field(xyz: NDArray[np.float64], view: View, cameras: Mapping[str, Camera]
     """(N,) which places a view with a pose has within its picture."""
     assert view.cam_from_model is not None
     camera = cameras[view.camera]
-    xy, valid = camera.project(view.cam_from_model.apply(xyz))
-    return np.asarray(valid & camera.in_image(np.where(valid[:, None], xy, -9.0)))
-
-
-def two_places(markers: MarkerSet, sight: Sight) -> list[Doubt]:
-    """Neighbouring markers that are never in one picture, though pictures of one side show now one, now the other.
-
-    Two markers that are each found at the rate r are seen one without the other in 2 r (1 - r) / (1 - (1 - r)^2) of the
-    pictures that show either; in all n pictures that should show both, by chance, in the n-th power of that. Of many
-    such pairs so many are named that few of them are chance (Benjamini and Hochberg, J. R. Stat. Soc. B 57, 1995).
-    """
-    n = len(markers)
-    if n < 2 or not sight.rate > 0:
-        return []
-    alone = 2 * (1 - sight.rate) / (2 - sight.rate)
-    _, near = cKDTree(markers.xyz).query(markers.xyz, min(NEIGHBOURS + 1, n))
-    pairs = {(min(i, j), max(i, j)) for i, row in enumerate(near.tolist()) for j in row if i != j}
-    odd: list[tuple[float, int, int]] = []
-    for i, j in sorted(pairs):
-        first, second = sight.seen[:, i], sight.seen[:, j]
-        if (first & second).any():
-            continue
-        of_first = first & sight.inside[:, j] & (sight.alike @ second)
-        of_second = second & sight.inside[:, i] & (sight.alike @ first)
-        count = int(of_first.sum() + of_second.sum())
-        if min(of_first.sum(), of_second.sum()) >= 2:
-            odd.append((alone**count * len(pairs), i, j))
-    odd.sort()
-    named = max((k for k, (chance, _, _) in enumerate(odd, 1) if chance < k * CHANCE), default=0)
-    return _moved(markers, [(i, j) for _, i, j in odd[:named]])
-
-
-def _moved(markers: MarkerSet, pairs: list[tuple[int, int]]) -> list[Doubt]:
-    """One doubt of all pairs, each marker with the nearest of those it may be."""
-    gap = {pair: float(np.linalg.norm(markers.xyz[pair[0]] - markers.xyz[pair[1]])) for pair in pairs}
-    taken: dict[int, float] = {}
-    for pair in sorted(pairs, key=gap.__getitem__):
-        if not taken.keys() & set(pair):
-            taken[pair[0]] = taken[pair[1]] = gap[pair]
-    kept = [pair for pair in pairs if taken.get(pair[0]) == taken.get(pair[1]) == gap[pair]]
-    if not kept:
-        return []
-    words = ", ".join(f"{{}} and {{}} ({gap[pair]:.3g} apart)" for pair in kept)
-    names = tuple(str(markers.name[k]) for pair in kept for k in pair)
-    return [Doubt(names, f"neighbours that are never in one picture, as if a marker had moved meanwhile: {words}")]
+    return camera.in_image(camera.project(view.cam_from_model.apply(xyz))[0])
 
 
 def off_their_table(

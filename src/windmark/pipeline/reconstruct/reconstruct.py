@@ -14,7 +14,7 @@ from windmark.calibration import Calibration, Distance
 from windmark.errors import UsageError
 from windmark.geometry import Camera
 from windmark.pipeline.reconstruct.again import Answers, asked_again
-from windmark.pipeline.reconstruct.doubts import Sight, off_their_table, two_places
+from windmark.pipeline.reconstruct.doubts import Sight, off_their_table
 from windmark.pipeline.reconstruct.frame import Frame, FreeFrame, Held
 from windmark.pipeline.reconstruct.free import frame_words
 from windmark.pipeline.reconstruct.groups import Framed, framed, why_left
@@ -24,6 +24,7 @@ from windmark.pipeline.reconstruct.primaries import check_primaries, with_sigma
 from windmark.pipeline.reconstruct.result import NotReconstructed, Reconstruction
 from windmark.pipeline.reconstruct.structure import Structure, adjusted, compact, linked, marks_of, rows_of
 from windmark.pipeline.reconstruct.task import FEWEST_SPOTS, Labels, Refused, Task
+from windmark.pipeline.reconstruct.two_places import two_places
 from windmark.scene import Detections, Doubt, MarkerCovariance, MarkerSet, Tracks, View
 
 Array = NDArray[np.float64]
