@@ -8,7 +8,7 @@ from windmark.detection._kernels.map import bin_mean, depth_peaks, fill_rows, ra
 from windmark.detection._kernels.shape import median
 from windmark.detection._kernels.spot import smallest
 from windmark.detection.image import prepare
-from windmark.detection.search import TILE, at_tiles, bin_factor, box_sizes, noise_tiles, surface_noise
+from windmark.detection.search import TILE, at_tiles, bin_factor, box_sizes, candidates, noise_tiles, surface_noise
 
 
 def box_depth(image, core, window):
@@ -95,6 +95,19 @@ def test_radii_are_searched_at_3_to_6_pixels():
     for r0 in (6.0, 7.9, 19.0, 46.0, 100.0):
         assert 3.0 <= r0 / bin_factor(r0) < 6.0
     assert bin_factor(5.9) == 1
+
+
+@pytest.mark.parametrize("radius", [6.0, 9.0, 15.0])
+def test_starts_of_a_binned_picture_are_where_its_discs_are(radius, draw):
+    """A binned pixel's middle is that of its pixels: without the half pixel starts are off by (factor - 1) / 2."""
+    rng, factor = np.random.default_rng(0), bin_factor(radius)
+    pitch, across = int(5 * radius), 5
+    places = (np.argwhere(np.ones((across, across))) + 0.5) * pitch + rng.uniform(-0.5, 0.5, (across**2, 2)) * factor
+    image = prepare(draw((across * pitch,) * 2, [(*p, radius) for p in places]), 1.0)
+    start = candidates(image, radius, 0.7, surface_noise(image, radius))
+    away = (places[:, None] - start)[np.arange(len(places)), np.hypot(*(places[:, None] - start).T).T.argmin(axis=1)]
+    assert np.abs(away).max() < 0.5 * factor
+    np.testing.assert_allclose(away.mean(axis=0), 0.0, atol=0.1)
 
 
 @pytest.mark.parametrize("factor", [2, 3, 5])
