@@ -8,6 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.detection.family import (
+    TYPICAL,
+    at_grazing_angle,
+    beside,
+    face_on,
+    like_points,
+    relative_contrast,
+    size_at_blur,
+)
 from windmark.detection.options import Options
 from windmark.detection.quantile import weighted_quantile
 from windmark.detection.rejected import (
@@ -25,7 +34,7 @@ from windmark.detection.rejected import (
 )
 from windmark.detection.spots import Spots
 from windmark.detection.template.crlb import window_radius
-from windmark.detection.template.result import LEAST_AXIS_PX, SATURATED, TemplateFits
+from windmark.detection.template.result import SATURATED, TemplateFits
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -33,6 +42,7 @@ Flags = NDArray[np.bool_]
 
 RIVAL_NATS = 3.4  # by which the pixels must speak for another thing: of what comes so far 30 times as much are discs
 EVIDENCE_MIN = 10.0  # of the matched filter: white noise reaches 5 in every picture, what is correlated twice as much
+WHITE_EVIDENCE = 8.0  # of what is like the other markers, where they have shown that the noise is white
 CORRELATION_MIN = 0.93, 0.975  # of disc and window but for noise: of spots that SPOT takes, and of weaker ones
 SHARP_EDGE, WITH_SHARP_EDGE = 0.9, 0.8  # enough where most of the edge is beyond doubt: the rest is beside the marker
 ROUND_MIN = 0.3, 0.45  # ratio of the axes, 72 and 63 deg of tilt: for the same two
@@ -48,8 +58,6 @@ CROSSED_MIN = 0.53  # the same without the edge of one that a line crosses
 CONTRAST_CAP = 1.2  # more contrast than the markers' says nothing more
 TINY_PX = 2.0  # radius below which pixels do not show a shape: where such markers are asked for, SPOT is believed
 TILE_VARIANCE = 1.3  # a tile's noise, of 256 pixels, may be too small by so much
-TYPICAL = 8  # sound markers that say what the image's markers are like
-NEAREST = 9  # of them are those near a place
 CONTRAST_SHARE = 0.6  # of the markers' contrast
 SIZE_SHARE, SIZE_QUANTILE = 0.8, 0.2  # of the smaller of the typical markers, for those smaller than asked for
 NEAR_RADIUS = 0.86  # of the smallest radius asked for
@@ -63,11 +71,15 @@ class Noise:
     Parameters
     ----------
     variance : (K,) of a pixel: the frame's if that speaks for all, else not more than the surface's there
+    surface : (K,) of a pixel, as the surface round the spot shows it: not below what it is, but for chance
     tail : (K,) how much more the noise moves a filter than if it were not correlated: 1 where the markers have shown it
+    least : of the matched filter, in standard deviations, that is no chance
     """
 
     variance: Array
+    surface: Array
     tail: Array
+    least: float
 
 
 def judge_fits(
@@ -103,11 +115,11 @@ def judge_fits(
         correlation = shape_correlation(fits, noise.variance)
         answer = matched_filter(fits, noise.variance) / noise.tail
         sharp = support[:, 1] >= SHARP_EDGE
-        reason[~(correlation >= np.where(sharp & ~weak, WITH_SHARP_EDGE, np.array(CORRELATION_MIN)[band]))] = MISFIT
+        unlike = ~(correlation >= np.where(sharp & ~weak, WITH_SHARP_EDGE, np.array(CORRELATION_MIN)[band]))
         shapely = weak | has_shape(fits, radii)
-        reason[shapely & ~(minor + doubt[:, 1] >= np.array(ROUND_MIN)[band] * major)] = MISFIT
+        unlike |= shapely & ~(minor + doubt[:, 1] >= np.array(ROUND_MIN)[band] * major)
         reason[shapely & ~fits.crossed & ~(support[:, 1] >= EDGE_MEDIAN)] = PART
-        reason[~(fits.depth > 0.0) | ~(answer >= EVIDENCE_MIN)] = FAINT
+        reason[~(fits.depth > 0.0) | ~(answer >= noise.least)] = FAINT
         # A radius measured off the picture may be the mean one; a disc seen at an angle has it as the larger half axis.
         reason[fits.radius_px - doubt[:, 0] > RADIUS_RATIO[1] * max(radii)] = LARGE
         reason[major + doubt[:, 0] < RADIUS_RATIO[0] * min(radii)] = SMALL
@@ -117,13 +129,22 @@ def judge_fits(
         sound = (edge >= SOUND_EDGE) & (correlation >= SOUND_CORRELATION)
         sound |= fits.crossed | ((fits.flags & SATURATED) > 0)  # saturated: too little is left of it to look disturbed
         weight = np.nan_to_num(answer, nan=0.0, posinf=0.0) ** 2  # specks and noise say little
+        faint = answer < EVIDENCE_MIN
+        clear = sound & ~weak & ~unlike & ~faint
         odd = (reason == ACCEPTED) & (fits.radius_px < SMALL_BLURS * fits.blur_px)
         odd &= np.abs(fits.blur_px - fits.frame.blur_px) > BLUR_SIGMAS * spread
         if odd.any():  # optics are not sharp everywhere: beside others that are as blurred it is one of them
-            there = beside(fits.xy, fits.blur_px, (reason == ACCEPTED) & sound & ~weak, weight)
+            there = beside(fits.xy, fits.blur_px, (reason == ACCEPTED) & clear, weight)
             odd &= ~(np.abs(fits.blur_px - there) <= BLUR_SIGMAS * np.hypot(fits.blur_sigma_px, SAME_BLUR_PX))
         reason[odd] = BLURRED
-        _beside_the_others(reason, fits, weight, edge, doubt, sound, weak, radii, options)
+        typical = (reason == ACCEPTED) & clear & ~fits.crossed & ~like_points(fits)
+        contrast = fits.contrast if options.light == "multiplicative" else fits.depth
+        tilted = ~fits.crossed & at_grazing_angle(
+            fits, contrast, typical, weight, np.fmin(noise.variance, noise.surface), doubt, NEAR_RADIUS * min(radii)
+        )
+        reason[(reason == ACCEPTED) & unlike & ~tilted] = MISFIT
+        reason[(reason == ACCEPTED) & faint & ~tilted] = FAINT
+        _beside_the_others(reason, fits, weight, typical, tilted, edge, doubt, sound, weak, radii, options)
     return reason
 
 
@@ -131,6 +152,8 @@ def _beside_the_others(
     reason: Ints,
     fits: TemplateFits,
     weight: Array,
+    typical: Flags,
+    tilted: Flags,
     edge: Array,
     doubt: Array,
     sound: Flags,
@@ -145,7 +168,6 @@ def _beside_the_others(
     many, so each counts by its area. Contrast, roundness and edge count together: pieces of letters, rings and
     scratches lack some of each.
     """
-    typical = (reason == ACCEPTED) & sound & ~weak & ~fits.crossed & ~like_points(fits)
     shapely = weak | has_shape(fits, radii)
     share, major, minor = np.ones(len(fits)), *fits.axes_px.T
     if typical.sum() >= TYPICAL:
@@ -173,49 +195,9 @@ def _beside_the_others(
     reason[
         (reason == ACCEPTED)
         & shapely
+        & ~tilted
         & ~(whole >= np.select([fits.crossed, sound], [CROSSED_MIN, SOUND_MIN], DISTURBED_MIN))
     ] = PART
-
-
-def relative_contrast(xy: Array, contrast: Array, typical: Flags, weight: Array) -> Array:
-    """Contrast (K,) over the median of the typical markers: of all, or of those near, whichever is kinder."""
-    from scipy.spatial import cKDTree
-
-    known, counts = np.abs(contrast[typical]), weight[typical]
-    near = cKDTree(xy[typical]).query(np.nan_to_num(xy), k=min(NEAREST, int(typical.sum())))[1]
-    least = np.minimum(weighted_quantile(known, counts, 0.5), weighted_quantile(known[near], counts[near], 0.5))
-    return np.asarray(np.abs(contrast) / least)
-
-
-def beside(xy: Array, value: Array, typical: Flags, weight: Array) -> Array:
-    """Weighted median (K,) of a value of the typical markers near a place, itself left out; NaN where they are few."""
-    from scipy.spatial import cKDTree
-
-    index = np.flatnonzero(typical)
-    if len(index) < TYPICAL:
-        return np.full(len(xy), np.nan)
-    near = index[cKDTree(xy[index]).query(np.nan_to_num(xy), k=min(NEAREST + 1, len(index)))[1]]
-    counts = np.where(near == np.arange(len(xy))[:, None], 0.0, weight[near])
-    return np.asarray(weighted_quantile(value[near], counts, 0.5))
-
-
-def size_at_blur(fits: TemplateFits, blur_px: float) -> Array:
-    """Larger half axis (K,) that a marker would have with the frame's blur: small discs leave the two open."""
-    return np.sqrt(np.maximum(fits.axes_px[:, 0] ** 2 + 4.0 * (fits.blur_px**2 - blur_px**2), 0.0))
-
-
-def face_on(fits: TemplateFits) -> Array:
-    """Square (K,) of the radius that the discs would have if seen at no angle; as they are where pixels do not tell.
-
-    Contrast times this is known where neither of them is: of discs so small that only what they take away is seen.
-    """
-    major, minor = fits.axes_px.T
-    return np.asarray(major * np.where(like_points(fits), minor, major))
-
-
-def like_points(fits: TemplateFits) -> Flags:
-    """Fits (K,) at the bound of their axes: size and depth are each arbitrary."""
-    return np.asarray(fits.axes_px[:, 1] < LEAST_AXIS_PX)
 
 
 def has_shape(fits: TemplateFits, radii: Sequence[float]) -> Flags:
@@ -242,8 +224,10 @@ def expected_noise(fits: TemplateFits, spots: Spots) -> Noise:
     with np.errstate(invalid="ignore", divide="ignore"):
         frame = fits.noise**2 / fits.chi2
     if speaks_for_all(fits, spots):
-        return Noise(np.where(np.isfinite(frame), frame, surface), np.ones(len(fits)))
-    return Noise(np.where(np.isfinite(frame), np.fmin(frame, surface), surface), spots.tail)
+        white = fits.frame.noise is not None and fits.frame.noise.is_white
+        least = WHITE_EVIDENCE if white else EVIDENCE_MIN
+        return Noise(np.where(np.isfinite(frame), frame, surface), surface, np.ones(len(fits)), least)
+    return Noise(np.where(np.isfinite(frame), np.fmin(frame, surface), surface), surface, spots.tail, EVIDENCE_MIN)
 
 
 def matched_filter(fits: TemplateFits, variance: Array) -> Array:

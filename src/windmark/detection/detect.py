@@ -67,8 +67,8 @@ def detect(
         and not below that of its neighbourhood. The worse the shape, the more a spot must stand out: m = 0.7 needs
         8.4 times the noise, m = 0.35 half of that; below r0 = 3 px fewer pixels vouch for it and the ratio counts
         sqrt(r0 / 3). White noise alone gives m = 2 noise / depth: in a bowl the default passes perfect discs down to
-        depth / noise = 5. The template passes fainter ones whose matched filter has 10 sigma of the frame's noise,
-        unless more than the default is asked for
+        depth / noise = 5. The template passes fainter ones whose matched filter has 10 sigma of the frame's noise
+        (8, like the others, where these show that it is white), unless more than the default is asked for
 
     Returns
     -------
