@@ -65,6 +65,36 @@ def eight_left(seed: int, *, false: float = 0.0) -> Trial:
     return trial_of(shot, markers)
 
 
+def part_and_stray(seed: int, *, false: float = 0.0) -> Trial:
+    """A row, some neighbours or a strip of the markers, and one or two stray spots near others; the rest is hidden."""
+    rng = np.random.default_rng(seed)
+    count, kind = int(rng.integers(7, 15)), rng.choice(["row", "neighbours", "strip"])
+    if kind == "row":
+        markers = models.rows(rng, count, apart=rng.uniform(0.12, 1.0), relief=rng.choice([0.003, 0.01, 0.02, 0.04]))
+    else:
+        several = (models.scenes.wing_and_body, models.building, models.fuselage, models.delta, models.flat_wing)
+        markers = models.some(rng, several)
+    camera, pose = view(rng, markers, tilt_max_deg=60, least=2 * count - 2 if kind == "row" else 16)
+    xy, seen = seen_by(markers, camera, pose)
+    index = np.flatnonzero(seen)
+    off = xy[index] - xy[rng.choice(index)]
+    away = np.linalg.norm(off, axis=1) if kind == "neighbours" else np.abs(off @ _direction(rng))
+    keep = np.isin(np.arange(len(markers)), index[np.argsort(away)[:count]])
+    if kind == "row":
+        keep = np.arange(2 * count) < count
+    rest = index[~keep[index]]
+    others = rng.choice(rest, min(int(rng.integers(1, 3)), len(rest)), replace=False)
+    sigma = rng.choice([0.003, 0.01, 0.02, 0.05]) * np.hypot(*camera.size_px)
+    stray = xy[others] + rng.normal(0, sigma, (len(others), 2))
+    return trial_of(picture(rng, markers, camera, pose, keep=keep, false=false, extra=stray), markers)
+
+
+def _direction(rng: np.random.Generator) -> Array:
+    """(2,) a random unit vector."""
+    turn = rng.uniform(0, 2 * np.pi)
+    return np.array([np.cos(turn), np.sin(turn)])
+
+
 def oblique(seed: int, *, left: int = 1) -> Trial:
     """Two rows on a flat plate that is itself seen at 64 to 74 degrees, of the second so many spots."""
     rng = np.random.default_rng(seed)

@@ -35,6 +35,8 @@ ONE_PAIR = {
     "relief 3 %, no normals": partial(layouts.one_row, relief=0.03, normals=False),
     "stray spot only": partial(layouts.one_row, left=0),
     "stray spot, relief": partial(layouts.one_row, left=0, relief=0.01),
+    "a part, stray spot": layouts.part_and_stray,
+    "a part, stray spot, false": partial(layouts.part_and_stray, false=0.3),
     "two left": partial(layouts.one_row, left=2),
     "two left, relief": partial(layouts.one_row, left=2, relief=0.01),
     "grazing": layouts.grazing,

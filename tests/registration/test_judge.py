@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 import registration_scenes as scenes
 import settle_scenes as settling
-import settle_twins as twins
 
-from windmark.geometry import Camera, Pose
-from windmark.registration import CAUSES, register, rules
+from windmark.geometry import Pose
+from windmark.registration import register, rules
 from windmark.registration.budget import Budget
 from windmark.registration.judge import own
 from windmark.registration.judge.answer import answer
@@ -21,71 +20,11 @@ from windmark.registration.search.pool import Candidate
 from windmark.registration.settle._kernels.fit import refine
 from windmark.registration.settle._kernels.mirror import mirrors_kernel, start
 from windmark.registration.settle._kernels.state import EXPECTED, state_of
-from windmark.registration.settle.settling import copied
 from windmark.registration.task import Limits
 from windmark.scene import MarkerSet
 
 LIMITS = Limits(-9.0, 60.0, 10.0, 0.05, 0.025, 0.05)
 MARGIN = LIMITS.margin
-
-
-# --- one pair --------------------------------------------------------------------------------------
-
-
-def boom(off_line):
-    """Ten markers along a boom, nearly on a line, and so many of two others beside it; all seen."""
-    rng = np.random.default_rng(3)
-    xyz = np.column_stack([np.linspace(-1, 1, 10), *rng.normal(0, 0.004, (2, 10))])
-    xyz = np.concatenate([xyz, [[-0.5, 0.6, 0.1], [0.6, 0.5, -0.1]]])
-    markers = MarkerSet.make([f"m{i:02d}" for i in range(12)], xyz)
-    camera, pose = Camera((1280, 1000), 1600.0), Pose.look_at([0.3, -0.5, 3.0], [0, 0, 0], [0.2, 1, 0])
-    scene = scenes.image_of(
-        np.random.default_rng(4), replace(markers, normal=np.tile([0.0, 0, 1], (12, 1))), camera, pose
-    )
-    kept = scene.label < 10 + off_line
-    return scenes.Scene(scene.detections.take(kept), markers, camera, pose, scene.label[kept])
-
-
-def test_the_pair_that_holds_the_pose_alone_is_named():
-    """Beside a line a single marker tells how the model is turned about it; how far off it could be is told."""
-    scene = boom(1)
-    scene = replace(scene, markers=scene.markers.take(np.arange(11)))
-    views, best = settling.best_of(scene)
-    words = own.held_by_one(best)
-    assert "marker m10" in words
-    alone = copied(views, best.state)
-    alone.match[0, 10] = -1
-    assert refine(views.sights, alone, np.zeros((1, 11, 3)))
-    by = twins.by_unknowns(views, alone)[0, 10]
-    cov = by @ np.linalg.inv(alone.factor @ alone.factor.T) @ by.T
-    wide = float(words.split("leave open by ")[1].split(" px")[0])
-    assert wide == pytest.approx(np.sqrt(np.linalg.eigvalsh(cov)[-1]), rel=0.2)
-    assert wide > 6.0
-
-
-def test_two_pairs_beside_the_line_check_each_other():
-    assert own.held_by_one(settling.best_of(boom(2))[1]) == ""
-
-
-def test_matched_markers_on_a_line_leave_the_others_open():
-    words = own.held_by_one(settling.best_of(boom(0))[1])
-    assert "leave the place of others open" in words
-    assert "of m10" in words or "of m11" in words
-
-
-def test_spread_markers_hold_their_pose_together():
-    for seed in range(5):
-        assert own.held_by_one(settling.best_of(scenes.scene(seed, "AB"[seed % 2], hidden=0.4))[1]) == ""
-
-
-def test_a_pose_on_one_pair_is_refused_by_register():
-    scene = boom(1)
-    markers = scene.markers.take(np.arange(11))
-    found = register(scene.detections, markers, scene.camera, prior=scene.cam_from_model, max_time_s=2.0)
-    assert not found
-    assert found.cause == "one_pair", found.reason
-    assert "m10" in found.reason
-    assert CAUSES["one_pair"]
 
 
 # --- mirror image ----------------------------------------------------------------------------------

@@ -14,7 +14,7 @@ from windmark.registration._kernels import best as kept
 from windmark.registration._kernels import growth
 from windmark.registration._kernels import match as match
 from windmark.registration.budget import TRIPLET, Budget, work_for
-from windmark.registration.judge import own, scale
+from windmark.registration.judge import one_pair, own, scale
 from windmark.registration.judge.source import Source
 from windmark.registration.options import default_tolerance
 from windmark.registration.search import links
@@ -218,7 +218,7 @@ def test_a_prior_holds_what_three_of_four_leave_open():
             spots = Detections.make(xy + rng.normal(0, 0.1, (4, 2)), sigma_px=0.1)
             known = {"prior": pose, "prior_max_angle_rad": np.radians(angle), "prior_max_scale": 1.05}
             solutions = in_full(task_of(spots, markers, camera, **known)).solutions()
-            held[angle] += bool(solutions) and bool(own.held_by_one(solutions[0]))
+            held[angle] += bool(solutions) and bool(one_pair.held_by_one(solutions[0]))
     assert held[1.0] < held[179.0]
 
 

@@ -11,7 +11,7 @@ from scipy.special import logsumexp
 
 from windmark.geometry import Pose
 from windmark.registration import prepare
-from windmark.registration.judge.own import held_by_one
+from windmark.registration.judge.one_pair import held_by_one
 from windmark.registration.options import default_tolerance
 from windmark.registration.search.plane import Plane
 from windmark.registration.settle._kernels.state import EXCESS

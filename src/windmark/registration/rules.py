@@ -42,7 +42,8 @@ UNHELD = 3.0
 """A pair whose place the others leave open by so many sigmas of its residual, misfit included (nine tenths of it its
 own), may be another one: its spot is tried with the neighbouring markers (`attacks`: one pair)."""
 FOREIGN = 7.0
-"""Such a pair must be so much (nats, 1,100 to 1) likelier than a foreign spot, or the pose may hang on one."""
+"""Such a pair, and one that a model is bent for alone, must be so much (nats, 1,100 to 1) likelier than a foreign spot,
+by what the others become without it; or the answer may hang on one (`attacks`: one pair)."""
 COPY_NFA = -5.0
 """A second copy of the model leads chance by the margin, and has no larger a false-alarm number (`attacks`: copies)."""
 MOVED = 5.0

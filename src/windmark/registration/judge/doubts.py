@@ -129,13 +129,14 @@ class Doubts:
         """The solutions with cameras that may be wrong in one thing, and in everything; and what is wrong in each."""
         free = all(plane.task.free_focal for plane in self.views.planes)
         parts = {what: columns for what, columns in PARTS.items() if not (free and what == "focal length")}
-        found = []
-        if (every := with_freedom(self.views.doubted(), self.best)) is not None:
+        # A rigid solution may leave a spot to no marker; a bent one competes with other cameras of a straight model.
+        found, views = [], self.views if self.best.is_bent else self.best.views
+        if (every := with_freedom(views.doubted(), self.best)) is not None:
             found.append((every, max(parts, key=lambda what: self._most_off(every, what)[0] / rules.CHECKED[what])))
             if not self.best.is_bent and every.fit < self.best.fit + rules.DOUBT:
                 return found  # a single thing explains no more than all of them do
         for what, columns in parts.items():
-            if (single := with_freedom(self.views.doubted(columns=columns), self.best)) is not None:
+            if (single := with_freedom(views.doubted(columns=columns), self.best)) is not None:
                 found.append((single, what))
         return found
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from windmark.registration import rules
 from windmark.registration.budget import Budget
-from windmark.registration.judge import own, scale, words
+from windmark.registration.judge import one_pair, own, scale, words
 from windmark.registration.judge.bending import Bender
 from windmark.registration.judge.binding import unbound
 from windmark.registration.judge.cameras import Places, blocked
@@ -96,19 +96,17 @@ class Judge:
             return labels
         if not kept:
             reason = words.beyond_prior(self._views.planes[0].task, self._source.best, self._limits.score)
-            reason = reason or "no pose explains the neighbourhood of any three markers" + words.what_may_be(
-                self._views
-            )
-            return Verdict(None, None, "nothing", reason)
-        return self._judged(kept[0], kept[1:])
+            none = "no pose explains the neighbourhood of any three markers"
+            return Verdict(None, None, "nothing", reason or none + words.what_may_be(self._views))
+        more = [s for s in self._repaired.rivals(kept[0], self._limits.margin) if s.keeps_labels]
+        return self._judged(kept[0], sorted([*kept[1:], *more], key=lambda s: -s.evidence))
 
     def _bent(self, rigid: Verdict) -> Verdict:
         """The verdict on a bent model if that explains the spots better, otherwise the rigid one."""
         best = rigid.best
         if rigid.cause is None and best is not None and not self._doubts(best).bending_promises:
             return rigid
-        found = self._bender.solutions(self._source.cores(BENT))
-        if not found:
+        if not (found := self._bender.solutions(self._source.cores(BENT))):
             return rigid
         if best is not None:
             # What bending brings the best one it may bring a rival, too.
@@ -116,12 +114,12 @@ class Judge:
             found = self._bender.solutions([*self._source.cores(BENT), *self._source.above(least)])
         bent = found[0]
         if best is not None:
-            lead = self._bent_lead(bent, best) if rigid.cause is None else 0.0
-            if bent.evidence < best.evidence + lead:
+            # A rigid answer has a slight bending in its sigma; one that is no answer is likelier than a bent one, too.
+            slight = rigid.cause is None and bent.count <= best.count
+            if bent.evidence < best.evidence + (self._limits.margin if slight else rules.BENT_LEAD):
                 return rigid
-        most, everywhere = rules.BENT_MOST
         free = all(plane.task.free_focal for plane in self._views.planes)
-        if own.labelled(bent) < (most if own.is_cluttered(bent) or free else everywhere):
+        if own.labelled(bent) < rules.BENT_MOST[0 if own.is_cluttered(bent) or free else 1]:
             return rigid
         solutions = self._source.solutions()
         others = [s for s in [*found[1:], *solutions] if not s.same_as(bent)]
@@ -132,19 +130,22 @@ class Judge:
             return rigid
         if bent.count <= rules.FEW and any(s.evidence > bent.evidence for s in self._repaired.with_one_less(bent)):
             return rigid
+        if held := one_pair.bent_for_one(bent, self._views):
+            verdict = Verdict(bent, verdict.runner_up, "one_pair", f"{words.seen(bent)}, but {held}")
+            return rigid if rigid.cause is None else verdict
         if (other := told_by_bending(bent, solutions, self._limits.margin)) is not None:
             answer = runner_up(bent, other, self._limits)
             return Verdict(bent, answer, "ambiguous", words.ambiguity(bent, other, answer, only_by=words.BENDING))
         return verdict
 
-    def _bent_lead(self, bent: Solution, rigid: Solution) -> float:
-        """Nats by which a bent model must be better than an accepted rigid one, whose sigma has a slight bending."""
-        return rules.BENT_LEAD if bent.count > rigid.count else self._limits.margin
-
     def _judged(self, best: Solution, others: Sequence[Solution]) -> Verdict:
         """A solution beside its rivals."""
         answer = runner_up(best, others[0], self._limits) if others else None
         cause, reason = self._refusal(best, others)
+        if cause == "one_pair" and not best.is_bent and (less := self._repaired.less_unheld(best)):
+            rivals = [s for s in (*less[1:], *others) if not s.same_as(less[0])]
+            if less[0].keeps_labels and self._refusal(less[0], rivals)[0] is None:
+                return self._judged(less[0], rivals)  # what hangs on no pair
         if cause is None and self._unchallenged:
             cause = "time"
             reason = f"whether another solution is as good as one of {best.count} of {best.expected} markers is unknown"
@@ -173,7 +174,7 @@ class Judge:
         for _, other in self._near(best):
             if elsewhere(best, other):
                 return "ambiguous", words.ambiguity(best, other, runner_up(best, other, limits))
-        if held := own.held_by_one(best):
+        if held := one_pair.held_by_one(best):
             return "one_pair", f"{words.seen(best)}, but {held}"
         return None, ""
 
@@ -224,10 +225,9 @@ class Judge:
             if lead < self._limits.margin:
                 unchecked.append(Unchecked("mirror", words.MIRROR_UNSEEN))
         unchecked.extend(unchecked_bend(best, self._limits.deformation, self._limits.margin))
-        if len(self._views.planes) == 1:
-            unchecked.append(Unchecked("scale", words.SCALE_UNSEEN))
+        unchecked.extend([Unchecked("scale", words.SCALE_UNSEEN)] if len(self._views.planes) == 1 else [])
         unchecked.extend(unchecked_copy(best, self._copies_from, self._limits.margin))
-        if (without := own.without_unheld(best)) is not None:
+        if (without := one_pair.without_unheld(best)) is not None:
             unchecked.append(without[1])
         return Verdict(
             best, verdict.runner_up, None, "", tuple(unchecked), beside, self._near(best),

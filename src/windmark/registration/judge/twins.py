@@ -40,8 +40,9 @@ def near_ones(best: Solution, others: Iterable[Solution], margin: float) -> tupl
     its probability beside the best one and the other ones.
     """  # fmt: skip
     found: list[tuple[float, Solution]] = []
+    gone = best.views.gone
     for other in others:
-        if other is best or other.is_bent or other.shared(best) <= rules.SAME_SHARE:
+        if other is best or _uses(other, gone) or other.is_bent or other.shared(best) <= rules.SAME_SHARE:
             continue
         if any(_at_one(other, s) for s in (best, *_of(found))):
             continue
@@ -65,6 +66,14 @@ def elsewhere(best: Solution, other: Solution) -> bool:
         if off[np.isfinite(off)].max(initial=0.0) > best.views.planes[c].task.tolerance_px:
             return True
     return False
+
+
+def _uses(solution: Solution, gone: NDArray[np.bool_]) -> bool:
+    """Whether a solution has a marker at any of some spots (S,): what these say another one leaves out on purpose."""
+    if not gone.any():
+        return False
+    first = solution.views.sights.first
+    return any(bool(gone[first[c] + solution.pairs(c)[0]].any()) for c in range(len(solution.counts)))
 
 
 def _of(found: list[tuple[float, Solution]]) -> list[Solution]:

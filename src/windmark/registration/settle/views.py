@@ -90,6 +90,13 @@ class Views:
         other.__dict__["sights"] = sights._replace(by_x=order, x=x)
         return other
 
+    @property
+    def gone(self) -> NDArray[np.bool_]:
+        """(S,) spots of all cameras, one after the other, that are left to no marker."""
+        sights, out = self.sights, np.zeros(len(self.sights.xy), dtype=bool)
+        out[sights.by_x + np.repeat(sights.first[:-1], np.diff(sights.first))] = np.isinf(sights.x)
+        return out
+
     def opened(self, extra: Sequence[Array]) -> Views:
         """The same with cameras that may vary in more ways, (18, p) each."""
         return self._with(loose=np.concatenate([self.loose, _stacked(extra)], axis=2))

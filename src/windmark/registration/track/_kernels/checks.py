@@ -27,7 +27,7 @@ def widest_open(state: State) -> tuple[float, float]:
 
     The widest of each; a bare marker has no spot.
     Without a pair its projection has the covariance N D^-1 N - N, D = N - S, for the residual's covariance N and the
-    projection's S (see `judge.own.held_by_one`).
+    projection's S (see `judge.one_pair.held_by_one`).
     """
     bare, held = 0.0, 0.0
     for m in range(state.match.shape[1]):
