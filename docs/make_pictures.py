@@ -115,9 +115,11 @@ def deformation_pictures() -> dict[str, Figure]:
 
 
 def paint_pictures() -> dict[str, Figure]:
-    """A painted polar: Cp on the wing, and a section with its taps."""
+    """A painted polar: Cp on the wing, a section with its taps, the paint's calibration."""
+    from windmark.app.paint_pictures import pressure_picture
     from windmark.app.psp_pictures import cp_map, section_picture
     from windmark.pipeline.psp import load_psp, read_psp_project, reduced, run_psp
+    from windmark.pipeline.psp.cell import calibrate_paint, read_cell
     from windmark.pipeline.psp.outputs import FIELDS
     from windmark.pipeline.simulate_psp import simulate_psp
 
@@ -128,6 +130,7 @@ def paint_pictures() -> dict[str, Figure]:
         out = folder / "out"
         out.mkdir()
         records = reduced(run_psp(test, out, threads=2))
+        cell = read_cell(folder / "paint-cell.csv")
         mesh, fields = wm.io.read_nodes_netcdf(out / records[-1].name / FIELDS)[:2]
     pose = test.deforming.test.stations[0].cam_from_tunnel
     title = f"Cp at {records[-1].alpha_deg:g}° incidence"
@@ -135,6 +138,7 @@ def paint_pictures() -> dict[str, Figure]:
     return {
         "psp-cp": cp_map(mesh, cp, title, "Cp", direction=pose.rotation[2], up=-pose.rotation[1]),
         "psp-section": section_picture(records, "eta55"),
+        "paint-calibrate": pressure_picture(cell, calibrate_paint(cell, p_ref_Pa=1e5, t_ref_K=293.15)),
     }  # fmt: skip
 
 

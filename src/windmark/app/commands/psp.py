@@ -1,4 +1,4 @@
-"""The command of paint tests. Heavy imports wait until it runs."""
+"""The commands of paint tests. Heavy imports wait until it runs."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ from windmark.app.commands.options import Finish, Json, Resume
 
 
 def add(app: typer.Typer) -> None:
-    """Add the command to ``app``."""
+    """Add these commands to ``app``."""
     app.command(epilog="Example: windmark psp psp.toml --threads 2")(psp)
+    app.command(epilog="Example: windmark paint-calibrate paint-cell.csv -o paint.json")(paint_calibrate)
 
 
 def psp(
@@ -30,3 +31,27 @@ def psp(
         from windmark.app.series_folder import how_to_go_on
 
         psp_verb.psp(project, output, threads, how_to_go_on(resume, finish), as_json)
+
+
+def paint_calibrate(
+    table: Annotated[
+        Path, typer.Argument(help="Cell measurements, CSV: pressure_UNIT, temperature_UNIT, ratio (I_ref/I)[, sigma].")
+    ],
+    output: Annotated[Path, typer.Option("--output", "-o", help="The calibration, JSON; a picture goes beside it.")] = (
+        Path("paint.json")
+    ),
+    p_ref: Annotated[float, typer.Option(help="Pressure of I_ref, Pa.")] = 1e5,
+    t_ref: Annotated[float, typer.Option(help="Temperature of I_ref, K.")] = 293.15,
+    order: Annotated[
+        str | None, typer.Option(help="Powers of pressure and temperature: 2,1. [default: by cross-validation]")
+    ] = None,
+    temperature: Annotated[
+        bool, typer.Option("--temperature", help="A temperature paint: temperature_UNIT, ratio[, sigma] alone.")
+    ] = False,
+    as_json: Json = False,
+) -> None:
+    """A paint's calibration from measurements in a cell: the law with its covariance, for the key of a project."""
+    with console.errors(as_json):
+        from windmark.app import paint_verb
+
+        paint_verb.paint_calibrate(table, output, p_ref, t_ref, order, temperature, as_json)

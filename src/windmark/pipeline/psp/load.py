@@ -9,21 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark import io
-from windmark.paint import NotFitted, PaintFit, fit_paint
 from windmark.pipeline.deform.load import Loaded, load
 from windmark.pipeline.deform.project import CameraEntry as DeformCamera
 from windmark.pipeline.deform.project import DeformProject
+from windmark.pipeline.psp.calibration import PaintCalibration, read_calibration
+from windmark.pipeline.psp.cell import calibrate_paint, read_cell
 from windmark.pipeline.psp.project import PspProject
 from windmark.pipeline.psp.sensors import CameraSensor, read_sensor
-from windmark.pipeline.psp.table import (
-    PRESSURE,
-    PointRow,
-    SensorTable,
-    in_unit,
-    read_points_table,
-    read_sensors,
-    temperatures,
-)
+from windmark.pipeline.psp.table import PointRow, SensorTable, read_points_table, read_sensors
 from windmark.scene import Mesh
 from windmark.tasks.psp import Lamp
 
@@ -31,8 +24,6 @@ Array = NDArray[np.float64]
 
 TAP_SIGMA_Pa, WELL_SIGMA_K = 50.0, 0.3
 """Of readings whose tables say none."""
-CELL_SIGMA = 0.003
-"""Relative, of ratios in a calibration cell whose table says none."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +47,7 @@ class PspTest:
     deforming: Loaded
     mesh: Mesh
     rows: tuple[PointRow, ...]
-    paint: PaintFit
+    paint: PaintCalibration
     sensors: Mapping[str, CameraSensor]
     taps: io.PointList | None
     pressures: SensorTable | None
@@ -111,20 +102,16 @@ def _as_deform(project: PspProject) -> DeformProject:
     )  # fmt: skip
 
 
-def _calibrated(project: PspProject) -> PaintFit:
-    """The paint's calibration from its table of cell measurements."""
-    path = project.paint.cell
-    table = io.read_table(path, required=("ratio",), known=None)
-    p, T = in_unit(table, "pressure", PRESSURE), temperatures(table, "temperature")
-    ratio = table.numbers("ratio")
-    sigma = table.numbers("sigma") if "sigma" in table else CELL_SIGMA * ratio
-    fit = fit_paint(
-        p, T, ratio, p_ref=project.paint.p_ref_Pa, t_ref=project.paint.t_ref_K, ratio_sigma=sigma,
-        order=project.paint.orders,
-    )  # fmt: skip
-    if isinstance(fit, NotFitted):
-        raise io.FileError(path, fit.reason, "paint.cell")
-    return fit
+def _calibrated(project: PspProject) -> PaintCalibration:
+    """The paint's calibration: that of a file, or made of its table of cell measurements."""
+    paint = project.paint
+    if paint.calibration is not None:
+        return read_calibration(paint.calibration)
+    assert paint.cell is not None
+    fit = calibrate_paint(
+        read_cell(paint.cell), p_ref_Pa=paint.p_ref_Pa, t_ref_K=paint.t_ref_K, orders=paint.orders, key="paint.cell"
+    )
+    return PaintCalibration.of_fit(fit, paint.cell)
 
 
 def _strangers(table: SensorTable, places: io.PointList) -> list[str]:

@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, ValidationError, model_validator
 
 from windmark.errors import UsageError
+from windmark.paint.cell_fit import MOST_P, MOST_T
 from windmark.pipeline.deform.project import LookEntry, MarkersEntry, MotionEntry, VolumeEntry
 from windmark.pipeline.lengths import Lengths
 from windmark.pipeline.project import Finite, GridEntry, NodeFormat, Positive, Role, Unit, Vector
@@ -76,16 +77,27 @@ class RadiometryEntry(Strict):
 
 
 class PaintEntry(Strict):
-    """``cell``: measurements in a calibration cell, CSV ``pressure_UNIT,temperature_UNIT,ratio[,sigma]``.
+    """``cell``: measurements in a calibration cell, see `cell.read_cell`; or ``calibration``: what
+    `windmark paint-calibrate` made of them.
 
     ``p_ref_Pa``, ``t_ref_K``: at which the cell's ratio is 1. ``orders``: highest powers of pressure and temperature;
     without them cross-validation chooses.
     """
 
-    cell: Path
+    cell: Path | None = None
+    calibration: Path | None = None
     p_ref_Pa: Positive = 1e5
     t_ref_K: Positive = 293.15
-    orders: tuple[Annotated[int, Field(ge=1, le=5)], Annotated[int, Field(ge=0, le=4)]] | None = None
+    orders: tuple[Annotated[int, Field(ge=1, le=MOST_P)], Annotated[int, Field(ge=0, le=MOST_T)]] | None = None
+
+    @model_validator(mode="after")
+    def _one(self) -> PaintEntry:
+        if (self.cell is None) == (self.calibration is None):
+            raise UsageError("expected either cell, a table of measurements, or calibration, what was made of it")
+        own = sorted(self.model_fields_set & {"p_ref_Pa", "t_ref_K", "orders"})
+        if self.calibration is not None and own:
+            raise UsageError(f"{' and '.join(own)} belong to cell: the file of calibration has its own")
+        return self
 
 
 class LampEntry(Strict):
@@ -258,7 +270,7 @@ def _with_absolute_paths(project: PspProject) -> PspProject:
         "camera": tuple(moved(f"camera[{i}]", c, "file", "mask") for i, c in enumerate(project.camera)),
         "markers": moved("markers", project.markers, "file"),
         "grid": moved("grid", project.grid, "file"),
-        "paint": moved("paint", project.paint, "cell"),
+        "paint": moved("paint", project.paint, "cell", "calibration"),
         "taps": moved("taps", project.taps, "file", "pressures"),
         "temperature": moved("temperature", project.temperature, "thermocouples", "readings"),
         "output": project.output.model_copy(update={"folder": folder}),

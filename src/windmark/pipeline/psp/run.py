@@ -124,7 +124,9 @@ def made_with(test: PspTest) -> dict[str, Any]:
 def inputs(test: PspTest) -> list[tuple[str, Path]]:
     """The files besides the points' pictures that a project names, each with its key."""
     project: PspProject = test.project
-    out = [("points.table", project.points.table), ("paint.cell", project.paint.cell)]
+    out = [("points.table", project.points.table)]
+    paint = (("paint.cell", project.paint.cell), ("paint.calibration", project.paint.calibration))
+    out += [(key, path) for key, path in paint if path is not None]
     out += deform_inputs(test.deforming.project)
     taps, warm = project.taps, project.temperature
     if taps is not None:

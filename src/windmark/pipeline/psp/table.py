@@ -20,6 +20,8 @@ PRESSURE = {"Pa": 1.0, "hPa": 100.0, "mbar": 100.0, "kPa": 1e3, "bar": 1e5, "psf
 """Pascals of the units that columns of pressures may be in."""
 TEMPERATURE = {"K": (1.0, 0.0), "degC": (1.0, 273.15), "degF": (5 / 9, 255.3722222222222)}
 """Factor and offset to kelvin."""
+STEPS_K = {unit: factor for unit, (factor, _) in TEMPERATURE.items()}
+"""Kelvin of a difference of one degree."""
 MIXED = 0.05
 """q of the table and 0.7 M^2 p differ by less than this part where both are in the units that they say."""
 
@@ -187,8 +189,7 @@ def read_sensors(path: Path, quantity: str, sigma: float) -> SensorTable:
     table = io.read_table(path, required=("point", "name"), known=None)
     warm = quantity == "temperature"
     value = temperatures(table, quantity) if warm else in_unit(table, quantity, PRESSURE)
-    factors = {unit: factor for unit, (factor, _) in TEMPERATURE.items()} if warm else PRESSURE
-    sigmas = np.nan_to_num(in_unit(table, "sigma", factors, optional=True), nan=sigma)
+    sigmas = np.nan_to_num(in_unit(table, "sigma", STEPS_K if warm else PRESSURE, optional=True), nan=sigma)
     table.check(sigmas > 0, "sigma must be > 0, or empty where unknown")
     out: dict[str, dict[str, tuple[float, float]]] = {}
     for row, (point, name) in enumerate(zip(table.text("point"), table.text("name"), strict=True)):
