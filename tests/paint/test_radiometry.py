@@ -162,6 +162,41 @@ def test_mean_of_frames_has_its_variance_also_with_flicker(count):
     assert np.std(z) == pytest.approx(1.0, abs=0.06)
 
 
+@pytest.mark.parametrize("count", [2, 3, 4, 5, 6, 7, 11, 12, 20])
+def test_frames_of_stated_noise_scatter_as_stated_however_few(count):
+    rng, excess = np.random.default_rng(21), []
+    for _ in range(8):
+        _, v, var = frames_of(rng, count)
+        excess.append(average_frames(v, var).excess)
+    assert np.mean(excess) == pytest.approx(1.0, abs=0.012)
+
+
+@pytest.mark.parametrize("count", [2, 3, 5])
+@pytest.mark.parametrize("noise", [0.002, 0.005, 0.02])
+def test_a_flicker_below_the_noise_is_seen_with_few_frames(count, noise):
+    """The median of three frames is one of them at a third of the nodes: compared with it, lights looked even."""
+    rng, square = np.random.default_rng(8), []
+    for _ in range(60):
+        true, x = 1 + 0.002 * rng.normal(size=count), 1000 * rng.uniform(1.0, 1.3, 2000)
+        v = true[:, None] * x * (1 + noise * rng.normal(size=(count, 2000)))
+        light = average_frames(v, np.broadcast_to((noise * x) ** 2, v.shape)).light
+        square.append(np.var(light / light.mean(), ddof=1))
+    assert np.sqrt(np.mean(square)) == pytest.approx(0.002, rel=0.25)
+
+
+def test_dust_and_a_frame_of_something_else_do_not_move_the_lights_of_the_others():
+    rng = np.random.default_rng(3)
+    x = 1000 * rng.uniform(1.0, 1.3, 2000)
+    true = np.array([1.0, 1.05, 0.9, 1.0, 0.97])
+    v = true[:, None] * x * (1 + 0.005 * rng.normal(size=(5, 2000)))
+    v[0, :500] *= 0.7  # the frame that the others are compared with, dusty
+    v[3] = 1000 * rng.uniform(1.0, 1.3, 2000)
+    got = average_frames(v, np.broadcast_to((0.005 * x) ** 2, v.shape))
+    assert got.used.tolist() == [False, True, True, False, True]
+    sound = got.light[[1, 2, 4]] / true[[1, 2, 4]]
+    np.testing.assert_allclose(sound / sound.mean(), 1, atol=1e-3)
+
+
 def test_bad_frames_are_left_out_with_their_reason():
     rng = np.random.default_rng(6)
     true, v, var = frames_of(rng)

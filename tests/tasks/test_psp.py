@@ -136,7 +136,8 @@ def test_the_ratio_is_formed_on_the_model_and_pictures_may_move_and_flicker():
     got = ratio_of(on, off)
     known = got.ratio.known
     assert known.sum() > 100
-    z = (got.ratio.value[known] - 1 / 0.7) / got.ratio.sigma[known]
+    # From node to node: what the lamps leave open is the same for all.
+    z = (got.ratio.value[known] - 1 / 0.7) / np.sqrt(got.ratio.white[known])
     assert abs(np.mean(got.ratio.value[known]) * 0.7 - 1) < 0.01
     alone = (got.ratio.value[known] * 0.7 - 1) / (0.7 * np.sqrt(got.ratio.white[known]))
     assert np.abs(z).max() < 3
@@ -144,6 +145,21 @@ def test_the_ratio_is_formed_on_the_model_and_pictures_may_move_and_flicker():
     assert not got.left_out
     unmoved = ratio_of(on, [picture(p.light, p.variance, on[0].mesh, p.name) for p in off])
     assert np.nanstd(unmoved.ratio.value) > 2 * np.nanstd(got.ratio.value)
+
+
+def test_the_lamps_mode_is_larger_where_few_pictures_show_the_flicker():
+    """Student's factor by the pictures of one camera: what another camera sees is the same flicker again."""
+    rng, lamps = np.random.default_rng(6), np.array([0.99, 1.0, 1.01])
+
+    def shown(count, camera):
+        return [picture(v * slope() * (1 + 1e-4 * rng.standard_normal((120, 160))), 1e-2, name=f"{camera} {v}",
+                        camera=camera) for v in lamps[:count]]  # fmt: skip
+
+    for cameras in (("cam1",), ("cam1", "cam2")):
+        got = ratio_of([p for c in cameras for p in shown(3, c)], [p for c in cameras for p in shown(3, c)])
+        assert got.flicker == pytest.approx(0.01, rel=0.05)
+        column = got.ratio.modes[:, got.ratio.names.index("lamps")][got.ratio.known]
+        np.testing.assert_allclose(column, 2.776 / 1.96 * 0.01 * np.sqrt(2 / 3), rtol=0.1)
 
 
 def test_pictures_of_one_kind_alone_are_refused():

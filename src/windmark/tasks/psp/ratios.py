@@ -87,7 +87,7 @@ def ratio_of(
     left_out: dict[str, str] = {}
     for kind, pictures in ((WIND_ON, on), (WIND_OFF, off)):
         levels[kind] = {name: _level([p for p in pictures if p.camera == name], how, lamps, left_out) for name in names}
-    flicker = _flicker([level for of in levels.values() for level in of.values()])
+    flicker, factor = _flicker(levels)
     fields = {kind: _as_fields(of, kind) for kind, of in levels.items()}
     cameras = {}
     for name in names:
@@ -97,7 +97,7 @@ def ratio_of(
         ratio = replace(ratio, white=ratio.white + np.nan_to_num(bend) ** 2)
         n_on, n_off = levels[WIND_ON][name].count, levels[WIND_OFF][name].count
         if flicker > 0:
-            part = flicker * np.sqrt(1 / n_on + 1 / n_off)
+            part = factor * flicker * np.sqrt(1 / n_on + 1 / n_off)
             ratio = ratio.with_mode("lamps", np.where(ratio.known, part * ratio.value, 0.0))
         weight = np.minimum(levels[WIND_ON][name].weight, levels[WIND_OFF][name].weight)
         cameras[name] = CameraRatio(_without_nan(ratio), np.where(ratio.known, weight, 0.0))
@@ -148,13 +148,19 @@ def _in_even_light(s: Samples, picture: ModelPicture, lamps: Sequence[Lamp]) -> 
     return Samples(s.value / light, s.variance / light**2, columns, s.weight, np.nan_to_num(s.bent / light))
 
 
-def _flicker(levels: Sequence[_Level]) -> float:
-    """Pooled standard deviation of the lamps; 0 where every mean is of one picture."""
-    several = [level.light for level in levels if level.count > 1]
+def _flicker(levels: Mapping[str, Mapping[str, _Level]]) -> tuple[float, float]:
+    """Pooled standard deviation of the lamps, 0 where every mean is of one picture; and Student's factor on it.
+
+    Cameras see the same lamps at the same time: the pictures of one of them, of each kind, are the draws.
+    """
+    from scipy.special import stdtrit
+
+    several = [level.light for of in levels.values() for level in of.values() if level.count > 1]
     if not several:
-        return 0.0
+        return 0.0, 1.0
     square = sum(float(((g / g.mean() - 1) ** 2).sum()) for g in several)
-    return float(np.sqrt(square / sum(len(g) - 1 for g in several)))
+    draws = sum(max(level.count for level in of.values()) - 1 for of in levels.values())
+    return float(np.sqrt(square / sum(len(g) - 1 for g in several))), float(stdtrit(draws, 0.975)) / 1.959964
 
 
 def _as_fields(levels: Mapping[str, _Level], kind: str) -> dict[str, NodeField]:
