@@ -129,7 +129,7 @@ def test_taps_outside_the_grid_are_said_and_the_calibration_is_taken_alone(windm
 
 
 def test_threads_and_a_run_that_was_stopped_give_the_same_bytes(windmark, polar, tmp_path, monkeypatch):
-    from windmark.pipeline.psp import run as job
+    from windmark.pipeline.psp import each as job
 
     whole, other, stopped = (tmp_path / name for name in ("whole", "threads", "stopped"))
     assert windmark("psp", polar / "psp.toml", "-o", whole).code == 0
@@ -145,7 +145,7 @@ def test_threads_and_a_run_that_was_stopped_give_the_same_bytes(windmark, polar,
     monkeypatch.setattr(job, "one_point", breaks)
     ended = windmark("psp", polar / "psp.toml", "-o", stopped)
     assert ended.code == 130
-    assert "1 frames are kept" in ended.err
+    assert "1 points are kept" in ended.err
     monkeypatch.undo()
     again = windmark("psp", polar / "psp.toml", "-o", stopped, "--resume", "--json")
     assert again.code == 0, again.err

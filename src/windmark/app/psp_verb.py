@@ -23,16 +23,18 @@ WHOLE = 0.98
 """Part of the surface that cameras show from which its loads are called those of the model."""
 
 
-def psp(path: Path, output: Path | None, threads: int, go_on: str, as_json: bool) -> None:
+def psp(
+    path: Path, output: Path | None, threads: int, go_on: str, as_json: bool, *, scheduler: str | None = None
+) -> None:
     """Reduce every point of a project; ``go_on`` "resume" or "finish" what was stopped, "" begins anew."""
     start = time.perf_counter()
     test = load_psp(read_psp_project(path, output))
     for remark in test.remarks:
         console.note(path, remark)
     folder = test.project.output.folder
-    with console.progress(len(test.rows)) as show, series_folder(folder, go_on) as (out, go_on):
+    with console.progress(len(test.rows)) as show, series_folder(folder, go_on, of="points") as (out, go_on):
         records = run_psp(
-            test, out.place, threads=threads, say=lambda r: show(f"point {r.name}: {r.status}"),
+            test, out.place, threads=threads, scheduler=scheduler, say=lambda r: show(f"point {r.name}: {r.status}"),
             resume=go_on == "resume", finish=go_on == "finish",
         )  # fmt: skip
         show("draw the report")

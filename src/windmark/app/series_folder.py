@@ -15,13 +15,16 @@ from windmark.pipeline.resume import begun_with, clear, measured
 
 
 @contextmanager
-def series_folder(folder: Path, go_on: str, *, live: bool = False) -> Iterator[tuple[io.ResultFolder, str]]:
+def series_folder(
+    folder: Path, go_on: str, *, live: bool = False, of: str = "frames"
+) -> Iterator[tuple[io.ResultFolder, str]]:
     """`console.result_folder` of a series, and how it goes on with what was stopped there.
 
     Parameters
     ----------
     go_on : "resume", "finish" (only bring to its end what was measured), or "" for a new run. "resume" becomes "" where
         the run was stopped before there was anything to go on with
+    of : what its parts are called in messages
     """
     out: io.ResultFolder | None = None
     _clear_if_finished(folder)
@@ -42,7 +45,7 @@ def series_folder(folder: Path, go_on: str, *, live: bool = False) -> Iterator[t
                 raise
             out.keep = True  # until the result is in its place
     except BaseException as error:
-        if out is None or came_to_its_end(out.place) or (told := _with_what_is_kept(error, out)) is None:
+        if out is None or came_to_its_end(out.place) or (told := _with_what_is_kept(error, out, of)) is None:
             raise
         raise told from error
     clear(folder)
@@ -78,11 +81,11 @@ def _clear_if_finished(folder: Path) -> None:
         clear(folder)
 
 
-def _with_what_is_kept(error: BaseException, out: io.ResultFolder) -> BaseException | None:
-    """What stopped a run, with the frames that it leaves; None where there are none, or it is a fault of ours."""
+def _with_what_is_kept(error: BaseException, out: io.ResultFolder, of: str) -> BaseException | None:
+    """What stopped a run, with what it leaves; None where it leaves nothing, or is a fault of ours."""
     if not (count := measured(out.place)):
         return None
-    kept = f"{count} frames are kept: --resume goes on with them, --finish makes do with them"
+    kept = f"{count} {of} are kept: --resume goes on with them, --finish makes do with them"
     if isinstance(error, io.FileError):
         return io.FileError(error.path, f"{error.what}; {kept}", error.where)
     if isinstance(error, OSError):

@@ -37,12 +37,12 @@ def check_begun(folder: Path, made: Mapping[str, Any]) -> None:
     begun = begun_with(folder)
     if begun is None:
         raise io.FileError(folder, "has no run that was stopped; expected one to go on with")
-    if (why := _changed(begun, made)) is not None:
+    if (why := changed(begun, made)) is not None:
         raise io.FileError(folder, f"the run that was stopped there cannot go on: {why}")
 
 
-def _changed(before: Mapping[str, Any], now: Mapping[str, Any]) -> str | None:
-    """What a run was made with otherwise, in words; None where all is the same."""
+def changed(before: Mapping[str, Any], now: Mapping[str, Any]) -> str | None:
+    """What a run is made with otherwise than ``before``, see `made_with`, in words; None where all is the same."""
     if before["verb"] != now["verb"]:
         return f"it was begun by windmark {before['verb']}"
     if before["version"] != now["version"]:
@@ -56,12 +56,15 @@ def _changed(before: Mapping[str, Any], now: Mapping[str, Any]) -> str | None:
     return None if before == dict(now) else "other files take part now"
 
 
-def check_pictures(folder: Path, done: Sequence[KeptFrame], now: Sequence[tuple[str, Mapping[str, str]]]) -> None:
+def check_pictures(
+    folder: Path, done: Sequence[KeptFrame], now: Sequence[tuple[str, Mapping[str, str]]], *, of: str = "frame"
+) -> None:
     """See that the pictures of the frames that were measured are still the same.
 
     Parameters
     ----------
     now : key and prints of the first frames as they are now, as many as there are of those that were measured
+    of : what they are called in messages
 
     Raises
     ------
@@ -71,8 +74,8 @@ def check_pictures(folder: Path, done: Sequence[KeptFrame], now: Sequence[tuple[
     for kept, new in zip_longest(done, now):
         if new is None or (kept.key, dict(kept.pictures)) != (new[0], dict(new[1])):
             raise io.FileError(
-                folder, f"the run that was stopped there cannot go on: the pictures of frame {kept.key} have changed "
-                "since",
+                folder, f"the run that was stopped there cannot go on: the pictures of {of} {kept.key} have "
+                "changed since",
             )  # fmt: skip
 
 

@@ -8,7 +8,8 @@ from typing import Annotated
 import typer
 
 from windmark.app import console
-from windmark.app.commands.options import Finish, Json, Resume
+from windmark.app.commands.options import Json
+from windmark.errors import UsageError
 
 
 def add(app: typer.Typer) -> None:
@@ -20,9 +21,18 @@ def add(app: typer.Typer) -> None:
 def psp(
     project: Annotated[Path, typer.Argument(help="Project file (TOML) of a paint test.")],
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Folder instead of the project's own.")] = None,
-    threads: Annotated[int, typer.Option(help="Points that are reduced at a time.", min=1, max=64)] = 1,
-    resume: Resume = False,
-    finish: Finish = False,
+    threads: Annotated[
+        int | None, typer.Option(help="Points that are reduced at a time. [default: 1]", min=1, max=64)
+    ] = None,
+    scheduler: Annotated[
+        str | None, typer.Option(help="Reduce the points on a dask.distributed cluster: tcp://HOST:PORT.")
+    ] = None,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on with a run that was stopped: reduce the points that it lacks.")
+    ] = False,
+    finish: Annotated[
+        bool, typer.Option("--finish", help="End a run that was stopped: results of the points that it has reduced.")
+    ] = False,
     as_json: Json = False,
 ) -> None:
     """Pressure-sensitive paint: pictures of a polar to pressure, Cp, loads and sections, each with its sigma."""
@@ -30,7 +40,9 @@ def psp(
         from windmark.app import psp_verb
         from windmark.app.series_folder import how_to_go_on
 
-        psp_verb.psp(project, output, threads, how_to_go_on(resume, finish), as_json)
+        if scheduler is not None and threads is not None:
+            raise UsageError("--threads is of this machine; the workers of --scheduler have threads of their own")
+        psp_verb.psp(project, output, threads or 1, how_to_go_on(resume, finish), as_json, scheduler=scheduler)
 
 
 def paint_calibrate(

@@ -1,0 +1,41 @@
+"""What a paint test's results are made with: a run that goes on, and every worker of a cluster, must have the same."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from windmark.pipeline import same_run
+from windmark.pipeline.deform.resume import inputs as deform_inputs
+from windmark.pipeline.psp.load import PspTest
+from windmark.pipeline.psp.project import PspProject
+from windmark.pipeline.psp.sensors import pictures_named
+
+
+def made_with(test: PspTest) -> dict[str, Any]:
+    """See `same_run.made_with`; where the results go is left out."""
+    project = test.project
+    options = json.loads(project.model_dump_json(exclude={"path": True, "output": {"folder"}}))
+    return same_run.made_with("psp", {f"[{k}] of the project": v for k, v in options.items()}, inputs(test))
+
+
+def inputs(test: PspTest) -> list[tuple[str, Path]]:
+    """The files besides the points' pictures that a project names, each with its key."""
+    project: PspProject = test.project
+    out = [("points.table", project.points.table)]
+    paint = (("paint.cell", project.paint.cell), ("paint.calibration", project.paint.calibration))
+    out += [(key, path) for key, path in paint if path is not None]
+    out += deform_inputs(test.deforming.project)
+    taps, warm = project.taps, project.temperature
+    if taps is not None:
+        out += [("taps.file", taps.file), ("taps.pressures", taps.pressures)]
+    if warm.thermocouples is not None and warm.readings is not None:
+        out += [("temperature.thermocouples", warm.thermocouples), ("temperature.readings", warm.readings)]
+    for key in ("dark", "flat"):
+        pattern = getattr(project.radiometry, key)
+        if pattern is not None:
+            for camera in project.camera:
+                files = pictures_named(project, pattern, camera.name)
+                out += [(f"radiometry.{key} {f.name}", f) for f in files if isinstance(f, Path)]
+    return out

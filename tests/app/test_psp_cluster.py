@@ -1,0 +1,173 @@
+"""`windmark psp --scheduler`: the same bytes as here, a worker that is killed, a run that is stopped and goes on."""
+
+import csv
+import shutil
+import subprocess
+import sys
+import threading
+import time
+
+import pytest
+
+from windmark.pipeline.resume import measured
+from windmark.pipeline.simulate_psp import simulate_psp
+
+pytest.importorskip("distributed", reason="the extra `cluster` is not installed (pip install windmark[cluster])")
+
+START_S = 90
+
+
+@pytest.fixture(scope="module")
+def polar(tmp_path_factory):
+    """Six points of the pictures of one, and one whose reference is missing."""
+    folder = tmp_path_factory.mktemp("cluster") / "test"
+    folder.mkdir()
+    simulate_psp(folder, 12, 1, (640, 400))
+    with open(folder / "points.csv", newline="") as stream:
+        (row,) = csv.DictReader(stream)
+    rows = [{**row, "point": f"p{k}"} for k in range(6)] + [{**row, "point": "bad", "off": "none-{camera}.tif"}]
+    with open(folder / "points.csv", "w", newline="") as stream:
+        writer = csv.DictWriter(stream, row)
+        writer.writeheader()
+        writer.writerows(rows)
+    return folder
+
+
+class Cluster:
+    """A scheduler and workers as a user starts them; workers without a nanny, which would start them again."""
+
+    def __init__(self, place):
+        self.place = place
+        self.file = place / "scheduler.json"
+        self.scheduler = self._start("dask_scheduler", "--port", "0", "--no-dashboard")
+        end = time.monotonic() + START_S
+        while not self.file.exists() and time.monotonic() < end:
+            time.sleep(0.05)
+        import json
+
+        self.address = json.loads(self.file.read_text())["address"]
+        self.workers = []
+
+    def worker(self):
+        self.workers.append(self._start("dask_worker", "--no-nanny", "--nthreads", "1", "--no-dashboard"))
+        return self.workers[-1]
+
+    def _start(self, what, *more):
+        command = [sys.executable, "-m", f"distributed.cli.{what}", "--scheduler-file", self.file]
+        return subprocess.Popen([*command, "--host", "127.0.0.1", *more], cwd=self.place, stdout=subprocess.DEVNULL,
+                                stderr=subprocess.DEVNULL)  # fmt: skip
+
+    def close(self):
+        for process in (*self.workers, self.scheduler):
+            process.kill()
+            process.wait()
+
+
+@pytest.fixture
+def cluster(tmp_path):
+    place = tmp_path / "cluster"
+    place.mkdir()
+    made = Cluster(place)
+    yield made
+    made.close()
+
+
+def results(folder):
+    return {
+        str(p.relative_to(folder)): p.read_bytes()
+        for p in sorted(folder.rglob("*")) if p.is_file() and p.suffix in (".csv", ".vtp", ".pvd")
+    }  # fmt: skip
+
+
+def kept(out):
+    return max(measured(folder) for folder in (out, out.with_name(f".windmark-{out.name}") / "new"))
+
+
+@pytest.fixture(scope="module")
+def whole(windmark, polar, tmp_path_factory):
+    out = tmp_path_factory.mktemp("whole") / "out"
+    assert windmark("psp", polar / "psp.toml", "-o", out).code == 0
+    return results(out)
+
+
+@pytest.mark.filterwarnings("ignore")  # of the library
+def test_two_workers_one_of_them_killed_give_the_same_bytes(windmark, polar, cluster, whole, tmp_path):
+    out = tmp_path / "out"
+    first, _ = cluster.worker(), cluster.worker()
+
+    def kill():
+        end = time.monotonic() + START_S
+        while kept(out) < 2 and time.monotonic() < end:
+            time.sleep(0.01)
+        first.kill()
+
+    killer = threading.Thread(target=kill)
+    killer.start()
+    done = windmark("psp", polar / "psp.toml", "-o", out, "--scheduler", cluster.address, "--json")
+    killer.join()
+    assert done.code == 0, done.err
+    assert first.poll() is not None
+    assert (done.json["reduced"], done.json["failed"]) == (6, 1)
+    assert results(out) == whole
+    inputs = (out / "manifest.json").read_text()
+    assert "on-cam2-1.tif" in inputs  # pictures that only workers reduced are inputs of the result
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_a_run_on_the_cluster_that_was_stopped_goes_on_anywhere(windmark, polar, cluster, whole, tmp_path):
+    out = tmp_path / "out"
+    worker = cluster.worker()
+    command = [sys.executable, "-m", "windmark.app.cli", "psp", polar / "psp.toml", "-o", out]
+    run = subprocess.Popen([*command, "--scheduler", cluster.address], stdout=subprocess.DEVNULL,
+                           stderr=subprocess.PIPE, text=True)  # fmt: skip
+    end = time.monotonic() + 2 * START_S
+    while kept(out) < 2 and time.monotonic() < end and run.poll() is None:
+        time.sleep(0.01)
+    worker.kill()  # the only one: the run ends by itself, with what there is
+    said = run.communicate(timeout=START_S)[1]
+    assert run.returncode == 2
+    assert "has no worker left" in said
+    assert "points are kept: --resume goes on" in said
+    before = kept(out)
+    assert before >= 2
+    again = windmark("psp", polar / "psp.toml", "-o", out, "--resume", "--threads", 2, "--json")
+    assert again.code == 0, again.err
+    assert results(out) == whole
+
+
+def test_what_is_wrong_with_a_cluster_is_said(windmark, polar, cluster, tmp_path, monkeypatch):
+    from windmark.pipeline.psp import cluster as job
+
+    monkeypatch.setattr(job, "ANSWER_S", 0.5)
+    monkeypatch.setattr(job, "WORKERS_S", 0.5)
+    out = tmp_path / "out"
+    both = windmark("psp", polar / "psp.toml", "--scheduler", cluster.address, "--threads", 2)
+    assert both.code == 2
+    assert "--threads is of this machine" in both.err
+    for address, words in (("tcp://127.0.0.1:9", "no scheduler answers at tcp://127.0.0.1:9"),
+                           (cluster.address, "has no worker")):  # fmt: skip
+        done = windmark("psp", polar / "psp.toml", "-o", out, "--scheduler", address)
+        assert done.code == 2
+        assert words in done.err
+    assert not out.exists()
+
+
+def test_a_worker_with_another_project_is_refused(polar, tmp_path):
+    """What a worker does, here: the project differs from that of the run, or the folder is not there."""
+    import json
+
+    from windmark.io import FileError
+    from windmark.pipeline.psp import load_psp, made_with, read_psp_project
+    from windmark.pipeline.psp.cluster import point_there
+
+    copied = shutil.copytree(polar, tmp_path / "test")
+    made = made_with(load_psp(read_psp_project(copied / "psp.toml")))
+    made["files"]["points.table"] = "another"
+    with pytest.raises(FileError, match=r"psp\.toml: on the worker .*: is not that of the run: points.table has"):
+        point_there(str(copied / "psp.toml"), json.dumps(made), str(tmp_path), "p0")
+    made = made_with(load_psp(read_psp_project(copied / "psp.toml")))
+    with pytest.raises(FileError, match="expected a disk that all machines share"):
+        point_there(str(copied / "psp.toml"), json.dumps(made), str(tmp_path / "none"), "p0")
+    (copied / "taps.csv").unlink()
+    with pytest.raises(FileError, match="on the worker"):
+        point_there(str(copied / "psp.toml"), "{}", str(tmp_path), "p0")
