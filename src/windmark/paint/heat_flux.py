@@ -8,9 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from windmark.errors import UsageError
-from windmark.paint.surface import joined_surface
 from windmark.paint.walls import Wall
-from windmark.scene import Mesh
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -70,8 +68,8 @@ def heat_flux(
     initial, initial_sigma : (H,) or one number, temperature of the whole wall before the first sample and its error;
         None: the first sample, with its noise
     curvature : (H,) or one number, sum of the surface's two curvatures (1 / m, positive where it is convex to the
-        air): takes conductivity * curvature / 2 * (T - T_initial) off the flux (sphere and cylinder: exact for depths
-        small against the radius)
+        air): heat spreads over less area with depth. Of the first order, see `Wall.curved_admittance`; of a
+        semi-infinite wall it takes conductivity * curvature / 2 * (T - T_initial) off the flux
 
     Returns
     -------
@@ -92,16 +90,16 @@ def heat_flux(
         raise UsageError("heat_flux: correlation must begin with 1 and stay between -1 and 1")
     count = t.shape[1]
     g = wall.step_weights(dt, count)
-    half = np.zeros(len(t)) if curvature is None else 0.5 * np.broadcast_to(np.asarray(curvature, float), (len(t),))
-    half = half * wall.layers[0].conductivity
+    curve = np.zeros(len(t)) if curvature is None else np.broadcast_to(np.asarray(curvature, float), (len(t),))
+    lost = wall.step_weights(dt, count, curved=True) if curve.any() else g
     base = None if initial is None else np.broadcast_to(np.asarray(initial, dtype=float), (len(t),))
     flux = np.empty(t.shape)
     for k in range(0, len(t), BLOCK):
         part = slice(k, k + BLOCK)
         start = t[part, 0] if base is None else base[part]
         flux[part] = _convolved(t[part], start, g)
-        if half[part].any():
-            flux[part] -= half[part, None] * (t[part] - start[:, None])
+        if curve[part].any():
+            flux[part] -= curve[part, None] * _convolved(t[part], start, lost)
     gain = _noise_gain(g, c, base is None)
     own = noise.reshape(-1, 1) * gain
     if base is not None and initial_sigma:
@@ -152,34 +150,3 @@ def _noise_gain(g: Array, correlation: Array, from_first: bool) -> Array:
             own = w if lag == 0 else shifted
             total -= 2 * rho * g * own
     return np.sqrt(np.maximum(total, 0.0))
-
-
-def lateral_conduction(mesh: Mesh, rise: ArrayLike, wall: Wall, time: float) -> Array:
-    """Heat (V,), W / m^2, that flows along the surface and is missing in the flux of `heat_flux`.
-
-    Parameters
-    ----------
-    rise : (V,) temperature less initial temperature, NaN where not known (NaN there and beside)
-    time : seconds since the heating began
-
-    Returns
-    -------
-    (V,) -k laplacian(T) 2 sqrt(diffusivity t / pi): the Laplacian on the surface, through the depth to which a step of
-    the surface temperature has gone. Where it is no small part of the flux, one-dimensional conduction does not hold.
-    Of layers, the first one counts.
-    """
-    t = np.asarray(rise, dtype=float)
-    if t.shape != (len(mesh.vertices),):
-        raise ValueError(f"lateral_conduction: rise must be ({len(mesh.vertices)},), got {t.shape}")
-    if mesh.length_unit not in ("", "m"):
-        raise UsageError(f"lateral_conduction: the mesh must be in m, as the wall is; it is in {mesh.length_unit}")
-    surface = joined_surface(mesh)
-    lap, areas = surface.laplacian
-    out = np.full(len(t), np.nan)
-    at = surface.place
-    curve = (lap @ t[surface.first]) / np.where(areas > 0, areas, np.nan)
-    curve[surface.border] = np.nan
-    layer = wall.layers[0]
-    depth = 2 * np.sqrt(layer.diffusivity * time / np.pi)
-    out[at >= 0] = (-layer.conductivity * depth * curve)[at[at >= 0]]
-    return out

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from windmark.errors import UsageError
 from windmark.paint.modes import NodeField, combined
+from windmark.paint.sensor_radiance import SensorRadiance
 from windmark.paint.stern_volmer import NO_RATIO, NO_TEMPERATURE, TEMPERATURE_OUTSIDE
 
 Array = NDArray[np.float64]
@@ -131,30 +132,6 @@ class PolynomialRadiance:
         return np.asarray(t - (self.radiance(t) - value) / self.slope(t))
 
 
-def dielectric_emissivity(angle_deg: ArrayLike, normal: float, index: float = 1.5) -> Array:
-    """Emissivity of a painted (non-metallic) surface seen under an angle.
-
-    Parameters
-    ----------
-    angle_deg : (...) between the surface's normal and the line of sight, 0 to 90
-    normal : emissivity seen straight on
-    index : refractive index of the paint
-
-    Returns
-    -------
-    (...) ``normal`` times the part of light that passes the surface under the angle, over that straight on (Fresnel's
-    formulas for unpolarised light; Siegel and Howell, Thermal Radiation Heat Transfer, section 4-5).
-    """
-    if not (0 < normal <= 1 and index > 1):
-        raise UsageError(f"dielectric_emissivity: normal must be in (0, 1], index above 1, got {normal} and {index}")
-    c = np.cos(np.radians(np.clip(np.asarray(angle_deg, dtype=float), 0.0, 90.0)))
-    inner = np.sqrt(index**2 - 1 + c**2)
-    s = ((c - inner) / (c + inner)) ** 2
-    p = ((index**2 * c - inner) / (index**2 * c + inner)) ** 2
-    straight = 1 - ((index - 1) / (index + 1)) ** 2
-    return np.asarray(normal * (1 - 0.5 * (s + p)) / straight)
-
-
 def surface_temperature(
     signal: NodeField,
     radiance: Radiance,
@@ -164,6 +141,7 @@ def surface_temperature(
     surroundings: float,
     surroundings_sigma: float = 0.0,
     transmission: float = 1.0,
+    transmission_sigma: float = 0.0,
     window_temperature: float | None = None,
     unit: str = "K",
 ) -> tuple[NodeField, Flags]:
@@ -177,11 +155,12 @@ def surface_temperature(
     emissivity_sigma : error that all nodes share, relative to the emissivity (mode ``emissivity``)
     surroundings, surroundings_sigma : temperature of what the surface reflects, and its error (mode ``surroundings``)
     transmission, window_temperature : of a window; needs its temperature below 1
+    transmission_sigma : error of the transmission (mode ``window``)
 
     Returns
     -------
-    (N) temperature and (N,) flags: 8 no signal, 4 less of it than is reflected, 2 beyond the radiance's range. NaN with
-    a flag.
+    (N) temperature, with the errors of a fitted ``radiance`` as the modes ``calibration``, and (N,) flags: 8 no signal
+    or emissivity, 4 less of it than is reflected, 2 beyond the radiance's range. NaN with a flag.
     """
     e = np.broadcast_to(np.asarray(emissivity, dtype=float), signal.value.shape)
     if not ((e > 0) & (e <= 1) | np.isnan(e)).all() or not 0 < transmission <= 1:
@@ -206,4 +185,18 @@ def surface_temperature(
         out = out.with_mode("emissivity", by_e)
     if surroundings_sigma:
         out = out.with_mode("surroundings", by_around * surroundings_sigma)
+    if transmission_sigma:
+        by_window = np.where(np.isfinite(t), slope * (glass - signal.value) / transmission, 0.0)
+        out = out.with_mode("window", by_window * transmission_sigma)
+    if isinstance(radiance, SensorRadiance) and radiance.cov is not None:
+        out = out.with_modes("calibration", _by_calibration(radiance, t, e, surroundings, rise), radiance.cov)
     return out, flags
+
+
+def _by_calibration(radiance: SensorRadiance, t: Array, e: Array, surroundings: float, rise: Array) -> Array:
+    """(N, 3) change of the temperature for the calibration's parameters, at the same signal."""
+    on = np.isfinite(t) & np.isfinite(e)
+    known = np.where(on, t, surroundings)
+    reflected = ((1 - e) / e)[:, None] * radiance.by_parameters(surroundings)
+    both = -(radiance.by_parameters(known) + reflected) / rise[:, None]
+    return np.where(on[:, None], both, 0.0)

@@ -7,8 +7,9 @@ the surface temperature. Of a semi-infinite wall that is 2 e sqrt(t / pi), which
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,6 +22,8 @@ BACKS = ("semi-infinite", "adiabatic", "isothermal")
 TERMS = 20
 """Terms of Talbot's contour (Abate and Valko, Int. J. Numer. Methods Eng. 60, 2004): twelve digits are wanted, and more
 terms lose them to rounding."""
+CHUNK = 4096
+"""Times that are worked on at once."""
 
 
 @dataclass(frozen=True)
@@ -93,25 +96,60 @@ class Wall:
             y = own * (y + own * t) / (own + y * t)
         return np.asarray(y)
 
+    def curved_admittance(self, s: NDArray[np.complex128]) -> NDArray[np.complex128]:
+        """What the admittance loses for each 1 / m of the sum of the surface's curvatures (convex to the air).
+
+        At the depth z heat has 1 - curvature z of the surface's area. The admittance is the integral of area (k T'^2 +
+        s c T^2) over the depth for a surface temperature of 1, and stationary by T: its change of the first order is
+        that of the area alone, with T of the flat wall. Of a semi-infinite wall: conductivity / 2.
+        """
+        root = np.sqrt(s)
+        below = np.zeros(np.shape(s), complex)
+        inner: list[NDArray[np.complex128]] = []  # admittance below each layer, from the last one up
+        for k, layer in enumerate(self.layers[::-1]):
+            inner.append(below)
+            own, t = layer.effusivity * root, np.tanh(layer.thickness * root / np.sqrt(layer.diffusivity))
+            below = own * (below + own * t) / (own + below * t)
+            if k == 0 and self.back == "semi-infinite":
+                below = own
+            elif k == 0 and self.back == "isothermal":
+                below = own / t
+        out, top, depth = np.zeros(np.shape(s), complex), np.ones(np.shape(s), complex), 0.0
+        for k, (layer, under) in enumerate(zip(self.layers, inner[::-1], strict=True)):
+            own, p = layer.effusivity * root, root / np.sqrt(layer.diffusivity)
+            last = k == len(self.layers) - 1
+            if last and self.back == "semi-infinite":
+                return np.asarray(out + layer.conductivity * p**2 * top**2 * (depth / p + 0.5 / p**2))
+            length = layer.thickness
+            back = np.exp(-2 * p * length)  # T = a (exp(-p z) + r exp(p (z - 2 length)))
+            r = -np.ones_like(own) if last and self.back == "isothermal" else (own - under) / (own + under)
+            a2 = (top / (1 + r * back)) ** 2
+            down = (1 - back) / (2 * p)
+            deep = down * (depth + 1 / (2 * p)) - length * back / (2 * p)
+            up = down * (depth - 1 / (2 * p)) + length / (2 * p)
+            out = out + 2 * layer.conductivity * p**2 * a2 * (deep + r**2 * back * up)
+            top = top * np.exp(-p * length) * (1 + r) / (1 + r * back)
+            depth += length
+        return np.asarray(out)
+
     def ramp_response(self, time: ArrayLike) -> Array:
         """Flux (N,) at times (N,) > 0 after the surface began to warm by 1 K per second, W / m^2."""
         t = np.asarray(time, dtype=float)
         if len(self.layers) == 1 and self.back == "semi-infinite":
             return np.asarray(2 * self.layers[0].effusivity * np.sqrt(t / np.pi))
-        theta = np.arange(1, TERMS) * np.pi / TERMS
-        cot = 1 / np.tan(theta)
-        delta = np.concatenate([[0.4 * TERMS], 0.4 * np.arange(1, TERMS) * np.pi * (cot + 1j)])
-        gamma = np.concatenate([
-            [0.5 * np.exp(delta[0])],
-            (1 + 1j * theta * (1 + cot**2) - 1j * cot) * np.exp(delta[1:]),
-        ])  # fmt: skip
-        s = delta / t[:, None]
-        return np.asarray(0.4 / t * (gamma * self.admittance(s) / s**2).real.sum(axis=1))
+        return _in_time(lambda s: self.admittance(s) / s**2, t)
 
-    def step_weights(self, dt: float, count: int) -> Array:
-        """(count,) flux after 0, 1, ... samples for a rise of 1 K within one sample."""
-        r = np.concatenate([[0.0], self.ramp_response(dt * np.arange(1, count + 1))])
-        return np.diff(r) / dt
+    def curved_ramp_response(self, time: ArrayLike) -> Array:
+        """What `ramp_response` loses for each 1 / m of curvature, see `curved_admittance`; W / m."""
+        t = np.asarray(time, dtype=float)
+        if len(self.layers) == 1 and self.back == "semi-infinite":
+            return np.asarray(0.5 * self.layers[0].conductivity * t)
+        return _in_time(lambda s: self.curved_admittance(s) / s**2, t)
+
+    def step_weights(self, dt: float, count: int, *, curved: bool = False) -> Array:
+        """(count,) flux after 0, 1, ... samples for a rise of 1 K within one; ``curved``: its loss by curvature."""
+        response = self.curved_ramp_response if curved else self.ramp_response
+        return np.diff(np.concatenate([[0.0], response(dt * np.arange(1, count + 1))])) / dt
 
     def fourier_number(self, time: ArrayLike) -> Array:
         """How far heat has gone through a wall thought semi-infinite: diffusivity t / thickness^2, its layers added up
@@ -120,3 +158,20 @@ class Wall:
         t = np.asarray(time, dtype=float)
         through = sum(layer.thickness / np.sqrt(layer.diffusivity) for layer in self.layers)
         return np.zeros(t.shape) if self.back != "semi-infinite" else np.asarray(t / through**2)
+
+
+def _in_time(transform: Callable[[Any], Any], time: Array) -> Array:
+    """(N,) the function of time (N,) > 0 that has a Laplace transform, by Talbot's contour."""
+    theta = np.arange(1, TERMS) * np.pi / TERMS
+    cot = 1 / np.tan(theta)
+    delta = np.concatenate([[0.4 * TERMS], 0.4 * np.arange(1, TERMS) * np.pi * (cot + 1j)])
+    gamma = np.concatenate([
+        [0.5 * np.exp(delta[0])],
+        (1 + 1j * theta * (1 + cot**2) - 1j * cot) * np.exp(delta[1:]),
+    ])  # fmt: skip
+    out = np.empty(len(time))
+    for k in range(0, len(time), CHUNK):
+        t = time[k : k + CHUNK]
+        s = delta / t[:, None]
+        out[k : k + CHUNK] = 0.4 / t * (gamma * transform(s)).real.sum(axis=1)
+    return out
