@@ -142,6 +142,32 @@ def paint_pictures() -> dict[str, Figure]:
     }  # fmt: skip
 
 
+def infrared_pictures() -> dict[str, Figure]:
+    """A wing that heats up: heat flux on it, and histories at points."""
+    from windmark.app.infrared_report import histories_of
+    from windmark.app.psp_pictures import cp_map
+    from windmark.pipeline.infrared import load_infrared, read_infrared_project, run_infrared
+    from windmark.pipeline.infrared.outputs import FRAMES
+    from windmark.pipeline.simulate_infrared import simulate_infrared
+
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        simulate_infrared(folder, 1, 30)
+        run = load_infrared(read_infrared_project(folder / "infrared.toml"))
+        out = folder / "out"
+        out.mkdir()
+        result = run_infrared(run, out)
+        last = result.records[-1]
+        mesh, fields = wm.io.read_nodes_netcdf(out / FRAMES / f"{last.key}.nc")[:2]
+    pose = run.deforming.test.stations[0].cam_from_tunnel
+    flux = np.asarray(fields["heat_flux"], dtype=float)
+    title = f"Heat flux after {last.time_s:.2f} s"
+    return {
+        "infrared-flux": cp_map(mesh, flux, title, "heat flux, W/m²", direction=pose.rotation[2], up=-pose.rotation[1]),
+        "infrared-histories": histories_of(result, run.points[0]),
+    }  # fmt: skip
+
+
 def merged_pictures() -> dict[str, Figure]:
     """Four cameras round the wing, merged."""
     with tempfile.TemporaryDirectory() as place:

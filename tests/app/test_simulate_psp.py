@@ -69,7 +69,7 @@ def test_same_seed_same_bytes(written, tmp_path):
 
 
 def test_one_kind_of_test_and_at_least_one_point(windmark, tmp_path):
-    done = windmark("simulate", tmp_path / "x", "--psp", 2, "--infrared")
+    done = windmark("simulate", tmp_path / "x", "--psp", 2, "--infrared", 9)
     assert done.code == 2
     assert "--psp" in done.err
     none = windmark("simulate", tmp_path / "y", "--psp", 0)

@@ -14,7 +14,7 @@ from typing import Annotated
 import typer
 
 from windmark.app import console
-from windmark.app.commands import align, camera, deform, epipolar, image, plan, pov, psp
+from windmark.app.commands import align, camera, deform, epipolar, image, infrared, plan, pov, psp
 from windmark.app.commands.matching_options import Binding, MaxTime, NoOcclusion, Roles
 from windmark.app.commands.options import Json, Seed
 
@@ -73,8 +73,9 @@ def simulate(
         int | None, typer.Option(help="A deformation test instead: so many frames of a bending wing by two cameras.")
     ] = None,
     infrared: Annotated[
-        bool, typer.Option("--infrared", help="An infrared test instead: a model that heats up, warm markers.")
-    ] = False,
+        int | None,
+        typer.Option(help="An infrared run instead: so many frames of a wing that moves and heats up, by two cameras."),
+    ] = None,
     cameras: Annotated[
         int | None, typer.Option(help="Several cameras instead (2-5), one picture each at one moment, to be merged.")
     ] = None,
@@ -128,6 +129,7 @@ deform.add(app)
 plan.add(app)
 pov.add(app)
 psp.add(app)
+infrared.add(app)
 
 
 def main() -> None:

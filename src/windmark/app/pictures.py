@@ -174,14 +174,16 @@ def wireframe_picture(image: NDArray[np.generic], lines: Sequence[Array], title:
 
 
 def surface_picture(
-    value: NDArray[np.float32], shade: NDArray[np.float32], title: str, label: str = "grey level"
-) -> Figure:
+    value: NDArray[np.float32], shade: NDArray[np.float32], title: str, label: str = "grey level",
+    *, limits: tuple[float, float] | None = None,
+) -> Figure:  # fmt: skip
     """The mapped surface in 3D: colour = value, light and dark = the surface's shape, grey = not seen.
 
     Parameters
     ----------
     value : (H, W) value of each pixel, NaN where the surface was not seen
     shade : (H, W) light on the surface 0..1, NaN where there is no surface
+    limits : of the colours; by default all values but the outermost
     """
     from matplotlib import colormaps
     from matplotlib.cm import ScalarMappable
@@ -191,7 +193,7 @@ def surface_picture(
     figure = Figure(figsize=(WIDTH_IN, WIDTH_IN * height / width + 0.6), layout="constrained")
     axes = figure.add_subplot()
     finite = value[np.isfinite(value)]
-    low, high = np.percentile(finite, [0.5, 99.5]) if finite.size else (0.0, 1.0)
+    low, high = limits or (np.percentile(finite, [0.5, 99.5]) if finite.size else (0.0, 1.0))
     scale = Normalize(float(low), float(max(high, low + 1e-9)))
     colours = colormaps["viridis"](scale(np.nan_to_num(value, nan=low)))[..., :3]
     colours = np.where(np.isfinite(value)[..., None], colours, 0.72)

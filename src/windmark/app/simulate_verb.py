@@ -19,7 +19,7 @@ class Wishes:
     """Which test: none of them is the default one, a wing wind-off and wind-on before one camera."""
 
     deforming: int | None = None
-    infrared: bool = False
+    infrared: int | None = None
     cameras: int | None = None
     photos: int | None = None
     clocks: bool = False
@@ -28,7 +28,7 @@ class Wishes:
 
 def simulate(folder: Path, seed: int, wishes: Wishes, as_json: bool) -> None:
     """Make the test, say what it holds."""
-    kinds = {"infrared": wishes.infrared, "deforming": wishes.deforming is not None,
+    kinds = {"infrared": wishes.infrared is not None, "deforming": wishes.deforming is not None,
              "cameras": wishes.cameras is not None, "photos": wishes.photos is not None,
              "psp": wishes.psp is not None}  # fmt: skip
     chosen = [name for name, asked in kinds.items() if asked]
@@ -65,12 +65,15 @@ def _default(seed: int, wishes: Wishes) -> Kind:
 def _infrared(seed: int, wishes: Wishes) -> Kind:
     from windmark.pipeline.simulate_infrared import simulate_infrared as write
 
-    def describe(made: Any, folder: Path) -> tuple[Record, list[str]]:
-        markers, nodes = len(made.test.markers), len(made.test.mesh.vertices)
-        said = f"{len(made.frames)} infrared images, {markers} markers, {nodes} grid nodes: {folder}"
-        return {"markers": markers, "grid_nodes": nodes, "images": list(made.frames)}, [said, _next(folder)]
+    frames = wishes.infrared or 0
 
-    return lambda place: write(place, seed), describe
+    def describe(made: Any, folder: Path) -> tuple[Record, list[str]]:
+        markers, nodes = len(made.test.markers), len(made.mesh.vertices)
+        said = f"{frames} frames of {len(made.cameras)} infrared cameras, {markers} markers, {nodes} nodes: {folder}"
+        record = {"markers": markers, "grid_nodes": nodes, "frames": frames, "cameras": list(made.cameras)}
+        return record, [said, _next(folder, "infrared", "infrared.toml")]
+
+    return lambda place: write(place, seed, frames), describe
 
 
 def _cameras(seed: int, wishes: Wishes) -> Kind:

@@ -8,7 +8,7 @@ from windmark.paint.cell_fit import PaintFit, fit_paint
 from windmark.paint.cp import TunnelConditions, pressure_coefficient
 from windmark.paint.emissivity import EmissivityTable, dielectric_emissivity
 from windmark.paint.filling import fill_smoothly
-from windmark.paint.flux_operator import FluxOperator, flux_operator
+from windmark.paint.flux_operator import FluxOperator, before_start, flux_operator
 from windmark.paint.form_factors import FormFactors, form_factors
 from windmark.paint.heat_flux import HeatFlux, heat_flux
 from windmark.paint.in_situ import InSitu, in_situ
@@ -44,8 +44,8 @@ __all__ = [
     "LoadReference", "Loads", "MOST_MODES", "MergedCameras", "NodeField", "NotFitted", "PIXEL_FLAGS", "PaintFit",
     "PhotonTransfer", "PlanckBand", "PolynomialRadiance", "PressureMap", "SECTION_LOADS", "SectionProfile",
     "SelfIllumination", "SensorModel", "SensorRadiance", "SpanLoading", "SternVolmer", "TemperaturePaint",
-    "TunnelConditions", "TunnelGain", "Wall", "add_self_illumination", "average_frames", "carried", "combined",
-    "correct_picture", "curvature_sum", "dielectric_emissivity", "disc_nodes", "dominant", "fewer_modes",
+    "TunnelConditions", "TunnelGain", "Wall", "add_self_illumination", "average_frames", "before_start", "carried",
+    "combined", "correct_picture", "curvature_sum", "dielectric_emissivity", "disc_nodes", "dominant", "fewer_modes",
     "fill_patches", "fill_smoothly", "fit_paint", "fit_sensor_radiance", "fit_temperature_paint", "flux_operator",
     "form_factors", "form_ratio", "given_temperature", "heat_flux", "in_situ", "integrate_loads", "interpolated",
     "lateral_conductance", "lateral_conduction", "mean_dark", "mean_flat", "mean_reference", "merge_cameras",

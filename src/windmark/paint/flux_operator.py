@@ -44,7 +44,7 @@ class FluxOperator:
     @property
     def before(self) -> Mask:
         """(F,) samples that say the initial temperature."""
-        return np.asarray(self.times <= self.start)
+        return before_start(self.times, self.start)
 
     def bridged(self, missing: Mask) -> tuple[Array, Array, Array]:
         """(F, F) filling, and weights and curved as they are where samples (F,) are missing.
@@ -73,6 +73,12 @@ class FluxOperator:
         return filling, out[0], out[1]
 
 
+def before_start(times: ArrayLike, start: float) -> Mask:
+    """(F,) samples until the start, those included that are after it by rounding alone."""
+    t = np.asarray(times, dtype=float)
+    return np.asarray(t <= start + SAME * (float(t.max()) - float(t.min())))
+
+
 def flux_operator(times: ArrayLike, wall: Wall, start: float) -> FluxOperator:
     """Make it.
 
@@ -93,7 +99,7 @@ def flux_operator(times: ArrayLike, wall: Wall, start: float) -> FluxOperator:
     if (np.diff(t) <= 0).any():
         k = int(np.argmax(np.diff(t) <= 0))
         raise DataError(f"times must increase: {t[k + 1]:g} s comes after {t[k]:g} s")
-    before = t <= start
+    before = before_start(t, start)
     if not before.any() or before.all():
         raise DataError(
             f"the heating begins at {start:g} s, the samples are from {t[0]:g} to {t[-1]:g} s: expected at least one "

@@ -151,6 +151,18 @@ class Wall:
         response = self.curved_ramp_response if curved else self.ramp_response
         return np.diff(np.concatenate([[0.0], response(dt * np.arange(1, count + 1))])) / dt
 
+    def heated_depth(self, time: ArrayLike) -> Array:
+        """How deep (m) heat has gone at times (N,): 2 sqrt(diffusivity t / pi) through one layer after the other."""
+        left = 2 * np.sqrt(np.maximum(np.asarray(time, dtype=float), 0.0) / np.pi)
+        out = np.zeros(left.shape)
+        for k, layer in enumerate(self.layers):
+            root = np.sqrt(layer.diffusivity)
+            goes_on = k == len(self.layers) - 1 and self.back == "semi-infinite"
+            part = left * root if goes_on else np.minimum(left * root, layer.thickness)
+            out += part
+            left = left - part / root
+        return out
+
     def fourier_number(self, time: ArrayLike) -> Array:
         """How far heat has gone through a wall thought semi-infinite: diffusivity t / thickness^2, its layers added up
         by the time that they take; 0 for other walls.

@@ -218,7 +218,7 @@ class _Job:
         loaded, project, out = self.loaded, self.loaded.project, self.out
         markers = loaded.test.markers
         centre = markers.xyz[markers.role != "wall"].mean(axis=0)
-        time_s = _time(frame, images, out.table, project.sequence.rate_hz, bool(out.clock))
+        time_s = time_of(frame, images, out.table, project.sequence.rate_hz, bool(out.clock))
         row = record(
             frame, out.zero, loaded.stations, markers, centre, time_s, time.monotonic() - images.seen_s,
             len(loaded.test.volumes.names),
@@ -267,7 +267,7 @@ def _noted(frames: Iterable[FrameImages], taken: list[FrameImages]) -> Iterator[
         yield frame
 
 
-def _time(frame: DeformedFrame, images: FrameImages, table: FrameTable, rate_hz: float | None, clocks: bool) -> float:
+def time_of(frame: DeformedFrame, images: FrameImages, table: FrameTable, rate_hz: float | None, clocks: bool) -> float:
     """By the cameras' clocks, the table, the names' stamps, the rate, or a recording that has time stamps."""
     row = table.row(frame.key)
     if not clocks and row is not None and np.isfinite(table.time_s[row]):

@@ -145,7 +145,8 @@ def _level(pictures: Sequence[ModelPicture], how: Sampling, lamps: Sequence[Lamp
 def _in_even_light(s: Samples, picture: ModelPicture, lamps: Sequence[Lamp]) -> Samples:
     light = lit(picture.mesh, lamps)
     columns = np.nan_to_num(s.columns / light[:, None])
-    return Samples(s.value / light, s.variance / light**2, columns, s.weight, np.nan_to_num(s.bent / light))
+    bent = np.nan_to_num(s.bent / light)
+    return replace(s, value=s.value / light, variance=s.variance / light**2, columns=columns, bent=bent)
 
 
 def _flicker(levels: Mapping[str, Mapping[str, _Level]]) -> tuple[float, float]:

@@ -133,8 +133,9 @@ class Samples:
     ----------
     value, variance : (V,) light and the variance of its noise
     columns : (V, F) change of the value for one sigma of each direction of ``moves``
-    weight : (V,) 0 at the limit of what the picture shows, 1 well inside
+    weight : (V,) 0 at the limit of what the picture shows and beyond, 1 well inside, whether there is a value or not
     bent : (V,) part of the value that was taken off because light is bent round the node (`FootprintValues`)
+    obliquity_deg : (V,) angle between the surface's normal and the line of sight
     """
 
     value: Array
@@ -142,6 +143,7 @@ class Samples:
     columns: Array
     weight: Array
     bent: Array
+    obliquity_deg: Array
 
 
 def moved_grid(state: Deformation, mesh: Mesh) -> tuple[Mesh, Array]:
@@ -163,6 +165,7 @@ def sample_picture(picture: ModelPicture, how: Sampling) -> Samples:
     seen = np.flatnonzero(view.visible)
     deep = _at_pixels(inside, view.xy[seen])
     seen, deep = seen[deep > how.edge_px], deep[deep > how.edge_px]
+    weight[seen] = _inside(view.obliquity_deg[seen], deep, how)
     kind = "linear" if how.values == "footprint" else how.values
     light, noise = _interpolated(picture.light, picture.variance, view.xy[seen], kind)
     slope = _slope(picture.light, view.xy[seen])
@@ -174,11 +177,10 @@ def sample_picture(picture: ModelPicture, how: Sampling) -> Samples:
         slope = np.where(better[:, None], of.slope[seen], slope)
         bent[seen] = np.where(better, of.bent[seen], 0.0)
     good = np.isfinite(light)
-    seen, deep = seen[good], deep[good]
+    seen = seen[good]
     value[seen], variance[seen] = light[good], noise[good]
     columns[seen] = _along(picture, slope[good], seen)
-    weight[seen] = _inside(view.obliquity_deg[seen], deep, how)
-    return Samples(value, variance, columns, weight, bent)
+    return Samples(value, variance, columns, weight, bent, view.obliquity_deg)
 
 
 def _at_pixels(image: Array, xy: Array) -> Array:

@@ -1,0 +1,135 @@
+"""The report of an infrared run."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+import windmark
+from windmark import io
+from windmark.app.infrared_pictures import flags_map, histories_picture, medians_picture
+from windmark.app.psp_pictures import cp_map
+from windmark.app.report import Report
+from windmark.pipeline.infrared import FAILED, FrameRecord, InfraredResult, InfraredRun, reduced
+from windmark.pipeline.infrared.outputs import FRAMES
+from windmark.pipeline.infrared.run import MEAN
+from windmark.pipeline.points import PointSet
+
+MAPS = 3
+"""Frames whose fields are drawn."""
+CAUSES = 3
+DRAWN = (
+    ("temperature", "temperature, K"), ("sigma_temperature", "sigma of the temperature, K"),
+    ("heat_flux", "heat flux, W/m²"), ("sigma_heat_flux", "sigma of the heat flux, W/m²"),
+)  # fmt: skip
+FILES = (
+    ("frames.csv", "every frame with its state, medians and what is to be said of it"),
+    ("frames/FRAME.nc", "temperature, heat flux, their sigmas and flags at the nodes of the moved grid"),
+    ("frames/FRAME.vtp, run.pvd", "the same for ParaView; all frames at their times"),
+    ("points-NAME.csv", "histories at the wanted points"),
+    ("summary.json", "the figures of this page"),
+)
+
+
+def infrared_page(run: InfraredRun, result: InfraredResult, folder: Path) -> Report:
+    """The page; what could not be drawn is in its ``failed``."""
+    when = datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
+    unit = run.project.length_unit
+    report = Report(run.project.title, f"windmark {windmark.__version__}, {when}, length unit: {unit}")
+    done, heat = reduced(result.records), run.project.heat
+    _frames(report, result)
+    if done:
+        start = None if heat is None else heat.start_s
+        report.drawing("picture of the medians", lambda: medians_picture(done, start), "Medians over the nodes")
+        report.heading("On the surface")
+        drawn = [r for r in done if (folder / FRAMES / f"{r.key}.nc").exists()]
+        if result.steady is not None:
+            _maps(report, run, folder, MEAN, "mean of the frames")
+        pick = np.unique(np.linspace(0, len(drawn) - 1, min(MAPS, len(drawn))).astype(int))
+        for r in [drawn[k] for k in pick]:
+            _maps(report, run, folder, r.key, f"frame {r.key}, {r.time_s:.3g} s")
+        for of in run.points:
+            report.heading(f"Histories at {of.name}")
+            draw = partial(histories_of, result, of)
+            report.drawing(f"histories at {of.name}", draw, "Bands: 2 sigma")
+    _set_up(report, run)
+    report.heading("Files beside this report")
+    report.table(["file", "content"], FILES)
+    return report
+
+
+def histories_of(result: InfraredResult, of: PointSet) -> Figure:
+    """Temperature and heat flux at a list of points."""
+    rows = result.points.rows[of.name]
+    return histories_picture(of.names.tolist(), np.array([r[1] for r in rows]), np.stack([r[2] for r in rows]))
+
+
+def _frames(report: Report, result: InfraredResult) -> None:
+    columns = ["frame", "time s", "state", "cameras", "RMS px", "seen part", "T K", "sigma K", "q W/m²", "sigma W/m²",
+               "flagged", "sigma of T by", "sigma of q by"]  # fmt: skip
+    rows = [
+        [r.key, r.time_s, r.status, " ".join(r.cameras), r.rms_px, r.seen, f"{r.median_T:.2f}" if r.seen else None,
+         r.median_sigma_T, r.median_q, r.median_sigma_q, r.flagged, _causes(r, "T"), _causes(r, "q")]
+        for r in result.records
+    ]  # fmt: skip
+    report.table(columns, rows, scroll=len(rows) > 15)
+    for r in result.records:
+        if r.status == FAILED:
+            report.text(f"Frame {r.key}: {r.reason}", "bad")
+        elif r.remarks:
+            report.text(f"Frame {r.key}: {'; '.join(r.remarks)}", "soft")
+    for remark in result.remarks:
+        report.text(remark, "bad")
+
+
+def _causes(r: FrameRecord, what: str) -> str:
+    return ", ".join(f"{name} {100 * share:.0f} %" for name, share in r.causes.get(what, [])[:CAUSES])
+
+
+def _maps(report: Report, run: InfraredRun, folder: Path, key: str, title: str) -> None:
+    with report.part(f"pictures of {title}"):
+        from windmark.app.pictures import png
+
+        mesh, fields = io.read_nodes_netcdf(folder / FRAMES / f"{key}.nc")[:2]
+        pose = run.deforming.test.stations[0].cam_from_tunnel
+        view = {"direction": pose.rotation[2], "up": -pose.rotation[1]}
+        count = 0
+        for name, label in DRAWN:
+            values = np.asarray(fields[name], dtype=float) if name in fields else np.zeros(0)
+            if np.isfinite(values).any():
+                report.picture(png(cp_map(mesh, values, f"{title}: {label}", label, **view), 70), f"{title}: {label}")
+                count += 1
+        if "heat_flux" in fields and np.isfinite(flux := np.asarray(fields["heat_flux"], dtype=float)).any():
+            flags = np.asarray(fields["flags"], dtype=float).astype(int)
+            report.picture(png(flags_map(mesh, flags, flux, f"{title}: flags", **view), 70), f"{title}: flags")
+            count += 1
+        report.side_by_side(count)
+
+
+def _set_up(report: Report, run: InfraredRun) -> None:
+    from windmark.app.infrared_verb import noise_kelvin
+
+    report.heading("Cameras, surface and walls")
+    for name, sensor in run.sensors.items():
+        low, high = sensor.radiance.t_range
+        dead = 0 if sensor.dead is None else int(sensor.dead.sum())
+        noise = f"{1e3 * noise_kelvin(run, name):.0f} mK at {run.surface.surroundings:g} K"
+        report.text(f"Camera {name}: {sensor.entry.quantity}, {low:.4g} to {high:.4g} K, noise of a pixel {noise}, "
+                    f"{dead} dead pixels")  # fmt: skip
+    s = run.project.surface
+    emissivity = f"{s.emissivity}" if s.table is None else f"by {s.table.name}"
+    report.text(f"Surface: emissivity {emissivity}, relative sigma {s.emissivity_sigma:g}, surroundings "
+                f"{s.surroundings_K:g} ± {s.surroundings_sigma_K:g} K")  # fmt: skip
+    for entry in run.project.wall:
+        of = ", ".join(entry.volumes) or "all volumes"
+        layers = ", ".join(
+            f"{'' if one.thickness_mm is None else f'{one.thickness_mm:g} mm of '}effusivity {one.layer.effusivity:.4g}"
+            for one in entry.layer
+        )
+        report.text(f"Wall of {of}: {layers} W s½/(m² K), {entry.back}, relative sigma {entry.relative_sigma:g}")
+    for remark in run.remarks:
+        report.text(remark, "soft")

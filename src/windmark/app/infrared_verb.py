@@ -1,0 +1,118 @@
+"""The verb `windmark infrared`: reduce an infrared run, write whole, say how it went."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from windmark import io
+from windmark.app import console
+from windmark.app.alone import not_drawn
+from windmark.app.infrared_report import infrared_page
+from windmark.app.series_folder import series_folder
+from windmark.pipeline.infrared import (
+    FAILED,
+    FrameRecord,
+    InfraredResult,
+    InfraredRun,
+    load_infrared,
+    read_infrared_project,
+    reduced,
+    run_infrared,
+)
+
+Record = dict[str, Any]
+
+SHOWN = 20
+"""Frames with something to be said that are listed on the terminal; all are in the report."""
+
+
+def infrared(path: Path, output: Path | None, go_on: str, as_json: bool) -> None:
+    """Reduce every frame of a project; ``go_on`` "resume" or "finish" what was stopped, "" begins anew."""
+    start = time.perf_counter()
+    run = load_infrared(read_infrared_project(path, output))
+    for remark in run.remarks:
+        console.note(path, remark)
+    folder = run.project.output.folder
+    with console.progress(len(run.timeline.frames)) as show, series_folder(folder, go_on) as (out, go_on):
+        result = run_infrared(
+            run, out.place, say=lambda r: show(f"frame {r.key}: {r.status}"), resume=go_on == "resume",
+            finish=go_on == "finish",
+        )  # fmt: skip
+        show("draw the report")
+        record = summary(run, result)
+        page = infrared_page(run, result, out.place)
+        (out.place / "report.html").write_text(page.html(), encoding="utf-8")
+        record |= {"not_drawn": page.failed, "seconds": time.perf_counter() - start}
+        io.write_json(out.place / "summary.json", record)
+        out.refused = not reduced(result.records)
+    record["folder"] = folder
+    good = bool(reduced(result.records))
+    if good or not as_json:
+        console.answer(record, as_json, [
+            *_lines(result), *not_drawn(record["not_drawn"]), f"report: {folder / 'report.html'}",
+        ])  # fmt: skip
+    if not good:
+        why = result.records[0].reason if result.records else "there are no frames"
+        console.refuse(f"no frame could be reduced; the first: {why}", as_json, record)
+
+
+def summary(run: InfraredRun, result: InfraredResult) -> Record:
+    """The figures of a run."""
+    done = reduced(result.records)
+    out: Record = {
+        "frames": len(result.records), "reduced": len(done), "failed": sum(r.status == FAILED for r in result.records),
+        "cameras": {name: {"noise_K": noise_kelvin(run, name)} for name in run.sensors},
+        "remarks": [*run.remarks, *result.remarks],
+        "results": [_frame(r) for r in result.records],
+    }  # fmt: skip
+    if result.steady is not None:
+        field = result.steady.field
+        out["mean"] = {"frames": len(done) - len(result.steady.left_out),
+                       "median_temperature_K": float(np.median(field.value[field.known])),
+                       "median_sigma_K": float(np.median(field.sigma[field.known])),
+                       "scatter_over_noise": result.steady.excess}  # fmt: skip
+    return out
+
+
+def noise_kelvin(run: InfraredRun, camera: str) -> float:
+    """Noise of a camera's pixel at the surroundings' temperature."""
+    sensor = run.sensors[camera]
+    return float(np.sqrt(sensor.noise) / sensor.radiance.slope(run.surface.surroundings))
+
+
+def _frame(r: FrameRecord) -> Record:
+    out: Record = {"frame": r.key, "time_s": r.time_s if np.isfinite(r.time_s) else None, "status": r.status,
+                   "reason": r.reason, "remarks": list(r.remarks)}  # fmt: skip
+    if r.status == FAILED:
+        return out
+    flux = {} if not np.isfinite(r.median_q) else {
+        "median_heat_flux": r.median_q, "median_sigma_heat_flux": r.median_sigma_q, "flagged": r.flagged,
+    }  # fmt: skip
+    return out | {
+        "rms_px": r.rms_px, "seen": r.seen, "cameras": list(r.cameras), "median_temperature_K": r.median_T,
+        "median_sigma_temperature_K": r.median_sigma_T, **flux,
+        "causes": {k: [[n, s] for n, s in of[:5]] for k, of in r.causes.items()}, "seconds": r.seconds,
+    }  # fmt: skip
+
+
+def _lines(result: InfraredResult) -> list[str]:
+    """The result in words."""
+    records, done = result.records, reduced(result.records)
+    lines = [f"{len(records)} frames: {len(done)} reduced, {len(records) - len(done)} failed"]
+    told = [r for r in records if r.reason or r.remarks]
+    lines += [f"  frame {r.key}: {'; '.join(filter(None, (r.reason, *r.remarks)))}" for r in told[:SHOWN]]
+    lines += [f"  ... {len(told) - SHOWN} more frames (frames.csv)"] if len(told) > SHOWN else []
+    lines += [f"  {remark}" for remark in result.remarks]
+    for r in done[:1] + done[1:][-1:]:
+        flux = (f", heat flux {r.median_q:.0f} ± {r.median_sigma_q:.0f} W/m2" if np.isfinite(r.median_q) else "")
+        lines.append(f"  frame {r.key}: {100 * r.seen:.0f} % of the nodes seen, temperature {r.median_T:.2f} ± "
+                     f"{r.median_sigma_T:.2f} K{flux} (medians, 1 sigma)")  # fmt: skip
+    if result.steady is not None:
+        field = result.steady.field
+        lines.append(f"  mean of the frames: {np.median(field.value[field.known]):.2f} ± "
+                     f"{np.median(field.sigma[field.known]):.3f} K (medians, 1 sigma)")  # fmt: skip
+    return lines

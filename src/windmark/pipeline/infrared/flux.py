@@ -1,0 +1,188 @@
+"""Heat flux of all nodes from the stored temperatures of all frames: by camera, so that cameras' offsets drop out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.io.atomic import atomic_path
+from windmark.paint import FluxOperator, NodeField, before_start, flux_operator, lateral_conductance, node_laplacian
+from windmark.pipeline.infrared.load import InfraredRun
+from windmark.pipeline.infrared.store import MODES, VALUE, WEIGHT, WHITE, Store
+from windmark.tasks.infrared import LATERAL, NO_WALL, CameraTemperature, history_flux, merged_temperature
+from windmark.tasks.infrared.histories import TESTED, TIME_STEP
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.uint16]
+
+BLOCK = 4096
+"""Nodes whose histories are in memory at a time."""
+NEW = ("registration:1", "registration:2", "registration:3")
+"""Causes that are new in every frame."""
+WALL = "wall"
+
+
+def make_fluxes(run: InfraredRun, store: Store, indices: Sequence[int]) -> tuple[int, ...]:
+    """Write each camera's heat flux into the store, from the frames that have temperatures; (F,) those frames.
+
+    Nothing is written where no wall was given, or fewer than two frames are there or none of them before the heating.
+    """
+    heat = run.project.heat
+    if heat is None or not run.walls or len(indices) < 2:
+        return ()
+    times = run.times[list(indices)]
+    before = before_start(times, heat.start_s)
+    if not before.any() or before.all():
+        return ()
+    operators = [flux_operator(times, wall, heat.start_s) for wall in run.walls]
+    for camera in store.cameras:
+        rows = flux_rows(store, camera)
+        shape = (len(indices), len(rows), len(run.mesh.vertices))
+        with atomic_path(store.flux_file(camera)) as new:
+            out = np.lib.format.open_memmap(new, mode="w+", dtype=np.float32, shape=shape)
+            for first in range(0, shape[2], BLOCK):
+                nodes = slice(first, min(first + BLOCK, shape[2]))
+                out[:, :, nodes] = _block(run, store, camera, indices, operators, nodes, rows)
+            out.flush()
+            del out
+    return tuple(indices)
+
+
+def flux_rows(store: Store, camera: str) -> tuple[str, ...]:
+    """What a camera's file of heat flux has of every node and frame."""
+    lasting = [m for m in (*MODES, *store.rows(camera)[4 + len(MODES) :]) if m not in NEW]
+    return (VALUE, WHITE, WEIGHT, "flags", *lasting, *(f"{m} {w}" for m in NEW for w in ("now", "before")),
+            TIME_STEP, WALL)  # fmt: skip
+
+
+def _block(
+    run: InfraredRun, store: Store, camera: str, indices: Sequence[int], operators: Sequence[FluxOperator],
+    nodes: slice, rows: tuple[str, ...],
+) -> Array:  # fmt: skip
+    """(F, R, H) of a block of nodes."""
+    assert run.project.heat is not None
+    have = store.histories(camera, indices, nodes)
+    out = np.zeros((len(indices), len(rows), nodes.stop - nodes.start), np.float32)
+    out[:, rows.index(VALUE)] = np.nan
+    out[:, rows.index(WEIGHT)] = have[WEIGHT].T
+    wall_of = run.wall_of[nodes]
+    out[:, rows.index("flags")] = np.where(wall_of < 0, NO_WALL, 0)[None]
+    lasting = [r for r in rows if r in have and r not in (VALUE, WHITE, WEIGHT, "flags")]
+    for k, (operator, wall) in enumerate(zip(operators, run.walls, strict=True)):
+        own = np.flatnonzero(wall_of == k)
+        if not len(own):
+            continue
+        temperature = have[VALUE][own]
+        whole = temperature[np.isfinite(temperature).all(axis=1)]
+        tried = whole[np.linspace(0, len(whole) - 1, min(TESTED, len(whole))).astype(int)] if len(whole) else None
+        done = history_flux(
+            temperature, have[WHITE][own], {m: have[m][own] for m in lasting}, operator, wall,
+            curvature=run.curvature[nodes][own], longest_gap=run.project.heat.longest_gap,
+            once={m: have[m][own] for m in NEW}, tried=tried,
+        )  # fmt: skip
+        out[:, rows.index(VALUE), own] = done.flux.T
+        out[:, rows.index(WHITE), own] = done.white.T
+        out[:, rows.index("flags"), own] = done.flags.T
+        for name, columns in done.modes.items():
+            out[:, rows.index(name), own] = columns.T
+        out[:, rows.index(WALL), own] = wall.relative_sigma * np.nan_to_num(done.flux.T)
+    return out
+
+
+@dataclass(frozen=True, eq=False)
+class FrameFields:
+    """What is known of a frame at the V nodes.
+
+    Parameters
+    ----------
+    temperature, flux : kelvin, W / m2; ``flux`` None without walls
+    flags : (V,) bits of `tasks.infrared.FLAGS`
+    source : (V,) int8, which camera counts most for the temperature
+    """
+
+    temperature: NodeField
+    flux: NodeField | None
+    flags: Flags
+    source: NDArray[np.int8]
+
+
+class FieldMaker:
+    """Makes the fields of one frame after the other from the store."""
+
+    def __init__(self, run: InfraredRun, store: Store, frames: Sequence[int]) -> None:
+        self._run, self._store, self._place = run, store, {index: f for f, index in enumerate(frames)}
+        self._files = {c: np.load(store.flux_file(c), mmap_mode="r") for c in store.cameras} if frames else {}
+        heat = run.project.heat
+        self._initial: tuple[Array, Array] | None = None
+        if frames and heat is not None:
+            scaled = replace(run.mesh, vertices=run.mesh.vertices * run.metres)
+            self._along = node_laplacian(scaled)
+            self._square = self._along.multiply(self._along)
+            before = before_start(run.times[list(frames)], heat.start_s)
+            self._initial = self._mean([i for i, b in zip(frames, before, strict=True) if b])
+
+    def _mean(self, indices: Sequence[int]) -> tuple[Array, Array]:
+        """(V,) mean of merged temperatures over frames, and its variance by noise."""
+        values, noise = [], []
+        for index in indices:
+            merged, _ = merged_temperature(self._store.temperatures(index))
+            if merged is not None:
+                values.append(np.where(merged.field.known, merged.field.value, np.nan))
+                noise.append(np.where(merged.field.known, merged.field.white, np.nan))
+        stack, white = np.array(values), np.array(noise)
+        count = np.isfinite(stack).sum(axis=0)
+        total = np.where(count > 0, np.nansum(stack, axis=0), np.nan) / np.maximum(count, 1)
+        return total, np.nansum(white, axis=0) / np.maximum(count, 1) ** 2
+
+    def fields(self, index: int) -> FrameFields:
+        """Of a frame that has temperatures."""
+        merged, flags = merged_temperature(self._store.temperatures(index))
+        assert merged is not None
+        place = self._place.get(index)
+        if place is None:
+            return FrameFields(merged.field, None, flags, merged.source)
+        own = {c: self._of_camera(c, place) for c in self._store.cameras}
+        done, why = merged_temperature(own)
+        if done is None:
+            count = len(merged.field)
+            nothing = NodeField(np.full(count, np.nan), np.zeros(count), np.zeros((count, 0)), (), "W/m2")
+            return FrameFields(merged.field, nothing, flags | why, merged.source)
+        flux = replace(done.field, unit="W/m2")
+        kept = np.bitwise_and.reduce([np.where(c.field.known, c.flags, 0xFFFF).astype(np.uint16) for c in own.values()])
+        flags = flags | np.where(flux.known, kept, why).astype(np.uint16)
+        return FrameFields(merged.field, flux, self._sideways(index, merged.field, flux, flags), merged.source)
+
+    def _of_camera(self, camera: str, place: int) -> CameraTemperature:
+        """A camera's heat flux of a frame, with its weight."""
+        rows, data = flux_rows(self._store, camera), np.asarray(self._files[camera][place], dtype=float)
+        modes = [k for k in range(4, len(rows)) if data[k].any()]
+        names = tuple(_renamed(rows[k]) for k in modes)
+        good = np.isfinite(data[0])
+        field = NodeField(data[0], np.where(good, data[1], 0.0), data[modes].T * good[:, None], names, "W/m2")
+        return CameraTemperature(field, np.where(good, data[2], 0.0), data[3].astype(np.uint16))
+
+    def _sideways(self, index: int, temperature: NodeField, flux: NodeField, flags: Flags) -> Flags:
+        """Flags with those of nodes whose heat flows along the surface, by more than noise."""
+        run, heat = self._run, self._run.project.heat
+        assert heat is not None
+        assert self._initial is not None
+        since = float(run.times[index]) - heat.start_s
+        rise = np.where(temperature.known, temperature.value, np.nan) - self._initial[0]
+        curve = self._along @ rise
+        noise = np.sqrt(np.maximum(self._square @ (temperature.white + self._initial[1]), 0.0))
+        by = np.array([lateral_conductance(w, since) for w in run.walls])[run.wall_of]
+        with np.errstate(invalid="ignore"):
+            sure = by * (np.abs(curve) - 2 * noise) > heat.most_lateral * np.abs(flux.value)
+        return np.where(sure & (run.wall_of >= 0), flags | LATERAL, flags).astype(np.uint16)
+
+
+def _renamed(row: str) -> str:
+    """``registration:2 now`` is the second column of the cause ``registration now``."""
+    cause, _, rest = row.partition(":")
+    number, _, word = rest.partition(" ")
+    return row if not word else f"{cause} {word}:{number}"
+
+

@@ -1,0 +1,208 @@
+"""A whole infrared run: the model followed through the frames, temperatures, then heat flux from their histories."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field, replace
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from windmark.errors import WindmarkError
+from windmark.paint import dominant
+from windmark.pipeline import same_run
+from windmark.pipeline.deform.follow import follow_deformation
+from windmark.pipeline.deform.resume import inputs as deform_inputs
+from windmark.pipeline.deform.resume import named, pictures_of
+from windmark.pipeline.deform.run import zeroed
+from windmark.pipeline.deform.task import DeformedFrame, FrameImages
+from windmark.pipeline.infrared.flux import FieldMaker, FrameFields, make_fluxes
+from windmark.pipeline.infrared.frame import run_frame
+from windmark.pipeline.infrared.load import InfraredRun, as_deform
+from windmark.pipeline.infrared.outputs import PointHistories, reduced, write_frame, write_tables
+from windmark.pipeline.infrared.record import FAILED, FrameRecord
+from windmark.pipeline.infrared.steady import SteadyMap, steady_map
+from windmark.pipeline.infrared.store import Store
+from windmark.pipeline.resume import CHUNK, SeriesJournal, check_state, read_stopped
+from windmark.tasks.infrared import CURVED, LATE, LATERAL
+
+MEAN = "mean"
+"""Name of the steady map among the frames."""
+DOUBTFUL = LATE | LATERAL | CURVED
+
+
+@dataclass
+class InfraredResult:
+    """What is left of a run when it is over.
+
+    Parameters
+    ----------
+    records : of every frame
+    points : histories at the wanted points
+    steady : the mean of the frames; None where heat flux was wanted
+    remarks : what is to be said of the whole run
+    """
+
+    records: list[FrameRecord]
+    points: PointHistories
+    steady: SteadyMap | None = None
+    remarks: list[str] = field(default_factory=list)
+
+
+def run_infrared(
+    run: InfraredRun,
+    folder: Path,
+    *,
+    say: Callable[[FrameRecord], None] = lambda _: None,
+    resume: bool = False,
+    finish: bool = False,
+) -> InfraredResult:
+    """Reduce all frames and write their results.
+
+    A frame that cannot be reduced has a record with the reason, and its nodes have a gap there. Beside the results
+    stands a journal, with which a run that was stopped goes on; heat flux is then made anew from all frames.
+
+    Parameters
+    ----------
+    run : see `load_infrared`
+    folder : existing, that the results go to
+    say : called with the record of every frame
+    resume : go on with the run that was stopped in ``folder``
+    finish : only bring that run's results to their end, with the frames that it has reduced
+
+    Raises
+    ------
+    FileError
+        Where results cannot be written, no wind-off frame can be used, there is no run to go on with, or what it was
+        made with has changed.
+    """
+    made = made_with(run)
+    if resume or finish:
+        same_run.check_begun(folder, made)
+    loaded = zeroed(run.deforming, run.timeline)[0]
+    run = replace(run, deforming=loaded)
+    names = named(loaded.test)
+    stopped = read_stopped(folder, names, to_go_on=not finish) if resume or finish else None
+    store = Store(folder, tuple(run.sensors))
+    records: list[FrameRecord] = [] if stopped is None else list(stopped.frames)
+    handed_on: dict[str, Any] = {}
+    frames: Iterable[FrameImages] = run.timeline.frames
+    if stopped is not None:
+        if not finish:
+            check_state(folder, stopped)
+        now = [(f.key, pictures_of(f)) for f in run.timeline.frames[: len(records)]]
+        same_run.check_pictures(folder, records, now)
+        handed_on.update(stopped.handed_on(names))
+        frames = [] if finish else islice(frames, len(records), None)
+    journal = SeriesJournal(folder, names, stopped)
+    try:
+        if stopped is None:
+            journal.begin(made, {})
+        for record in _follow(run, store, frames, handed_on):
+            journal.add(record, handed_on)
+            records.append(record)
+            if len(records) % CHUNK == 0:
+                journal.sync()
+            say(record)
+    finally:
+        journal.close()
+    return _finished(run, store, folder, records)
+
+
+def _follow(
+    run: InfraredRun, store: Store, frames: Iterable[FrameImages], handed_on: dict[str, Any]
+) -> Iterator[FrameRecord]:
+    """The records of the frames; what they leave is in the store before."""
+    taken: list[FrameImages] = []
+
+    def noted() -> Iterator[FrameImages]:
+        for images in frames:
+            taken.append(images)
+            yield images
+
+    for frame in follow_deformation(noted(), run.deforming.test, handed_on=handed_on):
+        yield one_frame(run, store, frame, taken.pop(0))
+
+
+def one_frame(run: InfraredRun, store: Store, frame: DeformedFrame, images: FrameImages) -> FrameRecord:
+    """Reduce a frame and put it into the store; whatever is wrong with its data becomes its record's reason."""
+    pictures = pictures_of(images)
+    try:
+        done = run_frame(run, frame, images, pictures)
+    except WindmarkError as error:
+        return FrameRecord(frame.key, frame.index, float(run.times[frame.index]), pictures, FAILED, str(error))
+    store.put(frame.index, done.vertices, done.cameras)
+    return done.record
+
+
+def _finished(run: InfraredRun, store: Store, folder: Path, records: list[FrameRecord]) -> InfraredResult:
+    """Heat flux or the mean, and all files."""
+    good = [r.index for r in reduced(records)]
+    remarks: list[str] = []
+    done = make_fluxes(run, store, good)
+    if run.walls and good and not done:
+        remarks.append("there is no heat flux: no frame with temperatures is left before the heating began, or after")
+    maker, points = FieldMaker(run, store, done), PointHistories(run)
+    out, every = [], run.project.output.every
+    last = good[-1] if good else -1
+    for record in records:
+        if record.index not in good:
+            out.append(record)
+            continue
+        fields = maker.fields(record.index)
+        record = _with_flux(record, fields)
+        points.add(record, fields)
+        if record.index % every == 0 or record.index == last:
+            write_frame(folder, run, record, run.mesh.moved(store.vertices(record.index)), fields)
+        out.append(record)
+    result = InfraredResult(out, points, None, remarks)
+    if not run.walls and len(good) > 1:
+        _steady(run, store, folder, result, good)
+    write_tables(folder, run, out)
+    points.write(folder)
+    return result
+
+
+def _with_flux(record: FrameRecord, fields: FrameFields) -> FrameRecord:
+    q = fields.flux
+    if q is None or not q.known.any():
+        return record
+    on = q.known
+    return replace(
+        record, median_q=float(np.median(q.value[on])), median_sigma_q=float(np.median(q.sigma[on])),
+        flagged=float(np.mean((fields.flags[on] & DOUBTFUL) > 0)), causes={**record.causes, "q": dominant(q)},
+    )  # fmt: skip
+
+
+def _steady(run: InfraredRun, store: Store, folder: Path, result: InfraredResult, good: list[int]) -> None:
+    """The mean over all frames, on the grid at rest."""
+    mean = steady_map(store, good)
+    if isinstance(mean, str):
+        result.remarks.append(f"there is no mean map: {mean}")
+        return
+    result.steady = mean
+    key = {r.index: r.key for r in result.records}
+    result.remarks += [f"frame {key[i]} does not count in the mean: {why}" for i, why in mean.left_out.items()]
+    none = np.where(mean.count > 0, 0, 1).astype(np.uint16)
+    fields = FrameFields(mean.field, None, none, np.where(mean.count > 0, 0, -1).astype(np.int8))
+    record = FrameRecord(MEAN, -1, float("nan"), {}, "reduced", causes={"T": dominant(mean.field)})
+    write_frame(folder, run, record, run.mesh, fields)
+
+
+def made_with(run: InfraredRun) -> dict[str, Any]:
+    """See `same_run.made_with`; where the results go is left out."""
+    project = run.project
+    options = json.loads(project.model_dump_json(exclude={"path": True, "output": {"folder"}}))
+    files = deform_inputs(as_deform(project))
+    for c in project.camera:
+        files += [] if c.black_bodies is None else [(f"camera {c.name}: black_bodies", c.black_bodies)]
+        for k, pattern in enumerate(c.even):
+            found = sorted(project.path.parent.glob(pattern)) if not Path(pattern).is_absolute() else []
+            files += [(f"camera {c.name}: even[{k}] {p.name}", p) for p in found]
+    if project.surface.table is not None:
+        files.append(("surface.table", project.surface.table))
+    files += [(f"points {p.label}: file", p.file) for p in project.points]
+    return same_run.made_with("infrared", {f"[{k}] of the project": v for k, v in options.items()}, files)

@@ -1,0 +1,155 @@
+"""What a camera's numbers say: the signal of its calibration, pixels made equal by even pictures, and noise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark import io
+from windmark.paint import NotFitted, PlanckBand, SensorRadiance, fit_sensor_radiance
+from windmark.paint.radiance import Radiance
+from windmark.pipeline.deform.frames import files_of
+from windmark.pipeline.deform.spots import read
+from windmark.pipeline.deform.task import Station
+from windmark.pipeline.infrared.project import CameraEntry, InfraredProject
+from windmark.pipeline.psp.table import TEMPERATURE, temperatures
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+ODD = 2.0
+"""Factor on the median response from which on, and below which, a pixel is dead."""
+HOT = 5.0
+"""So many times the median scatter is no noise."""
+PLATEAU, STEP = 20, 5
+"""So many pixels at the picture's largest number, and so many times as many as one below, are a clipped picture."""
+
+
+@dataclass(frozen=True, eq=False)
+class ThermalSensor:
+    """A camera.
+
+    Parameters
+    ----------
+    radiance : black body's signal
+    entry : of the project: how numbers become a signal
+    cold, hot : (H, W) signal of the even pictures, means; None without
+    frames : pictures in each of these
+    noise : variance of a pixel's signal
+    dead : (H, W) pixels that do not count; None: all do
+    """
+
+    radiance: Radiance
+    entry: CameraEntry
+    cold: Array | None
+    hot: Array | None
+    frames: int
+    noise: float
+    dead: Mask | None
+
+    def signal(self, picture: NDArray[np.generic]) -> tuple[Array, Array, Mask]:
+        """Signal (H, W), its variance and which pixels are saturated; NaN where a pixel does not count."""
+        value = to_signal(self.entry, self.radiance, picture)
+        full = _full(picture, self.entry.saturation)
+        variance = np.full(value.shape, self.noise)
+        if self.cold is not None and self.hot is not None:
+            a, b = self.cold, self.hot
+            with np.errstate(invalid="ignore", divide="ignore"):
+                part, gain = (value - a) / (b - a), (np.nanmedian(b) - np.nanmedian(a)) / (b - a)
+            value = np.nanmedian(a) + part * (np.nanmedian(b) - np.nanmedian(a))
+            variance = gain**2 * variance * (1 + ((1 - part) ** 2 + part**2) / self.frames)
+        elif self.cold is not None:
+            value = value - self.cold + np.nanmedian(self.cold)
+            variance = variance * (1 + 1 / self.frames)
+        bad = full if self.dead is None else full | self.dead
+        return np.where(bad, np.nan, value), np.where(bad, np.nan, variance), full
+
+
+def to_signal(entry: CameraEntry, radiance: Radiance, picture: NDArray[np.generic]) -> Array:
+    """Numbers of a picture in the unit of its radiance."""
+    value = entry.offset + entry.scale * np.asarray(picture, dtype=float)
+    if entry.quantity == "temperature":
+        factor, offset = TEMPERATURE[entry.unit]
+        return np.asarray(_interpolated(radiance, value * factor + offset))
+    return value
+
+
+def _interpolated(radiance: Radiance, kelvin: Array) -> Array:
+    """The band's radiance by a table over the picture's range: as exact as the numbers themselves."""
+    low, high = float(np.nanmin(kelvin)), float(np.nanmax(kelvin))
+    grid = np.linspace(max(low, 20.0), max(high, 21.0), 4097)
+    return np.interp(kelvin, grid, radiance.radiance(grid))
+
+
+def _full(picture: NDArray[np.generic], saturation: float | None) -> Mask:
+    """Saturated pixels: by the project's number, or because many are clipped at the largest one."""
+    if saturation is not None:
+        return np.asarray(picture >= saturation)  # type: ignore[operator]
+    if picture.dtype.kind not in "ui":
+        return np.zeros(picture.shape, bool)
+    top = int(picture.max())
+    count, below = int((picture == top).sum()), int((picture == top - 1).sum())
+    clipped = count >= PLATEAU and count > STEP * below
+    return np.asarray(picture == top) if clipped else np.zeros(picture.shape, bool)
+
+
+def read_sensor(project: InfraredProject, index: int, station: Station) -> ThermalSensor:
+    """A camera's calibration, even pictures and noise.
+
+    Raises
+    ------
+    FileError
+        For tables that say no calibration, patterns that name no picture, and even pictures that do not differ.
+    """
+    entry, key = project.camera[index], f"camera[{index}]"
+    radiance = _radiance(entry)
+    stacks = [
+        np.stack([to_signal(entry, radiance, p) for p in _even(project, f"{key}.even", pattern, station)])
+        for pattern in entry.even
+    ]
+    means = [s.mean(axis=0) for s in stacks]
+    scatter = [s.var(axis=0, ddof=1) for s in stacks if len(s) > 1]
+    if entry.netd_K is not None:
+        noise = (entry.netd_K * float(radiance.slope(entry.netd_at_K))) ** 2
+    elif scatter:
+        noise = float(np.mean([np.mean(s[s < HOT**2 * np.median(s)]) for s in scatter]))
+    else:
+        raise io.FileError(project.path, "one even picture says no noise; expected several, or netd_K", f"{key}.even")
+    dead = None
+    if len(means) == 2:
+        means.sort(key=lambda m: float(np.median(m)))
+        rise = means[1] - means[0]
+        if not float(np.median(rise)) > 5 * np.sqrt(noise):
+            why = "the two even pictures hardly differ; expected a colder and a warmer black body"
+            raise io.FileError(project.path, why, f"{key}.even")
+        dead = ~((rise > np.median(rise) / ODD) & (rise < np.median(rise) * ODD))
+    for s in scatter:
+        noisy = s > HOT**2 * np.median(s)
+        dead = noisy if dead is None else dead | noisy
+    cold, hot = (*means, None, None)[:2]
+    return ThermalSensor(radiance, entry, cold, hot, min((len(s) for s in stacks), default=1), noise, dead)
+
+
+def _radiance(entry: CameraEntry) -> Radiance:
+    if entry.planck is not None:
+        p = entry.planck
+        return SensorRadiance(p.R, p.B, p.O, p.t_range_K)
+    if entry.black_bodies is None:
+        assert entry.band_um is not None
+        return PlanckBand(*entry.band_um)
+    table = io.read_table(entry.black_bodies, required=("counts",), known=None)
+    sigma = table.numbers("sigma") if "sigma" in table else None
+    fit = fit_sensor_radiance(temperatures(table, "temperature"), table.numbers("counts"), signal_sigma=sigma)
+    if isinstance(fit, NotFitted):
+        raise io.FileError(entry.black_bodies, fit.reason)
+    return fit
+
+
+def _even(project: InfraredProject, key: str, pattern: str, station: Station) -> list[Any]:
+    files = files_of(project.path.parent / pattern)
+    if not files:
+        raise io.FileError(project.path, f"no file matches {pattern!r} beside the project", key)
+    return [read(file, station) for file in files]
