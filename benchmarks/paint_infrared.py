@@ -5,7 +5,8 @@
 The wing moves by some 10 px, bends and heats up by 2 to 6 K in a second before two cameras; what the project says of
 emissivity, surroundings and walls is off the truth by its sigma. The truth is that of the virtual test, whose walls are
 followed by finite differences. Several ways side by side: everything corrected; emissivity that does not fall with the
-angle; nothing reflected; the grid left where it was at first; no curvature. Errors are those of nodes without a doubt;
+angle; nothing reflected; the grid left where it was at first; no curvature. Errors are those of nodes that a way's own
+flags call sound (without curvature none is called too sharply bent);
 "steady" leaves out the first third of a second of heating, which the samples hardly resolve.
 """
 

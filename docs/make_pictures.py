@@ -62,6 +62,7 @@ def main() -> None:
         pair_pictures,
         deformation_pictures,
         paint_pictures,
+        infrared_pictures,
         law_pictures,
         merged_pictures,
     ):

@@ -144,6 +144,14 @@ def test_bad_frames_stop_no_others_and_leave_gaps_that_are_flagged(windmark, cop
     assert np.mean(np.abs(off[on]) < 1.96) > 0.85
 
 
+def test_heating_that_began_before_its_start_is_told(windmark, copied):
+    short(copied, 11)
+    replaced(copied / "infrared.toml", ("start_s = 0.28", "start_s = 0.42"))
+    done = windmark("infrared", copied / "infrared.toml", "--json")
+    assert done.code == 0, done.err
+    assert any("rises by" in r and "before heat.start_s" in r for r in done.json["remarks"]), done.json["remarks"]
+
+
 def test_without_walls_there_are_temperatures_and_their_mean(windmark, copied):
     short(copied, 5)
     text = (copied / "infrared.toml").read_text()

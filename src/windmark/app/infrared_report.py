@@ -47,6 +47,7 @@ def infrared_page(run: InfraredRun, result: InfraredResult, folder: Path) -> Rep
         report.drawing("picture of the medians", lambda: medians_picture(done, start), "Medians over the nodes")
         report.heading("On the surface")
         drawn = [r for r in done if (folder / FRAMES / f"{r.key}.nc").exists()]
+        drawn = [r for r in drawn if np.isfinite(r.median_q)] or drawn
         if result.steady is not None:
             _maps(report, run, folder, MEAN, "mean of the frames")
         pick = np.unique(np.linspace(0, len(drawn) - 1, min(MAPS, len(drawn))).astype(int))

@@ -19,7 +19,7 @@ from windmark.pipeline.deform.resume import inputs as deform_inputs
 from windmark.pipeline.deform.resume import named, pictures_of
 from windmark.pipeline.deform.run import zeroed
 from windmark.pipeline.deform.task import DeformedFrame, FrameImages
-from windmark.pipeline.infrared.flux import FieldMaker, FrameFields, make_fluxes
+from windmark.pipeline.infrared.flux import FieldMaker, FrameFields, make_fluxes, risen_before
 from windmark.pipeline.infrared.frame import run_frame
 from windmark.pipeline.infrared.load import InfraredRun, as_deform
 from windmark.pipeline.infrared.outputs import PointHistories, reduced, write_frame, write_tables
@@ -145,6 +145,8 @@ def _finished(run: InfraredRun, store: Store, folder: Path, records: list[FrameR
     done = make_fluxes(run, store, good)
     if run.walls and good and not done:
         remarks.append("there is no heat flux: no frame with temperatures is left before the heating began, or after")
+    if (said := risen_before(run, store, done)):
+        remarks.append(said)
     maker, points = FieldMaker(run, store, done), PointHistories(run)
     out, every = [], run.project.output.every
     last = good[-1] if good else -1
