@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.detection.quantile import weighted_quantile
+from windmark.detection.template.blocks import in_blocks
 from windmark.detection.template.fit import Batch, Fitted
 from windmark.detection.template.noise import FrameNoise, frame_noise
 from windmark.detection.template.odd import odd_ratio
@@ -176,4 +177,10 @@ def _learn_noise(scene: Scene, batches: list[Batch], clean: Bools) -> FrameNoise
     variance[[0, typical]] = variance[[typical, 0]]
     params[[0, typical]] = params[[typical, 0]]
     noise = frame_noise(images, jacobian, variance, level(params), scene.multiplicative)
-    return replace(noise, odd=odd_ratio(images, params[:, :2], variance)) if noise.is_white else noise
+    if noise.is_white:
+        return replace(noise, odd=odd_ratio(images, params[:, :2], variance))
+    pixel = np.concatenate([f.pixel for f in fitted])
+    pixel[[0, typical]] = pixel[[typical, 0]]
+    if in_blocks(images[:, 2], images[:, 3] != 0, pixel):
+        noise = replace(noise, odd=odd_ratio(images, params[:, :2], variance, smooth=True))
+    return noise

@@ -11,7 +11,9 @@ ratio of sum w o^2 to its expectation, w = a^T (sum a a^T)^-1 a with a the influ
 much a centre's variance is larger: the sandwich for unequal variances (White, Econometrica 48, 1980) of the odd part.
 
 Correlated residuals say no such thing. The lumps of a printed rim are odd and belong to the surface as its texture
-does: no other picture would show that centre elsewhere.
+does: no other picture would show that centre elsewhere. But a file that was compressed in blocks (`blocks`) has smooth
+errors which are larger where there is something to round, at the disc. Interpolation keeps more of what is smooth; so
+there the ratio counts beside that of all pixels alike.
 """
 
 from __future__ import annotations
@@ -29,7 +31,7 @@ LEAST = 0.25  # of a centre's variance: pictures drawn without noise leave resid
 FEW = 5  # markers whose scatter says how well the ratio is known
 
 
-def odd_ratio(images: Array, centre: Array, variance: Array) -> float:
+def odd_ratio(images: Array, centre: Array, variance: Array, *, smooth: bool = False) -> float:
     """Variance of centres over what least squares makes it from white residuals; 1 where nothing shows another one.
 
     Parameters
@@ -37,6 +39,7 @@ def odd_ratio(images: Array, centre: Array, variance: Array) -> float:
     images : (B, 4, S, S), `fit.Batch.images` of a frame's clean markers
     centre : (B, 2) from the middle of the images, px
     variance : (B,) residual variance of the fits
+    smooth : the residuals are correlated: how strong they are is asked of all pixels alike, and may only be too little
     """
     from windmark.detection.template._kernels.odd import odd_sums
 
@@ -46,10 +49,10 @@ def odd_ratio(images: Array, centre: Array, variance: Array) -> float:
     slopes = np.stack([images[:, 3] * x, images[:, 3] * x[:, None]], axis=1).reshape(influence.shape)
     taken = np.concatenate([influence, slopes], axis=1)
     weigh, known = (_inverse(rows @ rows.swapaxes(1, 2)) for rows in (influence, taken))
-    sums = np.empty((len(images), 2))
+    sums = np.empty((len(images), 4))
     odd_sums(images, centre + size // 2, weigh, known, sums)
     with np.errstate(divide="ignore", invalid="ignore"):
-        ratio = sums[:, 0] / (sums[:, 1] * variance)
+        ratio = sums[:, 0] / (sums[:, 1] * (sums[:, 2] / sums[:, 3] if smooth else variance))
     ratio = ratio[np.isfinite(ratio)]
     if len(ratio) < FEW:
         return 1.0
@@ -58,7 +61,8 @@ def odd_ratio(images: Array, centre: Array, variance: Array) -> float:
     if abs(off) <= doubt:
         return 1.0
     # What is stated too well does harm, what is stated too badly little: sigmas get smaller only as far as is sure.
-    return float(1.0 + off * (1.0 - (doubt / off) ** 2) if off > 0.0 else max(1.0 + off + doubt, LEAST))
+    least = 1.0 if smooth else LEAST
+    return float(1.0 + off * (1.0 - (doubt / off) ** 2) if off > 0.0 else max(1.0 + off + doubt, least))
 
 
 def _inverse(matrix: Array) -> Array:

@@ -12,7 +12,7 @@ from windmark.geometry._jit import nb
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def odd_sums(images: Any, centre: Any, weigh: Any, known: Any, out: Any) -> None:
-    """Of B markers (B, 2): sum of w o^2, and its expectation in white noise of variance 1.
+    """Of B markers (B, 4): sum of w o^2, its expectation in white noise of variance 1, and both with weights of 1.
 
     `images` (B, 4, S, S) as of `fit.Batch`, `centre` (B, 2) from their first pixel; w = a^T weigh a with a the
     influence of a pixel, `weigh` (B, 2, 2); `known` (B, 4, 4) the inverse normal matrix of the odd things that a fit
@@ -22,7 +22,7 @@ def odd_sums(images: Any, centre: Any, weigh: Any, known: Any, out: Any) -> None
     t, place, share = np.empty(4), np.empty((5, 2), np.int64), np.empty(5)
     for b in range(len(images)):
         image, matrix = images[b], weigh[b]
-        out[b, 0], out[b, 1] = 0.0, 0.0
+        out[b] = 0.0
         for j in range(size):
             for i in range(size):
                 if not _across(image[3], j, i, centre[b], place, share):
@@ -44,6 +44,8 @@ def odd_sums(images: Any, centre: Any, weigh: Any, known: Any, out: Any) -> None
                 weight = matrix[0, 0] * x * x + 2.0 * matrix[0, 1] * x * y + matrix[1, 1] * y * y
                 out[b, 0] += weight * odd * odd
                 out[b, 1] += weight * expected
+                out[b, 2] += odd * odd
+                out[b, 3] += expected
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
