@@ -121,8 +121,13 @@ def simulate_psp(
     ValueError
         For no incidence at all.
     """
-    shape_taps = tap_table()
-    test = psp_test(seed, incidences=incidences, size_px=size_px, taps=shape_taps, moves=moves)
+    test = psp_test(seed, incidences=incidences, size_px=size_px, taps=tap_table(), moves=moves)
+    write_psp_test(folder, test)
+    return test
+
+
+def write_psp_test(folder: Path, test: PspTest) -> None:
+    """Write the files of a test, see `simulate_psp`."""
     for name, camera in test.test.cameras.items():
         io.write_camera(folder / f"{name}.json", camera, test.test.cam_from_tunnel[name], unit="mm")
     io.write_markers(folder / "markers.csv", test.test.markers, length_unit="mm")
@@ -133,8 +138,7 @@ def simulate_psp(
     _write_readings(folder, test)
     _write_cell(folder, test)
     _write_truth(folder / "truth", test)
-    _write_project(folder, test, size_px)
-    return test
+    _write_project(folder, test)
 
 
 def _write_pictures(folder: Path, test: PspTest) -> None:
@@ -237,8 +241,9 @@ def _rows(path: Path, names: tuple[str, ...], rows: list[tuple]) -> None:
     io.write_table(path, {name: np.array(column) for name, column in zip(names, zip(*rows, strict=True), strict=True)})
 
 
-def _write_project(folder: Path, test: PspTest, size_px: tuple[int, int]) -> None:
+def _write_project(folder: Path, test: PspTest) -> None:
     shape = test.test.shape
+    size_px = next(iter(test.test.cameras.values())).size_px
     area, chord = reference_lengths(test)
     sensor = next(iter(test.cameras.values())).sensor
     volumes = ", ".join(f"{name} = {zones}" for name, zones in zones_of(test.mesh).items() if name != "wall")

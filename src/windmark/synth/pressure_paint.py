@@ -64,6 +64,33 @@ TYPICAL = SternVolmer(np.array([[0.17, 0.0006, 0.0], [0.88, 0.0072, 3e-5], [-0.0
 """A porphyrin paint: 0.83 % per per cent of pressure, 0.75 % per kelvin, slightly curved."""
 
 
+@dataclass(frozen=True, eq=False)
+class Glow:
+    """Light that the surface throws on itself, tabulated at N places of the model at rest.
+
+    Parameters
+    ----------
+    xyz, normal : (N, 3)
+    light : (N,) what is added to the surface's own, in the same unit
+    """
+
+    xyz: Array
+    normal: Array
+    light: Array
+
+    SIDES = 30.0
+    """Length by which opposite normals are apart: two sides of a thin wing are far from each other."""
+
+    def at(self, xyz: Array, normal: Array) -> Array:
+        """(N,) light at rest points with normals: the mean of the four nearest places, by their inverse distance."""
+        from scipy.spatial import cKDTree
+
+        tree = cKDTree(np.column_stack([self.xyz, self.SIDES * self.normal]))
+        distance, place = tree.query(np.column_stack([xyz, self.SIDES * normal]), k=4)
+        weight = 1 / np.maximum(distance, 1e-6)
+        return np.asarray((weight * self.light[place]).sum(axis=1) / weight.sum(axis=1))
+
+
 @dataclass(frozen=True)
 class SensitivePaint(Paint):
     """`Paint` that answers to pressure and temperature, and fades with the light that it had.
@@ -77,6 +104,7 @@ class SensitivePaint(Paint):
     fading_per_s : part of its light that it loses per second of unit light
     lit_s : how long the lamps have been on
     lamp_factor : of all lamps at this instant: they flicker
+    glow : what its sensitive volumes throw on each other; None: nothing
     """
 
     law: SternVolmer = field(default_factory=lambda: TYPICAL)
@@ -84,6 +112,7 @@ class SensitivePaint(Paint):
     fading_per_s: float = 0.0
     lit_s: float = 0.0
     lamp_factor: float = 1.0
+    glow: Glow | None = None
 
     @staticmethod
     def of(paint: Paint, law: SternVolmer = TYPICAL, *, fading_per_s: float = 0.0) -> SensitivePaint:
@@ -109,4 +138,6 @@ class SensitivePaint(Paint):
         out = self.lamp_factor * light * self.coating(p0, volume)
         if volume in self.sensitive:
             out *= np.exp(-self.fading_per_s * self.lit_s * light) / self.law.ratio(*self.air.state(p0, n0, volume))
+            if self.glow is not None:
+                out += self.lamp_factor * self.glow.at(p0, n0)
         return np.asarray(out)

@@ -31,7 +31,7 @@ def one_point(test: PspTest, folder: Path, row: PointRow) -> PointRecord:
 def pictures_of(test: PspTest, row: PointRow) -> dict[str, str]:
     """Kind and camera -> `same_run.picture_print` of a point's pictures."""
     out = {}
-    for kind, pattern in (("wind-on", row.on), ("wind-off", row.off)):
+    for kind, pattern in row.patterns.items():
         for camera in test.project.camera:
             files = pictures_named(test.project, pattern, camera.name) if pattern else []
             out[f"{kind} {camera.name}"] = " ".join(same_run.picture_print(f) for f in files)

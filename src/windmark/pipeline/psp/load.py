@@ -4,21 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from windmark import io
+from windmark.paint import TemperaturePaint, form_factors
 from windmark.pipeline.deform.load import Loaded, load
 from windmark.pipeline.deform.project import CameraEntry as DeformCamera
 from windmark.pipeline.deform.project import DeformProject
-from windmark.pipeline.psp.calibration import PaintCalibration, read_calibration
+from windmark.pipeline.lengths import Lengths
+from windmark.pipeline.psp.calibration import PaintCalibration, read_calibration, read_temperature_calibration
 from windmark.pipeline.psp.cell import calibrate_paint, read_cell
 from windmark.pipeline.psp.project import PspProject
 from windmark.pipeline.psp.sensors import CameraSensor, read_sensor
 from windmark.pipeline.psp.table import PointRow, SensorTable, read_points_table, read_sensors
 from windmark.scene import Mesh
-from windmark.tasks.psp import Lamp
+from windmark.tasks.psp import Lamp, Reflecting
 
 Array = NDArray[np.float64]
 
@@ -40,6 +43,9 @@ class PspTest:
     sensors : camera -> from grey levels to light
     taps, pressures, wells, readings : sensors on the model; None without
     lamps : the light that the model moves in
+    temperature_paint : its calibration; None without
+    polygons : corners (K, 3) of what is no paint
+    reflecting : the light that the model throws on itself, with form factors at rest; None: it is left
     remarks : what is odd but no error
     """
 
@@ -54,6 +60,9 @@ class PspTest:
     wells: io.PointList | None
     readings: SensorTable | None
     lamps: tuple[Lamp, ...]
+    temperature_paint: TemperaturePaint | None
+    polygons: tuple[Array, ...]
+    reflecting: Reflecting | None
     remarks: tuple[str, ...]
 
 
@@ -82,13 +91,15 @@ def load_psp(project: PspProject) -> PspTest:
         wells = lengths.points(warm.thermocouples)
         readings = read_sensors(warm.readings, "temperature", WELL_SIGMA_K)
         remarks += _strangers(readings, wells)
-    if not project.lamp:
+    if not project.lamp and not all("reference" in row.channels for row in rows):
         remarks.append("no [[lamp]] is given: light that changes because the model moves in it is neither corrected "
                        "nor in any sigma")  # fmt: skip
+    polygons = () if project.patches.polygons is None else read_polygons(project.patches.polygons, lengths)
     lamps = tuple(Lamp(lamp.position, lamp.power) for lamp in project.lamp)
     return PspTest(
         project, deforming, deforming.mesh, rows, paint, sensors, taps, pressures, wells, readings, lamps,
-        tuple(remarks),
+        None if warm.paint is None else read_temperature_calibration(warm.paint), polygons,
+        _reflecting(project, deforming.mesh), tuple(remarks),
     )  # fmt: skip
 
 
@@ -112,6 +123,36 @@ def _calibrated(project: PspProject) -> PaintCalibration:
         read_cell(paint.cell), p_ref_Pa=paint.p_ref_Pa, t_ref_K=paint.t_ref_K, orders=paint.orders, key="paint.cell"
     )
     return PaintCalibration.of_fit(fit, paint.cell)
+
+
+def _reflecting(project: PspProject, mesh: Mesh) -> Reflecting | None:
+    how = project.self_illumination
+    if how is None:
+        return None
+    return Reflecting(how.reflectivity, how.sigma, form_factors(mesh, facets=how.facets))
+
+
+def read_polygons(path: Path, lengths: Lengths) -> tuple[Array, ...]:
+    """A CSV table ``name,x,y,z``: the corners of each polygon in order; in the job's length unit.
+
+    Raises
+    ------
+    FileError
+        For a polygon of fewer than three corners, or whose corners lie on one line.
+    """
+    lengths.agree(path, io.read_marker_unit(path))
+    table = io.read_table(path, required=("name", "x", "y", "z"), known=None)
+    names = np.array(table.text("name"))
+    xyz = np.stack([table.numbers(a) for a in "xyz"], axis=1)
+    out = []
+    for name in dict.fromkeys(names.tolist()):
+        corners = xyz[names == name]
+        size = np.linalg.svd(corners - corners.mean(axis=0), compute_uv=False)
+        if len(corners) < 3 or not size[1] > 1e-9 * size[0]:
+            what = f"polygon {name!r} has {len(corners)} corners, on one line; expected at least three round a surface"
+            raise io.FileError(path, what, "name")
+        out.append(corners)
+    return tuple(out)
 
 
 def _strangers(table: SensorTable, places: io.PointList) -> list[str]:

@@ -10,7 +10,7 @@ from windmark.pipeline import same_run
 from windmark.pipeline.deform.resume import inputs as deform_inputs
 from windmark.pipeline.psp.load import PspTest
 from windmark.pipeline.psp.project import PspProject
-from windmark.pipeline.psp.sensors import pictures_named
+from windmark.pipeline.psp.sensors import named_file, pictures_named
 
 
 def made_with(test: PspTest) -> dict[str, Any]:
@@ -32,6 +32,10 @@ def inputs(test: PspTest) -> list[tuple[str, Path]]:
         out += [("taps.file", taps.file), ("taps.pressures", taps.pressures)]
     if warm.thermocouples is not None and warm.readings is not None:
         out += [("temperature.thermocouples", warm.thermocouples), ("temperature.readings", warm.readings)]
+    for file_key, path in (("temperature.paint", warm.paint), ("patches.polygons", project.patches.polygons)):
+        out += [] if path is None else [(file_key, path)]
+    if project.radiometry.linearity is not None:
+        out += [(f"radiometry.linearity of {c.name}", named_file(project, "linearity", c.name)) for c in project.camera]
     for key in ("dark", "flat"):
         pattern = getattr(project.radiometry, key)
         if pattern is not None:

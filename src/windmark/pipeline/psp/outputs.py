@@ -74,6 +74,8 @@ def node_fields(reduced: ReducedPoint) -> tuple[dict[str, NDArray], dict[str, st
     units |= {"cp": "1", "pressure": "Pa", "temperature": "K", "ratio": "1"}
     units |= {f"sigma_{name}": unit for name, unit in list(units.items())}
     out["flags"], out["filled"] = reduced.flags.astype(np.int32), reduced.filled.astype(np.int32)
+    if reduced.merged.self_lit is not None:
+        out["self_illumination"] = reduced.merged.self_lit.ratio.astype(np.float32)
     out["camera"] = reduced.merged.source.astype(np.int32)
     return out, units
 

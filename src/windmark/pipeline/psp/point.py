@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,27 +18,26 @@ from windmark.pipeline.deform.spots import read
 from windmark.pipeline.deform.task import FrameImages
 from windmark.pipeline.psp.load import PspTest
 from windmark.pipeline.psp.sensors import pictures_named
-from windmark.pipeline.psp.table import PointRow, SensorTable
+from windmark.pipeline.psp.table import WIND_OFF, WIND_ON, PointRow, SensorTable
+from windmark.pipeline.psp.wall import wall_of
 from windmark.tasks.psp import (
-    BareDiscs,
+    MergedRatio,
     ModelPicture,
     PointTask,
     Readings,
     ReducedPoint,
     Sampling,
     SectionWanted,
+    Unpainted,
     moved_grid,
     no_patches,
     ratio_of,
     reduce_point,
+    two_colours,
 )
 
 Array = NDArray[np.float64]
 Image = NDArray[np.generic]
-
-WIND_ON, WIND_OFF = "wind-on", "wind-off"
-
-
 @dataclass(frozen=True, eq=False)
 class Found:
     """The pictures of a kind in which the model was found.
@@ -94,12 +93,36 @@ def run_point(test: PspTest, row: PointRow) -> PointOutcome:
     on, off = (the_model_in(test, kind, raw[kind]) for kind in (WIND_ON, WIND_OFF))
     clock.lap("find the model")
     alpha = _incidence(test, row, on)
-    ratio = ratio_of(on.pictures, off.pictures, how=sampling_of(test), lamps=test.lamps)
+    ratio = _ratio(test, on, off)
     clock.lap("ratio on the model")
+    others = {name: channel_ratio(test, row, name) for name in row.channels}
+    if others:
+        clock.lap("other colours")
+    if "reference" in others:
+        ratio = two_colours(ratio, others["reference"])
+    wall = wall_of(test, row, others)
     state = on.states[0]
-    reduced = reduce_point(ratio, test.mesh, state.mesh(test.mesh, frame="model"), point_task(test, row, stream))
+    task = replace(point_task(test, row, stream), temperature=wall.temperature)
+    reduced = reduce_point(ratio, test.mesh, state.mesh(test.mesh, frame="model"), task)
+    change = () if ratio.self_lit is None else (str(ratio.self_lit),)
+    reduced = replace(reduced, remarks=(*reduced.remarks, *wall.remarks, *change))
     clock.lap("pressure and loads")
     return PointOutcome(reduced, alpha, on, off, clock.laps)
+
+
+def _ratio(test: PspTest, on: Found, off: Found) -> MergedRatio:
+    return ratio_of(on.pictures, off.pictures, how=sampling_of(test), lamps=test.lamps, reflecting=test.reflecting)
+
+
+def channel_ratio(test: PspTest, row: PointRow, name: str) -> MergedRatio:
+    """The ratio wind-off / wind-on of another colour, in whose pictures the model is found anew."""
+    found = {}
+    for kind, pattern in zip((WIND_ON, WIND_OFF), row.channels[name], strict=True):
+        what = f"{kind} {name}"
+        if not pattern:
+            raise DataError(f"the table of points names {name} pictures, but none {kind} (line {row.line})")
+        found[kind] = the_model_in(test, what, read_pictures(test, what, pattern))
+    return _ratio(test, found[WIND_ON], found[WIND_OFF])
 
 
 class _Clock:
@@ -202,7 +225,8 @@ def _incidence(test: PspTest, row: PointRow, on: Found) -> float:
 def sampling_of(test: PspTest) -> Sampling:
     """How the project wants pictures sampled."""
     entry = test.project.sampling
-    return Sampling(entry.max_obliquity_deg, entry.edge_px, entry.values, BareDiscs(test.mesh, *_patches(test)))
+    bare = Unpainted(test.mesh, *_patches(test), test.polygons)
+    return Sampling(entry.max_obliquity_deg, entry.edge_px, entry.values, bare)
 
 
 def point_task(test: PspTest, row: PointRow, stream: TunnelConditions) -> PointTask:
@@ -219,7 +243,7 @@ def point_task(test: PspTest, row: PointRow, stream: TunnelConditions) -> PointT
         _readings(test.taps, test.pressures, row.name),
         "compare" if project.taps is None else project.taps.in_situ, _patches(test), reference,
         0.5 if loads is None else loads.least_seen,
-        tuple(SectionWanted(s.name, s.point, s.normal, s.volume) for s in project.section),
+        tuple(SectionWanted(s.name, s.point, s.normal, s.volume) for s in project.section), test.polygons,
     )  # fmt: skip
 
 

@@ -4,18 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from windmark import io
 from windmark.errors import DataError
-from windmark.paint import NotFitted, SensorModel, mean_dark, mean_flat, photon_transfer
+from windmark.paint import Linearity, NotFitted, SensorModel, mean_dark, mean_flat, photon_transfer
 from windmark.pipeline.deform.frames import files_of
 from windmark.pipeline.deform.spots import read
 from windmark.pipeline.deform.task import Station
-from windmark.pipeline.psp.project import CAMERA, PspProject
+from windmark.pipeline.psp.entries import CAMERA
+from windmark.pipeline.psp.project import PspProject
 from windmark.pipeline.psp.table import PointRow
+from windmark.pipeline.settings import existing
 
 Array = NDArray[np.float64]
 
@@ -66,7 +69,8 @@ def read_sensor(project: PspProject, name: str, station: Station, rows: Sequence
     gain, read_variance, source = how.gain_levels, how.read_variance, "radiometry.gain"
     if gain is None:
         gain, read_variance, source = _gain(project, name, station, rows, flats, dark)
-    sensor = SensorModel(dark, saturation, gain, read_variance, dark_variance, dead=dead)
+    linearity = None if how.linearity is None else read_linearity(named_file(project, "linearity", name))
+    sensor = SensorModel(dark, saturation, gain, read_variance, dark_variance, linearity=linearity, dead=dead)
     if flats is not None:
         try:
             flat, flat_variance, bad = mean_flat(flats, sensor)
@@ -75,6 +79,28 @@ def read_sensor(project: PspProject, name: str, station: Station, rows: Sequence
         bad = bad if dead is None else bad | dead
         sensor = replace(sensor, flat=flat, flat_variance=flat_variance, dead=bad)
     return CameraSensor(sensor, source, tuple(remarks))
+
+
+def named_file(project: PspProject, key: str, camera: str) -> Path:
+    """The file of a key of ``[radiometry]`` for a camera; FileError where there is none."""
+    return existing(project.path, f"radiometry.{key}", Path(getattr(project.radiometry, key).replace(CAMERA, camera)))
+
+
+def read_linearity(path: Path) -> Linearity:
+    """A CSV table ``level,light``: grey levels less dark, and the light that they stand for, in any unit.
+
+    Raises
+    ------
+    FileError
+        For a table of fewer than two rows, or one that does not rise all the way.
+    """
+    table = io.read_table(path, required=("level", "light"), known=None)
+    level, light = table.numbers("level"), table.numbers("light")
+    if len(level) < 2:
+        raise io.FileError(path, f"has {len(level)} rows; expected at least two")
+    rising = np.r_[True, (np.diff(level) > 0) & (np.diff(light) > 0)]
+    table.check(rising, "level and light must both rise from row to row")
+    return Linearity(level, light)
 
 
 def _dark(

@@ -22,6 +22,9 @@ TEMPERATURE = {"K": (1.0, 0.0), "degC": (1.0, 273.15), "degF": (5 / 9, 255.37222
 """Factor and offset to kelvin."""
 STEPS_K = {unit: factor for unit, (factor, _) in TEMPERATURE.items()}
 """Kelvin of a difference of one degree."""
+WIND_ON, WIND_OFF = "wind-on", "wind-off"
+CHANNELS = ("reference", "temperature")
+"""Other colours of the same paint: one that does not answer to pressure, one that answers to temperature alone."""
 MIXED = 0.05
 """q of the table and 0.7 M^2 p differ by less than this part where both are in the units that they say."""
 
@@ -39,6 +42,7 @@ class PointRow:
     on, off : patterns of pictures, see `project.CAMERA`
     sigma_p, sigma_q : of static and dynamic pressure
     line : in the file
+    channels : "reference" or "temperature" -> patterns of its pictures with wind and without
     """
 
     name: str
@@ -55,6 +59,15 @@ class PointRow:
     sigma_p: float
     sigma_q: float
     line: int
+    channels: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+
+    @property
+    def patterns(self) -> dict[str, str]:
+        """What kind of pictures -> their pattern, "" where none are named."""
+        out = {WIND_ON: self.on, WIND_OFF: self.off}
+        for name, (on, off) in self.channels.items():
+            out |= {f"{WIND_ON} {name}": on, f"{WIND_OFF} {name}": off}
+        return out
 
     def conditions(self) -> TunnelConditions:
         """The stream.
@@ -84,8 +97,9 @@ class PointRow:
 def read_points_table(path: Path) -> tuple[PointRow, ...]:
     """The rows of a CSV table ``point,alpha_deg,p_inf_UNIT,q_inf_UNIT,p_off_UNIT,T_off_UNIT,on,off[,...]``.
 
-    May have: ``beta_deg``, ``mach``, ``T0_UNIT``, ``sigma_p_inf_UNIT``, ``sigma_q_inf_UNIT``; other columns are left
-    out. An empty cell is missing for its point alone. Units of pressures: `PRESSURE`; of temperatures: `TEMPERATURE`.
+    May have: ``beta_deg``, ``mach``, ``T0_UNIT``, ``sigma_p_inf_UNIT``, ``sigma_q_inf_UNIT``, and pictures in other
+    colours, ``on_reference, off_reference, on_temperature, off_temperature``; other columns are left out. An empty cell
+    is missing for its point alone. Units of pressures: `PRESSURE`; of temperatures: `TEMPERATURE`.
 
     Raises
     ------
@@ -112,11 +126,24 @@ def read_points_table(path: Path) -> tuple[PointRow, ...]:
     columns = (plain("alpha_deg"), plain("beta_deg"), plain("mach"), p["p_inf"], p["q_inf"], warm, p["p_off"], off)
     keys = ("alpha_deg", "beta_deg", "mach", "p_inf", "q_inf", "t_0", "p_off", "t_off", "sigma_p", "sigma_q")
     numbers = [dict(zip(keys, row, strict=True)) for row in np.transpose((*columns, *sigma)).tolist()]
-    texts = zip(names, table.text("on"), table.text("off"), table.lines.tolist(), strict=True)
+    texts = zip(names, table.text("on"), table.text("off"), table.lines.tolist(), _channels(table), strict=True)
     return tuple(
-        PointRow(name=name, on=on, off=off_, line=line, **row)
-        for row, (name, on, off_, line) in zip(numbers, texts, strict=True)
+        PointRow(name=name, on=on, off=off_, line=line, channels=channels, **row)
+        for row, (name, on, off_, line, channels) in zip(numbers, texts, strict=True)
     )
+
+
+def _channels(table: Table) -> list[dict[str, tuple[str, str]]]:
+    """Of each row: other colours of which it names pictures."""
+    out: list[dict[str, tuple[str, str]]] = [{} for _ in range(len(table))]
+    for name in CHANNELS:
+        there = [c for c in (f"on_{name}", f"off_{name}") if c in table]
+        if len(there) == 1:
+            raise io.FileError(Path(table.path), f"has {there[0]} alone; expected on_{name} and off_{name}", "header")
+        for row, pair in enumerate(zip(*(table.text(c) for c in there), strict=True)):
+            if any(pair):
+                out[row][name] = (pair[0], pair[1])
+    return out
 
 
 def in_unit(table: Table, quantity: str, units: Mapping[str, float], *, optional: bool = False) -> Array:

@@ -1,15 +1,18 @@
 """A paint test, point by point: pictures with poses and deformations to the ratio on the model, pressure and loads."""
 
+from windmark.tasks.psp.channels import as_one_cause, two_colours
 from windmark.tasks.psp.cuts import SectionWanted, SurfaceSection, cut_sections
 from windmark.tasks.psp.lamps import Lamp
 from windmark.tasks.psp.loads import UNSEEN_SIDE, seen_loads, seen_sides, shown_areas
 from windmark.tasks.psp.ratios import CameraRatio, MergedRatio, ratio_of
 from windmark.tasks.psp.reduce import PointTask, ReducedPoint, no_patches, reduce_point
-from windmark.tasks.psp.sampling import BareDiscs, ModelPicture, Sampling, moved_grid, sample_picture
+from windmark.tasks.psp.sampling import ModelPicture, Sampling, Unpainted, moved_grid, sample_picture
+from windmark.tasks.psp.self_lit import Change, Reflecting
 from windmark.tasks.psp.taps import Readings, TapTable
 
 __all__ = [
-    "UNSEEN_SIDE", "BareDiscs", "CameraRatio", "Lamp", "MergedRatio", "ModelPicture", "PointTask", "Readings",
-    "ReducedPoint", "Sampling", "SectionWanted", "SurfaceSection", "TapTable", "cut_sections", "moved_grid",
-    "no_patches", "ratio_of", "reduce_point", "sample_picture", "seen_loads", "seen_sides", "shown_areas",
+    "UNSEEN_SIDE", "CameraRatio", "Change", "Lamp", "MergedRatio", "ModelPicture", "PointTask", "Readings",
+    "ReducedPoint", "Reflecting", "Sampling", "SectionWanted", "SurfaceSection", "TapTable", "Unpainted",
+    "as_one_cause", "cut_sections", "moved_grid", "no_patches", "ratio_of", "reduce_point", "sample_picture",
+    "seen_loads", "seen_sides", "shown_areas", "two_colours",
 ]  # fmt: skip

@@ -12,6 +12,7 @@ from windmark.errors import DataError
 from windmark.paint import NodeField, NotFitted, average_frames, form_ratio, merge_cameras
 from windmark.tasks.psp.lamps import Lamp, lit
 from windmark.tasks.psp.sampling import ModelPicture, Samples, Sampling, sample_picture
+from windmark.tasks.psp.self_lit import Change, Reflecting, own_light
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -48,6 +49,7 @@ class MergedRatio:
     systematic : part by which cameras differ beyond noise; NaN where none sees what another does
     flicker : relative standard deviation of the lamps from picture to picture, as the pictures show it
     left_out : picture -> why it does not count
+    self_lit : what taking off the light that the model throws on itself changed; None where that was not asked for
     """
 
     ratio: NodeField
@@ -56,10 +58,16 @@ class MergedRatio:
     systematic: float
     flicker: float
     left_out: Mapping[str, str] = field(default_factory=dict)
+    self_lit: Change | None = None
 
 
 def ratio_of(
-    on: Sequence[ModelPicture], off: Sequence[ModelPicture], *, how: Sampling | None = None, lamps: Sequence[Lamp] = ()
+    on: Sequence[ModelPicture],
+    off: Sequence[ModelPicture],
+    *,
+    how: Sampling | None = None,
+    lamps: Sequence[Lamp] = (),
+    reflecting: Reflecting | None = None,
 ) -> MergedRatio:
     """Ratio at the nodes of a grid from pictures of one point by any number of cameras.
 
@@ -73,6 +81,7 @@ def ratio_of(
     on, off : pictures with wind and without, of the same cameras and grid
     how : of sampling
     lamps : the light that the model moves in; none given: it is taken as the same
+    reflecting : the paint throws back some of its own light, which is taken off; None: it is left
 
     Raises
     ------
@@ -105,7 +114,19 @@ def ratio_of(
     merged = merge_cameras([of.ratio for of in cameras.values()], names, tapers=tapers, gain="none")
     if isinstance(merged, NotFitted) or not merged.field.known.any():
         raise DataError("no node of the grid is seen both with wind and without")
-    return MergedRatio(merged.field, cameras, merged.source, merged.systematic, flicker, left_out)
+    ratio, change = merged.field, None
+    if reflecting is not None:
+        lights = {kind: {name: _as_it_left(fields[kind][name], next(p for p in of if p.camera == name), lamps)
+                         for name in names} for kind, of in ((WIND_ON, on), (WIND_OFF, off))}  # fmt: skip
+        ratio, change = own_light(ratio, lights, tapers, reflecting, (WIND_OFF, WIND_ON))
+    return MergedRatio(ratio, cameras, merged.source, merged.systematic, flicker, left_out, change)
+
+
+def _as_it_left(even: NodeField, picture: ModelPicture, lamps: Sequence[Lamp]) -> NodeField:
+    """The light of a level as it left the surface: with that of the lamps in it."""
+    there = lit(picture.mesh, lamps)
+    seen = even.known & np.isfinite(there)
+    return NodeField.make(np.where(seen, even.value * there, np.nan), np.where(seen, np.sqrt(even.white) * there, 0.0))
 
 
 def _without_nan(field_: NodeField) -> NodeField:

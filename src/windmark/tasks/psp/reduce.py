@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +15,6 @@ from windmark.paint import (
     NodeField,
     SternVolmer,
     TunnelConditions,
-    disc_nodes,
-    fill_patches,
     pressure_coefficient,
     recovery_temperature,
     thermocouple_temperature,
@@ -25,6 +23,7 @@ from windmark.scene import Mesh
 from windmark.tasks.psp.cuts import SectionWanted, SurfaceSection, cut_sections
 from windmark.tasks.psp.few_modes import pressure_of
 from windmark.tasks.psp.loads import seen_loads
+from windmark.tasks.psp.patching import patched
 from windmark.tasks.psp.ratios import MergedRatio
 from windmark.tasks.psp.taps import Readings, TapTable, at_taps, in_cp
 
@@ -57,6 +56,8 @@ class PointTask:
     taps : readings of pressure; None without
     fit_taps : "offset-slope", "offset", or "compare": the taps are only compared with
     patches : centres (D, 3), radii (D,) and outward normals (D, 3) or NaN, on the model at rest, of what is no paint
+    polygons : corners (K, 3) of drawn polygons with what is no paint, on the model at rest
+    temperature : of the wall in K, where it is known at the nodes; nodes beside what is no paint are filled, too
     reference : of the loads; None: none are wanted
     least_seen : see `integrate_loads`
     sections : cuts that are wanted
@@ -77,6 +78,8 @@ class PointTask:
     reference: LoadReference | None = None
     least_seen: float = 0.5
     sections: tuple[SectionWanted, ...] = ()
+    polygons: tuple[Array, ...] = ()
+    temperature: NodeField | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,7 +137,7 @@ def reduce_point(merged: MergedRatio, rest: Mesh, mesh: Mesh, task: PointTask) -
     situ), Cp, sections, loads. Errors that nodes share go along as modes (`NodeField`).
     """
     remarks: list[str] = [f"{name} does not count: {why}" for name, why in merged.left_out.items()]
-    ratio, filled = _patched(rest, merged.ratio, task, remarks)
+    ratio, filled = patched(rest, merged.ratio, task.patches, task.polygons, remarks)
     temperature = _temperature(rest, task, remarks)
     prior = pressure_of(task.law, ratio, temperature, task.p_off, task.t_off)
     if not prior.field.known.any():
@@ -153,31 +156,11 @@ def reduce_point(merged: MergedRatio, rest: Mesh, mesh: Mesh, task: PointTask) -
     )  # fmt: skip
 
 
-def _patched(rest: Mesh, ratio: NodeField, task: PointTask, remarks: list[str]) -> tuple[NodeField, Mask]:
-    """The ratio with what is no paint filled from round it, where that was seen."""
-    centres, radii, normals = task.patches
-    none = np.zeros(len(ratio), bool)
-    if not len(centres):
-        return ratio, none
-    patch = disc_nodes(rest, centres, radii, normals)
-    # A patch that nothing was seen round is not asked for: it stays without a value, as what is round it.
-    near = disc_nodes(rest, centres, 2 * radii, normals)
-    seen = np.unique(near[(near >= 0) & ratio.known])
-    patch = np.where(np.isin(patch, seen), patch, -1)
-    if not (patch >= 0).any():
-        return ratio, none
-    try:
-        done = fill_patches(rest, ratio, patch)
-    except DataError as error:
-        remarks.append(f"markers and taps are left without values: {error}")
-        gone = patch >= 0
-        return replace(ratio, value=np.where(gone, np.nan, ratio.value)), none
-    return done.field, np.asarray(done.filled)
-
-
 def _temperature(rest: Mesh, task: PointTask, remarks: list[str]) -> NodeField:
-    """Of the wall: by thermocouples where they say it, else by recovery."""
+    """Of the wall: as given at the nodes, by thermocouples where they say it, else by recovery."""
     count = len(rest.vertices)
+    if task.temperature is not None:
+        return patched(rest, task.temperature, task.patches, task.polygons, [])[0]
     wells = task.thermocouples
     if wells is not None and len(wells.names):
         return thermocouple_temperature(

@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 
 from windmark.deformation import Deformation, vertex_volumes
 from windmark.geometry import Camera, Pose
+from windmark.paint import polygon_nodes
 from windmark.paint.modes import principal_axes
 from windmark.resection import (
     PixelMap,
@@ -55,36 +56,50 @@ class ModelPicture:
 
 
 @dataclass(frozen=True, eq=False)
-class BareDiscs:
-    """Discs on the model that are no paint: markers, holes of taps.
+class Unpainted:
+    """What is no paint: markers, holes of taps, drawn polygons.
 
     Parameters
     ----------
     rest : the grid at rest
-    centres, radii, normals : (D, 3), (D,), (D, 3) there; normals NaN where not known
+    centres, radii, normals : (D, 3), (D,), (D, 3) of discs there; normals NaN where not known
+    polygons : corners (K, 3) of each, see `paint.polygon_nodes`
     """
 
     rest: Mesh
     centres: Array
     radii: Array
     normals: Array
+    polygons: tuple[Array, ...] = ()
 
     def pixels(self, pixels: PixelMap) -> Mask:
-        """(H, W) pixels that see one of the discs, from the side that it is on."""
-        out = np.zeros(pixels.valid.shape, bool)
+        """(H, W) pixels that see one of the discs from the side that it is on, or a triangle that a polygon touches."""
         triangle = pixels.triangle.ravel()
+        out = (self._drawn[triangle] & (triangle >= 0)).reshape(pixels.valid.shape)
         number = np.flatnonzero((triangle >= 0) & self._touched[triangle])
         if not len(number):
             return out
         corners = self.rest.vertices[self.rest.triangles[triangle[number]]]
         second, third = pixels.barycentric.reshape(-1, 2)[number].T[..., None]
         xyz = (1 - second - third) * corners[:, 0] + second * corners[:, 1] + third * corners[:, 2]
-        facing = self.rest.triangle_normals()
+        facing = self._facing
         for k, near in enumerate(cKDTree(xyz).query_ball_point(self.centres, self.radii)):
             own = number[np.asarray(near, dtype=np.int64)]
             if np.isfinite(self.normals[k]).all():
                 own = own[facing[triangle[own]] @ self.normals[k] > 0]
             out.ravel()[own] = True
+        return out
+
+    @cached_property
+    def _facing(self) -> Array:
+        return self.rest.triangle_normals()
+
+    @cached_property
+    def _drawn(self) -> Mask:
+        """(T,) triangles with a node inside of a polygon."""
+        out = np.zeros(len(self.rest.triangles), bool)
+        for corners in self.polygons:
+            out |= polygon_nodes(self.rest, corners)[self.rest.triangles].any(axis=1)
         return out
 
     @cached_property
@@ -118,7 +133,7 @@ class Sampling:
     max_obliquity_deg: float = 70.0
     edge_px: float = 3.0
     values: str = "footprint"
-    bare: BareDiscs | None = None
+    bare: Unpainted | None = None
 
     def bare_pixels(self, pixels: PixelMap) -> Mask:
         """(H, W) pixels that see no paint."""

@@ -1,0 +1,103 @@
+"""The wall's temperature where something says it at the nodes: an infrared camera's maps, a temperature paint."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from windmark import io
+from windmark.errors import DataError
+from windmark.paint import NodeField, given_temperature
+from windmark.paint.stern_volmer import TEMPERATURE_OUTSIDE
+from windmark.pipeline.psp.entries import POINT
+from windmark.pipeline.psp.load import PspTest
+from windmark.pipeline.psp.table import PointRow
+from windmark.scene import Mesh
+from windmark.tasks.psp import MergedRatio, as_one_cause, two_colours
+from windmark.tasks.psp.channels import REFERENCE
+
+MAP, PAINT, CHANNEL = "temperature map", "temperature paint", "temperature channel"
+NEAR = 0.1
+"""Part of the grid's size within which a map's nodes lie where the grid has them: it may be that of the bent model."""
+
+
+@dataclass(frozen=True, eq=False)
+class Wall:
+    """The wall's temperature at the nodes in kelvin, None where nothing says it there; and what is to be said of it."""
+
+    temperature: NodeField | None = None
+    remarks: tuple[str, ...] = ()
+
+
+def wall_of(test: PspTest, row: PointRow, colours: Mapping[str, MergedRatio]) -> Wall:
+    """The temperature of a point's wall by its map or its temperature paint.
+
+    Parameters
+    ----------
+    colours : the ratios of other colours that the point has
+
+    Raises
+    ------
+    DataError, FileError
+        For a map that is not of this grid, or is in another unit; and where the point has neither map nor temperature
+        paint, and nothing else says its temperature.
+    """
+    warm, words = test.project.temperature, []
+    if "temperature" in colours:
+        own = colours["temperature"]
+        own = replace(own, ratio=as_one_cause(own.ratio, CHANNEL))
+        # It moves in the same light as the other colours.
+        return _by_paint(test, row, two_colours(own, colours["reference"]) if "reference" in colours else own)
+    if warm.maps is not None:
+        path = test.project.path.parent / warm.maps.replace(POINT, row.name)
+        if path.is_file():
+            return Wall(read_map(path, test, warm.maps_sigma_K))
+        words.append(f"no file {warm.maps.replace(POINT, row.name)!r} beside the project")
+    if warm.paint is not None:
+        words.append("the table of points names no pictures of its temperature paint")
+    if words and warm.recovery is None and warm.readings is None:
+        raise DataError(f"the temperature is missing: {' and '.join(words)}")
+    return Wall(None, tuple(f"the temperature is that of thermocouples or recovery: {why}" for why in words))
+
+
+def read_map(path: Path, test: PspTest, common_sigma: float) -> NodeField:
+    """The temperature of the grid's nodes in a NetCDF file: ``temperature``, and ``sigma_temperature`` where given."""
+    mesh, fields, units, _ = io.read_nodes_netcdf(path)
+    if "temperature" not in fields:
+        raise io.FileError(path, f"has {', '.join(fields) or 'no field'}; expected one at the nodes", "temperature")
+    if not _same_nodes(mesh, test.mesh):
+        raise io.FileError(
+            path, f"its {len(mesh.vertices)} nodes are not those of the project's grid, which has "
+            f"{len(test.mesh.vertices)}; expected the same in the same order", "temperature",
+        )  # fmt: skip
+    if units.get("temperature") != "K":
+        raise io.FileError(path, f"is in {units.get('temperature') or 'no unit'}; expected K", "temperature")
+    value = np.asarray(fields["temperature"], dtype=float)
+    sigma = np.nan_to_num(np.asarray(fields.get("sigma_temperature", np.zeros(len(value))), dtype=float))
+    return given_temperature(value, sigma, common_sigma=common_sigma, cause=MAP)
+
+
+def _same_nodes(a: Mesh, b: Mesh) -> bool:
+    """Whether two grids have the same nodes in the same order; one of them may be moved and bent."""
+    if len(a.vertices) != len(b.vertices):
+        return False
+    return bool((np.linalg.norm(a.vertices - b.vertices, axis=1) < NEAR * b.diagonal).all())
+
+
+def _by_paint(test: PspTest, row: PointRow, by_paint: MergedRatio) -> Wall:
+    law = test.temperature_paint
+    if law is None:
+        raise DataError("the table of points names pictures of a temperature paint; temperature.paint of the project, "
+                        "its calibration, is missing")  # fmt: skip
+    if not law.t_range[0] <= row.t_off <= law.t_range[1]:
+        raise DataError(f"T_off is {row.t_off:g} K, outside the temperature paint's calibration ({law.t_range[0]:g} to "
+                        f"{law.t_range[1]:g} K): its unit is another one, or the cell is wrong (line {row.line} of the "
+                        "table of points)")  # fmt: skip
+    found, flags = law.temperature_map(by_paint.ratio, t_off=row.t_off, cause=PAINT)
+    beyond = float(np.mean((flags[found.known] & TEMPERATURE_OUTSIDE) > 0)) if found.known.any() else 0.0
+    words = [f"{100 * beyond:.2g} % of the nodes lie outside the temperature paint's calibration"] if beyond > 0 else []
+    words += [f"{name} does not count: {why}" for name, why in by_paint.left_out.items()]
+    return Wall(as_one_cause(found, PAINT, 4, keep=REFERENCE), tuple(words))
