@@ -164,7 +164,8 @@ def test_without_walls_there_are_temperatures_and_their_mean(windmark, copied):
     true = io.read_nodes_netcdf(copied / "truth" / "3.nc")[1]["temperature"]
     on = np.isfinite(mean["temperature"])
     assert "heat_flux" not in mean
-    assert np.std((mean["temperature"] - true)[on]) < 0.6 * np.nanstd(one["temperature"] - true)
+    # Noise goes with the root of six frames; what pixels are still unequal by does not, nor the lens's blur.
+    assert np.std((mean["temperature"] - true)[on]) < 0.92 * np.nanstd(one["temperature"] - true)
     assert np.mean(np.abs(mean["temperature"] - true)[on] < 1.96 * mean["sigma_temperature"][on]) > 0.9
     assert done.json["mean"]["frames"] == 6
 
@@ -175,15 +176,15 @@ MISTAKES = {
     "the wall is too thin": (
         [("thickness_mm = 12", "thickness_mm = 0.05")], "the back of this semi-infinite wall is felt from"),
     "a conductivity in W / cm K": (
-        [("conductivity_W_mK = 0.2", "conductivity_W_mK = 2000.2")], "is in another unit than its key says"),
-    "degrees Celsius": ([("surroundings_K = 2", "surroundings_K = 1")], "expected a temperature in kelvin"),
+        [("conductivity_W_mK = 0.2", "conductivity_W_mK = 0.002")], "is in another unit than its key says"),
+    "degrees Celsius": ([("surroundings_K = ", "surroundings_K = 15.2 # ")], "expected a temperature in kelvin"),
     "a wall of no volume": ([('volumes = ["wing"]', 'volumes = ["flap"]')], "no part of the grid is called 'flap'"),
     "no wall": ([("[heat]\nstart_s = 0.28\n", "")], "heat and wall belong together"),
     "no calibration": ([('black_bodies = "calibration/black-bodies-cam2.csv"\n', "")], "counts need black_bodies"),
     "no noise": ([('even = ["calibration/cold-cam1-*.tif", "calibration/warm-cam1-*.tif"]\n', "")],
                  "nothing says the noise"),
     "no even pictures": ([("cold-cam1", "colt-cam1")], "camera[0].even: no file matches 'calibration/colt-cam1-*.tif'"),
-    "an unknown key": ([("emissivity_sigma", "emissivity_sigmar")], "unknown key"),
+    "an unknown key": ([("emissivity_sigma", "emisivity = 1\nemissivity_sigma")], "unknown key"),
     "a rate that the table contradicts": ([('frames = "frames.csv"', 'frames = "frames.csv"\nrate_hz = 2000')],
                                           "one of them is wrong, or time_s is not in seconds"),
 }  # fmt: skip
@@ -219,32 +220,36 @@ def test_an_emissivity_table_that_lacks_angles_leaves_nodes_without_values(windm
     replaced(copied / "infrared.toml", ("[surface]\nemissivity = 0.", '[surface]\ntable = "emissivity.csv"\n# '))
     io.write_table(copied / "emissivity.csv", {"angle_deg": np.array([0.0, 20.0]), "emissivity": np.array([0.9, 0.9])})
     done = windmark("infrared", copied / "infrared.toml", "--json")
-    assert done.code == 2
-    assert "have no temperature: seen under an angle that the emissivity's table does not reach" in done.json["error"]
-    io.write_table(copied / "emissivity.csv", {"angle_deg": np.array([0.0, 34]), "emissivity": np.array([0.9, 0.9])})
+    assert done.code == 0, done.err
+    said = "% of the nodes that it shows have no temperature: seen under an angle that the emissivity's table does not"
+    assert all(said in r["remarks"][0] for r in done.json["results"])
+    few = done.json["results"][0]["seen"]
+    io.write_table(copied / "emissivity.csv", {"angle_deg": np.array([0.0, 60.0]), "emissivity": np.array([0.9, 0.9])})
     done = windmark("infrared", copied / "infrared.toml", "--json")
     assert done.code == 0, done.err
-    assert 0.03 < done.json["results"][0]["seen"] < 0.3
+    assert done.json["results"][0]["seen"] > few + 0.02
+    assert done.json["results"][0]["remarks"] == []
 
 
 def test_numbers_that_the_calibration_is_not_of_are_told(windmark, copied):
     short(copied, 6)
     replaced(copied / "infrared.toml", ("scale = 0.01", "scale = 0.001"))
     done = windmark("infrared", copied / "infrared.toml", "--json")
-    assert done.code == 2
-    assert "beyond the camera's calibration" in done.json["error"]
-    assert "units are mixed" in done.json["error"]
+    assert done.code == 1
+    assert "beyond the camera's calibration" in done.json["results"][0]["reason"]
+    assert "units are mixed" in done.json["results"][0]["reason"]
 
 
 def test_a_model_that_no_camera_shows_is_told(windmark, copied):
     short(copied, 6)
     for file in (copied / "images").glob("*.tif"):
-        io.write_image(file, np.full((384, 480), 28900, np.uint16))
+        io.write_image(file, np.random.default_rng(1).normal(28900, 3, (384, 480)).astype(np.uint16))
     done = windmark("infrared", copied / "infrared.toml")
     assert done.code == 2
     assert "no wind-off frame can be used" in done.err
     replaced(copied / "infrared.toml", ("zero = [", "# zero = ["))
-    done = windmark("infrared", copied / "infrared.toml", "--json")
-    assert done.code == 2
-    assert "no frame could be reduced; the first: the model was not found" in done.json["error"]
+    done = windmark("infrared", copied / "infrared.toml")
+    assert done.code == 1
+    assert "no frame could be reduced; the first:" in done.err
+    assert "the model was not found" in done.err
     assert json.loads((copied / "infrared" / "summary.json").read_text())["failed"] == 7

@@ -18,6 +18,8 @@ from windmark.pipeline.wanted import PointsEntry
 
 Pattern = Annotated[str, Field(min_length=1)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+MOST_CAMERAS = 4
+"""Each brings causes of its own, and a field has room for 30 of them."""
 COLDEST_K, HOTTEST_K = 100.0, 3000.0
 """What temperatures in kelvin may be: others are in another unit."""
 
@@ -153,7 +155,7 @@ class InfraredProject(Strict):
     path: Path
     title: str
     length_unit: Unit
-    camera: Annotated[tuple[CameraEntry, ...], Field(min_length=1)]
+    camera: Annotated[tuple[CameraEntry, ...], Field(min_length=1, max_length=MOST_CAMERAS)]
     markers: MarkersEntry
     grid: GridEntry
     volume: tuple[VolumeEntry, ...] = ()

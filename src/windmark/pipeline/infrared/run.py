@@ -181,7 +181,8 @@ def _with_flux(record: FrameRecord, fields: FrameFields) -> FrameRecord:
 
 def _steady(run: InfraredRun, store: Store, folder: Path, result: InfraredResult, good: list[int]) -> None:
     """The mean over all frames, on the grid at rest."""
-    mean = steady_map(store, good)
+    even = [1 / (s.frames + 1) for s in run.sensors.values() if s.cold is not None]
+    mean = steady_map(store, good, max(even, default=0.0))
     if isinstance(mean, str):
         result.remarks.append(f"there is no mean map: {mean}")
         return

@@ -33,8 +33,11 @@ class SteadyMap:
     excess: float
 
 
-def steady_map(store: Store, indices: Sequence[int]) -> SteadyMap | str:
-    """The mean over frames; or why there is none. Frames that contradict the others do not count."""
+def steady_map(store: Store, indices: Sequence[int], uneven: float) -> SteadyMap | str:
+    """The mean over frames; or why there is none. Frames that contradict the others do not count.
+
+    ``uneven``: part of a pixel's variance that even pictures leave, in all frames alike where the model stands still.
+    """
     values, noise = [], []
     for index in indices:
         field = _merged(store, index)
@@ -53,7 +56,9 @@ def steady_map(store: Store, indices: Sequence[int]) -> SteadyMap | str:
             on = field.known
             modes[on, names.index(name)] += field.modes[on, field.names.index(name)] / count[on]
     known = done.count > 0
-    out = NodeField(done.value, np.where(known, done.variance, 0.0), modes, names, "K")
+    single = done.variance * count
+    variance = done.variance + uneven * np.maximum(single - done.variance, 0.0)
+    out = NodeField(done.value, np.where(known, variance, 0.0), modes, names, "K")
     left = {i: why for i, why, u in zip(indices, done.reasons, done.used, strict=True) if not u}
     return SteadyMap(out, done.count, left, done.excess)
 
