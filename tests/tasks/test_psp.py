@@ -11,9 +11,9 @@ from windmark.tasks.psp import (
     UNSEEN_SIDE,
     Lamp,
     ModelPicture,
+    Patches,
     Sampling,
     SectionWanted,
-    Unpainted,
     cut_sections,
     ratio_of,
     sample_picture,
@@ -89,8 +89,8 @@ def test_what_is_no_paint_does_not_count_for_the_nodes_beside_it(values):
     place, radius, up = np.array([[1.5, 0.0, 0.0]]), np.array([2.6]), np.array([[0.0, 0.0, 1.0]])
     near = np.linalg.norm(mesh.vertices - place, axis=1)
     beside = (near > 2.6) & (near < 6)
-    bare = {side: Unpainted(mesh, place, radius, side * up) for side in (1, -1)}
-    seen = {side: sample_picture(picture(light), Sampling(values=values, bare=of)) for side, of in bare.items()}
+    patches = {side: Patches(mesh, place, radius, side * up) for side in (1, -1)}
+    seen = {side: sample_picture(picture(light), Sampling(values=values, patches=of)) for side, of in patches.items()}
     np.testing.assert_allclose(seen[1].value[beside], 500)
     assert (np.abs(seen[-1].value[beside] - 500).max() > 20) == (values == "footprint")
 

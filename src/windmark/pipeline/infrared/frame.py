@@ -42,7 +42,8 @@ def run_frame(run: InfraredRun, frame: DeformedFrame, images: FrameImages, pictu
     if state is None:
         raise DataError("; ".join([*_saturated(run, images), f"the model was not found: {frame.reason}"]))
     mesh, moves = moved_grid(state, run.mesh)
-    how = Sampling(run.project.sampling.max_obliquity_deg, run.project.sampling.edge_px)
+    entry = run.project.sampling
+    how = Sampling(entry.max_obliquity_deg, entry.edge_px, entry.values, run.patches)
     seen, remarks = [], [] if state.fits else list(state.warnings[:2])
     for name in frame.views:
         if name in images.shots:
@@ -54,7 +55,7 @@ def run_frame(run: InfraredRun, frame: DeformedFrame, images: FrameImages, pictu
         pose = state.cam_from_tunnel.get(name, station.cam_from_tunnel)
         seen.append(ModelPicture(name, name, light, variance, lens, pose, mesh, moves))
     radiances = {n: s.radiance for n, s in run.sensors.items()}
-    found = frame_temperatures(seen, radiances, run.surface, how=how, bare=run.bare) if seen else {}
+    found = frame_temperatures(seen, radiances, run.surface, how=how) if seen else {}
     cameras = {name: of for name, of in found.items() if not _refused(run, name, of, remarks)}
     merged = merged_temperature(cameras)[0] if cameras else None
     if merged is None:

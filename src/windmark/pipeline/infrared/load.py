@@ -8,7 +8,6 @@ from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial import cKDTree
 
 from windmark import io
 from windmark.deformation import vertex_volumes
@@ -26,6 +25,7 @@ from windmark.pipeline.points import PointSet, on_grid, read_lists
 from windmark.scene import Mesh
 from windmark.scene.units import IN_MM
 from windmark.tasks.infrared import SurfaceLight
+from windmark.tasks.psp import Patches
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -45,7 +45,7 @@ class InfraredRun:
     table : what is known of the frames besides
     sensors : camera -> from numbers to signals
     surface : emissivity and what it reflects
-    bare : (V,) nodes that are not on a marker
+    patches : markers, which are of another material
     walls, wall_of : the walls, and (V,) the number of each node's, -1 for none
     curvature : (V,) sum of the surface's curvatures, 1 / m; NaN where unknown
     points : wanted points on the grid
@@ -60,7 +60,7 @@ class InfraredRun:
     table: FrameTable
     sensors: Mapping[str, ThermalSensor]
     surface: SurfaceLight
-    bare: Mask
+    patches: Patches
     walls: tuple[Wall, ...]
     wall_of: NDArray[np.int64]
     curvature: Array
@@ -101,8 +101,8 @@ def load_infrared(project: InfraredProject) -> InfraredRun:
     remarks += [f"camera {c.name}: no even pictures are given: unequal pixels are not corrected, nor in any sigma"
                 for c in project.camera if not c.even]  # fmt: skip
     return InfraredRun(
-        project, deforming, mesh, timeline, times, table, sensors, _surface(project), _bare(project, deforming, mesh),
-        walls, wall_of, curvature, tuple(points), tuple(remarks),
+        project, deforming, mesh, timeline, times, table, sensors, _surface(project),
+        _patches(project, deforming, mesh), walls, wall_of, curvature, tuple(points), tuple(remarks),
     )  # fmt: skip
 
 
@@ -157,17 +157,12 @@ def _walls(project: InfraredProject, mesh: Mesh) -> tuple[tuple[Wall, ...], NDAr
     return tuple(out), wall_of
 
 
-def _bare(project: InfraredProject, deforming: Loaded, mesh: Mesh) -> Mask:
-    """(V,) nodes that are clear of markers, which are of another material."""
+def _patches(project: InfraredProject, deforming: Loaded, mesh: Mesh) -> Patches:
+    """The markers, which are of another material, and what a lens blurs round them."""
     markers, how = deforming.test.markers, project.sampling
-    own = np.flatnonzero((markers.role != "wall") & (markers.radius > 0))
-    out = np.ones(len(mesh.vertices), bool)
-    if not how.clear or not len(own):
-        return out
+    own = np.flatnonzero((markers.role != "wall") & (markers.radius > 0)) if how.clear else np.zeros(0, np.int64)
     nodes = mesh.vertices[mesh.used]
     pixel = max(float(np.median(s.cam_from_tunnel.apply(nodes)[:, 2])) / s.camera.focal_px
                 for s in deforming.test.stations)  # fmt: skip
     reach = how.clear * markers.radius[own] + how.marker_edge_px * pixel
-    for near in cKDTree(mesh.vertices).query_ball_point(markers.xyz[own], reach):
-        out[near] = False
-    return out
+    return Patches(mesh, markers.xyz[own], reach, np.full((len(own), 3), np.nan))

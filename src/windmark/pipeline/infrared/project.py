@@ -131,11 +131,13 @@ class SamplingEntry(Strict):
     """``max_obliquity_deg``, ``edge_px``: surface seen more obliquely, or nearer to an outline, gets no value.
 
     ``clear``, ``marker_edge_px``: nor what is within so many radii of a marker's centre and so many pixels farther.
-    ``max_saturated``: part of a picture's nodes that may be saturated.
+    ``max_saturated``: part of a picture's nodes that may be saturated. ``values``: from all pixels nearest to a node,
+    or interpolated at it.
     """
 
     max_obliquity_deg: Annotated[float, Field(gt=0, lt=90)] = 70.0
     edge_px: Annotated[float, Field(ge=0, le=100)] = 3.0
+    values: Literal["footprint", "nearest", "linear", "cubic"] = "footprint"
     clear: Annotated[float, Field(ge=0, le=10)] = 1.2
     marker_edge_px: Annotated[float, Field(ge=0, le=20)] = 2.5
     max_saturated: Annotated[float, Field(ge=0, le=1)] = 0.02

@@ -23,12 +23,12 @@ from windmark.pipeline.psp.wall import wall_of
 from windmark.tasks.psp import (
     MergedRatio,
     ModelPicture,
+    Patches,
     PointTask,
     Readings,
     ReducedPoint,
     Sampling,
     SectionWanted,
-    Unpainted,
     moved_grid,
     no_patches,
     ratio_of,
@@ -225,8 +225,8 @@ def _incidence(test: PspTest, row: PointRow, on: Found) -> float:
 def sampling_of(test: PspTest) -> Sampling:
     """How the project wants pictures sampled."""
     entry = test.project.sampling
-    bare = Unpainted(test.mesh, *_patches(test), test.polygons)
-    return Sampling(entry.max_obliquity_deg, entry.edge_px, entry.values, bare)
+    patches = Patches(test.mesh, *_patches(test), test.polygons)
+    return Sampling(entry.max_obliquity_deg, entry.edge_px, entry.values, patches)
 
 
 def point_task(test: PspTest, row: PointRow, stream: TunnelConditions) -> PointTask:

@@ -63,7 +63,6 @@ def frame_temperatures(
     surface: SurfaceLight,
     *,
     how: Sampling,
-    bare: Mask,
 ) -> dict[str, CameraTemperature]:
     """Camera -> temperature at the V nodes, from the pictures of one instant.
 
@@ -72,8 +71,7 @@ def frame_temperatures(
     pictures : one of each camera; ``light`` is the signal in the unit of the camera's radiance
     radiances : camera -> black body's signal
     surface : emissivity and what it reflects
-    how : of sampling
-    bare : (V,) nodes that are not on a marker
+    how : of sampling; nodes of its patches get no temperature
 
     Notes
     -----
@@ -87,7 +85,9 @@ def frame_temperatures(
         rest = (turned[:, DIRECTIONS:] ** 2).sum(axis=1)
         kept = turned[:, :DIRECTIONS]
         names = tuple(f"{REGISTRATION}:{k + 1}" for k in range(kept.shape[1]))
-        signal = NodeField(s.value, np.where(np.isfinite(s.variance), s.variance, 0.0) + rest, kept, names)
+        # What was taken off for the bend of the signal is as unsure as it is large.
+        white = np.where(np.isfinite(s.variance), s.variance, 0.0) + rest + s.bent**2
+        signal = NodeField(s.value, white, kept, names)
         emissivity = np.where(np.isfinite(s.value), surface.emissivity(np.minimum(s.obliquity_deg, 90.0)), np.nan)
         field, why = surface_temperature(
             signal, radiances[name], emissivity=emissivity, emissivity_sigma=surface.emissivity_sigma,
@@ -97,7 +97,7 @@ def frame_temperatures(
         )  # fmt: skip
         own = tuple(n.replace(CALIBRATION, f"{CALIBRATION} {name}") for n in field.names)
         field = replace(field, names=own)
-        out[name] = _without_markers(field, s, why, emissivity, bare)
+        out[name] = _without_markers(field, s, why, emissivity, how)
     return out
 
 
@@ -112,7 +112,7 @@ def _leading(samples: Mapping[str, Samples]) -> Array:
 
 
 def _without_markers(
-    field: NodeField, s: Samples, why: NDArray[np.uint8], emissivity: Array, bare: Mask
+    field: NodeField, s: Samples, why: NDArray[np.uint8], emissivity: Array, how: Sampling
 ) -> CameraTemperature:
     flags = np.zeros(len(field), np.uint16)
     lacks = ~np.isfinite(s.value)
@@ -120,7 +120,8 @@ def _without_markers(
     flags[lacks & (s.weight > 0)] |= SATURATED
     flags[~lacks & ~np.isfinite(emissivity)] |= NO_EMISSIVITY
     flags[~lacks & ((why & (NO_RATIO | TEMPERATURE_OUTSIDE)) > 0) & np.isfinite(emissivity)] |= BEYOND
-    flags[~lacks & ~bare] |= MARKER
+    if how.patches is not None:
+        flags[~lacks & how.patches.nodes] |= MARKER
     good = (flags == 0) & field.known
     clean = NodeField(
         np.where(good, field.value, np.nan), np.where(good, field.white, 0.0),

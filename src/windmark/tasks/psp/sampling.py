@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from windmark.deformation import Deformation, vertex_volumes
 from windmark.geometry import Camera, Pose
-from windmark.paint import polygon_nodes
+from windmark.paint import disc_nodes, polygon_nodes
 from windmark.paint.modes import principal_axes
 from windmark.resection import (
     PixelMap,
@@ -56,8 +56,8 @@ class ModelPicture:
 
 
 @dataclass(frozen=True, eq=False)
-class Unpainted:
-    """What is no paint: markers, holes of taps, drawn polygons.
+class Patches:
+    """What is not the surface that is measured: markers, holes of taps, drawn polygons.
 
     Parameters
     ----------
@@ -89,6 +89,14 @@ class Unpainted:
                 own = own[facing[triangle[own]] @ self.normals[k] > 0]
             out.ravel()[own] = True
         return out
+
+    @cached_property
+    def nodes(self) -> Mask:
+        """(V,) nodes within one of them."""
+        out = disc_nodes(self.rest, self.centres, self.radii, self.normals) >= 0
+        for corners in self.polygons:
+            out |= polygon_nodes(self.rest, corners)
+        return np.asarray(out)
 
     @cached_property
     def _facing(self) -> Array:
@@ -127,17 +135,17 @@ class Sampling:
     edge_px : nor does what is nearer to an outline, where pixels mix
     values : "footprint": a plane through all pixels that lie nearest to a node, interpolated linearly where that has
         less noise; or one of `resection.INTERPOLATIONS`
-    bare : what is no paint: its pixels do not count for the nodes beside it
+    patches : their pixels do not count for the nodes beside them
     """
 
     max_obliquity_deg: float = 70.0
     edge_px: float = 3.0
     values: str = "footprint"
-    bare: Unpainted | None = None
+    patches: Patches | None = None
 
-    def bare_pixels(self, pixels: PixelMap) -> Mask:
-        """(H, W) pixels that see no paint."""
-        return np.zeros(pixels.valid.shape, bool) if self.bare is None else self.bare.pixels(pixels)
+    def patch_pixels(self, pixels: PixelMap) -> Mask:
+        """(H, W) pixels that see a patch."""
+        return np.zeros(pixels.valid.shape, bool) if self.patches is None else self.patches.pixels(pixels)
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,7 +193,7 @@ def sample_picture(picture: ModelPicture, how: Sampling) -> Samples:
     light, noise = _interpolated(picture.light, picture.variance, view.xy[seen], kind)
     slope = _slope(picture.light, view.xy[seen])
     if how.values == "footprint":
-        cells = footprints(pixels, view, (inside > how.edge_px) & ~how.bare_pixels(pixels))
+        cells = footprints(pixels, view, (inside > how.edge_px) & ~how.patch_pixels(pixels))
         of = footprint_values(picture.light, picture.variance, cells, picture.mesh.triangles, view.xy)
         better = ~(of.variance[seen] > noise) & np.isfinite(of.value[seen])
         light, noise = np.where(better, of.value[seen], light), np.where(better, of.variance[seen], noise)
