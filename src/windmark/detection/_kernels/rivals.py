@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from windmark.detection.template._kernels.algebra import add_products, factor, substitute
-from windmark.detection.template._kernels.model import CUT, evaluate, normal_edges, points_needed
+from windmark.detection.template._kernels.model import CUT, evaluate, normal_edges, points_needed, whole
 from windmark.detection.template._kernels.rim import rim_distance
 from windmark.geometry._jit import nb
 
@@ -45,11 +45,11 @@ def _waves(p: Any, points: int, table: Any, g: Any) -> None:
         u, v = u + cx, v + cy
         i0, i1 = max(0, int(math.ceil(u - reach))), min(size, int(math.floor(u + reach)) + 1)
         j0, j1 = max(0, int(math.ceil(v - reach))), min(size, int(math.floor(v + reach)) + 1)
-        ni, nj = max(i1 - i0, 0), max(j1 - j0, 0)
-        normal_edges((i0 - 0.5 - u) * inv, inv, ni + 1, cdf, pdf)
+        ni, nj = min(whole(max(i1 - i0, 0)), max(size - i0, 0)), max(j1 - j0, 0)
+        normal_edges((i0 - 0.5 - u) * inv, inv, whole(ni + 1), cdf, pdf)
         for i in range(ni):
             kx[i] = cdf[i + 1] - cdf[i]
-        normal_edges((j0 - 0.5 - v) * inv, inv, nj + 1, cdf, pdf)
+        normal_edges((j0 - 0.5 - v) * inv, inv, whole(nj + 1), cdf, pdf)
         for m in range(OUTLINE):
             wave = WAVES[m // 2] * t
             share = area * (math.cos(wave) if m % 2 == 0 else math.sin(wave))
