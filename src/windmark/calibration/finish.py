@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.adjust.network import NetworkState
-from windmark.adjust.network.covariance import network_covariance
 from windmark.adjust.network.datum import DatumCovariance, in_datum
 from windmark.adjust.network.problem import camera_columns
 from windmark.calibration.advice import helpful_pictures
@@ -44,14 +43,11 @@ def calibration(
     obs = job.observations
     seen = np.zeros(len(job.markers), dtype=np.bool_)
     seen[obs.point[solved.taken]] = True
-    state, discs = solved.state, solved.discs
     doubts = (*doubts, *_lost(job, solved))
     if chosen is not None:
-        fit = align(state.points[chosen & seen], job.markers.xyz[chosen & seen], scale=motions == 7)
-        state, discs = transformed(state, fit), None if discs is None else discs.moved(fit)
-    system = solved.problem.linearise(state)
-    assert system is not None
-    solved = replace(solved, state=state, covariance=network_covariance(system, solved.problem.layout))
+        known = chosen & seen
+        solved = _in_frame(solved, align(solved.state.points[known], job.markers.xyz[known], scale=motions == 7))
+    state, discs = solved.state, solved.discs
     covariance = in_datum(solved.covariance, chosen)
     scale = solved.scale
     marker_cov = covariance.points()[seen] * scale
@@ -59,14 +55,16 @@ def calibration(
     markers = replace(_with_discs(job.markers, discs).take(seen), xyz=state.points[seen], sigma=sigma)
     view_seen = np.zeros(len(job.views), dtype=np.bool_)
     view_seen[obs.view[solved.taken]] = True
-    at, o = views_of(job, state), state.offsets
+    at, o, frames = views_of(job, state), state.offsets, frames_of(job)[1]
     views = tuple(replace(job.views[v], cam_from_model=at[v][1]) for v in np.flatnonzero(view_seen))
     return Calibration(
         cameras=_cameras(job, solved, covariance, scale),
         views=views,
         markers=markers,
         marker_cov=marker_cov,
-        pose_cov=np.stack([_pose_cov(job, solved, covariance, int(v)) for v in np.flatnonzero(view_seen)]) * scale,
+        pose_cov=np.stack(
+            [_pose_cov(job, solved, covariance, v, int(frames[v])) for v in np.flatnonzero(view_seen).tolist()]
+        ) * scale,
         observations=Observations(
             (np.cumsum(view_seen) - 1)[obs.view[solved.taken]], (np.cumsum(seen) - 1)[obs.point[solved.taken]],
             obs.xy[solved.taken], obs.cov[solved.taken],
@@ -158,6 +156,16 @@ def transformed(state: NetworkState, fit: Similarity) -> NetworkState:
     return replace(state, frames=fit.moved(state.frames), points=fit.apply(state.points), offsets=offsets)
 
 
+def _in_frame(solved: Solved, fit: Similarity) -> Solved:
+    """An adjusted network in another frame, nothing adjusted or inverted again."""
+    problem = solved.problem.moved(fit)
+    return replace(
+        solved, problem=problem, state=transformed(solved.state, fit),
+        covariance=solved.covariance.moved(fit.rotation, problem.layout),
+        discs=None if solved.discs is None else solved.discs.moved(fit),
+    )  # fmt: skip
+
+
 def _cameras(job: Job, solved: Solved, covariance: DatumCovariance, scale: float) -> dict[str, Any]:
     """The cameras with the covariance of their free parameters."""
     units = solved.problem.units(solved.state)
@@ -171,11 +179,11 @@ def _cameras(job: Job, solved: Solved, covariance: DatumCovariance, scale: float
     return out
 
 
-def _pose_cov(job: Job, solved: Solved, covariance: DatumCovariance, view: int) -> Array:
+def _pose_cov(job: Job, solved: Solved, covariance: DatumCovariance, view: int, frame: int) -> Array:
     """(6, 6) of ``exp(delta) @ cam_from_model`` in units of the marks' covariances."""
     lay, units = solved.problem.layout, solved.problem.units(solved.state)
     columns, network = lay.columns, solved.covariance
-    frame, member = int(frames_of(job)[1][view]), list(job.cameras).index(job.views[view].camera)
+    member = list(job.cameras).index(job.views[view].camera)
     eliminated = columns.frame[frame] < 0
     start = lay.dense + 6 * columns.frame_block[frame] if eliminated else columns.frame[frame]
     index = start + np.arange(6)

@@ -201,8 +201,8 @@ def make_network(job: Job, taken: Mask, weight: Array | None = None) -> Network:
 def frames_of(job: Job) -> tuple[list[str], Ints]:
     """Names of the frames, and (V,) the frame of each view: the rig's instants, or every view by itself."""
     keys = [v.frame if job.rig else v.name for v in job.views]
-    names = list(dict.fromkeys(keys))
-    return names, np.array([names.index(k) for k in keys], dtype=np.int64)
+    place = {key: n for n, key in enumerate(dict.fromkeys(keys))}
+    return list(place), np.array([place[k] for k in keys], dtype=np.int64)
 
 
 def bars_of(job: Job) -> Bars:

@@ -25,6 +25,10 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
+STRIP = 256
+"""Rows that are mirrored at a time."""
+
+
 @dataclass(frozen=True)
 class NetworkCovariance:
     """Covariance of the natural parameters of a network, the free motions held in some datum.
@@ -62,6 +66,29 @@ class NetworkCovariance:
             out[np.ix_(away, away)] = self.blocks[blocks[0]][np.ix_(low % size, low % size)]
         return out
 
+    def moved(self, rotation: Array, layout: Layout) -> NetworkCovariance:
+        """That of the same network in a frame turned, shifted and scaled; ``layout`` is that of the network there.
+
+        In natural units only points' steps have directions of the frame; those of poses are the cameras' own.
+        """
+        start = layout.columns.point[layout.columns.point >= 0]
+        index = (start[:, None] + np.arange(3)).ravel()
+
+        def turned(rows: Array) -> Array:
+            return np.asarray((rotation @ rows.reshape(-1, 3, rows.shape[-1])).reshape(rows.shape))
+
+        dense, blocks, own, half, motions = self.dense, self.blocks, self.own, self.half, self.motions.copy()
+        motions[index] = turned(motions[index])
+        if layout.points_eliminated:
+            blocks, own, half = rotation @ blocks @ rotation.T, rotation @ own @ rotation.T, turned(half)
+            motions[len(dense) :] = turned(motions[len(dense) :])
+        if len(index):
+            dense, half = dense.copy(), half.copy()
+            dense[index] = turned(dense[index])
+            for array in (dense, half):
+                array[:, index] = turned(array[:, index].T).T
+        return NetworkCovariance(dense, blocks, own, half, motions, layout)
+
     def product(self, vectors: Array) -> Array:
         """Covariance times (D + E b, k)."""
         d, (e, b) = len(self.dense), self.blocks.shape[:2]
@@ -90,10 +117,20 @@ def network_covariance(system: NetworkEquations, layout: Layout) -> NetworkCovar
         # The factor is column-major and lower: Y^T = L_S^-1 W^T, in the place of W.
         y = blas.dtrsm(1.0, s, w.T, side=0, lower=1, overwrite_b=1) if w.size else w.T
         dense = lapack.dpotri(s, lower=1, overwrite_c=1)[0] if s.size else s
-    dense = np.tril(dense) + np.tril(dense, -1).T
+    dense = _mirrored(dense)
     rows = np.ascontiguousarray(y.T).reshape(e, b, -1)
     inner = np.eye(b) + rows @ rows.transpose(0, 2, 1)
     blocks = inverse.transpose(0, 2, 1) @ inner @ inverse
     motions = np.concatenate([system.gauge.dense, system.gauge.blocks])
     own = inverse.transpose(0, 2, 1) @ inverse
     return NetworkCovariance(np.asarray(dense), blocks, own, half, motions, layout)
+
+
+def _mirrored(lower: Array) -> Array:
+    """The symmetric matrix of a lower triangle, in its place: of a large network every copy would be 72 MB."""
+    for k in range(0, len(lower), STRIP):
+        rows = slice(k, k + STRIP)
+        lower[rows, k + STRIP :] = lower[k + STRIP :, rows].T
+        corner = lower[rows, rows]
+        corner[:] = np.tril(corner) + np.tril(corner, -1).T
+    return lower

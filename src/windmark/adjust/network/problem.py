@@ -22,6 +22,7 @@ from windmark.adjust.terms import whitener
 from windmark.geometry import PARAMETERS, Pose
 from windmark.geometry.lens import tilt_homography, tilt_homography_derivatives
 from windmark.geometry.rotations import exp_so3
+from windmark.geometry.similarity import Similarity
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -66,6 +67,13 @@ class NetworkProblem:
         out.network = replace(self.network, loss=loss)
         out._weighted = loss.name != "none" or self._weight is not None
         out._stabiliser = None
+        return out
+
+    def moved(self, fit: Similarity) -> NetworkProblem:
+        """The same in another frame: natural units go with it, so that steps mean what they did."""
+        out = copy(self)
+        out.layout = replace(self.layout, center=fit.apply(self.layout.center), unit=fit.scale * self.layout.unit)
+        out._last = out._stabiliser = None
         return out
 
     @property
