@@ -181,6 +181,7 @@ def _adjusted(
     problem = NetworkProblem(network, state, shift[every])
     state, system, report = _minimum(job, problem, state)
     covariance = network_covariance(system, problem.layout)
+    del system  # as large as the covariance, and the tests below need room
     residual = problem.residual(state)
     assert residual is not None
     used = good[every][problem.order]
