@@ -17,6 +17,7 @@ from windmark.adjust.network.problem import camera_columns
 from windmark.adjust.terms import whitener
 from windmark.calibration.control import FALSE
 from windmark.calibration.setup import Job
+from windmark.calibration.snooping import CHUNK
 from windmark.calibration.solve import Solved
 from windmark.geometry import PARAMETERS
 from windmark.scene import Doubt
@@ -115,13 +116,14 @@ def _gathered(solved: Solved, b: Array, group: NDArray[np.int64], count: int) ->
     lay = solved.problem.layout
     jd, je, cols, block = solved.problem.jacobian(solved.state)
     out = np.zeros((lay.dense + lay.blocks * lay.size, count))
-    which = np.broadcast_to(group[:, None], cols.shape)
-    here = (cols >= 0) & (which >= 0)
-    np.add.at(out, (cols[here], which[here]), (jd * b[:, :, None]).sum(axis=1)[here])
-    row = lay.dense + lay.size * block[:, None] + np.arange(lay.size)
-    here = np.broadcast_to(((block >= 0) & (group >= 0))[:, None], row.shape)
-    which = np.broadcast_to(group[:, None], row.shape)
-    np.add.at(out, (row[here], which[here]), (je * b[:, :, None]).sum(axis=1)[here])
+    for start in range(0, len(b), CHUNK):
+        part = slice(start, start + CHUNK)
+        own = block[part, None]
+        row = np.where(own >= 0, lay.dense + lay.size * own + np.arange(lay.size), -1)
+        for j, to in ((jd[part], cols[part]), (je[part], row)):
+            which = np.broadcast_to(group[part, None], to.shape)
+            here = (to >= 0) & (which >= 0)
+            np.add.at(out, (to[here], which[here]), np.einsum("oik,oi->ok", j, b[part])[here])
     return out
 
 
