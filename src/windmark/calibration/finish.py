@@ -110,9 +110,10 @@ def refuse_weak(job: Job, solved: Solved, rough: NetworkState | None = None) -> 
         )
     covariance = in_datum(solved.covariance, datum_points(job))
     lay = solved.problem.layout
-    sigma = np.sqrt(np.maximum(np.diagonal(covariance.dense()), 0.0)) * np.sqrt(solved.scale)
-    names = list(job.cameras)
-    poor = [each for each in camera_columns(lay) if not sigma[each[2]] < WEAK]
+    names, inner = list(job.cameras), camera_columns(lay)
+    variance = np.diagonal(covariance.some(np.array([column for _, _, column in inner], dtype=np.int64)))
+    sigma = np.sqrt(np.maximum(variance, 0.0) * solved.scale)
+    poor = [each for each, s in zip(inner, sigma, strict=True) if not s < WEAK]
     weak = [parameter if len(names) == 1 else f"{names[c]} {parameter}" for c, parameter, _ in poor]
     spread = np.sqrt(np.nanmax(np.diagonal(covariance.points(), axis1=1, axis2=2), axis=1, initial=0.0))
     loose = np.flatnonzero(spread * np.sqrt(solved.scale) > WEAK * lay.unit)
@@ -169,12 +170,12 @@ def _in_frame(solved: Solved, fit: Similarity) -> Solved:
 def _cameras(job: Job, solved: Solved, covariance: DatumCovariance, scale: float) -> dict[str, Any]:
     """The cameras with the covariance of their free parameters."""
     units = solved.problem.units(solved.state)
-    out, dense, columns = {}, covariance.dense(), solved.problem.layout.columns.camera
+    out, columns = {}, solved.problem.layout.columns.camera
     for c, name in enumerate(job.cameras):
         own = np.flatnonzero(columns[c] >= 0)
         index, step = columns[c][own], units.camera[c][own]
         cov = np.zeros((len(PARAMETERS),) * 2)
-        cov[np.ix_(own, own)] = dense[np.ix_(index, index)] * np.outer(step, step) * scale
+        cov[np.ix_(own, own)] = covariance.some(index) * np.outer(step, step) * scale
         out[name] = replace(solved.state.cameras[c], cov=cov if len(own) else None)
     return out
 

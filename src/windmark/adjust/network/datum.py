@@ -63,8 +63,11 @@ class DatumCovariance:
 
     def dense(self) -> Array:
         """(D, D) of the dense parameters in natural units."""
-        index = np.arange(len(self.network.dense))
-        return self.between(index, index, self.network.dense)
+        return self.some(np.arange(len(self.network.dense)))
+
+    def some(self, index: Ints) -> Array:
+        """(m, m) of some of the dense parameters, by number."""
+        return self.between(index, index, self.network.dense[np.ix_(index, index)])
 
 
 def in_datum(network: NetworkCovariance, points: NDArray[np.bool_] | None = None) -> DatumCovariance:
