@@ -137,7 +137,7 @@ def edges(point: Point) -> float:
     for picture in {p.camera: p for p in found[WIND_ON].pictures}.values():
         inside = inside_px(picture.mesh, picture.lens, picture.cam_from_tunnel)
         xy, good = picture.lens.project(picture.cam_from_tunnel.apply(picture.mesh.vertices))
-        good &= picture.lens.in_image(np.where(good[:, None], xy, -9.0))
+        good &= picture.lens.in_image(xy)
         column, row = np.rint(xy[good]).astype(int).T
         near[np.flatnonzero(good)[inside[row, column] <= NEAR_PX]] = True
     sound = sound_of(point, ratio) & near
