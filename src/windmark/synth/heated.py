@@ -47,20 +47,8 @@ class WarmSurface(Paint):
     emissivity: float = 0.9
     index: float = 1.5
 
-    def intensity(
-        self,
-        xyz: ArrayLike,
-        normal: ArrayLike,
-        volume: str,
-        *,
-        rest_xyz: ArrayLike | None = None,
-        rest_normal: ArrayLike | None = None,
-        flow: Flow | None = None,
-    ) -> Array:
-        """See `Paint.intensity`."""
-        p, n = np.asarray(xyz, dtype=float), np.asarray(normal, dtype=float)
-        p0 = p if rest_xyz is None else np.asarray(rest_xyz, dtype=float)
-        n0 = n if rest_normal is None else np.asarray(rest_normal, dtype=float)
+    def shine(self, p: Array, n: Array, p0: Array, n0: Array, volume: str, flow: Flow | None) -> Array:
+        """See `Paint.shine`."""
         heating = self.heating
         if heating is None:
             raise UsageError("WarmSurface: heating must be given")

@@ -100,6 +100,10 @@ class Paint:
         p, n = np.asarray(xyz, dtype=float), np.asarray(normal, dtype=float)
         p0 = p if rest_xyz is None else np.asarray(rest_xyz, dtype=float)
         n0 = n if rest_normal is None else np.asarray(rest_normal, dtype=float)
+        return self.shine(p, n, p0, n0, volume, flow)
+
+    def shine(self, p: Array, n: Array, p0: Array, n0: Array, volume: str, flow: Flow | None) -> Array:
+        """`intensity` of points ``p`` with the normals ``n``, which were ``p0`` and ``n0`` before the model moved."""
         out = self.light(p, n) * self.coating(p0, volume)
         if flow is not None and volume in self.sensitive:
             a = self.stern_volmer

@@ -120,20 +120,8 @@ class SensitivePaint(Paint):
         same = {f.name: getattr(paint, f.name) for f in fields(Paint)}
         return SensitivePaint(**same, law=law, fading_per_s=fading_per_s)
 
-    def intensity(
-        self,
-        xyz: ArrayLike,
-        normal: ArrayLike,
-        volume: str,
-        *,
-        rest_xyz: ArrayLike | None = None,
-        rest_normal: ArrayLike | None = None,
-        flow: Flow | None = None,
-    ) -> Array:
-        """See `Paint.intensity`."""
-        p, n = np.asarray(xyz, dtype=float), np.asarray(normal, dtype=float)
-        p0 = p if rest_xyz is None else np.asarray(rest_xyz, dtype=float)
-        n0 = n if rest_normal is None else np.asarray(rest_normal, dtype=float)
+    def shine(self, p: Array, n: Array, p0: Array, n0: Array, volume: str, flow: Flow | None) -> Array:
+        """See `Paint.shine`."""
         light = self.light(p, n)
         out = self.lamp_factor * light * self.coating(p0, volume)
         if volume in self.sensitive:
