@@ -76,7 +76,8 @@ def test_camera_5_with_a_third_of_the_dots_lost(camera5):
     result = register(spots, markers, camera, max_time_s=10.0)  # near the default's limit on a busy machine
     assert result, result.reason
     error = np.linalg.norm(spots.xy[result.matching.detection] - dots(camera5)[result.matching.marker], axis=1)
-    assert len(error) == 10
+    # Of these ten one is where the nine others hardly say that it is: it is no label, but it is said.
+    assert len(error) + sum("it has no label" in u.words for u in result.unchecked) == 10
     assert error.max() < 4.0
 
 

@@ -51,8 +51,10 @@ class EmissivityTable:
 
     def __post_init__(self) -> None:
         a, e = np.asarray(self.angle_deg, dtype=float), np.asarray(self.emissivity, dtype=float)
-        if a.ndim != 1 or a.shape != e.shape or len(a) < 2:
-            raise ValueError(f"EmissivityTable: angle_deg and emissivity must be (N,), N > 1, got {a.shape}, {e.shape}")
+        if a.ndim != 1 or a.shape != e.shape:
+            raise ValueError(f"EmissivityTable: angle_deg and emissivity must be (N,), got {a.shape}, {e.shape}")
+        if len(a) < 2:
+            raise UsageError(f"EmissivityTable: expected at least two angles, got {len(a)}")
         if not ((np.diff(a) > 0).all() and a[0] >= 0 and a[-1] <= 90):
             raise UsageError("EmissivityTable: angles must rise, from 0 to at most 90 degrees")
         if not ((e > 0) & (e <= 1)).all():

@@ -123,7 +123,7 @@ def _surface(project: InfraredProject) -> SurfaceLight:
         table = io.read_table(s.table, required=("angle_deg", "emissivity"), known=None)
         try:
             emissivity = EmissivityTable(table.numbers("angle_deg"), table.numbers("emissivity")).at
-        except ValueError as error:
+        except WindmarkError as error:
             raise io.FileError(s.table, str(error)) from None
     elif s.angle == "none":
         normal = float(s.emissivity or 0.0)

@@ -117,5 +117,5 @@ def _load(path: Path) -> Array:
     with reading(path):
         try:
             return np.load(path, mmap_mode="r", allow_pickle=False)
-        except ValueError as error:
-            raise DataError(f"{path} is damaged: {error}") from None
+        except ValueError:
+            raise DataError(f"{path} is damaged: it holds no array") from None

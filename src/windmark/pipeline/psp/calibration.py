@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import Field, ValidationError
 
 from windmark import io
-from windmark.errors import UsageError
+from windmark.errors import UsageError, WindmarkError
 from windmark.paint import PaintFit, SternVolmer, TemperaturePaint
 from windmark.paint.modes import principal_axes
 from windmark.pipeline.project import Finite, Positive
@@ -155,13 +155,16 @@ def _read(path: Path) -> PressureFile | TemperatureFile:
 
 def _made(path: Path, content: PressureFile | TemperatureFile, make: Any) -> Any:
     """The law; what is wrong with it is the file's fault."""
-    size = sum(np.size(row) for row in content.coefficients)
+    sizes = [np.size(row) for row in content.coefficients]
     try:
-        cov = None if content.cov is None else np.array(content.cov, dtype=float)
-        if cov is not None and cov.shape != (size, size):
-            raise UsageError(f"cov must be {size} x {size}, as there are coefficients, got {cov.shape}")
-        if cov is not None:
-            principal_axes(cov)
+        if len(sizes) < 2 or len(set(sizes)) > 1 or not np.isfinite(content.coefficients).all():
+            raise UsageError("coefficients must be two or more, finite, in rows of one length")
+        if content.cov is None:
+            return make(None)
+        if {len(content.cov), *map(len, content.cov)} != {sum(sizes)} or not np.isfinite(content.cov).all():
+            raise UsageError(f"cov must be {sum(sizes)} x {sum(sizes)} finite numbers, as there are coefficients")
+        cov = np.array(content.cov, dtype=float)
+        principal_axes(cov)
         return make(cov)
-    except ValueError as error:
+    except WindmarkError as error:
         raise io.FileError(path, str(error), "coefficients, ranges and cov") from None

@@ -70,8 +70,9 @@ def _client(scheduler: str) -> Any:
         raise UsageError("--scheduler needs the package distributed: pip install windmark[cluster]") from None
     try:
         client = Client(scheduler, timeout=ANSWER_S)
-    except (OSError, ValueError) as error:
-        raise OSError(errno.ECONNREFUSED, f"no scheduler answers at {scheduler}: {error}") from None
+    except (OSError, ValueError):  # the latter for what is no address
+        said = f"no scheduler answers at {scheduler}; expected the address of one that runs, such as tcp://HOST:8786"
+        raise OSError(errno.ECONNREFUSED, said) from None
     try:
         client.wait_for_workers(1, timeout=WORKERS_S)
     except TimeoutError:
@@ -88,7 +89,9 @@ def _finished(client: Any, scheduler: str, jobs: list[Any]) -> Iterator[Any]:
 
     while True:
         try:
-            yield from wait(jobs, timeout=LOOK_S, return_when="FIRST_COMPLETED").done
+            done = wait(jobs, timeout=LOOK_S, return_when="FIRST_COMPLETED").done
+            # What stopped one of them comes last, so that no point that is done is lost.
+            yield from sorted(done, key=lambda job: job.status == "error")
             return
         except TimeoutError:
             if not client.scheduler_info()["workers"]:

@@ -47,10 +47,16 @@ def in_threads(test: PspTest, folder: Path, rows: Sequence[PointRow], threads: i
                 under_way.add(pool.submit(one_point, test, folder, row))
                 if len(under_way) >= 2 * threads:
                     done, under_way = wait(under_way, return_when=FIRST_COMPLETED)
-                    yield from (job.result() for job in done)
+                    yield from _records(done)
             while under_way:
                 done, under_way = wait(under_way, return_when=FIRST_COMPLETED)
-                yield from (job.result() for job in done)
+                yield from _records(done)
         finally:
             for job in under_way:
                 job.cancel()
+
+
+def _records(done: set[Future[PointRecord]]) -> Iterator[PointRecord]:
+    """The records of jobs that ended; what stopped one of them comes last, so that no point that is done is lost."""
+    for job in sorted(done, key=lambda job: job.exception() is not None):
+        yield job.result()

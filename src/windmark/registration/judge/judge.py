@@ -138,23 +138,31 @@ class Judge:
             return Verdict(bent, answer, "ambiguous", words.ambiguity(bent, other, answer, only_by=words.BENDING))
         return verdict
 
-    def _judged(self, best: Solution, others: Sequence[Solution]) -> Verdict:
-        """A solution beside its rivals."""
+    def _judged(self, best: Solution, others: Sequence[Solution], whole: Solution | None = None) -> Verdict:
+        """A solution beside its rivals; ``whole``: with the pairs that it was left without."""
         answer = runner_up(best, others[0], self._limits) if others else None
-        cause, reason = self._refusal(best, others)
+        cause, reason = self._refusal(best, others, whole)
         if cause == "one_pair" and not best.is_bent and (less := self._repaired.less_unheld(best)):
             rivals = [s for s in (*less[1:], *others) if not s.same_as(less[0])]
-            if less[0].keeps_labels and self._refusal(less[0], rivals)[0] is None:
-                return self._judged(less[0], rivals)  # what hangs on no pair
+            # Whether its spot is the marker's or not, the model is there: what says so is that of either together, and
+            # no less than the whole one's.
+            ahead = (whole or best).lead_over(less[0])
+            more = (whole or best) if ahead < rules.FOREIGN else None
+            if less[0].keeps_labels and self._refusal(less[0], rivals, more)[0] is None:
+                verdict = self._judged(less[0], rivals, more)  # what hangs on no pair
+                return replace(verdict, unchecked=(*one_pair.left_out(best), *verdict.unchecked))
         if cause is None and self._unchallenged:
             cause = "time"
             reason = f"whether another solution is as good as one of {best.count} of {best.expected} markers is unknown"
         return Verdict(best, answer, cause, reason)
 
-    def _refusal(self, best: Solution, others: Sequence[Solution]) -> tuple[Cause | None, str]:
-        limits, least = self._limits, own.least_score(best, self._limits)
-        beyond = best.log10_nfa < limits.log10_nfa and best.score > least
-        if not beyond and not own.is_sure_of_few(best, limits):
+    def _refusal(
+        self, best: Solution, others: Sequence[Solution], whole: Solution | None = None
+    ) -> tuple[Cause | None, str]:
+        limits, there = self._limits, whole or best
+        least = own.least_score(there, limits)
+        beyond = there.log10_nfa < limits.log10_nfa and there.score > least
+        if not beyond and not own.is_sure_of_few(there, limits):
             return "weak", words.could_be_chance(best, limits, least)
         names = best.views.names
         for c in range(len(names)) if len(names) > 1 else ():
@@ -196,7 +204,7 @@ class Judge:
     def _checked(self, verdict: Verdict, best: Solution, rigid: Verdict) -> Verdict:
         """Other cameras, the mirror image, a free focal length that is not determined; and what stays unchecked."""
         doubts, beside = self._doubts(best), None
-        unchecked = list(doubts.unchecked())
+        unchecked = [*verdict.unchecked, *doubts.unchecked()]
         if len(self._views.planes) > 1:
             unchecked.extend(self._places(best).unchecked())
         if (other := self._other_camera(best, promised=doubts.camera_promises)) is not None:

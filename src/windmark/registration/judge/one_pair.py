@@ -158,6 +158,19 @@ def without_unheld(best: Solution) -> tuple[Solution, Unchecked] | None:
     return Solution(best.views, state), Unchecked("pair", words, best.views.names[c])
 
 
+def left_out(best: Solution) -> list[Unchecked]:
+    """What is to be said where the solution without its pair that the others hardly check is the answer."""
+    if (found := unheld_pair(best)) is None:
+        return []
+    c, marker, wide = found
+    x, y = best.views.planes[c].task.xy[best.state.match[c, marker]]
+    words = (
+        f"the spot at ({x:.0f}, {y:.0f}) may be marker {best.views.planes[c].task.markers.name[marker]} or a foreign "
+        f"one: the others leave the marker's place open by {wide:.2g} px (1 sigma), and it has no label"
+    )
+    return [Unchecked("pair", words, best.views.names[c])]
+
+
 def is_unheld(best: Solution, c: int, marker: int, wide: float) -> bool:
     """Whether the others hardly check the pair of a marker, whose place they leave open by so much (px, 1 sigma)."""
     xx, _, yy = best.state.spread[c, marker]
