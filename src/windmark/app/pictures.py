@@ -146,25 +146,6 @@ def matching_picture(
     return figure
 
 
-def residual_picture(names: Sequence[str], residual: Array) -> Figure:
-    """Residuals (K, 2) projected − detected as a scatter with the RMS circle, one name each."""
-    figure = Figure(figsize=(5.6, 5.4), layout="constrained")
-    axes = figure.add_subplot()
-    rms = _rms(residual)
-    angle = np.linspace(0, 2 * np.pi, 181)
-    axes.plot(rms * np.cos(angle), rms * np.sin(angle), color="0.5", lw=1, label=f"RMS {rms:.3f} px")
-    axes.plot(residual[:, 0], residual[:, 1], "o", ms=5, color="#1565c0")
-    for name, (dx, dy) in zip(names, residual, strict=True):
-        axes.annotate(name, (dx, dy), xytext=(4, 4), textcoords="offset points", fontsize=7)
-    half = 1.25 * max(float(np.abs(residual).max(initial=0.0)), rms, 1e-3)
-    axes.set(xlim=(-half, half), ylim=(half, -half), aspect="equal", xlabel="dx, px", ylabel="dy, px")
-    axes.axhline(0, color="0.8", lw=0.8, zorder=0)
-    axes.axvline(0, color="0.8", lw=0.8, zorder=0)
-    axes.legend(loc="upper right", fontsize=8)
-    axes.set_title("Residuals, projected − detected")
-    return figure
-
-
 def wireframe_picture(image: NDArray[np.generic], lines: Sequence[Array], title: str) -> Figure:
     """Grid lines (each (n, 2) pixels) over the image."""
     figure, axes = image_axes(image)

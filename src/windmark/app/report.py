@@ -3,35 +3,29 @@
 from __future__ import annotations
 
 import base64
+import gzip
+import io as byte_io
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from html import escape
 from typing import TYPE_CHECKING, Any
 
+from windmark.app import web
 from windmark.app.alone import alone
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_STYLE = """
-:root { --ink: #1c2430; --soft: #5b6778; --line: #d9dfe7; --good: #0a7d33; --bad: #b3261e; --panel: #f6f8fa; }
-* { box-sizing: border-box }
-body { margin: 0 auto; padding: 1.5rem; max-width: 75rem; color: var(--ink); background: #fff;
-       font: 15px/1.5 system-ui, "Segoe UI", Roboto, "DejaVu Sans", sans-serif }
-h1 { font-size: 1.7rem; margin: 0 0 .2rem } h2 { margin: 2.2rem 0 .6rem; border-bottom: 2px solid var(--line) }
-h3 { margin: 1.4rem 0 .4rem } p { margin: .4rem 0; max-width: 60rem } .soft { color: var(--soft) }
-table { border-collapse: collapse; margin: .6rem 0; font-variant-numeric: tabular-nums }
-th, td { padding: .22rem .7rem; border-bottom: 1px solid var(--line); text-align: right; vertical-align: top }
-th:first-child, td:first-child, td.text, th.text { text-align: left } th { background: var(--panel); font-weight: 600 }
-figure { margin: .8rem 0 } img { max-width: 100%; height: auto; border: 1px solid var(--line) }
-figcaption { color: var(--soft); font-size: .9rem } .good { color: var(--good) } .bad { color: var(--bad) }
-.row { display: flex; flex-wrap: wrap; gap: 1.5rem; align-items: flex-start } .row > * { flex: 0 1 auto }
-.scroll { max-height: 26rem; overflow: auto; border: 1px solid var(--line) } .scroll table { margin: 0 }
-.scroll th { position: sticky; top: 0 }
-@media print { .scroll { max-height: none; overflow: visible } }
-"""
+    from windmark.app.provenance import Provenance
+    from windmark.app.scene3d import Scene3D
 
+LARGE_PNG = 60_000
+"""A picture of more bytes is put in as WebP: a quarter of the size, and no difference to be seen."""
+PACKED_ID = "part"
+HINT = "drag: turn · shift or right button: move · wheel: zoom · arrows, + −, 0 · double click: home"
+FALLBACK = "The 3D view needs JavaScript and WebGL2. All figures are in the tables."
+_SCENE = '<figure class="wm-figure">'
 
 @dataclass
 class Report:
@@ -42,6 +36,8 @@ class Report:
     parts: list[str] = field(default_factory=list)
     failed: list[str] = field(default_factory=list)
     """Parts that are missing, with the reason."""
+    data: dict[str, str] = field(default_factory=dict)
+    """Packed data of the page by the id of its element, see `packing`."""
 
     @contextmanager
     def part(self, what: str) -> Iterator[None]:
@@ -81,12 +77,71 @@ class Report:
         self.parts.append(f'<div class="scroll">{table}</div>' if scroll else table)
 
     def picture(self, png: bytes, caption: str) -> None:
-        """A picture inside the file itself."""
-        data = base64.b64encode(png).decode("ascii")
-        self.parts.append(
-            f'<figure><img alt="{escape(caption)}" src="data:image/png;base64,{data}">'
+        """A picture inside the file itself; a large one as WebP."""
+        kind, content = _smaller(png)
+        data = base64.b64encode(content).decode("ascii")
+        self.raw(
+            f'<figure><img alt="{escape(caption)}" src="data:image/{kind};base64,{data}">'
             f"<figcaption>{escape(caption)}</figcaption></figure>"
         )
+
+    def raw(self, html: str) -> None:
+        """HTML as it is: whoever makes it escapes what comes from the data."""
+        self.parts.append(html)
+
+    def chart(self, svg: str, caption: str) -> None:
+        """A drawing as SVG, see `svg.Chart`."""
+        self.raw(f"<figure>{svg}<figcaption>{escape(caption)}</figcaption></figure>")
+
+    def scene(self, what: str, make: Callable[[], Scene3D | None], caption: str) -> None:
+        """A scene that turns, which fails alone as `drawing` does; nothing where ``make`` gives none."""
+        from windmark.app.scene_document import documents
+
+        with self.part(what):
+            scene = make()
+            if scene is None:
+                return
+            ident = f"scene-{sum(part.startswith(_SCENE) for part in self.parts)}"
+            self.data.update(documents(scene, ident))
+            self.raw(
+                f'{_SCENE}<div class="wm-scene" data-blob="{ident}"><div class="wm-stage">'
+                f'<canvas tabindex="0" role="img" aria-label="{escape(caption)}"></canvas><div class="wm-names"></div>'
+                f'<div class="wm-tip" role="tooltip" hidden></div><img class="wm-still" alt="{escape(caption)}">'
+                f'<p class="wm-hint">{HINT}</p><p class="wm-fallback">{FALLBACK}</p></div>'
+                f'<div class="wm-panel"></div></div><figcaption>{escape(caption)}</figcaption></figure>'
+            )
+
+    @contextmanager
+    def folded(self, ident: str, summary: str, *, packed: bool) -> Iterator[None]:
+        """What is written inside stands in a part of its own that can be closed; ``summary`` is HTML.
+
+        ``packed``: it is closed at first and packed until somebody opens it, so that a report of many is small and is
+        there at once.
+        """
+        before = len(self.parts)
+        yield
+        inner = "\n".join(self.parts[before:])
+        del self.parts[before:]
+        if packed:
+            part = f"{PACKED_ID}-{ident}"
+            # An empty head stands before it, as in every packed document.
+            whole = (2).to_bytes(4, "little") + b"{}" + inner.encode()
+            self.data[part] = base64.b64encode(gzip.compress(whole, 6, mtime=0)).decode("ascii")
+            self.raw(f'<details id="{escape(ident)}" data-blob="{escape(part)}"><summary>{summary}</summary>'
+                     '<div class="wm-packed">opening …</div></details>')  # fmt: skip
+        else:
+            self.raw(f'<details id="{escape(ident)}" open><summary>{summary}</summary>{inner}</details>')
+
+    def absorb(self, other: Report) -> None:
+        """Another report's parts, as the next of this one."""
+        self.parts += other.parts
+        self.failed += other.failed
+        self.data |= other.data
+
+    def provenance(self, of: Provenance) -> None:
+        """What it was made of and with: inputs with their hashes, versions, options."""
+        self.heading("Made from")
+        self.parts.append(of.html())
 
     def side_by_side(self, count: int) -> None:
         """Put the last ``count`` parts into one row."""
@@ -107,11 +162,23 @@ class Report:
         return (
             '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
             '<meta name="viewport" content="width=device-width, initial-scale=1">'
-            f"<title>{escape(self.title)}</title><style>{_STYLE}</style></head><body>"
+            f"<title>{escape(self.title)}</title><style>{web.style()}</style></head><body>"
             f'<h1>{escape(self.title)}</h1><p class="soft">{escape(self.subtitle)}</p>\n'
             + "\n".join(self.parts)
-            + "\n</body></html>\n"
+            + "".join(f'\n<script type="text/plain" id="{escape(k)}">{v}</script>' for k, v in self.data.items())
+            + f"\n<script>{web.script()}</script></body></html>\n"
         )
+
+
+def _smaller(png: bytes) -> tuple[str, bytes]:
+    """The kind and the bytes of a picture."""
+    if len(png) <= LARGE_PNG:
+        return "png", png
+    from PIL import Image
+
+    stream = byte_io.BytesIO()
+    Image.open(byte_io.BytesIO(png)).convert("RGB").save(stream, "webp", quality=86, method=3)
+    return ("webp", stream.getvalue()) if stream.tell() < len(png) else ("png", png)
 
 
 def _td(value: Any) -> str:

@@ -55,7 +55,7 @@ def space_picture(result: Calibration, unit: str) -> Figure:
     axes.plot(*xyz.T, ".", color=DARK, ms=2.5)
     title = f"{len(poses)} stations and {len(xyz)} markers"
     if len(xyz) <= _SOLID and cov.any():
-        usual, top, factor = _magnification(cov, max(float(np.ptp(xyz, axis=0).max()), 0.6 * float(np.ptp(both))))
+        usual, top, factor = magnification(cov, max(float(np.ptp(xyz, axis=0).max()), 0.6 * float(np.ptp(both))))
         faces = [f for p, c in zip(xyz, cov, strict=True) for f in _ellipsoid(p, c * (RADIUS * factor) ** 2)]
         axes.add_collection3d(Poly3DCollection(faces, facecolors="#90caf930", edgecolors=BLUE, linewidths=0.15))
         title += f"\n{_magnified(usual, top, factor, unit)}"
@@ -84,7 +84,7 @@ def _ellipsoid(center: Array, cov: Array) -> Array:
     return np.stack([p[:-1, :-1], p[1:, :-1], p[1:, 1:], p[:-1, 1:]], axis=2).reshape(-1, 4, 3)
 
 
-def _magnification(cov: Array, size: float) -> tuple[float, float, float]:
+def magnification(cov: Array, size: float) -> tuple[float, float, float]:
     """Semi-axes of the usual and of the largest 95 % ellipsoid, and the factor by which they are drawn."""
     longest = RADIUS * np.sqrt(np.maximum(np.linalg.eigvalsh(cov)[:, -1], 0.0))
     usual, top = float(np.quantile(longest, _SHARE)), float(longest.max())
@@ -144,7 +144,7 @@ def _frustum(result: Calibration, camera: str, rotation: Array, center: Array, r
 def markers_picture(result: Calibration, unit: str) -> Figure:
     """Markers with their 95 % error ellipsoids, magnified, from above and from two sides."""
     xyz, cov = result.markers.xyz, result.marker_cov
-    usual, top, factor = _magnification(cov, float(np.ptp(xyz, axis=0).max()))
+    usual, top, factor = magnification(cov, float(np.ptp(xyz, axis=0).max()))
     spans = np.ptp(xyz, axis=0) + 2.2 * factor * usual + 1e-9
     grown = [max(float(s), 0.25 * float(spans.max())) for s in spans]
     figure = Figure(figsize=(WIDTH_IN, WIDTH_IN * (grown[1] + grown[2]) / (grown[0] + grown[1]) + 1.0),

@@ -71,7 +71,7 @@ def carry_out(project: Project, truth: Callable[[RunResult], Comparison] | None 
         comparison = truth(result) if truth else None
         outputs.write_results(result, out.place, clock)
         with clock("draw report"):
-            page = run_report(result, clock, comparison)
+            page = run_report(result, clock, comparison, out.sources())
         (out.place / "report.html").write_text(page.html(), encoding="utf-8")
         clock.seconds["whole job"] = time.perf_counter() - start
         record = {**outputs.summary(result, clock), "not_drawn": page.failed}

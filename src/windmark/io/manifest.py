@@ -21,6 +21,7 @@ CHANGED = "changed_since_read"
 _PACKAGES = ("windmark", "numpy", "scipy", "numba", "h5py", "tifffile", "matplotlib")
 
 Record = dict[str, Any]
+Hashes = dict[Path, tuple[FileState, str]]
 
 
 def file_hash(path: Path) -> str:
@@ -44,6 +45,7 @@ def write_manifest(
     inputs: Mapping[str, FileState],
     about: Mapping[str, Any],
     there: Mapping[str, int] | None = None,
+    hashes: Hashes | None = None,
 ) -> Record:
     """Write the manifest of the result in ``place``, which is for ``target``; the same result gives the same bytes.
 
@@ -54,17 +56,35 @@ def write_manifest(
         left out, those that were changed since have ``changed_since_read``: what the hash is of was not read
     about : goes in as it is: verb, options, whether the data said no
     there : files of ``place`` that are not of the result as long as their times (ns) are these
+    hashes : of inputs that were hashed before, see `sources`
     """
     old = there or {}
     names = [n for n in files_below(place) if n != MANIFEST and os.lstat(place / n).st_mtime_ns != old.get(n)]
     record = {
         **about,
-        "versions": {"python": platform.python_version(), **_versions()},
-        "inputs": _inputs(place, target, inputs, names),
+        **sources(place, target, inputs, hashes, names),
         "outputs": {name: file_hash(place / name) for name in names},
     }
     write_json(place / MANIFEST, record)
     return record
+
+
+def sources(
+    place: Path,
+    target: Path,
+    inputs: Mapping[str, FileState],
+    hashes: Hashes | None = None,
+    outputs: Collection[str] = (),
+) -> Record:
+    """The manifest's part on what a result is made of: ``versions``, and ``inputs`` with their hashes.
+
+    ``hashes`` are those of files as they were in a state, and are added to: a file is hashed once. The others as in
+    `write_manifest`.
+    """
+    return {
+        "versions": {"python": platform.python_version(), **_versions()},
+        "inputs": _inputs(place, target, inputs, outputs, {} if hashes is None else hashes),
+    }
 
 
 def _versions() -> dict[str, str]:
@@ -76,14 +96,17 @@ def _versions() -> dict[str, str]:
 
 
 def _inputs(
-    place: Path, target: Path, inputs: Mapping[str, FileState], outputs: Collection[str]
+    place: Path, target: Path, inputs: Mapping[str, FileState], outputs: Collection[str], hashes: Hashes
 ) -> list[Record]:
     """Paths from the result's folder on, so that a test that is moved as a whole keeps a manifest that is true."""
     real = {Path(os.path.realpath(path)): state for path, state in inputs.items()}
     out: list[Record] = []
     for path in sorted(p for p in real if p.is_file() and not _is_ours(p, place, target, outputs)):
         with suppress(OSError):  # gone or closed to us since it was read
-            out.append({"file": relative(path, target), "bytes": path.stat().st_size, "sha256": file_hash(path)})
+            now = file_state(path)
+            if path not in hashes or hashes[path][0] != now:
+                hashes[path] = now, file_hash(path)
+            out.append({"file": relative(path, target), "bytes": path.stat().st_size, "sha256": hashes[path][1]})
             if file_state(path) != real[path]:
                 out[-1][CHANGED] = True
     return out

@@ -23,11 +23,11 @@ from pathlib import Path
 from typing import Any
 
 from windmark.io.atomic import FULL, writing
-from windmark.io.errors import NO_SPACE, FileError, refusal, space_on, witness
+from windmark.io.errors import NO_SPACE, FileError, FileState, refusal, space_on, witness
 from windmark.io.exchange import UNFINISHED, announce, exchange, newer, withdraw
 from windmark.io.interrupts import interrupts_wait
 from windmark.io.leftovers import put_right
-from windmark.io.manifest import CHANGED, MANIFEST, files_below, read_manifest, write_manifest
+from windmark.io.manifest import CHANGED, MANIFEST, files_below, read_manifest, sources, write_manifest
 from windmark.io.staging import Say, Staging, silent, staged
 from windmark.io.text import write_json
 
@@ -55,6 +55,12 @@ class ResultFolder:
     refused: bool = False
     resumed: bool = False
     keep: bool = False
+    read: Mapping[str, FileState] = field(default_factory=dict, repr=False)
+    hashes: dict[Path, tuple[FileState, str]] = field(default_factory=dict, repr=False)
+
+    def sources(self) -> dict[str, Any]:
+        """What the result is made of so far, as the manifest will have it: ``versions`` and ``inputs`` with hashes."""
+        return sources(self.place, self.target, self.read, self.hashes)
 
 
 @contextmanager
@@ -93,18 +99,19 @@ def result_folder(
             with writing(path, staging.hidden, *([staging.target] if live else []), only=False):
                 resumed = put_right(path, staging, say, resume)
                 out, there = _begin(staging, live, resume, say)
-                out.about, out.resumed = dict(about or {}), out.resumed or resumed
+                out.about, out.resumed, out.read = dict(about or {}), out.resumed or resumed, read
                 try:
                     yield out
                 finally:
                     staging.keep = out.keep
                 described = {**out.about, "refused": out.refused}
                 if live:
-                    _say_changed(write_manifest(out.place, staging.target, read, described, there), staging.target, say)
+                    record = write_manifest(out.place, staging.target, read, described, there, out.hashes)
+                    _say_changed(record, staging.target, say)
                 else:
                     with _withdrawn_unless_it_comes(staging):
                         announce(staging)
-                        record = write_manifest(out.place, staging.target, read, described, there)
+                        record = write_manifest(out.place, staging.target, read, described, there, out.hashes)
                         with interrupts_wait(f"{staging.target} had been written whole before"):
                             exchange(staging, set(record["outputs"]), out.refused, say)
                             staging.keep = False

@@ -1,0 +1,81 @@
+"""Where a report comes from: inputs with hashes, versions, options; no path tells whose machine it was made on."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from html import escape
+from pathlib import Path, PurePath
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """What a result was made of and with.
+
+    Parameters
+    ----------
+    sources : ``versions`` and ``inputs`` (``file``, ``bytes``, ``sha256``), as the manifest has them
+    options : (key, value) rows
+    """
+
+    sources: Mapping[str, Any] = field(default_factory=dict)
+    options: Sequence[tuple[str, str]] = ()
+
+    def html(self) -> str:
+        """Three tables; the long ones are closed at first."""
+        inputs = self.sources.get("inputs", ())
+        out = []
+        if inputs:
+            rows = "".join(
+                f"<tr><td>{escape(bare(one['file']))}</td><td>{one['bytes']:,}</td>"
+                f'<td class="hash">{one["sha256"]}</td></tr>'
+                for one in inputs
+            )
+            out.append(_closed(f"{len(inputs)} input file{'s' if len(inputs) > 1 else ''} with SHA-256",
+                               '<tr><th>file</th><th>bytes</th><th class="text">SHA-256</th></tr>', rows))  # fmt: skip
+        if self.options:
+            rows = "".join(f'<tr><td>{escape(k)}</td><td class="text">{escape(v)}</td></tr>' for k, v in self.options)
+            out.append(_closed("Options", '<tr><th>key</th><th class="text">value</th></tr>', rows))
+        if versions := self.sources.get("versions"):
+            said = ", ".join(f"{name} {version}" for name, version in versions.items())
+            out.append(f'<p class="soft">Versions: {escape(said)}.</p>')
+        return "".join(out)
+
+
+def _closed(title: str, head: str, rows: str) -> str:
+    return (f"<details><summary>{escape(title)}</summary><table><thead>{head}</thead><tbody>{rows}</tbody></table>"
+            "</details>")  # fmt: skip
+
+
+def bare(path: str | PurePath) -> str:
+    """A path without what leads out of the test: steps upwards and the folders behind them, roots, drives."""
+    parts = PurePath(path).parts
+    if PurePath(path).is_absolute() or ".." in parts:
+        return PurePath(path).name
+    return PurePath(path).as_posix()
+
+
+def options_of(value: Any, folder: Path, key: str = "") -> list[tuple[str, str]]:
+    """Nested options as rows: ``camera[0].file`` and so on; what is not set is left out.
+
+    Paths are those from ``folder``, the project's; of one that is elsewhere only the name is told.
+    """
+    if isinstance(value, Mapping):
+        return [row for k, v in value.items() for row in options_of(v, folder, f"{key}.{k}" if key else str(k))]
+    if isinstance(value, list | tuple) and any(isinstance(v, Mapping) for v in value):
+        return [row for k, v in enumerate(value) for row in options_of(v, folder, f"{key}[{k}]")]
+    if isinstance(value, list | tuple):
+        text = ", ".join(_text(v, folder) for v in value)
+    else:
+        text = _text(value, folder)
+    return [] if value is None or not text else [(key, text)]
+
+
+def _text(value: Any, folder: Path) -> str:
+    if not isinstance(value, PurePath):
+        return str(value)
+    try:
+        return value.relative_to(folder).as_posix()
+    except ValueError:
+        return bare(value)

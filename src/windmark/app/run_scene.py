@@ -1,0 +1,132 @@
+"""The main job in 3D: the grid with each picture's values and their sigma, cameras, markers, residuals, cuts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.app.scene3d import STATION_COLOURS, Cut, Field, Markers, Scene3D, Shifts, Station, looking_over
+from windmark.app.scene_document import larger
+from windmark.pipeline.node_sigma import node_sigma
+from windmark.pipeline.outputs import projected_xy
+from windmark.pipeline.results import ImageResult, RunResult
+from windmark.scene import MarkerSet, Mesh
+
+Array = NDArray[np.float64]
+
+MOST_CUTS = 8
+"""Images whose sections are drawn: the places of the others' are the same."""
+
+
+def run_scene(result: RunResult, order: Sequence[ImageResult]) -> Scene3D | None:
+    """The scene, fields in the given order of the images; None where no image has a pose."""
+    located = [item for item in order if item.cam_from_model is not None]
+    if not located:
+        return None
+    mesh, unit = result.mesh, result.project.length_unit
+    merged = [] if mesh is None else [
+        Field(f"merged-{k}", group.folder, group.quantity.label, group.merged.nodes.value, group.merged.nodes.sigma)
+        for k, group in enumerate(result.merged) if group.merged is not None
+    ]  # fmt: skip
+    fields = merged + [f for item in located if (f := _field(item, result)) is not None]
+    focus = _focus(mesh, fields, result.markers)
+    first = located[0].cam_from_model
+    assert first is not None
+    ahead, up = looking_over(first, focus)
+    cameras = list(dict.fromkeys(result.project.camera_of(e).name for e in result.project.image))
+    colour = {
+        entry.label: STATION_COLOURS[cameras.index(result.project.camera_of(entry).name) % len(STATION_COLOURS)]
+        for entry in result.project.image
+    }
+    return Scene3D(
+        unit, ahead, up, mesh, fields,
+        [Station(i.name, i.camera, i.cam_from_model, colour[i.name], _station_notes(i))
+         for i in located if i.cam_from_model is not None],
+        None if result.markers is None else _markers(result.markers, unit), _cuts(located), focus=focus,
+    )  # fmt: skip
+
+
+def _focus(mesh: Mesh | None, fields: Sequence[Field], markers: MarkerSet | None) -> Array:
+    """What has a value in any image, and the markers: the model, not the tunnel round it."""
+    points = [np.zeros((0, 3))]
+    if mesh is not None and fields:
+        seen = np.zeros(len(mesh.vertices), dtype=bool)
+        for one in fields:
+            seen |= np.isfinite(one.values)
+        points.append(mesh.vertices[seen])
+    if markers is not None:
+        points.append(markers.xyz[markers.role != "wall"] if (markers.role != "wall").any() else markers.xyz)
+    return np.concatenate(points)
+
+
+def _field(item: ImageResult, result: RunResult) -> Field | None:
+    if item.values is None or result.mesh is None:
+        return None
+    sigma = node_sigma(item, result.mesh, result.project.resect.interpolation)
+    values = item.values.astype(float)
+    return Field(item.name, item.name, item.quantity.label, values, sigma, shifts=shifts(item, result))
+
+
+def shifts(item: ImageResult, result: RunResult) -> Shifts | None:
+    """Residuals of an image at its markers: how far these would have to move, in the picture's plane, to fit."""
+    answer, markers = item.registered, result.markers
+    if answer is None or markers is None or item.detections is None or not len(answer.matching):
+        return None
+    found = answer.matching.marker
+    residual = item.detections.xy[answer.matching.detection] - projected_xy(answer, markers)
+    pose, camera = answer.cam_from_model, answer.camera
+    depth = pose.apply(markers.xyz[found])[:, 2]
+    in_camera = np.column_stack([residual[:, 0] / camera.focal_px, residual[:, 1] / (camera.focal_px * camera.aspect),
+                                 np.zeros(len(found))]) * depth[:, None]  # fmt: skip
+    vectors = np.full((len(markers), 3), np.nan)
+    vectors[found] = in_camera @ pose.rotation
+    notes = [""] * len(markers)
+    for k, (dx, dy) in zip(found.tolist(), residual.tolist(), strict=True):
+        notes[k] = f"{item.name}: found − expected {dx:+.2f}, {dy:+.2f} px".replace("-", "−")
+    size = float(np.linalg.norm(np.ptp(markers.xyz, axis=0)))
+    factor = larger(vectors, size)
+    unit = result.project.length_unit
+    rms = float(np.sqrt(np.mean(np.sum(vectors[found] ** 2, axis=1))))
+    words = (f"Residuals of {item.name}: where each marker seems to be, seen across the picture, drawn × {factor:g}; "
+             f"RMS {rms:.2g} {unit}.")  # fmt: skip
+    return Shifts(vectors, factor, words, tuple(notes))
+
+
+def _markers(markers: MarkerSet, unit: str) -> Markers:
+    sigma = np.asarray(markers.sigma, dtype=float)
+    cov = None
+    if np.isfinite(sigma).all() and sigma.any():
+        cov = np.zeros((len(markers), 3, 3))
+        cov[:, range(3), range(3)] = sigma**2
+    return Markers(tuple(str(n) for n in markers.name), markers.xyz, cov, marker_notes(markers, unit))
+
+
+def marker_notes(markers: MarkerSet, unit: str) -> tuple[tuple[str, ...], ...]:
+    """What a marker's pop-up says of it: volume and role, coordinates, as far as their sigma tells, and it."""
+    out = []
+    for k in range(len(markers)):
+        what = ", ".join(str(v) for v in (markers.volume[k], markers.role[k]) if str(v))
+        sigma = markers.sigma[k]
+        known = np.isfinite(sigma).all() and (sigma > 0).all()
+        decimals = int(np.clip(1 - np.floor(np.log10(sigma.min())), 0, 9)) if known else 4
+        place = ", ".join(f"{v:.{decimals}f}" for v in markers.xyz[k])
+        lines = [what, f"x, y, z: {place} {unit}"]
+        if known:
+            lines.append(f"1 sigma: {', '.join(f'{v:.{decimals}f}' for v in sigma)} {unit}")
+        out.append(tuple(line.replace("-", "−") for line in lines if line))
+    return tuple(out)
+
+
+def _station_notes(item: ImageResult) -> tuple[str, ...]:
+    answer = item.registered
+    if answer is None or not len(answer.matching):
+        return ()
+    return (f"{len(answer.matching)} markers matched, RMS {answer.rms_px:.3g} px",)
+
+
+def _cuts(items: Sequence[ImageResult]) -> list[Cut]:
+    """Each section once: it is at the same place for all images."""
+    known = {cut.name: Cut(cut.name, cut.xyz, cut.line) for item in items[:MOST_CUTS] for cut in item.sections}
+    return list(known.values())

@@ -1,0 +1,84 @@
+// What a scene shows, unpacked: surface, fields, cameras, markers, lines, a sequence.
+
+WM.Model = class {
+  constructor({ head, bytes }) {
+    this.head = head;
+    this.bytes = bytes;
+    this.fields = head.fields;
+    this.surface = head.surface ? this.unpackSurface(head.surface) : null;
+    this.sequence = head.sequence ? this.unpackSequence(head.sequence) : null;
+    this.frame = 0;
+    this.magnify = head.sequence ? head.sequence.magnify : 1;
+    [this.center, this.radius] = this.bounds();
+    if (this.sequence) this.place();
+  }
+
+  unpackSurface(of) {
+    const columns = of.x.map((c) => WM.rounded(this.bytes, c));
+    const count = columns[0].length;
+    const rest = new Float32Array(3 * count);
+    for (let k = 0; k < count; k++) for (let a = 0; a < 3; a++) rest[3 * k + a] = columns[a][k];
+    return {
+      count, rest, xyz: rest, step: of.x[0].step, corners: Uint32Array.from(WM.ints(this.bytes, of.corners)),
+      edges: Uint32Array.from(WM.ints(this.bytes, of.edges)),
+      volumes: of.volumes.map((v) => ({ ...v, on: v.on !== false })),
+    };
+  }
+
+  unpackSequence(of) {
+    const modes = of.modes.map((mode) => mode.map((column) => WM.rounded(this.bytes, column)));
+    const sigmaModes = of.sigmaModes.map((mode) => WM.rounded(this.bytes, mode));
+    return { ...of, modes, sigmaModes };
+  }
+
+  // Middle and size of what is to be in view: the surface in use, markers, not the cameras.
+  bounds() {
+    if (this.head.box) {
+      const [low, high] = this.head.box;
+      return [WM.scale(WM.add(low, high), 0.5), Math.max(0.5 * WM.length(WM.add(high, low, -1)), 1e-9)];
+    }
+    return [[0, 0, 0], 1];
+  }
+
+  // Values and sigmas of a field, from the page where they are not unpacked yet.
+  async field(k) {
+    const field = this.fields[k];
+    if (!field.values) {
+      const { head, bytes } = field.blob ? await WM.blob(field.blob) : { head: field, bytes: this.bytes };
+      field.values = WM.rounded(bytes, head.value);
+      field.sigmas = head.sigma ? WM.sigmas(bytes, head.sigma) : null;
+      field.shifts = head.shifts;
+    }
+    return field;
+  }
+
+  // The surface of the frame of a sequence, and the length of its displacement and the sigma of that.
+  place() {
+    const { surface, sequence } = this;
+    const weights = sequence.weights[this.frame];
+    const xyz = new Float32Array(surface.rest.length);
+    const field = this.fields[sequence.field];
+    field.values = new Float64Array(surface.count);
+    for (let k = 0; k < surface.count; k++) {
+      let square = 0;
+      for (let a = 0; a < 3; a++) {
+        let moved = 0;
+        for (let m = 0; m < weights.length; m++) moved += weights[m] * sequence.modes[m][a][k];
+        xyz[3 * k + a] = surface.rest[3 * k + a] + this.magnify * moved;
+        square += moved * moved;
+      }
+      field.values[k] = Math.sqrt(square);
+    }
+    surface.xyz = xyz;
+    const shares = sequence.sigmaWeights[this.frame];
+    field.sigmas = null;
+    if (shares.length) {
+      field.sigmas = new Float64Array(surface.count);
+      for (let k = 0; k < surface.count; k++) {
+        let sigma = 0;
+        for (let m = 0; m < shares.length; m++) sigma += shares[m] * sequence.sigmaModes[m][k];
+        field.sigmas[k] = Math.max(sigma, 0);
+      }
+    }
+  }
+};
