@@ -75,7 +75,7 @@ def test_camera_step_refuses_impossible_cameras():
 
 @pytest.mark.parametrize("name", [n for n in PARAMETERS if not n.startswith("tilt")])
 def test_a_natural_unit_moves_the_corner_by_about_its_distance(name):
-    camera = Camera((1280, 800), 1500.0)
+    camera = Camera((1280, 800), 1500.0, lens="rational" if name in ("k4", "k5", "k6") else "brown")
     block = CameraBlock((name,))
     corner = np.array([0.0, 0.0])
     ray = camera.unproject(corner)
@@ -83,6 +83,16 @@ def test_a_natural_unit_moves_the_corner_by_about_its_distance(name):
     shift = np.linalg.norm(block.retract(camera, step).project(ray)[0] - corner) / 1e-3
     radius = np.linalg.norm(corner - [camera.cx, camera.cy])
     assert 0.3 * radius < shift < 3.1 * radius
+
+
+@pytest.mark.parametrize("name", ["focal_px", "k1", "k2", "k3", "k4"])
+def test_a_natural_unit_moves_the_corner_of_a_fisheye_lens_by_about_its_distance(name):
+    camera = Camera((1280, 800), 600.0, lens="fisheye")
+    corner = np.array([0.0, 0.0])
+    step = 1e-3 * CameraBlock((name,)).natural(camera)[:, 0]
+    seen = CameraBlock((name,)).retract(camera, step).project(camera.unproject(corner))[0]
+    radius = np.linalg.norm(corner - [camera.cx, camera.cy])
+    assert 0.3 * radius < np.linalg.norm(seen - corner) / 1e-3 < 3.1 * radius
 
 
 def test_unknown_or_repeated_camera_parameters_are_refused():

@@ -130,7 +130,8 @@ class CameraBlock:
         """See `Block`."""
         diagonal = float(np.hypot(*value.size_px)) / 2
         r = diagonal / value.focal_px
-        size = (value.focal_px, 1.0, diagonal, diagonal, r**-2, r**-4, 1 / r, 1 / r, r**-6, 1.0, 1.0)
+        last = (r**-8, 1.0, 1.0) if value.lens == "fisheye" else (r**-2, r**-4, r**-6)
+        size = (value.focal_px, 1.0, diagonal, diagonal, r**-2, r**-4, 1 / r, 1 / r, r**-6, 1.0, 1.0, *last)
         return np.diag([size[column] for column in self.columns])
 
     def difference(self, value: Camera, reference: Camera) -> tuple[Array, Array]:

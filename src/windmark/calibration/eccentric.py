@@ -15,7 +15,6 @@ from windmark.calibration.normals import all_normals
 from windmark.calibration.setup import Job, views_of
 from windmark.calibration.solve import Solved, solve
 from windmark.geometry import imaged_ellipse
-from windmark.geometry.camera_jacobian import project_jacobian
 from windmark.geometry.similarity import align
 from windmark.scene import MarkerSet
 from windmark.scene.units import RADII_OFF, off_by
@@ -98,7 +97,7 @@ def _discs(job: Job, solved: Solved) -> Discs:
     ellipses[mine] = job.ellipses[mine]
     for v, (camera, pose) in enumerate(views_of(job, state)):
         own = mine[obs.view[mine] == v]
-        by_point = project_jacobian(camera.parameters(), pose.apply(state.points[obs.point[own]]))[2]
+        by_point = camera.project_jacobian(pose.apply(state.points[obs.point[own]]))[2]
         jacobian[own] = by_point @ pose.rotation
     found = discs_of_ellipses(ellipses, obs.point, jacobian, _towards_cameras(job, solved))
     sure = found.sigma < SURE

@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.geometry._jit import nb
+from windmark.geometry._lens_kernels import fisheye_point, wide_radial
+from windmark.geometry.lens import BROWN, FISHEYE
 
 Array = NDArray[np.float64]
 
@@ -29,21 +31,32 @@ def to_camera(r: Array, t: Array, x: float, y: float, z: float) -> tuple[float, 
 @nb.njit(cache=True, nogil=True)
 def project_point(c: Array, x: float, y: float, z: float) -> tuple[float, float, bool]:
     """Project one camera-frame point with ``c = Camera.packed()``; (NaN, NaN, False) where not valid."""
-    if not z > 0.0:
-        return math.nan, math.nan, False
-    u = x / z
-    v = y / z
-    s = u * u + v * v
-    if not s < c[11]:
-        return math.nan, math.nan, False
-    ud, vd, jxx, jxy, jyy = _lens(c, u, v, s)
-    if not jxx * jyy - jxy * jxy > 0.0:
-        return math.nan, math.nan, False
+    if c[15] == FISHEYE:
+        _, _, ud, vd, valid, _, _, _, _, _, _, _, _ = fisheye_point(coefficients(c), c[11], x, y, z)
+        if not valid > 0.0:
+            return math.nan, math.nan, False
+    else:
+        if not z > 0.0:
+            return math.nan, math.nan, False
+        u = x / z
+        v = y / z
+        s = u * u + v * v
+        if not s < c[11]:
+            return math.nan, math.nan, False
+        ud, vd, jxx, jxy, jyy = _lens(c, u, v, s)
+        if not jxx * jyy - jxy * jxy > 0.0:
+            return math.nan, math.nan, False
     if c[9] != 0.0 or c[10] != 0.0:
         ud, vd, seen = _tilt_point(c[9], c[10], ud, vd)
         if not seen:
             return math.nan, math.nan, False
     return c[0] * ud + c[2], c[0] * c[1] * vd + c[3], True
+
+
+@nb.njit(cache=True, nogil=True, inline="always")
+def coefficients(c: Array) -> tuple[float, float, float, float, float, float]:
+    """k1 to k6 of a packed camera."""
+    return c[4], c[5], c[8], c[12], c[13], c[14]
 
 
 @nb.njit(cache=True, nogil=True)
@@ -52,6 +65,8 @@ def _lens(c: Array, u: float, v: float, s: float) -> tuple[float, float, float, 
     k1, k2, p1, p2, k3 = c[4], c[5], c[6], c[7], c[8]
     radial = 1.0 + s * (k1 + s * (k2 + s * k3))
     slope2 = 2.0 * (k1 + s * (2.0 * k2 + s * 3.0 * k3))
+    if c[15] != BROWN:
+        radial, slope2 = wide_radial(coefficients(c), c[15], s)
     xx = radial + slope2 * u * u + 2.0 * p1 * v + 6.0 * p2 * u
     yy = radial + slope2 * v * v + 6.0 * p1 * v + 2.0 * p2 * u
     xy = slope2 * u * v + 2.0 * p1 * u + 2.0 * p2 * v
@@ -81,6 +96,8 @@ def project_with_slopes(
     px, py, seen = project_point(c, x, y, z)
     if not seen:
         return px, py, False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    if c[15] == FISHEYE:
+        return _fisheye_slopes(c, px, py, x, y, z)
     u, v = x / z, y / z
     ud, vd, xx, xy, yy = _lens(c, u, v, u * u + v * v)
     yx = xy
@@ -89,6 +106,21 @@ def project_with_slopes(
     fx, fy = c[0] / z, c[0] * c[1] / z
     xx, xy, yx, yy = fx * xx, fx * xy, fy * yx, fy * yy
     return px, py, True, xx, xy, -(xx * u + xy * v), yx, yy, -(yx * u + yy * v)
+
+
+@nb.njit(cache=True, nogil=True)
+def _fisheye_slopes(
+    c: Array, px: float, py: float, x: float, y: float, z: float
+) -> tuple[float, float, bool, float, float, float, float, float, float]:
+    """`project_with_slopes` of a fisheye lens that sees the point at (px, py)."""
+    _, _, ud, vd, _, xx, xy, yy, xz, yz, length, _, _ = fisheye_point(coefficients(c), c[11], x, y, z)
+    yx = xy
+    if c[9] != 0.0 or c[10] != 0.0:
+        aa, ab, ba, bb = _tilted_slopes(c[9], c[10], ud, vd, 1.0, 0.0, 1.0)
+        xz, yz = aa * xz + ab * yz, ba * xz + bb * yz
+        xx, xy, yx, yy = aa * xx + ab * xy, aa * xy + ab * yy, ba * xx + bb * xy, ba * xy + bb * yy
+    fx, fy = c[0] / length, c[0] * c[1] / length
+    return px, py, True, fx * xx, fx * xy, fx * xz, fy * yx, fy * yy, fy * yz
 
 
 @nb.njit(cache=True, nogil=True)

@@ -8,19 +8,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.geometry._jit import nb
+from windmark.geometry._kernels import _lens
 
 Array = NDArray[np.float64]
 
 
 @nb.njit(cache=True, nogil=True)
-def pixel_rays(from_pixels: Array, lens: Array, max_s: float, plain: bool, first_row: int, rays: Array) -> None:
+def pixel_rays(from_pixels: Array, camera: Array, max_s: float, plain: bool, first_row: int, rays: Array) -> None:
     """Ideal coordinates of the pixel centres of consecutive rows, (rows, width, 2).
 
     Newton's method from the parabola through the three pixels above, so that one step is mostly
     enough (above and not to the left: neighbours in a row can then be computed together); NaN where
     it does not reach a point at which the lens is one to one (the caller asks `Camera.unproject`
-    there). ``from_pixels`` is the homography from pixels to distorted coordinates, ``lens`` holds k1,
-    k2, p1, p2, k3 (all zero where ``plain``).
+    there). ``from_pixels`` is the homography from pixels to distorted coordinates, ``camera`` is packed (without a
+    lens where ``plain``), ``max_s`` the squared ideal radius up to which it is one to one.
     """
     h = from_pixels
     for i in range(rays.shape[0]):
@@ -37,25 +38,19 @@ def pixel_rays(from_pixels: Array, lens: Array, max_s: float, plain: bool, first
             if i > 2 and not math.isnan(rays[i - 3, j, 0] + rays[i - 2, j, 0] + rays[i - 1, j, 0]):
                 u = 3.0 * (rays[i - 1, j, 0] - rays[i - 2, j, 0]) + rays[i - 3, j, 0]
                 v = 3.0 * (rays[i - 1, j, 1] - rays[i - 2, j, 1]) + rays[i - 3, j, 1]
-            row[j, 0], row[j, 1] = _undistort(lens, max_s, q, r, u, v)
+            row[j, 0], row[j, 1] = _undistort(camera, max_s, q, r, u, v)
 
 
 @nb.njit(cache=True, nogil=True)
-def _undistort(lens: Array, max_s: float, q: float, r: float, u: float, v: float) -> tuple[float, float]:
+def _undistort(camera: Array, max_s: float, q: float, r: float, u: float, v: float) -> tuple[float, float]:
     """The ideal point of the distorted point (q, r), started at (u, v); NaN where not found."""
-    k1, k2, p1, p2, k3 = lens[0], lens[1], lens[2], lens[3], lens[4]
     for _ in range(20):
         s = u * u + v * v
-        radial = 1.0 + s * (k1 + s * (k2 + s * k3))
-        slope2 = 2.0 * (k1 + s * (2.0 * k2 + s * 3.0 * k3))
-        jxx = radial + slope2 * u * u + 2.0 * p1 * v + 6.0 * p2 * u
-        jyy = radial + slope2 * v * v + 6.0 * p1 * v + 2.0 * p2 * u
-        jxy = slope2 * u * v + 2.0 * p1 * u + 2.0 * p2 * v
+        ud, vd, jxx, jxy, jyy = _lens(camera, u, v, s)
         det = jxx * jyy - jxy * jxy
         if not (s < max_s and det > 0.0):
             return math.nan, math.nan
-        eu = u * radial + 2.0 * p1 * u * v + p2 * (s + 2.0 * u * u) - q
-        ev = v * radial + p1 * (s + 2.0 * v * v) + 2.0 * p2 * u * v - r
+        eu, ev = ud - q, vd - r
         inverse = 1.0 / det
         du = (jyy * eu - jxy * ev) * inverse
         dv = (jxx * ev - jxy * eu) * inverse

@@ -1,7 +1,7 @@
-"""The camera: pinhole, aspect, principal point, Brown-Conrady distortion, sensor tilt.
+"""The camera: pinhole, aspect, principal point, distortion (Brown-Conrady, rational or fisheye), sensor tilt.
 
 Same meaning and signs as OpenCV (forward model, ideal -> distorted), so cameras can be
-exchanged. Sources: Brown (1971); OpenCV calib3d for the tilted sensor; AIAA 2005-5007
+exchanged. Sources: Brown (1971); OpenCV calib3d for the tilted sensor and the wide lenses; AIAA 2005-5007
 section IV.A for the parameter set.
 """
 
@@ -15,13 +15,24 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from windmark.geometry.camera_jacobian import point_jacobian, project_jacobian
-from windmark.geometry.lens import distort, max_radius2, tilt_homography, undistort
+from windmark.geometry.lens import FISHEYE, LENSES, Lens, fisheye_angles, project, range2, tilt_homography, undistort
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-PARAMETERS = ("focal_px", "aspect", "cx", "cy", "k1", "k2", "p1", "p2", "k3", "tilt_x", "tilt_y")
-"""Names and order of a camera's parameters, in Jacobians, covariances and kernels."""
+PARAMETERS = (
+    "focal_px", "aspect", "cx", "cy", "k1", "k2", "p1", "p2", "k3", "tilt_x", "tilt_y", "k4", "k5", "k6",
+)  # fmt: skip
+"""Names and order of a camera's parameters, in Jacobians and covariances."""
+PLAIN = 11
+"""So many of them has a camera with Brown's lens; the other lenses' own follow."""
+LENS_PARAMETERS = {
+    "brown": PARAMETERS[:PLAIN],
+    "rational": PARAMETERS,
+    "fisheye": ("focal_px", "aspect", "cx", "cy", "k1", "k2", "k3", "tilt_x", "tilt_y", "k4"),
+}
+"""The parameters that each lens has; the others are zero."""
+_LACKING = {lens: tuple(p for p in PARAMETERS if p not in has) for lens, has in LENS_PARAMETERS.items()}
 
 
 @dataclass(frozen=True)
@@ -36,7 +47,10 @@ class Camera:
     cx, cy : principal point, pixels; the centre of the top-left pixel is (0, 0)
     k1, k2, k3, p1, p2 : distortion, OpenCV's meaning
     tilt_x, tilt_y : sensor tilts in radians, OpenCV's tau_x, tau_y
-    cov : (11, 11) covariance in the order of `PARAMETERS`, or None
+    cov : (14, 14) covariance in the order of `PARAMETERS`, or None; (11, 11) where k4 to k6 are known, is filled up
+    k4, k5, k6 : of a rational lens, OpenCV's meaning; k4 is the last coefficient of a fisheye lens
+    lens : "brown", "rational" or "fisheye", see `lens`. With a fisheye lens the focal length is pixels per radian on
+        the axis, k1 to k4 belong to the angle (`cv2.fisheye`), and points beyond 90 degrees have images
     """
 
     size_px: tuple[int, int]
@@ -52,6 +66,10 @@ class Camera:
     tilt_x: float = 0.0
     tilt_y: float = 0.0
     cov: Array | None = None
+    k4: float = 0.0
+    k5: float = 0.0
+    k6: float = 0.0
+    lens: str = LENSES[0]
 
     def __post_init__(self) -> None:
         size = np.asarray(self.size_px, dtype=float)
@@ -71,27 +89,36 @@ class Camera:
             object.__setattr__(self, name, value)
         if self.focal_px <= 0 or self.aspect <= 0:
             raise ValueError(f"Camera: focal_px and aspect must be > 0, got {self.focal_px} and {self.aspect}")
+        if self.lens not in LENSES:
+            raise ValueError(f"Camera: lens must be one of {', '.join(LENSES)}, got {self.lens!r}")
+        for name in _LACKING[self.lens]:
+            if getattr(self, name) != 0.0:
+                raise ValueError(f"Camera: a {self.lens} lens has no {name}; expected 0, got {getattr(self, name)}")
+        if self.cov is not None and np.shape(self.cov) == (PLAIN, PLAIN):
+            object.__setattr__(self, "cov", np.pad(np.asarray(self.cov, dtype=float), (0, len(PARAMETERS) - PLAIN)))
         if self.cov is not None and np.shape(self.cov) != (len(PARAMETERS),) * 2:
-            raise ValueError(f"Camera: cov must be (11, 11), got {np.shape(self.cov)}")
+            raise ValueError(f"Camera: cov must be (14, 14), or (11, 11) without k4 to k6, got {np.shape(self.cov)}")
 
     # --- the parameters as an array ------------------------------------------------------
     def parameters(self) -> Array:
-        """The eleven parameters in the order of `PARAMETERS`."""
+        """(14,) parameters in the order of `PARAMETERS`."""
         return np.array([getattr(self, name) for name in PARAMETERS])
 
     def with_parameters(self, values: ArrayLike, cov: Array | None = None) -> Camera:
-        """A camera of the same size with the given eleven parameters."""
+        """A camera of the same size and lens with the given parameters; of eleven k4 to k6 stay as they are."""
         v = np.asarray(values, dtype=float)
-        named: dict[str, Any] = dict(zip(PARAMETERS, map(float, v), strict=True))
+        names = PARAMETERS[:PLAIN] if len(v) == PLAIN else PARAMETERS
+        named: dict[str, Any] = dict(zip(names, map(float, v), strict=True))
         return replace(self, **named, cov=cov)
 
     def packed(self) -> Array:
-        """(12,): the parameters and the squared ideal radius up to which the lens is one to one; for kernels."""
+        """(16,) for kernels: eleven parameters, the lens' `range2`, k4, k5, k6, and the number of the lens model."""
         return self._packed.copy()
 
     @cached_property
     def _packed(self) -> Array:
-        return np.append(self.parameters(), max_radius2(self.k1, self.k2, self.k3))
+        p, lens = self.parameters(), self._lens()
+        return np.concatenate([p[:PLAIN], [range2(lens)], p[PLAIN:], [lens.kind]])
 
     @property
     def matrix(self) -> Array:
@@ -114,15 +141,15 @@ class Camera:
         Returns
         -------
         xy : (..., 2) pixels, NaN where not valid
-        valid : (...) bool: in front of the camera and where the lens model is one to one. A valid
-            point may lie outside the image; `in_image` tells.
+        valid : (...) bool: in front of the camera and where the lens model is one to one; a fisheye lens sees
+            points behind, too, up to the angle at which its model folds. A valid point may lie outside the image;
+            `in_image` tells.
         """
         xyz = _points(xyz_cam, 3, "project")
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            ideal = xyz[..., :2] / xyz[..., 2:]
-            distorted, valid = distort(ideal, *self._lens())
+            distorted, valid = project(xyz, self._lens())
             xy = self._to_pixels(distorted)
-            valid &= (xyz[..., 2] > 0) & np.isfinite(xy).all(axis=-1)
+            valid &= np.isfinite(xy).all(axis=-1)
         return np.where(valid[..., None], xy, np.nan), valid
 
     def project_jacobian(self, xyz_cam: ArrayLike) -> tuple[Array, Mask, Array, Array]:
@@ -132,24 +159,37 @@ class Camera:
         -------
         xy, valid : as `project`
         d_xyz : (..., 2, 3) derivative with respect to the point
-        d_parameters : (..., 2, 11) derivative with respect to `PARAMETERS`
+        d_parameters : (..., 2, 14) derivative with respect to `PARAMETERS`
         """
-        return project_jacobian(self.parameters(), _points(xyz_cam, 3, "project_jacobian"))
+        return project_jacobian(self.parameters(), _points(xyz_cam, 3, "project_jacobian"), self._lens().kind)
 
     def point_jacobian(self, xyz_cam: ArrayLike) -> tuple[Array, Mask, Array]:
         """Projection with its derivative by the point only: xy, valid and d_xyz of `project_jacobian`."""
-        return point_jacobian(self.parameters(), _points(xyz_cam, 3, "point_jacobian"))
+        return point_jacobian(self.parameters(), _points(xyz_cam, 3, "point_jacobian"), self._lens().kind)
 
     def unproject(self, xy: ArrayLike) -> Array:
         """Rays of pixels: (..., 2) -> (..., 3) with z = 1 in the camera frame.
 
         The distortion is really inverted (safeguarded Newton, to rounding); NaN where the lens
-        model has no inverse, that is beyond the radius at which the distorted radius stops growing.
+        model has no inverse, that is beyond the radius at which the distorted radius stops growing, and where a
+        fisheye lens looks at 90 degrees and more from its axis: no ray there has z = 1 (`directions` has it).
         """
         p = _points(xy, 2, "unproject")
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            ideal = undistort(self._from_pixels(p), *self._lens())
+            ideal = undistort(self._from_pixels(p), self._lens())
         return np.concatenate([ideal, np.where(np.isnan(ideal[..., :1]), np.nan, 1.0)], axis=-1)
+
+    def directions(self, xy: ArrayLike) -> Array:
+        """Unit vectors of pixels: (..., 2) -> (..., 3) in the camera frame; as `unproject`, but beyond 90 degrees too."""
+        lens = self._lens()
+        if lens.kind != FISHEYE:
+            rays = self.unproject(xy)
+            return np.asarray(rays / np.linalg.norm(rays, axis=-1, keepdims=True))
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            q = self._from_pixels(_points(xy, 2, "directions"))
+            angle, size = fisheye_angles(q, lens)[..., None], np.linalg.norm(q, axis=-1, keepdims=True)
+        across = q / np.where(size > 0, size, 1.0)
+        return np.concatenate([across * np.sin(angle), np.cos(angle)], axis=-1)
 
     def in_image(self, xy: ArrayLike) -> Mask:
         """Whether pixels (..., 2) lie inside the image area, borders included; NaN (no image) does not."""
@@ -160,8 +200,9 @@ class Camera:
         return np.asarray(inside.all(axis=-1))
 
     # --- parts ---------------------------------------------------------------------------
-    def _lens(self) -> tuple[float, float, float, float, float]:
-        return self.k1, self.k2, self.p1, self.p2, self.k3
+    def _lens(self) -> Lens:
+        kind = LENSES.index(self.lens)
+        return Lens(self.k1, self.k2, self.p1, self.p2, self.k3, self.k4, self.k5, self.k6, kind)
 
     def _to_pixels(self, distorted: Array) -> Array:
         if self.tilt_x or self.tilt_y:

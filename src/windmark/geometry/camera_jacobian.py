@@ -5,39 +5,48 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.geometry.lens import distort, distort_both, distort_jacobian, tilt_homography, tilt_homography_derivatives
+from windmark.geometry.lens import (
+    BROWN,
+    FISHEYE,
+    Lens,
+    by_coefficients,
+    distort_both,
+    project_with_slopes,
+    tilt_homography,
+    tilt_homography_derivatives,
+)
 
 Array = NDArray[np.float64]
 
 
-def project_jacobian(parameters: Array, xyz: Array) -> tuple[Array, NDArray[np.bool_], Array, Array]:
-    """See `Camera.project_jacobian`. The chain is ideal -> distorted -> tilted -> pixels.
+def project_jacobian(
+    parameters: Array, xyz: Array, kind: int = BROWN
+) -> tuple[Array, NDArray[np.bool_], Array, Array]:
+    """See `Camera.project_jacobian`. The chain is point -> distorted -> tilted -> pixels.
 
-    ``parameters``: the eleven in the order of `camera.PARAMETERS`.
+    ``parameters``: those in the order of `camera.PARAMETERS`; ``kind``: number of the lens model in `lens.LENSES`.
     """
-    focal_px, aspect, cx, cy, *lens = parameters[:9].tolist()
-    tilt_x, tilt_y = parameters[9:].tolist()
+    focal_px, aspect, cx, cy = parameters[:4].tolist()
+    tilt_x, tilt_y = parameters[9:11].tolist()
+    lens = lens_of(parameters, kind)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        z = xyz[..., 2]
-        ideal = xyz[..., :2] / z[..., None]
-        distorted, valid = distort(ideal, *lens)
+        distorted, valid, by_point = project_with_slopes(xyz, lens)
         tilted, d_tilted, d_angles = _tilt(tilt_x, tilt_y, distorted)
         focal = np.array([focal_px, focal_px * aspect])
         xy = tilted * focal + np.array([cx, cy])
-        valid &= (z > 0) & np.isfinite(xy).all(axis=-1)
+        valid &= np.isfinite(xy).all(axis=-1)
 
-        d_ideal = np.zeros((*z.shape, 2, 3))
-        d_ideal[..., 0, 0] = d_ideal[..., 1, 1] = 1 / z
-        d_ideal[..., :, 2] = -ideal / z[..., None]
         outer = focal[:, None] * d_tilted
-        d_xyz = outer @ distort_jacobian(ideal, *lens) @ d_ideal
+        d_xyz = outer @ by_point
 
-        d_par = np.zeros((*z.shape, 2, 11))
+        d_par = np.zeros((*valid.shape, 2, 14))
         d_par[..., :, 0] = tilted * np.array([1.0, aspect])
         d_par[..., 1, 1] = focal_px * tilted[..., 1]
         d_par[..., 0, 2] = d_par[..., 1, 3] = 1.0
-        d_par[..., :, 4:9] = outer @ _lens_derivative(ideal)
-        d_par[..., :, 9:] = focal[:, None] * d_angles
+        by_lens = outer @ by_coefficients(xyz, lens)
+        d_par[..., :, 4:9] = by_lens[..., :5]
+        d_par[..., :, 11:] = by_lens[..., 5:]
+        d_par[..., :, 9:11] = focal[:, None] * d_angles
     nan = ~valid[..., None, None]
     return (
         np.where(valid[..., None], xy, np.nan),
@@ -47,37 +56,40 @@ def project_jacobian(parameters: Array, xyz: Array) -> tuple[Array, NDArray[np.b
     )
 
 
-def point_jacobian(parameters: Array, xyz: Array) -> tuple[Array, NDArray[np.bool_], Array]:
+def lens_of(parameters: Array, kind: int) -> Lens:
+    """The lens among the parameters in the order of `camera.PARAMETERS`."""
+    p = parameters.tolist()
+    return Lens(*p[4:9], *p[11:14], kind)
+
+
+def point_jacobian(parameters: Array, xyz: Array, kind: int = BROWN) -> tuple[Array, NDArray[np.bool_], Array]:
     """`project_jacobian` without the derivatives by the parameters, in a third of the time: xy, valid, d_xyz."""
-    focal_px, aspect, cx, cy, *lens = parameters[:9].tolist()
-    tilt_x, tilt_y = parameters[9:].tolist()
+    focal_px, aspect, cx, cy = parameters[:4].tolist()
+    tilt_x, tilt_y = parameters[9:11].tolist()
+    lens = lens_of(parameters, kind)
     focal = np.array([focal_px, focal_px * aspect])
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        depth = xyz[..., 2:]
-        ideal = xyz[..., :2] / depth
-        q, valid, by_ideal = distort_both(ideal, *lens)
-        if tilt_x or tilt_y:
+        if kind == FISHEYE:
+            q, valid, d_xyz = project_with_slopes(xyz, lens)
             q, by_distorted, _ = _tilt(tilt_x, tilt_y, q)
-            by_ideal = by_distorted @ by_ideal
-        xy = q * focal + np.array([cx, cy])
-        d_xyz = np.empty((*xy.shape, 3))
-        d_xyz[..., :2] = by_ideal * (focal[:, None] / depth[..., None])
-        d_xyz[..., 2] = -(d_xyz[..., :2] * ideal[..., None, :]).sum(axis=-1)
-        valid &= (depth[..., 0] > 0) & np.isfinite(xy).all(axis=-1)
+            d_xyz = focal[:, None] * by_distorted @ d_xyz
+            xy = q * focal + np.array([cx, cy])
+            valid &= np.isfinite(xy).all(axis=-1)
+        else:
+            depth = xyz[..., 2:]
+            ideal = xyz[..., :2] / depth
+            q, valid, by_ideal = distort_both(ideal, lens)
+            if tilt_x or tilt_y:
+                q, by_distorted, _ = _tilt(tilt_x, tilt_y, q)
+                by_ideal = by_distorted @ by_ideal
+            xy = q * focal + np.array([cx, cy])
+            d_xyz = np.empty((*xy.shape, 3))
+            d_xyz[..., :2] = by_ideal * (focal[:, None] / depth[..., None])
+            d_xyz[..., 2] = -(d_xyz[..., :2] * ideal[..., None, :]).sum(axis=-1)
+            valid &= (depth[..., 0] > 0) & np.isfinite(xy).all(axis=-1)
     if not valid.all():
         xy[~valid], d_xyz[~valid] = np.nan, np.nan
     return xy, valid, d_xyz
-
-
-def _lens_derivative(p: Array) -> Array:
-    """Derivative of the distorted point with respect to k1, k2, p1, p2, k3: (..., 2, 5)."""
-    x, y = p[..., 0], p[..., 1]
-    s = x * x + y * y
-    rows = [
-        np.stack([x * s, x * s * s, 2 * x * y, s + 2 * x * x, x * s**3], axis=-1),
-        np.stack([y * s, y * s * s, s + 2 * y * y, 2 * x * y, y * s**3], axis=-1),
-    ]
-    return np.stack(rows, axis=-2)
 
 
 def _tilt(tilt_x: float, tilt_y: float, p: Array) -> tuple[Array, Array, Array]:

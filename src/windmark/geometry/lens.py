@@ -1,8 +1,21 @@
-"""Lens distortion (Brown-Conrady) and sensor tilt on normalised image points (z = 1)."""
+"""The lens: Brown-Conrady distortion, rational or fisheye, on normalised image points (z = 1), and the sensor's tilt.
+
+All three are radial about the axis, ``q = radial(s) p`` with s = |p|^2, and Brown's and the rational one add decentring:
+
+========  =============================================================================================
+brown     radial = 1 + k1 s + k2 s^2 + k3 s^3
+rational  that divided by 1 + k4 s + k5 s^2 + k6 s^3 (OpenCV's with eight coefficients)
+fisheye   radial = theta (1 + k1 theta^2 + k2 theta^4 + k3 theta^6 + k4 theta^8) / |p|, tan(theta) = |p|: OpenCV's
+          (Kannala and Brandt 2006). It goes on beyond 90 degrees, where there is no p: `project` takes points
+========  =============================================================================================
+
+The kernels' copy is `_lens_kernels` and, for Brown's, `_kernels`.
+"""
 
 from __future__ import annotations
 
-from math import sqrt
+from math import pi, sqrt
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,87 +23,260 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
+LENSES = ("brown", "rational", "fisheye")
+"""Names of the lens models; their numbers in packed cameras."""
+BROWN, RATIONAL, FISHEYE = 0, 1, 2
 _MAX_STEPS = 60
+_AXIS = 1e-14
+"""Squared radius below which a fisheye lens is as on its axis."""
 
 
-def max_radius2(k1: float, k2: float, k3: float) -> float:
-    """Squared ideal radius up to which ``r (1 + k1 r^2 + k2 r^4 + k3 r^6)`` grows; inf if always.
+class Lens(NamedTuple):
+    """Coefficients, and the number of the model in `LENSES`."""
 
-    Beyond it two ideal points share one image point, so the model is no lens any more.
+    k1: float = 0.0
+    k2: float = 0.0
+    p1: float = 0.0
+    p2: float = 0.0
+    k3: float = 0.0
+    k4: float = 0.0
+    k5: float = 0.0
+    k6: float = 0.0
+    kind: int = BROWN
+
+    @property
+    def none(self) -> bool:
+        """Whether the lens is a pinhole's."""
+        return self.kind != FISHEYE and not any(self[:8])
+
+
+def range2(lens: Lens) -> float:
+    """Squared ideal radius (of a fisheye lens: squared angle) up to which the radial part grows; inf if always.
+
+    Beyond it two directions share one image point, so the model is no lens any more.
     """
-    # The derivative 1 + 3 k1 s + 5 k2 s^2 + 7 k3 s^3 is a cubic in s = r^2; its smallest positive root ends the useful
-    # range. In 1/s it is monic, so coefficients however small do no harm.
-    if k3 == 0.0:
-        root = 2.25 * k1 * k1 - 5 * k2
-        largest = -1.5 * k1 + sqrt(root) if root >= 0 else 0.0
-        if k1 > 0 and root >= 0:
-            # The same without the difference of nearly equal numbers.
-            largest = -5 * k2 / (1.5 * k1 + sqrt(root))
-    else:
-        roots = np.roots(np.array([1.0, 3 * k1, 5 * k2, 7 * k3]))
-        real = roots.real[np.abs(roots.imag) <= 1e-9 * np.abs(roots)]
-        largest = float(real.max(initial=0.0))
+    if lens.kind == FISHEYE:
+        # The derivative of theta (1 + k1 theta^2 + ...); behind, at 180 degrees, every lens ends.
+        return min(_first_root(1.0, 3 * lens.k1, 5 * lens.k2, 7 * lens.k3, 9 * lens.k4), pi * pi)
+    if lens.kind == BROWN:
+        return max_radius2(lens.k1, lens.k2, lens.k3)
+    above = np.array([lens.k3, lens.k2, lens.k1, 1.0])
+    below = np.array([lens.k6, lens.k5, lens.k4, 1.0])
+    # (r N / D)' = (M D - 2 s N D') / D^2 with M = N + 2 s N'; where D vanishes the model ends, too.
+    grows = np.polysub(
+        np.polymul(above * [7, 5, 3, 1], below), 2 * np.polymul([1.0, 0.0], np.polymul(above, np.polyder(below)))
+    )
+    return min(_first_root(*grows[::-1]), _first_root(*below[::-1]))
+
+
+def _first_root(*ascending: float) -> float:
+    """Smallest positive root of a polynomial in s that is 1 at 0, lowest power first; inf without one."""
+    # In 1/s it is monic, so coefficients however small do no harm.
+    roots = np.roots(np.array(ascending))
+    real = roots.real[np.abs(roots.imag) <= 1e-9 * np.abs(roots)]
+    largest = float(real.max(initial=0.0))
     return 1 / largest if largest > 1e-300 else float("inf")
 
 
-def distort(p: Array, k1: float, k2: float, p1: float, p2: float, k3: float) -> tuple[Array, Mask]:
+def max_radius2(k1: float, k2: float, k3: float) -> float:
+    """Squared ideal radius up to which ``r (1 + k1 r^2 + k2 r^4 + k3 r^6)`` grows; inf if always (`range2` of Brown's)."""
+    # The derivative 1 + 3 k1 s + 5 k2 s^2 + 7 k3 s^3 is a cubic in s = r^2; its smallest positive root ends the useful
+    # range.
+    if k3 != 0.0:
+        return _first_root(1.0, 3 * k1, 5 * k2, 7 * k3)
+    root = 2.25 * k1 * k1 - 5 * k2
+    largest = -1.5 * k1 + sqrt(root) if root >= 0 else 0.0
+    if k1 > 0 and root >= 0:
+        # The same without the difference of nearly equal numbers.
+        largest = -5 * k2 / (1.5 * k1 + sqrt(root))
+    return 1 / largest if largest > 1e-300 else float("inf")
+
+
+def radial(s: Array, lens: Lens) -> tuple[Array, Array]:
+    """The radial factor at squared ideal radii, and ``slope2`` with d radial / d(x) = slope2 x."""
+    k1, k2, k3 = lens.k1, lens.k2, lens.k3
+    if lens.kind == FISHEYE:
+        angle = np.arctan(np.sqrt(s))
+        t = angle * angle
+        q, grows = _by_angle(t, lens)
+        near = s < _AXIS
+        r2 = np.where(near, 1.0, s)
+        factor = np.where(near, 1.0, angle * q / np.sqrt(r2))
+        return factor, np.where(near, 2 * (k1 - 1 / 3), (grows / (1 + r2) - factor) / r2)
+    above = 1 + s * (k1 + s * (k2 + s * k3))
+    slope = k1 + s * (2 * k2 + s * 3 * k3)
+    if lens.kind == BROWN:
+        return above, 2 * slope
+    below = 1 + s * (lens.k4 + s * (lens.k5 + s * lens.k6))
+    factor = above / below
+    return factor, 2 * (slope - factor * (lens.k4 + s * (2 * lens.k5 + s * 3 * lens.k6))) / below
+
+
+def _by_angle(t: Array, lens: Lens) -> tuple[Array, Array]:
+    """Of a fisheye lens at squared angles: image radius by angle, and the derivative of the image radius."""
+    k1, k2, k3, k4 = lens.k1, lens.k2, lens.k3, lens.k4
+    return (
+        1 + t * (k1 + t * (k2 + t * (k3 + t * k4))),
+        1 + t * (3 * k1 + t * (5 * k2 + t * (7 * k3 + t * 9 * k4))),
+    )
+
+
+def project(xyz: Array, lens: Lens) -> tuple[Array, Mask]:
+    """Points (..., 3) of the camera's frame -> distorted (..., 2), and where they have one image (...).
+
+    In front of the camera and where the model is one to one; of a fisheye lens by the angle alone, behind too.
+    """
+    if lens.kind == FISHEYE:
+        q, valid, _ = _fisheye(xyz, lens)
+        return q, valid
+    q, valid = distort(xyz[..., :2] / xyz[..., 2:], lens)
+    return q, valid & (xyz[..., 2] > 0)
+
+
+def project_with_slopes(xyz: Array, lens: Lens) -> tuple[Array, Mask, Array]:
+    """`project`, and the derivative of the distorted point by the point (..., 2, 3)."""
+    if lens.kind == FISHEYE:
+        return _fisheye(xyz, lens)
+    depth = xyz[..., 2:]
+    p = xyz[..., :2] / depth
+    q, valid = distort(p, lens)
+    by = np.empty((*q.shape, 3))
+    by[..., :2] = distort_jacobian(p, lens) / depth[..., None]
+    by[..., 2] = -(by[..., :2] * p[..., None, :]).sum(axis=-1)
+    return q, valid & (depth[..., 0] > 0), by
+
+
+def _fisheye(xyz: Array, lens: Lens) -> tuple[Array, Mask, Array]:
+    """`project_with_slopes` of a fisheye lens, by the unit direction (u, v, w)."""
+    # Divided by the largest first: no overflow, whatever the point.
+    size = np.abs(xyz).max(axis=-1, keepdims=True)
+    unit = xyz / size
+    length = np.linalg.norm(unit, axis=-1, keepdims=True)
+    unit, length = unit / length, length[..., 0] * size[..., 0]
+    u, v, w = np.moveaxis(unit, -1, 0)
+    s = u * u + v * v
+    angle = np.arctan2(np.sqrt(s), w)
+    q, grows = _by_angle(angle * angle, lens)
+    near = (s < _AXIS) & (w > 0)
+    sine2 = np.where(near, 1.0, s)
+    factor = np.where(near, 1.0, angle * q / np.sqrt(sine2))
+    bend = np.where(near, 2 * lens.k1 - 2 / 3, (grows * w - factor) / sine2)
+    out = np.stack([u * factor, v * factor], axis=-1)
+    by = np.empty((*s.shape, 2, 3))
+    by[..., 0, 0], by[..., 1, 1] = factor + bend * u * u, factor + bend * v * v
+    by[..., 0, 1] = by[..., 1, 0] = bend * u * v
+    by[..., 0, 2], by[..., 1, 2] = -u * grows, -v * grows
+    valid = (angle * angle < range2(lens)) & (grows > 0) & np.isfinite(length)
+    return out, valid, by / length[..., None, None]
+
+
+def by_coefficients(xyz: Array, lens: Lens) -> Array:
+    """Derivative of the distorted point by k1, k2, p1, p2, k3, k4, k5, k6: (..., 2, 8); 0 by those the model lacks."""
+    out = np.zeros((*xyz.shape[:-1], 2, 8))
+    if lens.kind == FISHEYE:
+        across = np.hypot(xyz[..., 0], xyz[..., 1])
+        angle = np.arctan2(across, xyz[..., 2])
+        # On the axis the image does not move.
+        along = xyz[..., :2] * (angle / np.where(across > 0, across, 1.0))[..., None]
+        for column, power in zip((0, 1, 4, 5), (1, 2, 3, 4), strict=True):
+            out[..., column] = along * (angle ** (2 * power))[..., None]
+        return out
+    p = xyz[..., :2] / xyz[..., 2:]
+    x, y = p[..., 0], p[..., 1]
+    s = x * x + y * y
+    along = p
+    if lens.kind == RATIONAL:
+        below = 1 + s * (lens.k4 + s * (lens.k5 + s * lens.k6))
+        along = p / below[..., None]
+        less = -along * radial(s, lens)[0][..., None]
+        for n in range(3):
+            out[..., 5 + n] = less * (s ** (n + 1))[..., None]
+    for column, power in zip((0, 1, 4), (1, 2, 3), strict=True):
+        out[..., column] = along * (s**power)[..., None]
+    out[..., 0, 2], out[..., 1, 2] = 2 * x * y, s + 2 * y * y
+    out[..., 0, 3], out[..., 1, 3] = s + 2 * x * x, 2 * x * y
+    return out
+
+
+def distort(p: Array, lens: Lens) -> tuple[Array, Mask]:
     """Ideal -> distorted normalised points (..., 2), and where the map is one to one (...)."""
-    q, valid, _ = distort_both(p, k1, k2, p1, p2, k3)
+    q, valid, _ = distort_both(p, lens)
     return q, valid
 
 
-def distort_both(p: Array, k1: float, k2: float, p1: float, p2: float, k3: float) -> tuple[Array, Mask, Array]:
+def distort_both(p: Array, lens: Lens) -> tuple[Array, Mask, Array]:
     """`distort` and `distort_jacobian` at once."""
     x, y = p[..., 0], p[..., 1]
     s = x * x + y * y
-    radial = 1 + s * (k1 + s * (k2 + s * k3))
+    factor, slope2 = radial(s, lens)
+    p1, p2 = lens.p1, lens.p2
     q = np.stack(
         [
-            x * radial + 2 * p1 * x * y + p2 * (s + 2 * x * x),
-            y * radial + p1 * (s + 2 * y * y) + 2 * p2 * x * y,
+            x * factor + 2 * p1 * x * y + p2 * (s + 2 * x * x),
+            y * factor + p1 * (s + 2 * y * y) + 2 * p2 * x * y,
         ],
         axis=-1,
     )
-    j = distort_jacobian(p, k1, k2, p1, p2, k3)
-    det = j[..., 0, 0] * j[..., 1, 1] - j[..., 0, 1] * j[..., 1, 0]
-    return q, (s < max_radius2(k1, k2, k3)) & (det > 0), j
-
-
-def distort_jacobian(p: Array, k1: float, k2: float, p1: float, p2: float, k3: float) -> Array:
-    """Derivative of the distorted with respect to the ideal point, (..., 2) -> (..., 2, 2); symmetric."""
-    x, y = p[..., 0], p[..., 1]
-    s = x * x + y * y
-    radial = 1 + s * (k1 + s * (k2 + s * k3))
-    slope2 = 2 * (k1 + s * (2 * k2 + s * 3 * k3))  # d radial / d(x) = slope2 * x
-    xx = radial + slope2 * x * x + 2 * p1 * y + 6 * p2 * x
-    yy = radial + slope2 * y * y + 6 * p1 * y + 2 * p2 * x
+    xx = factor + slope2 * x * x + 2 * p1 * y + 6 * p2 * x
+    yy = factor + slope2 * y * y + 6 * p1 * y + 2 * p2 * x
     xy = slope2 * x * y + 2 * p1 * x + 2 * p2 * y
-    return np.stack([np.stack([xx, xy], axis=-1), np.stack([xy, yy], axis=-1)], axis=-2)
+    j = np.stack([np.stack([xx, xy], axis=-1), np.stack([xy, yy], axis=-1)], axis=-2)
+    at = s if lens.kind != FISHEYE else np.arctan(np.sqrt(s)) ** 2
+    return q, (at < range2(lens)) & (xx * yy - xy * xy > 0), j
 
 
-def undistort(q: Array, k1: float, k2: float, p1: float, p2: float, k3: float) -> Array:
-    """Distorted -> ideal normalised points (..., 2); NaN where the distortion has no inverse."""
-    if not (k1 or k2 or p1 or p2 or k3):
+def distort_jacobian(p: Array, lens: Lens) -> Array:
+    """Derivative of the distorted with respect to the ideal point, (..., 2) -> (..., 2, 2); symmetric."""
+    return distort_both(p, lens)[2]
+
+
+def undistort(q: Array, lens: Lens) -> Array:
+    """Distorted -> ideal normalised points (..., 2); NaN where there is none."""
+    if lens.none:
         return q.copy()
+    if lens.kind == FISHEYE:
+        angle = fisheye_angles(q, lens)
+        size = np.linalg.norm(q, axis=-1)
+        scale = np.where(size > 0, np.tan(angle) / np.where(size > 0, size, 1.0), 1.0)
+        return np.where((angle < pi / 2)[..., None], q * scale[..., None], np.nan)
     shape = q.shape
     q = q.reshape(-1, 2)
-    p = _undistort_radial(q, k1, k2, k3)
-    if not (p1 or p2):
-        return p.reshape(shape)
-    return _newton(p, q, k1, k2, p1, p2, k3).reshape(shape)
-
-
-def _undistort_radial(q: Array, k1: float, k2: float, k3: float) -> Array:
-    """Scalar inverse of the radial polynomial: Newton kept inside a bracket, so it cannot leave the branch."""
     target = np.hypot(q[:, 0], q[:, 1])
-    low, high = np.zeros_like(target), _upper_bound(target, k1, k2, k3)
-    solvable = _radial(high, k1, k2, k3) >= target
+    r = _inverse(target, lens)
+    p = q * np.where(target > 0, r / np.where(target > 0, target, 1.0), 1.0)[:, None]
+    if not (lens.p1 or lens.p2):
+        return p.reshape(shape)
+    return _newton(p, q, lens).reshape(shape)
+
+
+def fisheye_angles(q: Array, lens: Lens) -> Array:
+    """Angle (...) from the axis of distorted points (..., 2) of a fisheye lens; NaN beyond its range."""
+    target = np.linalg.norm(q, axis=-1)
+    return _inverse(target.ravel(), lens).reshape(target.shape)
+
+
+def _growth(r: Array, lens: Lens) -> tuple[Array, Array]:
+    """Image radius of ideal radii (of a fisheye lens: of angles), and its derivative."""
+    s = r * r
+    if lens.kind == FISHEYE:
+        q, grows = _by_angle(s, lens)
+        return r * q, grows
+    if lens.kind == BROWN:
+        k1, k2, k3 = lens.k1, lens.k2, lens.k3
+        return r * (1 + s * (k1 + s * (k2 + s * k3))), 1 + s * (3 * k1 + s * (5 * k2 + s * 7 * k3))
+    factor, slope2 = radial(s, lens)
+    return r * factor, factor + slope2 * s
+
+
+def _inverse(target: Array, lens: Lens) -> Array:
+    """(N,) inverse of `_growth`: Newton kept inside a bracket, so it cannot leave the branch; NaN without one."""
+    low, high = np.zeros_like(target), _upper_bound(target, lens)
+    solvable = _growth(high, lens)[0] >= target
     r = np.minimum(target, high)
     for _ in range(_MAX_STEPS):
-        s = r * r
-        error = r * (1 + s * (k1 + s * (k2 + s * k3))) - target
+        reached, slope = _growth(r, lens)
+        error = reached - target
         low, high = np.where(error < 0, r, low), np.where(error > 0, r, high)
-        slope = 1 + s * (3 * k1 + s * (5 * k2 + s * 7 * k3))
         step = r - error / slope
         r_new = np.where((step > low) & (step < high), step, 0.5 * (low + high))
         r_new = np.where(error == 0, r, r_new)
@@ -99,44 +285,41 @@ def _undistort_radial(q: Array, k1: float, k2: float, k3: float) -> Array:
         r = r_new
         if done:
             break
-    scale = np.where(target > 0, r / np.where(target > 0, target, 1.0), 1.0)
-    return np.where(solvable[:, None], q * scale[:, None], np.nan)
+    return np.where(solvable, r, np.nan)
 
 
-def _radial(r: Array, k1: float, k2: float, k3: float) -> Array:
-    s = r * r
-    return r * (1 + s * (k1 + s * (k2 + s * k3)))
-
-
-def _upper_bound(target: Array, k1: float, k2: float, k3: float) -> Array:
+def _upper_bound(target: Array, lens: Lens) -> Array:
     """Radii whose images reach the target, within a factor two, or the radius at which the lens folds."""
-    fold = np.sqrt(max_radius2(k1, k2, k3))
+    fold = np.sqrt(range2(lens))
+    if lens.kind == RATIONAL:
+        fold *= 1 - 1e-12  # the model may end at a pole
     high = np.minimum(np.maximum(target, 1e-3), fold)
     for _ in range(_MAX_STEPS):
-        short = (_radial(high, k1, k2, k3) < target) & (high < fold)
+        short = (_growth(high, lens)[0] < target) & (high < fold)
         if not short.any():
             break
         high = np.where(short, np.minimum(2 * high, fold), high)
     # From far outside Newton would come down r^7 by only a seventh per step.
     for _ in range(4 * _MAX_STEPS):
-        far = (target > 0) & (_radial(0.5 * high, k1, k2, k3) >= target)
+        far = (target > 0) & (_growth(0.5 * high, lens)[0] >= target)
         if not far.any():
             break
         high = np.where(far, 0.5 * high, high)
     return high
 
 
-def _newton(p: Array, q: Array, k1: float, k2: float, p1: float, p2: float, k3: float) -> Array:
+def _newton(p: Array, q: Array, lens: Lens) -> Array:
     """Polish with the decentring terms; NaN where it does not reach the observed point."""
     # Points whose radial part alone has no inverse may still have one: start them on the last good radius.
-    s_max = max_radius2(k1, k2, k3)
+    s_max = range2(lens)
     lost = np.isnan(p[:, 0]) & np.isfinite(q[:, 0])
     if lost.any():
         p = p.copy()
         p[lost] = q[lost] * (0.99 * np.sqrt(s_max) / np.hypot(q[lost, 0], q[lost, 1]))[:, None]
+    reached, within, j = distort_both(p, lens)
+    error = reached - q
+    size, part = np.abs(error).max(axis=-1), np.ones(len(p))
     for _ in range(_MAX_STEPS):
-        error = distort(p, k1, k2, p1, p2, k3)[0] - q
-        j = distort_jacobian(p, k1, k2, p1, p2, k3)
         det = j[:, 0, 0] * j[:, 1, 1] - j[:, 0, 1] * j[:, 1, 0]
         step = np.stack(
             [
@@ -145,10 +328,18 @@ def _newton(p: Array, q: Array, k1: float, k2: float, p1: float, p2: float, k3: 
             ],
             axis=-1,
         )
-        p = p - step
+        trial = p - part[:, None] * step
+        reached, inside, by = distort_both(trial, lens)
+        trial_size = np.abs(reached - q).max(axis=-1)
+        # Shorter steps where a whole one leads away, or out of where the lens is one to one.
+        better = ((inside | ~within) & (trial_size < size)) | (size < 1e-14)
+        within = np.where(better, inside, within)
+        part = np.where(better, 1.0, 0.25 * part)
+        p, j = np.where(better[:, None], trial, p), np.where(better[:, None, None], by, j)
+        error, size = np.where(better[:, None], reached - q, error), np.where(better, trial_size, size)
         if not (np.nan_to_num(np.abs(step)).max(initial=0.0) > 1e-15):
             break
-    reached, one_to_one = distort(p, k1, k2, p1, p2, k3)
+    reached, one_to_one = distort(p, lens)
     good = one_to_one & (np.abs(reached - q).max(axis=-1) < 1e-11)
     return np.where(good[:, None], p, np.nan)
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.geometry.camera import Camera
-from windmark.geometry.lens import tilt_homography
+from windmark.geometry.lens import FISHEYE, tilt_homography
 
 Array = NDArray[np.float64]
 
@@ -21,9 +21,11 @@ def pixel_rays(camera: Camera, first_row: int, rows: int) -> Array:
     f, c = camera.focal_px, camera
     matrix = np.array([[f, 0, c.cx], [0, f * c.aspect, c.cy], [0, 0, 1.0]]) @ tilt_homography(c.tilt_x, c.tilt_y)
     packed = camera.packed()
-    lens, max_s = packed[4:9], packed[11]
+    # Of a fisheye lens that is the angle's: what is in front of the camera is its whole plane, or less.
+    max_s = packed[11] if packed[15] != FISHEYE else np.tan(min(np.sqrt(packed[11]), 0.5 * np.pi * (1 - 1e-9))) ** 2
+    plain = not (packed[4:9].any() or packed[12:].any())
     rays = np.empty((rows, camera.size_px[0], 2))
-    _ray_kernels.pixel_rays(np.linalg.inv(matrix), lens, max_s, not lens.any(), first_row, rays)
+    _ray_kernels.pixel_rays(np.linalg.inv(matrix), packed, max_s, plain, first_row, rays)
     lost = np.argwhere(np.isnan(rays[..., 0]))
     if len(lost):
         rays[lost[:, 0], lost[:, 1]] = camera.unproject(lost[:, ::-1] + np.array([0, first_row]))[:, :2]

@@ -21,7 +21,7 @@ from windmark.registration.judge.verdict import Verdict
 from windmark.registration.result import Deformation, NotRegistered, Registration, RigRegistration
 from windmark.registration.search.layout import Layout
 from windmark.registration.search.plane import Plane
-from windmark.registration.settle._kernels.state import COST_END, COST_START, EXPECTED, PLACE, STEPS
+from windmark.registration.settle._kernels.state import COST_END, COST_START, EXPECTED, PLACE, STEPS, WIDE
 from windmark.registration.settle.solution import Solution
 from windmark.registration.settle.views import Views
 from windmark.registration.task import Limits, Task
@@ -99,7 +99,7 @@ def _refused(
 
 def is_bent(camera: Camera) -> bool:
     """Whether the lens does anything but a pinhole does."""
-    return any(getattr(camera, name) != 0.0 for name in ("k1", "k2", "p1", "p2", "k3", "tilt_x", "tilt_y"))
+    return camera.lens == "fisheye" or any(getattr(camera, name) != 0.0 for name in PARAMETERS[4:])
 
 
 def _with_other_lenses(tasks: Sequence[Task], verdict: Verdict) -> list[Task] | None:
@@ -157,7 +157,7 @@ def _of_rig(
         matchings[name] = Matching(index[name][spot], marker, np.hypot(residuals[name][:, 0], residuals[name][:, 1]))
         cameras[name], expected[name] = _camera(final, unit_cov, c), int(final.state.numbers[c, EXPECTED])
         excess[name] = final.excess_px[c] if len(marker) else np.nan
-        if final.views.loose[c, PLACE:].any():
+        if final.views.loose[c, PLACE:WIDE].any():
             places[name] = final.cam_from_model(c) @ final.rig_from_model.inverse()
     to_model = best.to_model()
     return RigRegistration(
@@ -203,10 +203,10 @@ def _cov(best: Solution, unit_cov: Array) -> Array:
 
 def _camera(best: Solution, unit_cov: Array, c: int = 0) -> Camera:
     """Camera c as found, with the covariance of what was open of it."""
-    camera, loose = best.camera(c), best.views.loose[c, :PLACE]
+    camera, loose = best.camera(c), np.delete(best.views.loose[c], slice(PLACE - 1, WIDE), axis=0)
     if not loose.any():
         return camera
-    columns = loose[: len(PARAMETERS)].copy()
+    columns = loose.copy()
     columns[0] *= camera.focal_px
     own = slice(6 + c * loose.shape[1], 6 + (c + 1) * loose.shape[1])
     return replace(camera, cov=columns @ unit_cov[own, own] @ columns.T)

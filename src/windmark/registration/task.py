@@ -194,10 +194,16 @@ def ideal_pixels(camera: Camera, rays: Array) -> Array:
 
 
 def with_focal(camera: Camera, focal_px: float) -> Camera:
-    """The camera with another focal length and the same distortion in the image (sensor tilts are kept)."""
+    """The camera with another focal length and the same distortion in the image (sensor tilts are kept).
+
+    The coefficients of a fisheye lens belong to the angle: they stay.
+    """
     q = focal_px / camera.focal_px
+    if camera.lens == "fisheye":
+        return replace(camera, focal_px=focal_px)
     k1, k2, k3, p1, p2 = camera.k1 * q**2, camera.k2 * q**4, camera.k3 * q**6, camera.p1 * q, camera.p2 * q
-    return replace(camera, focal_px=focal_px, k1=k1, k2=k2, k3=k3, p1=p1, p2=p2)
+    k4, k5, k6 = camera.k4 * q**2, camera.k5 * q**4, camera.k6 * q**6
+    return replace(camera, focal_px=focal_px, k1=k1, k2=k2, k3=k3, p1=p1, p2=p2, k4=k4, k5=k5, k6=k6)
 
 
 def used_spots(usable: NDArray[np.bool_], excluded: ArrayLike | None) -> NDArray[np.bool_]:

@@ -36,11 +36,12 @@ def look(rotation: Array, translation: Array, camera: Array, size: Array, points
         cam[n, 0], cam[n, 1], cam[n, 2] = x, y, z
         px, py, ok = project_point(camera, x, y, z)
         xy[n, 0], xy[n, 1] = px, py
-        if ok:
+        # A fisheye lens sees behind the plane through the camera, where rays are not cast.
+        if ok and z > 0.0:
             inside = px >= -0.5 and py >= -0.5 and px <= size[0] - 0.5 and py <= size[1] - 0.5
             state[n] = VISIBLE if inside else OUTSIDE
         else:
-            state[n] = LENS if z > 0.0 else OUTSIDE
+            state[n] = LENS if z > 0.0 or ok else OUTSIDE
 
 
 @nb.njit(cache=True, nogil=True)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-SHARED = 11 + 6 + 6 + 1
+SHARED = 14 + 6 + 6 + 1
 """Dense parameters of a view at most: camera, rig member, frame, focal change."""
 ROOM = SHARED + 3
 """The same with a point."""
@@ -30,7 +30,7 @@ class Marks(NamedTuple):
 class Scene(NamedTuple):
     """Everything a projection needs."""
 
-    camera: Array  # (C, 12) packed
+    camera: Array  # (C, 16) packed
     tilt: Array  # (C, 3, 3, 3): homography of the tilted sensor and its derivatives by the two angles
     view_camera: Ints  # (V,)
     view_frame: Ints  # (V,)
@@ -46,7 +46,7 @@ class Scene(NamedTuple):
 class Units(NamedTuple):
     """Natural units: what a step of one means."""
 
-    camera: Array  # (C, 11)
+    camera: Array  # (C, 14)
     frame_pivot: Array  # (F, 3) in the frame's target system; rotations turn about it
     frame_scale: Array  # (F,)
     offset_pivot: Array  # (A, 3)
@@ -57,7 +57,7 @@ class Units(NamedTuple):
 class Columns(NamedTuple):
     """Where the free parameters stand: dense columns, and eliminated blocks; -1 where there is none."""
 
-    camera: Ints  # (C, 11)
+    camera: Ints  # (C, 14)
     offset: Ints  # (A,)
     frame: Ints  # (F,)
     focal: Ints  # (V,)

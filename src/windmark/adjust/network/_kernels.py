@@ -43,10 +43,9 @@ def residuals(marks: Marks, scene: Scene, out: Array) -> bool:
             x, y, z = moved(frame, xyz[p, 0], xyz[p, 1], xyz[p, 2])
             if member:
                 x, y, z = moved(offset, x, y, z)
-            u, v = x / z, y / z
-            ud, vd, _, _, _, det = lens(camera, u, v)
+            _, _, _, ud, vd, _, _, _, _, _, _, _, seen = lens(camera, x, y, z)
             sx, sy, _, _, _, _, w = tilted_sensor(sensor, ud, vd)
-            if not (z > 0.0 and u * u + v * v < camera[11] and det > 0.0 and w > 0.0):
+            if not (seen > 0.0 and w > 0.0):
                 return False
             dx, dy = fx * sx + camera[2] + shift[o, 0] - xy[o, 0], fy * sy + camera[3] + shift[o, 1] - xy[o, 1]
             out[o, 0], out[o, 1] = white[o, 0] * dx, white[o, 1] * dx + white[o, 2] * dy
@@ -197,32 +196,30 @@ def _view_rows(
     c, f, a = scene.view_camera[i], scene.view_frame[i], scene.view_offset[i]
     by_offset, by_frame = member and columns.offset[a] >= 0, columns.frame[f] >= 0
     by_focal, frame_block, unit = columns.focal[i] >= 0, columns.frame_block[f], units.point
-    fx, dc, free, scale = camera[0] * factor, np.empty((2, 11)), np.empty(11, np.int64), np.empty(11)
+    fx, dc, free, scale = camera[0] * factor, np.empty((2, 14)), np.empty(14, np.int64), np.empty(14)
     fy = fx * camera[1]
     interior, tilted = 0, False
-    for k in range(11):
+    for k in range(14):
         if columns.camera[c, k] >= 0:
             free[interior], scale[interior] = k, units.camera[c, k]
             interior += 1
-            tilted = tilted or k > 8
+            tilted = tilted or k == 9 or k == 10
     for m in range(marks.starts[i + 1] - marks.starts[i]):
         o, count = marks.starts[i] + m, interior
         p, w = points[o], (white[o, 0], white[o, 1], white[o, 2])
         xb = moved(frame, xyz[p, 0], xyz[p, 1], xyz[p, 2])
         xc = moved(offset, xb[0], xb[1], xb[2]) if member else xb
-        iz = 1.0 / xc[2]
-        u, v = xc[0] * iz, xc[1] * iz
-        ud, vd, jxx, jxy, jyy, det = lens(camera, u, v)
+        u, v, iz, ud, vd, jxx, jxy, jyy, jxz, jyz, along, t, seen = lens(camera, xc[0], xc[1], xc[2])
         sx, sy, taa, tab, tba, tbb, qw = tilted_sensor(sensor, ud, vd)
-        good = good and xc[2] > 0.0 and u * u + v * v < camera[11] and det > 0.0 and qw > 0.0
-        t00, t01, t10, t11 = interior_rows(camera, factor, (u, v, sx, sy, taa, tab, tba, tbb), w, dc)
+        good = good and seen > 0.0 and qw > 0.0
+        t00, t01, t10, t11 = interior_rows(camera, factor, (u, v, along, t, sx, sy, taa, tab, tba, tbb), w, dc)
         if tilted:
             tilt_rows(scene.tilt, c, (sx, sy, ud, vd, qw), fx, fy, w, dc)
         for b in range(interior):
             table[b, 2 * m], table[b, 2 * m + 1] = dc[0, free[b]] * scale[b], dc[1, free[b]] * scale[b]
-        m0, m1, n0, n1 = t00 * jxx + t01 * jxy, t00 * jxy + t01 * jyy, t10 * jxx + t11 * jxy, t10 * jxy + t11 * jyy
-        d = (m0 * iz, m1 * iz, -(m0 * u + m1 * v) * iz)
-        e = (n0 * iz, n1 * iz, -(n0 * u + n1 * v) * iz)
+        t00, t01, t10, t11 = t00 * iz, t01 * iz, t10 * iz, t11 * iz
+        d = (t00 * jxx + t01 * jxy, t00 * jxy + t01 * jyy, t00 * jxz + t01 * jyz)
+        e = (t10 * jxx + t11 * jxy, t10 * jxy + t11 * jyy, t10 * jxz + t11 * jyz)
         if member:
             if by_offset:
                 put_rows(table, count, 2 * m, pose_row(d, xc, offset_pivot), pose_row(e, xc, offset_pivot))
@@ -270,7 +267,7 @@ def _pivots(scene: Scene, units: Units, i: int) -> tuple[Numbers, Numbers]:
 def _view_columns(scene: Scene, columns: Columns, i: int, cols: Ints, runs: Ints) -> tuple[int, int]:
     """Dense columns, ascending, that all marks of a view have; their number, and that of their runs (first, length)."""
     c, f, a, count, used = scene.view_camera[i], scene.view_frame[i], scene.view_offset[i], 0, 0
-    for k in range(11):
+    for k in range(14):
         if columns.camera[c, k] >= 0:
             cols[count] = columns.camera[c, k]
             count += 1

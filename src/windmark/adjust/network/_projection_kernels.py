@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from windmark.adjust.network._arrays import Scene
 from windmark.geometry._jit import nb
+from windmark.geometry._lens_kernels import fisheye_point, wide_radial
+from windmark.geometry.lens import BROWN, FISHEYE
 
 Array = NDArray[np.float64]
 Numbers = tuple[float, ...]
@@ -28,6 +30,7 @@ def view_of(scene: Scene, i: int) -> tuple[Numbers, bool, Numbers, Numbers, Numb
     k, h = scene.camera, scene.tilt
     camera = (
         k[c, 0], k[c, 1], k[c, 2], k[c, 3], k[c, 4], k[c, 5], k[c, 6], k[c, 7], k[c, 8], k[c, 9], k[c, 10], k[c, 11],
+        k[c, 12], k[c, 13], k[c, 14], k[c, 15],
     )  # fmt: skip
     sensor = (
         h[c, 0, 0, 0], h[c, 0, 0, 1], h[c, 0, 0, 2], h[c, 0, 1, 0], h[c, 0, 1, 1], h[c, 0, 1, 2],
@@ -49,11 +52,12 @@ def _numbers(r: Array, t: Array, n: int) -> Numbers:
 def interior_rows(
     camera: Numbers, factor: float, seen: Numbers, white: Numbers, dc: Array
 ) -> tuple[float, float, float, float]:
-    """Whitened derivatives by the interior parameters (tilts aside) into dc (2, 11); those by the distorted point.
+    """Whitened derivatives by the interior parameters (tilts aside) into dc (2, 14); those by the distorted point.
 
-    ``seen``: ideal point, sensor point, and the sensor point's derivative by the distorted one.
+    ``seen``: direction, how the coefficients move the point along it (both as `lens` has them), sensor point, and the
+    sensor point's derivative by the distorted one.
     """
-    u, v, sx, sy, taa, tab, tba, tbb = seen
+    u, v, along, t, sx, sy, taa, tab, tba, tbb = seen
     w0, w1, w2 = white
     fx = camera[0] * factor
     a0, a1, b1 = w0 * fx, w1 * fx, w2 * fx * camera[1]
@@ -63,13 +67,30 @@ def interior_rows(
     dc[0, 1], dc[1, 1] = 0.0, w2 * fx * sy
     dc[0, 2], dc[1, 2] = w0, w1
     dc[0, 3], dc[1, 3] = 0.0, w2
-    g0, g1 = (t00 * u + t01 * v) * s, (t10 * u + t11 * v) * s
+    g0, g1 = (t00 * u + t01 * v) * t, (t10 * u + t11 * v) * t
+    if camera[15] != BROWN:
+        g0, g1 = g0 * along, g1 * along
+        _wide_rows(camera, g0, g1, t, dc)
     dc[0, 4], dc[1, 4] = g0, g1
-    dc[0, 5], dc[1, 5] = g0 * s, g1 * s
+    dc[0, 5], dc[1, 5] = g0 * t, g1 * t
     dc[0, 6], dc[1, 6] = t00 * uv + t01 * (s + 2.0 * v * v), t10 * uv + t11 * (s + 2.0 * v * v)
     dc[0, 7], dc[1, 7] = t00 * (s + 2.0 * u * u) + t01 * uv, t10 * (s + 2.0 * u * u) + t11 * uv
-    dc[0, 8], dc[1, 8] = g0 * s * s, g1 * s * s
+    dc[0, 8], dc[1, 8] = g0 * t * t, g1 * t * t
     return t00, t01, t10, t11
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+def _wide_rows(camera: Numbers, g0: float, g1: float, t: float, dc: Array) -> None:
+    """The same by k4, k5, k6, from those by k1."""
+    if camera[15] == FISHEYE:
+        cube = t * t * t
+        dc[0, 11], dc[1, 11] = g0 * cube, g1 * cube
+        dc[0, 12], dc[1, 12], dc[0, 13], dc[1, 13] = 0.0, 0.0, 0.0, 0.0
+        return
+    less = -wide_radial(coefficients(camera), camera[15], t)[0]
+    for n in range(11, 14):
+        dc[0, n], dc[1, n] = less * g0, less * g1
+        less *= t
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
@@ -98,19 +119,43 @@ def moved(r: Numbers, x: float, y: float, z: float) -> Numbers:
     )
 
 
+@nb.njit(cache=True, nogil=True, inline="always")
+def coefficients(c: Numbers) -> Numbers:
+    """k1 to k6 of a packed camera."""
+    return c[4], c[5], c[8], c[12], c[13], c[14]
+
+
 @nb.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
-def lens(c: Numbers, u: float, v: float) -> Numbers:
-    """Distorted point, the derivative xx, xy, yy by the ideal one, and its determinant."""
+def lens(c: Numbers, x: float, y: float, z: float) -> Numbers:
+    """A point under the lens.
+
+    Returns
+    -------
+    u, v, scale : ideal point, 1 / z; of a fisheye lens unit direction, 1 / distance
+    distorted point (2)
+    xx, xy, yy, xz, yz : derivative of the distorted point by the point, over the scale
+    along, t : a change of k_n moves the distorted point by (u, v) along t^n
+    1 where the point has an image, else 0
+    """
+    if c[15] == FISHEYE:
+        u, v, ud, vd, seen, jxx, jxy, jyy, jxz, jyz, length, along, t = fisheye_point(coefficients(c), c[11], x, y, z)
+        return u, v, 1.0 / length, ud, vd, jxx, jxy, jyy, jxz, jyz, along, t, seen
+    iz = 1.0 / z
+    u, v = x * iz, y * iz
     s = u * u + v * v
     k1, k2, p1, p2, k3 = c[4], c[5], c[6], c[7], c[8]
-    radial = 1.0 + s * (k1 + s * (k2 + s * k3))
+    along, radial = 1.0, 1.0 + s * (k1 + s * (k2 + s * k3))
     slope2 = 2.0 * (k1 + s * (2.0 * k2 + s * 3.0 * k3))
+    if c[15] != BROWN:
+        radial, slope2 = wide_radial(coefficients(c), c[15], s)
+        along = 1.0 / (1.0 + s * (c[12] + s * (c[13] + s * c[14])))
     jxx = radial + slope2 * u * u + 2.0 * p1 * v + 6.0 * p2 * u
     jyy = radial + slope2 * v * v + 6.0 * p1 * v + 2.0 * p2 * u
     jxy = slope2 * u * v + 2.0 * p1 * u + 2.0 * p2 * v
     ud = u * radial + 2.0 * p1 * u * v + p2 * (s + 2.0 * u * u)
     vd = v * radial + p1 * (s + 2.0 * v * v) + 2.0 * p2 * u * v
-    return ud, vd, jxx, jxy, jyy, jxx * jyy - jxy * jxy
+    seen = 1.0 if z > 0.0 and s < c[11] and jxx * jyy - jxy * jxy > 0.0 else 0.0
+    return u, v, iz, ud, vd, jxx, jxy, jyy, -(jxx * u + jxy * v), -(jxy * u + jyy * v), along, s, seen
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)

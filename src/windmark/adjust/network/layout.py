@@ -54,7 +54,7 @@ def make_layout(network: Network, state: NetworkState) -> Layout:
     if away == "auto":
         away = "points" if 3 * int((point & ~tied).sum()) >= 6 * int(frame.sum()) else "frames"
     count = 0
-    camera = np.full((len(network.free_camera), 11), -1)
+    camera = np.full((len(network.free_camera), len(PARAMETERS)), -1)
     for c, free in enumerate(network.free_camera):
         for name in (p for p in PARAMETERS if p in free):
             camera[c, PARAMETERS.index(name)] = count

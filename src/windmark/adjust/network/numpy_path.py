@@ -41,18 +41,18 @@ def jacobian_rows(
         jd[:, :, start : start + size] = np.where(column[:, None, None] < 0, 0.0, rows)
 
     camera = columns.camera[c]
-    cols[:, :11] = camera
-    jd[:, :, :11] = np.where(camera[:, None] < 0, 0.0, d_cam * units.camera[c][:, None])
+    cols[:, :14] = camera
+    jd[:, :, :14] = np.where(camera[:, None] < 0, 0.0, d_cam * units.camera[c][:, None])
     if rig.any():
         rows = _pose_rows(d_xyz, xc, units.offset_pivot[a], units.offset_scale[a])
-        put(11, np.where(rig, columns.offset[a], -1), rows)
+        put(14, np.where(rig, columns.offset[a], -1), rows)
         d_xyz = np.where(rig[:, None, None], d_xyz @ scene.offset_r[a], d_xyz)
     rows = _pose_rows(d_xyz, xb, units.frame_pivot[f], units.frame_scale[f])
-    put(17, columns.frame[f], rows)
+    put(20, columns.frame[f], rows)
     change = d_cam[:, :, :1] * (scene.camera[c, 0] / scene.focal[i])[:, None, None]
-    put(23, columns.focal[i], change)
+    put(26, columns.focal[i], change)
     at_point = (d_xyz @ scene.frame_r[f]) * np.where(columns.held[p], 0.0, units.point)[:, None]
-    put(24, columns.point[p], at_point)
+    put(27, columns.point[p], at_point)
     if je.shape[2] == 6:
         block[:] = columns.frame_block[f]
         je[:] = np.where(block[:, None, None] < 0, 0.0, rows)
@@ -124,13 +124,14 @@ def _projected(marks: Marks, scene: Scene) -> tuple[Array, NDArray[np.bool_], Ar
         xc = np.where(rig[:, None], moved, xb)
     o = len(i)
     xy, valid = np.zeros((o, 2)), np.zeros(o, bool)
-    d_xyz, d_cam = np.zeros((o, 2, 3)), np.zeros((o, 2, 11))
+    d_xyz, d_cam = np.zeros((o, 2, 3)), np.zeros((o, 2, 14))
     # Views differ by their factor on the focal length.
     for view in np.unique(i):
         own = i == view
-        parameters = scene.camera[scene.view_camera[view], :11].copy()
+        packed = scene.camera[scene.view_camera[view]]
+        parameters = np.concatenate([packed[:11], packed[12:15]])
         parameters[0] *= scene.focal[view]
-        xy[own], valid[own], d_xyz[own], d_cam[own] = project_jacobian(parameters, xc[own])
+        xy[own], valid[own], d_xyz[own], d_cam[own] = project_jacobian(parameters, xc[own], int(packed[15]))
         d_cam[own, :, 0] *= scene.focal[view]
     return xy, valid, d_xyz, d_cam, xb, xc
 

@@ -22,14 +22,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from windmark.errors import DataError
-from windmark.geometry import Camera
+from windmark.geometry import PARAMETERS, Camera
 
 Array = NDArray[np.float64]
 
 _GRID = (41, 31)
 _STEPS = 50
 _ABSURD = 1e100  # squares of larger numbers overflow
-_FREE = slice(0, 9)  # of `PARAMETERS`: all but the tilts
+_FREE = slice(0, 9)  # of `PARAMETERS`: all of a plain lens but the tilts
 
 
 @dataclass(frozen=True)
@@ -110,7 +110,7 @@ def _fit(camera: Camera, rays: Array, xy: Array) -> Camera | None:
         if not (valid.all() and np.abs(jacobian).max() < _ABSURD):
             return None
         step = _solve(jacobian[..., _FREE].reshape(-1, 9), (xy - seen).reshape(-1))
-        values = camera.parameters() + np.append(step, [0.0, 0.0])
+        values = camera.parameters() + np.pad(step, (0, len(PARAMETERS) - 9))
         if values[0] <= 0 or values[1] <= 0:
             return None
         camera = camera.with_parameters(values)

@@ -34,11 +34,15 @@ _PARAMETERS = {
     "SIMPLE_RADIAL": ("f", "cx", "cy", "k1"),
     "RADIAL": ("f", "cx", "cy", "k1", "k2"),
     "OPENCV": ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2"),
+    "SIMPLE_RADIAL_FISHEYE": ("f", "cx", "cy", "k1"),
+    "RADIAL_FISHEYE": ("f", "cx", "cy", "k1", "k2"),
+    "OPENCV_FISHEYE": ("fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4"),
     "FULL_OPENCV": ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"),
 }
 """Names and order of COLMAP's parameters, from the smallest model on."""
 
-_LENS = ("k1", "k2", "p1", "p2", "k3")
+_FISHEYE = "FISHEYE"  # in the names of models whose coefficients belong to the angle, as `cv2.fisheye` has it
+_LENS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 _ID = re.compile(r"[0-9]{1,18}")
 _CAMERA_LINE = re.compile(r"\d+\s+[A-Z][A-Z_]+\s+\d+\s+\d+\s")
 
@@ -72,8 +76,8 @@ def read_colmap(path: Pathlike) -> ColmapModel:
     Raises
     ------
     FileError
-        Names the line: an unknown lens model, a wrong number of parameters, rational terms (k4-k6) that are
-        not zero, an image of a camera that is not there.
+        Names the line: an unknown lens model, a wrong number of parameters, an
+        image of a camera that is not there.
     """
     place = Path(path)
     place = place / CAMERAS if place.is_dir() else place
@@ -171,8 +175,9 @@ def _camera(path: Path, line: int, words: list[str]) -> tuple[int, Camera]:
     where = f"line {line}, {model}"
     fx, fy = (given.get(key, given.get("f", 0.0)) for key in ("fx", "fy"))
     matrix = [[fx, 0, given["cx"] - 0.5], [0, fy, given["cy"] - 0.5], [0, 0, 1]]
-    lens = [given.get(key, 0.0) for key in (*_LENS, "k4", "k5", "k6")]
-    parameters = record.pinhole(path, where, matrix) | record.lens(path, where, lens)
+    fisheye = _FISHEYE in model
+    lens = [given.get(key, 0.0) for key in (("k1", "k2", "k3", "k4") if fisheye else _LENS)]
+    parameters = record.pinhole(path, where, matrix) | record.lens(path, where, lens, fisheye=fisheye)
     return int(words[0]), record.camera(path, size_px, parameters)
 
 
@@ -231,8 +236,9 @@ def _camera_line(number: int, camera: Camera) -> str:
     record.refuse_tilt("COLMAP", camera)
     fx, fy = camera.focal_px, camera.focal_px * camera.aspect
     values = {"f": fx, "fx": fx, "fy": fy, "cx": camera.cx + 0.5, "cy": camera.cy + 0.5}
-    values |= {key: getattr(camera, key) for key in _LENS} | dict.fromkeys(("k4", "k5", "k6"), 0.0)
+    values |= {key: getattr(camera, key) for key in _LENS}
     needed = {key for key in _LENS if values[key]} | ({"fx"} if camera.aspect != 1 else set())
-    model = next(name for name, has in _PARAMETERS.items() if needed <= set(has))
+    fitting = [name for name in _PARAMETERS if (_FISHEYE in name) == (camera.lens == "fisheye")]
+    model = next(name for name in fitting if needed <= set(_PARAMETERS[name]))
     width, height = camera.size_px
     return f"{number} {model} {width} {height} {' '.join(repr(values[key]) for key in _PARAMETERS[model])}\n"

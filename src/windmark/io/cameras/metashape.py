@@ -68,9 +68,10 @@ def write_metashape(path: Pathlike, camera: Camera) -> None:
     Raises
     ------
     ValueError
-        For sensor tilts, which Metashape's model lacks.
+        For sensor tilts and wide lenses, which Metashape's frame model lacks.
     """
     record.refuse_tilt("Metashape's frame camera", camera)
+    record.refuse_lens("Metashape's frame camera", camera)
     width, height = camera.size_px
     f = camera.focal_px * camera.aspect
     values: dict[str, float] = {"f": f, "cx": camera.cx - (width - 1) / 2, "cy": camera.cy - (height - 1) / 2}

@@ -56,11 +56,12 @@ def write_mrcal(path: Pathlike, camera: Camera, pose: Pose | None, unit: str | N
     Raises
     ------
     ValueError
-        For sensor tilts, which mrcal's models lack.
+        For sensor tilts and fisheye lenses, which mrcal's OPENCV models lack.
     """
     record.refuse_tilt("mrcal's OPENCV models", camera)
-    name = "OPENCV5" if camera.k3 else "OPENCV4"
-    lens = [camera.k1, camera.k2, camera.p1, camera.p2, camera.k3]
+    record.refuse_lens("mrcal's OPENCV models", camera, "rational")
+    name = "OPENCV8" if camera.lens == "rational" else "OPENCV5" if camera.k3 else "OPENCV4"
+    lens = record.coefficients(camera)
     name = name if any(lens) else "PINHOLE"
     values = [camera.focal_px, camera.focal_px * camera.aspect, camera.cx, camera.cy, *lens[: _COEFFICIENTS[name]]]
     extrinsics = [0.0] * 6 if pose is None else [*pose.rotvec.tolist(), *pose.translation.tolist()]

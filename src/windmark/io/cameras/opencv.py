@@ -1,7 +1,9 @@
 """Cameras as OpenCV and ROS write them: YAML, XML, JSON.
 
 OpenCV's pixel origin is windmark's: the centre of the top-left pixel. Of its distortion coefficients (4, 5, 8, 12
-or 14) windmark's camera holds k1 k2 p1 p2 k3 and tau_x, tau_y; the rational and thin-prism ones must be zero.
+or 14) windmark's camera holds k1 k2 p1 p2 k3, the rational k4 k5 k6, and tau_x, tau_y; the thin-prism ones must be zero.
+A fisheye lens (`cv2.fisheye`, k1 to k4) is one whose file says so: ``distortion_model: equidistant`` (ROS) or a true
+``fisheye_model``; its four numbers alone look like k1 k2 p1 p2.
 """
 
 from __future__ import annotations
@@ -27,6 +29,7 @@ SIZE_KEYS = ("image_size_wh", "image_size", "imageSize", "size_px")
 ROTATION_KEYS = ("rvec", "R", "rotation_vector", "rotation_matrix", "rmat")
 TRANSLATION_KEYS = ("tvec", "T", "t", "translation_vector")
 _PLAIN_LENSES = ("", "plumb_bob", "rational_polynomial", "brown", "opencv", "radtan", "none")
+_FISHEYES = ("equidistant", "fisheye", "kannala_brandt", "kannalabrandt", "kannala_brandt4", "opencv_fisheye")
 
 
 def has_camera_matrix(content: dict[str, Any]) -> bool:
@@ -40,7 +43,7 @@ def parse_opencv(path: Pathlike, content: dict[str, Any], size_px: tuple[int, in
     ``size_px`` is used where the file does not say. Keys that are not needed (reprojection errors,
     image points, flags) are not read.
     """
-    _refuse_other_lenses(path, content)
+    fisheye = _is_fisheye(path, content)
     matrix_key, lens_key = _first(content, MATRIX_KEYS), _first(content, LENS_KEYS)
     if matrix_key is None:
         raise FileError(path, f"no camera matrix; expected one of the keys {', '.join(MATRIX_KEYS)}")
@@ -48,7 +51,7 @@ def parse_opencv(path: Pathlike, content: dict[str, Any], size_px: tuple[int, in
         what = f"no distortion coefficients; expected one of the keys {', '.join(LENS_KEYS)} (zeros for none)"
         raise FileError(path, what)
     parameters = record.pinhole(path, matrix_key, _plain(path, matrix_key, content[matrix_key]))
-    parameters |= record.lens(path, lens_key, _plain(path, lens_key, content[lens_key]))
+    parameters |= record.lens(path, lens_key, _plain(path, lens_key, content[lens_key]), fisheye=fisheye)
     camera = record.camera(path, _size(path, content) or size_px or _no_size(path), parameters)
     unit = content.get("length_unit")
     if unit is not None and unit not in record.LENGTH_UNITS:
@@ -58,28 +61,37 @@ def parse_opencv(path: Pathlike, content: dict[str, Any], size_px: tuple[int, in
 
 def write_opencv(path: Pathlike, camera: Camera, pose: Pose | None, unit: str | None) -> None:
     """Write what OpenCV's FileStorage reads: JSON where the name ends in .json, else YAML; no covariance."""
-    d = [camera.k1, camera.k2, camera.p1, camera.p2, camera.k3]
-    if camera.tilt_x or camera.tilt_y:
-        d += [0.0] * 7 + [camera.tilt_x, camera.tilt_y]
+    d = record.coefficients(camera)
+    if camera.lens == "fisheye":
+        record.refuse_tilt("OpenCV's fisheye model", camera)
+    elif camera.tilt_x or camera.tilt_y:
+        d += [0.0] * (12 - len(d)) + [camera.tilt_x, camera.tilt_y]
     matrices = {"camera_matrix": camera.matrix, "distortion_coefficients": np.array([d])}
     if pose is not None:
         matrices |= {"rvec": pose.rotvec.reshape(3, 1), "tvec": pose.translation.reshape(3, 1)}
-    text = (_json if Path(path).suffix.lower() == ".json" else _yaml)(camera.size_px, matrices, unit)
+    model = "equidistant" if camera.lens == "fisheye" else None
+    text = (_json if Path(path).suffix.lower() == ".json" else _yaml)(camera.size_px, matrices, model, unit)
     with atomic_write(path) as stream:
         stream.write(text)
 
 
-def _yaml(size_px: tuple[int, int], matrices: dict[str, NDArray[np.float64]], unit: str | None) -> str:
+def _yaml(
+    size_px: tuple[int, int], matrices: dict[str, NDArray[np.float64]], model: str | None, unit: str | None
+) -> str:
     parts = [f"%YAML:1.0\n---\nimage_width: {size_px[0]}\nimage_height: {size_px[1]}\n"]
     for key, values in matrices.items():
         rows, cols = values.shape
         data = ", ".join(map(repr, values.ravel().tolist()))
         parts.append(f"{key}: !!opencv-matrix\n   rows: {rows}\n   cols: {cols}\n   dt: d\n   data: [ {data} ]\n")
+    parts += [f'distortion_model: "{model}"\n'] if model else []
     return "".join(parts) + (f'length_unit: "{unit}"\n' if unit else "")
 
 
-def _json(size_px: tuple[int, int], matrices: dict[str, NDArray[np.float64]], unit: str | None) -> str:
+def _json(
+    size_px: tuple[int, int], matrices: dict[str, NDArray[np.float64]], model: str | None, unit: str | None
+) -> str:
     content: dict[str, Any] = {"image_width": size_px[0], "image_height": size_px[1]}
+    content |= {"distortion_model": model} if model else {}
     for key, values in matrices.items():
         rows, cols = values.shape
         shape = {"type_id": "opencv-matrix", "rows": rows, "cols": cols, "dt": "d"}
@@ -129,11 +141,14 @@ def _pose(path: Pathlike, content: dict[str, Any]) -> Pose | None:
     return record.pose(path, turn, record.numbers(path, turn, values, (3, 3)), translation, mend=True)
 
 
-def _refuse_other_lenses(path: Pathlike, content: dict[str, Any]) -> None:
-    """Fisheye and omnidirectional models use the same keys with another meaning."""
+def _is_fisheye(path: Pathlike, content: dict[str, Any]) -> bool:
+    """Whether the file says so; fisheye and omnidirectional models use the same keys with another meaning."""
     model = str(content.get("distortion_model") or content.get("camera_model") or "")
-    if model.lower() not in (*_PLAIN_LENSES, "pinhole"):
-        raise record.key_error(path, "distortion_model", f"{model!r}; expected plumb_bob (k1 k2 p1 p2 k3)")
-    for key in ("fisheye_model", "xi"):
-        if content.get(key):
-            raise record.key_error(path, key, f"{content[key]}: a fisheye lens; expected a pinhole with k1 k2 p1 p2 k3")
+    known = (*_PLAIN_LENSES, "pinhole", *_FISHEYES)
+    if model.lower() not in known:
+        raise record.key_error(
+            path, "distortion_model", f"{model!r}; expected plumb_bob (k1 k2 p1 p2 k3), rational_polynomial or equidistant"
+        )
+    if content.get("xi"):
+        raise record.key_error(path, "xi", f"{content['xi']}: an omnidirectional lens; expected a pinhole or equidistant")
+    return bool(content.get("fisheye_model")) or model.lower() in _FISHEYES

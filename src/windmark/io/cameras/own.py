@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.geometry import PARAMETERS, Camera, Pose, PoV
+from windmark.geometry.camera import PLAIN
+from windmark.geometry.lens import LENSES
 from windmark.io.cameras import record
 from windmark.io.cameras.edited import ANGLES_DISTANCES, as_written, chosen_focal, chosen_pose, read_as_written
 from windmark.io.cameras.record import LENGTH_UNITS, CameraFile
@@ -18,7 +20,7 @@ VERSION = 1
 
 _FILE_NAMES = {"cx": "cx_px", "cy": "cy_px", "tilt_x": "tilt_x_rad", "tilt_y": "tilt_y_rad"}
 _PARAMETER_KEYS = {_FILE_NAMES.get(name, name): name for name in PARAMETERS}
-_KEYS = ("windmark", "version", "size_px", *_PARAMETER_KEYS, "covariance", "cam_from_model", "length_unit",
+_KEYS = ("windmark", "version", "size_px", *_PARAMETER_KEYS, "lens", "covariance", "cam_from_model", "length_unit",
          "as_written", "note")  # fmt: skip
 _POV_KEYS = (*ANGLES_DISTANCES, "fov_deg")
 
@@ -28,9 +30,13 @@ def own_content(
 ) -> dict[str, Any]:
     """What is written as JSON."""
     content: dict[str, Any] = {"windmark": "camera", "version": VERSION, "size_px": camera.size_px}
-    content |= {key: getattr(camera, name) for key, name in _PARAMETER_KEYS.items()}
+    # A plain lens is written as it always was.
+    keys = list(_PARAMETER_KEYS)[: PLAIN if camera.lens == "brown" else None]
+    if camera.lens != "brown":
+        content["lens"] = camera.lens
+    content |= {key: getattr(camera, _PARAMETER_KEYS[key]) for key in keys}
     if camera.cov is not None:
-        content["covariance"] = {"parameters": list(_PARAMETER_KEYS), "matrix": camera.cov}
+        content["covariance"] = {"parameters": keys, "matrix": camera.cov[: len(keys), : len(keys)]}
     if pose is not None:
         pov = pose.to_pov(camera.focal_px, camera.size_px[0])
         content["cam_from_model"] = {"rotation": pose.rotation, "translation": pose.translation, "pov": pov}
@@ -72,7 +78,10 @@ def parse_own(path: Pathlike, content: dict[str, Any]) -> CameraFile:
 
 def _own_camera(path: Pathlike, content: dict[str, Any], pov: PoV | None, written: dict[str, str]
                 ) -> tuple[Camera, list[str]]:  # fmt: skip
-    parameters = {
+    lens = content.get("lens", "brown")
+    if lens not in LENSES:
+        raise record.key_error(path, "lens", f"{lens!r}; expected one of {', '.join(LENSES)}")
+    parameters: dict[str, Any] = {
         name: float(record.numbers(path, key, content[key], ()))
         for key, name in _PARAMETER_KEYS.items()
         if key in content
@@ -83,17 +92,18 @@ def _own_camera(path: Pathlike, content: dict[str, Any], pov: PoV | None, writte
     cov = _covariance(path, content.get("covariance"))
     if note and cov is not None:
         cov, note = None, f"{note}; the camera's covariance is that of another focal length and is left out"
-    return record.camera(path, size_px, parameters, cov), [note] if note else []
+    return record.camera(path, size_px, {**parameters, "lens": lens}, cov), [note] if note else []
 
 
 def _covariance(path: Pathlike, content: Any) -> Any:
-    """(11, 11) in the order of `PARAMETERS`; null (NaN: not determined) is allowed."""
+    """(11, 11) or (14, 14) in the order of `PARAMETERS`; null (NaN: not determined) is allowed."""
     if content is None:
         return None
     record.refuse_unknown(path, content, ("parameters", "matrix"), "covariance")
-    if content.get("parameters") != list(_PARAMETER_KEYS):
+    keys, named = list(_PARAMETER_KEYS), content.get("parameters")
+    if named not in (keys, keys[:PLAIN]):
         raise record.key_error(path, "covariance.parameters", f"expected {', '.join(_PARAMETER_KEYS)}")
-    n = len(PARAMETERS)
+    n = len(named)
     matrix = np.array(content.get("matrix"), dtype=object)
     if matrix.shape != (n, n):
         raise record.key_error(path, "covariance.matrix", f"the shape is {matrix.shape}; expected {n} x {n} numbers")

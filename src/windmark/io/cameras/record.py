@@ -102,25 +102,47 @@ def image_size(path: Pathlike, key: str, value: Any) -> tuple[int, int]:
     return int(width), int(height)
 
 
-def lens(path: Pathlike, key: str, value: Any) -> dict[str, float]:
-    """OpenCV's distortion vector as named parameters of `Camera`.
+def lens(path: Pathlike, key: str, value: Any, *, fisheye: bool = False) -> dict[str, Any]:
+    """OpenCV's distortion vector (``cv2.fisheye``'s four) as named parameters of `Camera`, with the name of its lens.
 
     Raises
     ------
     FileError
-        For terms that windmark's lens lacks: rational k4-k6, thin prism s1-s4, when not zero.
+        For a wrong number of coefficients, and for the thin prism s1-s4, which windmark's lenses lack, when not zero.
     """
     size = np.size(np.array(value, dtype=object))
+    if fisheye:
+        if size != 4:
+            raise key_error(path, key, f"{size} coefficients of a fisheye lens; expected 4 (k1 k2 k3 k4)")
+        given = numbers(path, key, value, (4,)).tolist()
+        return {**dict(zip(("k1", "k2", "k3", "k4"), given, strict=True)), "lens": "fisheye"}
     if size not in (0, *_OPENCV_LENGTHS):
         raise key_error(path, key, f"{size} coefficients; expected 4, 5, 8, 12 or 14 (k1 k2 p1 p2 k3 ...)")
     d = np.zeros(14)
     d[:size] = numbers(path, key, value, (size,)) if size else 0.0
-    if d[5:12].any():
-        there = [name for name, v in zip(("k4", "k5", "k6", "s1", "s2", "s3", "s4"), d[5:12], strict=True) if v]
-        what = f"{', '.join(there)} not zero: a rational or thin-prism lens; expected k1 k2 p1 p2 k3 alone"
+    if d[8:12].any():
+        there = [name for name, v in zip(("s1", "s2", "s3", "s4"), d[8:12], strict=True) if v]
+        what = f"{', '.join(there)} not zero: a thin-prism lens; expected k1 k2 p1 p2 k3 k4 k5 k6 alone"
         raise key_error(path, key, f"{what} (calibrate again without these terms)")
-    names = ("k1", "k2", "p1", "p2", "k3")
-    return dict(zip(names, d[:5].tolist(), strict=True)) | {"tilt_x": float(d[12]), "tilt_y": float(d[13])}
+    names = ("k1", "k2", "p1", "p2", "k3", *(("k4", "k5", "k6") if d[5:8].any() else ()))
+    found: dict[str, Any] = dict(zip(names, d[: len(names)].tolist(), strict=True))
+    found["lens"] = "rational" if d[5:8].any() else "brown"
+    return found | {"tilt_x": float(d[12]), "tilt_y": float(d[13])}
+
+
+def coefficients(camera: Camera) -> list[float]:
+    """OpenCV's distortion vector of a camera, without the tilts: 5, of a rational lens 8, of a fisheye lens its 4."""
+    if camera.lens == "fisheye":
+        return [camera.k1, camera.k2, camera.k3, camera.k4]
+    wide = [camera.k4, camera.k5, camera.k6] if camera.lens == "rational" else []
+    return [camera.k1, camera.k2, camera.p1, camera.p2, camera.k3, *wide]
+
+
+def refuse_lens(who: str, camera: Camera, *known: str) -> None:
+    """`UsageError` for a lens that a format has no words for."""
+    if camera.lens not in ("brown", *known):
+        what = f"expected {' or '.join(('k1 k2 p1 p2 k3', *known))}, got a {camera.lens} lens"
+        raise UsageError(f"write_camera: {who} cannot hold this lens; {what}")
 
 
 def pinhole(path: Pathlike, key: str, value: Any) -> dict[str, float]:
@@ -143,7 +165,7 @@ def pinhole(path: Pathlike, key: str, value: Any) -> dict[str, float]:
 
 
 def camera(
-    path: Pathlike, size_px: tuple[int, int], parameters: Mapping[str, float], cov: Array | None = None
+    path: Pathlike, size_px: tuple[int, int], parameters: Mapping[str, Any], cov: Array | None = None
 ) -> Camera:
     """The camera, its own complaints as `FileError`."""
     try:

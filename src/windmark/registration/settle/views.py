@@ -14,7 +14,7 @@ from windmark.geometry import Camera, Pose
 from windmark.registration._kernels.near import nearest
 from windmark.registration.search.layout import Layout
 from windmark.registration.search.plane import Plane, density_of
-from windmark.registration.settle._kernels.state import PLACE, ROWS, Sights
+from windmark.registration.settle._kernels.state import PLACE, ROWS, WIDE, Sights
 
 Array = NDArray[np.float64]
 
@@ -39,7 +39,7 @@ class Views:
     ----------
     planes : of each camera: task, layout and search plane
     cam_from_rig : of each camera; the identity for a single one
-    loose : (C, 18, P) how the cameras may vary, see `Sights`
+    loose : (C, 21, P) how the cameras may vary, see `Sights`
     modes : (K, N, 3) how the unit model may be deformed, by 1 sigma
     names : (C,) numbers of the cameras among all that were given, those without spots too
     """
@@ -98,7 +98,7 @@ class Views:
         return out
 
     def opened(self, extra: Sequence[Array]) -> Views:
-        """The same with cameras that may vary in more ways, (18, p) each."""
+        """The same with cameras that may vary in more ways, (21, p) each."""
         return self._with(loose=np.concatenate([self.loose, _stacked(extra)], axis=2))
 
     def with_place(self, c: int, cam_from_rig: Pose) -> Views:
@@ -158,16 +158,17 @@ class Views:
         return tuple(plane.log_shares(tuple(plane.leads)) for plane in self.planes)
 
     def camera(self, c: int, packed: Array) -> Camera:
-        """Camera c with the parameters (12,) of a state."""
+        """Camera c with the parameters (16,) of a state."""
         given = self.planes[c].task.camera
         if np.array_equal(packed, given.packed()):
             return given
-        names = ("focal_px", "aspect", "cx", "cy", "k1", "k2", "p1", "p2", "k3", "tilt_x", "tilt_y")
-        return replace(given, **dict(zip(names, packed[:PARAMETERS_PACKED].tolist(), strict=True)))
+        return given.with_parameters(
+            np.concatenate([packed[:PARAMETERS_PACKED], packed[PARAMETERS_PACKED + 1 : -1]]), cov=given.cov
+        )
 
 
 def known_camera(camera: Camera, focal_sigma: float) -> Array:
-    """(18, P) how a camera may vary by what is known of it: `Camera.cov`, and a free focal length of so large a sigma.
+    """(21, P) how a camera may vary by what is known of it: `Camera.cov`, and a free focal length of so large a sigma.
 
     A free focal length comes first; row 0 is of its logarithm.
     """
@@ -181,7 +182,8 @@ def known_camera(camera: Camera, focal_sigma: float) -> Array:
     value, vector = np.linalg.eigh(cov / np.outer(safe, safe))
     kept = value > SURE
     columns = np.zeros((ROWS, int(kept.sum())))
-    columns[:PARAMETERS_PACKED] = unit[:, None] * vector[:, kept] * np.sqrt(value[kept])
+    change = unit[:, None] * vector[:, kept] * np.sqrt(value[kept])
+    columns[:PARAMETERS_PACKED], columns[WIDE:] = change[:PARAMETERS_PACKED], change[PARAMETERS_PACKED:]
     columns[0] /= camera.focal_px
     if focal_sigma > 0:
         columns = np.concatenate([np.eye(ROWS, 1) * focal_sigma, columns], axis=1)
@@ -189,7 +191,7 @@ def known_camera(camera: Camera, focal_sigma: float) -> Array:
 
 
 def doubted_camera(camera: Camera) -> Array:
-    """(18, 5) how a camera may be wrong: focal length, aspect, principal point in x and y, lens (see `DOUBTS`)."""
+    """(21, 5) how a camera may be wrong: focal length, aspect, principal point in x and y, lens (see `DOUBTS`)."""
     columns = np.zeros((ROWS, len(DOUBTS)))
     diagonal = float(np.hypot(*camera.size_px))
     corner2 = (0.5 * diagonal / camera.focal_px) ** 2
@@ -200,21 +202,21 @@ def doubted_camera(camera: Camera) -> Array:
 
 
 def known_place(cov: Array | None, scale: float) -> Array:
-    """(18, P) how a camera's place in the rig may vary, by the covariance (6, 6) of ``exp(delta) @ cam_from_rig``."""
+    """(21, P) how a camera's place in the rig may vary, by the covariance (6, 6) of ``exp(delta) @ cam_from_rig``."""
     if cov is None:
         return np.zeros((ROWS, 0))
     unit = np.repeat([1.0, 1 / scale], 3)
     value, vector = np.linalg.eigh(cov * np.outer(unit, unit))
     kept = value > SURE * value[-1]
     columns = np.zeros((ROWS, int(kept.sum())))
-    columns[PLACE:] = vector[:, kept] * np.sqrt(value[kept])
+    columns[PLACE:WIDE] = vector[:, kept] * np.sqrt(value[kept])
     return columns
 
 
 def doubted_place(turn: float, shift: float) -> Array:
-    """(18, 6) a camera's place that is known to ``turn`` (radians) and ``shift`` (sizes of the model), 1 sigma."""
+    """(21, 6) a camera's place that is known to ``turn`` (radians) and ``shift`` (sizes of the model), 1 sigma."""
     columns = np.zeros((ROWS, 6))
-    columns[PLACE:] = np.diag(np.repeat([turn, shift], 3))
+    columns[PLACE:WIDE] = np.diag(np.repeat([turn, shift], 3))
     return columns
 
 
@@ -232,7 +234,7 @@ def _densities(plane: Plane) -> Array:
 
 
 def _stacked(columns: Sequence[Array]) -> Array:
-    """(C, 18, P) of (18, p) each, filled up with columns that change nothing."""
+    """(C, 21, P) of (21, p) each, filled up with columns that change nothing."""
     out = np.zeros((len(columns), ROWS, max(c.shape[1] for c in columns)))
     for own, c in zip(out, columns, strict=True):
         own[:, : c.shape[1]] = c

@@ -26,8 +26,8 @@ STEPS, COST_START, COST_END, DECREASE, REPORT = range(5)
 decrease that its last step promised."""
 
 
-PLACE, ROWS = 12, 18
-"""Of `Sights.loose`: the first row of a camera's place in the rig, and the number of rows."""
+PLACE, WIDE, ROWS = 12, 18, 21
+"""Of `Sights.loose`: the first row of a camera's place in the rig, of k4 to k6, and the number of rows."""
 
 
 class Sights(NamedTuple):
@@ -48,9 +48,10 @@ class Sights(NamedTuple):
     size: Array  # (C, 2) of the images
     radius: Array  # (C,) px, of the spots; 0 where unknown
     tolerance: Array  # (C,) px, the neighbourhood of the search
-    camera: Array  # (C, 12) `Camera.packed`, as given
-    loose: Array  # (C, 18, P) change by 1 sigma of each nuisance: of the packed camera, row 0 of the log focal length;
-    # from row 12 on of its place [rotation 3, translation 3 in sizes of the model], which comes after cam_from_rig
+    camera: Array  # (C, 16) `Camera.packed`, as given
+    loose: Array  # (C, 21, P) change by 1 sigma of each nuisance: of the packed camera, row 0 of the log focal length;
+    # from row 12 on of its place [rotation 3, translation 3 in sizes of the model], which comes after cam_from_rig;
+    # from row 18 on of k4, k5, k6
 
 
 class State(NamedTuple):
@@ -60,7 +61,7 @@ class State(NamedTuple):
     translation: Array  # (3,)
     nuisance: Array  # (C, P)
     bent: Array  # (K,)
-    camera: Array  # (C, 12) with the nuisances
+    camera: Array  # (C, 16) with the nuisances
     rotations: Array  # (C, 3, 3) as each camera sees the model
     translations: Array  # (C, 3)
     numbers: Array  # (C, 4) see EXCESS and the names beside it
