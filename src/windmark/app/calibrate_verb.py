@@ -12,6 +12,7 @@ from windmark import io
 from windmark.app import console
 from windmark.app.alone import not_drawn
 from windmark.app.calibrate_options import TABLES
+from windmark.app.verdict_words import put_verdict, verdict_lines
 from windmark.calibration import NotCalibrated, Weighted
 from windmark.calibration.quality import Comparison, SplitHalf, compare
 from windmark.errors import UsageError
@@ -34,6 +35,7 @@ from windmark.pipeline.calibrate.marks import start_camera, with_focal
 from windmark.pipeline.calibrate.rig import Beside, beside
 from windmark.pipeline.clock import Clock
 from windmark.pipeline.lengths import Lengths
+from windmark.pipeline.verdict import Verdict, calibrate_verdict
 from windmark.scene import MarkerCovariance, MarkerSet
 
 Record = dict[str, Any]
@@ -107,12 +109,14 @@ def run(files: Files, settings: CalibrateSettings, match: MatchOptions, as_json:
         clock = Clock(show)
         done, pictures = _solve(files, settings, match, clock)
         if isinstance(done, NotCalibrated):
-            console.refuse(_why(done), as_json, _refusal(done, pictures))
+            verdict = calibrate_verdict(done, files.unit)
+            console.refuse(_why(done), as_json, {**_refusal(done, pictures), "verdict": verdict.record()})
             return
         against = None if known is None else compare(known, done.result)
         content = _write(out.place, files, done, pictures, against, match, clock)
     console.answer({**content, "folder": files.output}, as_json, [
-        *_lines(done, pictures, against, files), *not_drawn(content["not_drawn"]),
+        *_lines(done, pictures, against, files), *verdict_lines(Verdict.of_record(content["verdict"])),
+        *not_drawn(content["not_drawn"]),
         f"report: {files.output / 'report.html'}",
     ])  # fmt: skip
 
@@ -136,6 +140,9 @@ def _write(
         paths = None if pictures is None else dict(zip([p.name for p in pictures], files.inputs, strict=True))
         shown = Shown(files.unit, pictures, paths, match, against, str(files.against or ""))
         page = calibration_report(done, shown, clock)
+    verdict = calibrate_verdict(done, files.unit)
+    put_verdict(page, verdict)
+    content["verdict"] = verdict.record()
     (place / "report.html").write_text(page.html(), encoding="utf-8")
     content["not_drawn"] = page.failed
     io.write_json(place / "summary.json", {**content, "seconds": clock.seconds})

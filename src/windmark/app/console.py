@@ -184,7 +184,7 @@ def errors(as_json: bool) -> Iterator[None]:
         _fail("not enough memory for this image or grid", WRONG_USAGE, as_json)
     except Exception as error:
         if isinstance(error, WindmarkError):
-            _fail(str(error), WRONG_USAGE, as_json)
+            _fail(str(error), WRONG_USAGE, as_json, error)
         _report_fault(error, as_json)
 
 
@@ -207,10 +207,15 @@ def refuse(reason: str, as_json: bool, record: Mapping[str, Any] | None = None) 
     raise typer.Exit(DATA_SAY_NO)
 
 
-def _fail(message: str, code: int, as_json: bool) -> None:
+def _fail(message: str, code: int, as_json: bool, error: WindmarkError | None = None) -> None:
     if as_json:
+        record: dict[str, Any] = {"error": message}
+        if error is not None:
+            from windmark.pipeline.verdict.errors import error_verdict
+
+            record["verdict"] = error_verdict(error).record()
         with suppress(OSError):  # what it is about counts more than that it cannot be printed
-            typer.echo(json.dumps({"error": message}))
+            typer.echo(_printable(json.dumps(record)))
     complain(message)
     raise typer.Exit(code)
 

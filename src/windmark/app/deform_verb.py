@@ -18,6 +18,7 @@ from windmark.app import console
 from windmark.app.alone import not_drawn
 from windmark.app.deform_report import deform_page
 from windmark.app.series_folder import left, series_folder
+from windmark.app.verdict_words import put_verdict, verdict_lines
 from windmark.deformation import weak_directions
 from windmark.pipeline.deform import (
     Changes,
@@ -32,6 +33,7 @@ from windmark.pipeline.deform import (
 from windmark.pipeline.deform.record import MISFIT
 from windmark.pipeline.deform.series import NOT_TRIED, STATUS
 from windmark.pipeline.resume import begun_with
+from windmark.pipeline.verdict import Verdict, deform_verdict
 
 Record = dict[str, Any]
 
@@ -85,7 +87,8 @@ def deform(path: Path, changed: Changes, live: Live | None, go_on: str, as_json:
     good = bool(sequence.good)
     if good or not as_json:
         console.answer(record, as_json, [
-            *_lines(loaded, sequence, record), *not_drawn(record["not_drawn"]), f"report: {folder / 'report.html'}",
+            *_lines(loaded, sequence, record), *verdict_lines(Verdict.of_record(record["verdict"])),
+            *not_drawn(record["not_drawn"]), f"report: {folder / 'report.html'}",
         ])  # fmt: skip
     if not good:
         why = sequence.records[0].reason if sequence.records else "no frame arrived"
@@ -122,9 +125,11 @@ def live_line(row: FrameRecord) -> str:
 def _finish(loaded: Loaded, sequence: Sequence, folder: Path, start: float) -> Record:
     """Report, film and summary beside the tables."""
     record = summary(loaded, sequence)
+    verdict = deform_verdict(sequence.records, record.get("weak", ()))
     page = deform_page(loaded, sequence, record, folder)
+    put_verdict(page, verdict)
     (folder / "report.html").write_text(page.html(), encoding="utf-8")
-    record |= {"not_drawn": page.failed, "seconds": time.perf_counter() - start}
+    record |= {"verdict": verdict.record(), "not_drawn": page.failed, "seconds": time.perf_counter() - start}
     io.write_json(folder / "summary.json", record)
     return record
 

@@ -13,6 +13,7 @@ from windmark.app import console
 from windmark.app.alone import not_drawn
 from windmark.app.infrared_report import infrared_page
 from windmark.app.series_folder import series_folder
+from windmark.app.verdict_words import put_verdict, verdict_lines
 from windmark.pipeline.infrared import (
     FAILED,
     FrameRecord,
@@ -23,6 +24,7 @@ from windmark.pipeline.infrared import (
     reduced,
     run_infrared,
 )
+from windmark.pipeline.verdict import infrared_verdict
 
 Record = dict[str, Any]
 
@@ -44,16 +46,19 @@ def infrared(path: Path, output: Path | None, go_on: str, as_json: bool) -> None
         )  # fmt: skip
         show("draw the report")
         record = summary(run, result)
+        verdict = infrared_verdict(result.records, result.remarks)
         page = infrared_page(run, result, out.place)
+        put_verdict(page, verdict)
         (out.place / "report.html").write_text(page.html(), encoding="utf-8")
-        record |= {"not_drawn": page.failed, "seconds": time.perf_counter() - start}
+        record |= {"verdict": verdict.record(), "not_drawn": page.failed, "seconds": time.perf_counter() - start}
         io.write_json(out.place / "summary.json", record)
         out.refused = not reduced(result.records)
     record["folder"] = folder
     good = bool(reduced(result.records))
     if good or not as_json:
         console.answer(record, as_json, [
-            *_lines(result), *not_drawn(record["not_drawn"]), f"report: {folder / 'report.html'}",
+            *_lines(result), *verdict_lines(verdict), *not_drawn(record["not_drawn"]),
+            f"report: {folder / 'report.html'}",
         ])  # fmt: skip
     if not good:
         why = result.records[0].reason if result.records else "there are no frames"

@@ -13,7 +13,9 @@ from windmark.app import console
 from windmark.app.alone import not_drawn
 from windmark.app.psp_report import psp_page
 from windmark.app.series_folder import series_folder
+from windmark.app.verdict_words import put_verdict, verdict_lines
 from windmark.pipeline.psp import FAILED, PointRecord, PspTest, grouped, load_psp, read_psp_project, reduced, run_psp
+from windmark.pipeline.verdict import psp_verdict
 
 Record = dict[str, Any]
 
@@ -39,16 +41,19 @@ def psp(
         )  # fmt: skip
         show("draw the report")
         record = summary(test, records)
+        verdict = psp_verdict(records)
         page = psp_page(test, records, out.place)
+        put_verdict(page, verdict)
         (out.place / "report.html").write_text(page.html(), encoding="utf-8")
-        record |= {"not_drawn": page.failed, "seconds": time.perf_counter() - start}
+        record |= {"verdict": verdict.record(), "not_drawn": page.failed, "seconds": time.perf_counter() - start}
         io.write_json(out.place / "summary.json", record)
         out.refused = not reduced(records)
     record["folder"] = folder
     good = bool(reduced(records))
     if good or not as_json:
         console.answer(record, as_json, [
-            *_lines(records), *not_drawn(record["not_drawn"]), f"report: {folder / 'report.html'}",
+            *_lines(records), *verdict_lines(verdict), *not_drawn(record["not_drawn"]),
+            f"report: {folder / 'report.html'}",
         ])  # fmt: skip
     if not good:
         why = records[0].reason if records else "the table has no points"

@@ -12,6 +12,7 @@ import numpy as np
 from windmark import io
 from windmark.app import console
 from windmark.app.alone import not_drawn
+from windmark.app.verdict_words import put_verdict, verdict_lines
 from windmark.calibration import Distance
 from windmark.errors import UsageError
 from windmark.geometry import Camera
@@ -31,6 +32,7 @@ from windmark.pipeline.reconstruct.outputs import (
 )  # fmt: skip
 from windmark.pipeline.reconstruct.pair import PairLines, pair_lines
 from windmark.pipeline.reconstruct.read import read_labels, read_poses, read_spots
+from windmark.pipeline.verdict import Verdict, reconstruct_verdict
 from windmark.scene import MarkerSet
 
 Record = dict[str, Any]
@@ -132,14 +134,16 @@ def run(files: Files, match: MatchOptions, as_json: bool) -> None:
         unread = {p.name: p.unread for p in pictures if p.unread and p.name in result.dropped}
         result = replace(result, dropped={**result.dropped, **unread})
         if isinstance(result, NotReconstructed):
-            console.refuse(_why(result), as_json, _refusal(result, pictures))
+            verdict = reconstruct_verdict(result, files.unit, len(pictures))
+            console.refuse(_why(result), as_json, {**_refusal(result, pictures), "verdict": verdict.record()})
             return
         if result.free_scale:
             files = replace(files, unit=FREE_UNIT)
         pair = _pair(files, result, pictures)
         content = _write(out.place, files, result, primary, pictures, pair, match, clock)
     console.answer({**content, "folder": files.output}, as_json, [
-        *_lines(result, primary, pictures, pair, files), *not_drawn(content["not_drawn"]),
+        *_lines(result, primary, pictures, pair, files), *verdict_lines(Verdict.of_record(content["verdict"])),
+        *not_drawn(content["not_drawn"]),
         f"report: {files.output / 'report.html'}",
     ])  # fmt: skip
 
@@ -167,6 +171,9 @@ def _write(
         paths = dict(zip(files.names, files.images, strict=True))
         shown = Shown(files.unit, primary, pictures, paths, match, pair)
         page = reconstruction_report(result, shown, clock, place)
+    verdict = reconstruct_verdict(result, length_words(files.unit), len(pictures))
+    put_verdict(page, verdict)
+    content["verdict"] = verdict.record()
     (place / "report.html").write_text(page.html(), encoding="utf-8")
     content["not_drawn"] = page.failed
     io.write_json(place / "summary.json", {**content, "seconds": clock.seconds})

@@ -17,6 +17,7 @@ from windmark.app import console
 from windmark.app.alone import not_drawn
 from windmark.app.report import Report
 from windmark.app.series_folder import series_folder
+from windmark.app.verdict_words import put_verdict, verdict_lines
 from windmark.errors import UsageError
 from windmark.geometry import Camera
 from windmark.pipeline.lengths import Lengths
@@ -24,6 +25,7 @@ from windmark.pipeline.same_run import made_with
 from windmark.pipeline.track import FollowOptions
 from windmark.pipeline.track_results import POV, PoseRow, match_columns, pose_columns, sequence_summary
 from windmark.pipeline.track_series import Series, follow_series
+from windmark.pipeline.verdict import Verdict, track_verdict
 from windmark.registration import Motion
 from windmark.scene import MarkerSet
 
@@ -87,6 +89,8 @@ def follow_files(wishes: Wishes, options: Record, change: tuple[float, float], g
             **sequence_summary(rows, camera, unit), "seconds": time.perf_counter() - start, "folder": wishes.output,
             "polarity": series.polarity,
         }  # fmt: skip
+        verdict = track_verdict(rows, unit)
+        record["verdict"] = verdict.record()
         page = _write(out.place, series, markers, camera, unit, record)
         out.refused = last is None
     if last is None:
@@ -94,7 +98,9 @@ def follow_files(wishes: Wishes, options: Record, change: tuple[float, float], g
     auto = series.polarity == "bright" and how.polarity == "auto"
     decided = ["bright markers: dark spots gave no pose"] if auto else []
     missing = not_drawn(page.failed)
-    console.answer(record, as_json, [*_lines(rows), *decided, *missing, f"report: {wishes.output / 'report.html'}"])
+    console.answer(record, as_json, [
+        *_lines(rows), *decided, *verdict_lines(verdict), *missing, f"report: {wishes.output / 'report.html'}",
+    ])  # fmt: skip
 
 
 def _made_with(wishes: Wishes, options: Record, change: tuple[float, float]) -> Record:
@@ -133,6 +139,7 @@ def _write(place: Path, series: Series, markers: MarkerSet, camera: Camera, unit
     if series.last is not None:  # a start for the images that come later
         io.write_camera(place / "camera.json", camera, series.last[0], unit=unit, pose_cov=series.last[1])
     page = _page(series.rows, record, unit, place)
+    put_verdict(page, Verdict.of_record(record["verdict"]))
     (place / "report.html").write_text(page.html(), encoding="utf-8")
     record["not_drawn"] = page.failed
     io.write_json(place / "summary.json", record)

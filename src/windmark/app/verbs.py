@@ -9,6 +9,7 @@ from typing import Any
 
 from windmark import io
 from windmark.app import console
+from windmark.app.verdict_words import put_verdict, verdict_lines
 from windmark.pipeline import merge_outputs, outputs
 from windmark.pipeline.clock import Clock
 from windmark.pipeline.job import run_project
@@ -17,6 +18,7 @@ from windmark.pipeline.project import Project, make_project, read_project
 from windmark.pipeline.results import ImageResult, RunResult
 from windmark.pipeline.settings import COMMAND_LINE
 from windmark.pipeline.truth import Comparison
+from windmark.pipeline.verdict import Verdict, run_verdict
 from windmark.registration import Registration
 
 Record = dict[str, Any]
@@ -70,11 +72,13 @@ def carry_out(project: Project, truth: Callable[[RunResult], Comparison] | None 
         result = run_project(project, progress=show)
         comparison = truth(result) if truth else None
         outputs.write_results(result, out.place, clock)
+        verdict = run_verdict(result)
         with clock("draw report"):
             page = run_report(result, clock, comparison, out.sources())
+        put_verdict(page, verdict)
         (out.place / "report.html").write_text(page.html(), encoding="utf-8")
         clock.seconds["whole job"] = time.perf_counter() - start
-        record = {**outputs.summary(result, clock), "not_drawn": page.failed}
+        record = {**outputs.summary(result, clock), "verdict": verdict.record(), "not_drawn": page.failed}
         if comparison is not None:
             record["truth"] = comparison.record()
         io.write_json(out.place / "summary.json", record)
@@ -92,7 +96,8 @@ def finish(result: RunResult, record: Record, as_json: bool) -> None:
     lines += [f"left out: {said}" for said in result.left_out] + [f"not drawn: {said}" for said in record["not_drawn"]]
     nothing = _nothing(result)
     if not (nothing and as_json):  # a refusal brings the record with it: one document
-        console.answer(record, as_json, [*lines, f"report: {folder / 'report.html'}"])
+        judged = verdict_lines(Verdict.of_record(record["verdict"]))
+        console.answer(record, as_json, [*lines, *judged, f"report: {folder / 'report.html'}"])
     if nothing:
         why = f"no image could be used; {result.failed[0].name}: {result.failed[0].problem}"
         console.refuse(why, as_json, record)
@@ -178,6 +183,7 @@ def demo(folder: Path, seed: int, as_json: bool) -> None:
         f" {len(test.shots)} images, {len(test.markers)} markers, {len(test.mesh.vertices)} grid nodes",
         "the main job, with no start pose (windmark run project.toml):",
         *(f"  {image_line(item, result)}" for item in result.images),
+        *(f"  {line}" for line in verdict_lines(Verdict.of_record(record["verdict"]))),
         f"compared with the truth: {truth['verdict']}",
         *(f"  {_truth_line(row)}" for row in truth["images"]),
         f"report: {project.output.folder / 'report.html'}",

@@ -92,7 +92,7 @@ def _with_priors(held: Held, good: Mask, options: dict[str, Any]) -> Held:
         solved = with_eccentricity(job, solved.state, good, options, fitting(solved))
     how = "was left out" if options["reject"] else "is contradicted"
     doubts = [
-        Doubt((name,), f"the prior of {{}} {how}: {off:.4g} from what the pictures say ({sigmas:.0f} sigma)")
+        Doubt((name,), f"the prior of {{}} {how}: {off:.4g} from what the pictures say ({sigmas:.0f} sigma)", "camera")
         for name, (off, sigmas) in wrong.items()
     ]
     return replace(held, job=job, solved=solved, doubts=(*held.doubts, *doubts))
@@ -176,17 +176,17 @@ def _said(job: Job, control: Control, verdict: Verdict, alone: Solved) -> tuple[
         return (Doubt(
             tuple(n for b in verdict.unclear for n in names(b)),
             f"what is known contradicts itself; without any one of these the rest would fit: {listed}. Measure them "
-            "again, leave the wrong one out, or give more control",
+            "again, leave the wrong one out, or give more control", "control",
         ),)  # fmt: skip
     out = [
         Doubt(names(b), f"{what(b)} was left out: {off(b)} from where the pictures and the other control put it "
-                        f"({np.sqrt(t):.0f} sigma)")
+                        f"({np.sqrt(t):.0f} sigma)", "control")
         for b, t in verdict.wrong.items()
     ]  # fmt: skip
     if verdict.factor > 1:
         more = "" if isinstance(job.datum, Fixed) and not job.distances else "; its sigmas were enlarged"
         out.append(Doubt((), f"the control fits {verdict.factor:.1f} times worse than its sigmas say, no single one is "
-                             f"at fault{more}"))  # fmt: skip
+                             f"at fault{more}", "control"))  # fmt: skip
     return tuple(out)
 
 

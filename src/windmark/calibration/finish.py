@@ -127,14 +127,14 @@ def refuse_weak(job: Job, solved: Solved, rough: NetworkState | None = None) -> 
 def _lost(job: Job, solved: Solved) -> list[Doubt]:
     """Markers and views that lost a quarter of their marks and more than one by chance."""
     obs, bad, out = job.observations, ~solved.used, []
-    for index, names, words in (
-        (obs.point, job.markers.name.tolist(), "it moved, is not where its table says, or has wrong labels"),
-        (obs.view, [v.name for v in job.views], "out of focus, wrong labels, or the markers had moved"),
+    for index, names, words, cause in (
+        (obs.point, job.markers.name.tolist(), "it moved, is not where its table says, or has wrong labels", "marker"),
+        (obs.view, [v.name for v in job.views], "out of focus, wrong labels, or the markers had moved", "picture"),
     ):
         lost = np.bincount(index[solved.taken][bad], minlength=len(names))
         every = np.bincount(index[solved.taken], minlength=len(names))
         out += [
-            Doubt((str(names[n]),), f"{{}} lost {lost[n]} of its {every[n]} marks: {words}")
+            Doubt((str(names[n]),), f"{{}} lost {lost[n]} of its {every[n]} marks: {words}", cause)
             for n in np.flatnonzero((lost > 1) & (4 * lost >= every))
         ]
     return out

@@ -103,12 +103,12 @@ def focus_doubts(job: Job, solved: Solved) -> tuple[Doubt, ...]:
     found, together = refocused(job, solved)
     if not found:
         rms = f"focal lengths of the pictures differ by {100 * together:.2g} % (rms): free_focal"
-        return (Doubt((), rms),) if together else ()
+        return (Doubt((), rms, "focal"),) if together else ()
     worst = sorted(found, key=lambda r: -abs(r.change) / r.sigma)[:NAMED]
     listed = ", ".join(f"{{}} ({100 * r.change:+.2g} +- {100 * r.sigma:.1g} %)" for r in worst)
     more = f" and {len(found) - NAMED} more" if len(found) > NAMED else ""
     words = f"focal length not that of the other pictures (free_focal): {listed}{more}"
-    return (Doubt(tuple(r.view for r in worst), words),)
+    return (Doubt(tuple(r.view for r in worst), words, "focal"),)
 
 
 def _gathered(solved: Solved, b: Array, group: NDArray[np.int64], count: int) -> Array:

@@ -51,7 +51,7 @@ def unattached(solved: Solved) -> list[Doubt]:
             words = f"{{}} is beside {{}}, which moves{there}: is it attached? Give it that parent if so"
         else:
             continue
-        out.append(Doubt((name, beside), words))
+        out.append(Doubt((name, beside), words, "bent"))
     return out
 
 

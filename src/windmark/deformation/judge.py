@@ -67,12 +67,13 @@ def judge(solved: Solved, free_moved: bool) -> tuple[Solved, Verdict] | NotIdent
         by_volume: dict[str, list[str]] = {}
         for volume, words in pattern.looks:
             by_volume.setdefault(volume, []).append(words)
-        doubts += [Doubt((v,), "law of {} too simple: what is left looks like " + " and ".join(w))
+        doubts += [Doubt((v,), "law of {} too simple: what is left looks like " + " and ".join(w), "bent")
                    for v, w in by_volume.items()]  # fmt: skip
     scale = 1.0
     if chdtrc(redundancy, chi2) < FALSE:
         scale = chi2 / redundancy
         besides = " besides" if doubts else ""
         doubts.append(Doubt((), f"residuals are {np.sqrt(scale):.2g} times as large as stated{besides} (sigma0): "
-                            "spots or the table of markers are less certain, or the laws too simple"))  # fmt: skip
+                            "spots or the table of markers are less certain, or the laws too simple",
+                            "noise"))  # fmt: skip
     return solved, Verdict(scale, pattern.misfit if pattern else None, tuple(doubts))

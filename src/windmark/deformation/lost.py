@@ -44,7 +44,8 @@ def _exchanged(solved: Solved) -> list[Doubt]:
         for a, b in exchanged_pairs(seen[own], there[own], sigma[own]):
             names = task.markers.name[point[bad[own[[a, b]]]]]
             found.setdefault((str(names[0]), str(names[1])), []).append(task.views[int(v)].name)
-    return [Doubt(pair, "labels of {} and {} are exchanged in " + ", ".join(views)) for pair, views in found.items()]
+    words = "labels of {} and {} are exchanged in "
+    return [Doubt(pair, words + ", ".join(views), "swapped") for pair, views in found.items()]
 
 
 def residuals_of_all(solved: Solved) -> Array:
@@ -80,7 +81,7 @@ def _elsewhere(solved: Solved) -> list[Doubt]:
         off = np.linalg.lstsq(a, -e, rcond=None)[0]
         if chdtrc(len(e) - 3, float(((e + a @ off) ** 2).sum())) > FALSE:
             words = f"{{}} is {np.linalg.norm(off):.2g} {unit}".rstrip() + " from where its table has it"
-            out.append(Doubt((str(task.markers.name[n]),), words))
+            out.append(Doubt((str(task.markers.name[n]),), words, "marker"))
     return out
 
 
@@ -93,5 +94,5 @@ def _views(solved: Solved) -> list[Doubt]:
         usual = (gone.sum() - gone[n] + 1) / (len(view) - every[n] + 1)
         if bdtrc(gone[n] - 1, every[n], min(usual, 1.0)) < FALSE:
             words = f"{{}} lost {gone[n]} of its {every[n]} spots: it moved, or has wrong labels"
-            out.append(Doubt((task.views[n].name,), words))
+            out.append(Doubt((task.views[n].name,), words, "picture"))
     return out

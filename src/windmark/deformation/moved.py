@@ -74,7 +74,8 @@ def moved(solved: Solved, names: list[str], best: float) -> tuple[Solved, Doubt]
             tuple(alike),
         )  # fmt: skip
     (name,) = alike
-    return healed[name], Doubt((name,), "{} is taken as fixed and is not where it should be: it " + words[name])
+    said = "{} is taken as fixed and is not where it should be: it " + words[name]
+    return healed[name], Doubt((name,), said, "moved")
 
 
 def _fixed(task: Task) -> list[tuple[int, str]]:

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from windmark.geometry import Camera, Pose, PoV
 from windmark.pipeline.track import FollowedFrame
-from windmark.registration import Unchecked
-from windmark.scene import MarkerSet
+from windmark.registration import Registration, Unchecked
+from windmark.scene import Detections, MarkerSet
 
 Array = NDArray[np.float64]
 
@@ -30,6 +30,8 @@ class PoseRow:
     matches : marker, x, y, dx, dy (projected - detected) of the K matches
     time_s : by the recording's clock; NaN where unknown
     unchecked : what the image cannot tell, of those that were registered without help
+    excess_px, off_table : of the registration; ``spot_px`` is the median sigma of its spots, ``bent_px`` the largest
+        shift of a marker by a deformation
     """
 
     index: int
@@ -48,6 +50,10 @@ class PoseRow:
     matches: tuple[NDArray[np.int64], Array]
     time_s: float = np.nan
     unchecked: tuple[Unchecked, ...] = ()
+    excess_px: float = np.nan
+    spot_px: float = np.nan
+    off_table: float = np.nan
+    bent_px: float = 0.0
 
     @staticmethod
     def of(frame: FollowedFrame) -> PoseRow:
@@ -64,8 +70,15 @@ class PoseRow:
         pov, sigma = pov_with_sigma(answer.cam_from_model, answer.cov)
         return PoseRow(
             *common, len(answer.matching), answer.n_expected, answer.rms_px, pov, sigma, answer.cam_from_model, matches,
-            frame.time_s, answer.unchecked,
+            frame.time_s, answer.unchecked, answer.excess_px, spot_sigma(frame.detections, answer), answer.off_table,
+            0.0 if answer.deformation is None else answer.deformation.largest_px,
         )  # fmt: skip
+
+
+def spot_sigma(spots: Detections, answer: Registration) -> float:
+    """Median 1 sigma per coordinate of the matched spots."""
+    cov = spots.cov[answer.matching.detection]
+    return float(np.sqrt(np.median(np.trace(cov, axis1=1, axis2=2) / 2))) if len(cov) else float("nan")
 
 
 def pov_with_sigma(pose: Pose, cov: Array) -> tuple[Array, Array]:

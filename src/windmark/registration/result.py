@@ -172,7 +172,7 @@ class Registration(_Found):
         """Directions that the spots hardly determine, weakest first; of a camera without a marker of its own none."""
         if not len(self.matching):
             return ()
-        return weak_directions(self.cam_from_model, self.camera.focal_px, self.cov, self._seen_xyz)
+        return weak_directions(self.cam_from_model, self.camera.focal_px, self.cov, self.matched_xyz)
 
     @cached_property
     def off_table(self) -> float:
@@ -181,11 +181,11 @@ class Registration(_Found):
         """  # fmt: skip
         if not len(self.matching):
             return math.nan
-        depth = float(np.median(self.cam_from_model.apply(self._seen_xyz)[:, 2]))
+        depth = float(np.median(self.cam_from_model.apply(self.matched_xyz)[:, 2]))
         return self.excess_px * depth / self.camera.focal_px
 
     @property
-    def _seen_xyz(self) -> Array:
+    def matched_xyz(self) -> Array:
         """(K, 3) the matched markers, with the deformation."""
         xyz = self.xyz if self.deformation is None else self.xyz + self.deformation.displacement
         return xyz[self.matching.marker]

@@ -14,14 +14,18 @@ class Doubt:
     ----------
     names : of markers, views, cameras or parameters
     words : a sentence with ``{}`` for each name, in their order
+    cause : what it is about, for the verdict on the whole: "moved" (a camera), "swapped", "marker", "picture", "bent"
+        (a
+        law that is too simple), "noise", "focal", "control", "layout"; "" for anything else
     """
 
     names: tuple[str, ...]
     words: str
+    cause: str = ""
 
     def __str__(self) -> str:
         return self.words.format(*self.names)
 
     def renamed(self, names: Mapping[str, str]) -> Doubt:
         """The same of things that are called otherwise."""
-        return Doubt(tuple(names.get(n, n) for n in self.names), self.words)
+        return Doubt(tuple(names.get(n, n) for n in self.names), self.words, self.cause)

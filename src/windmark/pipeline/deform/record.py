@@ -81,6 +81,7 @@ class FrameRecord:
     latency_s : from the newest image's time stamp to the result; NaN unless live
     cameras : camera -> what it saw, and why that is little
     warnings, suspect : see `Deformation`
+    causes : of each warning, see `Doubt`
 
     Every sigma is that of the state's covariance, which contains what the residuals show: they may say that laws,
     tables and lens are worse than what was stated, never that they are better.
@@ -112,6 +113,7 @@ class FrameRecord:
     cameras: Mapping[str, Sight] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     suspect: tuple[str, ...] = ()
+    causes: tuple[str, ...] = ()
 
 
 def doubtful(frame: DeformedFrame, names: NDArray[np.str_]) -> tuple[str, ...]:
@@ -160,7 +162,7 @@ def record(
         state.sigma0,
         state.q - (zero.q if zero is not None else 0.0), q_sigma, motion, motion_sigma, *bending, *twist,
         *pitch, latency_s, doubtful(frame, markers.name), frame.cameras, state.warnings,
-        state.suspect,
+        state.suspect, tuple(d.cause for d in state.doubts),
     )  # fmt: skip
 
 

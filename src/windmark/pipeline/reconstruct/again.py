@@ -103,7 +103,7 @@ def asked_again(
     stay = [v for v in tied if v in structure.poses] if 2 * len(tied) >= len(structure.poses) else []
     out |= {v: f"it fits in two places: {why}" for v, why in tied.items() if v not in stay}
     words = "{} fits the markers in two places about equally well, and is where its neighbours put it"
-    doubts = tuple(Doubt((str(v),), words) for v in stay)
+    doubts = tuple(Doubt((str(v),), words, "layout") for v in stay)
     return Answers(moved, out, bool(moved) or not structure.poses.keys().isdisjoint(out), doubts)
 
 

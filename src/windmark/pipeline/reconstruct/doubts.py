@@ -91,5 +91,5 @@ def off_their_table(
         why[name] = f"{place}; {len(shows)} pictures that show that one have the place in their field"
         if sight.rate > 0 and (1 - sight.rate) ** len(shows) * len(missing) < CHANCE:
             words = f"{{}} is not where its table says: {len(shows)} pictures show no spot there; {place}"
-            doubts.append(Doubt((name,), words))
+            doubts.append(Doubt((name,), words, "marker"))
     return why, doubts

@@ -145,4 +145,5 @@ def _moved(markers: MarkerSet, pairs: list[tuple[int, int]]) -> list[Doubt]:
         return []
     words = ", ".join(f"{{}} and {{}} ({gap[pair]:.3g} apart)" for pair in kept)
     names = tuple(str(markers.name[k]) for pair in kept for k in pair)
-    return [Doubt(names, f"neighbours that are never in one picture, as if a marker had moved meanwhile: {words}")]
+    said = f"neighbours that are never in one picture, as if a marker had moved meanwhile: {words}"
+    return [Doubt(names, said, "marker")]

@@ -1,0 +1,200 @@
+"""The verdict on a calibration and on a reconstruction: one network of pictures and markers."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from windmark.calibration import Calibration, NotCalibrated
+from windmark.calibration.quality import residual_map
+from windmark.pipeline.calibrate.run import Calibrated
+from windmark.pipeline.reconstruct.result import NotReconstructed, Reconstruction
+from windmark.pipeline.verdict import rules
+from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding, Verdict
+from windmark.scene import Doubt
+
+STEPS = {
+    "swapped": "correct the names in the table of marks, or take the exchange as found",
+    "marker": "measure it again, or leave it out",
+    "picture": "look at this picture: focus, labels, or a marker that had moved",
+    "focal": "free the focal length of these pictures (free_focal), and lock focus and zoom",
+    "control": "measure the named ones again, or leave the wrong one out",
+    "moved": "place this camera anew, or say that it moves",
+    "bent": "a richer law for the named volume (windmark laws --compare)",
+    "noise": "see which markers or laws leave residuals; give the table its true sigma",
+    "camera": "check the value that was given for it",
+    "layout": "label a marker in this picture, or leave it out",
+}
+"""Next step of a `Doubt` by its cause."""
+_AS = {"picture": "noise"}
+REFUSALS = {
+    "too_few": "few",
+    "degenerate": "weak",
+    "misfit": "noise",
+    "not_converged": "no match",
+    "control": "control",
+    "discs": "discs",
+    "no_pair": "no match",
+    "baseline": "weak",
+    "few_primaries": "few",
+    "line": "one-sided",
+    "not_found": "no match",
+    "ambiguous": "layout",
+    "poses": "moved",
+    "unconnected": "few",
+    "adjustment": "noise",
+}
+"""Cause of a `NotCalibrated` or `NotReconstructed` -> cause of the verdict."""
+
+
+def doubt_finding(doubt: Doubt) -> Finding:
+    """A doubt of a result as a finding."""
+    return as_finding(str(doubt), doubt.cause)
+
+
+def as_finding(words: str, cause: str) -> Finding:
+    """A doubt that is kept as its sentence and its cause."""
+    step = STEPS.get(cause, "see the sentence; the report has the figures")
+    return Finding(DOUBTFUL, _AS.get(cause, cause or "noise"), words, step)
+
+
+def calibrate_verdict(done: Calibrated | NotCalibrated, unit: str) -> Verdict:
+    """Judge a calibration."""
+    if isinstance(done, NotCalibrated):
+        return _refused(f"not calibrated: {done.reason}", done.cause)
+    found = network_findings(done.result)
+    if not isinstance(done.halves, NotCalibrated) and done.halves.ratio > rules.HALVES:
+        found.append(
+            Finding(
+                DOUBTFUL,
+                "lens",
+                f"two halves of the pictures differ {done.halves.ratio:.2g} times as much as their covariances say",
+                "trust the sigmas only times this number; more lens parameters (k3, tilts) may help",
+            )
+        )
+    return Verdict.of(
+        found, 1, _good(done.result, unit), "use the camera file; keep focus, zoom and aperture as they were"
+    )
+
+
+def reconstruct_verdict(result: Reconstruction | NotReconstructed, unit: str, pictures: int) -> Verdict:
+    """Judge a reconstruction from so many pictures."""
+    if isinstance(result, NotReconstructed):
+        return _refused(f"not reconstructed: {result.reason}", result.cause)
+    found = network_findings(result.calibration)
+    found += [doubt_finding(d) for d in result.doubts]
+    if len(result.dropped) > rules.MISSING * pictures:
+        name, why = next(iter(result.dropped.items()))
+        found.append(
+            Finding(
+                DOUBTFUL,
+                "lost",
+                f"{len(result.dropped)} of {pictures} pictures could not be used; {name}: {why}",
+                "take more overlapping pictures, or label markers in these",
+            )
+        )
+    if result.unrecognised:
+        name, why = next(iter(result.unrecognised.items()))
+        found.append(
+            Finding(
+                DOUBTFUL,
+                "missing",
+                f"primary marker {name} was not recognised: {why}"
+                + (f" (and {len(result.unrecognised) - 1} more)" if len(result.unrecognised) > 1 else ""),
+                "check its place in the table, or label it in two pictures",
+            )
+        )
+    twice = int((result.count == 2).sum())
+    if twice > rules.MISSING * len(result.markers) and pictures > 2:
+        found.append(
+            Finding(
+                DOUBTFUL,
+                "few",
+                f"{twice} of {len(result.markers)} markers are in two pictures only: a wrong link would not show",
+                "take more pictures of them",
+            )
+        )
+    return Verdict.of(
+        found, 1, _good(result.calibration, unit), "use markers.csv; its sigmas are those of this adjustment"
+    )
+
+
+def network_findings(result: Calibration) -> list[Finding]:
+    """What speaks against an adjusted network."""
+    found = [doubt_finding(d) for d in result.doubts]
+    found += [
+        Finding(DOUBTFUL, "swapped", f"{a} and {b} are exchanged in {view}", STEPS["swapped"])
+        for a, b, view in result.swapped
+    ]
+    if result.sigma0 > rules.SIGMA0 and result.rms_px > rules.PLACE_PX:
+        found.append(
+            Finding(
+                DOUBTFUL,
+                "noise",
+                f"residuals of {result.rms_px:.2g} px RMS are {result.sigma0:.2g} times what the marks' sigmas say",
+                "look at the residual map for a pattern; give the marks their true sigma",
+            )
+        )
+    out = int((~result.used).sum())
+    if out > rules.LEFT_OUT * len(result.used):
+        found.append(
+            Finding(
+                DOUBTFUL,
+                "noise",
+                f"{out} of {len(result.used)} marks were left out as gross errors",
+                "see which pictures and markers they are of (residuals.csv)",
+            )
+        )
+    return [*found, *_pattern(result), *_weak(result)]
+
+
+def _pattern(result: Calibration) -> list[Finding]:
+    """Residuals that depend on the place in the picture."""
+    out = []
+    for name in result.cameras:
+        of_map = residual_map(result, name)
+        cells = int((of_map.count > 2).sum())
+        if cells >= 8 and of_map.excess > rules.MAP and result.rms_px > rules.PLACE_PX:
+            out.append(
+                Finding(
+                    DOUBTFUL,
+                    "lens",
+                    f"{name}: mean residuals over the sensor are {of_map.excess:.2g} times what noise would "
+                    "leave: the lens model misses something",
+                    "free k3 or the sensor's tilt (--free)",
+                )
+            )
+    return out
+
+
+def _weak(result: Calibration) -> list[Finding]:
+    """Interior parameters that were asked for and are hardly determined."""
+    out = []
+    for name, camera in result.cameras.items():
+        relative = result.sigma(name, "focal_px") / camera.focal_px
+        if relative > rules.FOCAL:
+            out.append(
+                Finding(
+                    DOUBTFUL,
+                    "weak",
+                    f"{name}: the focal length is known to {100 * relative:.2g} % (1 sigma) only",
+                    "add pictures that are tilted by 30 deg and more, from several distances",
+                )
+            )
+    return out
+
+
+def _good(result: Calibration, unit: str) -> str:
+    sigma = float(np.sqrt((result.markers.sigma**2).mean()))
+    known = f", markers to {sigma:.2g} {unit}" if np.isfinite(sigma) and sigma > 0 else ""
+    return (
+        f"{len(result.views)} views agree: residuals of {result.rms_px:.2g} px RMS are {result.sigma0:.2g} times the "
+        f"marks' noise{known}"
+    )
+
+
+def _refused(reason: str, cause: str) -> Verdict:
+    steps = {"few": "more pictures and markers", "weak": "pictures from more sides and distances"}
+    at = REFUSALS.get(cause, "no match")
+    return Verdict.of(
+        [Finding(BAD, at, reason, steps.get(at, "see the reason; windmark detect shows the spots"))], 1, "", ""
+    )

@@ -1,0 +1,318 @@
+"""The verdict on one registered image: residuals against sigma, what explains them, and what is asked of the pose."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.geometry import PARAMETERS, Pose
+from windmark.geometry.rotations import hat
+from windmark.pipeline.verdict import rules
+from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding
+from windmark.registration import NotRegistered, Registration
+from windmark.scene import Detections, MarkerSet
+
+Array = NDArray[np.float64]
+
+REFUSALS = {
+    "too_few": ("few", "look at the detected spots; check radius, polarity and focus; paint more markers"),
+    "degenerate": ("one-sided", "use markers that do not lie on one line"),
+    "nothing": ("no match", "check that table, camera and picture belong together, and the roles that take part"),
+    "weak": ("few", "more markers in view, or a prior pose ([register] prior)"),
+    "misfit": ("table", "check the marker table against the model, or allow more with [register] tolerance_px"),
+    "ambiguous": ("layout", "label a marker in the picture ([[image]] labels), or give a prior pose"),
+    "focal": ("weak", "give the focal length (windmark calibrate), or a prior pose"),
+    "wrong_focal": ("focal", "correct the focal length in the camera file, or set [register] free_focal = true"),
+    "wrong_camera": ("camera", "calibrate the camera (windmark calibrate); check that the file is this camera's"),
+    "mirrored": ("mirrored", "mirror the picture, or check the sign of the table's axes"),
+    "one_pair": ("few", "paint more markers, or label one ([[image]] labels)"),
+    "discs": ("discs", "check radii (not diameters, same unit) and normals of the table"),
+    "labels": ("swapped", "check the named labels: one is at another marker's spot"),
+    "time": ("time", "allow more time ([register] max_time_s), or give a prior pose"),
+}
+"""Cause of a `NotRegistered` -> cause of the verdict, and the next step."""
+MOVED = ("place in the rig", "not where it is said to be", "not where cam_from_rig says")
+"""Words of a refusal for a camera that does not fit, where its place is at fault and not its interior."""
+LENS = ("k1", "k2", "p1", "p2")
+
+
+@dataclass(frozen=True)
+class Sighting:
+    """What was seen of one image.
+
+    Parameters
+    ----------
+    answer : the registration, or why there is none
+    spots : detected
+    markers : the table that it was registered with
+    expected : markers that must be in view from the pose found; None unknown
+    unit : length unit
+    surface : (N, 3) places whose projections are asked for (nodes of the grid that are seen); None: the pose itself
+    published : a pose that the camera's file holds, and that is that of a camera that stands still
+    """
+
+    answer: Registration | NotRegistered
+    spots: Detections
+    markers: MarkerSet
+    expected: NDArray[np.int64] | None = None
+    unit: str = ""
+    surface: Array | None = None
+    published: Pose | None = None
+
+
+def registered_findings(seen: Sighting) -> list[Finding]:
+    """Everything that speaks against the registration of an image."""
+    if isinstance(seen.answer, NotRegistered):
+        return [refused(seen.answer)]
+    answer = seen.answer
+    if not len(answer.matching):
+        return []
+    return [
+        *_bent(answer),
+        *_odd_markers(seen, answer),
+        *_misfit(seen, answer),
+        *_moved(seen, answer),
+        *_missing(seen, answer),
+        *_few(answer),
+        *_reach(seen, answer),
+    ]
+
+
+def refused(no: NotRegistered) -> Finding:
+    """A refusal as a finding."""
+    cause, step = REFUSALS[no.cause]
+    if no.cause == "wrong_camera" and any(words in no.reason for words in MOVED):
+        cause, step = "moved", "find the cameras' places anew (windmark calibrate), or register them without the rig"
+    return Finding(BAD, cause, f"not registered: {no.reason}", step)
+
+
+def _bent(answer: Registration) -> list[Finding]:
+    bent = answer.deformation
+    if bent is None or bent.largest_px < rules.PLACE_PX:
+        return []
+    return [
+        Finding(
+            DOUBTFUL,
+            "bent",
+            f"the model is bent by {100 * bent.largest:.2g} % of its size (up to "
+            f"{bent.largest_px:.2g} px); the grid is taken "
+            "as rigid",
+            "measure the deformation (windmark deform) and map onto the bent grid",
+        )
+    ]
+
+
+def _odd_markers(seen: Sighting, answer: Registration) -> list[Finding]:
+    """Markers without a spot where a spot without a marker is too near to be there by chance."""
+    if seen.expected is None:
+        return []
+    alone = np.setdiff1d(seen.expected, answer.matching.marker)
+    free = np.setdiff1d(np.arange(len(seen.spots)), answer.matching.detection)
+    if not len(alone) or not len(free):
+        return []
+    place = answer.camera.project(answer.cam_from_model.apply(seen.markers.xyz[alone]))[0]
+    gap = np.linalg.norm(seen.spots.xy[free][None] - place[:, None], axis=2)
+    density = len(free) / float(np.prod(answer.camera.size_px))
+    nearest = gap.min(axis=1)
+    odd = np.flatnonzero(np.pi * nearest**2 * density * len(alone) < rules.CHANCE)
+    if not len(odd):
+        return []
+    k = odd[np.argmin(nearest[odd])]
+    scale = _unit_per_px(answer)
+    more = f" (and {len(odd) - 1} more)" if len(odd) > 1 else ""
+    return [
+        Finding(
+            DOUBTFUL,
+            "marker",
+            f"{seen.markers.name[alone[k]]}{more} is {nearest[k]:.2g} px ({nearest[k] * scale:.2g} "
+            f"{seen.unit}) from where "
+            "its table has it",
+            "measure this marker again, or exchange the names if two of them are swapped",
+        )
+    ]
+
+
+def _misfit(seen: Sighting, answer: Registration) -> list[Finding]:
+    """Residuals beyond the noise: the pattern of a lens, or markers that are off their table."""
+    spot = float(np.sqrt(np.median(np.trace(_cov(seen, answer), axis1=1, axis2=2) / 2)))
+    if answer.excess_px < max(rules.PLACE_PX, rules.NOISE_TIMES * spot):
+        return []
+    times = f"{np.hypot(answer.excess_px, spot) / spot:.0f} times their spots' sigma of {spot:.2g} px"
+    if (lead := lens_lead(answer)) > rules.LENS_NATS:
+        return [
+            Finding(
+                DOUBTFUL,
+                "lens",
+                f"residuals of {answer.rms_px:.2g} px RMS, {times}, have the pattern of a lens "
+                f"({lead:.0f} nats ahead of "
+                "scattered markers)",
+                "calibrate the lens (windmark calibrate), and check that the camera file is this camera's",
+            )
+        ]
+    return [
+        Finding(
+            DOUBTFUL,
+            "table",
+            f"markers about {one_digit(answer.off_table)} {seen.unit} off their table: residuals of "
+            f"{answer.rms_px:.2g} px "
+            f"RMS are {times}",
+            "measure the markers (windmark reconstruct or calibrate), or give their sigma in the table",
+        )
+    ]
+
+
+def lens_lead(answer: Registration) -> float:
+    """How many nats a wrong lens is ahead of scattered markers in explaining the residuals.
+
+    Both are evidences: the scatter's size is what the residuals make of it, distortions (k1, k2, p1, p2) have a prior,
+    `rules.LENS_EDGE` at the corner of the picture. The pose's own columns are taken out first.
+    """
+    cam, k = answer.camera, len(answer.matching)
+    if 2 * k < 6 + 2 * len(LENS):
+        return 0.0
+    xyz = answer.cam_from_model.apply(answer.matched_xyz)
+    _, _, by_xyz, by_camera = cam.project_jacobian(xyz)
+    lens = by_camera[..., [PARAMETERS.index(p) for p in LENS]].reshape(2 * k, len(LENS)) * _lens_prior(answer)
+    pose = np.concatenate([by_xyz @ -hat(xyz), by_xyz], axis=-1).reshape(2 * k, 6)
+    q = np.linalg.qr(pose / np.linalg.norm(pose, axis=0), mode="complete")[0][:, 6:]
+    r, b = q.T @ answer.residuals.reshape(2 * k), q.T @ lens
+    left, size, _ = np.linalg.svd(b)
+    power = (left.T @ r) ** 2
+    lens_variance = np.concatenate([size**2, np.zeros(len(power) - len(size))])
+
+    def evidence(lens_part: float) -> float:
+        scatter = float(power.mean()) * np.geomspace(1e-3, 2.0, 200)[:, None]
+        variance = scatter + lens_part * lens_variance
+        return float((-0.5 * (power / variance + np.log(variance)).sum(axis=1)).max())
+
+    return evidence(1.0) - evidence(0.0)
+
+
+def _lens_prior(answer: Registration) -> Array:
+    """1 sigma of k1, k2, p1, p2 that shift the corner of the picture by `rules.LENS_EDGE` of its distance."""
+    cam = answer.camera
+    far = np.hypot(*(np.array(cam.size_px) / 2)) / cam.focal_px
+    edge = rules.LENS_EDGE
+    return np.array([edge / far**2, edge / far**4, edge / (3 * far), edge / (3 * far)])
+
+
+def _moved(seen: Sighting, answer: Registration) -> list[Finding]:
+    """A camera that stands still, by markers on the walls, and is not where its file says."""
+    walls = seen.markers.role[answer.matching.marker] == "wall"
+    if seen.published is None or walls.sum() < 3:
+        return []
+    xyz = seen.markers.xyz[answer.matching.marker[walls]]
+    there, ok = answer.camera.project(seen.published.apply(xyz))
+    here = answer.camera.project(answer.cam_from_model.apply(xyz))[0]
+    if not ok.all():
+        far = np.inf
+    else:
+        far = float(np.sqrt(((there - here) ** 2).sum(axis=1).mean()))
+    spread = 5.0 * max(rules.PLACE_PX, answer.excess_px)
+    if far < spread:
+        return []
+    return [
+        Finding(
+            DOUBTFUL,
+            "moved",
+            f"the camera is not where its file says: markers on the walls are {far:.2g} px from where they would be",
+            "keep the pose found here, or place the camera anew (windmark register) before poses of the file are used",
+        )
+    ]
+
+
+def _missing(seen: Sighting, answer: Registration) -> list[Finding]:
+    expected = answer.n_expected if seen.expected is None else len(np.union1d(seen.expected, answer.matching.marker))
+    gone = expected - len(answer.matching)
+    if gone <= rules.MISSING * expected:
+        return []
+    return [
+        Finding(
+            DOUBTFUL,
+            "missing",
+            f"{gone} of {expected} markers that must be in view have no spot",
+            "look at the red diamonds of the matching picture: covered, rubbed off, too faint, or not of this test?",
+        )
+    ]
+
+
+def _few(answer: Registration) -> list[Finding]:
+    if len(answer.matching) >= rules.FEW:
+        return []
+    return [
+        Finding(
+            DOUBTFUL,
+            "few",
+            f"{len(answer.matching)} markers hold the pose: a wrong one among them would hardly show",
+            f"paint or use at least {rules.FEW} markers, spread over the model",
+        )
+    ]
+
+
+def _reach(seen: Sighting, answer: Registration) -> list[Finding]:
+    """What the pose's sigma does to what was asked for: places of the surface, or the pose itself."""
+    if seen.surface is None or not len(seen.surface):
+        return _angles(seen, answer)
+    there = _projected_sigma(answer, seen.surface)
+    here = _projected_sigma(answer, answer.matched_xyz)
+    worst, own = float(np.quantile(there, 0.95)), float(np.median(here))
+    if worst < max(5 * rules.PLACE_PX, rules.SPREAD * own):
+        return []
+    return [
+        Finding(
+            DOUBTFUL,
+            "one-sided",
+            f"the markers are on one side of what is asked for: the surface is placed to {worst:.2g} "
+            f"px (1 sigma) beside "
+            f"{own:.2g} px at the markers",
+            "add markers where values are wanted, or a second camera",
+        )
+    ]
+
+
+def _angles(seen: Sighting, answer: Registration) -> list[Finding]:
+    weak = [
+        (m, np.degrees(s))
+        for w in answer.weak
+        for m, s in zip(w.motions, w.sigma, strict=True)
+        if m.startswith("rotation") and np.degrees(s) > rules.ANGLE_DEG
+    ]
+    if not weak:
+        return []
+    motion, sigma = max(weak, key=lambda pair: pair[1])
+    return [
+        Finding(
+            DOUBTFUL,
+            "weak",
+            f"the pictures hardly tell a {motion}: {sigma:.2g} deg (1 sigma)",
+            "spread the markers in depth, come nearer, or add a second camera",
+        )
+    ]
+
+
+def _projected_sigma(answer: Registration, xyz: Array) -> Array:
+    """(N,) 1 sigma per coordinate of projected places by the pose's covariance."""
+    some = xyz[:: max(1, len(xyz) // 2000)]
+    place = answer.cam_from_model.apply(some)
+    _, valid, by_xyz, _ = answer.camera.project_jacobian(place)
+    by_pose = np.concatenate([by_xyz @ -hat(place), by_xyz], axis=-1)[valid]
+    cov = answer.cov[:6, :6]
+    return np.sqrt(np.einsum("nij,jk,nik->n", by_pose, cov, by_pose) / 2)
+
+
+def _cov(seen: Sighting, answer: Registration) -> Array:
+    return seen.spots.cov[answer.matching.detection]
+
+
+def _unit_per_px(answer: Registration) -> float:
+    depth = float(np.median(answer.cam_from_model.apply(answer.matched_xyz)[:, 2]))
+    return depth / answer.camera.focal_px
+
+
+def one_digit(value: float) -> str:
+    """A number with one digit that counts, as an estimate deserves: 0.01, 0.3, 2."""
+    if not np.isfinite(value) or value == 0:
+        return f"{value:g}"
+    return f"{float(f'{value:.1g}'):g}"

@@ -1,0 +1,47 @@
+"""Where a verdict changes: every threshold with its meaning. Guarded by ``benchmarks/verdicts.py`` (planted faults, and
+clean jobs that must not be doubted).
+"""
+
+from __future__ import annotations
+
+PLACE_PX = 0.1
+"""Error of a place in the picture, 1 sigma per coordinate, from which it matters: on a gradient of 1 % per pixel it is
+0.003 in Cp at Mach 0.8, and a tenth of a degree of twist."""
+NOISE_TIMES = 1.0
+"""Misfit over the spots' own sigma from which more than half of the squared residuals is no noise."""
+BLUR_COSTS = 2.0
+"""A blur that makes the best possible sigma of a disc's centre so many times that of a sharp picture."""
+SHARP_PX = 0.7
+"""Blur (1 sigma) of a sharp picture: that of a good lens and a pixel."""
+SATURATED = 0.005
+"""Part of the pixels, or of the nodes with a value, at the highest level of an integer picture."""
+PLATEAU = 5
+"""As many times more pixels at the highest level than one below make it a clipped picture."""
+MISSING = 1 / 3
+"""Part of the markers that must be in view, from which missing ones are no accident."""
+FEW = 6
+"""Markers from which a wrong one among them can be told from a wrong pose: twelve numbers for six unknowns."""
+SPREAD = 3.0
+"""Times that the surface's places are less sure than the markers' own: the markers are on one side."""
+ANGLE_DEG = 0.1
+"""1 sigma of an angle of a pose that was asked for by itself (no grid)."""
+CHANCE = 0.01
+"""Chance of a false spot so near to a marker's place."""
+LENS_NATS = 6.0
+"""Lead of a lens over scattered markers in explaining the residuals."""
+LENS_EDGE = 0.003
+"""1 sigma of a lens that was calibrated elsewhere: shift of the picture's corner over its distance from the centre."""
+LEFT_OUT = 0.1
+"""Part of the marks of a calibration that were left out."""
+HALVES = 2.0
+"""Two halves of the pictures that differ by so many times what their covariances say."""
+MAP = 2.0
+"""Mean residuals of the cells of a sensor over what noise would give."""
+SIGMA0 = 2.0**0.5
+"""As `deformation.Deformation.fits` has it: more than half of the squared residuals is no noise."""
+FOCAL = 0.01
+"""Relative 1 sigma of a focal length that was to be found."""
+LOST = 0.02
+"""Part of frames or points without a result that is no accident."""
+COVERED = 0.5
+"""Part of the surface's nodes that a reduction is of."""

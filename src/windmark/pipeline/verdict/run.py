@@ -1,0 +1,113 @@
+"""The verdict on the main job: every image, the cameras together, and the lengths of its files."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from windmark.pipeline.likely_unit import likely_unit, model_box
+from windmark.pipeline.results import ImageResult, RunResult
+from windmark.pipeline.verdict.picture import PictureState, picture_findings, picture_state
+from windmark.pipeline.verdict.registered import Sighting, registered_findings
+from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding, Verdict
+from windmark.resection import NotMerged
+from windmark.scene import MarkerSet, Mesh
+
+
+def run_verdict(result: RunResult) -> Verdict:
+    """Judge a finished job."""
+    found: list[Finding] = []
+    for item in result.images:
+        found += [f.at(item.name) for f in _image(item, result)]
+    if result.markers is not None and result.mesh is not None:
+        found += units_findings(result.markers, result.mesh, result.project.length_unit)
+    for group in result.merged:
+        if isinstance(group.outcome, NotMerged):
+            found.append(
+                Finding(
+                    DOUBTFUL,
+                    "lost",
+                    f"not merged: {group.outcome.reason}",
+                    "see the images that it lacks",
+                    group.folder,
+                )
+            )
+    return Verdict.of(found, len(result.images), *_good(result))
+
+
+def _good(result: RunResult) -> tuple[str, str]:
+    """Why it is good, and what can be done with it."""
+    answers = [i.registered for i in result.images if i.registered is not None]
+    if not answers:
+        return (
+            "the poses were given; nothing was matched that could contradict them",
+            "look at the grid over the picture",
+        )
+    worst = max(a.rms_px for a in answers)
+    fewest = min(len(a.matching) for a in answers)
+    what = "the image" if len(answers) == 1 else f"all {len(answers)} images"
+    return (
+        f"{what} registered with {fewest} markers{' or more' if len(answers) > 1 else ''}, residuals of {worst:.2g} px "
+        "RMS are the spots' noise",
+        "use the values; the report says what these pictures could not check",
+    )
+
+
+def _image(item: ImageResult, result: RunResult) -> list[Finding]:
+    state = _state(item)
+    found = [] if state is None else picture_findings(state)
+    if item.registration is not None and item.detections is not None and result.markers is not None:
+        found += registered_findings(_sighting(item, result, result.markers))
+    elif item.problem and item.detections is not None and item.registration is None:
+        found.append(Finding(BAD, "few", item.problem, "look at the picture of the spots; give radius_px and polarity"))
+    elif item.problem:
+        found.append(_file(item.problem))
+    if item.problem and all(f.word != BAD for f in found):
+        found.append(_file(item.problem))
+    return found
+
+
+def _file(problem: str) -> Finding:
+    return Finding(BAD, "file", problem, "correct the file, or leave this image out")
+
+
+def _state(item: ImageResult) -> PictureState | None:
+    """Of the picture, by the spots that are markers; by all spots where none is."""
+    if item.image is None:
+        return None
+    spots, answer = item.detections, item.registered
+    if spots is not None and answer is not None and len(answer.matching):
+        spots = spots.take(answer.matching.detection)
+    return picture_state(item.image, spots, item.polarity)
+
+
+def _sighting(item: ImageResult, result: RunResult, markers: MarkerSet) -> Sighting:
+    assert item.registration is not None
+    assert item.detections is not None
+    surface = None
+    if item.nodes is not None and result.mesh is not None and item.nodes.visible.any():
+        surface = result.mesh.vertices[item.nodes.visible]
+    return Sighting(
+        item.registration, item.detections, markers, item.expected, result.project.length_unit, surface, item.published
+    )
+
+
+def units_findings(markers: MarkerSet, mesh: Mesh, unit: str) -> list[Finding]:
+    """Markers and grid in different units, by their sizes and places."""
+    model = markers.role != "wall"
+    units, sure = likely_unit(markers.xyz[model], model_box(mesh), unit)
+    if not units:
+        return []
+    size = [float(np.linalg.norm(np.ptp(p, axis=0))) for p in (markers.xyz[model], mesh.vertices)]
+    return [
+        Finding(
+            BAD if sure else DOUBTFUL,
+            "units",
+            f"markers over {size[0]:.3g} {unit} on a grid of {size[1]:.3g} {unit}: the table is "
+            f"rather in {' or '.join(units)}",
+            f"windmark convert --unit {units[0]} --to-unit {unit} for the table, or correct its length_unit",
+        )
+    ]
+
+
+def _spelt(unit: str) -> str:
+    return "inch" if unit == "in" else unit

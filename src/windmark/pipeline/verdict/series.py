@@ -1,0 +1,246 @@
+"""The verdict on a series: a followed model, a deformation test, a paint test, an infrared run."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from windmark.pipeline.deform.record import MISFIT
+from windmark.pipeline.deform.record import FrameRecord as DeformFrame
+from windmark.pipeline.infrared import FrameRecord as InfraredFrame
+from windmark.pipeline.psp import PointRecord
+from windmark.pipeline.track_results import PoseRow
+from windmark.pipeline.verdict import rules
+from windmark.pipeline.verdict.network import as_finding
+from windmark.pipeline.verdict.registered import one_digit
+from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding, Verdict
+
+SOME = 0.1
+"""Part of the frames in which something must be found before it is said of the whole."""
+
+
+def track_verdict(rows: Sequence[PoseRow], unit: str) -> Verdict:
+    """Judge a followed sequence."""
+    good = [r for r in rows if r.cam_from_model is not None]
+    if not good:
+        reason = rows[0].reason if rows else "there are no images"
+        return _bad(
+            "no match", f"no image gave a pose; the first: {reason}", "run windmark register on one image first"
+        )
+    found = _lost([(r.name, r.reason) for r in rows if r.cam_from_model is None], len(rows), "images")
+    excess, spot = (_median([getattr(r, k) for r in good]) for k in ("excess_px", "spot_px"))
+    if excess > max(rules.PLACE_PX, rules.NOISE_TIMES * spot):
+        found.append(
+            Finding(
+                DOUBTFUL,
+                "table",
+                f"markers about {one_digit(_median([r.off_table for r in good]))} {unit} off their table "
+                f"(median of {len(good)} images): residuals are {np.hypot(excess, spot) / spot:.0f} "
+                f"times their spots' sigma",
+                "measure the markers (windmark reconstruct), or calibrate the lens",
+            )
+        )
+    bent = [r for r in good if r.bent_px > rules.PLACE_PX]
+    if len(bent) > SOME * len(good):
+        far = max(r.bent_px for r in bent)
+        found.append(
+            Finding(
+                DOUBTFUL,
+                "bent",
+                f"the model is bent in {len(bent)} of {len(good)} images (up to {far:.2g} px); its pose is "
+                "that of a rigid one",
+                "measure the deformation (windmark deform)",
+            )
+        )
+    few = [r for r in good if r.matched < rules.FEW]
+    if len(few) > SOME * len(good):
+        found.append(
+            Finding(
+                DOUBTFUL,
+                "few",
+                f"{len(few)} of {len(good)} images rest on fewer than {rules.FEW} markers",
+                "paint more markers, or choose roles that are seen",
+            )
+        )
+    gone = [r for r in good if r.matched < (1 - rules.MISSING) * r.expected]
+    if len(gone) > SOME * len(good):
+        worst = min(gone, key=lambda r: r.matched / max(r.expected, 1))
+        found.append(
+            Finding(
+                DOUBTFUL,
+                "missing",
+                f"{len(gone)} of {len(good)} images lack over a third of their markers; "
+                f"{worst.name}: {worst.matched} of {worst.expected}",
+                "look at windmark detect on this image",
+            )
+        )
+    rms = _median([r.rms_px for r in good])
+    return Verdict.of(
+        found,
+        1,
+        f"all {len(good)} images have a pose, residuals of {rms:.2g} px RMS are the spots' noise",
+        "use poses.csv",
+    )
+
+
+def deform_verdict(records: Sequence[DeformFrame], weak: Sequence[str] = ()) -> Verdict:
+    """Judge a deformation test; ``weak`` is what its set-up hardly determines, in words."""
+    good = [r for r in records if r.status in ("cold", "tracked", MISFIT)]
+    if not good:
+        reason = records[0].reason if records else "no frame arrived"
+        cause = "moved" if "not where it should be" in reason else "no match"
+        step = "place the named camera anew" if cause == "moved" else "see the reason of the first frame"
+        return _bad(cause, f"no frame gave a deformation; the first: {reason}", step)
+    found = _lost([(r.key, r.reason) for r in records if r.status == "lost"], len(records), "frames")
+    kinds: dict[str, list[tuple[str, str]]] = {}
+    for r in good:
+        for cause in dict.fromkeys(r.causes):
+            words = r.warnings[r.causes.index(cause)]
+            kinds.setdefault(cause, []).append((r.key, words))
+    for cause, of in kinds.items():
+        if len(of) > SOME * len(good):
+            key, words = of[0]
+            found.append(as_finding(f"frame {key}{f' and {len(of) - 1} more' if len(of) > 1 else ''}: {words}", cause))
+    sights = [(name, r.key, s) for r in good for name, s in r.cameras.items() if s.reason]
+    if len({key for _, key, _ in sights}) > SOME * len(good):
+        name, key, sight = min(sights, key=lambda at: at[2].found / max(at[2].expected, 1))
+        found.append(
+            Finding(
+                DOUBTFUL,
+                "missing",
+                f"{name} sees {sight.found} of {sight.expected} markers in frame {key}: {sight.reason}",
+                "look at this picture: light, focus, or something before the model",
+            )
+        )
+    if weak:
+        found.append(
+            Finding(
+                DOUBTFUL,
+                "weak",
+                f"weakly determined: {weak[0]}",
+                "add a camera or markers for it, or take it out of the law",
+            )
+        )
+    s0, rms = _median([r.sigma0 for r in good]), _median([r.rms_px for r in good])
+    return Verdict.of(
+        found,
+        1,
+        f"{len(good)} frames identified, residuals of {rms:.2g} px RMS are {s0:.2g} times the spots' noise",
+        "use deformation.csv with its sigmas",
+    )
+
+
+def psp_verdict(records: Sequence[PointRecord]) -> Verdict:
+    """Judge a paint test."""
+    good = [r for r in records if r.status == "reduced"]
+    if not good:
+        return _bad(
+            "no match",
+            f"no point could be reduced; the first: {records[0].reason if records else 'none'}",
+            "see the reason; run windmark register on one of its pictures",
+        )
+    found = _lost([(r.name, r.reason) for r in records if r.status != "reduced"], len(records), "points")
+    for r in good:
+        if r.taps is not None and r.fit and r.fit["leave_one_out_rms_Pa"] > 3 * max(r.fit["scatter_Pa"], 1e-9):
+            found.append(
+                Finding(
+                    DOUBTFUL,
+                    "taps",
+                    f"taps left out of the fit are off by {r.fit['leave_one_out_rms_Pa']:.3g} "
+                    f"Pa, their scatter is {r.fit['scatter_Pa']:.3g} Pa",
+                    "look for blocked taps",
+                    r.name,
+                )
+            )
+        if r.systematic > 3 * r.median_sigma_cp and np.isfinite(r.systematic):
+            found.append(
+                Finding(
+                    DOUBTFUL,
+                    "taps",
+                    f"cameras differ by {r.systematic:.2g}, three times the sigma of Cp",
+                    "check dark pictures and lamps of each camera",
+                    r.name,
+                )
+            )
+        if r.seen < rules.COVERED:
+            found.append(
+                Finding(
+                    DOUBTFUL,
+                    "covered",
+                    f"{100 * r.seen:.0f} % of the surface has a Cp",
+                    "loads are those of the seen part; add a camera",
+                    r.name,
+                )
+            )
+    sigma = _median([r.median_sigma_cp for r in good])
+    return Verdict.of(
+        found,
+        len(records),
+        f"{len(good)} points reduced, Cp to {sigma:.2g} (median, 1 sigma)",
+        "use loads and Cp with their sigmas; causes say what to improve",
+        what="points",
+    )
+
+
+def infrared_verdict(records: Sequence[InfraredFrame], remarks: Sequence[str] = ()) -> Verdict:
+    """Judge an infrared run; ``remarks`` are on the whole of it."""
+    good = [r for r in records if r.status == "reduced"]
+    if not good:
+        return _bad(
+            "no match",
+            f"no frame could be reduced; the first: {records[0].reason if records else 'none'}",
+            "see the reason; run windmark register on one of its pictures",
+        )
+    found = _lost([(r.key, r.reason) for r in records if r.status != "reduced"], len(records), "frames")
+    if (seen := _median([r.seen for r in good])) < rules.COVERED:
+        found.append(
+            Finding(
+                DOUBTFUL,
+                "covered",
+                f"{100 * seen:.0f} % of the nodes have a temperature (median)",
+                "add a camera, or leave parts out of the grid",
+            )
+        )
+    flagged = [r.flagged for r in good if np.isfinite(r.flagged)]
+    if flagged and _median(flagged) > SOME:
+        found.append(
+            Finding(
+                DOUBTFUL,
+                "weak",
+                f"{100 * _median(flagged):.0f} % of the heat fluxes are flagged (late, lateral, curved)",
+                "a shorter test, or the wall's true layers",
+            )
+        )
+    if remarks:
+        found.append(Finding(DOUBTFUL, "noise", remarks[0], "see the remark"))
+    sigma = _median([r.median_sigma_T for r in good])
+    return Verdict.of(
+        found,
+        1,
+        f"{len(good)} frames reduced, temperatures to {sigma:.2g} K (median, 1 sigma)",
+        "use the fields with their sigmas",
+    )
+
+
+def _lost(lost: Sequence[tuple[str, str]], count: int, what: str) -> list[Finding]:
+    if len(lost) <= rules.LOST * count:
+        return []
+    name, why = lost[0]
+    return [
+        Finding(
+            DOUBTFUL,
+            "lost",
+            f"{len(lost)} of {count} {what} gave no result; {name}: {why}",
+            f"look at the first of these {what}",
+        )
+    ]
+
+
+def _bad(cause: str, reason: str, step: str) -> Verdict:
+    return Verdict.of([Finding(BAD, cause, reason, step)], 1, "", "")
+
+
+def _median(values: Sequence[float]) -> float:
+    known = [v for v in values if np.isfinite(v)]
+    return float(np.median(known)) if known else float("nan")
