@@ -151,17 +151,17 @@ def test_without_a_home_a_temporary_cache_is_said_once(package, read_only, tmp_p
     root.chmod(0o777)  # others may have put machine code into it
     with pytest.raises(PermissionError, match="is not ours alone"):
         jit.cache_root(package)
-    assert isinstance(jit._ready(package), jit._Uncached)
+    assert not jit._ready(package).njit(cache=True)(lambda x: x).stats.cache_path
     assert "compiled anew every time" in capsys.readouterr().err
 
 
 def test_without_any_cache_kernels_still_run():
-    @jit._Uncached().njit(cache=True)
+    @jit._Numba(cached=False).njit(cache=True)
     def double(x):
         return 2 * x
 
     assert double(3) == 6
-    assert jit._Uncached().__version__ == numba.__version__
+    assert jit._Numba(cached=False).__version__ == numba.__version__
 
 
 KERNELS = {

@@ -13,10 +13,13 @@ from typing import Annotated
 
 import typer
 
+from windmark import compiling
 from windmark.app import console
 from windmark.app.commands import align, camera, deform, epipolar, image, infrared, plan, pov, psp
 from windmark.app.commands.matching_options import Binding, MaxTime, NoOcclusion, Roles
 from windmark.app.commands.options import Json, Seed
+
+COMPILING = "compiling kernels for their first use, which takes a minute or two; later runs start at once"
 
 app = typer.Typer(
     name="windmark",
@@ -145,6 +148,7 @@ def main() -> None:
         if number is not None and signal.getsignal(number) != signal.SIG_IGN:  # nohup has it ignored
             signal.signal(number, _ended)
     sys.unraisablehook = _unraisable
+    compiling.announce(lambda: console.complain(COMPILING))
     code: int | str | None = 0
     try:
         app()
@@ -195,11 +199,15 @@ def _hands_over(frame: FrameType | None) -> bool:
     numba does not look at errors there and goes on with one set, which Python makes a `SystemError` of.
     """
     numbas = False
-    while frame is not None and str(frame.f_globals.get("__name__")).partition(".")[0] == "numba":
+    while frame is not None and _is_numbas(str(frame.f_globals.get("__name__"))):
         if frame.f_code.co_name == "_compile_for_args":
             return False
         numbas, frame = True, frame.f_back
     return numbas
+
+
+def _is_numbas(module: str) -> bool:
+    return module.partition(".")[0] == "numba" or module == "windmark.geometry._link"
 
 
 def _unraisable(unraisable: sys.UnraisableHookArgs, /) -> None:

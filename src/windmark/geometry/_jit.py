@@ -24,6 +24,8 @@ from typing import Any
 
 import numba
 
+from windmark.geometry._link import Kernel, install
+
 __all__ = ["nb"]
 
 # As numba itself finds it: links are not followed, for the names of its folders are hashes of the paths.
@@ -170,15 +172,27 @@ def _hash(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()
 
 
-class _Uncached:
-    """Numba without a cache on a disk."""
+class _Numba:
+    """Numba whose functions are linked once (see ``_link``), with or without a cache on a disk."""
+
+    def __init__(self, *, cached: bool) -> None:
+        self._cached = cached
 
     def __getattr__(self, name: str) -> Any:
         return getattr(numba, name)
 
-    def njit(self, *args: Any, cache: bool = False, **options: Any) -> Callable[..., Any]:
-        """As numba's, ``cache`` left out."""
-        return numba.njit(*args, **options)
+    def njit(self, *, cache: bool = False, **options: Any) -> Callable[[Callable[..., Any]], Any]:
+        """As numba's, of whose options those are taken that a function has."""
+        if numba.config.DISABLE_JIT:
+            return lambda function: function
+
+        def kernel(function: Callable[..., Any]) -> Kernel:
+            made = Kernel(function, targetoptions={"nopython": True, "boundscheck": None, **options})
+            if cache and self._cached:
+                made.enable_caching()
+            return made
+
+        return kernel
 
 
 def _ready(package: Path) -> Any:
@@ -187,11 +201,12 @@ def _ready(package: Path) -> Any:
         root = cache_root(package)
     except OSError as error:
         _say(f"kernels are compiled anew every time, which takes minutes: nothing can be written ({error})")
-        return _Uncached()
+        return _Numba(cached=False)
     if root is not None:
         numba.config.CACHE_DIR = str(root)
     drop_stale_cache(package, root)
-    return numba
+    return _Numba(cached=True)
 
 
+install()
 nb = _ready(_PACKAGE)
