@@ -17,7 +17,7 @@ from windmark.registration.search.plane import Plane
 from windmark.registration.settle._kernels.state import EXCESS, HELD_PX, REST_PX, blank_kernel
 from windmark.registration.settle.settling import copied, settle
 from windmark.registration.settle.views import Views
-from windmark.registration.task import Task, near_px
+from windmark.registration.task import Task
 from windmark.registration.track._kernels import checks, gates, motion, spots, suppose
 from windmark.registration.track.prepared import Prepared
 from windmark.scene import MarkerSet
@@ -215,5 +215,5 @@ def test_the_usual_tolerance_is_that_of_register(view, share):
     markers = replace(scene.markers, sigma=sigma)
     prepared = Prepared.of(markers, scene.camera, prepare(markers))
     tolerance = sights_of(scene, prepared).tolerance[0]
-    assert tolerance == pytest.approx(default_tolerance(near_px(scene.detections.xy), scene.camera, markers), rel=1e-9)
+    assert tolerance == pytest.approx(default_tolerance(scene.detections.xy, scene.camera, markers), rel=1e-9)
     assert (tolerance > view[2].tolerance[0]) == (share > 0)

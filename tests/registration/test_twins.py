@@ -10,7 +10,6 @@ import pytest
 from windmark.geometry import Camera, Pose
 from windmark.registration import register
 from windmark.registration.options import default_tolerance
-from windmark.registration.task import near_px
 from windmark.scene import Detections, MarkerSet
 
 CAMERA = Camera((1000, 800), 1500.0)
@@ -47,7 +46,7 @@ def test_the_tolerance_follows_the_sigma_of_the_table():
     nearest, fourth = np.median(apart[:, 1]), np.median(apart[:, 4])
     for sigma, expected in ((np.nan, usual), (ERROR, 5 * ERROR / PITCH * fourth), (9.0, 0.2 * nearest)):
         markers = replace(exact, sigma=np.full((len(exact), 3), sigma))
-        assert default_tolerance(near_px(spots), CAMERA, markers) == pytest.approx(expected, rel=1e-9)
+        assert default_tolerance(spots, CAMERA, markers) == pytest.approx(expected, rel=1e-9)
     assert default_tolerance(spots[:1], CAMERA, plate(ERROR, 0)) == pytest.approx(usual)
 
 

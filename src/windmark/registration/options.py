@@ -49,14 +49,15 @@ def check_options(verb: str, options: dict[str, Any], prior: Pose | None) -> Non
         raise UsageError(f"{verb}: min_margin must be >= 0, got {options['min_margin']}")
 
 
-def default_tolerance(near: Array, camera: Camera, markers: MarkerSet) -> float:
+def default_tolerance(xy: Array, camera: Camera, markers: MarkerSet, near: Array | None = None) -> float:
     """Neighbourhood for table errors and a rough pose, small enough to tell neighbouring spots apart.
 
     How large the table's errors are in the picture is not known before the pose is, but how large they are beside the
     spacing of the markers is that of the spots: to the fourth neighbour, since an oblique view shortens one direction.
-    ``near`` is `Task.near_px`.
+    ``near`` is `near_px` of the spots, if it is known.
     """
     wanted = DEFAULT_TOLERANCE * math.hypot(*camera.size_px)
+    near = near_px(xy) if near is None else near
     if not near.size:
         return max(0.5, wanted)
     if (rough := roughness(markers)) > 0:

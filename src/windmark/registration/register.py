@@ -260,7 +260,7 @@ def _task(
     near = near_px(xy)
     task = Task(
         markers, camera, xy, detections.cov[usable],
-        options["tolerance_px"] or default_tolerance(near, camera, markers),
+        options["tolerance_px"] or default_tolerance(xy, camera, markers, near),
         prior, float(np.radians(options["prior_max_angle_deg"])), options["prior_max_scale"],
         tuple(np.geomspace(1 / factor, factor, FOCAL_STEPS)) if free_focal else (1.0,), pairs,
         visible, detections.radius_px[usable], binding,
