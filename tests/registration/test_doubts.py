@@ -13,7 +13,7 @@ from windmark.registration import CAUSES, Unchecked, register
 from windmark.registration.budget import Budget
 from windmark.registration.judge.bending import Bender
 from windmark.registration.judge.doubts import PARTS, Doubts
-from windmark.registration.judge.first_order import FirstOrder
+from windmark.registration.judge.first_order import FirstOrder, shown
 from windmark.registration.search.pool import Candidate
 from windmark.registration.settle import views as v
 
@@ -94,7 +94,7 @@ def test_what_is_unchecked_goes_unnoticed_and_more_does_not(what, more):
     views, best = settling.best_of(plain)
     doubts = Doubts(views, best, 0.0, MARGIN)
     k = PARTS[what][0]
-    size = doubts._cameras.shown(k, MARGIN)
+    size = shown(doubts.look.told[0, k], MARGIN)
     column = v.doubted_camera(plain.camera)[:11, k]
     for factor, noticed in ((0.4, False), (more, True)):
         given = Camera(plain.camera.size_px, *(plain.camera.packed()[:11] + factor * size * column))

@@ -13,12 +13,13 @@ from windmark.registration.budget import Budget
 from windmark.registration.judge import own
 from windmark.registration.judge.answer import answer
 from windmark.registration.judge.cameras import blocked
-from windmark.registration.judge.mirror import FAR, FLIP, _unlike, _with_twins, mirror_of, mirrored_views
+from windmark.registration.judge.mirror import FAR, _unlike, mirror_of
 from windmark.registration.judge.source import Source, distinct
 from windmark.registration.judge.symmetric import told_by_bending, told_by_table_errors
+from windmark.registration.search.layout import FLIP
 from windmark.registration.search.pool import Candidate
 from windmark.registration.settle._kernels.fit import refine
-from windmark.registration.settle._kernels.mirror import mirrors_kernel, start
+from windmark.registration.settle._kernels.mirror import mirrors_kernel, start, with_twins
 from windmark.registration.settle._kernels.state import EXPECTED, state_of
 from windmark.registration.task import Limits
 from windmark.scene import MarkerSet
@@ -59,11 +60,13 @@ def test_mirror_images_are_given_up_where_adjusting_them_to_the_end_brings_them_
     for seed in range(61, 67):
         for relief in (1.0, -1.0):
             views, best = settling.best_of(with_relief(seed, relief))
-            onto, turn, shift = views.layout.mirrors
-            images = _with_twins(views, best, onto[:8], FLIP @ turn[:8], shift[:8] @ FLIP)
-            sights, reach = mirrored_views(views).sights, FAR * np.maximum(best.misfit_px, 0.1)
+            onto, turn, shift = (part[:8] for part in views.layout.mirror_starts[:3])
+            across = views.layout.mirror_starts[3]
+            images = (np.tile(onto, (1 + across.any(), 1)), *with_twins(best.state, turn, shift, across))
+            assert len(images[0]) == len(images[1]) == len(images[2])
+            sights, reach = views.mirrored(FLIP).sights, FAR * np.maximum(best.misfit_px, 0.1)
             state = state_of(sights, best.state.rotation, best.state.translation, best.state.match)
-            kept = mirrors_kernel(sights, best.state, *images, reach)[0]
+            kept = mirrors_kernel(sights, best.state, onto, turn, shift, reach, across)[0]
             for b, image in enumerate(zip(*images, strict=True)):
                 start(best.state, state, *image)
                 adjusted = refine(sights, state, np.zeros((*state.match.shape, 3)))

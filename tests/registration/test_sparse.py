@@ -14,7 +14,7 @@ from windmark.registration._kernels import best as kept
 from windmark.registration._kernels import growth
 from windmark.registration._kernels import match as match
 from windmark.registration.budget import TRIPLET, Budget, work_for
-from windmark.registration.judge import one_pair, own, scale
+from windmark.registration.judge import one_pair, own
 from windmark.registration.judge.source import Source
 from windmark.registration.options import default_tolerance
 from windmark.registration.search import links
@@ -195,7 +195,7 @@ def test_a_rival_is_worth_what_it_is_with_the_errors_that_the_table_may_have():
             spots, label, markers, camera, _ = few_of(seed, "A", 5)
             solutions = in_full(task_of(spots, markers, camera)).solutions()
             if solutions and right(solutions[0], label):
-                of += [scale.lead(solutions[0], other, limits) for other in solutions[1:]]
+                of += [own.lead(solutions[0], other, limits) for other in solutions[1:]]
         leads.append(of)
     close, wide = np.array(leads)
     assert len(close) > 5

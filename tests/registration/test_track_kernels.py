@@ -14,7 +14,7 @@ from windmark.registration import prepare
 from windmark.registration.judge.one_pair import held_by_one
 from windmark.registration.options import default_tolerance
 from windmark.registration.search.plane import Plane
-from windmark.registration.settle._kernels.state import EXCESS
+from windmark.registration.settle._kernels.state import EXCESS, HELD_PX, REST_PX, blank_kernel
 from windmark.registration.settle.settling import copied, settle
 from windmark.registration.settle.views import Views
 from windmark.registration.task import Task
@@ -27,8 +27,8 @@ def sights_of(scene, prepared):
     """What the kernels make of a picture."""
     model, found = prepared.layout.model, scene.detections
     return spots.sights_of(
-        model.xyz, model.normal, prepared.sigma, prepared.packed, prepared.loose, prepared.size, found.xy, found.cov,
-        found.radius_px, 0.0, prepared.rough, 0.0,
+        model.xyz, model.normal, model.near, prepared.sigma, prepared.packed, prepared.loose, prepared.size, found.xy,
+        found.cov, found.radius_px, 0.0, prepared.rough, 0.0,
     )  # fmt: skip
 
 
@@ -43,24 +43,11 @@ def views_of(scene, prepared, tolerance):
 def view():
     scene = scenes.scene(21, "B", hidden=0.2, false=0.5)
     prepared = Prepared.of(scene.markers, scene.camera, prepare(scene.markers))
-    return scene, prepared, *sights_of(scene, prepared)
-
-
-def test_points_in_order_and_columns_that_miss_none():
-    rng = np.random.default_rng(4)
-    for x in (rng.uniform(-900, 900, 80), rng.integers(0, 9, 30).astype(float), np.array([5.0, 1.0, 1.0]), np.zeros(4)):
-        p = np.stack([x, rng.normal(size=len(x))], axis=1)
-        order, sorted_x, sorted_y, columns = spots._in_order(p)
-        np.testing.assert_array_equal(order, np.argsort(x, kind="stable"))
-        np.testing.assert_array_equal(np.stack([sorted_x, sorted_y], axis=1), p[order])
-        for asked in [*rng.uniform(-1000, 1000, 50), *x, -np.inf, np.inf]:
-            place, exact = spots.place_of(columns, asked), np.searchsorted(sorted_x, asked)
-            assert place <= exact
-            assert place == exact or asked - sorted_x[place] <= 1.01 * np.ptp(x) / (2 * len(x))
+    return scene, prepared, sights_of(scene, prepared)
 
 
 def test_the_picture_is_that_of_a_search(view):
-    scene, prepared, sights, _ = view
+    scene, prepared, sights = view
     for name, expected in views_of(scene, prepared, sights.tolerance[0]).sights._asdict().items():
         np.testing.assert_allclose(getattr(sights, name), expected, rtol=1e-9, err_msg=name)
 
@@ -110,18 +97,18 @@ def test_difference_leads_from_one_pose_to_the_other(turn):
 
 def placed(sights, rotation, translation):
     """An empty state at a pose."""
-    state = spots.room(sights, 0)
+    state = blank_kernel(sights)
     state.rotation[:], state.translation[:] = rotation, translation
     return state
 
 
 def test_labels_in_gates_are_those_of_the_slow_twin(view):
-    scene, prepared, sights, columns = view
+    scene, prepared, sights = view
     cov, floor2 = np.diag([1e-6] * 3 + [4e-5] * 3), (0.25 * sights.tolerance[0]) ** 2
     state = placed(sights, *prepared.layout.frame.unit(scene.cam_from_model))
-    sight = gates.sight_from(sights, state, prepared.layout.model.near, cov)
+    sight = gates.sight_from(sights, state, cov)
     match = np.empty(len(scene.markers), np.int32)
-    count = gates.label_in_gates(sights, sight, columns, floor2, match)
+    count = gates.label_in_gates(sights, sight, floor2, match)
     pairs = []
     for m in np.flatnonzero(sight.seen):
         by_pose = sight.by_pose[m, :, :6]
@@ -142,16 +129,15 @@ def test_labels_in_gates_are_those_of_the_slow_twin(view):
 
 def test_a_supposed_pair_brings_back_a_common_shift(view):
     """A prediction that is off by more than the markers' spacing."""
-    scene, prepared, sights, columns = view
+    scene, prepared, sights = view
     r, t = prepared.layout.frame.unit(scene.cam_from_model)
-    near = prepared.layout.model.near
-    true = gates.sight_from(sights, placed(sights, r, t), near, np.eye(6))
+    true = gates.sight_from(sights, placed(sights, r, t), np.eye(6))
     shift = 40.0 * t[2] / scene.camera.focal_px
     cov = np.diag([1e-6] * 3 + [shift**2, shift**2, 1e-6])
     state = placed(sights, r, t + np.array([shift, -0.5 * shift, 0.0]))
-    sight = gates.sight_from(sights, state, near, cov)
-    worth = suppose.supposed(sights, sight, columns, state, cov, (0.25 * sights.tolerance[0]) ** 2)
-    found = gates.sight_from(sights, state, near, cov)
+    sight = gates.sight_from(sights, state, cov)
+    worth = suppose.supposed(sights, sight, state, cov, (0.25 * sights.tolerance[0]) ** 2)
+    found = gates.sight_from(sights, state, cov)
     assert worth > 50
     assert np.abs(found.xy - true.xy)[true.seen].max() < 4
 
@@ -179,9 +165,9 @@ def test_what_pairs_leave_open_is_what_the_judge_says():
     for row in (8, 1):  # how many of the second row are seen
         kept = np.isin(scene.label, np.arange(8 + row))
         part = scenes.Scene(scene.detections.take(kept), markers, camera, pose, scene.label[kept])
-        sights = sights_of(part, prepared)[0]
+        sights = sights_of(part, prepared)
         best = settled(part, prepared, sights, np.arange(16) < 8 + row)
-        bare, held = checks.widest_open(best.state)
+        bare, held = best.state.open[0, [REST_PX, HELD_PX]]
         tolerance = sights.tolerance[0]
         words = held_by_one(best)
         assert bool(words) == (held > tolerance / 3 or bare > tolerance) == (row == 1)
@@ -194,7 +180,7 @@ def test_what_pairs_leave_open_is_what_the_judge_says():
 @pytest.mark.parametrize("excess", [0.0, 0.02])
 def test_the_gain_of_bending_is_that_of_dense_matrices(view, excess):
     """Likelihoods of the residuals, the pose without a prior, with deformations of three sizes and without one."""
-    scene, prepared, sights, _ = view
+    scene, prepared, sights = view
     best = settled(scene, prepared, sights, np.arange(len(scene.markers)) >= 0)
     state, modes = best.state, prepared.modes[:20]
     matched = state.match[0] >= 0
@@ -228,6 +214,6 @@ def test_the_usual_tolerance_is_that_of_register(view, share):
     sigma = np.full((len(scene.markers), 3), share * np.ptp(scene.markers.xyz))
     markers = replace(scene.markers, sigma=sigma)
     prepared = Prepared.of(markers, scene.camera, prepare(markers))
-    tolerance = sights_of(scene, prepared)[0].tolerance[0]
+    tolerance = sights_of(scene, prepared).tolerance[0]
     assert tolerance == pytest.approx(default_tolerance(scene.detections.xy, scene.camera, markers), rel=1e-9)
     assert (tolerance > view[2].tolerance[0]) == (share > 0)

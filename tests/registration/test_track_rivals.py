@@ -9,6 +9,7 @@ from windmark.geometry import Pose
 from windmark.registration import prepare
 from windmark.registration._kernels.rival import thinnest
 from windmark.registration.search.plane import Plane
+from windmark.registration.settle._kernels.state import blank_kernel
 from windmark.registration.settle.settling import settle
 from windmark.registration.settle.views import Views
 from windmark.registration.task import Task
@@ -80,9 +81,9 @@ def test_the_lead_is_that_over_all_rivals(kind, hidden, sigma, margin):
         scene = scenes.image_of(rng, markers, camera, pose, hidden=hidden, false=1.0, noise_px=0.2)
         prepared = Prepared.of(markers, camera, prepare(markers))
         model, found = prepared.layout.model, scene.detections
-        sights, columns = spots.sights_of(
-            model.xyz, model.normal, prepared.sigma, prepared.packed, prepared.loose, prepared.size, found.xy,
-            found.cov, found.radius_px, 0.0, 0.0, 0.0,
+        sights = spots.sights_of(
+            model.xyz, model.normal, model.near, prepared.sigma, prepared.packed, prepared.loose, prepared.size,
+            found.xy, found.cov, found.radius_px, 0.0, 0.0, 0.0,
         )  # fmt: skip
         task = Task(markers, camera, found.xy, found.cov, sights.tolerance[0], radius_px=found.radius_px)
         r, t = prepared.layout.frame.unit(pose)
@@ -92,11 +93,8 @@ def test_the_lead_is_that_over_all_rivals(kind, hidden, sigma, margin):
         if best is None:
             continue
         predicted = (r, np.ascontiguousarray(t), np.diag([sigma**2] * 3 + [(sigma * t[2]) ** 2] * 3))
-        rival = spots.room(sights, 0)
-        readings = rivals.readings_of(sights, best.state, model.near, 0.0)
-        lead = rivals.rival_kernel(
-            sights, model.near, columns, prepared.layout.symmetries, predicted, best.state, readings, margin, rival
-        )
+        rival = blank_kernel(sights)
+        lead = rivals.rival_kernel(sights, prepared.layout.symmetries, predicted, best.state, margin, rival)
         expected, labels = slow_lead(prepared, best, predicted)
         assert min(lead, margin) == pytest.approx(min(expected, margin), abs=1e-6)
         if expected < margin:

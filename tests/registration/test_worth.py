@@ -13,7 +13,7 @@ from windmark.geometry import Camera
 from windmark.registration._kernels.evidence import log10_nfa
 from windmark.registration.settle._kernels import worth
 from windmark.registration.settle._kernels.doubt import doubt_kernel
-from windmark.registration.settle._kernels.state import EXPECTED
+from windmark.registration.settle._kernels.state import EXPECTED, READINGS
 from windmark.registration.settle.settling import copied, with_freedom
 from windmark.registration.settle.solution import Solution
 
@@ -246,7 +246,7 @@ def test_a_lead_is_that_in_the_worst_reading():
     for _ in range(40):
         one, two = settled(scene), settled(scene)
         for solution in (one, two):
-            solution.__dict__["readings"] = rng.normal(0, 30, (1, worth.READINGS))
+            solution.__dict__["readings"] = rng.normal(0, 30, (1, READINGS))
             solution.__dict__["freedom"] = rng.normal(-40, 5)
         leads = []
         for border, smooth in product((worth.ALONE, worth.CLOSED), (False, True)):

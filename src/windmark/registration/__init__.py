@@ -3,7 +3,7 @@
 The way of `register`, to be read in this order: `register`, `task` (what is to be solved), `solve` (search, judge,
 answer). The search: `search.layout` (the markers, prepared), `search.plane` (the spots), `search.links` (which spots
 are taken for which markers), `search.search` and its kernel `_kernels.match`, `search.pool`. What it finds settles in
-`settle.views`, `settle.settling` and `settle.solution`. The judge: `judge.solve`, `judge.source`, `judge.judge`,
+`settle.views`, `settle.settling` and `settle.solution`. The judge: `judge.source`, `judge.judge`,
 `rules`. `result` is what comes of it. `track` follows a model from frame to frame by the same judge.
 """
 

@@ -14,15 +14,14 @@ from windmark.registration._kernels.match import search_kernel
 from windmark.registration._kernels.quad import spot_quads_kernel, table_kernel
 from windmark.registration._kernels.rival import rivals_kernel
 from windmark.registration._kernels.symmetry import motions_kernel
-from windmark.registration.settle._kernels.doubt import doubt_kernel
+from windmark.registration.settle._kernels.doubt import look_kernel
 from windmark.registration.settle._kernels.places import places_kernel
 from windmark.registration.settle._kernels.settle import accept_kernel, fit_kernel, settle_kernel
-from windmark.registration.settle._kernels.worth import worth_kernel
 from windmark.registration.task import Task, Visible
 
 _KERNELS = (
     log10_nfa, p3p_batch_kernel, rivals_kernel, search_kernel, spot_quads_kernel, table_kernel, motions_kernel,
-    settle_kernel, fit_kernel, accept_kernel, worth_kernel, doubt_kernel, places_kernel,
+    settle_kernel, fit_kernel, accept_kernel, look_kernel, places_kernel,
 )  # fmt: skip
 
 PER_SECOND = 1e7

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from windmark.errors import UsageError
 from windmark.geometry import Camera, Pose
 from windmark.geometry.order import median
+from windmark.registration.task import near_px
 from windmark.scene import MarkerSet
 
 Array = NDArray[np.float64]
@@ -19,8 +21,6 @@ MOST_DEFORMATION = 0.1
 DEFAULT_TOLERANCE, MAX_SPACING, TABLE_SIGMAS = 0.004, 0.2, 5.0
 """Neighbourhood: part of the image's diagonal or, where that is more, so many sigma of the table; and at most this part
 of the spots' spacing."""
-ROUND = 4
-"""Neighbours all round a marker."""
 
 
 def check_options(verb: str, options: dict[str, Any], prior: Pose | None) -> None:
@@ -49,30 +49,25 @@ def check_options(verb: str, options: dict[str, Any], prior: Pose | None) -> Non
         raise UsageError(f"{verb}: min_margin must be >= 0, got {options['min_margin']}")
 
 
-def default_tolerance(xy: Array, camera: Camera, markers: MarkerSet) -> float:
+def default_tolerance(xy: Array, camera: Camera, markers: MarkerSet, near: Array | None = None) -> float:
     """Neighbourhood for table errors and a rough pose, small enough to tell neighbouring spots apart.
 
     How large the table's errors are in the picture is not known before the pose is, but how large they are beside the
     spacing of the markers is that of the spots: to the fourth neighbour, since an oblique view shortens one direction.
+    ``near`` is `near_px` of the spots, if it is known.
     """
-    wanted = DEFAULT_TOLERANCE * float(np.hypot(*camera.size_px))
-    if len(xy) < 2:
+    wanted = DEFAULT_TOLERANCE * math.hypot(*camera.size_px)
+    near = near_px(xy) if near is None else near
+    if not near.size:
         return max(0.5, wanted)
     if (rough := roughness(markers)) > 0:
-        wanted = max(wanted, rough * _spacing(xy, ROUND))
-    return max(0.5, min(wanted, MAX_SPACING * _spacing(xy, 1)))
+        wanted = max(wanted, rough * median(near[:, -1]))
+    return max(0.5, min(wanted, MAX_SPACING * median(near[:, 0])))
 
 
 def roughness(markers: MarkerSet) -> float:
     """How far off its table a marker may be, as part of the distance to the fourth neighbour; 0 without sigmas."""
     sigma = np.where(np.isfinite(markers.sigma), markers.sigma, 0.0)
-    if not sigma.any() or not (apart := _spacing(markers.xyz, ROUND)) > 0:
+    if not sigma.any() or not (apart := median(near_px(markers.xyz)[:, -1])) > 0:
         return 0.0
     return TABLE_SIGMAS * median(sigma.ravel()) / apart
-
-
-def _spacing(points: Array, n: int) -> float:
-    """Median distance to the n-th nearest other point, or to the farthest if there are fewer."""
-    from windmark.registration._kernels.near import nearest  # this brings numba
-
-    return median(nearest(points, min(n, len(points) - 1))[1][:, -1])

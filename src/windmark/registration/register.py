@@ -21,6 +21,7 @@ from windmark.registration.task import (
     Visible,
     fixed_pairs,
     ideal_pixels,
+    near_px,
     off_line,
     on_line,
     used_spots,
@@ -256,13 +257,15 @@ def _task(
     usable = used_spots(np.asarray(np.isfinite(rays).all(axis=1)), excluded)
     pairs = fixed_pairs(fixed, detections, markers, usable)
     xy, factor = detections.xy[usable], options["focal_range"]
+    near = near_px(xy)
     task = Task(
-        markers, camera, xy, detections.cov[usable], options["tolerance_px"] or default_tolerance(xy, camera, markers),
+        markers, camera, xy, detections.cov[usable],
+        options["tolerance_px"] or default_tolerance(xy, camera, markers, near),
         prior, float(np.radians(options["prior_max_angle_deg"])), options["prior_max_scale"],
         tuple(np.geomspace(1 / factor, factor, FOCAL_STEPS)) if free_focal else (1.0,), pairs,
         visible, detections.radius_px[usable], binding,
     )  # fmt: skip
-    task.__dict__["plane_xy"] = ideal_pixels(camera, rays[usable])  # it would only be found again
+    task.__dict__.update(plane_xy=ideal_pixels(camera, rays[usable]), near_px=near)  # they would only be found again
     return task, np.flatnonzero(usable)
 
 

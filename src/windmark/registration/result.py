@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 
 from windmark.adjust import SolveReport
 from windmark.geometry import Camera, Pose
+from windmark.registration.cached import cached_property
 from windmark.registration.directions import WeakDirection, weak_directions
 from windmark.scene import Matching
 

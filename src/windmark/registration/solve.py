@@ -10,26 +10,38 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.adjust import SolveReport
-from windmark.geometry import PARAMETERS, Camera, Pose
+from windmark.geometry import Camera, Pose
 from windmark.registration.budget import PER_CAMERA, Budget, work_for
 from windmark.registration.directions import WeakDirection, weak_directions
 from windmark.registration.judge.answer import answer
 from windmark.registration.judge.discs import stands
-from windmark.registration.judge.solve import WINDOW, judge, search_for, searches_of_rig
+from windmark.registration.judge.judge import Judge
 from windmark.registration.judge.source import Source
 from windmark.registration.judge.verdict import Verdict
 from windmark.registration.result import Deformation, NotRegistered, Registration, RigRegistration
 from windmark.registration.search.layout import Layout
 from windmark.registration.search.plane import Plane
+from windmark.registration.search.search import Search
 from windmark.registration.settle._kernels.state import COST_END, COST_START, EXPECTED, PLACE, STEPS, WIDE
 from windmark.registration.settle.solution import Solution
 from windmark.registration.settle.views import Views
-from windmark.registration.task import Limits, Task
+from windmark.registration.task import MIN_COUNT, Limits, Task, is_bent
 from windmark.scene import Matching
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
+STOP_AT = 45.0
+"""Search score (nats) from which a candidate is worth a verdict."""
+PATIENCE = 40_000
+"""Links (some milliseconds) that a refused candidate has to wait before it is tried on a bent model, which takes
+longer: most often it was wrong, and a better one is found meanwhile."""
+WINDOW = 60.0
+"""Candidates whose search score (nats) is this much below the best are no rivals."""
+WORTH_CARRYING = 25.0
+"""Search score (nats) of one camera's candidate from which the other cameras are asked at once."""
+CLEAR = ("focal", "wrong_focal", "wrong_camera", "mirrored")
+"""Causes that no better candidate would change; one that has the given labels may come late."""
 LENS_STARTS, OTHER_FOCAL = 4, 0.005
 """How often a search is begun with the lens at another focal length, and how much (relative) that must differ."""
 
@@ -73,6 +85,44 @@ def solve(
     return _refused(verdict, late, budget, tried, tasks, cam_from_rig, options)
 
 
+def search_for(plane: Plane, options: dict[str, Any], budget: Budget) -> Search:
+    """The search of a single camera."""
+    return Search(plane, STOP_AT, method=options["method"], seed=options["seed"], budget=budget)
+
+
+def searches_of_rig(planes: Sequence[Plane], options: dict[str, Any], budget: Budget) -> list[Search | None]:
+    """The searches of several cameras; none where there are too few spots."""
+    return [
+        Search(plane, WORTH_CARRYING, method=options["method"], wide=True, seed=options["seed"], budget=budget)
+        if len(plane.task.xy) >= MIN_COUNT else None
+        for plane in planes
+    ]  # fmt: skip
+
+
+def judge(source: Source, limits: Limits, max_links: int, budget: Budget) -> tuple[Verdict, bool]:
+    """Search until the verdict is clear; the verdict, and whether the limit of work struck."""
+    judge_ = Judge(source, limits, budget)
+    judged, patience, late = None, np.inf, False
+    for links in source.batches():
+        best = source.worth_judging(STOP_AT)
+        fresh = best is not judged
+        if best is not None and (fresh or links > patience):
+            verdict = judge_.verdict(deformed=not fresh)
+            patience = links + PATIENCE if fresh else np.inf
+            bent = verdict.cause is None and verdict.best is not None and verdict.best.is_bent
+            if (verdict.cause is None and not bent) or verdict.cause in CLEAR:
+                return verdict, False
+            judged = source.worth_judging(STOP_AT)
+            if bent or verdict.cause == "ambiguous":
+                # Of two equally good solutions both may be wrong, and a deformation can stand in for the rigid
+                # solution that is not yet found: search on, but not for long.
+                max_links = min(max_links, 3 * links + 50_000)
+        late = budget.over
+        if links >= max_links or late:
+            break
+    return judge_.verdict(final=True), late
+
+
 def _uncounted(task: Task, budget: Budget) -> Task:
     """The task with the time of its ``visible`` not counted."""
     return task if task.visible is None else replace(task, visible=budget.without(task.visible))
@@ -95,11 +145,6 @@ def _refused(
         weak = weak_directions(best.cam_from_model(), best.camera().focal_px, _cov(best, best.unit_cov), xyz)
     pose = best.rig_from_model if cam_from_rig is None else cam_from_rig[0] @ best.rig_from_model
     return NotRegistered(reason, cause, best.count, pose, verdict.runner_up, tried, weak, options)
-
-
-def is_bent(camera: Camera) -> bool:
-    """Whether the lens does anything but a pinhole does."""
-    return camera.lens == "fisheye" or any(getattr(camera, name) != 0.0 for name in PARAMETERS[4:])
 
 
 def _with_other_lenses(tasks: Sequence[Task], verdict: Verdict) -> list[Task] | None:

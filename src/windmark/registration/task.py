@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from math import ceil, hypot, lgamma, perm, sqrt
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from windmark.errors import UsageError
-from windmark.geometry import Camera, Pose
+from windmark.geometry import PARAMETERS, Camera, Pose
 from windmark.geometry.order import median
+from windmark.registration.cached import cached_property
 from windmark.scene import Detections, MarkerSet
 
 Array = NDArray[np.float64]
@@ -24,6 +24,8 @@ SPARSE_SPOTS, SPARSE_MARKERS = 12, 100
 """So few spots are searched in full, with so few markers: three spots can be as many markers in a million ways."""
 EXPLAINED, CHECKED = 0.8, 5
 """Part of few spots that must be explained, at least so many: with one less hardly anything checks the pose."""
+ROUND = 4
+"""Neighbours all round a spot or a marker."""
 Visible = Callable[[Pose, Camera], NDArray[np.bool_]]
 """``visible(cam_from_model, camera)`` says which of the N markers nothing hides from there: (N,) bool.
 
@@ -89,6 +91,11 @@ class Task:
     def plane_xy(self) -> Array:
         """(M, 2) the spots as a camera without a lens of the same focal length sees them, see `search.plane`."""
         return ideal_pixels(self.camera, self.camera.unproject(self.xy))
+
+    @cached_property
+    def near_px(self) -> Array:
+        """(M, 4) distances of the nearest other spots, fewer if there are less."""
+        return near_px(self.xy)
 
     @cached_property
     def typical_sigma_px(self) -> float:
@@ -186,6 +193,18 @@ def _log_choices(markers: int, spots: int, pairs: int) -> float:
         return 0.0
     ways = lgamma(markers + 1.0) - lgamma(markers - pairs + 1.0) - lgamma(pairs + 1.0)
     return ways + lgamma(spots + 1.0) - lgamma(spots - pairs + 1.0)
+
+
+def near_px(points: Array) -> Array:
+    """(N, 4) distances of the nearest other points (N, d), fewer if there are less."""
+    from windmark.registration._kernels.near import nearest  # this brings numba
+
+    return nearest(points, min(ROUND, len(points) - 1))[1]
+
+
+def is_bent(camera: Camera) -> bool:
+    """Whether the lens does anything but a pinhole does."""
+    return camera.lens == "fisheye" or any(getattr(camera, name) != 0.0 for name in PARAMETERS[4:])
 
 
 def ideal_pixels(camera: Camera, rays: Array) -> Array:

@@ -69,18 +69,24 @@ def made_kernel(
     labels = np.full((moves + 2, n), -1, np.int32)
     r[0], t[0], labels[0], labels[moves + 1] = rotation, translation, match, match
     for s in range(moves):
-        for i in range(3):
-            t[s + 1, i] = translation[i]
-            for j in range(3):
-                r[s + 1, i, j] = 0.0
-                for k in range(3):
-                    r[s + 1, i, j] += rotation[i, k] * turn[s, j, k]
-                t[s + 1, i] -= r[s + 1, i, j] * shift[s, j]
+        moved_back(rotation, translation, turn[s], shift[s], r[s + 1], t[s + 1])
         for m in range(n):
             if onto[s, m] >= 0 and match[m] >= 0:
                 labels[s + 1, onto[s, m]] = match[m]
     _mirrored(xyz, match, rotation, translation, r[moves + 1], t[moves + 1])
     return r, t, labels
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def moved_back(rotation: Array, translation: Array, turn: Array, shift: Array, r: Array, t: Array) -> None:
+    """The pose that sees a moved model as another pose sees the model, into ``r`` and ``t``."""
+    for i in range(3):
+        t[i] = translation[i]
+        for j in range(3):
+            r[i, j] = 0.0
+            for k in range(3):
+                r[i, j] += rotation[i, k] * turn[j, k]
+            t[i] -= r[i, j] * shift[j]
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")

@@ -37,8 +37,8 @@ def corrected(best: Solution) -> Solution:
     discs = are_discs(best)
     for _ in range(DISC_ROUNDS if discs.any() else 0):
         state = copied(best.views, best.state)
-        for c in np.flatnonzero(best.counts):
-            state.offset[c] = _eccentricity(best, int(c), discs)
+        for c in best.seeing:
+            state.offset[c] = _eccentricity(best, c, discs)
         if not accept_kernel(best.views.sights, state):
             break
         best = Solution(best.views, state)

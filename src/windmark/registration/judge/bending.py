@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from windmark.registration import rules
 from windmark.registration.budget import BEND, BEND_PAIR, Budget
+from windmark.registration.cached import cached_property
+from windmark.registration.judge.first_order import PRIOR
 from windmark.registration.judge.source import distinct, focal_of, start_of
 from windmark.registration.search.pool import Candidate
 from windmark.registration.settle.settling import copied, settle, settle_state, with_freedom
@@ -18,8 +19,6 @@ from windmark.registration.settle.views import Views
 
 Array = NDArray[np.float64]
 
-PRIOR = 0.3
-"""1 sigma of the prior of the displacement, as part of the largest one allowed."""
 DOUBTED = 0.05
 """Largest displacement that is asked about where less is allowed, as part of the model's size."""
 CORE_ANGLE = float(np.radians(10.0))

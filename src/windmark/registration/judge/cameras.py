@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +15,7 @@ from scipy.special import bdtr
 
 from windmark.geometry import Pose
 from windmark.registration import rules
+from windmark.registration.cached import cached_property
 from windmark.registration.judge.doubts import OtherCamera, fits_slightly
 from windmark.registration.judge.first_order import FirstOrder
 from windmark.registration.judge.own import is_loose

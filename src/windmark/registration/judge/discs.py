@@ -49,7 +49,7 @@ def stands(verdict: Verdict, limits: Limits) -> Verdict:
 def _ratios(best: Solution) -> Array:
     """(N,) imaged radii over those that the table lets expect, NaN where either is not known."""
     ratios = [np.zeros(0)]
-    for c in np.flatnonzero(best.counts).tolist():
+    for c in best.seeing:
         task, pose = best.views.planes[c].task, best.cam_from_model(c)
         spot, marker = best.pairs(c)
         if task.radius_px is None or not np.isfinite(task.radius_px[spot] * task.markers.radius[marker]).any():
@@ -101,5 +101,5 @@ def _worth(one: Solution, other: Solution) -> float:
 def _passes(best: Solution, limits: Limits) -> bool:
     """Whether a solution is beyond chance and no camera's misfit is too large: the judge's own gates."""
     beyond = best.log10_nfa < limits.log10_nfa and best.score > own.least_score(best, limits)
-    cameras = np.flatnonzero(best.counts).tolist()
+    cameras = best.seeing
     return (beyond or own.is_sure_of_few(best, limits)) and not any(own.misfit_of(best, c, limits) for c in cameras)

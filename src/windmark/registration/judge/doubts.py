@@ -8,28 +8,26 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from windmark.registration import rules
-from windmark.registration.judge.first_order import FirstOrder
+from windmark.registration.cached import cached_property
+from windmark.registration.judge.first_order import Look, look_at, shown
 from windmark.registration.judge.own import is_loose
 from windmark.registration.result import Cause, Unchecked
-from windmark.registration.settle._kernels.doubt import doubt_kernel
-from windmark.registration.settle._kernels.places import places_kernel
-from windmark.registration.settle._kernels.slopes import slopes_kernel
-from windmark.registration.settle.settling import accepted, opened, with_freedom
-from windmark.registration.settle.solution import Solution
-from windmark.registration.settle.views import (
+from windmark.registration.settle._kernels.doubt import (
     DOUBTED_ASPECT,
     DOUBTED_CENTRE,
     DOUBTED_EDGE,
     DOUBTED_FOCAL,
-    DOUBTS,
-    Views,
+    doubt_kernel,
 )
+from windmark.registration.settle._kernels.places import places_kernel
+from windmark.registration.settle.settling import accepted, opened, with_freedom
+from windmark.registration.settle.solution import Solution
+from windmark.registration.settle.views import Views
 
 Array = NDArray[np.float64]
 
@@ -83,23 +81,16 @@ class Doubts:
     margin: float
 
     @cached_property
-    def _cameras(self) -> FirstOrder:
-        views = self.best.views.doubted()
-        cameras, columns = len(views.planes), views.loose.shape[2]
-        own = columns - len(DOUBTS)
-        asked = [6 + c * columns + own + k for c in range(cameras) for k in range(len(DOUBTS))]
-        normal, side = doubt_kernel(views.sights, opened(views, self.best.state))
-        return FirstOrder(normal, side, np.array(asked))
+    def look(self) -> Look:
+        """To first order."""
+        return look_at(self.best, 0.0 if self.best.is_bent else self.bend, self.margin)
 
-    @cached_property
+    @property
     def camera_promises(self) -> bool:
         """Whether another camera may explain the spots better."""
         if self.best.is_bent or self.best.count < rules.UNFOUND * self.best.expected:
             return True
-        first, every = self._cameras, len(DOUBTS)
-        starts = range(0, every * len(self.best.counts), every)
-        single = [(start + part[0], start + part[-1] + 1) for start in starts for part in PARTS.values()]
-        return any(first.gain(*part) > rules.DOUBT for part in [*single, (0, len(first.asked))])
+        return self.look.camera > rules.DOUBT
 
     @cached_property
     def bending_promises(self) -> bool:
@@ -110,12 +101,7 @@ class Doubts:
             return True
         if self.best.count < self.best.expected and self._near_missing():
             return True
-        slopes, off = slopes_kernel(
-            self.best.views.sights, self.best.state, self.views.layout.modes_of_each, self.bend
-        )  # fmt: skip
-        rigid, size = len(self.best.state.factor), slopes.shape[1]
-        gain = FirstOrder(slopes.T @ slopes, slopes.T @ off, np.arange(rigid, size)).gain(0, size - rigid)
-        return gain > rules.DOUBT
+        return self.look.bending > rules.DOUBT
 
     def _near_missing(self) -> bool:
         """Whether more of the missing markers than by chance have a free spot near, as far as bending could be."""
@@ -226,23 +212,23 @@ class Doubts:
 
     def unchecked(self) -> tuple[Unchecked, ...]:
         """What of the cameras this picture would not show if it alone were wrong."""
-        found = []
-        for c in np.flatnonzero(self.best.counts).tolist():
+        found, told = [], self.look.told.tolist()
+        for c in self.best.seeing:
             for what, columns in PARTS.items():
                 if what == "focal length" and self.views.planes[c].task.free_focal:
                     continue
-                size = max(self._cameras.shown(len(DOUBTS) * c + k, self.margin) for k in columns)
-                size *= UNITS[what]
+                # What the spots tell least of may be off most.
+                size = shown(min(told[c][k] for k in columns), self.margin) * UNITS[what]
                 if size > rules.CHECKED[what]:
-                    shown = 100 * size if what != "principal point" else size * _diagonal(self.views, c)
-                    words = UNSEEN[what].format(size=shown) + " would go unnoticed here"
+                    much = 100 * size if what != "principal point" else size * _diagonal(self.views, c)
+                    words = UNSEEN[what].format(size=much) + " would go unnoticed here"
                     found.append(Unchecked(what, words, self.views.names[c]))
         return tuple(found)
 
 
 def fits_slightly(best: Solution) -> bool:
     """Whether what is wrong leaves no more than a slightly wrong camera may."""
-    return all(best.excess_px[c] < rules.SLIGHT_PX for c in np.flatnonzero(best.counts))
+    return all(best.excess_px[c] < rules.SLIGHT_PX for c in best.seeing)
 
 
 def _diagonal(views: Views, c: int) -> float:
@@ -250,7 +236,7 @@ def _diagonal(views: Views, c: int) -> float:
 
 
 def _off(what: str, given: Array, found: Array, diagonal: float, focal_px: float) -> float:
-    """How far a packed camera (12,) is from the given one, in the units of `rules.CHECKED`."""
+    """How far a packed camera (16,) is from the given one, in the units of `rules.CHECKED`."""
     if what == "focal length":
         return abs(math.log(found[0] / given[0]))
     if what == "aspect":

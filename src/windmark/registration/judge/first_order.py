@@ -4,14 +4,53 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.registration.settle._kernels.doubt import gain_kernel, reduce_kernel
+from windmark.registration.cached import cached_property
+from windmark.registration.settle._kernels.doubt import gain_kernel, look_kernel, reduce_kernel
+from windmark.registration.settle.solution import Solution
 
 Array = NDArray[np.float64]
+
+PRIOR = 0.3
+"""1 sigma of the prior of a deformation, as part of the largest one allowed."""
+
+
+class Look(NamedTuple):
+    """What else the residuals of a solution speak for, and what they do not show.
+
+    Parameters
+    ----------
+    bending, camera : what a bent model and another camera gain (nats); -inf where the model cannot bend
+    bow, turn : largest displacement of a matched marker beyond a rigid motion (part of the model's size), and largest
+        turn of a part that may be the root against the pose (radians), without a bent model that leads by the margin
+    told : (C, 5) what the spots tell of the cameras' doubted columns, each alone
+    """
+
+    bending: float
+    camera: float
+    bow: float
+    turn: float
+    told: Array
+
+
+def look_at(best: Solution, bend: float, margin: float) -> Look:
+    """``bend`` is 1 sigma of the deformation that the model may have, in sizes of the unit model; 0: none."""
+    layout = best.views.layout
+    bending, camera, bow, turn, told = look_kernel(
+        best.views.sights, best.state, layout.modes_of_each, layout.stiff_bows_of_each, layout.stiff_turns_of_each,
+        layout.walls, bend, math.sqrt(2 * margin), bend / PRIOR,
+    )  # fmt: skip
+    return Look(bending, camera, bow / layout.size, turn, told)
+
+
+def shown(told: float, margin: float) -> float:
+    """How large (in prior sigmas) an unknown of which the spots tell so much must be to lead by a margin (nats)."""
+    information = 1.0 + told
+    return math.sqrt(2 * (margin + 0.5 * math.log(information)) / information)
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,5 +92,4 @@ class FirstOrder:
 
     def shown(self, k: int, margin: float) -> float:
         """How large (in prior sigmas) one of them must be to lead by a margin (nats)."""
-        information = 1.0 + self._told[k]
-        return math.sqrt(2 * (margin + 0.5 * math.log(information)) / information)
+        return shown(self._told[k], margin)

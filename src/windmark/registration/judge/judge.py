@@ -7,17 +7,16 @@ labellings, the mirrored table, a second copy of the model, another camera, a be
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import cache
+from typing import Any, TypeVar, cast
 
 import numpy as np
 
 from windmark.registration import rules
 from windmark.registration.budget import Budget
-from windmark.registration.judge import one_pair, own, scale, words
+from windmark.registration.judge import one_pair, own, words
 from windmark.registration.judge.bending import Bender
-from windmark.registration.judge.binding import unbound
 from windmark.registration.judge.cameras import Places, blocked
 from windmark.registration.judge.doubts import Doubts, OtherCamera
 from windmark.registration.judge.mirror import mirror_of
@@ -26,10 +25,12 @@ from windmark.registration.judge.source import Source, distinct
 from windmark.registration.judge.symmetric import told_by_bending, told_by_table_errors
 from windmark.registration.judge.twins import Weighed, elsewhere, near_ones, twin_of
 from windmark.registration.judge.unseen import unchecked_bend, unchecked_copy
-from windmark.registration.judge.verdict import Verdict, for_camera, runner_up
+from windmark.registration.judge.verdict import Verdict, for_camera, runner_up, unbound
 from windmark.registration.result import Cause, RunnerUp, Unchecked
 from windmark.registration.settle.solution import Solution
 from windmark.registration.task import Limits
+
+T = TypeVar("T")
 
 DOUBTFUL: tuple[Cause | None, ...] = ("nothing", "weak", "misfit", "ambiguous", "time", "one_pair")
 """Of the best rigid solution; as opposed to a clear one with something wrong about it."""
@@ -47,18 +48,25 @@ class Judge:
         self._views = source.views
         self._bender = Bender(self._views, limits.deformation, budget)
         self._repaired = Repaired(self._views, budget)
-        # What is asked of a solution once is asked again at the next verdict.
-        views, bend, margin = self._views, self._bender.bend, limits.margin
-        self._doubts = cache(lambda best: Doubts(views, best, bend, margin))
-        self._places = cache(lambda best: Places(best, margin))
-        self._mirror = cache(lambda best: mirror_of(views, best, MIRRORS))
-        self._nearest = cache(lambda best, *others: near_ones(best, others, margin))
+        self._asked: dict[tuple[object, ...], Any] = {}  # asked of a solution once and at the next verdict again
         self._plain = -np.inf  # evidence of the rigid solution, if it is an answer
         self._challenged: list[Solution] = []
         self._displaced: OtherCamera | None = None
         self._copies: list[tuple[Solution, Solution | None]] = []
         self._unchallenged = False  # the work was over before all rivals had been looked for
         self._copies_from = 0.0  # part of a second copy's markers that must be seen for it to be met
+
+    def _once(self, make: Callable[..., T], *of: object) -> T:
+        """``make(*of)``, kept."""
+        if (make, *of) not in self._asked:
+            self._asked[(make, *of)] = make(*of)
+        return cast("T", self._asked[(make, *of)])
+
+    def _doubts(self, best: Solution) -> Doubts:
+        return self._once(Doubts, self._views, best, self._bender.bend, self._limits.margin)
+
+    def _places(self, best: Solution) -> Places:
+        return self._once(Places, best, self._limits.margin)
 
     # --- the verdict ---------------------------------------------------------------------
     def verdict(self, *, deformed: bool = True, final: bool = False) -> Verdict:
@@ -168,13 +176,13 @@ class Judge:
         for c in range(len(names)) if len(names) > 1 else ():
             if hides := blocked(best, c):
                 return "misfit", f"{words.seen(best)}, but camera {names[c]} {hides}"
-        for c in np.flatnonzero(best.counts).tolist():
+        for c in best.seeing:
             if misfit := own.misfit_of(best, c, limits):
                 where = f"in camera {names[c]} {misfit}, or a wrong cam_from_rig" if len(names) > 1 else misfit
                 return "misfit", f"{words.seen(best)}, but {where}"
         for other in others:
             second = words.apart(best, other) and own.beyond_chance(other, limits)
-            if scale.lead(best, other, limits) < limits.margin or second:
+            if own.lead(best, other, limits) < limits.margin or second:
                 return "ambiguous", words.ambiguity(best, other, runner_up(best, other, limits))
             if told_by_table_errors(best, other, limits.margin):
                 answer = runner_up(best, other, limits)
@@ -224,7 +232,7 @@ class Judge:
             unchecked.append(slight[1])
         if loose := doubts.loose_focal(self._limits.focal_sigma):
             return Verdict(best, verdict.runner_up, "focal", loose)
-        if (mirror := self._mirror(best)) is not None:
+        if (mirror := self._once(mirror_of, self._views, best, MIRRORS)) is not None:
             lead = best.lead_over(mirror)
             sharper = mirror.misfit_px.max() < rules.SHARPER * best.misfit_px.max()
             if sharper and mirror.lead_over(best) > self._limits.margin:
@@ -232,7 +240,7 @@ class Judge:
                 return Verdict(best, second, "mirrored", words.mirrored(best, mirror, lead))
             if lead < self._limits.margin:
                 unchecked.append(Unchecked("mirror", words.MIRROR_UNSEEN))
-        unchecked.extend(unchecked_bend(best, self._limits.deformation, self._limits.margin))
+        unchecked.extend([] if best.is_bent else unchecked_bend(doubts.look))
         unchecked.extend([Unchecked("scale", words.SCALE_UNSEEN)] if len(self._views.planes) == 1 else [])
         unchecked.extend(unchecked_copy(best, self._copies_from, self._limits.margin))
         if (without := one_pair.without_unheld(best)) is not None:
@@ -268,7 +276,10 @@ class Judge:
 
     def _near(self, best: Solution) -> tuple[Weighed, ...]:
         """Other explanations that count as the same as a rigid one but have another pose, see `judge.twins`."""
-        return () if best.is_bent else self._nearest(best, *self._source.every(), *self._repaired.tried)
+        if best.is_bent:
+            return ()
+        others = (*self._source.every(), *self._repaired.tried)
+        return self._once(near_ones, best, others, self._limits.margin)
 
     # --- solutions -----------------------------------------------------------------------
     def _challenge(self) -> None:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.registration.search.layout import FLIP
 from windmark.registration.settle._kernels.mirror import mirrors_kernel, start
 from windmark.registration.settle._kernels.settle import STEADY, fit_kernel, settle_kernel
 from windmark.registration.settle._kernels.state import state_of
@@ -26,32 +27,6 @@ others that are about where they are. So a near-symmetry that is much coarser th
 AT_ONE, ALIKE = 1e-7, 1e-4
 """Two images whose places differ by less than the first (radians, part of the distance), and whose cameras and
 coefficients by less than the second (sigmas of their priors), came to rest at one."""
-FLIP = np.diag([-1.0, 1.0, 1.0])
-
-
-def mirrored_views(views: Views) -> Views:
-    """The same spots with the mirrored table; normals unknown, what faces away is hidden instead."""
-    other, sights = views.bent(views.modes @ FLIP), views.sights
-    other.__dict__["sights"] = other.sights._replace(xyz=sights.xyz @ FLIP, normal=np.zeros_like(sights.normal))
-    return other
-
-
-def _with_twins(views: Views, best: Solution, onto: Ints, turn: Array, shift: Array) -> tuple[Ints, Array, Array]:
-    """The same mirror images, of a nearly flat model also from the other pose that shows a plane nearly so.
-
-    Seen from afar a relief looks like the reversed one that is tilted the other way, so where the relief is reversed,
-    the best solution is tilted the wrong way.
-    """
-    across = views.layout.flat_along
-    if across is None:
-        return onto, np.ascontiguousarray(turn), np.ascontiguousarray(shift)
-    plane = np.eye(3) - 2 * np.outer(FLIP @ across, FLIP @ across)
-    c = int(best.counts.argmax())
-    towards = best.state.rotations[c].T @ best.state.translations[c]
-    sight = np.eye(3) - 2 * np.outer(towards, towards) / (towards @ towards)
-    other = plane @ turn @ sight
-    moved = (other @ turn.transpose(0, 2, 1) @ shift[:, :, None])[:, :, 0]
-    return np.concatenate([onto, onto]), np.concatenate([turn, other]), np.concatenate([shift, moved])
 
 
 def reach_of(best: Solution) -> Array:
@@ -66,18 +41,17 @@ def mirror_of(views: Views, best: Solution, most: int) -> Solution | None:
     mirrored a deformation explains what is none. ``most`` motions are tried, those that bring most markers onto others
     first. None without any.
     """
-    onto, turns, shifts = views.layout.mirrors
+    onto, turn, shift = (part[:most] for part in views.layout.mirror_starts[:3])
     if not len(onto):
         return None
-    # F x_o is about F (A x_m + s) and must be seen where x_m was.
-    onto, turn, shift = _with_twins(views, best, onto[:most], FLIP @ turns[:most], shifts[:most] @ FLIP)
-    reach = reach_of(best)
+    across, reach = views.layout.mirror_starts[3], reach_of(best)
     found: Solution | None = None
-    for way in [mirrored_views(views), *([mirrored_views(best.views)] if best.is_bent else [])]:
-        near, *rest = mirrors_kernel(way.sights, best.state, onto, turn, shift, reach)
-        for b in _unlike(np.flatnonzero(near), onto, *rest):
+    for way in [views.mirrored(FLIP), *([best.views.mirrored(FLIP)] if best.is_bent else [])]:
+        near, *rest = mirrors_kernel(way.sights, best.state, onto, turn, shift, reach, across)
+        for b in _unlike(np.flatnonzero(near), onto, *rest) if near.any() else ():
+            image = b % len(onto)
             state = state_of(way.sights, best.state.rotation, best.state.translation, best.state.match)
-            start(best.state, state, onto[b], turn[b], shift[b])
+            start(best.state, state, onto[image], turn[image], shift[image])
             state.rotation[:], state.translation[:], state.nuisance[:], state.bent[:] = (part[b] for part in rest)
             if not fit_kernel(way.sights, state) or settle_kernel(way.sights, state, 0) != STEADY:
                 continue
@@ -96,7 +70,7 @@ def _unlike(
     kept: list[int] = []
     for b in images.tolist():
         if not any(
-            np.array_equal(onto[a], onto[b])
+            np.array_equal(onto[a % len(onto)], onto[b % len(onto)])
             and np.allclose(rotations[b], rotations[a], rtol=0.0, atol=AT_ONE)
             and np.allclose(translations[b], translations[a], rtol=AT_ONE, atol=0.0)
             and np.allclose(nuisances[b], nuisances[a], rtol=0.0, atol=ALIKE)

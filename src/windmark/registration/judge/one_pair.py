@@ -18,8 +18,9 @@ from windmark.registration.result import Unchecked
 from windmark.registration.settle._kernels.fit import spread_places
 from windmark.registration.settle._kernels.places import open_kernel
 from windmark.registration.settle._kernels.settle import fit_kernel
+from windmark.registration.settle._kernels.state import State
 from windmark.registration.settle.settling import copied, settle_state, with_freedom
-from windmark.registration.settle.solution import Solution
+from windmark.registration.settle.solution import Solution, opened_in
 from windmark.registration.settle.views import Views
 from windmark.registration.task import ON_LINE_PX, off_line
 
@@ -89,7 +90,7 @@ def held_by_one(best: Solution) -> str:
     there. And spots that are no farther from a line than they are from where the solution has them fix no pose: a row
     fits two rows that are seen edge-on.
     """
-    seen = [(c, best.views.planes[c].task.xy[best.pairs(c)[0]]) for c in np.flatnonzero(best.counts).tolist()]
+    seen = [(c, best.views.planes[c].task.xy[best.pairs(c)[0]]) for c in best.seeing]
     widths = [off_line(xy) - float(best.misfit_px[c]) for c, xy in seen]
     if max(widths) < ON_LINE_PX:
         return f"all of them lie on one line (within {off_line(seen[0][1]):.2g} px, no worse than they fit)"
@@ -97,9 +98,7 @@ def held_by_one(best: Solution) -> str:
         # A pair has most of its own place there: 2 % between the excess of the fit and of the residuals would be all.
         best = with_freedom(best.views, best, relabel=False) or best
     placed = _with_prior(best)
-    found = best.openness
-    if placed is not best.state.place:
-        found = [open_kernel(best.state, placed, c) for c in range(len(best.counts))]
+    found = best.openness if placed is best.state else opened_in(placed)
     for c, plane in enumerate(best.views.planes):
         rest, wide = found[c][:2]
         # A bent model leaves the markers that it has no spot of open by its nature.
@@ -131,7 +130,7 @@ def unheld_pair(best: Solution) -> tuple[int, int, float] | None:
 
     Of a bent model each pair has most of its own place, and its root's pose is known less well than that.
     """
-    for c in np.flatnonzero(best.counts).tolist() if not best.is_bent else ():
+    for c in best.seeing if not best.is_bent else ():
         marker, wide = best.openness[c][2:]
         if is_unheld(best, c, marker, wide):
             return c, marker, wide
@@ -177,15 +176,15 @@ def is_unheld(best: Solution, c: int, marker: int, wide: float) -> bool:
     return marker >= 0 and wide > rules.UNHELD * math.sqrt(0.5 * (xx + yy))
 
 
-def _ahead(best: Solution, placed: Array, c: int, marker: int) -> float:
+def _ahead(best: Solution, placed: State, c: int, marker: int) -> float:
     """Nats by which a pair is likelier than a foreign spot.
 
     Where too few others are left to be settled it is by what they and the prior say of the place of its marker, to
-    first order; ``placed`` (C, N, 3) is the covariance of the projections, see `settle._kernels.label.leave_one_out`.
+    first order; ``placed`` has the covariance of the projections by both, see `settle._kernels.label.leave_one_out`.
     """
     if (less := less_one(best, best.views, c, marker)) is not None:
         return best.lead_over(less)
-    noise, place = _square(best.state.spread[c, [marker]])[0], _square(placed[c, [marker]])[0]
+    noise, place = _square(best.state.spread[c, [marker]])[0], _square(placed.place[c, [marker]])[0]
     value, vector = np.linalg.eigh(noise - place)
     along = (vector.T @ best.state.residual[c, marker]) ** 2
     value = np.maximum(value, 1e-9 * np.trace(noise))
@@ -195,15 +194,15 @@ def _ahead(best: Solution, placed: Array, c: int, marker: int) -> float:
     return -0.5 * float((along / value).sum()) - math.log(2 * math.pi * density * spread)
 
 
-def _with_prior(best: Solution) -> Array:
-    """(C, N, 3) covariance of the projections where the prior, too, says where the model is.
+def _with_prior(best: Solution) -> State:
+    """The state with places and openness as they are where the prior, too, says where the model is.
 
     It is a range: a rotation vector in a ball of radius a has a sigma of a / sqrt(5) along each axis, a number between
     -a and a one of a / sqrt(3).
     """
     state, task = best.state, best.views.planes[0].task
     if task.prior is None:
-        return state.place
+        return state
     # By the rotation, and by the distance along the first camera's axis; in the rig's frame as the unknowns are.
     axis = best.views.cam_from_rig[0].rotation[2]
     known = np.zeros_like(state.factor)
@@ -211,9 +210,10 @@ def _with_prior(best: Solution) -> Array:
     distance = math.log(task.prior_max_scale) * float(state.translations[0, 2])
     known[3:6, 3:6] = np.outer(axis, axis) * 3.0 / distance**2
     factor = np.asarray(np.linalg.cholesky(np.tril(state.factor) @ np.tril(state.factor).T + known), dtype=np.float64)
-    prior = state._replace(factor=factor, place=np.zeros_like(state.place))
+    prior = state._replace(factor=factor, place=np.zeros_like(state.place), open=np.zeros_like(state.open))
     spread_places(best.views.sights, prior)
-    return prior.place
+    open_kernel(prior, prior.place)
+    return prior
 
 
 def _square(packed: Array) -> Array:

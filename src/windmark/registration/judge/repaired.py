@@ -11,8 +11,8 @@ from windmark.geometry import Pose
 from windmark.registration import rules
 from windmark.registration.budget import SETTLE, SETTLE_PAIR, Budget
 from windmark.registration.judge import one_pair, own
-from windmark.registration.settle._kernels.places import open_kernel
 from windmark.registration.settle._kernels.settle import fit_kernel
+from windmark.registration.settle._kernels.state import REST_PX
 from windmark.registration.settle.settling import copied, settle
 from windmark.registration.settle.solution import Solution
 from windmark.registration.settle.views import Views
@@ -173,4 +173,4 @@ def _leaves_open(solution: Solution, row: NDArray[np.int64]) -> bool:
     state.match[0, row] = solution.state.match[0, row]
     if not fit_kernel(solution.views.sights, state):
         return True
-    return open_kernel(state, state.place, 0)[1] > solution.views.planes[0].task.tolerance_px
+    return bool(state.open[0, REST_PX] > solution.views.planes[0].task.tolerance_px)

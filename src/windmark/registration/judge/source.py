@@ -232,8 +232,12 @@ def start_of(views: Views, c: int, candidate: Candidate) -> tuple[Array, Array, 
     return (*views.layout.frame.unit(pose), match)
 
 
-def focal_of(views: Views, c: int, candidate: Candidate) -> Array:
-    """(C,) focal lengths to start from: the candidate's for its own camera, the given ones for the others."""
+def focal_of(views: Views, c: int, candidate: Candidate) -> Array | None:
+    """(C,) focal lengths to start from: the candidate's for its own camera, the given ones for the others; None where
+    none is free.
+    """  # fmt: skip
+    if not any(plane.task.free_focal for plane in views.planes):
+        return None
     focal = np.array([plane.task.camera.focal_px for plane in views.planes])
     focal[c] = candidate.focal_px
     return focal

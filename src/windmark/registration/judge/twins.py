@@ -40,14 +40,17 @@ def near_ones(best: Solution, others: Iterable[Solution], margin: float) -> tupl
     its probability beside the best one and the other ones.
     """  # fmt: skip
     found: list[tuple[float, Solution]] = []
-    gone = best.views.gone
+    others = [other for other in others if other is not best]
+    gone = best.views.gone if others else np.zeros(0, dtype=bool)
     for other in others:
-        if other is best or _uses(other, gone) or other.is_bent or other.shared(best) <= rules.SAME_SHARE:
+        if _uses(other, gone) or other.is_bent or other.shared(best) <= rules.SAME_SHARE:
             continue
         if any(_at_one(other, s) for s in (best, *_of(found))):
             continue
         if other.same_as(best) and (lead := best.lead_over(other)) < margin:
             found.append((lead, other))
+    if not found:
+        return ()
     least = min([0.0, *(lead for lead, _ in found)])
     total = math.exp(least) + sum(math.exp(least - lead) for lead, _ in found)
     return tuple((math.exp(least - lead) / total, other) for lead, other in found)
@@ -59,7 +62,7 @@ def elsewhere(best: Solution, other: Solution) -> bool:
     """  # fmt: skip
     if best.rig_from_model.angle_to(other.rig_from_model) < SAME_ANGLE:
         return False
-    for c in np.flatnonzero(best.counts).tolist():
+    for c in best.seeing:
         seen = best.state.faces[c] | (best.state.match[c] >= 0)
         one, two = (places_kernel(s.views.sights, s.state, c)[seen] for s in (best, other))
         off = np.linalg.norm(one - two, axis=1)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +12,7 @@ from windmark.registration._kernels.hypothesis import Model
 from windmark.registration._kernels.near import nearest
 from windmark.registration._kernels.quad import Table, table_of
 from windmark.registration._kernels.symmetry import alike_triangles, motions_of, symmetries_of
+from windmark.registration.cached import cached_property
 from windmark.registration.search.field import FAINTEST, FAR, REACH, STIFF, SUPPLE, Field, extents, field_of, modes_of
 from windmark.registration.task import on_line
 from windmark.scene import MarkerSet
@@ -32,6 +32,8 @@ SEEDS = 6
 """Triangles whose like is looked for; a near-symmetry that takes all of them off the model is of no use."""
 FLAT = 0.15
 """Markers are nearly flat if they are so thin (rms) beside their extent (rms)."""
+FLIP = np.diag([-1.0, 1.0, 1.0])
+"""Mirrors a model."""
 MANY = 1_000
 """Of more markers than this enough neighbours are always seen: the small table does, the large one would take 300 MB of
 4,000 markers."""
@@ -51,6 +53,14 @@ class Frame:
     def unit(self, pose: Pose) -> tuple[Array, Array]:
         """Rotation and translation of a pose for the unit model."""
         return pose.rotation, pose.apply(self.centre) / self.scale
+
+    def change(self, translation: Array) -> Array:
+        """(6, 6) from the unit model, turned about its centre, to the model and ``exp(delta) @ pose``."""
+        s, (x, y, z) = self.scale, (self.scale * translation).tolist()
+        return np.array([
+            [1.0, 0.0, 0.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0, 0.0, 0.0],
+            [0.0, -z, y, s, 0.0, 0.0], [z, 0.0, -x, 0.0, s, 0.0], [-y, x, 0.0, 0.0, 0.0, s],
+        ])  # fmt: skip
 
 
 class Layout:
@@ -79,9 +89,9 @@ class Layout:
         """Build all tables now."""
         for reach in REACHES:
             self.table(reach)
-        _ = self.symmetries, self.mirrors, self.size, self.on_line
+        _ = self.symmetries, self.mirror_starts, self.size, self.on_line
         # Every answer asks for the deformations, so the first one of a prepared set should not find them.
-        _ = self.modes_of_each, self.stiff_bows_of_each, self.stiff_turns_of_each
+        _ = self.modes_of_each, self.stiff_bows_of_each, self.stiff_turns_of_each, self.walls
         return self
 
     def table(self, reach: int) -> Table:
@@ -120,6 +130,16 @@ class Layout:
         )
 
     @cached_property
+    def mirror_starts(self) -> tuple[Ints, Array, Array, Array]:
+        """`mirrors` for the model mirrored by `FLIP`, and across which (3,) that is flat; zero where it is not.
+
+        F x_o is about F (A x_m + s) and must be seen where x_m was.
+        """
+        (onto, turn, shift), across = self.mirrors, self.flat_along
+        flat = np.zeros(3) if across is None else across @ FLIP
+        return onto, np.ascontiguousarray(FLIP @ turn), np.ascontiguousarray(shift @ FLIP), flat
+
+    @cached_property
     def flat_along(self) -> Array | None:
         """(3,) unit vector across a nearly flat model; None where it is not."""
         axes, rms = _axes(self.model.xyz)
@@ -135,6 +155,14 @@ class Layout:
         least = max(5, int(np.ceil(LEAST_BROUGHT * len(self.model.xyz))))
         onto = symmetries_of(self.model, self._alike, least, SYMMETRIES, mirrored=mirrored)
         return onto, *motions_of(self.model.xyz, onto, -1.0 if mirrored else 1.0)
+
+    def sigma_of(self, markers: MarkerSet) -> Array:
+        """(N, 3) of the unit model, zero where unknown; the markers' sigmas may be others than those prepared."""
+        return self._sigma if markers is self.markers else _known(markers.sigma) / self.frame.scale
+
+    @cached_property
+    def _sigma(self) -> Array:
+        return _known(self.markers.sigma) / self.frame.scale
 
     @cached_property
     def spacing(self) -> Array:
@@ -194,6 +222,11 @@ class Layout:
         return np.ascontiguousarray(bows.transpose(1, 2, 0))
 
     @cached_property
+    def walls(self) -> NDArray[np.bool_]:
+        """(N,) markers that do not move."""
+        return np.asarray((self.far_field.modes == 0.0).all(axis=(0, 2)))
+
+    @cached_property
     def stiff_turns_of_each(self) -> Array:
         """(N, 3, K) how the whole model would turn if it went on from each marker as these do there."""
         return np.ascontiguousarray(self.far_field.amplitude(STIFF) * self.far_field.motions[:, :3])
@@ -216,6 +249,10 @@ def unit_model(xyz: Array, normal: Array) -> tuple[Model, Frame]:
     known = np.where(np.isfinite(normal).all(axis=1, keepdims=True), normal, 0.0)
     near = nearest(unit, min(NEIGHBOURS, len(xyz) - 1))[0]
     return Model(unit, np.ascontiguousarray(known), near), Frame(centre, scale)
+
+
+def _known(sigma: Array) -> Array:
+    return np.where(np.isfinite(sigma), sigma, 0.0)
 
 
 def _axes(xyz: Array) -> tuple[Array, Array]:

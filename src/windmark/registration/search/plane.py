@@ -17,7 +17,7 @@ from windmark.registration._kernels.hypothesis import Picture, Rules
 from windmark.registration._kernels.near import nearest
 from windmark.registration._kernels.raster import raster_kernel
 from windmark.registration.search.layout import Layout
-from windmark.registration.task import Task, ideal_pixels
+from windmark.registration.task import Task, ideal_pixels, is_bent
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int32]
@@ -39,20 +39,21 @@ _ALONG = np.linspace(0.0, 1.0, 33)
 _BORDER = np.concatenate(
     [np.stack(np.broadcast_arrays(x, y), axis=-1) for x, y in ((_ALONG, 0), (_ALONG, 1), (0, _ALONG), (1, _ALONG))]
 )
-"""(132, 2) points all along the border of an image of size 1."""
+_CORNERS = np.array([[0.0, 0.0], [1.0, 1.0]])
+"""(132, 2) points all along the border of an image of size 1, and two opposite corners."""
 
 
 class Plane:
     """A task in its search plane; ``radius`` is that of its spots (px, their median), 0 where unknown.
 
+    ``packed`` and ``size`` (2,) are the camera's and the image's.
     ``layout``, ``model`` and ``frame`` are the markers, ``picture(n)`` the best n spots for the search.
     """
 
     def __init__(self, task: Task, layout: Layout | None = None) -> None:
         self.task, self.layout = task, layout or Layout(task.markers)
         self.model, self.frame = self.layout.model, self.layout.frame
-        self._packed = task.camera.packed()
-        self._size = np.array(task.camera.size_px, dtype=float)
+        self.packed, self.size = task.camera.packed(), np.array(task.camera.size_px, dtype=float)
         self._p = task.plane_xy
         known = np.zeros(0) if task.radius_px is None else task.radius_px[np.isfinite(task.radius_px)]
         self.radius = median(known) if len(known) else 0.0
@@ -65,8 +66,10 @@ class Plane:
         """Pairs that fix pose and camera."""
         return 4 if self.task.free_focal else 3
 
-    def log_shares(self, leads: tuple[int, ...]) -> Array:
+    def log_shares(self, leads: list[int]) -> Array:
         """(L,) what priors and labels leave of the ways to begin with the best so many spots, as logarithms."""
+        if self.task.prior is None and not self.task.fixed:
+            return np.zeros(len(leads))
         share = float(np.log(self.task.prior_share))
         return np.array([share + self.task.log_label_share(lead, self.fixed_count) for lead in leads])
 
@@ -87,9 +90,9 @@ class Plane:
         longest = float((high - low).max())
         cell = min(max(0.25 * reach, longest / _FINEST), longest / _COARSEST)
         columns, rows = np.maximum(1, np.ceil((high - low) / cell).astype(int)).tolist()
-        raster = raster_kernel(self._packed, self._size, p, low, cell, columns, rows, reach, self.radius)
+        raster = raster_kernel(self.packed, self.size, p, low, cell, columns, rows, reach, self.radius)
         near, distance = nearest(p, min(len(p) - 1, neighbours))
-        return Picture(p, density_of(distance, self._size), near, raster, float(low[0]), float(low[1]), 1 / cell)
+        return Picture(p, density_of(distance, self.size), near, raster, float(low[0]), float(low[1]), 1 / cell)
 
     def rules(self, *, wide: bool = False) -> Rules:
         """What a hypothesis must pass."""
@@ -142,8 +145,11 @@ def lead_sizes(spots: int, markers: int) -> list[int]:
 
 def _bounds(camera: Camera, p: Array) -> tuple[Array, Array]:
     """Rectangle of the plane that holds the image's border and all spots."""
-    size = np.array(camera.size_px, dtype=float)
-    border, low, high = to_plane(camera, _BORDER * size - 0.5), p.min(axis=0), p.max(axis=0)
+    size, low, high = np.array(camera.size_px, dtype=float), p.min(axis=0), p.max(axis=0)
+    if is_bent(camera):
+        border = to_plane(camera, _BORDER * size - 0.5)
+    else:  # straight borders are where their corners are
+        border = (_CORNERS * size - 0.5 - (camera.cx, camera.cy)) / (1.0, camera.aspect)
     # A border where the lens model ends maps far out, or is NaN; the spots and a generous frame bound it.
     low2 = np.maximum(np.fmin(np.fmin.reduce(border), low), np.minimum(low, -1.5 * size))
     high2 = np.minimum(np.fmax(np.fmax.reduce(border), high), np.maximum(high, 1.5 * size))

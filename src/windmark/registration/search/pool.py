@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.geometry import Pose
-from windmark.registration._kernels.best import ALIKE_SHARE, ALIKE_TRACE, keep, room_for_best
+from windmark.registration._kernels.best import ALIKE_SHARE, ALIKE_TRACE, Best, keep, room_for_best
+from windmark.registration.cached import cached_property
 from windmark.registration.search.layout import Frame
 
 Array = NDArray[np.float64]
@@ -50,20 +51,24 @@ class Pool:
     """
 
     def __init__(self, frame: Frame, size: int, markers: int) -> None:
-        self._frame, self.best = frame, room_for_best(size, markers)
+        self._frame, self._room = frame, (size, markers)
         self._made: dict[int, Candidate] = {}
-        self._told: tuple[int, dict[tuple[int | None, float], list[Candidate]]] = (-1, {})  # of what `top` is made
+        self._order: tuple[int, list[int], list[float]] = (-1, [], [])  # how many were kept, best first, and scores
+
+    @cached_property
+    def best(self) -> Best:
+        """The solutions for the kernels."""
+        return room_for_best(*self._room)
 
     def top(self, count: int | None = None, within: float = np.inf) -> list[Candidate]:
         """The candidates, best first; so many, and none with a score that is so much below the best or more."""
-        score, kept = self.best.score, int(self.best.serial[len(self.best.score)])
-        if self._told[0] != kept:
-            self._told = kept, {}
-        known = self._told[1]
-        if (count, within) not in known:
-            least, order = score.max() - within, np.argsort(-score, kind="stable")[:count].tolist()
-            known[count, within] = [self._candidate(n) for n in order if score[n] > least]
-        return list(known[count, within])
+        kept = int(self.best.serial[self._room[0]])
+        if self._order[0] != kept:
+            score = self.best.score.tolist()
+            self._order = kept, sorted(range(len(score)), key=lambda n: -score[n]), score
+        _, order, score = self._order
+        least = score[order[0]] - within
+        return [self._candidate(n) for n in order[:count] if score[n] > least]
 
     def add(self, rotation: Array, translation: Array, focal_px: float, score: float, match: NDArray[np.int32]) -> None:
         """Keep a solution of the unit model unless one like it is as good."""

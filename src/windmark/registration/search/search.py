@@ -262,7 +262,9 @@ class Search:
 
 
 def _without(count: int, some: Ints) -> Ints:
-    """Numbers below ``count`` but some."""
+    """Numbers below ``count`` but some, each of them once."""
+    if len(some) == count:
+        return np.zeros(0, np.int32)
     free = np.ones(count, dtype=bool)
     free[some] = False
-    return np.flatnonzero(free).astype(np.int32)
+    return free.nonzero()[0].astype(np.int32)

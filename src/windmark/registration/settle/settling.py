@@ -86,12 +86,16 @@ def _with_hiding(views: Views, state: State) -> bool:
 
 def copied(views: Views, state: State) -> State:
     """A state of its own, with the freedom of other views of the same spots; what it has not had before is zero."""
-    return State._make(part.copy() for part in opened(views, state))
+    own = State._make([part.copy() for part in opened(views, state)])
+    own.readings[:] = np.nan  # it is to be changed
+    return own
 
 
 def opened(views: Views, state: State) -> State:
     """The same state with room for the freedom of other views, to be looked at and not to be changed."""
     (c, p), k = (views.loose.shape[0], views.loose.shape[2]), len(views.modes)
+    if state.nuisance.shape == (c, p) and len(state.bent) == k:
+        return state
     size = 6 + c * p + k
     nuisance = np.zeros((c, p))
     same = min(p, state.nuisance.shape[1])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,18 +12,10 @@ from windmark.geometry import Camera, Pose
 from windmark.geometry._cholesky_kernels import inverse_factor
 from windmark.registration import rules
 from windmark.registration._kernels.evidence import log10_nfa
-from windmark.registration.settle._kernels.places import open_kernel
-from windmark.registration.settle._kernels.state import EXCESS, EXPECTED, MISFIT, State
-from windmark.registration.settle._kernels.worth import (
-    ALONE,
-    CLOSED,
-    LEAD,
-    LOG10_NFA,
-    PAIRS,
-    PIECES,
-    SYSTEMATIC,
-    worth_kernel,
-)
+from windmark.registration.cached import cached_property
+from windmark.registration.settle._kernels import state as at
+from windmark.registration.settle._kernels.state import State
+from windmark.registration.settle._kernels.worth import worth_kernel
 from windmark.registration.settle.common import where_both
 from windmark.registration.settle.views import Views
 
@@ -58,7 +49,12 @@ class Solution:
 
     def cam_from_model(self, c: int = 0) -> Pose:
         """The pose as camera c sees it."""
-        return self.views.layout.frame.pose(self.state.rotations[c], self.state.translations[c])
+        return self._poses[c]
+
+    @cached_property
+    def _poses(self) -> list[Pose]:
+        frame, state = self.views.layout.frame, self.state
+        return [frame.pose(r, t) for r, t in zip(state.rotations, state.translations, strict=True)]
 
     def camera(self, c: int = 0) -> Camera:
         """Camera c as it has it."""
@@ -82,11 +78,7 @@ class Solution:
 
     def to_model(self) -> Array:
         """(6, 6) from the unit model, turned about its centre, to the model and ``exp(delta) @ pose``."""
-        scale, (x, y, z) = self.views.layout.frame.scale, self.state.translation
-        change = np.eye(6)
-        change[3:, :3] = scale * np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-        change[3:, 3:] *= scale
-        return change
+        return self.views.layout.frame.change(self.state.translation)
 
     @cached_property
     def displacement(self) -> Array:
@@ -112,6 +104,11 @@ class Solution:
         return np.asarray((self.state.match >= 0).sum(axis=1))
 
     @cached_property
+    def seeing(self) -> list[int]:
+        """Cameras that have pairs."""
+        return [c for c, count in enumerate(self.counts.tolist()) if count]
+
+    @cached_property
     def count(self) -> int:
         """Pairs of all cameras."""
         return int(self.counts.sum())
@@ -119,7 +116,7 @@ class Solution:
     @cached_property
     def expected(self) -> int:
         """Markers that should be seen, over all cameras."""
-        return int(self.state.numbers[:, EXPECTED].sum())
+        return int(self.state.numbers[:, at.EXPECTED].sum())
 
     def pairs(self, c: int = 0) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Spots and markers (K,) of camera c, in order of markers."""
@@ -138,18 +135,18 @@ class Solution:
 
     @cached_property
     def openness(self) -> list[tuple[int, float, int, float]]:
-        """Of each camera, which markers' places the pairs leave most open, see `open_kernel`."""
-        return [open_kernel(self.state, self.state.place, c) for c in range(len(self.counts))]
+        """Of each camera, which markers' places the pairs leave most open, see `State.open`."""
+        return opened_in(self.state)
 
-    @property
+    @cached_property
     def excess_px(self) -> Array:
         """(C,) 1 sigma per coordinate of the misfit that the given covariances do not explain."""
-        return np.asarray(np.sqrt(self.state.numbers[:, EXCESS]))
+        return np.asarray(np.sqrt(self.state.numbers[:, at.EXCESS]))
 
-    @property
+    @cached_property
     def misfit_px(self) -> Array:
         """(C,) 1 sigma per coordinate of the residuals, by the redundancy."""
-        return np.asarray(np.sqrt(self.state.numbers[:, MISFIT]))
+        return np.asarray(np.sqrt(self.state.numbers[:, at.MISFIT]))
 
     def shared(self, other: Solution) -> float:
         """Share of the pairs that two solutions have in common, of the smaller one's."""
@@ -158,6 +155,8 @@ class Solution:
 
     def same_as(self, other: Solution) -> bool:
         """Mostly the same pairs, and poses that agree within three degrees or six sigma of the less certain one."""
+        if other is self:
+            return True
         if self.shared(other) <= rules.SAME_SHARE:
             return False
         if self.rig_from_model.angle_to(other.rig_from_model) < SAME_ANGLE:
@@ -168,15 +167,10 @@ class Solution:
     # --- worth ---------------------------------------------------------------------------
     @cached_property
     def readings(self) -> Array:
-        """(C, READINGS) what each camera's labels are worth, see `worth_kernel`."""
-        views, state = self.views, self.state
-        return np.array([
-            worth_kernel(
-                views.sights, state, views.layout.model.near, c, views.leads[c], views.densities[c], plane.fixed_count,
-                views.log_shares[c],
-            )
-            for c, plane in enumerate(views.planes)
-        ])  # fmt: skip
+        """(C, READINGS) what each camera's labels are worth, see `State.readings`."""
+        if math.isnan(self.state.readings[0, at.PAIRS]):
+            worth_kernel(self.views.sights, self.state)
+        return self.state.readings
 
     @cached_property
     def freedom(self) -> float:
@@ -196,7 +190,8 @@ class Solution:
     @property
     def _strain(self) -> float:
         """What the priors of nuisances and coefficients have against their values (nats)."""
-        return 0.5 * float((self.state.nuisance**2).sum() + (self.state.bent**2).sum())
+        nuisance, bent = self.state.nuisance, self.state.bent
+        return 0.5 * float((nuisance**2).sum() + (bent**2).sum()) if nuisance.size or bent.size else 0.0
 
     @property
     def fit(self) -> float:
@@ -210,7 +205,7 @@ class Solution:
         Markers are missing each by itself, or hidden in one piece, whichever is likelier.
         """
         pairs = zip(self.readings.tolist(), self.counts.tolist(), strict=True)
-        return np.array([r[PAIRS] + max(r[ALONE], r[PIECES]) if count else 0.0 for r, count in pairs])
+        return np.array([r[at.PAIRS] + max(r[at.ALONE], r[at.PIECES]) if count else 0.0 for r, count in pairs])
 
     @cached_property
     def score(self) -> float:
@@ -229,14 +224,14 @@ class Solution:
         The spots of all cameras are one list, which counts the ways to fix a pose by three of them on the safe side.
         """
         if len(self.counts) == 1:
-            return float(self.readings[0, LOG10_NFA])
+            return float(self.readings[0, at.LOG10_NFA])
         residuals, densities, spots, leads, fixed = [], [], 0, 0.0, 3
         for c, plane in enumerate(self.views.planes):
             fixed += int(plane.task.free_focal)
-            if not np.isfinite(self.readings[c, LEAD]):
+            if not np.isfinite(self.readings[c, at.LEAD]):
                 spots += len(plane.task.xy)
                 continue
-            k = int(self.readings[c, LEAD])
+            k = int(self.readings[c, at.LEAD])
             lead = int(self.views.leads[c][k])
             spot, marker = self.pairs(c)
             used = spot < lead
@@ -259,9 +254,9 @@ class Solution:
         No lead is one that comes from an image border that hides what would be missing, from random errors where
         smooth ones of lens or table would do, or from the edge of the table where the picture goes on beyond it.
         """
-        pairs = self._of(PAIRS) - other._of(PAIRS)
-        alone, closed = (self._hiding(r) - other._hiding(r) for r in (ALONE, CLOSED))
-        smooth = self._of(SYSTEMATIC) - other._of(SYSTEMATIC)
+        pairs = self._of(at.PAIRS) - other._of(at.PAIRS)
+        alone, closed = (self._hiding(r) - other._hiding(r) for r in (at.ALONE, at.CLOSED))
+        smooth = self._of(at.SYSTEMATIC) - other._of(at.SYSTEMATIC)
         leads = [float(np.sum(pairs + hiding + s)) for hiding in (alone, closed) for s in (0.0 * smooth, smooth)]
         common = [where_both(self, other, c) for c in range(len(self.counts))]
         if any(lead is not None for lead in common):
@@ -270,10 +265,15 @@ class Solution:
         return min(leads) + self.freedom - other.freedom
 
     def _hiding(self, reading: int) -> Array:
-        return np.maximum(self._of(reading), self._of(PIECES))
+        return np.maximum(self._of(reading), self._of(at.PIECES))
 
     def _of(self, reading: int) -> Array:
         return np.where(self.counts > 0, self.readings[:, reading], 0.0)
+
+
+def opened_in(state: State) -> list[tuple[int, float, int, float]]:
+    """`State.open` of each camera."""
+    return [(int(rest), rest_px, int(pair), pair_px) for rest, rest_px, pair, pair_px in state.open.tolist()]
 
 
 def beyond_rigid(xyz: Array, moved: Array) -> Array:

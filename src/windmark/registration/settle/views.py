@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass
+from itertools import accumulate
 from typing import Any
 
 import numpy as np
@@ -12,23 +12,21 @@ from numpy.typing import NDArray
 
 from windmark.geometry import Camera, Pose
 from windmark.registration._kernels.near import nearest
+from windmark.registration.cached import cached_property
 from windmark.registration.search.layout import Layout
 from windmark.registration.search.plane import Plane, density_of
+from windmark.registration.settle._kernels.doubt import DOUBTS, doubted_kernel
 from windmark.registration.settle._kernels.state import PLACE, ROWS, WIDE, Sights
 
 Array = NDArray[np.float64]
 
 PARAMETERS_PACKED = 11
 """Interior parameters at the head of a packed camera."""
-DOUBTED_FOCAL, DOUBTED_ASPECT, DOUBTED_CENTRE, DOUBTED_EDGE = 0.15, 0.02, 0.04, 0.02
-"""1 sigma of a given camera that is doubted: of the logarithm of its focal length, of its aspect, of its principal
-point as part of the image's diagonal, and of the lens' shift of the corner as part of its distance from the centre."""
 SURE = 1e-9
 """Directions of a covariance with less than this part of its largest variance are no freedom."""
 AT_HOME = Pose.identity()
+HOME = AT_HOME.rotation[None], AT_HOME.translation[None]
 """Of a single camera in the rig that it is."""
-DOUBTS = ("focal length", "aspect", "principal point", "principal point", "lens")
-"""What the columns of `doubted_camera` are."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +76,7 @@ class Views:
 
     def without(self, taken: Sequence[NDArray[np.bool_]]) -> Views:
         """The same, with some of the spots (of each camera (M,) bool) left to no marker."""
-        sights, other = self.sights, self._with()
+        sights = self.sights
         gone = np.concatenate(list(taken))
         order, x = sights.by_x.copy(), sights.x.copy()
         for first, last in zip(sights.first[:-1], sights.first[1:], strict=True):
@@ -87,8 +85,13 @@ class Views:
             # What is beyond the last is never met; see `settle._kernels.label`.
             x[own] = np.concatenate([x[own][~out], np.full(int(out.sum()), np.inf)])
             order[own] = np.concatenate([order[own][~out], order[own][out]])
-        other.__dict__["sights"] = sights._replace(by_x=order, x=x)
-        return other
+        return self._with(sights=sights._replace(by_x=order, x=x))
+
+    def mirrored(self, flip: Array) -> Views:
+        """The same spots with the table mirrored by ``flip`` (3, 3); normals unknown."""
+        sights, modes = self.sights, self.modes @ flip if len(self.modes) else self.modes
+        normal = np.zeros_like(sights.normal)
+        return self._with(sights=sights._replace(xyz=sights.xyz @ flip, normal=normal, modes=modes))
 
     @property
     def gone(self) -> NDArray[np.bool_]:
@@ -108,9 +111,10 @@ class Views:
         return self._with(poses=tuple(poses))
 
     def _with(
-        self, *, loose: Array | None = None, modes: Array | None = None, poses: tuple[Pose, ...] | None = None
-    ) -> Views:
-        sights = self.sights
+        self, *, loose: Array | None = None, modes: Array | None = None, poses: tuple[Pose, ...] | None = None,
+        sights: Sights | None = None,
+    ) -> Views:  # fmt: skip
+        sights = sights or self.sights
         if loose is not None:
             sights = sights._replace(loose=loose)
         if modes is not None:
@@ -119,26 +123,26 @@ class Views:
             rotation, translation = _places(poses, self.layout.frame.scale)
             sights = sights._replace(rotation=rotation, translation=translation)
         other = Views(self.planes, poses or self.cam_from_rig, sights.loose, sights.modes, self.names)
-        other.__dict__.update(sights=sights, leads=self.leads, densities=self.densities, log_shares=self.log_shares)
+        other.__dict__.update(sights=sights, leads=self.leads, densities=self.densities)
         return other
 
     @cached_property
     def sights(self) -> Sights:
         """All of it for the kernels."""
         planes, layout = self.planes, self.layout
-        given = planes[0].task.markers.sigma
-        sigma = np.where(np.isfinite(given), given, 0.0) / layout.frame.scale
         xy = [np.ascontiguousarray(p.task.xy) for p in planes]
-        order = [np.argsort(p[:, 0], kind="stable") for p in xy]
+        order = [p[:, 0].argsort(kind="stable") for p in xy]
         cov = [p.task.cov.reshape(-1, 4)[:, [0, 1, 3]] for p in planes]
+        leads, dense, shares = _by_lead(self)
         return Sights(
-            layout.model.xyz, layout.model.normal, sigma, np.ascontiguousarray(self.modes),
+            layout.model.xyz, layout.model.normal, layout.model.near, layout.sigma_of(planes[0].task.markers),
+            self.modes,
             *_places(self.cam_from_rig, layout.frame.scale),
-            np.cumsum([0, *(len(p) for p in xy)]), _joined(xy), _joined(cov),
-            _joined([d[-1] for d in self.densities]), _joined(order),
-            _joined([p[o, 0] for p, o in zip(xy, order, strict=True)]),
-            np.array([p.task.camera.size_px for p in planes], dtype=float), np.array([p.radius for p in planes]),
-            np.array([p.task.tolerance_px for p in planes]), np.array([p.task.camera.packed() for p in planes]),
+            np.array([0, *accumulate(len(p) for p in xy)]), _joined(xy), _joined(cov),
+            _joined([d[-1] for d in self.densities]), leads, dense, shares, np.array([p.fixed_count for p in planes]),
+            _joined(order), _joined([p[o, 0] for p, o in zip(xy, order, strict=True)]),
+            np.array([p.size for p in planes]), np.array([p.radius for p in planes]),
+            np.array([p.task.tolerance_px for p in planes]), np.array([p.packed for p in planes]),
             self.loose,
         )  # fmt: skip
 
@@ -152,15 +156,10 @@ class Views:
         """Of each camera, (L, M) the spots per px^2 round each spot, among the spots of each prefix."""
         return tuple(_densities(plane) for plane in self.planes)
 
-    @cached_property
-    def log_shares(self) -> tuple[Array, ...]:
-        """Of each camera, (L,) see `Plane.log_shares`."""
-        return tuple(plane.log_shares(tuple(plane.leads)) for plane in self.planes)
-
     def camera(self, c: int, packed: Array) -> Camera:
         """Camera c with the parameters (16,) of a state."""
         given = self.planes[c].task.camera
-        if np.array_equal(packed, given.packed()):
+        if np.array_equal(packed, self.planes[c].packed):
             return given
         return given.with_parameters(
             np.concatenate([packed[:PARAMETERS_PACKED], packed[PARAMETERS_PACKED + 1 : -1]]), cov=given.cov
@@ -192,13 +191,7 @@ def known_camera(camera: Camera, focal_sigma: float) -> Array:
 
 def doubted_camera(camera: Camera) -> Array:
     """(21, 5) how a camera may be wrong: focal length, aspect, principal point in x and y, lens (see `DOUBTS`)."""
-    columns = np.zeros((ROWS, len(DOUBTS)))
-    diagonal = float(np.hypot(*camera.size_px))
-    corner2 = (0.5 * diagonal / camera.focal_px) ** 2
-    columns[0, 0], columns[1, 1] = DOUBTED_FOCAL, DOUBTED_ASPECT
-    columns[2, 2] = columns[3, 3] = DOUBTED_CENTRE * diagonal
-    columns[4, 4] = DOUBTED_EDGE / corner2
-    return columns
+    return np.asarray(doubted_kernel(camera.packed(), np.array(camera.size_px, dtype=float)))
 
 
 def known_place(cov: Array | None, scale: float) -> Array:
@@ -222,15 +215,36 @@ def doubted_place(turn: float, shift: float) -> Array:
 
 def _places(poses: Sequence[Pose], scale: float) -> tuple[Array, Array]:
     """(C, 3, 3) and (C, 3) of poses, in sizes of the model."""
+    if len(poses) == 1 and poses[0] is AT_HOME:
+        return HOME
     return np.array([pose.rotation for pose in poses]), np.array([pose.translation for pose in poses]) / scale
 
 
 def _densities(plane: Plane) -> Array:
-    xy, size = plane.task.xy, np.array(plane.task.camera.size_px, dtype=float)
+    xy, size = plane.task.xy, plane.size
+    if len(plane.leads) == 1:
+        return density_of(plane.task.near_px, size)[None]
     out = np.full((len(plane.leads), len(xy)), np.nan)
     for row, lead in zip(out, plane.leads, strict=True):
-        row[:lead] = density_of(nearest(xy[:lead], min(4, lead - 1))[1], size)
+        near = plane.task.near_px if lead == len(xy) else nearest(xy[:lead], min(4, lead - 1))[1]
+        row[:lead] = density_of(near, size)
     return out
+
+
+def _by_lead(views: Views) -> tuple[NDArray[np.int64], Array, Array]:
+    """`Sights.leads`, `Sights.dense` and `Sights.log_share`."""
+    if len(views.planes) == 1:
+        plane = views.planes[0]
+        return views.leads[0][None], views.densities[0], plane.log_shares(plane.leads)[None]
+    most, count = max(len(leads) for leads in views.leads), len(views.planes)
+    leads, shares, first = np.zeros((count, most), np.int64), np.zeros((count, most)), 0
+    dense = np.full((most, sum(len(plane.task.xy) for plane in views.planes)), np.nan)
+    for c, plane in enumerate(views.planes):
+        own = len(plane.leads)
+        leads[c, :own], shares[c, :own] = plane.leads, plane.log_shares(plane.leads)
+        dense[:own, first : first + len(plane.task.xy)] = views.densities[c]
+        first += len(plane.task.xy)
+    return leads, dense, shares
 
 
 def _stacked(columns: Sequence[Array]) -> Array:
@@ -242,4 +256,4 @@ def _stacked(columns: Sequence[Array]) -> Array:
 
 
 def _joined(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
-    return np.ascontiguousarray(np.concatenate(list(parts)))
+    return np.ascontiguousarray(parts[0] if len(parts) == 1 else np.concatenate(list(parts)))

@@ -42,7 +42,7 @@ def restart(
         state = replace(state, bends=state.bends + rules.BENT_LEAD)
     frame, cov, velocity = state.prepared.layout.frame, np.zeros((12, 12)), np.zeros(6)
     rotation, translation = (np.ascontiguousarray(v) for v in frame.unit(answer.cam_from_model))
-    back = np.linalg.inv(_change(frame.scale, translation))
+    back = np.linalg.inv(frame.change(translation))
     measured = back @ answer.cov[:6, :6] @ back.T
     marker, now = answer.matching.marker, Estimate(rotation, translation, velocity, cov)
     if state.estimate is not None and (new := _continued(state, now, measured, dt, motion)) is not None:
@@ -94,13 +94,5 @@ def predicted_pose(state: TrackState, dt: float) -> tuple[Pose, Array]:
     """See `track.predict`."""
     frame = state.prepared.layout.frame
     then = predict_kernel(state.estimate, state.change, dt + state.missed)
-    change = _change(frame.scale, then.translation)
+    change = frame.change(then.translation)
     return frame.pose(then.rotation, then.translation), change @ then.cov[:6, :6] @ change.T
-
-
-def _change(scale: float, translation: Array) -> Array:
-    """(6, 6) from the unit model, turned about its centre, to the model and ``exp(delta) @ pose``."""
-    change = np.eye(6)
-    change[3:, :3] = scale * hat(translation)
-    change[3:, 3:] *= scale
-    return change

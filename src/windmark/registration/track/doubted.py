@@ -18,7 +18,6 @@ from windmark.geometry import Pose
 from windmark.registration.budget import Budget, work_for
 from windmark.registration.judge.discs import stands
 from windmark.registration.judge.judge import Judge
-from windmark.registration.judge.solve import WINDOW
 from windmark.registration.judge.source import Source
 from windmark.registration.judge.verdict import Verdict
 from windmark.registration.result import Registration
@@ -26,7 +25,7 @@ from windmark.registration.search.plane import Plane
 from windmark.registration.search.pool import Candidate
 from windmark.registration.settle.settling import settle
 from windmark.registration.settle.views import Views
-from windmark.registration.solve import _registration
+from windmark.registration.solve import WINDOW, _registration
 from windmark.registration.task import Limits, Task
 from windmark.registration.track._kernels.step import TRUSTED
 from windmark.registration.track.prepared import BENT, Prepared

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.geometry import Camera
-from windmark.registration.judge.bending import PRIOR
+from windmark.registration.judge.first_order import PRIOR
 from windmark.registration.options import roughness
 from windmark.registration.search.layout import Layout
 from windmark.registration.settle.views import known_camera
@@ -42,10 +42,9 @@ class Prepared:
     def of(markers: MarkerSet, camera: Camera, layout: Layout | None = None) -> Prepared:
         """Prepare; ``layout`` saves its milliseconds."""
         layout = (layout or Layout(markers)).ready()
-        sigma = np.where(np.isfinite(markers.sigma), markers.sigma, 0.0) / layout.frame.scale
         modes = PRIOR * BENT * layout.size * layout.bows
         return Prepared(
-            layout, camera, np.ascontiguousarray(sigma), np.ascontiguousarray(modes), camera.packed(),
+            layout, camera, layout.sigma_of(markers), np.ascontiguousarray(modes), camera.packed(),
             np.ascontiguousarray(known_camera(camera, 0.0)[None]), np.array(camera.size_px, dtype=float),
             roughness(markers),
         )  # fmt: skip

@@ -13,40 +13,10 @@ from windmark.adjust import SolveReport
 from windmark.geometry import Pose
 from windmark.registration import rules
 from windmark.registration.result import Cause, NotRegistered, Registration, RunnerUp
+from windmark.registration.search.layout import Frame
 from windmark.registration.task import Limits
+from windmark.registration.track._kernels import step as at
 from windmark.registration.track._kernels.motion import Estimate
-from windmark.registration.track._kernels.step import (
-    BENDING,
-    COUNT,
-    DISTANCE2,
-    EXCESS_PX,
-    FIRST_COST,
-    HELD_PX,
-    LABELLED,
-    LAST_COST,
-    LEAD,
-    LOG10_NFA,
-    LOST,
-    MIN_COUNT,
-    MISFIT_PX,
-    NOT_FINITE,
-    OPEN_PX,
-    OUTCOME,
-    REDUNDANCY,
-    RIVAL_COUNT,
-    RIVAL_SHARED,
-    RMS_PX,
-    SEEN,
-    SHARE,
-    SIGMA,
-    SPACING,
-    STEPS,
-    SUPPOSED,
-    TOLERANCE,
-    UNSURE,
-    WORTH,
-    step_kernel,
-)
 from windmark.registration.track.carried import ABRUPT, restart
 from windmark.registration.track.prepared import Prepared
 from windmark.registration.track.state import Motion, TrackState
@@ -57,16 +27,17 @@ Array = NDArray[np.float64]
 FEWER, LEAST_SEEN = 0.75, 0.35
 """Where single pairs had to be supposed, a labelling with less than this part of the markers matched before, or of
 those in view, may be right in parts only: a search must confirm it."""
-OUTCOMES = {UNSURE: "too long without a pose to predict one", LOST: "no labelling near the prediction holds"}
+OUTCOMES = {at.UNSURE: "too long without a pose to predict one", at.LOST: "no labelling near the prediction holds"}
 
 
 class Stepped(NamedTuple):
     """What became of a frame, see `step_kernel`; of the solution and its rival only where it was labelled."""
 
+    frame: Frame  # of the unit model, whose all poses are
     numbers: Array  # see the kernel's `OUTCOME` and the names beside it
     rotation: Array  # (3, 3)
     translation: Array  # (3,)
-    cov: Array  # (6, 6) of [rotation, translation] for exp(delta) @ pose, of the model
+    cov: Array  # (6, 6) of [rotation, translation]
     marker: NDArray[np.int64]  # (K,)
     spot: NDArray[np.int64]  # (K,)
     residual: Array  # (K, 2) projected - seen in the image
@@ -79,6 +50,11 @@ class Stepped(NamedTuple):
     new_cov: Array
     change: Array  # (2,) of the motion, adapted
 
+    @property
+    def pose(self) -> Pose:
+        """Of the model."""
+        return self.frame.pose(self.rotation, self.translation)
+
 
 def step(
     state: TrackState, detections: Detections, dt: float, motion: Motion, limits: Limits, options: dict[str, Any],
@@ -90,26 +66,26 @@ def step(
     """
     assert state.estimate is not None, "step: a first frame is registered"
     prepared, layout = state.prepared, state.prepared.layout
-    if len(detections) < MIN_COUNT:
+    if len(detections) < at.MIN_COUNT:
         return NotRegistered(f"{len(detections)} spots: too few", "too_few", options=options), state
-    xy, cov, frame = np.ascontiguousarray(detections.xy), np.ascontiguousarray(detections.cov), layout.frame
-    done = Stepped(*step_kernel(
+    xy, cov = np.ascontiguousarray(detections.xy), np.ascontiguousarray(detections.cov)
+    done = Stepped(layout.frame, *at.step_kernel(
         layout.model.xyz, layout.model.normal, prepared.sigma, prepared.modes, layout.model.near, *layout.symmetries,
-        prepared.packed, prepared.loose, prepared.size, frame.centre, frame.scale, xy, cov, detections.radius_px,
+        prepared.packed, prepared.loose, prepared.size, xy, cov, detections.radius_px,
         *state.estimate, state.change, motion.change, dt + state.missed, options["tolerance_px"] or 0.0,
         prepared.rough, least_density, limits.margin,
     ))  # fmt: skip
     n = done.numbers.tolist()  # plain floats are faster
-    if n[OUTCOME] == NOT_FINITE:
+    if n[at.OUTCOME] == at.NOT_FINITE:
         raise ValueError("track: detections.cov must be finite")
-    if n[OUTCOME] != LABELLED:
-        return NotRegistered(OUTCOMES[n[OUTCOME]], "nothing", options=options), state
+    if n[at.OUTCOME] != at.LABELLED:
+        return NotRegistered(OUTCOMES[n[at.OUTCOME]], "nothing", options=options), state
     if (refusal := _refusal(n, done, limits, len(state.marker))) is not None:
         return replace(refusal, options=options), state
     # Evidence adds up over frames; against it, none is kept for later (Page's cumulative sum, 1954).
-    state = replace(state, bends=max(0.0, state.bends + n[BENDING]))
+    state = replace(state, bends=max(0.0, state.bends + n[at.BENDING]))
     options = {**options, "dt": dt}
-    if max(n[BENDING], state.bends) > rules.DOUBT:
+    if max(n[at.BENDING], state.bends) > rules.DOUBT:
         return _doubted(state, detections, done, n, dt, motion, limits, options)
     answer = _registration(prepared, done, n, options)
     estimate = Estimate(done.new_rotation, done.new_translation, done.new_velocity, done.new_cov)
@@ -128,14 +104,15 @@ def _doubted(
 
     match = np.full(len(state.prepared.layout.markers), -1, np.int32)
     match[done.marker] = done.spot
-    pose, what, beside = Pose(done.rotation, done.translation), (state.prepared, detections), _runner_up(n, done)
+    pose, what, beside = done.pose, (state.prepared, detections), _runner_up(n, done)
     answer: Registration | str | None
-    if n[BENDING] > rules.DOUBT:
-        answer = judged(*what, pose, match, n[WORTH], n[TOLERANCE], limits, state.bends, options)
+    if n[at.BENDING] > rules.DOUBT:
+        answer = judged(*what, pose, match, n[at.WORTH], n[at.TOLERANCE], limits, state.bends, options)
     else:
-        answer = covered(*what, pose, match, n[TOLERANCE], state.bends, options)
+        answer = covered(*what, pose, match, n[at.TOLERANCE], state.bends, options)
     if not isinstance(answer, Registration):
-        return NotRegistered(answer or OUTCOMES[LOST], "misfit", int(n[COUNT]), pose, beside, options=options), state
+        reason = answer or OUTCOMES[at.LOST]
+        return NotRegistered(reason, "misfit", int(n[at.COUNT]), pose, beside, options=options), state
     answer = replace(answer, runner_up=beside)
     return answer, restart(state, answer, dt, motion, "tracked", "")
 
@@ -145,40 +122,35 @@ def _refusal(n: list[float], done: Stepped, limits: Limits, before: int) -> NotR
 
     ``before`` markers were matched in the last good frame.
     """
-    count, expected = int(n[COUNT]), int(n[SEEN])
+    count, expected = int(n[at.COUNT]), int(n[at.SEEN])
     loose = _is_loose(n)
     least = limits.score
     if loose:  # it may be right in parts only: being near the prediction says nothing for it
         least += rules.MISSED * (expected - count) + (rules.SPARSE if 2 * count <= expected else 0.0)
     else:
-        least += math.log(n[SHARE])
-    excess = n[EXCESS_PX] * (1 + 1 / math.sqrt(2 * max(n[REDUNDANCY], 1.0)))
-    allowed = math.hypot(limits.table_error * n[SPACING], rules.DOUBLED * n[SIGMA])
+        least += math.log(n[at.SHARE])
+    excess = n[at.EXCESS_PX] * (1 + 1 / math.sqrt(2 * max(n[at.REDUNDANCY], 1.0)))
+    allowed = math.hypot(limits.table_error * n[at.SPACING], rules.DOUBLED * n[at.SIGMA])
     cause: Cause
-    if not (n[LOG10_NFA] < limits.log10_nfa and n[WORTH] > least):
+    if not (n[at.LOG10_NFA] < limits.log10_nfa and n[at.WORTH] > least):
         cause, but = "weak", (
-            f"which could be chance: false-alarm number 1e{n[LOG10_NFA]:+.1f}, evidence {n[WORTH]:.0f} nats (at least "
-            f"{least:.0f})"
+            f"which could be chance: false-alarm number 1e{n[at.LOG10_NFA]:+.1f}, evidence {n[at.WORTH]:.0f} nats (at "
+            f"least {least:.0f})"
         )  # fmt: skip
-    elif rules.MISFIT * n[MISFIT_PX] > n[TOLERANCE] or excess > allowed:
-        cause, but = "misfit", f"but with a misfit of {n[MISFIT_PX]:.2g} px (1 sigma per coordinate)"
-    elif n[DISTANCE2] > ABRUPT:
-        cause, but = "nothing", f"but the motion was abrupt ({n[DISTANCE2] ** 0.5:.0f} sigma)"
-    elif n[SUPPOSED] and (count < FEWER * before or count < LEAST_SEEN * expected):
+    elif rules.MISFIT * n[at.MISFIT_PX] > n[at.TOLERANCE] or excess > allowed:
+        cause, but = "misfit", f"but with a misfit of {n[at.MISFIT_PX]:.2g} px (1 sigma per coordinate)"
+    elif n[at.DISTANCE2] > ABRUPT:
+        cause, but = "nothing", f"but the motion was abrupt ({n[at.DISTANCE2] ** 0.5:.0f} sigma)"
+    elif n[at.SUPPOSED] and (count < FEWER * before or count < LEAST_SEEN * expected):
         cause, but = "weak", "too few for a prediction that is not sharp enough to choose the labels"
-    elif n[LEAD] < limits.margin:
-        cause, but = (
-            "ambiguous",
-            (f"but a labelling of {n[RIVAL_COUNT]:.0f} is about as good (lead {n[LEAD]:.1f} nats, with the motion)"),
-        )
-    elif n[HELD_PX] > n[TOLERANCE] or not n[OPEN_PX] < n[TOLERANCE]:
-        cause, but = (
-            "one_pair",
-            (
-                f"but they leave the place of others open by {n[OPEN_PX]:.2g} px, and of one of them all others by "
-                f"{n[HELD_PX]:.2g} px"
-            ),
-        )
+    elif n[at.LEAD] < limits.margin:
+        rival = f"a labelling of {n[at.RIVAL_COUNT]:.0f} is about as good (lead {n[at.LEAD]:.1f} nats, with the motion)"
+        cause, but = "ambiguous", f"but {rival}"
+    elif n[at.HELD_PX] > n[at.TOLERANCE] or not n[at.OPEN_PX] < n[at.TOLERANCE]:
+        cause, but = "one_pair", (
+            f"but they leave the place of others open by {n[at.OPEN_PX]:.2g} px, and of one of them all others by "
+            f"{n[at.HELD_PX]:.2g} px"
+        )  # fmt: skip
     else:
         return None
     reason = f"the prediction matches {count} of {expected} markers in view, {but}"
@@ -187,33 +159,33 @@ def _refusal(n: list[float], done: Stepped, limits: Limits, before: int) -> NotR
 
 def _is_loose(n: list[float]) -> bool:
     """See `judge.own.is_loose`."""
-    return n[MISFIT_PX] > rules.LOOSE * n[SIGMA] and n[EXCESS_PX] > n[SIGMA]
+    return n[at.MISFIT_PX] > rules.LOOSE * n[at.SIGMA] and n[at.EXCESS_PX] > n[at.SIGMA]
 
 
 def _runner_up(n: list[float], done: Stepped) -> RunnerUp | None:
-    if not math.isfinite(n[LEAD]):
+    if not math.isfinite(n[at.LEAD]):
         return None
-    pose = Pose(done.rival_rotation, done.rival_translation)
-    shared = 2 * n[RIVAL_SHARED] > n[RIVAL_COUNT]
-    return RunnerUp(n[WORTH] - n[LEAD], pose, int(n[RIVAL_COUNT]), shared)
+    pose = done.frame.pose(done.rival_rotation, done.rival_translation)
+    shared = 2 * n[at.RIVAL_SHARED] > n[at.RIVAL_COUNT]
+    return RunnerUp(n[at.WORTH] - n[at.LEAD], pose, int(n[at.RIVAL_COUNT]), shared)
 
 
 def _registration(prepared: Prepared, done: Stepped, n: list[float], options: dict[str, Any]) -> Registration:
-    steps = int(n[STEPS])
+    steps, change = int(n[at.STEPS]), done.frame.change(done.translation)
     return Registration(
-        cam_from_model=Pose(done.rotation, done.translation),
+        cam_from_model=done.pose,
         camera=prepared.camera,
         matching=Matching(done.spot, done.marker, done.distance),
-        rms_px=n[RMS_PX],
+        rms_px=n[at.RMS_PX],
         residuals=done.residual,
-        cov=done.cov,
-        excess_px=n[EXCESS_PX],
-        score=n[WORTH],
-        log10_nfa=n[LOG10_NFA],
+        cov=change @ done.cov @ change.T,
+        excess_px=n[at.EXCESS_PX],
+        score=n[at.WORTH],
+        log10_nfa=n[at.LOG10_NFA],
         runner_up=_runner_up(n, done),
-        n_expected=int(n[SEEN]),
+        n_expected=int(n[at.SEEN]),
         n_hypotheses=1,
-        report=SolveReport("converged_gradient", True, steps, steps, n[FIRST_COST], n[LAST_COST]),
+        report=SolveReport("converged_gradient", True, steps, steps, n[at.FIRST_COST], n[at.LAST_COST]),
         xyz=prepared.layout.markers.xyz,
         options=options,
     )

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.geometry._jit import nb
-from windmark.registration._kernels.rival import _mirrored
+from windmark.registration._kernels.rival import _mirrored, moved_back
 from windmark.registration.settle._kernels.fit import MOST_STEPS, refine
 from windmark.registration.settle._kernels.state import COST_END, DECREASE, EXCESS, Sights, State, blank_kernel
 
@@ -25,28 +25,61 @@ FARTHER2 = 25.0
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def mirrors_kernel(
-    sights: Sights, best: State, onto: Ints, turn: Array, shift: Array, reach: Array
+    sights: Sights, best: State, onto: Ints, turn: Array, shift: Array, reach: Array, across: Array
 ) -> tuple[NDArray[np.bool_], Array, Array, Array, Array]:
     """Which of B mirror images leave residuals (their median) within ``reach`` (C,), in every camera, and their poses.
 
     ``sights`` has the mirrored table; with image b the spots of marker m are those of marker ``onto[b, m]`` (of none:
-    -1), and the model is seen from where ``turn`` (B, 3, 3) and ``shift`` (B, 3) put it. Those that need more steps
-    than a fit may take leave none.
+    -1), and the model is seen from where ``turn`` (B, 3, 3) and ``shift`` (B, 3) put it. Of a model that is nearly flat
+    ``across`` (3,), which is else zero, as many more follow, see `with_twins`. Those that need more steps than a fit
+    may take leave none.
 
     Returns
     -------
     (B,) whether they do, and (B, 3, 3), (B, 3), (B, C, P) and (B, K) their poses, nuisances and coefficients at rest.
     """
-    (cameras, n), count, state = best.match.shape, onto.shape[0], blank_kernel(sights)
+    turn, shift = with_twins(best, turn, shift, across)
+    (cameras, n), count, state = best.match.shape, turn.shape[0], blank_kernel(sights)
     out, table, away = np.zeros(count, np.bool_), np.zeros((cameras, n, 3)), np.empty(n)
     rotation, translation = np.zeros((count, 3, 3)), np.zeros((count, 3))
     nuisance, bent = np.zeros((count, cameras, state.nuisance.shape[1])), np.zeros((count, state.bent.shape[0]))
     for b in range(count):
-        start(best, state, onto[b], turn[b], shift[b])
+        start(best, state, onto[b % onto.shape[0]], turn[b], shift[b])
         out[b] = _is_allowed(sights, state, table, reach, away)
         rotation[b], translation[b] = state.rotation, state.translation
         nuisance[b], bent[b] = state.nuisance, state.bent
     return out, rotation, translation, nuisance, bent
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def with_twins(best: State, turn: Array, shift: Array, across: Array) -> tuple[Array, Array]:
+    """The same mirror images, of a nearly flat model also from the other pose that shows a plane nearly so.
+
+    Seen from afar a relief looks like the reversed one that is tilted the other way, so where the relief is reversed,
+    the best solution is tilted the wrong way.
+    """
+    if not across.any():
+        return turn, shift
+    images, most, c = turn.shape[0], -1, 0
+    for other in range(best.match.shape[0]):
+        count = (best.match[other] >= 0).sum()
+        if count > most:
+            most, c = count, other
+    plane, sight, towards = np.eye(3), np.eye(3), np.zeros(3)
+    for i in range(3):
+        for j in range(3):
+            towards[i] += best.rotations[c, j, i] * best.translations[c, j]
+    away2 = towards[0] ** 2 + towards[1] ** 2 + towards[2] ** 2
+    for i in range(3):
+        for j in range(3):
+            plane[i, j] -= 2.0 * across[i] * across[j]
+            sight[i, j] -= 2.0 * towards[i] * towards[j] / away2
+    turns, shifts = np.empty((2 * images, 3, 3)), np.empty((2 * images, 3))
+    turns[:images], shifts[:images] = turn, shift
+    for b in range(images):
+        turns[images + b] = plane @ turn[b] @ sight
+        shifts[images + b] = turns[images + b] @ np.ascontiguousarray(turn[b].T) @ shift[b]
+    return turns, shifts
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
@@ -160,15 +193,7 @@ def start(best: State, state: State, onto: Ints, turn: Array, shift: Array) -> N
     cameras, n = best.match.shape
     state.match[:], state.hidden[:] = -1, False
     state.nuisance[:], state.bent[:] = 0.0, 0.0
-    for i in range(3):
-        state.translation[i] = best.translation[i]
-        for j in range(3):
-            state.rotation[i, j] = 0.0
-            for k in range(3):
-                state.rotation[i, j] += best.rotation[i, k] * turn[j, k]
-    for i in range(3):
-        for j in range(3):
-            state.translation[i] -= state.rotation[i, j] * shift[j]
+    moved_back(best.rotation, best.translation, turn, shift, state.rotation, state.translation)
     for c in range(cameras):
         state.numbers[c, EXCESS] = best.numbers[c, EXCESS]
         for m in range(n):

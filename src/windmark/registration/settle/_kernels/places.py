@@ -23,15 +23,19 @@ def places_kernel(sights: Sights, state: State, c: int) -> Array:
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def open_kernel(state: State, placed: Array, c: int) -> tuple[int, float, int, float]:
-    """Which places are most open in camera c, with ``placed`` (C, N, 3) the covariance of its projections.
-
-    The marker without a spot whose place is most open, and its 1 sigma (px); the marker whose place the pairs without
-    its own leave most open, and that; -1, 0 without any.
+def open_kernel(state: State, placed: Array) -> None:
+    """`State.open`: which places are most open, with ``placed`` (C, N, 3) the covariance of the projections.
 
     Without its pair the projection of a marker has the covariance N D^-1 N - N, D = N - S, for the noise N and the
     projection's covariance S (see `label.leave_one_out`).
     """
+    for c in range(state.match.shape[0]):
+        state.open[c, 0], state.open[c, 1], state.open[c, 2], state.open[c, 3] = _open_of(state, placed, c)
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _open_of(state: State, placed: Array, c: int) -> tuple[int, float, int, float]:
+    """Of one camera."""
     rest, rest_px, pair, pair_px = -1, 0.0, -1, 0.0
     for m in range(state.match.shape[1]):
         sxx, sxy, syy = placed[c, m, 0], placed[c, m, 1], placed[c, m, 2]

@@ -16,7 +16,9 @@ from windmark.registration.settle._kernels.fit import (
     weigh_residuals,
 )
 from windmark.registration.settle._kernels.label import label
+from windmark.registration.settle._kernels.places import open_kernel
 from windmark.registration.settle._kernels.state import EXCESS, EXPECTED, TAKEN, Sights, State
+from windmark.registration.settle._kernels.worth import worth_kernel
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int32]
@@ -38,6 +40,8 @@ LOST, STEADY = -1, 1
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def settle_kernel(sights: Sights, state: State, trusted: int) -> int:
     """Label and refine until nothing changes: STEADY, or LOST if it falls apart or never comes to rest.
+
+    What is steady is weighed: `State.readings` and `State.open`.
 
     The labels that come stay while the excess settles, for so many rounds at most as they are ``trusted``: looking
     for labels is the larger part of a round.
@@ -74,6 +78,8 @@ def settle_kernel(sights: Sights, state: State, trusted: int) -> int:
         if same and steady:
             _count(state)
             weigh_residuals(sights, state, table)
+            worth_kernel(sights, state)
+            open_kernel(state, state.place)
             return STEADY
         match[:] = new
     return LOST
@@ -93,12 +99,14 @@ def _count(state: State) -> None:
 def fit_kernel(sights: Sights, state: State) -> bool:
     """The unknowns for labels and excess as they are; residuals, places and taken coordinates with them."""
     table = np.zeros((*state.match.shape, 3))
+    state.readings[:] = math.nan
     if not refine(sights, state, table):
         return False
     spread_places(sights, state)
     for c in range(table.shape[0]):
         state.numbers[c, TAKEN] = taken_of(sights, state, table, c)
     weigh_residuals(sights, state, table)
+    open_kernel(state, state.place)
     return True
 
 
@@ -106,6 +114,7 @@ def fit_kernel(sights: Sights, state: State) -> bool:
 def accept_kernel(sights: Sights, state: State) -> bool:
     """The excess by the residuals alone, once the labels are accepted and the doubt about them has no place."""
     table = np.zeros((*state.match.shape, 3))
+    still, state.readings[:] = False, math.nan
     for _ in range(FINAL_ROUNDS):
         if not refine(sights, state, table):
             return False
@@ -118,8 +127,10 @@ def accept_kernel(sights: Sights, state: State) -> bool:
             still = still and state.numbers[c, EXCESS] == before
         if still:
             break
-    if not refine(sights, state, table):
-        return False
-    spread_places(sights, state)
+    if not still:  # else the last fit was made with this excess
+        if not refine(sights, state, table):
+            return False
+        spread_places(sights, state)
     weigh_residuals(sights, state, table)
+    open_kernel(state, state.place)
     return True

@@ -26,6 +26,13 @@ STEPS, COST_START, COST_END, DECREASE, REPORT = range(5)
 decrease that its last step promised."""
 
 
+PAIRS, ALONE, PIECES, CLOSED, SYSTEMATIC, LOG10_NFA, LEAD, READINGS = range(8)
+"""Columns of `State.readings`: the pairs against chance; the markers without a spot if each is missing by itself, if
+they are hidden in one piece, and if each is missing by itself and the image has no border; what a smooth misfit
+explains better; the false-alarm number; which of the prefixes counts."""
+REST, REST_PX, HELD, HELD_PX, OPEN = range(5)
+"""Columns of `State.open`: the marker without a spot whose place is most open (-1: none), and its 1 sigma (px); the
+marker whose place the pairs without its own leave most open, and that."""
 PLACE, WIDE, ROWS = 12, 18, 21
 """Of `Sights.loose`: the first row of a camera's place in the rig, of k4 to k6, and the number of rows."""
 
@@ -35,6 +42,7 @@ class Sights(NamedTuple):
 
     xyz: Array  # (N, 3) markers, centred and scaled to unit size
     normal: Array  # (N, 3), zero where unknown
+    near: Ints  # (N, K) other markers, nearest first
     sigma: Array  # (N, 3), zero where unknown
     modes: Array  # (K, N, 3) displacement by 1 sigma of each coefficient
     rotation: Array  # (C, 3, 3) of cam_from_rig
@@ -43,6 +51,10 @@ class Sights(NamedTuple):
     xy: Array  # (S, 2) spots in pixels
     cov: Array  # (S, 3) their covariance xx, xy, yy
     density: Array  # (S,) spots per px^2 round each
+    leads: NDArray[np.int64]  # (C, L) prefixes of a camera's list that count as one by themselves; 0 for none
+    dense: Array  # (L, S) the density among the spots of each prefix
+    log_share: Array  # (C, L) what priors and labels leave of the ways to begin with those, as logarithms
+    fixed: NDArray[np.int64]  # (C,) pairs that fix pose and camera
     by_x: NDArray[np.int64]  # (S,) spots of a camera in order of x, numbered within the camera
     x: Array  # (S,) that coordinate, in this order
     size: Array  # (C, 2) of the images
@@ -76,6 +88,8 @@ class State(NamedTuple):
     offset: Array  # (C, N, 2) px, of the imaged disc's centre from the projection
     bound: Ints  # (C, N) spots that the markers are bound to, or -1
     factor: Array  # (P', P') lower Cholesky factor of the normal equations, priors included
+    readings: Array  # (C, 7) what the labels are worth, see PAIRS and the names beside it; NaN where not weighed
+    open: Array  # (C, 4) which places are most open, see REST and the names beside it
 
 
 def state_of(sights: Sights, rotation: Array, translation: Array, match: Ints) -> State:
@@ -95,4 +109,27 @@ def blank_kernel(sights: Sights) -> State:
         np.zeros((c, 3)), np.zeros((c, NUMBERS)), np.zeros(REPORT), np.full((c, n), -1, np.int32), np.zeros((c, n, 2)),
         np.zeros((c, n, 3)), np.zeros((c, n, 3)), np.zeros((c, n), np.bool_), np.zeros((c, n), np.bool_),
         np.zeros((c, n), np.bool_), np.zeros((c, n, 2)), np.full((c, n), -1, np.int32), np.zeros((size, size)),
+        np.full((c, READINGS), np.nan), np.zeros((c, OPEN)),
     )  # fmt: skip
+
+
+@nb.njit(cache=True, nogil=True)
+def with_more(sights: Sights, loose: Array, modes: Array) -> Sights:
+    """The same with cameras and a model that may vary in other ways."""
+    return Sights(
+        sights.xyz, sights.normal, sights.near, sights.sigma, modes, sights.rotation, sights.translation, sights.first,
+        sights.xy, sights.cov, sights.density, sights.leads, sights.dense, sights.log_share, sights.fixed, sights.by_x,
+        sights.x, sights.size, sights.radius, sights.tolerance, sights.camera, loose,
+    )  # fmt: skip
+
+
+@nb.njit(cache=True, nogil=True)
+def wider(sights: Sights, state: State) -> State:
+    """A settled state among sights with more freedom than it has had; what is new of it is zero."""
+    wide, own = blank_kernel(sights), state.nuisance.shape[1]
+    wide.rotation[:], wide.translation[:], wide.nuisance[:, :own] = state.rotation, state.translation, state.nuisance
+    if state.bent.shape[0] == wide.bent.shape[0]:
+        wide.bent[:] = state.bent
+    wide.match[:], wide.residual[:], wide.spread[:] = state.match, state.residual, state.spread
+    wide.offset[:] = state.offset
+    return wide

@@ -21,8 +21,8 @@ SWEEPS = 30
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def unseen_kernel(
-    sights: Sights, state: State, modes: Array, motions: Array, roots: Mask, size: float, reach: float, most: float
+def unseen_bend(
+    sights: Sights, state: State, modes: Array, motions: Array, walls: Mask, size: float, reach: float, most: float
 ) -> tuple[float, float]:  # fmt: skip
     """Largest displacement of a matched marker beyond a rigid motion, and largest turn of a root against the pose.
 
@@ -30,7 +30,7 @@ def unseen_kernel(
     ----------
     modes : (N, 3, K) deformations, each with a prior of ``size``
     motions : (N, 3, K) turns in the model with which a root at each marker goes with them
-    roots : (N,) markers that may be the root
+    walls : (N,) markers that do not move; where any is matched the root is one of them, else it may be any that is
     reach : how many sigmas what stays open of the coefficients may be
     most : largest displacement beyond a rigid motion; the turn is one of a deformation that is no larger
 
@@ -41,7 +41,7 @@ def unseen_kernel(
     taken, open_, good = _left_open(slopes_kernel(sights, state, modes, size)[0], state.factor.shape[0])
     if not good:
         return most, math.pi
-    rotation, bends, at = state.rotation, modes.shape[2], 0
+    rotation, bends, at, roots = state.rotation, modes.shape[2], 0, _roots(state.match, walls)
     own, row, gram, widest = np.zeros((3, bends)), np.empty(bends), np.zeros((3, 3)), -1.0
     for a in range(3):  # what the rigid fit takes up, in the model's own axes
         for b in range(3):
@@ -78,6 +78,17 @@ def unseen_kernel(
         row[k] /= sigma
     farthest, along = _farthest(sights.xyz, state.match, modes, size * reach, open_, row)
     return min(farthest, most), (most / along if along > most else 1.0) * reach * sigma
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _roots(match: NDArray[np.int32], walls: Mask) -> Mask:
+    """(N,) matched markers that may be the root: walls if there are any."""
+    matched, still = np.zeros(walls.shape[0], np.bool_), False
+    for m in range(walls.shape[0]):
+        for c in range(match.shape[0]):
+            matched[m] = matched[m] or match[c, m] >= 0
+        still = still or (walls[m] and matched[m])
+    return matched & walls if still else matched
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
@@ -135,10 +146,8 @@ def _farthest(
     open, and of those ``along`` (K,) one direction of theirs.
     """  # fmt: skip
     n, bends = xyz.shape[0], modes.shape[2]
-    seen, count, centre = np.zeros(n, np.bool_), 0, np.zeros(3)
+    seen, count, centre = _roots(match, np.zeros(n, np.bool_)), 0, np.zeros(3)
     for m in range(n):
-        for c in range(match.shape[0]):
-            seen[m] = seen[m] or match[c, m] >= 0
         if seen[m]:
             count += 1
             centre += xyz[m]

@@ -14,7 +14,20 @@ from numpy.typing import NDArray
 from windmark.geometry._cholesky_kernels import cholesky, forward
 from windmark.geometry._jit import nb
 from windmark.registration._kernels.evidence import log10_nfa
-from windmark.registration.settle._kernels.state import EXCESS, EXPECTED, Mask, Sights, State
+from windmark.registration.settle._kernels.state import (
+    ALONE,
+    CLOSED,
+    EXCESS,
+    EXPECTED,
+    LEAD,
+    LOG10_NFA,
+    PAIRS,
+    PIECES,
+    SYSTEMATIC,
+    Mask,
+    Sights,
+    State,
+)
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int32]
@@ -31,55 +44,52 @@ FEWEST = 6
 SMOOTH = (ORDERS + 1) * (ORDERS + 2) // 2 - 1
 PARTS = np.array([0.0, 0.5, 0.8, 0.95, 1.0])
 """Parts of the excess that may be smooth."""
-PAIRS, ALONE, PIECES, CLOSED, SYSTEMATIC, LOG10_NFA, LEAD, READINGS = range(8)
-"""Places in the answer of `worth_kernel`: the pairs against chance; the markers without a spot if each is missing
-by itself, if they are hidden in one piece, and if each is missing by itself and the image has no border; what
-a smooth misfit explains better; the false-alarm number; which of the prefixes counts."""
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def worth_kernel(
-    sights: Sights, state: State, near: Ints, c: int, leads: NDArray[np.int64], density: Array, fixed: int,
-    log_share: Array,
-) -> Array:  # fmt: skip
-    """The readings (`READINGS`,) of camera c; -inf (and an infinite false-alarm number) without three pairs, of a rig
-    without one.
+def worth_kernel(sights: Sights, state: State) -> None:
+    """`State.readings` of all cameras; -inf (and an infinite false-alarm number) without three pairs, of a rig without
+    one.
 
     Spots come best first, and a detector may add hundreds of doubtful ones behind the good ones: of the prefixes of
-    the list, ``leads`` (L,) long with ``density`` (L, M), the best one counts, charged with their number.
-    ``log_share`` (L,) is what priors and labels leave of the ways to begin.
-    """
-    # Arrays are taken out of their tuples once: that counts references.
-    match, faces, misfit, noise = state.match[c], state.faces[c], state.residual[c], state.spread[c]
-    n, out = match.shape[0], np.full(READINGS, -math.inf)
+    the list (`Sights.leads`) the best one counts, charged with their number.
+    """  # fmt: skip
+    cameras, n = state.match.shape
     residual, spread, dense = np.empty((n, 2)), np.empty((n, 3)), np.empty(n)
-    out[LOG10_NFA], best = math.inf, -math.inf
-    expected = int(state.numbers[c, EXPECTED])
-    for k in range(leads.shape[0]):
-        count = 0
-        for m in range(n):
-            s = match[m]
-            if 0 <= s < leads[k]:
-                residual[count, 0], residual[count, 1], dense[count] = misfit[m, 0], misfit[m, 1], density[k, s]
-                for i in range(3):
-                    spread[count, i] = noise[m, i]
-                count += 1
-        if count < (3 if state.match.shape[0] == 1 else 1):
-            continue
-        pairs = _pairs(residual[:count], spread[:count], dense[:count])
-        alone = _alone(count, expected)
-        nfa = log10_nfa(residual[:count], dense[:count], expected, n, leads[k], fixed, log_share[k])
-        out[LOG10_NFA] = min(out[LOG10_NFA], nfa)
-        if pairs + alone > best:
-            best = pairs + alone
-            out[LEAD] = k
-            out[PAIRS], out[ALONE] = pairs - math.log(leads.shape[0]), alone
-            out[CLOSED] = _alone(count, _facing(faces, match))
-            out[PIECES] = _pieces(faces, match, near, leads[k])
-    out[LOG10_NFA] += math.log10(leads.shape[0])
-    if best > -math.inf:
-        out[SYSTEMATIC] = _systematic(sights, state, c)
-    return out
+    for c in range(cameras):
+        # Arrays are taken out of their tuples once: that counts references.
+        match, faces, misfit, noise = state.match[c], state.faces[c], state.residual[c], state.spread[c]
+        out, leads, density, first = state.readings[c], sights.leads[c], sights.dense, sights.first[c]
+        out[:] = -math.inf
+        out[LOG10_NFA], best, prefixes = math.inf, -math.inf, (leads > 0).sum()
+        expected = int(state.numbers[c, EXPECTED])
+        for k in range(prefixes):
+            count = 0
+            for m in range(n):
+                s = match[m]
+                if 0 <= s < leads[k]:
+                    residual[count, 0], residual[count, 1] = misfit[m, 0], misfit[m, 1]
+                    dense[count] = density[k, first + s]
+                    for i in range(3):
+                        spread[count, i] = noise[m, i]
+                    count += 1
+            if count < (3 if cameras == 1 else 1):
+                continue
+            pairs = _pairs(residual[:count], spread[:count], dense[:count])
+            alone = _alone(count, expected)
+            nfa = log10_nfa(
+                residual[:count], dense[:count], expected, n, leads[k], sights.fixed[c], sights.log_share[c, k]
+            )  # fmt: skip
+            out[LOG10_NFA] = min(out[LOG10_NFA], nfa)
+            if pairs + alone > best:
+                best = pairs + alone
+                out[LEAD] = k
+                out[PAIRS], out[ALONE] = pairs - math.log(prefixes), alone
+                out[CLOSED] = _alone(count, _facing(faces, match))
+                out[PIECES] = _pieces(faces, match, sights.near, leads[k])
+        out[LOG10_NFA] += math.log10(prefixes)
+        if best > -math.inf:
+            out[SYSTEMATIC] = _systematic(sights, state, c)
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")

@@ -1,4 +1,4 @@
-"""What a tracked solution must stand besides chance and rivals, as numba kernels; as `judge.own` and `judge.doubts`."""
+"""Whether the residuals of a tracked solution speak for a bent model, as numba kernels; as `judge.doubts`."""
 
 from __future__ import annotations
 
@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from windmark.geometry._cholesky_kernels import cholesky, forward
 from windmark.geometry._jit import nb
 from windmark.registration.settle._kernels.doubt import doubt_kernel
-from windmark.registration.settle._kernels.state import EXCESS, Sights, State
-from windmark.registration.track._kernels.spots import room
+from windmark.registration.settle._kernels.state import EXCESS, Sights, State, wider, with_more
 
 Array = NDArray[np.float64]
 
@@ -22,40 +21,6 @@ MOST_GAIN = 600.0
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def widest_open(state: State) -> tuple[float, float]:
-    """Pixels (1 sigma) by which the pairs leave the place of a bare marker open, and all others that of a pair.
-
-    The widest of each; a bare marker has no spot.
-    Without a pair its projection has the covariance N D^-1 N - N, D = N - S, for the residual's covariance N and the
-    projection's S (see `judge.one_pair.held_by_one`).
-    """
-    bare, held = 0.0, 0.0
-    for m in range(state.match.shape[1]):
-        xx, xy, yy = state.place[0, m, 0], state.place[0, m, 1], state.place[0, m, 2]
-        if state.match[0, m] < 0:
-            if state.faces[0, m]:
-                bare = max(bare, _wide(xx, xy, yy))
-            continue
-        a, b, c = state.spread[0, m, 0], state.spread[0, m, 1], state.spread[0, m, 2]
-        mean, half = 0.5 * (a + c - xx - yy), math.hypot(0.5 * (a - c - xx + yy), b - xy)
-        floor = 1e-9 * (a + c)
-        high, low = max(mean + half, floor), max(mean - half, floor)
-        angle = 0.5 * math.atan2(2.0 * (b - xy), a - c - xx + yy)
-        cos, sin = math.cos(angle), math.sin(angle)
-        # Rows of N in the axes of D.
-        pu, qu, pv, qv = a * cos + b * sin, b * cos - a * sin, b * cos + c * sin, c * cos - b * sin
-        held = max(held, _wide(
-            pu * pu / high + qu * qu / low - a, pu * pv / high + qu * qv / low - b, pv * pv / high + qv * qv / low - c
-        ))  # fmt: skip
-    return bare, held
-
-
-@nb.njit(cache=True, nogil=True, error_model="numpy")
-def _wide(xx: float, xy: float, yy: float) -> float:
-    return math.sqrt(max(0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy), 0.0))
-
-
-@nb.njit(cache=True, nogil=True, error_model="numpy")
 def bending_gain(sights: Sights, modes: Array, state: State) -> float:
     """Evidence (nats) for a smooth deformation against a random excess, to first order.
 
@@ -63,14 +28,8 @@ def bending_gain(sights: Sights, modes: Array, state: State) -> float:
     explain is no excess, so the residuals' variances are taken as they are and as without it. With the unknowns in
     question last, the factor of all normal equations has theirs, the others eliminated, as its last corner.
     """
-    wide = room(sights, modes.shape[0])
-    wide.rotation[:], wide.translation[:], wide.nuisance[:] = state.rotation, state.translation, state.nuisance
-    wide.match[:], wide.residual[:], wide.spread[:] = state.match, state.residual, state.spread
-    supple = Sights(
-        sights.xyz, sights.normal, sights.sigma, modes, sights.rotation, sights.translation, sights.first, sights.xy,
-        sights.cov, sights.density, sights.by_x, sights.x, sights.size, sights.radius, sights.tolerance, sights.camera,
-        sights.loose,
-    )  # fmt: skip
+    supple = with_more(sights, sights.loose, modes)
+    wide = wider(supple, state)
     normal, side = doubt_kernel(supple, wide)
     square, least, count = _of_residuals(state)
     size, first = side.shape[0], side.shape[0] - modes.shape[0]

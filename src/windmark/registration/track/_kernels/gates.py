@@ -16,10 +16,10 @@ from windmark.geometry._cholesky_kernels import solved
 from windmark.geometry._jit import nb
 from windmark.registration._kernels.growth import _move
 from windmark.registration._kernels.hypothesis import _towards
+from windmark.registration.settle._kernels.label import _pair_up
 from windmark.registration.settle._kernels.project import place_cameras, room_for, see
 from windmark.registration.settle._kernels.state import Sights, State
 from windmark.registration.track._kernels.motion import difference, invert_factored
-from windmark.registration.track._kernels.spots import Columns, place_of
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int32]
@@ -46,7 +46,7 @@ class Sight(NamedTuple):
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def sight_from(sights: Sights, state: State, near: Ints, cov: Array) -> Sight:
+def sight_from(sights: Sights, state: State, cov: Array) -> Sight:
     """Projections, their derivative by [rotation, translation], their spacing, and their covariance.
 
     From the pose of a state that is rigid, with the camera as given; ``cov`` (6, 6) is the pose's.
@@ -66,8 +66,8 @@ def sight_from(sights: Sights, state: State, near: Ints, cov: Array) -> Sight:
             spread[m, 0], spread[m, 1], spread[m, 2] = spread_of(by[m], cov)
     for m in range(n):
         best = np.inf
-        for k in range(min(4, near.shape[1])):
-            o = near[m, k]
+        for k in range(min(4, sights.near.shape[1])):
+            o = sights.near[m, k]
             if seen[m] and seen[o]:
                 best = min(best, (xy[m, 0] - xy[o, 0]) ** 2 + (xy[m, 1] - xy[o, 1]) ** 2)
         spacing[m] = math.sqrt(best)
@@ -108,7 +108,7 @@ def gates_overlap(sights: Sights, sight: Sight) -> bool:
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def label_in_gates(sights: Sights, sight: Sight, columns: Columns, floor2: float, match: Ints) -> int:
+def label_in_gates(sights: Sights, sight: Sight, floor2: float, match: Ints) -> int:
     """Pairs within the gates, closest first, one to one; their number."""
     n = match.shape[0]
     pair_m, pair_s, pair_d = np.empty(64, np.int32), np.empty(64, np.int32), np.empty(64)
@@ -121,7 +121,7 @@ def label_in_gates(sights: Sights, sight: Sight, columns: Columns, floor2: float
         reach = min(math.sqrt(GATE * xx), SHARE * sight.spacing[m])
         limit2 = (SHARE * sight.spacing[m]) ** 2
         x, y = sight.xy[m, 0], sight.xy[m, 1]
-        for place in range(place_of(columns, x - reach), sights.x.shape[0]):
+        for place in range(np.searchsorted(sights.x, x - reach), sights.x.shape[0]):
             s = sights.by_x[place]
             du, dv = sights.xy[s, 0] - x, sights.xy[s, 1] - y
             if du > reach:
@@ -136,14 +136,8 @@ def label_in_gates(sights: Sights, sight: Sight, columns: Columns, floor2: float
                     pair_d = np.append(pair_d, pair_d)
                 pair_m[used], pair_s[used], pair_d[used] = m, s, d2
                 used += 1
-    taken = np.zeros(sights.xy.shape[0], np.bool_)
-    count = 0
-    for k in np.argsort(pair_d[:used], kind="mergesort"):
-        if match[pair_m[k]] < 0 and not taken[pair_s[k]]:
-            match[pair_m[k]] = pair_s[k]
-            taken[pair_s[k]] = True
-            count += 1
-    return count
+    _pair_up(match, False, sights.xy.shape[0], pair_m[:used], pair_s[:used], pair_d[:used], match)
+    return (match >= 0).sum()
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")

@@ -15,21 +15,21 @@ from numpy.typing import NDArray
 from windmark.geometry._jit import nb
 from windmark.geometry._kernels import project_point, to_camera
 from windmark.registration._kernels.hypothesis import GRAZING, _towards
-from windmark.registration._kernels.rival import _mirrored
+from windmark.registration._kernels.rival import _mirrored, moved_back
 from windmark.registration.settle._kernels.label import whole_within
 from windmark.registration.settle._kernels.settle import STEADY, settle_kernel
-from windmark.registration.settle._kernels.state import Sights, State
-from windmark.registration.settle._kernels.worth import (
+from windmark.registration.settle._kernels.state import (
     ALONE,
     CLOSED,
     PAIRS,
     PIECES,
     SYSTEMATIC,
-    _alone,
-    worth_kernel,
+    Sights,
+    State,
+    blank_kernel,
 )
+from windmark.registration.settle._kernels.worth import _alone
 from windmark.registration.track._kernels.motion import difference, distance2_of, invert_factored
-from windmark.registration.track._kernels.spots import Columns, place_of, room
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int32]
@@ -44,17 +44,6 @@ LOOSER = 4.0
 """The covariance of a rival's pose is taken for so many times that of the solution."""
 SAME = 0.6
 """With more than this share of the pairs in common a rival is the solution itself."""
-FIXED = 3
-"""Pairs that determine a pose."""
-
-
-@nb.njit(cache=True, nogil=True, error_model="numpy")
-def readings_of(sights: Sights, state: State, near: Ints, log_share: float) -> Array:
-    """What a settled solution is worth with all spots, see `worth_kernel`."""
-    m = sights.x.shape[0]
-    return worth_kernel(
-        sights, state, near, 0, np.array([m]), sights.density.reshape(1, m), FIXED, np.array([log_share])
-    )  # fmt: skip
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
@@ -85,31 +74,31 @@ def against(distance2: float) -> float:
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def rival_kernel(
-    sights: Sights, near: Ints, columns: Columns, symmetries: tuple[Ints, Array, Array],
-    predicted: tuple[Array, Array, Array], best: State, readings: Array, margin: float, rival: State,
+    sights: Sights, symmetries: tuple[Ints, Array, Array], predicted: tuple[Array, Array, Array],
+    best: State, margin: float, rival: State,
 ) -> float:  # fmt: skip
     """Lead in nats of a solution over its best rival, which is left in ``rival``; infinite if none comes near.
 
-    ``predicted`` is pose and covariance by the motion so far, ``readings`` what the solution is worth; only rivals that
-    can come within ``margin`` by picture and motion are refined.
+    ``predicted`` is pose and covariance by the motion so far; only rivals that can come within ``margin`` by picture
+    and motion are refined.
     """
     onto, turn, shift = symmetries
-    n, trial, lead = best.match.shape[1], room(sights, 0), math.inf
+    n, trial, lead, readings = best.match.shape[1], blank_kernel(sights), math.inf, best.readings[0]
     r, t, own = trial.rotation, trial.translation, unlikely(best, predicted)
     gain = -np.log(2.0 * math.pi * _typical_variance(best) * sights.density)
-    slack, spread = _slack(sights.xyz, near), np.empty((6, 6))
+    slack, spread = _slack(sights.xyz, sights.near), np.empty((6, 6))
     invert_factored(best.factor, spread)
     spread = predicted[2] + LOOSER * spread
     for k in range(onto.shape[0] + 1):
         trial.nuisance[:] = 0.0
         if k < onto.shape[0]:
-            _moved_back(best, turn[k], shift[k], r, t)
+            moved_back(best.rotation, best.translation, turn[k], shift[k], r, t)
             trial.match[:] = -1
             for m in range(n):
                 if onto[k, m] >= 0:
                     trial.match[0, onto[k, m]] = best.match[0, m]
             least = _motion_least(r, t, predicted, spread, slack) - own
-            if least + _least_lead(sights, near, columns, r, t, gain, readings) >= margin:
+            if least + _least_lead(sights, r, t, gain, readings) >= margin:
                 continue
         else:
             _mirrored(sights.xyz, best.match[0], best.rotation, best.translation, r, t)
@@ -118,25 +107,11 @@ def rival_kernel(
                 continue
         if settle_kernel(sights, trial, 0) != STEADY or _same(best, trial, k < onto.shape[0]):
             continue
-        other = lead_of(readings, readings_of(sights, trial, near, 0.0)) + unlikely(trial, predicted) - own
+        other = lead_of(readings, trial.readings[0]) + unlikely(trial, predicted) - own
         if other < lead:
             lead = other
             rival.rotation[:], rival.translation[:], rival.match[:] = r, t, trial.match
     return lead
-
-
-@nb.njit(cache=True, nogil=True, error_model="numpy")
-def _moved_back(best: State, turn: Array, shift: Array, r: Array, t: Array) -> None:
-    """The pose that sees a moved model as the solution sees the model."""
-    for i in range(3):
-        for j in range(3):
-            r[i, j] = 0.0
-            for k in range(3):
-                r[i, j] += best.rotation[i, k] * turn[j, k]
-    for i in range(3):
-        t[i] = best.translation[i]
-        for j in range(3):
-            t[i] -= r[i, j] * shift[j]
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
@@ -180,9 +155,7 @@ def _typical_variance(best: State) -> float:
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _least_lead(
-    sights: Sights, near: Ints, columns: Columns, r: Array, t: Array, gain: Array, readings: Array
-) -> float:
+def _least_lead(sights: Sights, r: Array, t: Array, gain: Array, readings: Array) -> float:
     """The least lead over a rival at a pose: spots near its markers fit without residuals, worth ``gain`` (M,) each."""
     n, xyz, camera = sights.xyz.shape[0], sights.xyz, sights.camera[0]
     ex = -(r[0, 0] * t[0] + r[1, 0] * t[1] + r[2, 0] * t[2])
@@ -195,12 +168,12 @@ def _least_lead(
         u, v, valid = project_point(camera, x, y, z)
         if facing <= 0.0 or not valid:
             continue
-        apart, o = 0.0, near[m, 0]
+        apart, o = 0.0, sights.near[m, 0]
         for i in range(3):
             apart += (xyz[m, i] - xyz[o, i]) ** 2
         reach2 = REACH**2 * apart * (camera[0] / z) ** 2
         reach, best = math.sqrt(reach2), -math.inf
-        for place in range(place_of(columns, u - reach), sights.x.shape[0]):
+        for place in range(np.searchsorted(sights.x, u - reach), sights.x.shape[0]):
             s = sights.by_x[place]
             if sights.xy[s, 0] - u > reach:
                 break

@@ -16,19 +16,24 @@ from windmark.geometry._jit import nb
 from windmark.geometry._kernels import to_camera
 from windmark.registration.settle._kernels.settle import STEADY, accept_kernel, settle_kernel
 from windmark.registration.settle._kernels.state import (
+    ALONE,
     COST_END,
     COST_START,
     EXCESS,
     EXPECTED,
     MISFIT,
+    PAIRS,
+    PIECES,
     TAKEN,
     Sights,
     State,
+    blank_kernel,
 )
+from windmark.registration.settle._kernels.state import HELD_PX as STATE_HELD
+from windmark.registration.settle._kernels.state import LOG10_NFA as READ_NFA
+from windmark.registration.settle._kernels.state import REST_PX as STATE_REST
 from windmark.registration.settle._kernels.state import STEPS as FIT_STEPS
-from windmark.registration.settle._kernels.worth import ALONE, PAIRS, PIECES
-from windmark.registration.settle._kernels.worth import LOG10_NFA as READ_NFA
-from windmark.registration.track._kernels.checks import bending_gain, widest_open
+from windmark.registration.track._kernels.checks import bending_gain
 from windmark.registration.track._kernels.gates import ROUNDS, fit_with_prior, gates_overlap, label_in_gates, sight_from
 from windmark.registration.track._kernels.motion import (
     Estimate,
@@ -39,8 +44,8 @@ from windmark.registration.track._kernels.motion import (
     predict_kernel,
     update_kernel,
 )
-from windmark.registration.track._kernels.rivals import readings_of, rival_kernel
-from windmark.registration.track._kernels.spots import Columns, room, sights_of
+from windmark.registration.track._kernels.rivals import rival_kernel
+from windmark.registration.track._kernels.spots import sights_of
 from windmark.registration.track._kernels.suppose import supposed
 
 Array = NDArray[np.float64]
@@ -66,7 +71,7 @@ UNSURE, LOST, LABELLED, NOT_FINITE = range(4)
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def step_kernel(
     xyz: Array, normal: Array, sigma: Array, modes: Array, near: Ints, onto: Ints, turn: Array, shift: Array,
-    camera: Array, loose: Array, size: Array, centre: Array, scale: float, xy: Array, spot_cov: Array, radius: Array,
+    camera: Array, loose: Array, size: Array, xy: Array, spot_cov: Array, radius: Array,
     rotation: Array, translation: Array, velocity: Array, cov: Array, change: Array, expected_change: Array, dt: float,
     given_tolerance: float, rough: float, least_density: float, margin: float,
 ) -> tuple[
@@ -77,8 +82,8 @@ def step_kernel(
 
     Parameters
     ----------
-    xyz, normal, sigma, modes, near, onto, turn, shift, centre, scale : the unit model, how it may be bent, its
-        near-symmetries, and its `Frame`; one by one, since numba takes ten times as long over tuples of arrays
+    xyz, normal, sigma, modes, near, onto, turn, shift : the unit model, how it may be bent, and its
+        near-symmetries; one by one, since numba takes ten times as long over tuples of arrays
     camera, loose, size : packed, how it may vary (see `Sights`), and the image's
     xy, spot_cov, radius : (M, 2) spots in the image, at least `MIN_COUNT`, (M, 2, 2) their covariance, (M,)
     rotation, translation, velocity, cov, change, dt : see `Estimate` and `predict_kernel`
@@ -94,28 +99,26 @@ def step_kernel(
     out[LEAD] = math.inf
     if not math.isfinite(spot_cov.sum()):
         out[OUTCOME] = NOT_FINITE
-    sights, columns = sights_of(
-        xyz, normal, sigma, camera, loose, size, xy, spot_cov, radius, given_tolerance, rough, least_density
+    sights = sights_of(
+        xyz, normal, near, sigma, camera, loose, size, xy, spot_cov, radius, given_tolerance, rough, least_density
     )  # fmt: skip
     predicted = predict_kernel(Estimate(rotation, translation, velocity, cov), change, dt)
     r0, t0, prior = predicted.rotation, predicted.translation, predicted.cov[:6, :6].copy()
-    best, rival = room(sights, 0), room(sights, 0)
-    distance2, spread = t0[0] ** 2 + t0[1] ** 2 + t0[2] ** 2, np.eye(6)
+    best, rival = blank_kernel(sights), blank_kernel(sights)
+    distance2, measured = t0[0] ** 2 + t0[1] ** 2 + t0[2] ** 2, np.eye(6)
     sure = max(prior[0, 0], prior[1, 1], prior[2, 2]) < UNSURE_RAD**2 and prior[5, 5] < UNSURE_SCALE**2 * distance2
     if out[OUTCOME] == UNSURE and sure:
         out[OUTCOME], out[TOLERANCE] = LOST, sights.tolerance[0]
-        labelled = _label(sights, near, columns, (r0, t0, prior), best, out)
+        labelled = _label(sights, (r0, t0, prior), best, out)
         if labelled and settle_kernel(sights, best, TRUSTED) == STEADY:
             out[OUTCOME] = LABELLED
     if out[OUTCOME] == LABELLED:
-        innovation, measured, known = np.empty(6), np.empty((6, 6)), np.empty(6)
-        readings = _weigh(sights, near, best, prior, t0, out)
+        innovation, known = np.empty(6), np.empty(6)
+        _weigh(sights, best, prior, t0, out)
         difference(best.rotation, best.translation, r0, t0, innovation)
         invert_factored(best.factor, measured)
         out[DISTANCE2] = distance2_of(innovation, prior, measured)
-        out[LEAD] = rival_kernel(
-            sights, near, columns, (onto, turn, shift), (r0, t0, prior), best, readings, margin, rival
-        )  # fmt: skip
+        out[LEAD] = rival_kernel(sights, (onto, turn, shift), (r0, t0, prior), best, margin, rival)
         _compare(best, rival, out)
         if accept_kernel(sights, best):
             invert_factored(best.factor, measured)
@@ -125,7 +128,6 @@ def step_kernel(
                 out[BENDING] = bending_gain(sights, modes, best)
         for k in range(6):
             known[k] = prior[k, k] + measured[k, k]
-        spread = _of_model(measured, best.translation, scale)
         out[STEPS], out[FIRST_COST], out[LAST_COST] = (
             best.report[FIT_STEPS], best.report[COST_START], best.report[COST_END]
         )  # fmt: skip
@@ -137,9 +139,8 @@ def step_kernel(
     if len(distance):
         out[RMS_PX] = math.sqrt((distance**2).mean())
     return (
-        out, best.rotation, _of_frame(best, centre, scale), spread, marker, spot, residual, distance, rival.rotation,
-        _of_frame(rival, centre, scale), predicted.rotation, predicted.translation, predicted.velocity, predicted.cov,
-        change,
+        out, best.rotation, best.translation, measured, marker, spot, residual, distance, rival.rotation,
+        rival.translation, predicted.rotation, predicted.translation, predicted.velocity, predicted.cov, change,
     )  # fmt: skip
 
 
@@ -151,41 +152,8 @@ def _compare(best: State, rival: State, out: Array) -> None:
         out[RIVAL_SHARED] += rival.match[0, m] >= 0 and rival.match[0, m] == best.match[0, m]
 
 
-@nb.njit(cache=True, nogil=True)
-def _of_frame(state: State, centre: Array, scale: float) -> Array:
-    """Translation of the model's pose; see `Frame.pose`."""
-    out = np.empty(3)
-    for i in range(3):
-        out[i] = scale * state.translation[i]
-        for j in range(3):
-            out[i] -= state.rotation[i, j] * centre[j]
-    return out
-
-
-@nb.njit(cache=True, nogil=True)
-def _of_model(cov: Array, t: Array, scale: float) -> Array:
-    """Covariance for ``exp(delta) @ pose`` of the model; see `Solution.change`."""
-    change = np.eye(6)
-    change[3, 1], change[3, 2], change[4, 2] = -scale * t[2], scale * t[1], -scale * t[0]
-    change[4, 0], change[5, 0], change[5, 1] = scale * t[2], -scale * t[1], scale * t[0]
-    for i in range(3, 6):
-        change[i, i] = scale
-    out, half = np.zeros((6, 6)), np.zeros((6, 6))
-    for i in range(6):
-        for j in range(6):
-            for k in range(6):
-                half[i, j] += change[i, k] * cov[k, j]
-    for i in range(6):
-        for j in range(6):
-            for k in range(6):
-                out[i, j] += half[i, k] * change[j, k]
-    return out
-
-
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _label(
-    sights: Sights, near: Ints, columns: Columns, predicted: tuple[Array, Array, Array], best: State, out: Array
-) -> bool:
+def _label(sights: Sights, predicted: tuple[Array, Array, Array], best: State, out: Array) -> bool:
     """First labels and pose, from the prediction's gates."""
     cov, factor, information = predicted[2].copy(), predicted[2].copy(), np.empty((6, 6))
     best.rotation[:], best.translation[:] = predicted[0], predicted[1]
@@ -193,31 +161,31 @@ def _label(
         return False
     invert_factored(factor, information)
     floor2 = (0.25 * sights.tolerance[0]) ** 2
-    sight = sight_from(sights, best, near, cov)
+    sight = sight_from(sights, best, cov)
     if gates_overlap(sights, sight):
         out[SUPPOSED] = 1.0
-        if supposed(sights, sight, columns, best, cov, floor2) <= 0.0:
+        if supposed(sights, sight, best, cov, floor2) <= 0.0:
             return False
-        sight = sight_from(sights, best, near, cov)
+        sight = sight_from(sights, best, cov)
     for round_ in range(ROUNDS):
-        if label_in_gates(sights, sight, columns, floor2, best.match[0]) < MIN_COUNT:
+        if label_in_gates(sights, sight, floor2, best.match[0]) < MIN_COUNT:
             return False
         if round_ < ROUNDS - 1:
             if not fit_with_prior(sights, best, (predicted[0], predicted[1], information), floor2, cov):
                 return False
-            sight = sight_from(sights, best, near, cov)
+            sight = sight_from(sights, best, cov)
     return True
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _weigh(sights: Sights, near: Ints, best: State, prior: Array, t0: Array, out: Array) -> Array:
-    """The readings of a settled solution, and what the tests of acceptance need."""
+def _weigh(sights: Sights, best: State, prior: Array, t0: Array, out: Array) -> None:
+    """What the tests of acceptance need of a settled solution."""
     n, count = best.match.shape[1], 0
     spacing = np.empty(n)
     for k in range(n):
         if best.match[0, k] < 0:
             continue
-        apart, o = 0.0, near[k, 0]
+        apart, o = 0.0, sights.near[k, 0]
         for i in range(3):
             apart += (sights.xyz[k, i] - sights.xyz[o, i]) ** 2
         z = to_camera(best.rotation, best.translation, sights.xyz[k, 0], sights.xyz[k, 1], sights.xyz[k, 2])[2]
@@ -226,14 +194,14 @@ def _weigh(sights: Sights, near: Ints, best: State, prior: Array, t0: Array, out
     angle = min(max(ANGLE_LEAST, SIGMAS * math.sqrt(max(prior[0, 0], prior[1, 1], prior[2, 2]))), math.pi)
     scale = max(SCALE_LEAST, SIGMAS * math.sqrt(prior[5, 5]) / max(t0[2], 1e-300))
     share = (angle - math.sin(angle)) / math.pi * min(1.0, math.log10(1.0 + scale))
-    readings = readings_of(sights, best, near, math.log(share))
+    readings = best.readings[0]
     out[COUNT], out[SEEN], out[SHARE] = count, best.numbers[0, EXPECTED], share
-    out[WORTH], out[LOG10_NFA] = readings[PAIRS] + max(readings[ALONE], readings[PIECES]), readings[READ_NFA]
+    out[WORTH] = readings[PAIRS] + max(readings[ALONE], readings[PIECES])
+    out[LOG10_NFA] = readings[READ_NFA] + math.log10(share)
     out[SPACING], out[SIGMA] = (
         np.median(spacing[:count]),
         np.median(np.sqrt(0.5 * (sights.cov[:, 0] + sights.cov[:, 2]))),
     )
     out[REDUNDANCY] = 2 * count - best.numbers[0, TAKEN]
     out[EXCESS_PX], out[MISFIT_PX] = math.sqrt(best.numbers[0, EXCESS]), math.sqrt(best.numbers[0, MISFIT])
-    out[OPEN_PX], out[HELD_PX] = widest_open(best)
-    return readings
+    out[OPEN_PX], out[HELD_PX] = best.open[0, STATE_REST], best.open[0, STATE_HELD]

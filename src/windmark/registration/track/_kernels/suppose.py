@@ -17,7 +17,6 @@ from windmark.geometry._kernels import project_point, to_camera
 from windmark.registration._kernels.growth import _move
 from windmark.registration.settle._kernels.state import Sights, State
 from windmark.registration.track._kernels.gates import GATE, SHARE, Sight, inside, spread_of
-from windmark.registration.track._kernels.spots import Columns, place_of
 
 Array = NDArray[np.float64]
 
@@ -28,7 +27,7 @@ CLEAR = 0.35
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def supposed(sights: Sights, sight: Sight, columns: Columns, state: State, cov: Array, floor2: float) -> float:
+def supposed(sights: Sights, sight: Sight, state: State, cov: Array, floor2: float) -> float:
     """Suppose single pairs and keep the best: changes pose and covariance in place; its worth in nats.
 
     ``sight`` is that from the pose and with the covariance that come. A pair that can no longer be the best, however
@@ -52,7 +51,7 @@ def supposed(sights: Sights, sight: Sight, columns: Columns, state: State, cov: 
     around, away = np.empty(SPOTS_EACH, np.int64), np.empty(SPOTS_EACH)
     for a in range(min(ANCHORS, known)):
         m = order[a]
-        found = _spots_round(sights, sight, m, columns, floor2, around, away)
+        found = _spots_round(sights, sight, m, floor2, around, away)
         for k in range(found):
             s = around[k]
             _narrow(sights, sight, m, cov, s, floor2, step, c1)
@@ -60,7 +59,7 @@ def supposed(sights: Sights, sight: Sight, columns: Columns, state: State, cov: 
             _move(r1, t1, step)
             worth, agree = 0.0, 0
             for w in range(asked):
-                nats = _witness(sights, sight, order[w * stride], r1, t1, c1, columns, floor2)
+                nats = _witness(sights, sight, order[w * stride], r1, t1, c1, floor2)
                 worth += nats
                 agree += nats > 0.0
                 if clear and worth + (asked - 1 - w) * most <= best:
@@ -76,13 +75,11 @@ def supposed(sights: Sights, sight: Sight, columns: Columns, state: State, cov: 
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _spots_round(
-    sights: Sights, sight: Sight, m: int, columns: Columns, floor2: float, around: NDArray[np.int64], away: Array
-) -> int:
+def _spots_round(sights: Sights, sight: Sight, m: int, floor2: float, around: NDArray[np.int64], away: Array) -> int:
     """The spots in a marker's whole gate, nearest first."""
     xx, xy, yy = sight.spread[m, 0] + floor2, sight.spread[m, 1], sight.spread[m, 2] + floor2
     reach, found = math.sqrt(GATE * xx), 0
-    for place in range(place_of(columns, sight.xy[m, 0] - reach), sights.x.shape[0]):
+    for place in range(np.searchsorted(sights.x, sight.xy[m, 0] - reach), sights.x.shape[0]):
         s = sights.by_x[place]
         du, dv = sights.xy[s, 0] - sight.xy[m, 0], sights.xy[s, 1] - sight.xy[m, 1]
         if du > reach:
@@ -120,9 +117,7 @@ def _narrow(sights: Sights, sight: Sight, m: int, cov: Array, s: int, floor2: fl
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _witness(
-    sights: Sights, sight: Sight, m: int, r: Array, t: Array, cov: Array, columns: Columns, floor2: float
-) -> float:
+def _witness(sights: Sights, sight: Sight, m: int, r: Array, t: Array, cov: Array, floor2: float) -> float:
     """Nats by which the best spot in a marker's narrowed gate is likelier its image than chance; 0 without one."""
     x, y, valid = project_point(
         sights.camera[0], *to_camera(r, t, sights.xyz[m, 0], sights.xyz[m, 1], sights.xyz[m, 2])
@@ -134,7 +129,7 @@ def _witness(
     det = xx * yy - xy * xy
     limit2 = (SHARE * sight.spacing[m]) ** 2
     reach, best = min(math.sqrt(GATE * xx), SHARE * sight.spacing[m]), 0.0
-    for place in range(place_of(columns, x - reach), sights.x.shape[0]):
+    for place in range(np.searchsorted(sights.x, x - reach), sights.x.shape[0]):
         s = sights.by_x[place]
         du, dv = sights.xy[s, 0] - x, sights.xy[s, 1] - y
         if du > reach:
