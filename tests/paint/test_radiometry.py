@@ -266,3 +266,20 @@ def test_references_between_incidences_and_of_the_run():
     mean = mean_reference([lights(100.0), lights(110.0, gap=True), lights(120.0)])
     assert mean.value.tolist() == [110.0, 110.0]
     assert mean.sigma.tolist() == pytest.approx([2 / np.sqrt(3), np.sqrt(2)])
+
+
+def test_what_dark_and_flat_err_by_is_not_less_in_a_mean():
+    """Two hundred pictures with one dark and one flat picture: what is left is those two's own errors."""
+    rng = np.random.default_rng(8)
+    flat = 1 + 0.05 * rng.standard_normal(scene().shape)
+    z = []
+    for _ in range(8):
+        dark, dark_var, _ = mean_dark([shot(rng, np.zeros_like(scene())) for _ in range(2)])
+        plain = SensorModel(dark, 4000, GAIN, READ + 1 / 12, dark_var)
+        f, f_var, _ = mean_flat([shot(rng, np.full(scene().shape, 2000.0), flat=flat) for _ in range(2)], plain)
+        sensor = SensorModel(dark, 4000, GAIN, READ + 1 / 12, dark_var, f, f_var)
+        got = [correct_picture(shot(rng, flat=flat), sensor) for _ in range(200)]
+        assert (got[0].lasting < got[0].variance).all()
+        var = np.mean([g.lasting for g in got], axis=0) + np.mean([g.variance - g.lasting for g in got], axis=0) / 200
+        z.append((np.mean([g.value for g in got], axis=0) - scene()) / np.sqrt(var))
+    assert np.std(z) == pytest.approx(1.0, abs=0.05)

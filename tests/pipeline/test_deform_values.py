@@ -122,3 +122,30 @@ def test_wind_changes_what_the_paint_gives_back_and_nothing_else():
     wall = np.setdiff1d(np.arange(len(ratio)), np.unique(test.mesh.triangles[test.mesh.volume != "wall"]))
     assert np.ptp(ratio[wing]) > 0.2
     assert (ratio[wall] == 1.0).all()
+
+
+def crossing(angle_deg, shift=0.0):
+    """A sheet, and another one that meets it under an angle in its middle without a common node."""
+    turn = np.radians(angle_deg)
+    vertices, triangles = sheet(0.02, 2, -1, 1, 0)
+    risen = np.column_stack([np.cos(turn) * vertices[:, 0], vertices[:, 1], 10 + shift - np.sin(turn) * vertices[:, 0]])
+    return mesh_of(sheet(-2, 0.5, -1, 1, 10), (risen, triangles))
+
+
+def test_parts_that_run_into_each_other_have_an_outline_between_them():
+    """A wing in a body: at the line where they meet a lens mixes the light of two surfaces."""
+    inside = inside_px(crossing(40), CAMERA, AHEAD)
+    middle, centre = int(CAMERA.cy), round(CAMERA.cx)
+    assert inside[middle, centre - 1 : centre + 2].min() <= 1
+    assert inside[middle, centre - 6] == pytest.approx(6, abs=1.5)
+    assert inside[middle, centre + 6] == pytest.approx(6, abs=1.5)
+
+
+def test_blocks_that_touch_or_overlap_have_no_outline_between_them():
+    """Blocks with common places, a sheet folded along them, and blocks that overlap without."""
+    left, right = sheet(-2, 0, -1, 1, 10), sheet(0, 2, -1, 1, 10)
+    folded = right[0] - np.column_stack([0 * right[0][:, :2], np.tan(np.radians(40)) * right[0][:, 0]])
+    over = crossing(0, -1e-3)
+    for mesh in (mesh_of(left, right), mesh_of(left, (folded, right[1])), over):
+        inside = inside_px(mesh, CAMERA, AHEAD)
+        assert inside[int(CAMERA.cy), int(CAMERA.cx) - 2 : int(CAMERA.cx) + 3].min() >= 8

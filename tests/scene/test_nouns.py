@@ -98,3 +98,16 @@ def test_observations_and_tracks():
     Tracks(np.array([0, 1]), one, np.array([0, 1]))
     with pytest.raises(ValueError, match="one track only"):
         Tracks(np.array([0, 1]), one, np.array([3, 3]))
+
+
+def test_pieces_are_what_hangs_together_by_common_places_also_when_moved():
+    corners = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], dtype=float)
+    quad = np.array([[0, 1, 2], [0, 2, 3]])
+    xyz = np.concatenate([corners, corners + np.array([1, 0, 0]), corners + np.array([0.5, 0.5, 3.0])])
+    mesh = Mesh.make(xyz, np.concatenate([quad, quad + 4, quad + 8]))
+    assert mesh.pieces[:4].tolist() == [mesh.pieces[0]] * 4
+    assert mesh.pieces[4] == mesh.pieces[5] != mesh.pieces[0]
+    # Bent apart it is still one piece: what hangs together is the grid at rest's.
+    bent = mesh.moved(xyz + np.arange(12)[:, None])
+    assert bent.moved(2 * xyz).pieces.tolist() == bent.pieces.tolist() == mesh.pieces.tolist()
+    assert len(Mesh.make(np.zeros((0, 3)), np.zeros((0, 3), int)).pieces) == 0

@@ -9,6 +9,7 @@ from windmark.geometry import Pose
 from windmark.synth import PaintCamera, PolarFlow, Rays, SternVolmer, StillAir, WingState, psp_test, render
 from windmark.synth.paint_camera import SENSOR
 from windmark.synth.pressure_paint import TYPICAL
+from windmark.synth.psp import UNEVEN_mm, _waves
 from windmark.synth.psp_truth import load_truth, node_truth, placed, section_truth
 
 
@@ -134,3 +135,12 @@ def test_same_seed_same_pictures(made):
         np.testing.assert_array_equal(a[3], b[3])
     other = psp_test(6, incidences=2, size_px=(320, 200), nodes=6_000, on_frames=2, off_frames=2)
     assert (next(iter(other.pictures(other.points[1])))[3] != first[0][3]).any()
+
+
+def test_the_wall_keeps_its_temperature_over_the_length_that_is_said():
+    rng, apart, square = np.random.default_rng(11), 80.0, []
+    for _ in range(3000):
+        waves = _waves(rng, 1.0)
+        here, there = np.cos(np.array([[0.0, 0, 0], [apart, 0, 0]]) @ waves[:, :3].T + waves[:, 3]) @ waves[:, 4]
+        square.append((there - here) ** 2)
+    assert np.mean(square) == pytest.approx(2 * (1 - np.exp(-0.5 * (apart / UNEVEN_mm) ** 2)), rel=0.1)

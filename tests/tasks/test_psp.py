@@ -1,5 +1,7 @@
 """A paint test's point from arrays: sampling with noise and pose errors, lamps, calibration modes, sides seen."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -160,6 +162,20 @@ def test_the_lamps_mode_is_larger_where_few_pictures_show_the_flicker():
         assert got.flicker == pytest.approx(0.01, rel=0.05)
         column = got.ratio.modes[:, got.ratio.names.index("lamps")][got.ratio.known]
         np.testing.assert_allclose(column, 2.776 / 1.96 * 0.01 * np.sqrt(2 / 3), rtol=0.1)
+
+
+def test_what_all_pictures_of_a_camera_err_by_stays_in_their_mean():
+    """Dark and flat are the same pixels' error in each of five pictures."""
+    rng, mesh, z = np.random.default_rng(9), plate(), []
+    for _ in range(40):
+        same = 3 * rng.standard_normal((120, 160))
+        # Wind-off from elsewhere on the sensor: another error.
+        on, off = ([replace(picture(slope() + e + 4 * rng.standard_normal((120, 160)), 25.0, mesh, name=f"{k}"),
+                            lasting=np.full((120, 160), 9.0)) for k in range(5)]
+                   for e in (same, same[::-1, ::-1]))  # fmt: skip
+        got = ratio_of(on, off).ratio
+        z.append(((got.value - 1) / np.sqrt(got.white))[got.known])
+    assert np.std(z) == pytest.approx(1.0, abs=0.05)
 
 
 def test_pictures_of_one_kind_alone_are_refused():

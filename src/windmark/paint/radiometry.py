@@ -115,11 +115,14 @@ class Intensity:
     value : (H, W) in grey levels of the linear sensor at the flat's mean; NaN where flagged as no number
     variance : (H, W)
     flags : (H, W) uint8, sums of `PIXEL_FLAGS`
+    lasting : (H, W) part of the variance that is the dark and the flat picture's: the same error in every picture of
+        the camera, which no mean of them makes smaller
     """
 
     value: Array
     variance: Array
     flags: Flags
+    lasting: Array
 
     @property
     def usable(self) -> NDArray[np.bool_]:
@@ -161,10 +164,11 @@ def correct_picture(picture: ArrayLike, sensor: SensorModel, *, most_saturated: 
     if sensor.dead is not None:
         flags[sensor.dead] |= DEAD
     signal = raw - sensor.dark
-    variance = sensor.gain * np.maximum(signal, 0.0) + sensor.read_variance + sensor.dark_variance
-    below = signal < -NOISY * np.sqrt(variance)
+    own = sensor.gain * np.maximum(signal, 0.0) + sensor.read_variance
+    total = own + sensor.dark_variance
+    below = signal < -NOISY * np.sqrt(total)
     flags[below] |= DARKER
-    _refuse(raw, signal, variance, flags, most_saturated)
+    _refuse(raw, signal, total, flags, most_saturated)
     value, slope = signal, np.ones(raw.shape)
     if sensor.linearity is not None:
         value, slope, outside = sensor.linearity.apply(signal)
@@ -173,7 +177,8 @@ def correct_picture(picture: ArrayLike, sensor: SensorModel, *, most_saturated: 
     flags[~(flat > 0)] |= NO_FLAT
     flat = np.where(flat > 0, flat, np.nan)
     value = value / flat
-    return Intensity(value, (slope**2 * variance + value**2 * sensor.flat_variance) / flat**2, flags)
+    lasting = (slope**2 * sensor.dark_variance + value**2 * sensor.flat_variance) / flat**2
+    return Intensity(value, slope**2 * own / flat**2 + lasting, flags, lasting)
 
 
 def _size(shape: tuple[int, ...]) -> str:

@@ -10,13 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.scene import Mesh
+from windmark.scene.mesh import TOGETHER
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
-
-TOGETHER = 1e-6
-"""Nodes nearer than this part of the mesh's size are one place (blocks that meet)."""
-
 
 @dataclass(frozen=True, eq=False)
 class Surface:

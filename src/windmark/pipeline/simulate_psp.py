@@ -13,13 +13,15 @@ from windmark.pipeline.simulate_deforming import axis_point, point_text
 from windmark.pipeline.simulate_taps import ETAS, tap_table, write_taps
 from windmark.scene import MarkerSet
 from windmark.synth import PspTest, psp_test
-from windmark.synth.psp import LAMPS, PIVOT
+from windmark.synth.psp import LAMPS, PIVOT, UNEVEN_mm
 from windmark.synth.psp_truth import load_truth, node_truth, placed, reference_lengths, section_truth, tap_pressures
 
 Array = NDArray[np.float64]
 
 TAP_SIGMA_Pa, CELL_SIGMA, THERMO_SIGMA_K = 30.0, 0.002, 0.2
 """Standard deviations of the readings: a tap's transducer, the cell's ratio (relative), a thermocouple."""
+UNEVEN_K = 1.0
+"""Of the wall's temperature about recovery."""
 
 _PROJECT = """\
 # A synthetic paint test of windmark's virtual wind tunnel (seed {seed}): a swept wing that moves and bends, painted,
@@ -78,11 +80,11 @@ roles = ["tap"]
 radius = 0.4
 
 # The wall's temperature: thermocouples where they have readings, else recovery of the stream. It varies over the wall
-# by 1 K, over some 100 mm.
+# by {uneven:g} K, over some {length:.0f} mm.
 [temperature]
 recovery = 0.896
-sigma_K = 1.0
-length = 100
+sigma_K = {uneven:g}
+length = {length:.0f}
 thermocouples = "thermocouples.csv"
 readings = "thermocouple-readings.csv"
 
@@ -121,7 +123,7 @@ def simulate_psp(
     ValueError
         For no incidence at all.
     """
-    test = psp_test(seed, incidences=incidences, size_px=size_px, taps=tap_table(), moves=moves)
+    test = psp_test(seed, incidences=incidences, size_px=size_px, taps=tap_table(), moves=moves, uneven_K=UNEVEN_K)
     write_psp_test(folder, test)
     return test
 
@@ -251,7 +253,7 @@ def _write_project(folder: Path, test: PspTest) -> None:
         seed=test.seed, volumes=volumes, radius=round(2.5 / 640.0 * size_px[0], 1),
         root=point_text(axis_point(shape, shape.body_radius)), tip=point_text(axis_point(shape, shape.span)),
         saturation=2**sensor.bits - 1, lamps="\n".join(_LAMP.format(*lamp) for lamp in LAMPS), area=area, chord=chord,
-        pivot=", ".join(f"{v:g}" for v in PIVOT),
+        pivot=", ".join(f"{v:g}" for v in PIVOT), uneven=UNEVEN_K, length=UNEVEN_mm,
         sections="\n".join(_SECTION.format(100 * eta, eta * shape.span) for eta in ETAS),
     )  # fmt: skip
     with io.atomic_write(folder / "psp.toml") as stream:

@@ -75,6 +75,7 @@ class Mesh:
         out = replace(self, vertices=vertices)
         if len(self.triangles):
             out.__dict__["_parts"] = self._parts
+            out.__dict__["_still"] = self.__dict__.get("_still", self)
         return out
 
     def triangle_normals(self) -> Array:
@@ -157,12 +158,45 @@ class Mesh:
         pieces, piece = connected_components(graph, directed=False)
         return np.asarray(run * np.int64(pieces) + piece[a])
 
+    @property
+    def pieces(self) -> NDArray[np.int64]:
+        """(T,) number of the piece of surface that each triangle belongs to: pieces have no node in common.
+
+        Nodes at the borders of blocks that lie together are one. A wing that runs into a body without a common node is
+        a piece of its own.
+        """
+        still: Mesh = self.__dict__.get("_still", self)
+        return still._pieces
+
+    @cached_property
+    def _pieces(self) -> NDArray[np.int64]:
+        from scipy.sparse import coo_array
+        from scipy.sparse.csgraph import connected_components
+        from scipy.spatial import cKDTree
+
+        if not len(self.triangles):
+            return np.zeros(0, np.int64)
+        count = np.int64(len(self.vertices))
+        sides = np.sort(self.triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2).astype(np.int64), axis=1)
+        side, times = np.unique(sides[:, 0] * count + sides[:, 1], return_counts=True)
+        border = np.unique(np.stack(np.divmod(side[times == 1], count)))
+        border = border[np.isfinite(self.vertices[border]).all(axis=1)]
+        pairs = np.zeros((0, 2), np.int64)
+        if len(border):
+            near = cKDTree(self.vertices[border]).query_pairs(TOGETHER * (self.size or 1.0), output_type="ndarray")
+            pairs = border[near]
+        ends = np.concatenate([np.stack(np.divmod(side, count)), pairs.T], axis=1)
+        graph = coo_array((np.ones(ends.shape[1], np.int8), (ends[0], ends[1])), shape=(count, count))
+        return np.asarray(connected_components(graph, directed=False)[1][self.triangles[:, 0]], np.int64)
+
     @cached_property
     def size(self) -> float:
         """The size that most triangles are of, 0 without any: `diagonal`, but where a far field is in the grid, too."""
         return float(np.median(self.sizes)) if len(self.triangles) else 0.0
 
 
+TOGETHER = 1e-6
+"""Nodes nearer than this part of the mesh's size are one place (blocks that meet)."""
 LARGER = 10.0
 """A part that is so many times larger than all smaller ones together is of another scale."""
 

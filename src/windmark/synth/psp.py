@@ -30,6 +30,10 @@ LAMPS = ((-350.0, 950.0, 1500.0, 1.9e6), (800.0, 100.0, 1250.0, 0.8e6))
 PIVOT = (130.0, 0.0, 0.0)
 """The model turns about it; its reference point for moments."""
 _LEVELS = {"wing": 1.0, "body": 0.9, "wall": 0.42}
+_WAVES_mm = (400.0, 900.0)
+UNEVEN_mm = float(np.sqrt(3 * _WAVES_mm[0] * _WAVES_mm[1]) / (2 * np.pi))
+"""Distance over which the wall's temperature keeps about its value: waves of all directions and of these lengths change
+along a line as a field with the covariance exp(-d^2 / (2 length^2)) does, 1 / length^2 = mean(|k|^2) / 3."""
 _SECONDS = 20.0
 """Of light for a series of pictures."""
 
@@ -192,7 +196,7 @@ def psp_test(
 def _waves(rng: np.random.Generator, amplitude: float) -> Array:
     """Three long waves and their total standard deviation."""
     k = rng.standard_normal((3, 3))
-    k *= 2 * np.pi / (rng.uniform(400.0, 900.0, 3) * np.linalg.norm(k, axis=1))[:, None]
+    k *= 2 * np.pi / (rng.uniform(*_WAVES_mm, 3) * np.linalg.norm(k, axis=1))[:, None]
     size = np.full((3, 1), amplitude * np.sqrt(2 / 3))
     return np.concatenate([k, rng.uniform(0, 2 * np.pi, (3, 1)), size], axis=1)
 

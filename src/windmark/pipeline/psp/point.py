@@ -185,23 +185,24 @@ def the_model_in(test: PspTest, kind: str, raw: Mapping[str, Sequence[tuple[str,
         for name in frame.views:
             file = raw[name][k][0]
             station = test.deforming.test.station(name)
-            value, variance = light[name, file]
+            value, variance, lasting = light[name, file]
             lens = state.cameras.get(name, station.camera)
             pose = state.cam_from_tunnel.get(name, station.cam_from_tunnel)
-            seen.append(ModelPicture(f"{kind} {file}", name, value, variance, lens, pose, mesh, moves))
+            seen.append(ModelPicture(f"{kind} {file}", name, value, variance, lens, pose, mesh, moves, lasting))
     if not states:
         raise DataError(f"no {kind} picture can be used; {next(iter(troubles.values()))}")
     return Found(tuple(seen), tuple(states), tuple(rms), troubles)
 
 
-def _corrected(test: PspTest, kind: str, camera: str, file: str, image: Image) -> tuple[Array, Array]:
-    """Light and variance of a picture; NaN where a pixel cannot be used."""
+def _corrected(test: PspTest, kind: str, camera: str, file: str, image: Image) -> tuple[Array, Array, Array]:
+    """Light and variance of a picture, NaN where a pixel cannot be used; and the variance that all pictures share."""
     how = test.project.radiometry
     try:
         done = correct_picture(image, test.sensors[camera].model, most_saturated=how.max_saturated)
     except DataError as error:
         raise DataError(f"{kind} picture {file} of {camera}: {error}") from None
-    return np.where(done.usable, done.value, np.nan), np.where(done.usable, done.variance, np.nan)
+    value, variance = (np.where(done.usable, v, np.nan) for v in (done.value, done.variance))
+    return value, variance, done.lasting
 
 
 def _incidence(test: PspTest, row: PointRow, on: Found) -> float:

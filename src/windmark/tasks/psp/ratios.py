@@ -150,7 +150,7 @@ class _Level:
 
 def _level(pictures: Sequence[ModelPicture], how: Sampling, lamps: Sequence[Lamp], left_out: dict[str, str]) -> _Level:
     samples = [_in_even_light(sample_picture(p, how), p, lamps) for p in pictures]
-    mean = average_frames(np.stack([s.value for s in samples]), np.stack([s.variance for s in samples]))
+    mean = average_frames(np.stack([s.value for s in samples]), np.stack([s.variance - s.lasting for s in samples]))
     if isinstance(mean, NotFitted):
         raise DataError(f"the pictures of camera {pictures[0].camera} contradict each other: {mean.reason}")
     left_out.update({p.name: why for p, why, used in zip(pictures, mean.reasons, mean.used, strict=True) if not used})
@@ -160,14 +160,18 @@ def _level(pictures: Sequence[ModelPicture], how: Sampling, lamps: Sequence[Lamp
     weight = np.min([samples[k].weight for k in used], axis=0)
     with np.errstate(invalid="ignore", divide="ignore"):
         bent = np.nan_to_num(np.mean([samples[k].bent for k in used], axis=0) / mean.value)
-    return _Level(mean.value, mean.variance, columns, weight, bent, mean.light[used], len(used))
+    # Pictures of a kind show a node on about the same pixels, whose dark and flat levels err in all of them alike.
+    shown = np.isfinite([samples[k].lasting for k in used])
+    lasting = np.where(shown, [samples[k].lasting for k in used], 0.0).sum(axis=0) / np.maximum(shown.sum(axis=0), 1)
+    return _Level(mean.value, mean.variance + lasting, columns, weight, bent, mean.light[used], len(used))
 
 
 def _in_even_light(s: Samples, picture: ModelPicture, lamps: Sequence[Lamp]) -> Samples:
     light = lit(picture.mesh, lamps)
     columns = np.nan_to_num(s.columns / light[:, None])
     bent = np.nan_to_num(s.bent / light)
-    return replace(s, value=s.value / light, variance=s.variance / light**2, columns=columns, bent=bent)
+    variance, lasting = s.variance / light**2, s.lasting / light**2
+    return replace(s, value=s.value / light, variance=variance, columns=columns, bent=bent, lasting=lasting)
 
 
 def _flicker(levels: Mapping[str, Mapping[str, _Level]]) -> tuple[float, float]:

@@ -138,14 +138,14 @@ def reduce_point(merged: MergedRatio, rest: Mesh, mesh: Mesh, task: PointTask) -
     """
     remarks: list[str] = [f"{name} does not count: {why}" for name, why in merged.left_out.items()]
     ratio, filled = patched(rest, merged.ratio, task.patches, task.polygons, remarks)
-    temperature = _temperature(rest, task, remarks)
+    temperature = _temperature(rest, ratio.known, task, remarks)
     prior = pressure_of(task.law, ratio, temperature, task.p_off, task.t_off)
     if not prior.field.known.any():
         raise DataError(f"{task.name}: no node has a pressure: {_why(prior.flags)}")
-    pressure, fit, taps = at_taps(rest, prior.field, task.taps, task.fit_taps, remarks)
+    pressure, fit, taps = at_taps(rest, prior.field, filled, task.taps, task.fit_taps, remarks)
     cp = pressure_coefficient(pressure, task.conditions)
     if taps is not None and task.taps is not None:
-        taps = in_cp(taps, task.taps, task.conditions, cp, rest)
+        taps = in_cp(taps, task.taps, task.conditions, cp, filled, rest)
     axes = LoadReference(1.0, 1.0, 1.0) if task.reference is None else task.reference
     taps_at = None if task.taps is None else task.taps.xyz
     sections = cut_sections(rest, cp, task.sections, axes, taps_at, remarks)
@@ -156,16 +156,19 @@ def reduce_point(merged: MergedRatio, rest: Mesh, mesh: Mesh, task: PointTask) -
     )  # fmt: skip
 
 
-def _temperature(rest: Mesh, task: PointTask, remarks: list[str]) -> NodeField:
-    """Of the wall: as given at the nodes, by thermocouples where they say it, else by recovery."""
+def _temperature(rest: Mesh, seen: Mask, task: PointTask, remarks: list[str]) -> NodeField:
+    """Of the wall: as given at the nodes, by thermocouples where they say it, else by recovery.
+
+    Thermocouples say it at the nodes that are ``seen`` alone: the few columns of its error are for these.
+    """
     count = len(rest.vertices)
     if task.temperature is not None:
         return patched(rest, task.temperature, task.patches, task.polygons, [])[0]
     wells = task.thermocouples
     if wells is not None and len(wells.names):
         return thermocouple_temperature(
-            rest.vertices, wells.xyz, wells.value, sigma=wells.sigma, length=task.wall_length or WALL * rest.diagonal,
-            spread=task.wall_sigma,
+            np.where(seen[:, None], rest.vertices, np.nan), wells.xyz, wells.value, sigma=wells.sigma,
+            length=task.wall_length or WALL * rest.diagonal, spread=task.wall_sigma,
         )  # fmt: skip
     if task.recovery is None:
         raise DataError(f"{task.name}: there is no temperature: no thermocouple has a reading and no recovery is given")

@@ -43,6 +43,7 @@ class ModelPicture:
     lens, cam_from_tunnel : the camera
     mesh : the grid in the tunnel
     moves : (V, 3, F) how the nodes move for one sigma of each direction of what motion and deformation leave open
+    lasting : (H, W) part of the variance that is the same error in every picture of the camera (`Intensity`)
     """
 
     name: str
@@ -53,6 +54,7 @@ class ModelPicture:
     cam_from_tunnel: Pose
     mesh: Mesh
     moves: Array
+    lasting: Array | float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,6 +161,7 @@ class Samples:
     weight : (V,) 0 at the limit of what the picture shows and beyond, 1 well inside, whether there is a value or not
     bent : (V,) part of the value that was taken off because light is bent round the node (`FootprintValues`)
     obliquity_deg : (V,) angle between the surface's normal and the line of sight
+    lasting : (V,) part of the variance that is the same error in every picture of the camera
     """
 
     value: Array
@@ -167,6 +170,7 @@ class Samples:
     weight: Array
     bent: Array
     obliquity_deg: Array
+    lasting: Array
 
 
 def moved_grid(state: Deformation, mesh: Mesh) -> tuple[Mesh, Array]:
@@ -203,7 +207,12 @@ def sample_picture(picture: ModelPicture, how: Sampling) -> Samples:
     seen = seen[good]
     value[seen], variance[seen] = light[good], noise[good]
     columns[seen] = _along(picture, slope[good], seen)
-    return Samples(value, variance, columns, weight, bent, view.obliquity_deg)
+    lasting = np.full(count, np.nan)
+    # About the same part of all pixels of a node, whatever their weights: light and its noise change little over them.
+    with np.errstate(invalid="ignore", divide="ignore"):
+        part = np.broadcast_to(picture.lasting / picture.variance, picture.light.shape)
+    lasting[seen] = variance[seen] * np.clip(np.nan_to_num(_at_pixels(part, view.xy[seen])), 0.0, 1.0)
+    return Samples(value, variance, columns, weight, bent, view.obliquity_deg, lasting)
 
 
 def _at_pixels(image: Array, xy: Array) -> Array:

@@ -12,6 +12,7 @@ from windmark.paint import InSitu, NodeField, TunnelConditions, in_situ, interpo
 from windmark.scene import Mesh
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 OFF_GRID, UNSEEN = "outside the grid", "not seen"
 """Why a tap has no value of the paint."""
@@ -62,11 +63,12 @@ class TapTable:
 
 
 def at_taps(
-    rest: Mesh, prior: NodeField, taps: Readings | None, how: str, remarks: list[str]
+    rest: Mesh, prior: NodeField, filled: Mask, taps: Readings | None, how: str, remarks: list[str]
 ) -> tuple[NodeField, InSitu | None, TapTable | None]:
     """Pressure fitted to the taps, the fit, and the table of taps, whose columns are pressures still (see `in_cp`).
 
     ``how``: "offset-slope", "offset", or "compare" (nothing is fitted). Where taps cannot be used ``remarks`` say why.
+    ``filled``: (V,) nodes whose values are those of their surroundings.
     """
     if taps is None or not len(taps.names):
         return prior, None, None
@@ -83,7 +85,7 @@ def at_taps(
     if not len(good):
         remarks.append("no tap lies on what was seen: the pressure is that of the calibration alone")
         return prior, None, table
-    x = interpolated(prior, at[0][good], at[1][good])
+    x = _there(rest, prior, filled, taps.xyz[good], (at[0][good], at[1][good]))
     fit = in_situ(
         [taps.names[k] for k in good], taps.value[good], x, pressure_sigma=taps.sigma[good],
         free="offset" if how == "offset" else "both",
@@ -96,6 +98,54 @@ def at_taps(
     remarks += [f"tap {name} does not count: {why}" for name, why in blocked.items()]
     remarks += fit.warnings
     return fit.applied(prior), fit, replace(table, words=words)
+
+
+def _there(
+    rest: Mesh, field_: NodeField, filled: Mask, xyz: Array, at: tuple[NDArray[np.int32], Array]
+) -> NodeField:
+    """The field at points (N, 3) in triangles, see `interpolated`, with what a triangle leaves open in its noise.
+
+    Nodes that were filled into one hole err alike; and between nodes the field is not straight (`_bow`).
+    """
+    nodes, weights = at
+    out = interpolated(field_, nodes, weights)
+    alike = filled[nodes]
+    spread = np.where(weights > 0, weights * np.sqrt(field_.white[nodes]), 0.0)
+    white = np.where(alike, 0.0, spread**2).sum(axis=1) + np.where(alike, spread, 0.0).sum(axis=1) ** 2
+    return replace(out, white=white + _bow(rest, field_, xyz, at) ** 2)
+
+
+def _bow(rest: Mesh, field_: NodeField, xyz: Array, at: tuple[NDArray[np.int32], Array]) -> Array:
+    """(N,) by how much the field bends away from the plane of a triangle at points in it.
+
+    By a quadric through the nodes of all triangles that touch it (a suction peak near the leading edge is a few nodes
+    wide); 0 where these are too few for one.
+    """
+    nodes, weights = at
+    out = np.zeros(len(nodes))
+    wanted = np.zeros(len(field_), bool)
+    wanted[nodes.ravel()] = True
+    near = rest.triangles[wanted[rest.triangles].any(axis=1)]
+    normals = rest.vertex_normals()
+    for k, corners in enumerate(nodes):
+        ring = np.unique(near[np.isin(near, corners).any(axis=1)])
+        ring = ring[field_.known[ring] & (normals[ring] @ normals[corners[0]] > 0)]
+        place = rest.vertices[ring] - xyz[k]
+        along = np.linalg.svd(place - place.mean(axis=0), full_matrices=False)[2][:2] if len(ring) > 6 else None
+        if along is None:
+            continue
+
+        def rows(of: Array, axes: Array = along) -> Array:
+            u, v = axes @ of.T
+            return np.stack([0 * u + 1, u, v, u * u, u * v, v * v], axis=1)
+
+        design = rows(place)
+        scale = np.abs(design).max(axis=0)
+        quadric, _, rank, _ = np.linalg.lstsq(design / scale, field_.value[ring], rcond=1e-6)
+        if rank == design.shape[1]:
+            plane = weights[k] @ (rows(rest.vertices[corners] - xyz[k]) / scale @ quadric)
+            out[k] = quadric[0] / scale[0] - plane
+    return out
 
 
 def _on_surface(
@@ -112,10 +162,12 @@ def _on_surface(
     return (nodes, weights), words
 
 
-def in_cp(table: TapTable, taps: Readings, stream: TunnelConditions, cp: NodeField, rest: Mesh) -> TapTable:
+def in_cp(
+    table: TapTable, taps: Readings, stream: TunnelConditions, cp: NodeField, filled: Mask, rest: Mesh
+) -> TapTable:
     """The table of `at_taps` with its readings as Cp, and the paint's Cp at them."""
     at, words = _on_surface(rest, taps, cp)
-    there = interpolated(cp, *at)
+    there = _there(rest, cp, filled, taps.xyz, at)
     seen = np.array([not w for w in words], bool)
     return replace(
         table, cp=(table.cp - stream.p_inf) / stream.q_inf, cp_sigma=table.cp_sigma / stream.q_inf,
