@@ -15,7 +15,7 @@ import typer
 
 from windmark import compiling
 from windmark.app import console
-from windmark.app.commands import align, camera, deform, epipolar, image, infrared, plan, pov, psp
+from windmark.app.commands import align, camera, deform, epipolar, image, infrared, plan, pov, psp, start
 from windmark.app.commands.matching_options import Binding, MaxTime, NoOcclusion, Roles
 from windmark.app.commands.options import Json, Seed
 
@@ -25,7 +25,7 @@ app = typer.Typer(
     name="windmark",
     help="Wind-tunnel camera images into measurements on the model's surface.",
     no_args_is_help=True,
-    add_completion=False,
+    add_completion=True,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
@@ -44,7 +44,7 @@ def version_asked(value: bool) -> None:
 @app.callback()
 def root(
     version: Annotated[
-        bool, typer.Option("--version", callback=version_asked, is_eager=True, help="Print the version.")
+        bool, typer.Option("--version", "-V", callback=version_asked, is_eager=True, help="Print the version.")
     ] = False,
 ) -> None:
     """Wind-tunnel camera images into measurements on the model's surface."""
@@ -133,6 +133,7 @@ plan.add(app)
 pov.add(app)
 psp.add(app)
 infrared.add(app)
+start.add(app)
 
 
 def main() -> None:
@@ -150,8 +151,12 @@ def main() -> None:
     sys.unraisablehook = _unraisable
     compiling.announce(lambda: console.complain(COMPILING))
     code: int | str | None = 0
+    sys.argv[1:] = console.expanded(sys.argv[1:])
     try:
-        app()
+        if "--json" in sys.argv[1:]:
+            code = console.run_for_machines(app)
+        else:
+            app()
     except SystemExit as end:
         code = end.code
     except KeyboardInterrupt:  # before a verb was at work

@@ -18,9 +18,10 @@ import typer
 from windmark.errors import WindmarkError
 
 try:  # typer has a click of its own since 0.26
+    from typer._click.exceptions import ClickException
     from typer._click.globals import get_current_context
 except ImportError:
-    from click import get_current_context  # type: ignore[no-redef]
+    from click import ClickException, get_current_context  # type: ignore[no-redef,assignment]
 
 if TYPE_CHECKING:
     from windmark.geometry import Camera
@@ -44,6 +45,30 @@ def progress(total: int | None = None) -> Iterator[Callable[[str], None]]:
                   transient=True) as bar:  # fmt: skip
         task = bar.add_task("start", total=total)
         yield lambda stage: bar.update(task, description=stage)
+
+
+@contextmanager
+def counted(what: str) -> Iterator[Callable[[str, int, int], None]]:
+    """A function that shows the name of a step, its number and how many there are: a bar with the time that is left
+    on a terminal, nothing in a pipe.
+    """
+    if not sys.stderr.isatty():
+        yield lambda name, number, count: None
+        return
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+
+    with Progress(TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
+                  TimeRemainingColumn(), console=Console(stderr=True), transient=True) as bar:  # fmt: skip
+        task = bar.add_task(what, total=None)
+        yield lambda name, number, count: bar.update(task, description=f"{what}: {name}", completed=number, total=count)
 
 
 def answer(record: Mapping[str, Any], as_json: bool, lines: list[str]) -> None:
@@ -146,7 +171,8 @@ def about(folder: Path) -> dict[str, Any]:
         return {}
     none = ("as_json", "resume")
     given = {k: v for k, v in context.params.items() if k not in none and v not in (None, folder)}
-    return {"verb": context.info_name, "options": {key: _plain(value, folder) for key, value in given.items()}}
+    verb = " ".join(context.command_path.split()[1:]) or context.info_name
+    return {"verb": verb, "options": {key: _plain(value, folder) for key, value in given.items()}}
 
 
 def _plain(value: Any, folder: Path) -> Any:
@@ -199,6 +225,46 @@ def _report_fault(error: Exception, as_json: bool) -> None:
     _fail(f"a fault of windmark {__version__}, not of your data ({what}); {report}", FAULT, as_json)
 
 
+def run_for_machines(app: Callable[..., Any]) -> int:
+    """The command line under ``--json``: wrong options are said as JSON on the standard output, too."""
+    try:
+        code = app(standalone_mode=False)
+    except ClickException as error:
+        with suppress(OSError):
+            typer.echo(_printable(json.dumps({"error": error.format_message()})))
+        error.show()
+        return int(error.exit_code)
+    except typer.Abort:
+        return INTERRUPTED
+    return code if isinstance(code, int) else DONE
+
+
+def expanded(words: list[str]) -> list[str]:
+    """Arguments with the patterns in them expanded, where the shell has not done so (Windows); natural order.
+
+    Values of options stay as they are, for some are patterns themselves; so does what matches nothing.
+    """
+    if sys.platform != "win32":
+        return words
+    return matched(words)
+
+
+def matched(words: list[str]) -> list[str]:
+    """See `expanded`, on every system."""
+    from glob import glob, has_magic
+
+    out: list[str] = []
+    for before, word in zip(["", *words], words, strict=False):
+        plain = not word.startswith("-") and not before.startswith("-") and has_magic(word) and not Path(word).exists()
+        found = sorted(glob(word), key=_natural) if plain else []
+        out += found or [word]
+    return out
+
+
+def _natural(text: str) -> list[tuple[int, str]]:
+    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", text)]
+
+
 def refuse(reason: str, as_json: bool, record: Mapping[str, Any] | None = None) -> None:
     """The data say no: print the reason, leave with exit code 1."""
     if as_json:
@@ -218,6 +284,11 @@ def _fail(message: str, code: int, as_json: bool, error: WindmarkError | None = 
             typer.echo(_printable(json.dumps(record)))
     complain(message)
     raise typer.Exit(code)
+
+
+def exit_with(code: int) -> typer.Exit:
+    """To be raised by a verb whose answer has been printed."""
+    return typer.Exit(code)
 
 
 def _lead_nowhere() -> None:

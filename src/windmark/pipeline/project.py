@@ -8,13 +8,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from glob import has_magic
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationError, model_validator
 
 from windmark.errors import UsageError
-from windmark.io import picture_name
+from windmark.io import FileError, frame_address, picture_name
+from windmark.io.recordings.folder import picture_files
 from windmark.pipeline.lengths import Lengths
 from windmark.pipeline.quantity import Quantity
 from windmark.pipeline.rig_settings import RigOptions, check_rig, instants, rig_cameras
@@ -43,7 +45,8 @@ class CameraEntry(Strict):
 
 
 class ImageEntry(Strict):
-    """One image, or a frame of a recording: ``file = "run.cine[120]"``, or ``page`` of a multipage TIFF.
+    """One image, or a frame of a recording: ``file = "run.cine[120]"``, or ``page`` of a multipage TIFF. A pattern,
+    ``file = "img*.tif"``, stands for every picture that it matches.
 
     ``channel``: of a colour picture; grey is a weighted sum. ``bayer``: the file is a colour sensor's raw mosaic.
     ``quantity``, ``unit``: what the values are, such as "temperature" in "K"; None: what the file says, else grey.
@@ -359,11 +362,43 @@ def read_project(path: str | Path, given: Mapping[str, Mapping[str, Any]] | None
         When the file is missing, no TOML, has an unknown or wrong key, or names a file that is absent.
     """
     path = Path(path)
-    data = read_toml(path, Project)
+    data = with_pictures(path, read_toml(path, Project))
     for table, keys in (given or {}).items():
         if isinstance(data.setdefault(table, {}), dict):
             data[table] |= keys
     return make_project(path, data)
+
+
+def with_pictures(path: Path, data: dict[str, Any]) -> dict[str, Any]:
+    """Settings with a table for each picture of ``[[image]] file = "img*.tif"``, in natural order.
+
+    Raises
+    ------
+    FileError
+        For a pattern that no picture matches, and for a name or labels beside one that several match.
+    """
+    images = data.get("image")
+    if not isinstance(images, list):
+        return data
+    return {**data, "image": [one for n, entry in enumerate(images) for one in pictures_of(path, n, entry)]}
+
+
+def pictures_of(path: Path, number: int, entry: Any) -> list[Any]:
+    """The tables of one ``[[image]]``, several where its file is a pattern; see `with_pictures`."""
+    file = entry.get("file") if isinstance(entry, dict) else None
+    if not isinstance(file, str) or not has_magic(file):
+        return [entry]
+    full = path.parent / file
+    if frame_address(full).number is not None or full.exists():
+        return [entry]
+    found = picture_files(full)
+    alone = [key for key in ("name", "labels", "exclude", "page") if key in entry]
+    if len(found) > 1 and alone:
+        raise FileError(path, f"is of one picture, the pattern is of {len(found)}", f"image[{number}].{alone[0]}")
+    stems = [p.stem for p in found]
+    double = {stem for stem in stems if stems.count(stem) > 1}
+    names = [{"name": f"{p.parent.name}-{p.stem}"} if p.stem in double else {} for p in found]
+    return [{**entry, "file": str(p), **name} for p, name in zip(found, names, strict=True)]
 
 
 def make_project(path: Path, settings: Mapping[str, Any]) -> Project:

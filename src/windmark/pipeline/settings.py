@@ -5,8 +5,9 @@ from __future__ import annotations
 import re
 import tomllib
 import types
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Any, Union, get_args, get_origin
 from unicodedata import normalize
@@ -15,11 +16,14 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from windmark.io import FrameAddress, frame_address
 from windmark.io.errors import FileError, reading, reason
+from windmark.pipeline.kinds import other_kind
 
 _DEEP_KEY = re.compile(r"(?<![\w-])(?:[\w-]++[ \t]*+\.[ \t]*+){100}")
 """For each part of a key the library goes through all parts before it. Looked for from where a word begins only: from
 within a long word it would take the square of its length."""
 
+_OF_A_TYPE = re.compile(r"\[|^constrained-|^(int|float|str|bool|path|literal)$")
+"""Of alternative types pydantic puts the type into the place of an error; it is no key."""
 COMMAND_LINE = "command line"
 """Name of the project file where settings come from the command line."""
 
@@ -36,37 +40,52 @@ def read_toml(path: Path, root: type[BaseModel]) -> dict[str, Any]:
     Raises
     ------
     FileError
-        When it cannot be read, is no TOML, or has the key that holds its own path.
+        When it cannot be read, is no TOML, has the key that holds its own path, or is surely the project of another
+        verb.
     """
+    data = read_settings(path)
+    if "path" in data:
+        raise FileError(path, f"unknown key; expected {known_keys(root)}", "path")
+    if (other := other_kind(data, root.__name__)) is not None:
+        raise FileError(path, f"{other} {path.name}")
+    return data
+
+
+def read_settings(path: Path) -> dict[str, Any]:
+    """The content of a TOML file, whatever it is for; `FileError` where it cannot be read or is no TOML."""
     try:
         with reading(path):
             text = path.read_bytes().decode("utf-8-sig")
         if _DEEP_KEY.search(text):
             raise FileError(path, "a key has over 100 parts; expected a windmark project file")
-        data = tomllib.loads(text)
+        return tomllib.loads(text)
     except FileError:
         raise
     except ValueError as error:  # also numbers too long for Python
         raise FileError(path, f"is not valid TOML ({error}); expected a windmark project file") from None
     except RecursionError:
         raise FileError(path, "is nested too deeply; expected a windmark project file") from None
-    if "path" in data:
-        raise FileError(path, f"unknown key; expected {known_keys(root)}", "path")
-    return data
 
 
 def explained(path: Path, error: ValidationError, root: type[BaseModel]) -> FileError:
     """The first thing that is wrong, in words: key, what came, what was expected."""
-    first = error.errors()[0]
-    keys = [str(k) for k in first["loc"]]
-    key = "".join(f"[{k}]" if isinstance(k, int) else f".{k}" for k in first["loc"]).lstrip(".") or None
-    if first["type"] == "extra_forbidden":
-        return FileError(path, f"unknown key; expected {known_keys(_model_at(root, keys[:-1]))}", key)
-    if first["type"] == "missing":
-        return FileError(path, "is missing", key)
-    if first["type"] == "value_error":
-        return FileError(path, str(first["ctx"]["error"]), key)
-    return FileError(path, f"{first['msg']}, got {first['input']!r}", key)
+    key, words = explanation(error.errors()[0], root)
+    return FileError(path, words, key)
+
+
+def explanation(one: Mapping[str, Any], root: type[BaseModel]) -> tuple[str | None, str]:
+    """The key and the words of one of pydantic's errors of ``root``; a key that is not known has the nearest one."""
+    parts = [k for k in one["loc"] if isinstance(k, int) or not _OF_A_TYPE.search(k)]
+    keys = [str(k) for k in parts]
+    key = "".join(f"[{k}]" if isinstance(k, int) else f".{k}" for k in parts).lstrip(".") or None
+    if one["type"] == "extra_forbidden":
+        model = _model_at(root, keys[:-1])
+        return key, f"unknown key{nearest_words(keys[-1], model)}; expected {known_keys(model)}"
+    if one["type"] == "missing":
+        return key, "is missing"
+    if one["type"] == "value_error":
+        return key, str(one["ctx"]["error"])
+    return key, f"{one['msg']}, got {one['input']!r}"
 
 
 def existing(settings: Path, key: str, relative: Path) -> Path:
@@ -142,6 +161,12 @@ _DEVICES = {"CON", "PRN", "AUX", "NUL", *(f"{port}{k}" for port in ("COM", "LPT"
 _OWN = {"report.html", "summary.json", "manifest.json"}
 
 
+def nearest_words(key: str, model: type[BaseModel]) -> str:
+    """", did you mean ...?" where a table has a key that looks like the given one; "" otherwise."""
+    near = get_close_matches(key, [f.alias or n for n, f in model.model_fields.items() if n != "path"], 1, 0.6)
+    return f", did you mean {near[0]}?" if near else ""
+
+
 def known_keys(model: type[BaseModel]) -> str:
     """The keys of a table, in words."""
     names = [f.alias or n for n, f in model.model_fields.items() if n != "path"]
@@ -153,15 +178,20 @@ def _model_at(root: type[BaseModel], keys: list[str]) -> type[BaseModel]:
     model = root
     for key in keys:
         field = next((f for n, f in model.model_fields.items() if key in (n, f.alias)), None)
-        found = None if field is None else _model_in(field.annotation)
+        found = None if field is None else model_in(field.annotation)
         model = found or model
     return model
 
 
-def _model_in(annotation: Any) -> type[BaseModel] | None:
+def has_path(annotation: Any) -> bool:
+    """Whether a setting may be a path."""
+    return annotation is Path or any(has_path(part) for part in get_args(annotation))
+
+
+def model_in(annotation: Any) -> type[BaseModel] | None:
     """The table inside a list, an optional or an annotated type."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return annotation
     if get_origin(annotation) in (Union, types.UnionType, Annotated, tuple, list, dict):
-        return next((m for part in get_args(annotation) if (m := _model_in(part)) is not None), None)
+        return next((m for part in get_args(annotation) if (m := model_in(part)) is not None), None)
     return None

@@ -1,0 +1,147 @@
+"""The verb `windmark verify`: run a result again as its manifest says, and compare."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from windmark import io
+from windmark.app import console
+from windmark.app.verdict_words import verdict_lines
+from windmark.errors import UsageError
+from windmark.io.manifest import MANIFEST, read_manifest
+from windmark.pipeline.repeat import Difference, inputs_now, results_again
+from windmark.pipeline.verdict import Verdict
+
+Record = dict[str, Any]
+TARGETS = ("output", "folder")
+"""Parameters of a verb that say where its result goes."""
+SHOWN = 12
+
+
+def verify(folder: Path, keep: Path | None, as_json: bool) -> None:
+    """Run again, compare, say what differs; exit code 1 where numbers do."""
+    manifest = read_manifest(folder)
+    if manifest is None:
+        raise UsageError(f"{folder}: has no {MANIFEST} that can be read; expected the folder of a result of windmark")
+    if manifest.get("unfinished"):
+        raise UsageError(f"{folder}: this run did not come to its end; --resume or --finish it first")
+    if keep is not None and keep.exists():
+        raise UsageError(f"{keep} is there already; --keep expects a new folder")
+    found = Difference()
+    inputs_now(folder, manifest, found)
+    missing = [name for name, what in found.inputs.items() if what == "missing"]
+    if missing:
+        raise io.FileError(folder / missing[0], f"is missing, and the run needs it{_more(missing)}")
+    with tempfile.TemporaryDirectory(prefix="windmark-verify-") as place:
+        target = keep or Path(place) / folder.resolve().name
+        with console.progress() as show:
+            show(f"windmark {manifest.get('verb')} again")
+            refusal = _again(folder, manifest, target)
+        if refusal is None:
+            results_again(folder, target, found)
+    if refusal is not None and not manifest.get("refused"):
+        console.refuse(f"the run that gave this result is refused now: {refusal}", as_json, _record(found, folder))
+    stored = _stored_verdict(folder)
+    lines = _lines(found, folder, manifest, stored)
+    if not found.repeated and as_json:
+        console.refuse("the result cannot be had again", True, _record(found, folder))
+    console.answer(_record(found, folder), as_json, lines)
+    if not found.repeated:
+        raise console.exit_with(console.DATA_SAY_NO)
+
+
+def _again(folder: Path, manifest: Record, target: Path) -> str | None:
+    """The same verb with the same options into another folder; why it refused, if it did."""
+    command = [sys.executable, "-m", "windmark.app.cli", *arguments(manifest, folder, target), "--json"]
+    done = subprocess.run(command, capture_output=True, text=True, encoding="utf-8", errors="replace", check=False)
+    if done.returncode == console.DONE:
+        return None
+    if done.returncode == console.FAULT:
+        raise RuntimeError(f"the run ended with a fault: {done.stderr[-2000:]}")
+    try:
+        said = json.loads(done.stdout).get("error", "")
+    except ValueError:
+        said = ""
+    return said or done.stderr.strip()[-400:] or f"exit code {done.returncode}"
+
+
+def arguments(manifest: Record, folder: Path, target: Path) -> list[str]:
+    """The words of the command line that make a result again.
+
+    Raises
+    ------
+    UsageError
+        When the manifest is of no verb of this version, or its result is no folder.
+    """
+    import typer
+
+    from windmark.app.cli import app
+
+    verb = str(manifest.get("verb"))
+    command: Any = typer.main.get_command(app)
+    for word in verb.split():
+        command = getattr(command, "commands", {}).get(word)
+        if command is None:
+            raise UsageError(f"{folder}: made by windmark {verb}, which this version does not have")
+    options = dict(manifest.get("options", {}))
+    words, last = verb.split(), []
+    known = {p.name: p for p in command.params}
+    where = next((name for name in TARGETS if name in known), None)
+    if where is None:
+        raise UsageError(f"{folder}: windmark {verb} writes no folder that could be compared")
+    unknown = sorted(set(options) - set(known))
+    if unknown:
+        raise UsageError(f"{folder}: made with {', '.join(unknown)}, which this version of windmark {verb} lacks")
+    for name, value in {**options, where: str(target.resolve())}.items():
+        param = known[name]
+        values = [_placed(v, param, folder, name == where) for v in (value if isinstance(value, list) else [value])]
+        if param.param_type_name == "argument":
+            last += values
+        elif getattr(param, "is_flag", False):
+            words += [param.opts[0]] if value else list(param.secondary_opts[:1])
+        else:
+            words += [w for v in values for w in (param.opts[0], v)]
+    return [*words, *(["--", *last] if any(word.startswith("-") for word in last) else last)]
+
+
+def _placed(value: Any, param: Any, folder: Path, whole: bool) -> str:
+    """Paths of a manifest are relative to the result."""
+    is_path = "path" in str(getattr(param.type, "name", "")).lower() or "Path" in type(param.type).__name__
+    if is_path and not whole and not Path(str(value)).is_absolute():
+        return str((folder / str(value)).resolve())
+    return str(value)
+
+
+def _stored_verdict(folder: Path) -> Verdict | None:
+    try:
+        return Verdict.of_record(json.loads((folder / "summary.json").read_text(encoding="utf-8"))["verdict"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def _record(found: Difference, folder: Path) -> Record:
+    return {"result": folder, "repeated": found.repeated, **vars(found)}
+
+
+def _lines(found: Difference, folder: Path, manifest: Record, stored: Verdict | None) -> list[str]:
+    count = len(found.same)
+    head = "the same again" if found.repeated else "NOT the same"
+    lines = [f"{folder}: {head}: {count} files agree (windmark {manifest.get('verb')}, run again)"]
+    lines += [f"input {what}: {name}" for name, what in found.inputs.items()]
+    lines += [f"version of {name}: {a} then, {b} now" for name, (a, b) in found.versions.items()]
+    lines += [f"the result itself was changed or taken away since: {name}" for name in found.touched[:SHOWN]]
+    lines += [f"not written any more: {name}" for name in found.lost[:SHOWN]]
+    lines += [f"  {name}: {words}" for name, every in list(found.numbers.items())[:SHOWN] for words in every[:3]]
+    if found.bytes_only:
+        some = ", ".join(found.bytes_only[:4])
+        lines.append(f"other bytes, numbers not compared: {some}{_more(found.bytes_only[3:])}")
+    return [*lines, *(verdict_lines(stored) if stored is not None else [])]
+
+
+def _more(names: list[str]) -> str:
+    return f" (and {len(names) - 1} more)" if len(names) > 1 else ""

@@ -1,0 +1,190 @@
+"""A project file, with comments, from what was found in a folder."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from windmark.pipeline.folder import FolderContent, FoundPicture, camera_of
+
+Rel = Callable[[Path], str]
+FEW = 3
+"""Pictures that are listed one by one; more stand behind a pattern where one fits them."""
+
+
+@dataclass
+class Choice:
+    """What has been chosen, and what is still missing.
+
+    Parameters
+    ----------
+    unit : length unit; None unknown
+    markers, grid : files; None where there is none
+    cameras : picture -> its camera file; None where that is not clear
+    roles : of the markers that take part
+    missing : what is still to be said, in words
+    """
+
+    unit: str | None
+    markers: Path | None
+    grid: Path | None
+    cameras: dict[Path, Path | None]
+    roles: tuple[str, ...] = ()
+    missing: list[str] = field(default_factory=list)
+
+
+def choose(content: FolderContent, given: Mapping[str, object]) -> Choice:
+    """What the files themselves say; ``given`` (unit, camera, markers, grid) wins."""
+    said = sorted(set(content.units.values()))
+    unit = given.get("unit") or (said[0] if len(said) == 1 else None)
+    tables = sorted(content.markers, key=lambda p: (-len(content.markers[p]), p.name))
+    markers = given.get("markers") or (tables[0] if tables else None)
+    grids = list(content.grids)
+    grid = given.get("grid") or (grids[0] if len(grids) == 1 else None)
+    cameras: dict[Path, Path | None] = {}
+    for picture in content.pictures:
+        fitting = [given["camera"]] if given.get("camera") else camera_of(picture, content)
+        cameras[picture.path] = fitting[0] if len(fitting) == 1 else None  # type: ignore[assignment]
+    roles: tuple[str, ...] = ()
+    if isinstance(markers, Path) and markers in content.markers:
+        there = set(content.markers[markers].role.tolist())
+        roles = ("model",) if {"model", "wall"} <= there else ()
+    out = Choice(unit, markers, grid, cameras, roles)  # type: ignore[arg-type]
+    out.missing = missing(content, out)
+    return out
+
+
+def missing(content: FolderContent, choice: Choice) -> list[str]:
+    """What a run still needs."""
+    out = []
+    if not content.pictures:
+        out.append("pictures: none was found that can be read (.tif, .png, .jpg, .bmp, recordings)")
+    if choice.unit is None:
+        said = sorted(set(content.units.values()))
+        why = f"files say {' and '.join(said)}" if said else "no file says it, and it is never guessed"
+        out.append(f"the length unit of markers and grid: {why} (--unit in, ft, mm, cm or m)")
+    if not content.cameras and not any(choice.cameras.values()):
+        out.append("a camera file: windmark calibrate makes one; those of OpenCV, COLMAP, NASA ... are read, too")
+    for path, camera in choice.cameras.items():
+        if camera is None and content.cameras:
+            size = next(p.size_px for p in content.pictures if p.path == path)
+            same = [c.name for c, f in content.cameras.items() if f.camera.size_px == size]
+            why = f"it may be {' or '.join(same)}" if same else f"none is of {size[0]} x {size[1]} px"
+            out.append(f"the camera of {path.name}: {why} (--camera FILE)")
+    if choice.markers is None:
+        out.append("a marker table: CSV with name,x,y,z (and nx,ny,nz,radius), or .tgts; windmark reconstruct measures "
+                   "one")  # fmt: skip
+    if choice.grid is None:
+        several = ", ".join(p.name for p in content.grids)
+        out.append(f"the grid: say which of {several} (--grid FILE)" if several else
+                   "a surface grid: without one there are poses, but no values on the surface")  # fmt: skip
+    return out
+
+
+def project_text(content: FolderContent, choice: Choice, title: str, place: Path) -> str:
+    """The project file, which will stand in the folder ``place``."""
+
+    def rel(path: Path) -> str:
+        try:
+            return Path(os.path.relpath(path.resolve(), place.resolve())).as_posix()
+        except ValueError:  # another drive of Windows
+            return path.resolve().as_posix()
+
+    used = list(dict.fromkeys(c for c in choice.cameras.values() if c is not None))
+    names = dict(zip(used, _names(used), strict=True))
+    lines = [
+        "# A windmark project. Paths are relative to this file; every key is in the guide (docs/guide.md).",
+        f"title = {_quoted(title)}",
+        "",
+        "# Unit of markers, grid and poses: in, ft, mm, cm or m. It is never guessed.",
+        f"length_unit = {_quoted(choice.unit)}" if choice.unit else '# length_unit = "mm"   # MISSING: say which',
+        "",
+        "# Cameras: interior parameters. A pose in the file is only compared with, unless pose = \"known\".",
+    ]
+    for camera in used:
+        lines += ["[[camera]]", f"name = {_quoted(names[camera])}", f"file = {_quoted(rel(camera))}", ""]
+    if not used:
+        lines += ['# [[camera]]', '# file = "camera.json"   # MISSING: windmark calibrate makes one', ""]
+    lines += ["# Pictures. A pattern stands for all that it matches; quantity, labels, exclude ... are in the guide."]
+    for file, taken_by in _pictures(content.pictures, choice):
+        lines += ["[[image]]", f"file = {_quoted(_pattern(rel, file))}"]
+        if taken_by is None:
+            lines += ['# camera = "..."   # MISSING: say which camera took it'] if len(used) != 1 else []
+        elif len(used) > 1:
+            lines += [f"camera = {_quoted(names[taken_by])}"]
+        lines += [""]
+    lines += _markers(choice, rel) + _grid(choice, content, rel)
+    lines += ["[output]", 'folder = "results"', "# nodes = [\"vtk\", \"tecplot\", \"plot3d\", \"csv\", \"netcdf\"]", ""]
+    return "\n".join(lines)
+
+
+def _markers(choice: Choice, rel: Rel) -> list[str]:
+    if choice.markers is None:
+        lines = ["# [markers]", '# file = "markers.csv"   # MISSING', ""]
+    else:
+        lines = ["[markers]", f"file = {_quoted(rel(choice.markers))}"]
+        if choice.roles:
+            lines += ["# Walls stand still while the model moves: their markers take no part.",
+                      f"roles = [{', '.join(map(_quoted, choice.roles))}]"]  # fmt: skip
+        lines += [""]
+    return [
+        *lines, "# How markers are found. Without radius_px each picture's own estimate is taken, and said.",
+        "[detect]", "# radius_px = 4", '# polarity = "dark"   # or "bright"', "",
+    ]  # fmt: skip
+
+
+def _grid(choice: Choice, content: FolderContent, rel: Rel) -> list[str]:
+    if choice.grid is None:
+        return ["# [grid]", '# file = "model.grid"   # for values on the surface', ""]
+    zones = '# volumes = { wing = ["zone01", "zone02"] }   # parts that move with the model; all by default'
+    lines = ["[grid]", f"file = {_quoted(rel(choice.grid))}", zones, ""]
+    for path in content.points:
+        lines += ["# Values at these points, too.", "[[points]]", f"file = {_quoted(rel(path))}", ""]
+    return [
+        *lines, "# A virtual picture, and values along a cut: take the # away and say where.", "# [[view]]",
+        '# name = "top"', "# direction = [0, 0, -1]", "# up = [0, 1, 0]", "# [[section]]", '# name = "mid-span"',
+        "# point = [0, 0, 0]", "# normal = [0, 1, 0]", "",
+    ]  # fmt: skip
+
+
+def _pictures(pictures: list[FoundPicture], choice: Choice) -> list[tuple[str, Path | None]]:
+    """Pictures as the project lists them: (path or pattern, camera)."""
+    groups: dict[tuple[Path | None, Path], list[FoundPicture]] = {}
+    for picture in pictures:
+        groups.setdefault((choice.cameras[picture.path], picture.path.parent), []).append(picture)
+    out: list[tuple[str, Path | None]] = []
+    for (camera, _), some in groups.items():
+        pattern = _common([p.path for p in some]) if len(some) > FEW and not any(p.is_recording for p in some) else None
+        if pattern is not None:
+            out.append((pattern, camera))
+        else:
+            out += [(f"{p.path}[0]" if p.is_recording else str(p.path), camera) for p in some]
+    return out
+
+
+def _common(paths: list[Path]) -> str | None:
+    """A pattern for exactly these files of one folder; None where there is none."""
+    folder = paths[0].parent
+    heads = {re.split(r"\d", p.name)[0] for p in paths}
+    pattern = f"{heads.pop()}*{paths[0].suffix}"
+    fits = not heads and set(folder.glob(pattern)) == set(paths) and not set(str(folder)) & set("*?[")
+    return str(folder / pattern) if fits else None
+
+
+def _pattern(rel: Rel, file: str) -> str:
+    path = Path(file)
+    return Path(rel(path.parent) if rel(path.parent) != "." else "").joinpath(path.name).as_posix()
+
+
+def _names(cameras: list[Path]) -> list[str]:
+    stems = [c.stem for c in cameras]
+    return stems if len(set(stems)) == len(stems) else [f"{c.parent.name}-{c.stem}" for c in cameras]
+
+
+def _quoted(text: object) -> str:
+    """As TOML writes it."""
+    return json.dumps(str(text), ensure_ascii=False)

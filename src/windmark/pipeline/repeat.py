@@ -1,0 +1,180 @@
+"""Whether a result can be had again: what of its inputs, versions and numbers is not what it was."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from windmark.io.manifest import _versions, file_hash, unchanged
+
+SAME = 1e-6
+"""Relative difference of a number without a sigma that is rounding of another machine."""
+PART = 0.1
+"""Part of its sigma by which a number may differ."""
+SKIPPED = ("report.html", "manifest.json", "summary.json")
+"""Files with times and dates; the numbers of a summary are compared by themselves."""
+NOT_NUMBERS = ("seconds", "options", "folder", "notes", "windmark", "title", "not_drawn", "verdict")
+"""Keys of a summary with times, paths and words."""
+SHOWN = 10
+
+
+@dataclass
+class Difference:
+    """What is not as it was.
+
+    Parameters
+    ----------
+    inputs : file -> "changed", "missing" or "changed while it was read"
+    versions : package -> (then, now)
+    touched : files of the result itself that were changed since
+    lost, new : files that are no more, or only now, written
+    numbers : file -> what differs in it, in words
+    bytes_only : files whose bytes differ and that have no numbers that are compared
+    same : files that are the same to the byte, or in all their numbers
+    """
+
+    inputs: dict[str, str] = field(default_factory=dict)
+    versions: dict[str, tuple[str, str]] = field(default_factory=dict)
+    touched: list[str] = field(default_factory=list)
+    lost: list[str] = field(default_factory=list)
+    new: list[str] = field(default_factory=list)
+    numbers: dict[str, list[str]] = field(default_factory=dict)
+    bytes_only: list[str] = field(default_factory=list)
+    same: list[str] = field(default_factory=list)
+
+    @property
+    def repeated(self) -> bool:
+        """Whether the numbers are those of then."""
+        return not (self.numbers or self.lost or self.touched)
+
+
+def inputs_now(folder: Path, manifest: dict[str, Any], out: Difference) -> None:
+    """Compare inputs, versions and the result's own files with what the manifest says."""
+    for one in manifest.get("inputs", ()):
+        path = folder / one["file"]
+        if not path.is_file():
+            out.inputs[one["file"]] = "missing"
+        elif file_hash(path) != one["sha256"]:
+            out.inputs[one["file"]] = "changed"
+        elif one.get("changed_since_read"):
+            out.inputs[one["file"]] = "changed while it was read"
+    now = _versions()
+    then = manifest.get("versions", {})
+    out.versions = {k: (str(then[k]), now[k]) for k in then if k in now and then[k] != now[k]}
+    kept, changed = unchanged(folder, manifest)
+    out.touched = sorted({*changed, *(set(manifest["outputs"]) - kept - changed)})
+
+
+def results_again(old: Path, new: Path, out: Difference) -> None:
+    """Compare the files of two results."""
+    before, after = ({p.relative_to(f).as_posix() for p in f.rglob("*") if p.is_file()} for f in (old, new))
+    out.lost, out.new = sorted(before - after), sorted(after - before)
+    for name in sorted(before & after):
+        a, b = old / name, new / name
+        if name.endswith("summary.json"):
+            said = list(_json_differences(json.loads(a.read_text("utf-8")), json.loads(b.read_text("utf-8"))))
+        elif name.endswith(SKIPPED) or file_hash(a) == file_hash(b):
+            said = []
+        elif a.suffix == ".csv":
+            said = list(_table_differences(a, b))
+        elif a.suffix == ".json":
+            said = list(_json_differences(json.loads(a.read_text("utf-8")), json.loads(b.read_text("utf-8"))))
+        else:
+            out.bytes_only.append(name)
+            continue
+        if said:
+            out.numbers[name] = said[:SHOWN]
+        else:
+            out.same.append(name)
+
+
+def _rows(path: Path) -> tuple[list[str], list[list[str]]]:
+    with path.open(encoding="utf-8-sig", newline="") as stream:
+        rows = list(csv.reader(line for line in stream if not line.startswith("#")))
+    return (rows[0], rows[1:]) if rows else ([], [])
+
+
+def _table_differences(a: Path, b: Path) -> Iterator[str]:
+    """Numbers of two tables that differ by more than a part of their sigma."""
+    (head, first), (other, second) = _rows(a), _rows(b)
+    if head != other:
+        yield f"columns {', '.join(head)}, now {', '.join(other)}"
+        return
+    if len(first) != len(second):
+        yield f"{len(first)} rows, now {len(second)}"
+        return
+    at = {name: n for n, name in enumerate(head)}
+    for n, name in enumerate(head):
+        sigma = at.get(f"sigma_{name}", at.get(f"{name}_sigma"))
+        worst = 0.0, ""
+        for k, (old, new) in enumerate(zip(first, second, strict=True)):
+            if n >= len(old) or n >= len(new) or old[n] == new[n]:
+                continue
+            known = _number(old[sigma]) if sigma is not None and sigma < len(old) else None
+            far = _far(_number(old[n]), _number(new[n]), known)
+            if far > worst[0]:
+                worst = far, f"{name}, row {k + 1}: {old[n]}, now {new[n]}{_sigmas(old[n], new[n], known)}"
+        if worst[0] > 1:
+            yield worst[1]
+
+
+def _json_differences(a: Any, b: Any, key: str = "", sigma: float | None = None) -> Iterator[str]:
+    """Numbers of two records that differ; words count, too."""
+    if isinstance(a, dict) and isinstance(b, dict):
+        for name in dict.fromkeys((*a, *b)):
+            if name in NOT_NUMBERS or name.endswith("seconds"):
+                continue
+            here = f"{key}.{name}" if key else name
+            if (name in a) != (name in b):
+                yield f"{here}: only {'then' if name in a else 'now'}"
+                continue
+            known = a.get("sigma") if name == "value" else a.get(f"{name}_sigma", a.get(f"sigma_{name}"))
+            yield from _json_differences(a[name], b[name], here, known if isinstance(known, int | float) else None)
+    elif isinstance(a, list) and isinstance(b, list):
+        if len(a) != len(b):
+            yield f"{key}: {len(a)} entries, now {len(b)}"
+        else:
+            for n, (x, y) in enumerate(zip(a, b, strict=True)):
+                yield from _json_differences(x, y, f"{key}[{n}]")
+    elif _is_number(a) and _is_number(b):
+        if _far(float(a), float(b), sigma) > 1:
+            yield f"{key}: {a:.8g}, now {b:.8g}{_sigmas(a, b, sigma)}"
+    elif a != b and _is_number(a) != _is_number(b):
+        yield f"{key}: {a}, now {b}"
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _number(text: str) -> float | None:
+    try:
+        return float(text)
+    except ValueError:
+        return None
+
+
+def _far(old: float | None, new: float | None, sigma: float | None) -> float:
+    """A difference over what is allowed; infinite where one of them is no number."""
+    if old is None or new is None:
+        return math.inf
+    if old == new or (math.isnan(old) and math.isnan(new)):
+        return 0.0
+    if not (math.isfinite(old) and math.isfinite(new)):
+        return math.inf
+    allowed = max(SAME * max(abs(old), abs(new)), 1e-12)
+    if sigma is not None and math.isfinite(sigma) and sigma > 0:
+        allowed = max(allowed, PART * sigma)
+    return abs(new - old) / allowed
+
+
+def _sigmas(old: Any, new: Any, sigma: float | None) -> str:
+    try:
+        return "" if not sigma else f" ({abs(float(new) - float(old)) / sigma:.2g} sigma)"
+    except ValueError:
+        return ""

@@ -1,0 +1,118 @@
+"""Tiny synthetic jobs that make numba compile what the verbs call, room by room; the compiled code is kept on disk."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Iterator
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from windmark import io
+from windmark.calibration import Free
+from windmark.detection import detect
+from windmark.errors import WindmarkError
+from windmark.geometry import Pose
+from windmark.pipeline.calibrate import CalibrateSettings, calibrate_marks, from_table
+from windmark.pipeline.clock import Clock
+from windmark.pipeline.job import run_project
+from windmark.pipeline.project import make_project
+from windmark.registration import NotRegistered, register
+from windmark.scene import MarkerSet
+from windmark.synth import TunnelTest, default_stations, wind_tunnel
+
+SIZE = (640, 512)
+VIEWS, MARKERS = 8, 16
+
+
+class Warmup:
+    """The jobs, in order; each compiles what those before it did not.
+
+    `jobs` gives name and function of each, so that whoever runs them can say how far it is.
+    """
+
+    def jobs(self) -> Iterator[tuple[str, Callable[[], None]]]:
+        """Name and function of every job."""
+        yield "virtual wind tunnel", self._render
+        yield "detection", self._detect
+        yield "registration", self._register
+        yield "mapping and results", self._run
+        yield "calibration", self._calibrate
+        yield "deformation", self._deform
+
+    @cached_property
+    def _test(self) -> TunnelTest:
+        return wind_tunnel(1, size_px=SIZE, nodes=2000, clutter=None)
+
+    def _render(self) -> None:
+        assert len(self._test.shots)
+
+    def _detect(self) -> None:
+        detect(self._test.shot().image, radius_px=2.0)
+
+    def _register(self) -> None:
+        found = detect(self._test.shot().image, radius_px=2.0)
+        answer = register(found, self._test.markers, self._test.cameras["cam1"])
+        if isinstance(answer, NotRegistered):
+            raise RuntimeError(f"the virtual test was not registered: {answer.reason}")
+
+    def _run(self) -> None:
+        test = self._test
+        with tempfile.TemporaryDirectory(prefix="windmark-warmup-") as place:
+            folder = Path(place)
+            io.write_camera(folder / "camera.json", test.cameras["cam1"])
+            io.write_markers(folder / "markers.csv", test.markers, length_unit="mm")
+            io.write_mesh(folder / "model.grid", test.mesh)
+            io.write_image(folder / "off.tif", test.shot().image)
+            settings = {
+                "title": "warm up", "length_unit": "mm", "camera": [{"file": "camera.json"}],
+                "image": [{"file": "off.tif"}], "markers": {"file": "markers.csv"}, "grid": {"file": "model.grid"},
+                "detect": {"radius_px": 2.0},
+                "view": [{"name": "top", "direction": [0, 0, -1], "up": [0, 1, 0], "size_px": [64, 48]}],
+                "section": [{"name": "cut", "point": [0, 350, 0], "normal": [0, 1, 0]}],
+            }  # fmt: skip
+            run_project(make_project(folder / "project.toml", settings))
+
+    def _calibrate(self) -> None:
+        rng = np.random.default_rng(1)
+        camera = default_stations(rng, 1, SIZE)[0][0]
+        xyz = np.column_stack([rng.uniform(-200, 200, (MARKERS, 2)), rng.uniform(0, 60, MARKERS)])
+        markers = MarkerSet.make([f"m{k}" for k in range(MARKERS)], xyz, length_unit="mm")
+        columns: dict[str, list[object]] = {"image": [], "name": [], "x": [], "y": []}
+        for v in range(VIEWS):
+            eye = 900 * np.array([0.7 * np.sin(v), 0.7 * np.cos(1.7 * v), 1.0])
+            pose = Pose.look_at(eye, [0.0, 0.0, 30.0], [np.sin(2.1 * v), np.cos(2.1 * v), 0.0])
+            xy = camera.project(pose.apply(xyz))[0] + rng.normal(0, 0.1, (MARKERS, 2))
+            for k in np.flatnonzero(camera.in_image(xy)):
+                for key, value in zip(columns, (f"v{v}", str(markers.name[k]), *xy[k]), strict=True):
+                    columns[key].append(value)
+        with tempfile.TemporaryDirectory(prefix="windmark-warmup-") as place:
+            path = Path(place) / "marks.csv"
+            io.write_table(path, {key: np.array(value) for key, value in columns.items()})
+            marks = from_table(io.read_matches(path), markers, {"camera": camera}, sigma_px=0.1)
+        calibrate_marks(marks, CalibrateSettings(Free()), Clock())
+
+    def _deform(self) -> None:
+        from windmark.pipeline.deform import load, read_deform_project, run_sequence
+        from windmark.pipeline.simulate_deforming import simulate_deforming
+
+        with tempfile.TemporaryDirectory(prefix="windmark-warmup-") as place:
+            folder, results = Path(place) / "wing", Path(place) / "results"
+            folder.mkdir()
+            results.mkdir()
+            simulate_deforming(folder, 1, 2, SIZE)
+            run_sequence(load(read_deform_project(folder / "deform.toml")), results)
+
+
+def compile_all(show: Callable[[str, int, int], None]) -> dict[str, str]:
+    """Do every job; ``show`` is told name, number and count. What could not be done -> why; the others go on."""
+    jobs = list(Warmup().jobs())
+    failed: dict[str, str] = {}
+    for n, (name, work) in enumerate(jobs):
+        show(name, n, len(jobs))
+        try:
+            work()
+        except (WindmarkError, RuntimeError) as error:
+            failed[name] = str(error)
+    return failed
