@@ -11,6 +11,7 @@ import numpy as np
 from windmark import io
 from windmark.app import console
 from windmark.app.alone import not_drawn
+from windmark.app.provenance import Provenance
 from windmark.app.psp_report import psp_page
 from windmark.app.series_folder import series_folder
 from windmark.pipeline.psp import FAILED, PointRecord, PspTest, grouped, load_psp, read_psp_project, reduced, run_psp
@@ -40,6 +41,7 @@ def psp(
         show("draw the report")
         record = summary(test, records)
         page = psp_page(test, records, out.place)
+        page.provenance(Provenance.of_project(test.project, out.sources()))
         (out.place / "report.html").write_text(page.html(), encoding="utf-8")
         record |= {"not_drawn": page.failed, "seconds": time.perf_counter() - start}
         io.write_json(out.place / "summary.json", record)
