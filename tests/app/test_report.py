@@ -1,9 +1,12 @@
 """The report's parts: nothing of the data is taken for HTML, nothing comes from elsewhere."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from windmark.app import pictures
+from windmark.app.provenance import told
 from windmark.app.report import Report, cell
 
 
@@ -35,3 +38,17 @@ def test_pictures_are_png_whatever_the_image():
 @pytest.mark.parametrize(("value", "round_"), [(1.0, 1), (1.99, 1), (2.0, 2), (7.0, 5), (0.034, 0.02), (1234.0, 1000)])
 def test_scale_bars_have_round_lengths(value, round_):
     assert pictures.round_length(value) == pytest.approx(round_)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("in mm, as /home/ann/tests/a.csv says.", "in mm, as a.csv says."),
+        (r"C:\Users\Ann\a.csv: was read", "a.csv: was read"),
+        ("“/a/b/c.tif” and /a/b/d.tif, 3 m/s, W/m2/sr, 1/2", "“c.tif” and d.tif, 3 m/s, W/m2/sr, 1/2"),
+        ("views/NAME.json, POINT/fields.nc", "views/NAME.json, POINT/fields.nc"),
+        ("/secret place/test/pictures/a.tif", "pictures/a.tif"),
+    ],
+)
+def test_private_folders_are_not_told(text, said):
+    assert told(text, Path("/secret place/test")) == said

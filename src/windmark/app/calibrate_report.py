@@ -14,6 +14,7 @@ from windmark import io
 from windmark.app import calibrate_pictures as drawn
 from windmark.app import space_pictures as space
 from windmark.app.lens_pictures import correction_picture, distortion_picture, residual_map_picture, visible_factor
+from windmark.app.network_scene import network_scene
 from windmark.app.pictures import png
 from windmark.app.report import Report
 from windmark.calibration import Calibration, NotCalibrated, magnify_distortion, undistort
@@ -263,9 +264,11 @@ def _matched(report: Report, matched: Sequence[Picture]) -> None:
 def add_space(report: Report, result: Calibration, unit: str) -> None:
     """Stations and markers with their uncertainty, as pictures and tables."""
     report.heading("Stations and markers")
+    report.scene("3D view", lambda: network_scene(result, unit), "Stations with their views, markers with their 95 % "
+                 "error ellipsoids.")  # fmt: skip
     for what, draw, caption in (
-        ("picture of the stations", space.space_picture, "Where the pictures were taken from."),
-        ("picture of the stations along each axis", space.stations_picture, "The same along each axis."),
+        ("picture of the stations along each axis", space.stations_picture,
+         "Where the pictures were taken from, along each axis."),
         ("picture of the markers' sigma", space.markers_picture, "How sure the markers are."),
     ):
         if draw is not space.markers_picture or result.marker_cov.any():

@@ -12,6 +12,7 @@ from windmark import io
 from windmark.app import console
 from windmark.app.alone import not_drawn
 from windmark.app.calibrate_options import TABLES
+from windmark.app.provenance import Provenance
 from windmark.app.verdict_words import put_verdict, verdict_lines
 from windmark.calibration import NotCalibrated, Weighted
 from windmark.calibration.quality import Comparison, SplitHalf, compare
@@ -113,7 +114,7 @@ def run(files: Files, settings: CalibrateSettings, match: MatchOptions, as_json:
             console.refuse(_why(done), as_json, {**_refusal(done, pictures), "verdict": verdict.record()})
             return
         against = None if known is None else compare(known, done.result)
-        content = _write(out.place, files, done, pictures, against, match, clock)
+        content = _write(out, files, done, pictures, against, match, clock)
     console.answer({**content, "folder": files.output}, as_json, [
         *_lines(done, pictures, against, files), *verdict_lines(Verdict.of_record(content["verdict"])),
         *not_drawn(content["not_drawn"]),
@@ -122,7 +123,7 @@ def run(files: Files, settings: CalibrateSettings, match: MatchOptions, as_json:
 
 
 def _write(
-    place: Path,
+    out: io.ResultFolder,
     files: Files,
     done: Calibrated,
     pictures: Pictures,
@@ -133,6 +134,7 @@ def _write(
     """The folder; what its summary holds."""
     from windmark.app.calibrate_report import Shown, calibration_report
 
+    place = out.place
     with clock("write"):
         write_calibration(done, place, files.unit, pictures)
     content = record(done, files.unit, matched=pictures, against=against)
@@ -143,6 +145,7 @@ def _write(
     verdict = calibrate_verdict(done, files.unit)
     put_verdict(page, verdict)
     content["verdict"] = verdict.record()
+    page.provenance(Provenance(out.sources()))
     (place / "report.html").write_text(page.html(), encoding="utf-8")
     content["not_drawn"] = page.failed
     io.write_json(place / "summary.json", {**content, "seconds": clock.seconds})

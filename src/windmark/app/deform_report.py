@@ -16,6 +16,7 @@ import windmark
 from windmark import io
 from windmark.app.deform_curves import history_picture, parameter_picture, span_picture, spectrum_picture
 from windmark.app.deform_pictures import compared_picture
+from windmark.app.deform_scene import deform_scene
 from windmark.app.pictures import png, surface_picture
 from windmark.app.report import Report
 from windmark.deformation import Deformation, vertex_volumes
@@ -192,6 +193,11 @@ def _files(report: Report, folder: Path) -> None:
 
 
 def _surface(report: Report, loaded: Loaded, sequence: Sequence) -> None:
+    if loaded.mesh is not None and sequence.film:
+        report.heading("The grid in 3D")
+        report.scene("3D view", lambda: deform_scene(loaded, sequence, magnification(loaded, sequence)),
+                     "The grid deformed by the laws, rigid motion removed, drawn larger as it is said; colours: the "
+                     "true length of the displacement, or its sigma. The slider goes through the frames.")  # fmt: skip
     report.drawing("picture of the deformed grid", lambda: surface_figure(loaded, sequence),
                    "Length of the displacement by the laws, rigid motion removed")  # fmt: skip
     with report.part("values on the deformed grid"):
@@ -264,6 +270,20 @@ def _change(mesh: Mesh, state: Deformation, zero: Any) -> Array:
     return np.asarray(bound.place(state.q) - rest)
 
 
+def magnification(loaded: Loaded, sequence: Sequence) -> float:
+    """By how much the deformation is drawn larger at first."""
+    assert loaded.mesh is not None
+    sizes = [float(deformation_size(loaded.mesh, state, sequence.zero)[loaded.mesh.used].max())
+             for _, state in sequence.film]  # fmt: skip
+    return _factor(loaded, loaded.mesh, max(sizes))
+
+
+def _factor(loaded: Loaded, mesh: Mesh, largest: float) -> float:
+    """A round factor by which the largest deformation is plainly seen; the project's own where it has one."""
+    seen = float(f"{max(VISIBLE_PART * _extent(mesh) / max(largest, 1e-12), 1.0):.1g}")
+    return min(loaded.project.output.magnify or seen, 1e3)
+
+
 def film(loaded: Loaded, sequence: Sequence, path: Path) -> None:
     """The deforming grid as an animated GIF, deformation magnified; nothing without a grid."""
     mesh = loaded.mesh
@@ -275,10 +295,7 @@ def film(loaded: Loaded, sequence: Sequence, path: Path) -> None:
     kept = sequence.film[::step]
     sizes = [deformation_size(mesh, state, sequence.zero) for _, state in kept]
     largest = max(float(s.max()) for s in sizes)
-    factor = loaded.project.output.magnify or float(
-        f"{max(VISIBLE_PART * _extent(mesh) / max(largest, 1e-12), 1.0):.1g}"
-    )
-    factor = min(factor, 1e3)
+    factor = _factor(loaded, mesh, largest)
     direction, up = _view(loaded)
     used = _used(mesh)
     # What is in view is decided by the least and the most deformed frame.

@@ -17,6 +17,7 @@ from windmark import io
 from windmark.app import console
 from windmark.app.alone import not_drawn
 from windmark.app.deform_report import deform_page
+from windmark.app.provenance import Provenance
 from windmark.app.series_folder import left, series_folder
 from windmark.app.verdict_words import put_verdict, verdict_lines
 from windmark.deformation import weak_directions
@@ -81,7 +82,7 @@ def deform(path: Path, changed: Changes, live: Live | None, go_on: str, as_json:
                 finish=go_on == "finish",
             )  # fmt: skip
         show("draw the report")
-        record = _finish(loaded, sequence, out.place, start)
+        record = _finish(loaded, sequence, out, start)
         out.refused = not sequence.good
     record["folder"] = folder
     good = bool(sequence.good)
@@ -122,12 +123,13 @@ def live_line(row: FrameRecord) -> str:
     return f"frame {row.key}: {row.spots - row.outliers} spots, RMS {row.rms_px:.3f} px{tip}, {latency}"
 
 
-def _finish(loaded: Loaded, sequence: Sequence, folder: Path, start: float) -> Record:
+def _finish(loaded: Loaded, sequence: Sequence, out: io.ResultFolder, start: float) -> Record:
     """Report, film and summary beside the tables."""
-    record = summary(loaded, sequence)
+    record, folder = summary(loaded, sequence), out.place
     verdict = deform_verdict(sequence.records, record.get("weak", ()))
     page = deform_page(loaded, sequence, record, folder)
     put_verdict(page, verdict)
+    page.provenance(Provenance.of_project(loaded.project, out.sources()))
     (folder / "report.html").write_text(page.html(), encoding="utf-8")
     record |= {"verdict": verdict.record(), "not_drawn": page.failed, "seconds": time.perf_counter() - start}
     io.write_json(folder / "summary.json", record)

@@ -12,6 +12,7 @@ from windmark import io
 from windmark.app import console
 from windmark.app.alone import not_drawn
 from windmark.app.infrared_report import infrared_page
+from windmark.app.provenance import Provenance
 from windmark.app.series_folder import series_folder
 from windmark.app.verdict_words import put_verdict, verdict_lines
 from windmark.pipeline.infrared import (
@@ -49,6 +50,7 @@ def infrared(path: Path, output: Path | None, go_on: str, as_json: bool) -> None
         verdict = infrared_verdict(result.records, result.remarks)
         page = infrared_page(run, result, out.place)
         put_verdict(page, verdict)
+        page.provenance(Provenance.of_project(run.project, out.sources()))
         (out.place / "report.html").write_text(page.html(), encoding="utf-8")
         record |= {"verdict": verdict.record(), "not_drawn": page.failed, "seconds": time.perf_counter() - start}
         io.write_json(out.place / "summary.json", record)

@@ -24,6 +24,8 @@ Array = NDArray[np.float64]
 QUALITIES = (82, 65, 45)
 MOST_PX, SHRINK = 1_600_000, 0.7
 """A preview has at most so many pixels; each further step takes so many times as many a side."""
+LEAST_BYTES = 0.045
+"""Of a pixel in a preview; with more pixels than fit at this, none need be tried."""
 TILE = 16
 """Pixels to either side of a spot that are shown as they are."""
 WIRES_BYTES = 24_000
@@ -44,32 +46,45 @@ class Room:
     tiles: int = 12
 
 
-FEW, MANY = Room(), Room(photo=56_000, thumbnail=4_500, tiles=4)
+FEW, MANY = Room(), Room(photo=44_000, thumbnail=4_000, tiles=3)
 """For a report of a few pictures, and of many."""
 
 
 def preview(image: NDArray[np.generic], most: int) -> tuple[str, tuple[int, int]]:
     """A picture as a data URL of at most ``most`` characters (or the smallest tried), and its size in pixels."""
-    grey = Image.fromarray((255 * np.nan_to_num(stretched(image))).astype(np.uint8))
-    scale = min(1.0, (MOST_PX / max(grey.width * grey.height, 1)) ** 0.5)
+    grey = Image.fromarray(greys(image))
+    scale = min(1.0, (min(MOST_PX, most / LEAST_BYTES) / max(grey.width * grey.height, 1)) ** 0.5)
     for _ in range(8):
         size = max(1, round(grey.width * scale)), max(1, round(grey.height * scale))
         small = grey if size == grey.size else grey.resize(size, Image.Resampling.BOX)
         for quality in QUALITIES:
-            url = _url(small, "webp", quality=quality, method=2)
+            url = _url(small, "webp", quality=quality, method=1)
             if len(url) <= most:
                 return url, size
             # Bytes fall about with the quality; what is far too large is not tried in every step.
-            if len(url) > 3 * most:
+            if len(url) > 2 * most:
                 break
         scale *= SHRINK
     return url, size
 
 
+def greys(image: NDArray[np.generic]) -> NDArray[np.uint8]:
+    """A picture as it is shown, 8 bits; one of 8 bits that `greys` gave stays as it is."""
+    if isinstance(image, _Shown):
+        return image
+    shown: NDArray[np.uint8] = (255 * np.nan_to_num(stretched(image))).astype(np.uint8)
+    return shown.view(_Shown)
+
+
+class _Shown(np.ndarray):
+    """Marks pixels that are stretched already."""
+
+
 def thumbnail(image: NDArray[np.generic], most: int, side: int = 260) -> str:
     """A small picture for an index."""
-    step = max(1, min(np.shape(image)[:2]) // (2 * side))
-    return preview(np.asarray(image)[::step, ::step], most)[0] if step > 1 else preview(image, most)[0]
+    grey = greys(image)
+    step = max(1, min(grey.shape[:2]) // side)
+    return preview(grey[::step, ::step], most)[0]
 
 
 @dataclass
@@ -153,7 +168,7 @@ class Overlay:
 
 def tiles(image: NDArray[np.generic], xy: Array, projected: Array, names: Sequence[str], notes: Sequence[str]) -> str:
     """The pixels round spots (K, 2), as they are: green where the spot is, yellow where its marker should be."""
-    grey = (255 * np.nan_to_num(stretched(image))).astype(np.uint8)
+    grey = greys(image)
     height, width = grey.shape[:2]
     out = []
     for (x, y), (u, v), name, note in zip(xy.tolist(), projected.tolist(), names, notes, strict=True):
@@ -191,11 +206,9 @@ def scale_bar(size_px: tuple[int, int], units_per_px: float, unit: str, valid: N
 
 def _polyline(line: Array, step: float) -> str:
     """Relative path of a line, points closer than ``step`` pixels left out, tenths of a pixel."""
-    kept = [0]
-    for k in range(1, len(line)):
-        if k == len(line) - 1 or np.hypot(*(line[k] - line[kept[-1]])) >= 12 * step:
-            kept.append(k)
-    at = np.rint(line[kept] * 10)
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
+    kept = np.flatnonzero(np.diff(along // (12 * step), prepend=-1.0, append=np.inf)[:-1] != 0)
+    at = np.rint(line[np.union1d(kept, [0, len(line) - 1])] * 10)
     if not np.isfinite(at).all():
         return ""
     moves = np.diff(at, axis=0) / 10

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from html import escape
@@ -21,6 +23,12 @@ class Provenance:
 
     sources: Mapping[str, Any] = field(default_factory=dict)
     options: Sequence[tuple[str, str]] = ()
+
+    @staticmethod
+    def of_project(project: Any, sources: Mapping[str, Any]) -> Provenance:
+        """Of a job from a project file, whose settings have its ``path``."""
+        settings = project.model_dump(exclude={"path"}, by_alias=True)
+        return Provenance(sources, options_of(settings, Path(project.path).resolve().parent))
 
     def html(self) -> str:
         """Three tables; the long ones are closed at first."""
@@ -54,6 +62,20 @@ def bare(path: str | PurePath) -> str:
     if PurePath(path).is_absolute() or ".." in parts:
         return PurePath(path).name
     return PurePath(path).as_posix()
+
+
+_ABSOLUTE = re.compile(r"(?<![\w./~-])(?:[A-Za-z]:[\\/]|/)(?:[^\s/\\:;,\"'“”<>|]+[/\\])+(?=[^\s/\\])")
+"""The folders of an absolute path, of either kind of system, that stands in a sentence."""
+
+
+def told(text: str, *folders: Path) -> str:
+    """A sentence without private paths: what is below one of ``folders`` (and below the working and the home folder)
+    is told from there, of other absolute paths only the name is left.
+    """
+    for folder in (*folders, Path.cwd(), Path.home()):
+        if len(folder.parts) > 1:
+            text = text.replace(f"{folder}{os.sep}", "")
+    return _ABSOLUTE.sub("", text)
 
 
 def options_of(value: Any, folder: Path, key: str = "") -> list[tuple[str, str]]:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 import windmark
 from windmark import io
 from windmark.app.psp_pictures import cp_map, loads_picture, section_picture, taps_picture
+from windmark.app.psp_scene import psp_scene
 from windmark.app.report import Report
 from windmark.pipeline.psp import REDUCED, PointRecord, PspTest, grouped, reduced
 from windmark.pipeline.psp.outputs import FIELDS
@@ -44,6 +45,9 @@ def psp_page(test: PspTest, records: list[PointRecord], folder: Path) -> Report:
                            "Pressure loads of what cameras show, by volume; error bars: 2 sigma")  # fmt: skip
             _loads(report, loaded)
         report.heading("Cp on the surface")
+        report.scene("3D view", lambda: psp_scene(test, done, lambda r: _fields(folder / r.name / FIELDS)),
+                     "Cp of each point, or its sigma, all on one scale, on the deformed grid of the first; grey: "
+                     "no camera sees it.")  # fmt: skip
         for r in [done[k] for k in np.unique(np.linspace(0, len(done) - 1, min(MAPS, len(done))).astype(int))]:
             _maps(report, test, r, folder)
         if test.project.section:

@@ -11,6 +11,7 @@ import numpy as np
 from windmark import io
 from windmark.app import console
 from windmark.app.alone import not_drawn
+from windmark.app.provenance import Provenance
 from windmark.app.psp_report import psp_page
 from windmark.app.series_folder import series_folder
 from windmark.app.verdict_words import put_verdict, verdict_lines
@@ -44,6 +45,7 @@ def psp(
         verdict = psp_verdict(records)
         page = psp_page(test, records, out.place)
         put_verdict(page, verdict)
+        page.provenance(Provenance.of_project(test.project, out.sources()))
         (out.place / "report.html").write_text(page.html(), encoding="utf-8")
         record |= {"verdict": verdict.record(), "not_drawn": page.failed, "seconds": time.perf_counter() - start}
         io.write_json(out.place / "summary.json", record)

@@ -12,6 +12,7 @@ import numpy as np
 from windmark import io
 from windmark.app import console
 from windmark.app.alone import not_drawn
+from windmark.app.provenance import Provenance
 from windmark.app.verdict_words import put_verdict, verdict_lines
 from windmark.calibration import Distance
 from windmark.errors import UsageError
@@ -140,7 +141,7 @@ def run(files: Files, match: MatchOptions, as_json: bool) -> None:
         if result.free_scale:
             files = replace(files, unit=FREE_UNIT)
         pair = _pair(files, result, pictures)
-        content = _write(out.place, files, result, primary, pictures, pair, match, clock)
+        content = _write(out, files, result, primary, pictures, pair, match, clock)
     console.answer({**content, "folder": files.output}, as_json, [
         *_lines(result, primary, pictures, pair, files), *verdict_lines(Verdict.of_record(content["verdict"])),
         *not_drawn(content["not_drawn"]),
@@ -158,12 +159,13 @@ def _pair(files: Files, result: Reconstruction, pictures: Sequence[Picture]) -> 
 
 
 def _write(
-    place: Path, files: Files, result: Reconstruction, primary: MarkerSet, pictures: Sequence[Picture],
+    out: io.ResultFolder, files: Files, result: Reconstruction, primary: MarkerSet, pictures: Sequence[Picture],
     pair: PairLines | None, match: MatchOptions, clock: Clock,
 ) -> Record:  # fmt: skip
     """The folder; what its summary holds."""
     from windmark.app.reconstruct_report import Shown, reconstruction_report
 
+    place = out.place
     with clock("write"):
         write_reconstruction(result, place, files.unit, {p.name: p.detections for p in pictures})
     content = record(result, primary, pictures, files.unit, pair)
@@ -174,6 +176,7 @@ def _write(
     verdict = reconstruct_verdict(result, length_words(files.unit), len(pictures))
     put_verdict(page, verdict)
     content["verdict"] = verdict.record()
+    page.provenance(Provenance(out.sources()))
     (place / "report.html").write_text(page.html(), encoding="utf-8")
     content["not_drawn"] = page.failed
     io.write_json(place / "summary.json", {**content, "seconds": clock.seconds})

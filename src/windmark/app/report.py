@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import base64
-import gzip
 import io as byte_io
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from html import escape
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from windmark.app import web
 from windmark.app.alone import alone
+from windmark.app.packing import packed_text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -36,6 +37,8 @@ class Report:
     parts: list[str] = field(default_factory=list)
     failed: list[str] = field(default_factory=list)
     """Parts that are missing, with the reason."""
+    folder: Path | None = None
+    """Of the test: paths are told from there."""
     data: dict[str, str] = field(default_factory=dict)
     """Packed data of the page by the id of its element, see `packing`."""
 
@@ -67,12 +70,22 @@ class Report:
 
     def text(self, text: str, style: str = "") -> None:
         """A paragraph; style "good", "bad" or "soft"."""
-        self.parts.append(f'<p class="{style}">{escape(text)}</p>' if style else f"<p>{escape(text)}</p>")
+        said = escape(self.told(text))
+        self.parts.append(f'<p class="{style}">{said}</p>' if style else f"<p>{said}</p>")
+
+    def told(self, text: str) -> str:
+        """Without private paths, see `provenance.told`."""
+        from windmark.app.provenance import told
+
+        return told(text, *([] if self.folder is None else [self.folder])) if "/" in text or "\\" in text else text
+
+    def _cell(self, value: Any) -> Any:
+        return self.told(value) if isinstance(value, str) else value
 
     def table(self, columns: Sequence[str], rows: Iterable[Sequence[Any]], *, scroll: bool = False) -> None:
         """A table; numbers are formatted with `cell`."""
         head = "".join(f"<th>{escape(c)}</th>" for c in columns)
-        body = "".join("<tr>" + "".join(map(_td, row)) + "</tr>" for row in rows)
+        body = "".join("<tr>" + "".join(_td(self._cell(v)) for v in row) + "</tr>" for row in rows)
         table = f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
         self.parts.append(f'<div class="scroll">{table}</div>' if scroll else table)
 
@@ -124,9 +137,7 @@ class Report:
         del self.parts[before:]
         if packed:
             part = f"{PACKED_ID}-{ident}"
-            # An empty head stands before it, as in every packed document.
-            whole = (2).to_bytes(4, "little") + b"{}" + inner.encode()
-            self.data[part] = base64.b64encode(gzip.compress(whole, 6, mtime=0)).decode("ascii")
+            self.data[part] = packed_text(b"{}", inner.encode())
             self.raw(f'<details id="{escape(ident)}" data-blob="{escape(part)}"><summary>{summary}</summary>'
                      '<div class="wm-packed">opening …</div></details>')  # fmt: skip
         else:

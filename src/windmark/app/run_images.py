@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from html import escape
 
 import numpy as np
+from numpy.typing import NDArray
 
 from windmark.app import figures, merge_report
 from windmark.app.photo import Overlay, Room, preview, scale_bar, tiles
@@ -33,8 +34,10 @@ NODE_STATES = {
 
 
 
-def image_part(report: Report, item: ImageResult, result: RunResult, room: Room) -> None:
-    """Everything on one image, within ``room``."""
+def image_part(
+    report: Report, item: ImageResult, result: RunResult, room: Room, shown: NDArray[np.uint8] | None
+) -> None:
+    """Everything on one image, within ``room``; ``shown``: its pixels, see `photo.greys`."""
     if item.problem:
         report.text(item.problem, "bad")
     if item.said:
@@ -43,11 +46,11 @@ def image_part(report: Report, item: ImageResult, result: RunResult, room: Room)
         report.text(item.radius.reason, "soft")
     if item.nodes is not None and item.values is not None:
         report.raw(f'<p><button type="button" data-field="{escape(item.name)}">show its values in 3D</button></p>')
-    if item.image is not None and item.detections is not None:
+    if shown is not None and item.detections is not None:
         with report.part(f"{item.name}: picture of the spots"):
-            _photo(report, item, result, room)
-    if item.registered is not None and result.markers is not None:
-        _registration(report, item, item.registered, result.markers, result.project.length_unit, room)
+            _photo(report, item, result, room, shown)
+    if item.registered is not None and result.markers is not None and shown is not None:
+        _registration(report, item, item.registered, result.markers, result.project.length_unit, room, shown)
     if item.nodes is not None and item.values is not None:
         _mapping(report, item)
     for view in item.views:
@@ -65,11 +68,12 @@ def image_part(report: Report, item: ImageResult, result: RunResult, room: Room)
             report.picture(png(alignment), "3D alignment: what differs before and after the motion is compensated.")
 
 
-def _photo(report: Report, item: ImageResult, result: RunResult, room: Room) -> None:
+def _photo(
+    report: Report, item: ImageResult, result: RunResult, room: Room, shown: NDArray[np.uint8]
+) -> None:
     """The picture with all that was found in it."""
     spots, answer, markers = item.detections, item.registered, result.markers
     assert spots is not None
-    assert item.image is not None
     over = Overlay(item.camera.size_px)
     if result.mesh is not None and item.nodes is not None:
         with report.part(f"{item.name}: picture of the grid lines"):
@@ -80,7 +84,7 @@ def _photo(report: Report, item: ImageResult, result: RunResult, room: Room) -> 
              for k, ((x, y), m) in enumerate(zip(spots.xy.tolist(), spots.merit.tolist(), strict=True))]  # fmt: skip
     if answer is None or markers is None:
         over.spots(spots, matched, notes, ("", f"spot ({len(spots)})"))
-        report.raw(over.html(preview(item.image, room.photo)[0], f"{item.name}: detected spots."))
+        report.raw(over.html(preview(shown, room.photo)[0], f"{item.name}: detected spots."))
         return
     names, _, residual = figures.matched(item, markers)
     at = answer.matching.detection
@@ -92,14 +96,14 @@ def _photo(report: Report, item: ImageResult, result: RunResult, room: Room) -> 
     missing_xy = answer.camera.project(answer.cam_from_model.apply(markers.xyz[missing]))[0]
     over.missing(missing_xy, [str(n) for n in markers.name[missing]], f"marker expected, no spot ({len(missing)})")
     over.residuals(spots.xy[at], residual, names, "residual")
-    report.raw(over.html(preview(item.image, room.photo)[0], f"{item.name}: which spot is which marker."))
+    report.raw(over.html(preview(shown, room.photo)[0], f"{item.name}: which spot is which marker."))
 
 
 def _registration(
-    report: Report, item: ImageResult, answer: Registration, markers: MarkerSet, unit: str, room: Room
-) -> None:
+    report: Report, item: ImageResult, answer: Registration, markers: MarkerSet, unit: str, room: Room,
+    shown: NDArray[np.uint8],
+) -> None:  # fmt: skip
     assert item.detections is not None
-    assert item.image is not None
     _pose_table(report, item, answer, unit)
     _together(report, item)
     if answer.excess_px > 0.0:
@@ -129,7 +133,7 @@ def _registration(
     report.side_by_side(2)
     with report.part(f"{item.name}: pixels of the spots"):
         worst = np.argsort(-size, kind="stable")[: room.tiles]
-        report.raw(tiles(item.image, xy[worst], projected[worst], [names[k] for k in worst],
+        report.raw(tiles(shown, xy[worst], projected[worst], [names[k] for k in worst],
                          [f"{size[k]:.2f} px" for k in worst]))  # fmt: skip
         report.text("The spots with the largest residuals, pixel by pixel: green cross the spot's centre, yellow cross "
                     "where the marker is expected.", "soft")  # fmt: skip
@@ -174,7 +178,7 @@ def view_part(report: Report, view: ViewImage, unit: str, room: Room) -> None:
     bar = scale_bar(over.size_px, view.units_per_px, unit, view.valid)
     over.layers["bar"] = (escape(words), f'<g class="bar">{bar}</g>')
     shown = np.where(view.valid, view.image, np.nan)
-    report.raw(over.html(preview(shown, room.photo // 2)[0],
+    report.raw(over.html(preview(shown, room.photo // 3)[0],
                          f"The image recomputed for another point of view: “{view.name}”. Black: not seen by the "
                          "camera."))  # fmt: skip
 

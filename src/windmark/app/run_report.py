@@ -14,8 +14,8 @@ import numpy as np
 
 import windmark
 from windmark.app import merge_report
-from windmark.app.photo import FEW, MANY, thumbnail
-from windmark.app.provenance import Provenance, options_of
+from windmark.app.photo import FEW, MANY, greys, thumbnail
+from windmark.app.provenance import Provenance
 from windmark.app.report import Report
 from windmark.app.run_images import image_part
 from windmark.app.run_scene import run_scene
@@ -47,7 +47,9 @@ def run_report(
     """
     when = datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
     project = result.project
-    report = Report(project.title, f"windmark {windmark.__version__}, {when}, length unit: {project.length_unit}")
+    folder = Path(project.path).resolve().parent
+    report = Report(project.title, f"windmark {windmark.__version__}, {when}, length unit: {project.length_unit}",
+                    folder=folder)  # fmt: skip
     order = worst_first(result.images)
     many = len(order) > OPEN_IMAGES
     _overview(report, result)
@@ -67,8 +69,7 @@ def run_report(
     report.heading("Files beside this report")
     report.text("One folder per image:")
     report.table(["file", "content"], (*FILES, *merge_report.FILES))
-    options = options_of(project.model_dump(exclude={"path"}, by_alias=True), Path(project.path).resolve().parent)
-    report.provenance(Provenance(sources or {}, options))
+    report.provenance(Provenance.of_project(project, sources or {}))
     return report
 
 
@@ -89,12 +90,16 @@ def _images(report: Report, order: Sequence[ImageResult], result: RunResult, man
     ident = {item.name: f"image-{k + 1}" for k, item in enumerate(result.images)}
 
     def one(item: ImageResult) -> tuple[Report, str]:
-        own, small = Report(""), ""
+        own, small = Report("", folder=report.folder), ""
+        shown = None
+        if item.image is not None:
+            with own.part(f"{item.name}: the picture"):
+                shown = greys(item.image)
         with own.folded(ident[item.name], f"<b>{escape(item.name)}</b>: {escape(_in_short(item))}", packed=many):
-            image_part(own, item, result, room)
-        if many and item.image is not None:
+            image_part(own, item, result, room, shown)
+        if many and shown is not None:
             with own.part(f"{item.name}: small picture"):
-                small = thumbnail(item.image, room.thumbnail)
+                small = thumbnail(shown, room.thumbnail)
         return own, small
 
     with ThreadPoolExecutor(max_workers=os.cpu_count() or 1) as pool:

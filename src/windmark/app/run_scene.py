@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,8 +31,13 @@ def run_scene(result: RunResult, order: Sequence[ImageResult]) -> Scene3D | None
         Field(f"merged-{k}", group.folder, group.quantity.label, group.merged.nodes.value, group.merged.nodes.sigma)
         for k, group in enumerate(result.merged) if group.merged is not None
     ]  # fmt: skip
-    fields = merged + [f for item in located if (f := _field(item, result)) is not None]
-    focus = _focus(mesh, fields, result.markers)
+    fields: list[Field | Callable[[], Field]] = list(merged)
+    values: list[NDArray[np.floating]] = [f.values for f in merged]
+    for item in located:
+        if mesh is not None and item.values is not None:
+            fields.append(partial(_field, item, result, mesh))
+            values.append(item.values)
+    focus = _focus(mesh, values, result.markers)
     first = located[0].cam_from_model
     assert first is not None
     ahead, up = looking_over(first, focus)
@@ -48,23 +54,22 @@ def run_scene(result: RunResult, order: Sequence[ImageResult]) -> Scene3D | None
     )  # fmt: skip
 
 
-def _focus(mesh: Mesh | None, fields: Sequence[Field], markers: MarkerSet | None) -> Array:
+def _focus(mesh: Mesh | None, fields: Sequence[NDArray[np.floating]], markers: MarkerSet | None) -> Array:
     """What has a value in any image, and the markers: the model, not the tunnel round it."""
     points = [np.zeros((0, 3))]
     if mesh is not None and fields:
         seen = np.zeros(len(mesh.vertices), dtype=bool)
         for one in fields:
-            seen |= np.isfinite(one.values)
+            seen |= np.isfinite(one)
         points.append(mesh.vertices[seen])
     if markers is not None:
         points.append(markers.xyz[markers.role != "wall"] if (markers.role != "wall").any() else markers.xyz)
     return np.concatenate(points)
 
 
-def _field(item: ImageResult, result: RunResult) -> Field | None:
-    if item.values is None or result.mesh is None:
-        return None
-    sigma = node_sigma(item, result.mesh, result.project.resect.interpolation)
+def _field(item: ImageResult, result: RunResult, mesh: Mesh) -> Field:
+    assert item.values is not None
+    sigma = node_sigma(item, mesh, result.project.resect.interpolation)
     values = item.values.astype(float)
     return Field(item.name, item.name, item.quantity.label, values, sigma, shifts=shifts(item, result))
 

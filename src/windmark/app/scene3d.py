@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -64,13 +64,17 @@ class Field:
 
 @dataclass(frozen=True, eq=False)
 class Station:
-    """A camera: its name, its lens and its place; ``notes`` for its pop-up; cameras of one ``colour`` are one."""
+    """A camera: its name, its lens and its place; ``notes`` for its pop-up; cameras of one ``colour`` are one.
+
+    ``far``: how far its view is drawn, of the way to the middle of the model.
+    """
 
     name: str
     camera: Camera
     cam_from_model: Pose
     colour: str = STATION_COLOURS[0]
     notes: tuple[str, ...] = ()
+    far: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,6 +132,7 @@ class Scene3D:
     unit : of lengths
     ahead, up : the first look: direction of sight, and what is upwards
     focus : (N, 3) points that must be in view; the surface and the markers by default
+    fields : what the surface can be coloured by; one may be made when it is packed, several at a time
     chosen : the field that is shown first
     """
 
@@ -135,7 +140,7 @@ class Scene3D:
     ahead: Array
     up: Array
     mesh: Mesh | None = None
-    fields: Sequence[Field] = ()
+    fields: Sequence[Field | Callable[[], Field]] = ()
     stations: Sequence[Station] = ()
     markers: Markers | None = None
     cuts: Sequence[Cut] = ()

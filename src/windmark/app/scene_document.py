@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -10,7 +12,7 @@ from matplotlib import colormaps
 from matplotlib.colors import to_hex
 from numpy.typing import NDArray
 
-from windmark.app.packing import Packed, coordinates
+from windmark.app.packing import COARSE, FINE, Fineness, Packed, coordinates
 from windmark.app.pictures import round_length
 from windmark.app.scene3d import Cut, Field, Frames, Markers, Scene3D, Shifts, Station
 from windmark.app.space_pictures import RADIUS, magnification
@@ -22,6 +24,8 @@ Document = dict[str, Any]
 COLOURS, SIGMA_COLOURS, DIVERGING = "viridis", "magma", "coolwarm"
 """Colours that colour-blind people tell apart; those of sigmas differ from those of values at a glance."""
 STOPS = 17
+FEW_FIELDS = 12
+"""Fields that are packed finely; of more each is told more coarsely, see `packing.COARSE`."""
 OUTER = 0.5
 """Per cent of the values at either end that the colours do not reach."""
 SHARP_DEG = 35.0
@@ -36,15 +40,21 @@ def documents(scene: Scene3D, ident: str) -> dict[str, str]:
     """Packed data by the id of its part of the page: the scene itself, and every field that is not shown first."""
     packed, out = Packed(), {}
     fields = []
-    for k, entry in enumerate(scene.fields):
+    fineness = FINE if len(scene.fields) <= FEW_FIELDS else COARSE
+
+    def made(k: int) -> tuple[Document, str]:
+        entry = scene.fields[k]
+        entry = entry if isinstance(entry, Field) else entry()
         if k == scene.chosen:
-            fields.append({**_about(entry), **_content(packed, entry)})
-        else:
-            own = Packed()
-            part = f"{ident}-field-{k}"
-            content = _content(own, entry)
-            out[part] = own.text(content)
-            fields.append({**_about(entry), "blob": part})
+            return {**_about(entry), **_content(packed, entry, fineness)}, ""
+        own = Packed()
+        return {**_about(entry), "blob": f"{ident}-field-{k}"}, own.text(_content(own, entry, fineness))
+
+    with ThreadPoolExecutor(max_workers=os.cpu_count() or 1) as pool:
+        for about, text in pool.map(made, range(len(scene.fields))):
+            fields.append(about)
+            if text:
+                out[about["blob"]] = text
     if scene.frames is not None:
         fields.append(_moving_field(scene.frames))
     focus = _focus(scene)
@@ -160,10 +170,10 @@ def _about(entry: Field) -> Document:
     return out
 
 
-def _content(packed: Packed, entry: Field) -> Document:
+def _content(packed: Packed, entry: Field, fineness: Fineness) -> Document:
     return {
-        "value": packed.field(entry.values, entry.sigma),
-        "sigma": None if entry.sigma is None else packed.sigmas(entry.sigma),
+        "value": packed.field(entry.values, entry.sigma, fineness),
+        "sigma": None if entry.sigma is None else packed.sigmas(entry.sigma, fineness),
         "shifts": None if entry.shifts is None else _shifts(entry.shifts),
     }
 
@@ -194,15 +204,20 @@ def _sequence(packed: Packed, frames: Frames, number: int) -> Document:
         rows = np.nan_to_num(frames.sigma)
         shares, sigma_modes = low_rank(rows, 0.01 * float(rows.max(initial=0.0)))
     return {
-        "labels": list(frames.labels), "magnify": frames.magnify, "field": number,
+        "labels": list(frames.labels), "first": _largest(frames), "magnify": frames.magnify, "field": number,
         "weights": _list(weights), "sigmaWeights": _list(shares),
         "modes": [[packed.rounded(column, 1 / 8192) for column in mode.reshape(nodes, 3).T] for mode in modes],
         "sigmaModes": [packed.rounded(mode, 1 / 512) for mode in sigma_modes],
     }  # fmt: skip
 
 
+def _largest(frames: Frames) -> int:
+    """The frame that is shown first: the one with the largest displacement."""
+    return int(np.argmax(np.nanmax(np.linalg.norm(frames.moved, axis=2), axis=1, initial=0.0)))
+
+
 def _station(station: Station, middle: Array, unit: str) -> Document:
-    """The camera's place, and the corners of its picture as far away as the model is."""
+    """The camera's place, and the corners of its picture as far away as the model is, or a part of that."""
     pose, camera = station.cam_from_model, station.camera
     width, height = camera.size_px
     corner = np.array([[-0.5, -0.5], [width - 0.5, -0.5], [width - 0.5, height - 0.5], [-0.5, height - 0.5]])
@@ -213,7 +228,7 @@ def _station(station: Station, middle: Array, unit: str) -> Document:
     depth = float(pose.apply(middle)[2])
     if not depth > 0:
         depth = float(np.linalg.norm(middle - pose.center))
-    at = rays / np.maximum(rays[:, 2:], 1e-6) * depth
+    at = rays / np.maximum(rays[:, 2:], 1e-6) * depth * station.far
     return {
         "name": station.name, "center": _list(pose.center), "corners": _list(pose.inverse().apply(at)),
         "colour": station.colour,

@@ -7,8 +7,12 @@ from numpy.typing import NDArray
 
 from windmark.pipeline.merge import picture_of
 from windmark.pipeline.results import ImageResult
+from windmark.resection.noise import noise_law
 from windmark.resection.sources import prepare, value_variance
 from windmark.scene import Mesh
+
+SAMPLE = 200_000
+"""Pixels that tell the noise to 1 %, a part of those that others look at: a report may have hundreds of pictures."""
 
 
 def node_sigma(item: ImageResult, mesh: Mesh, interpolation: str) -> NDArray[np.float64]:
@@ -23,6 +27,8 @@ def node_sigma(item: ImageResult, mesh: Mesh, interpolation: str) -> NDArray[np.
     """
     if item.nodes is None or item.values is None:
         raise ValueError(f"node_sigma: {item.name} has no values on nodes")
-    source = prepare(picture_of(item), None, interpolation, "node_sigma")
+    assert item.image is not None
+    noise = noise_law(item.quantity.of(item.image), most=SAMPLE)
+    source = prepare(picture_of(item, noise), None, interpolation, "node_sigma")
     variance = value_variance(source, item.nodes, mesh.vertices, item.values.astype(float))
     return np.asarray(np.sqrt(variance))

@@ -35,7 +35,7 @@ class NoiseLaw:
         return np.maximum(self.constant + self.slope * np.asarray(level, dtype=float), self.least)
 
 
-def noise_law(image: ArrayLike) -> NoiseLaw:
+def noise_law(image: ArrayLike, *, most: int = MOST_PIXELS) -> NoiseLaw:
     """Noise of a picture by its grey level.
 
     From the mixed second differences of 3 x 3 pixels, in which every surface that is smooth along rows or along columns
@@ -45,6 +45,7 @@ def noise_law(image: ArrayLike) -> NoiseLaw:
     Parameters
     ----------
     image : (H, W), NaN pixels are left out
+    most : more pixels than so many are not looked at
 
     Returns
     -------
@@ -64,7 +65,7 @@ def noise_law(image: ArrayLike) -> NoiseLaw:
     if pixels.ndim != 2:
         raise ValueError(f"noise_law: image must be (H, W), got {pixels.shape}")
     least = 1 / 12 if pixels.dtype.kind in "biu" else 0.0
-    step = max(1, int(np.ceil(pixels.size / MOST_PIXELS)))
+    step = max(1, int(np.ceil(pixels.size / most)))
     rows = np.arange(1, max(pixels.shape[0] - 1, 1), step)
     if not len(rows) or pixels.shape[1] < 3 or pixels.shape[0] < 3:
         return NoiseLaw(least, 0.0, least)

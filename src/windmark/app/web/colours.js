@@ -39,11 +39,11 @@ WM.tickTexts = (ticks) => {
   return ticks.map((t) => minus((Math.abs(t) < 1e-9 * step ? 0 : t).toFixed(decimals)));
 };
 
-// A value as far as its sigma tells (two digits of sigma), and the sigma; four digits where there is none.
-WM.withSigma = (value, sigma) => {
+// A value as far as its sigma tells (two digits of sigma, or as many as it has), and the sigma; four digits without.
+WM.withSigma = (value, sigma, digits = 2) => {
   if (!Number.isFinite(value)) return 'no value';
   if (!(sigma > 0)) return minus(WM.digits(value, 4)) + (sigma === 0 ? ' (exact)' : '');
-  const place = 1 - Math.floor(Math.log10(sigma));
+  const place = digits - 1 - Math.floor(Math.log10(sigma));
   if (place < -5 || place > 8) return minus(`${value.toExponential(3)} ± ${sigma.toExponential(1)}`);
   const p = Math.max(place, 0);
   const cut = (x) => (place < 0 ? Math.round(x * 10 ** place) / 10 ** place : x).toFixed(p);

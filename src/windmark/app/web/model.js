@@ -7,7 +7,7 @@ WM.Model = class {
     this.fields = head.fields;
     this.surface = head.surface ? this.unpackSurface(head.surface) : null;
     this.sequence = head.sequence ? this.unpackSequence(head.sequence) : null;
-    this.frame = 0;
+    this.frame = head.sequence ? head.sequence.first : 0;
     this.magnify = head.sequence ? head.sequence.magnify : 1;
     [this.center, this.radius] = this.bounds();
     if (this.sequence) this.place();
@@ -47,6 +47,7 @@ WM.Model = class {
       const { head, bytes } = field.blob ? await WM.blob(field.blob) : { head: field, bytes: this.bytes };
       field.values = WM.rounded(bytes, head.value);
       field.sigmas = head.sigma ? WM.sigmas(bytes, head.sigma) : null;
+      field.digits = head.sigma ? head.sigma.digits : 2;
       field.shifts = head.shifts;
     }
     return field;

@@ -119,8 +119,9 @@ WM.panel = (scene) => {
 WM.player = (scene) => {
   const { sequence } = scene.model;
   const last = sequence.labels.length - 1;
-  const label = WM.element('output', { class: 'wm-words' }, sequence.labels[0]);
-  const slider = WM.element('input', { type: 'range', min: 0, max: last, value: 0, 'aria-label': 'frame' });
+  const first = scene.model.frame;
+  const label = WM.element('output', { class: 'wm-words' }, sequence.labels[first]);
+  const slider = WM.element('input', { type: 'range', min: 0, max: last, value: first, 'aria-label': 'frame' });
   const go = (k) => {
     slider.value = k;
     label.textContent = sequence.labels[k];

@@ -1,6 +1,6 @@
 // One scene of a page: state, drawing, what is said under the cursor.
 
-const NAMED = 80;
+const NAMED = 30; // with more markers names are in each other's way
 
 WM.Scene = class {
   constructor(node, model) {
@@ -159,6 +159,7 @@ WM.Scene = class {
 
   redraw() {
     this.screen = null;
+    this.hush(); // what is under the cursor is another thing now
     if (this.waiting) return;
     this.waiting = true;
     requestAnimationFrame(() => {
@@ -214,20 +215,20 @@ WM.Scene = class {
     this.names.replaceChildren(...out);
   }
 
+  hush() {
+    clearTimeout(this.telling);
+    this.tip.hidden = true;
+  }
+
   listen() {
-    let wait = null;
     this.canvas.addEventListener('pointermove', (e) => {
-      clearTimeout(wait);
-      this.tip.hidden = true;
+      this.hush();
       if (e.buttons) return;
       const { left, top } = this.canvas.getBoundingClientRect();
       const [x, y] = [e.clientX - left, e.clientY - top];
-      wait = setTimeout(() => this.tell(x, y), 60);
+      this.telling = setTimeout(() => this.tell(x, y), 60);
     });
-    this.canvas.addEventListener('pointerleave', () => {
-      clearTimeout(wait);
-      this.tip.hidden = true;
-    });
+    this.canvas.addEventListener('pointerleave', () => this.hush());
   }
 
   // What is under the cursor, in words.
@@ -264,7 +265,7 @@ WM.Scene = class {
     const { field } = this;
     if (field && field.values) {
       const sigma = field.sigmas ? field.sigmas[hit.node] : undefined;
-      out.splice(1, 0, `${field.label}: ${WM.withSigma(field.values[hit.node], sigma)}`);
+      out.splice(1, 0, `${field.label}: ${WM.withSigma(field.values[hit.node], sigma, field.digits)}`);
     }
     return out;
   }

@@ -1,11 +1,30 @@
-// From the text of a report back to arrays: base64, gzip (the browser's own), byte planes, differences.
+// From the text of a report back to arrays: base 85, gzip (the browser's own), byte planes, differences.
 // The other half of app/packing.py.
 
 WM.canUnpack = () => typeof DecompressionStream === 'function';
 
+const DIGITS = '0123456789ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz!#$%()*+-;=>?@^_`{|}~.,:';
+
+// "LENGTH|digits": five digits are four bytes, the first the highest.
+const base85 = (text) => {
+  const begin = text.indexOf('|') + 1;
+  const value = new Uint8Array(128);
+  for (let k = 0; k < 85; k++) value[DIGITS.charCodeAt(k)] = k;
+  const out = new Uint8Array(((text.length - begin) / 5) * 4);
+  for (let i = begin, o = 0; i < text.length; i += 5, o += 4) {
+    let number = 0;
+    for (let k = 0; k < 5; k++) number = number * 85 + value[text.charCodeAt(i + k)];
+    for (let k = 3; k >= 0; k--) {
+      out[o + k] = number % 256;
+      number = Math.floor(number / 256);
+    }
+  }
+  return out.subarray(0, parseInt(text, 10));
+};
+
 // The document and its bytes: {head, bytes}; arrays are read with WM.ints, WM.rounded and WM.sigmas.
 WM.unpack = async (text) => {
-  const packed = Uint8Array.from(atob(text.trim()), (c) => c.charCodeAt(0));
+  const packed = base85(text.trim());
   const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream('gzip'));
   const whole = await new Response(stream).arrayBuffer();
   const length = new DataView(whole).getUint32(0, true);
