@@ -66,7 +66,7 @@ def sights_of(
     sights = Sights(
         xyz, normal, sigma, np.zeros((0, xyz.shape[0], 3)), np.eye(3).reshape(1, 3, 3), np.zeros((1, 3)),
         np.array([0, m]), xy, packed, density, by_x, x, size.reshape(1, 2),
-        np.array([np.median(known) if known.size else 0.0]), np.array([tolerance]), camera.reshape(1, camera.size), loose,
+        np.array([np.median(known) if known.size else 0.0]), np.array([tolerance]), camera.reshape(1, 16), loose,
     )  # fmt: skip
     return sights, columns
 
