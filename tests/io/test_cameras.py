@@ -289,9 +289,8 @@ def test_left_out_parameters_have_their_natural_value(tmp_path):
 def test_names_of_parameters_carry_their_units(tmp_path):
     write_camera(tmp_path / "c.json", CAMERA)
     keys = list(json.loads((tmp_path / "c.json").read_text()))
-    expected = [
-        {"cx": "cx_px", "cy": "cy_px", "tilt_x": "tilt_x_rad", "tilt_y": "tilt_y_rad"}.get(p, p) for p in PARAMETERS[:11]
-    ]
+    named = {"cx": "cx_px", "cy": "cy_px", "tilt_x": "tilt_x_rad", "tilt_y": "tilt_y_rad"}
+    expected = [named.get(p, p) for p in PARAMETERS[:11]]
     assert keys == ["windmark", "version", "size_px", *expected]
 
 

@@ -14,7 +14,7 @@ from windmark.registration.settle._kernels.label import (
     HELD_AHEAD,
     LEAST_LEFT,
 )
-from windmark.registration.settle._kernels.state import EXCESS, PLACE
+from windmark.registration.settle._kernels.state import EXCESS, PLACE, WIDE
 
 
 def square(packed):
@@ -25,8 +25,9 @@ def square(packed):
 
 def camera_of(views, c, nuisance):
     """Camera c moved by its nuisances (P,)."""
-    given, loose = views.sights.camera[c], views.loose[c, :PLACE]
-    packed = given + loose @ nuisance
+    given, loose = views.sights.camera[c], views.loose[c]
+    change = loose @ nuisance
+    packed = given + np.concatenate([change[:PLACE], change[WIDE:], [0.0]])
     packed[0] = given[0] * np.exp(loose[0] @ nuisance)
     return views.camera(c, packed)
 
@@ -42,7 +43,7 @@ def project(views, state, delta=None, shifted=None):
     in_rig = xyz @ rotation.T + translation
     seen = np.empty((cameras, n, 2))
     for c in range(cameras):
-        camera, moved = camera_of(views, c, nuisance[c]), views.loose[c, PLACE:] @ nuisance[c]
+        camera, moved = camera_of(views, c, nuisance[c]), views.loose[c, PLACE:WIDE] @ nuisance[c]
         as_given = in_rig @ sights.rotation[c].T + sights.translation[c]
         seen[c], valid = camera.project(as_given @ exp_so3(moved[:3]).T + moved[3:])
         seen[c][~valid] = np.nan

@@ -10,7 +10,7 @@ from windmark import io
 from windmark.app import console
 from windmark.calibration import Distance, Fixed, Free, Weighted
 from windmark.calibration.datum import Datum
-from windmark.calibration.self_calibrate import FREE
+from windmark.calibration.self_calibrate import FREE, FREE_OF
 from windmark.errors import UsageError
 from windmark.geometry import PARAMETERS, Camera
 from windmark.pipeline.calibrate import Board
@@ -19,6 +19,7 @@ from windmark.pipeline.calibrate.board import MARK_KINDS
 TABLES = (".csv", ".txt")
 """Matches, not pictures."""
 LENSES = {"pinhole": FREE[:4], "radial": FREE[:6], "brown": FREE}
+WIDE = ("rational", "fisheye")
 MORE = {"k3": ("k3",), "tilts": ("tilt_x", "tilt_y")}
 
 DATUM_HELP = (
@@ -72,6 +73,20 @@ def expanded(inputs: Sequence[Path]) -> tuple[io.PictureFile, ...]:
     return tuple(item for part in parts for item in part)
 
 
+def parse_lens(lens: str | None, free: str | None) -> tuple[str | None, tuple[str, ...] | None]:
+    """The lens model, None where the marks or the camera's file say it, and the free parameters, None for its usual."""
+    base, *more = (lens or "").split("+")
+    if lens is None and free is None:
+        return None, None
+    if base in WIDE:
+        named = None if free is None else parse_free(None, free)
+        wrong = [m for m in more if m != "tilts"]
+        if wrong or (more and named is not None):
+            raise UsageError(f"--lens: expected {base} or {base}+tilts, got {lens!r}")
+        return base, (*FREE_OF[base], *MORE["tilts"]) if more else named
+    return (None if lens is None else "brown"), parse_free(lens, free)
+
+
 def parse_free(lens: str | None, free: str | None) -> tuple[str, ...]:
     """Parameters that are free: of a lens such as brown, +k3 or radial+tilts, or named one by one."""
     if free is not None:
@@ -86,7 +101,8 @@ def parse_free(lens: str | None, free: str | None) -> tuple[str, ...]:
     wrong = [m for m in more if m not in MORE]
     if (base and base not in LENSES) or wrong:
         raise UsageError(
-            f"--lens: expected {', '.join(LENSES)}, followed by {' or '.join('+' + m for m in MORE)}, got {lens!r}"
+            f"--lens: expected {', '.join((*LENSES, *WIDE))}, followed by {' or '.join('+' + m for m in MORE)}, "
+            f"got {lens!r}"
         )
     return (*LENSES[base or "brown"], *(p for m in dict.fromkeys(more) for p in MORE[m]))
 

@@ -18,16 +18,17 @@ from windmark.app.network_scene import network_scene
 from windmark.app.pictures import png
 from windmark.app.report import Report
 from windmark.calibration import Calibration, NotCalibrated, magnify_distortion, undistort
+from windmark.calibration.lens_choice import lens_words
 from windmark.calibration.quality import Comparison, SplitHalf, residual_map
 from windmark.calibration.snooping import critical
-from windmark.geometry import PARAMETERS
+from windmark.geometry.camera import LENS_PARAMETERS
 from windmark.pipeline.calibrate import Calibrated, MatchOptions, Picture
 from windmark.pipeline.calibrate.outputs import STRONG, correlations, datum_words, pose_columns, sigma_rms, views_seen
 from windmark.pipeline.calibrate.read import read_image
 from windmark.pipeline.calibrate.rig import beside
 from windmark.pipeline.clock import Clock
 
-TESTED = ("k1", "k2", "k3", "p1", "p2", "tilt_x", "tilt_y")
+TESTED = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2", "tilt_x", "tilt_y")
 SIGNIFICANT = 3.0
 UNITS = {"focal_px": "px", "cx": "px", "cy": "px", "tilt_x": "rad", "tilt_y": "rad"}
 WORST = 25
@@ -106,6 +107,8 @@ def _overview(report: Report, done: Calibrated, unit: str) -> None:
         rows.append(("two halves of the pictures, difference / sigma", done.halves.ratio))
     rows.append(("adjustment", f"{result.report.reason}, {result.report.iterations} iterations"))
     report.table(["", "value"], rows)
+    if len(done.lenses) > 1:
+        report.text(f"{lens_words(done.lenses).capitalize()}.")
     for sentence in result.warnings:
         report.text(f"{sentence}.", "bad")
 
@@ -115,7 +118,7 @@ def add_camera(report: Report, result: Calibration, name: str) -> None:
     camera = result.cameras[name]
     report.heading(f"Camera {name}" if len(result.cameras) > 1 else "Camera")
     rows = []
-    for p in PARAMETERS:
+    for p in LENS_PARAMETERS[camera.lens]:
         value, sigma = float(getattr(camera, p)), result.sigma(name, p)
         t = abs(value) / sigma if sigma > 0 and p in TESTED else None
         verdict = "" if t is None else "significant" if t > SIGNIFICANT else "not significant"
@@ -123,7 +126,8 @@ def add_camera(report: Report, result: Calibration, name: str) -> None:
         shown = f"{value:.3f}" if p in ("focal_px", "cx", "cy") else f"{value:.6g}"
         rows.append((p, UNITS.get(p, "–"), shown, sigma if sigma > 0 else None, t, state))
     report.table(["parameter", "unit", "value", "1 sigma", "|value| / sigma", ""], rows)
-    report.text(f"Image {camera.size_px[0]} x {camera.size_px[1]} px, horizontal field of view "
+    lens = {"brown": "", "rational": "Rational lens. ", "fisheye": "Fisheye lens; focal length in pixels per radian. "}
+    report.text(f"{lens[camera.lens]}Image {camera.size_px[0]} x {camera.size_px[1]} px, horizontal field of view "
                 f"{camera.fov_deg:.3f} deg.",
                 "soft")  # fmt: skip
     strong = correlations(result, name)
@@ -162,6 +166,13 @@ def _corrected(
     count = np.bincount(result.observations.view[result.used], minlength=len(views))
     best = max((n for n, v in enumerate(result.views) if v.camera == name), key=lambda n: count[n])
     image = read_image(paths[views[best]], match)[0]
+    if camera.lens != "brown":
+        report.picture(
+            png(correction_picture(image, camera, undistort(image, camera)), dpi=88),
+            f"{views[best]} as taken, and as a pinhole of the same focal length would have seen the middle of it. Blue "
+            "lines are straight in space.",
+        )
+        return
     factor = visible_factor(camera)
     corrected, magnified = undistort(image, camera), magnify_distortion(image, camera, factor)
     report.picture(

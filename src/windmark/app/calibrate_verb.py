@@ -15,6 +15,7 @@ from windmark.app.calibrate_options import TABLES
 from windmark.app.provenance import Provenance
 from windmark.app.verdict_words import put_verdict, verdict_lines
 from windmark.calibration import NotCalibrated, Weighted
+from windmark.calibration.lens_choice import lens_words
 from windmark.calibration.quality import Comparison, SplitHalf, compare
 from windmark.errors import UsageError
 from windmark.geometry import Camera
@@ -32,6 +33,7 @@ from windmark.pipeline.calibrate import (
     record,
     write_calibration,
 )
+from windmark.pipeline.calibrate.lens import in_lens, with_lens
 from windmark.pipeline.calibrate.marks import start_camera, with_focal
 from windmark.pipeline.calibrate.rig import Beside, beside
 from windmark.pipeline.clock import Clock
@@ -203,6 +205,7 @@ def _from_table(
             raise UsageError("the size of the pictures is needed with a table of matches: --size WIDTHxHEIGHT, or a "
                              "camera with --camera")  # fmt: skip
         given = {name: start_camera(files.size_px, files.focal_px) for name in files.start}
+    given = in_lens(given, files.start, settings.lens)
     table = io.read_matches(path)
     if not len(table):
         raise io.FileError(path, "the table has no rows; expected matched marks")
@@ -210,7 +213,9 @@ def _from_table(
     if not files.cameras and files.focal_px is None:
         with clock("focal length from nothing"):
             marks = with_focal(marks, settings.seed)
-    return calibrate_marks(marks, settings, clock)
+    with clock("lens"):
+        marks, lenses = with_lens(marks, settings, files.start, focal_known=files.focal_px is not None)
+    return calibrate_marks(marks, settings, clock, lenses)
 
 
 def _why(no: NotCalibrated) -> str:
@@ -257,6 +262,8 @@ def _lines(done: Calibrated, matched: Pictures, against: Comparison | None, file
         sigma = {p: result.sigma(name, p) for p in ("focal_px", "cx", "cy")}
         lines.append(f"{name}: focal length {camera.focal_px:.2f} ({sigma['focal_px']:.2g}) px, principal point "
                      f"{camera.cx:.2f} ({sigma['cx']:.2g}), {camera.cy:.2f} ({sigma['cy']:.2g}) px")  # fmt: skip
+    if len(done.lenses) > 1:
+        lines.append(lens_words(done.lenses))
     rms = (result.markers.sigma**2).mean(axis=0) ** 0.5
     lines.append(f"markers, 1 sigma: {rms[0]:.2g}, {rms[1]:.2g}, {rms[2]:.2g} {files.unit} along x, y, z")
     lines += [_beside_line(b, files.unit) for b in beside(result)]

@@ -49,7 +49,8 @@ def distortion_picture(camera: Camera, title: str = "Distortion") -> Figure:
     axes.quiver(ax, ay, *np.moveaxis(arrows * factor, -1, 0), angles="xy", scale_units="xy", scale=1, width=0.0018,
                 color="#b71c1c")  # fmt: skip
     axes.plot(camera.cx, camera.cy, "+", color="black", ms=12, mew=1.5)
-    axes.set_title(f"{title}: up to {top:.3g} px, distorted − ideal; arrows × {factor:g}")
+    ideal = "focal length × angle" if camera.lens == "fisheye" else "ideal"
+    axes.set_title(f"{title}: up to {top:.3g} px, distorted − {ideal}; arrows × {factor:g}")
     _sensor_axes(axes, camera.size_px)
     return figure
 
@@ -58,23 +59,22 @@ def correction_picture(
     image: NDArray[np.generic],
     camera: Camera,
     corrected: CorrectedImage,
-    magnified: CorrectedImage,
-    factor: float,
+    magnified: CorrectedImage | None = None,
+    factor: float = 1.0,
 ) -> Figure:
-    """As taken, corrected, and with the distortion magnified: the paper's Fig. 9, side by side.
+    """As taken, corrected, and, where it is given, with the distortion magnified: the paper's Fig. 9, side by side.
 
     The thin lines are straight in space; dashed ones join their ends, so that the bend can be seen.
     """
     height, width = image.shape[:2]
     panel = WIDTH_IN * 0.4
-    figure = Figure(figsize=(3 * panel, panel * 0.93 * height / width + 0.8), layout="constrained")
     everywhere = np.ones((height, width), dtype=bool)
-    shown = (
-        (CorrectedImage(image, camera, everywhere), "as taken"), (corrected, "lens undone"),
-        (magnified, f"distortion × {factor:g}"),
-    )  # fmt: skip
+    shown = [(CorrectedImage(image, camera, everywhere), "as taken"), (corrected, "lens undone")]
+    if magnified is not None:
+        shown.append((magnified, f"distortion × {factor:g}"))
+    figure = Figure(figsize=(len(shown) * panel, panel * 0.93 * height / width + 0.8), layout="constrained")
     lines = _straight_rays(camera)
-    for axes, (one, words) in zip(figure.subplots(1, 3, sharey=True), shown, strict=True):
+    for axes, (one, words) in zip(figure.subplots(1, len(shown), sharey=True), shown, strict=True):
         grey = stretched(one.image)
         axes.imshow(np.where(one.valid if grey.ndim == 2 else one.valid[..., None], grey, 1.0), cmap="gray", vmin=0,
                     vmax=1, interpolation="antialiased")  # fmt: skip
@@ -135,11 +135,17 @@ def _straight_rays(camera: Camera) -> list[Array]:
 
 
 def _displacement(camera: Camera, columns: int) -> tuple[Array, Array, Array]:
-    """Distorted − ideal pixels at a grid of pixels: x (C), y (R), (R, C, 2)."""
+    """Distorted − ideal pixels at a grid of pixels: x (C), y (R), (R, C, 2).
+
+    Ideal is a pinhole's picture; a fisheye lens' is that of one whose image radius is the angle times the focal length.
+    """
     width, height = camera.size_px
     rows = max(3, round(columns * height / width))
     x, y = np.linspace(0, width - 1, columns), np.linspace(0, height - 1, rows)
     pixels = np.stack(np.meshgrid(x, y), axis=-1)
+    if camera.lens == "fisheye":
+        bare = Camera(camera.size_px, camera.focal_px, camera.aspect, camera.cx, camera.cy, lens="fisheye")
+        return x, y, pixels - bare.project(camera.directions(pixels))[0]
     return x, y, pixels - corrected_camera(camera).project(camera.unproject(pixels))[0]
 
 

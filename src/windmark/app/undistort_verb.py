@@ -148,6 +148,8 @@ def _draw(images: list[Path], camera: Camera, name: str, place: Path, wishes: Wi
 
         def draw(path: Path) -> Figure:
             image = next(_grey_of_mosaics(path))
+            if camera.lens != "brown":  # nothing to magnify in proportion
+                return correction_picture(image, camera, correct(image, camera))
             shown = correct(image, camera), magnify_distortion(image, camera, factor)
             return correction_picture(image, camera, *shown, factor)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -28,6 +28,10 @@ Mask = NDArray[np.bool_]
 
 FREE = ("focal_px", "aspect", "cx", "cy", "k1", "k2", "p1", "p2")
 """Free by default: the paper's set (AIAA 2005-5007, section IV.A)."""
+FREE_OF = {
+    "brown": FREE, "rational": (*FREE, "k3", "k4", "k5", "k6"), "fisheye": (*FREE[:6], "k3", "k4"),
+}  # fmt: skip
+"""The same of each lens."""
 MAX_SIGMA0 = 5.0
 """Residuals so many times larger than the marks' covariances say are no solution."""
 LEAST_USED = 0.6
@@ -43,7 +47,7 @@ def self_calibrate(
     views: Sequence[View],
     *,
     datum: Datum,
-    free: Sequence[str] = FREE,
+    free: Sequence[str] | None = None,
     distances: Sequence[Distance] = (),
     rig: bool = False,
     free_focal: Sequence[str] = (),
@@ -64,7 +68,8 @@ def self_calibrate(
     cameras : start values by name; a focal length within a factor of two, distortion zero, will do
     views : each with the name of its camera; a pose is found where ``cam_from_model`` is None
     datum : `Fixed`, `Weighted` or `Free`; no default
-    free : interior parameters to find, of `geometry.PARAMETERS`; all cameras alike
+    free : interior parameters to find, of `geometry.PARAMETERS`; all cameras alike, but for what a camera's lens lacks.
+        None: focal length, aspect, principal point and the coefficients of the lenses (`FREE_OF`)
     distances : known distances, which give a free network its scale
     rig : views with the same ``frame`` were taken at once by cameras that do not move against each other
     free_focal : views whose focal length may differ from that of their camera, as the focus distance did (Fig. 6)
@@ -94,6 +99,8 @@ def self_calibrate(
     """
     if eccentricity not in ECCENTRICITY:
         raise UsageError(f"self_calibrate: eccentricity must be one of {', '.join(ECCENTRICITY)}, got {eccentricity!r}")
+    if free is None:
+        free = usual_free(_in_use(cameras, views).values())
     options: dict[str, Any] = {
         "datum": datum, "free": tuple(free), "distances": tuple(distances), "rig": rig,
         "free_focal": tuple(free_focal), "prior_sigma": dict(prior_sigma or {}), "eccentricity": eccentricity,
@@ -110,6 +117,11 @@ def self_calibrate(
         reason = "no view has four marks of markers that are seen at least twice"
         return NotCalibrated(reason, "too_few", dropped=dropped, options=options)
     return _best_of_starts(job, options)
+
+
+def usual_free(cameras: Iterable[Camera]) -> tuple[str, ...]:
+    """The parameters that are free by default with the lenses of some cameras."""
+    return tuple(dict.fromkeys(p for c in cameras for p in FREE_OF[c.lens])) or FREE
 
 
 def _in_use(cameras: Mapping[str, Camera], views: Sequence[View]) -> dict[str, Camera]:

@@ -12,6 +12,7 @@ from windmark.adjust.network import Bars, KnownTogether, Network, NetworkState
 from windmark.calibration.datum import Datum, Distance, Fixed, Free, Weighted
 from windmark.errors import UsageError
 from windmark.geometry import PARAMETERS, Camera, DegenerateGeometry, Pose
+from windmark.geometry.camera import LENS_PARAMETERS
 from windmark.scene import MarkerCovariance, MarkerSet, Observations, View
 
 Array = NDArray[np.float64]
@@ -79,6 +80,13 @@ class Job:
         wrong = [p for p in (*self.free, *self.prior_sigma) if p not in PARAMETERS]
         if wrong:
             raise UsageError(f"self_calibrate: free: {wrong[0]!r} is none of {', '.join(PARAMETERS)}")
+        lenses = {c.lens for c in self.cameras.values()}
+        lacking = [p for p in self.free if not any(p in LENS_PARAMETERS[lens] for lens in lenses)]
+        if lacking:
+            raise UsageError(
+                f"self_calibrate: free: a {' or '.join(sorted(lenses))} lens has no {lacking[0]}; it has "
+                f"{', '.join(LENS_PARAMETERS[min(lenses)])}"
+            )
         missing = sorted(set(self.free_focal) - set(names))
         if missing:
             raise UsageError(f"self_calibrate: free_focal names unknown views {', '.join(missing[:5])}")
@@ -186,15 +194,20 @@ def make_network(job: Job, taken: Mask, weight: Array | None = None) -> Network:
         sigma[index], tied = np.inf, KnownTogether(index, markers.xyz[index], known.whitener())
     free_offset = np.arange(len(names)) > 0 if job.rig else np.zeros(0, dtype=np.bool_)
     priors = {k: v for k, v in job.prior_sigma.items() if k in job.free}
+    own = [
+        {k: v for k, v in priors.items() if k in LENS_PARAMETERS[c.lens]} for c in job.cameras.values()
+    ] if priors else []
     return Network(
         view=obs.view[taken], point=obs.point[taken], xy=obs.xy[taken], cov=obs.cov[taken],
         view_camera=camera, view_frame=frame, view_offset=camera if job.rig else np.full(len(views), -1),
-        free_camera=(job.free,) * len(names), free_frame=np.ones(len(frames), dtype=np.bool_), held=held,
+        free_camera=tuple(
+            tuple(p for p in job.free if p in LENS_PARAMETERS[c.lens]) for c in job.cameras.values()
+        ), free_frame=np.ones(len(frames), dtype=np.bool_), held=held,
         free_offset=free_offset, free_focal=np.array([v.name in job.free_focal for v in views], dtype=np.bool_),
         point_value=value, point_sigma=sigma, bars=bars_of(job), together=tied,
         weight=None if weight is None else weight[taken],
-        camera_value=[{k: float(getattr(c, k)) for k in priors} for c in job.cameras.values()] if priors else (),
-        camera_sigma=[priors] * len(names) if priors else (),
+        camera_value=[{k: float(getattr(c, k)) for k in p} for c, p in zip(job.cameras.values(), own, strict=False)],
+        camera_sigma=own,
     )  # fmt: skip
 
 

@@ -90,8 +90,10 @@ def _best_pose(camera: Camera, xy: Array, xyz: Array, triplets: Ints | None) -> 
     """The pose of the smallest median residual among those of all triplets."""
     if triplets is None:
         return np.inf, None
-    rays = camera.unproject(xy)
-    rays = np.where(np.isfinite(rays), rays, replace(camera, k1=0, k2=0, k3=0, p1=0, p2=0).unproject(xy))
+    rays = camera.directions(xy)
+    if not np.isfinite(rays).all():
+        bare = replace(camera, k1=0, k2=0, k3=0, p1=0, p2=0, k4=0, k5=0, k6=0)
+        rays = np.where(np.isfinite(rays), rays, bare.directions(xy))
     solutions = p3p(rays[triplets], xyz[triplets])
     there = solutions.valid
     rotation, translation = solutions.rotation[there], solutions.translation[there]

@@ -29,6 +29,7 @@ Ints = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 _SCAN = tuple(np.geomspace(0.4, 25.0, 19))  # picture widths
+_FISHEYE_SCAN = tuple(np.geomspace(0.2, 1.6, 13))  # the same: fields of view of 290 to 36 degrees across
 _FEW = 120  # marks of a picture that the search uses
 _STARTS = 4  # adjusted, the best of the scan
 _LENS_PX = 0.01  # of the picture's diagonal: how far distortion moves a point before it is called wrong
@@ -95,6 +96,7 @@ def start_focal(
     *,
     max_sigma: float = 0.1,
     seed: int = 0,
+    lens: str = "brown",
 ) -> StartFocal | FocalNotDetermined:
     """Focal length of one camera and the pose of every picture, from labelled marks and nothing else.
 
@@ -108,6 +110,7 @@ def start_focal(
     size_px : (width, height) of the pictures
     max_sigma : relative 1 sigma beyond which the focal length counts as not determined
     seed : of the choice of marks
+    lens : "brown", or "fisheye", of which the focal length is per radian on the axis
 
     Returns
     -------
@@ -127,7 +130,7 @@ def start_focal(
     marks = [_checked(k, xyz, xy) for k, (xyz, xy) in enumerate(views)]
     if not 0 < max_sigma < np.inf:
         raise UsageError(f"start_focal: max_sigma must be a positive number, got {max_sigma!r}")
-    blank = Camera(size_px, float(size_px[0]))
+    blank = Camera(size_px, float(size_px[0]), lens=lens)
     if not any(len(xy) > LEAST for xy, _ in marks):
         return FocalNotDetermined(f"no picture has more than {LEAST} marks", "too_few")
     few = _thinned(marks, seed)
@@ -179,17 +182,20 @@ def _thinned(marks: list[Mark], seed: int) -> list[Mark]:
 def _starts(blank: Camera, marks: list[Mark], seed: int) -> list[Camera]:
     """Cameras to start from: Zhang's, and the best of the scan."""
     rng = np.random.default_rng(seed)
+    fisheye = blank.lens == "fisheye"  # it maps no plane by a homography
     width, gate = blank.size_px[0], _LENS_PX * float(np.hypot(*blank.size_px))
-    found = [robust_homography(*pair, gate, rng) for pair in map(_flat, marks) if pair is not None]
+    flat = [] if fisheye else [pair for pair in map(_flat, marks) if pair is not None]
+    found = [robust_homography(*pair, gate, rng) for pair in flat]
     focal = zhang_focal([f[0] for f in found if f is not None], blank)
     cameras = [replace(blank, focal_px=focal)] if focal is not None else []
     misfit = []
-    for factor in _SCAN:
+    scan = _FISHEYE_SCAN if fisheye else _SCAN
+    for factor in scan:
         trial = replace(blank, focal_px=width * factor)
         median = start_poses(trial, marks, scan_focal=False, rng=np.random.default_rng(seed))[2]
         misfit.append(np.median(median[np.isfinite(median)]) if np.isfinite(median).any() else np.inf)
     order = [k for k in np.argsort(misfit, kind="stable")[:_STARTS] if np.isfinite(misfit[k])]
-    return cameras + [replace(blank, focal_px=width * _SCAN[k]) for k in order]
+    return cameras + [replace(blank, focal_px=width * scan[k]) for k in order]
 
 
 def _flat(mark: Mark) -> tuple[Array, Array] | None:

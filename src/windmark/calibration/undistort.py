@@ -115,8 +115,10 @@ def magnified_camera(camera: Camera, factor: float) -> Camera:
     """The camera with ``factor`` times the distortion.
 
     The displacement is linear in k1, k2, k3, p1 and p2, so they are multiplied; so are the tilts, whose
-    displacement is linear to first order.
+    displacement is linear to first order. `DataError` for a rational or fisheye lens, whose is not.
     """
+    if camera.lens != "brown":
+        raise DataError(f"magnified_camera: the distortion of a {camera.lens} lens is not in proportion to its numbers")
     if not np.isfinite(factor):
         raise UsageError(f"magnified_camera: factor must be a finite number, got {factor}")
     names = ("k1", "k2", "k3", "p1", "p2", "tilt_x", "tilt_y")

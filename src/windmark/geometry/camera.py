@@ -127,7 +127,9 @@ class Camera:
 
     @property
     def fov_deg(self) -> float:
-        """Full horizontal field of view in degrees, distortion ignored (as in `PoV`)."""
+        """Full horizontal field of view in degrees without distortion (as in `PoV`); fisheye: width / focal length."""
+        if self.lens == "fisheye":
+            return float(np.degrees(self.size_px[0] / self.focal_px))
         return float(np.degrees(2 * np.arctan(self.size_px[0] / (2 * self.focal_px))))
 
     # --- projection ----------------------------------------------------------------------
@@ -180,7 +182,7 @@ class Camera:
         return np.concatenate([ideal, np.where(np.isnan(ideal[..., :1]), np.nan, 1.0)], axis=-1)
 
     def directions(self, xy: ArrayLike) -> Array:
-        """Unit vectors of pixels: (..., 2) -> (..., 3) in the camera frame; as `unproject`, but beyond 90 degrees too."""
+        """Unit vectors of pixels, (..., 2) -> (..., 3), in the camera frame: `unproject`, and beyond 90 degrees too."""
         lens = self._lens()
         if lens.kind != FISHEYE:
             rays = self.unproject(xy)

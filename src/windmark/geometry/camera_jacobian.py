@@ -58,8 +58,8 @@ def project_jacobian(
 
 def lens_of(parameters: Array, kind: int) -> Lens:
     """The lens among the parameters in the order of `camera.PARAMETERS`."""
-    p = parameters.tolist()
-    return Lens(*p[4:9], *p[11:14], kind)
+    k1, k2, p1, p2, k3, _, _, k4, k5, k6 = parameters[4:14].tolist()
+    return Lens(k1, k2, p1, p2, k3, k4, k5, k6, kind)
 
 
 def point_jacobian(parameters: Array, xyz: Array, kind: int = BROWN) -> tuple[Array, NDArray[np.bool_], Array]:

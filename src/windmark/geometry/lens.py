@@ -1,6 +1,6 @@
 """The lens: Brown-Conrady distortion, rational or fisheye, on normalised image points (z = 1), and the sensor's tilt.
 
-All three are radial about the axis, ``q = radial(s) p`` with s = |p|^2, and Brown's and the rational one add decentring:
+All three are radial about the axis, ``q = radial(s) p``, s = |p|^2; Brown's and the rational one add decentring:
 
 ========  =============================================================================================
 brown     radial = 1 + k1 s + k2 s^2 + k3 s^3
@@ -79,7 +79,7 @@ def _first_root(*ascending: float) -> float:
 
 
 def max_radius2(k1: float, k2: float, k3: float) -> float:
-    """Squared ideal radius up to which ``r (1 + k1 r^2 + k2 r^4 + k3 r^6)`` grows; inf if always (`range2` of Brown's)."""
+    """Squared ideal radius up to which ``r (1 + k1 r^2 + k2 r^4 + k3 r^6)`` grows; inf if always."""
     # The derivative 1 + 3 k1 s + 5 k2 s^2 + 7 k3 s^3 is a cubic in s = r^2; its smallest positive root ends the useful
     # range.
     if k3 != 0.0:

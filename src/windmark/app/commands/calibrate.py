@@ -63,10 +63,11 @@ def calibrate(
         from windmark.pipeline.calibrate import CalibrateSettings, MatchOptions
 
         dots = typed.parse_board(board, board_marks, board_size, board_layout)
+        model, wanted = typed.parse_lens(lens, free)
         settings = CalibrateSettings(
-            typed.parse_datum(datum, needed=dots is None), typed.parse_free(lens, free),
+            typed.parse_datum(datum, needed=dots is None), wanted,
             typed.parse_distances(distance or ()), rig, tuple(free_focal or ()), typed.parse_priors(prior_sigma or ()),
-            eccentricity, reject, max_sigma0, seed, solver,
+            eccentricity, reject, max_sigma0, seed, solver, model,
         )  # fmt: skip
         match = MatchOptions(
             tuple(radius or ()), polarity, merit_max, channel, bayer, mask, typed.parse_labels(label or (), labels),

@@ -53,10 +53,12 @@ Focal = Annotated[
 ]
 Lens = Annotated[
     str | None,
-    typer.Option(help="Free parameters: pinhole, radial or brown, then +k3, +tilts. [default: brown]"),
+    typer.Option(help="Free parameters: pinhole, radial, brown (then +k3), rational or fisheye, then +tilts. [default: "
+                 "brown; where that does not fit, or the lens is wider than 90 deg, the one the marks speak for]"),
 ]
 Parameters = Annotated[
-    str | None, typer.Option(help="Free parameters one by one: focal_px,aspect,cx,cy,k1,k2,k3,p1,p2,tilt_x,tilt_y.")
+    str | None,
+    typer.Option(help="Free parameters one by one: focal_px,aspect,cx,cy,k1,k2,k3,p1,p2,tilt_x,tilt_y,k4,k5,k6."),
 ]
 PriorSigma = Annotated[Texts, typer.Option(help="PARAMETER=SIGMA: known so well round its start value; several times.")]
 FreeFocal = Annotated[

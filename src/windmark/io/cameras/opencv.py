@@ -1,7 +1,7 @@
 """Cameras as OpenCV and ROS write them: YAML, XML, JSON.
 
 OpenCV's pixel origin is windmark's: the centre of the top-left pixel. Of its distortion coefficients (4, 5, 8, 12
-or 14) windmark's camera holds k1 k2 p1 p2 k3, the rational k4 k5 k6, and tau_x, tau_y; the thin-prism ones must be zero.
+or 14) windmark's camera holds k1 k2 p1 p2 k3, the rational k4 k5 k6, and tau_x, tau_y; thin-prism ones must be zero.
 A fisheye lens (`cv2.fisheye`, k1 to k4) is one whose file says so: ``distortion_model: equidistant`` (ROS) or a true
 ``fisheye_model``; its four numbers alone look like k1 k2 p1 p2.
 """
@@ -146,9 +146,9 @@ def _is_fisheye(path: Pathlike, content: dict[str, Any]) -> bool:
     model = str(content.get("distortion_model") or content.get("camera_model") or "")
     known = (*_PLAIN_LENSES, "pinhole", *_FISHEYES)
     if model.lower() not in known:
-        raise record.key_error(
-            path, "distortion_model", f"{model!r}; expected plumb_bob (k1 k2 p1 p2 k3), rational_polynomial or equidistant"
-        )
+        what = f"{model!r}; expected plumb_bob (k1 k2 p1 p2 k3), rational_polynomial or equidistant"
+        raise record.key_error(path, "distortion_model", what)
     if content.get("xi"):
-        raise record.key_error(path, "xi", f"{content['xi']}: an omnidirectional lens; expected a pinhole or equidistant")
+        what = f"{content['xi']}: an omnidirectional lens; expected a pinhole or equidistant"
+        raise record.key_error(path, "xi", what)
     return bool(content.get("fisheye_model")) or model.lower() in _FISHEYES

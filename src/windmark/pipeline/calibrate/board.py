@@ -20,6 +20,7 @@ from windmark.calibration.datum import Datum
 from windmark.errors import UsageError
 from windmark.geometry import Camera
 from windmark.geometry.two_view.homography import fit_homography
+from windmark.pipeline.calibrate.lens import in_lens, with_lens
 from windmark.pipeline.calibrate.marks import Marks, Taken, with_focal, with_sigma
 from windmark.pipeline.calibrate.read import MatchOptions, Picture, excess_px, find_spots, read_image, read_pictures
 from windmark.pipeline.calibrate.run import Calibrated, CalibrateSettings, adjusted, calibrate_marks, explained
@@ -144,11 +145,13 @@ def calibrate_board(
         _refuse_moves(datum, settings.rig)
     if not any(p.count for p in pictures):
         return _no_board(pictures), tuple(pictures)
-    marks = _marks(pictures, board, found)
+    marks = _marks(pictures, board, in_lens(found, cameras, settings.lens))
     if focal_px is None and None in cameras.values():
         with clock("focal length from nothing"):
             marks = with_focal(marks, settings.seed)
     settings = replace(settings, datum=datum)
+    with clock("lens"):
+        marks, lenses = with_lens(marks, settings, cameras, focal_known=focal_px is not None)
     with clock("calibrate"):
         first = adjusted(marks, replace(settings, max_sigma0=np.inf))
     if not isinstance(first, Calibration):
@@ -156,7 +159,8 @@ def calibrate_board(
     excess = excess_px(first, 0.0)
     obs = marks.observations
     marks = replace(marks, observations=replace(obs, cov=obs.cov + excess**2 * np.eye(2)))
-    return calibrate_marks(marks, settings, clock), tuple(replace(p, excess_px=excess) for p in pictures)
+    done = calibrate_marks(marks, settings, clock, lenses)
+    return done, tuple(replace(p, excess_px=excess) for p in pictures)
 
 
 def _detect(

@@ -48,6 +48,8 @@ def with_focal(marks: Marks, seed: int = 0) -> Marks:
     """The marks with focal lengths that they tell themselves (0.4 to 25 widths are tried), where they do."""
     obs, found = marks.observations, dict(marks.cameras)
     for name, camera in marks.cameras.items():
+        if camera.lens == "fisheye":  # its focal length is of another kind, see `lens.with_lens`
+            continue
         mine = [v for v, view in enumerate(marks.views) if view.camera == name]
         pairs = [(marks.markers.xyz[obs.point[obs.view == v]], obs.xy[obs.view == v]) for v in mine]
         told = start_focal(pairs, camera.size_px, seed=seed)

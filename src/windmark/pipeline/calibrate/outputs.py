@@ -17,6 +17,7 @@ from windmark.calibration.datum import Fixed, Free, Weighted
 from windmark.calibration.quality import Comparison, KnownMarkers, SplitHalf, residual_map
 from windmark.calibration.snooping import critical
 from windmark.geometry import PARAMETERS
+from windmark.geometry.camera import LENS_PARAMETERS
 from windmark.io.cameras.record import FREE
 from windmark.pipeline.calibrate.marks import Marks
 from windmark.pipeline.calibrate.read import Picture
@@ -228,7 +229,8 @@ def record(
     cameras = {
         name: {
             "size_px": camera.size_px,
-            **{p: {"value": getattr(camera, p), "sigma": result.sigma(name, p)} for p in PARAMETERS},
+            "lens": camera.lens,
+            **{p: {"value": getattr(camera, p), "sigma": result.sigma(name, p)} for p in LENS_PARAMETERS[camera.lens]},
             "correlated": [{"pair": [a, b], "correlation": r} for a, b, r in correlations(result, name)],
             "residual_map_excess": residual_map(result, name).excess,
         }

@@ -15,8 +15,10 @@ import numpy as np
 
 from windmark import io, registration
 from windmark.calibration import Calibration, Free, NotCalibrated
+from windmark.calibration.self_calibrate import usual_free
 from windmark.errors import UsageError, WindmarkError
 from windmark.geometry import Camera
+from windmark.pipeline.calibrate.lens import FISHEYE_WIDTHS, in_lens, undecided, with_lens
 from windmark.pipeline.calibrate.marks import Marks, Taken, with_sigma
 from windmark.pipeline.calibrate.read import (
     MatchOptions,
@@ -121,7 +123,34 @@ def calibrate_pictures(
 
     with clock("detect"):
         pictures, found = read_pictures(paths, cameras, patterns or {}, focal_px, look)
-    nothing = focal_px is None and None in cameras.values()
+    found = in_lens(found, cameras, settings.lens)
+    answer = _in_rounds(pictures, markers, found, cameras, options, settings, clock, focal_px)
+    if isinstance(answer[0], NotCalibrated) and undecided(settings, cameras) and None in cameras.values():
+        # A wide lens bends straight lines more than a search for a plain one follows.
+        for widths in FISHEYE_WIDTHS if focal_px is None else (None,):
+            wide = {
+                k: c if cameras[k] is not None else
+                Camera(c.size_px, c.focal_px if widths is None else widths * max(c.size_px), lens="fisheye")
+                for k, c in found.items()
+            }  # fmt: skip
+            again = _in_rounds(pictures, markers, wide, cameras, options, settings, clock, focal_px)
+            if isinstance(again[0], Calibrated):
+                return again
+    return answer
+
+
+def _in_rounds(
+    pictures: Sequence[MatchedPicture],
+    markers: MarkerSet,
+    found: dict[str, Camera],
+    given: Mapping[str, Camera | None],
+    options: MatchOptions,
+    settings: CalibrateSettings,
+    clock: Clock,
+    focal_px: float | None,
+) -> tuple[Calibrated | NotCalibrated, tuple[MatchedPicture, ...]]:
+    """Match and calibrate in turns, from start values of the cameras."""
+    nothing = focal_px is None and None in given.values() and all(c.lens == "brown" for c in found.values())
     known, how, excess, done = markers, _rough_options(markers, ANY_FOCAL if nothing else GIVEN_FOCAL), 0.0, 0
     doubtful: set[str] = set()
     for n in range(1, ROUNDS + 1):
@@ -144,7 +173,10 @@ def calibrate_pictures(
         doubtful = {*_lost_most(calibration), *calibration.dropped} & {p.name for p in pictures if p.count}
     pictures = [_without_labels(p) if p.name in doubtful else p for p in pictures]
     marks = _marks(pictures, markers, found, excess)
-    return calibrate_marks(marks, settings, clock), tuple(replace(p, excess_px=excess) for p in pictures)
+    with clock("lens"):
+        marks, lenses = with_lens(marks, settings, given, focal_known=True)
+    outcome = calibrate_marks(marks, settings, clock, lenses)
+    return outcome, tuple(replace(p, excess_px=excess) for p in pictures)
 
 
 def _lost_most(calibration: Calibration) -> list[str]:
@@ -257,11 +289,12 @@ def _first(marks: Marks, settings: CalibrateSettings) -> Calibration | NotCalibr
     No rig yet: its cameras may have no instant in common among these pictures.
     """
     settings = replace(settings, max_sigma0=np.inf, rig=False)
+    usual = usual_free(marks.cameras.values()) if settings.free is None else settings.free
     result = adjusted(marks, settings, Free())
     for fewer in FEWER:
         if isinstance(result, Calibration):
             break
-        free = tuple(p for p in fewer if p in settings.free)
+        free = tuple(p for p in fewer if p in usual)
         again = adjusted(marks, replace(settings, free=free), Free()) if free else result
         result = again if isinstance(again, Calibration) else result
     return result

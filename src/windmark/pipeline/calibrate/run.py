@@ -7,8 +7,9 @@ from dataclasses import dataclass, field, replace
 
 from windmark.calibration import Calibration, Distance, NotCalibrated, self_calibrate
 from windmark.calibration.datum import Datum
+from windmark.calibration.lens_choice import LensTried
 from windmark.calibration.quality import SplitHalf, split_half
-from windmark.calibration.self_calibrate import FREE, MAX_SIGMA0
+from windmark.calibration.self_calibrate import MAX_SIGMA0
 from windmark.calibration.setup import SOLVERS
 from windmark.errors import UsageError, WindmarkError
 from windmark.pipeline.calibrate.diagnose import diagnosis
@@ -18,10 +19,14 @@ from windmark.pipeline.clock import Clock
 
 @dataclass(frozen=True)
 class CalibrateSettings:
-    """Options of `calibration.self_calibrate`; see there. No datum is for boards only: see `calibrate_board`."""
+    """Options of `calibration.self_calibrate`; see there. No datum is for boards only: see `calibrate_board`.
+
+    ``lens``: model of all cameras, `geometry.lens.LENSES`; None: that of the start values, and where nothing is said of
+    the free parameters either, the one that the marks speak for, see `lens.with_lens`.
+    """
 
     datum: Datum | None
-    free: tuple[str, ...] = FREE
+    free: tuple[str, ...] | None = None
     distances: tuple[Distance, ...] = ()
     rig: bool = False
     free_focal: tuple[str, ...] = ()
@@ -31,6 +36,7 @@ class CalibrateSettings:
     max_sigma0: float = MAX_SIGMA0
     seed: int = 0
     solver: str = SOLVERS[0]
+    lens: str | None = None
 
 
 @dataclass(frozen=True)
@@ -42,22 +48,26 @@ class Calibrated:
     result : the calibration
     marks : what it started from
     halves : every second picture against the others, or why that could not be done
+    lenses : the lens models that were compared, the best first; empty where there was no question
     """
 
     result: Calibration
     marks: Marks
     halves: SplitHalf | NotCalibrated
+    lenses: tuple[LensTried, ...] = ()
 
 
-def calibrate_marks(marks: Marks, settings: CalibrateSettings, clock: Clock) -> Calibrated | NotCalibrated:
-    """Calibrate, then check with halves of the pictures."""
+def calibrate_marks(
+    marks: Marks, settings: CalibrateSettings, clock: Clock, lenses: tuple[LensTried, ...] = ()
+) -> Calibrated | NotCalibrated:
+    """Calibrate, then check with halves of the pictures; ``lenses`` are the models that these marks were given to."""
     with clock("calibrate"):
         result = adjusted(marks, settings)
     if isinstance(result, NotCalibrated):
         return explained(result, marks)
     with clock("halves of the pictures"):
         halves = _halves(result, settings.seed)
-    return Calibrated(result, marks, halves)
+    return Calibrated(result, marks, halves, lenses)
 
 
 def explained(refusal: NotCalibrated, marks: Marks) -> NotCalibrated:

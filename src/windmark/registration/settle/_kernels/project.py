@@ -134,8 +134,8 @@ def _by_nuisances(
 ) -> None:
     """Derivatives by a camera's nuisances, of a point in its frame that it sees.
 
-    They are added. Those by the sensor's tilt, where it is tilted, and of a wide lens are difference quotients (``other``
-    is scratch).
+    They are added. Those by the sensor's tilt, where it is tilted, and of a wide lens are difference quotients
+    (``other`` is scratch).
     """
     xn, yn = x / z, y / z  # a wide lens, which may see behind, is of the quotients
     s, fx, fy, aspect = xn * xn + yn * yn, camera[0], camera[0] * camera[1], camera[1]

@@ -49,5 +49,6 @@ def sights_of(
         xyz, normal, near, sigma, np.zeros((0, xyz.shape[0], 3)), np.eye(3).reshape(1, 3, 3), np.zeros((1, 3)),
         np.array([0, m]), xy, packed, density, np.array([[m]]), density.reshape(1, m), np.zeros((1, 1)),
         np.array([FIXED]), by_x, xy[by_x, 0], size.reshape(1, 2),
-        np.array([np.median(known) if known.size else 0.0]), np.array([tolerance]), camera.reshape(1, camera.size), loose,
+        np.array([np.median(known) if known.size else 0.0]), np.array([tolerance]),
+        camera.reshape(1, camera.size), loose,
     )  # fmt: skip
