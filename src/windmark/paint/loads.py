@@ -14,6 +14,7 @@ from windmark.paint.carry import Carried, carried
 from windmark.paint.filling import fill_smoothly
 from windmark.paint.modes import NodeField
 from windmark.paint.surface import Surface, joined_surface
+from windmark.paint.unseen import guesses_of
 from windmark.scene import Mesh
 
 Array = NDArray[np.float64]
@@ -84,8 +85,9 @@ def integrate_loads(
 
     Returns
     -------
-    Loads. Unseen nodes get the smooth continuation of what was seen of their volume, with an error as large as the
-    volume's own scatter of Cp, in common and linear (cause ``unseen VOLUME``); their share is ``unseen``, ``filled``.
+    Loads. Unseen nodes get the smooth continuation of what was seen of their volume, with an error that the seen rim
+    shows when it is hidden and filled alike (`unseen.guesses_of`), in common and linear (cause ``unseen VOLUME``); their
+    share is ``unseen``, ``filled``.
 
     Raises
     ------
@@ -117,7 +119,7 @@ def integrate_loads(
         groups.append(np.isin(mesh.volume, names))
     else:
         operators, groups = operators * 2, groups * 2
-    guesses = [_guesses(mesh, cp, name) for name in names]
+    guesses = [guesses_of(mesh, cp, mesh.volume == name, surface) for name in names]
     rows = [_with_guesses(carried(whole, op), op, names, guesses) for op in operators]
     gap = np.where(cp.known, 0.0, whole.value)
     filled = np.stack([op @ np.where(np.isfinite(gap), gap, 0.0) for op in operators])
@@ -177,22 +179,6 @@ def _completed(mesh: Mesh, cp: NodeField, names: Sequence[str], surface: Surface
         if missing.any():
             out = fill_smoothly(mesh, out, missing, surface=surface)
     return out, np.array(shares)
-
-
-def _guesses(mesh: Mesh, cp: NodeField, name: str) -> Array:
-    """(V, 4) how wrong the fill of a volume's unseen nodes may be: by the volume's own scatter of Cp, a quarter of its
-    variance each in common and linear along x, y and z.
-    """
-    nodes = np.zeros(len(cp), bool)
-    nodes[mesh.triangles[mesh.volume == name].ravel()] = True
-    out = np.zeros((len(cp), 4))
-    missing = nodes & ~cp.known
-    if missing.any():
-        off = mesh.vertices[missing] - mesh.vertices[missing].mean(axis=0)
-        spread = np.sqrt((off**2).mean(axis=0))
-        shape = np.column_stack([np.ones(len(off)), off / np.where(spread > 1e-9 * mesh.size, spread, np.inf)])
-        out[missing] = 0.5 * float(np.std(cp.value[nodes & cp.known])) * shape
-    return out
 
 
 def _with_guesses(row: Carried, operator: Array, names: Sequence[str], guesses: Sequence[Array]) -> Carried:
