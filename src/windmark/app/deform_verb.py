@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import time
 from collections import Counter
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
@@ -18,6 +17,7 @@ from windmark.app import console
 from windmark.app.alone import not_drawn
 from windmark.app.deform_report import deform_page
 from windmark.app.series_folder import left, series_folder
+from windmark.compiling import job_time
 from windmark.deformation import weak_directions
 from windmark.pipeline.deform import (
     Changes,
@@ -55,7 +55,7 @@ def deform(path: Path, changed: Changes, live: Live | None, go_on: str, as_json:
     Live results appear in the folder itself. What was stopped on the way is gone on with (``go_on`` "resume") or
     brought to its end with what it has ("finish").
     """
-    start = time.perf_counter()
+    start = job_time()
     loaded = load(read_deform_project(path, changed))
     for remark in loaded.remarks:
         console.note(path, remark)
@@ -124,7 +124,7 @@ def _finish(loaded: Loaded, sequence: Sequence, folder: Path, start: float) -> R
     record = summary(loaded, sequence)
     page = deform_page(loaded, sequence, record, folder)
     (folder / "report.html").write_text(page.html(), encoding="utf-8")
-    record |= {"not_drawn": page.failed, "seconds": time.perf_counter() - start}
+    record |= {"not_drawn": page.failed, "seconds": job_time() - start}
     io.write_json(folder / "summary.json", record)
     return record
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +12,7 @@ from windmark.app import console
 from windmark.app.alone import not_drawn
 from windmark.app.psp_report import psp_page
 from windmark.app.series_folder import series_folder
+from windmark.compiling import job_time
 from windmark.pipeline.psp import FAILED, PointRecord, PspTest, grouped, load_psp, read_psp_project, reduced, run_psp
 
 Record = dict[str, Any]
@@ -27,7 +27,7 @@ def psp(
     path: Path, output: Path | None, threads: int, go_on: str, as_json: bool, *, scheduler: str | None = None
 ) -> None:
     """Reduce every point of a project; ``go_on`` "resume" or "finish" what was stopped, "" begins anew."""
-    start = time.perf_counter()
+    start = job_time()
     test = load_psp(read_psp_project(path, output))
     for remark in test.remarks:
         console.note(path, remark)
@@ -41,7 +41,7 @@ def psp(
         record = summary(test, records)
         page = psp_page(test, records, out.place)
         (out.place / "report.html").write_text(page.html(), encoding="utf-8")
-        record |= {"not_drawn": page.failed, "seconds": time.perf_counter() - start}
+        record |= {"not_drawn": page.failed, "seconds": job_time() - start}
         io.write_json(out.place / "summary.json", record)
         out.refused = not reduced(records)
     record["folder"] = folder
