@@ -1,7 +1,7 @@
 """Waiting for kernels that are compiled at their first use: how long, and a word when it begins.
 
 Compiling is done once for each machine and is no part of a measurement: what is timed for a result is timed with
-`working_time`.
+`working_time` or `job_time`.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-__all__ = ["announce", "compiled", "compiling_seconds", "waiting", "working_time"]
+__all__ = ["announce", "compiled", "compiling_seconds", "job_time", "waiting", "working_time"]
 
 WORTH_A_WORD = 1.0  # seconds of compiling after which it is said: one kernel that was missing is not worth a line
 
@@ -36,6 +36,15 @@ def working_time() -> float:
     To be used as `time.perf_counter`: differences only.
     """
     return time.perf_counter() - _here.waited
+
+
+def job_time() -> float:
+    """Seconds of the clock on the wall, which stands still while any thread of this process compiles: for whole jobs,
+    whose threads wait for each other.
+
+    To be used as `time.perf_counter`: differences only.
+    """
+    return time.perf_counter() - _process.seconds
 
 
 def compiling_seconds() -> float:

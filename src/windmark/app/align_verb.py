@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from windmark import io
 from windmark.app import console
 from windmark.app.alone import not_drawn
+from windmark.compiling import job_time
 from windmark.errors import UsageError
 from windmark.pipeline.align2d import AlignedFile, AlignSettings, Reference, align_files, read_named, read_reference
 from windmark.pipeline.align2d.outputs import ratios, record_of, write_one
@@ -47,7 +47,7 @@ def align(wishes: Wishes, as_json: bool) -> None:
     check_options(wishes.options["kind"], wishes.options["max_shift_px"])
     named = None if wishes.matches is None else read_named(wishes.matches)
     settings = AlignSettings(**wishes.options, named=named)
-    start = time.perf_counter()
+    start = job_time()
     with console.progress() as show, console.result_folder(wishes.output) as out:
         show(f"find the markers of {base.name}")
         reference = read_reference(base, settings)
@@ -60,7 +60,7 @@ def align(wishes: Wishes, as_json: bool) -> None:
         record = {
             "reference": base.name, "images": rows, "radius": reference.radius_note,
             "options": {**wishes.options, "reference": base.name, "matches": wishes.matches},
-            "seconds": time.perf_counter() - start, "folder": wishes.output,
+            "seconds": job_time() - start, "folder": wishes.output,
         }  # fmt: skip
         show("draw the report")
         page = _report(out.place, record, shown)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import time
 from collections import Counter
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
@@ -20,6 +19,7 @@ from windmark.app.deform_report import deform_page
 from windmark.app.provenance import Provenance
 from windmark.app.series_folder import left, series_folder
 from windmark.app.verdict_words import put_verdict, verdict_lines
+from windmark.compiling import job_time
 from windmark.deformation import weak_directions
 from windmark.pipeline.deform import (
     Changes,
@@ -58,7 +58,7 @@ def deform(path: Path, changed: Changes, live: Live | None, go_on: str, as_json:
     Live results appear in the folder itself. What was stopped on the way is gone on with (``go_on`` "resume") or
     brought to its end with what it has ("finish").
     """
-    start = time.perf_counter()
+    start = job_time()
     loaded = load(read_deform_project(path, changed))
     for remark in loaded.remarks:
         console.note(path, remark)
@@ -131,7 +131,7 @@ def _finish(loaded: Loaded, sequence: Sequence, out: io.ResultFolder, start: flo
     put_verdict(page, verdict)
     page.provenance(Provenance.of_project(loaded.project, out.sources()))
     (folder / "report.html").write_text(page.html(), encoding="utf-8")
-    record |= {"verdict": verdict.record(), "not_drawn": page.failed, "seconds": time.perf_counter() - start}
+    record |= {"verdict": verdict.record(), "not_drawn": page.failed, "seconds": job_time() - start}
     io.write_json(folder / "summary.json", record)
     return record
 

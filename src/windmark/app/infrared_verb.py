@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +14,7 @@ from windmark.app.infrared_report import infrared_page
 from windmark.app.provenance import Provenance
 from windmark.app.series_folder import series_folder
 from windmark.app.verdict_words import put_verdict, verdict_lines
+from windmark.compiling import job_time
 from windmark.pipeline.infrared import (
     FAILED,
     FrameRecord,
@@ -35,7 +35,7 @@ SHOWN = 20
 
 def infrared(path: Path, output: Path | None, go_on: str, as_json: bool) -> None:
     """Reduce every frame of a project; ``go_on`` "resume" or "finish" what was stopped, "" begins anew."""
-    start = time.perf_counter()
+    start = job_time()
     run = load_infrared(read_infrared_project(path, output))
     for remark in run.remarks:
         console.note(path, remark)
@@ -52,7 +52,7 @@ def infrared(path: Path, output: Path | None, go_on: str, as_json: bool) -> None
         put_verdict(page, verdict)
         page.provenance(Provenance.of_project(run.project, out.sources()))
         (out.place / "report.html").write_text(page.html(), encoding="utf-8")
-        record |= {"verdict": verdict.record(), "not_drawn": page.failed, "seconds": time.perf_counter() - start}
+        record |= {"verdict": verdict.record(), "not_drawn": page.failed, "seconds": job_time() - start}
         io.write_json(out.place / "summary.json", record)
         out.refused = not reduced(result.records)
     record["folder"] = folder

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,6 +9,7 @@ from typing import Any
 from windmark import io
 from windmark.app import console
 from windmark.app.alone import not_drawn
+from windmark.compiling import job_time
 from windmark.errors import UsageError
 from windmark.pipeline.lengths import Lengths
 from windmark.pipeline.marker_check import CheckSettings, MarkerCheck, check_markers
@@ -41,7 +41,7 @@ class Files:
 
 def check(files: Files, settings: CheckSettings, as_json: bool) -> None:
     """Check a layout and write table, pictures and page into a folder, whole or not at all."""
-    start = time.perf_counter()
+    start = job_time()
     lengths = Lengths(files.unit)
     markers = lengths.markers(files.markers, **({"roles": files.roles} if files.roles else {}))
     camera = console.read_lens(files.camera) if files.camera else None
@@ -56,7 +56,7 @@ def check(files: Files, settings: CheckSettings, as_json: bool) -> None:
         done = check_markers(markers, files.unit, camera=camera, mesh=mesh, settings=settings, progress=show)
         show("draw")
         record: Record = {"file": files.markers, **done.record(), "camera_file": files.camera,
-                          "grid_file": files.grid, "seconds": time.perf_counter() - start,
+                          "grid_file": files.grid, "seconds": job_time() - start,
                           "folder": files.output}  # fmt: skip
         record["not_drawn"] = write_check(done, out.place, files.markers.name)
         io.write_json(out.place / "summary.json", record)

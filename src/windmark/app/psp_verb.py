@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +14,7 @@ from windmark.app.provenance import Provenance
 from windmark.app.psp_report import psp_page
 from windmark.app.series_folder import series_folder
 from windmark.app.verdict_words import put_verdict, verdict_lines
+from windmark.compiling import job_time
 from windmark.pipeline.psp import FAILED, PointRecord, PspTest, grouped, load_psp, read_psp_project, reduced, run_psp
 from windmark.pipeline.verdict import psp_verdict
 
@@ -30,7 +30,7 @@ def psp(
     path: Path, output: Path | None, threads: int, go_on: str, as_json: bool, *, scheduler: str | None = None
 ) -> None:
     """Reduce every point of a project; ``go_on`` "resume" or "finish" what was stopped, "" begins anew."""
-    start = time.perf_counter()
+    start = job_time()
     test = load_psp(read_psp_project(path, output))
     for remark in test.remarks:
         console.note(path, remark)
@@ -47,7 +47,7 @@ def psp(
         put_verdict(page, verdict)
         page.provenance(Provenance.of_project(test.project, out.sources()))
         (out.place / "report.html").write_text(page.html(), encoding="utf-8")
-        record |= {"verdict": verdict.record(), "not_drawn": page.failed, "seconds": time.perf_counter() - start}
+        record |= {"verdict": verdict.record(), "not_drawn": page.failed, "seconds": job_time() - start}
         io.write_json(out.place / "summary.json", record)
         out.refused = not reduced(records)
     record["folder"] = folder

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
 from typing import Any
 
 from windmark import io
 from windmark.app import console
 from windmark.app.alone import not_drawn
+from windmark.compiling import job_time
 from windmark.pipeline.study import Study, StudySettings, run_study
 
 Record = dict[str, Any]
@@ -16,12 +16,12 @@ Record = dict[str, Any]
 
 def study(settings: StudySettings, output: Path, as_json: bool) -> None:
     """Run the study and write table, pictures and page into ``output``, whole or not at all."""
-    start = time.perf_counter()
+    start = job_time()
     with console.progress() as show, console.result_folder(output) as out:
         done = run_study(settings, show)
         show("draw")
         failed = write_study(done, out.place)
-        record = {**done.record(), "seconds": time.perf_counter() - start, "folder": output, "not_drawn": failed}
+        record = {**done.record(), "seconds": job_time() - start, "folder": output, "not_drawn": failed}
         io.write_json(out.place / "summary.json", record)
     lines = [*map(_line, record["summary"]), *not_drawn(failed), f"report: {output / 'study.html'}"]
     console.answer(record, as_json, lines)

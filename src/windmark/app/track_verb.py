@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import datetime
@@ -18,6 +17,7 @@ from windmark.app.alone import not_drawn
 from windmark.app.report import Report
 from windmark.app.series_folder import series_folder
 from windmark.app.verdict_words import put_verdict, verdict_lines
+from windmark.compiling import job_time
 from windmark.errors import UsageError
 from windmark.geometry import Camera
 from windmark.pipeline.lengths import Lengths
@@ -77,7 +77,7 @@ def follow_files(wishes: Wishes, options: Record, change: tuple[float, float], g
     how = FollowOptions(**options, motion=motion, prior=prior, mask=mask)
     images = io.pictures(wishes.images)
     instants = stamped_instants(images) if wishes.frames is None else read_instants(wishes.frames, images)
-    start, made = time.perf_counter(), _made_with(wishes, options, change)
+    start, made = job_time(), _made_with(wishes, options, change)
     with console.progress(len(images)) as show, series_folder(wishes.output, go_on) as (out, go_on):
         series = follow_series(
             out.place, images, markers, camera, options=how, instants=instants, made=made, go_on=go_on,
@@ -86,7 +86,7 @@ def follow_files(wishes: Wishes, options: Record, change: tuple[float, float], g
         show("write")
         rows, last = series.rows, series.last
         record = {
-            **sequence_summary(rows, camera, unit), "seconds": time.perf_counter() - start, "folder": wishes.output,
+            **sequence_summary(rows, camera, unit), "seconds": job_time() - start, "folder": wishes.output,
             "polarity": series.polarity,
         }  # fmt: skip
         verdict = track_verdict(rows, unit)

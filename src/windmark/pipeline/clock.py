@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+
+from windmark.compiling import working_time
 
 Progress = Callable[[str], None]
 """Called with one line of text whenever a stage starts."""
@@ -27,11 +28,11 @@ class Clock:
     def __call__(self, stage: str) -> Iterator[None]:
         """Time a stage; a stage that is entered again adds up."""
         self.progress(f"{self.label}: {stage}" if self.label else stage)
-        start = time.perf_counter()
+        start = working_time()
         try:
             yield
         finally:
-            self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - start
+            self.seconds[stage] = self.seconds.get(stage, 0.0) + working_time() - start
 
     @property
     def total(self) -> float:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -11,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark import detection, io
+from windmark.compiling import working_time
 from windmark.errors import UsageError
 from windmark.geometry import Camera, Pose
 from windmark.geometry.rotations import hat
@@ -169,7 +169,7 @@ class _Follower:
 
     def frame(self, index: int, item: io.PictureFile | tuple[str, Image], instant: float, dt: float) -> FollowedFrame:
         """Follow one image."""
-        start = time.perf_counter()
+        start = working_time()
         name = item[0] if isinstance(item, tuple) else item.name
         try:
             image = self._read(item)
@@ -188,7 +188,7 @@ class _Follower:
         state = self._state
         return FollowedFrame(
             index, name, instant, state.status, state.reason, near, self._polarity, spots, answer,
-            time.perf_counter() - start,
+            working_time() - start,
         )  # fmt: skip
 
     def _read(self, item: io.PictureFile | tuple[str, Image]) -> Image:
@@ -207,7 +207,7 @@ class _Follower:
     def _lost(self, index: int, name: str, instant: float, dt: float, reason: str, start: float) -> FollowedFrame:
         if self._state is not None:
             self._state = self._state.without(reason, dt)
-        return FollowedFrame(index, name, instant, "lost", reason, seconds=time.perf_counter() - start)
+        return FollowedFrame(index, name, instant, "lost", reason, seconds=working_time() - start)
 
     def _guided(
         self, image: Image, dt: float

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import time
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -14,6 +13,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from windmark import detection, io
+from windmark.compiling import working_time
 from windmark.errors import WindmarkError
 from windmark.pipeline.align2d.named import NamedSpots, of_image
 from windmark.pipeline.clock import Progress, silent
@@ -130,7 +130,7 @@ def align_files(
 
 
 def _align_one(path: io.PictureFile, reference: Reference, settings: AlignSettings, progress: Progress) -> AlignedFile:
-    start = time.perf_counter()
+    start = working_time()
     progress(f"align {path.name}")
     image: Image | None = None
     answer: ImageAlignment | NotAligned | None = None
@@ -140,7 +140,7 @@ def _align_one(path: io.PictureFile, reference: Reference, settings: AlignSettin
         problem = "" if isinstance(answer, ImageAlignment) else f"not aligned: {answer.reason}"
     except WindmarkError as error:  # FileError among them
         problem = str(error)
-    return AlignedFile(path, image, answer, problem, time.perf_counter() - start)
+    return AlignedFile(path, image, answer, problem, working_time() - start)
 
 
 def _answer(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -12,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark import io
+from windmark.compiling import job_time
 from windmark.deformation import Deformation, NotIdentified, identify
 from windmark.errors import UsageError
 from windmark.geometry import Camera, Pose
@@ -110,7 +110,7 @@ class _Follower:
 
     def frame(self, index: int, frame: FrameImages) -> DeformedFrame:
         """Follow one instant."""
-        start = time.perf_counter()
+        start = job_time()
         self._last = {}
         images, bad = self._read(frame)
         self._open(frame, images, bad)
@@ -132,7 +132,7 @@ class _Follower:
         if found is None:
             reason = "; ".join([*troubles, why] if why else troubles) or "no image"
             return DeformedFrame(
-                index, frame.key, frame.instant, "lost", reason, None, seconds=time.perf_counter() - start,
+                index, frame.key, frame.instant, "lost", reason, None, seconds=job_time() - start,
                 cameras=self._sights(frame, images, bad, self._last, None),
             )  # fmt: skip
         state, labelled, observations, errors = found
@@ -143,7 +143,7 @@ class _Follower:
         self._learn(images, labelled, sights, status)
         return DeformedFrame(
             index, frame.key, frame.instant, status, "; ".join(troubles), state, observations, tuple(labelled),
-            time.perf_counter() - start, sights,
+            job_time() - start, sights,
         )  # fmt: skip
 
     def _sights(

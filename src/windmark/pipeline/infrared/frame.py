@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.compiling import working_time
 from windmark.errors import DataError
 from windmark.io import FileError
 from windmark.paint import dominant
@@ -38,7 +38,7 @@ def run_frame(run: InfraredRun, frame: DeformedFrame, images: FrameImages, pictu
     DataError, FileError
         With one sentence that says what is missing or wrong; nothing else is touched by it.
     """
-    began, state = time.perf_counter(), frame.state
+    began, state = working_time(), frame.state
     if state is None:
         raise DataError("; ".join([*_saturated(run, images), f"the model was not found: {frame.reason}"]))
     mesh, moves = moved_grid(state, run.mesh)
@@ -65,7 +65,7 @@ def run_frame(run: InfraredRun, frame: DeformedFrame, images: FrameImages, pictu
     record = FrameRecord(
         frame.key, frame.index, float(run.times[frame.index]), pictures, REDUCED, "", tuple(remarks), state.rms_px,
         float(known[used].mean()), tuple(cameras), float(np.median(field.value[known])),
-        float(np.median(field.sigma[known])), causes={"T": dominant(field)}, seconds=time.perf_counter() - began,
+        float(np.median(field.sigma[known])), causes={"T": dominant(field)}, seconds=working_time() - began,
     )  # fmt: skip
     return FrameOutcome(mesh.vertices, cameras, record)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -10,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark import io
+from windmark.compiling import working_time
 from windmark.deformation import Deformation
 from windmark.errors import DataError
 from windmark.paint import LoadReference, TunnelConditions, correct_picture
@@ -128,10 +128,10 @@ def channel_ratio(test: PspTest, row: PointRow, name: str) -> MergedRatio:
 class _Clock:
     def __init__(self) -> None:
         self.laps: dict[str, float] = {}
-        self._last = time.perf_counter()
+        self._last = working_time()
 
     def lap(self, name: str) -> None:
-        now = time.perf_counter()
+        now = working_time()
         self.laps[name], self._last = now - self._last, now
 
 
