@@ -23,8 +23,8 @@ from windmark.geometry import PARAMETERS
 from windmark.pipeline.calibrate import Calibrated, MatchOptions, Picture
 from windmark.pipeline.calibrate.outputs import STRONG, correlations, datum_words, pose_columns, sigma_rms, views_seen
 from windmark.pipeline.calibrate.read import read_image
-from windmark.pipeline.calibrate.rig import beside
 from windmark.pipeline.clock import Clock
+from windmark.tasks.calibrate.rig import beside
 
 TESTED = ("k1", "k2", "k3", "p1", "p2", "tilt_x", "tilt_y")
 SIGNIFICANT = 3.0

@@ -30,11 +30,11 @@ from windmark.pipeline.calibrate import (
     record,
     write_calibration,
 )
-from windmark.pipeline.calibrate.marks import start_camera, with_focal
-from windmark.pipeline.calibrate.rig import Beside, beside
 from windmark.pipeline.clock import Clock
 from windmark.pipeline.lengths import Lengths
 from windmark.scene import MarkerCovariance, MarkerSet
+from windmark.tasks.calibrate.marks import start_camera, with_focal
+from windmark.tasks.calibrate.rig import Beside, beside
 
 Record = dict[str, Any]
 Pictures = Sequence[Picture] | None
