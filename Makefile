@@ -3,19 +3,31 @@ PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
 DEMO   := windmark-demo
-# A file of tests is run by one process; two files at a time halve the wait on two cores.
+# Two processes halve the wait on two cores; who is done takes tests over from the other, so neither waits for a file.
 TEST_PROCESSES ?= 2
+PYTEST := $(BIN)/pytest --numprocesses $(TEST_PROCESSES) --dist worksteal
 
-.PHONY: demo test bench paper-map clean
+.PHONY: demo test test-all test-costs lint bench paper-map clean
 
 demo: $(VENV)/.installed
 	$(BIN)/windmark demo $(DEMO)
 
-test: $(VENV)/.installed-test
+lint: $(VENV)/.installed-test
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/pytest --numprocesses $(TEST_PROCESSES) --dist loadfile
+
+# What every change is tried with: all but the tests that are marked slow.
+test: lint
+	$(PYTEST) -m "not slow"
+
+# Everything, as continuous integration runs it.
+test-all: lint
+	$(PYTEST)
+
+# CPU seconds of every test, the dearest first: those of over five seconds are to be marked slow.
+test-costs: $(VENV)/.installed-test
+	$(BIN)/pytest --costs test-costs.csv
 
 # Every command of docs/paper-map.md, from start to end (some eight minutes).
 paper-map: $(VENV)/.installed
@@ -35,4 +47,4 @@ $(VENV)/.installed-test: $(VENV)/.installed
 	touch $@
 
 clean:
-	rm -rf $(VENV) $(DEMO) build dist
+	rm -rf $(VENV) $(DEMO) build dist test-costs.csv

@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from windmark import io
-from windmark.pipeline.deform.follow import follow_deformation
+from windmark.pipeline.deform.pictures import follow_deformation
 from windmark.pipeline.deform.run import zeroed
 from windmark.pipeline.infrared import InfraredRun, load_infrared, read_infrared_project
 from windmark.pipeline.infrared.flux import FieldMaker, make_fluxes

@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 from windmark.adjust.network import Network, NetworkProblem, NetworkState
 from windmark.adjust.network.covariance import network_covariance
 from windmark.adjust.network.datum import in_datum
-from windmark.pipeline.reconstruct import NotReconstructed, Reconstruction, reconstruct
 from windmark.scene import MarkerSet
+from windmark.tasks.reconstruct import NotReconstructed, Reconstruction, reconstruct
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "epipolar"))
 import reconstruct_scenes as scenes

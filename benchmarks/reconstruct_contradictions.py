@@ -26,8 +26,8 @@ from numpy.typing import NDArray
 from scipy.stats import chi2, norm
 
 from windmark.geometry import Pose
-from windmark.pipeline.reconstruct import NotReconstructed, Reconstruction, reconstruct
 from windmark.scene import Detections, MarkerSet
+from windmark.tasks.reconstruct import NotReconstructed, Reconstruction, reconstruct
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "epipolar"))
 import reconstruct_scenes as scenes

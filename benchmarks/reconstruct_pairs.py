@@ -29,9 +29,9 @@ from windmark import io
 from windmark.detection import detect
 from windmark.epipolar import match_known_pair, match_pair
 from windmark.geometry import Camera, Pose
-from windmark.pipeline.reconstruct.pairwise import by_pairs
 from windmark.registration import pose_from_labels
 from windmark.scene import Detections
+from windmark.tasks.reconstruct.pairwise import by_pairs
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -28,9 +28,9 @@ from windmark.detection import detect
 from windmark.epipolar import Association, associate
 from windmark.geometry import Camera, Pose, align
 from windmark.io import read_grey
-from windmark.pipeline.reconstruct import Reconstruction, reconstruct
 from windmark.registration import pose_from_labels
 from windmark.scene import Detections, MarkerSet, Tracks, View
+from windmark.tasks.reconstruct import Reconstruction, reconstruct
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 CORNERS = ((-32, -31), (31, -31), (-32, 31), (31, 31))

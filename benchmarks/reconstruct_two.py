@@ -17,8 +17,8 @@ from pathlib import Path
 import numpy as np
 
 from windmark.geometry import Pose
-from windmark.pipeline.reconstruct import reconstruct
 from windmark.scene import Detections, MarkerSet, View
+from windmark.tasks.reconstruct import reconstruct
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "epipolar"))
 import reconstruct_scenes as scenes

@@ -32,15 +32,15 @@ from windmark.app.pov_verb import Viewpoint
 from windmark.deformation.laws import CATALOG
 from windmark.geometry import imaged_ellipse
 from windmark.pipeline.job import run_project
-from windmark.pipeline.marker_check import CheckSettings, check_markers
-from windmark.pipeline.predictions import from_camera, look
 from windmark.pipeline.project import read_project
-from windmark.pipeline.reconstruct.pair import pair_lines
 from windmark.pipeline.results import ImageResult, RunResult
 from windmark.pipeline.simulate import simulate
 from windmark.pipeline.simulate_cameras import simulate_cameras
 from windmark.pipeline.study import StudySettings, examples, run_study
 from windmark.synth import disc_image, marker_scene, marker_sheet
+from windmark.tasks.marker_check import CheckSettings, check_markers
+from windmark.tasks.predictions import from_camera, look
+from windmark.tasks.reconstruct.pair import pair_lines
 
 HERE = Path(__file__).parent / "pictures"
 SHADES = 32  # of each colour: camera noise in all 256 would take three times the bytes

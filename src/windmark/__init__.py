@@ -28,7 +28,7 @@ _HOME = {
         "marker_places", "span_values", "zero_markers",
     ),
     "epipolar": ("NotMatched", "PairMatching", "match_pair"),
-    "pipeline.reconstruct": ("NotReconstructed", "Reconstruction", "reconstruct"),
+    "tasks.reconstruct": ("NotReconstructed", "Reconstruction", "reconstruct"),
     "resection": (
         "MergedViews", "NodeView", "NotMerged", "Picture", "PixelMap", "PointValues", "map_pixels", "merge_views",
         "node_values", "noise_law", "orient_outward", "sample", "sample_line", "sample_points", "section", "see_nodes",
@@ -126,7 +126,6 @@ if TYPE_CHECKING:
         surface_temperature,
         thermocouple_temperature,
     )
-    from windmark.pipeline.reconstruct import NotReconstructed, Reconstruction, reconstruct
     from windmark.registration import (
         NotRegistered,
         PoseCandidates,
@@ -160,6 +159,7 @@ if TYPE_CHECKING:
     )
     from windmark.scene import Detections, MarkerCovariance, MarkerSet, Matching, Mesh, Observations, Tracks, View
     from windmark.tasks.align2d import ImageAlignment, NotAligned, align_images
+    from windmark.tasks.reconstruct import NotReconstructed, Reconstruction, reconstruct
 
 
 def __getattr__(name: str) -> Any:

@@ -11,9 +11,9 @@ from windmark.app import markers_pictures
 from windmark.app.sphere_maps import Disc, discs
 from windmark.geometry import Camera
 from windmark.io import write_camera, write_markers
-from windmark.pipeline.marker_check import Change, CheckSettings, Proposal, check_markers
-from windmark.pipeline.marker_check.settings import direction_of, spread_directions
 from windmark.scene import MarkerSet
+from windmark.tasks.marker_check import Change, CheckSettings, Proposal, check_markers
+from windmark.tasks.marker_check.settings import direction_of, spread_directions
 
 UP = np.array([0.0, 0.0, 1.0])
 FRONT = ("--view-from", "0,90", "--within", 35, "--views", 36)

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from windmark.geometry import Camera, Pose
 from windmark.geometry.two_view import epipolar_distance, sampson_distance
-from windmark.pipeline.clicked_pair import ClickedPair, Clicks, clicked_pair
 from windmark.scene import Detections
+from windmark.tasks.clicked_pair import ClickedPair, Clicks, clicked_pair
 
 Array = NDArray[np.float64]
 

@@ -25,13 +25,14 @@ from windmark.pipeline.calibrate import (
     taken_by,
     write_calibration,
 )
-from windmark.pipeline.calibrate import pictures as rounds
-from windmark.pipeline.calibrate.marks import Marks, start_camera, with_focal
+from windmark.pipeline.calibrate import from_pictures as rounds
 from windmark.pipeline.calibrate.outputs import datum_words, pose_columns, stations
-from windmark.pipeline.calibrate.rig import beside
 from windmark.pipeline.clock import Clock
 from windmark.pipeline.lengths import Lengths
 from windmark.scene import Detections, MarkerSet, Matching, Observations, View
+from windmark.tasks.calibrate import pictures as matching
+from windmark.tasks.calibrate.marks import Marks, start_camera, with_focal
+from windmark.tasks.calibrate.rig import beside
 
 
 def table_of(case):
@@ -281,7 +282,7 @@ def labelled_pictures(case, monkeypatch, tmp_path, wrong):
         return replace(picture, registration=SimpleNamespace(matching=pairs), problem="", round=picture.round or n)
 
     monkeypatch.setattr(rounds, "_detect", spots_of)
-    monkeypatch.setattr(rounds, "_match", match)
+    monkeypatch.setattr(matching, "_match", match)
     return calibrate_pictures(
         [tmp_path / f"v{v:02d}.png" for v in range(views)], rough(case), {"camera": Camera((1500, 1000), 1500.0)},
         MatchOptions(), CalibrateSettings(Free()), Clock(),

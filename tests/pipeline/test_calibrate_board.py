@@ -10,11 +10,11 @@ from windmark.calibration.quality import SplitHalf
 from windmark.geometry import Camera, Pose
 from windmark.geometry.similarity import align
 from windmark.pipeline.calibrate import Board, BoardPicture, CalibrateSettings, MatchOptions, calibrate_board, record
-from windmark.pipeline.calibrate import board as boards
+from windmark.pipeline.calibrate import from_board as boards
 from windmark.pipeline.calibrate.outputs import datum_words
-from windmark.pipeline.calibrate.rig import beside
 from windmark.pipeline.clock import Clock
 from windmark.scene import Detections
+from windmark.tasks.calibrate.rig import beside
 
 SIZE = (2000, 1500)
 COLUMNS, ROWS, PITCH, RADIUS = 12, 9, 5.0, 1.2

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from windmark import io
-from windmark.pipeline.calibrate.read import Picture, read_image, read_pictures
+from windmark.pipeline.calibrate.read import read_image, read_pictures
 from windmark.scene import Detections
+from windmark.tasks.calibrate.picture import Picture
 
 
 def read(paths, options, cameras=("camera",), patterns=None):

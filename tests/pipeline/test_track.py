@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from windmark import io, synth
-from windmark.pipeline.track import FollowOptions, follow
+from windmark.pipeline.track_files import FollowOptions, follow
 from windmark.pipeline.track_results import PoseRow, match_columns, pose_columns, pov_with_sigma
 
 FRAMES = 10

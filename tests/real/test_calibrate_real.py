@@ -9,10 +9,10 @@ import pytest
 from windmark.calibration import Free
 from windmark.geometry.similarity import align
 from windmark.pipeline.calibrate import CalibrateSettings, MatchedPicture, MatchOptions, calibrate_pictures
-from windmark.pipeline.calibrate import pictures as rounds
+from windmark.pipeline.calibrate import from_pictures as rounds
 from windmark.pipeline.clock import Clock
-from windmark.pipeline.labels import fixed_spots
 from windmark.scene import Detections, MarkerSet
+from windmark.tasks.labels import fixed_spots
 
 DATA = Path(__file__).parents[2] / ".." / "shared" / "data" / "dbat-camcal"
 

@@ -14,7 +14,7 @@ from windmark.calibration.self_calibrate import FREE, FREE_OF
 from windmark.errors import UsageError
 from windmark.geometry import PARAMETERS, Camera
 from windmark.pipeline.calibrate import Board
-from windmark.pipeline.calibrate.board import MARK_KINDS
+from windmark.tasks.calibrate.board import MARK_KINDS
 
 TABLES = (".csv", ".txt")
 """Matches, not pictures."""

@@ -25,8 +25,8 @@ from windmark.geometry.camera import LENS_PARAMETERS
 from windmark.pipeline.calibrate import Calibrated, MatchOptions, Picture
 from windmark.pipeline.calibrate.outputs import STRONG, correlations, datum_words, pose_columns, sigma_rms, views_seen
 from windmark.pipeline.calibrate.read import read_image
-from windmark.pipeline.calibrate.rig import beside
 from windmark.pipeline.clock import Clock
+from windmark.tasks.calibrate.rig import beside
 
 TESTED = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2", "tilt_x", "tilt_y")
 SIGNIFICANT = 3.0

@@ -33,13 +33,13 @@ from windmark.pipeline.calibrate import (
     record,
     write_calibration,
 )
-from windmark.pipeline.calibrate.lens import in_lens, with_lens
-from windmark.pipeline.calibrate.marks import start_camera, with_focal
-from windmark.pipeline.calibrate.rig import Beside, beside
 from windmark.pipeline.clock import Clock
 from windmark.pipeline.lengths import Lengths
 from windmark.pipeline.verdict import Verdict, calibrate_verdict
 from windmark.scene import MarkerCovariance, MarkerSet
+from windmark.tasks.calibrate.lens import in_lens, with_lens
+from windmark.tasks.calibrate.marks import start_camera, with_focal
+from windmark.tasks.calibrate.rig import Beside, beside
 
 Record = dict[str, Any]
 Pictures = Sequence[Picture] | None

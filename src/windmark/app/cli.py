@@ -16,12 +16,13 @@ import typer
 from windmark import compiling
 from windmark.app import console
 from windmark.app.commands import align, camera, deform, epipolar, image, infrared, plan, pov, psp, start
+from windmark.app.commands.grouped import App, written
 from windmark.app.commands.matching_options import Binding, MaxTime, NoOcclusion, Roles
 from windmark.app.commands.options import Json, Seed
 
 COMPILING = "compiling kernels for their first use, which takes a minute or two; later runs start at once"
 
-app = typer.Typer(
+app = App(
     name="windmark",
     help="Wind-tunnel camera images into measurements on the model's surface.",
     no_args_is_help=True,
@@ -104,7 +105,7 @@ def simulate(
 @app.command(epilog="Example: windmark run project.toml")
 def run(
     project: Annotated[Path, typer.Argument(help="Project file (TOML).")],
-    output: Annotated[Path | None, typer.Option("--output", "-o", help="Folder instead of the project's own.")] = None,
+    output: Annotated[Path | None, written("Folder instead of the project's own.")] = None,
     max_time: MaxTime = None,
     roles: Roles = None,
     no_occlusion: NoOcclusion = False,

@@ -16,6 +16,7 @@ from windmark.app import console
 from windmark.app.alone import Unreadable, not_drawn, png_alone
 from windmark.detection import RadiusEstimate, Rejected
 from windmark.errors import UsageError
+from windmark.options.detection import CHANNEL
 from windmark.scene import Detections
 
 if TYPE_CHECKING:
@@ -37,7 +38,7 @@ class Wishes:
     picture: Path | None = None
     explain: Path | None = None
     merit_map: Path | None = None
-    channel: str = "grey"
+    channel: str = CHANNEL.default
     bayer: str | None = None
 
     @property

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from windmark.app.calibrate_pictures import BLUE
 from windmark.app.pictures import MISSING, stretched
-from windmark.pipeline.reconstruct.pair import PairLines, Side
+from windmark.tasks.reconstruct.pair import PairLines, Side
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

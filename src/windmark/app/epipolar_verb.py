@@ -17,8 +17,9 @@ from windmark.errors import UsageError
 from windmark.geometry import Camera
 from windmark.pipeline.calibrate import MatchOptions
 from windmark.pipeline.calibrate.read import find_spots, picture_names, read_image
-from windmark.pipeline.clicked_pair import ClickedPair, Clicks, clicked_pair, lines_of, read_clicks, relabelled
+from windmark.pipeline.clicks import read_clicks
 from windmark.scene import Detections
+from windmark.tasks.clicked_pair import ClickedPair, Clicks, clicked_pair, lines_of, relabelled
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

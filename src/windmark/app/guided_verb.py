@@ -17,8 +17,9 @@ from windmark.app.detect_verb import Wishes, numbered, read_wished, uniquely_nam
 from windmark.detection import AUTO, Guided
 from windmark.detection.either import FEW
 from windmark.errors import UsageError
+from windmark.options.detection import SEARCH_PX
 from windmark.pipeline.lengths import Lengths
-from windmark.pipeline.predictions import Predictions, from_camera, from_detections, look
+from windmark.tasks.predictions import Predictions, from_camera, from_detections, look
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -33,7 +34,7 @@ class Guide:
     near: Path | None = None
     camera: Path | None = None
     markers: Path | None = None
-    search_px: float = 2.5
+    search_px: float = SEARCH_PX.default
 
     def __bool__(self) -> bool:
         return any(path is not None for path in (self.near, self.camera, self.markers))

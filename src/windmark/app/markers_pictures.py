@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 import windmark
 from windmark.app.report import Report
 from windmark.app.sphere_maps import Disc, discs, draw_map
-from windmark.pipeline.marker_check import Change, MarkerCheck
-from windmark.pipeline.marker_check.campaign import OUTCOMES
+from windmark.tasks.marker_check import Change, MarkerCheck
+from windmark.tasks.marker_check.campaign import OUTCOMES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

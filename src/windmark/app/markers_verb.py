@@ -12,7 +12,7 @@ from windmark.app.alone import not_drawn
 from windmark.compiling import job_time
 from windmark.errors import UsageError
 from windmark.pipeline.lengths import Lengths
-from windmark.pipeline.marker_check import CheckSettings, MarkerCheck, check_markers
+from windmark.tasks.marker_check import CheckSettings, MarkerCheck, check_markers
 
 Record = dict[str, Any]
 

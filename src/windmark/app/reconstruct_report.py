@@ -20,7 +20,6 @@ from windmark.pipeline.calibrate import MatchOptions, Picture
 from windmark.pipeline.calibrate.outputs import datum_words, sigma_rms
 from windmark.pipeline.calibrate.read import read_image
 from windmark.pipeline.clock import Clock
-from windmark.pipeline.reconstruct import Reconstruction
 from windmark.pipeline.reconstruct.outputs import (
     marks_of,
     network,
@@ -28,8 +27,9 @@ from windmark.pipeline.reconstruct.outputs import (
     primary_residuals,
     primary_sigma_words,
 )  # fmt: skip
-from windmark.pipeline.reconstruct.pair import PairLines
 from windmark.scene import MarkerSet
+from windmark.tasks.reconstruct import Reconstruction
+from windmark.tasks.reconstruct.pair import PairLines
 
 HOW = {
     "given": "given",

@@ -22,7 +22,6 @@ from windmark.pipeline.calibrate.outputs import sigma_rms
 from windmark.pipeline.calibrate.read import picture_names
 from windmark.pipeline.clock import Clock
 from windmark.pipeline.lengths import Lengths
-from windmark.pipeline.reconstruct import NotReconstructed, Reconstruction, reconstruct
 from windmark.pipeline.reconstruct.outputs import (
     length_words,
     picture_records,
@@ -31,10 +30,11 @@ from windmark.pipeline.reconstruct.outputs import (
     record,
     write_reconstruction,
 )  # fmt: skip
-from windmark.pipeline.reconstruct.pair import PairLines, pair_lines
 from windmark.pipeline.reconstruct.read import read_labels, read_poses, read_spots
 from windmark.pipeline.verdict import Verdict, reconstruct_verdict
 from windmark.scene import MarkerSet
+from windmark.tasks.reconstruct import NotReconstructed, Reconstruction, reconstruct
+from windmark.tasks.reconstruct.pair import PairLines, pair_lines
 
 Record = dict[str, Any]
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.pipeline.marker_check.settings import CheckSettings, azimuth_elevation_deg, direction_of
+from windmark.tasks.marker_check.settings import CheckSettings, azimuth_elevation_deg, direction_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -22,7 +22,7 @@ from windmark.errors import UsageError
 from windmark.geometry import Camera
 from windmark.pipeline.lengths import Lengths
 from windmark.pipeline.same_run import made_with
-from windmark.pipeline.track import FollowOptions
+from windmark.pipeline.track_files import FollowOptions
 from windmark.pipeline.track_results import POV, PoseRow, match_columns, pose_columns, sequence_summary
 from windmark.pipeline.track_series import Series, follow_series
 from windmark.pipeline.verdict import Verdict, track_verdict

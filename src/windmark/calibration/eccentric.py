@@ -22,7 +22,6 @@ from windmark.scene.units import RADII_OFF, off_by
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-ECCENTRICITY = ("auto", "table", "off")
 ROUNDS = 3
 NOTICED_PX = 1e-3
 """Change of the discs' eccentricity that asks for another adjustment."""

@@ -12,14 +12,14 @@ from numpy.typing import ArrayLike, NDArray
 from windmark.adjust.network import NetworkState
 from windmark.calibration.consistent import with_control
 from windmark.calibration.datum import Datum, Distance
-from windmark.calibration.eccentric import ECCENTRICITY, radii_off
+from windmark.calibration.eccentric import radii_off
 from windmark.calibration.finish import calibration, refuse_weak
 from windmark.calibration.hypotheses import focus_doubts
 from windmark.calibration.result import Calibration, NotCalibrated
 from windmark.calibration.setup import Job, first_state, taking_part
 from windmark.calibration.start import start_poses
-from windmark.errors import UsageError
 from windmark.geometry import Camera, DegenerateGeometry, Pose
+from windmark.options.calibration import ECCENTRICITY, MAX_SIGMA0, SOLVER
 from windmark.scene import MarkerSet, Observations, View
 from windmark.scene.units import RADII_OFF, radii_words
 
@@ -32,8 +32,6 @@ FREE_OF = {
     "brown": FREE, "rational": (*FREE, "k3", "k4", "k5", "k6"), "fisheye": (*FREE[:6], "k3", "k4"),
 }  # fmt: skip
 """The same of each lens."""
-MAX_SIGMA0 = 5.0
-"""Residuals so many times larger than the marks' covariances say are no solution."""
 LEAST_USED = 0.6
 """Share of the marks that must fit: where more are gross errors, they are none."""
 RETRY_FOCAL = (0.6, 0.8, 1.25, 1.6)
@@ -52,11 +50,11 @@ def self_calibrate(
     rig: bool = False,
     free_focal: Sequence[str] = (),
     prior_sigma: Mapping[str, float] | None = None,
-    eccentricity: str = "auto",
+    eccentricity: str = ECCENTRICITY.default,
     ellipses: ArrayLike | None = None,
     reject: bool = True,
-    max_sigma0: float = MAX_SIGMA0,
-    solver: str = "newton",
+    max_sigma0: float = MAX_SIGMA0.default,
+    solver: str = SOLVER.default,
     seed: int = 0,
 ) -> Calibration | NotCalibrated:
     """Calibrate cameras and markers together, in place (AIAA 2005-5007, section IV).
@@ -97,8 +95,7 @@ def self_calibrate(
     ValueError
         For wrong indices, names, options, or a marker observed twice in one view.
     """
-    if eccentricity not in ECCENTRICITY:
-        raise UsageError(f"self_calibrate: eccentricity must be one of {', '.join(ECCENTRICITY)}, got {eccentricity!r}")
+    ECCENTRICITY.check(eccentricity, "self_calibrate")
     if free is None:
         free = usual_free(_in_use(cameras, views).values())
     options: dict[str, Any] = {

@@ -13,6 +13,7 @@ from windmark.calibration.datum import Datum, Distance, Fixed, Free, Weighted
 from windmark.errors import UsageError
 from windmark.geometry import PARAMETERS, Camera, DegenerateGeometry, Pose
 from windmark.geometry.camera import LENS_PARAMETERS
+from windmark.options.calibration import SOLVER
 from windmark.scene import MarkerCovariance, MarkerSet, Observations, View
 
 Array = NDArray[np.float64]
@@ -21,7 +22,6 @@ Mask = NDArray[np.bool_]
 
 LEAST_MARKS, LEAST_VIEWS = 4, 2
 """Marks a view needs, and views a free marker needs."""
-SOLVERS = ("newton", "steps")
 """Levenberg-Marquardt, or the paper's growing and shrinking steps."""
 
 
@@ -38,7 +38,7 @@ class Job:
     rig : views of one frame share a pose of the rig
     free_focal : names of views with a focal length of their own
     prior_sigma : 1 sigma of free parameters round the start values, by name
-    solver : one of `SOLVERS`
+    solver : see `options.calibration`
     ellipses : (O, 3) half axes and direction of the marks' ellipses
     """
 
@@ -52,7 +52,7 @@ class Job:
     rig: bool
     free_focal: tuple[str, ...]
     prior_sigma: Mapping[str, float]
-    solver: str = SOLVERS[0]
+    solver: str = SOLVER.default
     ellipses: Array | None = None
 
     def __post_init__(self) -> None:
@@ -92,8 +92,7 @@ class Job:
             raise UsageError(f"self_calibrate: free_focal names unknown views {', '.join(missing[:5])}")
         if self.ellipses is not None and self.ellipses.shape != (len(obs), 3):
             raise ValueError(f"self_calibrate: ellipses must be ({len(obs)}, 3), got {self.ellipses.shape}")
-        if self.solver not in SOLVERS:
-            raise UsageError(f"self_calibrate: solver must be one of {', '.join(SOLVERS)}, got {self.solver!r}")
+        SOLVER.check(self.solver, "self_calibrate")
         if not isinstance(self.datum, Fixed | Weighted | Free):
             raise UsageError(
                 "self_calibrate: datum must be calibration.Fixed, Weighted or Free: what fixes position, direction and "

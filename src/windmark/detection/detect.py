@@ -18,6 +18,7 @@ from windmark.detection.rejected import ACCEPTED, FAINT, SURPLUS, UNCERTAIN, Rej
 from windmark.detection.search import MERIT_SLACK, Bowl
 from windmark.detection.shape import ILL, TOUCHING, Shapes, covariance
 from windmark.detection.spots import Spots, distinct, find_spots
+from windmark.options.detection import MERIT_MAX, MIN_QUALITY, POLARITY, REFINE
 from windmark.scene import Detections
 
 __all__ = ["QUALITY_MIN", "REFINEMENTS", "detect", "explain"]
@@ -29,14 +30,14 @@ def detect(
     image: ArrayLike,
     *,
     radius_px: float | Sequence[float] | None = None,
-    polarity: str = "dark",
-    merit_max: float = 0.7,
-    refine: str = "template",
+    polarity: str = POLARITY.default,
+    merit_max: float = MERIT_MAX.default,
+    refine: str = REFINE.default,
     photometry: str | None = None,
     mask: ArrayLike | None = None,
     max_spots: int | None = None,
     min_depth: float | None = None,
-    min_quality: float = QUALITY_MIN,
+    min_quality: float = MIN_QUALITY.default,
 ) -> Detections:
     """Find markers: discs that are darker (or brighter) than the surface round them.
 

@@ -23,6 +23,7 @@ from windmark.detection.template.result import CONTAMINATED, Frame, TemplateFits
 from windmark.detection.template.search import search
 from windmark.errors import UsageError
 from windmark.geometry.order import median
+from windmark.options.detection import POLARITY, SEARCH_PX
 from windmark.scene import Detections
 
 Array = NDArray[np.float64]
@@ -99,8 +100,8 @@ def detect_at(
     radius_px: ArrayLike | None = None,
     axes_px: ArrayLike | None = None,
     angle: ArrayLike = 0.0,
-    search_px: float = 2.5,
-    polarity: str = "dark",
+    search_px: float = SEARCH_PX.default,
+    polarity: str = POLARITY.default,
     photometry: str | None = None,
     blur_px: float | None = None,
     frame: Frame | None = None,

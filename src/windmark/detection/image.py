@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from windmark.errors import UsageError
+from windmark.options.detection import POLARITY
 
-POLARITIES = ("dark", "bright")
+POLARITIES = POLARITY.choices
 SAMPLE = 20_000  # pixels that say what an image's levels and noise are, to about 1 %
 BLOCK_ROWS = 32  # converted at a time: they stay in the cache
 DEAD_NOISE = 10.0  # a dead pixel leaves the range of its neighbours by so many times the noise

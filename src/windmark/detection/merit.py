@@ -18,6 +18,7 @@ from windmark.detection.image import (
     usable_sample,
 )
 from windmark.errors import UsageError
+from windmark.options.detection import POLARITY
 
 Array = NDArray[np.float64]
 
@@ -26,7 +27,7 @@ BAND_ROWS = 256  # taken at a time: the whole image is never there in another ty
 
 
 def merit_map(
-    image: ArrayLike, radius_px: float, polarity: str = "dark", *, mask: ArrayLike | None = None
+    image: ArrayLike, radius_px: float, polarity: str = POLARITY.default, *, mask: ArrayLike | None = None
 ) -> NDArray[np.float32]:
     """Merit m of an inverse top-hat centred on every pixel (AIAA 2005-5007, section II.B).
 

@@ -10,10 +10,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from windmark.detection.image import check_polarity
 from windmark.errors import UsageError
+from windmark.options.detection import MERIT_MAX, MIN_QUALITY, PHOTOMETRY, POLARITY, REFINE
 
-REFINEMENTS = ("bowl", "template")
-PHOTOMETRIES = ("multiplicative", "additive")
-QUALITY_MIN = 12.0  # see `detect`
+REFINEMENTS = REFINE.choices
+PHOTOMETRIES = PHOTOMETRY.choices
+QUALITY_MIN = MIN_QUALITY.default  # see `detect`
 FIT_SLACK = 1.43  # times the limit of the merit: a tilted or dirty disc may suit no trial radius, so the fit decides
 DARKER_THAN_BLACK = 0.01  # share of the pixels; less is noise in deep shadow
 
@@ -29,14 +30,14 @@ class Options:
     """
 
     radius_px: float | Sequence[float] | None = None
-    polarity: str = "dark"
-    merit_max: float = 0.7
-    refine: str = "template"
+    polarity: str = POLARITY.default
+    merit_max: float = MERIT_MAX.default
+    refine: str = REFINE.default
     photometry: str | None = None
     mask: ArrayLike | None = None
     max_spots: int | None = None
     min_depth: float | None = None
-    min_quality: float = QUALITY_MIN
+    min_quality: float = MIN_QUALITY.default
 
     def __post_init__(self) -> None:
         check_polarity(self.polarity)

@@ -13,6 +13,7 @@ from windmark.detection.options import QUALITY_MIN
 from windmark.detection.quantile import weighted_quantile
 from windmark.detection.shape import Shapes
 from windmark.detection.spots import MERIT_FLOOR, Spots, quality
+from windmark.options.detection import POLARITY
 
 Array = NDArray[np.float64]
 
@@ -53,7 +54,9 @@ class RadiusEstimate:
         return bool(self.radii_px)
 
 
-def estimate_radius(image: ArrayLike, polarity: str = "dark", *, mask: ArrayLike | None = None) -> RadiusEstimate:
+def estimate_radius(
+    image: ArrayLike, polarity: str = POLARITY.default, *, mask: ArrayLike | None = None
+) -> RadiusEstimate:
     """Estimate the radius of the markers in an image.
 
     Spots of 1 to some 100 px (a fourth of the shorter side) are looked for in steps of 1.7 and measured by their region

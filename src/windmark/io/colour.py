@@ -8,18 +8,19 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from windmark.errors import UsageError
+from windmark.options.detection import BAYER, CHANNEL
 
 Image = NDArray[Any]
 
-CHANNELS = ("grey", "red", "green", "blue")
-MOSAICS = ("RGGB", "BGGR", "GRBG", "GBRG")
+CHANNELS = CHANNEL.choices
+MOSAICS = BAYER.choices
 """Bayer patterns: the first two letters are the colours of the first two pixels of the first row."""
 
 RED, GREEN, BLUE = 0.299, 0.587, 0.114
 """Weights of `to_grey` (ITU-R BT.601, as OpenCV and Pillow have them)."""
 
 
-def to_grey(image: ArrayLike, *, channel: str = "grey") -> Image:
+def to_grey(image: ArrayLike, *, channel: str = CHANNEL.default) -> Image:
     """Grey levels of an image: (H, W).
 
     (H, W) is returned as it is. Of (H, W, 2) and (H, W, 4) the alpha is dropped. Colours become
@@ -46,7 +47,7 @@ def to_grey(image: ArrayLike, *, channel: str = "grey") -> Image:
     return green + RED * (red - green) + BLUE * (blue - green)  # exact where red = green = blue
 
 
-def from_mosaic(mosaic: ArrayLike, pattern: str, *, channel: str = "grey") -> Image:
+def from_mosaic(mosaic: ArrayLike, pattern: str, *, channel: str = CHANNEL.default) -> Image:
     """Grey levels of a colour sensor's raw picture (Bayer mosaic), at full size: (H, W) float32 or float64.
 
     Every pixel becomes the binomial mean (1 2 1) x (1 2 1) / 16 of its 3 x 3 neighbourhood. Wherever that lies, red has

@@ -28,6 +28,7 @@ from windmark.io.recordings.address import FrameAddress, frame_address
 from windmark.io.recordings.open import frames, recording_kind
 from windmark.io.recordings.picture import Frame
 from windmark.io.text import Pathlike
+from windmark.options.detection import CHANNEL
 
 Image = NDArray[Any]
 
@@ -90,7 +91,8 @@ def page_count(path: Pathlike) -> int:
 
 
 def read_grey(
-    path: Pathlike | Frame, *, page: int | Literal["only"] = ONLY, channel: str = "grey", bayer: str | None = None
+    path: Pathlike | Frame, *, page: int | Literal["only"] = ONLY, channel: str = CHANNEL.default,
+    bayer: str | None = None,
 ) -> Image:  # fmt: skip
     """Read an image as one grey level per pixel: (H, W), linear in what the file says.
 

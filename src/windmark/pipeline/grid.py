@@ -2,21 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-
-import numpy as np
-from numpy.typing import NDArray
+from collections.abc import Sequence
 
 from windmark import io, resection
 from windmark.errors import WindmarkError
 from windmark.geometry import Camera, Pose
 from windmark.pipeline.lengths import Lengths
 from windmark.pipeline.project import GridEntry
-from windmark.scene import MarkerSet, Mesh
-
-UNDER_GRID = 2e-3
-"""A marker's table place may lie so far under the grid's flat triangles (part of `Mesh.sizes`) without being hidden."""
-HIDDEN = resection.REASONS.index("hidden")
+from windmark.scene import Mesh
 
 
 def read_grid(entry: GridEntry, lengths: Lengths, cameras: Sequence[tuple[Camera, Pose]] = ()) -> Mesh:
@@ -50,14 +43,3 @@ def oriented(mesh: Mesh, entry: GridEntry, cameras: Sequence[tuple[Camera, Pose]
     ``cameras`` with their poses tell the air side of what they see: the inside of walls, the outside of the model.
     """
     return mesh if entry.orientation == "file" else resection.orient_outward(mesh, cameras=cameras)
-
-
-def sight(markers: MarkerSet, mesh: Mesh) -> Callable[[Pose, Camera], NDArray[np.bool_]]:
-    """What registration asks: which markers the grid does not hide."""
-    under = UNDER_GRID * mesh.sizes
-
-    def visible(cam_from_model: Pose, camera: Camera) -> NDArray[np.bool_]:
-        seen = resection.see_points(markers.xyz, camera, cam_from_model, mesh=mesh, tolerance=under)
-        return np.asarray(seen.reason != HIDDEN)
-
-    return visible

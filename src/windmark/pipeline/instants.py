@@ -15,9 +15,9 @@ from windmark.pipeline.clock import Clock, Progress
 from windmark.pipeline.locate import Inputs, as_bright, looked, opened, posed, register_options, told
 from windmark.pipeline.project import ImageEntry, Project
 from windmark.pipeline.results import ImageResult, Instant
-from windmark.pipeline.together import CHECKED, RigView, Together, register_together
 from windmark.registration import NotRegistered
 from windmark.scene import Detections
+from windmark.tasks.together import CHECKED, RigView, Together, register_together
 
 Images = dict[str, ImageResult]
 InParallel = Callable[[Callable[[ImageEntry], ImageResult], Sequence[ImageEntry]], list[ImageResult]]

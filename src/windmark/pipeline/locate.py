@@ -13,13 +13,13 @@ from windmark import detection, io, registration, resection
 from windmark.errors import WindmarkError
 from windmark.geometry import Camera, Pose
 from windmark.pipeline.clock import Clock, Progress
-from windmark.pipeline.grid import UNDER_GRID, sight
-from windmark.pipeline.labels import excluded_spots, fixed_spots
 from windmark.pipeline.project import ImageEntry, Project
 from windmark.pipeline.quantity import Quantity, quantity_of
 from windmark.pipeline.results import ImageResult
 from windmark.registration import Registration
 from windmark.scene import Detections, MarkerSet, Mesh
+from windmark.tasks.labels import excluded_spots, fixed_spots
+from windmark.tasks.sight import UNDER_GRID, sight
 
 
 @dataclass(frozen=True)

@@ -17,10 +17,39 @@ from pydantic import Field, ValidationError, model_validator
 from windmark.errors import UsageError
 from windmark.io import FileError, frame_address, picture_name
 from windmark.io.recordings.folder import picture_files
+from windmark.options.detection import (
+    BAYER,
+    CHANNEL,
+    MERIT_MAX,
+    PHOTOMETRY,
+    POLARITY_OR_AUTO,
+    RADIUS_PX,
+    REFINE,
+    Bayer,
+    Channel,
+    Photometry,
+    PolarityOrAuto,
+    Refine,
+)
+from windmark.options.registration import (
+    BINDING,
+    FREE_FOCAL,
+    LABEL_DISTANCE_PX,
+    MAX_DEFORMATION,
+    MAX_TABLE_ERROR,
+    MAX_TIME_S,
+    METHOD,
+    OCCLUSION,
+    PRIOR_MAX_ANGLE_DEG,
+    PRIOR_MAX_SCALE,
+    SEED,
+    TOLERANCE_PX,
+    Method,
+)
 from windmark.pipeline.lengths import Lengths
 from windmark.pipeline.quantity import Quantity
 from windmark.pipeline.rig_settings import RigOptions, check_rig, instants, rig_cameras
-from windmark.pipeline.settings import Strict, existing, existing_picture, explained, read_toml, unusable_name
+from windmark.pipeline.settings import Strict, existing, existing_picture, explained, ranged, read_toml, unusable_name
 from windmark.pipeline.wanted import LineEntry, MergeOptions, PointsEntry, check_merge
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -61,8 +90,8 @@ class ImageEntry(Strict):
     name: str | None = None
     camera: str | None = None
     page: Annotated[int, Field(ge=0)] | None = None
-    channel: Literal["grey", "red", "green", "blue"] = "grey"
-    bayer: Literal["RGGB", "BGGR", "GRBG", "GBRG"] | None = None
+    channel: Channel = CHANNEL.default
+    bayer: Bayer | None = BAYER.default
     quantity: Literal["grey", "radiance", "temperature"] | None = None
     unit: str | None = None
     scale: Annotated[float, Field(allow_inf_nan=False)] = 1.0
@@ -128,11 +157,11 @@ class DetectOptions(Strict):
     which only pixels that are not 0 are used, or a table of polygons (see `io.read_mask`).
     """
 
-    radius_px: Positive | Annotated[tuple[Positive, ...], Field(min_length=1)] | None = None
-    polarity: Literal["auto", "dark", "bright"] = "auto"
-    merit_max: Positive = 0.7
-    refine: Literal["bowl", "template"] = "template"
-    photometry: Literal["multiplicative", "additive"] | None = None
+    radius_px: Positive | Annotated[tuple[Positive, ...], Field(min_length=1)] | None = RADIUS_PX.default
+    polarity: PolarityOrAuto = POLARITY_OR_AUTO.default
+    merit_max: Annotated[float, ranged(MERIT_MAX)] = MERIT_MAX.default
+    refine: Refine = REFINE.default
+    photometry: Photometry | None = PHOTOMETRY.default
     mask: Path | None = None
 
 
@@ -145,19 +174,19 @@ class RegisterOptions(Strict):
     of the model's size. ``binding``: the images' labels are facts, which no other solution is compared with.
     """
 
-    method: Literal["hash", "ransac"] = "hash"
+    method: Method = METHOD.default
     prior: Path | None = None
-    prior_max_angle_deg: Annotated[float, Field(gt=0, le=180)] = 30.0
-    prior_max_scale: Annotated[float, Field(gt=1)] = 1.3
-    tolerance_px: Positive | None = None
-    free_focal: bool = False
-    seed: int = 0
-    max_time_s: Positive | None = None
-    max_table_error: Positive = 0.025
-    max_deformation: Annotated[float, Field(ge=0, le=0.1)] = 0.05
-    label_distance_px: Positive = 10.0
-    binding: bool = False
-    occlusion: bool = True
+    prior_max_angle_deg: Annotated[float, ranged(PRIOR_MAX_ANGLE_DEG)] = PRIOR_MAX_ANGLE_DEG.default
+    prior_max_scale: Annotated[float, ranged(PRIOR_MAX_SCALE)] = PRIOR_MAX_SCALE.default
+    tolerance_px: Annotated[float, ranged(TOLERANCE_PX)] | None = TOLERANCE_PX.default
+    free_focal: bool = FREE_FOCAL.default
+    seed: int = SEED.default
+    max_time_s: Annotated[float, ranged(MAX_TIME_S)] | None = MAX_TIME_S.default
+    max_table_error: Annotated[float, ranged(MAX_TABLE_ERROR)] = MAX_TABLE_ERROR.default
+    max_deformation: Annotated[float, ranged(MAX_DEFORMATION)] = MAX_DEFORMATION.default
+    label_distance_px: Annotated[float, ranged(LABEL_DISTANCE_PX)] = LABEL_DISTANCE_PX.default
+    binding: bool = BINDING.default
+    occlusion: bool = OCCLUSION.default
 
 
 class ResectOptions(Strict):

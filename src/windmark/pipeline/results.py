@@ -14,10 +14,10 @@ from windmark.geometry import Camera, Pose
 from windmark.pipeline.points import PointTable
 from windmark.pipeline.project import Project
 from windmark.pipeline.quantity import Quantity
-from windmark.pipeline.together import Together
 from windmark.registration import NotRegistered, Registration, RigRegistration
 from windmark.resection import NodeView, PixelMap
 from windmark.scene import Detections, MarkerSet, Mesh
+from windmark.tasks.together import Together
 
 if TYPE_CHECKING:
     from windmark.pipeline.merge import MergeResult

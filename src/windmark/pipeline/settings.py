@@ -12,10 +12,11 @@ from pathlib import Path
 from typing import Annotated, Any, Union, get_args, get_origin
 from unicodedata import normalize
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from windmark.io import FrameAddress, frame_address
 from windmark.io.errors import FileError, reading, reason
+from windmark.options import Option
 from windmark.pipeline.kinds import other_kind
 
 _DEEP_KEY = re.compile(r"(?<![\w-])(?:[\w-]++[ \t]*+\.[ \t]*+){100}")
@@ -32,6 +33,11 @@ class Strict(BaseModel):
     """A table of a settings file: unknown keys are errors, values do not change."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+def ranged(option: Option[Any]) -> Any:
+    """The range of an option, for the annotation of its key."""
+    return Field(gt=option.above, ge=option.least, le=option.most, description=option.sentence)
 
 
 def read_toml(path: Path, root: type[BaseModel]) -> dict[str, Any]:

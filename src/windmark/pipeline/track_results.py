@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.geometry import Camera, Pose, PoV
-from windmark.pipeline.track import FollowedFrame
 from windmark.registration import Registration, Unchecked
 from windmark.scene import Detections, MarkerSet
+from windmark.tasks.follow import FollowedFrame
 
 Array = NDArray[np.float64]
 

@@ -19,9 +19,10 @@ from windmark.pipeline.resume import (
     read_stopped,
 )
 from windmark.pipeline.same_run import check_begun, check_pictures, picture_print
-from windmark.pipeline.track import FollowedFrame, FollowOptions, follow
+from windmark.pipeline.track_files import FollowOptions, follow
 from windmark.pipeline.track_results import PoseRow
 from windmark.scene import MarkerSet
+from windmark.tasks.follow import FollowedFrame
 
 Array = NDArray[np.float64]
 

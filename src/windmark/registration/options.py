@@ -11,13 +11,14 @@ from numpy.typing import NDArray
 from windmark.errors import UsageError
 from windmark.geometry import Camera, Pose
 from windmark.geometry.order import median
+from windmark.options.registration import MAX_DEFORMATION, METHOD
 from windmark.registration.task import near_px
 from windmark.scene import MarkerSet
 
 Array = NDArray[np.float64]
 
-METHODS = ("hash", "ransac")
-MOST_DEFORMATION = 0.1
+METHODS = METHOD.choices
+MOST_DEFORMATION = MAX_DEFORMATION.most
 DEFAULT_TOLERANCE, MAX_SPACING, TABLE_SIGMAS = 0.004, 0.2, 5.0
 """Neighbourhood: part of the image's diagonal or, where that is more, so many sigma of the table; and at most this part
 of the spots' spacing."""

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from windmark.errors import UsageError
 from windmark.geometry import Camera, Pose
+from windmark.options.registration import MAX_DEFORMATION, MAX_TABLE_ERROR, METHOD, PRIOR_MAX_ANGLE_DEG, PRIOR_MAX_SCALE
 from windmark.registration.options import check_options, default_tolerance
 from windmark.registration.result import Cause, NotRegistered, Registration, RigRegistration
 from windmark.registration.task import (
@@ -54,8 +55,8 @@ def register(  # type: ignore[misc]  # the overloads leave the options to this o
     cam_from_rig: Sequence[Pose] | None = None,
     rig_cov: Sequence[ArrayLike | None] | None = None,
     prior: Pose | None = None,
-    prior_max_angle_deg: float = 30.0,
-    prior_max_scale: float = 1.3,
+    prior_max_angle_deg: float = PRIOR_MAX_ANGLE_DEG.default,
+    prior_max_scale: float = PRIOR_MAX_SCALE.default,
     fixed: Fixed | Sequence[Fixed | None] | None = None,
     binding: bool = False,
     excluded: ArrayLike | Sequence[ArrayLike | None] | None = None,
@@ -64,15 +65,15 @@ def register(  # type: ignore[misc]  # the overloads leave the options to this o
     focal_range: float = 1.5,
     max_focal_sigma: float = 0.05,
     tolerance_px: float | None = None,
-    method: str = "hash",
+    method: str = METHOD.default,
     layout: Layout | None = None,
     max_hypotheses: int = 1_000_000,
     max_time_s: float | None = None,
     max_log10_nfa: float = -9.0,
     min_score: float = 60.0,
     min_margin: float = 10.0,
-    max_table_error: float = 0.025,
-    max_deformation: float = 0.05,
+    max_table_error: float = MAX_TABLE_ERROR.default,
+    max_deformation: float = MAX_DEFORMATION.default,
     seed: int = 0,
 ) -> Registration | RigRegistration | NotRegistered:
     """Find which spot is which marker and where the camera was, in one image or in those of a rig.

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from windmark.app import console
+from windmark.app.commands.grouped import written
 from windmark.app.commands.matching_options import (
     ROLES_ALIGN,
     Mask,
@@ -30,6 +31,8 @@ from windmark.app.commands.matching_options import (
 )
 from windmark.app.commands.options import Json, MeritMax, Polarity, Radius, Seed
 from windmark.errors import UsageError
+from windmark.options.detection import MERIT_MAX, POLARITY_OR_AUTO
+from windmark.options.registration import MAX_TIME_S, METHOD, PRIOR_MAX_ANGLE_DEG, PRIOR_MAX_SCALE, SEED
 
 
 def add(app: typer.Typer) -> None:
@@ -55,8 +58,8 @@ def align(
         str | None, typer.Option("--unit", help="3D: length unit of markers and grid: in, ft, mm, cm, m.")
     ] = None,
     radius: Radius = None,
-    polarity: Polarity = "auto",
-    merit_max: MeritMax = 0.7,
+    polarity: Polarity = POLARITY_OR_AUTO.default,
+    merit_max: MeritMax = MERIT_MAX.default,
     kind: Annotated[str, typer.Option(help="2D: auto, similarity, affine, projective, poly2, poly3, spline.")] = "auto",
     max_shift_px: Annotated[
         float | None, typer.Option(help="2D: no marker has moved farther; tells regular layouts apart.")
@@ -80,19 +83,19 @@ def align(
         ),
     ] = None,
     prior: Prior = None,
-    prior_max_angle: PriorMaxAngle = 30.0,
-    prior_max_scale: PriorMaxScale = 1.3,
+    prior_max_angle: PriorMaxAngle = PRIOR_MAX_ANGLE_DEG.default,
+    prior_max_scale: PriorMaxScale = PRIOR_MAX_SCALE.default,
     roles: Roles = None,
     no_occlusion: NoOcclusion = False,
-    method: Method = "hash",
-    max_time: MaxTime = None,
+    method: Method = METHOD.default,
+    max_time: MaxTime = MAX_TIME_S.default,
     mask: Mask = None,
     quantity: Quantity = None,
     quantity_unit: QuantityUnit = None,
     scale: Scale = 1.0,
     offset: Offset = 0.0,
-    output: Annotated[Path, typer.Option("--output", "-o", help="Folder of the results.")] = Path("aligned"),
-    seed: Seed = 0,
+    output: Annotated[Path, written("Folder of the results.")] = Path("aligned"),
+    seed: Seed = SEED.default,
     as_json: Json = False,
 ) -> None:
     """Recompute images as if all had been taken with the model where the reference shows it.
@@ -111,7 +114,7 @@ def align(
                    "--keep-still": keep_still}  # fmt: skip
         only_3d = {"--prior": prior is not None, "--roles": bool(roles), "--no-occlusion": no_occlusion,
                    "--max-time": max_time is not None, "--volume": bool(volume),
-                   "--background": background is not None, "--method": method != "hash",
+                   "--background": background is not None, "--method": method != METHOD.default,
                    "--quantity": quantity is not None, "--quantity-unit": quantity_unit is not None,
                    "--scale": scale != 1, "--offset": offset != 0}  # fmt: skip
         wrong = [name for name, is_given in (only_2d if given else only_3d).items() if is_given]

@@ -7,6 +7,19 @@ from pathlib import Path
 from windmark.app import console
 from windmark.app.commands import calibrate_arguments as a
 from windmark.app.commands.matching_options import Mask, Roles
+from windmark.app.commands.options import Bayer, Channel, Json, MeritMax, OnePolarity, Radius, Seed
+from windmark.options.calibration import (
+    ECCENTRICITY,
+    MATCH_TIME_S,
+    MATCH_TOLERANCE_PX,
+    MAX_SIGMA0,
+    REJECT,
+    RIG,
+    SIGMA_PX,
+    SOLVER,
+)
+from windmark.options.detection import BAYER, CHANNEL, MERIT_MAX, POLARITY
+from windmark.options.registration import SEED
 
 
 def calibrate(
@@ -24,31 +37,31 @@ def calibrate(
     prior_sigma: a.PriorSigma = None,
     free_focal: a.FreeFocal = None,
     distance: a.Distances = None,
-    rig: a.Rig = False,
-    eccentricity: a.Eccentricity = "auto",
-    reject: a.Reject = True,
-    max_sigma0: a.MaxSigma0 = 5,
-    sigma_px: a.SigmaPx = 0.1,
+    rig: a.Rig = RIG.default,
+    eccentricity: a.Eccentricity = ECCENTRICITY.default,
+    reject: a.Reject = REJECT.default,
+    max_sigma0: a.MaxSigma0 = MAX_SIGMA0.default,
+    sigma_px: a.SigmaPx = SIGMA_PX.default,
     against: a.Against = None,
     board: a.BoardPitch = None,
     board_marks: a.BoardMarks = None,
     board_size: a.BoardSize = None,
     board_layout: a.BoardLayout = "square",
-    radius: a.Radius = None,
-    polarity: a.Polarity = "dark",
-    merit_max: a.MeritMax = 0.7,
-    channel: a.Channel = "grey",
-    bayer: a.Bayer = None,
+    radius: Radius = None,
+    polarity: OnePolarity = POLARITY.default,
+    merit_max: MeritMax = MERIT_MAX.default,
+    channel: Channel = CHANNEL.default,
+    bayer: Bayer = BAYER.default,
     mask: Mask = None,
     label: a.Label = None,
     labels: a.Labels = None,
-    tolerance_px: a.Tolerance = None,
-    max_time: a.MaxTime = 2.0,
+    tolerance_px: a.Tolerance = MATCH_TOLERANCE_PX.default,
+    max_time: a.MaxTime = MATCH_TIME_S.default,
     roles: Roles = None,
-    solver: a.Solver = "newton",
-    seed: a.Seed = 0,
+    solver: a.Solver = SOLVER.default,
+    seed: Seed = SEED.default,
     output: a.Output = Path("calibration"),
-    as_json: a.AsJson = False,
+    as_json: Json = False,
 ) -> None:
     """Calibrate cameras in place: interior parameters, poses and marker coordinates with their uncertainties.
 

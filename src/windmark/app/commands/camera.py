@@ -11,6 +11,7 @@ from windmark.app import console
 from windmark.app.commands import calibrate as calibrate_command
 from windmark.app.commands import convert as convert_command
 from windmark.app.commands import reconstruct as reconstruct_command
+from windmark.app.commands.grouped import written
 from windmark.app.commands.options import Json
 
 
@@ -43,7 +44,7 @@ def undistort(
     picture: Annotated[
         bool, typer.Option("--picture", help="Also draw each image as taken, corrected and magnified, side by side.")
     ] = False,
-    output: Annotated[Path, typer.Option("--output", "-o", help="Folder of the results.")] = Path("undistorted"),
+    output: Annotated[Path, written("Folder of the results.")] = Path("undistorted"),
     as_json: Json = False,
 ) -> None:
     """Undo the lens: corrected images, and the camera without distortion that fits them."""

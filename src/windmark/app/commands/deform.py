@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from windmark.app import console
+from windmark.app.commands.grouped import written
 from windmark.app.commands.options import Finish, Json, Resume
 from windmark.errors import UsageError
 
@@ -21,7 +22,7 @@ def add(app: typer.Typer) -> None:
 
 def deform(
     project: Annotated[Path, typer.Argument(help="Project file (TOML) of a deformation test.")],
-    output: Annotated[Path | None, typer.Option("--output", "-o", help="Folder instead of the project's own.")] = None,
+    output: Annotated[Path | None, written("Folder instead of the project's own.")] = None,
     camera: Annotated[
         list[str] | None,
         typer.Option("--camera", help="Only this one of the project's cameras; several times for several."),

@@ -8,8 +8,11 @@ from typing import Annotated
 import typer
 
 from windmark.app import console
-from windmark.app.commands import calibrate_arguments as a
+from windmark.app.commands.grouped import written
 from windmark.app.commands.matching_options import Mask
+from windmark.app.commands.options import Bayer, Channel, Json, MeritMax, OnePolarity, Radius, Seed
+from windmark.options.detection import BAYER, CHANNEL, MERIT_MAX, POLARITY
+from windmark.options.registration import SEED
 
 
 def add(app: typer.Typer) -> None:
@@ -34,15 +37,15 @@ def epipolar(
         float | None,
         typer.Option(help="1 sigma per coordinate of a spot, its own noise left out. [default: 0.1; no camera: 1]"),
     ] = None,
-    radius: a.Radius = None,
-    polarity: a.Polarity = "dark",
-    merit_max: a.MeritMax = 0.7,
-    channel: a.Channel = "grey",
-    bayer: a.Bayer = None,
+    radius: Radius = None,
+    polarity: OnePolarity = POLARITY.default,
+    merit_max: MeritMax = MERIT_MAX.default,
+    channel: Channel = CHANNEL.default,
+    bayer: Bayer = BAYER.default,
     mask: Mask = None,
-    seed: a.Seed = 0,
-    output: Annotated[Path, typer.Option("--output", "-o", help="Folder of the results.")] = Path("epipolar"),
-    as_json: a.AsJson = False,
+    seed: Seed = SEED.default,
+    output: Annotated[Path, written("Folder of the results.")] = Path("epipolar"),
+    as_json: Json = False,
 ) -> None:
     """Two pictures and a few matches by hand: F, wrong and unchecked clicks; with --camera all other matches too.
 

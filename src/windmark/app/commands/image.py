@@ -8,9 +8,11 @@ from typing import Annotated, Any
 import typer
 
 from windmark.app import console
+from windmark.app.commands.grouped import LOOK, told, written
 from windmark.app.commands.matching_options import (
     Binding,
     Exclude,
+    FreeFocal,
     Label,
     Mask,
     MaxTime,
@@ -23,6 +25,7 @@ from windmark.app.commands.matching_options import (
     QuantityUnit,
     Roles,
     Scale,
+    Tolerance,
     VolumeParts,
     grid_settings,
     image_settings,
@@ -31,7 +34,9 @@ from windmark.app.commands.matching_options import (
     values_settings,
 )
 from windmark.app.commands.options import (
+    Bayer,
     CameraFile,
+    Channel,
     Finish,
     GridFile,
     Json,
@@ -44,6 +49,25 @@ from windmark.app.commands.options import (
     Unit,
 )
 from windmark.errors import UsageError
+from windmark.options.detection import (
+    BAYER,
+    CHANNEL,
+    MERIT_MAX,
+    PHOTOMETRY,
+    POLARITY_OR_AUTO,
+    REFINE,
+    SEARCH_PX,
+)
+from windmark.options.registration import (
+    BINDING,
+    FREE_FOCAL,
+    MAX_TIME_S,
+    METHOD,
+    PRIOR_MAX_ANGLE_DEG,
+    PRIOR_MAX_SCALE,
+    SEED,
+    TOLERANCE_PX,
+)
 
 
 def add(app: typer.Typer) -> None:
@@ -66,19 +90,15 @@ def add(app: typer.Typer) -> None:
 def detect(
     images: Annotated[list[Path], typer.Argument(help="Images; recordings; frames: run.cine[120].")],
     radius: Radius = None,
-    polarity: Polarity = "auto",
-    merit_max: MeritMax = 0.7,
-    refine: Annotated[
-        str, typer.Option(help="bowl (the paper's centre) or template (fit of a blurred ellipse).")
-    ] = "template",
-    photometry: Annotated[
-        str | None, typer.Option(help="Of the template: multiplicative or additive. [default: by polarity]")
-    ] = None,
+    polarity: Polarity = POLARITY_OR_AUTO.default,
+    merit_max: MeritMax = MERIT_MAX.default,
+    refine: Annotated[str, told(REFINE, panel=LOOK)] = REFINE.default,
+    photometry: Annotated[str | None, told(PHOTOMETRY, panel=LOOK)] = PHOTOMETRY.default,
     mask: Mask = None,
     roi: Annotated[
         str | None, typer.Option(help="x0,y0,x1,y1: first and last column and row that are used; else all.")
     ] = None,
-    output: Annotated[Path, typer.Option("--output", "-o", help="Table of the spots, CSV.")] = Path("detections.csv"),
+    output: Annotated[Path, written("Table of the spots, CSV.")] = Path("detections.csv"),
     picture: Annotated[
         Path | None, typer.Option(help="Also draw the spots (PNG); several images get a number each.")
     ] = None,
@@ -86,12 +106,8 @@ def detect(
         Path | None, typer.Option(help="Table of the rejected candidates with the reason; --picture draws them too.")
     ] = None,
     merit_map: Annotated[Path | None, typer.Option(help="Also draw the merit of every pixel (PNG).")] = None,
-    channel: Annotated[
-        str, typer.Option(help="Of colour pictures: grey (0.3 R + 0.6 G + 0.1 B), red, green, blue.")
-    ] = ("grey"),
-    bayer: Annotated[
-        str | None, typer.Option(help="The picture is a colour sensor's raw mosaic: RGGB, BGGR, GRBG or GBRG.")
-    ] = None,
+    channel: Channel = CHANNEL.default,
+    bayer: Bayer = BAYER.default,
     near: Annotated[
         Path | None,
         typer.Option(
@@ -104,7 +120,7 @@ def detect(
     markers: Annotated[
         Path | None, typer.Option("--markers", "-m", help="Marker table, with the camera's length unit and frame.")
     ] = None,
-    search_px: Annotated[float, typer.Option(help="How far off the expected places may be, along each axis.")] = 2.5,
+    search_px: Annotated[float, told(SEARCH_PX)] = SEARCH_PX.default,
     as_json: Json = False,
 ) -> None:
     """Find markers in images: centres, covariances, merit.
@@ -133,23 +149,23 @@ def register(
     camera: CameraFile,
     unit: Unit,
     radius: Radius = None,
-    polarity: Polarity = "auto",
-    merit_max: MeritMax = 0.7,
-    tolerance_px: Annotated[float | None, typer.Option(help="Largest distance of a spot to its marker.")] = None,
-    free_focal: Annotated[bool, typer.Option(help="The focal length is only roughly known: find it too.")] = False,
+    polarity: Polarity = POLARITY_OR_AUTO.default,
+    merit_max: MeritMax = MERIT_MAX.default,
+    tolerance_px: Tolerance = TOLERANCE_PX.default,
+    free_focal: FreeFocal = FREE_FOCAL.default,
     prior: Prior = None,
-    prior_max_angle: PriorMaxAngle = 30.0,
-    prior_max_scale: PriorMaxScale = 1.3,
+    prior_max_angle: PriorMaxAngle = PRIOR_MAX_ANGLE_DEG.default,
+    prior_max_scale: PriorMaxScale = PRIOR_MAX_SCALE.default,
     label: Label = None,
     exclude: Exclude = None,
-    binding: Binding = False,
+    binding: Binding = BINDING.default,
     roles: Roles = None,
-    method: Method = "hash",
-    max_time: MaxTime = None,
+    method: Method = METHOD.default,
+    max_time: MaxTime = MAX_TIME_S.default,
     mask: Mask = None,
-    seed: Seed = 0,
+    seed: Seed = SEED.default,
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="Folder of the results. [default: IMAGE-registration]")
+        Path | None, written("Folder of the results. [default: IMAGE-registration]")
     ] = None,
     as_json: Json = False,
 ) -> None:
@@ -202,7 +218,7 @@ def resect(
         ),
     ] = None,
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="Folder of the results. [default: IMAGE-resection]")
+        Path | None, written("Folder of the results. [default: IMAGE-resection]")
     ] = None,
     nodes: Annotated[
         list[str] | None,
@@ -256,9 +272,9 @@ def track(
     camera: CameraFile,
     unit: Unit,
     radius: Radius = None,
-    polarity: Polarity = "auto",
-    merit_max: MeritMax = 0.7,
-    channel: Annotated[str, typer.Option(help="Of colour pictures: grey, red, green, blue.")] = "grey",
+    polarity: Polarity = POLARITY_OR_AUTO.default,
+    merit_max: MeritMax = MERIT_MAX.default,
+    channel: Channel = CHANNEL.default,
     mask: Mask = None,
     roles: Roles = None,
     prior: Annotated[
@@ -273,9 +289,9 @@ def track(
     change_percent: Annotated[
         float, typer.Option(help="How much the shift per frame changes, in percent of the markers' distance.")
     ] = 0.3,
-    max_time: MaxTime = None,
-    seed: Seed = 0,
-    output: Annotated[Path, typer.Option("--output", "-o", help="Folder of the results.")] = Path("track"),
+    max_time: MaxTime = MAX_TIME_S.default,
+    seed: Seed = SEED.default,
+    output: Annotated[Path, written("Folder of the results.")] = Path("track"),
     resume: Resume = False,
     finish: Finish = False,
     as_json: Json = False,

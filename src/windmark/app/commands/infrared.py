@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from windmark.app import console
+from windmark.app.commands.grouped import written
 from windmark.app.commands.options import Finish, Json, Resume
 
 
@@ -18,7 +19,7 @@ def add(app: typer.Typer) -> None:
 
 def infrared(
     project: Annotated[Path, typer.Argument(help="Project file (TOML) of an infrared run.")],
-    output: Annotated[Path | None, typer.Option("--output", "-o", help="Folder instead of the project's own.")] = None,
+    output: Annotated[Path | None, written("Folder instead of the project's own.")] = None,
     resume: Resume = False,
     finish: Finish = False,
     as_json: Json = False,

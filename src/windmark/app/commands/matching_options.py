@@ -7,66 +7,78 @@ from typing import Annotated, Any
 
 import typer
 
+from windmark.app.commands.grouped import GRID, LOOK, MATCH, POSE, VALUES, told
 from windmark.errors import UsageError
+from windmark.options import registration
 
-MaxTime = Annotated[
-    float | None,
-    typer.Option(
-        "--max-time", help="Seconds of CPU time per image, then a refusal. [default: no limit but that of the work]"
-    ),
-]
-Method = Annotated[
-    str,
-    typer.Option(
-        "--method", help="hash (a table of how four neighbours can look), or ransac: the paper's search, slower."
-    ),
-]
+MaxTime = Annotated[float | None, told(registration.MAX_TIME_S, panel=MATCH)]
+Method = Annotated[str, told(registration.METHOD, panel=MATCH)]
+Tolerance = Annotated[float | None, told(registration.TOLERANCE_PX, panel=MATCH)]
+FreeFocal = Annotated[bool, told(registration.FREE_FOCAL, panel=POSE)]
 Roles = Annotated[
     list[str] | None,
-    typer.Option("--roles", help="Markers that take part: model, wall, primary, secondary; several times for several."),
+    typer.Option(
+        "--roles", help="Markers that take part: model, wall, primary, secondary; several times for several.",
+        rich_help_panel=MATCH,
+    ),
 ]
 Prior = Annotated[
-    Path | None, typer.Option("--prior", help="Camera file with a pose: solutions too far from it are rejected.")
+    Path | None,
+    typer.Option(
+        "--prior", help="Camera file with a pose: solutions too far from it are rejected.", rich_help_panel=POSE
+    ),
 ]
-PriorMaxAngle = Annotated[float, typer.Option(help="Largest angle between solution and prior, degrees.")]
-PriorMaxScale = Annotated[float, typer.Option(help="Largest ratio of the scales of solution and prior; > 1.")]
+PriorMaxAngle = Annotated[float, told(registration.PRIOR_MAX_ANGLE_DEG, panel=POSE)]
+PriorMaxScale = Annotated[float, told(registration.PRIOR_MAX_SCALE, panel=POSE)]
 Mask = Annotated[
     Path | None,
-    typer.Option(help="Pixels that are used: a picture (not 0), or a table of a polygon's corners, x,y."),
+    typer.Option(
+        help="Pixels that are used: a picture (not 0), or a table of a polygon's corners, x,y.", rich_help_panel=LOOK
+    ),
 ]
 Label = Annotated[
     list[str] | None,
-    typer.Option("--label", help="NAME=x,y: the spot there (within 10 px) is this marker; several times for several."),
+    typer.Option(
+        "--label", help="NAME=x,y: the spot there (within 10 px) is this marker; several times for several.",
+        rich_help_panel=MATCH,
+    ),
 ]
 Exclude = Annotated[
     list[str] | None,
-    typer.Option("--exclude", help="x,y: the spot there (within 10 px) takes no part; several times for several."),
-]
-Binding = Annotated[
-    bool,
     typer.Option(
-        "--binding", help="Given labels are facts: no solution without them is compared, and nothing overrules them."
+        "--exclude", help="x,y: the spot there (within 10 px) takes no part; several times for several.",
+        rich_help_panel=MATCH,
     ),
 ]
+Binding = Annotated[bool, told(registration.BINDING, panel=MATCH)]
 NoOcclusion = Annotated[
-    bool, typer.Option("--no-occlusion", help="Markers that the grid hides are expected and matched all the same.")
-]
+    bool,
+    typer.Option(
+        "--no-occlusion", help="Markers that the grid hides are expected and matched all the same.",
+        rich_help_panel=MATCH,
+    ),
+]  # fmt: skip
 
 Quantity = Annotated[
     str | None,
-    typer.Option(help="What the values are: grey, radiance or temperature. [default: what the file says, else grey]"),
+    typer.Option(
+        help="What the values are: grey, radiance or temperature. [default: what the file says, else grey]",
+        rich_help_panel=VALUES,
+    ),
 ]
 QuantityUnit = Annotated[
-    str | None, typer.Option(help="Unit of the values: K, degC or degF; of a radiance such as W/m2/sr.")
+    str | None,
+    typer.Option(help="Unit of the values: K, degC or degF; of a radiance such as W/m2/sr.", rich_help_panel=VALUES),
 ]
-Scale = Annotated[float, typer.Option(help="Values are OFFSET + SCALE x grey level.")]
-Offset = Annotated[float, typer.Option(help="Values are OFFSET + SCALE x grey level.")]
+Scale = Annotated[float, typer.Option(help="Values are OFFSET + SCALE x grey level.", rich_help_panel=VALUES)]
+Offset = Annotated[float, typer.Option(help="Values are OFFSET + SCALE x grey level.", rich_help_panel=VALUES)]
 VolumeParts = Annotated[
     list[str] | None,
     typer.Option(
         "--volume",
         help="NAME=zone01,zone02 (or one zone's own name): what of the grid takes part; several times for several."
         " Zones that are not named are as if they were not in the file. [default: all]",
+        rich_help_panel=GRID,
     ),
 ]
 

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from windmark.app import console
+from windmark.app.commands.grouped import App, written
 from windmark.app.commands.options import Json, Seed, Unit
 from windmark.errors import UsageError
 
@@ -19,7 +20,7 @@ def add(app: typer.Typer) -> None:
         epilog="Examples: windmark laws --pictures laws; windmark laws wing.py -m markers.csv --volume wing; "
         "windmark laws --compare deform.toml --law modal_beam --law 'beam:twist=[2]'"
     )(laws)
-    markers = typer.Typer(help="Work on marker tables.", no_args_is_help=True, rich_markup_mode=None)
+    markers = App(help="Work on marker tables.", no_args_is_help=True, rich_markup_mode=None)
     app.add_typer(markers, name="markers")
     markers.command(
         "check",
@@ -43,7 +44,7 @@ def study(
         list[str] | None, typer.Option(help="Refinement of the centre; several times to compare. [default: all]")
     ] = None,
     seed: Seed = 0,
-    output: Annotated[Path, typer.Option("--output", "-o", help="Folder of the results.")] = Path("marker-study"),
+    output: Annotated[Path, written("Folder of the results.")] = Path("marker-study"),
     as_json: Json = False,
 ) -> None:
     """The paper's uncertainty study: error of virtual markers beside the Cramer-Rao bound, table and pictures."""
@@ -89,13 +90,13 @@ def markers_check(
         bool, typer.Option("--advice/--no-advice", help="Look for markers to move or add where it is needed.")
     ] = True,
     seed: Seed = 0,
-    output: Annotated[Path, typer.Option("--output", "-o", help="Folder of the results.")] = Path("marker-check"),
+    output: Annotated[Path, written("Folder of the results.")] = Path("marker-check"),
     as_json: Json = False,
 ) -> None:
     """Before the test: can the layout be identified from anywhere, what would help, where will the pose be weak."""
     with console.errors(as_json):
         from windmark.app import markers_verb
-        from windmark.pipeline.marker_check import CheckSettings
+        from windmark.tasks.marker_check import CheckSettings
 
         settings = CheckSettings(
             view_from=markers_verb.view_from(view_from), within_deg=within,

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from windmark.app import console
+from windmark.app.commands.grouped import written
 from windmark.app.commands.matching_options import VolumeParts, label_places
 from windmark.app.commands.options import Json
 
@@ -57,7 +58,7 @@ def pov(
     ] = None,
     sigma_px: Annotated[float, typer.Option(help="Of the spots of --label, per coordinate.")] = 0.1,
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="Write the point of view as a camera file (see convert).")
+        Path | None, written("Write the point of view as a camera file (see convert).")
     ] = None,
     picture: Annotated[
         Path | None, typer.Option(help="Draw the camera, the model's axes, the three angles and distances (PNG).")

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from windmark.app import console
+from windmark.app.commands.grouped import written
 from windmark.app.commands.options import Json
 from windmark.errors import UsageError
 
@@ -20,7 +21,7 @@ def add(app: typer.Typer) -> None:
 
 def psp(
     project: Annotated[Path, typer.Argument(help="Project file (TOML) of a paint test.")],
-    output: Annotated[Path | None, typer.Option("--output", "-o", help="Folder instead of the project's own.")] = None,
+    output: Annotated[Path | None, written("Folder instead of the project's own.")] = None,
     threads: Annotated[
         int | None, typer.Option(help="Points that are reduced at a time. [default: 1]", min=1, max=64)
     ] = None,
@@ -49,7 +50,7 @@ def paint_calibrate(
     table: Annotated[
         Path, typer.Argument(help="Cell measurements, CSV: pressure_UNIT, temperature_UNIT, ratio (I_ref/I)[, sigma].")
     ],
-    output: Annotated[Path, typer.Option("--output", "-o", help="The calibration, JSON; a picture goes beside it.")] = (
+    output: Annotated[Path, written("The calibration, JSON; a picture goes beside it.")] = (
         Path("paint.json")
     ),
     p_ref: Annotated[float, typer.Option(help="Pressure of I_ref, Pa.")] = 1e5,

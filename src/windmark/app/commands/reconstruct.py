@@ -9,7 +9,11 @@ import typer
 
 from windmark.app import console
 from windmark.app.commands import calibrate_arguments as a
+from windmark.app.commands.grouped import written
 from windmark.app.commands.matching_options import Mask
+from windmark.app.commands.options import Bayer, Channel, Json, MeritMax, OnePolarity, Radius, Seed
+from windmark.options.detection import BAYER, CHANNEL, MERIT_MAX, POLARITY
+from windmark.options.registration import SEED
 
 Images = Annotated[list[Path], typer.Argument(help="Pictures of the same markers from different directions.")]
 Cameras = Annotated[
@@ -61,7 +65,7 @@ ModelPx = Annotated[
     float,
     typer.Option("--model-px", help="1 sigma that lens, light and JPEG add to the spots' own; calibrate measures it."),
 ]
-Output = Annotated[Path, typer.Option("--output", "-o", help="Folder of the results.")]
+Output = Annotated[Path, written("Folder of the results.")]
 
 
 def reconstruct(
@@ -79,15 +83,15 @@ def reconstruct(
     free: Free = None,
     model_px: ModelPx = 0.0,
     pair: Pair = None,
-    radius: a.Radius = None,
-    polarity: a.Polarity = "dark",
-    merit_max: a.MeritMax = 0.7,
-    channel: a.Channel = "grey",
-    bayer: a.Bayer = None,
+    radius: Radius = None,
+    polarity: OnePolarity = POLARITY.default,
+    merit_max: MeritMax = MERIT_MAX.default,
+    channel: Channel = CHANNEL.default,
+    bayer: Bayer = BAYER.default,
     mask: Mask = None,
-    seed: a.Seed = 0,
+    seed: Seed = SEED.default,
     output: Output = Path("reconstruction"),
-    as_json: a.AsJson = False,
+    as_json: Json = False,
 ) -> None:
     """Find the coordinates of unknown markers in the frame of a few known ones, from pictures taken by hand.
 

@@ -20,6 +20,7 @@ from windmark.detection.template.noise import FrameNoise
 from windmark.detection.template.request import Request, Scene
 from windmark.detection.template.result import Frame, TemplateFits
 from windmark.errors import UsageError
+from windmark.options.detection import POLARITY
 
 __all__ = ["Frame", "FrameNoise", "TemplateFits", "frame_blur", "refine_template"]
 
@@ -33,7 +34,7 @@ def refine_template(
     xy: ArrayLike,
     radius_px: ArrayLike,
     *,
-    polarity: str = "dark",
+    polarity: str = POLARITY.default,
     photometry: str = "multiplicative",
     blur_px: float | tuple[float, float] | None = None,
     noise: FrameNoise | None = None,

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from windmark import detection, io
 from windmark.compiling import working_time
 from windmark.errors import WindmarkError
+from windmark.options.detection import CHANNEL, MERIT_MAX, POLARITY_OR_AUTO
 from windmark.pipeline.align2d.named import NamedSpots, of_image
 from windmark.pipeline.clock import Progress, silent
 from windmark.scene import Detections
@@ -36,10 +37,10 @@ class AlignSettings:
     kind: str = "auto"
     max_shift_px: float | None = None
     radius_px: tuple[float, ...] | None = None
-    polarity: str = "auto"
-    merit_max: float = 0.7
+    polarity: str = POLARITY_OR_AUTO.default
+    merit_max: float = MERIT_MAX.default
     keep_still: bool = False
-    channel: str = "grey"
+    channel: str = CHANNEL.default
     bayer: str | None = None
     mask: Path | None = None
     image_mask: Path | None = None

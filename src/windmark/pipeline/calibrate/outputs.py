@@ -19,12 +19,12 @@ from windmark.calibration.snooping import critical
 from windmark.geometry import PARAMETERS
 from windmark.geometry.camera import LENS_PARAMETERS
 from windmark.io.cameras.record import FREE
-from windmark.pipeline.calibrate.marks import Marks
-from windmark.pipeline.calibrate.read import Picture
-from windmark.pipeline.calibrate.rig import beside, beside_record
-from windmark.pipeline.calibrate.run import Calibrated
 from windmark.pipeline.lengths import Lengths
 from windmark.scene import MarkerSet
+from windmark.tasks.calibrate.marks import Marks
+from windmark.tasks.calibrate.picture import Picture
+from windmark.tasks.calibrate.rig import beside, beside_record
+from windmark.tasks.calibrate.run import Calibrated
 
 Array = NDArray[np.float64]
 Record = dict[str, Any]

@@ -13,11 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark import detection, io
-from windmark.calibration import Calibration
 from windmark.errors import UsageError
 from windmark.geometry import Camera
-from windmark.pipeline.calibrate.marks import Taken, start_camera, taken_by
+from windmark.options.calibration import MATCH_TIME_S
+from windmark.options.detection import CHANNEL, MERIT_MAX, POLARITY
+from windmark.options.registration import SEED
 from windmark.scene import Detections
+from windmark.tasks.calibrate.marks import Taken, start_camera, taken_by
+from windmark.tasks.calibrate.picture import Picture
 
 Image = NDArray[np.generic]
 
@@ -39,61 +42,19 @@ class MatchOptions:
     """
 
     radius_px: tuple[float, ...] = ()
-    polarity: str = "dark"
-    merit_max: float = 0.7
-    channel: str = "grey"
+    polarity: str = POLARITY.default
+    merit_max: float = MERIT_MAX.default
+    channel: str = CHANNEL.default
     bayer: str | None = None
     mask: Path | None = None
     labels: Mapping[str, Mapping[str, tuple[float, float]]] = field(default_factory=dict)
     tolerance_px: float | None = None
-    max_time_s: float = 2.0
-    seed: int = 0
+    max_time_s: float = MATCH_TIME_S.default
+    seed: int = SEED.default
 
     def __post_init__(self) -> None:
         if self.polarity not in ("dark", "bright"):  # one for all pictures of a calibration
             raise UsageError(f"polarity must be one of dark, bright, got {self.polarity!r}")
-
-
-@dataclass(frozen=True)
-class Picture:
-    """One picture: its spots and what became of it.
-
-    Parameters
-    ----------
-    name, camera : of the picture
-    size_px : (width, height)
-    detections : its spots
-    frame : instant, which pictures of several cameras share
-    problem : why it could not be used
-    round : in which it was accepted for the first time, 0 if never
-    excess_px : 1 sigma per coordinate that was added to the detector's, as the residuals of all pictures ask for
-    unread : why its file could not be read, "" where it could
-    """
-
-    name: str
-    camera: str
-    size_px: tuple[int, int]
-    detections: Detections
-    frame: str = ""
-    problem: str = ""
-    round: int = 0
-    excess_px: float = 0.0
-    unread: str = ""
-
-    @property
-    def count(self) -> int:
-        """Spots that were told which marker they are."""
-        return 0
-
-    @property
-    def rms_px(self) -> float | None:
-        """Misfit of those by themselves."""
-        return None
-
-    @property
-    def log10_nfa(self) -> float | None:
-        """Decimal logarithm of the false-alarm number."""
-        return None
 
 
 P = TypeVar("P", bound=Picture)
@@ -188,13 +149,3 @@ def find_spots(image: Image, mask: NDArray[np.bool_] | None, options: MatchOptio
     return detection.detect(
         image, radius_px=options.radius_px or None, polarity=options.polarity, merit_max=options.merit_max, mask=mask
     )
-
-
-def excess_px(result: Calibration, before: float) -> float:
-    """1 sigma per coordinate of the residuals beyond the marks' own noise: what lens, discs and light leave.
-
-    From the medians, so that gross errors do not count. ``before`` is what the marks have of it already.
-    """
-    seen = float(np.median((result.residuals[result.used] ** 2).sum(axis=1)) / (2 * np.log(2.0)))
-    noise = float(np.median(np.trace(result.observations.cov, axis1=1, axis2=2)) / 2) - before**2
-    return float(np.sqrt(max(seen - noise, 0.0)))

@@ -1,14 +1,14 @@
 """Deformation measurements: sequences of images of one or more cameras, live or from a disk."""
 
-from windmark.pipeline.deform.follow import follow_deformation
 from windmark.pipeline.deform.frames import frames_on_disk
 from windmark.pipeline.deform.live import Watch, watch
 from windmark.pipeline.deform.load import Loaded, load
-from windmark.pipeline.deform.memory import displaced
+from windmark.pipeline.deform.pictures import follow_deformation
 from windmark.pipeline.deform.project import Changes, DeformProject, read_deform_project
 from windmark.pipeline.deform.record import FrameRecord, Zero
 from windmark.pipeline.deform.run import Sequence, run_sequence
-from windmark.pipeline.deform.task import DeformationTest, DeformedFrame, FrameImages, LookOptions, Station
+from windmark.tasks.deform.memory import displaced
+from windmark.tasks.deform.task import DeformationTest, DeformedFrame, FrameImages, LookOptions, Station
 
 __all__ = [
     "Changes", "DeformProject", "DeformationTest", "DeformedFrame", "FrameImages", "FrameRecord", "Loaded",

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from windmark import io
 from windmark.pipeline.deform.names import instant_of, key_of, key_of_file, kind_of, order, said_of, stamp_ns
 from windmark.pipeline.deform.project import RECORDING, CameraEntry, DeformProject
-from windmark.pipeline.deform.task import FrameImages
 from windmark.pipeline.deform.timeline import Timeline, timeline
+from windmark.tasks.deform.task import FrameImages
 
 Array = NDArray[np.float64]
 

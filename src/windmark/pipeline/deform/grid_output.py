@@ -12,8 +12,8 @@ from windmark import io
 from windmark.deformation import Deformation
 from windmark.pipeline.deform.load import Loaded
 from windmark.pipeline.deform.project import OutputEntry
-from windmark.pipeline.deform.task import DeformedFrame
 from windmark.pipeline.deform.values import units
+from windmark.tasks.deform.task import DeformedFrame
 
 Array = NDArray[np.float64]
 

@@ -12,13 +12,14 @@ from windmark import io
 from windmark.deformation import LawChoice, Volumes, compare_laws
 from windmark.deformation.laws.catalog import CATALOG
 from windmark.errors import UsageError
-from windmark.pipeline.deform.follow import follow_deformation, what_is_free
 from windmark.pipeline.deform.frames import instants_of
 from windmark.pipeline.deform.load import Loaded, volumes_of
 from windmark.pipeline.deform.names import key_of
+from windmark.pipeline.deform.pictures import follow_deformation
 from windmark.pipeline.deform.project import AlternativeEntry, DeformProject, VolumeEntry
 from windmark.pipeline.deform.run import zeroed
 from windmark.scene import View
+from windmark.tasks.deform.follow import what_is_free
 
 DECISIVE = float(np.log(100.0))
 """Nats by which a law must be ahead of the next one: a hundred times likelier."""

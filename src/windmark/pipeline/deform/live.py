@@ -12,7 +12,7 @@ from windmark.io.interrupts import interrupts_wait
 from windmark.pipeline.deform.inbox import Arrival, Arriving, Inbox
 from windmark.pipeline.deform.names import instant_of, is_number, kind_of, order
 from windmark.pipeline.deform.project import DeformProject
-from windmark.pipeline.deform.task import FrameImages
+from windmark.tasks.deform.task import FrameImages
 
 POLL_S = 0.005
 """How often a watched folder is looked at."""

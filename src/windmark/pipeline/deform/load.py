@@ -16,11 +16,12 @@ from windmark.errors import WindmarkError
 from windmark.geometry import Camera, Pose
 from windmark.io.errors import reading
 from windmark.pipeline.deform.project import CameraEntry, DeformProject, VolumeEntry
-from windmark.pipeline.deform.task import DeformationTest, LookOptions, Station
-from windmark.pipeline.grid import read_grid, sight
+from windmark.pipeline.grid import read_grid
 from windmark.pipeline.lengths import Lengths
 from windmark.pipeline.walls import wall_volumes, walls_note, without
 from windmark.scene import MarkerSet, Mesh
+from windmark.tasks.deform.task import DeformationTest, LookOptions, Station
+from windmark.tasks.sight import sight
 
 Array = NDArray[np.float64]
 

@@ -26,9 +26,9 @@ from windmark.pipeline.deform.points import COLUMNS, FramePoints
 from windmark.pipeline.deform.record import MOTION, FrameRecord
 from windmark.pipeline.deform.resume import Kept, named, pictures_of
 from windmark.pipeline.deform.series import series_content
-from windmark.pipeline.deform.task import DeformedFrame, FrameImages
-from windmark.pipeline.deform.why import words_of
 from windmark.pipeline.resume import CHUNK, SeriesJournal, Stopped, replaced_file
+from windmark.tasks.deform.task import DeformedFrame, FrameImages
+from windmark.tasks.deform.why import words_of
 
 Array = NDArray[np.float64]
 

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from windmark import resection
 from windmark.deformation import Deformation
 from windmark.pipeline.deform.load import Loaded
-from windmark.pipeline.deform.spots import read
-from windmark.pipeline.deform.task import DeformedFrame, FrameImages
+from windmark.pipeline.deform.pictures import read
 from windmark.pipeline.points import PointSet, on_grid, read_lists
 from windmark.resection import Picture, PointValues
+from windmark.tasks.deform.task import DeformedFrame, FrameImages
 
 Array = NDArray[np.float64]
 

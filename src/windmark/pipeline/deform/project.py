@@ -9,9 +9,11 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, ValidationError, model_validator
 
 from windmark.errors import UsageError
+from windmark.options.detection import MERIT_MAX, PHOTOMETRY, POLARITY, RADIUS_PX, Photometry, Polarity
+from windmark.options.registration import MAX_DEFORMATION, MAX_TABLE_ERROR, MAX_TIME_S, OCCLUSION, SEED
 from windmark.pipeline.lengths import Lengths
 from windmark.pipeline.project import GridEntry, Positive, Role, Unit, Vector
-from windmark.pipeline.settings import Strict, existing, explained, read_toml, unusable_name
+from windmark.pipeline.settings import Strict, existing, explained, ranged, read_toml, unusable_name
 from windmark.pipeline.wanted import PointsEntry
 
 Image = Annotated[str, Field(min_length=1)]
@@ -102,15 +104,15 @@ class VolumeEntry(Strict):
 class LookEntry(Strict):
     """How markers are found: options of `detect` and, for frames without a frame before, of `register`."""
 
-    radius_px: Positive | Annotated[tuple[Positive, ...], Field(min_length=1)] | None = None
-    polarity: Literal["dark", "bright"] = "dark"
-    merit_max: Positive = 0.7
-    photometry: Literal["multiplicative", "additive"] | None = None
-    max_time_s: Positive | None = None
-    max_table_error: Positive = 0.025
-    max_deformation: Annotated[float, Field(ge=0, le=0.1)] = 0.05
-    seed: int = 0
-    occlusion: bool = True
+    radius_px: Positive | Annotated[tuple[Positive, ...], Field(min_length=1)] | None = RADIUS_PX.default
+    polarity: Polarity = POLARITY.default
+    merit_max: Annotated[float, ranged(MERIT_MAX)] = MERIT_MAX.default
+    photometry: Photometry | None = PHOTOMETRY.default
+    max_time_s: Annotated[float, ranged(MAX_TIME_S)] | None = MAX_TIME_S.default
+    max_table_error: Annotated[float, ranged(MAX_TABLE_ERROR)] = MAX_TABLE_ERROR.default
+    max_deformation: Annotated[float, ranged(MAX_DEFORMATION)] = MAX_DEFORMATION.default
+    seed: int = SEED.default
+    occlusion: bool = OCCLUSION.default
 
 
 class MotionEntry(Strict):

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from windmark.deformation import Deformation, SpanValues, Stations, span_values
 from windmark.geometry import Pose
 from windmark.geometry.rotations import log_so3
-from windmark.pipeline.deform.task import DeformedFrame, Sight
 from windmark.scene import MarkerSet
+from windmark.tasks.deform.task import DeformedFrame, Sight
 
 Array = NDArray[np.float64]
 Pair = tuple[Array, Array]

@@ -15,7 +15,7 @@ from windmark.io.errors import reading
 from windmark.pipeline import same_run
 from windmark.pipeline.deform.project import RECORDING, DeformProject
 from windmark.pipeline.deform.record import FrameRecord
-from windmark.pipeline.deform.task import DeformationTest, DeformedFrame, FrameImages
+from windmark.tasks.deform.task import DeformationTest, DeformedFrame, FrameImages
 
 
 @dataclass(frozen=True)

@@ -17,22 +17,23 @@ from numpy.typing import NDArray
 from windmark import io
 from windmark.deformation import Deformation, zero_markers
 from windmark.io.interrupts import interrupts_wait
-from windmark.pipeline.deform.follow import follow_deformation, identified_again
 from windmark.pipeline.deform.frames import FrameTable, instants_of, read_frame_table
 from windmark.pipeline.deform.grid_output import gridded
 from windmark.pipeline.deform.live import Watch
 from windmark.pipeline.deform.load import Loaded
 from windmark.pipeline.deform.names import key_of
 from windmark.pipeline.deform.outputs import Writer
+from windmark.pipeline.deform.pictures import follow_deformation
 from windmark.pipeline.deform.points import PointMapper
 from windmark.pipeline.deform.record import MISFIT, FrameRecord, Zero, record
 from windmark.pipeline.deform.resume import Kept, files_told, made_with, named, pictures_of
-from windmark.pipeline.deform.task import DeformedFrame, FrameImages
 from windmark.pipeline.deform.timeline import Timeline
 from windmark.pipeline.deform.values import Compared, Mapper
 from windmark.pipeline.resume import Stopped, check_state, read_stopped
 from windmark.pipeline.same_run import check_begun, check_pictures
 from windmark.scene import View
+from windmark.tasks.deform.follow import identified_again
+from windmark.tasks.deform.task import DeformedFrame, FrameImages
 
 Array = NDArray[np.float64]
 

@@ -18,7 +18,7 @@ from windmark import io
 from windmark.errors import UsageError
 from windmark.pipeline.deform.names import EXACT, is_number, key_of, kind_of, order
 from windmark.pipeline.deform.project import RECORDING, CameraEntry, DeformProject
-from windmark.pipeline.deform.task import FrameImages, Shot
+from windmark.tasks.deform.task import FrameImages, Shot
 
 Array = NDArray[np.float64]
 

@@ -11,11 +11,11 @@ from scipy.spatial import cKDTree
 
 from windmark.deformation import Deformation, identify
 from windmark.geometry import Camera, Pose
+from windmark.pipeline.deform.pictures import read
 from windmark.pipeline.deform.project import ValuesEntry
-from windmark.pipeline.deform.spots import read
-from windmark.pipeline.deform.task import DeformationTest, DeformedFrame, FrameImages, Image
 from windmark.resection import inside_px, node_values, see_nodes
 from windmark.scene import MarkerSet, Mesh, View
+from windmark.tasks.deform.task import DeformationTest, DeformedFrame, FrameImages, Image
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -11,10 +11,10 @@ from windmark.compiling import working_time
 from windmark.errors import DataError
 from windmark.io import FileError
 from windmark.paint import dominant
-from windmark.pipeline.deform.spots import read
-from windmark.pipeline.deform.task import DeformedFrame, FrameImages
+from windmark.pipeline.deform.pictures import read
 from windmark.pipeline.infrared.load import InfraredRun
 from windmark.pipeline.infrared.record import REDUCED, FrameRecord
+from windmark.tasks.deform.task import DeformedFrame, FrameImages
 from windmark.tasks.infrared import FLAGS, SATURATED, UNSEEN, CameraTemperature, frame_temperatures, merged_temperature
 from windmark.tasks.psp import ModelPicture, Sampling, moved_grid
 

@@ -14,11 +14,10 @@ import numpy as np
 from windmark.errors import WindmarkError
 from windmark.paint import dominant
 from windmark.pipeline import same_run
-from windmark.pipeline.deform.follow import follow_deformation
+from windmark.pipeline.deform.pictures import follow_deformation
 from windmark.pipeline.deform.resume import inputs as deform_inputs
 from windmark.pipeline.deform.resume import named, pictures_of
 from windmark.pipeline.deform.run import zeroed
-from windmark.pipeline.deform.task import DeformedFrame, FrameImages
 from windmark.pipeline.infrared.flux import FieldMaker, FrameFields, make_fluxes, risen_before
 from windmark.pipeline.infrared.frame import run_frame
 from windmark.pipeline.infrared.load import InfraredRun, as_deform
@@ -27,6 +26,7 @@ from windmark.pipeline.infrared.record import FAILED, FrameRecord
 from windmark.pipeline.infrared.steady import SteadyMap, steady_map
 from windmark.pipeline.infrared.store import Store
 from windmark.pipeline.resume import CHUNK, SeriesJournal, check_state, read_stopped
+from windmark.tasks.deform.task import DeformedFrame, FrameImages
 from windmark.tasks.infrared import CURVED, LATE, LATERAL
 
 MEAN = "mean"

@@ -12,10 +12,10 @@ from windmark import io
 from windmark.paint import NotFitted, PlanckBand, SensorRadiance, fit_sensor_radiance
 from windmark.paint.radiance import Radiance
 from windmark.pipeline.deform.frames import files_of
-from windmark.pipeline.deform.spots import read
-from windmark.pipeline.deform.task import Station
+from windmark.pipeline.deform.pictures import read
 from windmark.pipeline.infrared.project import CameraEntry, InfraredProject
 from windmark.pipeline.psp.table import TEMPERATURE, temperatures
+from windmark.tasks.deform.task import Station
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

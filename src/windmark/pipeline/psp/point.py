@@ -13,13 +13,12 @@ from windmark.compiling import working_time
 from windmark.deformation import Deformation
 from windmark.errors import DataError
 from windmark.paint import LoadReference, TunnelConditions, correct_picture
-from windmark.pipeline.deform.follow import follow_deformation
-from windmark.pipeline.deform.spots import read
-from windmark.pipeline.deform.task import FrameImages
+from windmark.pipeline.deform.pictures import follow_deformation, read
 from windmark.pipeline.psp.load import PspTest
 from windmark.pipeline.psp.sensors import pictures_named
 from windmark.pipeline.psp.table import WIND_OFF, WIND_ON, PointRow, SensorTable
 from windmark.pipeline.psp.wall import wall_of
+from windmark.tasks.deform.task import FrameImages
 from windmark.tasks.psp import (
     MergedRatio,
     ModelPicture,

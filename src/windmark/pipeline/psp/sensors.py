@@ -13,12 +13,12 @@ from windmark import io
 from windmark.errors import DataError
 from windmark.paint import Linearity, NotFitted, SensorModel, mean_dark, mean_flat, photon_transfer
 from windmark.pipeline.deform.frames import files_of
-from windmark.pipeline.deform.spots import read
-from windmark.pipeline.deform.task import Station
+from windmark.pipeline.deform.pictures import read
 from windmark.pipeline.psp.entries import CAMERA
 from windmark.pipeline.psp.project import PspProject
 from windmark.pipeline.psp.table import PointRow
 from windmark.pipeline.settings import existing
+from windmark.tasks.deform.task import Station
 
 Array = NDArray[np.float64]
 

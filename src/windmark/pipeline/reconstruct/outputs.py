@@ -14,13 +14,13 @@ import windmark
 from windmark import io
 from windmark.calibration import Calibration
 from windmark.geometry import PARAMETERS
-from windmark.pipeline.calibrate.marks import Marks
 from windmark.pipeline.calibrate.outputs import match_columns, sigma_rms, write_network
-from windmark.pipeline.calibrate.read import Picture
-from windmark.pipeline.reconstruct.pair import PairLines
-from windmark.pipeline.reconstruct.primaries import PRIMARY_SIGMA, default_sigma
-from windmark.pipeline.reconstruct.result import NotReconstructed, Reconstruction
 from windmark.scene import Detections, MarkerSet
+from windmark.tasks.calibrate.marks import Marks
+from windmark.tasks.calibrate.picture import Picture
+from windmark.tasks.reconstruct.pair import PairLines
+from windmark.tasks.reconstruct.primaries import PRIMARY_SIGMA, default_sigma
+from windmark.tasks.reconstruct.result import NotReconstructed, Reconstruction
 
 Array = NDArray[np.float64]
 Record = dict[str, Any]

@@ -6,11 +6,11 @@ import numpy as np
 
 from windmark.calibration import Calibration, NotCalibrated
 from windmark.calibration.quality import residual_map
-from windmark.pipeline.calibrate.run import Calibrated
-from windmark.pipeline.reconstruct.result import NotReconstructed, Reconstruction
 from windmark.pipeline.verdict import rules
 from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding, Verdict
 from windmark.scene import Doubt
+from windmark.tasks.calibrate.run import Calibrated
+from windmark.tasks.reconstruct.result import NotReconstructed, Reconstruction
 
 STEPS = {
     "swapped": "correct the names in the table of marks, or take the exchange as found",

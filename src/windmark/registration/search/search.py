@@ -20,6 +20,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.options.registration import METHOD
 from windmark.registration._kernels.growth import grow
 from windmark.registration._kernels.match import search_kernel
 from windmark.registration._kernels.rival import made_kernel, rivals_kernel
@@ -68,7 +69,7 @@ class Search:
     """
 
     def __init__(
-        self, plane: Plane, stop_at: float, *, method: str = "hash", wide: bool = False, seed: int = 0,
+        self, plane: Plane, stop_at: float, *, method: str = METHOD.default, wide: bool = False, seed: int = 0,
         budget: Budget | None = None,
     ) -> None:  # fmt: skip
         self.plane, self.task, self.links, self._work, self._budget = plane, plane.task, 0, 0.0, budget or Budget()

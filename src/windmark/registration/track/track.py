@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from windmark.errors import UsageError
 from windmark.geometry import Camera, Pose
+from windmark.options.registration import MAX_TABLE_ERROR
 from windmark.registration.register import register
 from windmark.registration.result import NotRegistered, Registration
 from windmark.registration.task import Limits
@@ -42,7 +43,7 @@ def track(
     max_log10_nfa: float = -9.0,
     min_score: float = 60.0,
     min_margin: float = 10.0,
-    max_table_error: float = 0.025,
+    max_table_error: float = MAX_TABLE_ERROR.default,
     seed: int = 0,
 ) -> tuple[Registration | NotRegistered, TrackState]:
     """Label the spots of the next frame and find its pose; nothing is changed, the new state is returned.

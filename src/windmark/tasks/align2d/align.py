@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from windmark import detection, resection
 from windmark.errors import UsageError
 from windmark.geometry.planar import KINDS, Choice, PlanarTransform, choose, sound_pairs
+from windmark.options.detection import MERIT_MAX, POLARITY
 from windmark.scene import Detections
 from windmark.tasks.align2d.matching import SpotMatching, match_spots
 from windmark.tasks.align2d.result import ImageAlignment, NotAligned
@@ -30,8 +31,8 @@ def align_images(
     kind: str = "auto",
     max_shift_px: float | None = None,
     radius_px: float | Sequence[float] | None = None,
-    polarity: str = "dark",
-    merit_max: float = 0.7,
+    polarity: str = POLARITY.default,
+    merit_max: float = MERIT_MAX.default,
     mask: ArrayLike | None = None,
     reference_mask: ArrayLike | None = None,
     keep_still: bool = False,

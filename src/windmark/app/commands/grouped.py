@@ -1,0 +1,66 @@
+"""Help in groups: the options of a command under the heading of what they are about."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import typer
+from typer.core import TyperCommand
+
+from windmark.options import Option
+
+INPUT = "Input"
+LOOK = "Markers in pictures"
+MATCH = "Which spot is which marker"
+POSE = "Where the camera was"
+VALUES = "Values"
+GRID = "Grid"
+DATUM = "Datum and scale"
+LENS = "Lens"
+ADJUSTMENT = "Adjustment"
+BOARD = "Board of dots"
+OUTPUT = "Output"
+
+
+def told(option: Option[Any], *flags: str, panel: str | None = None) -> Any:
+    """An option of the table for an argument's annotation: its flags and its help.
+
+    Parameters
+    ----------
+    option : of `windmark.options`
+    flags : in place of its own, such as those with a short form
+    panel : heading in the help under which it stands
+    """
+    return typer.Option(*(flags or (option.flags,)), help=option.sentence, rich_help_panel=panel)
+
+
+def written(help_text: str = "Folder of the results.") -> Any:
+    """The option ``--output``."""
+    return typer.Option("--output", "-o", help=help_text, rich_help_panel=OUTPUT)
+
+
+class Grouped(TyperCommand):
+    """A command whose help has a section for every panel of its options, in plain text."""
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        """Arguments, the panels in the order of their first options, output; what has no panel is in "Options"."""
+        sections: dict[str, list[tuple[str, str]]] = {}
+        for param in self.get_params(ctx):
+            record = param.get_help_record(ctx)
+            if record is not None:
+                argument = param.param_type_name == "argument"
+                panel = "Arguments" if argument else getattr(param, "rich_help_panel", None) or "Options"
+                sections.setdefault(panel, []).append(record)
+        rank = {"Arguments": 0, OUTPUT: 2, "Options": 1 if len(sections.get("Options", ())) > 1 else 3}
+        for heading in sorted(sections, key=lambda panel: rank.get(panel, 1)):
+            with formatter.section(heading):
+                formatter.write_dl(sections[heading])
+
+
+class App(typer.Typer):
+    """Commands with grouped help."""
+
+    def command(self, name: str | None = None, **options: Any) -> Callable[[Any], Any]:
+        """As `typer.Typer.command`."""
+        return super().command(name, **{"cls": Grouped, **options})

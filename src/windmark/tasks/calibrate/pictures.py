@@ -1,0 +1,286 @@
+"""From pictures and rough markers to matched marks.
+
+Rough coordinates and an unknown camera leave some pictures without a certain labelling. So: match with generous
+gates, calibrate from the pictures that are certain, match all of them again with the calibrated camera and the refined
+markers, and so on until no more pictures come in.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from windmark import registration
+from windmark.calibration import Calibration, Free, NotCalibrated
+from windmark.calibration.self_calibrate import usual_free
+from windmark.geometry import Camera
+from windmark.options.calibration import MATCH_TIME_S
+from windmark.options.registration import SEED
+from windmark.registration import Registration
+from windmark.scene import MarkerSet, Observations, View
+from windmark.tasks.calibrate.lens import FISHEYE_WIDTHS, in_lens, undecided, with_lens
+from windmark.tasks.calibrate.marks import Marks, with_sigma
+from windmark.tasks.calibrate.picture import Picture, excess_px
+from windmark.tasks.calibrate.run import Calibrated, CalibrateSettings, adjusted, calibrate_marks, explained
+from windmark.tasks.calibrate.stage import Stage, unnoticed
+
+ROUGH_SPACING = 0.3
+"""Neighbourhood in which a rough marker looks for its spot, as part of the spots' spacing."""
+ROUGH_TABLE = 0.2
+"""How far rough markers may be off (1 sigma), as part of the distance to the next one."""
+ANY_FOCAL, GIVEN_FOCAL = 3.0, 1.5
+"""Ratio either way within which focal lengths are tried in the first round: where nothing is known of the camera (round
+the image's width), and where there is a start value."""
+ROUGH_FOCAL, KNOWN_FOCAL = 10.0, 1.1
+"""Relative sigma of the focal length up to which a labelling counts: the labels matter here, not the focal length.
+It is free in all rounds, within this ratio from the second on: lens and focus must not cost a picture its labels."""
+LEAD = 4.0
+"""Lead over the next best labelling, in sigma of what chance gives. Two labellings whose misfits are both the markers'
+errors differ by chance: N markers have 2 N residuals, and N log of the ratio of two variances that are estimated from
+them scatters by sqrt(2 N)."""
+ROUNDS, LEAST_PICTURES = 6, 3
+FEWER = (("focal_px", "cx", "cy", "k1", "k2"), ("focal_px", "k1"))
+"""Parameters for a first calibration from too few pictures for all that were asked for."""
+
+
+@dataclass(frozen=True)
+class MatchSettings:
+    """How spots are matched to rough markers.
+
+    Parameters
+    ----------
+    tolerance_px : neighbourhood of the first round; None takes 0.3 of the spots' spacing
+    max_time_s : CPU time per picture and round
+    seed : of the matching
+    """
+
+    tolerance_px: float | None = None
+    max_time_s: float = MATCH_TIME_S.default
+    seed: int = SEED.default
+
+
+@dataclass(frozen=True)
+class MatchedPicture(Picture):
+    """One picture: its spots, and which marker each is.
+
+    Parameters
+    ----------
+    fixed : spot -> marker's name, as told by labels
+    registration : the accepted matching, None if there is none
+    """
+
+    fixed: Mapping[int, str] = field(default_factory=dict)
+    registration: Registration | None = None
+
+    @property
+    def count(self) -> int:
+        """Matched markers."""
+        return 0 if self.registration is None else len(self.registration.matching)
+
+    @property
+    def rms_px(self) -> float | None:
+        """Of the registration."""
+        return None if self.registration is None else self.registration.rms_px
+
+    @property
+    def log10_nfa(self) -> float | None:
+        """Of the registration."""
+        return None if self.registration is None else self.registration.log10_nfa
+
+
+def calibrate_matching(
+    pictures: Sequence[MatchedPicture],
+    markers: MarkerSet,
+    cameras: Mapping[str, Camera],
+    settings: CalibrateSettings,
+    *,
+    matching: MatchSettings | None = None,
+    given: Mapping[str, Camera | None] | None = None,
+    unknown_focal: bool = False,
+    stage: Stage = unnoticed,
+) -> tuple[Calibrated | NotCalibrated, tuple[MatchedPicture, ...]]:
+    """Match the spots of pictures to rough markers, and calibrate.
+
+    Parameters
+    ----------
+    pictures : with their spots, not matched yet
+    markers : rough coordinates
+    cameras : start values by name
+    settings : of calibrating
+    matching : of matching
+    given : the cameras that a file tells, None for the others, whose start value is a stand-in; not said: all are told
+    unknown_focal : whether the focal length of a camera is only a stand-in (`marks.start_camera`)
+    stage : told of each stage
+
+    Returns
+    -------
+    The calibration, or why there is none; and what became of each picture.
+    """
+    told = dict(cameras) if given is None else given
+    how_to_match, start = matching or MatchSettings(), in_lens(cameras, told, settings.lens)
+    answer = _in_rounds(pictures, markers, start, told, how_to_match, settings, stage, unknown_focal)
+    if isinstance(answer[0], NotCalibrated) and undecided(settings, told) and None in told.values():
+        # A wide lens bends straight lines more than a search for a plain one follows.
+        for widths in FISHEYE_WIDTHS if unknown_focal else (None,):
+            wide = {
+                k: c if told[k] is not None else
+                Camera(c.size_px, c.focal_px if widths is None else widths * max(c.size_px), lens="fisheye")
+                for k, c in start.items()
+            }  # fmt: skip
+            again = _in_rounds(pictures, markers, wide, told, how_to_match, settings, stage, unknown_focal)
+            if isinstance(again[0], Calibrated):
+                return again
+    return answer
+
+
+def _in_rounds(
+    pictures: Sequence[MatchedPicture],
+    markers: MarkerSet,
+    found: dict[str, Camera],
+    given: Mapping[str, Camera | None],
+    how_to_match: MatchSettings,
+    settings: CalibrateSettings,
+    stage: Stage,
+    unknown_focal: bool,
+) -> tuple[Calibrated | NotCalibrated, tuple[MatchedPicture, ...]]:
+    """Match and calibrate in turns, from start values of the cameras."""
+    nothing, pictures = unknown_focal and all(c.lens == "brown" for c in found.values()), list(pictures)
+    known, how, excess, done = markers, _rough_options(markers, ANY_FOCAL if nothing else GIVEN_FOCAL), 0.0, 0
+    doubtful: set[str] = set()
+    for n in range(1, ROUNDS + 1):
+        with stage("match"):
+            anew = doubtful if n > 2 else {p.name for p in pictures}
+            pictures = [_match(p, known, found[p.camera], how_to_match, how, n, p.name in anew) for p in pictures]
+        matched = sum(p.registration is not None for p in pictures)
+        if matched < LEAST_PICTURES:
+            return _too_few(pictures, n), tuple(pictures)
+        if n > 2 and matched <= done and not doubtful:
+            break
+        with stage("calibrate"):
+            marks = _marks(pictures, markers, found, excess)
+            calibration = _first(marks, settings)
+        if isinstance(calibration, NotCalibrated):
+            return explained(calibration, marks), tuple(pictures)
+        found = {**found, **{k: replace(c, cov=None) for k, c in calibration.cameras.items()}}
+        known, how, excess, done = _refined(markers, calibration), {}, excess_px(calibration, excess), matched
+        # A picture that lost all of its marks is not suspect but gone.
+        doubtful = {*_lost_most(calibration), *calibration.dropped} & {p.name for p in pictures if p.count}
+    pictures = [_without_labels(p) if p.name in doubtful else p for p in pictures]
+    marks = _marks(pictures, markers, found, excess)
+    with stage("lens"):
+        marks, lenses = with_lens(marks, settings, given, focal_known=True)
+    outcome = calibrate_marks(marks, settings, stage, lenses)
+    return outcome, tuple(replace(p, excess_px=excess) for p in pictures)
+
+
+def _lost_most(calibration: Calibration) -> list[str]:
+    """Views more than half of whose marks were left out."""
+    view = calibration.observations.view
+    every, lost = (np.bincount(v, minlength=len(calibration.views)) for v in (view, view[~calibration.used]))
+    return [calibration.views[int(v)].name for v in np.flatnonzero(2 * lost > every)]
+
+
+def _without_labels(picture: MatchedPicture) -> MatchedPicture:
+    """A picture that matches by itself, but most of whose marks contradict the others to the end."""
+    problem = "most of its marks contradict the other pictures: wrong labels, or the markers moved"
+    return replace(picture, registration=None, problem=problem, round=0)
+
+
+def _too_few(pictures: Sequence[MatchedPicture], n: int) -> NotCalibrated:
+    good = sum(p.registration is not None for p in pictures)
+    one = next(p for p in pictures if p.problem)
+    how = "to the rough markers" if n == 1 else "again"
+    reason = (
+        f"{good} of {len(pictures)} pictures were matched with certainty {how}; {LEAST_PICTURES} are needed to go on "
+        f"from. {one.name}: {one.problem}. The label of a marker in some pictures tells labellings apart"
+    )
+    return NotCalibrated(reason, "too_few", dropped={p.name: p.problem for p in pictures if p.problem})
+
+
+def _rough_options(markers: MarkerSet, focal_range: float) -> dict[str, Any]:
+    """Options of `registration.register` for rough coordinates and an unknown focal length."""
+    return {"max_table_error": ROUGH_TABLE, "focal_range": focal_range}
+
+
+def _match(
+    picture: MatchedPicture,
+    markers: MarkerSet,
+    camera: Camera,
+    options: MatchSettings,
+    how: dict[str, Any],
+    n: int,
+    anew: bool,
+) -> MatchedPicture:
+    """Match one picture; ``how`` is empty where camera and markers are known, ``anew`` forgets the last labels."""
+    if picture.unread:
+        return picture
+    xy = picture.detections.xy
+    tolerance = options.tolerance_px
+    if how and tolerance is None and len(xy) > 1:
+        distance = np.linalg.norm(xy[:, None] - xy[None], axis=2)
+        np.fill_diagonal(distance, np.inf)
+        tolerance = ROUGH_SPACING * float(np.median(distance.min(axis=1)))
+    # Labels of the first round are put to the test again, and later ones that contradict other pictures.
+    last = None if anew else picture.registration
+    answer = registration.register(
+        picture.detections, markers, camera, fixed=picture.fixed, prior=last.cam_from_model if last else None,
+        tolerance_px=tolerance if how else None, free_focal=True, max_focal_sigma=ROUGH_FOCAL, max_deformation=0.0,
+        min_margin=LEAD * float(np.sqrt(2 * len(markers))),
+        max_time_s=options.max_time_s, seed=options.seed, **(how or {"focal_range": KNOWN_FOCAL}),
+    )  # fmt: skip
+    if isinstance(answer, Registration):
+        return replace(picture, registration=answer, problem="", round=picture.round or n)
+    return replace(picture, registration=None, problem=answer.reason)
+
+
+def _marks(
+    pictures: Sequence[MatchedPicture], markers: MarkerSet, cameras: Mapping[str, Camera], excess_px: float
+) -> Marks:
+    """The marks of all matched pictures, with so much noise beyond the detector's."""
+    good = [p for p in pictures if p.registration is not None]
+    view, point, xy, cov, ellipses, views = [], [], [], [], [], []
+    for v, p in enumerate(good):
+        assert p.registration is not None
+        pairs = p.registration.matching
+        view.append(np.full(len(pairs), v, dtype=np.int64))
+        point.append(pairs.marker.astype(np.int64))
+        xy.append(p.detections.xy[pairs.detection])
+        cov.append(with_sigma(p.detections.cov[pairs.detection], 0.1) + excess_px**2 * np.eye(2))
+        # A flagged outline (cut by the border, touched, in clutter) is not that of the disc.
+        clean = p.detections.flags[pairs.detection, None] == 0
+        ellipses.append(np.where(clean, p.detections.ellipses[pairs.detection], np.nan))
+        # No pose: that of the matching has a focal length of its own.
+        views.append(View(p.name, p.camera, p.frame))
+    observations = Observations(np.concatenate(view), np.concatenate(point), np.concatenate(xy), np.concatenate(cov))
+    return Marks(observations, markers, {k: cameras[k] for k in cameras}, tuple(views), np.concatenate(ellipses))
+
+
+def _first(marks: Marks, settings: CalibrateSettings) -> Calibration | NotCalibrated:
+    """A calibration from the pictures so far, with fewer parameters where there are few; a free network.
+
+    No rig yet: its cameras may have no instant in common among these pictures.
+    """
+    settings = replace(settings, max_sigma0=np.inf, rig=False)
+    usual = usual_free(marks.cameras.values()) if settings.free is None else settings.free
+    result = adjusted(marks, settings, Free())
+    for fewer in FEWER:
+        if isinstance(result, Calibration):
+            break
+        free = tuple(p for p in fewer if p in usual)
+        again = adjusted(marks, replace(settings, free=free), Free()) if free else result
+        result = again if isinstance(again, Calibration) else result
+    return result
+
+
+def _refined(rough: MarkerSet, result: Calibration) -> MarkerSet:
+    """The table with the coordinates that the calibration found; the others are as rough as these were."""
+    place = {str(n): k for k, n in enumerate(rough.name)}
+    index = np.array([place[str(n)] for n in result.markers.name])
+    xyz = rough.xyz.copy()
+    xyz[index] = result.markers.xyz
+    sigma = np.full_like(xyz, float(np.sqrt(((xyz - rough.xyz)[index] ** 2).mean())))
+    sigma[index] = result.markers.sigma
+    return replace(rough, xyz=xyz, sigma=sigma)

@@ -1,0 +1,463 @@
+"""A deforming model followed through the images of all its cameras: predict, look, identify; start again when lost."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.compiling import job_time
+from windmark.deformation import Deformation, NotIdentified, identify
+from windmark.errors import UsageError, WindmarkError
+from windmark.geometry import Camera, Pose
+from windmark.scene import Detections, MarkerSet, Observations, View
+from windmark.tasks.deform.between import Shots, open_shots
+from windmark.tasks.deform.cold import anywhere, reasons
+from windmark.tasks.deform.memory import Memory, displaced, predicted, velocity_of
+from windmark.tasks.deform.spots import LEAST_PX, MOST_PX, SIGMAS, Labelled, around, everything, near
+from windmark.tasks.deform.task import (
+    DeformationTest,
+    DeformedFrame,
+    FrameImages,
+    Image,
+    Reader,
+    Sight,
+    Station,
+    as_given,
+)
+from windmark.tasks.deform.texture import Texture, texture_of, without_texture
+from windmark.tasks.deform.why import Levels, few, levels_of, why_few
+
+Array = NDArray[np.float64]
+
+FEWER = 0.6
+"""A frame with less than this part of the markers of the frame before is looked at again without expectations."""
+MOST_RMS_PX = 4.0
+"""A state that leaves such residuals is no state of this model: tables and lenses are off by less."""
+FORGET = 0.5
+"""How fast large prediction errors are forgotten."""
+MOST_OUT = 0.2
+"""A tracked frame with more outliers than this part is looked at again without expectations."""
+
+
+def follow_deformation(
+    frames: Iterable[FrameImages], test: DeformationTest, *, read: Reader = as_given,
+    handed_on: dict[str, Any] | None = None,
+) -> Iterator[DeformedFrame]:  # fmt: skip
+    """Deformation in every frame, one after the other; memory does not grow with their number.
+
+    The first frame is found without help: all spots are detected, matched to the model, and the law is identified.
+    From then on every marker is looked for near its predicted place in every camera. A frame that does not fit is
+    looked at again without expectations: matched to the model like the first one or, where that is refused, each marker
+    to the spot that is clearly nearest to its place in the last good frame. If that fails, too, the frame is flagged;
+    the next one starts from the last good one. Cameras are read and searched in threads.
+
+    Parameters
+    ----------
+    frames : images of all cameras of each instant, in order; they may come slowly
+    test : what does not change
+    read : makes grey images of what the frames have in place of them, such as paths; it runs in threads
+    handed_on : takes what every frame hands on to the next, before the frame is yielded; where it holds what an earlier
+        sequence of the same test left in it, the frames go on with that
+
+    Raises
+    ------
+    ValueError
+        For instants that do not increase, or images of a camera that the test does not have.
+    """
+    with ThreadPoolExecutor(max_workers=len(test.stations)) as pool:
+        follower = _Follower(test, pool, read)
+        kept = {} if handed_on is None else handed_on
+        follower.take_up(kept.get("follower", {}))
+        first, last = kept.get("index", 0), kept.get("instant", -np.inf)
+        for index, frame in enumerate(frames, first):
+            if frame.skipped is not None:
+                status, why = frame.skipped
+                kept["index"] = index + 1
+                yield DeformedFrame(index, frame.key, frame.instant, status, why, None)
+                continue
+            if not (np.isfinite(frame.instant) and frame.instant > last):
+                raise UsageError(f"frames: instants must increase, {frame.key} is {frame.instant:g} after {last:g}")
+            unknown = sorted(set(frame.images) - {s.name for s in test.stations})
+            if unknown:
+                raise UsageError(f"frames: {frame.key} has an image of camera {unknown[0]}, which the test has not")
+            last = frame.instant
+            followed = follower.frame(index, frame)
+            kept.update(follower=follower.handed_on(), index=index + 1, instant=last)
+            yield followed
+
+
+_HANDED_ON = ("_memory", "_hidden", "_texture", "_levels", "_usual", "_left_out")
+
+
+class _Follower:
+    """What goes from frame to frame."""
+
+    def __init__(self, test: DeformationTest, pool: ThreadPoolExecutor, read: Reader) -> None:
+        self._test, self._pool, self._reader = test, pool, read
+        self._memory: Memory | None = None
+        self._hidden: dict[str, NDArray[np.bool_]] = {}
+        self._texture: Texture | None = None
+        self._shots: dict[str, Shots] = {}
+        self._levels: dict[str, Levels] = {}
+        self._usual: dict[str, int] = {}
+        self._last: dict[str, Labelled] = {}
+        self._left_out: dict[str, str] = {}  # cameras that contradict the others, and why
+
+    def handed_on(self) -> dict[str, Any]:
+        """What the next frame goes on with; pictures are not."""
+        shots = {name: replace(own, image={}) for name, own in self._shots.items()}
+        return {"_shots": shots, **{name: getattr(self, name) for name in _HANDED_ON}}
+
+    def take_up(self, handed_on: Mapping[str, Any]) -> None:
+        """Go on with what `handed_on` gave."""
+        for name, value in handed_on.items():
+            setattr(self, name, value)
+
+    def frame(self, index: int, frame: FrameImages) -> DeformedFrame:
+        """Follow one instant."""
+        start = job_time()
+        self._last = {}
+        images, bad = self._read(frame)
+        self._open(frame, images, bad)
+        troubles = [f"{n}: {why}" for n, why in {**frame.odd, **bad}.items()]
+        status, why, found = "tracked", "", None
+        if self._memory is not None and self._believed(images):
+            found = self._tracked(images, frame.instant)
+            if isinstance(found, str):
+                why, found = found, None
+        if found is None and images:
+            status, spots = "cold", self._everything(images)
+            found = self._cold(images, spots)
+            if isinstance(found, str):
+                why = "; ".join(part for part in (why, found) if part)
+                believed = self._believed(images)
+                status, found = "tracked", self._nearest(believed, {n: spots[n] for n in believed})
+                if found is not None:
+                    troubles.append(f"labelled by the spots nearest to the last good frame's: {why}")
+        if found is None:
+            reason = "; ".join([*troubles, why] if why else troubles) or "no image"
+            return DeformedFrame(
+                index, frame.key, frame.instant, "lost", reason, None, seconds=job_time() - start,
+                cameras=self._sights(frame, images, bad, self._last, None),
+            )  # fmt: skip
+        state, labelled, observations, errors = found
+        troubles += [f"{n}: {why}" for n, why in self._left_out.items() if n in images]
+        sights = self._sights(frame, images, bad, labelled, state)
+        self._remember(state, labelled, errors, frame.instant, status)
+        troubles += [f"{n}: {s.reason}" for n, s in labelled.items() if s.reason]
+        self._learn(images, labelled, sights, status)
+        return DeformedFrame(
+            index, frame.key, frame.instant, status, "; ".join(troubles), state, observations, tuple(labelled),
+            job_time() - start, sights,
+        )  # fmt: skip
+
+    def _sights(
+        self, frame: FrameImages, images: dict[str, Image], bad: dict[str, str], labelled: dict[str, Labelled],
+        state: Deformation | None,
+    ) -> dict[str, Sight]:  # fmt: skip
+        """What every camera saw, and where that is little, why; ``state`` None for a frame that is lost."""
+        out = {}
+        memory = self._memory
+        known = state if state is not None or memory is None else predicted(memory, frame.instant - memory.instant)
+        for station in self._test.stations:
+            name, lag = station.name, frame.lag(station.name)
+            if name not in images:
+                out[name] = Sight(reason=bad.get(name, ""), lag_s=lag)
+                continue
+            if name in self._left_out and state is not None:
+                out[name] = Sight(self._usual.get(name, 0), 0, self._left_out[name], lag)
+                continue
+            spots = labelled.get(name, Labelled.none(""))
+            count = 0 if state is None else len(spots.marker)
+            before = self._usual.get(name, 0)
+            why = ""
+            if few(count, spots.expected, before):
+                placed = None if known is None else displaced(self._test.markers, known)
+                pose = (known.cam_from_tunnel if known else {}).get(name, station.cam_from_tunnel)
+                if state is None:
+                    spots = replace(Labelled.none(spots.reason), not_found=spots.not_found, expected=spots.expected)
+                why = why_few(
+                    images[name], self._test, station, spots, self._levels.get(name), before, placed, station.camera,
+                    pose, self._hidden.get(name),
+                )  # fmt: skip
+            out[name] = Sight(spots.expected, count, why, lag)
+        return out
+
+    def _learn(
+        self, images: dict[str, Image], labelled: dict[str, Labelled], sights: dict[str, Sight], status: str
+    ) -> None:
+        """What good pictures are like."""
+        for name, spots in labelled.items():
+            if not sights[name].reason and name in images:
+                self._usual[name] = spots.expected
+                if status == "cold" or name not in self._levels:
+                    mask = self._test.station(name).mask
+                    self._levels[name] = levels_of(images[name], mask, spots.xy, spots.radius_px)
+
+    def _read(self, frame: FrameImages) -> tuple[dict[str, Image], dict[str, str]]:
+        """The images that can be read, and what is wrong with the others, by camera."""
+        images, troubles = {}, {}
+        jobs = {
+            n: self._pool.submit(self._reader, item, self._test.station(n))
+            for n, item in frame.images.items() if not isinstance(item, np.ndarray)
+        }  # fmt: skip
+        for station in self._test.stations:
+            name = station.name
+            if name not in frame.images:
+                troubles[name] = frame.missing.get(name, "no image")
+                continue
+            try:
+                images[name] = jobs[name].result() if name in jobs else self._reader(frame.images[name], station)
+            except WindmarkError as error:
+                troubles[name] = str(error)
+        return images, troubles
+
+    def _open(self, frame: FrameImages, images: dict[str, Image], troubles: dict[str, str]) -> None:
+        """Pictures round the instant of cameras that took none just then; what was seen in them before is kept."""
+        self._shots = {n: s for n, s in self._shots.items() if n in frame.shots}
+        for name, shots in frame.shots.items():
+            if name not in images:
+                continue
+            old = self._shots.get(name)
+            seen = None if old is None else old.seen
+            opened = open_shots(shots, self._test.station(name), frame.instant, images[name], seen, self._reader)
+            if isinstance(opened, str):
+                del images[name]
+                self._shots.pop(name, None)
+                troubles[name] = opened
+            else:
+                self._shots[name] = opened
+
+    # --- with expectations -----------------------------------------------------------------
+    def _tracked(self, images: dict[str, Image], instant: float) -> Any:
+        """`_guided` by the cameras that are believed; and by all of them once one can be believed again."""
+        found = self._guided(self._believed(images), instant)
+        if isinstance(found, str) or not self._left_out or not self._admitted(images, found[0]):
+            return found
+        again = self._guided(self._believed(images), instant)
+        return found if isinstance(again, str) else again
+
+    def _guided(self, images: dict[str, Image], instant: float) -> Any:
+        """State, spots and observations near the prediction; or why not, as text."""
+        assert self._memory is not None
+        memory = self._memory
+        expected = predicted(memory, instant - memory.instant)
+        placed = displaced(self._test.markers, expected)
+        labelled = self._look_near(images, expected, placed, memory.error_px, memory.labelled, instant)
+        self._last = labelled
+        count = sum(len(s.marker) for s in labelled.values())
+        usual = sum(len(memory.labelled[n].marker) for n in images if n in memory.labelled)
+        if count < FEWER * usual:
+            return f"only {count} markers near their expected places after {usual}"
+        answer, observations = self._identify(labelled, expected)
+        if not isinstance(answer, Deformation):
+            return answer.reason
+        if (wrong := _implausible(answer)) is not None:
+            return wrong
+        error = {n: min(s.off_px, MOST_PX / SIGMAS) for n, s in labelled.items()}
+        if count < usual and SIGMAS * max(error.values()) > LEAST_PX:
+            # The prediction was poor: markers may have been out of reach.
+            again = self._settled(images, labelled, answer)
+            if not isinstance(again, str) and len(again[2]) > count:
+                return again
+        return answer, labelled, observations, error
+
+    def _look_near(
+        self, images: dict[str, Image], state: Deformation, placed: MarkerSet, error_px: dict[str, float],
+        before: dict[str, Labelled], instant: float | None = None,
+    ) -> dict[str, Labelled]:  # fmt: skip
+        """Markers near their places in ``state``; ``instant`` of it where it is a prediction by the memory."""
+
+        def one(name: str, image: Image, state: Deformation, placed: MarkerSet, error: float) -> Labelled:
+            station = self._test.station(name)
+            return near(
+                image, self._test, station, state.cameras.get(name, station.camera),
+                state.cam_from_tunnel.get(name, station.cam_from_tunnel), placed, error, before.get(name),
+                self._hidden.get(name),
+            )  # fmt: skip
+
+        def look(name: str) -> Labelled:
+            error, shots, memory = error_px.get(name, MOST_PX / SIGMAS), self._shots.get(name), self._memory
+            if shots is None:
+                return one(name, images[name], state, placed, error)
+
+            def at(image: Image, when: float) -> Labelled:
+                if instant is None or memory is None:  # how fast the model moves is not known
+                    return one(name, image, state, placed, MOST_PX / SIGMAS)
+                then = predicted(memory, when - memory.instant)
+                return one(name, image, then, displaced(self._test.markers, then), error)
+
+            return shots.look(at, again=instant is None)
+
+        *others, own = images
+        jobs = [self._pool.submit(look, name) for name in others]
+        last = look(own)  # here: a thread less to wait for
+        return {**{name: job.result() for name, job in zip(others, jobs, strict=True)}, own: last}
+
+    def _identify(
+        self, labelled: dict[str, Labelled], start: Deformation | None, *, free_moved: bool = True
+    ) -> tuple[Any, Observations]:
+        parts = list(labelled.values())
+        view = np.repeat(np.arange(len(parts)), [len(s.marker) for s in parts])
+        observations = Observations(
+            view, np.concatenate([s.marker for s in parts]), np.concatenate([s.xy for s in parts]),
+            np.concatenate([_own_cov(without_texture(s, self._test, self._texture), s) for s in parts]),
+        )  # fmt: skip
+        poses = {n: _start_pose(self._test.station(n), s) for n, s in labelled.items()}
+        known = self._test.marker_cov if self._texture is None else self._texture.place_cov
+        known_off = [s.eccentricity_px for s in parts if s.eccentricity_px is not None]
+        eccentricity = np.concatenate(known_off) if start is not None and len(known_off) == len(parts) else None
+        return _state(observations, poses, self._test, start, known, eccentricity, free_moved), observations
+
+    # --- without -----------------------------------------------------------------------------
+    def _everything(self, images: dict[str, Image]) -> dict[str, Detections | str]:
+        """All spots of every image; or why there are none."""
+        jobs = {n: self._pool.submit(everything, i, self._test, self._test.station(n)) for n, i in images.items()}
+        return {name: job.result() for name, job in jobs.items()}
+
+    def _cold(self, images: dict[str, Image], spots: dict[str, Detections | str]) -> Any:
+        """State, spots and observations from nothing; or why not, as text."""
+        found = anywhere(spots, self._test, [n for n in spots if n not in self._shots], self._pool)
+        labelled, self._left_out = found.labelled, found.left_out
+        self._last = {n: s for n, s in self._last.items() if n in labelled} or labelled
+        seen = {n: s for n, s in labelled.items() if len(s.marker)}
+        if not seen:
+            return reasons(labelled)
+        return self._settled(self._believed(images), seen, None)
+
+    def _believed(self, images: dict[str, Image]) -> dict[str, Image]:
+        """Images of the cameras that do not contradict the others."""
+        return {n: image for n, image in images.items() if n not in self._left_out}
+
+    def _admitted(self, images: dict[str, Image], state: Deformation) -> bool:
+        """Whether cameras are believed again, because they show the markers where the others say that they are."""
+        before, placed = len(self._left_out), displaced(self._test.markers, state)
+        for name in [n for n in self._left_out if n in images and n not in self._shots]:
+            station = self._test.station(name)
+            there = near(
+                images[name], self._test, station, station.camera, station.cam_from_tunnel, placed, 0.0, None,
+                self._hidden_from(name, state),
+            )  # fmt: skip
+            if len(there.marker) > FEWER * there.expected:
+                del self._left_out[name]
+        return len(self._left_out) < before
+
+    def _nearest(self, images: dict[str, Image], spots: dict[str, Detections | str]) -> Any:
+        """State, spots and observations with every spot clearly nearest to a marker's last place; None if none fit."""
+        memory = self._memory
+        if memory is None:
+            return None
+        placed, last = displaced(self._test.markers, memory.state), memory.state
+        labelled = {
+            n: around(s, last.cameras.get(n, _camera(self._test, n)),
+                      last.cam_from_tunnel.get(n, self._test.station(n).cam_from_tunnel), placed)
+            for n, s in spots.items()
+        }  # fmt: skip
+        seen = {n: s for n, s in labelled.items() if len(s.marker)}
+        usual = sum(len(memory.labelled[n].marker) for n in images if n in memory.labelled)
+        if not seen or sum(len(s.marker) for s in seen.values()) < FEWER * usual:
+            return None
+        found = self._settled(images, seen, last)
+        return None if isinstance(found, str) else found
+
+    def _settled(self, images: dict[str, Image], seen: dict[str, Labelled], start: Deformation | None) -> Any:
+        """State, spots and observations from first labels; or why not, as text."""
+        # Rough labels, and pictures of another time than the instant: cameras need not agree yet.
+        answer, _ = self._identify(seen, start, free_moved=False)
+        if not isinstance(answer, Deformation):
+            return str(answer.reason)
+        self._hidden = {n: h for n in images if (h := self._hidden_from(n, answer)) is not None}
+        # The markers that the labels left out, and cameras that have none, from what is known now.
+        error = {n: max(LEAST_PX, 2 * answer.rms_px) / SIGMAS for n in seen}
+        again = self._look_near(images, answer, displaced(self._test.markers, answer), error, seen)
+        if sum(len(s.marker) for s in again.values()) < FEWER * sum(len(s.marker) for s in seen.values()):
+            again = seen
+        if self._test.marker_cov is None:
+            self._texture = texture_of(again, answer, self._test)
+        answer, observations = self._identify(again, answer)
+        if isinstance(answer, NotIdentified):
+            return answer.reason
+        # Nothing is known of the motion yet: the next frame is looked for as far as it may be.
+        return _implausible(answer) or (answer, again, observations, dict.fromkeys(again, MOST_PX / SIGMAS))
+
+    def _hidden_from(self, name: str, state: Deformation) -> NDArray[np.bool_] | None:
+        if self._test.visible is None:
+            return None
+        pose = state.cam_from_tunnel.get(name, self._test.station(name).cam_from_tunnel)
+        wall = self._test.markers.role == "wall"
+        camera = _camera(self._test, name)
+        return np.asarray(~(self._test.visible(pose @ state.tunnel_from_model, camera) | wall))
+
+    def _remember(
+        self, state: Deformation, labelled: dict[str, Labelled], errors: dict[str, float], instant: float, status: str
+    ) -> None:
+        before = self._memory
+        if before is not None and status == "tracked":
+            errors = {n: max(before.error_px.get(n, 0.0) * FORGET, e) for n, e in errors.items()}
+        velocity = velocity_of(before, state, instant)
+        kept = {n: s for n, s in (before.labelled if before else {}).items() if n not in labelled}
+        for name, shots in self._shots.items():
+            if name in labelled:
+                shots.keep()
+        self._memory = Memory(state, instant, velocity, errors, {**kept, **labelled})
+
+
+def identified_again(frame: DeformedFrame, test: DeformationTest) -> DeformedFrame:
+    """A frame's spots as another test explains them: the same cameras and names of markers, other places of these.
+
+    Where that gives nothing, the frame as it was.
+    """
+    assert frame.observations is not None
+    poses = {n: test.station(n).cam_from_tunnel for n in frame.views}
+    answer = _state(frame.observations, poses, test, frame.state, test.marker_cov)
+    return replace(frame, state=answer) if isinstance(answer, Deformation) else frame
+
+
+def _state(
+    observations: Observations, poses: dict[str, Pose], test: DeformationTest, start: Deformation | None,
+    marker_cov: Array | None, eccentricity: Array | None = None, free_moved: bool = True,
+) -> Deformation | NotIdentified:  # fmt: skip
+    """The state of one instant; ``poses`` of its views, in the order of ``observations.view``.
+
+    ``eccentricity`` (O, 2) as ``start`` has it; None works it out.
+    """
+    stations = [test.station(n) for n in poses]
+    return identify(
+        observations, test.markers, test.volumes, {s.name: s.camera for s in stations},
+        [View(n, n, "", pose) for n, pose in poses.items()], **what_is_free(test, tuple(poses)), marker_cov=marker_cov,
+        start=start, eccentricity=eccentricity, free_moved=free_moved,
+    )  # fmt: skip
+
+
+def what_is_free(test: DeformationTest, names: tuple[str, ...]) -> dict[str, Any]:
+    """Options of `identify` that say what is free besides the laws, for the cameras of an instant."""
+    stations = [test.station(n) for n in names]
+    return {
+        "free_motion": test.free_motion, "free_poses": [s.name for s in stations if s.moves],
+        "pose_cov": {s.name: s.pose_cov for s in stations if s.moves and s.pose_cov is not None},
+        "free_focal": [s.name for s in stations if s.free_focal],
+    }  # fmt: skip
+
+
+def _own_cov(cov: Array, spots: Labelled) -> Array:
+    return cov if spots.between_cov is None else cov + spots.between_cov
+
+
+def _camera(test: DeformationTest, name: str) -> Camera:
+    return test.station(name).camera
+
+
+def _start_pose(station: Station, spots: Labelled) -> Pose:
+    return spots.pose if station.moves and spots.pose is not None else station.cam_from_tunnel
+
+
+def _implausible(state: Deformation) -> str | None:
+    if state.rms_px > MOST_RMS_PX:
+        return f"the laws leave residuals of {state.rms_px:.1f} px"
+    out = int((~state.used).sum())
+    return f"{out} of {len(state.used)} spots contradict the others" if out > MOST_OUT * len(state.used) else None

@@ -1,0 +1,249 @@
+"""The verb `reconstruct`: unknown markers in the frame of a few known ones, from pictures without labels."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.calibration import Calibration, Distance
+from windmark.errors import UsageError
+from windmark.geometry import Camera
+from windmark.scene import Detections, Doubt, MarkerCovariance, MarkerSet, Tracks, View
+from windmark.tasks.reconstruct.again import Answers, asked_again
+from windmark.tasks.reconstruct.doubts import Sight, off_their_table
+from windmark.tasks.reconstruct.frame import Frame, FreeFrame, Held
+from windmark.tasks.reconstruct.free import frame_words
+from windmark.tasks.reconstruct.groups import Framed, framed, why_left
+from windmark.tasks.reconstruct.normals import with_normals
+from windmark.tasks.reconstruct.pairwise import open_spots
+from windmark.tasks.reconstruct.primaries import check_primaries, with_sigma
+from windmark.tasks.reconstruct.result import NotReconstructed, Reconstruction
+from windmark.tasks.reconstruct.structure import Structure, adjusted, compact, linked, marks_of, rows_of
+from windmark.tasks.reconstruct.task import FEWEST_SPOTS, Labels, Refused, Task
+from windmark.tasks.reconstruct.two_places import two_places
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+FINAL_ROUNDS = 3
+ASKED = 6
+"""Times that pictures may move after everything was adjusted; then they are left out."""
+ALONE = "nothing connects it with the others"
+LIMIT_3D = 16.27
+"""99.9 % point of chi-square with three degrees of freedom."""
+
+
+def reconstruct(
+    detections: Sequence[Detections],
+    cameras: Camera | Mapping[str, Camera],
+    primary: MarkerSet | None,
+    *,
+    primary_cov: MarkerCovariance | None = None,
+    views: Sequence[View] | None = None,
+    labels: Labels | None = None,
+    rough: MarkerSet | None = None,
+    free: Sequence[str] = (),
+    model_px: float = 0.0,
+    distances: Sequence[Distance] = (),
+    seed: int = 0,
+) -> Reconstruction | NotReconstructed:
+    """Find which spot of which picture is which marker, and where the markers are (AIAA 2005-5007, section VI).
+
+    Two pictures are matched by their constellations; all others are registered to the points these give; then the
+    spots of all pictures are linked by geometry alone, everything is adjusted together, and the primary markers,
+    recognised by their mutual distances or by labels, give the frame and the scale.
+
+    Parameters
+    ----------
+    detections : spots of each picture, in any order; false ones, missing ones and useless pictures are expected
+    cameras : interior parameters, one camera or several by name; known from a calibration, or roughly with ``free``
+    primary : known markers: three with labels, four or more without (six are safe); their ``sigma`` counts, and is
+        1e-4 of their extent where there is none
+        None: a free frame, see `free`; the scale is that of given poses or of ``distances``, or free
+    primary_cov : joint covariance of primaries whose errors are correlated, in place of their ``sigma``
+    views : one per picture: its name, its camera, and ``cam_from_model`` in the primaries' frame where it is known,
+        roughly. None: one camera, pictures named by their numbers
+    labels : {name of a view: {spot: name}} where some are known. Four primaries in a picture give its pose; any seven
+        names, also of markers that are no primaries, that two pictures share give their epipolar geometry
+    rough : rough coordinates of some or all markers, in the primaries' frame: pictures are registered to them
+    free : interior parameters to be found, too, in the last adjustment; see `self_calibrate`
+    model_px : 1 sigma per coordinate of what the spots' covariances do not hold: what lens, light and compression
+        leave. A calibration with the same camera measures it (`windmark calibrate`: beyond the detector's noise)
+    distances : known distances between labelled markers, which give a free frame its scale
+    seed : of every random search
+
+    Returns
+    -------
+    A `Reconstruction`, or a falsy `NotReconstructed` with its reason.
+
+    Raises
+    ------
+    ValueError
+        For arguments that do not fit together.
+    """
+    task = Task.checked(detections, cameras, primary, views, labels, free, seed, model_px, primary_cov)
+    options: dict[str, Any] = {
+        "free": tuple(free), "model_px": model_px, "seed": seed, "rough": rough is not None,
+        "poses": len(task.given), "distances": tuple(distances),
+        "primary_cov": primary_cov is not None,
+    }  # fmt: skip
+    dropped = {
+        v.name: f"{len(d)} spots, at least {FEWEST_SPOTS} are needed"
+        for v, d in zip(task.views, task.detections, strict=True)
+        if len(d) < FEWEST_SPOTS
+    }
+    if distances and primary is not None:
+        raise UsageError("reconstruct: distances give a free frame its scale; with primaries leave them out")
+    try:
+        if primary is not None:
+            check_primaries(primary)
+        known = framed(task, rough)
+        begun: Frame = Held(task, known.group.structure, known.located) if known.located else FreeFrame(task, distances)
+        structure, result, names, linked_marks, how, said = _confirmed(task, known, begun, free)
+    except Refused as refusal:
+        dropped |= {task.views[v].name: "could not be connected with the others" for v in refusal.alone}
+        return NotReconstructed(refusal.reason, refusal.cause, dropped, options)  # type: ignore[arg-type]
+    for v, view in enumerate(task.views):
+        if v not in structure.poses and view.name not in dropped:
+            dropped[view.name] = why_left(task, known.others, v) or said.out.get(v, ALONE)
+    out = _result(task, structure, result, names, linked_marks, dropped, how, options)
+    frame, unitless = ("", False) if known.located else frame_words(task, structure, distances)
+    out = replace(out, frame=frame, free_scale=unitless, open_spots=open_spots(task, out))
+    return _doubted(task, out, said.doubts)
+
+
+def _doubted(task: Task, out: Reconstruction, said: Sequence[Doubt]) -> Reconstruction:
+    """With what speaks against it."""
+    sight = Sight.of(out.markers, out.tracks, out.views, out.cameras)
+    why, off = off_their_table(task.primary, out.markers, sight, out.views, out.cameras)
+    pictures = {str(v): view.name for v, view in enumerate(task.views)}
+    doubts = (*(d.renamed(pictures) for d in said), *two_places(out.markers, sight), *off)
+    return replace(out, doubts=doubts, unrecognised=why)
+
+
+def _confirmed(
+    task: Task, known: Framed, frame: Frame, free: Sequence[str]
+) -> tuple[Structure, Calibration, list[str], Mask, dict[int, str], Answers]:
+    """`_in_frame`, with every picture where the finished structure puts it, how each got there, and what they said."""
+    structure, out, answers = known.group.structure, dict[int, str](), Answers({}, {}, False)
+    how = known.group.found_by
+    for asked in range(ASKED + 2):
+        structure, result, names, linked_marks = _in_frame(task, structure, frame, free)
+        if asked > ASKED:
+            break
+        answers = asked_again(task, task.usable, structure, result, names, how, last=asked == ASKED)
+        how = how | dict.fromkeys(answers.moved, "register")
+        out = {v: why for v, why in out.items() if v not in answers.moved} | dict(answers.out)
+        if not answers.changed:
+            break
+        structure = compact(answers.applied(structure))
+    return structure, result, names, linked_marks, how, replace(answers, out=out)
+
+
+def _in_frame(
+    task: Task, structure: Structure, frame: Frame, free: Sequence[str]
+) -> tuple[Structure, Calibration, list[str], Mask]:
+    """Everything adjusted in the frame that was asked for, with all links that the final poses allow.
+
+    Names of the points, and which marks of the adjustment are links, are given, too.
+    """
+    for linkings in range(FINAL_ROUNDS + 1):
+        structure, names = frame.prepared(structure)
+        result = adjusted(task, structure, frame.datum, free, names, frame.table, frame.distances)
+        if not isinstance(result, tuple):
+            raise Refused("adjustment", result.reason)
+        before = structure
+        structure, calibration = result
+        frame.adjusted(structure, names)
+        again = compact(linked(task, structure))
+        if linkings == FINAL_ROUNDS or len(_spots(again) ^ _spots(before)) <= 0.001 * len(before.point):
+            break
+        structure = again
+    structure, kept = _with_left_out(before, structure, calibration, names, again)
+    return structure, calibration, names, kept
+
+
+def _with_left_out(
+    before: Structure, structure: Structure, calibration: Calibration, names: list[str], again: Structure
+) -> tuple[Structure, Mask]:
+    """The links of an adjustment, and those that it left out but that geometry, asked ``again``, gives the same point.
+
+    Given as a structure, and as a mask (O,) of the adjustment's marks.
+
+    The tests of an adjustment say which marks are good enough to measure with. Which marker a spot is, is another
+    question: one beside its place by more than its noise, but with no other marker near, is still that marker.
+    """
+    view, point, spot = marks_of(before, rows_of(names, calibration), calibration)
+    owner = {(v, s): p for v, s, p in zip(again.view.tolist(), again.spot.tolist(), again.point.tolist(), strict=True)}
+    votes: dict[int, Counter[int]] = {}
+    for v, p, s in zip(structure.view.tolist(), structure.point.tolist(), structure.spot.tolist(), strict=True):
+        if (v, s) in owner:
+            votes.setdefault(p, Counter())[owner[v, s]] += 1
+    same = {p: count.most_common(1)[0][0] for p, count in votes.items()}
+    kept = calibration.used.copy()
+    for k in np.flatnonzero(~kept):
+        kept[k] = owner.get((int(view[k]), int(spot[k])), -1) == same.get(int(point[k]), -2)
+    return replace(structure, view=view[kept], point=point[kept], spot=spot[kept]), kept
+
+
+def _spots(structure: Structure) -> set[tuple[int, int]]:
+    """Spots (view, spot) that belong to a point."""
+    return set(zip(structure.view.tolist(), structure.spot.tolist(), strict=True))
+
+
+def _other_primaries(task: Task, calibration: Calibration) -> dict[str, str]:
+    """{name: primary} of points that are where the table has a primary that took no part in finding the frame.
+
+    It must be the only one within the uncertainty (99.9 %) of the place.
+    """
+    markers = calibration.markers
+    if not len(task.primary):
+        return {}
+    table, taken = with_sigma(task.primary), set(markers.name.tolist())
+    out: dict[str, str] = {}
+    for name, place, sigma in zip(table.name, table.xyz, table.sigma, strict=True):
+        if str(name) in taken:
+            continue
+        gap = markers.xyz - place
+        cov = calibration.marker_cov + np.diag(sigma**2)
+        near = np.flatnonzero(np.einsum("ni,nij,nj->n", gap, np.linalg.inv(cov), gap) < LIMIT_3D)
+        if len(near) == 1 and str(markers.name[near[0]]) not in out:
+            out[str(markers.name[near[0]])] = str(name)
+    return out
+
+
+def _result(
+    task: Task, structure: Structure, calibration: Calibration, names: list[str], linked_marks: Mask,
+    dropped: dict[str, str], found_by: dict[int, str], options: dict[str, Any],
+) -> Reconstruction:  # fmt: skip
+    known, more = set(task.primary.name.tolist()), _other_primaries(task, calibration)
+    row = {n: k for k, n in enumerate(names)}
+    place = {row[str(n)]: k for k, n in enumerate(calibration.markers.name)}
+    name = np.array([more.get(str(n), str(n)) for n in calibration.markers.name])
+    role = ["primary" if n in known else "secondary" for n in name]
+    kept = np.array([int(p) in place for p in structure.point], dtype=np.bool_)
+    track = np.array([place[int(p)] for p in structure.point[kept]], dtype=np.int64)
+    views = tuple(replace(v, cam_from_model=structure.poses.get(k)) for k, v in enumerate(task.views))
+    renamed = more | {str(k): v.name for k, v in enumerate(task.views) if str(k) not in row}
+    calibration = replace(
+        calibration, markers=replace(calibration.markers, name=name),
+        views=tuple(replace(v, name=task.views[int(v.name)].name) for v in calibration.views),
+        dropped={renamed.get(n, n): why for n, why in calibration.dropped.items()},
+        suspect=tuple(renamed.get(n, n) for n in calibration.suspect),
+        doubts=tuple(d.renamed(renamed) for d in calibration.doubts),
+        swapped=tuple((more.get(a, a), more.get(b, b), renamed.get(v, v)) for a, b, v in calibration.swapped),
+    )  # fmt: skip
+    tracks = Tracks(track, structure.view[kept], structure.spot[kept])
+    markers, normal_sigma = with_normals(
+        replace(calibration.markers, role=np.array(role)), tracks, task.detections, views, calibration.cameras
+    )
+    return Reconstruction(
+        markers, calibration.marker_cov, normal_sigma, np.bincount(track, minlength=len(name)), views,
+        calibration.cameras, tracks, linked_marks, calibration, dropped,
+        {task.views[v].name: how for v, how in found_by.items() if v in structure.poses}, options,
+    )  # fmt: skip

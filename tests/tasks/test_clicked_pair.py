@@ -1,0 +1,72 @@
+"""A wrong click is named or said to be unchecked, whatever it does to F; without a camera nothing is matched."""
+
+import clicked_scenes as sweep
+import numpy as np
+import pytest
+
+from windmark.scene import Detections
+from windmark.tasks.clicked_pair import Clicks, clicked_pair
+
+
+def spots_and_clicks(seed, number, cameras=False, shape="block"):
+    camera, noise = (sweep.scenes.CAMERA, 0.1) if cameras else (sweep.PINHOLE, 1.0)
+    _, _, spots = sweep.pictures(shape, seed, camera, noise)
+    clicks = [s[:number].copy() for s in spots]
+    return spots, clicks, (camera, camera) if cameras else None
+
+
+def solved(spots, clicks, cameras):
+    a, b = (Detections.make(s, sigma_px=0.1) for s in spots)
+    return clicked_pair(a, b, Clicks(*clicks, tuple(str(k) for k in range(len(clicks[0])))), cameras)
+
+
+@pytest.mark.parametrize("kind", ["no camera", "camera", "bare"])
+@pytest.mark.parametrize(("number", "seed"), [(9, 1), (11, 2), (12, 3), (14, 4)])
+def test_a_wrong_click_is_never_silent(kind, number, seed):
+    row = sweep.one("wing" if seed % 2 else "block", number, seed, kind, True)
+    assert row is not None
+    columns = dict(zip(sweep.COLUMNS, row, strict=True))
+    assert columns["silent, off"] == 0
+    assert columns["refused"] + columns["named"] + columns["unchecked"] + columns["silent"] == 1
+
+
+def test_the_click_that_alone_fixes_the_geometry_is_unchecked_and_so_is_a_wrong_one_there():
+    """All but one on one side of the picture: the far one has no other near its line."""
+    spots, clicks, _ = spots_and_clicks(5, 40)
+    order = np.argsort(clicks[0][:, 0])
+    chosen = np.r_[order[:11], order[-1]]
+    clicks = [c[chosen] for c in clicks]
+    found = solved(spots, clicks, None)
+    assert found, found.reason
+    assert found.unchecked[11]
+    assert found.shows_px[11] > 10
+    assert any("hangs on" in n for n in found.notes)
+    for far in (15.0, 60.0):
+        wrong = clicks[1].copy()
+        wrong[11] += [0.0, far]
+        again = solved([spots[0], np.vstack([spots[1], wrong[11]])], [clicks[0], wrong], None)
+        assert not again or again.wrong[11] or again.unchecked[11]
+
+
+def test_without_a_camera_only_clicks_are_matches_and_with_one_the_others_too():
+    for cameras in (False, True):
+        found = solved(*spots_and_clicks(7, 12, cameras))
+        assert found, found.reason
+        assert not found.wrong.any()
+        assert (len(found.spot_a) > 12) == cameras
+        assert found.by_hand.sum() == 12
+        if cameras:
+            assert not found.unchecked.any()
+
+
+def test_no_spots_and_clicks_beside_them():
+    spots, clicks, _ = spots_and_clicks(7, 12)
+    none = Detections.make(np.zeros((0, 2)))
+    found = clicked_pair(none, none, Clicks(*clicks, tuple("abcdefghijkl")), None)
+    assert not found
+    assert "0 matches" in found.reason
+    clicks[0][3] += [0, 4000]
+    found = solved(spots, clicks, None)
+    assert found.wrong[3]
+    assert not found.unchecked[3]
+    assert any("click 3: no spot" in n for n in found.notes)

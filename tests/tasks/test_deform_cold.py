@@ -1,0 +1,139 @@
+"""The first frame of a deformation test, and lost ones: cameras that stand still are searched as one."""
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import registration_scenes as scenes
+
+from windmark.deformation import Volumes
+from windmark.geometry import Pose
+from windmark.pipeline.deform import DeformationTest, Station
+from windmark.registration import NotRegistered
+from windmark.tasks.deform import cold
+from windmark.tasks.deform.cold import anywhere, reasons
+from windmark.tasks.deform.spots import Labelled
+from windmark.tasks.together import Together
+
+NAMES = ("cam1", "cam2", "cam3")
+
+
+@pytest.fixture
+def pool():
+    with ThreadPoolExecutor(2) as pool:
+        yield pool
+
+
+def made_of(rig, **of_stations):
+    """The rig as a test; options of single stations by name."""
+    stations = tuple(
+        replace(Station(name, view.camera, pose), **of_stations.get(name, {}))
+        for name, view, pose in zip(NAMES, rig.views, rig.cam_from_rig, strict=False)
+    )
+    return DeformationTest(stations, rig.views[0].markers, Volumes.of([]))
+
+
+def spots_of(rig):
+    return dict(zip(NAMES, [view.detections for view in rig.views], strict=False))
+
+
+def wrong(labelled, view):
+    """Spots with a marker that is not theirs."""
+    place = {tuple(xy): label for xy, label in zip(view.detections.xy, view.label, strict=True)}
+    return sum(place[tuple(xy)] != m for xy, m in zip(labelled.xy, labelled.marker, strict=True))
+
+
+def far(pose, part):
+    """A camera's pose with its place off by part of the distance."""
+    return Pose(pose.rotation, pose.translation + part * np.linalg.norm(pose.translation) * np.array([1.0, 0.0, 0.0]))
+
+
+def test_what_no_camera_can_find_alone_all_find_together(pool):
+    rig = scenes.rig_scene(508, "A", 3, hidden=0.7, false=1.0)
+    test, spots = made_of(rig), spots_of(rig)
+    found = anywhere(spots, test, NAMES, pool)
+    assert not found.left_out
+    for name, view in zip(NAMES, rig.views, strict=False):
+        assert len(found.labelled[name].marker) >= (view.label >= 0).sum() - 1
+        assert wrong(found.labelled[name], view) == 0
+    alone = anywhere(spots, test, (), pool).labelled  # pictures of different times are no rig
+    assert [len(s.marker) for s in alone.values()] == [0, 0, 0]
+
+
+def test_a_camera_that_moved_though_it_should_stand_is_left_out_and_named(pool):
+    rig = scenes.rig_scene(520, "A", 3)
+    test = made_of(rig, cam2={"cam_from_tunnel": far(rig.cam_from_rig[1], 0.05)})
+    found = anywhere(spots_of(rig), test, NAMES, pool)
+    assert list(found.left_out) == ["cam2"]
+    assert found.left_out["cam2"].startswith("left out, it contradicts cam1, cam3: ")
+    assert [len(found.labelled[n].marker) > 10 for n in NAMES] == [True, False, True]
+
+
+def test_of_two_that_contradict_each_other_both_are_left_out(pool):
+    rig = scenes.rig_scene(522, "A", 2)
+    found = anywhere(spots_of(rig), made_of(rig, cam2={"cam_from_tunnel": far(rig.cam_from_rig[1], 0.05)}), NAMES, pool)
+    assert set(found.left_out) == {"cam1", "cam2"}
+    assert not any(len(s.marker) for s in found.labelled.values())
+    assert reasons(found.labelled).startswith("cam1, cam2: model: ")
+
+
+def test_a_camera_that_moves_is_searched_where_the_others_put_the_model(pool):
+    """Its own place is not known, so it is no part of the rig and contradicts nobody."""
+    rig = scenes.rig_scene(520, "A", 3)
+    test = made_of(rig, cam2={"cam_from_tunnel": far(rig.cam_from_rig[1], 0.05), "moves": True})
+    found = anywhere(spots_of(rig), test, NAMES, pool)
+    assert not found.left_out
+    for name, view in zip(NAMES, rig.views, strict=True):
+        assert len(found.labelled[name].marker) > 10
+        assert wrong(found.labelled[name], view) == 0
+
+
+def test_walls_hold_a_camera_that_moves(pool):
+    """Model and walls are matched, the walls give its pose."""
+    rig = scenes.rig_scene(530, "C", 2)
+    markers = rig.views[0].markers
+    walls = np.arange(len(markers)) >= 60
+    table = replace(markers, role=np.where(walls, "wall", "model"))
+    rig = replace(rig, views=tuple(replace(v, markers=table) for v in rig.views))
+    still = replace(rig, cam_from_rig=tuple(v.cam_from_model for v in rig.views), rig_from_model=Pose.identity())
+    true = still.cam_from_rig[1]
+    turned = Pose.from_rotvec([0.0, 0.02, 0.0], np.zeros(3)) @ true
+    test = made_of(still, cam2={"cam_from_tunnel": turned, "moves": True})
+    found = anywhere(spots_of(still), test, NAMES, pool).labelled["cam2"]
+    assert walls[found.marker].any()
+    assert not walls[found.marker].all()
+    assert wrong(found, still.views[1]) == 0
+    assert found.pose.angle_to(true) < 0.002
+
+
+def test_cameras_without_spots_are_said_and_stop_no_other(pool):
+    rig = scenes.rig_scene(523, "A", 2)
+    found = anywhere({"cam1": "no radius prevails", "cam2": rig.views[1].detections}, made_of(rig), NAMES, pool)
+    assert found.labelled["cam1"].reason == "no radius prevails"
+    assert len(found.labelled["cam2"].marker) > 10
+    assert list(found.labelled) == ["cam1", "cam2"]
+    nothing = anywhere({"cam1": "dark", "cam2": "dark"}, made_of(rig), NAMES, pool)
+    assert reasons(nothing.labelled) == "cam1, cam2: dark"
+    assert reasons({"a": Labelled.none("dark"), "b": Labelled.none("blurred")}) == "a: dark; b: blurred"
+
+
+def test_spots_of_hidden_markers_are_no_labels(pool):
+    rig = scenes.rig_scene(520, "A", 3)
+    first = rig.views[0].label[rig.views[0].label >= 0][0]
+    seen = np.ones(len(rig.views[0].markers), bool)
+    seen[first] = False
+    test = replace(made_of(rig), visible=lambda pose, camera: seen)
+    for spots in anywhere(spots_of(rig), test, NAMES, pool).labelled.values():
+        assert len(spots.marker) > 10
+        assert first not in spots.marker
+
+
+def test_where_time_is_too_short_for_all_each_is_searched_alone(pool, monkeypatch):
+
+    rig = scenes.rig_scene(520, "A", 2)
+    refusal = Together(NotRegistered("stopped", "time"), ("cam1", "cam2"))
+    monkeypatch.setattr(cold, "register_together", lambda *_, **__: refusal)
+    found = anywhere(spots_of(rig), made_of(rig), NAMES, pool)
+    assert not found.left_out
+    assert all(len(s.marker) > 10 for s in found.labelled.values())

@@ -1,0 +1,91 @@
+"""Labels without a prediction: spots nearest to the last places, and a sheet that jumps by more than is looked for."""
+
+import numpy as np
+import pytest
+
+from windmark.deformation import Volumes
+from windmark.geometry import Camera, Pose
+from windmark.pipeline.deform import DeformationTest, FrameImages, Station, follow_deformation
+from windmark.scene import Detections, MarkerSet
+from windmark.synth import disc_image
+from windmark.tasks.deform import follow as follow_module
+from windmark.tasks.deform.cold import Found
+from windmark.tasks.deform.spots import Labelled, around
+from windmark.tasks.deform.task import LookOptions
+
+CAMERA, AWAY = Camera((400, 300), 800.0), Pose(np.eye(3), np.array([0.0, 0.0, 800.0]))
+PLACES = np.array([
+    [-120, -80, 0], [-60, -95, 0], [10, -70, 0], [90, -100, 0], [140, -40, 0], [60, -20, 0], [-20, 0, 0],
+    [-100, 10, 0], [-130, 80, 0], [-40, 70, 0], [40, 90, 0], [120, 60, 0],
+], float)  # fmt: skip
+
+
+def markers():
+    names = [f"m{k}" for k in range(len(PLACES))]
+    return MarkerSet.make(names, PLACES, radius=5.0, normal=np.tile([0.0, 0.0, -1.0], (len(PLACES), 1)))
+
+
+def spots(xy):
+    n = len(xy)
+    return Detections(
+        np.asarray(xy, float), np.tile(0.01 * np.eye(2), (n, 1, 1)), np.zeros(n), np.full(n, 5.0), np.full((n, 2), 5.0),
+        np.zeros(n), np.ones(n), np.zeros(n, np.int64),
+    )  # fmt: skip
+
+
+def image(shift):
+    xy = CAMERA.project(AWAY.apply(PLACES + np.array([*shift, 0.0])))[0]
+    share = np.prod([disc_image((300, 400), place, 5.0, level=1.0, depth=0.8, blur_px=0.6) for place in xy], axis=0)
+    return np.rint(share * 200).astype(np.uint8)
+
+
+def test_every_marker_takes_the_spot_that_is_clearly_nearest():
+    table = markers()
+    xy = CAMERA.project(AWAY.apply(PLACES))[0]
+    order = np.random.default_rng(3).permutation(len(xy))
+    seen = around(spots(xy[order] + np.array([9.0, -7.0])), CAMERA, AWAY, table)
+    assert seen.marker.tolist() == list(range(len(xy)))
+    assert seen.xy == pytest.approx(xy + np.array([9.0, -7.0]))
+
+
+def test_two_spots_about_as_near_are_no_label_and_one_spot_is_one_markers():
+    table = markers()
+    xy = CAMERA.project(AWAY.apply(PLACES))[0]
+    beside = np.vstack([xy, xy[3] + [12.0, 0.0]])
+    beside[3] += [-8.0, 0.0]
+    assert 3 not in around(spots(beside), CAMERA, AWAY, table).marker
+    fewer = np.delete(xy, 5, axis=0)  # what was nearest to marker 5 belongs to another one
+    assert around(spots(fewer), CAMERA, AWAY, table).marker.tolist() == [k for k in range(len(xy)) if k != 5]
+
+
+def test_without_spots_there_is_a_reason():
+    assert around("no radius prevails", CAMERA, AWAY, markers()).reason == "no radius prevails"
+    assert "too few" in around(spots(np.zeros((1, 2))), CAMERA, AWAY, markers()).reason
+    assert "clearly nearest" in around(spots([[0, 0], [1, 0]]), CAMERA, AWAY, markers()).reason
+
+
+def test_a_jump_that_the_search_of_the_whole_image_refuses_is_followed_by_the_nearest_spots(monkeypatch):
+    test = DeformationTest((Station("cam", CAMERA, AWAY),), markers(), Volumes.of([]), look=LookOptions((5.0,)))
+    images = [image((0, 0)), image((1, 0)), image((18, -6))]
+    frames = [FrameImages(str(k), float(k), {"cam": i}) for k, i in enumerate(images)]
+    followed = follow_deformation(frames, test)
+    assert [next(followed).status for _ in range(2)] == ["cold", "tracked"]
+    monkeypatch.setattr(follow_module, "anywhere", lambda *_: Found({"cam": Labelled.none("refused")}))
+    jumped = next(followed)
+    assert jumped.status == "tracked"
+    assert "nearest to the last good frame's: " in jumped.reason
+    assert "refused" in jumped.reason
+    assert jumped.state.tunnel_from_model.translation[:2] == pytest.approx([18, -6], abs=0.02)
+    assert sorted(jumped.observations.point.tolist()) == list(range(len(PLACES)))
+
+
+def test_a_disc_that_the_border_cuts_takes_no_part_until_it_is_whole_again():
+    """Marker 8 is the first to leave the image on the left; what is seen of it would be a place by guess."""
+    test = DeformationTest((Station("cam", CAMERA, AWAY),), markers(), Volumes.of([]), look=LookOptions((5.0,)))
+    shifts = [-60.0, -62.0, -66.0, -67.0, -61.0]  # its disc ends 4.5, 2.5, -1.5, -2.5 and 3.5 px from the border
+    frames = [FrameImages(str(k), float(k), {"cam": image((s, 0))}) for k, s in enumerate(shifts)]
+    followed = list(follow_deformation(frames, test))
+    assert [8 in f.observations.point for f in followed] == [True, True, False, False, True]
+    assert all(set(f.observations.point) >= set(range(12)) - {8} for f in followed)
+    for frame, shift in zip(followed, shifts, strict=True):
+        assert frame.state.tunnel_from_model.translation[0] == pytest.approx(shift, abs=0.02)
