@@ -2,9 +2,9 @@
 
 Dirt, a scratch or a shadow's edge is no noise: it sits at one place and pulls the centre as a whole, while the
 covariance of least squares counts every pixel as one more independent witness. What such a thing does shows when its
-place is left out. The marker is fitted again without each of eight overlapping quarters of its window; the scatter of
-the centres is the covariance of the delete-a-group jackknife (Shao and Wu, Annals of Statistics 17, 1989), right for
-errors that are independent from quarter to quarter whatever they are within.
+place is left out. The marker is fitted without each of eight overlapping quarters of its window, by steps from its
+fit; the scatter of the centres is the covariance of the delete-a-group jackknife (Shao and Wu, Annals of Statistics 17,
+1989), right for errors that are independent from quarter to quarter whatever they are within.
 
 Outlines that are rough everywhere (print, hand-painted discs) move such centres too, those of clean markers as much as
 those of others: that is how the discs of this frame are, not what lies on one of them. The frame's clean markers are
@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.detection.template.colour import colour_of
-from windmark.detection.template.fit import Fitted, refit
+from windmark.detection.template.fit import Fitted, sized_windows
 from windmark.detection.template.request import Neighbours, Request, Scene
 from windmark.detection.template.result import TemplateFits
 from windmark.geometry.order import median
@@ -67,9 +67,7 @@ class Doubts:
         if not index.size:
             return fits
         every = np.concatenate([self.usual, index])
-        scatter = quarters_scatter(
-            self.scene, self.request.take(every), self.done.take(every), self.others.take(every)
-        )
+        scatter = quarters_scatter(self.scene, self.request.take(every), self.done.take(every), self.others.take(every))
         usual, own = np.split(scatter, [self.usual.size])
         row, cov, colour = place[index], fits.cov.copy(), fits.colour.copy()
         cov[row] = larger(cov[row], own / rougher(usual, self.known))
@@ -80,24 +78,30 @@ class Doubts:
 def quarters_scatter(scene: Scene, request: Request, done: Fitted, others: Neighbours) -> Array:
     """The jackknife's covariances (K, 2, 2) of the centres of fits `done`, made as `request` says.
 
-    A fit that fails without a quarter hangs on it altogether: its centre counts as a radius away, in both directions.
+    What is left of a window may not hold the disc: its centre counts as a radius away, in both directions.
     """
-    scatter = np.zeros((len(request.xy), 2, 2))
-    for turn in 2.0 * np.pi * np.arange(QUARTERS) / QUARTERS:
+    moved = without_quarters(scene, request, done, others)
+    far = request.radius[:, None]
+    held = np.asarray(np.hypot(*np.moveaxis(moved, -1, 0)) <= far)
+    moved = np.where(held[..., None], moved, 0.0)
+    scatter = (moved[..., :, None] * moved[..., None, :]).sum(axis=1)
+    scatter += np.square(np.where(held, 0.0, far)).sum(axis=1)[:, None, None] * np.eye(2)
+    return np.asarray(scatter * LEFT_TO_GONE / QUARTERS)
 
-        def without_quarter(index: Ints, patches: Array, weights: Array, turn: float = turn) -> None:
-            x = np.arange(patches.shape[1]) - patches.shape[1] // 2
-            centre = done.params[index, :2, None, None]
-            along = np.arctan2(x[:, None] - centre[:, 1], x[None, :] - centre[:, 0])
-            weights[np.abs(np.remainder(along - turn + np.pi, 2.0 * np.pi) - np.pi) < np.pi / 4.0] = 0.0
 
-        again = refit(scene, request, done, others, without_quarter)
-        moved = again.params[:, :2] - done.params[:, :2]
-        converged = (again.column("status") == 1) & np.isfinite(moved).all(axis=1)
-        moved = np.where(converged[:, None], moved, 0.0)
-        scatter += moved[:, :, None] * moved[:, None, :]
-        scatter += np.where(converged, 0.0, request.radius**2)[:, None, None] * np.eye(2)
-    return scatter * LEFT_TO_GONE / QUARTERS
+def without_quarters(scene: Scene, request: Request, done: Fitted, others: Neighbours) -> Array:
+    """Movement (K, 8, 2) of the centres of fits `done` without each quarter of the window; NaN where there is none."""
+    from windmark.detection.template._kernels.quarters import quarter_steps
+
+    moved, noise2 = np.empty((len(request.xy), QUARTERS, 2)), done.column("noise2")
+    variance = np.trace(done.cov[:, :2, :2], axis1=1, axis2=2)
+    for w in sized_windows(scene, replace(request, states=done.states), others):
+        steps = np.empty((len(w.index), QUARTERS, 2))
+        quarter_steps(
+            w.patches, w.weights, w.done.states, noise2[w.index], variance[w.index], *w.known, steps
+        )  # fmt: skip
+        moved[w.index] = steps
+    return moved
 
 
 def rougher(scatter: Array, cov: Array) -> float:

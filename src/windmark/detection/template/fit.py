@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -127,27 +126,53 @@ def fit_at_once(scene: Scene, request: Request, others: Neighbours) -> Fitted:
     return done
 
 
-def refit(
-    scene: Scene, request: Request, done: Fitted, others: Neighbours, change: Callable[[Ints, Array, Array], None]
-) -> Fitted:
-    """The fits again, from the fits `done`, after `change` (index (B,), patches, weights (B, S, S)) of the windows."""
-    from windmark.detection.template._kernels.fit import fit_discs
+@dataclass(frozen=True)
+class Windows:
+    """Windows of one size, cut from the image, and what fits to them start from.
 
-    out, request = Fitted.empty(len(request.xy)), replace(request, states=done.states)
+    Parameters
+    ----------
+    index : (B,) of the markers in the request
+    done : columns to be filled; the states (B, 10) to start from are relative to the patches' middles
+    start : (B, 2) places in the patches
+    patches, weights : (B, S, S)
+    starts, known : of `_start`
+    """
+
+    index: Ints
+    done: Fitted
+    start: Array
+    patches: Array
+    weights: Array
+    starts: Array
+    known: tuple[Array, Array, Flags, Array, float]
+
+    def fit(self, rows: Ints, states: Array, patches: Array) -> Fitted:
+        """Fits (R,) of some of the windows from states (R, 10) as `Fitted` has them, to patches (R, S, S)."""
+        from windmark.detection.template._kernels.fit import fit_discs
+
+        priors, stiff, fixed, cut, multiplicative = self.known
+        again = replace(self.done.take(rows), states=states.copy())
+        again.states[:, :2] += self.start[rows]
+        fit_discs(
+            patches, self.weights[rows], self.starts[rows], again.states, priors[rows], stiff[rows], fixed, cut[rows],
+            multiplicative, again.table, again.params, again.cov, np.zeros((len(rows), 0, *patches.shape[1:])),
+        )  # fmt: skip
+        again.states[:, :2] -= self.start[rows]
+        return again
+
+
+def sized_windows(scene: Scene, request: Request, others: Neighbours) -> list[Windows]:
+    """The windows of all markers of a request, those of one size together."""
     sizes = np.ceil(request.reach() + 0.5).astype(np.int64)
+    groups = []
     for half in np.unique(sizes):
         index = np.flatnonzero(sizes == half)
         one = request.take(index)
-        again, start, patches, weights = windows(scene, one, others.take(index), int(half))
-        starts, *known = _start(scene, one, again, start)
-        change(index, patches, weights)
-        fit_discs(
-            patches, weights, starts, again.states, *known, again.table, again.params, again.cov,
-            np.zeros((len(index), 0, *patches.shape[1:])),
-        )  # fmt: skip
-        again.states[:, :2] -= start
-        out.put(index, again)
-    return out
+        done, start, patches, weights = windows(scene, one, others.take(index), int(half))
+        starts, *known = _start(scene, one, done, start)
+        groups.append(Windows(index, done, start, patches, weights, starts, tuple(known)))  # type: ignore[arg-type]
+    return groups
 
 
 def _start(

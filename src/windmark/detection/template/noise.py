@@ -135,18 +135,20 @@ def frame_noise(images: Array, jacobian: Array, variance: Array, level: Array, m
 
     curve = _transfer(variance, level)
     residual = images[:, 2] / np.sqrt(variance)[:, None, None]
-    used, bright = (images[:, 3] != 0).astype(float), brightness(images)
-    contrast = np.abs(np.sign(images[:, 3]) - bright)
-    weights, tables = (used, bright, contrast), _tables(images.shape[-1])
+    used, tables = (images[:, 3] != 0).astype(float), _tables(images.shape[-1])
     pixels = used.sum((1, 2))
-    each = np.concatenate([_forms(residual * w) for w in weights]) / pixels
-    each = np.minimum(each, OUTVOTED * np.median(each, axis=1, keepdims=True))
+    each, plain = _limited(_forms(residual * used) / pixels), FrameNoise(curve, np.eye(PARTS)[0], np.zeros(PARTS), 1.0)
+    # Whether it is white the first forms say, and what white noise makes of them: the rest is asked where it is not.
     forms = each.mean(axis=1)
-    expected, size = _expectations([w[0] for w in weights], tables, jacobian, float(pixels[0]))
-    plain = FrameNoise(curve, np.eye(PARTS)[0], np.zeros(PARTS), 1.0)
-    unlike = np.abs(forms - expected[:, 0] * forms[0] / expected[0, 0])[TESTED]
+    expected = _expectations([used[0]], tables, jacobian, float(pixels[0]), TESTED.stop)[0]
+    unlike = np.abs(forms[: TESTED.stop] - expected[:, 0] * forms[0] / expected[0, 0])[TESTED]
     if (unlike < UNLIKELY * each[TESTED].std(axis=1) / np.sqrt(len(images))).all():
         return plain
+    bright = brightness(images)
+    contrast = np.abs(np.sign(images[:, 3]) - bright)
+    each = np.concatenate([each, *(_limited(_forms(residual * w) / pixels) for w in (bright, contrast))])
+    forms = each.mean(axis=1)
+    expected, size = _expectations([used[0], bright[0], contrast[0]], tables, jacobian, float(pixels[0]))
     scaled, target = expected / size[:, None], forms / size
     unit = np.linalg.norm(scaled, axis=0)
     lengths, best, misfit = list(range(3, PARTS)), np.zeros(2 * PARTS), np.inf
@@ -169,6 +171,11 @@ def frame_noise(images: Array, jacobian: Array, variance: Array, level: Array, m
         found = replace(found, chance=chance, usual=float(ratio.mean()))
     size_of = [np.trace(noise.covariance(images[:1], variance[:1])[0]) for noise in (found, plain)]
     return plain if abs(size_of[0] - size_of[1]) < SAME * size_of[1] else found
+
+
+def _limited(forms: Array) -> Array:
+    """Forms (PARTS, B) of which none counts more than a marker's may."""
+    return np.asarray(np.minimum(forms, OUTVOTED * np.median(forms, axis=1, keepdims=True)))
 
 
 def _transfer(variance: Array, level: Array) -> Array:
@@ -210,26 +217,28 @@ def _tables(size: int) -> tuple[tuple[Array, Array], ...]:
 
 
 def _expectations(
-    weights: list[Array], tables: tuple[tuple[Array, Array], ...], jacobian: Array, pixels: float
+    weights: list[Array], tables: tuple[tuple[Array, Array], ...], jacobian: Array, pixels: float, count: int = PARTS
 ) -> tuple[Array, Array]:
     """Expectations (forms, parts) of the forms per pixel for each part of strength 1, and the forms' own size.
+
+    Of each weight the first `count` of the tables make forms; the first two weights, parts.
 
     With S = w T w and C = v T' v: tr(S Q C Q) = tr(S C) - 2 tr(U^T S C U) + tr(U^T S U U^T C U), and
     tr(S C) = (w v)^T (T * T') (w v) because T * T' is again a correlation along columns times one along rows.
     """
     shape = jacobian.shape
     basis = np.linalg.qr(jacobian.reshape(shape[0], -1).T)[0].T.reshape(shape)
-    rows, columns = np.array([r for r, _ in tables]), np.array([c for _, c in tables])
-    parts = 2 * PARTS
+    rows, columns = np.array([r for r, _ in tables[:count]]), np.array([c for _, c in tables[:count]])
+    parts = count * len(weights[:2])
     sandwich = np.concatenate([w * (rows[:, None] @ (w * basis) @ columns[:, None]) for w in weights])
     inner = np.einsum("iab,fjab->fij", basis, sandwich, optimize=True)
     flat = sandwich.reshape(len(sandwich), -1)
     out = np.tensordot(inner, inner[:parts].swapaxes(1, 2), axes=((1, 2), (1, 2))) - 2.0 * flat @ flat[:parts].T
-    a, b = np.triu_indices(PARTS)
-    both_rows, both_columns, block = rows[a] * rows[b], columns[a] * columns[b], np.empty((PARTS, PARTS))
+    a, b = np.triu_indices(count)
+    both_rows, both_columns, block = rows[a] * rows[b], columns[a] * columns[b], np.empty((count, count))
     for i, w in enumerate(weights):
         for j, v in enumerate(weights[:2]):
             block[a, b] = block[b, a] = ((w * v) * (both_rows @ (w * v) @ both_columns)).sum((1, 2))
-            out[i * PARTS : (i + 1) * PARTS, j * PARTS : (j + 1) * PARTS] += block
+            out[i * count : (i + 1) * count, j * count : (j + 1) * count] += block
     size = np.concatenate([np.sqrt((w**2 * (rows**2 @ w**2 @ columns**2)).sum((1, 2))) for w in weights])
     return out / pixels, size / pixels

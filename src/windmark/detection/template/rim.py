@@ -47,12 +47,10 @@ def _support(scene: Scene, fits: TemplateFits, variance: Array, half: int) -> Ar
     patches, weights = cut_patches(scene, pixel, half)
     shares = np.empty((len(fits), SECTORS))
     rim_shares(patches, weights, model_parameters(scene, fits, pixel), variance, float(scene.multiplicative), shares)
-    shares = np.clip(shares, -1.0, 1.0)
-    known = ~np.isnan(shares)
-    some = np.asarray(known.any(axis=1))
-    shares[~some] = 0.0
-    support = np.column_stack([np.nanmin(shares, axis=1), np.nanmedian(shares, axis=1)])
-    return np.where(some[:, None], support, np.nan)
+    shares = np.sort(np.clip(shares, -1.0, 1.0), axis=1)  # NaN last
+    known, row = SECTORS - np.isnan(shares).sum(axis=1), np.arange(len(fits))
+    middle = 0.5 * (shares[row, np.maximum(known - 1, 0) // 2] + shares[row, np.minimum(known // 2, SECTORS - 1)])
+    return np.column_stack([shares[:, 0], np.where(known > 0, middle, np.nan)])
 
 
 def model_parameters(scene: Scene, fits: TemplateFits, pixel: NDArray[np.int64]) -> Array:

@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.detection.template.fit import Fitted, refit
+from windmark.detection.template.fit import Fitted, sized_windows
 from windmark.detection.template.request import Neighbours, Request, Scene
 
 Array = NDArray[np.float64]
@@ -40,8 +40,7 @@ def fit_touching(scene: Scene, request: Request, done: Fitted, others: Neighbour
     left_out = replace(others, index=np.where(joint >= 0, -1, others.index)).take(index)
     stay = _swept(scene, request, done, index, joint[index], left_out)
     cov = np.full((len(index), 10, 10), np.nan)
-    for k in np.flatnonzero(stay):
-        cov[k] = _with_neighbours(scene, request, done, index[k], joint[index[k]][joint[index[k]] >= 0])
+    cov[stay] = _with_neighbours(scene, request, done, index[stay], joint[index[stay]])
     stay &= np.isfinite(cov).all(axis=(1, 2))
     done.put(index[~stay], first.take(~stay))
     done.cov[index[stay]] = cov[stay]
@@ -57,6 +56,7 @@ def _swept(scene: Scene, request: Request, done: Fitted, index: Ints, joint: Int
     from windmark.detection.template._kernels.touching import take_away
 
     part, first = request.take(index), done.params[index, :2].copy()
+    groups = sized_windows(scene, part, left_out)
     place = np.full(len(done.params), -1)
     place[index] = np.arange(len(index))
     beside = np.where(joint >= 0, place[joint], -1)
@@ -64,19 +64,18 @@ def _swept(scene: Scene, request: Request, done: Fitted, index: Ints, joint: Int
     moved: Bools = good.copy()
     for _ in range(SWEEPS):
         good &= np.where(beside >= 0, good[beside], True).all(axis=1)
-        asked = np.flatnonzero(good & (moved | np.where(beside >= 0, moved[beside], False).any(axis=1)))
-        if not asked.size:
+        asked = good & (moved | np.where(beside >= 0, moved[beside], False).any(axis=1))
+        if not asked.any():
             break
-
-        def without_neighbours(k: Ints, patches: Array, weights: Array, asked: Ints = asked) -> None:
-            which, column = np.nonzero(joint[asked[k]] >= 0)
-            mine = asked[k][which]
-            seen = seen_from(scene, done, joint[mine, column], index[mine])
-            take_away(patches, weights, which, seen, float(scene.multiplicative))
-
         before = done.params[index, :2].copy()
-        done.put(index[asked], refit(scene, part.take(asked), done.take(index[asked]), left_out.take(asked),
-                                     without_neighbours))  # fmt: skip
+        for w in groups:
+            rows = np.flatnonzero(asked[w.index])
+            if rows.size:
+                mine, patches = index[w.index[rows]], w.patches[rows]
+                which, column = np.nonzero(joint[w.index[rows]] >= 0)
+                seen = seen_from(scene, done, joint[w.index[rows]][which, column], mine[which])
+                take_away(patches, w.weights[rows], which, seen, float(scene.multiplicative))
+                done.put(mine, w.fit(rows, done.states[mine], patches))
         moved = np.asarray((np.abs(done.params[index, :2] - before) > STILL).any(axis=1))
         off = np.hypot(*(done.params[index, :2] - first).T)
         good &= (done.column("status")[index] == 1) & (off < MOVED * part.radius)
@@ -115,27 +114,42 @@ def seen_from(scene: Scene, done: Fitted, n: Ints, m: Ints) -> Array:
     return np.asarray(p)
 
 
-def _with_neighbours(scene: Scene, request: Request, done: Fitted, m: int, neighbours: Ints) -> Array:
-    """Covariance (10, 10) of a marker whose neighbours' discs are unknown too; NaN where both cannot be told apart."""
+def _with_neighbours(scene: Scene, request: Request, done: Fitted, index: Ints, joint: Ints) -> Array:
+    """Covariances (L, 10, 10) of markers whose neighbours' ``joint`` (L, N) discs are unknown too, see the file's head.
+
+    NaN where both cannot be told apart.
+    """
     from windmark.detection.template._kernels.touching import SHARED, shared_blocks
 
-    half = int(np.ceil(request.take(np.array([m])).reach()[0] + 0.5))
-    x, offset = np.arange(-half, half + 1), request.xy[m] - done.pixel[m]
-    inside = (np.hypot(x[None, :] - offset[0], x[:, None] - offset[1]) <= request.reach()[m]).astype(float)
-    variance, cov = done.column("noise2"), np.full((10, 10), np.nan)
-    unit = np.sqrt(np.diagonal(done.cov[m]))
-    free = np.flatnonzero(unit > 0.0)  # what is held is known
-    unit = unit[free]
-    alone = done.cov[m][np.ix_(free, free)] / np.outer(unit, unit)
-    if not ((variance[[m, *neighbours]] > 0.0).all() and np.linalg.eigvalsh(alone)[0] > 0.0):
-        return cov
-    blocks = np.empty((len(neighbours), 10, SHARED))
-    seen = seen_from(scene, done, neighbours, np.full(len(neighbours), m))
-    shared_blocks(inside, done.params[m], seen, float(scene.multiplicative), blocks)
-    mixed = blocks[:, free] * unit[:, None]
-    known = done.cov[neighbours, :SHARED, :SHARED] / variance[neighbours, None, None]
-    matrix = np.linalg.inv(alone) * variance[m] - (mixed @ known @ mixed.swapaxes(1, 2)).sum(axis=0)
-    if np.isfinite(matrix).all() and np.linalg.eigvalsh(matrix)[0] > 0.0:
-        cov[:] = 0.0
-        cov[np.ix_(free, free)] = np.linalg.inv(matrix) * np.outer(unit, unit) * variance[m]
-    return cov
+    owner, column = np.nonzero(joint >= 0)
+    neighbour = joint[owner, column]
+    variance, one = done.column("noise2"), request.take(index)
+    blocks = np.empty((len(owner), 10, SHARED))
+    shared_blocks(
+        one.xy - done.pixel[index], one.reach(), done.params[index], owner,
+        seen_from(scene, done, neighbour, index[owner]), float(scene.multiplicative), blocks,
+    )  # fmt: skip
+    unit = np.sqrt(np.diagonal(done.cov[index], axis1=1, axis2=2))
+    free = unit > 0.0  # what is held is known
+    unit[~free] = 1.0
+    alone = np.where(free[:, :, None] & free[:, None, :], done.cov[index], 0.0) / (unit[:, :, None] * unit[:, None, :])
+    alone += np.where(free, 0.0, 1.0)[:, :, None] * np.eye(10)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mixed = blocks * (unit * free)[owner, :, None]
+        known = done.cov[neighbour, :SHARED, :SHARED] / variance[neighbour, None, None]
+        theirs = mixed @ known @ mixed.swapaxes(1, 2)
+    mine = variance[index]
+    good: Bools = np.asarray(_positive(alone) & (mine > 0.0))
+    matrix = np.linalg.inv(np.where(good[:, None, None], alone, np.eye(10))) * mine[:, None, None]
+    np.subtract.at(matrix, owner, theirs)
+    good &= _positive(matrix)
+    cov = np.linalg.inv(np.where(good[:, None, None], matrix, np.eye(10))) * mine[:, None, None]
+    cov *= (unit * free)[:, :, None] * (unit * free)[:, None, :]
+    cov[~good] = np.nan
+    return np.asarray(cov)
+
+
+def _positive(matrices: Array) -> Bools:
+    """Which of (L, 10, 10) are finite and positive definite."""
+    good: Bools = np.asarray(np.isfinite(matrices).all(axis=(1, 2)))
+    return np.asarray(good & (np.linalg.eigvalsh(np.where(good[:, None, None], matrices, np.eye(10)))[:, 0] > 0.0))

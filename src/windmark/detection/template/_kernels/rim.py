@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from windmark.detection.template._kernels.model import evaluate, points_needed
+from windmark.detection.template._kernels.quarters import sector_of
 from windmark.geometry._jit import nb
 
 SECTORS = 8
@@ -20,7 +21,8 @@ def rim_distance(x: float, y: float, p: Any, det: float) -> float:
     """Distance of a place, relative to the centre, from the ellipse: first order, positive outside."""
     u, v = (p[4] * x - p[3] * y) / det, (p[2] * y - p[3] * x) / det
     q2 = u * u + v * v
-    w = math.hypot(p[4] * u - p[3] * v, p[2] * v - p[3] * u) / det
+    a, b = p[4] * u - p[3] * v, p[2] * v - p[3] * u
+    w = math.sqrt(a * a + b * b) / det
     return (q2 - math.sqrt(q2)) / w if w > 0.0 else -math.inf
 
 
@@ -43,7 +45,7 @@ def rim_shares(patches: Any, weights: Any, params: Any, noise2: Any, multiplicat
         for j in range(size):
             for i in range(size):
                 away[j, i] = math.inf
-                if weights[k, j, i] > 0.0:
+                if weights[k, j, i] > 0.0 and (jac[0, j, i] != 0.0 or jac[1, j, i] != 0.0):  # the blurred rim is wider
                     away[j, i] = abs(rim_distance(i - half - p[0], j - half - p[1], p, det))
                 rim += away[j, i] < reach
         sectors = min(max(rim // LEAST_PIXELS, 1), SECTORS)
@@ -53,8 +55,11 @@ def rim_shares(patches: Any, weights: Any, params: Any, noise2: Any, multiplicat
                 if not away[j, i] < reach:
                     continue
                 x, y = i - half - p[0], j - half - p[1]
-                turn = math.atan2((p[2] * y - p[3] * x) / det, (p[4] * x - p[3] * y) / det) / (2.0 * math.pi)
-                s = int((turn + 1.0) * sectors) % sectors
+                u, v = (p[4] * x - p[3] * y) / det, (p[2] * y - p[3] * x) / det
+                if sectors == SECTORS:
+                    s = sector_of(u, v)
+                else:
+                    s = int((math.atan2(v, u) / (2.0 * math.pi) + 1.0) * sectors) % sectors
                 model = patches[k, j, i] - res[j, i]
                 sums[s, 0] += 1.0
                 sums[s, 1] += model

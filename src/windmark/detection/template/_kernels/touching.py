@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -58,22 +59,39 @@ def derivatives(inside: Any, p: Any, multiplicative: float, q: Any, table: Any, 
                 jac[5, j, i] -= 2.0 * q[5] / light * (q[8] * x + q[9] * y)
 
 
-@nb.njit(cache=True, nogil=True, error_model="numpy")
-def shared_blocks(inside: Any, own: Any, seen: Any, multiplicative: float, out: Any) -> None:
-    """Blocks A_12 (N, 10, SHARED) of the normal matrix of a marker `own` (10,) and neighbours as `seen` (N, 10) there.
+@nb.njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract"})
+def _products(jac: Any, other: Any, out: Any) -> None:
+    """Sums over the pixels of the products of derivatives (10, P) and (SHARED or more, P)."""
+    for a in range(10):
+        one = jac[a]
+        for b in range(SHARED):
+            two, total = other[b], 0.0
+            for k in range(one.size):
+                total += one[k] * two[k]
+            out[a, b] = total
 
-    `inside` (S, S): 1 for pixels of the marker's window, 0 for others.
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def shared_blocks(
+    start: Any, reach: Any, own: Any, owner: Any, seen: Any, multiplicative: float, out: Any
+) -> None:  # fmt: skip
+    """Blocks A_12 (P, 10, SHARED) of the normal matrices of markers `own` (M, 10) and neighbours `seen` (P, 10) there.
+
+    `owner` (P,) ascending; the markers' windows are the pixels within `reach` (M,) of the places `start` (M, 2).
     """
-    size, q = inside.shape[0], np.empty(10)
-    jac, other, res = np.empty((10, size, size)), np.empty((10, size, size)), np.empty((size, size))
-    table = np.empty((8, size + 6))
-    derivatives(inside, own, multiplicative, q, table, res, jac)
+    size, q, before = 0, np.empty(10), -1
     for n in range(len(seen)):
+        m = owner[n]
+        if m != before:
+            if size != 2 * int(math.ceil(reach[m] + 0.5)) + 1:
+                size = 2 * int(math.ceil(reach[m] + 0.5)) + 1
+                jac, other, res = np.empty((10, size, size)), np.empty((10, size, size)), np.empty((size, size))
+                inside, table = np.empty((size, size)), np.empty((8, size + 6))
+            for j in range(size):
+                for i in range(size):
+                    away = math.hypot(i - size // 2 - start[m, 0], j - size // 2 - start[m, 1])
+                    inside[j, i] = 1.0 if away <= reach[m] else 0.0
+            derivatives(inside, own[m], multiplicative, q, table, res, jac)
+            before = m
         derivatives(inside, seen[n], multiplicative, q, table, res, other)
-        for a in range(10):
-            for b in range(SHARED):
-                total = 0.0
-                for j in range(size):
-                    for i in range(size):
-                        total += jac[a, j, i] * other[b, j, i]
-                out[n, a, b] = total
+        _products(jac.reshape((10, size * size)), other.reshape((10, size * size)), out[n])
