@@ -151,7 +151,7 @@ def test_options_are_compared_as_numba_does():
     assert one != 1
 
 
-CACHED = '''
+CACHED = """
 import numpy as np
 from windmark.geometry._jit import nb
 
@@ -164,13 +164,13 @@ def low(values, k):
 @nb.njit(cache=True, nogil=True)
 def middle(values, k):
     return 2.0 * low(values, k)
-'''
-FIRST = '''
+"""
+FIRST = """
 import numpy as np
 from lower import low, middle
 print(middle(np.arange(4.0), 1), *(sum(k.stats.cache_hits.values()) for k in (low, middle)))
-'''
-SECOND = '''
+"""
+SECOND = """
 import sys
 import numpy as np
 from lower import low, middle
@@ -188,7 +188,7 @@ for kernel in (top, middle, low):
         kernel(np.arange(4.0), -1)
     except ValueError as error:
         print(*error.args)
-'''
+"""
 
 
 def test_what_was_linked_in_another_run_is_read_and_linked_again(tmp_path, monkeypatch):

@@ -95,13 +95,6 @@ class Library(codegen.JITCodeLibrary):
             return zlib.decompress(self._unlinked)
         return bytes(self._final_module.as_bitcode())
 
-    def _optimize_functions(self, ll_module: Any) -> None:
-        ll_module.data_layout = self._codegen._data_layout
-        manager, builder = self._codegen._function_pass_manager()
-        for function in ll_module.functions:
-            if not function.is_declaration:
-                manager.run(function, builder)
-
     def finalize(self) -> None:
         self._codegen._check_llvm_bugs()
         self._raise_if_finalized()
