@@ -2,18 +2,44 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from windmark.paint import COEFFICIENTS, NodeField, carried
 from windmark.pipeline.psp import PspTest
-from windmark.pipeline.psp.point import point_task
+from windmark.pipeline.psp.point import Found, point_task, sampling_of
 from windmark.pipeline.psp.table import PointRow
+from windmark.resection import footprints, map_pixels, outline_distance, see_nodes
 from windmark.tasks.psp import ReducedPoint, cut_sections, seen_loads
 
 LOADS = ("CL", "Cm", "CD")
 Z = 1.959964
+
+
+def photon_limit(test: PspTest, found: Mapping[str, Found]) -> np.ndarray:
+    """(V,) relative sigma of the ratio by the photo-electrons alone of all pixels nearest to a node, in all pictures.
+
+    sigma^2 = 1 / N_off + 1 / N_on, N the electrons of all pictures and cameras (the pictures' own light over the gain);
+    pixels near outlines and on markers do not count, as in the reduction.
+    """
+    how, electrons = sampling_of(test), {}
+    for kind, of in found.items():
+        total = np.zeros(len(test.mesh.vertices))
+        for picture in of.pictures:
+            where = picture.mesh, picture.lens, picture.cam_from_tunnel
+            view = see_nodes(*where, max_obliquity_deg=how.max_obliquity_deg)
+            pixels = map_pixels(*where, cull_backfaces=True)
+            cells = footprints(pixels, view, (outline_distance(pixels) > how.edge_px) & ~how.patch_pixels(pixels))
+            light = np.nan_to_num(picture.light.ravel()[cells.pixel])
+            model = test.sensors[picture.camera].model
+            flat = np.broadcast_to(1.0 if model.flat is None else model.flat, picture.light.shape).ravel()[cells.pixel]
+            total += np.bincount(cells.node, light * flat / model.gain, minlength=len(total))
+        electrons[kind] = total
+    with np.errstate(divide="ignore"):
+        limit = np.sqrt(sum(1 / n for n in electrons.values()))
+    return np.asarray(np.where(np.isfinite(limit), limit, np.nan))
 
 
 @dataclass
@@ -24,6 +50,7 @@ class Score:
     ----------
     nodes, in_sigmas : errors of Cp at the nodes of every point, and over their sigmas
     ratio, noise : scatter of the ratio over its stated noise, at nodes that were not filled; and that noise, relative
+    limit : stated noise of the ratio over `photon_limit`, median over those nodes
     loads : coefficient -> (error, sigma, sigma by noise alone) of the wing at every point
     sections : (error, sigma) of the normal force of the seen side of every section and point
     failed : points without a result
@@ -33,12 +60,15 @@ class Score:
     in_sigmas: list[np.ndarray] = field(default_factory=list)
     ratio: list[float] = field(default_factory=list)
     noise: list[float] = field(default_factory=list)
+    limit: list[float] = field(default_factory=list)
     loads: dict[str, list[tuple[float, float, float]]] = field(default_factory=lambda: {name: [] for name in LOADS})
     sections: list[tuple[float, float]] = field(default_factory=list)
     failed: list[str] = field(default_factory=list)
 
-    def add(self, test: PspTest, reduced: ReducedPoint, truth: dict[str, np.ndarray], row: PointRow) -> None:
-        """Score a point."""
+    def add(
+        self, test: PspTest, reduced: ReducedPoint, truth: dict[str, np.ndarray], row: PointRow, limit: np.ndarray
+    ) -> None:
+        """Score a point; ``limit``: see `photon_limit`."""
         cp, true = reduced.cp, np.asarray(truth["cp"], dtype=float)
         off = cp.value - true
         on = np.isfinite(off)
@@ -51,6 +81,7 @@ class Score:
         noise, white = reduced.ratio.value - truth["ratio"], reduced.ratio.white
         self.ratio.append(1.4826 * float(np.median(np.abs(noise[i] - noise[j]) / np.sqrt(white[i] + white[j]))))
         self.noise.append(float(np.median(np.sqrt(white[sound]) / reduced.ratio.value[sound])))
+        self.limit.append(float(np.median((np.sqrt(white) / reduced.ratio.value / limit)[sound & np.isfinite(limit)])))
         self._loads(test, reduced, true, row)
         self._sections(test, reduced, true, row)
 
@@ -89,14 +120,18 @@ class Score:
             "points": len(self.nodes), "failed": self.failed, "cp_rms": float(np.sqrt(np.mean(off**2))),
             "cp_median": float(np.median(np.abs(off))), "cp_covered": float(np.mean(np.abs(z) < Z)),
             "ratio_noise_over_stated": float(np.median(self.ratio)), "ratio_noise": float(np.median(self.noise)),
+            "ratio_noise_over_photon_limit": float(np.median(self.limit)), "cp_z_std": float(np.std(z)),
+            "cp_covered_per_point": [float(np.mean(np.abs(z) < Z)) for z in self.in_sigmas],
         }
         for name, rows in self.loads.items():
             e, s, noise = np.array(rows).T
             out[name] = {"rms": float(np.sqrt(np.mean(e**2))), "sigma": float(np.median(s)),
                          "covered": float(np.mean(np.abs(e) < Z * s)), "of": len(e),
+                         "z_rms": float(np.sqrt(np.mean((e / s) ** 2))),
                          "covered_noise_alone": float(np.mean(np.abs(e) < Z * noise)),
                          "too_small": float(np.median(s / np.maximum(noise, 1e-12)))}  # fmt: skip
         e, s = np.array(self.sections).T
         out["sections"] = {"rms": float(np.sqrt(np.mean(e**2))), "sigma": float(np.median(s)),
-                           "covered": float(np.mean(np.abs(e) < Z * s)), "of": len(e)}  # fmt: skip
+                           "covered": float(np.mean(np.abs(e) < Z * s)), "of": len(e),
+                           "z_rms": float(np.sqrt(np.mean((e / s) ** 2)))}  # fmt: skip
         return out

@@ -1,13 +1,16 @@
 """A polar of the virtual painted wing reduced, against its truth: Cp per node, sections, CL and Cm, and their 95 %.
 
-    python benchmarks/paint_polar.py [--seeds 101 102] [--incidences 5] [--json FILE] [--picture FILE]
+    python benchmarks/paint_polar.py [--seeds 101 102] [--incidences 5] [--ways "3D with deformation"] [--taps 20]
+        [--json FILE] [--picture FILE]
 
 The wing moves by up to 15 px between wind-off and wind-on, bends by up to 2 % of its span and twists by a degree; two
-cameras, 27 taps on their side. Ways side by side (AIAA 2005-5007, Fig. 10): pictures taken as if the model stood where
-it was wind-off; wind-on pictures recomputed on the wind-off ones by their markers, 2D, orders 1 to 3; the grid moved as
-a whole; and with the deformation of every picture. Loads are those of the side that the cameras show, truth and result
-alike; the truth is that at the same nodes, so the grid's own error is in neither. "Noise alone" leaves the modes out of
-the sigma of CL. ``--picture``: maps of the error of Cp at the last point of the last seed.
+cameras, 27 taps on their side, of which ``--taps`` keeps some at random. Ways side by side (AIAA 2005-5007, Fig. 10):
+pictures taken as if the model stood where it was wind-off; wind-on pictures recomputed on the wind-off ones by their
+markers, 2D, orders 1 to 3; the grid moved as a whole; and with the deformation of every picture. Loads are those of the
+side that the cameras show, truth and result alike; the truth is that at the same nodes, so the grid's own error is in
+neither. "Noise alone" leaves the modes out of the sigma of CL; "over photon limit" is the stated noise of the ratio
+over what the photo-electrons of a node's own pixels leave in all pictures. ``--picture``: maps of the error of Cp at
+the last point of the last seed.
 """
 
 from __future__ import annotations
@@ -22,7 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from _paint_scores import Score
+from _paint_scores import Score, photon_limit
 from windmark import io
 from windmark.app.deform_pictures import Maps, maps_picture
 from windmark.app.pictures import png
@@ -89,11 +92,13 @@ def recomputed(kind: str, picture: ModelPicture, still: ModelPicture, raw: Mappi
     return replace(picture, light=light.astype(float), variance=variance, mesh=still.mesh, moves=still.moves)
 
 
-def run(seed: int, incidences: int, scores: dict[str, Score]) -> tuple[PspTest, dict[str, np.ndarray]]:
+def run(seed: int, incidences: int, taps: int, scores: dict[str, Score]) -> tuple[PspTest, dict[str, np.ndarray]]:
     """A polar by all ways; the test, and the errors of Cp at its last point."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         simulate_psp(folder, seed, incidences)
+        if taps:
+            few_taps(folder / "tap-pressures.csv", taps, seed)
         test = load_psp(read_psp_project(folder / "psp.toml"))
         for row in test.rows:
             truth = io.read_nodes_netcdf(folder / "truth" / f"{row.name}.nc")[1]
@@ -101,13 +106,14 @@ def run(seed: int, incidences: int, scores: dict[str, Score]) -> tuple[PspTest, 
                    for kind, pattern in ((WIND_ON, row.on), (WIND_OFF, row.off))}  # fmt: skip
             found = {kind: the_model_in(test, kind, pictures) for kind, pictures in raw.items()}
             mesh = found[WIND_ON].states[0].mesh(test.mesh, frame="model")
+            limit = photon_limit(test, found)
             task, errors = point_task(test, row, row.conditions()), dict[str, np.ndarray]()
             for way, score in scores.items():
                 try:
                     pictures = placed(way, test, found, raw)
                     ratio = ratio_of(pictures, found[WIND_OFF].pictures, how=sampling_of(test), lamps=test.lamps)
                     reduced = reduce_point(ratio, test.mesh, mesh, task)
-                    score.add(test, reduced, truth, row)
+                    score.add(test, reduced, truth, row, limit)
                     errors[way] = reduced.cp.value - truth["cp"]
                 except WindmarkError as error:
                     score.failed.append(f"seed {seed}, {row.name}: {error}")
@@ -115,17 +121,27 @@ def run(seed: int, incidences: int, scores: dict[str, Score]) -> tuple[PspTest, 
     return test, errors
 
 
+def few_taps(table: Path, count: int, seed: int) -> None:
+    """Leave readings of ``count`` taps of the upper side, which cameras show."""
+    head, *rows = table.read_text().splitlines()
+    names = sorted({row.split(",")[1] for row in rows if row.split(",")[1].startswith("U")})
+    kept = set(np.random.default_rng([seed, 91]).permutation(names)[:count].tolist())
+    table.write_text("\n".join([head, *(row for row in rows if row.split(",")[1] in kept)]) + "\n")
+
+
 def main() -> None:
     """Run, print the table, write the JSON and the picture."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--seeds", type=int, nargs="+", default=[101, 102])
     parser.add_argument("--incidences", type=int, default=5)
+    parser.add_argument("--ways", nargs="+", choices=WAYS, default=list(WAYS))
+    parser.add_argument("--taps", type=int, default=20, help="0: all")
     parser.add_argument("--json", type=Path)
     parser.add_argument("--picture", type=Path)
     options = parser.parse_args()
-    scores = {way: Score() for way in WAYS}
+    scores = {way: Score() for way in options.ways}
     for seed in options.seeds:
-        test, errors = run(seed, options.incidences, scores)
+        test, errors = run(seed, options.incidences, options.taps, scores)
     records = {way: score.record() for way, score in scores.items()}
     for way, r in records.items():
         print(f"{way}: {json.dumps(r, indent=1)}")

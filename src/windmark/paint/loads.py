@@ -86,8 +86,8 @@ def integrate_loads(
     Returns
     -------
     Loads. Unseen nodes get the smooth continuation of what was seen of their volume, with an error that the seen rim
-    shows when it is hidden and filled alike (`unseen.guesses_of`), in common and linear (cause ``unseen VOLUME``); their
-    share is ``unseen``, ``filled``.
+    shows when it is hidden and filled alike (`unseen.guesses_of`), in common and linear (cause ``unseen VOLUME``);
+    their share is ``unseen``, ``filled``.
 
     Raises
     ------

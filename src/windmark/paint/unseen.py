@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 DEEPEST = 30
-"""Nodes in a row from a gap's rim to its middle up to which a rim as wide is hidden and filled to see what comes out."""
+"""Nodes in a row from a gap's rim to its middle up to which a rim as wide is hidden and filled, to compare."""
 MOST = 0.5
 """Part of a volume's seen nodes that may be hidden for it."""
 

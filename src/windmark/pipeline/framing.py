@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import Protocol
+
 import numpy as np
 from numpy.typing import NDArray
 
 from windmark import io
 from windmark.geometry import Camera, Pose, PoV
-from windmark.pipeline.project import Project, ViewEntry
+from windmark.pipeline.lengths import Lengths
+from windmark.pipeline.project import ViewEntry
 from windmark.pipeline.results import FramedView
 from windmark.pipeline.views import frame_view, perfect_camera, units_per_px
 from windmark.scene import Mesh
@@ -18,7 +22,26 @@ SIZE_PX, FOV_DEG = (1200, 800), 2.0
 """Of a view by direction that says nothing else; two degrees are nearly a parallel projection."""
 
 
-def frame_views(project: Project, mesh: Mesh) -> tuple[FramedView, ...]:
+class HasViews(Protocol):
+    """A project with points of view."""
+
+    @property
+    def path(self) -> Path:
+        """The project file."""
+        ...
+
+    @property
+    def view(self) -> tuple[ViewEntry, ...]:
+        """What is wanted."""
+        ...
+
+    @property
+    def lengths(self) -> Lengths:
+        """What reads its files."""
+        ...
+
+
+def frame_views(project: HasViews, mesh: Mesh) -> tuple[FramedView, ...]:
     """The virtual cameras of a job: one per ``[[view]]``, the same for all its images and cameras.
 
     A view by direction is framed on the nodes of the grid that take part, whatever the images show of them, so
@@ -34,7 +57,7 @@ def frame_views(project: Project, mesh: Mesh) -> tuple[FramedView, ...]:
     return tuple(_framed(project, k, entry, mesh) for k, entry in enumerate(project.view))
 
 
-def _framed(project: Project, k: int, entry: ViewEntry, mesh: Mesh) -> FramedView:
+def _framed(project: HasViews, k: int, entry: ViewEntry, mesh: Mesh) -> FramedView:
     surface, what = _surface(project, k, entry, mesh)
     if entry.camera is not None:
         camera, pose, how = _from_file(project, k, entry)
@@ -55,7 +78,7 @@ def _framed(project: Project, k: int, entry: ViewEntry, mesh: Mesh) -> FramedVie
     return FramedView(entry.name, camera, pose, units_per_px(camera, pose, surface), how)
 
 
-def _surface(project: Project, k: int, entry: ViewEntry, mesh: Mesh) -> tuple[Array, str]:
+def _surface(project: HasViews, k: int, entry: ViewEntry, mesh: Mesh) -> tuple[Array, str]:
     """Nodes that the view is framed on, and their name in words."""
     if entry.volumes is None:
         nodes, what = mesh.used, "the grid"
@@ -71,7 +94,7 @@ def _surface(project: Project, k: int, entry: ViewEntry, mesh: Mesh) -> tuple[Ar
     return mesh.vertices[nodes], what
 
 
-def _from_file(project: Project, k: int, entry: ViewEntry) -> tuple[Camera, Pose, str]:
+def _from_file(project: HasViews, k: int, entry: ViewEntry) -> tuple[Camera, Pose, str]:
     """Camera and pose of a file: with its lens and size, or a perfect camera of the size and field of view given."""
     assert entry.camera is not None
     content = project.lengths.camera(entry.camera)

@@ -14,12 +14,14 @@ from windmark.paint import TemperaturePaint, form_factors
 from windmark.pipeline.deform.load import Loaded, load
 from windmark.pipeline.deform.project import CameraEntry as DeformCamera
 from windmark.pipeline.deform.project import DeformProject
+from windmark.pipeline.framing import frame_views
 from windmark.pipeline.lengths import Lengths
 from windmark.pipeline.psp.calibration import PaintCalibration, read_calibration, read_temperature_calibration
 from windmark.pipeline.psp.cell import calibrate_paint, read_cell
 from windmark.pipeline.psp.project import PspProject
 from windmark.pipeline.psp.sensors import CameraSensor, read_sensor
 from windmark.pipeline.psp.table import PointRow, SensorTable, read_points_table, read_sensors
+from windmark.pipeline.results import FramedView
 from windmark.scene import Mesh
 from windmark.tasks.psp import Lamp, Reflecting
 
@@ -47,6 +49,7 @@ class PspTest:
     polygons : corners (K, 3) of what is no paint
     reflecting : the light that the model throws on itself, with form factors at rest; None: it is left
     remarks : what is odd but no error
+    views : virtual cameras before the grid at rest
     """
 
     project: PspProject
@@ -64,6 +67,7 @@ class PspTest:
     polygons: tuple[Array, ...]
     reflecting: Reflecting | None
     remarks: tuple[str, ...]
+    views: tuple[FramedView, ...] = ()
 
 
 def load_psp(project: PspProject) -> PspTest:
@@ -99,7 +103,7 @@ def load_psp(project: PspProject) -> PspTest:
     return PspTest(
         project, deforming, deforming.mesh, rows, paint, sensors, taps, pressures, wells, readings, lamps,
         None if warm.paint is None else read_temperature_calibration(warm.paint), polygons,
-        _reflecting(project, deforming.mesh), tuple(remarks),
+        _reflecting(project, deforming.mesh), tuple(remarks), frame_views(project, deforming.mesh),
     )  # fmt: skip
 
 

@@ -24,6 +24,7 @@ def inputs(test: PspTest) -> list[tuple[str, Path]]:
     """The files besides the points' pictures that a project names, each with its key."""
     project: PspProject = test.project
     out = [("points.table", project.points.table)]
+    out += [(f"wtd of point {row.name}", row.conditions_file) for row in test.rows if row.conditions_file is not None]
     paint = (("paint.cell", project.paint.cell), ("paint.calibration", project.paint.calibration))
     out += [(key, path) for key, path in paint if path is not None]
     out += deform_inputs(test.deforming.project)
@@ -34,6 +35,7 @@ def inputs(test: PspTest) -> list[tuple[str, Path]]:
         out += [("temperature.thermocouples", warm.thermocouples), ("temperature.readings", warm.readings)]
     for file_key, path in (("temperature.paint", warm.paint), ("patches.polygons", project.patches.polygons)):
         out += [] if path is None else [(file_key, path)]
+    out += [(f"camera of view {v.name}", v.camera) for v in project.view if v.camera is not None]
     if project.radiometry.linearity is not None:
         out += [(f"radiometry.linearity of {c.name}", named_file(project, "linearity", c.name)) for c in project.camera]
     for key in ("dark", "flat"):

@@ -15,6 +15,7 @@ from windmark.pipeline.psp.load import PspTest
 from windmark.pipeline.psp.point import PointOutcome
 from windmark.pipeline.psp.project import PspProject
 from windmark.pipeline.psp.record import PointRecord, load_columns
+from windmark.resection import PixelMap, map_pixels
 from windmark.tasks.psp import ReducedPoint
 
 Array = NDArray[np.float64]
@@ -40,7 +41,33 @@ def write_point(folder: Path, test: PspTest, done: PointOutcome, record: PointRe
         io.write_nodes_csv(place / "fields.csv", mesh, fields, units=units)
     if "plot3d" in project.output.grid and mesh.blocks:
         io.write_plot3d_function(place / "fields.f", mesh, fields, units=units, layout=_layout(project))
+    write_views(place, test, reduced)
     write_tables(place, record)
+
+
+def write_views(place: Path, test: PspTest, reduced: ReducedPoint) -> None:
+    """Cp and ratio as virtual images, ``view-NAME-cp.tif`` and ``view-NAME-ratio.tif``, with the camera beside them.
+
+    They show the grid at rest, so that images of all points can be laid over each other; NaN where a node of the
+    triangle that a pixel shows has no value.
+    """
+    for view in test.views:
+        pixels = map_pixels(test.mesh, view.camera, view.cam_from_model, cull_backfaces=True)
+        for name, field in (("cp", reduced.cp), ("ratio", reduced.ratio)):
+            image = on_pixels(field.value, pixels)
+            io.write_image(place / f"view-{view.name}-{name}.tif", image, description=f"{name} ({reduced.name})")
+        unit = test.project.length_unit
+        io.write_camera(place / f"view-{view.name}.json", view.camera, view.cam_from_model, unit=unit)
+
+
+def on_pixels(values: Array, pixels: PixelMap) -> NDArray[np.float32]:
+    """(H, W) values (V,) of nodes at the places that pixels show, straight between nodes; NaN where one is missing."""
+    out = np.full(pixels.valid.shape, np.nan, np.float32)
+    at = pixels.triangle[pixels.valid]
+    second, third = pixels.barycentric[pixels.valid].T
+    corners = values[pixels.mesh.triangles[at]]
+    out[pixels.valid] = (1 - second - third) * corners[:, 0] + second * corners[:, 1] + third * corners[:, 2]
+    return out
 
 
 def write_tables(place: Path, record: PointRecord) -> None:

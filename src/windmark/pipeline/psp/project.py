@@ -10,7 +10,7 @@ from pydantic import Field, ValidationError, model_validator
 from windmark.errors import UsageError
 from windmark.pipeline.deform.project import LookEntry, MarkersEntry, MotionEntry, VolumeEntry
 from windmark.pipeline.lengths import Lengths
-from windmark.pipeline.project import GridEntry, Unit
+from windmark.pipeline.project import GridEntry, Unit, ViewEntry
 from windmark.pipeline.psp.entries import (
     CAMERA,
     CameraEntry,
@@ -53,12 +53,14 @@ class PspProject(Strict):
     self_illumination: SelfIlluminationEntry | None = None
     loads: LoadsEntry | None = None
     section: tuple[SectionEntry, ...] = ()
+    view: tuple[ViewEntry, ...] = ()
     output: OutputEntry = Field(default_factory=OutputEntry)
 
     @model_validator(mode="after")
     def _consistent(self) -> PspProject:
         for kind, names in (("camera", [c.name for c in self.camera]), ("section", [s.name for s in self.section]),
-                            ("volume", [v.name for v in self.volume])):  # fmt: skip
+                            ("volume", [v.name for v in self.volume]),
+                            ("view", [v.name for v in self.view])):  # fmt: skip
             twice = sorted({n for n in names if names.count(n) > 1})
             if twice:
                 raise UsageError(f"{kind} names must be unique, more than once: {', '.join(twice)}")
@@ -105,6 +107,7 @@ def _with_absolute_paths(project: PspProject) -> PspProject:
     return project.model_copy(update={
         "points": moved("points", project.points, "table"),
         "camera": tuple(moved(f"camera[{i}]", c, "file", "mask") for i, c in enumerate(project.camera)),
+        "view": tuple(moved(f"view[{i}]", v, "camera") for i, v in enumerate(project.view)),
         "markers": moved("markers", project.markers, "file"),
         "grid": moved("grid", project.grid, "file"),
         "paint": moved("paint", project.paint, "cell", "calibration"),

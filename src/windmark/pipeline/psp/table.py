@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from windmark import io
-from windmark.errors import DataError
+from windmark.errors import DataError, WindmarkError
 from windmark.io.csvtable import Table
 from windmark.paint import TunnelConditions
+from windmark.pipeline.psp.wtd import read_wtd
 
 Array = NDArray[np.float64]
 
@@ -43,6 +45,8 @@ class PointRow:
     sigma_p, sigma_q : of static and dynamic pressure
     line : in the file
     channels : "reference" or "temperature" -> patterns of its pictures with wind and without
+    conditions_file : that says what the table's own cells do not; None without
+    trouble : why that cannot be read
     """
 
     name: str
@@ -60,6 +64,8 @@ class PointRow:
     sigma_q: float
     line: int
     channels: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    conditions_file: Path | None = None
+    trouble: str = ""
 
     @property
     def patterns(self) -> dict[str, str]:
@@ -77,6 +83,8 @@ class PointRow:
         DataError
             For what is missing, and for pressures that do not fit each other: their units are mixed.
         """
+        if self.trouble:
+            raise DataError(f"its conditions cannot be read (line {self.line} of the table of points): {self.trouble}")
         needed = {"p_inf": self.p_inf, "q_inf": self.q_inf, "p_off": self.p_off, "alpha": self.alpha_deg}
         for what, value in needed.items():
             if not np.isfinite(value):
@@ -97,16 +105,20 @@ class PointRow:
 def read_points_table(path: Path) -> tuple[PointRow, ...]:
     """The rows of a CSV table ``point,alpha_deg,p_inf_UNIT,q_inf_UNIT,p_off_UNIT,T_off_UNIT,on,off[,...]``.
 
-    May have: ``beta_deg``, ``mach``, ``T0_UNIT``, ``sigma_p_inf_UNIT``, ``sigma_q_inf_UNIT``, and pictures in other
-    colours, ``on_reference, off_reference, on_temperature, off_temperature``; other columns are left out. An empty cell
-    is missing for its point alone. Units of pressures: `PRESSURE`; of temperatures: `TEMPERATURE`.
+    May have: ``wtd``, a file for each point that says what its own cells do not (`wtd.read_wtd`; columns that such
+    files say may be missing), ``beta_deg``, ``mach``, ``T0_UNIT``, ``sigma_p_inf_UNIT``, ``sigma_q_inf_UNIT``, and
+    pictures in other colours, ``on_reference, off_reference, on_temperature, off_temperature``; other columns are left
+    out. An empty cell is missing for its point alone. Units of pressures: `PRESSURE`; of temperatures: `TEMPERATURE`.
 
     Raises
     ------
     FileError
         For a missing column, a unit that is not known, a cell that is no number, a point twice, or no point at all.
     """
-    table = io.read_table(path, required=("point", "alpha_deg", "on", "off"), known=None)
+    table = io.read_table(path, required=("point", "on", "off"), known=None)
+    by_file = "wtd" in table
+    if not by_file and "alpha_deg" not in table:
+        raise io.FileError(path, "has no column alpha_deg", "header")
     names = table.text("point")
     twice = sorted({n for n in names if names.count(n) > 1})
     if twice or "" in names:
@@ -119,7 +131,8 @@ def read_points_table(path: Path) -> tuple[PointRow, ...]:
     def plain(column: str) -> Array:
         return table.numbers(column, optional=True) if column in table else none
 
-    p = {q: in_unit(table, q, PRESSURE) for q in ("p_inf", "q_inf", "p_off")}
+    p = {q: in_unit(table, q, PRESSURE, optional=by_file) for q in ("p_inf", "q_inf")}
+    p["p_off"] = in_unit(table, "p_off", PRESSURE)
     off = temperatures(table, "T_off")
     warm = temperatures(table, "T0") if any(c.startswith("t0_") for c in table.columns) else none
     sigma = [in_unit(table, q, PRESSURE, optional=True) for q in ("sigma_p_inf", "sigma_q_inf")]
@@ -127,10 +140,24 @@ def read_points_table(path: Path) -> tuple[PointRow, ...]:
     keys = ("alpha_deg", "beta_deg", "mach", "p_inf", "q_inf", "t_0", "p_off", "t_off", "sigma_p", "sigma_q")
     numbers = [dict(zip(keys, row, strict=True)) for row in np.transpose((*columns, *sigma)).tolist()]
     texts = zip(names, table.text("on"), table.text("off"), table.lines.tolist(), _channels(table), strict=True)
-    return tuple(
+    rows = [
         PointRow(name=name, on=on, off=off_, line=line, channels=channels, **row)
         for row, (name, on, off_, line, channels) in zip(numbers, texts, strict=True)
-    )
+    ]
+    files = table.text("wtd") if by_file else [""] * len(rows)
+    return tuple(_with_file(path.parent, row, file) for row, file in zip(rows, files, strict=True))
+
+
+def _with_file(folder: Path, row: PointRow, name: str) -> PointRow:
+    """A row with what its file of conditions says where its own cells are empty."""
+    if not name:
+        return row
+    try:
+        said = read_wtd(folder / name)
+    except WindmarkError as error:
+        return replace(row, trouble=str(error))
+    own: dict[str, Any] = {k: v for k, v in said.items() if np.isnan(getattr(row, k))}
+    return replace(row, conditions_file=folder / name, **own)
 
 
 def _channels(table: Table) -> list[dict[str, tuple[str, str]]]:
