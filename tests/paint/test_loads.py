@@ -115,6 +115,7 @@ def test_unseen_surface_is_filled_named_and_in_the_sigma():
         integrate_loads(mesh, NodeField.make(np.where(mesh.vertices[:, 1] > -0.2, np.nan, true)), UNIT)
 
 
+@pytest.mark.slow
 def test_fill_goes_on_with_the_slope_and_carries_modes_and_noise():
     mesh = plate(41, 41, (4.0, 4.0))
     x, y = mesh.vertices[:, 0], mesh.vertices[:, 1]
