@@ -28,6 +28,7 @@ def lens_cov(sigma1=0.01, sigma2=0.02, correlation=-0.9):
     return cov
 
 
+@pytest.mark.slow
 def test_focal_length_scatters_as_the_joint_covariance_says():
     """The start's lens is drawn from its covariance, the spots from theirs; 150 focal lengths, two-sided."""
     root = np.linalg.cholesky(lens_cov()[4:6, 4:6])

@@ -98,6 +98,7 @@ def test_held_coordinates_have_no_variance_and_the_others_all():
     assert (sigma[~held] > 0).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("away", ["points", "frames"])
 def test_scatter_of_many_solutions_is_the_covariance(away):
     """Aligned to the truth (inner constraints over all points), 150 solutions; chi-square per point and interior."""

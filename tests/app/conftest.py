@@ -1,6 +1,7 @@
 """Running the command line as a user does, in one process."""
 
 import json
+import shutil
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from windmark.app.cli import app
+from windmark.pipeline.simulate_deforming import simulate_deforming
 from windmark.synth import marker_sheet
 
 
@@ -21,6 +23,20 @@ def windmark():
         return SimpleNamespace(code=done.exit_code, out=done.stdout, err=done.stderr, json=record)
 
     return call
+
+
+@pytest.fixture(scope="session")
+def bending(tmp_path_factory):
+    """``bending(n, folder)``: a copy of the synthetic deformation test of n frames, which is made once."""
+    made = {}
+
+    def copied(frames, folder):
+        if frames not in made:
+            made[frames] = tmp_path_factory.mktemp(f"bending-{frames}")
+            simulate_deforming(made[frames], 3, frames, (640, 400))
+        return shutil.copytree(made[frames], folder, dirs_exist_ok=True)
+
+    return copied
 
 
 @pytest.fixture(scope="session")

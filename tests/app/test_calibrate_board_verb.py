@@ -55,7 +55,11 @@ def call(windmark, pictures, folder, *more):
 
 
 @pytest.mark.parametrize(
-    ("marks", "datum"), [("holes:0,0:5,0:0,-2", "Free network"), (None, "All markers are held")], ids=["rings", "plain"]
+    ("marks", "datum"),
+    [
+        pytest.param("holes:0,0:5,0:0,-2", "Free network", id="rings", marks=pytest.mark.slow),
+        pytest.param(None, "All markers are held", id="plain"),
+    ],
 )
 def test_pictures_of_a_board_and_its_pitch_are_enough(windmark, pictures, tmp_path, marks, datum):
     given = ("--board-marks", marks) if marks else ()
@@ -76,6 +80,7 @@ def test_pictures_of_a_board_and_its_pitch_are_enough(windmark, pictures, tmp_pa
     assert summary["rms_px"] < 0.1
 
 
+@pytest.mark.slow
 def test_the_matches_of_a_board_calibrate_again(windmark, pictures, tmp_path):
     done = call(windmark, pictures, tmp_path, "--board-marks", "holes:0,0:5,0:0,-2", *FREE, "-r", 8)
     assert done.code == 0, done.err

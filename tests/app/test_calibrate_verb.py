@@ -263,6 +263,7 @@ def test_pictures_without_markers_are_refused(windmark, plate):
     assert "picture 'q'" in done.err
 
 
+@pytest.mark.slow
 def test_the_papers_steps_end_where_newton_does(windmark, tmp_path):
     case = networks.make(71, points=14, views=8)
     net = case.network

@@ -9,6 +9,8 @@ import xarray
 
 from windmark.pipeline.simulate_deforming import simulate_deforming
 
+pytestmark = pytest.mark.slow  # whole series, for each way of naming pictures
+
 FRAMES = 3
 
 

@@ -20,17 +20,17 @@ from windmark.pipeline import resume
 from windmark.pipeline.deform import outputs
 from windmark.pipeline.journal_values import loaded
 from windmark.pipeline.resume import JOURNAL, STATE, TITLE, measured
-from windmark.pipeline.simulate_deforming import simulate_deforming
+
+pytestmark = pytest.mark.slow  # whole series, stopped and gone on with
 
 FRAMES = 8
 TABLES = ("cameras.csv", "span.csv", "markers.csv", "points-taps.csv", "units.json", "deformation.gif")
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory):
+def made(bending, tmp_path_factory):
     folder = tmp_path_factory.mktemp("resume")
-    simulate_deforming(folder, 3, FRAMES, (640, 400))
-    return folder
+    return bending(FRAMES, folder)
 
 
 @pytest.fixture(scope="module")

@@ -15,6 +15,8 @@ import pytest
 
 from windmark.app import cli, console
 
+pytestmark = pytest.mark.slow  # processes that are ended from outside
+
 WINDMARK = [sys.executable, "-m", "windmark.app.cli"]
 
 

@@ -11,17 +11,17 @@ from killing import in_child, killed_at
 from windmark.app import series_folder
 from windmark.pipeline import resume
 from windmark.pipeline.resume import measured
-from windmark.pipeline.simulate_deforming import simulate_deforming
+
+pytestmark = pytest.mark.slow  # whole live runs, ended in many ways
 
 FRAMES = 8
 WITH_TIMES = ("deformation.csv", "deformation.nc", "report.html", "summary.json", "manifest.json")
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory):
+def made(bending, tmp_path_factory):
     folder = tmp_path_factory.mktemp("live")
-    simulate_deforming(folder, 3, FRAMES, (640, 400))
-    return folder
+    return bending(FRAMES, folder)
 
 
 @pytest.fixture(scope="module")

@@ -12,6 +12,8 @@ import pytest
 from windmark.pipeline.resume import measured
 from windmark.pipeline.simulate_psp import simulate_psp
 
+pytestmark = pytest.mark.slow  # a scheduler and workers in processes of their own
+
 pytest.importorskip("distributed", reason="the extra `cluster` is not installed (pip install windmark[cluster])")
 
 START_S = 90

@@ -14,6 +14,8 @@ from windmark.pipeline.simulate_taps import tap_table
 from windmark.synth import psp_test
 from windmark.synth.pressure_paint import SternVolmer
 
+pytestmark = pytest.mark.slow  # whole points of a paint test, for each key
+
 COLOURS = {"reference": SternVolmer(np.array([[1.0]])), "temperature": SternVolmer(np.array([[1.0, 0.012]]))}
 """What other colours of the paint answer to: to nothing, to temperature alone."""
 

@@ -14,6 +14,8 @@ from windmark.io.journal import AppendedFile
 from windmark.pipeline import resume, same_run, track_series
 from windmark.pipeline.resume import STATE, measured
 
+pytestmark = pytest.mark.slow  # whole series, stopped and gone on with
+
 FRAMES = 8
 TABLES = ("poses.csv", "matches.csv", "camera.json", "motion.png")
 

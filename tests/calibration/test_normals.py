@@ -79,6 +79,7 @@ def test_known_normals_stay_and_lost_markers_have_none():
     np.testing.assert_allclose(few, np.tile(UP, (4, 1)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("turn", [0.0, 0.1])
 def test_large_discs_without_normals_in_the_table(turn):
     """The markers' own surface undoes most of what large discs do; a rough table that is turned changes nothing."""

@@ -44,6 +44,7 @@ def test_radial_and_tangential_have_their_signs():
     assert (turned.tangential[filled] > 0).all()
 
 
+@pytest.mark.slow
 def test_projection_sigma_is_that_of_sampled_cameras():
     camera = calibrated(54).cameras["cam"]
     x, y, sigma = projection_sigma(camera, columns=10)
@@ -72,6 +73,7 @@ def test_halves_agree_within_their_sigma():
     assert half.comparison.difference.shape == (40, 3)
 
 
+@pytest.mark.slow
 def test_two_sets_of_pictures_agree_within_both_covariances():
     """The paper's cross-check in both datums: mean squared differences in units of the covariances are near one."""
     for held in (False, True):

@@ -14,6 +14,8 @@ from windmark.adjust.network import linear
 from windmark.calibration import Free, self_calibrate
 from windmark.scene import MarkerSet, Observations, View
 
+pytestmark = pytest.mark.slow  # processes of their own, in which nothing is compiled
+
 HERE = Path(__file__).parent
 
 

@@ -78,6 +78,7 @@ def test_covariance_in_white_noise(photometry):
     assert 0.95 < np.std(np.array(z)[..., 0]) / np.std(np.array(z)[..., 1]) < 1.05
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "seeds", "bar"), [("clean", 4, 0.15), ("infrared", 10, 0.1)])
 def test_covariance_on_textured_paint_and_with_fixed_pattern(kind, seeds, bar):
     z = []
@@ -120,6 +121,7 @@ def test_white_covariance_would_be_too_small_on_texture():
     assert 0.8 < scaled_errors(learnt, scene.xy)[good].std() < 1.2
 
 
+@pytest.mark.slow
 def test_on_texture_the_frame_says_how_strong_the_noise_is():
     """Few grains in a window: residuals of one marker are too small by chance, and sigma by them 8 % on average."""
     z, own = [], []

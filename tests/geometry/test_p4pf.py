@@ -76,6 +76,7 @@ def test_solutions_are_minima_and_their_sigma_is_that_of_the_normal_equations():
     assert best.focal_sigma_px == pytest.approx(np.sqrt(covariance[6, 6]), rel=1e-4)
 
 
+@pytest.mark.slow
 def test_sigma_predicts_the_scatter_of_the_focal_length():
     rng = np.random.default_rng(8)
     focal, _, xyz, xy = random_view(rng, 1.0)
@@ -85,6 +86,7 @@ def test_sigma_predicts_the_scatter_of_the_focal_length():
     assert 0.85 < np.std(got) / (noise * sigma) < 1.15
 
 
+@pytest.mark.slow
 def test_near_flat_markers_say_that_they_are_weak():
     """A third of near-planar views with 0.2 px of noise miss the focal length by 5 %; sigma tells which."""
     rng = np.random.default_rng(9)

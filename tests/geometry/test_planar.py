@@ -86,6 +86,7 @@ def test_held_out_residuals_are_those_of_a_fit_without_the_pair(kind):
         assert np.abs(other.transform.apply(x[k]) - y[k] - fit.held_out[k]).max() < 1e-4
 
 
+@pytest.mark.slow
 def test_held_out_residuals_of_the_spline_are_close_to_those_of_a_fit_without_the_pair():
     rng = np.random.default_rng(3)
     x = places(60)
@@ -98,6 +99,7 @@ def test_held_out_residuals_of_the_spline_are_close_to_those_of_a_fit_without_th
     assert fit.held_out_px == pytest.approx(np.sqrt((by_hand**2).sum(axis=1).mean()), rel=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["similarity", "affine", "projective", "poly2", "poly3", "spline"])
 def test_covariance_of_the_mapped_place_is_what_repeated_noise_does(kind):
     rng = np.random.default_rng(4)

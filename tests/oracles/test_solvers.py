@@ -39,6 +39,7 @@ def by_opencv(rays, xyz):
     return [Pose.from_rotvec(r.ravel(), t.ravel()) for r, t in zip(rvecs, tvecs, strict=True)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("peer", [by_poselib, by_opencv])
 def test_p3p_has_every_solution_of_the_peers(peer):
     rays, xyz = triangles(1000, 1)

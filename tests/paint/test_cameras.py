@@ -27,6 +27,7 @@ def views(rng, gains=(1.0, 1.03), sigmas=(0.01, 0.004), shading=0.0):
     return out
 
 
+@pytest.mark.slow
 def test_gains_and_sigmas_cover():
     z, off = [], []
     for seed in range(60):

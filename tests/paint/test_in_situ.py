@@ -25,6 +25,7 @@ def case(seed, n=20, blocked=0, mode=500.0):
     return [f"t{k}" for k in range(n)], p, x(true), x(nodes), nodes, {f"t{k}" for k in bad}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("blocked", [0, 3, 7])
 def test_sigmas_cover_and_blocked_taps_are_named(blocked):
     z, wrong = [], 0
@@ -74,6 +75,7 @@ def test_scatter_beyond_the_sigmas_is_found_and_is_in_every_node():
     assert any("beyond their sigmas" in w for w in fit.warnings)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n", [6, 20])
 def test_sigmas_that_are_stated_too_small_do_not_make_the_result_too_sure(n):
     """Readings that scatter five times as stated: few taps tell the scatter badly, and none of them is blocked."""

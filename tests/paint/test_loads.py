@@ -143,6 +143,7 @@ def test_strips_between_gaps_and_gaps_without_end_have_the_volumes_scatter():
         integrate_loads(mesh, NodeField.make(np.full(len(x), np.nan)), UNIT)
 
 
+@pytest.mark.slow
 def test_fill_goes_on_with_the_slope_and_carries_modes_and_noise():
     mesh = plate(41, 41, (4.0, 4.0))
     x, y = mesh.vertices[:, 0], mesh.vertices[:, 1]

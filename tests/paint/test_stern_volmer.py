@@ -122,6 +122,7 @@ def cell(rng, sigma=0.003, p_levels=8, t_levels=5):
     return p, t, paint().ratio(p, t) + rng.normal(0, sigma, p.size)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stated", [True, False])
 def test_cell_fit_finds_the_order_and_its_sigma_covers(stated):
     law, z, orders = paint(), [], []
@@ -138,6 +139,7 @@ def test_cell_fit_finds_the_order_and_its_sigma_covers(stated):
     assert 0.91 < np.mean(np.abs(z) < 1.96) < 0.98
 
 
+@pytest.mark.slow
 def test_cell_fit_by_errors_of_pressure_and_temperature():
     rng = np.random.default_rng(3)
     p, t, _ = cell(rng)

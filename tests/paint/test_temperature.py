@@ -39,6 +39,7 @@ def draw(rng, xyz, length, spread):
     return 300 + np.linalg.cholesky(k + 1e-8 * np.eye(len(k))) @ rng.normal(size=len(k))
 
 
+@pytest.mark.slow
 def test_thermocouples_cover_near_and_far_node_by_node_and_in_the_mean():
     rng = np.random.default_rng(0)
     z, means = [], []
@@ -70,6 +71,7 @@ def tsp():
     return TemperaturePaint(np.array([0.0, 0.02, 5e-5]), 293.0, (280.0, 330.0))
 
 
+@pytest.mark.slow
 def test_temperature_paint_fit_and_map_cover():
     law, z, orders = tsp(), [], []
     rng = np.random.default_rng(1)

@@ -27,6 +27,7 @@ def test_interior_angles_are_within_90_plus_minus_80_degrees():
     assert len(triplets) < 24 * 23 * 22 / 6  # some were rejected
 
 
+@pytest.mark.slow
 def test_ninety_per_cent_seen_means_73_per_cent_of_triplets_are_right():
     """'if 90% of the true markers are viewed, the probability to make a right choice [...] is 0.9^3 = 0.73'"""
     share = []
@@ -100,6 +101,7 @@ def test_prior_rejects_by_angle_and_scale():
         assert not register(scene.detections, scene.markers, scene.camera, prior=prior, max_hypotheses=60_000)
 
 
+@pytest.mark.slow
 def test_all_matched_is_not_the_exact_solution():
     """'If all the real markers are matched, the exact solution is found' does not hold on regular rows.
 

@@ -6,6 +6,8 @@ import pytest
 from windmark.detection.detect import REFINEMENTS
 from windmark.pipeline.study import StudySettings, run_study
 
+pytestmark = pytest.mark.slow  # hundreds of pictures of a sheet
+
 
 @pytest.fixture(scope="module")
 def figure_4():

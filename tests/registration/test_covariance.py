@@ -12,6 +12,7 @@ CELLS = (("A", 0.25, 0.5, 100), ("A", 0.5, 1.0, 40), ("B", 0.0, 0.0, 40), ("B", 
 """Kind, hidden, false spots, and how many images."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("free_focal", [False, True])
 def test_errors_are_as_large_as_the_covariance_says(free_focal):
     """All parameters whitened, 250 images: standard deviation 0.95 to 1.05."""

@@ -90,6 +90,7 @@ def curved(seed, k1):
     return scenes.image_of(rng, markers, camera, pose, hidden=0.25, false=0.25)
 
 
+@pytest.mark.slow
 def test_focal_sigma_is_the_scatter_under_a_strong_lens():
     """k1 as it is, the focal length wrong by up to 20 %: z-std of 120 focal lengths is 1 within three of its sigma."""
     z = []
@@ -107,6 +108,7 @@ def test_focal_sigma_is_the_scatter_under_a_strong_lens():
     assert len(z) > 108
 
 
+@pytest.mark.slow
 def test_an_uncertain_lens_widens_the_focal_length_as_its_covariance_says():
     """k1 off by its own sigma of 5 %: told so, the focal length keeps its promise; taken as exact, it does not."""
     z = {True: [], False: []}

@@ -63,6 +63,7 @@ def test_fields_describe_the_result():
     assert wm.register is register
 
 
+@pytest.mark.slow
 def test_covariance_holds_the_truth():
     inside = []
     for seed in range(40):

@@ -97,6 +97,7 @@ def test_sigma_of_nodes_by_monte_carlo(interpolation):
     assert 0.85 < np.sqrt(np.mean(np.square(deviate))) < 1.12
 
 
+@pytest.mark.slow
 def test_sigma_of_gains_by_monte_carlo():
     rng = np.random.default_rng(4)
     truth = rng.uniform(500, 1500, 400)

@@ -164,6 +164,7 @@ def test_reasons_have_a_word_each():
     assert len(set(POINT_REASONS)) == len(POINT_REASONS)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("interpolation", ["nearest", "linear", "cubic"])
 def test_sigma_by_monte_carlo(rng, interpolation):
     """Noise through the interpolation and the pose through the picture's slope, two-sided."""

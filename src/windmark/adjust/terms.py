@@ -104,29 +104,13 @@ class Reprojection:
 
 
 @dataclass(frozen=True)
-class Prior:
-    """Gaussian knowledge of parameters of one block: additional residuals (value - reference) / sigma.
-
-    Parameters
-    ----------
-    name : the block's name
-    block : the block
-    reference : value about which the prior is centred
-    sigma : parameter name -> standard deviation in the parameter's own unit
-    """
+class _Known:
+    """Gaussian knowledge of parameters of one block: whitened differences from a reference, as a `Term`."""
 
     name: str
     block: Block
     reference: Any
-    sigma: Mapping[str, float]
     loss: Loss = field(default=NO_LOSS, init=False)
-
-    def __post_init__(self) -> None:
-        for name, sigma in self.sigma.items():
-            if name not in self.block.names:
-                raise UsageError(f"prior_sigma: {name!r} is not free; free are {', '.join(self.block.names)}")
-            if not (np.isfinite(sigma) and sigma > 0):
-                raise UsageError(f"prior_sigma: {name} must be finite and > 0, got {sigma}")
 
     @property
     def blocks(self) -> tuple[str, ...]:
@@ -140,14 +124,42 @@ class Prior:
     def linearise(self, values: Values) -> Linearised:
         """See `Term`."""
         difference, derivative = self.block.difference(values[self.name], self.reference)
-        rows = [self.block.names.index(name) for name in self.sigma]
-        weight = 1 / np.array(list(self.sigma.values()))
-        residual = (difference[rows] * weight)[:, None]
-        return Linearised(residual, {self.name: (derivative[rows] * weight[:, None])[:, None, :]})
+        rows, whitener = self._known()
+        jacobian = {self.name: (whitener @ derivative[rows])[:, None, :]}
+        return Linearised((whitener @ difference[rows])[:, None], jacobian)
+
+    def _known(self) -> tuple[list[int], Array]:
+        """Which of the block's parameters (m,), and their whitener (m, m)."""
+        raise NotImplementedError
 
 
 @dataclass(frozen=True)
-class JointPrior:
+class Prior(_Known):
+    """Gaussian knowledge of parameters of one block: additional residuals (value - reference) / sigma.
+
+    Parameters
+    ----------
+    name : the block's name
+    block : the block
+    reference : value about which the prior is centred
+    sigma : parameter name -> standard deviation in the parameter's own unit
+    """
+
+    sigma: Mapping[str, float]
+
+    def __post_init__(self) -> None:
+        for name, sigma in self.sigma.items():
+            if name not in self.block.names:
+                raise UsageError(f"prior_sigma: {name!r} is not free; free are {', '.join(self.block.names)}")
+            if not (np.isfinite(sigma) and sigma > 0):
+                raise UsageError(f"prior_sigma: {name} must be finite and > 0, got {sigma}")
+
+    def _known(self) -> tuple[list[int], Array]:
+        return [self.block.names.index(name) for name in self.sigma], np.diag(1 / np.array(list(self.sigma.values())))
+
+
+@dataclass(frozen=True)
+class JointPrior(_Known):
     """Gaussian knowledge of several parameters of one block, with their correlations.
 
     Parameters
@@ -159,29 +171,11 @@ class JointPrior:
     whitener : (m, m) with ``whitener^T whitener = cov^-1``
     """
 
-    name: str
-    block: Block
-    reference: Any
     rows: Sequence[int]
     whitener: Array
-    loss: Loss = field(default=NO_LOSS, init=False)
 
-    @property
-    def blocks(self) -> tuple[str, ...]:
-        """See `Term`."""
-        return (self.name,)
-
-    def residual(self, values: Values) -> Array:
-        """See `Term`; (m, 1)."""
-        return self.linearise(values).residual
-
-    def linearise(self, values: Values) -> Linearised:
-        """See `Term`."""
-        difference, derivative = self.block.difference(values[self.name], self.reference)
-        rows = list(self.rows)
-        return Linearised(
-            (self.whitener @ difference[rows])[:, None], {self.name: (self.whitener @ derivative[rows])[:, None, :]}
-        )
+    def _known(self) -> tuple[list[int], Array]:
+        return list(self.rows), self.whitener
 
 
 def whitener(cov: ArrayLike, n: int) -> Array:

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any, Generic, Protocol, TypeVar
 
 from windmark import io
+from windmark.errors import DataError
 from windmark.io.atomic import replace_file, writing
 from windmark.io.interrupts import interrupts_wait
 from windmark.io.journal import AppendedFile, Journal, read_journal
@@ -70,8 +71,20 @@ class Stopped(Generic[Kept]):
     state: bytes | None = None
 
     def handed_on(self, named: Mapping[str, Any]) -> dict[str, Any]:
-        """What the last frame hands on; ``named`` as in `read_stopped`."""
-        return {} if self.state is None else dict(loaded(self.state, named))
+        """What the last frame hands on; ``named`` as in `read_stopped`.
+
+        Raises
+        ------
+        DataError
+            When another version of windmark, whose nouns are elsewhere, has written it.
+        """
+        try:
+            return {} if self.state is None else dict(loaded(self.state, named))
+        except Exception as error:  # as in `_understood`
+            raise DataError(
+                "the run that was stopped cannot go on: what its last frame hands on was written by another version of "
+                f"windmark, or is damaged ({error}); --finish keeps what it has measured"
+            ) from error
 
 
 class SeriesJournal:

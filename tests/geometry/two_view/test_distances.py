@@ -88,6 +88,7 @@ def test_pixels_as_taken(scene, other_camera):
     assert np.abs(np.diag(table.in_b_px)).max() < 1e-9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("with_pose", [False, True])
 def test_sigmas_are_standard_deviations(scene, with_pose):
     """Distances of new spots in sigmas have variance one: of the spots alone, or with an estimated pose."""

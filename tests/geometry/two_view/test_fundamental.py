@@ -18,6 +18,7 @@ def pairs(n, seed, noise=0.3, flat=False):
     return [CAMERA.project(p.apply(xyz))[0] + rng.normal(0, noise, (n, 2)) for p in (A, B)]
 
 
+@pytest.mark.slow
 def test_it_is_right_and_its_covariance_is_what_repetition_shows():
     found = [refine_fundamental(*pairs(20, 3, 0.0), sigma_px=0.3)]
     assert np.abs(np.abs((found[0].matrix * TRUE).sum()) / np.linalg.norm(TRUE) - 1) < 1e-9

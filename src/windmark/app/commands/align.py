@@ -24,6 +24,7 @@ from windmark.app.commands.matching_options import (
     Roles,
     Scale,
     VolumeParts,
+    detect_settings,
     grid_settings,
     markers_settings,
     register_settings,
@@ -148,12 +149,7 @@ def align(
             ],
             "markers": markers_settings(markers, roles or ROLES_ALIGN),  # type: ignore[arg-type]
             "grid": grid_settings(grid, volume),  # type: ignore[arg-type]
-            "detect": {
-                "radius_px": tuple(radius) if radius else None,
-                "polarity": polarity,
-                "merit_max": merit_max,
-                "mask": mask,
-            },
+            "detect": detect_settings(radius, polarity, merit_max, mask),
             "register": register_settings(
                 seed, max_time, prior, prior_max_angle, prior_max_scale, occlusion=not no_occlusion, method=method
             ),

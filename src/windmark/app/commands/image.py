@@ -27,6 +27,7 @@ from windmark.app.commands.matching_options import (
     Scale,
     Tolerance,
     VolumeParts,
+    detect_settings,
     grid_settings,
     image_settings,
     markers_settings,
@@ -180,12 +181,7 @@ def register(
             "camera": [{"file": camera}],
             "image": [image_settings(image, label, exclude)],
             "markers": markers_settings(markers, roles),
-            "detect": {
-                "radius_px": tuple(radius) if radius else None,
-                "polarity": polarity,
-                "merit_max": merit_max,
-                "mask": mask,
-            },
+            "detect": detect_settings(radius, polarity, merit_max, mask),
             "register": register_settings(
                 seed,
                 max_time,

@@ -96,6 +96,13 @@ def register_settings(
     }  # fmt: skip
 
 
+def detect_settings(radius: list[float] | None, polarity: str, merit_max: float, mask: Path | None) -> dict[str, Any]:
+    """Table [detect] of a project."""
+    return {
+        "radius_px": tuple(radius) if radius else None, "polarity": polarity, "merit_max": merit_max, "mask": mask,
+    }  # fmt: skip
+
+
 def markers_settings(file: Path, roles: list[str] | tuple[str, ...] | None) -> dict[str, Any]:
     """Table [markers] of a project; without roles its default."""
     return {"file": file} | ({"roles": tuple(roles)} if roles else {})
