@@ -26,7 +26,7 @@ class Case:
     start: NetworkState
 
 
-def make(seed, *, views=8, points=25, noise=0.1, rig=False, seen=0.8, free=NAMES, kept=None, **options) -> Case:
+def make(seed, *, views=8, points=25, noise=0.1, rig=False, seen=0.8, free=NAMES, kept=None, camera=CAMERA, **options) -> Case:
     """Convergent pictures of a bumpy plate of 600 mm; with ``rig`` two cameras at every instant."""
     rng = np.random.default_rng(seed)
     xyz = rng.uniform(-300, 300, (points, 3)) * [1, 0.8, 0.3]
@@ -34,7 +34,7 @@ def make(seed, *, views=8, points=25, noise=0.1, rig=False, seen=0.8, free=NAMES
     frames = [view(rng) for _ in range(views)]
     rotation, translation = (np.stack([getattr(p, name) for p in frames]) for name in ("rotation", "translation"))
     offsets = Pose.exp(np.array([[0, 0, 0, 0, 0, 0], [0.02, -0.25, 0.05, 260.0, 10.0, 40.0]])) if rig else None
-    cameras = (CAMERA, replace(CAMERA, focal_px=1480.0, k1=-0.03))[:members]
+    cameras = (camera, replace(camera, focal_px=1480.0, k1=-0.03))[:members]
     view_frame, member = np.repeat(np.arange(views), members), np.tile(np.arange(members), views)
     truth = NetworkState(cameras, Pose(rotation, translation), xyz, offsets)
     v, p = np.nonzero(rng.random((views * members, points)) < seen)

@@ -12,6 +12,7 @@ from windmark.adjust.network import Bars, Network, NetworkProblem, numpy_path
 from windmark.adjust.network import _block_kernels as block_kernels
 from windmark.adjust.network import _kernels as kernels
 from windmark.adjust.network._arrays import ROOM, Equations
+from windmark.geometry.camera import LENS_PARAMETERS
 
 ALL = (*networks.NAMES, "k3", "tilt_x", "tilt_y")
 
@@ -24,6 +25,8 @@ def variant(name):
         return networks.make(2, free=("focal_px", "k1"), eliminate="frames")
     if name == "rig":
         return networks.make(3, rig=True, eliminate="points")
+    if name in WIDE:
+        return networks.make(5, free=LENS_PARAMETERS[name], camera=WIDE[name], eliminate="points")
     if name == "rig, frames out":
         return networks.make(3, rig=True, eliminate="frames")
     case = networks.make(4, views=5, points=12)
@@ -45,7 +48,11 @@ def replace_network(case, network):
     return networks.Case(network, case.truth, case.start)
 
 
-VARIANTS = ("points out", "frames out", "rig", "rig, frames out", "everything")
+WIDE = {
+    "rational": replace(networks.CAMERA, k4=0.1, k5=0.2, k6=-0.3, lens="rational"),
+    "fisheye": replace(networks.CAMERA, p1=0.0, p2=0.0, k3=0.1, k4=-0.2, lens="fisheye"),
+}
+VARIANTS = ("points out", "frames out", "rig", "rig, frames out", *WIDE, "everything")
 
 
 @pytest.mark.parametrize("name", VARIANTS)

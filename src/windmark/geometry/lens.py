@@ -272,13 +272,16 @@ def _inverse(target: Array, lens: Lens) -> Array:
     """(N,) inverse of `_growth`: Newton kept inside a bracket, so it cannot leave the branch; NaN without one."""
     low, high = np.zeros_like(target), _upper_bound(target, lens)
     solvable = _growth(high, lens)[0] >= target
-    r = np.minimum(target, high)
-    for _ in range(_MAX_STEPS):
+    r, last = np.minimum(target, high), np.full_like(target, np.inf)
+    for _ in range(2 * _MAX_STEPS):
         reached, slope = _growth(r, lens)
         error = reached - target
+        # Newton comes away from a pole by halves only: there the bracket is halved instead.
+        slow = (np.abs(error) > 0.5 * last) & (np.abs(error) > 1e-9 * (target + 1e-3))
+        last = np.abs(error)
         low, high = np.where(error < 0, r, low), np.where(error > 0, r, high)
         step = r - error / slope
-        r_new = np.where((step > low) & (step < high), step, 0.5 * (low + high))
+        r_new = np.where((step > low) & (step < high) & ~slow, step, 0.5 * (low + high))
         r_new = np.where(error == 0, r, r_new)
         moved = np.where(solvable, np.abs(r_new - r) - 4e-16 * np.maximum(r_new, 1e-3), -1.0)
         done = np.nanmax(moved, initial=-1.0) <= 0

@@ -79,7 +79,7 @@ def largest_difference_px(camera: Camera, other: Camera) -> float:
     """How far apart two cameras show the rays of the first one's pixels, at the worst place of the image."""
     width, height = camera.size_px
     columns, rows = np.meshgrid(np.linspace(0, width - 1, _CHECKED), np.linspace(0, height - 1, _CHECKED))
-    rays = camera.unproject(np.stack([columns, rows], axis=-1).reshape(-1, 2))
+    rays = camera.directions(np.stack([columns, rows], axis=-1).reshape(-1, 2))
     distance = np.linalg.norm(other.project(rays)[0] - camera.project(rays)[0], axis=1)
     return float(np.nanmax(distance, initial=0.0))
 

@@ -35,7 +35,7 @@ class Rays:
         """Every pixel's ray.
 
         The exact inverse lens is taken on nodes 12 px apart and carried to the pixels by quintic
-        splines (1e-9 px for lenses with 20 px of distortion). Where the lens has no inverse in part
+        splines (1e-9 px for lenses with 20 px of distortion). Where the lens is a fisheye or has no inverse in part
         of the image, every pixel is inverted instead.
         """
         width, height = camera.size_px
@@ -43,7 +43,7 @@ class Rays:
         gx, gy = _nodes(width), _nodes(height)
         node = camera.unproject(np.stack(np.meshgrid(gx, gy), axis=-1))[..., :2]
         uv = np.empty((height, width, 6))
-        if np.isfinite(node).all():
+        if np.isfinite(node).all() and camera.lens != "fisheye":  # towards 90 degrees no spline follows the tangent
             from scipy.interpolate import RectBivariateSpline
 
             for k in (0, 1):

@@ -1,0 +1,102 @@
+"""Wide lenses: calibrated from marks, and the lens model chosen by evidence."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from windmark.calibration import Free, self_calibrate
+from windmark.calibration.lens_choice import as_lens, choose_lens, field_deg, judged, lens_words
+from windmark.errors import UsageError
+from windmark.geometry import Camera, Pose
+from windmark.geometry.similarity import align
+from windmark.scene import MarkerSet, Observations, View
+
+SIZE = (1600, 1200)
+TRUE = {
+    "brown": Camera(SIZE, 1000.0, 1.0, 805.0, 590.0, k1=-0.1, k2=0.03),
+    "rational": Camera(SIZE, 800.0, 1.0, 805.0, 590.0, 0.4, 0.05, k3=1e-3, k4=0.75, k5=0.2, k6=0.01, lens="rational"),
+    "fisheye": Camera(SIZE, 570.0, 1.0, 805.0, 590.0, k1=-0.02, k2=3e-3, k3=-1e-3, k4=1e-4, lens="fisheye"),
+}
+VIEWS, NOISE = 14, 0.1
+
+
+def marks(camera, seed):
+    """Markers (N, 3) near the camera all round, and their marks in pictures from near by."""
+    rng = np.random.default_rng(seed)
+    grid = np.stack(np.meshgrid(np.linspace(-500, 500, 12), np.linspace(-500, 500, 10)), -1).reshape(-1, 2)
+    xyz = np.column_stack([grid + rng.normal(0, 10, grid.shape), rng.normal(0, 60, len(grid))])
+    view, point, xy = [], [], []
+    for i in range(VIEWS):
+        around, up = rng.uniform(0, 2 * np.pi), rng.uniform(0, 0.8)
+        eye = np.array([np.sin(up) * np.cos(around), np.sin(up) * np.sin(around), -np.cos(up)]) * rng.uniform(250, 450)
+        target = np.array([*rng.uniform(-100, 100, 2), 0])
+        pose = Pose.look_at(eye + np.array([*rng.uniform(-150, 150, 2), 0]), target, [np.cos(i), np.sin(i), 0.1])
+        seen, valid = camera.project(pose.apply(xyz))
+        there = np.flatnonzero(valid & camera.in_image(seen))
+        view.append(np.full(len(there), i))
+        point.append(there)
+        xy.append(seen[there] + rng.normal(0, NOISE, (len(there), 2)))
+    count = sum(map(len, view))
+    cov = np.broadcast_to(NOISE**2 * np.eye(2), (count, 2, 2)).copy()
+    return xyz, Observations(np.concatenate(view), np.concatenate(point), np.concatenate(xy), cov)
+
+
+def calibrated(camera, seed):
+    xyz, obs = marks(camera, seed)
+    rough = xyz + np.random.default_rng(seed + 1).normal(0, 5, xyz.shape)
+    table = MarkerSet.make([f"m{k}" for k in range(len(xyz))], rough)
+    views = [View(f"v{i}", "c", f"v{i}") for i in range(VIEWS)]
+
+    def run(cameras, **options):
+        return self_calibrate(obs, table, cameras, views, datum=Free(), **options)
+
+    return xyz, obs, run
+
+
+@pytest.mark.parametrize("lens", TRUE)
+def test_the_right_lens_is_chosen_and_its_sigmas_are_true(lens):
+    xyz, obs, run = calibrated(TRUE[lens], 3)
+    focal = TRUE[lens].focal_px
+    starts = {name: {"c": Camera(SIZE, 1.05 * focal, lens=name)} for name in TRUE}
+    tried = choose_lens(lambda cameras: run(cameras, max_sigma0=np.inf), starts, len(obs))
+    best = tried[0].outcome
+    assert tried[0].lens == lens, lens_words(tried)
+    assert best.sigma0 == pytest.approx(1.0, abs=0.06)
+    known = xyz[[int(n[1:]) for n in best.markers.name]]
+    off = align(best.markers.xyz, known, scale=True).apply(best.markers.xyz) - known
+    assert 0.85 < np.sqrt(((off / best.markers.sigma) ** 2).mean()) < 1.15
+    assert abs(best.cameras["c"].focal_px - focal) < 4 * best.sigma("c", "focal_px")
+
+
+def test_a_lens_is_converted_into_another_that_sees_nearly_the_same():
+    xy = np.stack(np.meshgrid(np.linspace(0, 1599, 9), np.linspace(0, 1199, 7)), axis=-1).reshape(-1, 2)
+    for camera, lens, most in ((TRUE["brown"], "fisheye", 0.1), (TRUE["brown"], "rational", 0.1)):
+        again = as_lens(camera, lens)
+        assert again.lens == lens
+        seen, valid = again.project(camera.directions(xy))
+        assert valid.all()
+        assert np.abs(seen - xy).max() < most
+    assert as_lens(TRUE["fisheye"], "fisheye") is TRUE["fisheye"]
+
+
+def test_fields_of_view():
+    assert field_deg(Camera((1000, 1000), 500 * np.sqrt(2))) == pytest.approx(90.0, abs=0.2)
+    assert field_deg(TRUE["fisheye"]) > 180
+    assert field_deg(Camera((1000, 1000), 100.0, lens="fisheye", k1=-0.3)) == 360.0
+
+
+def test_parameters_that_the_lens_lacks_are_named():
+    _, _, run = calibrated(TRUE["fisheye"], 3)
+    with pytest.raises(UsageError, match="a fisheye lens has no p1; it has focal_px"):
+        run({"c": TRUE["fisheye"]}, free=("focal_px", "k1", "p1"))
+    with pytest.raises(UsageError, match="a brown lens has no k5"):
+        run({"c": TRUE["brown"]}, free=("focal_px", "k5"))
+
+
+def test_without_any_calibration_nothing_is_chosen():
+    _, _, run = calibrated(TRUE["brown"], 3)
+    refused = run({"c": TRUE["brown"]}, max_sigma0=1e-6)
+    tried = judged({"brown": refused, "fisheye": refused}, 100)
+    assert not any(t.outcome for t in tried)
+    assert all(t.log_evidence == -np.inf for t in tried)
