@@ -47,7 +47,7 @@ def test_images_are_aligned_and_bad_ones_flagged(folder, tmp_path, windmark):
     assert io.read_image(out / "on1" / "sigma.tif").shape == reference.shape
     page = (out / "report.html").read_text(encoding="utf-8")
     assert "about the deformation itself nothing is learnt" in page
-    assert page.count("data:image/png") == 4
+    assert page.count('src="data:image/') == 4
     assert "blank.tif: not aligned" in page
 
 

@@ -36,7 +36,8 @@ def page(report, tmp_path_factory):
 
 def pixels(tab, selector=CANVAS):
     """An element as it is drawn, (H, W, 3)."""
-    tab.js("document.activeElement.blur()")  # no outline of what has the focus
+    tab.js("document.activeElement.blur()")  # no outline of what has the focus, nothing under the cursor
+    tab.mouse("mouseMoved", 2, 2)
     tab.centre(selector)
     box = tab.js(f"(() => {{ const r = document.querySelector('{selector}').getBoundingClientRect();"
                  " return [r.x + scrollX, r.y + scrollY, r.width, r.height]; })()")  # fmt: skip

@@ -1,5 +1,7 @@
 """`windmark calibrate` as a user types it: results, refusals, wrong usage."""
 
+import re
+
 import networks
 import numpy as np
 import pytest
@@ -7,6 +9,9 @@ import pytest
 from windmark import io
 from windmark.geometry import Camera, Pose
 from windmark.scene import MarkerCovariance, MarkerSet
+
+PACKED = r'base64,[A-Za-z0-9+/=]+|<script type="text/plain".*?</script>'
+"""Data, in which any letters may stand beside each other."""
 
 SIZE = "1500x1000"
 
@@ -53,8 +58,8 @@ def test_it_writes_everything(windmark, plate):
     page = (folder / "out" / "report.html").read_text()
     for words in ("Free network", "sigma0", "Half of the pictures", "Gross errors", "m07", "focal_px"):
         assert words in page
-    assert page.count("data:image/png;base64,") == 8
-    assert "http" not in page
+    assert page.count('src="data:image/') == 7
+    assert "http" not in re.sub(PACKED, "", page)
 
 
 def test_json_and_comparison_with_another_set(windmark, plate):
@@ -284,7 +289,7 @@ def test_the_papers_steps_end_where_newton_does(windmark, tmp_path):
 def test_without_its_pictures_the_calibration_is_there(windmark, plate, no_pictures):
     _, _, folder = plate
     done = call(windmark, folder, "--datum", "free", "--json")
-    missing = no_pictures(done, 8, folder / "out" / "report.html")
+    missing = no_pictures(done, 7, folder / "out" / "report.html")
     assert any(said.startswith("camera: picture of the residuals") for said in missing)
     assert io.read_camera(folder / "out" / "camera.json")[0].cov is not None
     assert io.read_json(folder / "out" / "summary.json")["not_drawn"] == missing

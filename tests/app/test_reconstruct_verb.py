@@ -1,5 +1,7 @@
 """`windmark reconstruct`: drawn pictures of unknown markers, from files to files; refusals, wrong usage."""
 
+import re
+
 import numpy as np
 import pytest
 import reconstruct_scenes as scenes
@@ -8,6 +10,9 @@ from windmark import io
 from windmark.geometry import Camera, Pose, imaged_ellipse
 from windmark.scene import MarkerSet
 from windmark.synth import disc_image
+
+PACKED = r'base64,[A-Za-z0-9+/=]+|<script type="text/plain".*?</script>'
+"""Data, in which any letters may stand beside each other."""
 
 CAMERA = Camera((1000, 750), 1020.0, 1.0, 503.0, 371.0, k1=-0.045)
 RADIUS, HALF = 4.5, 12
@@ -126,8 +131,8 @@ def test_the_report_has_pictures_and_words(done):
         "Stations and markers", "one of the two that were matched first", "P3", "empty",
     ):  # fmt: skip
         assert words in page
-    assert page.count("data:image/png;base64,") == 8
-    assert "http" not in page
+    assert page.count('src="data:image/') == 7
+    assert "http" not in re.sub(PACKED, "", page)
 
 
 def test_labels_and_a_free_focal_length(windmark, folder, wall, tmp_path):

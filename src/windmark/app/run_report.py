@@ -142,8 +142,8 @@ def _overview(report: Report, result: RunResult) -> None:
         ))  # fmt: skip
     report.table(
         ["image", "spots", "markers matched", "RMS px", "false-alarm number", "nodes with value", "time s", "status"],
-        rows,
-    )
+        rows, scroll=len(rows) > OPEN_IMAGES,
+    )  # fmt: skip
     report.text(
         "RMS is the root mean square length of the residual vector (2-D). The false-alarm number is how many wrong"
         " poses this good one would expect from chance alone in this image: 10^-9 and below is accepted.",

@@ -149,9 +149,13 @@ document.addEventListener('DOMContentLoaded', async () => {
 // On paper a scene is the picture that it shows just now.
 window.addEventListener('beforeprint', () => {
   document.documentElement.dataset.paper = 'yes'; // dark or not, paper is light
+  // What is only folded is printed; what is packed, one of very many, is not.
+  WM.unfolded = [...document.querySelectorAll('details:not([open]):not([data-blob])')];
+  for (const part of WM.unfolded) part.open = true;
   for (const scene of WM.scenes) scene.node.querySelector('.wm-still').src = scene.still();
 });
 window.addEventListener('afterprint', () => {
   delete document.documentElement.dataset.paper;
+  for (const part of WM.unfolded) part.open = false;
   for (const scene of WM.scenes) scene.redraw();
 });
