@@ -26,6 +26,7 @@ from windmark.registration.task import (
     used_spots,
 )
 from windmark.scene import Detections, MarkerSet
+from windmark.scene.shown import check_kinds
 
 if TYPE_CHECKING:
     from windmark.registration.search.layout import Layout
@@ -149,6 +150,8 @@ def register(  # type: ignore[misc]  # the overloads leave the options to this o
         For options out of range, and numbers of images, cameras and poses that differ.
     """
     verb = "register" if cam_from_rig is None else "register_rig"
+    if cam_from_rig is None:
+        check_kinds(verb, detections=(detections, Detections), markers=(markers, MarkerSet), camera=(camera, Camera))
     spots, cameras, poses = _of_cameras(verb, detections, camera, cam_from_rig)
     limits = Limits(max_log10_nfa, min_score, min_margin, max_focal_sigma, max_table_error, max_deformation)
     options: dict[str, Any] = {
