@@ -6,7 +6,7 @@ DEMO   := windmark-demo
 # A file of tests is run by one process; two files at a time halve the wait on two cores.
 TEST_PROCESSES ?= 2
 
-.PHONY: demo test bench paper-map clean
+.PHONY: demo test docs bench paper-map clean
 
 demo: $(VENV)/.installed
 	$(BIN)/windmark demo $(DEMO)
@@ -16,6 +16,10 @@ test: $(VENV)/.installed-test
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/pytest --numprocesses $(TEST_PROCESSES) --dist loadfile
+
+# The documentation site, build/docs/index.html; a link that leads nowhere is an error. No network is needed.
+docs: $(VENV)/.installed-docs
+	$(BIN)/python -m sphinx -b html -W --keep-going -q docs build/docs
 
 # Every command of docs/paper-map.md, from start to end (some eight minutes).
 paper-map: $(VENV)/.installed
@@ -32,6 +36,10 @@ $(VENV)/.installed: pyproject.toml constraints.txt
 
 $(VENV)/.installed-test: $(VENV)/.installed
 	$(BIN)/python -m pip install --quiet -c constraints.txt -e ".[test]"
+	touch $@
+
+$(VENV)/.installed-docs: $(VENV)/.installed
+	$(BIN)/python -m pip install --quiet -e ".[docs]"
 	touch $@
 
 clean:
