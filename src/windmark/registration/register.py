@@ -148,6 +148,17 @@ def register(  # type: ignore[misc]  # the overloads leave the options to this o
     ------
     ValueError
         For options out of range, and numbers of images, cameras and poses that differ.
+
+    Examples
+    --------
+    >>> import windmark as wm
+    >>> test = wm.synth.wind_tunnel(1, size_px=(640, 512), nodes=2000, clutter=None)
+    >>> shot = test.shot("wind-off")
+    >>> answer = wm.register(wm.detect(shot.image, radius_px=2.0), test.markers, test.cameras["cam1"])
+    >>> bool(answer), answer.rms_px < 0.1
+    (True, True)
+    >>> float(answer.cam_from_model.angle_to(shot.view.cam_from_model)) < 1e-3
+    True
     """
     verb = "register" if cam_from_rig is None else "register_rig"
     if cam_from_rig is None:
