@@ -7,7 +7,7 @@ DEMO   := windmark-demo
 TEST_PROCESSES ?= 2
 PYTEST := $(BIN)/pytest --numprocesses $(TEST_PROCESSES) --dist worksteal
 
-.PHONY: demo test test-all test-costs lint bench paper-map clean
+.PHONY: demo test test-all test-costs lint docs bench paper-map clean
 
 demo: $(VENV)/.installed
 	$(BIN)/windmark demo $(DEMO)
@@ -29,6 +29,10 @@ test-all: lint
 test-costs: $(VENV)/.installed-test
 	$(BIN)/pytest --costs test-costs.csv
 
+# The documentation site, build/docs/index.html; a link that leads nowhere is an error. No network is needed.
+docs: $(VENV)/.installed-docs
+	$(BIN)/python -m sphinx -b html -W --keep-going -q docs build/docs
+
 # Every command of docs/paper-map.md, from start to end (some eight minutes).
 paper-map: $(VENV)/.installed
 	$(BIN)/python docs/run_paper_map.py
@@ -44,6 +48,10 @@ $(VENV)/.installed: pyproject.toml constraints.txt
 
 $(VENV)/.installed-test: $(VENV)/.installed
 	$(BIN)/python -m pip install --quiet -c constraints.txt -e ".[test]"
+	touch $@
+
+$(VENV)/.installed-docs: $(VENV)/.installed
+	$(BIN)/python -m pip install --quiet -e ".[docs]"
 	touch $@
 
 clean:

@@ -10,6 +10,7 @@ import traceback
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from io import TextIOWrapper
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -33,9 +34,17 @@ DONE, DATA_SAY_NO, WRONG_USAGE, FAULT, INTERRUPTED = 0, 1, 2, 3, 130
 
 @contextmanager
 def progress(total: int | None = None) -> Iterator[Callable[[str], None]]:
-    """A function that shows the stage at work: a spinner on a terminal, nothing in a pipe."""
+    """A function that shows the stage at work: a spinner on a terminal, nothing in a pipe.
+
+    Of ``total`` parts (frames, points) each call ends one: a bar with their count and the time that is left.
+    """
     if not sys.stderr.isatty():
         yield lambda _: None
+        return
+    if total:
+        with counted("start") as step:
+            done = count(1)
+            yield lambda stage: step(stage, min(next(done), total), total)
         return
     from rich.console import Console
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
@@ -68,7 +77,7 @@ def counted(what: str) -> Iterator[Callable[[str, int, int], None]]:
     with Progress(TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
                   TimeRemainingColumn(), console=Console(stderr=True), transient=True) as bar:  # fmt: skip
         task = bar.add_task(what, total=None)
-        yield lambda name, number, count: bar.update(task, description=f"{what}: {name}", completed=number, total=count)
+        yield lambda name, number, count: bar.update(task, description=name or what, completed=number, total=count)
 
 
 def answer(record: Mapping[str, Any], as_json: bool, lines: list[str]) -> None:

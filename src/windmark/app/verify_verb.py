@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 from windmark import io
 from windmark.app import console
@@ -15,6 +16,7 @@ from windmark.app.verdict_words import verdict_lines
 from windmark.errors import UsageError
 from windmark.io.manifest import MANIFEST, read_manifest
 from windmark.pipeline.repeat import Difference, inputs_now, results_again
+from windmark.pipeline.settings import has_path
 from windmark.pipeline.verdict import Verdict
 
 Record = dict[str, Any]
@@ -91,6 +93,7 @@ def arguments(manifest: Record, folder: Path, target: Path) -> list[str]:
     options = dict(manifest.get("options", {}))
     words, last = verb.split(), []
     known = {p.name: p for p in command.params}
+    hints = get_type_hints(command.callback)
     where = next((name for name in TARGETS if name in known), None)
     if where is None:
         raise UsageError(f"{folder}: windmark {verb} writes no folder that could be compared")
@@ -99,7 +102,8 @@ def arguments(manifest: Record, folder: Path, target: Path) -> list[str]:
         raise UsageError(f"{folder}: made with {', '.join(unknown)}, which this version of windmark {verb} lacks")
     for name, value in {**options, where: str(target.resolve())}.items():
         param = known[name]
-        values = [_placed(v, param, folder, name == where) for v in (value if isinstance(value, list) else [value])]
+        is_path = name != where and has_path(hints.get(name))
+        values = [_placed(v, folder) if is_path else str(v) for v in (value if isinstance(value, list) else [value])]
         if param.param_type_name == "argument":
             last += values
         elif getattr(param, "is_flag", False):
@@ -109,12 +113,9 @@ def arguments(manifest: Record, folder: Path, target: Path) -> list[str]:
     return [*words, *(["--", *last] if any(word.startswith("-") for word in last) else last)]
 
 
-def _placed(value: Any, param: Any, folder: Path, whole: bool) -> str:
+def _placed(value: Any, folder: Path) -> str:
     """Paths of a manifest are relative to the result."""
-    is_path = "path" in str(getattr(param.type, "name", "")).lower() or "Path" in type(param.type).__name__
-    if is_path and not whole and not Path(str(value)).is_absolute():
-        return str((folder / str(value)).resolve())
-    return str(value)
+    return os.path.normpath(folder.resolve() / str(value))
 
 
 def _stored_verdict(folder: Path) -> Verdict | None:

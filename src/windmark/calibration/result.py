@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from windmark.adjust import SolveReport
 from windmark.geometry import Camera, Pose
 from windmark.scene import Doubt, MarkerSet, Observations, View
+from windmark.scene.shown import described, pandas_table
 
 Array = NDArray[np.float64]
 
@@ -26,6 +27,18 @@ CAUSES = {
 """Every cause of a `NotCalibrated`, in words."""
 
 
+def _figures(c: Calibration) -> dict[str, object]:
+    focal = ", ".join(f"{n} {k.focal_px:.2f} ± {c.sigma(n, 'focal_px'):.2g}" for n, k in c.cameras.items())
+    sigma = float(np.sqrt((c.markers.sigma**2).mean()))
+    return {
+        "views": len(c.views), "markers": len(c.markers), "marks": f"{int(c.used.sum())} of {len(c.used)}",
+        "sigma0": f"{c.sigma0:.3g}", "rms px": f"{c.rms_px:.3g}", "focal px": focal,
+        "markers' sigma": f"{sigma:.2g} {c.markers.length_unit}".rstrip(),
+        "warnings": "; ".join(c.warnings) or "none",
+    }  # fmt: skip
+
+
+@described(_figures)
 @dataclass(frozen=True)
 class Calibration:
     """Cameras, poses and marker coordinates from one adjustment, with their uncertainties.
@@ -81,6 +94,15 @@ class Calibration:
 
     def __bool__(self) -> bool:
         return True
+
+    def to_pandas(self) -> Any:
+        """A ``pandas.DataFrame``: view, marker, place, residual, test value of every mark, and whether it was used."""
+        obs = self.observations
+        return pandas_table({
+            "view": np.array([v.name for v in self.views])[obs.view], "marker": self.markers.name[obs.point],
+            "x": obs.xy[:, 0], "y": obs.xy[:, 1], "dx": self.residuals[:, 0], "dy": self.residuals[:, 1],
+            "test": self.test, "used": self.used,
+        })  # fmt: skip
 
     @property
     def warnings(self) -> tuple[str, ...]:

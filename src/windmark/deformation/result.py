@@ -17,6 +17,7 @@ from windmark.errors import UsageError
 from windmark.geometry import Camera, Pose
 from windmark.geometry.rotations import hat
 from windmark.scene import Doubt, Mesh
+from windmark.scene.shown import described, pandas_table
 
 Array = NDArray[np.float64]
 
@@ -31,6 +32,16 @@ CAUSES = {
 """Why there is no result."""
 
 
+def _figures(d: Deformation) -> dict[str, object]:
+    sigma = d.sigma
+    return {
+        "spots": f"{int(d.used.sum())} of {len(d.used)}", "rms px": f"{d.rms_px:.3g}", "sigma0": f"{d.sigma0:.3g}",
+        **{n: f"{v:.5g} ± {sigma[n]:.2g}" if n in sigma else f"{v:.5g}" for n, v in d.parameters.items()},
+        "warnings": "; ".join(d.warnings) or "none",
+    }  # fmt: skip
+
+
+@described(_figures)
 @dataclass(frozen=True, eq=False)
 class Deformation:
     """The identified state.
@@ -86,6 +97,14 @@ class Deformation:
     doubts: tuple[Doubt, ...] = ()
     suspect: tuple[str, ...] = ()
     misfit: Misfit | None = None
+
+    def to_pandas(self) -> Any:
+        """A ``pandas.DataFrame``: value and sigma of every parameter of the laws (NaN where it was not free)."""
+        sigma = self.sigma
+        return pandas_table({
+            "parameter": list(self.parameters), "value": list(self.parameters.values()),
+            "sigma": [sigma.get(n, float("nan")) for n in self.parameters],
+        })  # fmt: skip
 
     @property
     def warnings(self) -> tuple[str, ...]:

@@ -94,6 +94,15 @@ def detect(
     ------
     ValueError
         An image that is not (H, W) real numbers, a radius below 1, an unknown polarity or refinement.
+
+    Examples
+    --------
+    >>> import windmark as wm
+    >>> test = wm.synth.wind_tunnel(1, size_px=(640, 512), nodes=2000, clutter=None)
+    >>> shot = test.shot("wind-off")
+    >>> spots = wm.detect(shot.image, radius_px=2.0)
+    >>> len(spots) > 20, spots.xy.shape[1]
+    (True, 2)
     """
     if polarity == "auto":
         from windmark.detection.either import find_markers  # which calls this function

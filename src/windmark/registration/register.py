@@ -28,6 +28,7 @@ from windmark.registration.task import (
     used_spots,
 )
 from windmark.scene import Detections, MarkerSet
+from windmark.scene.shown import check_kinds
 
 if TYPE_CHECKING:
     from windmark.registration.search.layout import Layout
@@ -149,8 +150,21 @@ def register(  # type: ignore[misc]  # the overloads leave the options to this o
     ------
     ValueError
         For options out of range, and numbers of images, cameras and poses that differ.
+
+    Examples
+    --------
+    >>> import windmark as wm
+    >>> test = wm.synth.wind_tunnel(1, size_px=(640, 512), nodes=2000, clutter=None)
+    >>> shot = test.shot("wind-off")
+    >>> answer = wm.register(wm.detect(shot.image, radius_px=2.0), test.markers, test.cameras["cam1"])
+    >>> bool(answer), answer.rms_px < 0.1
+    (True, True)
+    >>> float(answer.cam_from_model.angle_to(shot.view.cam_from_model)) < 1e-3
+    True
     """
     verb = "register" if cam_from_rig is None else "register_rig"
+    if cam_from_rig is None:
+        check_kinds(verb, detections=(detections, Detections), markers=(markers, MarkerSet), camera=(camera, Camera))
     spots, cameras, poses = _of_cameras(verb, detections, camera, cam_from_rig)
     limits = Limits(max_log10_nfa, min_score, min_margin, max_focal_sigma, max_table_error, max_deformation)
     options: dict[str, Any] = {

@@ -15,6 +15,7 @@ from windmark.geometry import Camera, Pose
 from windmark.registration.cached import cached_property
 from windmark.registration.directions import WeakDirection, weak_directions
 from windmark.scene import Matching
+from windmark.scene.shown import described, pandas_table
 
 Array = NDArray[np.float64]
 
@@ -128,6 +129,18 @@ class _Found:
         return True
 
 
+def _figures(r: Registration) -> dict[str, object]:
+    pov = r.cam_from_model.to_pov()
+    return {
+        "markers": f"{len(r.matching)} of {r.n_expected}", "rms px": f"{r.rms_px:.3g}",
+        "excess px": f"{r.excess_px:.2g}", "log10_nfa": f"{r.log10_nfa:.0f}",
+        "rx, ry, rz deg": f"{pov.rx_deg:.3f}, {pov.ry_deg:.3f}, {pov.rz_deg:.3f}",
+        "dx, dy, dz": f"{pov.dx:.5g}, {pov.dy:.5g}, {pov.dz:.5g}", "focal px": f"{r.camera.focal_px:.2f}",
+        "weak": "; ".join(w.words() for w in r.weak) or "nothing",
+    }  # fmt: skip
+
+
+@described(_figures)
 @dataclass(frozen=True, kw_only=True)
 class Registration(_Found):
     """Which spot is which marker, and where the camera was.
@@ -167,6 +180,14 @@ class Registration(_Found):
     excess_px: float
     n_expected: int
 
+    def to_pandas(self) -> Any:
+        """A ``pandas.DataFrame``: marker, spot and residual (projected - detected, pixels) of every pair."""
+        residual = self.residuals
+        return pandas_table({
+            "marker": self.matching.marker, "detection": self.matching.detection, "dx": residual[:, 0],
+            "dy": residual[:, 1], "distance_px": np.hypot(residual[:, 0], residual[:, 1]),
+        })  # fmt: skip
+
     @cached_property
     def weak(self) -> tuple[WeakDirection, ...]:
         """Directions that the spots hardly determine, weakest first; of a camera without a marker of its own none."""
@@ -191,6 +212,10 @@ class Registration(_Found):
         return xyz[self.matching.marker]
 
 
+@described(lambda r: {
+    "markers": ", ".join(f"{n} of {m}" for n, m in zip(r.counts, r.n_expected, strict=True)),
+    "rms px": f"{r.rms_px:.3g}", "log10_nfa": f"{r.log10_nfa:.0f}",
+})  # fmt: skip
 @dataclass(frozen=True, kw_only=True)
 class RigRegistration(_Found):
     """Which spot is which marker in each of C cameras, and where the model was.

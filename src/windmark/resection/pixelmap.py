@@ -158,6 +158,15 @@ def map_pixels(mesh: Mesh, camera: Camera, cam_from_model: Pose, *, cull_backfac
     ValueError
         If ``cam_from_model`` is a batch of poses.
 
+    Examples
+    --------
+    >>> import windmark as wm
+    >>> test = wm.synth.wind_tunnel(1, size_px=(640, 512), nodes=2000, clutter=None)
+    >>> shot = test.shot("wind-off")
+    >>> seen = wm.map_pixels(test.mesh, test.cameras["cam1"], shot.view.cam_from_model)
+    >>> seen.xyz().shape
+    (512, 640, 3)
+
     Notes
     -----
     Source: AIAA 2005-5007, section III.D. Pixels beyond the radius where the lens model is one to one

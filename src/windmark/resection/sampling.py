@@ -79,6 +79,16 @@ def sample(
     Notes
     -----
     Source: AIAA 2005-5007, section III.D ("if the results are required on a given point set or on a line").
+
+    Examples
+    --------
+    >>> import windmark as wm
+    >>> test = wm.synth.wind_tunnel(1, size_px=(640, 512), nodes=2000, clutter=None)
+    >>> shot = test.shot("wind-off")
+    >>> camera, pose = test.cameras["cam1"], shot.view.cam_from_model
+    >>> values = wm.sample(shot.image, camera, pose, test.markers.xyz)
+    >>> len(values) == len(test.markers)
+    True
     """
     pixels = checked_image(image, camera.size_px, "sample")
     view = see_points(xyz, camera, cam_from_model, mesh=mesh, tolerance=tolerance)

@@ -3,14 +3,28 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from windmark.scene.shown import described, pandas_table
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
+def _figures(d: Detections) -> dict[str, object]:
+    if not len(d):
+        return {"spots": 0}
+    sigma = np.sqrt(np.median(np.trace(d.cov, axis1=1, axis2=2) / 2))
+    return {
+        "spots": len(d), "median radius px": f"{np.median(d.radius_px):.3g}", "median sigma px": f"{sigma:.2g}",
+        "flagged": int((d.flags != 0).sum()),
+    }  # fmt: skip
+
+
+@described(_figures)
 @dataclass(frozen=True)
 class Detections:
     """M spots of one image as columns, best first (in the detector's order of quality).
@@ -82,6 +96,16 @@ class Detections:
             flags=np.array(np.broadcast_to(np.asarray(flags, dtype=np.int64), (m,))),
         )
 
+    def to_pandas(self) -> Any:
+        """A ``pandas.DataFrame``: x, y, their sigmas and correlation, merit, radius, depth and flags of each spot."""
+        sigma = np.sqrt(np.diagonal(self.cov, axis1=1, axis2=2))
+        with np.errstate(invalid="ignore", divide="ignore"):
+            rho = self.cov[:, 0, 1] / sigma.prod(axis=1)
+        return pandas_table({
+            "x": self.xy[:, 0], "y": self.xy[:, 1], "sigma_x": sigma[:, 0], "sigma_y": sigma[:, 1], "rho": rho,
+            "merit": self.merit, "radius_px": self.radius_px, "depth": self.depth, "flags": self.flags,
+        })  # fmt: skip
+
     def __len__(self) -> int:
         return len(self.xy)
 
@@ -102,6 +126,7 @@ FLAGS = {1: "border", 2: "saturated", 4: "contaminated", 8: "touching", 16: "ill
 """Meaning of the bits of `Detections.flags`."""
 
 
+@described(lambda m: {"pairs": len(m.marker)})
 @dataclass(frozen=True)
 class Matching:
     """K pairs of a spot and a marker, one to one.

@@ -9,11 +9,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from windmark.scene.shown import described, pandas_table
+
 Array = NDArray[np.float64]
 
 ROLES = ("model", "wall", "primary", "secondary", "tap", "virtual", "fiducial")
 
 
+def _figures(m: MarkerSet) -> dict[str, object]:
+    role, count = np.unique(m.role, return_counts=True)
+    unit = m.length_unit or "no unit"
+    return {"markers": len(m), "roles": ", ".join(f"{n} {r}" for r, n in zip(role, count, strict=True)), "unit": unit}
+
+
+@described(_figures)
 @dataclass(frozen=True)
 class MarkerSet:
     """N markers as columns.
@@ -87,6 +96,15 @@ class MarkerSet:
             role=_text(role, n),
             length_unit=length_unit,
         )
+
+    def to_pandas(self) -> Any:
+        """A ``pandas.DataFrame``: name, x, y, z, normal, radius, volume, role and sigma of each marker."""
+        axes = "xyz"
+        return pandas_table({
+            "name": self.name, **{a: self.xyz[:, k] for k, a in enumerate(axes)},
+            **{f"n{a}": self.normal[:, k] for k, a in enumerate(axes)}, "radius": self.radius, "volume": self.volume,
+            "role": self.role, **{f"sigma_{a}": self.sigma[:, k] for k, a in enumerate(axes)},
+        })  # fmt: skip
 
     def __len__(self) -> int:
         return len(self.name)

@@ -8,6 +8,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.scene.shown import described
+
 Array = NDArray[np.float64]
 
 
@@ -29,6 +31,10 @@ class Block:
         return int(np.prod(self.shape_ijk))
 
 
+@described(lambda m: {
+    "nodes": len(m.vertices), "triangles": len(m.triangles),
+    "volumes": ", ".join(map(str, dict.fromkeys(m.volume.tolist()))) or "none", "unit": m.length_unit or "no unit",
+})  # fmt: skip
 @dataclass(frozen=True)
 class Mesh:
     """A triangulated surface.

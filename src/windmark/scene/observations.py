@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.geometry import Pose
+from windmark.scene.shown import described
 
 
 @dataclass(frozen=True)
@@ -20,6 +21,9 @@ class View:
     cam_from_model: Pose | None = None
 
 
+@described(lambda o: {
+    "marks": len(o.xy), "views": len(np.unique(o.view)), "points": len(np.unique(o.point)),
+})  # fmt: skip
 @dataclass(frozen=True)
 class Observations:
     """O observed image points as columns.

@@ -103,7 +103,7 @@ def units_findings(markers: MarkerSet, mesh: Mesh, unit: str) -> list[Finding]:
             BAD if sure else DOUBTFUL,
             "units",
             f"markers over {size[0]:.3g} {unit} on a grid of {size[1]:.3g} {unit}: the table is "
-            f"rather in {' or '.join(units)}",
+            f"rather in {' or '.join(_spelt(u) for u in units)}",
             f"windmark convert --unit {units[0]} --to-unit {unit} for the table, or correct its length_unit",
         )
     ]

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from windmark.calibration import Calibration
 from windmark.geometry import Camera
 from windmark.scene import Doubt, MarkerSet, Tracks, View
+from windmark.scene.shown import described
 
 Array = NDArray[np.float64]
 
@@ -34,6 +35,11 @@ Cause = Literal[
 ]  # fmt: skip
 
 
+@described(lambda r: {
+    "markers": len(r.markers), "views": f"{len(r.views) - len(r.dropped)} of {len(r.views)}",
+    "rms px": f"{r.rms_px:.3g}", "sigma0": f"{r.calibration.sigma0:.3g}",
+    "warnings": "; ".join(r.warnings) or "none",
+})  # fmt: skip
 @dataclass(frozen=True)
 class Reconstruction:
     """Markers, views and cameras in the frame and the length unit of the primary markers.

@@ -1,0 +1,164 @@
+"""Reference pages from the program itself: every command, every project key, every public name.
+
+    python docs/make_reference.py [FOLDER]
+
+Written by the docs build (`conf.py`); nothing here is kept by hand.
+"""
+
+from __future__ import annotations
+
+import inspect
+import re
+import sys
+import typing
+from pathlib import Path
+from typing import Any, get_args, get_origin
+
+HERE = Path(__file__).parent
+
+
+def write_reference(folder: Path) -> list[Path]:
+    """Write all pages; their paths."""
+    folder.mkdir(exist_ok=True)
+    pages = {"commands.md": commands(), "keys.md": keys(), "api.md": api()}
+    for name, text in pages.items():
+        path = folder / name
+        if not path.exists() or path.read_text(encoding="utf-8") != text:
+            path.write_text(text, encoding="utf-8")
+    return [folder / name for name in pages]
+
+
+def every_command() -> list[tuple[str, Any]]:
+    """(words, command) of every verb, those of groups, too."""
+    import typer
+
+    from windmark.app.cli import app
+
+    group: Any = typer.main.get_command(app)
+    out: list[tuple[str, Any]] = []
+    for name, command in group.commands.items():
+        if hasattr(command, "commands"):
+            out += [(f"{name} {inner}", one) for inner, one in command.commands.items()]
+        else:
+            out.append((name, command))
+    return out
+
+
+def commands() -> str:
+    """The page of commands."""
+    codes = "Exit codes: 0 done, 1 the data say no (with the reason), 2 wrong usage or bad file, 3 a fault of windmark,"
+    head = "Every verb also takes `--json`, for machines, and `--help`."
+    out = ["# Commands", "", f"{head} {codes} 130 interrupted.", ""]
+    for words, command in every_command():
+        out += [f"## {words}", "", _escaped(command.help or ""), ""]
+        if command.epilog:
+            out += ["```", *(f"{example}" for example in examples(command.epilog)), "```", ""]
+        out += ["| option | meaning | default |", "|---|---|---|"]
+        for param in command.params:
+            if param.name == "help":
+                continue
+            names = ", ".join(f"`{o}`" for o in (*param.opts, *param.secondary_opts))
+            if param.param_type_name == "argument":
+                names = f"`{param.name.upper()}`" + ("" if param.required else " (optional)")
+            default = param.default
+            shown = "" if default in (None, False, ()) or callable(default) else f"`{default}`"
+            required = "required" if param.required and param.param_type_name != "argument" else shown
+            out.append(f"| {names} | {_escaped(getattr(param, 'help', None) or '')} | {required} |")
+        out.append("")
+    return "\n".join(out)
+
+
+def examples(epilog: str) -> list[str]:
+    """The command lines of an epilog ``Example: windmark ..., or windmark ...``."""
+    text = re.sub(r"^Examples?:\s*", "", epilog.strip())
+    parts = re.split(r"(?:;|,\s*or|,\s*then|\.\s)\s*(?=windmark )|\n(?=windmark )", text)
+    return [part.strip().rstrip(".,;") for part in parts if part.strip().startswith("windmark ")]
+
+
+def keys() -> str:
+    """The page of project keys, by kind of project."""
+    from windmark.pipeline.check import MODELS
+    from windmark.pipeline.kinds import KINDS
+
+    out = ["# Project keys", "", "Project files are TOML. Paths are relative to the file. A key that is not listed is "
+           "refused; `windmark check` lists everything that is wrong at once.", ""]  # fmt: skip
+    for verb, model in MODELS.items():
+        out += [f"## windmark {verb}: {KINDS[verb]}", ""]
+        out += _table(model, "")
+        for name, about in model.model_fields.items():
+            inner = _inner(about.annotation)
+            if inner is not None:
+                key = about.alias or name
+                several = "list" in str(about.annotation) or "tuple" in str(about.annotation)
+                out += [f"### {verb}: {'[[' if several else '['}{key}{']]' if several else ']'}", "", _doc(inner), ""]
+                out += _table(inner, key)
+    return "\n".join(out)
+
+
+def _table(model: Any, key: str) -> list[str]:
+    rows = ["| key | type | default |", "|---|---|---|"]
+    for name, about in model.model_fields.items():
+        if name == "path" or (not key and _inner(about.annotation) is not None):
+            continue
+        default = "required" if about.is_required() else _default(about)
+        rows.append(f"| `{about.alias or name}` | {_type(about.annotation)} | {default} |")
+    return [*rows, ""] if len(rows) > 2 else []
+
+
+def _default(about: Any) -> str:
+    value = about.get_default(call_default_factory=True)
+    return "" if value is None or value == () or value == {} else f"`{value}`"
+
+
+def _type(annotation: Any) -> str:
+    origin, args = get_origin(annotation), get_args(annotation)
+    if annotation is type(None):
+        return ""
+    if origin is typing.Literal:
+        return ", ".join(f'`"{a}"`' for a in args)
+    if origin is typing.Annotated:
+        return _type(args[0])
+    if origin is tuple:
+        return f"list of {_type(args[0])}" if args and args[-1] is Ellipsis else f"{len(args)} × {_type(args[0])}"
+    if origin is dict:
+        return f"table of {_type(args[1])}"
+    if args:
+        return " or ".join(filter(None, (_type(a) for a in args)))
+    names = {"str": "text", "float": "number", "int": "whole number", "bool": "true or false", "Path": "file"}
+    name = getattr(annotation, "__name__", str(annotation))
+    return names.get(name, "table")
+
+
+def _inner(annotation: Any) -> Any:
+    from windmark.pipeline.settings import model_in
+
+    return model_in(annotation)
+
+
+def _doc(model: Any) -> str:
+    text = inspect.cleandoc(model.__doc__ or "")
+    return _escaped(text).replace("``", "`")
+
+
+def api() -> str:
+    """The page of public names, by room."""
+    import windmark
+
+    out = ["# Python", "", "`import windmark as wm`; everything is loaded on first use.", ""]
+    for room, names in windmark._HOME.items():
+        out += [f"## {room}", ""]
+        for name in names:
+            kind = "autoclass" if inspect.isclass(getattr(windmark, name)) else "autofunction"
+            if not callable(getattr(windmark, name)):
+                kind = "autodata"
+            out += ["```{eval-rst}", f".. {kind}:: windmark.{name}", "```", ""]
+    return "\n".join(out)
+
+
+def _escaped(text: str) -> str:
+    return text.replace("|", "\\|").replace("<", "&lt;").replace("*", "\\*")
+
+
+if __name__ == "__main__":
+    for written in write_reference(Path(sys.argv[1]) if len(sys.argv) > 1 else HERE / "reference"):
+        print(written)

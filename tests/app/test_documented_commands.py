@@ -1,0 +1,120 @@
+"""Every command that the documentation or a --help shows is one that the program takes; the cheap ones are run."""
+
+import glob
+import json
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import typer
+
+from windmark.app.cli import app
+
+ROOT = Path(__file__).parents[2]
+PAGES = sorted([*ROOT.glob("docs/*.md"), *ROOT.glob("docs/tutorial/*.md"), ROOT / "README.md"])
+sys.path.insert(0, str(ROOT / "docs"))
+
+from make_reference import every_command, examples  # noqa: E402
+
+NOT_LITERAL = re.compile(r"\.\.\.|…|\[[A-Z]|VERB|<[a-z]")
+"""What a reader has to put something in place of."""
+
+
+def documented() -> list[tuple[str, str]]:
+    """(where, command line) of every block of code."""
+    out = []
+    for page in PAGES:
+        block = False
+        text = page.read_text(encoding="utf-8").replace("\\\n", " ")
+        for number, line in enumerate(text.splitlines(), start=1):
+            if line.startswith("```"):
+                block = not block
+            elif block and line.strip().startswith("windmark "):
+                out.append((f"{page.name}:{number}", line.strip()))
+    return out
+
+
+def helps() -> list[tuple[str, str]]:
+    """(verb, command line) of every example in a --help."""
+    return [(words, line) for words, command in every_command() for line in examples(command.epilog or "")]
+
+
+def parsed(line: str) -> None:
+    """Parse as the program does, without carrying it out."""
+    words = shlex.split(line, comments=True)[1:]
+    words = words[: next((k for k, w in enumerate(words) if w in ("|", ">", "&&", ";")), len(words))]
+    group = typer.main.get_command(app)
+    if words[:1] in (["--version"], ["-V"], ["--help"], ["--install-completion"]):
+        return
+    command = group
+    while hasattr(command, "commands"):
+        assert words, f"no verb in {line!r}"
+        command = command.commands[words.pop(0)]
+    if "--help" in words:
+        words.remove("--help")
+        command.make_context("windmark", words, resilient_parsing=True)
+        return
+    command.make_context("windmark", words)
+
+
+@pytest.mark.parametrize(("where", "line"), documented(), ids=lambda v: v[:60])
+def test_documented_command_parses(where, line):
+    if NOT_LITERAL.search(line):
+        pytest.skip("has a place to be filled in by the reader")
+    parsed(line)
+
+
+@pytest.mark.parametrize(("verb", "line"), helps(), ids=lambda v: v[:60])
+def test_example_of_help_parses(verb, line):
+    assert line.split()[1 : 1 + len(verb.split())] == verb.split()
+    parsed(line)
+
+
+def test_every_verb_has_an_example():
+    without = [words for words, command in every_command() if not examples(command.epilog or "")]
+    assert without == []
+
+
+def test_the_reference_names_every_verb_and_key():
+    from make_reference import commands, keys
+
+    text = commands()
+    assert all(f"\n## {words}\n" in text for words, _ in every_command())
+    assert "`radius_px`" in keys()
+    assert "`emissivity`" in keys()
+
+
+def test_relative_links_of_the_documentation_lead_somewhere():
+    broken = []
+    for page in [*PAGES, *ROOT.glob("docs/reference/formats.md")]:
+        for target in re.findall(r"\]\(([^)\s]+)\)", page.read_text(encoding="utf-8")):
+            file = target.partition("#")[0]
+            if file and "://" not in file and not (page.parent / file).exists():
+                generated = "reference" in file and Path(file).stem in ("commands", "keys", "api")
+                broken += [] if generated else [f"{page.name}: {target}"]
+    assert broken == []
+
+
+def run(line: str, folder: Path) -> subprocess.CompletedProcess[str]:
+    words = [w for word in shlex.split(line)[1:] for w in (glob.glob(word, root_dir=folder) or [word])]
+    return subprocess.run(
+        [sys.executable, "-m", "windmark.app.cli", *words], cwd=folder, capture_output=True, text=True, check=False
+    )
+
+
+@pytest.mark.parametrize("line", ["windmark doctor --json", "windmark -V", "windmark laws", "windmark --help"])
+def test_cheap_commands_run(line, tmp_path):
+    done = run(line, tmp_path)
+    assert done.returncode in (0, 1), done.stderr
+    if "--json" in line:
+        assert "findings" in json.loads(done.stdout)
+
+
+def test_wrong_options_are_json_for_machines(tmp_path):
+    done = run("windmark run --nope --json", tmp_path)
+    assert done.returncode == 2
+    assert "--nope" in json.loads(done.stdout)["error"]
+    assert "Traceback" not in done.stderr

@@ -1,0 +1,270 @@
+"""A project is checked as a whole; the kinds of projects; patterns; what lies in a folder; a result had again."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from windmark import io
+from windmark.app import init_verb, verify_verb
+from windmark.errors import UsageError
+from windmark.geometry import Camera
+from windmark.io import FileError
+from windmark.pipeline.check import check_project
+from windmark.pipeline.deform.project import read_deform_project
+from windmark.pipeline.folder import look_into
+from windmark.pipeline.kinds import kind_of
+from windmark.pipeline.new_project import choose
+from windmark.pipeline.project import read_project
+from windmark.pipeline.repeat import Difference, inputs_now, results_again
+from windmark.pipeline.toml_lines import line_of, toml_lines
+from windmark.scene import MarkerSet
+
+SOUND = """\
+title = "small"
+length_unit = "mm"
+
+[[camera]]
+file = "camera.json"
+
+[[image]]
+file = "img*.tif"
+
+[markers]
+file = "markers.csv"
+
+[detect]
+radius_px = 3
+"""
+
+
+@pytest.fixture
+def folder(tmp_path) -> Path:
+    io.write_camera(tmp_path / "camera.json", Camera((64, 48), 80.0, 1.0, 31.5, 23.5))
+    markers = MarkerSet.make([f"m{k}" for k in range(6)], np.random.default_rng(1).normal(size=(6, 3)))
+    io.write_markers(tmp_path / "markers.csv", markers, length_unit="mm")
+    for k in (1, 2, 10):
+        io.write_image(tmp_path / f"img{k}.tif", np.full((48, 64), 100 + k, np.uint8))
+    (tmp_path / "project.toml").write_text(SOUND)
+    return tmp_path
+
+
+def test_a_sound_project_has_no_problem_and_its_pattern_is_in_natural_order(folder):
+    found = check_project(folder / "project.toml")
+    assert found.problems == []
+    assert found.kind == "run"
+    assert [i.file.name for i in read_project(folder / "project.toml").image] == ["img1.tif", "img2.tif", "img10.tif"]
+
+
+def test_everything_that_is_wrong_is_listed_at_once_with_its_line(folder):
+    text = SOUND.replace("title", "titel").replace("markers.csv", "marker.csv").replace("= 3", "= -3")
+    (folder / "project.toml").write_text(text.replace("img*.tif", "pic*.tif"))
+    problems = {p.key: p for p in check_project(folder / "project.toml").problems}
+    assert {"titel", "title", "markers.file", "detect.radius_px", "image[0].file"} <= set(problems)
+    assert "did you mean title" in problems["titel"].words
+    assert problems["titel"].line == 1
+    assert "did you mean markers.csv" in problems["markers.file"].words
+    assert problems["markers.file"].line == 11
+    assert problems["detect.radius_px"].line == 14
+
+
+def test_pictures_of_another_size_and_unreadable_ones(folder):
+    io.write_image(folder / "img2.tif", np.zeros((10, 10), np.uint8))
+    (folder / "img10.tif").write_bytes(b"II*\0garbage")
+    problems = [p for p in check_project(folder / "project.toml").problems if p.key == "image[0].file"]
+    assert len(problems) == 2
+    assert all(p.line == 8 for p in problems)
+
+
+def test_unit_that_contradicts_the_files(folder):
+    (folder / "project.toml").write_text(SOUND.replace('"mm"', '"in"'))
+    (problem,) = check_project(folder / "project.toml").problems
+    assert problem.key == "markers.file"
+    assert "mm" in problem.words
+
+
+@pytest.mark.parametrize("text", ["", "[", "a = 1", "camera = 3\nimage = 4\nmarkers = 5", "[[image]]\n[[camera]]\n"])
+def test_half_written_projects_are_explained(folder, text):
+    (folder / "project.toml").write_text(text)
+    if text == "[":
+        with pytest.raises(FileError, match="TOML"):
+            check_project(folder / "project.toml")
+    else:
+        assert check_project(folder / "project.toml").problems
+
+
+def test_a_pattern_with_a_name_or_without_a_match_is_refused(folder):
+    (folder / "project.toml").write_text(SOUND.replace('"img*.tif"', '"img*.tif"\nname = "one"'))
+    with pytest.raises(FileError, match="of one picture"):
+        read_project(folder / "project.toml")
+    (folder / "project.toml").write_text(SOUND.replace("img*", "none*"))
+    with pytest.raises(FileError):
+        read_project(folder / "project.toml")
+
+
+def test_the_wrong_verb_names_the_right_one(folder):
+    with pytest.raises(FileError, match=r"windmark run project\.toml"):
+        read_deform_project(folder / "project.toml")
+    other = folder / "deform.toml"
+    other.write_text('title = "t"\nlength_unit = "mm"\n[[volume]]\nname = "wing"\n')
+    with pytest.raises(FileError, match=r"windmark deform deform\.toml"):
+        read_project(other)
+
+
+def test_kinds():
+    assert kind_of({"image": []}) == "run"
+    assert kind_of({"camera": [{"images": "a*"}]}) == "deform"
+    assert kind_of({"paint": {}, "volume": []}) == "psp"
+    assert kind_of({"surface": {}, "sequence": {}}) == "infrared"
+    assert kind_of({"image": [], "volume": []}) is None
+    assert kind_of({}) is None
+
+
+def test_lines_of_keys():
+    text = 'a = 1\n[[b]]\nc = """\nd = 2\n"""\n[[b]]\n"c e" = 3\n[b.f]\ng.h = 4\n'
+    lines = toml_lines(text)
+    assert lines[("a",)] == 1
+    assert lines[("b", 0, "c")] == 3
+    assert ("b", 0, "d") not in lines
+    assert lines[("b", 1, "c e")] == 7
+    assert lines[("b", 1, "f", "g", "h")] == 9
+    assert line_of(lines, ("b", 1, "nothing")) == 6
+    assert line_of(lines, ("nothing",)) is None
+
+
+def test_init_makes_a_project_that_is_sound(folder):
+    (folder / "project.toml").unlink()
+    init_verb.init(folder, None, {}, None, False, False)
+    assert check_project(folder / "project.toml").problems == []
+    assert len(read_project(folder / "project.toml").image) == 3
+    with pytest.raises(UsageError, match="not written over"):
+        init_verb.init(folder, None, {}, None, False, False)
+
+
+def test_init_says_what_is_missing(folder, capsys):
+    for name in ("project.toml", "markers.csv"):
+        (folder / name).unlink()
+    (folder / "broken.png").write_bytes(b"\x89PNG nothing")
+    init_verb.init(folder, None, {}, None, False, False)
+    said = capsys.readouterr().out
+    assert "missing: a marker table" in said
+    assert "missing: the length unit" in said
+    assert "left out: broken.png" in said
+    assert check_project(folder / "project.toml").problems
+
+
+def test_two_cameras_of_one_size_are_told_by_their_names(folder):
+    (folder / "camera.json").rename(folder / "cam01.json")
+    io.write_camera(folder / "cam02.json", Camera((64, 48), 90.0, 1.0, 31.5, 23.5))
+    content = look_into(folder)
+    choice = choose(content, {"unit": "mm"})
+    assert choice.cameras[folder / "img1.tif"] == folder / "cam01.json"
+    assert choice.cameras[folder / "img2.tif"] == folder / "cam02.json"
+    assert choice.cameras[folder / "img10.tif"] is None
+    assert any("img10.tif" in words for words in choice.missing)
+
+
+def test_asking_that_is_interrupted_writes_nothing(folder, monkeypatch):
+    import typer
+
+    (folder / "project.toml").unlink()
+    (folder / "markers.csv").unlink()
+    monkeypatch.setattr(init_verb.sys, "stdin", _Terminal())
+    monkeypatch.setattr(init_verb.sys, "stderr", _Terminal())
+
+    def interrupted(*args, **options):
+        raise typer.Abort
+
+    monkeypatch.setattr(init_verb.typer, "prompt", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        init_verb.init(folder, None, {}, None, True, False)
+    assert not (folder / "project.toml").exists()
+
+
+class _Terminal:
+    def isatty(self) -> bool:
+        return True
+
+    def write(self, text: str) -> int:
+        return len(text)
+
+    def flush(self) -> None:
+        pass
+
+
+@pytest.mark.parametrize("what", ["nothing", "only text"])
+def test_init_of_a_folder_without_a_test(tmp_path, what):
+    if what == "only text":
+        (tmp_path / "notes.txt").write_text("hello")
+    with pytest.raises(UsageError, match="nothing of a test"):
+        init_verb.init(tmp_path, None, {}, None, False, False)
+
+
+def written(place: Path, name: str, **change) -> Path:
+    out = place / name
+    out.mkdir()
+    value = change.get("value", 1.0)
+    (out / "poses.csv").write_text(f"image,x,sigma_x,note\na,{value},0.1,fine\n")
+    (out / "summary.json").write_text(json.dumps({"rms_px": change.get("rms", 0.5), "seconds": {"a": value}}))
+    (out / "picture.png").write_bytes(b"1")
+    return out
+
+
+def test_a_result_is_the_same_within_a_tenth_of_its_sigma(tmp_path):
+    old, near, far = (written(tmp_path, n, value=v) for n, v in (("old", 1.0), ("near", 1.005), ("far", 1.05)))
+    found = Difference()
+    results_again(old, near, found)
+    assert found.repeated
+    assert "poses.csv" in found.same
+    found = Difference()
+    results_again(old, far, found)
+    assert not found.repeated
+    assert "0.5 sigma" in found.numbers["poses.csv"][0]
+    found = Difference()
+    results_again(old, written(tmp_path, "rms", rms=0.51), found)
+    assert "rms_px" in found.numbers["summary.json"][0]
+
+
+def test_inputs_that_changed_are_named(tmp_path):
+    out = written(tmp_path, "out")
+    table = tmp_path / "markers.csv"
+    table.write_text("1")
+    from windmark.io.manifest import file_hash
+
+    manifest = {
+        "inputs": [{"file": "../markers.csv", "sha256": file_hash(table)}, {"file": "../gone.csv", "sha256": "0"}],
+        "versions": {"numpy": "0.1"}, "outputs": {n: file_hash(out / n) for n in ("poses.csv", "picture.png")},
+    }  # fmt: skip
+    table.write_text("2")
+    (out / "poses.csv").write_text("image\n")
+    found = Difference()
+    inputs_now(out, manifest, found)
+    assert found.inputs == {"../markers.csv": "changed", "../gone.csv": "missing"}
+    assert found.versions["numpy"][0] == "0.1"
+    assert found.touched == ["poses.csv"]
+    assert not found.repeated
+
+
+def test_the_command_line_of_a_manifest(tmp_path):
+    manifest = {
+        "verb": "run", "options": {"project": "../project.toml", "roles": ["model", "wall"], "binding": True,
+                                   "no_occlusion": False, "max_time": 3.0},
+    }  # fmt: skip
+    out = tmp_path / "results"
+    words = verify_verb.arguments(manifest, out, tmp_path / "again")
+    assert words[0] == "run"
+    assert words[-1] == str(tmp_path / "project.toml")
+    assert words.count("--roles") == 2
+    assert "--binding" in words
+    assert "--no-occlusion" not in words
+    assert words[words.index("--output") + 1] == str((tmp_path / "again").resolve())
+    with pytest.raises(UsageError, match="does not have"):
+        verify_verb.arguments({"verb": "nothing"}, out, tmp_path / "again")
+    with pytest.raises(UsageError, match="lacks"):
+        verify_verb.arguments({"verb": "run", "options": {"nope": 1}}, out, tmp_path / "again")
+
+
+def test_verify_of_what_is_no_result(tmp_path):
+    with pytest.raises(UsageError, match="manifest"):
+        verify_verb.verify(tmp_path, None, False)

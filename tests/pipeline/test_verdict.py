@@ -1,0 +1,185 @@
+"""The verdict: right word and cause from results with planted faults; no word against clean ones."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter
+
+from windmark import io, synth
+from windmark.errors import WindmarkError
+from windmark.pipeline.job import run_project
+from windmark.pipeline.project import read_project
+from windmark.pipeline.track_results import PoseRow
+from windmark.pipeline.verdict import (
+    BAD,
+    CAUSES,
+    DOUBTFUL,
+    GOOD,
+    Finding,
+    Verdict,
+    deform_verdict,
+    error_verdict,
+    infrared_verdict,
+    psp_verdict,
+    run_verdict,
+    track_verdict,
+    units_findings,
+)
+from windmark.pipeline.verdict.picture import picture_findings, picture_state
+from windmark.pipeline.verdict.registered import MOVED, REFUSALS, one_digit, refused
+from windmark.registration import NotRegistered
+from windmark.registration.result import CAUSES as REGISTRATION_CAUSES
+
+_PROJECT = """\
+title = "small"
+length_unit = "mm"
+[[camera]]
+file = "camera.json"
+[[image]]
+file = "a.tif"
+[markers]
+file = "markers.csv"
+roles = ["model"]
+[grid]
+file = "model.grid"
+[detect]
+radius_px = 3
+"""
+
+
+@pytest.fixture(scope="module")
+def tunnel():
+    return synth.wind_tunnel(11, size_px=(1000, 800), nodes=4000, clutter=None, tip_fraction=0.03)
+
+
+def judged(folder: Path, test, shot="wind-off", *, camera=None, markers=None, image=None) -> Verdict:
+    io.write_camera(folder / "camera.json", camera or test.cameras["cam1"])
+    io.write_markers(folder / "markers.csv", markers or test.markers, length_unit="mm")
+    io.write_mesh(folder / "model.grid", test.mesh)
+    io.write_image(folder / "a.tif", test.shot(shot).image if image is None else image)
+    (folder / "project.toml").write_text(_PROJECT)
+    try:
+        return run_verdict(run_project(read_project(folder / "project.toml"), workers=1))
+    except WindmarkError as error:
+        return error_verdict(error)
+
+
+def test_a_clean_job_is_good(tmp_path, tunnel):
+    verdict = judged(tmp_path, tunnel)
+    assert (verdict.word, verdict.cause, verdict.findings) == (GOOD, "", ())
+    assert "29 markers" in verdict.reason
+    assert verdict.next_step
+
+
+def test_wrong_focal_length(tmp_path, tunnel):
+    camera = tunnel.cameras["cam1"]
+    verdict = judged(tmp_path, tunnel, camera=replace(camera, focal_px=1.08 * camera.focal_px))
+    assert (verdict.word, verdict.cause) == (BAD, "focal")
+
+
+def test_table_in_inches_that_says_millimetres(tmp_path, tunnel):
+    m = tunnel.markers
+    verdict = judged(tmp_path, tunnel, markers=replace(m, xyz=m.xyz / 25.4, radius=m.radius / 25.4))
+    assert verdict.cause == "units"
+    assert "inch" in verdict.reason
+
+
+def test_blurred_picture(tmp_path, tunnel):
+    image = tunnel.shot("wind-off").image
+    verdict = judged(tmp_path, tunnel, image=gaussian_filter(image.astype(float), 2.6).astype(image.dtype))
+    assert (verdict.word, verdict.cause) == (DOUBTFUL, "blurred")
+
+
+def test_bent_model(tmp_path, tunnel):
+    verdict = judged(tmp_path, tunnel, "wind-on")
+    assert (verdict.word, verdict.cause) == (DOUBTFUL, "bent")
+
+
+def test_a_marker_that_is_off_its_table_is_named(tmp_path, tunnel):
+    m = tunnel.markers
+    seen = np.flatnonzero((m.role == "model") & tunnel.shot("wind-off").perfect.markers.visible)
+    xyz = m.xyz.copy()
+    xyz[seen[6]] += [4.0, 3.0, 0.0]
+    verdict = judged(tmp_path, tunnel, markers=replace(m, xyz=xyz))
+    assert (verdict.word, verdict.cause) == (DOUBTFUL, "marker")
+    assert str(m.name[seen[6]]) in verdict.reason
+
+
+def test_markers_scattered_off_their_table(tmp_path, tunnel):
+    m = tunnel.markers
+    xyz = m.xyz + np.random.default_rng(5).normal(0, 0.5, m.xyz.shape)
+    verdict = judged(tmp_path, tunnel, markers=replace(m, xyz=xyz))
+    assert (verdict.word, verdict.cause) == (DOUBTFUL, "table")
+    off = float(verdict.reason.split("about ")[1].split()[0])
+    assert 0.25 < off < 1.0
+
+
+def test_saturated_picture(tmp_path, tunnel):
+    image = tunnel.shot("wind-off").image
+    level = np.quantile(image, 0.97)
+    verdict = judged(tmp_path, tunnel, image=np.minimum(image, level).astype(image.dtype))
+    assert verdict.cause == "saturated"
+
+
+def test_every_refusal_has_a_cause_and_a_next_step():
+    assert set(REFUSALS) == set(REGISTRATION_CAUSES)
+    for cause in REGISTRATION_CAUSES:
+        found = refused(NotRegistered("why", cause))
+        assert found.word == BAD
+        assert found.cause in CAUSES
+        assert found.next_step
+    assert refused(NotRegistered(f"camera cam2 is {MOVED[2]}", "wrong_camera")).cause == "moved"
+
+
+def test_what_explains_comes_first_and_one_bad_image_makes_no_job_bad():
+    few = Finding(BAD, "few", "few markers", "more", "a")
+    blurred = Finding(DOUBTFUL, "blurred", "blurred", "focus", "a")
+    both = Verdict.of([few, blurred], 3, "", "")
+    assert (both.word, both.cause) == (DOUBTFUL, "blurred")
+    assert both.reason.startswith("a: ")
+    alone = Verdict.of([few], 1, "", "")
+    assert alone.word == BAD
+    every = Verdict.of([few.at(name) for name in "abc"], 3, "", "")
+    assert every.word == BAD
+    assert "2 more of 3" in every.reason
+
+
+def test_record_and_back():
+    verdict = Verdict.of([Finding(BAD, "units", "inches", "convert", "a")], 1, "", "")
+    assert Verdict.of_record(verdict.record()) == verdict
+
+
+def test_finding_refuses_what_is_no_cause():
+    with pytest.raises(ValueError, match="cause"):
+        Finding(BAD, "bad luck", "why", "what")
+
+
+def test_picture_without_spots_and_flat_pictures():
+    for image in (np.zeros((40, 50), np.uint8), np.full((40, 50), 7.5), np.full((40, 50), np.nan)):
+        state = picture_state(image, None, "dark")
+        assert not [f for f in picture_findings(state) if f.cause == "blurred"]
+
+
+def test_series_without_any_result_are_bad():
+    nan = np.full(6, np.nan)
+    none = (np.zeros(0, np.int64), np.zeros((0, 4)))
+    row = PoseRow(0, "a", 0.0, "lost", "no pose", False, 0.0, 0, 0, np.nan, nan, nan, None, none)
+    for verdict in (track_verdict([row], "mm"), track_verdict([], "mm"), deform_verdict([]), psp_verdict([]),
+                    infrared_verdict([])):  # fmt: skip
+        assert verdict.word == BAD
+        assert verdict.reason
+        assert verdict.next_step
+
+
+def test_units_of_three_markers_say_nothing(tunnel):
+    few = replace(tunnel.markers, **{
+        f: getattr(tunnel.markers, f)[:3] for f in ("name", "xyz", "sigma", "radius", "normal", "volume", "role")
+    })  # fmt: skip
+    assert units_findings(few, tunnel.mesh, "mm") == []
+
+
+@pytest.mark.parametrize(("value", "words"), [(0.0109, "0.01"), (0.36, "0.4"), (2.2, "2"), (0.0, "0")])
+def test_an_estimate_has_one_digit(value, words):
+    assert one_digit(value) == words

@@ -1,0 +1,60 @@
+"""How nouns look in a session, as tables of pandas, and arguments that are swapped."""
+
+import numpy as np
+import pytest
+
+import windmark as wm
+from windmark.errors import UsageError
+from windmark.scene.shown import check_kinds, pandas_table
+
+CAMERA = wm.Camera((640, 480), 800.0, 1.0, 319.5, 239.5)
+
+
+def markers(count: int = 5) -> wm.MarkerSet:
+    return wm.MarkerSet.make([f"m{k}" for k in range(count)], np.arange(3.0 * count).reshape(-1, 3))
+
+
+@pytest.mark.parametrize("noun", [
+    markers(2000), wm.Detections.make(np.ones((2000, 2))), wm.Detections.make(np.zeros((0, 2))), markers(0),
+    wm.Matching(np.arange(3), np.arange(3), np.zeros(3)),
+])  # fmt: skip
+def test_reprs_are_short_and_have_no_arrays(noun):
+    assert len(repr(noun)) < 200
+    assert "array" not in repr(noun)
+    assert type(noun).__name__ in repr(noun)
+    assert noun._repr_html_().startswith("<table>")
+
+
+def test_html_is_escaped():
+    odd = wm.MarkerSet.make(["a"], np.zeros((1, 3)), length_unit="<b>")
+    assert "<b>" not in odd._repr_html_()
+
+
+def test_tables_of_pandas():
+    pytest.importorskip("pandas")
+    table = wm.Detections.make([[1.0, 2.0], [3.0, 4.0]], sigma_px=0.1).to_pandas()
+    assert table["y"].tolist() == [2.0, 4.0]
+    np.testing.assert_allclose(table["sigma_x"], 0.1)
+    assert markers(3).to_pandas()["name"].tolist() == ["m0", "m1", "m2"]
+
+
+def test_without_pandas_it_is_said(monkeypatch):
+    import sys
+
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(UsageError, match="pip install pandas"):
+        pandas_table({})
+
+
+def test_swapped_arguments_are_named():
+    spots = wm.Detections.make(np.zeros((4, 2)))
+    with pytest.raises(UsageError, match="they are swapped; expected register"):
+        wm.register(markers(), spots, CAMERA)
+    with pytest.raises(UsageError, match=r"camera is a str; expected register"):
+        wm.register(spots, markers(), "camera.json")
+    check_kinds("verb", a=(1, int))
+
+
+def test_the_namespace_holds_what_is_public_only():
+    assert dir(wm) == sorted(wm.__all__)
+    assert not {"importlib", "TYPE_CHECKING", "Any", "annotations"} & set(dir(wm))
