@@ -48,7 +48,7 @@ def least_copy(best: Solution, c: int, margin: float) -> int:
     missing by itself or hidden in one piece, whichever is likelier, see `worth_kernel`.
     """
     expected, markers = int(best.state.numbers[c, EXPECTED]), best.state.match.shape[1]
-    pair = float(best.readings[c, PAIRS]) / int(best.counts[c])
+    pair = float(best.weighed[c, PAIRS]) / int(best.counts[c])
     count = np.arange(MIN_COUNT, expected + 1)
     seen = np.clip((count + 1.0) / (expected + 2.0), SEEN_LEAST, SEEN_MOST)
     alone = count * np.log(seen) + (expected - count) * np.log(1.0 - seen)

@@ -15,7 +15,7 @@ from windmark.registration._kernels.evidence import log10_nfa
 from windmark.registration.cached import cached_property
 from windmark.registration.settle._kernels import state as at
 from windmark.registration.settle._kernels.state import State
-from windmark.registration.settle._kernels.worth import worth_kernel
+from windmark.registration.settle._kernels.worth import smooth_kernel, worth_kernel
 from windmark.registration.settle.common import where_both
 from windmark.registration.settle.views import Views
 
@@ -168,6 +168,13 @@ class Solution:
     @cached_property
     def readings(self) -> Array:
         """(C, READINGS) what each camera's labels are worth, see `State.readings`."""
+        readings = self.weighed
+        smooth_kernel(self.views.sights, self.state)
+        return readings
+
+    @property
+    def weighed(self) -> Array:
+        """The same, without what a smooth misfit explains better (NaN), which only leads ask for."""
         if math.isnan(self.state.readings[0, at.PAIRS]):
             worth_kernel(self.views.sights, self.state)
         return self.state.readings
@@ -204,7 +211,7 @@ class Solution:
 
         Markers are missing each by itself, or hidden in one piece, whichever is likelier.
         """
-        pairs = zip(self.readings.tolist(), self.counts.tolist(), strict=True)
+        pairs = zip(self.weighed.tolist(), self.counts.tolist(), strict=True)
         return np.array([r[at.PAIRS] + max(r[at.ALONE], r[at.PIECES]) if count else 0.0 for r, count in pairs])
 
     @cached_property
@@ -224,14 +231,14 @@ class Solution:
         The spots of all cameras are one list, which counts the ways to fix a pose by three of them on the safe side.
         """
         if len(self.counts) == 1:
-            return float(self.readings[0, at.LOG10_NFA])
+            return float(self.weighed[0, at.LOG10_NFA])
         residuals, densities, spots, leads, fixed = [], [], 0, 0.0, 3
         for c, plane in enumerate(self.views.planes):
             fixed += int(plane.task.free_focal)
-            if not np.isfinite(self.readings[c, at.LEAD]):
+            if not np.isfinite(self.weighed[c, at.LEAD]):
                 spots += len(plane.task.xy)
                 continue
-            k = int(self.readings[c, at.LEAD])
+            k = int(self.weighed[c, at.LEAD])
             lead = int(self.views.leads[c][k])
             spot, marker = self.pairs(c)
             used = spot < lead

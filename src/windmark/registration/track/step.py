@@ -83,14 +83,13 @@ def step(
     if (refusal := _refusal(n, done, limits, len(state.marker))) is not None:
         return replace(refusal, options=options), state
     # Evidence adds up over frames; against it, none is kept for later (Page's cumulative sum, 1954).
-    state = replace(state, bends=max(0.0, state.bends + n[at.BENDING]))
-    options = {**options, "dt": dt}
-    if max(n[at.BENDING], state.bends) > rules.DOUBT:
-        return _doubted(state, detections, done, n, dt, motion, limits, options)
+    bends, options = max(0.0, state.bends + n[at.BENDING]), {**options, "dt": dt}
+    if max(n[at.BENDING], bends) > rules.DOUBT:
+        return _doubted(replace(state, bends=bends), detections, done, n, dt, motion, limits, options)
     answer = _registration(prepared, done, n, options)
     estimate = Estimate(done.new_rotation, done.new_translation, done.new_velocity, done.new_cov)
     new = TrackState(
-        "tracked", "", estimate, done.change, done.marker, state.n_frames + 1, 0.0, prepared, state.bends
+        "tracked", "", estimate, done.change, done.marker, state.n_frames + 1, 0.0, prepared, bends
     )  # fmt: skip
     return answer, new
 

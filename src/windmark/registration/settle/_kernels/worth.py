@@ -52,7 +52,8 @@ def worth_kernel(sights: Sights, state: State) -> None:
     one.
 
     Spots come best first, and a detector may add hundreds of doubtful ones behind the good ones: of the prefixes of
-    the list (`Sights.leads`) the best one counts, charged with their number.
+    the list (`Sights.leads`) the best one counts, charged with their number. What a smooth misfit explains better,
+    which takes as long as all the rest and only leads are asked for, is left open (NaN), see `smooth_kernel`.
     """  # fmt: skip
     cameras, n = state.match.shape
     residual, spread, dense = np.empty((n, 2)), np.empty((n, 3)), np.empty(n)
@@ -89,7 +90,15 @@ def worth_kernel(sights: Sights, state: State) -> None:
                 out[PIECES] = _pieces(faces, match, sights.near, leads[k])
         out[LOG10_NFA] += math.log10(prefixes)
         if best > -math.inf:
-            out[SYSTEMATIC] = _systematic(sights, state, c)
+            out[SYSTEMATIC] = math.nan
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def smooth_kernel(sights: Sights, state: State) -> None:
+    """The readings that `worth_kernel` leaves open."""
+    for c in range(state.match.shape[0]):
+        if math.isnan(state.readings[c, SYSTEMATIC]):
+            state.readings[c, SYSTEMATIC] = _systematic(sights, state, c)
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
