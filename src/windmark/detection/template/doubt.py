@@ -2,9 +2,10 @@
 
 Dirt, a scratch or a shadow's edge is no noise: it sits at one place and pulls the centre as a whole, while the
 covariance of least squares counts every pixel as one more independent witness. What such a thing does shows when its
-place is left out. The marker is fitted without each of eight overlapping quarters of its window, by steps from its
-fit; the scatter of the centres is the covariance of the delete-a-group jackknife (Shao and Wu, Annals of Statistics 17,
-1989), right for errors that are independent from quarter to quarter whatever they are within.
+place is left out. The marker is fitted without each of eight overlapping quarters of its window, by steps from its fit,
+or anew where one of them leads far or does not settle; the scatter of the centres is the covariance of the
+delete-a-group jackknife (Shao and Wu, Annals of Statistics 17, 1989), right for errors that are independent from
+quarter to quarter whatever they are within.
 
 Outlines that are rough everywhere (print, hand-painted discs) move such centres too, those of clean markers as much as
 those of others: that is how the discs of this frame are, not what lies on one of them. The frame's clean markers are
@@ -23,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.detection.template.colour import colour_of
-from windmark.detection.template.fit import Fitted, sized_windows
+from windmark.detection.template.fit import Fitted, Windows, sized_windows
 from windmark.detection.template.request import Neighbours, Request, Scene
 from windmark.detection.template.result import TemplateFits
 from windmark.geometry.order import median
@@ -34,6 +35,7 @@ Ints = NDArray[np.int64]
 QUARTERS = 8  # directions of the middles of the quarters
 LEFT_TO_GONE = 3.0  # pixels that stay over those left out: the jackknife's factor
 IN_WHITE_NOISE = 5.8  # jackknife over covariance, variances: a fit without a quarter loses more than a quarter
+FAR = 2.0  # of the centre's variance, square of a movement from which on fits tell, not steps
 ENOUGH = 5  # clean markers that say how discs are in this frame
 
 
@@ -100,8 +102,28 @@ def without_quarters(scene: Scene, request: Request, done: Fitted, others: Neigh
         quarter_steps(
             w.patches, w.weights, w.done.states, noise2[w.index], variance[w.index], *w.known, steps
         )  # fmt: skip
+        far = ~(np.square(steps).sum(axis=-1) <= FAR * variance[w.index, None])
+        every = np.nonzero(np.broadcast_to(far.any(axis=1)[:, None], far.shape))
+        steps[every] = _fitted_without(w, done, *every)
         moved[w.index] = steps
     return moved
+
+
+def _fitted_without(windows: Windows, done: Fitted, rows: Ints, quarters: Ints) -> Array:
+    """Movement (R, 2) of the centres of some windows' fits by fits without a quarter (R,); NaN where these fail."""
+    if not rows.size:
+        return np.empty((0, 2))
+    centre = done.params[windows.index[rows], :2, None, None]
+    x = np.arange(windows.weights.shape[1]) - windows.weights.shape[1] // 2
+    along = np.arctan2(x[:, None] - centre[:, 1], x[None, :] - centre[:, 0])
+    turn = (2.0 * np.pi / QUARTERS) * quarters[:, None, None]
+    gone = np.abs(np.remainder(along - turn + np.pi, 2.0 * np.pi) - np.pi) < np.pi / 4.0
+    left = windows.take(rows)
+    left.weights[gone] = 0.0
+    again = left.fit(np.arange(rows.size), done.states[windows.index[rows]], left.patches)
+    moved = again.params[:, :2] - done.params[windows.index[rows], :2]
+    moved[again.column("status") != 1] = np.nan
+    return np.asarray(moved)
 
 
 def rougher(scatter: Array, cov: Array) -> float:

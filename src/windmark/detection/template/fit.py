@@ -147,6 +147,15 @@ class Windows:
     starts: Array
     known: tuple[Array, Array, Flags, Array, float]
 
+    def take(self, rows: Ints) -> Windows:
+        """Copies of some of the windows (R,), also several of one."""
+        priors, stiff, fixed, cut, multiplicative = self.known
+        known = priors[rows], stiff[rows], fixed, cut[rows], multiplicative
+        return Windows(
+            self.index[rows], self.done.take(rows), self.start[rows], self.patches[rows], self.weights[rows],
+            self.starts[rows], known,
+        )  # fmt: skip
+
     def fit(self, rows: Ints, states: Array, patches: Array) -> Fitted:
         """Fits (R,) of some of the windows from states (R, 10) as `Fitted` has them, to patches (R, S, S)."""
         from windmark.detection.template._kernels.fit import fit_discs

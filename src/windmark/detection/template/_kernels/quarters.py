@@ -18,7 +18,8 @@ from windmark.detection.template._kernels.state import advance, shape_of
 from windmark.geometry._jit import nb
 
 SECTORS = 8
-STEPS = 6  # at most: more than one where what is left out moved the centre by more than its standard deviation
+STEPS = 6  # at most
+SETTLED = 0.5  # of the centre's variance, square of a step after which none is needed
 KNOWN_BLUR = 0.5  # share of what is known of the blur that is known beforehand
 
 
@@ -127,8 +128,8 @@ def quarter_steps(
 ) -> None:  # fmt: skip
     """Movement (K, SECTORS, 2) of the centres of K finished fits without each quarter of the window.
 
-    Quarter k is centred on the direction k pi / 4. NaN where what is left of the window does not hold the disc. Steps
-    are Newton's without the pixels at which Tukey's psi falls; where these are too few, of reweighted least squares.
+    Quarter k is centred on the direction k pi / 4. NaN where the steps do not settle: only a fit can tell. They are
+    Newton's without the pixels at which Tukey's psi falls; where these are too few, of reweighted least squares.
 
     Parameters
     ----------
@@ -158,11 +159,11 @@ def quarter_steps(
                     break
                 _coupled(trial, q_there, work, multiplicative, there)
                 far = (there[0] - here[0] - x) ** 2 + (there[1] - here[1] - y) ** 2
-                if not far < farther:  # steps that grow lead nowhere: the one before counts
+                if not far < farther:  # steps that grow lead nowhere
                     break
                 x, y, farther = there[0] - here[0], there[1] - here[1], far
-                out[k, q, 0], out[k, q, 1] = x, y
-                if not far > variance[k] or not x * x + y * y < size * size:
+                if not far > SETTLED * variance[k]:
+                    out[k, q, 0], out[k, q, 1] = x, y
                     break
                 _equations(patches[k], weights[k], q_there, here, fixed, cut[k], multiplicative, table, jac, res, again)
                 parts = again
