@@ -3,7 +3,15 @@
 import numpy as np
 import pytest
 
-from windmark.scene.units import ALIKE, IN_MM, LENGTH_UNITS, mixed_units, off_by, radii_words
+from windmark.scene.units import ALIKE, IN_MM, IN_WORDS, LENGTH_UNITS, mixed_units, off_by, radii_words
+
+
+def test_units_are_those_of_the_international_agreement():
+    assert IN_MM["mm"] == 1.0
+    assert IN_MM["in"] == 25.4  # by definition, since 1959
+    assert IN_MM["ft"] == pytest.approx(12 * IN_MM["in"])
+    assert (IN_MM["cm"], IN_MM["m"]) == (10.0, 1000.0)
+    assert set(IN_WORDS.values()) == set(LENGTH_UNITS)
 
 
 @pytest.mark.parametrize("place", LENGTH_UNITS)
