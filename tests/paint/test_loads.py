@@ -120,15 +120,18 @@ def test_the_error_of_a_rim_that_was_not_seen_is_what_the_rim_inside_of_it_shows
     mesh = plate(41, 41, (4.0, 4.0))
     x, y = mesh.vertices[:, 0], mesh.vertices[:, 1]
     hidden = np.maximum(np.abs(x), np.abs(y)) > 1.95
-    k, z, old = COEFFICIENTS.index("CN"), [], []
+    force, moment, z, old = COEFFICIENTS.index("CN"), COEFFICIENTS.index("Cm"), [], []
     for seed in range(40):
         a = np.random.default_rng(seed).standard_normal(5)
         true = a[0] + a[1] * np.exp(-(x + 2) / 0.3) + 0.5 * a[2] * y + 0.3 * a[3] * np.sin(2 * x + a[4])
         got = integrate_loads(mesh, NodeField.make(np.where(hidden, np.nan, true), 1e-3), UNIT)
-        z.append((got.value[0, k] - integrate_loads(mesh, NodeField.make(true), UNIT).value[0, k]) / got.sigma[0, k])
-        old.append(got.sigma[0, k] / (0.5 * np.std(true[~hidden]) * got.unseen[0] * 16.0))
-    assert 0.4 < np.sqrt(np.mean(np.square(z))) < 1.3
-    assert np.mean(np.abs(z) < 1.96) > 0.87
+        off = got.value[0] - integrate_loads(mesh, NodeField.make(true), UNIT).value[0]
+        # The moment hangs on which edge it is that errs.
+        z.append(off[[force, moment]] / got.sigma[0, [force, moment]])
+        old.append(got.sigma[0, force] / (0.5 * np.std(true[~hidden]) * got.unseen[0] * 16.0))
+    size = np.sqrt(np.mean(np.square(z), axis=0))
+    assert ((size > 0.4) & (size < 1.5)).all()
+    assert (np.mean(np.abs(z) < 1.96, axis=0) > 0.85).all()
     assert np.median(old) < 0.5
 
 

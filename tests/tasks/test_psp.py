@@ -19,6 +19,7 @@ from windmark.tasks.psp import (
     cut_sections,
     ratio_of,
     sample_picture,
+    section_loads,
     seen_loads,
     seen_sides,
     shown_areas,
@@ -226,6 +227,27 @@ def test_a_side_that_no_camera_shows_is_named_and_has_no_loads():
     assert loads is not None
     assert loads.row("wing")["CL"][0] == pytest.approx(0.5)
     assert "50 % of its area is on a side that no camera shows" in remarks[0]
+
+
+def test_loads_of_a_section_are_those_of_the_side_that_is_shown():
+    """A flat box whose top alone has values: Cp = -0.4 over the front half of its chord; its rim is not seen."""
+    upper, lower = plate(41), plate(41)
+    mesh = Mesh.make(
+        np.concatenate([upper.vertices, lower.vertices - [0, 0, 1e-3]]),
+        np.concatenate([upper.triangles, lower.triangles[:, ::-1] + len(upper.vertices)]), "wing",
+    )  # fmt: skip
+    x = mesh.vertices[:, 0]
+    top = (np.arange(len(x)) < len(upper.vertices)) & (np.abs(x) < 19.5)
+    cp = NodeField.make(np.where(top, np.where(x < 0.5, -0.4, 0.0), np.nan), 0.01).with_mode("offset", 0.02)
+    wanted = [SectionWanted("here", (0, 0.3, 0), (0, 1, 0)), SectionWanted("nowhere", (0, 99, 0), (0, 1, 0))]
+    ((name, got),) = section_loads(mesh, cp, wanted, LoadReference(1, 1, 1))
+    assert name == "here"
+    assert got.chord[0] == pytest.approx(40)
+    # Half a cell more than half the chord; the moment about a quarter of the chord.
+    assert got.value[0, 0] == pytest.approx(0.4 * 20.5 / 40, abs=2e-3)
+    assert got.value[0, 2] == pytest.approx(0.0, abs=2e-3)
+    assert got.sigma[0, 0] == pytest.approx(0.02, rel=0.05)
+    assert got.unseen[0] < 0.06
 
 
 def test_a_plane_that_misses_is_said():

@@ -17,6 +17,8 @@ Mask = NDArray[np.bool_]
 
 DEEPEST = 30
 """Nodes in a row from a gap's rim to its middle up to which a rim as wide is hidden and filled, to compare."""
+NEAR = 8
+"""Nodes of a rim that say the error of a missing node next to them."""
 MOST = 0.5
 """Part of a volume's seen nodes that may be hidden for it."""
 
@@ -31,10 +33,11 @@ def guesses_of(mesh: Mesh, cp: NodeField, own: Mask, surface: Surface) -> Array:
 
     Notes
     -----
-    Each column has a quarter of the variance: a gap along an edge is wrong by nearly the same everywhere, as the field
-    rises or falls towards it all along. The variance is what the seen nodes nearest to the gap show, when as many of
-    them in a row as the gap is deep are hidden and filled with it; where that would be most of the volume, or the gap
-    has no end, the volume's own scatter of Cp, which is never exceeded.
+    Each column has a quarter of the variance: a gap along an edge is wrong alike all along, as the field rises or falls
+    towards it, and by another amount, of another sign, along another edge. So a node's error is what the seen nodes
+    next to it show, with their sign, when as many of them in a row as the gap is deep are hidden and filled with it;
+    where that would be most of the volume, or the gap has no end, the volume's own scatter of Cp, which is never
+    exceeded.
     """
     nodes = np.zeros(len(cp), bool)
     nodes[mesh.triangles[own].ravel()] = True
@@ -46,12 +49,18 @@ def guesses_of(mesh: Mesh, cp: NodeField, own: Mask, surface: Surface) -> Array:
     spread = np.sqrt((off**2).mean(axis=0))
     shape = np.column_stack([np.ones(len(off)), off / np.where(spread > 1e-9 * mesh.size, spread, np.inf)])
     scatter = float(np.std(cp.value[nodes & cp.known])) if (nodes & cp.known).any() else 0.0
-    out[missing] = 0.5 * min(_by_the_rim(mesh, cp, own, missing, surface), scatter) * shape
+    error = _by_the_rim(mesh, cp, own, missing, surface)
+    out[missing] = 0.5 * np.clip(scatter if error is None else error, -scatter, scatter).reshape(-1, 1) * shape
     return out
 
 
-def _by_the_rim(mesh: Mesh, cp: NodeField, own: Mask, missing: Mask, surface: Surface) -> float:
-    """Root mean square error, noise in it, of a fill as deep as the missing nodes; infinite where none can be tried."""
+def _by_the_rim(mesh: Mesh, cp: NodeField, own: Mask, missing: Mask, surface: Surface) -> Array | None:
+    """(M,) error that the rim next to each missing node shows of a fill as deep as these; None where none can be tried.
+
+    Root mean square of the `NEAR` nearest ones, noise in it, with the sign of their mean.
+    """
+    from scipy.spatial import cKDTree
+
     at, t = surface.place, surface.triangles[own]
     gap, seen = np.zeros(len(surface.first), bool), np.zeros(len(surface.first), bool)
     gap[at[missing]] = True
@@ -63,13 +72,13 @@ def _by_the_rim(mesh: Mesh, cp: NodeField, own: Mask, missing: Mask, surface: Su
             break
         reached, hidden = _grown(t, reached), _grown(t, hidden)
     else:
-        return float("inf")
+        return None
     ours = np.zeros(len(seen), bool)
     ours[t.ravel()] = True
     hidden &= seen & ours
     left = seen & ours & ~hidden
     if not hidden.any() or left.sum() < (1 - MOST) * (seen & ours).sum():
-        return float("inf")
+        return None
     # What has no seen node left beside it (a strip between two gaps) is not tried.
     joined = left
     for _ in range(2 * DEEPEST):
@@ -77,10 +86,13 @@ def _by_the_rim(mesh: Mesh, cp: NodeField, own: Mask, missing: Mask, surface: Su
     test, asked = (np.where(at >= 0, of[at], False) for of in (hidden & joined, (hidden | gap) & joined))
     test &= cp.known
     if not test.any():
-        return float("inf")
+        return None
     seen_less = replace(cp, value=np.where(np.where(at >= 0, hidden[at], False), np.nan, cp.value))
     got = fill_smoothly(mesh, seen_less, asked, surface=surface)
-    return float(np.sqrt(np.mean((got.value - cp.value)[test] ** 2)))
+    off = (got.value - cp.value)[test]
+    near = cKDTree(mesh.vertices[test]).query(mesh.vertices[missing], k=min(NEAR, len(off)))[1]
+    of = off[near.reshape(int(missing.sum()), -1)]
+    return np.asarray(np.sqrt((of**2).mean(axis=1)) * np.sign(of.mean(axis=1)))
 
 
 def _grown(triangles: NDArray[np.int64], places: Mask) -> Mask:

@@ -65,6 +65,7 @@ class PointOutcome:
     alpha_seen_deg : the incidence that the wind-on pictures show
     on, off : the pictures
     seconds : for each stage
+    task : what was known besides the pictures
     """
 
     reduced: ReducedPoint
@@ -72,6 +73,7 @@ class PointOutcome:
     on: Found
     off: Found
     seconds: Mapping[str, float]
+    task: PointTask
 
 
 def run_point(test: PspTest, row: PointRow) -> PointOutcome:
@@ -106,7 +108,7 @@ def run_point(test: PspTest, row: PointRow) -> PointOutcome:
     change = () if ratio.self_lit is None else (str(ratio.self_lit),)
     reduced = replace(reduced, remarks=(*reduced.remarks, *wall.remarks, *change))
     clock.lap("pressure and loads")
-    return PointOutcome(reduced, alpha, on, off, clock.laps)
+    return PointOutcome(reduced, alpha, on, off, clock.laps, task)
 
 
 def _ratio(test: PspTest, on: Found, off: Found) -> MergedRatio:

@@ -1,7 +1,7 @@
 """A paint test, point by point: pictures with poses and deformations to the ratio on the model, pressure and loads."""
 
 from windmark.tasks.psp.channels import as_one_cause, two_colours
-from windmark.tasks.psp.cuts import SectionWanted, SurfaceSection, cut_sections
+from windmark.tasks.psp.cuts import SectionWanted, SurfaceSection, cut_sections, section_loads
 from windmark.tasks.psp.lamps import Lamp
 from windmark.tasks.psp.loads import UNSEEN_SIDE, seen_loads, seen_sides, shown_areas
 from windmark.tasks.psp.ratios import CameraRatio, MergedRatio, ratio_of
@@ -13,6 +13,6 @@ from windmark.tasks.psp.taps import Readings, TapTable
 __all__ = [
     "UNSEEN_SIDE", "CameraRatio", "Change", "Lamp", "MergedRatio", "ModelPicture", "Patches", "PointTask", "Readings",
     "ReducedPoint", "Reflecting", "Sampling", "SectionWanted", "SurfaceSection", "TapTable", "as_one_cause",
-    "cut_sections", "moved_grid", "no_patches", "ratio_of", "reduce_point", "sample_picture", "seen_loads",
-    "seen_sides", "shown_areas", "two_colours",
+    "cut_sections", "moved_grid", "no_patches", "ratio_of", "reduce_point", "sample_picture", "section_loads",
+    "seen_loads", "seen_sides", "shown_areas", "two_colours",
 ]  # fmt: skip

@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from windmark import resection
 from windmark.errors import DataError
-from windmark.paint import LoadReference, NodeField, SectionProfile, section_profile
+from windmark.paint import LoadReference, NodeField, SectionProfile, SpanLoading, section_profile, span_loading
 from windmark.scene import Mesh
 
 Array = NDArray[np.float64]
 
 IN_PLANE = 2e-3
 """A tap lies in a cut that is no farther away than this part of the grid's size."""
+MOST_UNSEEN = 0.2
+"""Part of a cut's length beside what cameras show (its ends, markers at the edge) over which Cp may go on straight."""
 
 
 @dataclass(frozen=True)
@@ -69,13 +71,42 @@ def cut_sections(
 
 
 def _cut(rest: Mesh, cp: NodeField, one: SectionWanted, reference: LoadReference, points: Array) -> SurfaceSection:
-    part = rest
-    if one.volume is not None:
-        own = rest.volume == one.volume
-        part = Mesh(rest.vertices, rest.triangles[own], rest.volume[own], length_unit=rest.length_unit)
+    part = _part(rest, one)
     cut = resection.section(part, one.point, one.normal)
     profile = section_profile(part, cp, cut, reference)
     normal = np.asarray(one.normal, dtype=float) / np.linalg.norm(one.normal)
     near = np.flatnonzero(np.abs((points - one.point) @ normal) < IN_PLANE * rest.diagonal)
     aft = reference.body_axes[0]
     return SurfaceSection(one.name, profile, near, (points[near] @ aft - (cut.xyz @ aft).min()) / profile.chord)
+
+
+def _part(rest: Mesh, one: SectionWanted) -> Mesh:
+    if one.volume is None:
+        return rest
+    own = rest.volume == one.volume
+    return Mesh(rest.vertices, rest.triangles[own], rest.volume[own], length_unit=rest.length_unit)
+
+
+def section_loads(
+    rest: Mesh, cp: NodeField, wanted: Sequence[SectionWanted], reference: LoadReference
+) -> tuple[tuple[str, SpanLoading], ...]:
+    """Name and loads of each section that meets the surface: of the side that cameras show, the other one at p_inf.
+
+    As the loads of volumes are (`seen_loads`); coefficients are by the chord of the whole section. ``unseen`` of the
+    result is the part of its length where Cp was taken to go on straight, not the side that no camera shows.
+    """
+    out = []
+    for one in wanted:
+        part = _part(rest, one)
+        shown = np.zeros(len(cp), bool)
+        shown[part.triangles[cp.known[part.triangles].any(axis=1)]] = True
+        still = replace(
+            cp, value=np.where(shown, cp.value, 0.0), white=np.where(shown, cp.white, 0.0),
+            modes=np.where(shown[:, None], cp.modes, 0.0),
+        )  # fmt: skip
+        cut = resection.section(part, one.point, one.normal)
+        try:
+            out.append((one.name, span_loading(part, still, [cut], one.normal, reference, most_unseen=MOST_UNSEEN)))
+        except DataError:  # said where it is cut for its profile
+            continue
+    return tuple(out)
