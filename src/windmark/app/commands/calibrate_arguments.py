@@ -53,8 +53,10 @@ Focal = Annotated[
 ]
 Lens = Annotated[
     str | None,
-    typer.Option(help="Free parameters: pinhole, radial, brown (then +k3), rational or fisheye, then +tilts. [default: "
-                 "brown; where that does not fit, or the lens is wider than 90 deg, the one the marks speak for]"),
+    typer.Option(
+        help="Free parameters: pinhole, radial, brown (then +k3), rational or fisheye, then +tilts. [default: "
+        "brown; where that does not fit, or the lens is wider than 90 deg, the one the marks speak for]"
+    ),
 ]
 Parameters = Annotated[
     str | None,
