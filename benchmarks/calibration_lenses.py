@@ -1,4 +1,4 @@
-"""`windmark calibrate` on rendered pictures of a dot board taken with lenses of 90, 120 and 160 degrees, in one command.
+"""`windmark calibrate` on rendered pictures of a dot board through lenses of 90, 120 and 160 degrees.
 
 No start, no lens model and no tolerance are given: what is known is the pitch of the board and which three dots are
 large. The dots are off their grid by 0.3 % of the pitch, so they are measured. The board is shown to all parts of the
@@ -6,8 +6,8 @@ picture, corners too, turned and tilted. Truth: an equidistant lens with coeffic
 degrees also a rational one and Brown's, which must be recognised.
 
 Printed: pictures used, marks, the lens model that was chosen and its lead, sigma0, the markers' errors by their sigmas
-(RMS of e / sigma, all coordinates, after a fit of shift, turn and scale), and how far the lens found is from the true one
-over the picture where there were marks (after the best turn of the camera: the datum of its rotation).
+(RMS of e / sigma, all coordinates, after a fit of shift, turn and scale), and how far the lens found is from the true
+one over the marks' places (after the best turn of the camera: what its coordinates' directions are is free).
 """
 
 from __future__ import annotations

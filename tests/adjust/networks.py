@@ -26,7 +26,9 @@ class Case:
     start: NetworkState
 
 
-def make(seed, *, views=8, points=25, noise=0.1, rig=False, seen=0.8, free=NAMES, kept=None, camera=CAMERA, **options) -> Case:
+def make(
+    seed, *, views=8, points=25, noise=0.1, rig=False, seen=0.8, free=NAMES, kept=None, camera=CAMERA, **options
+) -> Case:
     """Convergent pictures of a bumpy plate of 600 mm; with ``rig`` two cameras at every instant."""
     rng = np.random.default_rng(seed)
     xyz = rng.uniform(-300, 300, (points, 3)) * [1, 0.8, 0.3]

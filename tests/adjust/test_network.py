@@ -26,7 +26,7 @@ def variant(name):
     if name == "rig":
         return networks.make(3, rig=True, eliminate="points")
     if name in WIDE:
-        return networks.make(5, free=LENS_PARAMETERS[name], camera=WIDE[name], eliminate="points")
+        return networks.make(5, free=WIDE_FREE[name], camera=WIDE[name], eliminate="points")
     if name == "rig, frames out":
         return networks.make(3, rig=True, eliminate="frames")
     case = networks.make(4, views=5, points=12)
@@ -48,10 +48,13 @@ def replace_network(case, network):
     return networks.Case(network, case.truth, case.start)
 
 
+NUMERATOR_HELD = ("focal_px", "aspect", "cx", "cy", "p1", "p2")
 WIDE = {
     "rational": replace(networks.CAMERA, k4=0.1, k5=0.2, k6=-0.3, lens="rational"),
     "fisheye": replace(networks.CAMERA, p1=0.0, p2=0.0, k3=0.1, k4=-0.2, lens="fisheye"),
 }
+# Numerator and denominator of a narrow rational lens are all but the same: not both are free.
+WIDE_FREE = {"rational": (*NUMERATOR_HELD, "k4", "k5", "k6"), "fisheye": LENS_PARAMETERS["fisheye"]}
 VARIANTS = ("points out", "frames out", "rig", "rig, frames out", *WIDE, "everything")
 
 

@@ -3,7 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from windmark.geometry.lens import Lens, distort, distort_jacobian, max_radius2, undistort
+from windmark.geometry.lens import Lens, distort, distort_jacobian, max_radius2
+from windmark.geometry.lens_inverse import undistort
 
 LENSES = {
     "none": (0.0, 0.0, 0.0, 0.0, 0.0),

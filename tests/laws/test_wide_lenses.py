@@ -148,7 +148,7 @@ def test_rays_of_all_pixels_are_those_of_unproject(camera):
 
 
 def test_what_a_lens_lacks_is_refused():
-    with pytest.raises(ValueError, match="a brown lens has no k4; expected 0, got 0.1"):
+    with pytest.raises(ValueError, match=r"a brown lens has no k4; expected 0, got 0\.1"):
         Camera((10, 10), 5.0, k4=0.1)
     with pytest.raises(ValueError, match="a fisheye lens has no p1"):
         Camera((10, 10), 5.0, p1=0.1, lens="fisheye")

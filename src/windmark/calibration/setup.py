@@ -193,9 +193,11 @@ def make_network(job: Job, taken: Mask, weight: Array | None = None) -> Network:
         sigma[index], tied = np.inf, KnownTogether(index, markers.xyz[index], known.whitener())
     free_offset = np.arange(len(names)) > 0 if job.rig else np.zeros(0, dtype=np.bool_)
     priors = {k: v for k, v in job.prior_sigma.items() if k in job.free}
-    own = [
-        {k: v for k, v in priors.items() if k in LENS_PARAMETERS[c.lens]} for c in job.cameras.values()
-    ] if priors else []
+    own = (
+        [{k: v for k, v in priors.items() if k in LENS_PARAMETERS[c.lens]} for c in job.cameras.values()]
+        if priors
+        else []
+    )
     return Network(
         view=obs.view[taken], point=obs.point[taken], xy=obs.xy[taken], cov=obs.cov[taken],
         view_camera=camera, view_frame=frame, view_offset=camera if job.rig else np.full(len(views), -1),

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from windmark.geometry.camera_jacobian import point_jacobian, project_jacobian
-from windmark.geometry.lens import FISHEYE, LENSES, Lens, fisheye_angles, project, range2, tilt_homography, undistort
+from windmark.geometry.lens import FISHEYE, LENSES, Lens, project, range2, tilt_homography
+from windmark.geometry.lens_inverse import fisheye_angles, undistort
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -19,9 +19,7 @@ from windmark.geometry.lens import (
 Array = NDArray[np.float64]
 
 
-def project_jacobian(
-    parameters: Array, xyz: Array, kind: int = BROWN
-) -> tuple[Array, NDArray[np.bool_], Array, Array]:
+def project_jacobian(parameters: Array, xyz: Array, kind: int = BROWN) -> tuple[Array, NDArray[np.bool_], Array, Array]:
     """See `Camera.project_jacobian`. The chain is point -> distorted -> tilted -> pixels.
 
     ``parameters``: those in the order of `camera.PARAMETERS`; ``kind``: number of the lens model in `lens.LENSES`.

@@ -164,9 +164,7 @@ def pinhole(path: Pathlike, key: str, value: Any) -> dict[str, float]:
     return {"focal_px": focal, "aspect": float(k[1, 1] / k[0, 0]), "cx": cx, "cy": cy}
 
 
-def camera(
-    path: Pathlike, size_px: tuple[int, int], parameters: Mapping[str, Any], cov: Array | None = None
-) -> Camera:
+def camera(path: Pathlike, size_px: tuple[int, int], parameters: Mapping[str, Any], cov: Array | None = None) -> Camera:
     """The camera, its own complaints as `FileError`."""
     try:
         return Camera(size_px=size_px, cov=cov, **parameters)

@@ -12,13 +12,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from windmark.calibration import BoardNotFound, BoardView, Calibration, Fixed, Free, NotCalibrated
 from windmark.calibration.board import FREEDOMS, find_board, find_boards
 from windmark.calibration.datum import Datum
 from windmark.errors import UsageError
 from windmark.geometry import Camera
-from windmark.geometry.two_view.homography import fit_homography
 from windmark.scene import Detections, MarkerSet, Observations, View
 from windmark.tasks.calibrate.lens import in_lens, with_lens
 from windmark.tasks.calibrate.marks import Marks, with_focal, with_sigma
@@ -30,6 +30,8 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 MARK_KINDS = ("holes", "large", "small")
+NEIGHBOURS = 9
+"""Dots round one, with itself, that tell the scale of the picture there."""
 
 
 @dataclass(frozen=True)
@@ -211,10 +213,10 @@ def _marks(pictures: Sequence[BoardPicture], board: Board, cameras: Mapping[str,
     cells = [np.stack([b.column, b.row], axis=1) for _, b in good]
     every, point = np.unique(np.concatenate(cells), axis=0, return_inverse=True)
     xyz = np.column_stack([every * [board.pitch, board.pitch * board.aspect], np.zeros(len(every))])
-    radius = float(np.median(np.concatenate([_dot_radii(p, b, board) for p, b in good])))
+    radius = _radii(np.concatenate([_dot_radii(p, b, board) for p, b in good]), point.ravel(), every, board)
     markers = MarkerSet.make(
         [f"c{i:02d}r{j:02d}" for i, j in every.tolist()], xyz, normal=np.tile([0.0, 0.0, -1.0], (len(xyz), 1)),
-        radius=np.full(len(xyz), radius),
+        radius=radius,
     )  # fmt: skip
     view = np.repeat(np.arange(len(good)), [len(c) for c in cells])
     xy = np.concatenate([b.xy(p.detections) for p, b in good])
@@ -226,14 +228,29 @@ def _marks(pictures: Sequence[BoardPicture], board: Board, cameras: Mapping[str,
     )  # fmt: skip
 
 
+def _radii(seen: Array, point: Ints, cells: Ints, board: Board) -> Array:
+    """(N,) radii of the dots from those of their images (O,): one of all, and one of those marked by their size."""
+    marked = np.zeros(len(cells), dtype=bool)
+    if board.mark_kind != "holes":
+        marked = np.isin(cells @ [1 << 32, 1], np.array(board.marks, dtype=np.int64).reshape(-1, 2) @ [1 << 32, 1])
+    out = np.empty(len(cells))
+    for kind in (marked, ~marked):
+        own = seen[kind[point]]
+        known = own[np.isfinite(own)]
+        out[kind] = np.median(known) if len(known) else np.nanmedian(seen)
+    return out
+
+
 def _dot_radii(picture: BoardPicture, found: BoardView, board: Board) -> Array:
-    """(K,) radii of the dots in the length unit, from their images and the board's scale there."""
+    """(K,) radii of the dots in the length unit, from their images and the board's scale there; NaN where not known.
+
+    The scale is that of the affine map of a dot's neighbourhood: a wide lens maps no plane by one homography.
+    """
     plane, xy = found.xyz(board.pitch)[:, :2], found.xy(picture.detections)
-    h = fit_homography(plane, xy)
-    if h is None:
-        return np.empty(0)
-    depth = plane @ h[2, :2] + h[2, 2]
-    # Area of the picture of a small square: det H over the cube of the third coordinate.
-    scale = np.sqrt(np.abs(np.linalg.det(h) / depth**3))
-    radii = picture.detections.radius_px[found.spot] / scale
-    return np.asarray(radii[np.isfinite(radii)])
+    near = cKDTree(plane).query(plane, min(NEIGHBOURS, len(plane)))[1]
+    design = np.concatenate([plane[near] - plane[:, None], np.ones((*near.shape, 1))], axis=2)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        slope = (np.linalg.pinv(design) @ (xy[near] - xy[:, None]))[:, :2]
+        scale = np.sqrt(np.abs(np.linalg.det(slope)))
+        radii = np.where(scale > 0, picture.detections.radius_px[found.spot] / np.where(scale > 0, scale, 1.0), np.nan)
+    return np.asarray(radii)

@@ -92,5 +92,3 @@ def _from_nothing(marks: Marks, lens: str, seed: int) -> dict[str, Camera]:
         start = Camera(camera.size_px, camera.focal_px, lens=lens)
         out[name] = replace(start, focal_px=told.focal_px) if isinstance(told, StartFocal) else start
     return out
-
-
