@@ -137,3 +137,21 @@ def test_a_calibration_turns(tab, tmp_path):
     assert len(scene.stations) == 6
     shown(tab, tmp_path, scene)
     assert "ellipsoids" in tab.js("document.querySelector('.wm-panel').innerText")
+
+
+def test_a_graphics_card_that_was_taken_away_comes_back(tab, tmp_path):
+    mesh = plate()
+    field = Field("f", "f", "Cp", np.arange(len(mesh.vertices), dtype=float))
+    shown(tab, tmp_path, Scene3D("mm", np.array([0, 0.2, -1.0]), np.array([0, 1.0, 0]), mesh, [field]))
+    middle = ("(() => { const s = WM.scenes[0]; s.draw(); const gl = s.gpu.gl; const p = new Uint8Array(4);"
+              " gl.readPixels(s.canvas.width >> 1, s.canvas.height >> 1, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, p);"
+              " return [...p]; })()")  # fmt: skip
+    first = tab.js(middle)
+    tab.js("window.lost = WM.scenes[0].gpu.gl.getExtension('WEBGL_lose_context')")
+    tab.js("lost.loseContext()")
+    tab.until("WM.scenes[0].gpu.gl.isContextLost()")
+    tab.js("lost.restoreContext()")
+    tab.until("!WM.scenes[0].gpu.gl.isContextLost()")
+    tab.settle()
+    assert tab.js(middle) == first
+    assert tab.wrong() == []

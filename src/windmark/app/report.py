@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 LARGE_PNG = 60_000
 """A picture of more bytes is put in as WebP: a quarter of the size, and no difference to be seen."""
 PACKED_ID = "part"
-HINT = "drag: turn · shift or right button: move · wheel: zoom · arrows, + −, 0 · double click: home"
+HINT = "drag: turn · shift or right button: move · click, then wheel: zoom · arrows, + −, 0 · double click: home"
 FALLBACK = "The 3D view needs JavaScript and WebGL2. All figures are in the tables."
 _SCENE = '<figure class="wm-figure">'
 

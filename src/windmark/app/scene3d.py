@@ -16,7 +16,8 @@ from windmark.scene import Mesh
 
 Array = NDArray[np.float64]
 
-STATION_COLOURS = ("#c62828", "#1565c0", "#2e7d32", "#ef6c00", "#6a1b9a")
+STATION_COLOURS = ("#d55e00", "#0072b2", "#009e73", "#cc79a7", "#e69f00")
+"""Told apart by colour-blind people: M. Okabe, K. Ito, Color Universal Design (2008)."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -247,7 +247,8 @@ def _markers(markers: Markers, box: Array, unit: str) -> Document:
     }  # fmt: skip
     if markers.cov is not None and len(index) and np.nan_to_num(markers.cov[index]).any():
         cov = np.nan_to_num(markers.cov[index])
-        usual, top, factor = magnification(cov, float(np.linalg.norm(np.ptp(box, axis=0))))
+        size = float(np.linalg.norm(np.ptp(markers.xyz[index], axis=0)))
+        usual, top, factor = magnification(cov, 0.5 * size or float(np.linalg.norm(np.ptp(box, axis=0))))
         value, vector = np.linalg.eigh(cov)
         axes = vector * (RADIUS * np.sqrt(np.maximum(value, 0.0)))[:, None, :]
         out["axes"] = _list(np.swapaxes(axes, 1, 2).reshape(len(index), 9))

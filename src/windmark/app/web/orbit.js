@@ -114,6 +114,7 @@ WM.hands = (canvas, orbit, changed) => {
   for (const end of ['pointerup', 'pointercancel']) canvas.addEventListener(end, (e) => fingers.delete(e.pointerId));
   canvas.addEventListener('contextmenu', (e) => e.preventDefault());
   canvas.addEventListener('wheel', (e) => {
+    if (document.activeElement !== canvas && !e.ctrlKey) return; // the page scrolls over it
     e.preventDefault();
     orbit.zoom(Math.exp(0.0015 * e.deltaY * (e.deltaMode ? 20 : 1)));
     changed();

@@ -11,6 +11,14 @@ WM.element = (tag, attributes = {}, ...children) => {
   return out;
 };
 
+WM.svg = (tag, attributes = {}) => {
+  const any = WM.element('template');
+  any.innerHTML = '<svg></svg>';
+  const out = document.createElementNS(any.content.firstChild.namespaceURI, tag);
+  for (const [name, value] of Object.entries(attributes)) out.setAttribute(name, value);
+  return out;
+};
+
 WM.check = (label, on, changed, title = '') => WM.element('label', { class: 'wm-check', title },
   WM.element('input', { type: 'checkbox', checked: on, onchange: (e) => changed(e.target.checked) }), label);
 

@@ -10,6 +10,7 @@ WM.Scene = class {
     this.names = node.querySelector('.wm-names');
     this.tip = node.querySelector('.wm-tip');
     this.gpu = new WM.Gpu(this.canvas);
+    this.axes = this.names.parentNode.appendChild(WM.svg('svg', { class: 'wm-axes', viewBox: '-32 -32 64 64' }));
     this.orbit = new WM.Orbit(model);
     const { head } = model;
     const few = head.markers ? head.markers.names.length <= NAMED : false;
@@ -193,6 +194,19 @@ WM.Scene = class {
     if (this.shifts && show.residuals) gpu.drawLines(this.shifts, matrix, ink('--shift'), 1e-3);
     if (this.balls && show.ellipsoids) gpu.drawBalls(this.balls, matrix, view, [...ink('--ellipsoid').slice(0, 3), 0.45]);
     this.label(width, height);
+    this.drawAxes();
+  }
+
+  // The directions of the frame in the corner: what is nearer lies above.
+  drawAxes() {
+    const { right, up, ahead } = this.orbit;
+    const ends = [0, 1, 2].map((a) => ({ name: 'xyz'[a], x: 20 * right[a], y: -20 * up[a], far: ahead[a] }));
+    ends.sort((a, b) => b.far - a.far);
+    this.axes.replaceChildren(...ends.flatMap(({ name, x, y }) => {
+      const text = WM.svg('text', { x: 1.35 * x, y: 1.35 * y + 3.5 });
+      text.textContent = name;
+      return [WM.svg('line', { x2: x, y2: y, class: `wm-axis-${name}` }), text];
+    }));
   }
 
   // Names beside markers and cameras; one that would lie on another is left out.
@@ -221,6 +235,17 @@ WM.Scene = class {
   }
 
   listen() {
+    // A graphics card that was taken away (sleep, too many pages) comes back empty.
+    this.canvas.addEventListener('webglcontextlost', (e) => e.preventDefault());
+    this.canvas.addEventListener('webglcontextrestored', () => {
+      this.gpu = new WM.Gpu(this.canvas);
+      this.prepare();
+      if (this.field) {
+        this.shift(this.field.shifts);
+        this.colour();
+      }
+      this.redraw();
+    });
     this.canvas.addEventListener('pointermove', (e) => {
       this.hush();
       if (e.buttons) return;
