@@ -71,7 +71,7 @@ def commands() -> str:
 def examples(epilog: str) -> list[str]:
     """The command lines of an epilog ``Example: windmark ..., or windmark ...``."""
     text = re.sub(r"^Examples?:\s*", "", epilog.strip())
-    parts = re.split(r"(?:;|,\s*or|,\s*then|\.\s)\s*(?=windmark )|\n(?=windmark )", text)
+    parts = re.split(r"(?:;|,\s*or|,\s*then|\.)\s*(?:[A-Z]\w*:)?\s*(?=windmark )|\n(?=windmark )", text)
     return [part.strip().rstrip(".,;") for part in parts if part.strip().startswith("windmark ")]
 
 

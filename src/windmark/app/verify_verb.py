@@ -30,6 +30,11 @@ def verify(folder: Path, keep: Path | None, as_json: bool) -> None:
     manifest = read_manifest(folder)
     if manifest is None:
         raise UsageError(f"{folder}: has no {MANIFEST} that can be read; expected the folder of a result of windmark")
+    sound = isinstance(manifest.get("inputs", []), list) and isinstance(manifest.get("options", {}), dict)
+    inputs = manifest.get("inputs", []) if sound else []
+    named = [isinstance(one, dict) and {"file", "sha256"} <= set(one) for one in inputs]
+    if not (sound and all(named)):
+        raise io.FileError(folder / MANIFEST, "its inputs or options are not those of a result of windmark")
     if manifest.get("unfinished"):
         raise UsageError(f"{folder}: this run did not come to its end; --resume or --finish it first")
     if keep is not None and keep.exists():

@@ -21,7 +21,7 @@ from windmark.pipeline.kinds import KINDS, kind_of
 from windmark.pipeline.likely_unit import likely_unit, model_box
 from windmark.pipeline.project import Project, pictures_of
 from windmark.pipeline.psp import PspProject
-from windmark.pipeline.settings import explanation, has_path, model_in, read_settings
+from windmark.pipeline.settings import existing, existing_picture, explanation, has_path, model_in, read_settings
 from windmark.pipeline.toml_lines import Key, line_of, toml_lines
 from windmark.scene import MarkerSet, Mesh
 
@@ -180,19 +180,21 @@ class _Files:
     def _file(self, key: str, value: Any, read: Callable[[Path], Any]) -> Any:
         if not isinstance(value, str):
             return None
-        full = self.out.path.parent / value
         self.show(f"read {value}")
         with _noting(self.out, self.lines, key):
-            if not full.is_file():
-                raise FileError(self.out.path, f"there is no file {full.resolve()}{_similar(full)}", key)
-            return read(full)
+            return read(self._there(existing, key, value))
         return None
 
+    def _there(self, look: Callable[[Path, str, Path], Path], key: str, value: str) -> Path:
+        """A file that is there; a `FileError` names one that is nearly called so."""
+        try:
+            return look(self.out.path, key, Path(value))
+        except FileError as error:
+            raise FileError(error.path, error.what + _similar(self.out.path.parent / value), error.where) from None
+
     def _exists(self, key: str, value: str) -> None:
-        full = self.out.path.parent / value
         with _noting(self.out, self.lines, key):
-            if not full.exists():
-                raise FileError(self.out.path, f"there is no file {full.resolve()}{_similar(full)}", key)
+            self._there(existing, key, value)
 
     def _camera(self, n: int, entry: dict[str, Any]) -> None:
         content = self._file(f"camera[{n}].file", entry.get("file"), io.read_camera_file)
@@ -241,11 +243,7 @@ class _Files:
         names = list(self.cameras)
         camera = self.cameras.get(str(entry.get("camera", names[0] if len(names) == 1 else "")))
         with _noting(self.out, self.lines, key):
-            full = self.out.path.parent / file
-            address = io.frame_address(full)
-            if not address.file.exists():
-                there = address.file
-                raise FileError(self.out.path, f"there is no file {there.resolve()}{_similar(there)}", key)
+            full = self._there(existing_picture, key, file)
             page = {"page": entry["page"]} if isinstance(entry.get("page"), int) else {}
             image = io.read_grey(full, **page)
             size = (image.shape[1], image.shape[0])
@@ -307,7 +305,7 @@ def _similar(path: Path) -> str:
 
     try:
         there = [p.name for p in path.parent.iterdir()]
-    except OSError:
-        return "; there is no such folder, either" if not path.parent.is_dir() else ""
+    except (OSError, ValueError):  # no folder, or no name that a file can have
+        return ""
     near = get_close_matches(path.name, there, 1, 0.6)
     return f", did you mean {near[0]}?" if near else ""

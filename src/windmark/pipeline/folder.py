@@ -94,8 +94,8 @@ def _recognise(path: Path, out: FolderContent) -> None:
     elif suffix in TABLES:
         _table(path, out)
     elif suffix in io.GRID_SUFFIXES or suffix in (".grid", ".grd", ".p3d", ".x", ".xyz"):
-        out.grids[path] = io.grid_format(path)
-        unit = io.read_mesh(path).length_unit
+        kind, unit = io.grid_format(path), io.read_mesh(path).length_unit
+        out.grids[path] = kind
         if unit:
             out.units[path] = unit
     elif suffix in CAMERAS and path.stat().st_size <= LARGEST_TEXT and _may_be_camera(path):
