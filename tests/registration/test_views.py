@@ -9,6 +9,7 @@ import settle_scenes as settling
 
 from windmark.geometry import Camera
 from windmark.registration.settle import views as v
+from windmark.registration.settle._kernels import doubt
 from windmark.registration.settle.settling import copied, with_freedom
 
 CAMERA = Camera((1280, 960), 1500.0, aspect=1.02, k1=-0.1)
@@ -55,14 +56,16 @@ def test_doubts_of_a_camera_are_what_they_say():
     changed = [
         Camera(CAMERA.size_px, *(CAMERA.packed()[:11] + c[:11] * np.append(1500.0, np.ones(10)))) for c in columns.T
     ]
-    assert changed[0].focal_px == pytest.approx(1500.0 * (1 + v.DOUBTED_FOCAL))
-    assert changed[1].aspect == pytest.approx(1.02 + v.DOUBTED_ASPECT)
-    assert [changed[2].cx - CAMERA.cx, changed[3].cy - CAMERA.cy] == pytest.approx([v.DOUBTED_CENTRE * diagonal] * 2)
+    assert changed[0].focal_px == pytest.approx(1500.0 * (1 + doubt.DOUBTED_FOCAL))
+    assert changed[1].aspect == pytest.approx(1.02 + doubt.DOUBTED_ASPECT)
+    assert [changed[2].cx - CAMERA.cx, changed[3].cy - CAMERA.cy] == pytest.approx(
+        [doubt.DOUBTED_CENTRE * diagonal] * 2
+    )
     plain = Camera((1280, 960), 1500.0)
     lens = Camera((1280, 960), 1500.0, k1=v.doubted_camera(plain)[4, 4])
     corner = np.array([(1280 / 2) / 1500, (960 / 2) / 1500, 1.0])
     off = lens.project(corner)[0] - plain.project(corner)[0]
-    assert np.linalg.norm(off) == pytest.approx(v.DOUBTED_EDGE * diagonal / 2, rel=1e-6)
+    assert np.linalg.norm(off) == pytest.approx(doubt.DOUBTED_EDGE * diagonal / 2, rel=1e-6)
 
 
 def unlike_rig():
