@@ -35,7 +35,7 @@ Ints = NDArray[np.int64]
 QUARTERS = 8  # directions of the middles of the quarters
 LEFT_TO_GONE = 3.0  # pixels that stay over those left out: the jackknife's factor
 IN_WHITE_NOISE = 5.8  # jackknife over covariance, variances: a fit without a quarter loses more than a quarter
-FAR = 2.0  # of the centre's variance, square of a movement from which on fits tell, not steps
+FAR = 8.0  # of the centre's variance, square of a movement from which on fits tell, not steps
 ENOUGH = 5  # clean markers that say how discs are in this frame
 
 
