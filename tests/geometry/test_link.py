@@ -209,3 +209,38 @@ def test_what_was_linked_in_another_run_is_read_and_linked_again(tmp_path, monke
     assert run(SECOND) == [f"{both} 0 1 0", *raised]
     assert run(SECOND) == [f"{both} 0 0 1", *raised]
     assert run(SECOND, "and middle") == [f"{once}", f"{both} 0 1 1", *raised]
+
+
+ARRAYS = """
+import numpy as np
+from windmark.geometry._jit import nb
+
+@nb.njit(cache=True, nogil=True)
+def part(values):
+    out = np.empty(len(values))
+    for i in range(len(values)):
+        out[i] = 2.0 * values[i]
+    return out
+
+@nb.njit(cache=True, nogil=True)
+def whole(values):
+    return part(values)[0]
+"""
+ORDER = """
+import sys
+import numpy as np
+import arrays
+for name in sys.argv[1:]:
+    print(getattr(arrays, name)(np.ones(2)))
+"""
+
+
+def test_a_part_of_a_read_function_may_be_read_itself(tmp_path, monkeypatch):
+    """What it hands to Python needs constants that the part of another function has not."""
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
+    (tmp_path / "arrays.py").write_text(ARRAYS)
+    (tmp_path / "script.py").write_text(ORDER)
+    for names in (["whole"], ["part"], ["whole", "part"], ["part", "whole"]):
+        command = [sys.executable, str(tmp_path / "script.py"), *names]
+        said = subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
+        assert said == ["2.0" if name == "whole" else "[2. 2.]" for name in names]

@@ -21,7 +21,7 @@ from typing import Any
 
 import llvmlite.binding as llvm
 from numba import _dynfunc
-from numba.core import caching, codegen, cpu, registry, sigutils
+from numba.core import caching, codegen, cpu, environment, registry, sigutils
 from numba.core.compiler import Flags
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.dispatcher import Dispatcher
@@ -109,14 +109,14 @@ class Library(codegen.JITCodeLibrary):
 
     def _finalize_specific(self) -> None:
         super()._finalize_specific()
-        for environment in _environments(self._final_module):
-            self._codegen.set_env(environment.env_name, environment)
+        for one in _environments(self._final_module):
+            self._codegen.set_env(one.env_name, one)
 
     def serialize_using_object_code(self) -> tuple[Any, ...]:
         self._ensure_finalized()
         module = self._final_module
         names = [v.name for of in (module.functions, module.global_variables) for v in of if not v.is_declaration]
-        kept = tuple(environment for environment in self._environments if environment.can_cache())
+        kept = tuple(one for one in self._environments if one.can_cache())
         return (self.name, "linked", (self._get_compiled_object(), names, self._unlinked, kept))
 
     @classmethod
@@ -150,9 +150,9 @@ def _called(library: Any) -> list[Any]:
 def _environments(module: Any) -> Iterator[Any]:
     for variable in module.global_variables:
         if variable.name.startswith(_ENVIRONMENT):
-            environment = lookup_environment(variable.name)
-            if environment is not None:
-                yield environment
+            found = lookup_environment(variable.name)
+            if found is not None:
+                yield found
 
 
 class _Context(cpu.CPUContext):
@@ -242,6 +242,18 @@ def _plain(type_: Any) -> Any:
     return unliteral(type_)
 
 
+_numbas_rebuild = environment._rebuild_env
+
+
+def _rebuild_environment(module: str, constants: list[Any], name: str) -> Any:
+    """As numba's, which takes the first that it reads: but a function that was linked has constants of its wrapper
+    behind those that it had as a part of others.
+    """
+    found = _numbas_rebuild(module, constants, name)
+    found.consts.extend(constants[len(found.consts) :])
+    return found
+
+
 _DEFAULTS = {name: option.default for name, option in Flags.options.items()}
 _NAMES = hash(tuple(sorted(_DEFAULTS)))  # as numba has it: of the options' names
 
@@ -267,5 +279,6 @@ def install() -> bool:
         return False
     context.__class__ = _Context
     made._library_class = Library
+    environment._rebuild_env = _rebuild_environment
     Flags.__eq__, Flags.__hash__ = _equal, _hash_of_names
     return True
