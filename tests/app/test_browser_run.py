@@ -74,6 +74,7 @@ def test_it_turns_by_mouse_wheel_and_keys(page):
     page.js(f"document.querySelector('{CANVAS}').focus()")
     page.key("ArrowLeft")
     assert changed(nearer, pixels(page)) > 0.01
+    page.js(f"document.querySelector('{CANVAS}').focus()")
     page.key("0")
     assert changed(first, pixels(page)) < 0.002
     assert page.wrong() == []
