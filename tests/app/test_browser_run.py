@@ -62,6 +62,11 @@ def test_it_turns_by_mouse_wheel_and_keys(page):
     page.drag((x, y), (x + 120, y + 30))
     turned = pixels(page)
     assert changed(first, turned) > 0.03
+    page.mouse("mouseWheel", x, y, deltaX=0, deltaY=-300)  # the page's, before there was a click
+    page.settle()
+    assert changed(turned, pixels(page)) < 0.002
+    x, y = page.centre(CANVAS)
+    page.js(f"document.querySelector('{CANVAS}').focus()")
     page.mouse("mouseWheel", x, y, deltaX=0, deltaY=-300)
     page.settle()
     nearer = pixels(page)
@@ -69,6 +74,7 @@ def test_it_turns_by_mouse_wheel_and_keys(page):
     page.js(f"document.querySelector('{CANVAS}').focus()")
     page.key("ArrowLeft")
     assert changed(nearer, pixels(page)) > 0.01
+    page.js(f"document.querySelector('{CANVAS}').focus()")
     page.key("0")
     assert changed(first, pixels(page)) < 0.002
     assert page.wrong() == []
