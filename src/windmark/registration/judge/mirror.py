@@ -41,10 +41,11 @@ def mirror_of(views: Views, best: Solution, most: int) -> Solution | None:
     mirrored a deformation explains what is none. ``most`` motions are tried, those that bring most markers onto others
     first. None without any.
     """
-    onto, turn, shift = (part[:most] for part in views.layout.mirror_starts[:3])
+    onto, turn, shift, across = views.layout.mirror_starts
+    onto, turn, shift = onto[:most], turn[:most], shift[:most]
     if not len(onto):
         return None
-    across, reach = views.layout.mirror_starts[3], reach_of(best)
+    reach = reach_of(best)
     found: Solution | None = None
     for way in [views.mirrored(FLIP), *([best.views.mirrored(FLIP)] if best.is_bent else [])]:
         near, *rest = mirrors_kernel(way.sights, best.state, onto, turn, shift, reach, across)
