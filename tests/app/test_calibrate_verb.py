@@ -76,7 +76,7 @@ def test_json_and_comparison_with_another_set(windmark, plate):
     assert done.json["cameras"]["camera"]["focal_px"]["sigma"] > 0
     page = (folder / "out" / "report.html").read_text()
     assert "Against another set of pictures" in page
-    assert page.count("data:image/png;base64,") == 9
+    assert page.count('src="data:image/') == 8
 
 
 def test_known_markers_with_a_joint_covariance(windmark, plate):
