@@ -16,6 +16,7 @@ from windmark.pipeline.toml_lines import Key, entered
 
 _PART = re.compile(r"""[A-Za-z0-9_-]+|"(?:\\.|[^"\\\n])*"|'[^'\n]*'""")
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
+_NO_KEY: tuple[str, ...] = ()
 _BLANK = " \t\r\n"
 
 
@@ -207,7 +208,7 @@ def _items(text: str, at: int) -> tuple[list[_Item], list[int], int]:
             commas.append(at)
             at += 1
         else:
-            start, key = at, ()
+            start, key = at, _NO_KEY
             if named:
                 key, at = _key(text, at)
                 at = _skip(text, at + 1)
