@@ -13,6 +13,7 @@ from windmark.app.viewer.page import page, rejected, waiting_page
 from windmark.app.viewer.pov import read_pov, seen_at, virtual_view
 from windmark.app.viewer.server import Answer, Routes, Server
 from windmark.app.viewer.session import Session
+from windmark.app.viewer.sight_lines import lines_of_sight
 from windmark.errors import UsageError
 from windmark.pipeline.project import read_project
 from windmark.pipeline.results import ImageResult, RunResult
@@ -87,9 +88,13 @@ def routes(session: Session, title: str) -> Routes:
         content, _ = virtual_view(item, result, read_pov(said), kind)
         return Answer(content, KINDS[kind])
 
+    def sight(said: dict[str, Any]) -> Answer:
+        item, result = _item(session, said)
+        return Answer.of({"lines": lines_of_sight(item, result, said.get("spot"))})
+
     return {
         ("GET", "/"): whole, ("GET", "/state"): state, ("POST", "/run"): run, ("POST", "/explain"): explain,
-        ("POST", "/grid"): grid, ("POST", "/export"): export,
+        ("POST", "/grid"): grid, ("POST", "/export"): export, ("POST", "/sight"): sight,
         **{("POST", f"/{what}"): partial(edit, what) for what in ("name", "exclude", "free")},
     }  # fmt: skip
 

@@ -131,6 +131,20 @@ const explain = (view, figure) => {
   return label;
 };
 
+// The line of sight of one spot in the other pictures; that of the spot before goes.
+let sight = { lines: {}, words: '' };
+const drawSight = (lines, words) => {
+  sight = { lines, words };
+  document.querySelectorAll('.wm-view').forEach(putSight);
+};
+const putSight = (view) => {
+  const drawing = view.querySelector('.wm-zoom svg');
+  if (!drawing) return;
+  drawing.querySelectorAll('.sight').forEach((old) => old.remove());
+  const line = sight.lines[view.dataset.image];
+  if (line) drawing.prepend(svg('path', { class: 'sight', d: `M${line.map((p) => p.join(' ')).join('L')}` }, sight.words));
+};
+
 let pop = null;
 const closePop = () => {
   if (pop) pop.remove();
@@ -150,7 +164,8 @@ const openPop = (circle, x, y) => {
   pop.innerHTML = '<button type="button" class="wm-close-pop" aria-label="close">×</button><p class="wm-what"></p>'
     + '<p class="soft wm-says"></p><form><input list="wm-markers" autocomplete="off" placeholder="marker" aria-label="marker">'
     + '<button>name it</button></form><div class="wm-buttons"><button type="button" class="wm-exclude">exclude it</button>'
-    + '<button type="button" class="wm-free">free it again</button></div><p class="bad"></p>';
+    + '<button type="button" class="wm-free">free it again</button>'
+    + '<button type="button" class="wm-sight">its line of sight in the other pictures</button></div><p class="bad"></p>';
   const find = (what) => pop.querySelector(what);
   find('.wm-what').textContent = circle.querySelector('title').textContent;
   find('.wm-says').textContent = label ? `The project names it ${label}.` : out ? 'The project excludes it.'
@@ -158,6 +173,7 @@ const openPop = (circle, x, y) => {
   find('input').value = label || data.images[image].names[spot] || '';
   find('.wm-exclude').disabled = out;
   find('.wm-free').disabled = !label && !out;
+  find('.wm-sight').hidden = !data.images[image].posed || Object.values(data.images).filter((i) => i.posed).length < 2;
   const send = async (path, more) => {
     try {
       const state = await ask(path, { image, spot, ...more });
@@ -173,6 +189,16 @@ const openPop = (circle, x, y) => {
   });
   find('.wm-exclude').addEventListener('click', () => send('/exclude'));
   find('.wm-free').addEventListener('click', () => send('/free'));
+  find('.wm-sight').addEventListener('click', async () => {
+    try {
+      const { lines } = await ask('/sight', { image, spot });
+      drawSight(lines, `line of sight of spot ${spot} of ${image}`);
+      const seen = Object.keys(lines);
+      if (pop) find('.wm-says').textContent = seen.length ? `Its line of sight is drawn in ${seen.join(', ')}.` : 'No other picture sees its line of sight.';
+    } catch (error) {
+      if (pop) find('.bad').textContent = error.message;
+    }
+  });
   find('.wm-close-pop').addEventListener('click', closePop);
   circle.classList.add('chosen');
   document.body.append(pop);
@@ -213,6 +239,7 @@ WM.liven = (root) => {
     }
     pointOfView(view, figure);
     mark(view);
+    putSight(view);
   });
 };
 
