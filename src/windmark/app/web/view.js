@@ -209,11 +209,14 @@ const openPop = (circle, x, y) => {
   find('input').select();
 };
 
-// A picture that is dragged holds the pointer, so what was under it is remembered when it went down.
+// A picture that is dragged holds the pointer, so what was under it is remembered when it went down. What is drawn over a
+// spot (where a marker was expected, a line of sight) does not keep the click from it.
 let pressed = null;
 document.addEventListener('pointerdown', (e) => {
   if (pop && !pop.contains(e.target)) closePop();
-  const circle = e.target.closest && e.target.closest('circle[data-spot]');
+  const inPop = pop && pop.contains(e.target);
+  const circle = inPop ? null
+    : document.elementsFromPoint(e.clientX, e.clientY).find((one) => one.matches('circle[data-spot]'));
   pressed = circle ? { circle, x: e.clientX, y: e.clientY } : null;
 }, true);
 document.addEventListener('pointerup', (e) => {
