@@ -97,7 +97,7 @@ const mark = (view) => {
 };
 
 const NAMED = '<i style="border-color: #40a9ff"></i>named in the project';
-const OUT = '<i style="border-color: #9e9e9e; border-style: dashed"></i>excluded in the project';
+const OUT = '<i style="border-color: #e0457b; border-style: dashed"></i>excluded in the project';
 
 // Candidates that detection rejected: asked for when somebody wants to see them.
 const explain = (view, figure) => {

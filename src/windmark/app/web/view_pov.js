@@ -5,7 +5,7 @@ const MOST_FOV = 170;
 
 const rangeOf = (name, start, reach) => {
   if (name === 'fov') return [start / 8, Math.min(Math.max(4 * start, 1), Math.max(MOST_FOV, start)), start / 2000];
-  return name[0] === 'r' ? [-180, 180, 0.02] : [start - reach, start + reach, reach / 5000];
+  return name[0] === 'r' ? [start - 180, start + 180, 0.02] : [start - reach, start + reach, reach / 5000];
 };
 
 // Seven digits are enough for any of them; a box is for typing, too.
