@@ -11,7 +11,7 @@ from viewing import viewing
 
 from windmark.app.viewer.pov import NUMBERS, camera_at
 from windmark.geometry import Camera, PoV
-from windmark.io import read_grey
+from windmark.io import read_grey, write_camera
 from windmark.pipeline.project import read_project
 
 pytestmark = pytest.mark.slow
@@ -249,6 +249,23 @@ def test_the_virtual_view_is_written_as_values_and_as_a_picture(viewer, tmp_path
     assert (status, "png or tiff" in said["error"]) == (422, True)
     status, said = viewer.ask("/export", image="wind-off", kind="png", **{**pov_of(viewer), "fov": 175.0})
     assert (status, "170" in said["error"]) == (422, True)
+
+
+def test_a_picture_of_known_pose_is_shown_with_its_grid_and_has_no_spots(original, tmp_path, viewer):
+    folder = shutil.copytree(original.parent, tmp_path / "known", ignore=shutil.ignore_patterns("results"))
+    (item,) = viewer.session.shown.result.images
+    write_camera(folder / "camera.json", item.camera, item.cam_from_model, unit="mm")
+    text = PROJECT.replace('"camera.json"', '"camera.json"\npose = "known"').split("[markers]")[0]
+    (folder / "project.toml").write_text(text + '[grid]\nfile = "model.grid"\n')
+    with viewing(folder / "project.toml") as other:
+        _, page, _ = other.raw("GET", "/")
+        assert b"visible grid lines" in page
+        status, seen = other.ask("/grid", image="wind-off", **pov_of(other))
+        assert (status, seen["nodes"]) == (200, item.nodes.visible.sum())
+        for path in ("/exclude", "/sight"):
+            status, said = other.ask(path, image="wind-off", spot=0)
+            assert (status, "none was found or looked for" in said["error"]) == (422, True)
+        assert other.ask("/explain", image="wind-off")[0] == 422
 
 
 def test_run_again_writes_the_results_and_says_what_changed(original, tmp_path, windmark):

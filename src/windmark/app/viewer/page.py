@@ -12,18 +12,19 @@ import numpy as np
 
 from windmark import detection, io
 from windmark.app import web
-from windmark.app.photo import FEW, MANY, greys
+from windmark.app.photo import FEW, MANY, Overlay, Room, greys, preview
 from windmark.app.report import Report
 from windmark.app.run_images import photo
 from windmark.app.run_report import OPEN_IMAGES, in_short, overview, worst_first
 from windmark.app.run_scene import run_scene
 from windmark.app.verdict_words import put_verdict
-from windmark.app.viewer.pov import NUMBERS, first_pov
+from windmark.app.viewer.pov import EDGES, LINES_PER_BLOCK, NUMBERS, first_pov
 from windmark.app.viewer.session import Shown
 from windmark.errors import UsageError
 from windmark.pipeline.changes import Change, SeenImage
 from windmark.pipeline.results import ImageResult, RunResult
 from windmark.pipeline.verdict import run_verdict
+from windmark.pipeline.wireframe import grid_lines
 
 BAR = (
     '<div class="wm-bar-top"><div><button type="button" class="wm-run">run again</button>'
@@ -111,8 +112,8 @@ def _pictures(report: Report, order: list[ImageResult], result: RunResult) -> No
                 with own.part(f"{item.name}: picture of the spots"):
                     photo(own, item, result, MANY if many else FEW, greys(item.image))
             elif item.image is not None:
-                own.text("No spots were looked for in this picture: its camera's pose is known, or the detection "
-                         "gave none.", "soft")  # fmt: skip
+                with own.part(f"{item.name}: the picture"):
+                    _bare(own, item, result, MANY if many else FEW)
             own.raw("</div>")
         return own
 
@@ -123,6 +124,17 @@ def _pictures(report: Report, order: list[ImageResult], result: RunResult) -> No
                 "Under the cursor: place, sigma and merit.", "soft")  # fmt: skip
     for own in made:
         report.absorb(own)
+
+
+def _bare(report: Report, item: ImageResult, result: RunResult, room: Room) -> None:
+    """A picture in which no spots were looked for, as its camera's pose is known, or in which no radius prevailed."""
+    assert item.image is not None
+    height, width = item.image.shape[:2]
+    over = Overlay((width, height))
+    if result.mesh is not None and item.nodes is not None:
+        lines = grid_lines(result.mesh, item.nodes, per_block=LINES_PER_BLOCK, edges=EDGES)
+        over.wires(lines, "visible grid lines, projected")
+    report.raw(over.html(preview(greys(item.image), room.photo)[0], f"{item.name}: without spots."))
 
 
 def _changes(report: Report, changed: tuple[Change, ...], unit: str) -> None:

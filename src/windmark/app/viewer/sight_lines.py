@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.app.viewer.spots import spot_of
 from windmark.errors import UsageError
 from windmark.pipeline.results import ImageResult, RunResult
 
@@ -27,11 +28,9 @@ def lines_of_sight(item: ImageResult, result: RunResult, spot: Any) -> dict[str,
     UsageError
         For an unknown spot, a picture without a pose, and where there is neither a grid nor a marker.
     """
-    if item.cam_from_model is None or item.detections is None:
+    if item.cam_from_model is None:
         raise UsageError(f"{item.name} has no pose, so its lines of sight are not known")
-    if isinstance(spot, bool) or not isinstance(spot, int) or not 0 <= spot < len(item.detections):
-        raise UsageError(f"{item.name} has no spot {str(spot)[:20]}; it has {len(item.detections)}, from 0")
-    points = _along(item, result, item.detections.xy[spot])
+    points = _along(item, result, np.asarray(spot_of(item, spot)[1]))
     out = {}
     for other in result.images:
         if other is item or other.cam_from_model is None:

@@ -63,7 +63,7 @@ def name_spot(result: RunResult, project: Project, image: str, spot: Any, marker
         Of `edit_spots`.
     """
     item, entry = _image(result, project, image)
-    k, place = _spot(item, spot)
+    k, place = spot_of(item, spot)
     names = [] if result.markers is None else [str(n) for n in result.markers.name]
     if marker not in names:
         near = get_close_matches(str(marker), names, 1, 0.5)
@@ -78,7 +78,7 @@ def name_spot(result: RunResult, project: Project, image: str, spot: Any, marker
 def exclude_spot(result: RunResult, project: Project, image: str, spot: Any) -> str:
     """Write that a spot takes no part; a name that the file gave it goes. Answer and errors as `name_spot`."""
     item, entry = _image(result, project, image)
-    k, place = _spot(item, spot)
+    k, place = spot_of(item, spot)
     told = Told.of(entry, item.detections, project.register_.label_distance_px)
     if _items(told, k):
         raise UsageError(f"{image}: spot {k} is excluded already")
@@ -90,7 +90,7 @@ def exclude_spot(result: RunResult, project: Project, image: str, spot: Any) -> 
 def free_spot(result: RunResult, project: Project, image: str, spot: Any) -> str:
     """Take out what the file says of a spot. Gives what was done; errors as `name_spot`."""
     item, entry = _image(result, project, image)
-    k, _ = _spot(item, spot)
+    k, _ = spot_of(item, spot)
     told = Told.of(entry, item.detections, project.register_.label_distance_px)
     named, items = [name for name, at in told.labels.items() if at == k], _items(told, k)
     if not named and not items:
@@ -111,10 +111,12 @@ def _image(result: RunResult, project: Project, name: str) -> tuple[ImageResult,
     return item, entry
 
 
-def _spot(item: ImageResult, number: Any) -> tuple[int, Place]:
+def spot_of(item: ImageResult, number: Any) -> tuple[int, Place]:
+    """The number of a spot, checked, and its place; `UsageError` where there is no such spot."""
     count = 0 if item.detections is None else len(item.detections)
     if isinstance(number, bool) or not isinstance(number, int) or not 0 <= number < count:
-        raise UsageError(f"{item.name} has no spot {str(number)[:20]}; it has {count}, from 0")
+        has = f"it has {count}, counted from 0" if count else "none was found or looked for"
+        raise UsageError(f"{item.name} has no spot {str(number)[:20]}; {has}")
     assert item.detections is not None
     x, y = item.detections.xy[number].tolist()
     return number, (x, y)
