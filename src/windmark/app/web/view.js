@@ -194,7 +194,7 @@ const openPop = (circle, x, y) => {
       const { lines } = await ask('/sight', { image, spot });
       drawSight(lines, `line of sight of spot ${spot} of ${image}`);
       const seen = Object.keys(lines);
-      if (pop) find('.wm-says').textContent = seen.length ? `Its line of sight is drawn in ${seen.join(', ')}.` : 'No other picture sees its line of sight.';
+      if (pop) find('.wm-says').textContent = seen.length ? `Its line of sight is drawn in ${seen.length > 4 ? `${seen.length} other pictures` : seen.join(', ')}.` : 'No other picture sees its line of sight.';
     } catch (error) {
       if (pop) find('.bad').textContent = error.message;
     }
@@ -235,7 +235,7 @@ WM.liven = (root) => {
     figure.querySelectorAll('.spots circle').forEach((circle, k) => { circle.dataset.spot = k; });
     const row = figure.querySelector('.wm-layers');
     if (data.images[view.dataset.image].look) row.append(explain(view, figure));
-    for (const words of [NAMED, OUT]) {
+    for (const words of figure.querySelector('circle[data-spot]') ? [NAMED, OUT] : []) {
       const key = WM.element('span', {});
       key.innerHTML = words;
       row.append(key);
