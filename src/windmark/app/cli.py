@@ -15,7 +15,7 @@ import typer
 
 from windmark import compiling
 from windmark.app import console
-from windmark.app.commands import align, camera, deform, epipolar, image, infrared, plan, pov, psp, start
+from windmark.app.commands import align, camera, deform, epipolar, image, infrared, plan, pov, psp, start, view
 from windmark.app.commands.grouped import App, written
 from windmark.app.commands.matching_options import Binding, MaxTime, NoOcclusion, Roles
 from windmark.app.commands.options import Json, Seed
@@ -135,6 +135,7 @@ pov.add(app)
 psp.add(app)
 infrared.add(app)
 start.add(app)
+view.add(app)
 
 
 def main() -> None:

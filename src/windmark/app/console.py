@@ -8,7 +8,7 @@ import re
 import sys
 import traceback
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from io import TextIOWrapper
 from itertools import count
 from pathlib import Path
@@ -195,16 +195,19 @@ def _plain(value: Any, folder: Path) -> Any:
 
 
 @contextmanager
-def errors(as_json: bool) -> Iterator[None]:
+def errors(as_json: bool, *, writes_inputs: bool = False) -> Iterator[None]:
     """Turn what went wrong into one clear message and the exit code of the conventions.
 
     2: wrong usage or bad file, in windmark's own words (`windmark.errors`); 130: interrupted. 3: anything else
     is a fault of windmark, which keeps its traceback and is never dressed as bad data.
+
+    ``writes_inputs``: for a command that changes the project which it has read; others are kept from it.
     """
     from windmark.io import reason, witness
 
     try:
-        with witness():  # what is read before the result's folder is known belongs into its manifest, too
+        # What is read before the result's folder is known belongs into its manifest, too.
+        with nullcontext() if writes_inputs else witness():
             yield
     except KeyboardInterrupt as error:
         _fail(f"interrupted; {str(error) or 'nothing was written'}", INTERRUPTED, as_json)

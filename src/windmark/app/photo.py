@@ -133,7 +133,7 @@ class Overlay:
     def wires(self, lines: Sequence[Array], words: str) -> None:
         """Lines of the projected grid, as many as fit."""
         for every in (1, 2, 4, 8):
-            drawn = "".join(_polyline(line, 1.5 * every) for line in lines[::every])
+            drawn = "".join(polyline(line, 1.5 * every) for line in lines[::every])
             if len(drawn) <= WIRES_BYTES:
                 break
         if drawn:
@@ -204,7 +204,7 @@ def scale_bar(size_px: tuple[int, int], units_per_px: float, unit: str, valid: N
             f'<text x="{x:.1f}" y="{y - 0.012 * height:.1f}">{length:g} {escape(unit)}</text>')  # fmt: skip
 
 
-def _polyline(line: Array, step: float) -> str:
+def polyline(line: Array, step: float) -> str:
     """Relative path of a line, points closer than ``step`` pixels left out, tenths of a pixel."""
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
     kept = np.flatnonzero(np.diff(along // (12 * step), prepend=-1.0, append=np.inf)[:-1] != 0)

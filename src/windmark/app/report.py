@@ -168,16 +168,17 @@ class Report:
         self.table(["stage", "s"], list(seconds.items()))
         self.side_by_side(2)
 
-    def html(self) -> str:
-        """The whole page."""
+    def html(self, style: str = "", script: str = "") -> str:
+        """The whole page; ``style`` and ``script`` are put behind every report's own."""
+        more = f"\n<script>{script}</script>" if script else ""
         return (
             '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
             '<meta name="viewport" content="width=device-width, initial-scale=1">'
-            f"<title>{escape(self.title)}</title><style>{web.style()}</style></head><body>"
+            f"<title>{escape(self.title)}</title><style>{web.style()}{style}</style></head><body>"
             f'<h1>{escape(self.title)}</h1><p class="soft">{escape(self.subtitle)}</p>\n'
             + "\n".join(self.parts)
             + "".join(f'\n<script type="text/plain" id="{escape(k)}">{v}</script>' for k, v in self.data.items())
-            + f"\n<script>{web.script()}</script></body></html>\n"
+            + f"\n<script>{web.script()}</script>{more}</body></html>\n"
         )
 
 

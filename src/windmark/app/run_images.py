@@ -48,7 +48,7 @@ def image_part(
         report.raw(f'<p><button type="button" data-field="{escape(item.name)}">show its values in 3D</button></p>')
     if shown is not None and item.detections is not None:
         with report.part(f"{item.name}: picture of the spots"):
-            _photo(report, item, result, room, shown)
+            photo(report, item, result, room, shown)
     if item.registered is not None and result.markers is not None and shown is not None:
         _registration(report, item, item.registered, result.markers, result.project.length_unit, room, shown)
     if item.nodes is not None and item.values is not None:
@@ -68,10 +68,10 @@ def image_part(
             report.picture(png(alignment), "3D alignment: what differs before and after the motion is compensated.")
 
 
-def _photo(
+def photo(
     report: Report, item: ImageResult, result: RunResult, room: Room, shown: NDArray[np.uint8]
 ) -> None:
-    """The picture with all that was found in it."""
+    """The picture with all that was found in it; the circles of the spots are in the order of its detections."""
     spots, answer, markers = item.detections, item.registered, result.markers
     assert spots is not None
     over = Overlay(item.camera.size_px)
@@ -80,8 +80,10 @@ def _photo(
             lines = grid_lines(result.mesh, item.nodes, per_block=LINES_PER_BLOCK, edges=4000)
             over.wires(lines, "visible grid lines, projected")
     matched = np.zeros(len(spots), dtype=bool)
-    notes = [f"spot {k}: x {x:.2f}, y {y:.2f} px, merit {m:.3f}".replace("-", "−")
-             for k, ((x, y), m) in enumerate(zip(spots.xy.tolist(), spots.merit.tolist(), strict=True))]  # fmt: skip
+    sigma = np.sqrt(np.trace(spots.cov, axis1=1, axis2=2) / 2)
+    columns = zip(spots.xy.tolist(), sigma.tolist(), spots.merit.tolist(), strict=True)
+    notes = [f"spot {k}: x {x:.2f}, y {y:.2f} px, sigma {s:.2g} px, merit {m:.3f}".replace("-", "−")
+             for k, ((x, y), s, m) in enumerate(columns)]  # fmt: skip
     if answer is None or markers is None:
         over.spots(spots, matched, notes, ("", f"spot ({len(spots)})"))
         report.raw(over.html(preview(shown, room.photo)[0], f"{item.name}: detected spots."))

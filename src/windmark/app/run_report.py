@@ -52,7 +52,7 @@ def run_report(
                     folder=folder)  # fmt: skip
     order = worst_first(result.images)
     many = len(order) > OPEN_IMAGES
-    _overview(report, result)
+    overview(report, result)
     for path, text in result.notes:
         report.text(f"{path.name}: {text}.", "soft")
     if truth is not None:
@@ -95,7 +95,7 @@ def _images(report: Report, order: Sequence[ImageResult], result: RunResult, man
         if item.image is not None:
             with own.part(f"{item.name}: the picture"):
                 shown = greys(item.image)
-        with own.folded(ident[item.name], f"<b>{escape(item.name)}</b>: {escape(_in_short(item))}", packed=many):
+        with own.folded(ident[item.name], f"<b>{escape(item.name)}</b>: {escape(in_short(item))}", packed=many):
             image_part(own, item, result, room, shown)
         if many and shown is not None:
             with own.part(f"{item.name}: small picture"):
@@ -108,7 +108,7 @@ def _images(report: Report, order: Sequence[ImageResult], result: RunResult, man
     if many:
         cards = "".join(
             f'<a href="#{ident[item.name]}">' + (f'<img alt="" loading="lazy" src="{small}">' if small else "")
-            + f'<b>{escape(item.name)}</b><span class="{"bad" if item.problem else "soft"}">{escape(_in_short(item))}'
+            + f'<b>{escape(item.name)}</b><span class="{"bad" if item.problem else "soft"}">{escape(in_short(item))}'
             "</span></a>" for item, (_, small) in zip(order, made, strict=True)
         )  # fmt: skip
         report.raw(f'<div class="wm-index">{cards}</div>')
@@ -116,7 +116,7 @@ def _images(report: Report, order: Sequence[ImageResult], result: RunResult, man
         report.absorb(own)
 
 
-def _in_short(item: ImageResult) -> str:
+def in_short(item: ImageResult) -> str:
     """An image in a few words."""
     if item.problem:
         return item.problem
@@ -126,7 +126,8 @@ def _in_short(item: ImageResult) -> str:
     return f"{len(answer.matching)} markers, RMS {answer.rms_px:.2f} px"
 
 
-def _overview(report: Report, result: RunResult) -> None:
+def overview(report: Report, result: RunResult) -> None:
+    """The table of all images, and what went wrong."""
     rows = []
     for item in result.images:
         answer = item.registered

@@ -11,7 +11,7 @@ from windmark.app import console
 from windmark.app.verdict_words import put_verdict, verdict_lines
 from windmark.compiling import compiling_seconds, job_time
 from windmark.pipeline import merge_outputs, outputs
-from windmark.pipeline.clock import Clock
+from windmark.pipeline.clock import Clock, Progress
 from windmark.pipeline.job import run_project
 from windmark.pipeline.merge import MergeResult
 from windmark.pipeline.project import Project, make_project, read_project
@@ -63,28 +63,34 @@ def carry_out(project: Project, truth: Callable[[RunResult], Comparison] | None 
 
     ``truth`` compares a result with what is known of a synthetic test.
     """
+    with console.progress() as show, console.result_folder(project.output.folder) as out:
+        return carry_out_in(out, project, show, truth)
+
+
+def carry_out_in(
+    out: io.ResultFolder, project: Project, show: Progress, truth: Callable[[RunResult], Comparison] | None = None
+) -> tuple[RunResult, Record]:
+    """`carry_out` into a folder that is held already; ``show`` is told each stage."""
     from windmark.app.run_report import run_report
 
-    folder = project.output.folder
     start, compiled = job_time(), compiling_seconds()
-    with console.progress() as show, console.result_folder(folder) as out:
-        clock = Clock(show)
-        result = run_project(project, progress=show)
-        comparison = truth(result) if truth else None
-        outputs.write_results(result, out.place, clock)
-        verdict = run_verdict(result)
-        with clock("draw report"):
-            page = run_report(result, clock, comparison, out.sources())
-        put_verdict(page, verdict)
-        (out.place / "report.html").write_text(page.html(), encoding="utf-8")
-        clock.seconds["whole job"] = job_time() - start
-        if compiling_seconds() > compiled:
-            clock.seconds["compiling, once"] = compiling_seconds() - compiled
-        record = {**outputs.summary(result, clock), "verdict": verdict.record(), "not_drawn": page.failed}
-        if comparison is not None:
-            record["truth"] = comparison.record()
-        io.write_json(out.place / "summary.json", record)
-        out.refused = _nothing(result)
+    clock = Clock(show)
+    result = run_project(project, progress=show)
+    comparison = truth(result) if truth else None
+    outputs.write_results(result, out.place, clock)
+    verdict = run_verdict(result)
+    with clock("draw report"):
+        page = run_report(result, clock, comparison, out.sources())
+    put_verdict(page, verdict)
+    (out.place / "report.html").write_text(page.html(), encoding="utf-8")
+    clock.seconds["whole job"] = job_time() - start
+    if compiling_seconds() > compiled:
+        clock.seconds["compiling, once"] = compiling_seconds() - compiled
+    record = {**outputs.summary(result, clock), "verdict": verdict.record(), "not_drawn": page.failed}
+    if comparison is not None:
+        record["truth"] = comparison.record()
+    io.write_json(out.place / "summary.json", record)
+    out.refused = _nothing(result)
     return result, record
 
 

@@ -20,7 +20,7 @@ def toml_lines(text: str) -> dict[Key, int]:
             quote = "" if quote in line else quote
             continue
         if header := _HEADER.match(line):
-            table = _entered(_parts(header[2]), header[1] == "[[", counts)
+            table = entered(_parts(header[2]), header[1] == "[[", counts)
             out.setdefault(table, number)
         elif assigned := _ASSIGNED.match(line):
             out.setdefault((*table, *_parts(assigned[1])), number)
@@ -42,7 +42,7 @@ def _parts(text: str) -> list[str]:
     return [part.strip().strip("\"'") for part in re.findall(r"""[\w-]+|"[^"]*"|'[^']*'""", text)]
 
 
-def _entered(names: list[str], is_list: bool, counts: dict[Key, int]) -> Key:
+def entered(names: list[str], is_list: bool, counts: dict[Key, int]) -> Key:
     """The key of a table that is entered; those of lists have the number of their item."""
     out: Key = ()
     for depth, name in enumerate(names):

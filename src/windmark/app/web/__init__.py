@@ -24,5 +24,11 @@ def script() -> str:
     return "\n".join(["(() => {", "'use strict';", "const WM = {};", *map(_text, SCRIPTS), "window.WM = WM;", "})();"])
 
 
+@cache
+def viewer() -> tuple[str, str]:
+    """Style and script of `windmark view`, behind those of every report."""
+    return _text("view.css"), "\n".join(["(() => {", "'use strict';", _text("view.js"), _text("view_pov.js"), "})();"])
+
+
 def _text(name: str) -> str:
     return files(__name__).joinpath(name).read_text(encoding="utf-8")
