@@ -1,6 +1,6 @@
 """From paint and infrared light on nodes to pressure, temperature, Cp, heat flux and loads, each with its sigma."""
 
-from windmark.paint.averaging import AveragedFrames, average_frames
+from windmark.paint.averaging import AveragedFrames, average_frames, enough
 from windmark.paint.axes import COEFFICIENTS, LoadReference
 from windmark.paint.cameras import CameraSeams, MergedCameras, merge_cameras
 from windmark.paint.carry import Carried, carried, dominant, fewer_modes
@@ -29,7 +29,7 @@ from windmark.paint.radiometry import (
     mean_flat,
 )
 from windmark.paint.radiosity import SelfIllumination, add_self_illumination, remove_self_illumination
-from windmark.paint.ratio import form_ratio, mean_reference, reference_at
+from windmark.paint.ratio import form_ratio, mean_reference, node_shares, reference_at, reference_shares
 from windmark.paint.refusal import NotFitted
 from windmark.paint.sections import SECTION_LOADS, SectionProfile, SpanLoading, section_profile, span_loading
 from windmark.paint.sensor_radiance import SensorRadiance, fit_sensor_radiance
@@ -45,11 +45,11 @@ __all__ = [
     "PhotonTransfer", "PlanckBand", "PolynomialRadiance", "PressureMap", "SECTION_LOADS", "SectionProfile",
     "SelfIllumination", "SensorModel", "SensorRadiance", "SpanLoading", "SternVolmer", "TemperaturePaint",
     "TunnelConditions", "TunnelGain", "Wall", "add_self_illumination", "average_frames", "before_start", "carried",
-    "combined", "correct_picture", "curvature_sum", "dielectric_emissivity", "disc_nodes", "dominant", "fewer_modes",
-    "fill_patches", "fill_smoothly", "fit_paint", "fit_sensor_radiance", "fit_temperature_paint", "flux_operator",
-    "form_factors", "form_ratio", "given_temperature", "heat_flux", "in_situ", "integrate_loads", "interpolated",
-    "lateral_conductance", "lateral_conduction", "mean_dark", "mean_flat", "mean_reference", "merge_cameras",
-    "node_laplacian", "photon_transfer", "polygon_nodes", "pressure_coefficient", "pressure_map",
-    "recovery_temperature", "reference_at", "remove_self_illumination", "section_profile", "span_loading",
-    "surface_temperature", "thermocouple_temperature",
+    "combined", "correct_picture", "curvature_sum", "dielectric_emissivity", "disc_nodes", "dominant", "enough",
+    "fewer_modes", "fill_patches", "fill_smoothly", "fit_paint", "fit_sensor_radiance", "fit_temperature_paint",
+    "flux_operator", "form_factors", "form_ratio", "given_temperature", "heat_flux", "in_situ", "integrate_loads",
+    "interpolated", "lateral_conductance", "lateral_conduction", "mean_dark", "mean_flat", "mean_reference",
+    "merge_cameras", "node_laplacian", "node_shares", "photon_transfer", "polygon_nodes", "pressure_coefficient",
+    "pressure_map", "recovery_temperature", "reference_at", "reference_shares", "remove_self_illumination",
+    "section_profile", "span_loading", "surface_temperature", "thermocouple_temperature",
 ]  # fmt: skip

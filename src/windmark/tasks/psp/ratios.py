@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from windmark.errors import DataError
-from windmark.paint import NodeField, NotFitted, average_frames, form_ratio, merge_cameras
+from windmark.paint import NodeField, NotFitted, average_frames, form_ratio, merge_cameras, node_shares
 from windmark.tasks.psp.lamps import Lamp, lit
 from windmark.tasks.psp.sampling import ModelPicture, Samples, Sampling, sample_picture
 from windmark.tasks.psp.self_lit import Change, Reflecting, own_light
@@ -21,6 +21,31 @@ DIRECTIONS = 3
 """Of a registration's errors at most so many are kept as modes, those that change the ratio most; the others count as
 noise. Fewer with more than two cameras, each of which brings a mode of its own: a field has 30 (`MOST_MODES`)."""
 WIND_ON, WIND_OFF = "wind-on", "wind-off"
+
+
+@dataclass(frozen=True)
+class BadPicture:
+    """A picture that cannot be used: its name and camera, and why."""
+
+    name: str
+    camera: str
+    why: str
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """Pictures of one state of the model that are a part of the reference light.
+
+    Parameters
+    ----------
+    pictures : of it
+    share : of all parts; shares add to 1
+    bad : those of it that cannot be used
+    """
+
+    pictures: Sequence[ModelPicture]
+    share: float = 1.0
+    bad: Sequence[BadPicture] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,11 +88,13 @@ class MergedRatio:
 
 def ratio_of(
     on: Sequence[ModelPicture],
-    off: Sequence[ModelPicture],
+    off: Sequence[ModelPicture] | Iterable[Reference],
     *,
     how: Sampling | None = None,
     lamps: Sequence[Lamp] = (),
     reflecting: Reflecting | None = None,
+    bad: Sequence[BadPicture] = (),
+    own: bool = False,
 ) -> MergedRatio:
     """Ratio at the nodes of a grid from pictures of one point by any number of cameras.
 
@@ -78,37 +105,48 @@ def ratio_of(
 
     Parameters
     ----------
-    on, off : pictures with wind and without, of the same cameras and grid
+    on, off : pictures with wind and without, of the same cameras and grid; or the parts of the reference, which are
+        taken one after the other, each by the mean of its own pictures. A node counts where all parts show it
     how : of sampling
     lamps : the light that the model moves in; none given: it is taken as the same
     reflecting : the paint throws back some of its own light, which is taken off; None: it is left
+    bad : pictures with wind that cannot be used; they count where a camera has too few left (`paint.enough`)
+    own : the reference is the mean of a run that the pictures with wind are one part of and ``off`` the others, of each
+        node over the parts that show it. What wind-on is wrong by is in both and cancels by that part
 
     Raises
     ------
     DataError
-        Where no camera has pictures of both kinds, or none shows a node in both.
+        Where no camera has pictures of both kinds, none shows a node in both, or too few pictures of one can be used.
     """
     how = Sampling() if how is None else how
-    names = [n for n in dict.fromkeys(p.camera for p in on) if any(p.camera == n for p in off)]
+    left_out: dict[str, str] = {}
+    by_camera = _levels(Reference(on, 1.0, bad), how, lamps, left_out)
+    parts = [(part.share, _levels(part, how, lamps, left_out)) for part in _as_parts(off)]
+    needed = any if own else all
+    names = [n for n in by_camera if parts and needed(n in of for _, of in parts)]
     if not names:
         raise DataError("no camera has pictures with wind and without")
-    levels: dict[str, dict[str, _Level]] = {}
-    left_out: dict[str, str] = {}
-    for kind, pictures in ((WIND_ON, on), (WIND_OFF, off)):
-        levels[kind] = {name: _level([p for p in pictures if p.camera == name], how, lamps, left_out) for name in names}
+    levels = {
+        WIND_ON: {name: by_camera[name] for name in names},
+        WIND_OFF: {name: _together([(share, of[name]) for share, of in parts if name in of], own) for name in names},
+    }  # fmt: skip
     flicker, factor = _flicker(levels)
     fields = {kind: _as_fields(of, kind) for kind, of in levels.items()}
     cameras = {}
     for name in names:
+        up, down = levels[WIND_ON][name], levels[WIND_OFF][name]
         ratio = form_ratio(fields[WIND_OFF][name], fields[WIND_ON][name])
         # What was taken off for the bend of the light is as unsure as it is large, but for what both kinds share.
-        bend = ratio.value * (levels[WIND_ON][name].bent - levels[WIND_OFF][name].bent)
+        bend = ratio.value * (up.bent - down.bent)
         ratio = replace(ratio, white=ratio.white + np.nan_to_num(bend) ** 2)
-        n_on, n_off = levels[WIND_ON][name].count, levels[WIND_OFF][name].count
         if flicker > 0:
-            part = factor * flicker * np.sqrt(1 / n_on + 1 / n_off)
+            part = factor * flicker * np.sqrt(up.inverse + down.inverse)
             ratio = ratio.with_mode("lamps", np.where(ratio.known, part * ratio.value, 0.0))
-        weight = np.minimum(levels[WIND_ON][name].weight, levels[WIND_OFF][name].weight)
+        if own:  # (s I + (1 - s) I_others) / I
+            rest = down.shown / (down.shown + 1)
+            ratio = ratio.applied(1 - rest + rest * ratio.value, rest)
+        weight = np.minimum(up.weight, down.weight)
         cameras[name] = CameraRatio(_without_nan(ratio), np.where(ratio.known, weight, 0.0))
     tapers = np.stack([of.weight for of in cameras.values()])
     merged = merge_cameras([of.ratio for of in cameras.values()], names, tapers=tapers, gain="none")
@@ -116,17 +154,28 @@ def ratio_of(
         raise DataError("no node of the grid is seen both with wind and without")
     ratio, change = merged.field, None
     if reflecting is not None:
-        lights = {kind: {name: _as_it_left(fields[kind][name], next(p for p in of if p.camera == name), lamps)
-                         for name in names} for kind, of in ((WIND_ON, on), (WIND_OFF, off))}  # fmt: skip
+        lights = {kind: {name: _as_it_left(fields[kind][name], levels[kind][name].lamps) for name in names}
+                  for kind in levels}  # fmt: skip
         ratio, change = own_light(ratio, lights, tapers, reflecting, (WIND_OFF, WIND_ON))
     return MergedRatio(ratio, cameras, merged.source, merged.systematic, flicker, left_out, change)
 
 
-def _as_it_left(even: NodeField, picture: ModelPicture, lamps: Sequence[Lamp]) -> NodeField:
-    """The light of a level as it left the surface: with that of the lamps in it."""
-    there = lit(picture.mesh, lamps)
-    seen = even.known & np.isfinite(there)
-    return NodeField.make(np.where(seen, even.value * there, np.nan), np.where(seen, np.sqrt(even.white) * there, 0.0))
+def _as_parts(off: Sequence[ModelPicture] | Iterable[Reference]) -> Iterable[Reference]:
+    """The parts of a reference; pictures alone are one."""
+    pictures = []
+    for one in off:
+        if isinstance(one, Reference):
+            yield one
+        else:
+            pictures.append(one)
+    if pictures:
+        yield Reference(pictures)
+
+
+def _as_it_left(even: NodeField, lamps: Array) -> NodeField:
+    """The light of a level as it left the surface: with that of the lamps (V,) in it."""
+    seen = even.known & np.isfinite(lamps)
+    return NodeField.make(np.where(seen, even.value * lamps, np.nan), np.where(seen, np.sqrt(even.white) * lamps, 0.0))
 
 
 def _without_nan(field_: NodeField) -> NodeField:
@@ -137,20 +186,48 @@ def _without_nan(field_: NodeField) -> NodeField:
 
 @dataclass(frozen=True, eq=False)
 class _Level:
-    """The mean of one camera's pictures of a kind at V nodes, light evened out by the lamps'; ``bent`` relative."""
+    """The mean of one camera's pictures of a kind at V nodes, light evened out by the lamps'; ``bent`` relative.
+
+    Parameters
+    ----------
+    lamps : (V,) their light where the pictures were taken
+    light : of each set of pictures, how bright each of them is
+    inverse : one over the number of pictures that the mean stands for
+    shown : (V,) parts of the reference that show a node
+    """
 
     value: Array
     variance: Array
     columns: Array
     weight: Array
     bent: Array
-    light: Array
-    count: int
+    lamps: Array
+    light: tuple[Array, ...]
+    inverse: float
+    shown: Array
+
+    @property
+    def draws(self) -> int:
+        """Pictures beside the first one of each set."""
+        return sum(len(g) - 1 for g in self.light)
 
 
-def _level(pictures: Sequence[ModelPicture], how: Sampling, lamps: Sequence[Lamp], left_out: dict[str, str]) -> _Level:
+def _levels(part: Reference, how: Sampling, lamps: Sequence[Lamp], left_out: dict[str, str]) -> dict[str, _Level]:
+    """Of each camera that has pictures."""
+    left_out.update({p.name: p.why for p in part.bad})
+    out = {}
+    for name in dict.fromkeys(p.camera for p in part.pictures):
+        lost = sum(p.camera == name for p in part.bad)
+        out[name] = _level([p for p in part.pictures if p.camera == name], how, lamps, left_out, lost)
+    return out
+
+
+def _level(
+    pictures: Sequence[ModelPicture], how: Sampling, lamps: Sequence[Lamp], left_out: dict[str, str], lost: int
+) -> _Level:
     samples = [_in_even_light(sample_picture(p, how), p, lamps) for p in pictures]
-    mean = average_frames(np.stack([s.value for s in samples]), np.stack([s.variance - s.lasting for s in samples]))
+    values, noise = np.stack([s.value for s in samples]), np.stack([s.variance - s.lasting for s in samples])
+    mean = average_frames(values, noise, lost=lost)
     if isinstance(mean, NotFitted):
         raise DataError(f"the pictures of camera {pictures[0].camera} contradict each other: {mean.reason}")
     left_out.update({p.name: why for p, why, used in zip(pictures, mean.reasons, mean.used, strict=True) if not used})
@@ -163,7 +240,35 @@ def _level(pictures: Sequence[ModelPicture], how: Sampling, lamps: Sequence[Lamp
     # Pictures of a kind show a node on about the same pixels, whose dark and flat levels err in all of them alike.
     shown = np.isfinite([samples[k].lasting for k in used])
     lasting = np.where(shown, [samples[k].lasting for k in used], 0.0).sum(axis=0) / np.maximum(shown.sum(axis=0), 1)
-    return _Level(mean.value, mean.variance + lasting, columns, weight, bent, mean.light[used], len(used))
+    there = lit(pictures[used[0]].mesh, lamps)
+    return _Level(mean.value, mean.variance + lasting, columns, weight, bent, there, (mean.light[used],),
+                  1 / len(used), np.isfinite(mean.value).astype(float))  # fmt: skip
+
+
+def _together(parts: Sequence[tuple[float, _Level]], some: bool) -> _Level:
+    """The sum of levels by their shares, where all show a node; with ``some`` their mean over those that do.
+
+    Each part's registration has errors of its own.
+    """
+    if len(parts) == 1 and parts[0][0] == 1:
+        return parts[0][1]
+    levels = [level for _, level in parts]
+    known = np.array([np.isfinite(of.value) for of in levels])
+    share = node_shares(list(known if some else known & known.all(axis=0)), [s for s, _ in parts])
+    on = np.abs(share).sum(axis=0) > 0
+
+    def total(of: list[Array], by: Array = share) -> Array:
+        return np.where(on, sum(np.where(s != 0, s * a, 0.0) for s, a in zip(by, of, strict=True)), np.nan)
+
+    columns = np.concatenate([s[:, None] * np.nan_to_num(of.columns) for s, of in zip(share, levels, strict=True)], 1)
+    weight = np.min([np.where(s != 0, of.weight, np.inf) for s, of in zip(share, levels, strict=True)], axis=0)
+    even = np.array([s for s, _ in parts]) / sum(s for s, _ in parts)
+    return _Level(
+        total([of.value for of in levels]), total([of.variance for of in levels], share**2), columns,
+        np.where(on, weight, 0.0), np.nan_to_num(total([of.bent for of in levels])), total([of.lamps for of in levels]),
+        tuple(g for of in levels for g in of.light),
+        float(sum(s**2 * of.inverse for s, of in zip(even, levels, strict=True))), known.sum(axis=0).astype(float),
+    )  # fmt: skip
 
 
 def _in_even_light(s: Samples, picture: ModelPicture, lamps: Sequence[Lamp]) -> Samples:
@@ -181,11 +286,9 @@ def _flicker(levels: Mapping[str, Mapping[str, _Level]]) -> tuple[float, float]:
     """
     from scipy.special import stdtrit
 
-    several = [level.light for of in levels.values() for level in of.values() if level.count > 1]
-    if not several:
-        return 0.0, 1.0
+    several = [g for of in levels.values() for level in of.values() for g in level.light if len(g) > 1]
     square = sum(float(((g / g.mean() - 1) ** 2).sum()) for g in several)
-    draws = sum(max(level.count for level in of.values()) - 1 for of in levels.values())
+    draws = sum(max(level.draws for level in of.values()) for of in levels.values())
     return float(np.sqrt(square / sum(len(g) - 1 for g in several))), float(stdtrit(draws, 0.975)) / 1.959964
 
 
