@@ -13,7 +13,7 @@ from windmark.paint.form_factors import FormFactors, form_factors
 from windmark.paint.heat_flux import HeatFlux, heat_flux
 from windmark.paint.in_situ import InSitu, in_situ
 from windmark.paint.lateral import curvature_sum, lateral_conductance, lateral_conduction, node_laplacian
-from windmark.paint.loads import Loads, integrate_loads
+from windmark.paint.loads import Loads, integrate_loads, load_operator
 from windmark.paint.modes import MOST_MODES, NodeField, combined, interpolated
 from windmark.paint.patches import FilledField, disc_nodes, fill_patches, polygon_nodes
 from windmark.paint.photons import PhotonTransfer, photon_transfer
@@ -48,8 +48,8 @@ __all__ = [
     "combined", "correct_picture", "curvature_sum", "dielectric_emissivity", "disc_nodes", "dominant", "enough",
     "fewer_modes", "fill_patches", "fill_smoothly", "fit_paint", "fit_sensor_radiance", "fit_temperature_paint",
     "flux_operator", "form_factors", "form_ratio", "given_temperature", "heat_flux", "in_situ", "integrate_loads",
-    "interpolated", "lateral_conductance", "lateral_conduction", "mean_dark", "mean_flat", "mean_reference",
-    "merge_cameras", "node_laplacian", "node_shares", "photon_transfer", "polygon_nodes", "pressure_coefficient",
-    "pressure_map", "recovery_temperature", "reference_at", "reference_shares", "remove_self_illumination",
-    "section_profile", "span_loading", "surface_temperature", "thermocouple_temperature",
+    "interpolated", "lateral_conductance", "lateral_conduction", "load_operator", "mean_dark", "mean_flat",
+    "mean_reference", "merge_cameras", "node_laplacian", "node_shares", "photon_transfer", "polygon_nodes",
+    "pressure_coefficient", "pressure_map", "recovery_temperature", "reference_at", "reference_shares",
+    "remove_self_illumination", "section_profile", "span_loading", "surface_temperature", "thermocouple_temperature",
 ]  # fmt: skip

@@ -104,7 +104,7 @@ class GainFile(Strict):
 
     format: Literal["windmark paint calibration 1"]
     kind: Literal["gain"]
-    coefficients: Row
+    coefficients: tuple[Finite, Finite, Finite, Finite, Finite, Finite]
     p_range: Span
     t_range: Span
     pressure_unit: Literal["Pa", "psf"] = "Pa"

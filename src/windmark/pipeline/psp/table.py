@@ -112,7 +112,7 @@ class PointRow:
         """
         if self.trouble:
             raise DataError(self.trouble)
-        needed = {"p_inf": self.p_inf, "q_inf": self.q_inf, "p_off": self.p_off, "alpha": self.alpha_deg}
+        needed = {"alpha": self.alpha_deg, "p_inf": self.p_inf, "q_inf": self.q_inf, "p_off": self.p_off}
         if self.own:
             del needed["p_off"]
         for what, value in needed.items():

@@ -287,6 +287,8 @@ def _flicker(levels: Mapping[str, Mapping[str, _Level]]) -> tuple[float, float]:
     from scipy.special import stdtrit
 
     several = [g for of in levels.values() for level in of.values() for g in level.light if len(g) > 1]
+    if not several:
+        return 0.0, 1.0
     square = sum(float(((g / g.mean() - 1) ** 2).sum()) for g in several)
     draws = sum(max(level.draws for level in of.values()) for of in levels.values())
     return float(np.sqrt(square / sum(len(g) - 1 for g in several))), float(stdtrit(draws, 0.975)) / 1.959964
