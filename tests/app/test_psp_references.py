@@ -61,8 +61,9 @@ def test_wind_off_pictures_of_other_incidences_stand_for_a_points_own(windmark, 
         {"alpha_deg": of["alpha_deg"], "p_off_Pa": of["p_off_Pa"], "T_off_K": of["T_off_K"], "off": of["off"]}
         for of in (last, first)
     ])  # fmt: skip
-    readings = [r for r in rows(copied / "tap-pressures.csv") if r["point"] == "p02"]
-    write(copied / "tap-pressures.csv", [{**r, "point": name} for name in ("p02", "own") for r in readings])
+    for file in ("tap-pressures.csv", "thermocouple-readings.csv"):
+        readings = [r for r in rows(copied / file) if r["point"] == "p02"]
+        write(copied / file, [{**r, "point": name} for name in ("p02", "own") for r in readings])
     change(copied, ('[[camera]]\nname = "cam1"', '[reference]\ntable = "references.csv"\n\n[[camera]]\nname = "cam1"'))
     done = windmark("psp", copied / "psp.toml", "--json")
     assert done.code == 0, done.err

@@ -93,6 +93,23 @@ def test_pictures_that_cannot_be_used_count_among_those_of_their_camera():
     ratio_of(on, on, how=HOW, bad=[BadPicture(b.name, "cam2", b.why) for b in bad])
 
 
+def test_a_point_of_a_run_that_cannot_be_used_is_left_out_while_enough_are():
+    """One whose pictures contradict each other, and one that was not found."""
+    good = [Reference([picture(1000.0)], 0.25, name=f"good {k}") for k in range(2)]
+    odd = Reference([picture(1000.0)], 0.25, [BadPicture(f"gone {k}", "cam1", "unreadable") for k in range(2)], "odd")
+    lost = Reference((), 0.25, name="lost", why="the model was not found")
+    got = ratio_of([picture(1000.0)], [*good, odd, lost], how=HOW, own=True)
+    assert got.left_out["lost"] == "the model was not found"
+    assert "contradict each other" in got.left_out["odd"]
+    assert got.ratio.value[got.ratio.known] == pytest.approx(1.0)
+    with pytest.raises(
+        DataError, match=r"only 1 of 3 other points can be used for the mean of its run; the first .* lost"
+    ):
+        ratio_of([picture(1000.0)], [good[0], lost, odd], how=HOW, own=True)
+    with pytest.raises(DataError, match="the model was not found"):
+        ratio_of([picture(1000.0)], [*good, lost], how=HOW)
+
+
 def test_no_part_at_all_is_refused():
     with pytest.raises(DataError, match="with wind and without"):
         ratio_of([picture(1000.0)], [], own=True)

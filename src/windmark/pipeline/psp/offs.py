@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,16 +15,7 @@ from windmark.pipeline.psp.stream import FROZEN_K, PRESSURE, joined
 from windmark.pipeline.psp.table import CHANNELS, PointRow, ReferencePart, in_unit, temperatures
 
 
-@dataclass(frozen=True)
-class ReferenceRow:
-    """Wind-off pictures at an incidence: their pressure (Pa) and temperature (K), and their part of a reference."""
-
-    p_off: float
-    t_off: float
-    part: ReferencePart
-
-
-def read_references(path: Path) -> tuple[ReferenceRow, ...]:
+def read_references(path: Path) -> tuple[ReferencePart, ...]:
     """A CSV table ``alpha_deg,p_off_UNIT,T_off_UNIT,off[,off_reference][,off_temperature]``, a row per incidence.
 
     Raises
@@ -43,27 +34,26 @@ def read_references(path: Path) -> tuple[ReferenceRow, ...]:
     table.check([a not in alpha[:k] for k, a in enumerate(alpha)], "alpha_deg is there more than once")
     colours = {name: table.text(f"off_{name}") for name in CHANNELS if f"off_{name}" in table}
     return tuple(
-        ReferenceRow(float(p[k]), float(t[k]), ReferencePart(
-            f"at {alpha[k]:g} degrees", float(alpha[k]), 1.0, off[k], {n: of[k] for n, of in colours.items()},
-        )) for k in range(len(off))
+        ReferencePart(f"at {alpha[k]:g} degrees", float(alpha[k]), 1.0, off[k], {n: of[k] for n, of in colours.items()},
+                      float(p[k]), float(t[k])) for k in range(len(off))
     )  # fmt: skip
 
 
-def by_incidence(rows: Sequence[PointRow], references: Sequence[ReferenceRow]) -> tuple[PointRow, ...]:
+def by_incidence(rows: Sequence[PointRow], references: Sequence[ReferencePart]) -> tuple[PointRow, ...]:
     """Points that name no wind-off pictures get the references that they lie between, see `paint.reference_at`."""
     return tuple(row if row.off or row.trouble else _between(row, references) for row in rows)
 
 
-def _between(row: PointRow, references: Sequence[ReferenceRow]) -> PointRow:
+def _between(row: PointRow, references: Sequence[ReferencePart]) -> PointRow:
     if not np.isfinite(row.alpha_deg):
         return row  # said where conditions are missing
-    at = [of.part.alpha_deg for of in references]
+    at = [of.alpha_deg for of in references]
     try:
         shares = reference_shares(at, row.alpha_deg)
     except DataError as error:
         why = str(error).removeprefix("reference_at: ")
         return replace(row, trouble=f"{why}: light is not taken on so far (line {row.line} of the table of points)")
-    parts = tuple(replace(references[k].part, share=share) for k, share in shares.items())
+    parts = tuple(replace(references[k], share=share) for k, share in shares.items())
     p, t = (sum(share * getattr(references[k], name) for k, share in shares.items()) for name in ("p_off", "t_off"))
     values, words = joined([
         ("the table of references", {"p_off": p, "t_off": t}), ("its row", {"p_off": row.p_off, "t_off": row.t_off})

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from windmark import io
 from windmark.compiling import working_time
 from windmark.errors import DataError, WindmarkError
-from windmark.paint import LoadReference, TunnelConditions, TunnelGain, enough
+from windmark.paint import LoadReference, TunnelConditions, TunnelGain
 from windmark.pipeline.psp.load import PspTest
 from windmark.pipeline.psp.pictures import Found, read_pictures, the_model_in
 from windmark.pipeline.psp.table import WIND_OFF, WIND_ON, PointRow, SensorTable, reference_kind
@@ -84,8 +84,12 @@ def run_point(test: PspTest, row: PointRow) -> PointOutcome:
     state = on.states[0]
     task = replace(point_task(test, row, stream), temperature=wall.temperature, steady=steady)
     reduced = reduce_point(ratio, test.mesh, state.mesh(test.mesh, frame="model"), task)
-    change = () if ratio.self_lit is None else (str(ratio.self_lit),)
-    reduced = replace(reduced, remarks=(*reduced.remarks, *row.remarks, *wall.remarks, *about, *change))
+    said = [*row.remarks, *wall.remarks, *about]
+    if not ratio.flicker and "reference" not in others:
+        said.append("every mean is of one picture, which says nothing of the lamps' flicker: it is in no sigma")
+    if ratio.self_lit is not None:
+        said.append(str(ratio.self_lit))
+    reduced = replace(reduced, remarks=(*reduced.remarks, *said))
     clock.lap("pressure and loads")
     return PointOutcome(reduced, alpha, on, off.found, clock.laps, task)
 
@@ -100,8 +104,7 @@ def _ratio(test: PspTest, on: Found, off: References) -> MergedRatio:
 class References:
     """The parts of a point's reference, one after the other: each is read when it is asked for.
 
-    Of the mean of a run a part that cannot be used is left out; where too few are left (`paint.enough`), or of any
-    other reference, that is a DataError.
+    What cannot be used says why, see `ratio_of`.
     """
 
     def __init__(self, test: PspTest, row: PointRow, colour: str = "") -> None:
@@ -115,24 +118,15 @@ class References:
             found = self._part(kind, row.channels[self._colour][1] if self._colour else row.off)
             yield Reference(found.pictures, 1.0, found.bad)
             return
-        lost = {}
         for part in row.parts:
             kind = reference_kind(self._colour, part)
             try:
                 found = self._part(kind, part.channels.get(self._colour, "") if self._colour else part.pattern)
-                _incidence(self._test, part.alpha_deg, found)
+                _incidence(self._test, part.alpha_deg, found, "table of points" if row.own else "table of references")
             except WindmarkError as error:
-                if not row.own:
-                    raise DataError(f"its reference {part.name}: {error}") from None
-                lost[kind] = str(error)
-                continue
-            yield Reference(found.pictures, part.share, found.bad)
-        left, count = len(row.parts) - len(lost), len(row.parts)
-        if not enough(left, count):
-            name, why = next(iter(lost.items()))
-            raise DataError(f"only {left} of {count} other points can be used for the mean of its run; the first that "
-                            f"cannot is {name}: {why}")  # fmt: skip
-        self.found = replace(self.found, troubles={**self.found.troubles, **lost})
+                yield Reference((), part.share, (), kind, str(error) if row.own else f"its reference {kind}: {error}")
+            else:
+                yield Reference(found.pictures, part.share, found.bad, kind)
 
     def _part(self, kind: str, pattern: str) -> Found:
         """The model in the pictures of a part; without the pictures themselves it is kept."""
@@ -146,6 +140,7 @@ class References:
 def channel_ratio(test: PspTest, row: PointRow, name: str) -> MergedRatio:
     """The ratio wind-off / wind-on of another colour, in whose pictures the model is found anew."""
     off = [part.channels.get(name, "") for part in row.parts] or [row.channels[name][1]]
+    off = [] if row.own else off  # one of a run is left out, see `References`
     for kind, pattern in ((WIND_ON, row.channels[name][0]), *((WIND_OFF, pattern) for pattern in off)):
         if not pattern:
             raise DataError(f"the table of points names {name} pictures, but none {kind} (line {row.line})")
@@ -170,16 +165,19 @@ def _check_paint(test: PspTest, row: PointRow) -> None:
         return
     if not np.isfinite(row.t_off):
         raise DataError(f"T_off is missing in the table of points (line {row.line})")
-    asked = (("p_off", row.p_off, law.p_range, "Pa"), ("T_off", row.t_off, law.t_range, "K"))
-    for what, value, (low, high), unit in asked:
-        if not low <= value <= high:
-            raise DataError(
-                f"{what} is {value:g} {unit}, outside the paint's calibration ({low:g} to {high:g} {unit}): its unit "
-                f"is another one, or the cell is wrong (line {row.line} of the table of points)"
-            )
+    place = f"line {row.line} of the table of points"
+    states = [(of.p_off, of.t_off, f"reference {of.name}") for of in row.parts] or [(row.p_off, row.t_off, place)]
+    for p_off, t_off, where in states:
+        asked = (("p_off", p_off, law.p_range, "Pa"), ("T_off", t_off, law.t_range, "K"))
+        for what, value, (low, high), unit in asked:
+            if not low <= value <= high:
+                raise DataError(
+                    f"{what} is {value:g} {unit}, outside the paint's calibration ({low:g} to {high:g} {unit}): its "
+                    f"unit is another one, or the cell is wrong ({where})"
+                )
 
 
-def _incidence(test: PspTest, alpha_deg: float, on: Found) -> float:
+def _incidence(test: PspTest, alpha_deg: float, on: Found, table: str = "table of points") -> float:
     """The incidence that the pictures show; DataError where the table has another one.
 
     Where the laws do not explain what the markers show that is said too: a bent wing that may not bend looks turned.
@@ -190,7 +188,7 @@ def _incidence(test: PspTest, alpha_deg: float, on: Found) -> float:
     if abs(seen - alpha_deg) > entry.max_alpha_error_deg:
         also = next(iter(on.troubles.values()), "")
         raise DataError(
-            f"its pictures show an incidence of {seen:.2f} degrees, the table of points says {alpha_deg:g}: rows "
+            f"its pictures show an incidence of {seen:.2f} degrees, the {table} says {alpha_deg:g}: rows "
             "and pictures were exchanged, or points.alpha_at_rest_deg is not that of markers and grid"
             + (f"; and the markers say: {also}" if also else "")
         )

@@ -38,6 +38,7 @@ class ReferencePart:
     alpha_deg : at which they were taken
     share : of the parts
     pattern, channels : of the pictures, and of those in other colours
+    p_off, t_off : pressure and temperature there, wind-off; NaN where it is another point of a run
     """
 
     name: str
@@ -45,6 +46,8 @@ class ReferencePart:
     share: float
     pattern: str
     channels: Mapping[str, str] = field(default_factory=dict)
+    p_off: float = float("nan")
+    t_off: float = float("nan")
 
 
 @dataclass(frozen=True)

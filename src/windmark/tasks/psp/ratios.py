@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.errors import DataError
-from windmark.paint import NodeField, NotFitted, average_frames, form_ratio, merge_cameras, node_shares
+from windmark.paint import NodeField, NotFitted, average_frames, enough, form_ratio, merge_cameras, node_shares
 from windmark.tasks.psp.lamps import Lamp, lit
 from windmark.tasks.psp.sampling import ModelPicture, Samples, Sampling, sample_picture
 from windmark.tasks.psp.self_lit import Change, Reflecting, own_light
@@ -41,11 +41,15 @@ class Reference:
     pictures : of it
     share : of all parts; shares add to 1
     bad : those of it that cannot be used
+    name : in words
+    why : none of it can be used, "" where it can
     """
 
     pictures: Sequence[ModelPicture]
     share: float = 1.0
     bad: Sequence[BadPicture] = ()
+    name: str = "the reference"
+    why: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +116,8 @@ def ratio_of(
     reflecting : the paint throws back some of its own light, which is taken off; None: it is left
     bad : pictures with wind that cannot be used; they count where a camera has too few left (`paint.enough`)
     own : the reference is the mean of a run that the pictures with wind are one part of and ``off`` the others, of each
-        node over the parts that show it. What wind-on is wrong by is in both and cancels by that part
+        node over the parts that show it. What wind-on is wrong by is in both and cancels by that part. One that cannot
+        be used is left out as a picture is
 
     Raises
     ------
@@ -122,7 +127,7 @@ def ratio_of(
     how = Sampling() if how is None else how
     left_out: dict[str, str] = {}
     by_camera = _levels(Reference(on, 1.0, bad), how, lamps, left_out)
-    parts = [(part.share, _levels(part, how, lamps, left_out)) for part in _as_parts(off)]
+    parts = _parts(_as_parts(off), how, lamps, left_out, own)
     needed = any if own else all
     names = [n for n in by_camera if parts and needed(n in of for _, of in parts)]
     if not names:
@@ -170,6 +175,29 @@ def _as_parts(off: Sequence[ModelPicture] | Iterable[Reference]) -> Iterable[Ref
             pictures.append(one)
     if pictures:
         yield Reference(pictures)
+
+
+def _parts(
+    parts: Iterable[Reference], how: Sampling, lamps: Sequence[Lamp], left_out: dict[str, str], own: bool
+) -> list[tuple[float, dict[str, _Level]]]:
+    """Shares and levels; of the mean of a run without the parts that cannot be used, as long as enough are left."""
+    out, lost = [], {}
+    for part in parts:
+        try:
+            if part.why:
+                raise DataError(part.why)
+            out.append((part.share, _levels(part, how, lamps, left_out)))
+        except DataError as error:
+            if not own:
+                raise
+            lost[part.name] = str(error)
+    count = len(out) + len(lost)
+    if lost and not enough(len(out), count):
+        name, why = next(iter(lost.items()))
+        raise DataError(f"only {len(out)} of {count} other points can be used for the mean of its run; the first that "
+                        f"cannot is {name}: {why}")  # fmt: skip
+    left_out.update(lost)
+    return out
 
 
 def _as_it_left(even: NodeField, lamps: Array) -> NodeField:
