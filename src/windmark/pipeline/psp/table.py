@@ -116,10 +116,8 @@ class PointRow:
         if self.trouble:
             raise DataError(self.trouble)
         needed = {"alpha": self.alpha_deg, "p_inf": self.p_inf, "q_inf": self.q_inf, "p_off": self.p_off}
-        if self.own:
-            del needed["p_off"]
         for what, value in needed.items():
-            if not np.isfinite(value):
+            if not np.isfinite(value) and not (self.own and what == "p_off"):
                 raise DataError(f"{what} is missing in the table of points (line {self.line})")
         if np.isfinite(self.mach):
             by_mach = 0.7 * self.mach**2 * self.p_inf
@@ -162,8 +160,8 @@ def read_points_table(
     FileError
         For a missing column, a unit that is not known, a cell that is no number, a point twice, or no point at all.
     """
-    constants = {} if constants is None else constants
-    table = io.read_table(path, required=("point", "on") if references else ("point", "on", "off"), known=None)
+    needed, constants = ("point", "on") if references else ("point", "on", "off"), constants or {}
+    table = io.read_table(path, required=needed, known=None)
     by_file = "wtd" in table
     if not by_file and "alpha_deg" not in table and "alpha_deg" not in constants:
         raise io.FileError(path, "has no column alpha_deg", "header")

@@ -3,8 +3,9 @@
 from windmark.tasks.psp.channels import as_one_cause, two_colours
 from windmark.tasks.psp.cuts import SectionWanted, SurfaceSection, cut_sections, section_loads
 from windmark.tasks.psp.lamps import Lamp
+from windmark.tasks.psp.levels import BadPicture, Reference
 from windmark.tasks.psp.loads import UNSEEN_SIDE, seen_loads, seen_sides, shown_areas
-from windmark.tasks.psp.ratios import BadPicture, CameraRatio, MergedRatio, Reference, ratio_of
+from windmark.tasks.psp.ratios import CameraRatio, MergedRatio, ratio_of
 from windmark.tasks.psp.reduce import PointTask, ReducedPoint, no_patches, reduce_point
 from windmark.tasks.psp.sampling import ModelPicture, Patches, Sampling, moved_grid, sample_picture
 from windmark.tasks.psp.self_lit import Change, Reflecting
