@@ -21,7 +21,6 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -32,6 +31,7 @@ from windmark.app.pictures import png
 from windmark.errors import DataError, WindmarkError
 from windmark.geometry import Pose
 from windmark.pipeline.psp import PspTest, load_psp, read_psp_project
+from windmark.pipeline.psp.pictures import Taken, said
 from windmark.pipeline.psp.point import (
     WIND_OFF,
     WIND_ON,
@@ -50,7 +50,7 @@ from windmark.tasks.psp import ModelPicture, ratio_of, reduce_point
 
 KINDS = {"2D first order": "affine", "2D second order": "poly2", "2D third order": "poly3"}
 WAYS = ("no alignment", *KINDS, "3D rigid", "3D with deformation")
-Raw = Mapping[str, Sequence[tuple[str, Any]]]
+Raw = Mapping[str, Sequence[Taken]]
 
 
 def as_a_whole(test: PspTest, found: Found) -> list[Mesh]:
@@ -83,8 +83,9 @@ def placed(way: str, test: PspTest, found: Mapping[str, Found], raw: Mapping[str
 
 def recomputed(kind: str, picture: ModelPicture, still: ModelPicture, raw: Mapping[str, Raw]) -> ModelPicture:
     """A wind-on picture on the first wind-off one of its camera, by the markers of both."""
-    image = dict(raw[WIND_ON][picture.camera])[picture.name.removeprefix(WIND_ON + " ")]
-    found = align_images(image, raw[WIND_OFF][picture.camera][0][1], kind=kind)
+    camera = picture.camera
+    image = next(p.image for p in raw[WIND_ON][camera] if said(WIND_ON, camera, p) == picture.name)
+    found = align_images(image, next(p.image for p in raw[WIND_OFF][camera] if not p.why), kind=kind)
     if not found:
         raise DataError(f"{picture.name}: {found.reason}")
     place = unfolded(found.transform, found.reference_xy)

@@ -154,6 +154,54 @@ def test_threads_and_a_run_that_was_stopped_give_the_same_bytes(windmark, polar,
     assert not [*stopped.glob(".windmark-*")]
 
 
+def spoil(folder, name):
+    """Pictures of a point, one of three of each kind and camera bad in its own way."""
+    shutil.copytree(folder / "images" / "p01", folder / "images" / name)
+    place = folder / "images" / name
+    (place / "on-cam1-0.tif").write_bytes((place / "on-cam1-0.tif").read_bytes()[:2000])
+    for file, change in (("on-cam2-1", lambda a: np.minimum(8 * a.astype(int), 16383)), ("off-cam1-2", lambda a: 0 * a),
+                         ("off-cam2-0", lambda a: a[:-10])):  # fmt: skip
+        io.write_image(place / f"{file}.tif", change(io.read_grey(place / f"{file}.tif")).astype(np.uint16))
+    return {"on": f"images/{name}/on-{{camera}}-*.tif", "off": f"images/{name}/off-{{camera}}-*.tif"}
+
+
+def test_a_bad_picture_is_left_out_beside_good_ones_and_said(windmark, copied):
+    (good, _) = rows(copied / "points.csv")
+    spoilt = {**good, "point": "spoilt", **spoil(copied, "spoilt")}
+    few = {**good, "point": "few", **spoil(copied, "few")}
+    (copied / "images" / "few" / "on-cam1-2.tif").write_bytes(b"")
+    write(copied / "points.csv", [spoilt, good, few])  # the first points' wind-off pictures say the gain
+    with open(copied / "tap-pressures.csv", newline="") as stream:
+        taps = [r for r in csv.DictReader(stream) if r["point"] == "p01"]
+    write(copied / "tap-pressures.csv", [{**r, "point": name} for name in ("p01", "spoilt") for r in taps])
+    done = windmark("psp", copied / "psp.toml", "--json")
+    assert done.code == 0, done.err
+    of = {r["point"]: r for r in done.json["results"]}
+    assert (of["few"]["status"], of["spoilt"]["status"]) == ("failed", "reduced")
+    assert (
+        "only 1 of 3 wind-on pictures of cam1 can be used; the first that cannot is on-cam1-0.tif"
+        in of["few"]["reason"]
+    )
+    assert of["p01"]["pictures"] == [6, 6]
+    assert of["spoilt"]["pictures"] == [4, 4]
+    html = (copied / "psp" / "report.html").read_text()
+    for name, why in (("wind-on picture on-cam1-0.tif of cam1", "on-cam1-0.tif"),
+                      ("wind-on picture on-cam2-1.tif of cam2", "is saturated"),
+                      ("wind-off picture off-cam1-2.tif of cam1", "dark picture is brighter"),
+                      ("wind-off picture off-cam2-0.tif of cam2", "pixels")):  # fmt: skip
+        remarks = [r for r in of["spoilt"]["remarks"] if r.startswith(f"{name} does not count: ")]
+        assert len(remarks) == 1, of["spoilt"]["remarks"]
+        assert why in remarks[0]
+        assert f"spoilt: {name} does not count" in html
+    a, b = (fields(copied / "psp" / name / "fields.nc") for name in ("p01", "spoilt"))
+    both = np.isfinite(a["cp"] + b["cp"])
+    assert both.sum() > 4_000
+    assert np.mean(np.abs(a["cp"] - b["cp"])[both] < 1.96 * b["sigma_cp"][both]) > 0.95
+    assert np.median(b["sigma_cp"][both] / a["sigma_cp"][both]) > 1.0
+    said = windmark("psp", copied / "psp.toml", "-o", copied / "again")
+    assert "note: wind-off picture off-cam1-2.tif of cam1 does not count: the dark picture is brighter" in said.out
+
+
 def test_what_all_points_need_is_refused_before_any_is_reduced(windmark, copied):
     project = (copied / "psp.toml").read_text()
     cell = rows(copied / "paint-cell.csv")

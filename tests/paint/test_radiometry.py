@@ -10,6 +10,7 @@ from windmark.paint import (
     SensorModel,
     average_frames,
     correct_picture,
+    enough,
     form_ratio,
     mean_dark,
     mean_flat,
@@ -209,6 +210,16 @@ def test_bad_frames_are_left_out_with_their_reason():
     assert "differs from the others" in got.reasons[5]
     assert "shows 300 nodes, the others 4000" in got.reasons[8]
     assert np.std((got.value - true) / np.sqrt(got.variance)) == pytest.approx(1.0, abs=0.06)
+
+
+def test_frames_that_were_lost_before_count_among_those_that_do_not_agree():
+    _, v, var = frames_of(np.random.default_rng(6))
+    v, var = v[:2], var[:2]
+    assert [bool(average_frames(v, var, lost=lost)) for lost in (0, 1, 2, 3)] == [True, True, True, False]
+    assert "2 of 5 frames agree" in average_frames(v, var, lost=3).reason
+    assert [[enough(k, n) for k in range(n + 1)] for n in (1, 2, 3)] == [
+        [False, True], [False, True, True], [False, False, True, True]
+    ]  # fmt: skip
 
 
 def test_scatter_beyond_the_stated_variances_is_in_the_mean():

@@ -1,15 +1,21 @@
 """Small files of a paint project that are read alone: linearity, polygons, colours of the table of points."""
 
+import json
+
 import numpy as np
 import pytest
 
-from windmark.errors import DataError
+from windmark.errors import DataError, UsageError
 from windmark.geometry import Camera, Pose
 from windmark.io import FileError
+from windmark.paint import TunnelGain
 from windmark.pipeline.lengths import Lengths
+from windmark.pipeline.psp.calibration import read_calibration
 from windmark.pipeline.psp.load import read_polygons
+from windmark.pipeline.psp.offs import by_incidence, by_run, read_references, run_remarks
 from windmark.pipeline.psp.outputs import on_pixels
 from windmark.pipeline.psp.sensors import read_linearity
+from windmark.pipeline.psp.stream import constants_of
 from windmark.pipeline.psp.table import read_points_table
 from windmark.pipeline.psp.wtd import read_wtd
 from windmark.resection import map_pixels
@@ -124,3 +130,171 @@ def test_a_view_shows_the_values_of_nodes_and_nothing_where_one_is_missing():
     np.testing.assert_allclose(image[rows, columns], (columns - 39.5) / 10 - (rows - 29.5), atol=1e-4)
     lower = on_pixels(np.array([1.0, 1.0, 1.0, np.nan]), pixels)
     assert np.isfinite(lower).sum() == pytest.approx(0.5 * len(rows), rel=0.05)
+
+
+def rows_of(folder, head, *lines, **how):
+    return read_points_table(written(folder, "t.csv", head, *lines), **how)
+
+
+def test_a_points_own_cell_counts_before_its_file_and_that_before_the_project(tmp_path):
+    (tmp_path / "a.wtd").write_text(WTD)
+    constants = constants_of({"mach": 0.75, "q_inf_kPa": 29.0, "T0_degC": 30.0, "p_off_hPa": 990.0, "T_off_K": 293.0})
+    assert constants["t_0"] == pytest.approx(303.15)
+    first, second, third = rows_of(
+        tmp_path,
+        "point,alpha_deg,p_inf_Pa,q_inf_Pa,on,off,wtd",
+        "a,2.05,66000,30000,x,y,a.wtd",
+        "b,,65000,,x,y,",
+        "c,1,65000,29010,x,y,",
+        constants=constants,
+    )
+    assert (first.p_inf, first.q_inf, first.mach, first.p_off, first.t_off) == (66000, 30000, 0.8, 99000, 293)
+    assert first.t_0 == pytest.approx(305.372, abs=1e-3)
+    words = "; ".join(first.remarks)
+    for part in (
+        "p_inf is 66000 Pa by its row, which counts, and 66472.2 Pa by its file of conditions",
+        "q_inf is 30000 Pa by its row, which counts, and 29781.5 Pa by its file of conditions",
+        "and 29000 Pa by the project",
+        "Mach is 0.8 by its file of conditions, which counts, and 0.75 by the p",
+        "T0 is 305.372 K by its file of conditions, which counts, and 303.15 K by the project",
+    ):
+        assert part in words
+    assert "alpha" not in words  # the same in both
+    assert (second.q_inf, second.mach, second.remarks) == (29000, 0.75, ())
+    assert (third.q_inf, third.remarks) == (29010, ())  # rounding is no contradiction
+    with pytest.raises(DataError, match=r"alpha is missing"):
+        second.conditions()
+
+
+@pytest.mark.parametrize(
+    ("said", "words"),
+    [
+        ({"p_inf": 1.0}, "p_inf is not known; expected alpha_deg"),
+        ({"p_inf_bars": 1.0}, "p_inf_bars is not known"),
+        ({"p_inf_Pa": 1e5, "p_inf_kPa": 100.0}, "p_inf is there more than once"),
+        ({"q_inf_Pa": 0.0}, "q_inf_Pa: expected a number above 0"),
+        ({"T0_K": 20.0}, "T0_K: expected above 50 K, got 20 K"),
+        ({"sigma_p_inf_Pa": -1.0}, "expected at least 0"),
+        ({"on": 1.0}, "on is not known"),
+    ],
+)
+def test_conditions_that_no_tunnel_has_are_refused(said, words):
+    with pytest.raises(UsageError, match=words):
+        constants_of(said)
+
+
+REFS = "alpha_deg,p_off_kPa,T_off_degC,off"
+
+
+def test_points_without_wind_off_pictures_get_the_references_they_lie_between(tmp_path):
+    refs = read_references(
+        written(tmp_path, "r.csv", f"{REFS},off_reference", "4,99,20,c,rc", "0,98,22,a,ra", "2,98.4,21,b,rb")
+    )
+    head = "point,alpha_deg,p_inf_Pa,q_inf_Pa,on,off,on_reference,p_off_Pa,T_off_K"
+    rows = by_incidence(
+        rows_of(
+            tmp_path,
+            head,
+            "own,1,65000,29000,x,y,,99000,293",
+            "mid,3,65000,29000,x,,r,,",
+            "hit,2,65000,29000,x,,,,",
+            "past,4.3,65000,29000,x,,,,",
+            "out,9,65000,29000,x,,,,",
+            "two,1,65000,29000,x,,,97000,293",
+            "no,,65000,29000,x,,,,",
+            references=True,
+        ),
+        refs,
+    )
+    of = {row.name: row for row in rows}
+    assert of["own"].parts == ()
+    assert of["own"].patterns == {"wind-on": "x", "wind-off": "y"}
+    assert (of["mid"].p_off, of["mid"].t_off) == pytest.approx((98700, 293.65))
+    assert [(p.name, p.share) for p in of["mid"].parts] == [("at 2 degrees", 0.5), ("at 4 degrees", 0.5)]
+    assert of["mid"].patterns == {
+        "wind-on": "x",
+        "wind-on reference": "r",
+        "wind-off (at 2 degrees)": "b",
+        "wind-off (at 4 degrees)": "c",
+        "wind-off reference (at 2 degrees)": "rb",
+        "wind-off reference (at 4 degrees)": "rc",
+    }
+    assert [(p.pattern, p.share) for p in of["hit"].parts] == [("b", 1.0)]
+    assert sum(p.share for p in of["past"].parts) == pytest.approx(1)
+    assert "beyond the references' 0 to 4" in of["past"].remarks[0]
+    assert "p_off is 98200 Pa by the table of references, which counts, and 97000 Pa by its row" in of["two"].remarks[0]
+    for name, words in (
+        ("out", r"incidence 9 lies outside the references' 0 to 4.*line 6"),
+        ("no", "alpha is missing"),
+    ):
+        with pytest.raises(DataError, match=words):
+            of[name].conditions()
+    for lines, words in (
+        (("0,98,20,a", "0,98,20,b"), "alpha_deg is there more than once"),
+        ((), "has no rows"),
+        (("0,98,20,",), "off must name pictures"),
+        (("0,0,20,a",), "p_off must be"),
+        (("0,98,-260,a",), "T_off must be above 50 K"),
+    ):
+        with pytest.raises(FileError, match=words):
+            read_references(written(tmp_path, "r.csv", REFS, *lines))
+
+
+def test_the_points_of_a_run_are_each_others_reference(tmp_path):
+    head = "point,alpha_deg,p_inf_Pa,q_inf_Pa,on,off,run,on_temperature"
+    lines = [
+        "a,1,65000,29000,xa,,r1,",
+        "b,1,65000,29000,xb,,r1,",
+        "c,3,65000,29000,xc,,r1,",
+        "d,1,65000,29000,xd,,r2,",
+        "e,1,65000,29000,xe,y,r1,",
+        "f,1,65000,29000,xf,,r1,t",
+    ]
+    rows = by_run(rows_of(tmp_path, head, *lines, references=True))
+    of = {row.name: row for row in rows}
+    assert [(p.pattern, p.share) for p in of["a"].parts] == [(x, 0.25) for x in ("xb", "xc", "xe", "xf")]
+    assert of["a"].own
+    assert of["a"].conditions().p_inf == 65000  # no p_off is asked for
+    for name, words in (
+        ("d", "run 'r2' has no other point"),
+        ("e", "names wind-off pictures"),
+        ("f", "temperature paint"),
+    ):
+        with pytest.raises(DataError, match=words):
+            of[name].conditions()
+    assert "run 'r1': its incidences span 2 degrees" in run_remarks(rows, 0.5)[0]
+    assert run_remarks(rows, 2.5) == []
+
+
+GAIN = {
+    "format": "windmark paint calibration 1",
+    "kind": "gain",
+    "coefficients": [900, -2, 0.01, 0.5, 1e-3, 0],
+    "p_range": [500, 2500],
+    "t_range": [60, 120],
+    "pressure_unit": "psf",
+    "temperature_unit": "degF",
+}
+
+
+def test_a_gain_is_a_kind_of_calibration(tmp_path):
+    def read(**other):
+        (tmp_path / "g.json").write_text(json.dumps({**GAIN, **other}))
+        return read_calibration(tmp_path / "g.json")
+
+    got = read(cov=np.diag([4.0, 0, 0, 0, 0, 0]).tolist())
+    assert isinstance(got.law, TunnelGain)
+    assert got.law.cov[0, 0] == 4
+    assert got.record() == {"gain": GAIN["coefficients"]}
+    assert "500 to 2500 psf, 60 to 120 degF" in str(got)
+    assert "taken as exact" in str(read())
+    for other, words in (
+        ({"coefficients": [1, 2]}, r"coefficients(\[2\])?: "),
+        ({"p_range": [5, 5]}, "p_range: expected two"),
+        ({"coefficients": [-900, 0, 0, 0, 0, 0]}, "above zero everywhere"),
+        ({"cov": [[1]]}, "cov must be"),
+        ({"pressure_unit": "bar"}, "pressure_unit"),
+        ({"t_ref_K": 3}, "t_ref_K"),
+    ):
+        with pytest.raises(FileError, match=words):
+            read(**other)

@@ -227,6 +227,7 @@ def test_a_side_that_no_camera_shows_is_named_and_has_no_loads():
     assert loads is not None
     assert loads.row("wing")["CL"][0] == pytest.approx(0.5)
     assert "50 % of its area is on a side that no camera shows" in remarks[0]
+    assert "are not estimated: a Cp of 0.1 all over it makes CL +0.1, CD +0, Cm " in remarks[0]
 
 
 def test_loads_of_a_section_are_those_of_the_side_that_is_shown():

@@ -132,11 +132,8 @@ def _taps(report: Report, records: list[PointRecord]) -> None:
 
 
 def _paint(report: Report, test: PspTest) -> None:
-    fit, law = test.paint, test.paint.law
     report.heading("Paint and cameras")
-    report.text(f"Calibration: order {law.order[0]} in pressure, {law.order[1]} in temperature, RMS {fit.rms:.3g}, "
-                f"cross-validated {fit.cv_rms:.3g}; {law.p_range[0]:g} to {law.p_range[1]:g} Pa, {law.t_range[0]:g} to "
-                f"{law.t_range[1]:g} K.")  # fmt: skip
+    report.text(f"Calibration: {test.paint}.")
     for name, sensor in test.sensors.items():
         gain = sensor.model.gain
         report.text(f"Camera {name}: {gain:.4g} grey levels per photo-electron ({sensor.gain_from})")

@@ -64,10 +64,9 @@ def psp(
 
 def summary(test: PspTest, records: list[PointRecord]) -> Record:
     """The figures of a test."""
-    law = test.paint.law
     return {
         "points": len(records), "reduced": len(reduced(records)), "failed": sum(r.status == FAILED for r in records),
-        "paint": {"orders": list(law.order), "rms": test.paint.rms, "cross_validated_rms": test.paint.cv_rms},
+        "paint": test.paint.record(),
         "cameras": {name: {"gain": sensor.model.gain, "gain_from": sensor.gain_from}
                     for name, sensor in test.sensors.items()},
         "remarks": list(test.remarks),

@@ -53,17 +53,25 @@ class AveragedFrames:
         return True
 
 
-def average_frames(values: ArrayLike, variances: ArrayLike, *, free_light: bool = True) -> AveragedFrames | NotFitted:
+def enough(used: int, frames: int) -> bool:
+    """Whether so many frames of all that were taken can stand for them: one, and of three or more at least half."""
+    return used > 0 and (frames < 3 or 2 * used >= frames)
+
+
+def average_frames(
+    values: ArrayLike, variances: ArrayLike, *, free_light: bool = True, lost: int = 0
+) -> AveragedFrames | NotFitted:
     """The mean of frames of one point that were brought onto the same nodes (or pixels).
 
     Parameters
     ----------
     values, variances : (F, N), NaN where a frame does not show a node
     free_light : the lamp's power may differ between frames: each is brought to the mean one
+    lost : further frames that were taken and could not be brought there: they agree with none
 
     Returns
     -------
-    AveragedFrames; or NotFitted where fewer than half of the frames agree (three frames or more). A frame is bad where
+    AveragedFrames; or NotFitted where fewer than half of the frames agree (`enough`). A frame is bad where
     it shows less than half of the nodes that others show, it is dark, or it differs from the median of all by more than
     the others do. The mean is the sum of the frames over the sum of their lights, the best one for photon noise.
 
@@ -88,8 +96,9 @@ def average_frames(values: ArrayLike, variances: ArrayLike, *, free_light: bool 
     for k in _standing_out(reasons, np.log(np.maximum(misfit, 1e-12)), float(np.median(shown))):
         reasons[k] = f"differs from the others by {misfit[k]:.3g} times its sigma"
     used = np.array([not r for r in reasons])
-    if not used.any() or (frames > 2 and 2 * used.sum() < frames):
-        return NotFitted(f"average_frames: {int(used.sum())} of {frames} frames agree", {"reasons": tuple(reasons)})
+    if not enough(int(used.sum()), frames + lost):
+        said = f"average_frames: {int(used.sum())} of {frames + lost} frames agree"
+        return NotFitted(said, {"reasons": tuple(reasons)})
     light, misfit = _compared(v, var, reasons, free_light)
     if free_light:
         light = light / light[used].mean()

@@ -62,24 +62,44 @@ def reference_at(incidences: ArrayLike, fields: Sequence[NodeField], incidence: 
     DataError
         For an incidence outside of what was taken by more than a tenth of its span: lights are not extrapolated.
     """
-    at = np.asarray(incidences, dtype=float)
-    if at.shape != (len(fields),) or not len(fields) or len(np.unique(at)) < len(at) or not np.isfinite(at).all():
-        raise UsageError(f"reference_at: expected as many different incidences as fields, got {at.tolist()}")
-    if len(fields) == 1:
-        return fields[0]
-    order = np.argsort(at)
-    at, fields = at[order], [fields[k] for k in order]
-    reach = 0.1 * (at[-1] - at[0])
-    if not at[0] - reach <= incidence <= at[-1] + reach:
-        raise DataError(f"reference_at: incidence {incidence:g} lies outside the references' {at[0]:g} to {at[-1]:g}")
-    k = int(np.clip(np.searchsorted(at, incidence, side="right") - 1, 0, len(at) - 2))
-    share = (incidence - at[k]) / (at[k + 1] - at[k])
-    if share in (0.0, 1.0):
-        return fields[k + int(share)]
-    pair = fields[k], fields[k + 1]
+    if np.shape(incidences) != (len(fields),):
+        raise UsageError(f"reference_at: expected as many incidences as fields, got {np.shape(incidences)}")
+    shares = reference_shares(incidences, incidence)
+    if len(shares) == 1:
+        return fields[next(iter(shares))]
+    pair = [fields[k] for k in shares]
     # A node that one of them does not show is not known in between.
     both = pair[0].known & pair[1].known
-    return weighted_mean([replace(f, value=np.where(both, f.value, np.nan)) for f in pair], [1 - share, share])
+    return weighted_mean([replace(f, value=np.where(both, f.value, np.nan)) for f in pair], list(shares.values()))
+
+
+def reference_shares(incidences: ArrayLike, incidence: float) -> dict[int, float]:
+    """Which of the references (R,) make up that for an incidence, and their shares, of sum 1: one, or the two that it
+    lies between (beyond the last one by up to a tenth of their span one of the shares is below zero).
+
+    Raises
+    ------
+    DataError
+        See `reference_at`.
+    UsageError
+        For incidences that are not all different, or no numbers.
+    """
+    at = np.asarray(incidences, dtype=float)
+    if at.ndim != 1 or not len(at) or len(np.unique(at)) < len(at) or not np.isfinite(at).all():
+        raise UsageError(f"reference_at: expected different incidences, got {at.tolist()}")
+    if len(at) == 1:
+        return {0: 1.0}
+    order = np.argsort(at)
+    low, high = at[order[0]], at[order[-1]]
+    reach = 0.1 * (high - low)
+    if not low - reach <= incidence <= high + reach:
+        raise DataError(f"reference_at: incidence {incidence:g} lies outside the references' {low:g} to {high:g}")
+    k = int(np.clip(np.searchsorted(at[order], incidence, side="right") - 1, 0, len(at) - 2))
+    first, second = int(order[k]), int(order[k + 1])
+    share = float((incidence - at[first]) / (at[second] - at[first]))
+    if share in (0.0, 1.0):
+        return {second if share else first: 1.0}
+    return {first: 1 - share, second: share}
 
 
 def mean_reference(fields: Sequence[NodeField]) -> NodeField:
@@ -93,12 +113,18 @@ def weighted_mean(fields: Sequence[NodeField], weights: Sequence[float]) -> Node
     """The mean of fields on the same nodes with fixed weights, of each node over the fields that know it."""
     if len({len(f) for f in fields}) > 1:
         raise ValueError(f"weighted_mean: all fields must have one length, got {[len(f) for f in fields]}")
-    w = np.array([np.where(f.known, weight, 0.0) for f, weight in zip(fields, weights, strict=True)])
-    total = w.sum(axis=0)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        share = np.where(np.abs(total) > 0, w / total, 0.0)
+    share = node_shares([f.known for f in fields], weights)
+    total = share.sum(axis=0)
     value = sum((np.where(f.known, s * f.value, 0.0) for f, s in zip(fields, share, strict=True)), np.zeros(len(total)))
     value = np.where(np.abs(total) > 0, value, np.nan)
     clean = [replace(f, white=np.where(f.known, f.white, 0.0), modes=np.where(f.known[:, None], f.modes, 0.0))
              for f in fields]  # fmt: skip
     return combined(value, list(zip(clean, share, strict=True)), unit=fields[0].unit)
+
+
+def node_shares(known: Sequence[NDArray[np.bool_]], weights: Sequence[float]) -> Array:
+    """(F, N) what each of F fields counts at each node, of sum 1 over those that know it; 0 where none does."""
+    w = np.array([np.where(on, weight, 0.0) for on, weight in zip(known, weights, strict=True)])
+    total = w.sum(axis=0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.where(np.abs(total) > 0, w / total, 0.0)

@@ -12,7 +12,7 @@ from pydantic import Field, ValidationError
 
 from windmark import io
 from windmark.errors import UsageError, WindmarkError
-from windmark.paint import PaintFit, SternVolmer, TemperaturePaint
+from windmark.paint import PaintFit, SternVolmer, TemperaturePaint, TunnelGain
 from windmark.paint.modes import principal_axes
 from windmark.pipeline.project import Finite, Positive
 from windmark.pipeline.settings import Strict, explained
@@ -29,17 +29,32 @@ class PaintCalibration:
 
     Parameters
     ----------
-    law : with its covariance
+    law : with its covariance; of pressure itself, or of small changes about a steady one
     rms, cv_rms : of the calibration's residuals, and of each row against the others; NaN where not known
     warnings : what is to be said of it, in words
     source : the file that it comes from
     """
 
-    law: SternVolmer
+    law: SternVolmer | TunnelGain
     rms: float
     cv_rms: float
     warnings: tuple[str, ...]
     source: Path
+
+    def __str__(self) -> str:
+        law = self.law
+        p, t = (f"{low:g} to {high:g}" for low, high in (law.p_range, law.t_range))
+        if isinstance(law, TunnelGain):
+            return (f"the tunnel's gain form; steady pressures of {p} {law.pressure_unit}, {t} {law.temperature_unit}"
+                    f"{', taken as exact' if law.cov is None else ''}")  # fmt: skip
+        return (f"order {law.order[0]} in pressure, {law.order[1]} in temperature, RMS {self.rms:.3g}, cross-validated "
+                f"{self.cv_rms:.3g}; {p} Pa, {t} K")  # fmt: skip
+
+    def record(self) -> dict[str, Any]:
+        """Its figures."""
+        if isinstance(self.law, TunnelGain):
+            return {"gain": self.law.coefficients.tolist()}
+        return {"orders": list(self.law.order), "rms": self.rms, "cross_validated_rms": self.cv_rms}
 
     @staticmethod
     def of_fit(fit: PaintFit, source: Path) -> PaintCalibration:
@@ -80,9 +95,27 @@ class TemperatureFile(_File):
     coefficients: Row
 
 
-KINDS: dict[str, type[PressureFile] | type[TemperatureFile]] = {
-    "pressure": PressureFile, "temperature": TemperatureFile,
-}  # fmt: skip
+class GainFile(Strict):
+    """dp / d(I_ss / I) = a + b T + c T^2 + (d + e T + f T^2) p_ss, ``coefficients`` a to f, see `paint.TunnelGain`.
+
+    ``p_range``, ``t_range``: calibrated range of steady pressure and temperature; all in ``pressure_unit`` and
+    ``temperature_unit``. ``cov``: as in the others.
+    """
+
+    format: Literal["windmark paint calibration 1"]
+    kind: Literal["gain"]
+    coefficients: tuple[Finite, Finite, Finite, Finite, Finite, Finite]
+    p_range: Span
+    t_range: Span
+    pressure_unit: Literal["Pa", "psf"] = "Pa"
+    temperature_unit: Literal["K", "degC", "degF"] = "K"
+    cov: tuple[Row, ...] | None = None
+    warnings: tuple[str, ...] = ()
+    made_of: str = ""
+
+
+AnyFile = PressureFile | TemperatureFile | GainFile
+KINDS: dict[str, type[AnyFile]] = {"pressure": PressureFile, "temperature": TemperatureFile, "gain": GainFile}
 
 
 def pressure_record(fit: PaintFit, source: Path) -> dict[str, Any]:
@@ -109,7 +142,7 @@ def _quality(rms: float, cv_rms: float, warnings: tuple[str, ...], source: Path,
 
 
 def read_calibration(path: Path) -> PaintCalibration:
-    """A calibration of pressure.
+    """A calibration of pressure, or of the gain of small changes about a steady one.
 
     Raises
     ------
@@ -117,12 +150,21 @@ def read_calibration(path: Path) -> PaintCalibration:
         For what is no such file, is one of temperature, or has a law without an inverse or no covariance.
     """
     content = _read(path)
+    nan = float("nan")
+    if isinstance(content, GainFile):
+        spans = {"p_range": content.p_range, "t_range": content.t_range}
+        if (empty := next((key for key, (low, high) in spans.items() if not low < high), "")):
+            raise io.FileError(path, "expected two numbers, the smaller one first", empty)
+        gain: TunnelGain = _made(path, content, lambda cov: TunnelGain(
+            np.array(content.coefficients), content.p_range, content.t_range, cov, content.pressure_unit,
+            content.temperature_unit,
+        ))  # fmt: skip
+        return PaintCalibration(gain, nan, nan, content.warnings, path)
     if not isinstance(content, PressureFile):
         raise io.FileError(path, "is the calibration of a temperature paint; expected one of pressure", "kind")
     law = _made(path, content, lambda cov: SternVolmer(
         np.array(content.coefficients), content.p_ref_Pa, content.t_ref_K, content.p_range_Pa, content.t_range_K, cov,
     ))  # fmt: skip
-    nan = float("nan")
     rms, cv_rms = (nan if v is None else v for v in (content.rms, content.cv_rms))
     return PaintCalibration(law, rms, cv_rms, content.warnings, path)
 
@@ -140,7 +182,7 @@ def read_temperature_calibration(path: Path) -> TemperaturePaint:
     return law
 
 
-def _read(path: Path) -> PressureFile | TemperatureFile:
+def _read(path: Path) -> AnyFile:
     content = io.read_json(path)
     if not isinstance(content, dict) or content.get("format") != FORMAT:
         raise io.FileError(path, f"expected {FORMAT!r}, as windmark paint-calibrate writes it", "format")
@@ -153,7 +195,7 @@ def _read(path: Path) -> PressureFile | TemperatureFile:
         raise explained(path, error, kind) from None
 
 
-def _made(path: Path, content: PressureFile | TemperatureFile, make: Any) -> Any:
+def _made(path: Path, content: AnyFile, make: Any) -> Any:
     """The law; what is wrong with it is the file's fault."""
     sizes = [np.size(row) for row in content.coefficients]
     try:

@@ -41,6 +41,24 @@ class TableEntry(Strict):
     max_alpha_error_deg: Positive = 0.5
 
 
+class ReferenceEntry(Strict):
+    """Of points that name no wind-off pictures of their own.
+
+    ``table``: CSV ``alpha_deg,p_off_UNIT,T_off_UNIT,off``, wind-off pictures at several incidences, between which light
+    is straight. ``mean_of_run``: the mean of all points of the same ``run`` (a column of the table of points; without
+    it all points are one run), for a calibration of the tunnel's gain form.
+    """
+
+    table: Path | None = None
+    mean_of_run: bool = False
+
+    @model_validator(mode="after")
+    def _one(self) -> ReferenceEntry:
+        if (self.table is None) == (not self.mean_of_run):
+            raise UsageError("expected either table, wind-off pictures by incidence, or mean_of_run = true")
+        return self
+
+
 class RadiometryEntry(Strict):
     """From grey levels to light. ``dark``, ``flat``: patterns of pictures; ``{camera}`` stands for the camera.
 
@@ -84,6 +102,10 @@ class PaintEntry(Strict):
 
     ``p_ref_Pa``, ``t_ref_K``: at which the cell's ratio is 1. ``orders``: highest powers of pressure and temperature;
     without them cross-validation chooses.
+
+    ``steady``: of a calibration of the tunnel's gain form, NetCDF files with the steady ``pressure`` (and
+    ``sigma_pressure``) at the grid's nodes, about which the gain holds (``{point}`` stands for the point), all wrong by
+    the same ``steady_sigma_Pa`` (1 sigma).
     """
 
     cell: Path | None = None
@@ -91,6 +113,8 @@ class PaintEntry(Strict):
     p_ref_Pa: Positive = 1e5
     t_ref_K: Positive = 293.15
     orders: tuple[Annotated[int, Field(ge=1, le=MOST_P)], Annotated[int, Field(ge=0, le=MOST_T)]] | None = None
+    steady: Pattern | None = None
+    steady_sigma_Pa: NotNegative = 0.0
 
     @model_validator(mode="after")
     def _one(self) -> PaintEntry:
@@ -99,6 +123,8 @@ class PaintEntry(Strict):
         own = sorted(self.model_fields_set & {"p_ref_Pa", "t_ref_K", "orders"})
         if self.calibration is not None and own:
             raise UsageError(f"only cell goes with {' and '.join(own)}: the file of calibration has its own")
+        if self.steady is None and "steady_sigma_Pa" in self.model_fields_set:
+            raise UsageError("steady_sigma_Pa is of the steady pressure; steady is missing")
         return self
 
 

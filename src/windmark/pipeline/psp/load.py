@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark import io
-from windmark.paint import TemperaturePaint, form_factors
+from windmark.paint import TemperaturePaint, TunnelGain, form_factors
 from windmark.pipeline.deform.load import Loaded, load
 from windmark.pipeline.deform.project import CameraEntry as DeformCamera
 from windmark.pipeline.deform.project import DeformProject
@@ -18,8 +18,10 @@ from windmark.pipeline.framing import frame_views
 from windmark.pipeline.lengths import Lengths
 from windmark.pipeline.psp.calibration import PaintCalibration, read_calibration, read_temperature_calibration
 from windmark.pipeline.psp.cell import calibrate_paint, read_cell
+from windmark.pipeline.psp.offs import by_incidence, by_run, read_references, run_remarks
 from windmark.pipeline.psp.project import PspProject
 from windmark.pipeline.psp.sensors import CameraSensor, read_sensor
+from windmark.pipeline.psp.stream import constants_of
 from windmark.pipeline.psp.table import PointRow, SensorTable, read_points_table, read_sensors
 from windmark.pipeline.results import FramedView
 from windmark.scene import Mesh
@@ -81,11 +83,14 @@ def load_psp(project: PspProject) -> PspTest:
     deforming = load(_as_deform(project))
     assert deforming.mesh is not None
     lengths = project.lengths
-    rows = read_points_table(project.points.table)
     paint = _calibrated(project)
+    rows = _points(project)
     sensors = {c.name: read_sensor(project, c.name, deforming.test.station(c.name), rows) for c in project.camera}
     taps = wells = pressures = readings = None
-    remarks = [*deforming.remarks, *paint.warnings, *(r for s in sensors.values() for r in s.remarks)]
+    remarks = [*deforming.remarks, *paint.warnings]
+    if project.reference is not None and project.reference.mean_of_run:
+        remarks += run_remarks(rows, project.points.max_alpha_error_deg)
+    remarks += [*(r for s in sensors.values() for r in s.remarks)]
     if project.taps is not None:
         taps = lengths.points(project.taps.file, project.taps.roles)
         pressures = read_sensors(project.taps.pressures, "pressure", project.taps.sigma or TAP_SIGMA_Pa)
@@ -107,6 +112,15 @@ def load_psp(project: PspProject) -> PspTest:
     )  # fmt: skip
 
 
+def _points(project: PspProject) -> tuple[PointRow, ...]:
+    """The rows of the table of points, with what the project says of all of them and with their references."""
+    how = project.reference
+    rows = read_points_table(project.points.table, constants_of(project.conditions), references=how is not None)
+    if how is None:
+        return rows
+    return by_run(rows) if how.table is None else by_incidence(rows, read_references(how.table))
+
+
 def _as_deform(project: PspProject) -> DeformProject:
     """The part of the project that `windmark deform` knows; its pictures come from the table of points."""
     none = "(table of points)"
@@ -121,7 +135,20 @@ def _calibrated(project: PspProject) -> PaintCalibration:
     """The paint's calibration: that of a file, or made of its table of cell measurements."""
     paint = project.paint
     if paint.calibration is not None:
-        return read_calibration(paint.calibration)
+        found = read_calibration(paint.calibration)
+        mean = project.reference is not None and project.reference.mean_of_run
+        gain = isinstance(found.law, TunnelGain)
+        if gain != mean or gain != (paint.steady is not None):
+            raise io.FileError(
+                project.path, "the tunnel's gain form (a calibration of kind gain), its steady pressure (paint.steady) "
+                "and reference.mean_of_run = true belong together, for its changes are those about the mean of a run; "
+                + (f"{paint.calibration.name} is of kind gain" if gain else
+                   f"{paint.calibration.name} is of kind pressure"), "paint.calibration",
+            )  # fmt: skip
+        return found
+    if paint.steady is not None or (project.reference is not None and project.reference.mean_of_run):
+        raise io.FileError(project.path, "cell makes a calibration of pressure; paint.steady and reference.mean_of_run "
+                           "need one of the tunnel's gain form (a file of kind gain)", "paint.cell")  # fmt: skip
     assert paint.cell is not None
     fit = calibrate_paint(
         read_cell(paint.cell), p_ref_Pa=paint.p_ref_Pa, t_ref_K=paint.t_ref_K, orders=paint.orders, key="paint.cell"

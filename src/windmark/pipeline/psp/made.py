@@ -8,6 +8,7 @@ from typing import Any
 
 from windmark.pipeline import same_run
 from windmark.pipeline.deform.resume import inputs as deform_inputs
+from windmark.pipeline.psp.entries import POINT
 from windmark.pipeline.psp.load import PspTest
 from windmark.pipeline.psp.project import PspProject
 from windmark.pipeline.psp.sensors import named_file, pictures_named
@@ -29,6 +30,11 @@ def inputs(test: PspTest) -> list[tuple[str, Path]]:
     out += [(key, path) for key, path in paint if path is not None]
     out += deform_inputs(test.deforming.project)
     taps, warm = project.taps, project.temperature
+    if project.reference is not None and project.reference.table is not None:
+        out.append(("reference.table", project.reference.table))
+    for key, pattern in (("paint.steady", project.paint.steady), ("temperature.maps", warm.maps)):
+        maps = set() if pattern is None else {project.path.parent / pattern.replace(POINT, r.name) for r in test.rows}
+        out += [(f"{key} {file.name}", file) for file in sorted(maps) if file.is_file()]
     if taps is not None:
         out += [("taps.file", taps.file), ("taps.pressures", taps.pressures)]
     if warm.thermocouples is not None and warm.readings is not None:

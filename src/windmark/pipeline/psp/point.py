@@ -2,33 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from windmark import io
 from windmark.compiling import working_time
-from windmark.deformation import Deformation
-from windmark.errors import DataError
-from windmark.paint import LoadReference, TunnelConditions, correct_picture
-from windmark.pipeline.deform.pictures import follow_deformation, read
+from windmark.errors import DataError, WindmarkError
+from windmark.paint import LoadReference, TunnelConditions, TunnelGain
 from windmark.pipeline.psp.load import PspTest
-from windmark.pipeline.psp.sensors import pictures_named
-from windmark.pipeline.psp.table import WIND_OFF, WIND_ON, PointRow, SensorTable
-from windmark.pipeline.psp.wall import wall_of
-from windmark.tasks.deform.task import FrameImages
+from windmark.pipeline.psp.pictures import Found, read_pictures, the_model_in
+from windmark.pipeline.psp.table import WIND_OFF, WIND_ON, PointRow, SensorTable, reference_kind
+from windmark.pipeline.psp.wall import steady_of, wall_of
 from windmark.tasks.psp import (
     MergedRatio,
-    ModelPicture,
     Patches,
     PointTask,
     Readings,
     ReducedPoint,
+    Reference,
     Sampling,
     SectionWanted,
-    moved_grid,
     no_patches,
     ratio_of,
     reduce_point,
@@ -36,23 +32,6 @@ from windmark.tasks.psp import (
 )
 
 Array = NDArray[np.float64]
-Image = NDArray[np.generic]
-@dataclass(frozen=True, eq=False)
-class Found:
-    """The pictures of a kind in which the model was found.
-
-    Parameters
-    ----------
-    pictures : with pose and deformation
-    states : of the instants, in order
-    rms_px : residuals of each instant
-    troubles : picture or instant -> what was wrong
-    """
-
-    pictures: tuple[ModelPicture, ...]
-    states: tuple[Deformation, ...]
-    rms_px: tuple[float, ...]
-    troubles: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,16 +65,16 @@ def run_point(test: PspTest, row: PointRow) -> PointOutcome:
     """
     clock = _Clock()
     stream = row.conditions()
-    if not np.isfinite(row.t_off):
-        raise DataError(f"T_off is missing in the table of points (line {row.line})")
     _check_paint(test, row)
-    raw = {kind: read_pictures(test, kind, pattern) for kind, pattern in ((WIND_ON, row.on), (WIND_OFF, row.off))}
+    steady, about = steady_of(test, row)
+    raw = read_pictures(test, WIND_ON, row.on)
     clock.lap("read")
-    on, off = (the_model_in(test, kind, raw[kind]) for kind in (WIND_ON, WIND_OFF))
+    on = the_model_in(test, WIND_ON, raw)
     clock.lap("find the model")
-    alpha = _incidence(test, row, on)
+    alpha = _incidence(test, row.alpha_deg, on)
+    off = References(test, row)
     ratio = _ratio(test, on, off)
-    clock.lap("ratio on the model")
+    clock.lap("reference, ratio on the model")
     others = {name: channel_ratio(test, row, name) for name in row.channels}
     if others:
         clock.lap("other colours")
@@ -103,27 +82,70 @@ def run_point(test: PspTest, row: PointRow) -> PointOutcome:
         ratio = two_colours(ratio, others["reference"])
     wall = wall_of(test, row, others)
     state = on.states[0]
-    task = replace(point_task(test, row, stream), temperature=wall.temperature)
+    task = replace(point_task(test, row, stream), temperature=wall.temperature, steady=steady)
     reduced = reduce_point(ratio, test.mesh, state.mesh(test.mesh, frame="model"), task)
-    change = () if ratio.self_lit is None else (str(ratio.self_lit),)
-    reduced = replace(reduced, remarks=(*reduced.remarks, *wall.remarks, *change))
+    said = [*row.remarks, *wall.remarks, *about]
+    if not ratio.flicker and "reference" not in others:
+        said.append("every mean is of one picture, which says nothing of the lamps' flicker: it is in no sigma")
+    if ratio.self_lit is not None:
+        said.append(str(ratio.self_lit))
+    reduced = replace(reduced, remarks=(*reduced.remarks, *said))
     clock.lap("pressure and loads")
-    return PointOutcome(reduced, alpha, on, off, clock.laps, task)
+    return PointOutcome(reduced, alpha, on, off.found, clock.laps, task)
 
 
-def _ratio(test: PspTest, on: Found, off: Found) -> MergedRatio:
-    return ratio_of(on.pictures, off.pictures, how=sampling_of(test), lamps=test.lamps, reflecting=test.reflecting)
+def _ratio(test: PspTest, on: Found, off: References) -> MergedRatio:
+    return ratio_of(
+        on.pictures, off, how=sampling_of(test), lamps=test.lamps, reflecting=test.reflecting, bad=on.bad,
+        own=off.row.own,
+    )  # fmt: skip
+
+
+class References:
+    """The parts of a point's reference, one after the other: each is read when it is asked for.
+
+    What cannot be used says why, see `ratio_of`.
+    """
+
+    def __init__(self, test: PspTest, row: PointRow, colour: str = "") -> None:
+        self.row, self._test, self._colour = row, test, colour
+        self.found = Found((), (), ())
+
+    def __iter__(self) -> Iterator[Reference]:
+        row = self.row
+        if not row.parts:
+            kind = reference_kind(self._colour)
+            found = self._part(kind, row.channels[self._colour][1] if self._colour else row.off)
+            yield Reference(found.pictures, 1.0, found.bad)
+            return
+        for part in row.parts:
+            kind = reference_kind(self._colour, part)
+            try:
+                found = self._part(kind, part.channels.get(self._colour, "") if self._colour else part.pattern)
+                _incidence(self._test, part.alpha_deg, found, "table of points" if row.own else "table of references")
+            except WindmarkError as error:
+                yield Reference((), part.share, (), kind, str(error) if row.own else f"its reference {kind}: {error}")
+            else:
+                yield Reference(found.pictures, part.share, found.bad, kind)
+
+    def _part(self, kind: str, pattern: str) -> Found:
+        """The model in the pictures of a part; without the pictures themselves it is kept."""
+        new = the_model_in(self._test, kind, read_pictures(self._test, kind, pattern))
+        old = self.found
+        self.found = Found((), (*old.states, *new.states), (*old.rms_px, *new.rms_px), {**old.troubles, **new.troubles},
+                           (*old.bad, *new.bad), (*old.names, *new.names))  # fmt: skip
+        return new
 
 
 def channel_ratio(test: PspTest, row: PointRow, name: str) -> MergedRatio:
     """The ratio wind-off / wind-on of another colour, in whose pictures the model is found anew."""
-    found = {}
-    for kind, pattern in zip((WIND_ON, WIND_OFF), row.channels[name], strict=True):
-        what = f"{kind} {name}"
+    off = [part.channels.get(name, "") for part in row.parts] or [row.channels[name][1]]
+    off = [] if row.own else off  # one of a run is left out, see `References`
+    for kind, pattern in ((WIND_ON, row.channels[name][0]), *((WIND_OFF, pattern) for pattern in off)):
         if not pattern:
             raise DataError(f"the table of points names {name} pictures, but none {kind} (line {row.line})")
-        found[kind] = the_model_in(test, what, read_pictures(test, what, pattern))
-    return _ratio(test, found[WIND_ON], found[WIND_OFF])
+    on = the_model_in(test, f"{WIND_ON} {name}", read_pictures(test, f"{WIND_ON} {name}", row.channels[name][0]))
+    return _ratio(test, on, References(test, row, name))
 
 
 class _Clock:
@@ -139,74 +161,23 @@ class _Clock:
 def _check_paint(test: PspTest, row: PointRow) -> None:
     """The wind-off state has to be one that the paint was calibrated at: otherwise a unit is wrong."""
     law = test.paint.law
-    asked = (("p_off", row.p_off, law.p_range, "Pa"), ("T_off", row.t_off, law.t_range, "K"))
-    for what, value, (low, high), unit in asked:
-        if not low <= value <= high:
-            raise DataError(
-                f"{what} is {value:g} {unit}, outside the paint's calibration ({low:g} to {high:g} {unit}): its unit "
-                f"is another one, or the cell is wrong (line {row.line} of the table of points)"
-            )
+    if isinstance(law, TunnelGain):  # of changes: no state of the reference is asked for
+        return
+    if not np.isfinite(row.t_off):
+        raise DataError(f"T_off is missing in the table of points (line {row.line})")
+    place = f"line {row.line} of the table of points"
+    states = [(of.p_off, of.t_off, f"reference {of.name}") for of in row.parts] or [(row.p_off, row.t_off, place)]
+    for p_off, t_off, where in states:
+        asked = (("p_off", p_off, law.p_range, "Pa"), ("T_off", t_off, law.t_range, "K"))
+        for what, value, (low, high), unit in asked:
+            if not low <= value <= high:
+                raise DataError(
+                    f"{what} is {value:g} {unit}, outside the paint's calibration ({low:g} to {high:g} {unit}): its "
+                    f"unit is another one, or the cell is wrong ({where})"
+                )
 
 
-def read_pictures(test: PspTest, kind: str, pattern: str) -> dict[str, list[tuple[str, Image]]]:
-    """Camera -> name and grey levels of its pictures."""
-    if not pattern:
-        missing = ": the reference is missing" if kind == WIND_OFF else ""
-        raise DataError(f"the table of points names no {kind} pictures{missing}")
-    out = {}
-    for station in test.deforming.test.stations:
-        files = pictures_named(test.project, pattern, station.name)
-        out[station.name] = [(file.name, read(file, station)) for file in files]
-    if not any(out.values()):
-        missing = "the reference is missing: " if kind == WIND_OFF else ""
-        raise DataError(f"{missing}no {kind} picture matches {pattern!r} beside the project")
-    return {name: pictures for name, pictures in out.items() if pictures}
-
-
-def the_model_in(test: PspTest, kind: str, raw: Mapping[str, Sequence[tuple[str, Image]]]) -> Found:
-    """The model in the pictures of a kind: those of one number, of all cameras, are of one instant."""
-    light = {}
-    for name, pictures in raw.items():
-        for file, image in pictures:
-            light[name, file] = _corrected(test, kind, name, file, image)
-    count = max(len(p) for p in raw.values())
-    frames = [FrameImages(f"{k}", float(k), {n: p[k][1] for n, p in raw.items() if k < len(p)}) for k in range(count)]
-    seen: list[ModelPicture] = []
-    states, rms, troubles = [], [], {}
-    for k, frame in enumerate(follow_deformation(frames, test.deforming.test)):
-        state = frame.state
-        if state is None:
-            troubles[f"{kind} picture {k + 1}"] = f"the model was not found: {frame.reason}"
-            continue
-        if not state.fits:
-            troubles[f"{kind} picture {k + 1}"] = "; ".join(state.warnings[:2])
-        states.append(state)
-        rms.append(state.rms_px)
-        mesh, moves = moved_grid(state, test.mesh)
-        for name in frame.views:
-            file = raw[name][k][0]
-            station = test.deforming.test.station(name)
-            value, variance, lasting = light[name, file]
-            lens = state.cameras.get(name, station.camera)
-            pose = state.cam_from_tunnel.get(name, station.cam_from_tunnel)
-            seen.append(ModelPicture(f"{kind} {file}", name, value, variance, lens, pose, mesh, moves, lasting))
-    if not states:
-        raise DataError(f"no {kind} picture can be used; {next(iter(troubles.values()))}")
-    return Found(tuple(seen), tuple(states), tuple(rms), troubles)
-
-
-def _corrected(test: PspTest, kind: str, camera: str, file: str, image: Image) -> tuple[Array, Array, Array]:
-    """Light and variance of a picture, NaN where a pixel cannot be used; and the variance that all pictures share."""
-    how = test.project.radiometry
-    try:
-        done = correct_picture(image, test.sensors[camera].model, most_saturated=how.max_saturated)
-    except DataError as error:
-        raise DataError(f"{kind} picture {file} of {camera}: {error}") from None
-    value, variance = (np.where(done.usable, v, np.nan) for v in (done.value, done.variance))
-    return value, variance, done.lasting
-
-
-def _incidence(test: PspTest, row: PointRow, on: Found) -> float:
+def _incidence(test: PspTest, alpha_deg: float, on: Found, table: str = "table of points") -> float:
     """The incidence that the pictures show; DataError where the table has another one.
 
     Where the laws do not explain what the markers show that is said too: a bent wing that may not bend looks turned.
@@ -214,10 +185,10 @@ def _incidence(test: PspTest, row: PointRow, on: Found) -> float:
     entry = test.project.points
     pitch = float(np.degrees(np.arcsin(on.states[0].tunnel_from_model.rotation[0, 2])))
     seen = entry.alpha_at_rest_deg + pitch
-    if abs(seen - row.alpha_deg) > entry.max_alpha_error_deg:
+    if abs(seen - alpha_deg) > entry.max_alpha_error_deg:
         also = next(iter(on.troubles.values()), "")
         raise DataError(
-            f"its pictures show an incidence of {seen:.2f} degrees, the table of points says {row.alpha_deg:g}: rows "
+            f"its pictures show an incidence of {seen:.2f} degrees, the {table} says {alpha_deg:g}: rows "
             "and pictures were exchanged, or points.alpha_at_rest_deg is not that of markers and grid"
             + (f"; and the markers say: {also}" if also else "")
         )

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, field_validator, model_validator
 
 from windmark.errors import UsageError
 from windmark.pipeline.deform.project import LookEntry, MarkersEntry, MotionEntry, VolumeEntry
 from windmark.pipeline.lengths import Lengths
-from windmark.pipeline.project import GridEntry, Unit, ViewEntry
+from windmark.pipeline.project import Finite, GridEntry, Unit, ViewEntry
 from windmark.pipeline.psp.entries import (
     CAMERA,
     CameraEntry,
@@ -20,6 +21,7 @@ from windmark.pipeline.psp.entries import (
     PaintEntry,
     PatchesEntry,
     RadiometryEntry,
+    ReferenceEntry,
     SamplingEntry,
     SectionEntry,
     SelfIlluminationEntry,
@@ -27,16 +29,22 @@ from windmark.pipeline.psp.entries import (
     TapsEntry,
     TemperatureEntry,
 )
+from windmark.pipeline.psp.stream import constants_of
 from windmark.pipeline.settings import Strict, existing, explained, read_toml, unusable_name
 
 
 class PspProject(Strict):
-    """A whole paint test. `path` is the project file; other paths are already absolute, patterns are not."""
+    """A whole paint test. `path` is the project file; other paths are already absolute, patterns are not.
+
+    ``conditions``: of all points, for what neither the table of points nor a ``.wtd`` file says; keys as its columns.
+    """
 
     path: Path
     title: str
     length_unit: Unit
     points: TableEntry
+    conditions: Mapping[str, Finite] = Field(default_factory=dict)
+    reference: ReferenceEntry | None = None
     camera: Annotated[tuple[CameraEntry, ...], Field(min_length=1)]
     markers: MarkersEntry
     grid: GridEntry
@@ -55,6 +63,12 @@ class PspProject(Strict):
     section: tuple[SectionEntry, ...] = ()
     view: tuple[ViewEntry, ...] = ()
     output: OutputEntry = Field(default_factory=OutputEntry)
+
+    @field_validator("conditions")
+    @classmethod
+    def _known(cls, said: Mapping[str, float]) -> Mapping[str, float]:
+        constants_of(said)
+        return said
 
     @model_validator(mode="after")
     def _consistent(self) -> PspProject:
@@ -106,6 +120,7 @@ def _with_absolute_paths(project: PspProject) -> PspProject:
     folder = (project.path.parent / project.output.folder).resolve()
     return project.model_copy(update={
         "points": moved("points", project.points, "table"),
+        "reference": moved("reference", project.reference, "table"),
         "camera": tuple(moved(f"camera[{i}]", c, "file", "mask") for i, c in enumerate(project.camera)),
         "view": tuple(moved(f"view[{i}]", v, "camera") for i, v in enumerate(project.view)),
         "markers": moved("markers", project.markers, "file"),

@@ -102,7 +102,7 @@ def record_of(row: PointRow, pictures: Mapping[str, str], done: PointOutcome) ->
         loads = {name: reduced.loads.row(name) for name in reduced.loads.names}
         causes["CL"] = reduced.loads.dominant("all", "CL")
         troubles += reduced.loads.warnings
-    counts = tuple(sum(p.name not in reduced.merged.left_out for p in found.pictures) for found in (done.on, done.off))
+    counts = tuple(sum(name not in reduced.merged.left_out for name in found.names) for found in (done.on, done.off))
     return PointRecord(
         row.name, row.alpha_deg, pictures, REDUCED, "", (*reduced.remarks, *troubles), done.alpha_seen_deg,
         float(np.median([*done.on.rms_px, *done.off.rms_px])), (counts[0], counts[1]),
@@ -148,7 +148,8 @@ def load_columns(records: list[PointRecord]) -> dict[str, NDArray]:
     return out
 
 
-NUMBER = re.compile(r"[-+]?[0-9][0-9.]*(e[-+]?[0-9]+)?")
+NUMBER = re.compile(r"(?<![\w.-])[-+]?[0-9][0-9.]*(e[-+]?[0-9]+)?(?![\w-])")
+"""A number that stands alone: not one in the name of a picture, a tap, a section."""
 
 
 def grouped(records: Sequence[PointRecord]) -> dict[str, list[str]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -128,11 +129,16 @@ def _gain(
             return found.gain, found.read_variance, "flat pictures"
         reasons.append(f"flat pictures: {found.reason}")
     for row in rows[:TRIED]:
-        files = pictures_named(project, row.off, name) if row.off else []
+        off = row.off or next((part.pattern for part in row.parts if not row.own), "")
+        files = pictures_named(project, off, name) if off else []
         if len(files) < 2:
             reasons.append(f"wind-off pictures of {row.name}: there are {len(files)}, two are needed")
             continue
-        found = photon_transfer(_stack(files, station), dark=dark, saturation=project.radiometry.saturation)
+        good = _readable(files, station)
+        if len(good) < 2:
+            reasons.append(f"wind-off pictures of {row.name}: {len(good)} of {len(files)} can be read, two are needed")
+            continue
+        found = photon_transfer(np.stack(good), dark=dark, saturation=project.radiometry.saturation)
         if not isinstance(found, NotFitted):
             return found.gain, found.read_variance, f"wind-off pictures of {row.name}"
         reasons.append(f"wind-off pictures of {row.name}: {found.reason}")
@@ -150,6 +156,15 @@ def _read_all(project: PspProject, pattern: str, name: str, station: Station, ke
         shown = pattern.replace(CAMERA, name)
         raise io.FileError(project.path, f"no file matches {shown!r} beside the project", key)
     return _stack(files, station)
+
+
+def _readable(files: Sequence[io.PictureFile], station: Station) -> list[NDArray[np.generic]]:
+    """Those that can be read: a point's pictures may be bad, it says which when it is reduced."""
+    out = []
+    for file in files:
+        with suppress(io.FileError):
+            out.append(np.asarray(read(file, station)))
+    return out
 
 
 def _stack(files: Sequence[io.PictureFile], station: Station) -> Array:

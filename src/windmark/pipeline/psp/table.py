@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -14,14 +14,11 @@ from windmark import io
 from windmark.errors import DataError, WindmarkError
 from windmark.io.csvtable import Table
 from windmark.paint import TunnelConditions
+from windmark.pipeline.psp.stream import PRESSURE, TEMPERATURE, joined
 from windmark.pipeline.psp.wtd import read_wtd
 
 Array = NDArray[np.float64]
 
-PRESSURE = {"Pa": 1.0, "hPa": 100.0, "mbar": 100.0, "kPa": 1e3, "bar": 1e5, "psf": 47.880259, "psi": 6894.757293}
-"""Pascals of the units that columns of pressures may be in."""
-TEMPERATURE = {"K": (1.0, 0.0), "degC": (1.0, 273.15), "degF": (5 / 9, 255.3722222222222)}
-"""Factor and offset to kelvin."""
 STEPS_K = {unit: factor for unit, (factor, _) in TEMPERATURE.items()}
 """Kelvin of a difference of one degree."""
 WIND_ON, WIND_OFF = "wind-on", "wind-off"
@@ -29,6 +26,28 @@ CHANNELS = ("reference", "temperature")
 """Other colours of the same paint: one that does not answer to pressure, one that answers to temperature alone."""
 MIXED = 0.05
 """q of the table and 0.7 M^2 p differ by less than this part where both are in the units that they say."""
+
+
+@dataclass(frozen=True)
+class ReferencePart:
+    """Pictures that a point's reference is made of beside others.
+
+    Parameters
+    ----------
+    name : in words
+    alpha_deg : at which they were taken
+    share : of the parts
+    pattern, channels : of the pictures, and of those in other colours
+    p_off, t_off : pressure and temperature there, wind-off; NaN where it is another point of a run
+    """
+
+    name: str
+    alpha_deg: float
+    share: float
+    pattern: str
+    channels: Mapping[str, str] = field(default_factory=dict)
+    p_off: float = float("nan")
+    t_off: float = float("nan")
 
 
 @dataclass(frozen=True)
@@ -46,7 +65,11 @@ class PointRow:
     line : in the file
     channels : "reference" or "temperature" -> patterns of its pictures with wind and without
     conditions_file : that says what the table's own cells do not; None without
-    trouble : why that cannot be read
+    trouble : why the point cannot be reduced, in a sentence
+    remarks : what is to be said of its conditions
+    run : that it belongs to
+    parts : of its reference, where that is not its own wind-off pictures
+    own : its reference is the mean of its run: ``parts`` are the other points, its own pictures are one part, too
     """
 
     name: str
@@ -66,13 +89,20 @@ class PointRow:
     channels: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     conditions_file: Path | None = None
     trouble: str = ""
+    remarks: tuple[str, ...] = ()
+    run: str = ""
+    parts: tuple[ReferencePart, ...] = ()
+    own: bool = False
 
     @property
     def patterns(self) -> dict[str, str]:
         """What kind of pictures -> their pattern, "" where none are named."""
-        out = {WIND_ON: self.on, WIND_OFF: self.off}
+        out = {WIND_ON: self.on} | ({} if self.parts else {WIND_OFF: self.off})
         for name, (on, off) in self.channels.items():
-            out |= {f"{WIND_ON} {name}": on, f"{WIND_OFF} {name}": off}
+            out |= {f"{WIND_ON} {name}": on} | ({} if self.parts else {f"{WIND_OFF} {name}": off})
+        for part in self.parts:
+            for name in ("", *self.channels):
+                out[reference_kind(name, part)] = part.channels.get(name, "") if name else part.pattern
         return out
 
     def conditions(self) -> TunnelConditions:
@@ -84,10 +114,10 @@ class PointRow:
             For what is missing, and for pressures that do not fit each other: their units are mixed.
         """
         if self.trouble:
-            raise DataError(f"its conditions cannot be read (line {self.line} of the table of points): {self.trouble}")
-        needed = {"p_inf": self.p_inf, "q_inf": self.q_inf, "p_off": self.p_off, "alpha": self.alpha_deg}
+            raise DataError(self.trouble)
+        needed = {"alpha": self.alpha_deg, "p_inf": self.p_inf, "q_inf": self.q_inf, "p_off": self.p_off}
         for what, value in needed.items():
-            if not np.isfinite(value):
+            if not np.isfinite(value) and not (self.own and what == "p_off"):
                 raise DataError(f"{what} is missing in the table of points (line {self.line})")
         if np.isfinite(self.mach):
             by_mach = 0.7 * self.mach**2 * self.p_inf
@@ -102,22 +132,38 @@ class PointRow:
         )  # fmt: skip
 
 
-def read_points_table(path: Path) -> tuple[PointRow, ...]:
+def reference_kind(colour: str, part: ReferencePart | None = None) -> str:
+    """What pictures of a reference are called: of a colour, "" for the paint's own."""
+    words = f"{WIND_OFF} {colour}".rstrip()
+    return words if part is None else f"{words} ({part.name})"
+
+
+def read_points_table(
+    path: Path, constants: Mapping[str, float] | None = None, *, references: bool = False
+) -> tuple[PointRow, ...]:
     """The rows of a CSV table ``point,alpha_deg,p_inf_UNIT,q_inf_UNIT,p_off_UNIT,T_off_UNIT,on,off[,...]``.
 
     May have: ``wtd``, a file for each point that says what its own cells do not (`wtd.read_wtd`; columns that such
-    files say may be missing), ``beta_deg``, ``mach``, ``T0_UNIT``, ``sigma_p_inf_UNIT``, ``sigma_q_inf_UNIT``, and
-    pictures in other colours, ``on_reference, off_reference, on_temperature, off_temperature``; other columns are left
-    out. An empty cell is missing for its point alone. Units of pressures: `PRESSURE`; of temperatures: `TEMPERATURE`.
+    files say may be missing), ``beta_deg``, ``mach``, ``T0_UNIT``, ``sigma_p_inf_UNIT``, ``sigma_q_inf_UNIT``, ``run``,
+    and pictures in other colours, ``on_reference, off_reference, on_temperature, off_temperature``; other columns are
+    left out. An empty cell is missing for its point alone. Units of pressures: `PRESSURE`; of temperatures:
+    `TEMPERATURE`.
+
+    Parameters
+    ----------
+    constants : of all points, for what neither cells nor files say (`stream.constants_of`); what they say may have no
+        column
+    references : the project has some, so that no wind-off pictures need be named
 
     Raises
     ------
     FileError
         For a missing column, a unit that is not known, a cell that is no number, a point twice, or no point at all.
     """
-    table = io.read_table(path, required=("point", "on", "off"), known=None)
+    needed, constants = ("point", "on") if references else ("point", "on", "off"), constants or {}
+    table = io.read_table(path, required=needed, known=None)
     by_file = "wtd" in table
-    if not by_file and "alpha_deg" not in table:
+    if not by_file and "alpha_deg" not in table and "alpha_deg" not in constants:
         raise io.FileError(path, "has no column alpha_deg", "header")
     names = table.text("point")
     twice = sorted({n for n in names if names.count(n) > 1})
@@ -126,50 +172,50 @@ def read_points_table(path: Path) -> tuple[PointRow, ...]:
         raise io.FileError(path, why, "point")
     if not names:
         raise io.FileError(path, "has no points; expected a row for each")
+    cells = _cells(table, {*constants, *(("p_inf", "q_inf") if by_file else ()),
+                           *(("p_off", "t_off") if references else ())})  # fmt: skip
+    off, files, runs = (table.text(c) if c in table else [""] * len(names) for c in ("off", "wtd", "run"))
+    out = []
+    for k, (channels, line) in enumerate(zip(_channels(table, references), table.lines.tolist(), strict=True)):
+        own, trouble, file = {key: float(column[k]) for key, column in cells.items()}, "", path.parent / files[k]
+        said: list[tuple[str, Mapping[str, float]]] = [("its row", own)]
+        try:
+            said += [("its file of conditions", read_wtd(file))] if files[k] else []
+        except WindmarkError as error:
+            trouble = f"its conditions cannot be read (line {line} of the table of points): {error}"
+        found, remarks = joined([*said, ("the project", constants)])
+        values: dict[str, Any] = dict(found)
+        out.append(PointRow(
+            name=names[k], on=table.text("on")[k], off=off[k], line=line, channels=channels, trouble=trouble,
+            conditions_file=file if files[k] and not trouble else None, remarks=remarks, run=runs[k], **values,
+        ))  # fmt: skip
+    return tuple(out)
+
+
+def _cells(table: Table, elsewhere: Collection[str]) -> dict[str, Array]:
+    """`stream.KEYS` -> column in base units, NaN for empty cells; what is said ``elsewhere`` may have no column."""
     none = np.full(len(table), np.nan)
-
-    def plain(column: str) -> Array:
-        return table.numbers(column, optional=True) if column in table else none
-
-    p = {q: in_unit(table, q, PRESSURE, optional=by_file) for q in ("p_inf", "q_inf")}
-    p["p_off"] = in_unit(table, "p_off", PRESSURE)
-    off = temperatures(table, "T_off")
-    warm = temperatures(table, "T0") if any(c.startswith("t0_") for c in table.columns) else none
-    sigma = [in_unit(table, q, PRESSURE, optional=True) for q in ("sigma_p_inf", "sigma_q_inf")]
-    columns = (plain("alpha_deg"), plain("beta_deg"), plain("mach"), p["p_inf"], p["q_inf"], warm, p["p_off"], off)
-    keys = ("alpha_deg", "beta_deg", "mach", "p_inf", "q_inf", "t_0", "p_off", "t_off", "sigma_p", "sigma_q")
-    numbers = [dict(zip(keys, row, strict=True)) for row in np.transpose((*columns, *sigma)).tolist()]
-    texts = zip(names, table.text("on"), table.text("off"), table.lines.tolist(), _channels(table), strict=True)
-    rows = [
-        PointRow(name=name, on=on, off=off_, line=line, channels=channels, **row)
-        for row, (name, on, off_, line, channels) in zip(numbers, texts, strict=True)
-    ]
-    files = table.text("wtd") if by_file else [""] * len(rows)
-    return tuple(_with_file(path.parent, row, file) for row, file in zip(rows, files, strict=True))
+    plain = ("alpha_deg", "beta_deg", "mach")
+    out = {key: table.numbers(key, optional=True) if key in table else none for key in plain}
+    for key in ("p_inf", "q_inf", "p_off"):
+        out[key] = in_unit(table, key, PRESSURE, optional=key in elsewhere)
+    out["t_0"], out["t_off"] = (temperatures(table, name, optional=may) for name, may in
+                                (("T0", True), ("T_off", "t_off" in elsewhere)))  # fmt: skip
+    for key in ("p", "q"):
+        out[f"sigma_{key}"] = in_unit(table, f"sigma_{key}_inf", PRESSURE, optional=True)
+    return out
 
 
-def _with_file(folder: Path, row: PointRow, name: str) -> PointRow:
-    """A row with what its file of conditions says where its own cells are empty."""
-    if not name:
-        return row
-    try:
-        said = read_wtd(folder / name)
-    except WindmarkError as error:
-        return replace(row, trouble=str(error))
-    own: dict[str, Any] = {k: v for k, v in said.items() if np.isnan(getattr(row, k))}
-    return replace(row, conditions_file=folder / name, **own)
-
-
-def _channels(table: Table) -> list[dict[str, tuple[str, str]]]:
+def _channels(table: Table, references: bool) -> list[dict[str, tuple[str, str]]]:
     """Of each row: other colours of which it names pictures."""
     out: list[dict[str, tuple[str, str]]] = [{} for _ in range(len(table))]
     for name in CHANNELS:
         there = [c for c in (f"on_{name}", f"off_{name}") if c in table]
-        if len(there) == 1:
+        if len(there) == 1 and not (references and there[0].startswith("on")):
             raise io.FileError(Path(table.path), f"has {there[0]} alone; expected on_{name} and off_{name}", "header")
         for row, pair in enumerate(zip(*(table.text(c) for c in there), strict=True)):
             if any(pair):
-                out[row][name] = (pair[0], pair[1])
+                out[row][name] = (pair[0], pair[1] if len(pair) > 1 else "")
     return out
 
 
@@ -187,10 +233,11 @@ def in_unit(table: Table, quantity: str, units: Mapping[str, float], *, optional
     return table.numbers(column, optional=True) * units[_unit_of(column, quantity, units)]
 
 
-def temperatures(table: Table, quantity: str) -> Array:
+def temperatures(table: Table, quantity: str, *, optional: bool = False) -> Array:
     """A column ``quantity_UNIT`` in kelvin; see `in_unit`."""
-    column = _column(table, quantity, TEMPERATURE, False)
-    assert column is not None
+    column = _column(table, quantity, TEMPERATURE, optional)
+    if column is None:
+        return np.full(len(table), np.nan)
     factor, offset = TEMPERATURE[_unit_of(column, quantity, TEMPERATURE)]
     return table.numbers(column, optional=True) * factor + offset
 

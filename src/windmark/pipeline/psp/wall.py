@@ -20,6 +20,7 @@ from windmark.tasks.psp import MergedRatio, as_one_cause, two_colours
 from windmark.tasks.psp.channels import REFERENCE
 
 MAP, PAINT, CHANNEL = "temperature map", "temperature paint", "temperature channel"
+STEADY = "steady pressure"
 NEAR = 0.1
 """Part of the grid's size within which a map's nodes lie where the grid has them: it may be that of the bent model."""
 
@@ -63,21 +64,45 @@ def wall_of(test: PspTest, row: PointRow, colours: Mapping[str, MergedRatio]) ->
     return Wall(None, tuple(f"the temperature is that of thermocouples or recovery: {why}" for why in words))
 
 
-def read_map(path: Path, test: PspTest, common_sigma: float) -> NodeField:
-    """The temperature of the grid's nodes in a NetCDF file: ``temperature``, and ``sigma_temperature`` where given."""
+def steady_of(test: PspTest, row: PointRow) -> tuple[NodeField | None, tuple[str, ...]]:
+    """The steady pressure about which a gain holds, None without one; and what is to be said of it."""
+    how = test.project.paint
+    if how.steady is None:
+        return None, ()
+    path = test.project.path.parent / how.steady.replace(POINT, row.name)
+    if not path.is_file():
+        raise DataError(f"the steady pressure is missing: no file {how.steady.replace(POINT, row.name)!r} beside the "
+                        "project")  # fmt: skip
+    found = read_map(path, test, how.steady_sigma_Pa, ("pressure", "Pa", STEADY))
+    exact = found.known.any() and not found.sigma[found.known].any()
+    return found, ("the steady pressure is taken as exact: neither its file nor paint.steady_sigma_Pa says a sigma",
+                   ) if exact else ()  # fmt: skip
+
+
+def read_map(
+    path: Path, test: PspTest, common_sigma: float, of: tuple[str, str, str] = ("temperature", "K", MAP)
+) -> NodeField:
+    """What a NetCDF file says at the grid's nodes, and its ``sigma_NAME`` where given.
+
+    Parameters
+    ----------
+    common_sigma : that all nodes share
+    of : name of the field, its unit, and the cause of that error
+    """
+    name, unit, cause = of
     mesh, fields, units, _ = io.read_nodes_netcdf(path)
-    if "temperature" not in fields:
-        raise io.FileError(path, f"has {', '.join(fields) or 'no field'}; expected one at the nodes", "temperature")
+    if name not in fields:
+        raise io.FileError(path, f"has {', '.join(fields) or 'no field'}; expected one at the nodes", name)
     if not _same_nodes(mesh, test.mesh):
         raise io.FileError(
             path, f"its {len(mesh.vertices)} nodes are not those of the project's grid, which has "
-            f"{len(test.mesh.vertices)}; expected the same in the same order", "temperature",
+            f"{len(test.mesh.vertices)}; expected the same in the same order", name,
         )  # fmt: skip
-    if units.get("temperature") != "K":
-        raise io.FileError(path, f"is in {units.get('temperature') or 'no unit'}; expected K", "temperature")
-    value = np.asarray(fields["temperature"], dtype=float)
-    sigma = np.nan_to_num(np.asarray(fields.get("sigma_temperature", np.zeros(len(value))), dtype=float))
-    return given_temperature(value, sigma, common_sigma=common_sigma, cause=MAP)
+    if units.get(name) != unit:
+        raise io.FileError(path, f"is in {units.get(name) or 'no unit'}; expected {unit}", name)
+    value = np.asarray(fields[name], dtype=float)
+    sigma = np.nan_to_num(np.asarray(fields.get(f"sigma_{name}", np.zeros(len(value))), dtype=float))
+    return given_temperature(value, sigma, common_sigma=common_sigma, unit=unit, cause=cause)
 
 
 def _same_nodes(a: Mesh, b: Mesh) -> bool:

@@ -3,6 +3,7 @@
 from windmark.tasks.psp.channels import as_one_cause, two_colours
 from windmark.tasks.psp.cuts import SectionWanted, SurfaceSection, cut_sections, section_loads
 from windmark.tasks.psp.lamps import Lamp
+from windmark.tasks.psp.levels import BadPicture, Reference
 from windmark.tasks.psp.loads import UNSEEN_SIDE, seen_loads, seen_sides, shown_areas
 from windmark.tasks.psp.ratios import CameraRatio, MergedRatio, ratio_of
 from windmark.tasks.psp.reduce import PointTask, ReducedPoint, no_patches, reduce_point
@@ -11,8 +12,8 @@ from windmark.tasks.psp.self_lit import Change, Reflecting
 from windmark.tasks.psp.taps import Readings, TapTable
 
 __all__ = [
-    "UNSEEN_SIDE", "CameraRatio", "Change", "Lamp", "MergedRatio", "ModelPicture", "Patches", "PointTask", "Readings",
-    "ReducedPoint", "Reflecting", "Sampling", "SectionWanted", "SurfaceSection", "TapTable", "as_one_cause",
-    "cut_sections", "moved_grid", "no_patches", "ratio_of", "reduce_point", "sample_picture", "section_loads",
-    "seen_loads", "seen_sides", "shown_areas", "two_colours",
+    "BadPicture", "CameraRatio", "Change", "Lamp", "MergedRatio", "ModelPicture", "Patches", "PointTask", "Readings",
+    "ReducedPoint", "Reference", "Reflecting", "Sampling", "SectionWanted", "SurfaceSection", "TapTable",
+    "UNSEEN_SIDE", "as_one_cause", "cut_sections", "moved_grid", "no_patches", "ratio_of", "reduce_point",
+    "sample_picture", "section_loads", "seen_loads", "seen_sides", "shown_areas", "two_colours",
 ]  # fmt: skip

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.errors import WindmarkError
-from windmark.paint import LoadReference, Loads, NodeField, fewer_modes, integrate_loads
+from windmark.paint import COEFFICIENTS, LoadReference, Loads, NodeField, fewer_modes, integrate_loads, load_operator
 from windmark.scene import Mesh
 
 Mask = NDArray[np.bool_]
@@ -17,6 +17,8 @@ MODES = 25
 """Columns of Cp that the loads get: `integrate_loads` adds one for what it fills in of each volume."""
 ALL = "all"
 """The row of all volumes together, as `integrate_loads` calls it."""
+EACH = 0.1
+"""Cp by which the side that no camera shows is said to count."""
 UNSEEN_SIDE = " (not seen)"
 """Ends the name of the part of a volume that no camera shows."""
 
@@ -39,6 +41,12 @@ def shown_areas(mesh: Mesh, known: Mask) -> dict[str, float]:
     return {name: float(area[own & shown].sum() / max(area[own].sum(), 1e-300)) for name, own in groups.items()}
 
 
+def side_loads(mesh: Mesh, reference: LoadReference, triangles: Mask) -> str:
+    """Loads of a Cp of `EACH` all over some triangles (T,), in words: what a share of each load rests on."""
+    whole = load_operator(mesh, reference, triangles).sum(axis=1) * EACH
+    return ", ".join(f"{name} {whole[COEFFICIENTS.index(name)]:+.2g}" for name in ("CL", "CD", "Cm"))
+
+
 def seen_loads(
     mesh: Mesh,
     cp: NodeField,
@@ -55,10 +63,12 @@ def seen_loads(
     seen = cp.known if seen is None else seen
     sides = seen_sides(mesh, seen)
     volumes = [str(n) for n in dict.fromkeys(sides.volume.tolist()) if not str(n).endswith(UNSEEN_SIDE)]
+    blind = ~seen[mesh.triangles].any(axis=1)
     for name, part in shown_areas(mesh, seen).items():
         if part < 1 and name != ALL:
             remarks.append(f"{name}: {100 * (1 - part):.3g} % of its area is on a side that no camera shows; its loads "
-                           "are those of the rest")  # fmt: skip
+                           "are those of the rest. Nothing says those of that side, they are not estimated: a Cp of "
+                           f"{EACH:g} all over it makes {side_loads(mesh, reference, blind & (mesh.volume == name))}")
     try:
         done = integrate_loads(sides, fewer_modes(cp, MODES), reference, volumes=volumes, least_seen=least_seen)
     except WindmarkError as error:

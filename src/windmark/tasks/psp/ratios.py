@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from windmark.errors import DataError
-from windmark.paint import NodeField, NotFitted, average_frames, form_ratio, merge_cameras
-from windmark.tasks.psp.lamps import Lamp, lit
-from windmark.tasks.psp.sampling import ModelPicture, Samples, Sampling, sample_picture
+from windmark.paint import NodeField, NotFitted, enough, form_ratio, merge_cameras
+from windmark.tasks.psp.lamps import Lamp
+from windmark.tasks.psp.levels import BadPicture, Level, Reference, levels_of, together
+from windmark.tasks.psp.sampling import ModelPicture, Sampling
 from windmark.tasks.psp.self_lit import Change, Reflecting, own_light
 
 Array = NDArray[np.float64]
@@ -63,11 +64,13 @@ class MergedRatio:
 
 def ratio_of(
     on: Sequence[ModelPicture],
-    off: Sequence[ModelPicture],
+    off: Sequence[ModelPicture] | Iterable[Reference],
     *,
     how: Sampling | None = None,
     lamps: Sequence[Lamp] = (),
     reflecting: Reflecting | None = None,
+    bad: Sequence[BadPicture] = (),
+    own: bool = False,
 ) -> MergedRatio:
     """Ratio at the nodes of a grid from pictures of one point by any number of cameras.
 
@@ -78,37 +81,49 @@ def ratio_of(
 
     Parameters
     ----------
-    on, off : pictures with wind and without, of the same cameras and grid
+    on, off : pictures with wind and without, of the same cameras and grid; or the parts of the reference, which are
+        taken one after the other, each by the mean of its own pictures. A node counts where all parts show it
     how : of sampling
     lamps : the light that the model moves in; none given: it is taken as the same
     reflecting : the paint throws back some of its own light, which is taken off; None: it is left
+    bad : pictures with wind that cannot be used; they count where a camera has too few left (`paint.enough`)
+    own : the reference is the mean of a run that the pictures with wind are one part of and ``off`` the others, of each
+        node over the parts that show it. What wind-on is wrong by is in both and cancels by that part. One that cannot
+        be used is left out as a picture is
 
     Raises
     ------
     DataError
-        Where no camera has pictures of both kinds, or none shows a node in both.
+        Where no camera has pictures of both kinds, none shows a node in both, or too few pictures of one can be used.
     """
     how = Sampling() if how is None else how
-    names = [n for n in dict.fromkeys(p.camera for p in on) if any(p.camera == n for p in off)]
+    left_out: dict[str, str] = {}
+    by_camera = levels_of(Reference(on, 1.0, bad), how, lamps, left_out)
+    parts = _parts(_as_parts(off), how, lamps, left_out, own)
+    needed = any if own else all
+    names = [n for n in by_camera if parts and needed(n in of for _, of in parts)]
     if not names:
         raise DataError("no camera has pictures with wind and without")
-    levels: dict[str, dict[str, _Level]] = {}
-    left_out: dict[str, str] = {}
-    for kind, pictures in ((WIND_ON, on), (WIND_OFF, off)):
-        levels[kind] = {name: _level([p for p in pictures if p.camera == name], how, lamps, left_out) for name in names}
+    levels = {
+        WIND_ON: {name: by_camera[name] for name in names},
+        WIND_OFF: {name: together([(share, of[name]) for share, of in parts if name in of], own) for name in names},
+    }  # fmt: skip
     flicker, factor = _flicker(levels)
     fields = {kind: _as_fields(of, kind) for kind, of in levels.items()}
     cameras = {}
     for name in names:
+        up, down = levels[WIND_ON][name], levels[WIND_OFF][name]
         ratio = form_ratio(fields[WIND_OFF][name], fields[WIND_ON][name])
         # What was taken off for the bend of the light is as unsure as it is large, but for what both kinds share.
-        bend = ratio.value * (levels[WIND_ON][name].bent - levels[WIND_OFF][name].bent)
+        bend = ratio.value * (up.bent - down.bent)
         ratio = replace(ratio, white=ratio.white + np.nan_to_num(bend) ** 2)
-        n_on, n_off = levels[WIND_ON][name].count, levels[WIND_OFF][name].count
         if flicker > 0:
-            part = factor * flicker * np.sqrt(1 / n_on + 1 / n_off)
+            part = factor * flicker * np.sqrt(up.inverse + down.inverse)
             ratio = ratio.with_mode("lamps", np.where(ratio.known, part * ratio.value, 0.0))
-        weight = np.minimum(levels[WIND_ON][name].weight, levels[WIND_OFF][name].weight)
+        if own:  # (s I + (1 - s) I_others) / I
+            rest = down.shown / (down.shown + 1)
+            ratio = ratio.applied(1 - rest + rest * ratio.value, rest)
+        weight = np.minimum(up.weight, down.weight)
         cameras[name] = CameraRatio(_without_nan(ratio), np.where(ratio.known, weight, 0.0))
     tapers = np.stack([of.weight for of in cameras.values()])
     merged = merge_cameras([of.ratio for of in cameras.values()], names, tapers=tapers, gain="none")
@@ -116,17 +131,51 @@ def ratio_of(
         raise DataError("no node of the grid is seen both with wind and without")
     ratio, change = merged.field, None
     if reflecting is not None:
-        lights = {kind: {name: _as_it_left(fields[kind][name], next(p for p in of if p.camera == name), lamps)
-                         for name in names} for kind, of in ((WIND_ON, on), (WIND_OFF, off))}  # fmt: skip
+        lights = {kind: {name: _as_it_left(fields[kind][name], levels[kind][name].lamps) for name in names}
+                  for kind in levels}  # fmt: skip
         ratio, change = own_light(ratio, lights, tapers, reflecting, (WIND_OFF, WIND_ON))
     return MergedRatio(ratio, cameras, merged.source, merged.systematic, flicker, left_out, change)
 
 
-def _as_it_left(even: NodeField, picture: ModelPicture, lamps: Sequence[Lamp]) -> NodeField:
-    """The light of a level as it left the surface: with that of the lamps in it."""
-    there = lit(picture.mesh, lamps)
-    seen = even.known & np.isfinite(there)
-    return NodeField.make(np.where(seen, even.value * there, np.nan), np.where(seen, np.sqrt(even.white) * there, 0.0))
+def _as_parts(off: Sequence[ModelPicture] | Iterable[Reference]) -> Iterable[Reference]:
+    """The parts of a reference; pictures alone are one."""
+    pictures = []
+    for one in off:
+        if isinstance(one, Reference):
+            yield one
+        else:
+            pictures.append(one)
+    if pictures:
+        yield Reference(pictures)
+
+
+def _parts(
+    parts: Iterable[Reference], how: Sampling, lamps: Sequence[Lamp], left_out: dict[str, str], own: bool
+) -> list[tuple[float, dict[str, Level]]]:
+    """Shares and levels; of the mean of a run without the parts that cannot be used, as long as enough are left."""
+    out, lost = [], {}
+    for part in parts:
+        try:
+            if part.why:
+                raise DataError(part.why)
+            out.append((part.share, levels_of(part, how, lamps, left_out)))
+        except DataError as error:
+            if not own:
+                raise
+            lost[part.name] = str(error)
+    count = len(out) + len(lost)
+    if lost and not enough(len(out), count):
+        name, why = next(iter(lost.items()))
+        raise DataError(f"only {len(out)} of {count} other points can be used for the mean of its run; the first that "
+                        f"cannot is {name}: {why}")  # fmt: skip
+    left_out.update(lost)
+    return out
+
+
+def _as_it_left(even: NodeField, lamps: Array) -> NodeField:
+    """The light of a level as it left the surface: with that of the lamps (V,) in it."""
+    seen = even.known & np.isfinite(lamps)
+    return NodeField.make(np.where(seen, even.value * lamps, np.nan), np.where(seen, np.sqrt(even.white) * lamps, 0.0))
 
 
 def _without_nan(field_: NodeField) -> NodeField:
@@ -135,61 +184,22 @@ def _without_nan(field_: NodeField) -> NodeField:
     return replace(field_, white=np.where(on, field_.white, 0.0), modes=np.where(on[:, None], field_.modes, 0.0))
 
 
-@dataclass(frozen=True, eq=False)
-class _Level:
-    """The mean of one camera's pictures of a kind at V nodes, light evened out by the lamps'; ``bent`` relative."""
-
-    value: Array
-    variance: Array
-    columns: Array
-    weight: Array
-    bent: Array
-    light: Array
-    count: int
-
-
-def _level(pictures: Sequence[ModelPicture], how: Sampling, lamps: Sequence[Lamp], left_out: dict[str, str]) -> _Level:
-    samples = [_in_even_light(sample_picture(p, how), p, lamps) for p in pictures]
-    mean = average_frames(np.stack([s.value for s in samples]), np.stack([s.variance - s.lasting for s in samples]))
-    if isinstance(mean, NotFitted):
-        raise DataError(f"the pictures of camera {pictures[0].camera} contradict each other: {mean.reason}")
-    left_out.update({p.name: why for p, why, used in zip(pictures, mean.reasons, mean.used, strict=True) if not used})
-    used = np.flatnonzero(mean.used)
-    # Each picture has a state of its own: errors of the mean are those of one, smaller by the root of their number.
-    columns = np.mean([samples[k].columns for k in used], axis=0) / np.sqrt(len(used))
-    weight = np.min([samples[k].weight for k in used], axis=0)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        bent = np.nan_to_num(np.mean([samples[k].bent for k in used], axis=0) / mean.value)
-    # Pictures of a kind show a node on about the same pixels, whose dark and flat levels err in all of them alike.
-    shown = np.isfinite([samples[k].lasting for k in used])
-    lasting = np.where(shown, [samples[k].lasting for k in used], 0.0).sum(axis=0) / np.maximum(shown.sum(axis=0), 1)
-    return _Level(mean.value, mean.variance + lasting, columns, weight, bent, mean.light[used], len(used))
-
-
-def _in_even_light(s: Samples, picture: ModelPicture, lamps: Sequence[Lamp]) -> Samples:
-    light = lit(picture.mesh, lamps)
-    columns = np.nan_to_num(s.columns / light[:, None])
-    bent = np.nan_to_num(s.bent / light)
-    variance, lasting = s.variance / light**2, s.lasting / light**2
-    return replace(s, value=s.value / light, variance=variance, columns=columns, bent=bent, lasting=lasting)
-
-
-def _flicker(levels: Mapping[str, Mapping[str, _Level]]) -> tuple[float, float]:
+def _flicker(levels: Mapping[str, Mapping[str, Level]]) -> tuple[float, float]:
     """Pooled standard deviation of the lamps, 0 where every mean is of one picture; and Student's factor on it.
 
     Cameras see the same lamps at the same time: the pictures of one of them, of each kind, are the draws.
     """
     from scipy.special import stdtrit
 
-    several = [level.light for of in levels.values() for level in of.values() if level.count > 1]
+    several = [g for of in levels.values() for level in of.values() for g in level.light if len(g) > 1]
     if not several:
         return 0.0, 1.0
     square = sum(float(((g / g.mean() - 1) ** 2).sum()) for g in several)
-    draws = sum(max(level.count for level in of.values()) - 1 for of in levels.values())
+    draws = sum(max(level.draws for level in of.values()) for of in levels.values())
     return float(np.sqrt(square / sum(len(g) - 1 for g in several))), float(stdtrit(draws, 0.975)) / 1.959964
 
 
-def _as_fields(levels: Mapping[str, _Level], kind: str) -> dict[str, NodeField]:
+def _as_fields(levels: Mapping[str, Level], kind: str) -> dict[str, NodeField]:
     """The means with their registration's leading directions as modes, the same for all cameras."""
     relative = [np.nan_to_num(of.columns / of.value[:, None]) for of in levels.values()]
     _, axes = np.linalg.eigh(sum(r.T @ r for r in relative))

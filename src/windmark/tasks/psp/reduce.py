@@ -13,15 +13,17 @@ from windmark.paint import (
     LoadReference,
     Loads,
     NodeField,
+    PressureMap,
     SternVolmer,
     TunnelConditions,
+    TunnelGain,
     pressure_coefficient,
     recovery_temperature,
     thermocouple_temperature,
 )
 from windmark.scene import Mesh
 from windmark.tasks.psp.cuts import SectionWanted, SurfaceSection, cut_sections
-from windmark.tasks.psp.few_modes import pressure_of
+from windmark.tasks.psp.few_modes import gain_pressure, pressure_of
 from windmark.tasks.psp.loads import seen_loads
 from windmark.tasks.psp.patching import patched
 from windmark.tasks.psp.ratios import MergedRatio
@@ -46,7 +48,7 @@ class PointTask:
     Parameters
     ----------
     name : of the point
-    law : the paint's calibration
+    law : the paint's calibration; a gain needs ``steady``
     conditions : of the stream
     p_off, t_off : pressure and temperature of the wind-off pictures, in the calibration's units
     recovery : factor of the wall's temperature, where no thermocouple has a reading; None: thermocouples alone say it
@@ -58,13 +60,14 @@ class PointTask:
     patches : centres (D, 3), radii (D,) and outward normals (D, 3) or NaN, on the model at rest, of what is no paint
     polygons : corners (K, 3) of drawn polygons with what is no paint, on the model at rest
     temperature : of the wall in K, where it is known at the nodes; nodes beside what is no paint are filled, too
+    steady : pressure (V) of the steady state whose light the ratio is formed with
     reference : of the loads; None: none are wanted
     least_seen : see `integrate_loads`
     sections : cuts that are wanted
     """
 
     name: str
-    law: SternVolmer
+    law: SternVolmer | TunnelGain
     conditions: TunnelConditions
     p_off: float
     t_off: float
@@ -80,6 +83,7 @@ class PointTask:
     sections: tuple[SectionWanted, ...] = ()
     polygons: tuple[Array, ...] = ()
     temperature: NodeField | None = None
+    steady: NodeField | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +143,7 @@ def reduce_point(merged: MergedRatio, rest: Mesh, mesh: Mesh, task: PointTask) -
     remarks: list[str] = [f"{name} does not count: {why}" for name, why in merged.left_out.items()]
     ratio, filled = patched(rest, merged.ratio, task.patches, task.polygons, remarks)
     temperature = _temperature(rest, ratio.known, task, remarks)
-    prior = pressure_of(task.law, ratio, temperature, task.p_off, task.t_off)
+    prior = _pressure(ratio, temperature, task)
     if not prior.field.known.any():
         raise DataError(f"{task.name}: no node has a pressure: {_why(prior.flags)}")
     pressure, fit, taps = at_taps(rest, prior.field, filled, task.taps, task.fit_taps, remarks)
@@ -154,6 +158,14 @@ def reduce_point(merged: MergedRatio, rest: Mesh, mesh: Mesh, task: PointTask) -
         task.name, mesh, ratio, temperature, pressure, cp, prior.flags, filled, merged, fit, taps, loads, sections,
         tuple(remarks),
     )  # fmt: skip
+
+
+def _pressure(ratio: NodeField, temperature: NodeField, task: PointTask) -> PressureMap:
+    if isinstance(task.law, SternVolmer):
+        return pressure_of(task.law, ratio, temperature, task.p_off, task.t_off)
+    if task.steady is None:
+        raise DataError(f"{task.name}: the gain is of changes about a steady pressure, and that is missing")
+    return gain_pressure(task.law, ratio, temperature, task.steady)
 
 
 def _temperature(rest: Mesh, seen: Mask, task: PointTask, remarks: list[str]) -> NodeField:

@@ -1,0 +1,148 @@
+"""Pictures of a point: read, corrected, the model found in each; a bad one is left out beside good ones, and said."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark import io
+from windmark.deformation import Deformation
+from windmark.errors import DataError, WindmarkError
+from windmark.paint import correct_picture, enough
+from windmark.pipeline.deform.pictures import follow_deformation, read
+from windmark.pipeline.psp.load import PspTest
+from windmark.pipeline.psp.sensors import pictures_named
+from windmark.pipeline.psp.table import WIND_OFF
+from windmark.tasks.deform.task import FrameImages
+from windmark.tasks.psp import BadPicture, ModelPicture, moved_grid
+
+Array = NDArray[np.float64]
+Image = NDArray[np.generic]
+
+
+@dataclass(frozen=True, eq=False)
+class Taken:
+    """A picture of a camera.
+
+    Parameters
+    ----------
+    name : its file's
+    image : grey levels; None where it cannot be used
+    light, variance : (H, W), NaN where a pixel cannot be used
+    lasting : (H, W) part of the variance that is the same error in all pictures of the camera
+    why : it cannot be used, "" where it can
+    """
+
+    name: str
+    image: Image | None
+    light: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    variance: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    lasting: Array | float = 0.0
+    why: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """The pictures of a kind in which the model was found.
+
+    Parameters
+    ----------
+    pictures : with pose and deformation
+    states : of the instants, in order
+    rms_px : residuals of each instant
+    troubles : picture or instant -> what was wrong
+    bad : pictures that cannot be used
+    names : of the pictures, also where they themselves are no longer kept
+    """
+
+    pictures: tuple[ModelPicture, ...]
+    states: tuple[Deformation, ...]
+    rms_px: tuple[float, ...]
+    troubles: Mapping[str, str] = field(default_factory=dict)
+    bad: tuple[BadPicture, ...] = ()
+    names: tuple[str, ...] = ()
+
+
+def read_pictures(test: PspTest, kind: str, pattern: str) -> dict[str, list[Taken]]:
+    """Camera -> its pictures in order, with their light. Pictures of one number, of all cameras, are of one instant.
+
+    Raises
+    ------
+    DataError
+        Where there are none, or too few of a camera can be used (`paint.enough`).
+    """
+    if not pattern:
+        missing = ": the reference is missing" if kind.startswith(WIND_OFF) else ""
+        raise DataError(f"the table of points names no {kind} pictures{missing}")
+    out = {}
+    for station in test.deforming.test.stations:
+        files = pictures_named(test.project, pattern, station.name)
+        out[station.name] = [_taken(test, station.name, file) for file in files]
+    if not any(out.values()):
+        missing = "the reference is missing: " if kind.startswith(WIND_OFF) else ""
+        raise DataError(f"{missing}no {kind} picture matches {pattern!r} beside the project")
+    for camera, pictures in out.items():
+        good = sum(not p.why for p in pictures)
+        if pictures and not enough(good, len(pictures)):
+            first = next(p for p in pictures if p.why)
+            raise DataError(f"only {good} of {len(pictures)} {kind} pictures of {camera} can be used; the first that "
+                            f"cannot is {first.name}: {first.why}")  # fmt: skip
+    return {name: pictures for name, pictures in out.items() if pictures}
+
+
+def _taken(test: PspTest, camera: str, file: io.PictureFile) -> Taken:
+    """A picture with light and variance, NaN where a pixel cannot be used."""
+    most = test.project.radiometry.max_saturated
+    try:
+        image = read(file, test.deforming.test.station(camera))
+        done = correct_picture(image, test.sensors[camera].model, most_saturated=most)
+    except WindmarkError as error:
+        return Taken(file.name, None, why=str(error))
+    value, variance = (np.where(done.usable, v, np.nan) for v in (done.value, done.variance))
+    return Taken(file.name, image, value, variance, done.lasting)
+
+
+def said(kind: str, camera: str, picture: Taken) -> str:
+    """A picture in words."""
+    return f"{kind} picture {picture.name} of {camera}"
+
+
+def the_model_in(test: PspTest, kind: str, raw: Mapping[str, list[Taken]]) -> Found:
+    """The model in the pictures of a kind that can be used.
+
+    Raises
+    ------
+    DataError
+        Where it is found in none.
+    """
+    bad = tuple(BadPicture(said(kind, n, p), n, p.why) for n, own in raw.items() for p in own if p.image is None)
+    frames = []
+    for k in range(max(len(p) for p in raw.values())):
+        images = {n: own[k].image for n, own in raw.items() if k < len(own) and own[k].image is not None}
+        if images:
+            frames.append(FrameImages(f"{k}", float(k), images))
+    seen: list[ModelPicture] = []
+    states, rms, troubles = [], [], {}
+    for frame in follow_deformation(frames, test.deforming.test):
+        state, k = frame.state, int(frame.key)
+        if state is None:
+            troubles[f"{kind} picture {k + 1}"] = f"the model was not found: {frame.reason}"
+            continue
+        if not state.fits:
+            troubles[f"{kind} picture {k + 1}"] = "; ".join(state.warnings[:2])
+        states.append(state)
+        rms.append(state.rms_px)
+        mesh, moves = moved_grid(state, test.mesh)
+        for name in frame.views:
+            own, station = raw[name][k], test.deforming.test.station(name)
+            lens = state.cameras.get(name, station.camera)
+            pose = state.cam_from_tunnel.get(name, station.cam_from_tunnel)
+            seen.append(ModelPicture(
+                said(kind, name, own), name, own.light, own.variance, lens, pose, mesh, moves, own.lasting
+            ))  # fmt: skip
+    if not states:
+        raise DataError(f"no {kind} picture can be used; {next(iter(troubles.values()))}")
+    return Found(tuple(seen), tuple(states), tuple(rms), troubles, bad, tuple(p.name for p in seen))
