@@ -163,7 +163,7 @@ def register(  # type: ignore[misc]  # the overloads leave the options to this o
     True
     """
     verb = "register" if cam_from_rig is None else "register_rig"
-    if cam_from_rig is None:
+    if cam_from_rig is None and not (isinstance(detections, list | tuple) and isinstance(camera, list | tuple)):
         check_kinds(verb, detections=(detections, Detections), markers=(markers, MarkerSet), camera=(camera, Camera))
     spots, cameras, poses = _of_cameras(verb, detections, camera, cam_from_rig)
     limits = Limits(max_log10_nfa, min_score, min_margin, max_focal_sigma, max_table_error, max_deformation)
