@@ -14,6 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from windmark.errors import DataError
+
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
@@ -62,7 +64,7 @@ class Packed:
         """Whole numbers below 2^31 in size, any shape, exactly."""
         flat = np.asarray(values, dtype=np.int64).ravel()
         if flat.size and max(-int(flat.min()), int(flat.max())) >= 1 << 31:
-            raise ValueError("ints: numbers must be below 2^31 in size")
+            raise DataError("ints: numbers must be below 2^31 in size")
         times, lag, rest = _differences(flat)
         folded = ((rest << 1) ^ (rest >> 63)).astype(np.uint64)
         planes = max(1, (int(folded.max(initial=0)).bit_length() + 7) // 8)

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from windmark.errors import UsageError
 from windmark.geometry.camera_jacobian import point_jacobian, project_jacobian
 from windmark.geometry.lens import FISHEYE, LENSES, Lens, project, range2, tilt_homography
 from windmark.geometry.lens_inverse import fisheye_angles, undistort
@@ -91,7 +92,7 @@ class Camera:
         if self.focal_px <= 0 or self.aspect <= 0:
             raise ValueError(f"Camera: focal_px and aspect must be > 0, got {self.focal_px} and {self.aspect}")
         if self.lens not in LENSES:
-            raise ValueError(f"Camera: lens must be one of {', '.join(LENSES)}, got {self.lens!r}")
+            raise UsageError(f"Camera: lens must be one of {', '.join(LENSES)}, got {self.lens!r}")
         for name in _LACKING[self.lens]:
             if getattr(self, name) != 0.0:
                 raise ValueError(f"Camera: a {self.lens} lens has no {name}; expected 0, got {getattr(self, name)}")

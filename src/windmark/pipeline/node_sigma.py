@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.errors import DataError
 from windmark.pipeline.merge import picture_of
 from windmark.pipeline.results import ImageResult
 from windmark.resection.noise import noise_law
@@ -26,7 +27,7 @@ def node_sigma(item: ImageResult, mesh: Mesh, interpolation: str) -> NDArray[np.
         When the image has no values on nodes.
     """
     if item.nodes is None or item.values is None:
-        raise ValueError(f"node_sigma: {item.name} has no values on nodes")
+        raise DataError(f"node_sigma: {item.name} has no values on nodes")
     assert item.image is not None
     noise = noise_law(item.quantity.of(item.image), most=SAMPLE)
     source = prepare(picture_of(item, noise), None, interpolation, "node_sigma")

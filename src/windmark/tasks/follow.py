@@ -201,7 +201,7 @@ class _Follower:
         elif self._reader is not None:
             image = self._reader(item)
         else:
-            raise ValueError(f"follow: expected names with grey images, or `read` for {type(item).__name__}")
+            raise UsageError(f"follow: expected names with grey images, or `read` for {type(item).__name__}")
         height, width = image.shape[:2]
         if (width, height) != self._camera.size_px:
             expected = "{} x {}".format(*self._camera.size_px)

@@ -6,6 +6,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
+from windmark.errors import UsageError
+
 Word = Literal["good", "doubtful", "bad"]
 GOOD: Word = "good"
 DOUBTFUL: Word = "doubtful"
@@ -67,7 +69,7 @@ class Finding:
 
     def __post_init__(self) -> None:
         if self.cause not in CAUSES or self.word not in (DOUBTFUL, BAD):
-            raise ValueError(
+            raise UsageError(
                 f"Finding: expected a cause of {', '.join(CAUSES)} and doubtful or bad, got "
                 f"{self.cause!r}, {self.word!r}"
             )

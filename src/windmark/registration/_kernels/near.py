@@ -67,3 +67,16 @@ def nearest_kernel(points: Array, k: int) -> tuple[NDArray[np.int32], Array]:
                     mine[place], found[place] = d, order[other]
                 other += way
     return index, np.sqrt(distance)
+
+
+@nb.njit(cache=True, nogil=True)
+def first_from(ascending: Array, value: float) -> int:
+    """The first place in ascending numbers whose number is ``value`` or larger; their count where that is no number."""
+    low, high = 0, ascending.shape[0]
+    while low < high:
+        middle = (low + high) // 2
+        if ascending[middle] >= value:
+            high = middle
+        else:
+            low = middle + 1
+    return low

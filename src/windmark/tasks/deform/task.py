@@ -115,7 +115,7 @@ def as_given(item: Any, station: Station) -> Image:
         When it is no array: wrong use, not a bad picture.
     """
     if not isinstance(item, np.ndarray):
-        raise ValueError(f"image of {station.name}: expected grey levels (H, W), got {type(item).__name__}")
+        raise UsageError(f"image of {station.name}: expected grey levels (H, W), got {type(item).__name__}")
     if (why := wrong_size(item, station)) is not None:
         raise DataError(f"image of {station.name}: {why}")
     return item

@@ -56,7 +56,10 @@ def _bending(sights: Sights, state: State, modes: Array, size: float) -> float:
     """What a deformation gains (nats)."""
     slopes, off = slopes_kernel(sights, state, modes, size)
     rigid = state.factor.shape[0]
-    normal, side = reduce_kernel(slopes.T @ slopes, slopes.T @ off, np.arange(rigid, slopes.shape[1]))
+    asked = np.empty(slopes.shape[1] - rigid, np.int64)
+    for k in range(asked.shape[0]):
+        asked[k] = rigid + k
+    normal, side = reduce_kernel(slopes.T @ slopes, slopes.T @ off, asked)
     return gain_kernel(normal, side, 0, side.shape[0])
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from windmark.geometry._cholesky_kernels import inverse_factor
 from windmark.geometry._jit import nb
 from windmark.registration._kernels.hypothesis import GRAZING, _towards
+from windmark.registration._kernels.near import first_from
 from windmark.registration.settle._kernels.fit import by_unknowns
 from windmark.registration.settle._kernels.project import room_for, see
 from windmark.registration.settle._kernels.state import EXCESS, Mask, Sights, State
@@ -111,7 +112,7 @@ def _in_gates(
         if not bent:
             reach2 = min(reach2, most2)
         reach = math.sqrt(reach2)
-        for at in range(np.searchsorted(column, x - reach), last - first):
+        for at in range(first_from(column, x - reach), last - first):
             if column[at] - x > reach:
                 break
             s = by_x[at]

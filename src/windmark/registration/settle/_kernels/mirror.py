@@ -78,7 +78,7 @@ def with_twins(best: State, turn: Array, shift: Array, across: Array) -> tuple[A
     turns[:images], shifts[:images] = turn, shift
     for b in range(images):
         turns[images + b] = plane @ turn[b] @ sight
-        shifts[images + b] = turns[images + b] @ np.ascontiguousarray(turn[b].T) @ shift[b]
+        shifts[images + b] = turns[images + b] @ (shift[b] @ turn[b])
     return turns, shifts
 
 

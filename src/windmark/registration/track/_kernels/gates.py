@@ -16,6 +16,7 @@ from windmark.geometry._cholesky_kernels import solved
 from windmark.geometry._jit import nb
 from windmark.registration._kernels.growth import _move
 from windmark.registration._kernels.hypothesis import _towards
+from windmark.registration._kernels.near import first_from
 from windmark.registration.settle._kernels.label import _pair_up
 from windmark.registration.settle._kernels.project import place_cameras, room_for, see
 from windmark.registration.settle._kernels.state import Sights, State
@@ -121,7 +122,7 @@ def label_in_gates(sights: Sights, sight: Sight, floor2: float, match: Ints) -> 
         reach = min(math.sqrt(GATE * xx), SHARE * sight.spacing[m])
         limit2 = (SHARE * sight.spacing[m]) ** 2
         x, y = sight.xy[m, 0], sight.xy[m, 1]
-        for place in range(np.searchsorted(sights.x, x - reach), sights.x.shape[0]):
+        for place in range(first_from(sights.x, x - reach), sights.x.shape[0]):
             s = sights.by_x[place]
             du, dv = sights.xy[s, 0] - x, sights.xy[s, 1] - y
             if du > reach:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from windmark.geometry._jit import nb
 from windmark.geometry._kernels import project_point, to_camera
 from windmark.registration._kernels.growth import _move
+from windmark.registration._kernels.near import first_from
 from windmark.registration.settle._kernels.state import Sights, State
 from windmark.registration.track._kernels.gates import GATE, SHARE, Sight, inside, spread_of
 
@@ -79,7 +80,7 @@ def _spots_round(sights: Sights, sight: Sight, m: int, floor2: float, around: ND
     """The spots in a marker's whole gate, nearest first."""
     xx, xy, yy = sight.spread[m, 0] + floor2, sight.spread[m, 1], sight.spread[m, 2] + floor2
     reach, found = math.sqrt(GATE * xx), 0
-    for place in range(np.searchsorted(sights.x, sight.xy[m, 0] - reach), sights.x.shape[0]):
+    for place in range(first_from(sights.x, sight.xy[m, 0] - reach), sights.x.shape[0]):
         s = sights.by_x[place]
         du, dv = sights.xy[s, 0] - sight.xy[m, 0], sights.xy[s, 1] - sight.xy[m, 1]
         if du > reach:
@@ -129,7 +130,7 @@ def _witness(sights: Sights, sight: Sight, m: int, r: Array, t: Array, cov: Arra
     det = xx * yy - xy * xy
     limit2 = (SHARE * sight.spacing[m]) ** 2
     reach, best = min(math.sqrt(GATE * xx), SHARE * sight.spacing[m]), 0.0
-    for place in range(np.searchsorted(sights.x, x - reach), sights.x.shape[0]):
+    for place in range(first_from(sights.x, x - reach), sights.x.shape[0]):
         s = sights.by_x[place]
         du, dv = sights.xy[s, 0] - x, sights.xy[s, 1] - y
         if du > reach:
