@@ -180,8 +180,8 @@ def test_nouns_carry_their_unit(mixed):
 
 
 def test_no_verb_reads_lengths_past_the_check():
-    """A camera's interior (`console.read_lens`) has none; `convert` and `undistort` hand the unit on as it is; `init` asks
-    the files for theirs, and `check` lists all that differ."""
+    """A camera's interior (`console.read_lens`) has none; `convert` and `undistort` hand the unit on as it is; `init`
+    asks the files for theirs, and `check` lists all that differ."""
     readers = {"read_markers", "read_camera", "read_camera_file", "read_mesh", "read_points", "read_rig"}
     handing_on = {"lengths.py", "console.py", "undistort_verb.py", "convert_markers.py", "convert_cameras.py"}
     handing_on |= {"init_verb.py", "folder.py", "check.py"}
