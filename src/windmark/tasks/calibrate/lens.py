@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 
 from windmark.calibration import Calibration, NotCalibrated, StartFocal, start_focal
-from windmark.calibration.datum import Datum
 from windmark.calibration.lens_choice import WIDE_DEG, LensTried, as_lens, choose_lens, field_deg
 from windmark.errors import WindmarkError
 from windmark.geometry import Camera
@@ -41,9 +40,8 @@ def undecided(settings: CalibrateSettings, given: Mapping[str, Camera | None]) -
 
 
 def with_lens(
-    marks: Marks, settings: CalibrateSettings, given: Mapping[str, Camera | None], datum: Datum | None = None,
-    *, focal_known: bool = False,
-) -> tuple[Marks, tuple[LensTried, ...]]:  # fmt: skip
+    marks: Marks, settings: CalibrateSettings, given: Mapping[str, Camera | None], *, focal_known: bool = False
+) -> tuple[Marks, tuple[LensTried, ...]]:
     """The marks with start values of the lens model that they speak for, and the models that were compared.
 
     Only where nothing was asked for, and no file says which lens it is (``given``): Brown's first, and where it leads
@@ -59,7 +57,7 @@ def with_lens(
 
     def calibrate(cameras: Mapping[str, Camera]) -> Calibration | NotCalibrated:
         try:
-            return adjusted(replace(marks, cameras=cameras), replace(settings, max_sigma0=np.inf), datum)
+            return adjusted(replace(marks, cameras=cameras), replace(settings, max_sigma0=np.inf))
         except WindmarkError as error:
             return NotCalibrated(str(error), "degenerate")
 
