@@ -38,7 +38,9 @@ def test_register_need_not_either_and_says_where_none_prevails(windmark, job):
     io.write_image(job / "flat.png", np.full(io.read_grey(job / "wind-off.tif").shape, 9, np.uint8))
     done = windmark("register", job / "flat.png", *arguments)
     assert done.code == 1
-    assert done.out.count("no radius prevails") == 1
+    said = [line for line in done.out.splitlines() if "no radius prevails" in line]
+    assert [line.count("no radius prevails") for line in said] == [1, 1], "once for the picture, once in the verdict"
+    assert said[1].startswith("■ bad")
 
 
 def test_colours_in_a_project(windmark, job):

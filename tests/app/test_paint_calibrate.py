@@ -126,7 +126,7 @@ def test_bad_options(windmark, tmp_path):
     ("change", "words"),
     [
         ({"format": "x"}, "format: expected 'windmark paint calibration 1'"),
-        ({"kind": "colour"}, "kind: expected one of pressure, temperature, got 'colour'"),
+        ({"kind": "colour"}, "kind: expected one of pressure, temperature, gain, got 'colour'"),
         ({"p_ref_Pa": -1}, "p_ref_Pa"),
         ({"p_ref_kPa": 100}, "p_ref_kPa: unknown key"),
         ({"coefficients": [[1.0], [-0.5]], "cov": None}, "ranges and cov: SternVolmer: I_ref/I does not rise"),
