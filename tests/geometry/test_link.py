@@ -1,5 +1,6 @@
 """Kernels are lowered once and linked when Python calls them; nothing else may tell the difference."""
 
+import operator
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
@@ -7,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numba
 import numpy as np
 import pytest
-from numba.core import registry
+from numba.core import errors, ir, registry, types
 
 from windmark import compiling
 from windmark.geometry import _link
@@ -244,3 +245,29 @@ def test_a_part_of_a_read_function_may_be_read_itself(tmp_path, monkeypatch):
         command = [sys.executable, str(tmp_path / "script.py"), *names]
         said = subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
         assert said == ["2.0" if name == "whole" else "[2. 2.]" for name in names]
+
+
+def test_variables_of_statements_are_found_as_numba_finds_them():
+    """In the same order, through lists, dictionaries and other statements, and nothing for what holds none."""
+    loc = ir.Loc("here", 1)
+    a, b, c = (ir.Var(None, name, loc) for name in "abc")
+    call = ir.Expr.call(a, [b, c], (("key", b),), loc)
+    found = [
+        ir.Assign(call, c, loc), call, ir.Expr.build_map([(a, b), (c, a)], 2, {}, {}, loc),
+        ir.Expr.build_tuple([c, b, a], loc), ir.SetItem(a, b, c, loc), ir.Jump(3, loc),
+    ]  # fmt: skip
+    assert [[v.name for v in one.list_vars()] for one in found] == [
+        ["a", "b", "c", "b", "c"], ["a", "b", "c", "b"], ["a", "b", "c", "a"], ["c", "b", "a"], ["a", "b", "c"], [],
+    ]  # fmt: skip
+
+
+def test_calls_that_were_typed_are_known():
+    """One search for functions and types that were there before; another for other types."""
+    context = registry.cpu_target.typing_context
+    add = context.resolve_value_type(operator.add)
+    first = context.resolve_function_type(add, (types.float64, types.int64), {})
+    assert context.resolve_function_type(add, (types.float64, types.int64), {}) is first
+    assert first.return_type == types.float64
+    assert context.resolve_function_type(add, (types.int64, types.int64), {}).return_type == types.int64
+    with pytest.raises(errors.TypingError):
+        context.resolve_function_type(add, (types.float64, types.none), {})

@@ -30,6 +30,7 @@ from numba.core.types.misc import Omitted, unliteral
 from numba.core.typing.typeof import typeof
 
 from windmark.compiling import compiled, waiting
+from windmark.geometry import _remembered
 
 __all__ = ["Kernel", "install"]
 
@@ -47,6 +48,7 @@ KNOWN: dict[Any, tuple[str, ...]] = {
     cpu.CPUContext: ("create_cfunc_wrapper", "create_cpython_wrapper", "get_executable", "push_code_library"),
     Dispatcher: ("add_overload", "compile", "enable_caching"),
     caching.FunctionCache: ("save_overload",),
+    **_remembered.KNOWN,
 }
 _ENVIRONMENT = "_ZN08NumbaEnv"  # numba's prefix of the constants that a function's error messages use
 
@@ -281,4 +283,5 @@ def install() -> bool:
     made._library_class = Library
     environment._rebuild_env = _rebuild_environment
     Flags.__eq__, Flags.__hash__ = _equal, _hash_of_names
+    _remembered.install_memory()
     return True
