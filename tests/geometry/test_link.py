@@ -264,6 +264,7 @@ def test_variables_of_statements_are_found_as_numba_finds_them():
 def test_calls_that_were_typed_are_known():
     """One search for functions and types that were there before; another for other types."""
     context = registry.cpu_target.typing_context
+    context.refresh()
     add = context.resolve_value_type(operator.add)
     first = context.resolve_function_type(add, (types.float64, types.int64), {})
     assert context.resolve_function_type(add, (types.float64, types.int64), {}) is first
