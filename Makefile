@@ -17,16 +17,22 @@ lint: $(VENV)/.installed-test
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
+# Kernels before tests: else each of the processes that share the tests compiles the same ones.
+KERNELS := $(shell find src -path '*/_[!_]*' -name '*.py')
+$(VENV)/.compiled: $(VENV)/.installed $(KERNELS)
+	$(BIN)/windmark warmup
+	touch $@
+
 # What every change is tried with: all but the tests that are marked slow.
-test: lint
+test: lint $(VENV)/.compiled
 	$(PYTEST) -m "not slow"
 
 # Everything, as continuous integration runs it.
-test-all: lint
+test-all: lint $(VENV)/.compiled
 	$(PYTEST)
 
 # CPU seconds of every test, the dearest first: those of over five seconds are to be marked slow.
-test-costs: $(VENV)/.installed-test
+test-costs: $(VENV)/.installed-test $(VENV)/.compiled
 	$(BIN)/pytest --costs test-costs.csv
 
 # The documentation site, build/docs/index.html; a link that leads nowhere is an error. No network is needed.

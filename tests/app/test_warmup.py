@@ -7,10 +7,13 @@ from windmark.pipeline import warmup
 
 
 @pytest.mark.slow  # each room's whole job once
-def test_every_part_is_compiled():
+@pytest.mark.parametrize("processes", [1, 2])
+def test_every_part_is_compiled(processes):
     shown = []
-    assert warmup.compile_all(lambda name, n, count: shown.append((name, n, count))) == {}
-    assert [n for _, n, _ in shown] == list(range(len(shown)))
+    assert warmup.compile_all(lambda name, n, count: shown.append((name, n, count)), processes) == {}
+    assert [n for _, n, _ in shown] == sorted(n for _, n, _ in shown)
+    assert set(warmup.APART) < {name for name, *_ in shown}
+    assert len(set(warmup.Warmup().jobs())) in {n + 1 for _, n, _ in shown}
     assert {count for *_, count in shown} == {len(shown)}
 
 
@@ -21,7 +24,7 @@ def test_a_part_that_cannot_be_compiled_is_said_and_the_others_go_on(windmark, m
         raise DataError("no such thing")
 
     monkeypatch.setattr(warmup.Warmup, "jobs", lambda self: iter([("one", fails), ("two", lambda: done.append("two"))]))
-    answer = windmark("warmup", "--json")
+    answer = windmark("warmup", "--processes", 1, "--json")
     assert answer.code != 0
     assert answer.json["failed"] == {"one": "no such thing"}
     assert done == ["two"]

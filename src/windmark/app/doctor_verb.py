@@ -22,13 +22,13 @@ def doctor(as_json: bool) -> None:
         raise console.exit_with(console.DATA_SAY_NO)
 
 
-def warmup(as_json: bool) -> None:
+def warmup(processes: int | None, as_json: bool) -> None:
     """Compile everything with tiny jobs, with progress; what is compiled is kept."""
     from windmark.pipeline.warmup import compile_all
 
     start = time.perf_counter()
     with console.counted("compile") as show:
-        failed = compile_all(show)
+        failed = compile_all(show, processes)
     seconds = time.perf_counter() - start
     record = {"seconds": seconds, "failed": failed}
     if failed:

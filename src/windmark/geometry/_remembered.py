@@ -83,4 +83,4 @@ def _rec_list_vars(self: Any, value: Any) -> list[Any]:
 def install_memory() -> None:
     """Give numba's classes these methods instead of their own."""
     Function.get_call_type = _get_call_type
-    ir.Inst._rec_list_vars = _rec_list_vars
+    ir.Inst._rec_list_vars = _rec_list_vars  # type: ignore[method-assign]

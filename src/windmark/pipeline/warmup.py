@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import multiprocessing
+import os
 import tempfile
 from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from functools import cached_property
 from pathlib import Path
 
@@ -19,15 +22,18 @@ from windmark.pipeline.clock import Clock
 from windmark.pipeline.job import run_project
 from windmark.pipeline.project import make_project
 from windmark.registration import NotRegistered, register
-from windmark.scene import MarkerSet
+from windmark.scene import Detections, MarkerSet
 from windmark.synth import TunnelTest, default_stations, wind_tunnel
 
 SIZE = (640, 512)
 VIEWS, MARKERS = 8, 16
+APART = ("registration", "detection", "calibration")
+"""Jobs that need nothing of each other: processes do them at the same time, the longest first."""
+MOST_PROCESSES = len(APART)
 
 
 class Warmup:
-    """The jobs, in order; each compiles what those before it did not.
+    """The jobs, in order; each compiles what those before it did not, and any can be done alone.
 
     `jobs` gives name and function of each, so that whoever runs them can say how far it is.
     """
@@ -52,8 +58,12 @@ class Warmup:
         detect(self._test.shot().image, radius_px=2.0)
 
     def _register(self) -> None:
-        found = detect(self._test.shot().image, radius_px=2.0)
-        answer = register(found, self._test.markers, self._test.cameras["cam1"])
+        rng, camera = np.random.default_rng(1), default_stations(np.random.default_rng(1), 1, SIZE)[0][0]
+        xyz = np.column_stack([rng.uniform(-200, 200, (MARKERS, 2)), rng.uniform(0, 60, MARKERS)])
+        markers = MarkerSet.make([f"m{k}" for k in range(MARKERS)], xyz, length_unit="mm")
+        xy, _ = camera.project(Pose.look_at([200.0, 300.0, 900.0], [0.0, 0.0, 30.0], [0.0, 1.0, 0.0]).apply(xyz))
+        found = Detections.make(xy + rng.normal(0, 0.1, xy.shape), sigma_px=0.1)
+        answer = register(found, markers, camera)
         if isinstance(answer, NotRegistered):
             raise RuntimeError(f"the virtual test was not registered: {answer.reason}")
 
@@ -105,14 +115,47 @@ class Warmup:
             run_sequence(load(read_deform_project(folder / "deform.toml")), results)
 
 
-def compile_all(show: Callable[[str, int, int], None]) -> dict[str, str]:
-    """Do every job; ``show`` is told name, number and count. What could not be done -> why; the others go on."""
-    jobs = list(Warmup().jobs())
+def compile_all(show: Callable[[str, int, int], None], processes: int | None = None) -> dict[str, str]:
+    """Do every job; ``show`` is told name, number and count. What could not be done -> why; the others go on.
+
+    Parameters
+    ----------
+    processes : how many compile at the same time; None: one for each core, as far as jobs can be done apart
+
+    Kernels are kept on the disk by whoever has compiled them; the jobs that need several rooms come last, in this
+    process, and find them there.
+    """
+    jobs = dict(Warmup().jobs())
     failed: dict[str, str] = {}
-    for n, (name, work) in enumerate(jobs):
-        show(name, n, len(jobs))
-        try:
-            work()
-        except (WindmarkError, RuntimeError) as error:
-            failed[name] = str(error)
+    done = 0
+    processes = min(processes or os.cpu_count() or 1, MOST_PROCESSES)
+    if processes > 1:
+        apart = [name for name in APART if name in jobs]
+        show(", ".join(apart), 0, len(jobs))
+        with ProcessPoolExecutor(processes, mp_context=multiprocessing.get_context("spawn")) as pool:
+            at_work = {pool.submit(_alone, name): name for name in apart}
+            for job in as_completed(at_work):
+                name, done = at_work[job], done + 1
+                show(name, done, len(jobs))
+                if why := _failure(job.result):
+                    failed[name] = why
+        jobs = {name: work for name, work in jobs.items() if name not in apart}
+    count = done + len(jobs)
+    for n, (name, work) in enumerate(jobs.items(), done):
+        show(name, n, count)
+        if why := _failure(work):
+            failed[name] = why
     return failed
+
+
+def _alone(name: str) -> None:
+    """One job, in a process of its own."""
+    dict(Warmup().jobs())[name]()
+
+
+def _failure(work: Callable[[], None]) -> str:
+    try:
+        work()
+    except (WindmarkError, RuntimeError) as error:
+        return str(error) or type(error).__name__
+    return ""

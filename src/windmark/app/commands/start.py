@@ -76,9 +76,15 @@ def doctor(as_json: Json = False) -> None:
         doctor_verb.doctor(as_json)
 
 
-def warmup(as_json: Json = False) -> None:
+def warmup(
+    processes: Annotated[
+        int | None,
+        typer.Option(min=1, help="How many rooms to compile at the same time. [default: one for each core, at most 3]"),
+    ] = None,
+    as_json: Json = False,
+) -> None:
     """Compile everything once, with progress, so that no later run waits for it."""
     with console.errors(as_json):
         from windmark.app import doctor_verb
 
-        doctor_verb.warmup(as_json)
+        doctor_verb.warmup(processes, as_json)
