@@ -109,8 +109,8 @@ def _images(report: Report, order: Sequence[ImageResult], result: RunResult, man
         made = list(pool.map(one, order))
     report.heading("Images" + (", worst first" if len(order) > 1 else ""))
     if len(order) > WHOLE:
-        report.text(f"The first {WHOLE}, the worst, are shown to their pixels; of the others the pictures are coarser "
-                    "here, and the pixels round their worst spots are shown.", "soft")  # fmt: skip
+        report.text(f"The first {WHOLE}, the worst, are shown to their pixels; the pictures of the others are coarser "
+                    "here, beside the pixels round their worst spots.", "soft")  # fmt: skip
     if many:
         cards = "".join(
             f'<a href="#{ident[item.name]}">' + (f'<img alt="" loading="lazy" src="{small}">' if small else "")

@@ -136,7 +136,7 @@ def _board(seed: int, wishes: Wishes) -> Kind:
     count = wishes.board or 0
 
     def describe(cameras: Any, folder: Path) -> tuple[Record, list[str]]:
-        then = f"next: windmark calibrate {folder / 'board'}/left_*.tif --board {PITCH} --unit mm -r 7"
+        then = f"next: windmark calibrate {folder / 'board'}/left_*.tif --board {PITCH} --unit mm -r 9"
         return {"pictures": count, "cameras": list(cameras)}, [f"{count} pictures of a board by each of two cameras: "
                                                                f"{folder}", then]  # fmt: skip
 

@@ -14,12 +14,12 @@ from windmark.synth import Sensor
 from windmark.synth.board_pictures import Board, board_picture
 
 SIZE_PX = (800, 600)
-COLUMNS, ROWS, PITCH = 17, 12, 3.5
-RINGS = ((6, 6), (11, 6), (6, 9))
+COLUMNS, ROWS, PITCH = 13, 9, 3.5
+RINGS = ((4, 4), (9, 4), (4, 7))
 """Dots with a hole: the marks 0,0 5,0 0,3 of `--board-marks`."""
-SCATTER = 0.01
+SCATTER = 0.003
 """mm that the printer is off, 1 sigma along each axis."""
-FOCAL_PX, DISTANCE = 1100.0, 150.0
+FOCAL_PX, DISTANCE = 1100.0, 105.0
 LEAST = 3
 LEFT, RIGHT = "left", "right"
 

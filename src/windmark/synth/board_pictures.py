@@ -38,7 +38,7 @@ class Board:
 
     @staticmethod
     def printed(
-        rng: np.random.Generator, columns: int, rows: int, pitch: float, *, scatter: float = 0.0, share: float = 0.28,
+        rng: np.random.Generator, columns: int, rows: int, pitch: float, *, scatter: float = 0.0, share: float = 0.26,
         rings: Sequence[tuple[int, int]] = (),
     ) -> Board:  # fmt: skip
         """A board whose dots are off by ``scatter`` (1 sigma along each axis); radius = ``share`` * pitch."""
