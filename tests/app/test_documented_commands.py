@@ -118,3 +118,34 @@ def test_wrong_options_are_json_for_machines(tmp_path):
     assert done.returncode == 2
     assert "--nope" in json.loads(done.stdout)["error"]
     assert "Traceback" not in done.stderr
+
+
+def anchors(page: Path) -> set[str]:
+    """Of the headings, as GitHub and the site make them."""
+    text = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+    found: list[str] = []
+    for heading in re.findall(r"^#{1,6} +(.+?) *$", text, re.MULTILINE):
+        plain = re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", heading)
+        slug = re.sub(r"[^\w\- ]", "", plain.lower()).replace(" ", "-")
+        found.append(slug if slug not in found else f"{slug}-{found.count(slug)}")
+    return set(found)
+
+
+@pytest.mark.parametrize("page", [*PAGES, *ROOT.glob("docs/reference/formats.md")], ids=lambda p: p.name)
+def test_links_to_a_heading_lead_to_one(page):
+    from make_reference import commands
+
+    broken = []
+    for target in re.findall(r"\]\(([^)\s]*#[^)\s]*)\)", page.read_text(encoding="utf-8")):
+        file, _, anchor = target.partition("#")
+        if "://" in file:
+            continue
+        there = (page.parent / file) if file else page
+        if there.suffix == ".md" and there.exists():
+            known = anchors(there)
+        elif there.name == "commands.md":  # the page is made when the site is built
+            known = set(re.findall(r"^## (\S+)$", commands(), re.MULTILINE))
+        else:
+            continue
+        broken += [target] if anchor not in known else []
+    assert broken == []

@@ -1,11 +1,12 @@
 """The report's parts: nothing of the data is taken for HTML, nothing comes from elsewhere."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from windmark.app import pictures
+from windmark.app import pictures, run_report
 from windmark.app.provenance import told
 from windmark.app.report import Report, cell
 
@@ -52,3 +53,18 @@ def test_scale_bars_have_round_lengths(value, round_):
 )
 def test_private_folders_are_not_told(text, said):
     assert told(text, Path("/secret place/test")) == said
+
+
+@pytest.mark.parametrize(("count", "packed"), [(3, False), (9, False), (15, True)])
+def test_the_worst_pictures_keep_their_pixels(monkeypatch, count, packed):
+    rooms = {}
+    monkeypatch.setattr(run_report, "image_part", lambda _, item, __, room, ___: rooms.update({item.name: room}))
+    answers = [SimpleNamespace(rms_px=float(k), matching=[0]) for k in range(count)]
+    items = [SimpleNamespace(name=f"p{k}", problem=None, image=None, registered=a) for k, a in enumerate(answers)]
+    report = Report("t", "")
+    order = run_report.worst_first(items)
+    run_report._images(report, order, SimpleNamespace(images=items), packed)
+    assert sorted(rooms) == sorted(i.name for i in items)
+    whole = {name for name, room in rooms.items() if room.photo > 400_000}
+    assert whole == {i.name for i in items[-run_report.WHOLE :]}
+    assert ("are coarser here, beside" in report.html()) == (count > run_report.WHOLE)

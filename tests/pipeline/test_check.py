@@ -133,6 +133,39 @@ def test_lines_of_keys():
     assert line_of(lines, ("nothing",)) is None
 
 
+def test_lists_of_several_lines_are_no_headers():
+    text = """a = [
+  [10, 20],
+  [[30, 40], [1, 2]],   # ] not the end
+  "[b]", 'c = 1',
+]
+[[d]]
+e = [ {f = 1},
+      {f = "wrong"} ]
+[g]
+h = '''
+[i]
+'''
+j = [
+  [5]
+]
+"""
+    lines = toml_lines(text)
+    assert (("d", 0, "e", 1, "f") in lines, lines[("d", 0, "e", 1, "f")]) == (True, 8)
+    assert [lines[k] for k in [("a",), ("a", 0), ("a", 1, 1), ("a", 3), ("d", 0), ("g", "h"), ("g", "j")]] == [
+        1, 2, 3, 4, 6, 10, 13,
+    ]  # fmt: skip
+    assert {k[0] for k in lines} == {"a", "d", "g"}
+
+
+def test_a_wrong_key_behind_a_list_of_several_lines_has_its_line(folder):
+    project = folder / "project.toml"
+    text = project.read_text() + '\n[[image]]\nfile = "p0.tif"\nexclude = [\n  [10, 20],\n  [30, 40],\n]\nchanel = 2\n'
+    project.write_text(text)
+    wrong = [p for p in check_project(project).problems if "chanel" in p.key]
+    assert [p.line for p in wrong] == [text[: text.index("chanel")].count("\n") + 1]
+
+
 def test_init_makes_a_project_that_is_sound(folder):
     (folder / "project.toml").unlink()
     init_verb.init(folder, None, {}, None, False, False)

@@ -68,7 +68,7 @@ def demo(
 
 @app.command(
     epilog="Example: windmark simulate my-test --seed 7, or windmark simulate my-wing --deforming 12, or"
-    " windmark simulate my-rig --cameras 3"
+    " windmark simulate my-rig --cameras 3, or windmark simulate my-board --board 8"
 )
 def simulate(
     folder: Annotated[Path, typer.Argument(help="Where the test is written.")],
@@ -89,6 +89,12 @@ def simulate(
     psp: Annotated[
         int | None, typer.Option(help="A paint test instead: a polar of so many incidences by two cameras, with taps.")
     ] = None,
+    board: Annotated[
+        int | None, typer.Option(help="Pictures of a printed dot board instead: so many by each of two cameras.")
+    ] = None,
+    sequence: Annotated[
+        int | None, typer.Option(help="A film of the model instead: so many pictures while it swings.")
+    ] = None,
     clocks: Annotated[
         bool, typer.Option("--clocks", help="With --deforming: cameras of different rates, a swinging wing.")
     ] = False,
@@ -98,7 +104,7 @@ def simulate(
     with console.errors(as_json):
         from windmark.app import simulate_verb
 
-        wishes = simulate_verb.Wishes(deforming, infrared, cameras, photos, clocks, psp)
+        wishes = simulate_verb.Wishes(deforming, infrared, cameras, photos, clocks, psp, board, sequence)
         simulate_verb.simulate(folder, seed, wishes, as_json)
 
 

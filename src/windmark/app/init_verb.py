@@ -13,17 +13,21 @@ from windmark.app import console
 from windmark.errors import UsageError
 from windmark.pipeline.folder import FolderContent, look_into
 from windmark.pipeline.new_project import Choice, choose, missing, project_text
+from windmark.pipeline.new_series import COMMANDS, PROJECTS, command, series_missing, series_text
 
 SHOWN = 8
 """Files that could not be used that are listed."""
 
 
-def init(folder: Path, output: Path | None, given: dict[str, Any], title: str | None, ask: bool, as_json: bool) -> None:
+def init(folder: Path, output: Path | None, given: dict[str, Any], title: str | None, ask: bool, as_json: bool,
+         verb: str = "run") -> None:  # fmt: skip
     """Look, choose, ask for what is not clear (on a terminal), write, say what is missing."""
+    if verb not in (*PROJECTS, *COMMANDS):
+        raise UsageError(f"--for: expected one of {', '.join((*PROJECTS, *COMMANDS))}, got {verb}")
     if not folder.is_dir():
         raise UsageError(f"{folder}: expected a folder with pictures, marker table, camera and grid")
-    target = output or folder / "project.toml"
-    if target.exists():
+    target = output or folder / ("project.toml" if verb == "run" else f"{verb}.toml")
+    if verb in PROJECTS and target.exists():
         raise UsageError(f"{target} is there already and is not written over; --output OTHER.toml, or take it away")
     unit = given.get("unit")
     if unit is not None and unit not in io.LENGTH_UNITS:
@@ -39,7 +43,15 @@ def init(folder: Path, output: Path | None, given: dict[str, Any], title: str | 
     choice = choose(content, given)
     if ask and not as_json and sys.stdin.isatty() and sys.stderr.isatty():
         _ask(content, choice)
-    text = project_text(content, choice, title or folder.resolve().name, target.parent)
+    if verb in COMMANDS:
+        _say_command(content, choice, verb, as_json)
+        return
+    name = title or folder.resolve().name
+    if verb == "run":
+        text = project_text(content, choice, name, target.parent)
+    else:
+        choice.missing += series_missing(content, choice, verb)
+        text = series_text(content, choice, verb, name, target.parent)
     with io.atomic_write(target) as stream:
         stream.write(text)
     record = {
@@ -47,7 +59,7 @@ def init(folder: Path, output: Path | None, given: dict[str, Any], title: str | 
         "markers": choice.markers, "grid": choice.grid, "length_unit": choice.unit, "missing": choice.missing,
         "left_out": {str(p): w for p, w in content.left_out.items()},
     }  # fmt: skip
-    console.answer(record, as_json, _lines(content, choice, target))
+    console.answer(record, as_json, _lines(content, choice, target, verb))
 
 
 def _read_given(content: FolderContent, given: dict[str, Any]) -> None:
@@ -91,7 +103,22 @@ def _file(question: str, files: list[Path]) -> Path:
     return files[names.index(_chosen(question, names))]
 
 
-def _lines(content: FolderContent, choice: Choice, target: Path) -> list[str]:
+def _say_command(content: FolderContent, choice: Choice, verb: str, as_json: bool) -> None:
+    """Verbs without a project: the command line, ready to be copied."""
+    line, lacking = command(content, choice, verb)
+    lines = [*_found(content, choice), *(f"missing: {words}" for words in lacking), f"next: {line}"]
+    console.answer({"command": line, "missing": lacking}, as_json, lines)
+
+
+def _lines(content: FolderContent, choice: Choice, target: Path, verb: str) -> list[str]:
+    lines = _found(content, choice)
+    lines += [f"missing: {words}" for words in choice.missing]
+    lines += [f"written: {target}"]
+    step = "complete it, then " if choice.missing else ""
+    return [*lines, f"next: {step}windmark check {target}, then windmark {verb} {target}"]
+
+
+def _found(content: FolderContent, choice: Choice) -> list[str]:
     used = {c for c in choice.cameras.values() if c is not None}
     found = [
         f"{len(content.pictures)} pictures",
@@ -99,9 +126,5 @@ def _lines(content: FolderContent, choice: Choice, target: Path) -> list[str]:
         f"markers {choice.markers.name if choice.markers else 'none'}",
         f"grid {choice.grid.name if choice.grid else 'none'}",
     ]  # fmt: skip
-    lines = [f"found: {'; '.join(found)}"]
-    lines += [f"  left out: {p.name}: {why}" for p, why in list(content.left_out.items())[:SHOWN]]
-    lines += [f"missing: {words}" for words in choice.missing]
-    lines += [f"written: {target}"]
-    step = "complete it, then " if choice.missing else ""
-    return [*lines, f"next: {step}windmark check {target}, then windmark run {target}"]
+    out = [f"found: {'; '.join(found)}"]
+    return out + [f"  left out: {p.name}: {why}" for p, why in list(content.left_out.items())[:SHOWN]]

@@ -208,7 +208,9 @@ def polyline(line: Array, step: float) -> str:
     """Relative path of a line, points closer than ``step`` pixels left out, tenths of a pixel."""
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
     kept = np.flatnonzero(np.diff(along // (12 * step), prepend=-1.0, append=np.inf)[:-1] != 0)
-    at = np.rint(line[np.union1d(kept, [0, len(line) - 1])] * 10)
+    if kept[-1] != len(line) - 1:  # the first one always is
+        kept = np.append(kept, len(line) - 1)
+    at = np.rint(line[kept] * 10)
     if not np.isfinite(at).all():
         return ""
     moves = np.diff(at, axis=0) / 10

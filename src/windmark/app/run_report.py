@@ -25,6 +25,9 @@ from windmark.pipeline.truth import Comparison
 
 OPEN_IMAGES = 12
 """Images that a report shows at once; of more each part is packed until it is opened."""
+WHOLE = 6
+"""Images, the worst, that are shown to their pixels (some 0.3 MB more each); of further ones coarser pictures. So a
+report stays below 3 MB and 150 kB for each further image of NASA's plate."""
 
 FILES = (
     ("detections.csv", "every spot: centre, sigma, merit, radius"),
@@ -86,7 +89,7 @@ def worst_first(images: Sequence[ImageResult]) -> list[ImageResult]:
 
 def _images(report: Report, order: Sequence[ImageResult], result: RunResult, many: bool) -> None:
     """A part for each image; of many an index with small pictures, and the parts packed until they are opened."""
-    room = MANY if many else FEW
+    rooms = {item.name: FEW if k < WHOLE else MANY for k, item in enumerate(order)}
     ident = {item.name: f"image-{k + 1}" for k, item in enumerate(result.images)}
 
     def one(item: ImageResult) -> tuple[Report, str]:
@@ -96,15 +99,18 @@ def _images(report: Report, order: Sequence[ImageResult], result: RunResult, man
             with own.part(f"{item.name}: the picture"):
                 shown = greys(item.image)
         with own.folded(ident[item.name], f"<b>{escape(item.name)}</b>: {escape(in_short(item))}", packed=many):
-            image_part(own, item, result, room, shown)
+            image_part(own, item, result, rooms[item.name], shown)
         if many and shown is not None:
             with own.part(f"{item.name}: small picture"):
-                small = thumbnail(shown, room.thumbnail)
+                small = thumbnail(shown, MANY.thumbnail)
         return own, small
 
     with ThreadPoolExecutor(max_workers=os.cpu_count() or 1) as pool:
         made = list(pool.map(one, order))
     report.heading("Images" + (", worst first" if len(order) > 1 else ""))
+    if len(order) > WHOLE:
+        report.text(f"The first {WHOLE}, the worst, are shown to their pixels; the pictures of the others are coarser "
+                    "here, beside the pixels round their worst spots.", "soft")  # fmt: skip
     if many:
         cards = "".join(
             f'<a href="#{ident[item.name]}">' + (f'<img alt="" loading="lazy" src="{small}">' if small else "")

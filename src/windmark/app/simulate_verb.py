@@ -24,21 +24,18 @@ class Wishes:
     photos: int | None = None
     clocks: bool = False
     psp: int | None = None
+    board: int | None = None
+    sequence: int | None = None
 
 
 def simulate(folder: Path, seed: int, wishes: Wishes, as_json: bool) -> None:
     """Make the test, say what it holds."""
-    kinds = {"infrared": wishes.infrared is not None, "deforming": wishes.deforming is not None,
-             "cameras": wishes.cameras is not None, "photos": wishes.photos is not None,
-             "psp": wishes.psp is not None}  # fmt: skip
-    chosen = [name for name, asked in kinds.items() if asked]
+    chosen = [name for name in KINDS if getattr(wishes, name) is not None]
     if len(chosen) > 1:
-        raise UsageError("--infrared, --deforming, --cameras, --photos and --psp are different tests; give one of them")
+        raise UsageError(f"{', '.join(f'--{name}' for name in chosen)} are different tests; give one of them")
     if wishes.clocks and wishes.deforming is None:
         raise UsageError("--clocks belongs to --deforming")
-    make = {"infrared": _infrared, "deforming": _deforming, "cameras": _cameras, "photos": _photos, "psp": _psp,
-            "": _default}
-    write, describe = make[chosen[0] if chosen else ""](seed, wishes)
+    write, describe = (KINDS[chosen[0]] if chosen else _default)(seed, wishes)
     with console.progress() as show, console.result_folder(folder) as out:
         show("render the virtual wind tunnel")
         made = write(out.place)
@@ -130,3 +127,40 @@ def _psp(seed: int, wishes: Wishes) -> Kind:
         return record, [said, _next(folder, "psp", "psp.toml")]
 
     return lambda place: write(place, seed, incidences), describe
+
+
+def _board(seed: int, wishes: Wishes) -> Kind:
+    from windmark.pipeline.simulate_board import PITCH
+    from windmark.pipeline.simulate_board import simulate_board as write
+
+    count = wishes.board or 0
+
+    def describe(cameras: Any, folder: Path) -> tuple[Record, list[str]]:
+        then = f"next: windmark calibrate {folder / 'board'}/left_*.tif --board {PITCH} --unit mm -r 9"
+        return {"pictures": count, "cameras": list(cameras)}, [f"{count} pictures of a board by each of two cameras: "
+                                                               f"{folder}", then]  # fmt: skip
+
+    return lambda place: write(place, seed, count), describe
+
+
+def _sequence(seed: int, wishes: Wishes) -> Kind:
+    from windmark.pipeline.simulate_sequence import simulate_sequence as write
+
+    frames = wishes.sequence or 0
+
+    def describe(test: Any, folder: Path) -> tuple[Record, list[str]]:
+        then = (
+            f"next: windmark track {folder / 'frames'}/*.tif -m {folder / 'markers.csv'} -c {folder / 'camera.json'} "
+            "-r 4 --unit mm --roles model"
+        )
+        said = f"{frames} pictures of a swinging model: {folder}"
+        return {"markers": len(test.markers), "frames": frames}, [said, then]
+
+    return lambda place: write(place, seed, frames), describe
+
+
+KINDS: dict[str, Callable[[int, Wishes], Kind]] = {
+    "infrared": _infrared, "deforming": _deforming, "cameras": _cameras, "photos": _photos, "psp": _psp,
+    "board": _board, "sequence": _sequence,
+}  # fmt: skip
+"""Name of a wish -> who makes such a test."""

@@ -87,6 +87,35 @@ def missing(content: FolderContent, choice: Choice) -> list[str]:
 
 def project_text(content: FolderContent, choice: Choice, title: str, place: Path) -> str:
     """The project file, which will stand in the folder ``place``."""
+    rel = relative_to(place)
+    used = list(dict.fromkeys(c for c in choice.cameras.values() if c is not None))
+    names = dict(zip(used, unique_names(used), strict=True))
+    lines = [
+        "# A windmark project. Paths are relative to this file; every key is in the guide (docs/guide.md).",
+        f"title = {quoted(title)}",
+        "",
+        *unit_lines(choice),
+        "# Cameras: interior parameters. A pose in the file is only compared with, unless pose = \"known\".",
+    ]
+    for camera in used:
+        lines += ["[[camera]]", f"name = {quoted(names[camera])}", f"file = {quoted(rel(camera))}", ""]
+    if not used:
+        lines += ['# [[camera]]', '# file = "camera.json"   # MISSING: windmark calibrate makes one', ""]
+    lines += ["# Pictures. A pattern stands for all that it matches; quantity, labels, exclude ... are in the guide."]
+    for file, taken_by in _pictures(content.pictures, choice):
+        lines += ["[[image]]", f"file = {quoted(_pattern(rel, file))}"]
+        if taken_by is None:
+            lines += ['# camera = "..."   # MISSING: say which camera took it'] if len(used) != 1 else []
+        elif len(used) > 1:
+            lines += [f"camera = {quoted(names[taken_by])}"]
+        lines += [""]
+    lines += _markers(choice, rel) + _grid(choice, content, rel)
+    lines += ["[output]", 'folder = "results"', "# nodes = [\"vtk\", \"tecplot\", \"plot3d\", \"csv\", \"netcdf\"]", ""]
+    return "\n".join(lines)
+
+
+def relative_to(place: Path) -> Rel:
+    """How files are written in a project file that stands in the folder ``place``."""
 
     def rel(path: Path) -> str:
         try:
@@ -94,42 +123,26 @@ def project_text(content: FolderContent, choice: Choice, title: str, place: Path
         except ValueError:  # another drive of Windows
             return path.resolve().as_posix()
 
-    used = list(dict.fromkeys(c for c in choice.cameras.values() if c is not None))
-    names = dict(zip(used, _names(used), strict=True))
-    lines = [
-        "# A windmark project. Paths are relative to this file; every key is in the guide (docs/guide.md).",
-        f"title = {_quoted(title)}",
-        "",
+    return rel
+
+
+def unit_lines(choice: Choice) -> list[str]:
+    """What a project says of its unit."""
+    return [
         "# Unit of markers, grid and poses: in, ft, mm, cm or m. It is never guessed.",
-        f"length_unit = {_quoted(choice.unit)}" if choice.unit else '# length_unit = "mm"   # MISSING: say which',
+        f"length_unit = {quoted(choice.unit)}" if choice.unit else '# length_unit = "mm"   # MISSING: say which',
         "",
-        "# Cameras: interior parameters. A pose in the file is only compared with, unless pose = \"known\".",
     ]
-    for camera in used:
-        lines += ["[[camera]]", f"name = {_quoted(names[camera])}", f"file = {_quoted(rel(camera))}", ""]
-    if not used:
-        lines += ['# [[camera]]', '# file = "camera.json"   # MISSING: windmark calibrate makes one', ""]
-    lines += ["# Pictures. A pattern stands for all that it matches; quantity, labels, exclude ... are in the guide."]
-    for file, taken_by in _pictures(content.pictures, choice):
-        lines += ["[[image]]", f"file = {_quoted(_pattern(rel, file))}"]
-        if taken_by is None:
-            lines += ['# camera = "..."   # MISSING: say which camera took it'] if len(used) != 1 else []
-        elif len(used) > 1:
-            lines += [f"camera = {_quoted(names[taken_by])}"]
-        lines += [""]
-    lines += _markers(choice, rel) + _grid(choice, content, rel)
-    lines += ["[output]", 'folder = "results"', "# nodes = [\"vtk\", \"tecplot\", \"plot3d\", \"csv\", \"netcdf\"]", ""]
-    return "\n".join(lines)
 
 
 def _markers(choice: Choice, rel: Rel) -> list[str]:
     if choice.markers is None:
         lines = ["# [markers]", '# file = "markers.csv"   # MISSING', ""]
     else:
-        lines = ["[markers]", f"file = {_quoted(rel(choice.markers))}"]
+        lines = ["[markers]", f"file = {quoted(rel(choice.markers))}"]
         if choice.roles:
             lines += ["# Walls stand still while the model moves: their markers take no part.",
-                      f"roles = [{', '.join(map(_quoted, choice.roles))}]"]  # fmt: skip
+                      f"roles = [{', '.join(map(quoted, choice.roles))}]"]  # fmt: skip
         lines += [""]
     return [
         *lines, "# How markers are found. Without radius_px each picture's own estimate is taken, and said.",
@@ -141,9 +154,9 @@ def _grid(choice: Choice, content: FolderContent, rel: Rel) -> list[str]:
     if choice.grid is None:
         return ["# [grid]", '# file = "model.grid"   # for values on the surface', ""]
     zones = '# volumes = { wing = ["zone01", "zone02"] }   # parts that move with the model; all by default'
-    lines = ["[grid]", f"file = {_quoted(rel(choice.grid))}", zones, ""]
+    lines = ["[grid]", f"file = {quoted(rel(choice.grid))}", zones, ""]
     for path in content.points:
-        lines += ["# Values at these points, too.", "[[points]]", f"file = {_quoted(rel(path))}", ""]
+        lines += ["# Values at these points, too.", "[[points]]", f"file = {quoted(rel(path))}", ""]
     return [
         *lines, "# A virtual picture, and values along a cut: take the # away and say where.", "# [[view]]",
         '# name = "top"', "# direction = [0, 0, -1]", "# up = [0, 1, 0]", "# [[section]]", '# name = "mid-span"',
@@ -158,7 +171,8 @@ def _pictures(pictures: list[FoundPicture], choice: Choice) -> list[tuple[str, P
         groups.setdefault((choice.cameras[picture.path], picture.path.parent), []).append(picture)
     out: list[tuple[str, Path | None]] = []
     for (camera, _), some in groups.items():
-        pattern = _common([p.path for p in some]) if len(some) > FEW and not any(p.is_recording for p in some) else None
+        many = len(some) > FEW and not any(p.is_recording for p in some)
+        pattern = common_pattern([p.path for p in some]) if many else None
         if pattern is not None:
             out.append((pattern, camera))
         else:
@@ -166,13 +180,17 @@ def _pictures(pictures: list[FoundPicture], choice: Choice) -> list[tuple[str, P
     return out
 
 
-def _common(paths: list[Path]) -> str | None:
+def common_pattern(paths: list[Path]) -> str | None:
     """A pattern for exactly these files of one folder; None where there is none."""
-    folder = paths[0].parent
-    heads = {re.split(r"\d", p.name)[0] for p in paths}
-    pattern = f"{heads.pop()}*{paths[0].suffix}"
-    fits = not heads and set(folder.glob(pattern)) == set(paths) and not set(str(folder)) & set("*?[")
-    return str(folder / pattern) if fits else None
+    folder, names = paths[0].parent, [p.name for p in paths]
+    if set(str(folder)) & set("*?[") or len({p.suffix for p in paths}) > 1:
+        return None
+    alike = os.path.commonprefix([p.stem for p in paths])  # noqa: RUF071 (letters are meant)
+    heads = [re.split(r"\d", names[0])[0], alike.rstrip("0123456789"), alike]  # the one that fits more frames to come
+    for head in heads:
+        if not set(head) & set("*?[") and set(folder.glob(f"{head}*{paths[0].suffix}")) == set(paths):
+            return str(folder / f"{head}*{paths[0].suffix}")
+    return None
 
 
 def _pattern(rel: Rel, file: str) -> str:
@@ -180,11 +198,12 @@ def _pattern(rel: Rel, file: str) -> str:
     return Path(rel(path.parent) if rel(path.parent) != "." else "").joinpath(path.name).as_posix()
 
 
-def _names(cameras: list[Path]) -> list[str]:
+def unique_names(cameras: list[Path]) -> list[str]:
+    """Names of cameras by their files."""
     stems = [c.stem for c in cameras]
     return stems if len(set(stems)) == len(stems) else [f"{c.parent.name}-{c.stem}" for c in cameras]
 
 
-def _quoted(text: object) -> str:
+def quoted(text: object) -> str:
     """As TOML writes it."""
     return json.dumps(str(text), ensure_ascii=False)

@@ -8,68 +8,11 @@ from __future__ import annotations
 
 import json
 import re
-import tomllib
-from dataclasses import dataclass
 
 from windmark.errors import UsageError
-from windmark.pipeline.toml_lines import Key, entered
+from windmark.pipeline.toml_statements import Key, Statement, items, statements
 
-_PART = re.compile(r"""[A-Za-z0-9_-]+|"(?:\\.|[^"\\\n])*"|'[^'\n]*'""")
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
-_NO_KEY: tuple[str, ...] = ()
-_BLANK = " \t\r\n"
-
-
-@dataclass(frozen=True)
-class Statement:
-    """A table's header, or a key with its value.
-
-    Parameters
-    ----------
-    key : whole, as pydantic names it: ("image", 0, "labels", "T1")
-    table : the table that it stands in; of a header its own key
-    start, end : where it stands in the text
-    value : where its value begins; None of a header
-    """
-
-    key: Key
-    table: Key
-    start: int
-    end: int
-    value: int | None = None
-
-
-@dataclass(frozen=True)
-class _Item:
-    """Of an array or an inline table: where it stands, its key (inline tables) and where its value begins."""
-
-    start: int
-    end: int
-    key: tuple[str, ...] = ()
-    value: int = 0
-
-
-def statements(text: str) -> list[Statement]:
-    """All headers and keys in their order."""
-    out: list[Statement] = []
-    counts: dict[Key, int] = {}
-    table: Key = ()
-    at = _skip(text, int(text.startswith("\ufeff")))
-    while at < len(text):
-        start = at
-        if text[at] == "[":
-            size = 2 if text.startswith("[[", at) else 1
-            names, at = _key(text, at + size)
-            table = entered(list(names), size == 2, counts)
-            at = _skip(text, at) + size
-            out.append(Statement(table, table, start, at))
-        else:
-            names, at = _key(text, at)
-            value = _skip(text, at + 1)  # behind the =
-            at = _value_end(text, value)
-            out.append(Statement((*table, *names), table, start, at, value))
-        at = _skip(text, at)
-    return out
 
 
 def with_entry(text: str, table: Key, name: str, value: str) -> str:
@@ -102,8 +45,8 @@ def without_entry(text: str, table: Key, name: str) -> str:
         if s.key == (*table, name) and s.value is not None:
             return _without_lines(text, s)
         if s.key == table and s.value is not None:
-            items = _items(text, s.value)[0]
-            return _without_item(text, s, next(k for k, item in enumerate(items) if item.key == (name,)))
+            inside = items(text, s.value)[0]
+            return _without_item(text, s, next(k for k, item in enumerate(inside) if item.key == (name,)))
     raise UsageError(f"{_told(table)}.{name} is written where it cannot be found; remove it by hand")
 
 
@@ -149,88 +92,19 @@ def _written(name: str) -> str:
     return name if _BARE.fullmatch(name) else json.dumps(name, ensure_ascii=False)
 
 
-def _skip(text: str, at: int) -> int:
-    """Behind blanks and comments."""
-    while at < len(text):
-        if text[at] == "#":
-            at = text.find("\n", at) % (len(text) + 1)
-        elif text[at] in _BLANK:
-            at += 1
-        else:
-            break
-    return at
-
-
-def _key(text: str, at: int) -> tuple[tuple[str, ...], int]:
-    """The parts of a key, and the place behind it: at its = or ]."""
-    names: list[str] = []
-    while True:
-        at = _skip(text, at)
-        part = _PART.match(text, at)
-        if part is None:
-            raise UsageError(f"the key at character {at + 1} of the file cannot be told; edit the file by hand")
-        names.append(str(tomllib.loads(f"k = {part[0]}")["k"]) if part[0][0] in "\"'" else part[0])
-        at = _skip(text, part.end())
-        if not text.startswith(".", at):
-            return tuple(names), at
-        at += 1
-
-
-def _value_end(text: str, at: int) -> int:
-    """Behind a value."""
-    if text[at] in "[{":
-        return _items(text, at)[2] + 1
-    for quote in ('"""', "'''", '"', "'"):
-        if text.startswith(quote, at):
-            return _string_end(text, at + len(quote), quote)
-    while at < len(text) and text[at] not in ",]}#\r\n":
-        at += 1
-    return at - (len(text[:at]) - len(text[:at].rstrip(" \t")))
-
-
-def _string_end(text: str, at: int, quote: str) -> int:
-    while not text.startswith(quote, at):
-        at += 2 if text[at] == "\\" and quote[0] == '"' else 1
-    at += len(quote)
-    while len(quote) == 3 and text.startswith(quote[0], at):  # up to two quotes may stand before the closing three
-        at += 1
-    return at
-
-
-def _items(text: str, at: int) -> tuple[list[_Item], list[int], int]:
-    """Items of the array or inline table that begins at ``at``, where its commas are, and its closing bracket."""
-    named, closing = text[at] == "{", "}" if text[at] == "{" else "]"
-    items: list[_Item] = []
-    commas: list[int] = []
-    at = _skip(text, at + 1)
-    while text[at] != closing:
-        if text[at] == ",":
-            commas.append(at)
-            at += 1
-        else:
-            start, key = at, _NO_KEY
-            if named:
-                key, at = _key(text, at)
-                at = _skip(text, at + 1)
-            value, at = at, _value_end(text, at)
-            items.append(_Item(start, at, key, value))
-        at = _skip(text, at)
-    return items, commas, at
-
-
 def _in_inline(text: str, at: int, name: str, written: str) -> str:
-    for item in _items(text, at)[0]:
+    for item in items(text, at)[0]:
         if item.key == (name,):
             return text[: item.start] + written + text[item.end :]
     return _appended(text, at, written)
 
 
 def _appended(text: str, at: int, written: str) -> str:
-    items, commas, _ = _items(text, at)
-    if not items:
+    found, commas, _ = items(text, at)
+    if not found:
         inner = f" {written} " if text[at] == "{" else written
         return text[: at + 1] + inner + text[at + 1 :]
-    last = items[-1].end
+    last = found[-1].end
     if commas and commas[-1] >= last:  # a trailing comma
         return text[: commas[-1] + 1] + f" {written}," + text[commas[-1] + 1 :]
     return text[:last] + f", {written}" + text[last:]
@@ -238,9 +112,9 @@ def _appended(text: str, at: int, written: str) -> str:
 
 def _without_item(text: str, statement: Statement, number: int) -> str:
     assert statement.value is not None
-    items, commas, _ = _items(text, statement.value)
-    gone = items[number]
-    if len(items) == 1 and "#" not in text[statement.start : _line_end(text, statement.end)]:
+    found, commas, _ = items(text, statement.value)
+    gone = found[number]
+    if len(found) == 1 and "#" not in text[statement.start : _line_end(text, statement.end)]:
         return _without_lines(text, statement)
     behind = [c for c in commas if c >= gone.end]
     comma = behind[0] if behind else next((c for c in reversed(commas) if c < gone.start), None)

@@ -2,31 +2,21 @@
 
 from __future__ import annotations
 
-import re
+from windmark.pipeline.toml_statements import Key, items, statements
 
-Key = tuple[str | int, ...]
-_HEADER = re.compile(r"^\s*(\[\[?)\s*([^\]]+?)\s*\]\]?\s*(#.*)?$")
-_ASSIGNED = re.compile(r"""^\s*((?:[\w-]+|"[^"]*"|'[^']*')(?:\s*\.\s*(?:[\w-]+|"[^"]*"|'[^']*'))*)\s*=""")
+__all__ = ["Key", "line_of", "toml_lines"]
 
 
 def toml_lines(text: str) -> dict[Key, int]:
-    """Line numbers (from 1) of tables and of keys that begin a line, as pydantic names them: ("image", 0, "file")."""
+    """Line numbers (from 1) of tables and keys, as pydantic names them: ("image", 0, "file"); those of lists, too.
+
+    The text must be valid (`tomllib` has read it).
+    """
     out: dict[Key, int] = {}
-    counts: dict[Key, int] = {}
-    table: Key = ()
-    quote = ""
-    for number, line in enumerate(text.splitlines(), start=1):
-        if quote:  # within a string of several lines
-            quote = "" if quote in line else quote
-            continue
-        if header := _HEADER.match(line):
-            table = entered(_parts(header[2]), header[1] == "[[", counts)
-            out.setdefault(table, number)
-        elif assigned := _ASSIGNED.match(line):
-            out.setdefault((*table, *_parts(assigned[1])), number)
-        for mark in ('"""', "'''"):
-            if line.count(mark) % 2:
-                quote = mark
+    for s in statements(text):
+        out.setdefault(s.key, _line(text, s.start))
+        if s.value is not None:
+            _inside(text, s.key, s.value, out)
     return out
 
 
@@ -38,17 +28,15 @@ def line_of(lines: dict[Key, int], key: Key) -> int | None:
     return None
 
 
-def _parts(text: str) -> list[str]:
-    return [part.strip().strip("\"'") for part in re.findall(r"""[\w-]+|"[^"]*"|'[^']*'""", text)]
+def _inside(text: str, key: Key, at: int, out: dict[Key, int]) -> None:
+    """The lines of what an array or an inline table holds."""
+    if text[at] not in "[{":
+        return
+    for number, item in enumerate(items(text, at)[0]):
+        own = (*key, *(item.key or (number,)))
+        out.setdefault(own, _line(text, item.start))
+        _inside(text, own, item.value, out)
 
 
-def entered(names: list[str], is_list: bool, counts: dict[Key, int]) -> Key:
-    """The key of a table that is entered; those of lists have the number of their item."""
-    out: Key = ()
-    for depth, name in enumerate(names):
-        plain = (*out, name)
-        last = depth == len(names) - 1
-        if last and is_list:
-            counts[plain] = counts.get(plain, -1) + 1
-        out = (*plain, counts[plain]) if plain in counts else plain
-    return out
+def _line(text: str, at: int) -> int:
+    return text.count("\n", 0, at) + 1

@@ -30,21 +30,19 @@ def _block_lines(block: Block, nodes: NodeView, per_block: int) -> list[Array]:
     span = slice(block.first, block.first + ni * nj)
     xy = nodes.xy[span].reshape(nj, ni, 2)
     seen = nodes.visible[span].reshape(nj, ni)
-    lines = []
-    for j in _every(nj, per_block):
-        lines += _visible_runs(xy[j], seen[j])
-    for i in _every(ni, per_block):
-        lines += _visible_runs(xy[:, i], seen[:, i])
-    return lines
+    rows, columns = _every(nj, per_block), _every(ni, per_block)
+    across = _visible_runs(np.swapaxes(xy[:, columns], 0, 1), seen[:, columns].T)
+    return _visible_runs(xy[rows], seen[rows]) + across
 
 
 def _every(n: int, most: int) -> NDArray[np.int64]:
     """At most ``most`` of 0..n-1, evenly spread, both ends in."""
-    return np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(np.int64))
+    return np.linspace(0, n - 1, min(n, most)).round().astype(np.int64)  # a step is one at least: none comes twice
 
 
 def _visible_runs(xy: Array, seen: NDArray[np.bool_]) -> list[Array]:
-    """The pieces of one grid line whose nodes are seen, two nodes at least."""
-    cuts = np.flatnonzero(np.diff(seen.astype(np.int8))) + 1
-    pieces = zip(np.split(xy, cuts), np.split(seen, cuts), strict=True)
-    return [line for line, flags in pieces if len(line) > 1 and flags[0]]
+    """The pieces of grid lines (L, n, 2) whose nodes are seen (L, n), two nodes at least, line by line."""
+    step = np.diff(np.pad(seen.astype(np.int8), ((0, 0), (1, 1))), axis=1)
+    line, first = np.nonzero(step > 0)
+    last = np.nonzero(step < 0)[1]  # in the same order: every piece that begins ends in its line
+    return [xy[k, a:b] for k, a, b in zip(line.tolist(), first.tolist(), last.tolist(), strict=True) if b - a > 1]

@@ -13,7 +13,7 @@ from windmark.app.commands.options import Json
 
 def add(app: typer.Typer) -> None:
     """Add these commands to ``app``."""
-    app.command(epilog="Example: windmark init my-test --unit mm")(init)
+    app.command(epilog="Example: windmark init my-test --unit mm, or windmark init my-wing --for deform")(init)
     app.command(epilog="Example: windmark check my-test/project.toml")(check)
     app.command(epilog="Example: windmark verify my-test/results")(verify)
     app.command(epilog="Example: windmark doctor --json")(doctor)
@@ -32,8 +32,16 @@ def init(
     grid: Annotated[Path | None, typer.Option("--grid", "-g", help="Surface grid, where there are several.")] = None,
     title: Annotated[str | None, typer.Option(help="Title of the project. [default: the folder's name]")] = None,
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="The project file. [default: FOLDER/project.toml]")
+        Path | None,
+        typer.Option("--output", "-o", help="The project file. [default: FOLDER/project.toml, /deform.toml]"),
     ] = None,
+    verb: Annotated[
+        str,
+        typer.Option(
+            "--for",
+            help="run, deform, psp, infrared: a project of that verb; calibrate, reconstruct: the command line.",
+        ),
+    ] = "run",
     ask: Annotated[bool, typer.Option("--ask/--no-ask", help="Ask on a terminal for what is not clear.")] = True,
     as_json: Json = False,
 ) -> None:
@@ -42,7 +50,7 @@ def init(
         from windmark.app import init_verb
 
         given = {"unit": unit, "camera": camera, "markers": markers, "grid": grid}
-        init_verb.init(folder, output, given, title, ask, as_json)
+        init_verb.init(folder, output, given, title, ask, as_json, verb)
 
 
 def check(

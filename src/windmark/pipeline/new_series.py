@@ -1,0 +1,194 @@
+"""Projects of `deform`, `psp` and `infrared`, and the commands of `calibrate` and `reconstruct`, from a folder."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+
+from windmark.pipeline.folder import FolderContent, FoundPicture
+from windmark.pipeline.new_project import Choice, Rel, common_pattern, quoted, relative_to, unique_names, unit_lines
+
+PROJECTS = ("run", "deform", "psp", "infrared")
+"""Verbs that have a project file."""
+COMMANDS = ("calibrate", "reconstruct")
+"""Verbs that are told everything on the command line."""
+_LAW = '# law = "beam"   # how it deforms: windmark laws lists them; without a law it is rigid'
+_TABLES = {
+    "points": "[points] table, one row per point with its conditions and pictures",
+    "cell": "[paint] cell, the paint's calibration (pressure, temperature, ratio)",
+}
+_SURFACE = {"emissivity": "0.95", "emissivity_sigma": "0.02", "surroundings_K": "293", "surroundings_sigma_K": "2"}
+
+
+def series_text(content: FolderContent, choice: Choice, kind: str, title: str, place: Path) -> str:
+    """The project file of a verb of `PROJECTS` but `run`, which will stand in the folder ``place``."""
+    rel = relative_to(place)
+    lines = [
+        f"# A project of windmark {kind}. Paths are relative to this file; every key is in the guide (docs/guide.md).",
+        f"title = {quoted(title)}", "", *unit_lines(choice),
+    ]  # fmt: skip
+    if kind == "psp":
+        lines += _found("points", "table", "points.csv", csv_with(content.folder, {"point", "on"}), rel)
+    lines += _cameras(content, choice, kind, rel)
+    lines += ["[markers]", f"file = {quoted(rel(choice.markers))}", ""] if choice.markers else [
+        "# [markers]", '# file = "markers.csv"   # MISSING', ""]  # fmt: skip
+    lines += ["[grid]", f"file = {quoted(rel(choice.grid))}",
+              '# volumes = { wing = ["zone01", "zone02"] }   # which zones make up which part',
+              ""] if choice.grid else ["# [grid]", '# file = "model.grid"', ""]  # fmt: skip
+    lines += ["[look]", "# radius_px = 4   # without it each picture's own estimate is taken, and said", ""]
+    lines += _volumes(content, choice)
+    lines += {"deform": _deform, "psp": _psp, "infrared": _infrared}[kind](content, rel)
+    for path in content.points if kind != "psp" else []:
+        lines += ["# Values at these points, too.", "# [[points]]", f"# file = {quoted(rel(path))}", ""]
+    return "\n".join([*lines, "[output]", f"folder = {quoted('deformation' if kind == 'deform' else kind)}", ""])
+
+
+def series_missing(content: FolderContent, choice: Choice, kind: str) -> list[str]:
+    """What a run of such a project needs beside what `new_project.missing` says."""
+    out = []
+    for path in used_cameras(choice):
+        if path in content.cameras and content.cameras[path].cam_from_model is None:
+            out.append(f"the pose of camera {path.name}: windmark register finds it from one picture of the model at "
+                       "rest")  # fmt: skip
+    if kind == "psp":
+        tables = {"points": csv_with(content.folder, {"point", "on"}), "cell": csv_with(content.folder, {"ratio"})}
+        out += [words for name, words in _TABLES.items() if tables[name] is None]
+    if kind == "infrared":
+        out += [f"[surface] {', '.join(_SURFACE)}: no file says them", "what each camera's numbers are (quantity)"]
+    return out
+
+
+def command(content: FolderContent, choice: Choice, verb: str) -> tuple[str, list[str]]:
+    """The command line of a verb of `COMMANDS`, with <...> for what is missing, and that in words."""
+    missing, words = [], ["windmark", verb]
+    files = [p.path for p in content.pictures if not p.is_recording]
+    for group in dict.fromkeys(_series(p) for p in files):
+        some = [p for p in files if _series(p) == group]
+        pattern = common_pattern(some)
+        words += [_unquoted(pattern)] if pattern else [shlex.quote(str(p)) for p in some]
+    if not files:
+        missing.append("pictures")
+        words.append("<pictures>")
+    cameras = used_cameras(choice)
+    if len(cameras) == 1:
+        words += ["-c", shlex.quote(str(cameras[0]))]
+    elif verb == "reconstruct":
+        missing.append("the camera file" if not cameras else "one camera: the pictures of several are found one by one")
+        words += ["-c", "<camera.json>"]
+    if choice.markers is not None:
+        words += ["-m" if verb == "calibrate" else "-p", shlex.quote(str(choice.markers))]
+    elif verb == "calibrate":
+        missing.append("a rough marker table (-m), or the pitch of a dot board (--board)")
+        words += ["-m", "<rough.csv>"]
+    else:
+        words += ["--free-frame"]
+    if choice.unit:
+        words += ["--unit", choice.unit]
+    elif choice.markers is not None or verb == "calibrate":
+        missing.append("the length unit (--unit in, ft, mm, cm or m)")
+        words += ["--unit", "<unit>"]
+    return " ".join(words), missing
+
+
+def _series(path: Path) -> tuple[Path, str]:
+    """Pictures of one folder whose names differ in what begins with a number."""
+    return path.parent, re.split(r"\d", path.name)[0]
+
+
+def used_cameras(choice: Choice) -> list[Path]:
+    """Camera files that took a picture, in the order of the pictures."""
+    return list(dict.fromkeys(c for c in choice.cameras.values() if c is not None))
+
+
+def csv_with(folder: Path, columns: set[str]) -> Path | None:
+    """The one CSV of a folder that has a column for each of these (units and kinds may follow: on_reference)."""
+    found = []
+    for path in sorted(folder.glob("*.csv")):
+        with path.open(encoding="utf-8-sig", errors="replace") as stream:
+            head = next((line for line in stream if line.strip() and not line.startswith("#")), "")
+        if columns <= {c.strip().partition("_")[0] for c in head.split(",")}:
+            found.append(path)
+    return found[0] if len(found) == 1 else None
+
+
+def _found(table: str, key: str, example: str, path: Path | None, rel: Rel) -> list[str]:
+    """A table of the project with the file that was found for it."""
+    if path is None:
+        return [f"# [{table}]", f'# {key} = "{example}"   # MISSING', ""]
+    return [f"[{table}]", f"{key} = {quoted(rel(path))}", ""]
+
+
+def _cameras(content: FolderContent, choice: Choice, kind: str, rel: Rel) -> list[str]:
+    used = used_cameras(choice) or (list(content.cameras) if kind == "psp" else [])
+    lines = ["# Cameras with their poses to the model at rest, and their pictures in the order of the frames."]
+    for camera, name in zip(used, unique_names(used), strict=True):
+        lines += ["[[camera]]", f"name = {quoted(name)}", f"file = {quoted(rel(camera))}"]
+        if kind != "psp":
+            mine = [p for p in content.pictures if choice.cameras[p.path] == camera]
+            lines += [f"images = {_images(mine, rel)}"]
+        if kind == "infrared":
+            lines += ['# quantity = "temperature"   # MISSING: counts, temperature or radiance, see the guide',
+                      '# unit = "K"', "# band_um = [8, 12]"]  # fmt: skip
+        lines += [""]
+    return lines if used else [*lines, "# [[camera]]", '# file = "camera.json"   # MISSING', ""]
+
+
+def _images(pictures: list[FoundPicture], rel: Rel) -> str:
+    """Patterns, one for each folder, or the files themselves."""
+    out: list[str] = []
+    for folder in dict.fromkeys(p.path.parent for p in pictures):
+        some = [p.path for p in pictures if p.path.parent == folder]
+        pattern = common_pattern(some) if len(some) > 1 else None
+        place = rel(folder)
+        names = [Path(pattern).name] if pattern else [p.name for p in some]
+        out += [name if place == "." else f"{place}/{name}" for name in names]
+    return quoted(out[0]) if len(out) == 1 else f"[{', '.join(map(quoted, out))}]"
+
+
+def _volumes(content: FolderContent, choice: Choice) -> list[str]:
+    """The parts that the marker table names."""
+    names: Iterable[str] = ()
+    if choice.markers is not None and choice.markers in content.markers:
+        markers = content.markers[choice.markers]
+        names = [str(v) for v in np.unique(markers.volume[markers.role != "wall"]) if v]
+    lines = ['# The model\'s parts. One that hangs at another one: parent = "...".']
+    for name in names:
+        lines += ["[[volume]]", f"name = {quoted(name)}", _LAW, ""]
+    return lines if names else [*lines, "# [[volume]]", '# name = "wing"', _LAW, ""]
+
+
+def _deform(content: FolderContent, rel: Rel) -> list[str]:
+    return [
+        "# Bending and twist along a part: take the # away and say where.", "# [stations]", '# volume = "wing"',
+        "# start = [0, 0, 0]", "# end = [0, 1000, 0]", "# chord = [150, 0, 0]", "",
+        "# When the frames were, and those without wind, which also correct the markers' places.", "# [sequence]",
+        "# rate_hz = 50", '# zero = ["0:3"]', "",
+    ]  # fmt: skip
+
+
+def _psp(content: FolderContent, rel: Rel) -> list[str]:
+    return [
+        *_found("paint", "cell", "paint-cell.csv", csv_with(content.folder, {"ratio"}), rel),
+        "# The wall's temperature; thermocouples, maps of an infrared camera or a temperature paint say it better.",
+        "[temperature]", "recovery = 0.896", "",
+        "# [taps]", *(f"# file = {quoted(rel(p))}" for p in content.points[:1]),
+        '# pressures = "tap-pressures.csv"', "",
+        "# [radiometry]", '# dark = "dark-{camera}-*.tif"', '# flat = "flat-{camera}-*.tif"', "",
+    ]  # fmt: skip
+
+
+def _infrared(content: FolderContent, rel: Rel) -> list[str]:
+    return [
+        "# MISSING: the surface as the cameras see it; the numbers are examples.", "[surface]",
+        *(f"# {name} = {example}" for name, example in _SURFACE.items()), "",
+        "# Heat flux needs what is below the surface, too: [heat] and [[wall]], see the guide.", "",
+    ]  # fmt: skip
+
+
+def _unquoted(pattern: str) -> str:
+    """A pattern as a shell takes it: blanks quoted, its * left to work."""
+    return shlex.quote(pattern).replace("*", "'*'").replace("''", "") if " " in pattern else pattern

@@ -1,0 +1,105 @@
+"""`windmark init --for VERB`: projects and commands from a folder, as its own test data are checked."""
+
+import re
+import shlex
+
+import numpy as np
+import pytest
+
+from windmark import io
+from windmark.app import init_verb
+from windmark.errors import UsageError
+from windmark.geometry import Camera, Pose
+from windmark.pipeline.check import check_project
+from windmark.pipeline.deform.project import read_deform_project
+from windmark.pipeline.folder import look_into
+from windmark.pipeline.new_project import choose, common_pattern
+from windmark.pipeline.new_series import command, csv_with, series_missing
+from windmark.scene import MarkerSet, Mesh
+
+CAMERA = Camera((64, 48), 80.0, 1.0, 31.5, 23.5)
+POSE = Pose.from_rotvec(np.zeros(3), [0.0, 0.0, 500.0])
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """Two cameras with poses, four frames each in a folder of their own, markers of two parts, a grid."""
+    for k in (1, 2):
+        io.write_camera(tmp_path / f"cam{k}.json", CAMERA, POSE, unit="mm")
+    rng = np.random.default_rng(1)
+    markers = MarkerSet.make([f"m{k}" for k in range(8)], rng.normal(size=(8, 3)), volume=["body"] * 3 + ["wing"] * 5,
+                             role=["model"] * 7 + ["wall"])  # fmt: skip
+    io.write_markers(tmp_path / "markers.csv", markers, length_unit="mm")
+    io.write_mesh(tmp_path / "model.stl", Mesh.make(np.eye(4, 3) * 5, [[0, 1, 2], [0, 2, 3]], volume=["wing"] * 2))
+    (tmp_path / "images").mkdir()
+    for camera in (1, 2):
+        for k in range(8, 12):
+            io.write_image(tmp_path / "images" / f"cam{camera}-{k:03d}.tif", np.full((48, 64), 90 + k, np.uint8))
+    return tmp_path
+
+
+def init(folder, verb, **given):
+    init_verb.init(folder, None, given, None, False, False, verb)
+    return folder / f"{verb}.toml"
+
+
+def test_a_deformation_project_is_sound_and_reads_as_one(folder):
+    project = init(folder, "deform")
+    assert check_project(project).problems == []
+    read = read_deform_project(project)
+    assert [c.images for c in read.camera] == ["images/cam1-*.tif", "images/cam2-*.tif"]
+    assert [v.name for v in read.volume] == ["body", "wing"]
+
+
+def test_a_camera_without_pose_is_named(folder):
+    io.write_camera(folder / "cam2.json", CAMERA)
+    content = look_into(folder)
+    said = series_missing(content, choose(content, {}), "deform")
+    assert len(said) == 1
+    assert "cam2.json" in said[0]
+
+
+@pytest.mark.parametrize("verb", ["psp", "infrared"])
+def test_what_no_file_says_stands_as_missing_and_check_names_only_that(folder, verb):
+    if verb == "psp":
+        (folder / "runs.csv").write_text("point,alpha_deg,mach,on,off\n")
+        (folder / "paint.csv").write_text("pressure_Pa,temperature_K,ratio\n1e5,293,1\n")
+    found = check_project(init(folder, verb))
+    assert found.kind == verb
+    keys = {re.split(r"[.\[]", p.key)[0] for p in found.problems}
+    assert keys <= ({"points"} if verb == "psp" else {"surface", "camera"})
+    text = (folder / f"{verb}.toml").read_text()
+    assert ('table = "runs.csv"' in text and 'cell = "paint.csv"' in text) == (verb == "psp")
+
+
+def test_commands_of_verbs_without_a_project(folder):
+    content = look_into(folder)
+    line, missing = command(content, choose(content, {}), "calibrate")
+    words = shlex.split(line)
+    assert words[:2] == ["windmark", "calibrate"]
+    assert words[words.index("-m") + 1] == str(folder / "markers.csv")
+    assert words[words.index("--unit") + 1] == "mm"
+    assert missing == []
+    line, missing = command(content, choose(content, {"unit": "mm"}), "reconstruct")
+    assert "<camera.json>" in line
+    assert len(missing) == 1
+    assert not list(folder.glob("*.toml"))
+
+
+def test_patterns_stand_for_exactly_these_files(folder):
+    some = sorted((folder / "images").glob("cam1-*"))
+    assert common_pattern(some) == str(folder / "images" / "cam1-*.tif")
+    assert common_pattern(some[:2]) == str(folder / "images" / "cam1-00*.tif")
+    assert common_pattern([some[0], some[2]]) is None
+
+
+def test_two_tables_that_could_be_meant_are_none(folder):
+    (folder / "a.csv").write_text("pressure_Pa,temperature_K,ratio\n")
+    assert csv_with(folder, {"ratio"}) == folder / "a.csv"
+    (folder / "b.csv").write_text("# a comment\nratio_1,ratio\n")
+    assert csv_with(folder, {"ratio"}) is None
+
+
+def test_an_unknown_verb_is_refused(folder):
+    with pytest.raises(UsageError, match="reconstruct, got track"):
+        init(folder, "track")
