@@ -14,6 +14,7 @@ from windmark.adjust.network.problem import camera_columns
 from windmark.calibration.advice import helpful_pictures
 from windmark.calibration.datum import Free
 from windmark.calibration.disc_shapes import Discs
+from windmark.calibration.lens_known import RADIAL, radial_spread
 from windmark.calibration.result import Calibration
 from windmark.calibration.setup import Job, frames_of, views_of
 from windmark.calibration.solve import Solved
@@ -113,6 +114,10 @@ def refuse_weak(job: Job, solved: Solved, rough: NetworkState | None = None) -> 
     variance = np.diagonal(covariance.some(np.array([column for _, _, column in inner], dtype=np.int64)))
     sigma = np.sqrt(np.maximum(variance, 0.0) * solved.scale)
     poor = [each for each, s in zip(inner, sigma, strict=True) if not s < WEAK]
+    if any(parameter in RADIAL for _, parameter, _ in poor):
+        cameras = list(_cameras(job, solved, covariance, solved.scale).values())
+        known = [c.lens == "rational" and radial_spread(c, c.cov) < WEAK for c in cameras]
+        poor = [each for each in poor if not (known[each[0]] and each[1] in RADIAL)]
     weak = [parameter if len(names) == 1 else f"{names[c]} {parameter}" for c, parameter, _ in poor]
     spread = np.sqrt(np.nanmax(np.diagonal(covariance.points(), axis1=1, axis2=2), axis=1, initial=0.0))
     loose = np.flatnonzero(spread * np.sqrt(solved.scale) > WEAK * lay.unit)

@@ -50,9 +50,11 @@ def externally(test: Array, used: NDArray[np.bool_], squares: float, redundancy:
 
 def influence(problem: NetworkProblem, state: NetworkState, covariance: NetworkCovariance) -> Array:
     """(O, 2, 2) J C J^T of every mark in units of its variance, in the problem's order."""
-    jd, je, columns, block = problem.jacobian(state)
     out = np.empty((len(problem.order), 2, 2))
-    cross = -(covariance.half @ covariance.dense)
+    # Before the derivatives are there: both are large, and the product needs room.
+    cross = covariance.half @ covariance.dense
+    np.negative(cross, out=cross)
+    jd, je, columns, block = problem.jacobian(state)
     # The dense covariance comes column by column; it is symmetric.
     dense = np.ascontiguousarray(covariance.dense.T)
     linear.influences(jd, je, columns, block, dense, cross, covariance.blocks, out)

@@ -121,11 +121,13 @@ def _plain(job: Job, start: NetworkState, allowed: Mask, shift: Array) -> Solved
     network = make_network(job, taken, allowed.astype(float))
     problem = NetworkProblem(network, start, shift[taken])
     state, system, report = minimise(problem, start, PLAIN)
-    redundancy = _redundancy(problem, int(taken.sum()), system)
+    redundancy = _redundancy(problem, int(taken.sum()), system.gauge.dense.shape[1])
     squares = 2 * report.final_cost
     if not report.converged or redundancy <= 0 or not PLAIN_FITS < chi2.sf(squares, redundancy) < 1 - PLAIN_FITS:
         return None
-    solved = _with_tests(problem, state, system, report, taken, allowed, dropped)
+    covariance = network_covariance(system, problem.layout)
+    del system  # as large as the covariance, and the tests need room
+    solved = _with_tests(problem, state, covariance, report, taken, allowed, dropped)
     return solved if (solved.test <= critical(len(solved.test))).all() else None
 
 
@@ -205,18 +207,18 @@ def _adjusted(
     network = make_network(job, every, good.astype(float))
     problem = NetworkProblem(network, state, shift[every])
     state, system, report = _minimum(job, problem, state)
-    return _with_tests(problem, state, system, report, every, good, dropped)
+    covariance = network_covariance(system, problem.layout)
+    del system  # as in `_plain`
+    return _with_tests(problem, state, covariance, report, every, good, dropped)
 
 
 def _with_tests(
-    problem: NetworkProblem, state: NetworkState, system: NetworkEquations, report: SolveReport, every: Mask,
+    problem: NetworkProblem, state: NetworkState, covariance: NetworkCovariance, report: SolveReport, every: Mask,
     good: Mask, dropped: dict[str, str],
 ) -> Solved:  # fmt: skip
-    """Covariance at a minimum, and the test of ``every`` mark there, of which the ``good`` ones were adjusted."""
-    covariance = network_covariance(system, problem.layout)
+    """The test of ``every`` mark at a minimum, of which the ``good`` ones were adjusted."""
     used = good[every][problem.order]
-    redundancy = _redundancy(problem, int(used.sum()), system)
-    del system  # as large as the covariance, and the tests below need room
+    redundancy = _redundancy(problem, int(used.sum()), covariance.motions.shape[1])
     residual = problem.residual(state)
     assert residual is not None
     squares = 2 * report.final_cost
@@ -229,11 +231,11 @@ def _with_tests(
     )
 
 
-def _redundancy(problem: NetworkProblem, used: int, system: NetworkEquations) -> int:
-    """Degrees of freedom of an adjustment of so many marks."""
+def _redundancy(problem: NetworkProblem, used: int, motions: int) -> int:
+    """Degrees of freedom of an adjustment of so many marks, with so many motions that nothing sees."""
     lay = problem.layout
     unknowns = lay.dense + lay.blocks * lay.size
-    return 2 * used + _known(problem.network) + system.gauge.dense.shape[1] - unknowns
+    return 2 * used + _known(problem.network) + motions - unknowns
 
 
 def _known(network: Network) -> int:
