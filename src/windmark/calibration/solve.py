@@ -94,7 +94,7 @@ def solve(job: Job, start: NetworkState, allowed: Mask, shift: Array, reject: bo
     """
     good, state = allowed.copy(), start
     if fits is None:
-        plain = _plain(job, start, allowed, shift)
+        plain = _plain(job, start, allowed, shift) if job.solver == "newton" else None
         if plain is not None:
             return plain
         taken, _ = taking_part(job, good)
