@@ -10,7 +10,8 @@ wing, a state, a rigid motion and cameras of its own; labels are given, the sear
 The result is judged by where it puts 40 points of the wing (and 10 of the flap), in the tunnel and by the laws alone,
 and by the laws' parameters where the law is the true one. An accepted result is WRONG where one of these is more than
 six of its stated sigmas off and nothing is named (``warnings``, ``suspect``). Of a scene in which nothing is wrong
-"named" is a false alarm. "right name": what is named contains what was changed. "out %": coordinates outside their 95 %
+"named" is a false alarm. "right name": what is named contains what was changed; "unchecked": ``unchecked`` alone says
+so (it is said of right scenes, too: what no picture can tell). "out %": coordinates outside their 95 %
 intervals, over all accepted results. "z": over accepted results in which nothing is named; 1 for a true sigma.
 
 What it leaves out: pictures (marks are given), time (each instant is by itself).
@@ -99,8 +100,12 @@ def wing(
     names = [f"m{k:03d}" for k in range(len(volume))]
     role = ["wall" if v == "wall" else "model" for v in volume]
     markers = MarkerSet.make(names, np.vstack(parts), volume=volume, role=role)
-    axis = {"root": (0.25 * 0.45 * span + np.tan(sweep) * root, root, 0.0),
-            "tip": (0.25 * 0.45 * span + np.tan(sweep) * span, span, 0.0), "section": (0.0, 1.0, 0.0), "unit": "mm"}
+    axis = {
+        "root": (0.25 * 0.45 * span + np.tan(sweep) * root, root, 0.0),
+        "tip": (0.25 * 0.45 * span + np.tan(sweep) * span, span, 0.0),
+        "section": (0.0, 1.0, 0.0),
+        "unit": "mm",
+    }
     axis = {k: tuple(map(float, v)) if isinstance(v, tuple) else v for k, v in axis.items()}
 
     def volumes(of: Any, fixed: bool) -> Volumes:
@@ -282,7 +287,10 @@ def outcome(case: Case, _: np.random.Generator) -> contradictions.Outcome:
         right = any(n in f"{answer.reason} {' '.join(answer.weak)}" for n in case.named)
         return "refused", "right name" if right else f"({answer.cause})", np.zeros(0)
     z = deviations(answer, case)
-    said = " ".join((*getattr(answer, "warnings", ()), *getattr(answer, "suspect", ())))
+    said = " ".join((*answer.warnings, *answer.suspect))
+    left = " ".join(map(str, answer.unchecked))
+    if z.max() > BEYOND and not said and any(n in left for n in case.named):
+        return "named", "unchecked", z
     if said:
         return "named", "right name" if any(n in said for n in case.named) else "other name", z
     return ("WRONG" if z.max() > BEYOND else "right"), "", z

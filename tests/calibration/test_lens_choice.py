@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from windmark.calibration import Free, self_calibrate
 from windmark.calibration.lens_choice import as_lens, choose_lens, field_deg, judged, lens_words
+from windmark.calibration.lens_known import RADIAL, radial_spread
 from windmark.errors import UsageError
-from windmark.geometry import Camera, Pose
+from windmark.geometry import PARAMETERS, Camera, Pose
 from windmark.geometry.similarity import align
 from windmark.scene import MarkerSet, Observations, View
 
@@ -100,3 +103,25 @@ def test_without_any_calibration_nothing_is_chosen():
     tried = judged({"brown": refused, "fisheye": refused}, 100)
     assert not any(t.outcome for t in tried)
     assert all(t.log_evidence == -np.inf for t in tried)
+
+
+def test_a_rational_lens_is_known_though_its_coefficients_are_not():
+    """They stand for one another: along that line the image does not move, across it it does."""
+    camera = TRUE["rational"]
+    index = [PARAMETERS.index(p) for p in RADIAL]
+    rays = camera.directions(np.array([805.0, 590.0]) + np.linspace(0.05, 1, 40)[:, None] * [794.0, 609.0])
+    slope = camera.project_jacobian(rays)[3][..., index].reshape(-1, 6)
+    weakest, strongest = np.linalg.svd(slope)[2][[-1, 0]]
+    for direction, known in ((weakest, True), (strongest, False)):
+        cov = np.zeros((len(PARAMETERS),) * 2)
+        cov[np.ix_(index, index)] = 0.3**2 * np.outer(direction, direction)
+        assert (radial_spread(camera, cov) < 0.01) == known
+
+
+@pytest.mark.slow
+def test_where_only_its_coefficients_are_weak_a_rational_lens_is_not_refused():
+    xyz, _, run = calibrated(replace(TRUE["rational"], k1=0.62, k2=0.09, k3=2e-3, k4=0.95, k5=0.25, k6=0.012), 3)
+    found = run({"c": TRUE["rational"]})
+    assert found, found.reason
+    z = (align(found.markers.xyz, xyz, scale=True).apply(found.markers.xyz) - xyz) / found.markers.sigma
+    assert 0.9 < np.sqrt((z**2).mean()) < 1.1

@@ -12,7 +12,7 @@ from windmark.geometry import Camera
 from windmark.registration import CAUSES, Unchecked, register
 from windmark.registration.budget import Budget
 from windmark.registration.judge.bending import Bender
-from windmark.registration.judge.doubts import PARTS, Doubts
+from windmark.registration.judge.doubts import PARTS, Doubts, _off
 from windmark.registration.judge.first_order import FirstOrder, shown
 from windmark.registration.search.pool import Candidate
 from windmark.registration.settle import views as v
@@ -45,6 +45,25 @@ def test_what_is_wrong_with_a_camera_is_named(what):
     assert not found
     assert found.cause == ("wrong_focal" if what == "focal length" else "wrong_camera"), found.reason
     assert found.cause in CAUSES
+
+
+@pytest.mark.parametrize(("lens", "k1"), [("brown", 0.0), ("brown", -0.1), ("rational", 0.0), ("fisheye", -0.02)])
+def test_how_far_a_lens_is_off_is_seen_in_the_image(lens, k1):
+    """The largest shift of a corner, whatever the coefficient means in the lens' model."""
+    more = {"k4": 0.1} if lens == "rational" else {}
+    given = Camera((1280, 1000), 900.0, cx=600.0, cy=520.0, k1=k1, lens=lens, **more)
+    found = replace(given, k1=k1 + 0.01, focal_px=910.0)
+    corners = np.array([[0.0, 0.0], [1279.0, 0.0], [0.0, 999.0], [1279.0, 999.0]])
+    away = np.linalg.norm(corners - [600.0, 520.0], axis=1)
+    there = replace(given, k1=k1 + 0.01).project(given.directions(corners))[0]
+    expected = (np.linalg.norm(there - corners, axis=1) / away).max()
+    assert _off("lens", given, found, 1624.0) == pytest.approx(expected, rel=1e-6)
+
+
+def test_a_fisheye_that_ends_before_the_corner_is_compared_at_its_end():
+    given = Camera((1280, 1000), 300.0, k1=-0.08, lens="fisheye")
+    assert np.isnan(given.directions(np.zeros(2))).any()
+    assert 0.0 < _off("lens", given, replace(given, k1=-0.079), 1624.0) < 0.1
 
 
 def test_the_right_camera_is_not_doubted():

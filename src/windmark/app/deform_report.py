@@ -96,6 +96,8 @@ def _overview(report: Report, loaded: Loaded, sequence: Sequence, record: dict[s
         )
     for words, frames in record.get("warnings", {}).items():
         report.text(f"{words} ({frames} of {len(sequence.good)} frames).", "bad")
+    for words, frames in record.get("unchecked", {}).items():
+        report.text(f"Not to be told from these pictures: {words} ({frames} of {len(sequence.good)} frames).", "soft")
     if sequence.zero is not None and sequence.moved is not None:
         size = np.linalg.norm(sequence.moved, axis=1)
         report.text(

@@ -155,7 +155,8 @@ def summary(loaded: Loaded, sequence: Sequence) -> Record:
         latency = [r.latency_s for r in good if np.isfinite(r.latency_s)]
         if latency:
             record["median_latency_ms"] = 1e3 * float(np.median(latency))
-        record["warnings"] = warnings(sequence)
+        record["warnings"] = sentences(sequence, "warnings")
+        record["unchecked"] = sentences(sequence, "unchecked")
         record["suspect"] = dict(Counter(n for r in good for n in r.suspect))
         record["weak"] = list(weakest(loaded, sequence))
         last = good[-1]
@@ -169,8 +170,8 @@ def summary(loaded: Loaded, sequence: Sequence) -> Record:
     return record
 
 
-def warnings(sequence: Sequence) -> dict[str, int]:
-    """What frames warn of -> in how many of them, most first.
+def sentences(sequence: Sequence, which: str) -> dict[str, int]:
+    """What frames warn of, or leave unchecked -> in how many of them, most first.
 
     Numbers, names of markers and what is left of a law differ from frame to frame: they are those of the first one.
     """
@@ -178,7 +179,7 @@ def warnings(sequence: Sequence) -> dict[str, int]:
     count: Counter[str] = Counter()
     for row in sequence.good:
         # Of several of one kind the frame's first one stays.
-        kinds = {NUMBER.sub("#", words.partition(": ")[0]): words for words in reversed(row.warnings)}
+        kinds = {NUMBER.sub("#", words.partition(": ")[0]): words for words in reversed(getattr(row, which))}
         for alike, words in kinds.items():
             first.setdefault(alike, f"frame {row.key}: {words}")
         count.update(kinds.keys())
@@ -240,6 +241,8 @@ def _lines(loaded: Loaded, sequence: Sequence, record: Record) -> list[str]:
         )
         lines += [f"warning: {words} ({n} of {len(sequence.good)} frames)" for words, n in
                   [*record["warnings"].items()][:FEW_SHOWN]]  # fmt: skip
+        lines += [f"unchecked: {words} ({n} of {len(sequence.good)} frames)" for words, n in
+                  [*record["unchecked"].items()][:FEW_SHOWN]]  # fmt: skip
         lines += [f"weak: {words}" for words in record["weak"]]
         last, unit = sequence.good[-1], loaded.project.length_unit
         if len(last.twist):

@@ -193,12 +193,12 @@ def _said(job: Job, control: Control, verdict: Verdict, alone: Solved) -> tuple[
 def every_mark(job: Job, state: NetworkState, good: Mask, options: dict[str, Any]) -> Solved:
     """Adjust the good marks; those that a first pose found here cannot see join once the others are adjusted."""
     given = np.array([v.cam_from_model is not None for v in job.views])[job.observations.view]
-    seen = good & (given | _imaged(job, state))
+    seen = good & (given | _imaged(job, state, ~given))
     solved = with_eccentricity(job, state, seen, options)
     if (seen == good).all() or not solved.report.converged:
         return solved
     state = _placed(job, solved, good)
-    return with_eccentricity(job, state, good & _imaged(job, state), options)
+    return with_eccentricity(job, state, good & _imaged(job, state, good), options)
 
 
 def _placed(job: Job, solved: Solved, good: Mask) -> NetworkState:
@@ -217,10 +217,12 @@ def _placed(job: Job, solved: Solved, good: Mask) -> NetworkState:
     return replace(state, points=points)
 
 
-def _imaged(job: Job, state: NetworkState) -> Mask:
-    """(O,) marks whose marker has an image in their view."""
+def _imaged(job: Job, state: NetworkState, asked: Mask) -> Mask:
+    """(O,) marks among those asked for whose marker has an image in their view."""
     obs, out = job.observations, np.zeros(len(job.observations), dtype=np.bool_)
+    if not asked.any():
+        return out
     for v, (camera, pose) in enumerate(views_of(job, state)):
-        mine = obs.view == v
+        mine = asked & (obs.view == v)
         out[mine] = camera.project(pose.apply(state.points[obs.point[mine]]))[1]
     return out

@@ -14,6 +14,7 @@ from windmark.adjust.network.problem import camera_columns
 from windmark.calibration.advice import helpful_pictures
 from windmark.calibration.datum import Free
 from windmark.calibration.disc_shapes import Discs
+from windmark.calibration.lens_known import RADIAL, radial_spread
 from windmark.calibration.result import Calibration
 from windmark.calibration.setup import Job, frames_of, views_of
 from windmark.calibration.solve import Solved
@@ -24,6 +25,7 @@ from windmark.geometry.similarity import Similarity, align
 from windmark.scene import Doubt, MarkerSet, Observations
 
 Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 WEAK = 0.1
@@ -62,9 +64,7 @@ def calibration(
         views=views,
         markers=markers,
         marker_cov=marker_cov,
-        pose_cov=np.stack(
-            [_pose_cov(job, solved, covariance, v, int(frames[v])) for v in np.flatnonzero(view_seen).tolist()]
-        ) * scale,
+        pose_cov=_pose_covs(job, solved, covariance, np.flatnonzero(view_seen), frames) * scale,
         observations=Observations(
             (np.cumsum(view_seen) - 1)[obs.view[solved.taken]], (np.cumsum(seen) - 1)[obs.point[solved.taken]],
             obs.xy[solved.taken], obs.cov[solved.taken],
@@ -114,6 +114,10 @@ def refuse_weak(job: Job, solved: Solved, rough: NetworkState | None = None) -> 
     variance = np.diagonal(covariance.some(np.array([column for _, _, column in inner], dtype=np.int64)))
     sigma = np.sqrt(np.maximum(variance, 0.0) * solved.scale)
     poor = [each for each, s in zip(inner, sigma, strict=True) if not s < WEAK]
+    if any(parameter in RADIAL for _, parameter, _ in poor):
+        cameras = list(_cameras(job, solved, covariance, solved.scale).values())
+        known = [c.lens == "rational" and radial_spread(c, c.cov) < WEAK for c in cameras]
+        poor = [each for each in poor if not (known[each[0]] and each[1] in RADIAL)]
     weak = [parameter if len(names) == 1 else f"{names[c]} {parameter}" for c, parameter, _ in poor]
     spread = np.sqrt(np.nanmax(np.diagonal(covariance.points(), axis1=1, axis2=2), axis=1, initial=0.0))
     loose = np.flatnonzero(spread * np.sqrt(solved.scale) > WEAK * lay.unit)
@@ -180,8 +184,23 @@ def _cameras(job: Job, solved: Solved, covariance: DatumCovariance, scale: float
     return out
 
 
+def _pose_covs(job: Job, solved: Solved, covariance: DatumCovariance, views: Ints, frames: Ints) -> Array:
+    """(V, 6, 6) of ``exp(delta) @ cam_from_model`` of some views in units of the marks' covariances."""
+    columns = solved.problem.layout.columns
+    if solved.state.offsets is not None or (columns.frame[frames[views]] < 0).any():
+        return np.stack([_pose_cov(job, solved, covariance, v, int(frames[v])) for v in views.tolist()])
+    units = solved.problem.units(solved.state)
+    index = columns.frame[frames[views]][:, None] + np.arange(6)
+    change = np.zeros((len(views), 6, 6))
+    change[:] = np.eye(6)
+    change[:, 3:, :3] = hat(units.frame_pivot[frames[views]])
+    change[:, 3:, 3:] *= units.frame_scale[frames[views]][:, None, None]
+    cov = covariance.between(index, index, solved.covariance.dense[index[:, :, None], index[:, None, :]])
+    return np.asarray(change @ cov @ change.transpose(0, 2, 1))
+
+
 def _pose_cov(job: Job, solved: Solved, covariance: DatumCovariance, view: int, frame: int) -> Array:
-    """(6, 6) of ``exp(delta) @ cam_from_model`` in units of the marks' covariances."""
+    """(6, 6) of one view: in a rig, or where frames are eliminated."""
     lay, units = solved.problem.layout, solved.problem.units(solved.state)
     columns, network = lay.columns, solved.covariance
     member = list(job.cameras).index(job.views[view].camera)

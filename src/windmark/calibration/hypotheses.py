@@ -17,13 +17,14 @@ from windmark.adjust.network.problem import camera_columns
 from windmark.adjust.terms import whitener
 from windmark.calibration.control import FALSE
 from windmark.calibration.setup import Job
-from windmark.calibration.snooping import CHUNK
 from windmark.calibration.solve import Solved
 from windmark.geometry import PARAMETERS
 from windmark.scene import Doubt
 
 Array = NDArray[np.float64]
 
+CHUNK = 40_000
+"""Marks worked on at a time, for memory."""
 CHECKED = 1e-4
 """Share of a hypothesis that the network's own unknowns leave over, below which it cannot be told from them."""
 
@@ -115,7 +116,8 @@ def _gathered(solved: Solved, b: Array, group: NDArray[np.int64], count: int) ->
     """(D + E b, count) J^T b, summed over the marks of each group."""
     lay = solved.problem.layout
     jd, je, cols, block = solved.problem.jacobian(solved.state)
-    out = np.zeros((lay.dense + lay.blocks * lay.size, count))
+    rows = lay.dense + lay.blocks * lay.size
+    out = np.zeros(rows * count)
     for start in range(0, len(b), CHUNK):
         part = slice(start, start + CHUNK)
         own = block[part, None]
@@ -123,8 +125,9 @@ def _gathered(solved: Solved, b: Array, group: NDArray[np.int64], count: int) ->
         for j, to in ((jd[part], cols[part]), (je[part], row)):
             which = np.broadcast_to(group[part, None], to.shape)
             here = (to >= 0) & (which >= 0)
-            np.add.at(out, (to[here], which[here]), np.einsum("oik,oi->ok", j, b[part])[here])
-    return out
+            value = j[:, 0] * b[part, :1] + j[:, 1] * b[part, 1:]
+            out += np.bincount((to * count + which)[here], value[here], rows * count)
+    return out.reshape(rows, count)
 
 
 def _chance(test: float, dof: int, solved: Solved) -> float:

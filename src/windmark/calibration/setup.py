@@ -281,7 +281,7 @@ def views_of(job: Job, state: NetworkState) -> list[tuple[Camera, Pose]]:
         camera = state.cameras[c]
         if state.focal_change is not None and state.focal_change[v]:
             camera = replace(camera, focal_px=camera.focal_px * float(1 + state.focal_change[v]))
-        pose = Pose(state.frames.rotation[frame[v]], state.frames.translation[frame[v]])
+        pose = Pose.trusted(state.frames.rotation[frame[v]], state.frames.translation[frame[v]])
         if state.offsets is not None:
             pose = Pose(state.offsets.rotation[c], state.offsets.translation[c]) @ pose
         out.append((camera, pose))

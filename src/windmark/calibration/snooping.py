@@ -14,15 +14,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.adjust.network import NetworkProblem, NetworkState
+from windmark.adjust.network import NetworkProblem, NetworkState, linear
 from windmark.adjust.network.covariance import NetworkCovariance
 
 Array = NDArray[np.float64]
 
 FALSE = 0.05
 """Probability that any mark at all is left out where none is wrong."""
-CHUNK = 4_000
-"""Marks worked on at a time, for memory."""
 
 
 def critical(count: int) -> float:
@@ -52,30 +50,31 @@ def externally(test: Array, used: NDArray[np.bool_], squares: float, redundancy:
 
 def influence(problem: NetworkProblem, state: NetworkState, covariance: NetworkCovariance) -> Array:
     """(O, 2, 2) J C J^T of every mark in units of its variance, in the problem's order."""
-    lay, o = problem.layout, len(problem.order)
-    jd, je, cols, block = problem.jacobian(state)
-    # Minus the covariance of the eliminated with the dense parameters.
-    cross = (covariance.half @ covariance.dense).reshape(lay.blocks, lay.size, -1)
-    out = np.zeros((o, 2, 2))
-    for start in range(0, o, CHUNK):
-        part = slice(start, start + CHUNK)
-        u, w, c, b = jd[part], je[part], np.maximum(cols[part], 0), block[part]
-        dense = covariance.dense[c[:, :, None], c[:, None, :]]
-        out[part] = u @ dense @ u.transpose(0, 2, 1)
-        own = np.maximum(b, 0)
-        if lay.blocks:
-            between = -cross[own[:, None, None], np.arange(lay.size)[:, None], c[:, None, :]]
-            mixed = u @ between.transpose(0, 2, 1) @ w.transpose(0, 2, 1)
-            both = w @ covariance.blocks[own] @ w.transpose(0, 2, 1) + mixed + mixed.transpose(0, 2, 1)
-            out[part] += np.where((b >= 0)[:, None, None], both, 0.0)
+    out = np.empty((len(problem.order), 2, 2))
+    # Before the derivatives are there: both are large, and the product needs room.
+    cross = covariance.half @ covariance.dense
+    np.negative(cross, out=cross)
+    jd, je, columns, block = problem.jacobian(state)
+    # The dense covariance comes column by column; it is symmetric.
+    dense = np.ascontiguousarray(covariance.dense.T)
+    linear.influences(jd, je, columns, block, dense, cross, covariance.blocks, out)
     return out
 
 
 def statistic(residual: Array, influence_: Array, used: NDArray[np.bool_]) -> Array:
     """(O,) T of every mark for sigma0 = 1: against what is left of its noise if it was used, else its prediction."""
-    sign = np.where(used, -1.0, 1.0)[:, None, None]
-    q = np.eye(2) + sign * influence_
+    sign = np.where(used, -1.0, 1.0)
+    xx, xy, yy = 1 + sign * influence_[:, 0, 0], sign * influence_[:, 0, 1], 1 + sign * influence_[:, 1, 1]
+    x, y = residual.T
+    middle, half = (xx + yy) / 2, np.hypot((xx - yy) / 2, xy)
+    # The part of the squared residual along each principal axis: r^T (Q - other) r / (own - other).
+    whole = x * x + y * y
+    along = xx * x * x + 2 * xy * x * y + yy * y * y - (middle - half) * whole
+    large = np.clip(np.divide(along, 2 * half, out=whole / 2, where=half > 0), 0.0, whole)
     # A mark that alone determines something has no redundancy and cannot be tested: its residual is zero.
-    value, vector = np.linalg.eigh(q)
-    along = np.einsum("oij,oi->oj", vector, residual)
-    return np.where(value > 1e-6, along**2 / np.maximum(value, 1e-6), 0.0).sum(axis=1)
+    return np.asarray(_over(large, middle + half) + _over(whole - large, middle - half))
+
+
+def _over(square: Array, value: Array) -> Array:
+    """Squares in units of their variance; zero where there is none."""
+    return np.divide(square, value, out=np.zeros_like(square), where=value > 1e-6)

@@ -1,5 +1,6 @@
 """From a rough start to the minimum, gross errors found on the way.
 
+0. Least squares of all marks: where these fit as their covariances say and every one passes its test, that is it.
 1. Graduated Cauchy weights: the scale follows the median residual down, so neither a rough start nor a third of wrong
    marks leads astray.
 2. Least squares of the marks that fit, each tested (`snooping`); marks come and go until nothing changes.
@@ -11,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import chi2
 
 from windmark.adjust import PaperOptions, SolveReport
 from windmark.adjust.levenberg_marquardt import SolveOptions, minimise
@@ -36,6 +38,11 @@ ROUNDS = 12
 RESCUES, MOST_LEFT, RESCUE_PX = 2, 0.6, 5.0
 """Times that views with at most this share of marks left are given a new pose; it must explain them within so much."""
 FINAL = SolveOptions(max_iterations=200, gradient_tol=1e-4, initial_damping=1e-5)
+PLAIN = SolveOptions(max_iterations=8, gradient_tol=1e-4, initial_damping=1e-5)
+"""Of all marks without a robust stage: from a usual start it is there in four or five steps, or something is wrong."""
+PLAIN_FITS = 1e-3
+"""Probability of a sum of squares as large, or as small, above which all marks fit as their covariances say. Residuals
+that are smaller than stated may hide gross errors among them, so they are no sign of it either."""
 STEPS = PaperOptions(max_passes=3000)
 NEAR = 0.1
 """Distance of the minimum, in units of the estimate's sigma, within which the paper's steps are said to be there."""
@@ -72,9 +79,7 @@ class Solved:
         return max(self.sigma0, 1.0) ** 2
 
 
-def solve(
-    job: Job, start: NetworkState, allowed: Mask, shift: Array, reject: bool, fits: Mask | None = None
-) -> Solved:
+def solve(job: Job, start: NetworkState, allowed: Mask, shift: Array, reject: bool, fits: Mask | None = None) -> Solved:
     """Adjust the ``allowed`` (O,) marks of a job from a start; ``shift`` (O, 2) is the eccentricity of each.
 
     With ``reject`` gross errors are left out. ``fits`` (O,) are the marks that do as far as is known, where the start
@@ -89,6 +94,9 @@ def solve(
     """
     good, state = allowed.copy(), start
     if fits is None:
+        plain = _plain(job, start, allowed, shift) if job.solver == "newton" else None
+        if plain is not None:
+            return plain
         taken, _ = taking_part(job, good)
         state, good[taken] = _robust(job, start, taken, shift)
     else:
@@ -103,6 +111,24 @@ def solve(
             break
         solved, good = _tested(job, state, allowed, again, shift)
     return solved
+
+
+def _plain(job: Job, start: NetworkState, allowed: Mask, shift: Array) -> Solved | None:
+    """The adjustment of all marks at once; None where they do not all fit, or it is far from the start."""
+    taken, dropped = taking_part(job, allowed)
+    if not taken.any():
+        return None
+    network = make_network(job, taken, allowed.astype(float))
+    problem = NetworkProblem(network, start, shift[taken])
+    state, system, report = minimise(problem, start, PLAIN)
+    redundancy = _redundancy(problem, int(taken.sum()), system.gauge.dense.shape[1])
+    squares = 2 * report.final_cost
+    if not report.converged or redundancy <= 0 or not PLAIN_FITS < chi2.sf(squares, redundancy) < 1 - PLAIN_FITS:
+        return None
+    covariance = network_covariance(system, problem.layout)
+    del system  # as large as the covariance, and the tests need room
+    solved = _with_tests(problem, state, covariance, report, taken, allowed, dropped)
+    return solved if (solved.test <= critical(len(solved.test))).all() else None
 
 
 def _tested(job: Job, state: NetworkState, allowed: Mask, good: Mask, shift: Array) -> tuple[Solved, Mask]:
@@ -134,12 +160,13 @@ def _rescued(job: Job, solved: Solved, allowed: Mask, good: Mask) -> tuple[Netwo
     None where no view can be helped.
     """
     obs, state, out = job.observations, solved.state, good.copy()
+    kept, every = (np.bincount(obs.view[m], minlength=len(job.views)) for m in (allowed & good, allowed))
+    if state.offsets is not None or not (kept < every).any():
+        return state, None
     known = np.zeros(len(job.markers), dtype=np.bool_)
     known[obs.point[solved.taken]] = True
     usable = allowed & known[obs.point]
     frames, helped = frames_of(job)[1], False
-    if state.offsets is not None:
-        return state, None
     rotation, translation = state.frames.rotation.copy(), state.frames.translation.copy()
     for v, (camera, _) in enumerate(views_of(job, state)):
         mine = np.flatnonzero(usable & (obs.view == v))
@@ -181,13 +208,19 @@ def _adjusted(
     problem = NetworkProblem(network, state, shift[every])
     state, system, report = _minimum(job, problem, state)
     covariance = network_covariance(system, problem.layout)
-    del system  # as large as the covariance, and the tests below need room
+    del system  # as in `_plain`
+    return _with_tests(problem, state, covariance, report, every, good, dropped)
+
+
+def _with_tests(
+    problem: NetworkProblem, state: NetworkState, covariance: NetworkCovariance, report: SolveReport, every: Mask,
+    good: Mask, dropped: dict[str, str],
+) -> Solved:  # fmt: skip
+    """The test of ``every`` mark at a minimum, of which the ``good`` ones were adjusted."""
+    used = good[every][problem.order]
+    redundancy = _redundancy(problem, int(used.sum()), covariance.motions.shape[1])
     residual = problem.residual(state)
     assert residual is not None
-    used = good[every][problem.order]
-    lay = problem.layout
-    unknowns = lay.dense + lay.blocks * lay.size
-    redundancy = 2 * int(used.sum()) + _known(network) + covariance.motions.shape[1] - unknowns
     squares = 2 * report.final_cost
     sigma0 = float(np.sqrt(squares / redundancy)) if redundancy > 0 else float("nan")
     test = statistic(residual, influence(problem, state, covariance), used)
@@ -196,6 +229,13 @@ def _adjusted(
     return Solved(
         problem, state, covariance, report, every, used[back], residual[back], test[back], sigma0, redundancy, dropped
     )
+
+
+def _redundancy(problem: NetworkProblem, used: int, motions: int) -> int:
+    """Degrees of freedom of an adjustment of so many marks, with so many motions that nothing sees."""
+    lay = problem.layout
+    unknowns = lay.dense + lay.blocks * lay.size
+    return 2 * used + _known(problem.network) + motions - unknowns
 
 
 def _known(network: Network) -> int:

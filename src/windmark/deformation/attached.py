@@ -25,6 +25,8 @@ Array = NDArray[np.float64]
 
 BEYOND = 6.0
 """A volume moves where its neighbour is when that is so many sigmas."""
+TWO = 2.0
+"""Sigmas within which most of what may be is."""
 LIKELIER = 2 * np.log(100.0)
 """An explanation is taken for the better one when it is a hundred times likelier."""
 
@@ -32,9 +34,13 @@ _KNOWN: WeakKeyDictionary[Placed, tuple[tuple[str, str], ...]] = WeakKeyDictiona
 """The same volumes are in every frame of a series."""
 
 
-def unattached(solved: Solved) -> list[Doubt]:
-    """Volumes that touch one that moves, and of which the images do not say that they stand still beside it."""
-    placed, out = solved.task.placed, []
+def unattached(solved: Solved) -> tuple[list[Doubt], list[Doubt]]:
+    """Volumes that touch one that moves, and of which the images do not say that they stand still beside it.
+
+    Also, as the second, those of which the images tell neither that nor how far the other one moves there: with little
+    known of it (one camera sees it from one side) nothing shows that the law is the wrong one.
+    """
+    placed, out, unchecked = solved.task.placed, [], []
     if placed not in _KNOWN:
         _KNOWN[placed] = _neighbours(placed)
     for name, beside in _KNOWN[placed]:
@@ -42,7 +48,8 @@ def unattached(solved: Solved) -> list[Doubt]:
         if fixed is None:
             continue
         # What is taken up by the wrong law hides how far it moves there.
-        far = max(_motion(s, name, beside) for s in (solved, fixed))
+        moves = [_motion(s, name, beside) for s in (solved, fixed)]
+        far = max(float(np.where(size > BEYOND * sigma, size, 0.0).max(initial=0.0)) for size, sigma in moves)
         lead = price(solved) - price(fixed)
         there = f" (by {far:.2g} {length_unit(solved.task.volumes)}".rstrip() + " there)" if far else ""
         if lead > LIKELIER:
@@ -50,9 +57,15 @@ def unattached(solved: Solved) -> list[Doubt]:
         elif far > 0.0 and lead > -LIKELIER:
             words = f"{{}} is beside {{}}, which moves{there}: is it attached? Give it that parent if so"
         else:
+            if lead > -LIKELIER:
+                most = max(float((size + TWO * sigma).max(initial=0.0)) for size, sigma in moves)
+                reach = f"{most:.2g} {length_unit(solved.task.volumes)}".rstrip()
+                words = (f"whether {{}} moves with {{}} would go unnoticed here, where that moves by up to {reach}; "
+                         "its sigmas are those of its own law alone")  # fmt: skip
+                unchecked.append(Doubt((name, beside), words, "bent"))
             continue
         out.append(Doubt((name, beside), words, "bent"))
-    return out
+    return out, unchecked
 
 
 def _neighbours(placed: Placed) -> tuple[tuple[str, str], ...]:
@@ -96,8 +109,8 @@ def _spacing(xyz: Array) -> float:
     return float(away.min(axis=1).max())
 
 
-def _motion(solved: Solved, name: str, beside: str) -> float:
-    """How far the law of one volume moves the markers of another one, 0 within its uncertainty."""
+def _motion(solved: Solved, name: str, beside: str) -> tuple[Array, Array]:
+    """How far the law of one volume moves the markers of another one, (k,) and 1 sigma of that."""
     placed, volumes = solved.task.placed, solved.task.volumes
     law = next(p.law for p in volumes.parts if p.name == beside)
     assert law is not None
@@ -107,9 +120,7 @@ def _motion(solved: Solved, name: str, beside: str) -> float:
     place, slope = bound.linearise(values[own])
     off = place - bound.place(np.array([p.start for p in law.parameters]))
     cov = slope @ solved.cov[np.ix_(own, own)] @ np.swapaxes(slope, 1, 2)
-    size = np.linalg.norm(off, axis=1)
-    sigma = np.sqrt(np.trace(cov, axis1=1, axis2=2))
-    return float(np.where(size > BEYOND * sigma, size, 0.0).max(initial=0.0))
+    return np.linalg.norm(off, axis=1), np.sqrt(np.trace(cov, axis1=1, axis2=2))
 
 
 def _attached(solved: Solved, name: str, beside: str) -> Solved | None:

@@ -152,7 +152,7 @@ def _result(s: Solved, verdict: Verdict, options: Mapping[str, Any]) -> Deformat
         sigma0=float(np.sqrt(s.chi2 / s.redundancy)) if s.redundancy > 0 else float("nan"), chi2=s.chi2,
         redundancy=s.redundancy, from_prior=tuple(n for n, p, size in known if size > PRIOR_SHARE * p.sigma),
         at_bound=s.at_bound, report=s.report, options=options, doubts=verdict.doubts, suspect=verdict.suspect,
-        misfit=misfit,
+        misfit=misfit, unchecked=verdict.unchecked,
     )  # fmt: skip
 
 

@@ -32,12 +32,14 @@ class Verdict:
     scale : factor of the covariances, 1 where the residuals are as large as stated
     misfit : what the laws lack, None for nothing
     doubts : sentences
+    unchecked : what the images do not tell, and the covariances do not contain
     suspect : names of markers, views and volumes that contradict the rest
     """
 
     scale: float = 1.0
     misfit: Misfit | None = None
     doubts: tuple[Doubt, ...] = ()
+    unchecked: tuple[Doubt, ...] = ()
 
     @property
     def suspect(self) -> tuple[str, ...]:
@@ -47,10 +49,11 @@ class Verdict:
 
 def judge(solved: Solved, free_moved: bool) -> tuple[Solved, Verdict] | NotIdentified:
     """Judge an adjusted instant; where a camera moved, with ``free_moved``, it is the one with that pose free."""
-    doubts = [*unattached(solved), *lost(solved)]
+    beside, unchecked = unattached(solved)
+    doubts, unknown = [*beside, *lost(solved)], tuple(unchecked)
     chi2, redundancy = solved.chi2, solved.redundancy
     if redundancy < 1 or (chi2 <= redundancy and not doubts):
-        return solved, Verdict(doubts=tuple(doubts))
+        return solved, Verdict(doubts=tuple(doubts), unchecked=unknown)
     equations = Equations(solved)
     pattern = pattern_of(equations) if chi2 > redundancy else None
     views = {v.name for v in solved.task.views}
@@ -61,7 +64,7 @@ def judge(solved: Solved, free_moved: bool) -> tuple[Solved, Verdict] | NotIdent
             return found
         if found is not None:
             healed, doubt = found
-            return healed, Verdict(doubts=(doubt, *lost(healed)))
+            return healed, Verdict(doubts=(doubt, *lost(healed)), unchecked=unknown)
     if pattern is not None:
         chi2, redundancy = chi2 - pattern.test, redundancy - pattern.rank
         by_volume: dict[str, list[str]] = {}
@@ -76,4 +79,4 @@ def judge(solved: Solved, free_moved: bool) -> tuple[Solved, Verdict] | NotIdent
         doubts.append(Doubt((), f"residuals are {np.sqrt(scale):.2g} times as large as stated{besides} (sigma0): "
                             "spots or the table of markers are less certain, or the laws too simple",
                             "noise"))  # fmt: skip
-    return solved, Verdict(scale, pattern.misfit if pattern else None, tuple(doubts))
+    return solved, Verdict(scale, pattern.misfit if pattern else None, tuple(doubts), unknown)

@@ -37,7 +37,7 @@ def _figures(d: Deformation) -> dict[str, object]:
     return {
         "spots": f"{int(d.used.sum())} of {len(d.used)}", "rms px": f"{d.rms_px:.3g}", "sigma0": f"{d.sigma0:.3g}",
         **{n: f"{v:.5g} ± {sigma[n]:.2g}" if n in sigma else f"{v:.5g}" for n, v in d.parameters.items()},
-        "warnings": "; ".join(d.warnings) or "none",
+        "warnings": "; ".join(d.warnings) or "none", "unchecked": "; ".join(map(str, d.unchecked)) or "nothing",
     }  # fmt: skip
 
 
@@ -71,6 +71,8 @@ class Deformation:
     options : everything it was made with
     doubts : what contradicts the rest; ``warnings`` are their sentences
     suspect : names of the markers, views and volumes in them
+    unchecked : what these images cannot tell and no sigma contains, as whether a volume that has a law of its own moves
+        with the one beside it
     misfit : what the laws lack, where neighbouring residuals agree in it; it is in ``cov`` and in that of every place
     """
 
@@ -97,6 +99,7 @@ class Deformation:
     doubts: tuple[Doubt, ...] = ()
     suspect: tuple[str, ...] = ()
     misfit: Misfit | None = None
+    unchecked: tuple[Doubt, ...] = ()
 
     def to_pandas(self) -> Any:
         """A ``pandas.DataFrame``: value and sigma of every parameter of the laws (NaN where it was not free)."""

@@ -98,6 +98,27 @@ def accumulate(
     return True
 
 
+CHUNK = 4_000
+"""Observations worked on at a time, for memory."""
+
+
+def influences(
+    jd: Array, je: Array, cols: Ints, block: Ints, dense: Array, cross: Array, blocks: Array, out: Array
+) -> None:
+    """See `_influence_kernels.influences`."""
+    size = je.shape[2]
+    for start in range(0, len(jd), CHUNK):
+        part = slice(start, start + CHUNK)
+        u, w, c, b = jd[part], je[part], np.maximum(cols[part], 0), block[part]
+        out[part] = u @ dense[c[:, :, None], c[:, None, :]] @ u.transpose(0, 2, 1)
+        own = np.maximum(b, 0)
+        if len(blocks):
+            between = cross.reshape(len(blocks), size, -1)[own[:, None, None], np.arange(size)[:, None], c[:, None, :]]
+            mixed = u @ between.transpose(0, 2, 1) @ w.transpose(0, 2, 1)
+            both = w @ blocks[own] @ w.transpose(0, 2, 1) + mixed + mixed.transpose(0, 2, 1)
+            out[part] += np.where((b >= 0)[:, None, None], both, 0.0)
+
+
 def factor_blocks(h_ee: Array, floor: Array, damping: float, w: Array, y: Array) -> bool:
     """See `_kernels.factor_blocks`."""
     blocks, size = h_ee.shape[:2]

@@ -82,6 +82,7 @@ class FrameRecord:
     cameras : camera -> what it saw, and why that is little
     warnings, suspect : see `Deformation`
     causes : of each warning, see `Doubt`
+    unchecked : what the images cannot tell and no sigma contains
 
     Every sigma is that of the state's covariance, which contains what the residuals show: they may say that laws,
     tables and lens are worse than what was stated, never that they are better.
@@ -114,6 +115,7 @@ class FrameRecord:
     warnings: tuple[str, ...] = ()
     suspect: tuple[str, ...] = ()
     causes: tuple[str, ...] = ()
+    unchecked: tuple[str, ...] = ()
 
 
 def doubtful(frame: DeformedFrame, names: NDArray[np.str_]) -> tuple[str, ...]:
@@ -162,7 +164,7 @@ def record(
         state.sigma0,
         state.q - (zero.q if zero is not None else 0.0), q_sigma, motion, motion_sigma, *bending, *twist,
         *pitch, latency_s, doubtful(frame, markers.name), frame.cameras, state.warnings,
-        state.suspect, tuple(d.cause for d in state.doubts),
+        state.suspect, tuple(d.cause for d in state.doubts), tuple(map(str, state.unchecked)),
     )  # fmt: skip
 
 

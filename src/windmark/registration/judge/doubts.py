@@ -7,11 +7,12 @@ gain is known from the normal equations; only where that promises something are 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.geometry import Camera
 from windmark.registration import rules
 from windmark.registration.cached import cached_property
 from windmark.registration.judge.first_order import Look, look_at, shown
@@ -157,8 +158,8 @@ class Doubts:
     def _most_off(self, solution: Solution, what: str) -> tuple[float, int]:
         """How far the farthest camera is from the given one, in the units of `rules.CHECKED`, and which it is."""
         off = [
-            _off(what, given, found, _diagonal(self.views, c), self.views.planes[c].task.camera.focal_px)
-            for c, (given, found) in enumerate(zip(self.best.state.camera, solution.state.camera, strict=True))
+            _off(what, self.best.camera(c), solution.camera(c), _diagonal(self.views, c))
+            for c in range(len(self.views.planes))
         ]
         return max(off), int(np.argmax(off))
 
@@ -235,15 +236,32 @@ def _diagonal(views: Views, c: int) -> float:
     return float(np.hypot(*views.planes[c].task.camera.size_px))
 
 
-def _off(what: str, given: Array, found: Array, diagonal: float, focal_px: float) -> float:
-    """How far a packed camera (16,) is from the given one, in the units of `rules.CHECKED`."""
+def _off(what: str, given: Camera, found: Camera, diagonal: float) -> float:
+    """How far a camera is from the given one, in the units of `rules.CHECKED`."""
     if what == "focal length":
-        return abs(math.log(found[0] / given[0]))
+        return abs(math.log(found.focal_px / given.focal_px))
     if what == "aspect":
-        return float(abs(found[1] - given[1]))
+        return abs(found.aspect - given.aspect)
     if what == "principal point":
-        return math.hypot(found[2] - given[2], found[3] - given[3]) / diagonal
-    return float(abs(found[4] - given[4])) * (0.5 * diagonal / focal_px) ** 2
+        return math.hypot(found.cx - given.cx, found.cy - given.cy) / diagonal
+    return _corner_shift(given, replace(given, k1=found.k1))
+
+
+def _corner_shift(given: Camera, found: Camera) -> float:
+    """How far another lens shifts the image's corners, as part of their distance from the centre.
+
+    Measured in the image, as coefficients mean something else in each lens model; where the given lens ends before the
+    corner (a fisheye's circle), at its end.
+    """
+    middle = np.array([given.cx, given.cy])
+    corners = np.array([[0, 0], [1, 0], [0, 1], [1, 1]]) * (np.array(given.size_px) - 1.0)
+    share = np.linspace(0.0, 1.0, 33)[1:, None, None]
+    xy = middle + share * (corners - middle)
+    there, valid = found.project(given.directions(xy))
+    shift = np.linalg.norm(there - xy, axis=2) / np.linalg.norm(xy - middle, axis=2)
+    ends = np.where(valid.any(axis=0), len(share) - 1 - valid[::-1].argmax(axis=0), 0)
+    at_end = shift[ends, np.arange(4)]
+    return float(np.where(np.isfinite(at_end), at_end, 0.0).max())
 
 
 NEAR_BY_CHANCE, MORE = np.array([0.15, 0.03, 0.006]), 2.0
