@@ -53,14 +53,14 @@ class FootprintValues:
     slope : (V, 2) per pixel
     bent : (V,) part of the value that was taken off because the picture is bent within the cell: a plane through a
         hollow lies above its bottom
-    planes : those that they are, with the moments of what of the bend was left in
+    planes : those that they are, where the bend was left in; else None
     """
 
     value: Array
     variance: Array
     slope: Array
     bent: Array
-    planes: FootprintPlanes
+    planes: FootprintPlanes | None
 
 
 def footprints(pixels: PixelMap, view: NodeView, use: ArrayLike | None = None) -> Footprints:
@@ -128,11 +128,13 @@ def footprint_values(
         bend = plane_bend(plane, number[np.asarray(triangles)], np.asarray(xy, float)[nodes])
         part = np.maximum(0.0, 1 - bend.scatter / np.where(bend.value == 0, np.inf, bend.value**2))
         more = part**2 * bend.variance - 2 * part * bend.with_value
-        plane = replace(plane, value=plane.value - part * bend.value, variance=plane.variance + more,
-                        moments=plane.moments * (1 - part)[:, None])  # fmt: skip
+        plane = replace(plane, value=plane.value - part * bend.value, variance=plane.variance + more)
         bent[nodes] = part * bend.value
-    out = FootprintPlanes(*(_spread(getattr(plane, f.name), nodes, cells.nodes) for f in fields(FootprintPlanes)))
-    return FootprintValues(out.value, out.variance, out.slope, bent, out)
+    at = {f.name: _spread(getattr(plane, f.name), nodes, cells.nodes)
+          for f in fields(FootprintPlanes) if straight or f.name in ("value", "variance", "slope")}  # fmt: skip
+    return FootprintValues(
+        at["value"], at["variance"], at["slope"], bent, FootprintPlanes(**at) if straight else None
+    )  # fmt: skip
 
 
 def _spread(of: Array, nodes: Ints, count: int) -> Array:
