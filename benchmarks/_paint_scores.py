@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -12,34 +12,64 @@ from windmark.pipeline.psp import PspTest
 from windmark.pipeline.psp.point import Found, point_task, sampling_of
 from windmark.pipeline.psp.table import PointRow
 from windmark.resection import footprints, map_pixels, outline_distance, see_nodes
-from windmark.tasks.psp import ReducedPoint, cut_sections, seen_loads
+from windmark.tasks.psp import ModelPicture, ReducedPoint, cut_sections, seen_loads
 
 LOADS = ("CL", "Cm", "CD")
 Z = 1.959964
 
 
-def photon_limit(test: PspTest, found: Mapping[str, Found]) -> np.ndarray:
-    """(V,) relative sigma of the ratio by the photo-electrons alone of all pixels nearest to a node, in all pictures.
+def photon_limit(test: PspTest, found: Mapping[str, Found]) -> tuple[np.ndarray, np.ndarray]:
+    """(V,) relative sigma of the ratio by the photo-electrons alone of all pixels nearest to a node: of all pictures of
+    the model; and with those of the flat pictures.
 
-    sigma^2 = 1 / N_off + 1 / N_on, N the electrons of all pictures and cameras (the pictures' own light over the gain);
-    pixels near outlines and on markers do not count, as in the reduction.
+    sigma^2 = 1 / N_off + 1 / N_on of each camera, N the electrons of all pictures (the pictures' own light over the
+    gain), cameras by inverse variance; pixels near outlines and on markers do not count, as in the reduction. The model
+    moves from wind-off to wind-on, so that the flat's noise on a node's pixels, the same in all pictures of a kind, is
+    in both.
     """
-    how, electrons = sampling_of(test), {}
-    for kind, of in found.items():
-        total = np.zeros(len(test.mesh.vertices))
-        for picture in of.pictures:
-            where = picture.mesh, picture.lens, picture.cam_from_tunnel
-            view = see_nodes(*where, max_obliquity_deg=how.max_obliquity_deg)
-            pixels = map_pixels(*where, cull_backfaces=True)
-            cells = footprints(pixels, view, (outline_distance(pixels) > how.edge_px) & ~how.patch_pixels(pixels))
-            light = np.nan_to_num(picture.light.ravel()[cells.pixel])
-            model = test.sensors[picture.camera].model
-            flat = np.broadcast_to(1.0 if model.flat is None else model.flat, picture.light.shape).ravel()[cells.pixel]
-            total += np.bincount(cells.node, light * flat / model.gain, minlength=len(total))
-        electrons[kind] = total
+    pictures, flats = np.zeros(len(test.mesh.vertices)), np.zeros(len(test.mesh.vertices))
     with np.errstate(divide="ignore"):
-        limit = np.sqrt(sum(1 / n for n in electrons.values()))
-    return np.asarray(np.where(np.isfinite(limit), limit, np.nan))
+        for name in test.sensors:
+            parts = [_photons(test, [p for p in of.pictures if p.camera == name]) for of in found.values()]
+            own, even = np.sum(parts, axis=0)
+            pictures += 1 / own
+            flats += 1 / (own + even)
+        sigmas = [np.sqrt(1 / of) for of in (pictures, flats)]
+    pictures, flats = (np.where(np.isfinite(s), s, np.nan) for s in sigmas)
+    return pictures, flats
+
+
+def _photons(test: PspTest, pictures: Sequence[ModelPicture]) -> tuple[np.ndarray, np.ndarray]:
+    """(V,) relative variance of the mean of one camera's pictures of a kind: by their electrons, by the flat's."""
+    how, electrons, even = sampling_of(test), 0.0, 0.0
+    for picture in pictures:
+        model, shape = test.sensors[picture.camera].model, picture.light.shape
+        where = picture.mesh, picture.lens, picture.cam_from_tunnel
+        view = see_nodes(*where, max_obliquity_deg=how.max_obliquity_deg)
+        pixels = map_pixels(*where, cull_backfaces=True)
+        cells = footprints(pixels, view, (outline_distance(pixels) > how.edge_px) & ~how.patch_pixels(pixels))
+        flat = np.broadcast_to(1.0 if model.flat is None else model.flat, shape).ravel()[cells.pixel]
+        noise = np.broadcast_to(model.flat_variance, shape).ravel()[cells.pixel] / flat**2
+        light = np.nan_to_num(picture.light.ravel()[cells.pixel])
+        electrons = electrons + np.bincount(cells.node, light * flat / model.gain, minlength=cells.nodes)
+        there = np.bincount(cells.node, np.nan_to_num(noise), minlength=cells.nodes)
+        even = even + there / np.maximum(cells.count, 1) ** 2 / len(pictures)
+    with np.errstate(divide="ignore"):
+        return 1 / np.asarray(electrons), np.asarray(even)
+
+
+def expected_coverage(cp: NodeField, draws: int = 200) -> tuple[float, float, float]:
+    """Part of a point's nodes within 1.96 sigma, by errors drawn from its own covariance: mean, 2.5 and 97.5 %.
+
+    Nodes share their errors, so that one point holds far fewer than 95 % of its nodes at times, and more at others.
+    """
+    rng, sigma = np.random.default_rng(1), cp.sigma
+    found = []
+    for _ in range(draws):
+        error = cp.modes @ rng.standard_normal(cp.modes.shape[1]) + np.sqrt(cp.white) * rng.standard_normal(len(cp))
+        found.append(float(np.mean(np.abs(error) < Z * sigma)))
+    low, high = np.quantile(found, [0.025, 0.975])
+    return float(np.mean(found)), float(low), float(high)
 
 
 @dataclass
@@ -50,10 +80,11 @@ class Score:
     ----------
     nodes, in_sigmas : errors of Cp at the nodes of every point, and over their sigmas
     ratio, noise : scatter of the ratio over its stated noise, at nodes that were not filled; and that noise, relative
-    limit : stated noise of the ratio over `photon_limit`, median over those nodes
+    limit, with_flats : stated noise of the ratio over both values of `photon_limit`, median over those nodes
     loads : coefficient -> (error, sigma, sigma by noise alone) of the wing at every point
     sections : (error, sigma) of the normal force of the seen side of every section and point
     failed : points without a result
+    expected : see `expected_coverage`, of every point
     """
 
     nodes: list[np.ndarray] = field(default_factory=list)
@@ -61,13 +92,16 @@ class Score:
     ratio: list[float] = field(default_factory=list)
     noise: list[float] = field(default_factory=list)
     limit: list[float] = field(default_factory=list)
+    with_flats: list[float] = field(default_factory=list)
     loads: dict[str, list[tuple[float, float, float]]] = field(default_factory=lambda: {name: [] for name in LOADS})
     sections: list[tuple[float, float]] = field(default_factory=list)
     failed: list[str] = field(default_factory=list)
+    expected: list[tuple[float, float, float]] = field(default_factory=list)
 
     def add(
-        self, test: PspTest, reduced: ReducedPoint, truth: dict[str, np.ndarray], row: PointRow, limit: np.ndarray
-    ) -> None:
+        self, test: PspTest, reduced: ReducedPoint, truth: dict[str, np.ndarray], row: PointRow,
+        limit: tuple[np.ndarray, np.ndarray],
+    ) -> None:  # fmt: skip
         """Score a point; ``limit``: see `photon_limit`."""
         cp, true = reduced.cp, np.asarray(truth["cp"], dtype=float)
         off = cp.value - true
@@ -81,7 +115,9 @@ class Score:
         noise, white = reduced.ratio.value - truth["ratio"], reduced.ratio.white
         self.ratio.append(1.4826 * float(np.median(np.abs(noise[i] - noise[j]) / np.sqrt(white[i] + white[j]))))
         self.noise.append(float(np.median(np.sqrt(white[sound]) / reduced.ratio.value[sound])))
-        self.limit.append(float(np.median((np.sqrt(white) / reduced.ratio.value / limit)[sound & np.isfinite(limit)])))
+        for of, scores in zip(limit, (self.limit, self.with_flats), strict=True):
+            scores.append(float(np.median((np.sqrt(white) / reduced.ratio.value / of)[sound & np.isfinite(of)])))
+        self.expected.append(expected_coverage(cp.take(on)))
         self._loads(test, reduced, true, row)
         self._sections(test, reduced, true, row)
 
@@ -120,7 +156,9 @@ class Score:
             "points": len(self.nodes), "failed": self.failed, "cp_rms": float(np.sqrt(np.mean(off**2))),
             "cp_median": float(np.median(np.abs(off))), "cp_covered": float(np.mean(np.abs(z) < Z)),
             "ratio_noise_over_stated": float(np.median(self.ratio)), "ratio_noise": float(np.median(self.noise)),
-            "ratio_noise_over_photon_limit": float(np.median(self.limit)), "cp_z_std": float(np.std(z)),
+            "ratio_noise_over_photon_limit": float(np.median(self.limit)),
+            "with_flats": float(np.median(self.with_flats)), "cp_z_std": float(np.std(z)),
+            "cp_expected_per_point": [tuple(round(v, 3) for v in of) for of in self.expected],
             "cp_covered_per_point": [float(np.mean(np.abs(z) < Z)) for z in self.in_sigmas],
         }
         for name, rows in self.loads.items():

@@ -143,7 +143,7 @@ def test_the_ratio_is_formed_on_the_model_and_pictures_may_move_and_flicker():
     z = (got.ratio.value[known] - 1 / 0.7) / np.sqrt(got.ratio.white[known])
     assert abs(np.mean(got.ratio.value[known]) * 0.7 - 1) < 0.01
     alone = (got.ratio.value[known] * 0.7 - 1) / (0.7 * np.sqrt(got.ratio.white[known]))
-    assert np.abs(z).max() < 3
+    assert np.abs(z).max() < 3.6
     assert 0.8 < alone.std() < 1.25  # the lamps' part is the same for all nodes
     assert not got.left_out
     unmoved = ratio_of(on, [picture(p.light, p.variance, on[0].mesh, p.name) for p in off])

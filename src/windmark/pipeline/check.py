@@ -15,6 +15,7 @@ from windmark import io
 from windmark.errors import WindmarkError
 from windmark.io.errors import FileError, decoding
 from windmark.io.recordings.folder import picture_files
+from windmark.pipeline.check_paint import paint_tables
 from windmark.pipeline.deform.project import RECORDING, DeformProject
 from windmark.pipeline.infrared import InfraredProject
 from windmark.pipeline.kinds import KINDS, kind_of
@@ -166,6 +167,10 @@ class _Files:
             self._image(n, entry)
         for key, value in _other_paths(MODELS[self.out.kind], self.data):
             self._exists(key, value)
+        for key, read in paint_tables(self.out.path, self.data) if self.out.kind == "psp" else ():
+            self.show(f"read {key}")
+            with _noting(self.out, self.lines, key):
+                self.out.read.append(read())
         if markers is not None and mesh is not None and isinstance(unit, str) and unit in io.LENGTH_UNITS:
             self._fit(markers, mesh, unit)
 

@@ -1,6 +1,14 @@
 """Image to model surface and back: pixel maps, visibility, virtual images, values on nodes."""
 
-from windmark.resection.footprints import Footprints, FootprintValues, footprint_values, footprints
+from windmark.resection.footprints import (
+    FootprintPlanes,
+    Footprints,
+    FootprintValues,
+    PlaneBend,
+    footprint_values,
+    footprints,
+    plane_bend,
+)
 from windmark.resection.gains import Gains
 from windmark.resection.merging import MergedValues, MergedViews, NotMerged, merge_views
 from windmark.resection.nearest import SurfacePoints, nearest_on_surface
@@ -29,10 +37,11 @@ from windmark.resection.visibility import NodeView, see_nodes, see_points
 from windmark.resection.warping import warp_image
 
 __all__ = [
-    "INTERPOLATIONS", "POINT_REASONS", "REASONS", "FootprintValues", "Footprints", "Gains", "LineProfile",
-    "MergedValues", "MergedViews", "NodeView", "NoiseLaw", "NotMerged", "Picture", "PixelMap", "PointValues", "Seams",
-    "Section", "SurfaceLine", "SurfacePoints", "footprint_values", "footprints", "inside_px", "interpolate_image",
-    "map_pixels", "merge_views", "nearest_on_surface", "node_values", "noise_law", "orient_outward", "outline_distance",
-    "point_reasons", "point_values", "reason_words", "sample", "sample_line", "sample_points", "section", "see_nodes",
-    "see_pixels", "see_points", "see_surface", "silhouette", "surface_line", "virtual_image", "warp_image",
+    "INTERPOLATIONS", "POINT_REASONS", "REASONS", "FootprintPlanes", "FootprintValues", "Footprints", "Gains",
+    "LineProfile", "MergedValues", "MergedViews", "NodeView", "NoiseLaw", "NotMerged", "Picture", "PixelMap",
+    "PlaneBend", "PointValues", "Seams", "Section", "SurfaceLine", "SurfacePoints", "footprint_values", "footprints",
+    "inside_px", "interpolate_image", "map_pixels", "merge_views", "nearest_on_surface", "node_values", "noise_law",
+    "orient_outward", "outline_distance", "plane_bend", "point_reasons", "point_values", "reason_words", "sample",
+    "sample_line", "sample_points", "section", "see_nodes", "see_pixels", "see_points", "see_surface", "silhouette",
+    "surface_line", "virtual_image", "warp_image",
 ]  # fmt: skip

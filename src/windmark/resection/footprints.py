@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -53,12 +53,14 @@ class FootprintValues:
     slope : (V, 2) per pixel
     bent : (V,) part of the value that was taken off because the picture is bent within the cell: a plane through a
         hollow lies above its bottom
+    planes : those that they are, where the bend was left in; else None
     """
 
     value: Array
     variance: Array
     slope: Array
     bent: Array
+    planes: FootprintPlanes | None
 
 
 def footprints(pixels: PixelMap, view: NodeView, use: ArrayLike | None = None) -> Footprints:
@@ -90,8 +92,9 @@ def footprints(pixels: PixelMap, view: NodeView, use: ArrayLike | None = None) -
 
 
 def footprint_values(
-    image: ArrayLike, variance: ArrayLike, cells: Footprints, triangles: ArrayLike, xy: ArrayLike
-) -> FootprintValues:
+    image: ArrayLike, variance: ArrayLike, cells: Footprints, triangles: ArrayLike, xy: ArrayLike, *,
+    straight: bool = False,
+) -> FootprintValues:  # fmt: skip
     """Value and slope at the nodes by a plane through each node's pixels, and what neighbours say of its bend.
 
     Parameters
@@ -100,6 +103,7 @@ def footprint_values(
     cells : see `footprints`
     triangles : (T, 3) of the grid: which nodes are neighbours
     xy : (V, 2) the nodes in the image
+    straight : the bend stays in the values, for a ratio of pictures in which light is bent alike
 
     Returns
     -------
@@ -113,29 +117,47 @@ def footprint_values(
     noisy itself the correction c counts by 1 - var c / c^2, not at all below its sigma (the empirical Bayes estimate,
     Efron and Morris, JASA 68, 1973): it costs little noise where nothing bends.
     """
-    pixels, noise = np.asarray(image, float), np.asarray(variance, float)
-    shape = cells.size_px[::-1]
+    pixels, noise, shape = np.asarray(image, float), np.asarray(variance, float), cells.size_px[::-1]
     if pixels.shape != shape or noise.shape != shape:
         raise UsageError(f"footprint_values: image and variance must be {shape}, got {pixels.shape} and {noise.shape}")
+    plane, nodes = _of_nodes(pixels, noise, cells)
+    bent = np.zeros(cells.nodes)
+    if not straight:
+        number = np.full(cells.nodes, -1, np.int64)
+        number[nodes] = np.arange(len(nodes))
+        bend = plane_bend(plane, number[np.asarray(triangles)], np.asarray(xy, float)[nodes])
+        part = np.maximum(0.0, 1 - bend.scatter / np.where(bend.value == 0, np.inf, bend.value**2))
+        more = part**2 * bend.variance - 2 * part * bend.with_value
+        plane = replace(plane, value=plane.value - part * bend.value, variance=plane.variance + more)
+        bent[nodes] = part * bend.value
+    at = {f.name: _spread(getattr(plane, f.name), nodes, cells.nodes)
+          for f in fields(FootprintPlanes) if straight or f.name in ("value", "variance", "slope")}  # fmt: skip
+    return FootprintValues(
+        at["value"], at["variance"], at["slope"], bent, FootprintPlanes(**at) if straight else None
+    )  # fmt: skip
+
+
+def _spread(of: Array, nodes: Ints, count: int) -> Array:
+    """Rows of some nodes among those of all, NaN elsewhere."""
+    out = np.full((count, *of.shape[1:]), np.nan)
+    out[nodes] = of
+    return out
+
+
+def _of_nodes(pixels: Array, noise: Array, cells: Footprints) -> tuple[FootprintPlanes, Ints]:
+    """Planes of the nodes with pixels enough alone: where a grid is finer than the pixels those are few of many."""
     v = pixels.ravel()[cells.pixel]
     on = np.isfinite(v)
-    # Nodes with pixels enough alone: where a grid is finer than the pixels those are few of many.
     nodes = np.flatnonzero(np.bincount(cells.node[on], minlength=cells.nodes) >= 3)
     number = np.full(cells.nodes, -1, np.int64)
     number[nodes] = np.arange(len(nodes))
     on &= number[cells.node] >= 0
-    plane = _planes(v[on], noise.ravel()[cells.pixel[on]], number[cells.node[on]], cells.offset[on], len(nodes))
-    bend = _bend(plane, number[np.asarray(triangles)], np.asarray(xy, float)[nodes])
-    part = np.maximum(0.0, 1 - bend.scatter / np.where(bend.value == 0, np.inf, bend.value**2))
-    variance = plane.variance + part**2 * bend.variance - 2 * part * bend.with_value
-    out = np.full((5, cells.nodes), np.nan)
-    out[4] = 0.0
-    out[:, nodes] = plane.value - part * bend.value, variance, *plane.slope.T, part * bend.value
-    return FootprintValues(out[0], out[1], np.ascontiguousarray(out[2:4].T), out[4])
+    of = number[cells.node[on]]
+    return _planes(v[on], noise.ravel()[cells.pixel[on]], of, cells.offset[on], len(nodes)), nodes
 
 
 @dataclass(frozen=True, eq=False)
-class _Planes:
+class FootprintPlanes:
     """Planes through V nodes' pixels; NaN where there is none.
 
     Parameters
@@ -156,7 +178,7 @@ class _Planes:
     moments: Array
 
 
-def _planes(v: Array, noise: Array, node: Ints, offset: Array, nodes: int) -> _Planes:
+def _planes(v: Array, noise: Array, node: Ints, offset: Array, nodes: int) -> FootprintPlanes:
     def total(of: Array | None = None) -> Array:
         return np.bincount(node, of, minlength=nodes).astype(float)
 
@@ -181,14 +203,14 @@ def _planes(v: Array, noise: Array, node: Ints, offset: Array, nodes: int) -> _P
         unit = np.empty((nodes, 3, 3))
         unit[:, 0, 0], unit[:, 1:, 1:] = total(weight**2), inverse
         unit[:, 0, 1:] = unit[:, 1:, 0] = -np.einsum("nij,nj->ni", inverse, mean)
-    return _Planes(
+    return FootprintPlanes(
         middle - (slope * mean).sum(axis=1), total(weight**2 * noise), slope, unit, grey,
         np.where(n > 3, np.fmax(left, grey), grey), moments,
     )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
-class _Bend:
+class PlaneBend:
     """By how much planes are off at their nodes, (V,) each; 0 where neighbours do not tell.
 
     Parameters
@@ -204,8 +226,8 @@ class _Bend:
     scatter: Array
 
 
-def _bend(plane: _Planes, triangles: Ints, xy: Array) -> _Bend:
-    """What the second derivatives make of each plane at its node.
+def plane_bend(plane: FootprintPlanes, triangles: Ints, xy: Array) -> PlaneBend:
+    """By how much the planes of V nodes are off at their nodes, as their neighbours (in ``triangles`` (T, 3)) tell.
 
     v_j - v_i - g_i d = d'Hd / 2 for the neighbours j at the distances d: three unknowns, least squares. What is asked
     of H is one number, so that it is a weighted sum of the left sides, with the weights a.
@@ -232,7 +254,7 @@ def _bend(plane: _Planes, triangles: Ints, xy: Array) -> _Bend:
     by_value, by_plane = np.nan_to_num(plane.unit[:, 0]), np.nan_to_num(plane.unit)
     mine, theirs = np.einsum("ni,nij,nj->n", own, by_plane, own), a**2 * by_value[j, 0]
     noise, scatter = np.nan_to_num(plane.noise), np.nan_to_num(plane.scatter)
-    return _Bend(
+    return PlaneBend(
         total(a * rise), total(theirs * noise[j]) + mine * noise, (own * by_value).sum(axis=1) * noise,
         total(theirs * scatter[j]) + mine * scatter,
     )  # fmt: skip

@@ -25,6 +25,7 @@ from windmark.tasks.psp import (
     Reference,
     Sampling,
     SectionWanted,
+    mach_of,
     no_patches,
     ratio_of,
     reduce_point,
@@ -85,6 +86,9 @@ def run_point(test: PspTest, row: PointRow) -> PointOutcome:
     task = replace(point_task(test, row, stream), temperature=wall.temperature, steady=steady)
     reduced = reduce_point(ratio, test.mesh, state.mesh(test.mesh, frame="model"), task)
     said = [*row.remarks, *wall.remarks, *about]
+    if not np.isfinite(stream.mach):
+        said.append(f"no Mach number is given to test the pressures by: p_inf and q_inf are those of Mach "
+                    f"{mach_of(stream):.3g}")  # fmt: skip
     if not ratio.flicker and "reference" not in others:
         said.append("every mean is of one picture, which says nothing of the lamps' flicker: it is in no sigma")
     if ratio.self_lit is not None:

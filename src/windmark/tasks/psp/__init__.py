@@ -5,6 +5,7 @@ from windmark.tasks.psp.cuts import SectionWanted, SurfaceSection, cut_sections,
 from windmark.tasks.psp.lamps import Lamp
 from windmark.tasks.psp.levels import BadPicture, Reference
 from windmark.tasks.psp.loads import UNSEEN_SIDE, seen_loads, seen_sides, shown_areas
+from windmark.tasks.psp.plausible import mach_of
 from windmark.tasks.psp.ratios import CameraRatio, MergedRatio, ratio_of
 from windmark.tasks.psp.reduce import PointTask, ReducedPoint, no_patches, reduce_point
 from windmark.tasks.psp.sampling import ModelPicture, Patches, Sampling, moved_grid, sample_picture
@@ -14,6 +15,6 @@ from windmark.tasks.psp.taps import Readings, TapTable
 __all__ = [
     "BadPicture", "CameraRatio", "Change", "Lamp", "MergedRatio", "ModelPicture", "Patches", "PointTask", "Readings",
     "ReducedPoint", "Reference", "Reflecting", "Sampling", "SectionWanted", "SurfaceSection", "TapTable",
-    "UNSEEN_SIDE", "as_one_cause", "cut_sections", "moved_grid", "no_patches", "ratio_of", "reduce_point",
+    "UNSEEN_SIDE", "as_one_cause", "cut_sections", "mach_of", "moved_grid", "no_patches", "ratio_of", "reduce_point",
     "sample_picture", "section_loads", "seen_loads", "seen_sides", "shown_areas", "two_colours",
 ]  # fmt: skip

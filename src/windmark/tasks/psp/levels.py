@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from windmark.errors import DataError
 from windmark.paint import NotFitted, average_frames, node_shares
+from windmark.tasks.psp.bends import Cells, joined_cells, mean_cells
 from windmark.tasks.psp.lamps import Lamp, lit
 from windmark.tasks.psp.sampling import ModelPicture, Samples, Sampling, sample_picture
 
@@ -47,7 +48,7 @@ class Reference:
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """The mean of one camera's pictures of a kind at V nodes, light evened out by the lamps'; ``bent`` relative.
+    """The mean of one camera's pictures of a kind at V nodes, light evened out by the lamps'.
 
     Parameters
     ----------
@@ -55,17 +56,18 @@ class Level:
     light : of each set of pictures, how bright each of them is
     inverse : one over the number of pictures that the mean stands for
     shown : (V,) parts of the reference that show a node
+    cells : of the nodes; None where values are interpolated
     """
 
     value: Array
     variance: Array
     columns: Array
     weight: Array
-    bent: Array
     lamps: Array
     light: tuple[Array, ...]
     inverse: float
     shown: Array
+    cells: Cells | None
 
     @property
     def draws(self) -> int:
@@ -86,7 +88,7 @@ def levels_of(part: Reference, how: Sampling, lamps: Sequence[Lamp], left_out: d
 def _level(
     pictures: Sequence[ModelPicture], how: Sampling, lamps: Sequence[Lamp], left_out: dict[str, str], lost: int
 ) -> Level:
-    samples = [_in_even_light(sample_picture(p, how), p, lamps) for p in pictures]
+    samples = [_in_even_light(sample_picture(p, how, straight=True), p, lamps) for p in pictures]
     values, noise = np.stack([s.value for s in samples]), np.stack([s.variance - s.lasting for s in samples])
     mean = average_frames(values, noise, lost=lost)
     if isinstance(mean, NotFitted):
@@ -96,14 +98,14 @@ def _level(
     # Each picture has a state of its own: errors of the mean are those of one, smaller by the root of their number.
     columns = np.mean([samples[k].columns for k in used], axis=0) / np.sqrt(len(used))
     weight = np.min([samples[k].weight for k in used], axis=0)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        bent = np.nan_to_num(np.mean([samples[k].bent for k in used], axis=0) / mean.value)
+    planes = [p for p in (samples[k].planes for k in used) if p is not None]
+    cells = mean_cells(planes, samples[used[0]].xy, mean.excess) if planes else None
     # Pictures of a kind show a node on about the same pixels, whose dark and flat levels err in all of them alike.
     shown = np.isfinite([samples[k].lasting for k in used])
     lasting = np.where(shown, [samples[k].lasting for k in used], 0.0).sum(axis=0) / np.maximum(shown.sum(axis=0), 1)
     there = lit(pictures[used[0]].mesh, lamps)
-    return Level(mean.value, mean.variance + lasting, columns, weight, bent, there, (mean.light[used],),
-                  1 / len(used), np.isfinite(mean.value).astype(float))  # fmt: skip
+    return Level(mean.value, mean.variance + lasting, columns, weight, there, (mean.light[used],),
+                  1 / len(used), np.isfinite(mean.value).astype(float), cells)  # fmt: skip
 
 
 def together(parts: Sequence[tuple[float, Level]], some: bool) -> Level:
@@ -124,17 +126,17 @@ def together(parts: Sequence[tuple[float, Level]], some: bool) -> Level:
     columns = np.concatenate([s[:, None] * np.nan_to_num(of.columns) for s, of in zip(share, levels, strict=True)], 1)
     weight = np.min([np.where(s != 0, of.weight, np.inf) for s, of in zip(share, levels, strict=True)], axis=0)
     even = np.array([s for s, _ in parts]) / sum(s for s, _ in parts)
+    cells = [of.cells for of in levels if of.cells is not None]
     return Level(
         total([of.value for of in levels]), total([of.variance for of in levels], share**2), columns,
-        np.where(on, weight, 0.0), np.nan_to_num(total([of.bent for of in levels])), total([of.lamps for of in levels]),
-        tuple(g for of in levels for g in of.light),
+        np.where(on, weight, 0.0), total([of.lamps for of in levels]), tuple(g for of in levels for g in of.light),
         float(sum(s**2 * of.inverse for s, of in zip(even, levels, strict=True))), known.sum(axis=0).astype(float),
+        joined_cells(cells, share) if len(cells) == len(levels) else None,
     )  # fmt: skip
 
 
 def _in_even_light(s: Samples, picture: ModelPicture, lamps: Sequence[Lamp]) -> Samples:
     light = lit(picture.mesh, lamps)
     columns = np.nan_to_num(s.columns / light[:, None])
-    bent = np.nan_to_num(s.bent / light)
     variance, lasting = s.variance / light**2, s.lasting / light**2
-    return replace(s, value=s.value / light, variance=variance, columns=columns, bent=bent, lasting=lasting)
+    return replace(s, value=s.value / light, variance=variance, columns=columns, lasting=lasting)

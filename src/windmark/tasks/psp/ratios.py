@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from windmark.errors import DataError
 from windmark.paint import NodeField, NotFitted, enough, form_ratio, merge_cameras
+from windmark.tasks.psp.bends import bend_of_ratio
 from windmark.tasks.psp.lamps import Lamp
 from windmark.tasks.psp.levels import BadPicture, Level, Reference, levels_of, together
 from windmark.tasks.psp.sampling import ModelPicture, Sampling
@@ -114,9 +115,9 @@ def ratio_of(
     for name in names:
         up, down = levels[WIND_ON][name], levels[WIND_OFF][name]
         ratio = form_ratio(fields[WIND_OFF][name], fields[WIND_ON][name])
-        # What was taken off for the bend of the light is as unsure as it is large, but for what both kinds share.
-        bend = ratio.value * (up.bent - down.bent)
-        ratio = replace(ratio, white=ratio.white + np.nan_to_num(bend) ** 2)
+        if up.cells is not None and down.cells is not None:
+            taken, added = bend_of_ratio(ratio.value, down.cells, up.cells, on[0].mesh.triangles)
+            ratio = replace(ratio, value=ratio.value - taken, white=ratio.white + added)
         if flicker > 0:
             part = factor * flicker * np.sqrt(up.inverse + down.inverse)
             ratio = ratio.with_mode("lamps", np.where(ratio.known, part * ratio.value, 0.0))

@@ -26,6 +26,7 @@ from windmark.tasks.psp.cuts import SectionWanted, SurfaceSection, cut_sections
 from windmark.tasks.psp.few_modes import gain_pressure, pressure_of
 from windmark.tasks.psp.loads import seen_loads
 from windmark.tasks.psp.patching import patched
+from windmark.tasks.psp.plausible import beyond_stream
 from windmark.tasks.psp.ratios import MergedRatio
 from windmark.tasks.psp.taps import Readings, TapTable, at_taps, in_cp
 
@@ -145,9 +146,11 @@ def reduce_point(merged: MergedRatio, rest: Mesh, mesh: Mesh, task: PointTask) -
     temperature = _temperature(rest, ratio.known, task, remarks)
     prior = _pressure(ratio, temperature, task)
     if not prior.field.known.any():
-        raise DataError(f"{task.name}: no node has a pressure: {_why(prior.flags)}")
+        raise DataError(f"no node has a pressure: {_why(prior.flags, temperature, task.law)}")
     pressure, fit, taps = at_taps(rest, prior.field, filled, task.taps, task.fit_taps, remarks)
     cp = pressure_coefficient(pressure, task.conditions)
+    if impossible := beyond_stream(cp, task.conditions):
+        raise DataError(impossible)
     if taps is not None and task.taps is not None:
         taps = in_cp(taps, task.taps, task.conditions, cp, filled, rest)
     axes = LoadReference(1.0, 1.0, 1.0) if task.reference is None else task.reference
@@ -164,7 +167,7 @@ def _pressure(ratio: NodeField, temperature: NodeField, task: PointTask) -> Pres
     if isinstance(task.law, SternVolmer):
         return pressure_of(task.law, ratio, temperature, task.p_off, task.t_off)
     if task.steady is None:
-        raise DataError(f"{task.name}: the gain is of changes about a steady pressure, and that is missing")
+        raise DataError("the gain is of changes about a steady pressure, and that is missing")
     return gain_pressure(task.law, ratio, temperature, task.steady)
 
 
@@ -183,15 +186,21 @@ def _temperature(rest: Mesh, seen: Mask, task: PointTask, remarks: list[str]) ->
             length=task.wall_length or WALL * rest.diagonal, spread=task.wall_sigma,
         )  # fmt: skip
     if task.recovery is None:
-        raise DataError(f"{task.name}: there is no temperature: no thermocouple has a reading and no recovery is given")
+        raise DataError("there is no temperature: no thermocouple has a reading and no recovery is given")
     if not (np.isfinite(task.conditions.mach) and np.isfinite(task.conditions.t_0)):
-        raise DataError(f"{task.name}: the temperature is missing: recovery needs the Mach number and T0")
+        raise DataError("the temperature is missing: recovery needs the Mach number and T0")
     if wells is not None:
         remarks.append("no thermocouple has a reading: the wall's temperature is that of recovery")
     return recovery_temperature(task.conditions, count, recovery=task.recovery, t_0_sigma=task.wall_sigma)
 
 
-def _why(flags: NDArray[np.uint8]) -> str:
+def _why(flags: NDArray[np.uint8], temperature: NodeField, law: SternVolmer | TunnelGain) -> str:
     from windmark.paint.stern_volmer import FLAGS
 
+    warm = temperature.value[temperature.known]
+    if isinstance(law, SternVolmer) and len(warm):
+        (low, high), middle = law.t_range, float(np.median(warm))
+        if not low - (high - low) <= middle <= high + (high - low):
+            return (f"the wall's temperature is {middle:.4g} K (median), the paint's calibration is from {low:.4g} to "
+                    f"{high:.4g} K: readings or T0 are in another unit")  # fmt: skip
     return "; ".join(words for bit, words in FLAGS.items() if (flags & bit).any()) or "nothing was seen"

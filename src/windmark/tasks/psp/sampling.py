@@ -14,6 +14,7 @@ from windmark.geometry import Camera, Pose
 from windmark.paint import disc_nodes, polygon_nodes
 from windmark.paint.modes import principal_axes
 from windmark.resection import (
+    FootprintPlanes,
     PixelMap,
     footprint_values,
     footprints,
@@ -162,6 +163,8 @@ class Samples:
     bent : (V,) part of the value that was taken off because light is bent round the node (`FootprintValues`)
     obliquity_deg : (V,) angle between the surface's normal and the line of sight
     lasting : (V,) part of the variance that is the same error in every picture of the camera
+    xy : (V, 2) the nodes in the picture
+    planes : through the nodes' pixels, NaN where a value is not that of its plane; None where none were asked for
     """
 
     value: Array
@@ -171,6 +174,8 @@ class Samples:
     bent: Array
     obliquity_deg: Array
     lasting: Array
+    xy: Array
+    planes: FootprintPlanes | None = None
 
 
 def moved_grid(state: Deformation, mesh: Mesh) -> tuple[Mesh, Array]:
@@ -179,8 +184,11 @@ def moved_grid(state: Deformation, mesh: Mesh) -> tuple[Mesh, Array]:
     return mesh.moved(place), np.asarray(by_free @ principal_axes(state.cov))
 
 
-def sample_picture(picture: ModelPicture, how: Sampling) -> Samples:
-    """Values at the nodes, from all pixels nearest to each node, or by interpolation where these are too few."""
+def sample_picture(picture: ModelPicture, how: Sampling, *, straight: bool = False) -> Samples:
+    """Values at the nodes, from all pixels nearest to each node, or by interpolation where these are too few.
+
+    ``straight``: the bend of light within a cell is left, see `footprint_values`: a ratio has its own.
+    """
     view = see_nodes(
         picture.mesh, picture.lens, picture.cam_from_tunnel, max_obliquity_deg=how.max_obliquity_deg
     )  # fmt: skip
@@ -193,16 +201,20 @@ def sample_picture(picture: ModelPicture, how: Sampling) -> Samples:
     deep = _at_pixels(inside, view.xy[seen])
     seen, deep = seen[deep > how.edge_px], deep[deep > how.edge_px]
     weight[seen] = _inside(view.obliquity_deg[seen], deep, how)
-    kind = "linear" if how.values == "footprint" else how.values
+    kind, planes = "linear" if how.values == "footprint" else how.values, None
     light, noise = _interpolated(picture.light, picture.variance, view.xy[seen], kind)
     slope = _slope(picture.light, view.xy[seen])
     if how.values == "footprint":
         cells = footprints(pixels, view, (inside > how.edge_px) & ~how.patch_pixels(pixels))
-        of = footprint_values(picture.light, picture.variance, cells, picture.mesh.triangles, view.xy)
+        of = footprint_values(
+            picture.light, picture.variance, cells, picture.mesh.triangles, view.xy, straight=straight
+        )  # fmt: skip
         better = ~(of.variance[seen] > noise) & np.isfinite(of.value[seen])
         light, noise = np.where(better, of.value[seen], light), np.where(better, of.variance[seen], noise)
         slope = np.where(better[:, None], of.slope[seen], slope)
         bent[seen] = np.where(better, of.bent[seen], 0.0)
+        if (planes := of.planes) is not None:
+            planes.value[seen[~better]] = np.nan
     good = np.isfinite(light)
     seen = seen[good]
     value[seen], variance[seen] = light[good], noise[good]
@@ -212,7 +224,7 @@ def sample_picture(picture: ModelPicture, how: Sampling) -> Samples:
     with np.errstate(invalid="ignore", divide="ignore"):
         part = np.broadcast_to(picture.lasting / picture.variance, picture.light.shape)
     lasting[seen] = variance[seen] * np.clip(np.nan_to_num(_at_pixels(part, view.xy[seen])), 0.0, 1.0)
-    return Samples(value, variance, columns, weight, bent, view.obliquity_deg, lasting)
+    return Samples(value, variance, columns, weight, bent, view.obliquity_deg, lasting, view.xy, planes)
 
 
 def _at_pixels(image: Array, xy: Array) -> Array:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from windmark import resection
 from windmark.paint import InSitu, NodeField, TunnelConditions, in_situ, interpolated
 from windmark.scene import Mesh
+from windmark.tasks.psp.plausible import other_unit
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -86,17 +87,20 @@ def at_taps(
         remarks.append("no tap lies on what was seen: the pressure is that of the calibration alone")
         return prior, None, table
     x = _there(rest, prior, filled, taps.xyz[good], (at[0][good], at[1][good]))
+    if why := other_unit(taps.value[good], x.value):
+        remarks.append(f"not fitted to the taps, the pressure is that of the calibration alone: {why}")
+        return prior, None, table
     fit = in_situ(
         [taps.names[k] for k in good], taps.value[good], x, pressure_sigma=taps.sigma[good],
         free="offset" if how == "offset" else "both",
     )  # fmt: skip
-    if not isinstance(fit, InSitu):
-        remarks.append(f"not fitted to the taps, the pressure is that of the calibration alone: {fit.reason}")
+    why = other_unit(taps.value[good], x.value, fit) if isinstance(fit, InSitu) else fit.reason
+    if why or not isinstance(fit, InSitu):
+        remarks.append(f"not fitted to the taps, the pressure is that of the calibration alone: {why}")
         return prior, None, table
     blocked = {**fit.blocked}
     words = tuple(blocked.get(n, w) for n, w in zip(taps.names, words, strict=True))
-    remarks += [f"tap {name} does not count: {why}" for name, why in blocked.items()]
-    remarks += fit.warnings
+    remarks += fit.warnings  # names those that do not count
     return fit.applied(prior), fit, replace(table, words=words)
 
 

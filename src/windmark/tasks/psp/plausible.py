@@ -1,0 +1,78 @@
+"""What no stream and no taps can say: units that are mixed, gauge pressures, pictures that were exchanged."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.paint import InSitu, NodeField, TunnelConditions
+
+Array = NDArray[np.float64]
+
+SURE = 5.0
+"""Sigmas by which a node must be beyond what can be."""
+PART = 0.1
+"""Part of the surface that is: fewer nodes are flaws of a picture."""
+ABOVE = 1.0
+"""In Cp, beyond the stream's total pressure: a calibration that is somewhat off is no mixed unit."""
+LOWEST = -10.0
+"""Cp that suction peaks of slats alone come to, on a small part of a surface."""
+LEVEL, SLOPE = 2.0, 4.0
+"""Factors by which readings of taps may differ from the paint's a-priori pressure, and change with it. The nearest
+units that are mixed up (psi and kPa) differ by 6.9."""
+_GAMMA = 1.4
+
+
+def mach_of(stream: TunnelConditions) -> float:
+    """The stream's Mach number, or what q and p say of it where none is given."""
+    by_q = np.sqrt(stream.q_inf / (0.5 * _GAMMA * stream.p_inf))
+    return float(stream.mach if np.isfinite(stream.mach) else by_q)
+
+
+def total_pressure(stream: TunnelConditions) -> float:
+    """Of the stream, in the unit of its static pressure."""
+    return float(stream.p_inf * (1 + 0.5 * (_GAMMA - 1) * mach_of(stream) ** 2) ** (_GAMMA / (_GAMMA - 1)))
+
+
+def beyond_stream(cp: NodeField, stream: TunnelConditions) -> str:
+    """Why no stream of these conditions leaves such pressures on a model, "" where it may."""
+    on = cp.known
+    if not on.any() or not (stream.q_inf > 0 and stream.p_inf > 0):
+        return ""
+    most = (total_pressure(stream) - stream.p_inf) / stream.q_inf
+    least = max(-stream.p_inf / stream.q_inf, LOWEST)
+    value, sigma = cp.value[on], cp.sigma[on]
+    over, under = np.mean(value > most + ABOVE + SURE * sigma), np.mean(value < least - SURE * sigma)
+    causes = "units of p_inf, q_inf or p_off are mixed, or pictures with wind and without were exchanged"
+    if over > PART:
+        return (f"on {100 * over:.0f} % of the surface Cp is above {most + ABOVE:.3g} (median {np.median(value):.3g}), "
+                f"the stream's total pressure gives {most:.3g}: {causes}")  # fmt: skip
+    if under > PART:
+        words = "which no surface has" if least == LOWEST else "that of no pressure at all"
+        return (f"on {100 * under:.0f} % of the surface Cp is below {least:.3g}, {words} (median "
+                f"{np.median(value):.3g}): {causes}")  # fmt: skip
+    return ""
+
+
+def other_unit(readings: Array, prior: Array, fit: InSitu | None = None) -> str:
+    """Why readings of taps (N,) are not the absolute pressures that the paint shows there (N,), "" where they may be.
+
+    ``fit``: of the taps, whose slope is looked at, too.
+    """
+    good = np.isfinite(readings) & np.isfinite(prior) & (prior > 0)
+    if not good.any():
+        return ""
+    below = int((readings[good] <= 0).sum())
+    if 2 * below > good.sum():
+        return (f"{below} of {good.sum()} readings are not above 0: they are no absolute pressures, but differences "
+                "from another one (gauge pressures)")  # fmt: skip
+    level = float(np.median(readings[good]) / np.median(prior[good]))
+    if not 1 / LEVEL < level < LEVEL:
+        return (f"the taps' readings are {level:.3g} times the pressure that the paint shows there (medians "
+                f"{np.median(readings[good]):.4g} and {np.median(prior[good]):.4g} Pa): another unit, or no absolute "
+                "pressures")  # fmt: skip
+    slope = 1.0 if fit is None else float(fit.coefficients[1] / fit.scale)
+    if not 1 / SLOPE < slope < SLOPE:
+        return (f"the taps' readings change by {slope:.3g} times what the paint shows there: another unit, or the "
+                "readings of another point")  # fmt: skip
+    return ""

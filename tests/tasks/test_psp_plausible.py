@@ -1,0 +1,89 @@
+"""Units that are mixed and pictures that were exchanged: said in a sentence, never a Cp of hundreds as a result."""
+
+import numpy as np
+import pytest
+
+from windmark.paint import NodeField, SternVolmer, TunnelConditions
+from windmark.scene import Mesh, structured_triangles
+from windmark.tasks.psp.plausible import beyond_stream, mach_of, other_unit, total_pressure
+from windmark.tasks.psp.reduce import _why
+from windmark.tasks.psp.taps import Readings, at_taps
+
+STREAM = TunnelConditions(65_900.0, 29_500.0, mach=0.8)
+CP = np.linspace(-1.2, 0.9, 500)
+"""Of a transonic wing."""
+
+
+def plate(n=21, size=40.0):
+    x, y = np.meshgrid(np.linspace(-size / 2, size / 2, n), np.linspace(-size / 2, size / 2, n))
+    return Mesh.make(np.column_stack([x.ravel(), y.ravel(), 0 * x.ravel()]), structured_triangles(n, n), "wing")
+
+
+def readings(xyz, pressure):
+    up = np.tile([0.0, 0.0, 1.0], (len(xyz), 1))
+    return Readings(tuple(f"t{k}" for k in range(len(xyz))), xyz, up, pressure, np.full(len(xyz), 20.0))
+
+
+def test_the_total_pressure_is_that_of_the_mach_number_given_or_not():
+    assert total_pressure(STREAM) == pytest.approx(100_455, rel=1e-3)
+    assert mach_of(TunnelConditions(65_900.0, 29_522.7)) == pytest.approx(0.8, abs=1e-3)
+    assert total_pressure(TunnelConditions(101_325.0, 600.0)) == pytest.approx(101_925, abs=2)
+
+
+@pytest.mark.parametrize(
+    ("factor_p", "factor_q"), [(1, 1e-3), (1, 1e-2), (1e-3, 1e-3), (1e-2, 1e-2), (1 / 6894.76, 1 / 6894.76)]
+)
+def test_conditions_in_another_unit_are_refused(factor_p, factor_q):
+    pressure = 65_900 + 29_500 * CP
+    p, q = 65_900 * factor_p, 29_500 * factor_q
+    found = beyond_stream(NodeField.make((pressure - p) / q, 0.01 / factor_q), TunnelConditions(p, q))
+    assert "units of p_inf, q_inf or p_off are mixed" in found
+    assert not beyond_stream(NodeField.make(CP, 0.01), STREAM)
+
+
+def test_exchanged_pictures_are_refused_and_a_calibration_that_is_off_is_not():
+    """Wind-off over wind-on upside down: the suction side shows half as much again as the reference's pressure."""
+    inverse = NodeField.make((99_500 * 99_500 / (65_900 + 29_500 * CP) - 65_900) / 29_500, 0.03)
+    assert "exchanged" in beyond_stream(inverse, STREAM)
+    assert not beyond_stream(NodeField.make(CP + 0.5, 0.02), STREAM)
+    slow = TunnelConditions(101_000.0, 500.0)  # 1 % of the pressure is a Cp of 2, and said to be as unsure
+    assert not beyond_stream(NodeField.make(CP + 2.0, 2.0), slow)
+    few = NodeField.make(np.where(np.arange(500) < 40, 30.0, CP), 0.01)
+    assert not beyond_stream(few, STREAM)
+    assert not beyond_stream(NodeField.make(np.full(5, np.nan), 0.01), STREAM)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [(lambda p: p / 100, "0.01 times the pressure"), (lambda p: p - 6e4, "gauge pressures"),
+     (lambda p: p / 6894.76, "another unit"), (lambda p: p * 0.02 + 6e4, "change by 0.02")],
+)  # fmt: skip
+def test_readings_in_another_unit_are_not_fitted_to(change, words):
+    """A fit would follow them: offset and slope are free."""
+    rng, mesh = np.random.default_rng(5), plate()
+    xyz = np.column_stack([rng.uniform(-15, 15, (14, 2)), np.zeros(14)])
+    prior = NodeField.make(5.6e4 + 500 * mesh.vertices[:, 0], 20.0, unit="Pa")
+    true = 5.6e4 + 500 * xyz[:, 0] + 20 * rng.standard_normal(len(xyz))
+    none, remarks = np.zeros(len(prior), bool), []
+    got, fit, table = at_taps(mesh, prior, none, readings(xyz, change(true)), "offset-slope", remarks)
+    assert fit is None
+    assert got is prior
+    assert table is not None
+    assert len(remarks) == 1
+    assert words in remarks[0]
+    assert "the pressure is that of the calibration alone" in remarks[0]
+    assert at_taps(mesh, prior, none, readings(xyz, true), "offset-slope", [])[1] is not None
+
+
+def test_a_few_dead_taps_are_no_other_unit():
+    prior = np.full(10, 6e4)
+    assert not other_unit(np.where(np.arange(10) < 4, 0.0, 6.1e4), prior)
+    assert "6 of 10 readings are not above 0" in other_unit(np.where(np.arange(10) < 6, 0.0, 6.1e4), prior)
+
+
+def test_a_temperature_in_another_unit_is_the_reason():
+    law = SternVolmer(np.array([[0.2], [0.8]]), 1e5, 293.15, (2e4, 1.3e5), (278.0, 313.0))
+    flags = np.full(3, 7, np.uint8)
+    words = _why(flags, NodeField.make(np.full(3, 25.0), 1.0), law)
+    assert words.startswith("the wall's temperature is 25 K (median), the paint's calibration is from 278 to 313 K")
+    assert "wall" not in _why(flags, NodeField.make(np.full(3, 300.0), 1.0), law)
