@@ -20,6 +20,7 @@ from windmark.detection.template.request import Neighbours, Request, Scene
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
+_Lines = tuple[Array, Array, NDArray[np.float32], NDArray[np.float32]]
 
 DIRECTIONS = 12  # that are tried, and all places in steps of a pixel
 HALF_WIDTH, WIDTH_SPREAD = 0.8, 0.5  # px, and standard deviation of its logarithm
@@ -83,7 +84,7 @@ def fit_strokes(
     from windmark.detection.template._kernels.fit import FITS
 
     out, believed = plain.take(np.arange(len(noise))), np.zeros(len(noise), dtype=bool)
-    tried: dict[int, tuple[Array, Array, Array]] = {}
+    tried: dict[int, _Lines] = {}
     for k in range(len(noise)):
         one = request.take(np.array([k]))
         done, start, patches, weights = windows(
@@ -120,7 +121,7 @@ def fit_strokes(
 
 
 def _start(
-    window: _Window, place: Array, radius: float, contrast: float, candidates: tuple[Array, Array, Array]
+    window: _Window, place: Array, radius: float, contrast: float, candidates: _Lines
 ) -> Array | None:
     """A round disc as given, and the stroke that explains most of what is beside it; None if there is none."""
     size = len(window.patch)
@@ -136,25 +137,29 @@ def _start(
     disc, _ = window.model(v)
     carrier = (disc if window.multiplicative else np.full_like(disc, window.scale)) * outside
     left = (disc - window.patch) * outside
-    (directions, offsets, lines), weight = candidates, carrier.ravel()
-    along, power = lines @ (weight * left.ravel()), np.square(lines) @ np.square(weight)
+    (directions, offsets, lines, squares), weight = candidates, carrier.ravel().astype(np.float32)
+    along = (lines @ (weight * left.ravel().astype(np.float32))).astype(float)
+    power = (squares @ np.square(weight)).astype(float)
     gain = np.sign(along) * along**2 / np.maximum(power, 1e-300)
     k = int(gain.argmax())
     v[10:13] = directions[k], offsets[k], min(along[k] / max(power[k], 1e-300), 0.9)
     return v if gain[k] > 0.0 else None
 
 
-def _candidates(size: int, blur: float) -> tuple[Array, Array, Array]:
-    """Directions and places (N,) of strokes across a patch, and their images (N, S S) with rims that fall linearly."""
-    x = np.arange(size) - size // 2
-    directions, offsets = np.meshgrid(
-        np.arange(DIRECTIONS) * np.pi / DIRECTIONS, np.arange(1.5 - size // 2, size // 2 - 1.0), indexing="ij"
-    )
-    directions, offsets = directions.ravel(), offsets.ravel()
-    along_x, along_y = np.cos(directions)[:, None, None] * x, np.sin(directions)[:, None, None] * x[:, None]
-    distance = np.abs(along_x + along_y - offsets[:, None, None])
-    lines = np.clip(0.5 + (HALF_WIDTH - distance) / (np.sqrt(2.0 * np.pi) * np.hypot(blur, PIXEL)), 0.0, 1.0)
-    return directions, offsets, lines.reshape(len(lines), -1)
+def _candidates(size: int, blur: float) -> _Lines:
+    """Directions and places (N,) of strokes across a patch, their images (N, S S) with rims that fall linearly, and the
+    squares of these; single precision is more than enough to choose one.
+    """
+    x = (np.arange(size) - size // 2).astype(np.float32)
+    turns, places = np.arange(DIRECTIONS) * np.pi / DIRECTIONS, np.arange(1.5 - size // 2, size // 2 - 1.0)
+    slope = np.float32(1.0 / (np.sqrt(2.0 * np.pi) * np.hypot(blur, PIXEL)))
+    across = np.cos(turns)[:, None, None] * x + np.sin(turns)[:, None, None] * x[:, None]
+    lines = slope * (across[:, None].astype(np.float32) - places[None, :, None, None].astype(np.float32))
+    np.abs(lines, out=lines)
+    np.subtract(np.float32(0.5 + HALF_WIDTH * slope), lines, out=lines)
+    np.clip(lines, 0.0, 1.0, out=lines)
+    lines = lines.reshape(turns.size * places.size, -1)
+    return np.repeat(turns, places.size), np.tile(places, turns.size), lines, np.square(lines)
 
 
 def _centred(v: Array, cov: Any, scene: Scene) -> tuple[Array, Array]:
