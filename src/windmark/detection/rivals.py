@@ -67,7 +67,7 @@ def rival_evidence(scene: Scene, fits: TemplateFits, variance: Array) -> Array:
         count = -(-mine.size * (2 * int(size) + 1) ** 2 // BATCH_PIXELS)
         for index in np.array_split(mine, count):
             least = variance[index] + np.square(MODEL_ERROR * fits.depth[index])
-            value, weight, left = _measured(scene, fits, index, near, int(size))
+            value, weight, left = _measured(scene, fits, index, least, near, int(size))
             nats = [
                 _evidence(value[:, at], weight[:, at], left[:, at], least, fits.radius_px[index], moved=at == 1)
                 + _of_left(left[:, at], variance[index], fits.depth[index])
@@ -89,10 +89,12 @@ def _room(fits: TemplateFits) -> NDArray[np.bool_]:
     return np.asarray(((fits.flags & CONTAMINATED) > 0) | (pixels * np.square(fits.noise) > 0.5 * wave))
 
 
-def _measured(scene: Scene, fits: TemplateFits, index: Ints, near: Ints, half: int) -> tuple[Array, Array, Array]:
+def _measured(
+    scene: Scene, fits: TemplateFits, index: Ints, noise2: Array, near: Ints, half: int
+) -> tuple[Array, Array, Array]:
     """Deviations (B, 2, E) of some of the fits, their inverse covariances in noise of variance 1, and what is left, of
-    the template as it was fitted and as it is best beside the deviations.
-    """  # fmt: skip
+    the template as it was fitted and as it is best beside the deviations; `noise2` (B,) variance of one pixel.
+    """
     from windmark.detection._kernels.rivals import EXTRA, deviations, hide
 
     pixel = np.rint(fits.xy[index]).astype(np.int64)
@@ -106,7 +108,7 @@ def _measured(scene: Scene, fits: TemplateFits, index: Ints, near: Ints, half: i
     count = index.size
     value, weight, left = np.empty((count, 2, EXTRA)), np.empty((count, 2, EXTRA, EXTRA)), np.empty((count, 2))
     params = model_parameters(scene, fits.take(index), pixel)
-    deviations(patches, weights, params, float(scene.multiplicative), value, weight, left)
+    deviations(patches, weights, params, noise2, float(scene.multiplicative), value, weight, left)
     return value, weight, left
 
 
@@ -143,10 +145,18 @@ def _evidence(value: Array, weight: Array, left: Array, variance: Array, radius:
 
 
 def _log_normal(a: Array, own: Array, spread: Array) -> Array:
-    """Logarithm (K,) of a normal density, but for its constant, at a (K, N) known with covariances `own` (K, N, N)."""
-    law = own + np.square(spread)[:, None, None] * np.eye(a.shape[1])
-    square = np.einsum("ki,kij,kj->k", a, np.linalg.inv(law), a)
-    return np.asarray(-0.5 * (square + np.log(np.linalg.det(law))))
+    """Logarithm (K,) of a normal density, but for its constant, at a (K, N) known with covariances `own` (K, N, N).
+
+    N is 1 or 2.
+    """
+    more = np.square(spread)
+    xx = own[:, 0, 0] + more
+    if a.shape[1] == 1:
+        return np.asarray(-0.5 * (np.square(a[:, 0]) / xx + np.log(xx)))
+    x, y, xy, yy = a[:, 0], a[:, 1], own[:, 0, 1], own[:, 1, 1] + more
+    det = xx * yy - np.square(xy)
+    square = (yy * np.square(x) - 2.0 * xy * x * y + xx * np.square(y)) / det
+    return np.asarray(-0.5 * (square + np.log(det)))
 
 
 def _of_left(left: Array, variance: Array, depth: Array) -> Array:

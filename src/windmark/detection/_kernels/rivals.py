@@ -22,6 +22,7 @@ DAMPING = 1e-7  # of the normal equations: blur and size of points are one unkno
 REACH_PX, REACH_BLURS = 1.0, 3.0  # beyond the edge
 TRIALS = 8  # of the template beside the deviations
 STILL = 1e-3  # of the squared residuals: no step brings more
+CHANCE = FIT + 2.0 * math.sqrt(2.0 * FIT)  # noise variances by which noise lets the template leave less
 MOST = 1.5  # factor by which the template may differ from the fitted one
 SAMPLES = 4.0  # of the window's pixels per half axis are enough
 
@@ -35,7 +36,7 @@ def _waves(p: Any, points: int, table: Any, g: Any) -> None:
     size = g.shape[1]
     cx, cy, a, b, d, sigma = p[0] + size // 2, p[1] + size // 2, p[2], p[3], p[4], p[5]
     inv, reach, step = 1.0 / sigma, CUT * sigma + 0.5, 2.0 * math.pi / points
-    cdf, pdf, kx = table[0], table[1], table[2]
+    cdf, pdf, kx, ky = table[0], table[1], table[2], table[3]
     g[:OUTLINE] = 0.0
     for n in range(points):
         t = n * step
@@ -50,13 +51,16 @@ def _waves(p: Any, points: int, table: Any, g: Any) -> None:
         for i in range(ni):
             kx[i] = cdf[i + 1] - cdf[i]
         normal_edges((j0 - 0.5 - v) * inv, inv, whole(nj + 1), cdf, pdf)
+        for j in range(nj):
+            ky[j] = cdf[j + 1] - cdf[j]
+        left, many = np.uint64(i0), np.uint64(ni)
         for m in range(OUTLINE):
             wave = WAVES[m // 2] * t
             share = area * (math.cos(wave) if m % 2 == 0 else math.sin(wave))
             for j in range(nj):
-                row = share * (cdf[j + 1] - cdf[j])
-                for i in range(ni):
-                    g[m, j0 + j, i0 + i] += row * kx[i]
+                row, strength = np.uint64(j0 + j), share * ky[j]
+                for i in range(many):
+                    g[m, row, left + i] += strength * kx[i]
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
@@ -136,7 +140,7 @@ def _told(solved: Any, root: Any, value: Any, weight: Any) -> None:
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def deviations(
-    patches: Any, weights: Any, params: Any, multiplicative: float, value: Any, weight: Any, left: Any
+    patches: Any, weights: Any, params: Any, noise2: Any, multiplicative: float, value: Any, weight: Any, left: Any
 ) -> None:
     """How the discs of M patches (M, S, S) deviate from an ellipse's template, by least squares of both together.
 
@@ -144,13 +148,16 @@ def deviations(
     along both axes of the unit disc, and of its middle against its edge. The fitted template has taken up what it can
     of another thing's shape (its blur grows over the corners of a square), so that the template is moved to where it
     leaves, together with the deviations, the least: by Gauss and Newton's steps, halved where they leave more
-    (variable projection, Golub and Pereyra, SIAM J. Numer. Anal. 10, 1973), as long as it stays about the fitted one.
+    (variable projection, Golub and Pereyra, SIAM J. Numer. Anal. 10, 1973), as long as it stays about the fitted one
+    and as a step promises more than noise would: beside noise alone it would wander along the valley between size and
+    blur, and what its derivatives say of it at the fitted one is as good.
     A small ring, whose hole such a template would fill by its blur, shows at the fitted one.
 
     Parameters
     ----------
     patches, weights : as of `template.fit.cut_patches`
     params : (M, 10) as in `template._kernels.model`
+    noise2 : (M,) variance of one pixel
     value : (M, 2, EXTRA) deviations from the fitted and from the moved template, NaN where the pixels do not determine
         them
     weight : (M, 2, EXTRA, EXTRA) inverses of their covariances in noise of variance 1, the template left open
@@ -183,7 +190,7 @@ def deviations(
                     left[k, m] = max(squares, 0.0) / (pixels - COUNT)
                     _told(solved, root, value[k, m], weight[k, m])
                 step[:], first = solved[:FIT], 1
-                if not found:
+                if not found or not squares < now - max(STILL * now, CHANCE * noise2[k]):  # nor would the next step
                     break
             else:
                 step *= 0.5

@@ -11,6 +11,7 @@ from windmark.detection.template.colour import coloured
 from windmark.detection.template.crlb import window_radius
 from windmark.detection.template.doubt import Doubts
 from windmark.detection.template.fit import Fitted
+from windmark.detection.template.hope import have_edges, may_be_discs
 from windmark.detection.template.noise import FrameNoise
 from windmark.detection.template.request import WINDOW_BLURS, Neighbours, Request, Scene
 from windmark.detection.template.result import (
@@ -40,8 +41,13 @@ def fit_markers(scene: Scene, request: Request, frame: Frame, *, robust: bool) -
     return doubts.cast(fits)
 
 
-def fit_at_first(scene: Scene, request: Request, frame: Frame, *, robust: bool) -> tuple[TemplateFits, Doubts]:
-    """`fit_markers`, with the covariances of contaminated ones still as least squares makes them."""
+def fit_at_first(
+    scene: Scene, request: Request, frame: Frame, *, robust: bool, choosy: bool = False
+) -> tuple[TemplateFits, Doubts]:
+    """`fit_markers`, with the covariances of contaminated ones still as least squares makes them.
+
+    `choosy`: these are candidates, and what can be no disc (`hope`) is not parted from others or fitted again.
+    """
     others = Neighbours.find(request)
     images = frame.noise is not None and not frame.noise.is_white
     done, cov, expected = _first_fits(scene, request, others, frame.noise, images)
@@ -53,8 +59,9 @@ def fit_at_first(scene: Scene, request: Request, frame: Frame, *, robust: bool) 
             wider, batches = fit_all(scene, request.take(index), others.take(index), images=images)
             done.put(index, wider)
             cov[index], expected[index] = trust(frame.noise, wider, batches)
+    worth = may_be_discs(done, expected) if choosy else np.ones(len(done.params), dtype=bool)
     if request.shape is None and others.index.size:
-        _parted(scene, request, done, others, cov)
+        _parted(scene, request, done, others, cov, worth)
     with np.errstate(invalid="ignore"):
         chi2 = done.column("noise2") / expected
     flags, crossed = np.where(others.touching(), TOUCHING, 0), np.zeros(len(done.params), dtype=bool)
@@ -62,9 +69,10 @@ def fit_at_first(scene: Scene, request: Request, frame: Frame, *, robust: bool) 
     if frame.noise is not None:
         worse = contaminated(chi2, done, expected, flags)
         flags |= np.where(worse, CONTAMINATED, 0)
-        crossed, weight = _cleaned(
-            scene, request, done, others, cov, expected, worse, radius, frame.noise, robust=robust
-        )
+        again = np.flatnonzero(worse & worth & (done.column("status") >= 0)) if robust else np.empty(0, np.int64)
+        if choosy:
+            again = again[have_edges(scene, request.xy[again], done.take(again), expected[again], frame)]
+        crossed, weight = _cleaned(scene, request, done, others, cov, expected, worse, again, radius, frame.noise)
         usual = np.flatnonzero(~worse & (done.column("status") == 1) & np.isfinite(cov).all(axis=(1, 2)))[:ASKED]
         index = np.flatnonzero(worse & (done.column("status") >= 0) & ~crossed)
         request = replace(request, scale=weight)
@@ -75,15 +83,15 @@ def fit_at_first(scene: Scene, request: Request, frame: Frame, *, robust: bool) 
 
 def _cleaned(
     scene: Scene, request: Request, done: Fitted, others: Neighbours, cov: Array, expected: Array, worse: Bools,
-    radius: Array, noise: FrameNoise, *, robust: bool,
+    index: Ints, radius: Array, noise: FrameNoise,
 ) -> tuple[Bools, Array]:  # fmt: skip
-    """Fit the contaminated markers again, in `done` and `cov`; which (K,) are fitted with a line, and the scales (K,)
-    of the weights that were used.
+    """Fit those (L,) of the contaminated markers again, in `done` and `cov`; which (K,) are fitted with a line, and
+    the scales (K,) of the weights that were used.
     """
     weight, crossed = np.full(len(worse), np.inf), np.zeros(len(worse), dtype=bool)
     # A saturated disc has lost its inside: what is left of it does not tell dirt from disc.
-    index = np.flatnonzero(worse & (done.column("status") >= 0) & (done.saturated <= MANY_SATURATED))
-    if robust and index.size:
+    index = index[done.saturated[index] <= MANY_SATURATED]
+    if index.size:
         again, trusted, with_stroke = decontaminated(
             scene, request.take(index), done.take(index), others.take(index), expected[index], noise,
             median_contrast(done, worse), radius[index],
@@ -95,12 +103,14 @@ def _cleaned(
     return crossed, weight
 
 
-def _parted(scene: Scene, request: Request, done: Fitted, others: Neighbours, cov: Array) -> None:
-    """Fit markers that touch together, in `done` and `cov`: as much larger in the frame's noise as before."""
+def _parted(scene: Scene, request: Request, done: Fitted, others: Neighbours, cov: Array, worth: Bools) -> None:
+    """Fit markers that touch and are worth it together, in `done` and `cov`: as much larger in the frame's noise as
+    before.
+    """
     white = np.trace(done.cov[:, :2, :2], axis1=1, axis2=2)
     with np.errstate(divide="ignore", invalid="ignore"):
         coloured = np.trace(cov, axis1=1, axis2=2) / white
-    index = fit_touching(scene, request, done, others)
+    index = fit_touching(scene, request, done, others, worth)
     cov[index] = done.cov[index, :2, :2] * np.where(np.isfinite(coloured), coloured, 1.0)[index, None, None]
 
 

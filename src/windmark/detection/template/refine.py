@@ -92,7 +92,7 @@ def fit_candidates(scene: Scene, xy: Array, radius: Array) -> tuple[TemplateFits
     request = fresh_request(xy, radius, frame)
     if len(xy):
         frame, request = learn_frame(scene, request, blur=True, noise=True)
-    return fit_at_first(scene, request, frame, robust=True)
+    return fit_at_first(scene, request, frame, robust=True, choosy=True)
 
 
 def make_scene(

@@ -27,12 +27,15 @@ STILL = 1e-3  # px that no centre moves by: all stay
 MOVED = 0.5  # radii by which the neighbours' light may move a centre
 
 
-def fit_touching(scene: Scene, request: Request, done: Fitted, others: Neighbours) -> Ints:
+def fit_touching(scene: Scene, request: Request, done: Fitted, others: Neighbours, worth: Bools | None = None) -> Ints:
     """Fit again, in `done`, the markers whose rims overlap; which they are (L,). Others are not converged with them.
 
+    Of candidates only those that are `worth` it (K,), together with others that are; None: all.
     A marker that does not converge so, whose neighbour does not, or that cannot be told from it, keeps its first fit.
     """
     joint = _overlapping(request, done, others)
+    if worth is not None:
+        joint = np.where(worth[:, None] & (joint >= 0) & worth[joint], joint, -1)
     index = np.flatnonzero((joint >= 0).any(axis=1))
     if not index.size:
         return index

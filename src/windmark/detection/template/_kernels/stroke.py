@@ -1,4 +1,4 @@
-"""Disc and stroke on one window by Levenberg and Marquardt. Private; the readable model is in `template.stroke`."""
+"""Disc and stroke, or shadow's edge, on one window by Levenberg and Marquardt. Private; see `template.stroke`."""
 
 from __future__ import annotations
 
@@ -11,22 +11,28 @@ from windmark.detection.template._kernels.algebra import solve
 from windmark.detection.template._kernels.model import evaluate, points_needed
 from windmark.geometry._jit import nb
 
-COUNT = 14  # unknowns: ten of the disc, the stroke's direction, place, strength, logarithm of its half width
+COUNT = 14  # unknowns: ten of the disc, direction, place, strength, logarithm of the half width or of the penumbra
 PIXEL = 0.29  # px, standard deviation of a pixel's box
 LEAST_AXIS, LEAST_BLUR = 0.5, 0.25  # px
 EVALUATIONS, HOPE = 25, 8  # at most; after so many it must be near a good fit, or it is given up
 TOLERANCE = 1e-2  # chi^2 of the last step
+PASSES = 3  # what the blurred product is less than that of blurred images changes with the fit, by a tenth of it
 ROOT_2, ROOT_2_PI = math.sqrt(2.0), math.sqrt(2.0 * math.pi)
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def stroke(direction: float, place: float, log_half_width: float, blur: float, out: Any) -> None:
+def stroke(edge: bool, direction: float, place: float, log_width: float, blur: float, out: Any) -> None:
     """A blurred stroke, 1 in its middle if it is wide, and its derivatives by the three unknowns into out (4, S, S).
 
-    `direction` is that of its normal, `place` its distance from the middle of the patch along it.
+    `direction` is that of its normal, `place` its distance from the middle of the patch along it, `log_width` the
+    logarithm of half its width. `edge`: of a shadow, a half-plane that is 1 where the normal points to; its width is
+    the penumbra's as the standard deviation of a Gaussian, by which the edge is wider than the lens makes it.
     """
     size = out.shape[1]
-    c, s, half, sigma = math.cos(direction), math.sin(direction), math.exp(log_half_width), math.hypot(blur, PIXEL)
+    c, s, width, sigma = math.cos(direction), math.sin(direction), math.exp(log_width), math.hypot(blur, PIXEL)
+    if edge:
+        sigma = math.hypot(sigma, width)
+    half = 0.0 if edge else width
     for j in range(size):
         y = float(j - size // 2)
         for i in range(size):
@@ -34,27 +40,33 @@ def stroke(direction: float, place: float, log_half_width: float, blur: float, o
             distance = c * x + s * y - place
             high, low = (distance + half) / sigma, (distance - half) / sigma
             g_high = math.exp(-0.5 * high * high) / (ROOT_2_PI * sigma)
-            g_low = math.exp(-0.5 * low * low) / (ROOT_2_PI * sigma)
-            out[0, j, i] = 0.5 * (math.erfc(-high / ROOT_2) - math.erfc(-low / ROOT_2))
+            g_low = 0.0 if edge else math.exp(-0.5 * low * low) / (ROOT_2_PI * sigma)
+            out[0, j, i] = 0.5 * (math.erfc(-high / ROOT_2) - (0.0 if edge else math.erfc(-low / ROOT_2)))
             out[1, j, i] = (g_high - g_low) * (c * y - s * x)
             out[2, j, i] = g_low - g_high
-            out[3, j, i] = (g_high + g_low) * half
+            out[3, j, i] = -g_high * distance * (width / sigma) ** 2 if edge else (g_high + g_low) * half
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def model(
-    v: Any, blur: float, scale: float, multiplicative: float, flat: Any, table: Any, line: Any, jac: Any, image: Any
-) -> None:
-    """Image (S, S) of disc and stroke, and its derivatives (14, S, S).
+    v: Any, edge: bool, blur: float, scale: float, multiplicative: float, flat: Any, table: Any, line: Any, jac: Any,
+    image: Any, late: Any,
+) -> None:  # fmt: skip
+    """Image (S, S) of disc and stroke, or shadow's `edge`, and its derivatives (14, S, S).
+
+    Where one multiplies the other, the image is the product of the blurred ones. The blurred product is less than that
+    by `late` (S, S), to first order the blur's variance times the product of their slopes.
 
     `flat` (2, S, S) zeros and ones; `table` (8, S + 6), `line` (4, S, S) scratch; others as in `fit_stroke`.
     """
     evaluate(flat[0], flat[1], v, points_needed(v), True, 0.0, multiplicative, table, jac, image)
-    stroke(v[10], v[11], v[13], blur, line)
+    stroke(edge, v[10], v[11], v[13], blur, line)
+    spread, c, s = multiplicative * (v[5] * v[5] + 1.0 / 12.0), math.cos(v[10]), math.sin(v[10])
     for j in range(image.shape[0]):
         for i in range(image.shape[0]):
             disc, taken = -image[j, i], v[12] * line[0, j, i]
             carrier = disc if multiplicative > 0.0 else scale
+            late[j, i] = v[12] * spread * line[2, j, i] * (c * jac[0, j, i] + s * jac[1, j, i])
             for m in range(10):
                 jac[m, j, i] *= 1.0 - multiplicative * taken
             jac[10, j, i] = -v[12] * carrier * line[1, j, i]
@@ -107,35 +119,21 @@ def _possible(v: Any, half: int) -> bool:
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def fit_stroke(
-    patch: Any, weight: Any, v: Any, known: Any, noise: float, scale: float, multiplicative: float, hopeless: float,
-    matrix: Any,
+def _settled(
+    patch: Any, weight: Any, v: Any, edge: bool, known: Any, noise: float, scale: float, multiplicative: float,
+    hopeless: float, matrix: Any, space: Any,
 ) -> float:  # fmt: skip
-    """Fit the unknowns `v` (14,), which are overwritten, and their normal `matrix`; the cost, NaN if not converged.
-
-    Parameters
-    ----------
-    patch, weight : (S, S)
-    known : (2, 3) what is known beforehand: which unknown, its value, its standard deviation; the first is the blur
-    noise : standard deviation of a pixel
-    scale : grey level of a stroke of strength 1 where paint does not multiply the light
-    hopeless : cost above which a fit is given up after `HOPE` steps
-    """
-    size = patch.shape[0]
-    flat, table, jac = np.zeros((2, size, size)), np.empty((8, size + 6)), np.empty((COUNT, size, size))
-    line, image = np.empty((4, size, size)), np.empty((size, size))
-    free, work = np.zeros(COUNT, np.bool_), np.empty((COUNT, COUNT))
-    rhs, step, trial = np.empty(COUNT), np.empty(COUNT), np.empty(COUNT)
-    other, other_rhs, damping = np.empty((COUNT, COUNT)), np.empty(COUNT), 1e-2
-    flat[1] = 1.0
-    model(v, known[0, 1], scale, multiplicative, flat, table, line, jac, image)
+    """`fit_stroke` of the product of the blurred images; `space` is its scratch."""
+    flat, table, jac, line, image, late, free, work, rhs, step, trial, other, other_rhs = space
+    size, damping = patch.shape[0], 1e-2
+    model(v, edge, known[0, 1], scale, multiplicative, flat, table, line, jac, image, late)
     cost = _equations(patch, weight, v, known, noise, jac, image, matrix, rhs)
     for k in range(EVALUATIONS):
         if (k == HOPE and cost > hopeless) or not solve(matrix, rhs, damping, free, work, step):
             return math.nan
         trial[:] = v + step
         if _possible(trial, size // 2):
-            model(trial, known[0, 1], scale, multiplicative, flat, table, line, jac, image)
+            model(trial, edge, known[0, 1], scale, multiplicative, flat, table, line, jac, image, late)
             new = _equations(patch, weight, trial, known, noise, jac, image, other, other_rhs)
             if new <= cost:
                 small = 0.0
@@ -151,3 +149,38 @@ def fit_stroke(
         if damping > 1e8:
             break
     return math.nan
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def fit_stroke(
+    patch: Any, weight: Any, v: Any, edge: bool, known: Any, noise: float, scale: float, multiplicative: float,
+    hopeless: float, matrix: Any,
+) -> float:  # fmt: skip
+    """Fit the unknowns `v` (14,), which are overwritten, and their normal `matrix`; the cost, NaN if not converged.
+
+    Parameters
+    ----------
+    patch, weight : (S, S)
+    edge : a shadow's edge, not a stroke
+    known : (2, 3) what is known beforehand: which unknown, its value, its standard deviation; the first is the blur
+    noise : standard deviation of a pixel
+    scale : grey level of a stroke of strength 1 where paint does not multiply the light
+    hopeless : cost above which a fit is given up after `HOPE` steps
+    """
+    size, cost = patch.shape[0], math.nan
+    flat, late, corrected = np.zeros((2, size, size)), np.empty((size, size)), patch.copy()
+    flat[1] = 1.0
+    space = (
+        flat, np.empty((8, size + 6)), np.empty((COUNT, size, size)), np.empty((4, size, size)),
+        np.empty((size, size)), late, np.zeros(COUNT, np.bool_), np.empty((COUNT, COUNT)), np.empty(COUNT),
+        np.empty(COUNT), np.empty(COUNT), np.empty((COUNT, COUNT)), np.empty(COUNT),
+    )  # fmt: skip
+    for _ in range(PASSES if multiplicative > 0.0 else 1):
+        cost = _settled(corrected, weight, v, edge, known, noise, scale, multiplicative, hopeless, matrix, space)
+        if math.isnan(cost):
+            break
+        model(v, edge, known[0, 1], scale, multiplicative, flat, space[1], space[3], space[2], space[4], late)
+        for j in range(size):
+            for i in range(size):
+                corrected[j, i] = patch[j, i] + late[j, i]
+    return cost
