@@ -82,5 +82,5 @@ def _rec_list_vars(self: Any, value: Any) -> list[Any]:
 
 def install_memory() -> None:
     """Give numba's classes these methods instead of their own."""
-    Function.get_call_type = _get_call_type
-    ir.Inst._rec_list_vars = _rec_list_vars  # type: ignore[method-assign]
+    Function.get_call_type = _get_call_type  # type: ignore[method-assign]
+    ir.Inst._rec_list_vars = _rec_list_vars
