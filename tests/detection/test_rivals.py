@@ -79,7 +79,7 @@ def fitted(image, radius=6.0):
 @pytest.mark.parametrize("wave", [3, 4, 5])
 def test_waves_of_the_outline_are_measured(wave):
     scene, fits = fitted(waved(wave, 0.05))
-    value = _measured(scene, fits, np.array([0]), fits.noise**2, _neighbours(fits), 12)[0][0, 1]
+    value = _measured(scene, fits, np.array([0]), np.array([0.25]), _neighbours(fits), 12)[0][0, 1]
     first, last = GROUPS[wave - 3]
     assert np.hypot(*value[first:last]) == pytest.approx(0.05, abs=0.008)
     others = [np.hypot(*value[a:b]) for k, (a, b) in enumerate(GROUPS[:3]) if k != wave - 3]
@@ -90,7 +90,7 @@ def test_waves_of_the_outline_are_measured(wave):
 def test_a_slope_of_the_inside_is_measured(slope, fitted_within, within):
     """The template that was fitted has moved to the dark side; beside the deviations it moves back."""
     scene, fits = fitted(waved(slope=slope))
-    value = _measured(scene, fits, np.array([0]), fits.noise**2, _neighbours(fits), 12)[0][0]
+    value = _measured(scene, fits, np.array([0]), np.array([0.25]), _neighbours(fits), 12)[0][0]
     as_fitted, moved = np.hypot(*value[:, 6:8].T)
     assert as_fitted == pytest.approx(slope, abs=fitted_within)
     assert moved == pytest.approx(slope, abs=within)
