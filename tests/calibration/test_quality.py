@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import matplotlib.pyplot
 import networks
 import numpy as np
 import pytest
@@ -138,3 +139,16 @@ def test_calibrations_without_common_markers_are_refused():
     other = replace(b, markers=replace(b.markers, name=np.array([f"n{i}" for i in range(40)])))
     with pytest.raises(ValueError, match="common"):
         compare(a, other)
+
+
+def test_a_plot_shows_one_cameras_residuals():
+    matplotlib.use("Agg")
+    result = calibrated(51)
+    ax = replace(result, used=np.arange(len(result.used)) > 0).plot()
+    np.testing.assert_allclose(ax.lines[0].get_xydata(), result.observations.xy[:1])
+    drawn = ax.collections[0]
+    np.testing.assert_allclose(drawn.U / drawn.U[0], (result.residuals[1:] / result.residuals[1])[:, 0])
+    assert "residuals x" in ax.get_title()
+    with pytest.raises(ValueError, match="plot: no camera 'x'"):
+        result.plot("x")
+    matplotlib.pyplot.close("all")

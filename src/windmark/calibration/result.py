@@ -104,6 +104,22 @@ class Calibration:
             "test": self.test, "used": self.used,
         })  # fmt: skip
 
+    def plot(self, camera: str | None = None, ax: Any = None) -> Any:
+        """Residuals of all marks of a camera as arrows where they lie in the picture, left out ones grey: what is left
+        of the lens shows as a pattern. The axes of matplotlib; without a name the only or first camera.
+        """
+        from windmark.scene import plots
+
+        camera = next(iter(self.cameras)) if camera is None else camera
+        if camera not in self.cameras:
+            raise ValueError(f"plot: no camera {camera!r}; there are {', '.join(self.cameras)}")
+        obs = self.observations
+        of = np.array([v.camera == camera for v in self.views])[obs.view]
+        ax = plots.pixel_axes(ax, None, obs.xy[of])
+        ax.plot(*obs.xy[of & ~self.used].T, "x", color="tab:gray")
+        plots.arrows(ax, obs.xy[of & self.used], self.residuals[of & self.used])
+        return ax
+
     @property
     def warnings(self) -> tuple[str, ...]:
         """The doubts as sentences."""

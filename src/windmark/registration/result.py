@@ -8,13 +8,13 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from windmark.adjust import SolveReport
 from windmark.geometry import Camera, Pose
 from windmark.registration.cached import cached_property
 from windmark.registration.directions import WeakDirection, weak_directions
-from windmark.scene import Matching
+from windmark.scene import Detections, MarkerSet, Matching
 from windmark.scene.shown import described, pandas_table
 
 Array = NDArray[np.float64]
@@ -187,6 +187,28 @@ class Registration(_Found):
             "marker": self.matching.marker, "detection": self.matching.detection, "dx": residual[:, 0],
             "dy": residual[:, 1], "distance_px": np.hypot(residual[:, 0], residual[:, 1]),
         })  # fmt: skip
+
+    def plot(
+        self, detections: Detections, markers: MarkerSet | None = None, image: ArrayLike | None = None, ax: Any = None
+    ) -> Any:
+        """Matched spots with residuals as arrows, other spots grey, names where the table is given; matplotlib's axes.
+
+        Parameters
+        ----------
+        detections, markers : those of the registration
+        image : (H, W) to draw over
+        """
+        from windmark.scene import plots
+
+        ax = plots.pixel_axes(ax, image, detections.xy)
+        matched = detections.xy[self.matching.detection]
+        ax.plot(*np.delete(detections.xy, self.matching.detection, axis=0).T, ".", color="tab:gray")
+        ax.plot(*matched.T, ".", color="tab:blue")
+        plots.arrows(ax, matched, self.residuals)
+        if markers is not None:
+            for name, xy in zip(markers.name[self.matching.marker], matched, strict=True):
+                ax.annotate(str(name), xy, (3, 3), textcoords="offset points", fontsize="x-small")
+        return ax
 
     @cached_property
     def weak(self) -> tuple[WeakDirection, ...]:

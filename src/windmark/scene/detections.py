@@ -106,6 +106,20 @@ class Detections:
             "merit": self.merit, "radius_px": self.radius_px, "depth": self.depth, "flags": self.flags,
         })  # fmt: skip
 
+    def plot(self, image: ArrayLike | None = None, ax: Any = None) -> Any:
+        """The spots' ellipses, over the image where it is given (H, W); the axes of matplotlib.
+
+        Where no half axes were estimated the radius is drawn, without one a cross.
+        """
+        from windmark.scene import plots
+
+        ax = plots.pixel_axes(ax, image, self.xy)
+        unknown = np.isnan(self.axes_px.sum(axis=1))
+        half = np.where(unknown[:, None], self.radius_px[:, None], self.axes_px)
+        plots.ellipses(ax, self.xy, half, np.where(unknown, 0.0, self.angle), "tab:orange")
+        ax.set_title(f"{len(self)} spots")
+        return ax
+
     def __len__(self) -> int:
         return len(self.xy)
 

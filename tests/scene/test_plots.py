@@ -1,0 +1,84 @@
+"""`plot` of spots, registrations and calibrations: what is drawn lies where the numbers say."""
+
+import matplotlib
+import numpy as np
+import pytest
+from matplotlib.collections import EllipseCollection
+from matplotlib.quiver import Quiver
+
+from windmark.geometry import Camera, Pose
+from windmark.registration import register
+from windmark.scene import Detections, MarkerSet, plots
+
+matplotlib.use("Agg")
+
+
+@pytest.fixture(autouse=True)
+def _closed():
+    import matplotlib.pyplot as plt
+
+    yield
+    plt.close("all")
+
+
+def one_of(ax, kind):
+    found = [c for c in ax.collections if isinstance(c, kind)]
+    assert len(found) == 1
+    return found[0]
+
+
+def test_spots_are_ellipses_where_they_are_known_and_crosses_elsewhere():
+    spots = Detections.make(
+        [[10.0, 20.0], [30.0, 40.0], [50.0, 60.0]], radius_px=[np.nan, 4.0, np.nan],
+        axes_px=[[3.0, 2.0], [np.nan, np.nan], [np.nan, np.nan]], angle=[np.pi / 6, np.nan, np.nan],
+    )  # fmt: skip
+    image = np.arange(80 * 70, dtype=float).reshape(80, 70)
+    ax = spots.plot(image)
+    drawn = one_of(ax, EllipseCollection)
+    np.testing.assert_allclose(drawn.get_offsets(), spots.xy[:2])
+    np.testing.assert_allclose(drawn.get_widths(), [6.0, 8.0])
+    np.testing.assert_allclose(drawn.get_heights(), [4.0, 8.0])
+    np.testing.assert_allclose(drawn.get_angles(), [30.0, 0.0])
+    np.testing.assert_allclose(ax.lines[0].get_xydata(), spots.xy[2:])
+    assert ax.get_images()[0].get_extent() == [-0.5, 69.5, 79.5, -0.5]  # the centre of the top left pixel is (0, 0)
+    bottom, top = spots.take([]).plot().get_ylim()
+    assert bottom != top
+    bottom, top = spots.plot().get_ylim()
+    assert bottom > 60 > 20 > top  # y points down, also without a picture
+
+
+@pytest.mark.parametrize("scale", [1e-4, 0.03, 0.2, 7.0])
+def test_arrows_are_enlarged_by_a_round_factor_to_less_than_a_twentieth(scale):
+    rng = np.random.default_rng(1)
+    xy, steps = rng.uniform(0, 1000, (40, 2)), scale * rng.normal(size=(40, 2))
+    ax = plots.pixel_axes(None, None, xy)
+    plots.arrows(ax, xy, steps)
+    drawn = one_of(ax, Quiver)
+    factor = drawn.U[0] / steps[0, 0]
+    np.testing.assert_allclose(np.column_stack([drawn.U, drawn.V]), factor * steps)
+    assert f"x {factor:g}," in ax.get_title()
+    assert float(f"{factor:e}"[0]) in {1.0, 2.0, 5.0}
+    assert 0.02 < factor * np.hypot(*steps.T).max() / 1000 < 0.052
+
+
+def test_no_arrows_without_residuals():
+    ax = plots.pixel_axes(None, None, [[1.0, 2.0]])
+    plots.arrows(ax, [[1.0, 2.0]], [[0.0, 0.0]])
+    assert not ax.collections
+
+
+def test_a_registration_shows_matches_names_and_what_was_left():
+    rng, camera = np.random.default_rng(2), Camera((640, 512), 1200.0)
+    xyz = np.column_stack([rng.uniform(-200, 200, (20, 2)), rng.uniform(0, 60, 20)])
+    markers = MarkerSet.make([f"m{k}" for k in range(20)], xyz, length_unit="mm")
+    xy, _ = camera.project(Pose.look_at([200.0, 300.0, 1200.0], [0.0, 0.0, 30.0], [0.0, 1.0, 0.0]).apply(xyz))
+    spots = Detections.make(np.vstack([xy + rng.normal(0, 0.1, xy.shape), [[30.0, 40.0]]]), sigma_px=0.1)
+    answer = register(spots, markers, camera)
+    assert answer
+    ax = answer.plot(spots, markers)
+    others, matched = (line.get_xydata() for line in ax.lines)
+    np.testing.assert_allclose(others, [[30.0, 40.0]])
+    np.testing.assert_allclose(matched, spots.xy[answer.matching.detection])
+    assert [t.get_text() for t in ax.texts] == [f"m{k}" for k in answer.matching.marker]
+    drawn = one_of(ax, Quiver)
+    np.testing.assert_allclose(drawn.U / drawn.U[0], answer.residuals[:, 0] / answer.residuals[0, 0])
