@@ -60,6 +60,35 @@ def test_rejected_candidates_are_shown_with_their_reasons(opened):
     assert page.js("getComputedStyle(document.querySelector('.rejected')).display") == "none"
 
 
+def test_spots_are_reached_by_keyboard(opened):
+    page, _ = opened
+    place = "(() => { const c = document.activeElement; return ['cx', 'cy'].map((k) => Number(c.getAttribute(k))); })()"
+    page.js("document.querySelector('.wm-zoom').focus()")
+    page.key("ArrowRight")
+    first = page.js(place)
+    assert page.js("document.activeElement.matches('circle[data-spot]')")
+    page.key("ArrowRight")
+    right = page.js(place)
+    assert right[0] > first[0]
+    page.key("ArrowDown")
+    below = page.js(place)
+    assert below[1] > right[1]
+    for _ in range(200):  # as far as there are spots to the left
+        before = page.js(place)
+        page.key("ArrowLeft")
+        if page.js(place) == before:
+            break
+        assert page.js(place)[0] < before[0]
+    assert page.js("document.activeElement.matches('circle[data-spot]')")
+    words = page.js("document.activeElement.getAttribute('aria-label')")
+    page.key("Enter")
+    assert page.js("document.querySelector('.wm-what').textContent") == words
+    page.key("Escape")
+    assert page.js("!document.querySelector('.wm-pop')")
+    assert page.js(place) == before
+    assert page.wrong() == []
+
+
 def test_sliders_and_boxes_move_the_grid(opened):
     page, _ = opened
     page.js("document.querySelector('.wm-pov').open = true")

@@ -111,9 +111,13 @@ def _maps(report: Report, run: InfraredRun, folder: Path, key: str, title: str) 
         report.side_by_side(count)
 
 
-def _set_up(report: Report, run: InfraredRun) -> None:
-    from windmark.app.infrared_verb import noise_kelvin
+def noise_kelvin(run: InfraredRun, camera: str) -> float:
+    """Noise of a camera's pixel at the surroundings' temperature."""
+    sensor = run.sensors[camera]
+    return float(np.sqrt(sensor.noise) / sensor.radiance.slope(run.surface.surroundings))
 
+
+def _set_up(report: Report, run: InfraredRun) -> None:
     report.heading("Cameras, surface and walls")
     for name, sensor in run.sensors.items():
         low, high = sensor.radiance.t_range

@@ -10,7 +10,7 @@ import numpy as np
 from windmark import io
 from windmark.app import console
 from windmark.app.alone import not_drawn
-from windmark.app.infrared_report import infrared_page
+from windmark.app.infrared_report import infrared_page, noise_kelvin
 from windmark.app.provenance import Provenance
 from windmark.app.series_folder import series_folder
 from windmark.app.verdict_words import put_verdict, verdict_lines
@@ -83,12 +83,6 @@ def summary(run: InfraredRun, result: InfraredResult) -> Record:
                        "median_sigma_K": float(np.median(field.sigma[field.known])),
                        "scatter_over_noise": result.steady.excess}  # fmt: skip
     return out
-
-
-def noise_kelvin(run: InfraredRun, camera: str) -> float:
-    """Noise of a camera's pixel at the surroundings' temperature."""
-    sensor = run.sensors[camera]
-    return float(np.sqrt(sensor.noise) / sensor.radiance.slope(run.surface.surroundings))
 
 
 def _frame(r: FrameRecord) -> Record:

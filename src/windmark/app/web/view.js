@@ -147,7 +147,10 @@ const putSight = (view) => {
 
 let pop = null;
 const closePop = () => {
+  const chosen = document.querySelector('circle.chosen');
+  const held = pop && pop.contains(document.activeElement);
   if (pop) pop.remove();
+  if (held && chosen) chosen.focus({ preventScroll: true }); // the keyboard goes on from there
   document.querySelectorAll('circle.chosen').forEach((c) => c.classList.remove('chosen'));
   pop = null;
 };
@@ -225,6 +228,48 @@ document.addEventListener('pointerup', (e) => {
 }, true);
 document.addEventListener('keydown', (e) => { if (e.key === 'Escape') closePop(); });
 
+// Spots by keyboard: arrows go to the next one in that direction, of those that the zoom leaves in sight; Enter opens it.
+const STEPS = { ArrowRight: [1, 0], ArrowLeft: [-1, 0], ArrowDown: [0, 1], ArrowUp: [0, -1] };
+const middle = (one) => {
+  const box = one.getBoundingClientRect();
+  return [box.left + box.width / 2, box.top + box.height / 2];
+};
+const byKeys = (figure) => {
+  const circles = [...figure.querySelectorAll('circle[data-spot]')];
+  const frame = figure.querySelector('.wm-zoom');
+  if (!circles.length || !frame) return;
+  for (const circle of circles) {
+    circle.setAttribute('tabindex', '-1');
+    circle.setAttribute('role', 'button');
+    circle.setAttribute('aria-label', circle.querySelector('title').textContent);
+  }
+  const next = (from, [dx, dy]) => {
+    const { left, right, top, bottom } = frame.getBoundingClientRect();
+    const [x, y] = from ? middle(from) : [left, top];
+    let [best, least] = [null, Infinity];
+    for (const circle of circles) {
+      const [u, v] = middle(circle);
+      if (circle === from || u < left || u > right || v < top || v > bottom) continue;
+      const along = (u - x) * dx + (v - y) * dy;
+      const across = Math.abs((u - x) * dy) + Math.abs((v - y) * dx);
+      const far = from ? along + 2 * across : Math.hypot(u - x, v - y);
+      if ((!from || (along > 0 && across <= 2 * along)) && far < least) [best, least] = [circle, far];
+    }
+    return best;
+  };
+  frame.addEventListener('keydown', (e) => {
+    const here = circles.includes(document.activeElement) ? document.activeElement : null;
+    if (STEPS[e.key]) {
+      e.preventDefault();
+      const to = next(here, STEPS[e.key]);
+      if (to) to.focus({ preventScroll: true });
+    } else if (here && (e.key === 'Enter' || e.key === ' ')) {
+      e.preventDefault();
+      openPop(here, ...middle(here));
+    }
+  });
+};
+
 const liven = WM.liven;
 WM.liven = (root) => {
   liven(root);
@@ -240,6 +285,7 @@ WM.liven = (root) => {
       key.innerHTML = words;
       row.append(key);
     }
+    byKeys(figure);
     pointOfView(view, figure);
     mark(view);
     putSight(view);
