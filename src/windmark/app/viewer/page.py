@@ -121,7 +121,7 @@ def _pictures(report: Report, order: list[ImageResult], result: RunResult) -> No
         made = list(pool.map(one, order))
     report.heading("Pictures" + (", worst first" if len(order) > 1 else ""))
     report.text("A click on a spot names it, excludes it, or frees it again; that is written into the project file. "
-                "Under the cursor: place, sigma and merit. By keyboard: arrows and Enter in a picture.", "soft")  # fmt: skip
+                "Under the cursor: place, sigma and merit. By keyboard: arrows and Enter.", "soft")  # fmt: skip
     for own in made:
         report.absorb(own)
 
