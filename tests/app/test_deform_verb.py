@@ -370,7 +370,7 @@ def test_a_warning_is_counted_once_a_frame():
         SimpleNamespace(key="4", warnings=("law of wing too simple: what is left looks like twist of 0.2 deg at W5",)),
         SimpleNamespace(key="5", warnings=("law of wing too simple: what is left looks like bending of 1 mm at W5",)),
     ]
-    assert list(deform_verb.warnings(SimpleNamespace(good=rows)).items()) == [
+    assert list(deform_verb.sentences(SimpleNamespace(good=rows), "warnings").items()) == [
         ("frame 4: law of wing too simple: what is left looks like twist of 0.2 deg at W5", 2),
         ("frame 3: W4 is 0.4 mm from where its table has it", 1),
     ]

@@ -120,6 +120,8 @@ def _plain(job: Job, start: NetworkState, allowed: Mask, shift: Array) -> Solved
         return None
     network = make_network(job, taken, allowed.astype(float))
     problem = NetworkProblem(network, start, shift[taken])
+    if problem.residual(start) is None:
+        return None  # the robust stages say why
     state, system, report = minimise(problem, start, PLAIN)
     redundancy = _redundancy(problem, int(taken.sum()), system.gauge.dense.shape[1])
     squares = 2 * report.final_cost
