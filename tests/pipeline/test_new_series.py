@@ -14,7 +14,7 @@ from windmark.pipeline.check import check_project
 from windmark.pipeline.deform.project import read_deform_project
 from windmark.pipeline.folder import look_into
 from windmark.pipeline.new_project import choose, common_pattern
-from windmark.pipeline.new_series import command, csv_with, series_missing
+from windmark.pipeline.new_series import _unquoted, command, csv_with, series_missing
 from windmark.scene import MarkerSet, Mesh
 
 CAMERA = Camera((64, 48), 80.0, 1.0, 31.5, 23.5)
@@ -103,3 +103,10 @@ def test_two_tables_that_could_be_meant_are_none(folder):
 def test_an_unknown_verb_is_refused(folder):
     with pytest.raises(UsageError, match="reconstruct, got track"):
         init(folder, "track")
+
+
+@pytest.mark.parametrize(("pattern", "written"), [
+    ("photos/a*.tif", "photos/a*.tif"), ("a b*.tif", "'a b'*.tif"), ("run(1)/f*;x.tif", "'run(1)/f'*';x.tif'"),
+])  # fmt: skip
+def test_a_pattern_keeps_its_star_and_has_the_rest_quoted(pattern, written):
+    assert _unquoted(pattern) == written

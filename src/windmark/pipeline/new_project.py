@@ -88,7 +88,7 @@ def missing(content: FolderContent, choice: Choice) -> list[str]:
 def project_text(content: FolderContent, choice: Choice, title: str, place: Path) -> str:
     """The project file, which will stand in the folder ``place``."""
     rel = relative_to(place)
-    used = list(dict.fromkeys(c for c in choice.cameras.values() if c is not None))
+    used = used_cameras(choice)
     names = dict(zip(used, unique_names(used), strict=True))
     lines = [
         "# A windmark project. Paths are relative to this file; every key is in the guide (docs/guide.md).",
@@ -112,6 +112,11 @@ def project_text(content: FolderContent, choice: Choice, title: str, place: Path
     lines += _markers(choice, rel) + _grid(choice, content, rel)
     lines += ["[output]", 'folder = "results"', "# nodes = [\"vtk\", \"tecplot\", \"plot3d\", \"csv\", \"netcdf\"]", ""]
     return "\n".join(lines)
+
+
+def used_cameras(choice: Choice) -> list[Path]:
+    """Camera files that took a picture, in the order of the pictures."""
+    return list(dict.fromkeys(c for c in choice.cameras.values() if c is not None))
 
 
 def relative_to(place: Path) -> Rel:

@@ -10,7 +10,16 @@ from pathlib import Path
 import numpy as np
 
 from windmark.pipeline.folder import FolderContent, FoundPicture
-from windmark.pipeline.new_project import Choice, Rel, common_pattern, quoted, relative_to, unique_names, unit_lines
+from windmark.pipeline.new_project import (
+    Choice,
+    Rel,
+    common_pattern,
+    quoted,
+    relative_to,
+    unique_names,
+    unit_lines,
+    used_cameras,
+)
 
 PROJECTS = ("run", "deform", "psp", "infrared")
 """Verbs that have a project file."""
@@ -99,11 +108,6 @@ def _series(path: Path) -> tuple[Path, str]:
     return path.parent, re.split(r"\d", path.name)[0]
 
 
-def used_cameras(choice: Choice) -> list[Path]:
-    """Camera files that took a picture, in the order of the pictures."""
-    return list(dict.fromkeys(c for c in choice.cameras.values() if c is not None))
-
-
 def csv_with(folder: Path, columns: set[str]) -> Path | None:
     """The one CSV of a folder that has a column for each of these (units and kinds may follow: on_reference)."""
     found = []
@@ -190,5 +194,5 @@ def _infrared(content: FolderContent, rel: Rel) -> list[str]:
 
 
 def _unquoted(pattern: str) -> str:
-    """A pattern as a shell takes it: blanks quoted, its * left to work."""
-    return shlex.quote(pattern).replace("*", "'*'").replace("''", "") if " " in pattern else pattern
+    """A pattern as a shell takes it: whatever else it would read is quoted, its * left to work."""
+    return "*".join(shlex.quote(part) if part else "" for part in pattern.split("*"))
