@@ -8,7 +8,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 from numpy.typing import NDArray
 
-from windmark.app.pictures import MISSING, SPARE, WIDTH_IN, image_axes, round_length
+from windmark.app.pictures import MISSING, SPARE, WIDTH_IN, image_axes
+from windmark.scene.plots import round_length
 from windmark.tasks.align2d import ImageAlignment
 
 Array = NDArray[np.float64]

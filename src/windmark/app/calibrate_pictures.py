@@ -9,10 +9,11 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from windmark.app.pictures import WIDTH_IN, round_length
+from windmark.app.pictures import WIDTH_IN
 from windmark.calibration import Calibration
 from windmark.calibration.quality import Comparison, projection_sigma
 from windmark.calibration.snooping import critical
+from windmark.scene.plots import round_length
 
 Array = NDArray[np.float64]
 

@@ -239,10 +239,9 @@ def _lines(loaded: Loaded, sequence: Sequence, record: Record) -> list[str]:
             f"{record['median_sigma0']:.2f}, {record['median_frame_ms']:.0f} ms per frame"
             + (f", latency {record['median_latency_ms']:.0f} ms" if "median_latency_ms" in record else "")
         )
-        lines += [f"warning: {words} ({n} of {len(sequence.good)} frames)" for words, n in
-                  [*record["warnings"].items()][:FEW_SHOWN]]  # fmt: skip
-        lines += [f"unchecked: {words} ({n} of {len(sequence.good)} frames)" for words, n in
-                  [*record["unchecked"].items()][:FEW_SHOWN]]  # fmt: skip
+        for kind, key in (("warning", "warnings"), ("unchecked", "unchecked")):
+            lines += [f"{kind}: {words} ({n} of {len(sequence.good)} frames)" for words, n in
+                      [*record[key].items()][:FEW_SHOWN]]  # fmt: skip
         lines += [f"weak: {words}" for words in record["weak"]]
         last, unit = sequence.good[-1], loaded.project.length_unit
         if len(last.twist):

@@ -12,9 +12,10 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from windmark.app.laws_examples import UNIT, Shown
-from windmark.app.pictures import WIDTH_IN, round_length
+from windmark.app.pictures import WIDTH_IN
 from windmark.deformation import Parameter
 from windmark.geometry import Camera, Pose
+from windmark.scene.plots import round_length
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

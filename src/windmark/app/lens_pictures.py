@@ -9,9 +9,10 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from windmark.app.pictures import WIDTH_IN, round_length, stretched
+from windmark.app.pictures import WIDTH_IN, stretched
 from windmark.calibration import CorrectedImage, corrected_camera
 from windmark.geometry import Camera
+from windmark.scene.plots import round_length
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from windmark.app.pictures import round_length, stretched
+from windmark.app.pictures import stretched
 from windmark.scene import Detections
+from windmark.scene.plots import round_length
 
 Array = NDArray[np.float64]
 

@@ -19,6 +19,8 @@ from matplotlib.text import Text
 from matplotlib.ticker import FixedFormatter, FuncFormatter
 from numpy.typing import NDArray
 
+from windmark.scene.plots import round_length
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
@@ -252,12 +254,6 @@ def _magnification(residual: Array, width: int) -> float:
     """A round factor (1, 2, 5, 10, ...) that makes the RMS residual about 3 % of the image's width."""
     rms = _rms(residual)
     return 1.0 if not rms > 0 else max(1.0, round_length(0.03 * width / rms))
-
-
-def round_length(value: float) -> float:
-    """The largest of 1, 2, 5 times a power of ten that is not above ``value``."""
-    power = 10.0 ** np.floor(np.log10(value))
-    return float(max(m for m in (1, 2, 5) if m <= value / power * (1 + 1e-12)) * power)
 
 
 def _empty_corner(valid: NDArray[np.bool_], length: float) -> tuple[float, float]:

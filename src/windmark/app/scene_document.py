@@ -13,10 +13,10 @@ from matplotlib.colors import to_hex
 from numpy.typing import NDArray
 
 from windmark.app.packing import COARSE, FINE, Fineness, Packed, coordinates
-from windmark.app.pictures import round_length
 from windmark.app.scene3d import Cut, Field, Frames, Markers, Scene3D, Shifts, Station
 from windmark.app.space_pictures import RADIUS, magnification
 from windmark.scene import Mesh
+from windmark.scene.plots import round_length
 
 Array = NDArray[np.float64]
 Document = dict[str, Any]

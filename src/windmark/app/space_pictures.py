@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from windmark.app.calibrate_pictures import BLUE, DARK
-from windmark.app.pictures import WIDTH_IN, round_length
+from windmark.app.pictures import WIDTH_IN
 from windmark.calibration import Calibration
+from windmark.scene.plots import round_length
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

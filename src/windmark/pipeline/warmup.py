@@ -16,7 +16,7 @@ from windmark import io
 from windmark.calibration import Free
 from windmark.detection import detect
 from windmark.errors import WindmarkError
-from windmark.geometry import Pose
+from windmark.geometry import Camera, Pose
 from windmark.pipeline.calibrate import CalibrateSettings, calibrate_marks, from_table
 from windmark.pipeline.clock import Clock
 from windmark.pipeline.job import run_project
@@ -58,10 +58,10 @@ class Warmup:
         detect(self._test.shot().image, radius_px=2.0)
 
     def _register(self) -> None:
-        rng, camera = np.random.default_rng(1), default_stations(np.random.default_rng(1), 1, SIZE)[0][0]
-        xyz = np.column_stack([rng.uniform(-200, 200, (MARKERS, 2)), rng.uniform(0, 60, MARKERS)])
-        markers = MarkerSet.make([f"m{k}" for k in range(MARKERS)], xyz, length_unit="mm")
-        xy, _ = camera.project(Pose.look_at([200.0, 300.0, 900.0], [0.0, 0.0, 30.0], [0.0, 1.0, 0.0]).apply(xyz))
+        rng = np.random.default_rng(1)
+        camera, markers = _camera_and_markers(rng)
+        pose = Pose.look_at([200.0, 300.0, 900.0], [0.0, 0.0, 30.0], [0.0, 1.0, 0.0])
+        xy, _ = camera.project(pose.apply(markers.xyz))
         found = Detections.make(xy + rng.normal(0, 0.1, xy.shape), sigma_px=0.1)
         answer = register(found, markers, camera)
         if isinstance(answer, NotRegistered):
@@ -86,14 +86,12 @@ class Warmup:
 
     def _calibrate(self) -> None:
         rng = np.random.default_rng(1)
-        camera = default_stations(rng, 1, SIZE)[0][0]
-        xyz = np.column_stack([rng.uniform(-200, 200, (MARKERS, 2)), rng.uniform(0, 60, MARKERS)])
-        markers = MarkerSet.make([f"m{k}" for k in range(MARKERS)], xyz, length_unit="mm")
+        camera, markers = _camera_and_markers(rng)
         columns: dict[str, list[object]] = {"image": [], "name": [], "x": [], "y": []}
         for v in range(VIEWS):
             eye = 900 * np.array([0.7 * np.sin(v), 0.7 * np.cos(1.7 * v), 1.0])
             pose = Pose.look_at(eye, [0.0, 0.0, 30.0], [np.sin(2.1 * v), np.cos(2.1 * v), 0.0])
-            xy = camera.project(pose.apply(xyz))[0] + rng.normal(0, 0.1, (MARKERS, 2))
+            xy = camera.project(pose.apply(markers.xyz))[0] + rng.normal(0, 0.1, (MARKERS, 2))
             for k in np.flatnonzero(camera.in_image(xy)):
                 for key, value in zip(columns, (f"v{v}", str(markers.name[k]), *xy[k]), strict=True):
                     columns[key].append(value)
@@ -115,6 +113,13 @@ class Warmup:
             run_sequence(load(read_deform_project(folder / "deform.toml")), results)
 
 
+def _camera_and_markers(rng: np.random.Generator) -> tuple[Camera, MarkerSet]:
+    """A camera, and markers in space that are not in rows."""
+    camera = default_stations(rng, 1, SIZE)[0][0]
+    xyz = np.column_stack([rng.uniform(-200, 200, (MARKERS, 2)), rng.uniform(0, 60, MARKERS)])
+    return camera, MarkerSet.make([f"m{k}" for k in range(MARKERS)], xyz, length_unit="mm")
+
+
 def compile_all(show: Callable[[str, int, int], None], processes: int | None = None) -> dict[str, str]:
     """Do every job; ``show`` is told name, number and count. What could not be done -> why; the others go on.
 
@@ -127,24 +132,24 @@ def compile_all(show: Callable[[str, int, int], None], processes: int | None = N
     """
     jobs = dict(Warmup().jobs())
     failed: dict[str, str] = {}
-    done = 0
+    count, done = len(jobs), 0
+
+    def finished(name: str, wait: Callable[[], None]) -> None:
+        if why := _failure(wait):
+            failed[name] = why
+
     processes = min(processes or os.cpu_count() or 1, MOST_PROCESSES)
-    if processes > 1:
-        apart = [name for name in APART if name in jobs]
-        show(", ".join(apart), 0, len(jobs))
+    apart = [name for name in APART if name in jobs and processes > 1]
+    if apart:
+        show(", ".join(apart), 0, count)
         with ProcessPoolExecutor(processes, mp_context=multiprocessing.get_context("spawn")) as pool:
             at_work = {pool.submit(_alone, name): name for name in apart}
-            for job in as_completed(at_work):
-                name, done = at_work[job], done + 1
-                show(name, done, len(jobs))
-                if why := _failure(job.result):
-                    failed[name] = why
-        jobs = {name: work for name, work in jobs.items() if name not in apart}
-    count = done + len(jobs)
-    for n, (name, work) in enumerate(jobs.items(), done):
+            for done, job in enumerate(as_completed(at_work), 1):
+                show(at_work[job], done, count)
+                finished(at_work[job], job.result)
+    for n, name in enumerate((name for name in jobs if name not in apart), done):
         show(name, n, count)
-        if why := _failure(work):
-            failed[name] = why
+        finished(name, jobs[name])
     return failed
 
 

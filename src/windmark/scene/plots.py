@@ -38,6 +38,12 @@ def pixel_axes(ax: Any, image: ArrayLike | None, xy: ArrayLike) -> Any:
     return ax
 
 
+def round_length(value: float) -> float:
+    """The largest of 1, 2, 5 times a power of ten that is not above ``value``."""
+    power = 10.0 ** np.floor(np.log10(value))
+    return float(max(m for m in (1, 2, 5) if m <= value / power * (1 + 1e-12)) * power)
+
+
 def arrows(ax: Any, xy: ArrayLike, delta: ArrayLike, color: str = "tab:red") -> None:
     """Residuals (M, 2) as arrows at their places (M, 2), enlarged by a round factor that the title says."""
     places, steps = (np.asarray(a, dtype=float).reshape(-1, 2) for a in (xy, delta))
@@ -45,9 +51,7 @@ def arrows(ax: Any, xy: ArrayLike, delta: ArrayLike, color: str = "tab:red") -> 
     if not longest > 0:
         return
     span = max(abs(float(np.ptp(limits))) for limits in (ax.get_xlim(), ax.get_ylim()))
-    most = LONGEST * span / longest
-    factor = float(10 ** np.floor(np.log10(most)))
-    factor *= next(m for m in (5.0, 2.0, 1.0) if m * factor <= most or m == 1.0)
+    factor = round_length(LONGEST * span / longest)
     ax.quiver(
         places[:, 0], places[:, 1], factor * steps[:, 0], factor * steps[:, 1],
         color=color, angles="xy", scale_units="xy", scale=1.0, width=0.003,

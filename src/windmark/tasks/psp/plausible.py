@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.paint import InSitu, NodeField, TunnelConditions
+from windmark.paint.cp import AIR
 
 Array = NDArray[np.float64]
 
@@ -20,18 +21,17 @@ LOWEST = -10.0
 LEVEL, SLOPE = 2.0, 4.0
 """Factors by which readings of taps may differ from the paint's a-priori pressure, and change with it. The nearest
 units that are mixed up (psi and kPa) differ by 6.9."""
-_GAMMA = 1.4
 
 
 def mach_of(stream: TunnelConditions) -> float:
     """The stream's Mach number, or what q and p say of it where none is given."""
-    by_q = np.sqrt(stream.q_inf / (0.5 * _GAMMA * stream.p_inf))
+    by_q = np.sqrt(stream.q_inf / (0.5 * AIR * stream.p_inf))
     return float(stream.mach if np.isfinite(stream.mach) else by_q)
 
 
 def total_pressure(stream: TunnelConditions) -> float:
     """Of the stream, in the unit of its static pressure."""
-    return float(stream.p_inf * (1 + 0.5 * (_GAMMA - 1) * mach_of(stream) ** 2) ** (_GAMMA / (_GAMMA - 1)))
+    return float(stream.p_inf * (1 + 0.5 * (AIR - 1) * mach_of(stream) ** 2) ** (AIR / (AIR - 1)))
 
 
 def beyond_stream(cp: NodeField, stream: TunnelConditions) -> str:
