@@ -7,7 +7,7 @@ DEMO   := windmark-demo
 TEST_PROCESSES ?= 2
 PYTEST := $(BIN)/pytest --numprocesses $(TEST_PROCESSES) --dist worksteal
 
-.PHONY: demo test test-all test-costs lint docs bench paper-map clean
+.PHONY: demo test test-all test-costs lint docs wheel bench paper-map clean
 
 demo: $(VENV)/.installed
 	$(BIN)/windmark demo $(DEMO)
@@ -38,6 +38,10 @@ test-costs: $(VENV)/.installed-test $(VENV)/.compiled
 # The documentation site, build/docs/index.html; a link that leads nowhere is an error. No network is needed.
 docs: $(VENV)/.installed-docs
 	$(BIN)/python -m sphinx -b html -W --keep-going -q docs build/docs
+
+# dist/windmark-...whl for this system and Python, with compiled kernels: whoever installs it compiles nothing.
+wheel: $(VENV)/.installed
+	$(BIN)/python packaging/compiled_wheel.py dist
 
 # Every command of docs/paper-map.md, from start to end (some eight minutes).
 paper-map: $(VENV)/.installed

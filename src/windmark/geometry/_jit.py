@@ -5,7 +5,8 @@ function would go on with the old machine code after an upgrade or an edit of th
 cached kernels are dropped, once, whenever their file or one that it imports has changed.
 
 They are beside the sources; where these cannot be written to, in the user's folder for caches, or else in a temporary
-one, which is said when it is made. ``NUMBA_CACHE_DIR`` is respected.
+one, which is said when it is made. ``NUMBA_CACHE_DIR`` is respected. What came with the package (``_shipped``) is taken
+from there.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from typing import Any
 import numba
 
 from windmark.geometry._link import Kernel, install
+from windmark.geometry._shipped import Shipped, shipped
 
 __all__ = ["nb"]
 
@@ -173,10 +175,13 @@ def _hash(data: bytes) -> str:
 
 
 class _Numba:
-    """Numba whose functions are linked once (see ``_link``), with or without a cache on a disk."""
+    """Numba whose functions are linked once (see ``_link``), with or without a cache on a disk.
 
-    def __init__(self, *, cached: bool) -> None:
-        self._cached = cached
+    ``brought``: kernels that came with the package.
+    """
+
+    def __init__(self, *, cached: bool, brought: Shipped | None = None) -> None:
+        self._cached, self._brought = cached, brought
 
     def __getattr__(self, name: str) -> Any:
         return getattr(numba, name)
@@ -189,7 +194,7 @@ class _Numba:
         def kernel(function: Callable[..., Any]) -> Kernel:
             made = Kernel(function, targetoptions={"nopython": True, "boundscheck": None, **options})
             if cache and self._cached:
-                made.enable_caching()
+                made.enable_caching(self._brought)
             return made
 
         return kernel
@@ -197,6 +202,7 @@ class _Numba:
 
 def _ready(package: Path) -> Any:
     """Numba with its cache in order."""
+    as_known = install()  # else what is on the disk is not as numba reads it
     try:
         root = cache_root(package)
     except OSError as error:
@@ -205,8 +211,8 @@ def _ready(package: Path) -> Any:
     if root is not None:
         numba.config.CACHE_DIR = str(root)
     drop_stale_cache(package, root)
-    return _Numba(cached=True)
+    brought = shipped(package, kernel_sources)[0] if as_known else None
+    return _Numba(cached=True, brought=brought)
 
 
-install()
 nb = _ready(_PACKAGE)

@@ -31,6 +31,7 @@ from numba.core.typing.typeof import typeof
 
 from windmark.compiling import compiled, waiting
 from windmark.geometry import _remembered
+from windmark.geometry._shipped import Shipped
 
 __all__ = ["Kernel", "install"]
 
@@ -47,7 +48,8 @@ KNOWN: dict[Any, tuple[str, ...]] = {
     codegen.JITCPUCodegen: ("_check_llvm_bugs", "_library_class", "set_env"),
     cpu.CPUContext: ("create_cfunc_wrapper", "create_cpython_wrapper", "get_executable", "push_code_library"),
     Dispatcher: ("add_overload", "compile", "enable_caching"),
-    caching.FunctionCache: ("save_overload",),
+    caching.FunctionCache: ("_index_key", "_load_overload", "save_overload"),
+    caching.IndexDataCacheFile: ("load",),
     **_remembered.KNOWN,
 }
 _ENVIRONMENT = "_ZN08NumbaEnv"  # numba's prefix of the constants that a function's error messages use
@@ -177,7 +179,20 @@ class _Context(cpu.CPUContext):
 
 
 class _Linked(caching.FunctionCache):
-    """On disk are functions that Python calls."""
+    """On disk are functions that Python calls: compiled here, or brought by the package."""
+
+    def __init__(self, function: Any, brought: Shipped | None) -> None:
+        super().__init__(function)
+        self._brought = brought
+
+    def _load_overload(self, sig: Any, context: Any) -> Any:
+        found = super()._load_overload(sig, context)
+        if found is not None or self._brought is None:
+            return found
+        source, name = self._py_func.__code__.co_filename, self._impl.filename_base
+        stamp, key = self._impl.locator.get_source_stamp(), self._index_key(sig, context.codegen())
+        data = self._brought.load(source, name, stamp, key)
+        return None if data is None else self._impl.rebuild(context, data)
 
     def save_overload(self, sig: Any, data: Any) -> None:
         if data.library._finalized:
@@ -187,8 +202,9 @@ class _Linked(caching.FunctionCache):
 class Kernel(registry.CPUDispatcher):
     """A compiled function, linked when Python calls it; who waits for that is told how long (`windmark.compiling`)."""
 
-    def enable_caching(self) -> None:
-        self._cache = _Linked(self.py_func)
+    def enable_caching(self, brought: Shipped | None = None) -> None:
+        """Keep what is compiled on the disk, and take from there what was; ``brought`` came with the package."""
+        self._cache = _Linked(self.py_func, brought)
 
     def add_overload(self, cres: Any) -> None:
         if cres.library._finalized:

@@ -13,6 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import windmark
+from windmark.geometry._jit import kernel_sources
+from windmark.geometry._shipped import FOLDER, shipped
 
 PACKAGES = (
     "numpy", "scipy", "numba", "llvmlite", "pydantic", "typer", "pyvista", "vtk", "xarray", "h5netcdf", "h5py",
@@ -79,14 +81,19 @@ def _kernels() -> Finding:
     from numba import config
 
     root = Path(windmark.__file__).parent
+    brought, why_not = shipped(root, kernel_sources)
+    came = sum(1 for _ in (root / FOLDER).rglob("*.nbi")) if brought else 0
     kept = Path(config.CACHE_DIR) if config.CACHE_DIR else root
-    count = sum(1 for _ in kept.rglob("*.nbi"))
+    count = sum(1 for path in kept.rglob("*.nbi") if root / FOLDER not in path.parents)
     folder = kept if config.CACHE_DIR else root / "geometry" / "__pycache__"
     trouble = ""
     if not _can_write(folder if folder.is_dir() else kept):
         trouble = f"{kept} cannot be written: every run compiles anew; set NUMBA_CACHE_DIR to a folder that can"
-    words = f"{count} compiled functions are kept" if count else "none is compiled yet: windmark warmup does it at once"
-    return Finding("kernels", f"{words} ({kept})", trouble)
+    none = "none is compiled here" if came else "none is compiled yet: windmark warmup does it at once"
+    words = [f"{came} compiled functions came with the package"] if came else []
+    words += [f"those that came with the package are of no use here: {why_not}"] if why_not else []
+    words += [f"{count} compiled functions are kept ({kept})" if count else f"{none} ({kept})"]
+    return Finding("kernels", "; ".join(words), trouble)
 
 
 def _display() -> Finding:
