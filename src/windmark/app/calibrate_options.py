@@ -160,8 +160,10 @@ def parse_patterns(texts: Sequence[str]) -> dict[str, str]:
     return out
 
 
-def parse_board(pitch: float | None, marks: str | None, size: str | None, layout: str) -> Board | None:
-    """The board, from its pitch, ``KIND:column,row:...`` of its marks, COLUMNSxROWS and LAYOUT[:aspect]."""
+def parse_board(pitch: float | None, marks: str | None, size: str | None, layout: str, unit: str) -> Board | None:
+    """The board, from its pitch in a length unit, ``KIND:column,row:...`` of its marks, COLUMNSxROWS and
+    LAYOUT[:aspect].
+    """
     if pitch is None:
         if marks is not None or size is not None or layout != "square":
             raise UsageError("--board-marks, --board-size and --board-layout describe a board: --board PITCH is needed")
@@ -174,7 +176,7 @@ def parse_board(pitch: float | None, marks: str | None, size: str | None, layout
     aspect = _number(end, "--board-layout", "LAYOUT:ASPECT") if colon else 1.0
     if name not in ("square", "staggered") or not aspect > 0:
         raise UsageError(f"--board-layout: expected square or staggered, then perhaps :ASPECT > 0, got {layout!r}")
-    return Board(pitch, cells, kind, columns, rows, name, aspect)
+    return Board(pitch, cells, kind, columns, rows, name, aspect, unit)
 
 
 def _board_size(text: str | None) -> tuple[int | None, int | None]:

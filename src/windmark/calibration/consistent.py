@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.adjust.network import NetworkState
-from windmark.calibration.control import Control, Verdict, control_of, judge
+from windmark.calibration.agreement import Control
+from windmark.calibration.control import Verdict, control_of, judge
 from windmark.calibration.datum import Fixed, Free, Weighted
 from windmark.calibration.eccentric import fitting, with_eccentricity
 from windmark.calibration.finish import refuse_weak, transformed
@@ -184,10 +185,19 @@ def _said(job: Job, control: Control, verdict: Verdict, alone: Solved) -> tuple[
         for b, t in verdict.wrong.items()
     ]  # fmt: skip
     if verdict.factor > 1:
-        more = "" if isinstance(job.datum, Fixed) and not job.distances else "; its sigmas were enlarged"
-        out.append(Doubt((), f"the control fits {verdict.factor:.1f} times worse than its sigmas say, no single one is "
-                             f"at fault{more}", "control"))  # fmt: skip
+        out.append(_misfit(job, verdict))
     return tuple(out)
+
+
+def _misfit(job: Job, verdict: Verdict) -> Doubt:
+    """All of the control fits badly, none of it worse than the others."""
+    times, far = f"{verdict.factor:.1f} times worse", f"{verdict.off:.2g} {job.markers.length_unit or ''}".rstrip()
+    if isinstance(job.datum, Fixed) and not job.distances:
+        return Doubt((), f"held markers are off their table by some {far} (they fit {times} than the pictures know "
+                         "them); the sigmas do not contain that", "table")  # fmt: skip
+    besides = f", as if known places were off by {far} more" if verdict.off > 0 else ""
+    return Doubt((), f"the control fits {times} than its sigmas say{besides}, no single one is at fault; its sigmas "
+                     "were enlarged", "control")  # fmt: skip
 
 
 def every_mark(job: Job, state: NetworkState, good: Mask, options: dict[str, Any]) -> Solved:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from windmark.adjust import chance
 from windmark.adjust.network.problem import camera_columns
 from windmark.adjust.terms import whitener
-from windmark.calibration.control import FALSE
+from windmark.calibration.agreement import FALSE
 from windmark.calibration.setup import Job
 from windmark.calibration.solve import Solved
 from windmark.geometry import PARAMETERS

@@ -75,7 +75,7 @@ def calibrate(
         from windmark.app.convert_verb import parse_size
         from windmark.pipeline.calibrate import CalibrateSettings, MatchOptions
 
-        dots = typed.parse_board(board, board_marks, board_size, board_layout)
+        dots = typed.parse_board(board, board_marks, board_size, board_layout, unit)
         model, wanted = typed.parse_lens(lens, free)
         settings = CalibrateSettings(
             typed.parse_datum(datum, needed=dots is None), wanted,

@@ -18,6 +18,8 @@ STEPS = {
     "picture": "look at this picture: focus, labels, or a marker that had moved",
     "focal": "free the focal length of these pictures (free_focal), and lock focus and zoom",
     "control": "measure the named ones again, or leave the wrong one out",
+    "table": "let the markers adjust (--datum free, or weighted with their sigma); of a board: mark three dots "
+    "(--board-marks)",
     "moved": "place this camera anew, or say that it moves",
     "bent": "a richer law for the named volume (windmark laws --compare)",
     "noise": "see which markers or laws leave residuals; give the table its true sigma",

@@ -45,6 +45,7 @@ class Board:
     mark_kind : how they show: "holes" in ring dots, or "large" or "small" dots
     columns, rows : of the whole board, if known; of a staggered one in half pitches
     layout, aspect : see `calibration.find_board`
+    length_unit : of the pitch: in, ft, mm, cm or m; "" where nobody says it
     """
 
     pitch: float
@@ -54,6 +55,7 @@ class Board:
     rows: int | None = None
     layout: str = "square"
     aspect: float = 1.0
+    length_unit: str = ""
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.pitch) and self.pitch > 0):
@@ -216,7 +218,7 @@ def _marks(pictures: Sequence[BoardPicture], board: Board, cameras: Mapping[str,
     radius = _radii(np.concatenate([_dot_radii(p, b, board) for p, b in good]), point.ravel(), every, board)
     markers = MarkerSet.make(
         [f"c{i:02d}r{j:02d}" for i, j in every.tolist()], xyz, normal=np.tile([0.0, 0.0, -1.0], (len(xyz), 1)),
-        radius=radius,
+        radius=radius, length_unit=board.length_unit,
     )  # fmt: skip
     view = np.repeat(np.arange(len(good)), [len(c) for c in cells])
     xy = np.concatenate([b.xy(p.detections) for p, b in good])
