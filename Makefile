@@ -33,7 +33,7 @@ test-all: lint $(VENV)/.compiled
 
 # CPU seconds of every test, the dearest first: those of over five seconds are to be marked slow.
 test-costs: $(VENV)/.installed-test $(VENV)/.compiled
-	$(BIN)/pytest --costs test-costs.csv
+	$(PYTEST) --costs test-costs.csv
 
 # The documentation site, build/docs/index.html; a link that leads nowhere is an error. No network is needed.
 docs: $(VENV)/.installed-docs

@@ -2,6 +2,7 @@
 
 import os
 import signal
+import time
 from pathlib import Path
 
 # As the windmark command does: small matrices, so threads of BLAS only cost. Before numpy is imported.
@@ -9,9 +10,11 @@ for _name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
 # A shell starts what runs in the background with Ctrl-C ignored, and Python leaves it so: tests that press it wait
-# for nothing. What they start then has it, too.
+# for nothing. What they start then has it, too. `nohup` does the same to the signal of a closing terminal.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 import hypothesis  # noqa: E402
 import pytest  # noqa: E402
@@ -25,11 +28,12 @@ hypothesis.settings.load_profile("windmark")
 
 SLOW_S = 5.0
 """CPU seconds of a test, its fixtures included, from which on it is to be marked slow."""
-COSTS: dict[str, float] = {}
+COSTS: dict[str, tuple[float, float, bool]] = {}
+"""CPU and wall seconds of each test, and whether it is marked slow."""
 
 
 def pytest_addoption(parser):
-    parser.addoption("--costs", metavar="FILE", help="write the CPU seconds of every test to FILE (CSV), dearest first")
+    parser.addoption("--costs", metavar="FILE", help="CPU and wall seconds of every test to FILE (CSV)")
 
 
 def cpu_s():
@@ -39,26 +43,35 @@ def cpu_s():
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_protocol(item):
-    before = cpu_s()
+    before = cpu_s(), time.monotonic()
     try:
         return (yield)
     finally:
-        COSTS[item.nodeid] = cpu_s() - before
+        slow = item.get_closest_marker("slow") is not None
+        COSTS[item.nodeid] = cpu_s() - before[0], time.monotonic() - before[1], slow
 
 
+@pytest.hookimpl(optionalhook=True)
+def pytest_testnodedown(node):
+    """Of xdist: what one of several processes has run."""
+    COSTS.update(getattr(node, "workeroutput", {}).get("costs", {}))
+
+
+@pytest.hookimpl(tryfirst=True)
 def pytest_sessionfinish(session):
-    if path := session.config.getoption("--costs"):
-        slow = {item.nodeid for item in session.items if item.get_closest_marker("slow")}
-        lines = [f'"{name}",{cost:.2f},{name in slow}' for name, cost in sorted(COSTS.items(), key=lambda c: -c[1])]
-        Path(path).write_text("\n".join(["test,cpu_s,slow", *lines, ""]), encoding="utf-8")
+    if hasattr(session.config, "workeroutput"):
+        session.config.workeroutput["costs"] = COSTS
 
 
 def pytest_terminal_summary(terminalreporter, config):
     if "not slow" in (config.option.markexpr or ""):
         terminalreporter.write_line("the tests marked slow were left out; `make test-all` runs them, too", yellow=True)
-    if config.getoption("--costs"):
-        dear = sum(cost > SLOW_S for cost in COSTS.values())
-        terminalreporter.write_line(f"{dear} tests took over {SLOW_S:g} s of CPU time, compiling included")
+    if path := config.getoption("--costs"):
+        dearest = sorted(COSTS.items(), key=lambda cost: -cost[1][0])
+        lines = [f'"{name}",{cpu:.2f},{wall:.2f},{slow}' for name, (cpu, wall, slow) in dearest]
+        Path(path).write_text("\n".join(["test,cpu_s,wall_s,slow", *lines, ""]), encoding="utf-8")
+        dear = sum(cpu > SLOW_S and not slow for cpu, _, slow in COSTS.values())
+        terminalreporter.write_line(f"{dear} tests that are not marked slow took over {SLOW_S:g} s of CPU time")
 
 
 @pytest.fixture(scope="session")

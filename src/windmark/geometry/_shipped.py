@@ -79,7 +79,7 @@ def shipped(package: Path, hashed: Callable[[Path], dict[str, str]]) -> tuple[Sh
         return None, ""
     try:
         made = json.loads((folder / NAME).read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
         return None, f"{folder / NAME} cannot be read ({error})"
     for what, now in manifest(hashed(package)).items():
         was = made.get(what) if isinstance(made, dict) else None

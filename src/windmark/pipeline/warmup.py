@@ -21,12 +21,15 @@ from windmark.pipeline.calibrate import CalibrateSettings, calibrate_marks, from
 from windmark.pipeline.clock import Clock
 from windmark.pipeline.job import run_project
 from windmark.pipeline.project import make_project
+from windmark.pipeline.track_files import follow
 from windmark.registration import NotRegistered, register
 from windmark.scene import Detections, MarkerSet
-from windmark.synth import TunnelTest, default_stations, wind_tunnel
+from windmark.synth import TunnelTest, default_stations, swinging, tunnel_sequence, wind_tunnel
+from windmark.tasks.align2d import NotAligned, align_images
+from windmark.tasks.reconstruct import NotReconstructed, reconstruct
 
 SIZE = (640, 512)
-VIEWS, MARKERS = 8, 16
+VIEWS, MARKERS, FRAMES = 8, 16, 5
 APART = ("registration", "detection", "calibration")
 """Jobs that need nothing of each other: processes do them at the same time, the longest first."""
 MOST_PROCESSES = len(APART)
@@ -45,6 +48,9 @@ class Warmup:
         yield "registration", self._register
         yield "mapping and results", self._run
         yield "calibration", self._calibrate
+        yield "tracking", self._track
+        yield "reconstruction", self._reconstruct
+        yield "alignment of pictures", self._align
         yield "deformation", self._deform
 
     @cached_property
@@ -100,6 +106,33 @@ class Warmup:
             io.write_table(path, {key: np.array(value) for key, value in columns.items()})
             marks = from_table(io.read_matches(path), markers, {"camera": camera}, sigma_px=0.1)
         calibrate_marks(marks, CalibrateSettings(Free()), Clock())
+
+    def _track(self) -> None:
+        test = self._test
+        film = [(f"f{k}", image) for k, (image, _) in enumerate(tunnel_sequence(test, swinging(FRAMES), seed=1))]
+        frames = list(follow(film, test.markers.with_role("model"), test.cameras["cam1"]))
+        if not any(frame.status == "tracked" for frame in frames):
+            raise RuntimeError(f"the virtual film was not followed: {frames[-1].reason}")
+
+    def _reconstruct(self) -> None:
+        rng = np.random.default_rng(1)
+        camera, markers = _camera_and_markers(rng)
+        spots = []
+        for v in range(VIEWS):
+            eye = 900 * np.array([0.4 * np.sin(v), 0.4 * np.cos(1.7 * v), 1.0])
+            pose = Pose.look_at(eye, [0.0, 0.0, 30.0], [0.0, 1.0, 0.0])
+            xy = camera.project(pose.apply(markers.xyz))[0]
+            spots.append(Detections.make(rng.permutation(xy + rng.normal(0, 0.1, xy.shape)), sigma_px=0.1))
+        answer = reconstruct(spots, camera, markers.take(np.arange(6)))
+        if isinstance(answer, NotReconstructed):
+            raise RuntimeError(f"the virtual pictures were not reconstructed: {answer.reason}")
+
+    def _align(self) -> None:
+        test = self._test
+        (first, _), (last, _) = tunnel_sequence(test, swinging(2), seed=1)
+        answer = align_images(last, first, radius_px=2.0)
+        if isinstance(answer, NotAligned):
+            raise RuntimeError(f"the virtual pictures were not aligned: {answer.reason}")
 
     def _deform(self) -> None:
         from windmark.pipeline.deform import load, read_deform_project, run_sequence
