@@ -8,7 +8,7 @@ import pytest
 from windmark import io
 from windmark.pipeline.grid import read_grid
 from windmark.pipeline.lengths import Lengths
-from windmark.pipeline.project import GridEntry
+from windmark.pipeline.project_entries import GridEntry
 from windmark.scene import Mesh
 
 

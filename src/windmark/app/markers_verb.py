@@ -48,7 +48,7 @@ def check(files: Files, settings: CheckSettings, as_json: bool) -> None:
     mesh = None
     if files.grid:
         from windmark.pipeline.grid import read_grid
-        from windmark.pipeline.project import GridEntry
+        from windmark.pipeline.project_entries import GridEntry
 
         mesh = read_grid(GridEntry(file=files.grid), lengths)
     console.notes(lengths)

@@ -21,7 +21,7 @@ from windmark.geometry import Camera, Pose, PoV
 from windmark.pipeline.framing import FOV_DEG, SIZE_PX
 from windmark.pipeline.grid import read_grid
 from windmark.pipeline.lengths import Lengths
-from windmark.pipeline.project import GridEntry
+from windmark.pipeline.project_entries import GridEntry
 from windmark.pipeline.views import frame_view, perfect_camera, units_per_px
 from windmark.scene import Mesh
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from windmark import io
 from windmark.geometry import Camera, Pose, PoV
 from windmark.pipeline.lengths import Lengths
-from windmark.pipeline.project import ViewEntry
+from windmark.pipeline.project_entries import ViewEntry
 from windmark.pipeline.results import FramedView
 from windmark.pipeline.views import frame_view, perfect_camera, units_per_px
 from windmark.scene import Mesh

@@ -8,7 +8,7 @@ from windmark import io, resection
 from windmark.errors import WindmarkError
 from windmark.geometry import Camera, Pose
 from windmark.pipeline.lengths import Lengths
-from windmark.pipeline.project import GridEntry
+from windmark.pipeline.project_entries import GridEntry
 from windmark.scene import Mesh
 
 

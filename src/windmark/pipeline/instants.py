@@ -13,7 +13,8 @@ from windmark.errors import WindmarkError
 from windmark.geometry import Pose
 from windmark.pipeline.clock import Clock, Progress
 from windmark.pipeline.locate import Inputs, as_bright, looked, opened, posed, register_options, told
-from windmark.pipeline.project import ImageEntry, Project
+from windmark.pipeline.project import Project
+from windmark.pipeline.project_entries import ImageEntry
 from windmark.pipeline.results import ImageResult, Instant
 from windmark.registration import NotRegistered
 from windmark.scene import Detections

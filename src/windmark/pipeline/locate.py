@@ -13,7 +13,8 @@ from windmark import detection, io, registration, resection
 from windmark.errors import WindmarkError
 from windmark.geometry import Camera, Pose
 from windmark.pipeline.clock import Clock, Progress
-from windmark.pipeline.project import ImageEntry, Project
+from windmark.pipeline.project import Project
+from windmark.pipeline.project_entries import ImageEntry
 from windmark.pipeline.quantity import Quantity, quantity_of
 from windmark.pipeline.results import ImageResult
 from windmark.registration import Registration

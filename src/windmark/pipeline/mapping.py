@@ -16,7 +16,8 @@ from windmark.geometry import Camera, Pose
 from windmark.pipeline.clock import Clock, Progress
 from windmark.pipeline.merge import picture_of
 from windmark.pipeline.points import PointSet, image_points
-from windmark.pipeline.project import Project, ResectOptions, SectionEntry
+from windmark.pipeline.project import Project
+from windmark.pipeline.project_entries import ResectOptions, SectionEntry
 from windmark.pipeline.results import FramedView, ImageResult, SectionValues, ViewImage
 from windmark.resection import NodeView, PixelMap
 from windmark.scene import Mesh

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,8 @@ from windmark.geometry import Pose
 from windmark.pipeline.simulate import RADIUS_PX, true_levels, zones_of
 from windmark.pipeline.simulate_taps import write_taps
 from windmark.scene import View
-from windmark.synth import WIND_OFF, Rays, Sensor, Shot, TunnelTest, default_stations, render, wind_tunnel
+from windmark.synth import WIND_OFF, Rays, Sensor, Shot, TunnelTest, default_stations, wind_tunnel
+from windmark.synth.tunnel import exposed
 
 MOST = 5
 """Cameras that see the upper side; the next one would look along the wing."""
@@ -89,10 +91,9 @@ def camera_shots(seed: int, count: int, *, size_px: tuple[int, int] = (1280, 102
     shots, cameras, poses = [], {}, {}
     for c, (camera, pose) in enumerate(stations):
         key = f"cam{c + 1}"
-        perfect = test.shot().perfect if c == 0 else render(world, camera, pose, rays=Rays.of(camera))
-        own = replace(sensor, exposure=EXPOSURES[c])
-        image = own.expose(perfect.image, np.random.default_rng([seed, 5, c, 0]), np.random.default_rng([seed, 6, c]))
-        shots.append(Shot(View(f"{key}-{WIND_OFF}", key, WIND_OFF, pose), image, perfect, world))
+        expose = partial(exposed, replace(sensor, exposure=EXPOSURES[c]), seed, c, 0)
+        view = View(f"{key}-{WIND_OFF}", key, WIND_OFF, pose)
+        shots.append(Shot(view, world, camera, pose, partial(Rays.of, camera), expose))
         cameras[key], poses[key] = camera, pose
     return replace(test, cameras=cameras, cam_from_tunnel=poses, shots=tuple(shots))
 

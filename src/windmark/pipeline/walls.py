@@ -9,7 +9,7 @@ import numpy as np
 
 from windmark import io, resection
 from windmark.pipeline.lengths import Lengths
-from windmark.pipeline.project import GridEntry
+from windmark.pipeline.project_entries import GridEntry
 from windmark.scene import MarkerSet, Mesh
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache, cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,20 +35,33 @@ _TARGET = np.array([205.0, 290.0, 0.0])
 
 @dataclass(frozen=True)
 class Shot:
-    """One image and everything that is true of it.
+    """One image and everything that is true of it. The image is made when it is asked for.
 
     Parameters
     ----------
     view : name, camera and frame keys, and the true cam_from_model
-    image : (H, W) uint8 or uint16, what the camera delivers; float64 where there is no sensor
-    perfect : the noise-free rendering: intensity, triangle and depth per pixel, truth of every marker
     world : where model and markers were, in the tunnel's frame
+    camera, cam_from_tunnel : of the station
+    rays : gives `Rays.of` the camera
+    expose : what a sensor makes of a perfect image; None where there is none
     """
 
     view: View
-    image: NDArray[np.uint8] | NDArray[np.uint16] | Array
-    perfect: Rendering
     world: World
+    camera: Camera
+    cam_from_tunnel: Pose
+    rays: Callable[[], Rays]
+    expose: Callable[[Array], NDArray[np.generic]] | None = None
+
+    @cached_property
+    def perfect(self) -> Rendering:
+        """The noise-free rendering: intensity, triangle and depth per pixel, truth of every marker."""
+        return render(self.world, self.camera, self.cam_from_tunnel, rays=self.rays())
+
+    @cached_property
+    def image(self) -> NDArray[np.generic]:
+        """(H, W) uint8 or uint16, what the camera delivers; float64 where there is no sensor."""
+        return self.perfect.image if self.expose is None else self.expose(self.perfect.image)
 
 
 @dataclass(frozen=True)
@@ -132,17 +146,19 @@ def wind_tunnel(
         stations = default_stations(_stream(seed, 4), stations, size_px)
     shots: list[Shot] = []
     for c, (camera, pose) in enumerate(stations):
-        rays = Rays.of(camera)
+        rays = cache(partial(Rays.of, camera))
         for f, (frame, world) in enumerate(((WIND_OFF, still), (WIND_ON, blown))):
             view = View(f"{_key(c)}-{frame}", _key(c), frame, pose @ world.tunnel_from_model)
-            perfect = render(world, camera, pose, rays=rays)
-            image = perfect.image if sensor is None else sensor.expose(
-                perfect.image, _stream(seed, 5, c, f), _stream(seed, 6, c)
-            )  # fmt: skip
-            shots.append(Shot(view, image, perfect, world))
+            expose = None if sensor is None else partial(exposed, sensor, seed, c, f)
+            shots.append(Shot(view, world, camera, pose, rays, expose))
     cameras = {_key(c): camera for c, (camera, _) in enumerate(stations)}
     poses = {_key(c): pose for c, (_, pose) in enumerate(stations)}
     return TunnelTest(still.mesh, still.markers, cameras, poses, tuple(shots), motion, shape)
+
+
+def exposed(sensor: Sensor, seed: int, camera: int, frame: int, perfect: Array) -> NDArray[np.generic]:
+    """What a sensor makes of a frame by a camera; the sensor's own pattern is the same in all frames."""
+    return sensor.expose(perfect, _stream(seed, 5, camera, frame), _stream(seed, 6, camera))
 
 
 def default_stations(

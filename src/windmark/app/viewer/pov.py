@@ -22,7 +22,7 @@ from windmark import io, resection
 from windmark.app.photo import greys, polyline
 from windmark.errors import DataError, UsageError
 from windmark.geometry import Camera, Pose, PoV
-from windmark.pipeline.project import ResectOptions
+from windmark.pipeline.project_entries import ResectOptions
 from windmark.pipeline.results import ImageResult, RunResult
 from windmark.pipeline.views import frame_view, perfect_camera
 from windmark.pipeline.wireframe import grid_lines

@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from windmark.errors import UsageError, WindmarkError
-from windmark.pipeline.project import ImageEntry, Project
+from windmark.pipeline.project import Project
 from windmark.pipeline.project_edit import SpotEdit, edit_spots
+from windmark.pipeline.project_entries import ImageEntry
 from windmark.pipeline.results import ImageResult, RunResult
 from windmark.scene import Detections
 from windmark.tasks.labels import excluded_spots

@@ -12,7 +12,7 @@ from windmark.errors import UsageError
 from windmark.options.detection import MERIT_MAX, PHOTOMETRY, POLARITY, RADIUS_PX, Photometry, Polarity
 from windmark.options.registration import MAX_DEFORMATION, MAX_TABLE_ERROR, MAX_TIME_S, OCCLUSION, SEED
 from windmark.pipeline.lengths import Lengths
-from windmark.pipeline.project import GridEntry, Positive, Role, Unit, Vector
+from windmark.pipeline.project_entries import GridEntry, Positive, Role, Unit, Vector
 from windmark.pipeline.settings import Strict, existing, explained, ranged, read_toml, unusable_name
 from windmark.pipeline.wanted import PointsEntry
 

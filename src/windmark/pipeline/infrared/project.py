@@ -12,7 +12,7 @@ from windmark.pipeline.deform.project import RECORDING, LookEntry, MarkersEntry,
 from windmark.pipeline.deform.project import CameraEntry as DeformCamera
 from windmark.pipeline.infrared.walls import WallEntry
 from windmark.pipeline.lengths import Lengths
-from windmark.pipeline.project import Finite, GridEntry, NodeFormat, Positive, Unit
+from windmark.pipeline.project_entries import Finite, GridEntry, NodeFormat, Positive, Unit
 from windmark.pipeline.settings import Strict, existing, explained, read_toml, unusable_name
 from windmark.pipeline.wanted import PointsEntry
 

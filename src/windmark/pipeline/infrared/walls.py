@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 
 from windmark.errors import UsageError
 from windmark.paint import Layer, Wall
-from windmark.pipeline.project import Positive
+from windmark.pipeline.project_entries import Positive
 from windmark.pipeline.settings import Strict
 
 DIFFUSIVITY = (1e-8, 2e-3)

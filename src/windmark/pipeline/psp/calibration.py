@@ -14,7 +14,7 @@ from windmark import io
 from windmark.errors import UsageError, WindmarkError
 from windmark.paint import PaintFit, SternVolmer, TemperaturePaint, TunnelGain
 from windmark.paint.modes import principal_axes
-from windmark.pipeline.project import Finite, Positive
+from windmark.pipeline.project_entries import Finite, Positive
 from windmark.pipeline.settings import Strict, explained
 
 FORMAT = "windmark paint calibration 1"

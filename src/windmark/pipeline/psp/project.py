@@ -11,7 +11,7 @@ from pydantic import Field, ValidationError, field_validator, model_validator
 from windmark.errors import UsageError
 from windmark.pipeline.deform.project import LookEntry, MarkersEntry, MotionEntry, VolumeEntry
 from windmark.pipeline.lengths import Lengths
-from windmark.pipeline.project import Finite, GridEntry, Unit, ViewEntry
+from windmark.pipeline.project_entries import Finite, GridEntry, Unit, ViewEntry
 from windmark.pipeline.psp.entries import (
     CAMERA,
     CameraEntry,
