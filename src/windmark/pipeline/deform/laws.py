@@ -19,7 +19,7 @@ from windmark.pipeline.deform.pictures import follow_deformation
 from windmark.pipeline.deform.project import AlternativeEntry, DeformProject, VolumeEntry
 from windmark.pipeline.deform.run import zeroed
 from windmark.scene import View
-from windmark.tasks.deform.follow import what_is_free
+from windmark.tasks.deform.states import what_is_free
 
 DECISIVE = float(np.log(100.0))
 """Nats by which a law must be ahead of the next one: a hundred times likelier."""

@@ -32,7 +32,7 @@ from windmark.pipeline.deform.values import Compared, Mapper
 from windmark.pipeline.resume import Stopped, check_state, read_stopped
 from windmark.pipeline.same_run import check_begun, check_pictures
 from windmark.scene import View
-from windmark.tasks.deform.follow import identified_again
+from windmark.tasks.deform.states import identified_again
 from windmark.tasks.deform.task import DeformedFrame, FrameImages
 
 Array = NDArray[np.float64]

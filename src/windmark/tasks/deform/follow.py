@@ -11,14 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.compiling import job_time
-from windmark.deformation import Deformation, NotIdentified, identify
+from windmark.deformation import Deformation, NotIdentified
 from windmark.errors import UsageError, WindmarkError
-from windmark.geometry import Camera, Pose
-from windmark.scene import Detections, MarkerSet, Observations, View
+from windmark.geometry import Camera
+from windmark.scene import Detections, MarkerSet, Observations
 from windmark.tasks.deform.between import Shots, open_shots
 from windmark.tasks.deform.cold import anywhere, reasons
 from windmark.tasks.deform.memory import Memory, displaced, predicted, velocity_of
+from windmark.tasks.deform.sights import Usual, sight
 from windmark.tasks.deform.spots import LEAST_PX, MOST_PX, SIGMAS, Labelled, around, everything, near
+from windmark.tasks.deform.states import implausible, start_pose, state_of
 from windmark.tasks.deform.task import (
     DeformationTest,
     DeformedFrame,
@@ -26,22 +28,16 @@ from windmark.tasks.deform.task import (
     Image,
     Reader,
     Sight,
-    Station,
     as_given,
 )
 from windmark.tasks.deform.texture import Texture, texture_of, without_texture
-from windmark.tasks.deform.why import Levels, few, levels_of, why_few
 
 Array = NDArray[np.float64]
 
 FEWER = 0.6
 """A frame with less than this part of the markers of the frame before is looked at again without expectations."""
-MOST_RMS_PX = 4.0
-"""A state that leaves such residuals is no state of this model: tables and lenses are off by less."""
 FORGET = 0.5
 """How fast large prediction errors are forgotten."""
-MOST_OUT = 0.2
-"""A tracked frame with more outliers than this part is looked at again without expectations."""
 
 
 def follow_deformation(
@@ -91,7 +87,7 @@ def follow_deformation(
             yield followed
 
 
-_HANDED_ON = ("_memory", "_hidden", "_texture", "_levels", "_usual", "_left_out")
+_HANDED_ON = ("_memory", "_hidden", "_texture", "_usual", "_left_out")
 
 
 class _Follower:
@@ -103,8 +99,7 @@ class _Follower:
         self._hidden: dict[str, NDArray[np.bool_]] = {}
         self._texture: Texture | None = None
         self._shots: dict[str, Shots] = {}
-        self._levels: dict[str, Levels] = {}
-        self._usual: dict[str, int] = {}
+        self._usual = Usual()
         self._last: dict[str, Labelled] = {}
         self._left_out: dict[str, str] = {}  # cameras that contradict the others, and why
 
@@ -150,7 +145,7 @@ class _Follower:
         sights = self._sights(frame, images, bad, labelled, state)
         self._remember(state, labelled, errors, frame.instant, status)
         troubles += [f"{n}: {s.reason}" for n, s in labelled.items() if s.reason]
-        self._learn(images, labelled, sights, status)
+        self._usual.learn(images, self._test, labelled, sights, anew=status == "cold")
         return DeformedFrame(
             index, frame.key, frame.instant, status, "; ".join(troubles), state, observations, tuple(labelled),
             job_time() - start, sights,
@@ -160,44 +155,21 @@ class _Follower:
         self, frame: FrameImages, images: dict[str, Image], bad: dict[str, str], labelled: dict[str, Labelled],
         state: Deformation | None,
     ) -> dict[str, Sight]:  # fmt: skip
-        """What every camera saw, and where that is little, why; ``state`` None for a frame that is lost."""
-        out = {}
         memory = self._memory
         known = state if state is not None or memory is None else predicted(memory, frame.instant - memory.instant)
+        out = {}
         for station in self._test.stations:
             name, lag = station.name, frame.lag(station.name)
             if name not in images:
                 out[name] = Sight(reason=bad.get(name, ""), lag_s=lag)
-                continue
-            if name in self._left_out and state is not None:
-                out[name] = Sight(self._usual.get(name, 0), 0, self._left_out[name], lag)
-                continue
-            spots = labelled.get(name, Labelled.none(""))
-            count = 0 if state is None else len(spots.marker)
-            before = self._usual.get(name, 0)
-            why = ""
-            if few(count, spots.expected, before):
-                placed = None if known is None else displaced(self._test.markers, known)
-                pose = (known.cam_from_tunnel if known else {}).get(name, station.cam_from_tunnel)
-                if state is None:
-                    spots = replace(Labelled.none(spots.reason), not_found=spots.not_found, expected=spots.expected)
-                why = why_few(
-                    images[name], self._test, station, spots, self._levels.get(name), before, placed, station.camera,
-                    pose, self._hidden.get(name),
+            elif name in self._left_out and state is not None:
+                out[name] = Sight(self._usual.markers.get(name, 0), 0, self._left_out[name], lag)
+            else:
+                spots, hidden = labelled.get(name, Labelled.none("")), self._hidden.get(name)
+                out[name] = sight(
+                    images[name], self._test, station, spots, self._usual, state is None, known, hidden, lag
                 )  # fmt: skip
-            out[name] = Sight(spots.expected, count, why, lag)
         return out
-
-    def _learn(
-        self, images: dict[str, Image], labelled: dict[str, Labelled], sights: dict[str, Sight], status: str
-    ) -> None:
-        """What good pictures are like."""
-        for name, spots in labelled.items():
-            if not sights[name].reason and name in images:
-                self._usual[name] = spots.expected
-                if status == "cold" or name not in self._levels:
-                    mask = self._test.station(name).mask
-                    self._levels[name] = levels_of(images[name], mask, spots.xy, spots.radius_px)
 
     def _read(self, frame: FrameImages) -> tuple[dict[str, Image], dict[str, str]]:
         """The images that can be read, and what is wrong with the others, by camera."""
@@ -257,7 +229,7 @@ class _Follower:
         answer, observations = self._identify(labelled, expected)
         if not isinstance(answer, Deformation):
             return answer.reason
-        if (wrong := _implausible(answer)) is not None:
+        if (wrong := implausible(answer)) is not None:
             return wrong
         error = {n: min(s.off_px, MOST_PX / SIGMAS) for n, s in labelled.items()}
         if count < usual and SIGMAS * max(error.values()) > LEAST_PX:
@@ -308,11 +280,11 @@ class _Follower:
             view, np.concatenate([s.marker for s in parts]), np.concatenate([s.xy for s in parts]),
             np.concatenate([_own_cov(without_texture(s, self._test, self._texture), s) for s in parts]),
         )  # fmt: skip
-        poses = {n: _start_pose(self._test.station(n), s) for n, s in labelled.items()}
+        poses = {n: start_pose(self._test.station(n), s) for n, s in labelled.items()}
         known = self._test.marker_cov if self._texture is None else self._texture.place_cov
         known_off = [s.eccentricity_px for s in parts if s.eccentricity_px is not None]
         eccentricity = np.concatenate(known_off) if start is not None and len(known_off) == len(parts) else None
-        return _state(observations, poses, self._test, start, known, eccentricity, free_moved), observations
+        return state_of(observations, poses, self._test, start, known, eccentricity, free_moved), observations
 
     # --- without -----------------------------------------------------------------------------
     def _everything(self, images: dict[str, Image]) -> dict[str, Detections | str]:
@@ -383,7 +355,7 @@ class _Follower:
         if isinstance(answer, NotIdentified):
             return answer.reason
         # Nothing is known of the motion yet: the next frame is looked for as far as it may be.
-        return _implausible(answer) or (answer, again, observations, dict.fromkeys(again, MOST_PX / SIGMAS))
+        return implausible(answer) or (answer, again, observations, dict.fromkeys(again, MOST_PX / SIGMAS))
 
     def _hidden_from(self, name: str, state: Deformation) -> NDArray[np.bool_] | None:
         if self._test.visible is None:
@@ -407,57 +379,9 @@ class _Follower:
         self._memory = Memory(state, instant, velocity, errors, {**kept, **labelled})
 
 
-def identified_again(frame: DeformedFrame, test: DeformationTest) -> DeformedFrame:
-    """A frame's spots as another test explains them: the same cameras and names of markers, other places of these.
-
-    Where that gives nothing, the frame as it was.
-    """
-    assert frame.observations is not None
-    poses = {n: test.station(n).cam_from_tunnel for n in frame.views}
-    answer = _state(frame.observations, poses, test, frame.state, test.marker_cov)
-    return replace(frame, state=answer) if isinstance(answer, Deformation) else frame
-
-
-def _state(
-    observations: Observations, poses: dict[str, Pose], test: DeformationTest, start: Deformation | None,
-    marker_cov: Array | None, eccentricity: Array | None = None, free_moved: bool = True,
-) -> Deformation | NotIdentified:  # fmt: skip
-    """The state of one instant; ``poses`` of its views, in the order of ``observations.view``.
-
-    ``eccentricity`` (O, 2) as ``start`` has it; None works it out.
-    """
-    stations = [test.station(n) for n in poses]
-    return identify(
-        observations, test.markers, test.volumes, {s.name: s.camera for s in stations},
-        [View(n, n, "", pose) for n, pose in poses.items()], **what_is_free(test, tuple(poses)), marker_cov=marker_cov,
-        start=start, eccentricity=eccentricity, free_moved=free_moved,
-    )  # fmt: skip
-
-
-def what_is_free(test: DeformationTest, names: tuple[str, ...]) -> dict[str, Any]:
-    """Options of `identify` that say what is free besides the laws, for the cameras of an instant."""
-    stations = [test.station(n) for n in names]
-    return {
-        "free_motion": test.free_motion, "free_poses": [s.name for s in stations if s.moves],
-        "pose_cov": {s.name: s.pose_cov for s in stations if s.moves and s.pose_cov is not None},
-        "free_focal": [s.name for s in stations if s.free_focal],
-    }  # fmt: skip
-
-
 def _own_cov(cov: Array, spots: Labelled) -> Array:
     return cov if spots.between_cov is None else cov + spots.between_cov
 
 
 def _camera(test: DeformationTest, name: str) -> Camera:
     return test.station(name).camera
-
-
-def _start_pose(station: Station, spots: Labelled) -> Pose:
-    return spots.pose if station.moves and spots.pose is not None else station.cam_from_tunnel
-
-
-def _implausible(state: Deformation) -> str | None:
-    if state.rms_px > MOST_RMS_PX:
-        return f"the laws leave residuals of {state.rms_px:.1f} px"
-    out = int((~state.used).sum())
-    return f"{out} of {len(state.used)} spots contradict the others" if out > MOST_OUT * len(state.used) else None
