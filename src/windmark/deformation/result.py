@@ -164,9 +164,15 @@ class Deformation:
         place, cov = self._moved(self.placed, frame)
         return place - self.placed.xyz, cov
 
-    def mesh(self, mesh: Mesh, *, frame: str = "tunnel") -> Mesh:
-        """The grid as it is now; vertices that belong to no triangle follow the rigid motion."""
-        return mesh.moved(self.place(mesh.vertices, vertex_volumes(mesh), frame=frame)[0])
+    def mesh(self, mesh: Mesh, *, frame: str = "tunnel", placed: Placed | None = None) -> Mesh:
+        """The grid as it is now; vertices that belong to no triangle follow the rigid motion.
+
+        ``placed``: `bound_vertices` of the grid, which need not be worked out for every state then.
+        """
+        _known_frame(frame)
+        placed = bound_vertices(self.volumes, mesh) if placed is None else placed
+        vertices = placed.place(self.q)
+        return mesh.moved(vertices if frame == "model" else self.tunnel_from_model.apply(vertices))
 
     def propagated(self, by_free: Array, lacking: Array | None = None) -> Array:
         """(..., m, m) covariance of quantities with derivatives (..., m, F) by everything that was free.
@@ -201,8 +207,7 @@ class Deformation:
         return place, self.propagated(by_free, self.lacking(placed.xyz, placed.names, frame))
 
     def _linearised(self, placed: Placed, frame: str) -> tuple[Array, Array]:
-        if frame not in ("tunnel", "model"):
-            raise UsageError(f"frame: expected 'tunnel' or 'model', got {frame!r}")
+        _known_frame(frame)
         place, by_q = placed.linearise(self.q)
         if frame == "model":
             return place, self.by_free(by_q)
@@ -238,3 +243,13 @@ def vertex_volumes(mesh: Mesh) -> NDArray[np.str_]:
     for k in range(3):
         out[mesh.triangles[:, k]] = mesh.volume
     return out
+
+
+def bound_vertices(volumes: Volumes, mesh: Mesh) -> Placed:
+    """The vertices of a grid, bound to the laws of its volumes."""
+    return volumes.bind(mesh.vertices, vertex_volumes(mesh))
+
+
+def _known_frame(frame: str) -> None:
+    if frame not in ("tunnel", "model"):
+        raise UsageError(f"frame: expected 'tunnel' or 'model', got {frame!r}")

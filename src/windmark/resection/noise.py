@@ -13,7 +13,7 @@ BINS = 24
 """Grey levels are told apart in so many groups of equally many pixels."""
 LEAST = 200
 """Pixels of a group that are enough for its median."""
-MOST_PIXELS = 2_000_000
+MOST_PIXELS = 400_000
 """More pixels are not looked at: rows are left out evenly."""
 _MEDIAN = 0.6744897501960817
 """Median of |x| of a normal deviate."""
@@ -84,7 +84,7 @@ def _fitted(level: Array, mixed: Array, least: float) -> NoiseLaw:
     if not len(level):
         return NoiseLaw(least, 0.0, least)
     edges = np.unique(np.quantile(level, np.linspace(0, 1, BINS + 1)))
-    group = np.clip(np.searchsorted(edges, level, side="right") - 1, 0, max(len(edges) - 2, 0))
+    group = np.clip(np.searchsorted(edges, level, side="right") - 1, 0, max(len(edges) - 2, 0)).astype(np.uint8)
     order = np.argsort(group, kind="stable")
     cuts = np.searchsorted(group[order], np.arange(1, max(len(edges) - 1, 1)))
     groups = [g for g in np.split(order, cuts) if len(g) >= LEAST] or [order]

@@ -37,12 +37,13 @@ def write_grid(
     wanted = loaded.project.output
     if not gridded(wanted, frame):
         return
-    from windmark.deformation import vertex_volumes
+    from windmark.deformation import bound_vertices, vertex_volumes
 
     mesh = loaded.mesh
     assert mesh is not None
     (folder / "grid").mkdir(exist_ok=True)
-    moved = state.mesh(mesh)
+    placed = bound_vertices(state.volumes, mesh)
+    moved = state.mesh(mesh, placed=placed)
     unit = loaded.project.length_unit
     if "plot3d" in wanted.grid:
         io.write_mesh(folder / "grid" / f"{frame.key}.xyz", moved, length_unit=unit)

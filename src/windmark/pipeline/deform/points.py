@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark import resection
-from windmark.deformation import Deformation
+from windmark.deformation import Deformation, bound_vertices
 from windmark.pipeline.deform.load import Loaded
 from windmark.pipeline.deform.pictures import read
 from windmark.pipeline.points import PointSet, on_grid, read_lists
@@ -61,6 +61,7 @@ class PointMapper:
         assert loaded.mesh is not None
         project = loaded.project
         self._test, self._mesh = loaded.test, loaded.mesh
+        self._placed = bound_vertices(loaded.test.volumes, loaded.mesh)
         how = project.values
         self._black = 0.0 if how is None else how.black
         self._oblique = OBLIQUITY_DEG if how is None else how.max_obliquity_deg
@@ -84,7 +85,7 @@ class PointMapper:
     def _taken(self, frame: DeformedFrame, images: FrameImages) -> list[FramePoints]:
         if frame.state is None:
             return []
-        moved = frame.state.mesh(self._mesh)
+        moved = frame.state.mesh(self._mesh, placed=self._placed)
         out = []
         for name in frame.views:
             if name not in images.images:

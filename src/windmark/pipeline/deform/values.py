@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from windmark.deformation import Deformation, identify
+from windmark.deformation import Deformation, bound_vertices, identify
 from windmark.geometry import Camera, Pose
 from windmark.pipeline.deform.pictures import read
 from windmark.pipeline.deform.project import ValuesEntry
@@ -76,6 +76,7 @@ class Mapper:
 
     def __init__(self, test: DeformationTest, mesh: Mesh, how: ValuesEntry) -> None:
         self._test, self._mesh, self._how = test, mesh, how
+        self._placed = bound_vertices(test.volumes, mesh)
         self._bare = away_from(test.markers, mesh, how.clear)
         self._off: dict[str, Array] = {}
         self.compared: Compared | None = None
@@ -106,7 +107,8 @@ class Mapper:
     def _mapped(self, frame: DeformedFrame, images: FrameImages, name: str) -> Array | None:
         if frame.state is None or name not in frame.views or name in images.shots:
             return None  # a picture of another instant shows the model where it is not
-        return self._values(images, name, frame.state.mesh(self._mesh), *self._seen_by(frame.state, name))
+        moved = frame.state.mesh(self._mesh, placed=self._placed)
+        return self._values(images, name, moved, *self._seen_by(frame.state, name))
 
     def _seen_by(self, state: Deformation, name: str) -> tuple[Camera, Pose]:
         station = self._test.station(name)
@@ -120,7 +122,8 @@ class Mapper:
         """Keep this frame if it is the most deformed so far."""
         state = frame.state
         assert state is not None
-        moved, rest = state.mesh(self._mesh).vertices, state.tunnel_from_model.apply(self._mesh.vertices)
+        moved = state.mesh(self._mesh, placed=self._placed).vertices
+        rest = state.tunnel_from_model.apply(self._mesh.vertices)
         size = float(np.linalg.norm((moved - rest)[self._mesh.used], axis=1).max())
         whole = as_a_whole(frame, self._test, name) if size > self._most else None
         if whole is None:
