@@ -8,6 +8,7 @@ from windmark.detection import ANSWERS
 from windmark.detection.guided_judge import CHANCE, FOUND, LOST, OTHER, SAME, UNSEEN
 from windmark.detection.template.crlb import centre_bound
 from windmark.detection.template.disc_model import patch_model, shape_matrix
+from windmark.detection.template.request import Scene
 
 BLUR = 0.7
 
@@ -223,7 +224,7 @@ def test_search_is_the_best_of_all_windows(gaps):
     params = np.array([0.0, 0.0, shape[0, 0], shape[0, 1], shape[1, 1], BLUR])
     out, reach = np.zeros((1, 7)), 7.6
     search_discs(
-        image, known if gaps else np.zeros((0, 0), bool), 1.0, np.inf, np.array([[23, 20]]), params[None],
+        *Scene(image, known if gaps else None, 1.0, np.inf, False).pixels(), np.array([[23, 20]]), params[None],
         np.array([reach]), 3, out,
     )  # fmt: skip
     windows = {(x, y): slow_window(image, known, x, y, params, reach) for x in range(20, 27) for y in range(17, 24)}
@@ -242,7 +243,7 @@ def test_ring_windows_are_such_windows():
     known = np.ones(image.shape, dtype=bool)
     params = np.array([0.0, 0.0, 3.0, 0.0, 3.0, BLUR])
     places, out = np.array([[20, 20], [3, 20], [-6, 20]]), np.empty((3, 5))
-    ring_windows(image, np.zeros((0, 0), bool), 1.0, np.inf, places, params, 7.2, out)
+    ring_windows(*Scene(image, None, 1.0, np.inf, False).pixels(), places, params, 7.2, out)
     for row, (x, y) in zip(out[:2], places[:2], strict=True):
         rho, depth, misfit = slow_window(image, known, x, y, params, 7.2)
         assert row[0] == pytest.approx(rho, abs=1e-4)

@@ -13,10 +13,11 @@ from pathlib import Path
 import numpy as np
 
 from windmark import io
-from windmark.calibration import Free
-from windmark.detection import detect
+from windmark.calibration import Free, undistort
+from windmark.detection import detect, merit_map
 from windmark.errors import WindmarkError
 from windmark.geometry import Camera, Pose
+from windmark.paint import form_factors
 from windmark.pipeline.calibrate import CalibrateSettings, calibrate_marks, from_table
 from windmark.pipeline.clock import Clock
 from windmark.pipeline.job import run_project
@@ -52,16 +53,20 @@ class Warmup:
         yield "reconstruction", self._reconstruct
         yield "alignment of pictures", self._align
         yield "deformation", self._deform
+        yield "light between surfaces", self._light
 
     @cached_property
     def _test(self) -> TunnelTest:
         return wind_tunnel(1, size_px=SIZE, nodes=2000, clutter=None)
 
     def _render(self) -> None:
-        assert len(self._test.shots)
+        assert self._test.shot().image.size
 
     def _detect(self) -> None:
-        detect(self._test.shot().image, radius_px=2.0)
+        image = self._test.shot().image
+        detect(image, radius_px=2.0)
+        detect(image, radius_px=2.0, refine="bowl")
+        merit_map(image, 2.0)
 
     def _register(self) -> None:
         rng = np.random.default_rng(1)
@@ -106,6 +111,7 @@ class Warmup:
             io.write_table(path, {key: np.array(value) for key, value in columns.items()})
             marks = from_table(io.read_matches(path), markers, {"camera": camera}, sigma_px=0.1)
         calibrate_marks(marks, CalibrateSettings(Free()), Clock())
+        undistort(np.zeros(camera.size_px[::-1], np.uint8), camera)
 
     def _track(self) -> None:
         test = self._test
@@ -144,6 +150,9 @@ class Warmup:
             results.mkdir()
             simulate_deforming(folder, 1, ZEROS + 1, SIZE)  # the fewest that it makes: one deformed
             run_sequence(load(read_deform_project(folder / "deform.toml")), results)
+
+    def _light(self) -> None:
+        form_factors(wind_tunnel(1, size_px=SIZE, nodes=500, clutter=None).mesh, facets=50)
 
 
 def _camera_and_markers(rng: np.random.Generator) -> tuple[Camera, MarkerSet]:

@@ -224,10 +224,15 @@ def windows(scene: Scene, request: Request, others: Neighbours, half: int) -> tu
 
 def cut_patches(scene: Scene, pixel: Ints, half: int) -> tuple[Array, Array]:
     """Patches (K, S, S) round pixels as float64 holes and their weights 0 or 1, as `cut_patch` makes them."""
-    from windmark.detection.template._kernels.cut import cut_all
+    from windmark.detection.template._kernels.cut import cut_windows
 
     patches, weights = np.empty((2, len(pixel), 2 * half + 1, 2 * half + 1))
-    cut_all(*scene.pixels(), pixel, patches, weights)
+    none, far = np.zeros(len(pixel)), np.full(len(pixel), np.inf)
+    nobody, nowhere = np.zeros((len(pixel), 0), np.int64), np.zeros((0, 2))
+    cut_windows(
+        *scene.pixels(), pixel, np.zeros((len(pixel), 2)), none, none, far, nowhere, none[:0], none[:0], nobody,
+        patches, weights, np.empty((len(pixel), 2)),
+    )  # fmt: skip
     return patches, weights
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -38,14 +39,20 @@ class Scene:
     saturation: float
     multiplicative: bool
 
-    def pixels(self) -> tuple[NDArray[np.generic], Flags, float, float]:
-        """What the kernels want to know of the image."""
-        dtype, image = self.image.dtype, self.image
-        if dtype.kind == "f" and dtype.itemsize not in (4, 8):
-            image = image.astype(np.float64)
-        elif not dtype.isnative:
-            image = image.astype(dtype.newbyteorder("="))
-        return image, NO_MASK if self.usable is None else self.usable, self.sign, self.saturation
+    def pixels(self) -> tuple[Any, Flags, float, float]:
+        """What the kernels want to know of the image: `Pixels`, the mask, sign and saturation."""
+        return self._pixels, NO_MASK if self.usable is None else self.usable, self.sign, self.saturation
+
+    @cached_property
+    def _pixels(self) -> Any:
+        from windmark.detection.template._kernels.cut import Pixels
+
+        held = {name: self.image.dtype == name for name in ("uint8", "uint16")}
+        held["float32"] = self.image.dtype.kind == "f" and self.image.dtype.itemsize <= 4
+        held["float64"] = not any(held.values())
+        none = {name: np.zeros((0, 0), name) for name in Pixels._fields}
+        # Whatever the type and how it lies in memory: the compiled kernels are the same.
+        return Pixels(*(np.require(self.image, n, ("C", "W")) if held[n] else none[n] for n in Pixels._fields))
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -13,28 +13,60 @@ MOSTLY = 0.5  # share of saturated pixels from which on they are used
 UNKNOWN, KNOWN, SATURATED = 0, 1, 2  # kinds of pixels
 
 
+
+class Pixels(NamedTuple):
+    """A picture's grey levels (H, W) in the type that holds it, (0, 0) in the others: kernels are compiled once."""
+
+    uint8: Any
+    uint16: Any
+    float32: Any
+    float64: Any
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def grey_row(image: Any, y: int, x0: int, row: Any) -> Any:
+    """Grey levels (S,) from (x0, y) on, NaN beyond the picture: first and last + 1 of those within it."""
+    a, b, c, d = image
+    height = a.shape[0] + b.shape[0] + c.shape[0] + d.shape[0]
+    width = a.shape[1] + b.shape[1] + c.shape[1] + d.shape[1]
+    first, last = max(0, -x0), min(len(row), width - x0)
+    if not 0 <= y < height or last <= first:
+        row[:] = np.nan
+        return 0, 0
+    row[:first], row[last:] = np.nan, np.nan
+    if a.shape[0] > 0:
+        for i in range(first, last):
+            row[i] = a[y, x0 + i]
+    elif b.shape[0] > 0:
+        for i in range(first, last):
+            row[i] = b[y, x0 + i]
+    elif c.shape[0] > 0:
+        for i in range(first, last):
+            row[i] = c[y, x0 + i]
+    else:
+        for i in range(first, last):
+            row[i] = d[y, x0 + i]
+    return first, last
+
+
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def cut_patch(
     image: Any, usable: Any, sign: float, saturation: float, x0: int, y0: int, patch: Any, weight: Any, kind: Any
 ) -> None:
     """Patch from (x0, y0) as a hole, weights 0 or 1, kinds of pixels.
 
-    `usable` (H, W) or (0, 0). Where most of a patch is saturated, that is the level of the paint (white drawings,
-    clipped light): all is used.
+    `image` as `Pixels`; `usable` (H, W) or (0, 0). Where most of a patch is saturated, that is the level of the paint
+    (white drawings, clipped light): all is used.
     """
-    height, width = image.shape
     known = saturated = 0
     for j in range(patch.shape[0]):
-        y = y0 + j
+        row = patch[j]
+        first, last = grey_row(image, y0 + j, x0, row)
         for i in range(patch.shape[1]):
-            x = x0 + i
-            kind[j, i], patch[j, i] = UNKNOWN, 0.0
-            if 0 <= x < width and 0 <= y < height:
-                v = float(image[y, x])
-                over = v >= saturation
-                kind[j, i], patch[j, i] = SATURATED if over else KNOWN, v
-                known += 1
-                saturated += over
+            over = row[i] >= saturation
+            kind[j, i] = UNKNOWN if i < first or i >= last else SATURATED if over else KNOWN
+            saturated += over
+        known += last - first
     most = saturated > MOSTLY * known
     for j in range(patch.shape[0]):
         for i in range(patch.shape[1]):
@@ -43,16 +75,6 @@ def cut_patch(
                 use = usable[y0 + j, x0 + i]
             weight[j, i] = 1.0 if use else 0.0
             patch[j, i] = sign * patch[j, i] if use else 0.0
-
-
-@nb.njit(cache=True, nogil=True, error_model="numpy")
-def cut_all(image: Any, usable: Any, sign: float, saturation: float, pixel: Any, patches: Any, weights: Any) -> None:
-    """Patches (K, S, S) round pixels (K, 2) and their weights, as `cut_patch` makes them."""
-    size = patches.shape[1]
-    kind = np.empty((size, size), np.uint8)
-    for k in range(len(pixel)):
-        x0, y0 = pixel[k, 0] - size // 2, pixel[k, 1] - size // 2
-        cut_patch(image, usable, sign, saturation, x0, y0, patches[k], weights[k], kind)
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")

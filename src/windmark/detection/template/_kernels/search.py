@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from windmark.detection.template._kernels.cut import grey_row
 from windmark.detection.template._kernels.held import held_sums, pixel_table
 from windmark.detection.template._kernels.model import points_needed
 from windmark.geometry._jit import nb
@@ -32,50 +33,51 @@ def square_of(size: int) -> Any:
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def cut(image: Any, usable: Any, sign: float, saturation: float, x0: int, y0: int, patch: Any, known: Any) -> Any:
     """Patch from (x0, y0) as a hole on a mean of 0, `known` 1 or 0; returns the mean and the number of known pixels."""
-    height, width = image.shape
-    side = patch.shape[0]
-    if usable.shape[0] == 0 and 0 <= x0 <= width - side and 0 <= y0 <= height - side:
-        mean, whole = cut_whole(image, sign, saturation, x0, y0, patch)
+    side, row = patch.shape[0], np.empty(patch.shape[0])
+    if usable.shape[0] == 0:
+        mean, whole = cut_whole(image, sign, saturation, x0, y0, row, patch)
         if whole:
             known[:] = 1.0
             return sign * mean, patch.size
     total, count = 0.0, 0
     for j in range(side):
-        y = y0 + j
+        grey_row(image, y0 + j, x0, row)
         for i in range(side):
-            x = x0 + i
-            good = 0 <= x < width and 0 <= y < height
+            good = -math.inf < row[i] < saturation
             if good and usable.shape[0] > 0:
-                good = usable[y, x]
-            if good:
-                v = float(image[y, x])
-                good = math.isfinite(v) and v < saturation
-                total += v if good else 0.0
+                good = usable[y0 + j, x0 + i]
+            total += row[i] if good else 0.0
             known[j, i] = 1.0 if good else 0.0
             count += good
     mean = total / max(count, 1)
     for j in range(side):
+        grey_row(image, y0 + j, x0, row)
         for i in range(side):
-            patch[j, i] = sign * (float(image[y0 + j, x0 + i]) - mean) if known[j, i] > 0.0 else 0.0
+            patch[j, i] = sign * (row[i] - mean) if known[j, i] > 0.0 else 0.0
     return sign * mean, count
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract"})
-def cut_whole(image: Any, sign: float, saturation: float, x0: int, y0: int, patch: Any) -> tuple[float, bool]:
-    """The same for a patch within the image without a mask: its mean, and whether all of its pixels are known."""
+def cut_whole(
+    image: Any, sign: float, saturation: float, x0: int, y0: int, row: Any, patch: Any
+) -> tuple[float, bool]:
+    """The same for a patch of which all pixels are known, with `row` as scratch: its mean, and whether they are."""
     total, unknown, side = 0.0, 0, patch.shape[0]
     for j in range(side):
-        row = image[y0 + j, x0 : x0 + side]
+        grey_row(image, y0 + j, x0, row)
         for i in range(side):
-            v = float(row[i])
+            v = row[i]
             total += v
             unknown += not (-math.inf < v < saturation)
     mean = total / patch.size
+    if unknown > 0:
+        return mean, False
     for j in range(side):
-        row, into = image[y0 + j, x0 : x0 + side], patch[j]
+        grey_row(image, y0 + j, x0, row)
+        into = patch[j]
         for i in range(side):
-            into[i] = sign * (float(row[i]) - mean)
-    return mean, unknown == 0
+            into[i] = sign * (row[i] - mean)
+    return mean, True
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
