@@ -1,5 +1,7 @@
 """How nouns look in a session, as tables of pandas, and arguments that are swapped."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -58,3 +60,28 @@ def test_swapped_arguments_are_named():
 def test_the_namespace_holds_what_is_public_only():
     assert dir(wm) == sorted(wm.__all__)
     assert not {"importlib", "TYPE_CHECKING", "Any", "annotations"} & set(dir(wm))
+
+
+def test_fields_pixels_points_and_merged_views_as_datasets_and_tables():
+    field = wm.NodeField.make([1.0, 2.0], 0.5, unit="Pa").with_mode("pose", [0.0, 1.0]).to_xarray()
+    assert field["value"].attrs["units"] == "Pa"
+    assert field["modes"].sel(mode="pose").values.tolist() == [0.0, 1.0]
+    np.testing.assert_allclose(field["sigma"], [0.5, np.hypot(0.5, 1.0)])
+    square = np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]])
+    plain = wm.Mesh.make(square, [[0, 1, 2], [0, 2, 3]], volume=["plate", "plate"])
+    mesh = replace(plain, length_unit="mm")
+    camera, pose = wm.Camera((16, 12), 40.0, 1.0, 7.5, 5.5), wm.Pose.look_at([0, 0, 10.0], [0, 0, 0], [0, 1.0, 0])
+    pixels = wm.map_pixels(mesh, camera, pose).to_xarray()
+    assert pixels["x"].attrs["units"] == "mm"
+    assert str(pixels["volume"][5, 7].item()) == "plate"
+    assert np.isnan(pixels["z"][0, 0])
+    assert pixels["volume"][0, 0].item() == ""
+    image = np.full((12, 16), 100.0)
+    pytest.importorskip("pandas")
+    table = wm.sample_points(image, camera, pose, mesh, [[0.1, 0.1, 0.0], [0.0, 0.0, 50.0]]).to_pandas()
+    assert table["value"][0] == pytest.approx(100.0)
+    assert table["reason"][0] == ""
+    pictures = [wm.Picture(name, image * k, camera, pose) for name, k in (("a", 1.0), ("b", 2.0))]
+    merged = wm.merge_views(mesh, pictures, gain="none")
+    assert merged, merged
+    assert merged.to_xarray()["values"].sel(picture="b").sizes == {"node": 4}

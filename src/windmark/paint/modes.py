@@ -10,11 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from windmark.errors import UsageError
+from windmark.scene.shown import xarray_dataset
 
 Array = NDArray[np.float64]
 
@@ -94,6 +96,13 @@ class NodeField:
     def sigma(self) -> Array:
         """(N,) standard deviation of each node by itself."""
         return np.sqrt(self.variance)
+
+    def to_xarray(self) -> Any:
+        """An ``xarray.Dataset``: value and sigma by node, and the change by each shared error (node, mode)."""
+        return xarray_dataset(
+            {"value": (("node",), self.value, self.unit), "sigma": (("node",), self.sigma, self.unit),
+             "modes": (("node", "mode"), self.modes, self.unit)}, {"mode": list(self.names)},
+        )  # fmt: skip
 
     def with_mode(self, name: str, column: ArrayLike) -> NodeField:
         """The field with one more shared error: ``column`` (N,) or a number, the change for one sigma of its cause."""

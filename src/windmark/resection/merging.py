@@ -25,6 +25,7 @@ from windmark.resection.surface_view import see_surface
 from windmark.resection.virtual import see_pixels
 from windmark.resection.visibility import NodeView, checked_angle, see_nodes
 from windmark.scene import Mesh
+from windmark.scene.shown import xarray_dataset
 
 Array = NDArray[np.float64]
 
@@ -87,6 +88,12 @@ class MergedViews:
 
     def __bool__(self) -> bool:
         return True
+
+    def to_xarray(self) -> Any:
+        """An ``xarray.Dataset``: merged values by node, which picture counts most, and every picture's own values."""
+        merged = {k: (("node",), getattr(self.nodes, k), "") for k in ("value", "sigma", "source", "pictures")}
+        own = {"values": (("picture", "node"), self.values, ""), "sigmas": (("picture", "node"), self.sigmas, "")}
+        return xarray_dataset({**merged, **own}, {"picture": list(self.names)})
 
     def at(self, points: SurfacePoints) -> tuple[MergedValues, tuple[NodeView, ...]]:
         """Merged values at points of the surface, with the same weights and gains, and how each picture sees them."""

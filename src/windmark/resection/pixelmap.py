@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,6 +12,7 @@ from windmark.geometry import Camera, Pose
 from windmark.geometry.rays import pixel_rays
 from windmark.resection.casting import RAYS_AT_ONCE, Hits, cast, for_kernels, single_pose, to_camera_frame
 from windmark.scene import Mesh
+from windmark.scene.shown import xarray_dataset
 
 Array = NDArray[np.float64]
 
@@ -66,6 +68,13 @@ class PixelMap:
             )
         flat = interpolate_at(self.mesh.triangles, values, self.triangle.ravel(), self.barycentric.reshape(-1, 2))
         return flat.reshape(*self.triangle.shape, *values.shape[1:])
+
+    def to_xarray(self) -> Any:
+        """An ``xarray.Dataset`` by row and column: surface point x, y, z, its triangle and volume."""
+        at, unit = ("row", "column"), self.mesh.length_unit
+        places = {name: (at, v, unit) for name, v in zip("xyz", np.moveaxis(self.xyz(), 2, 0), strict=True)}
+        volume = self.triangle_values(np.asarray(self.mesh.volume)).astype(object)
+        return xarray_dataset({**places, "triangle": (at, self.triangle, ""), "volume": (at, volume, "")})
 
     def triangle_values(self, values: ArrayLike) -> NDArray[np.generic]:
         """Values given per triangle (T, ...), on the pixels (H, W, ...): NaN, 0, False or '' where not valid."""

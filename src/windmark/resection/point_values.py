@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,6 +17,7 @@ from windmark.resection.sources import Picture, prepare, value_variance
 from windmark.resection.surface_view import see_surface
 from windmark.resection.visibility import NodeView
 from windmark.scene import Mesh
+from windmark.scene.shown import pandas_table
 
 Array = NDArray[np.float64]
 
@@ -56,6 +58,13 @@ class PointValues:
     def words(self) -> NDArray[np.str_]:
         """(N,) the reasons as words, empty where there is a value."""
         return reason_words(self.reason)
+
+    def to_pandas(self) -> Any:
+        """A ``pandas.DataFrame``: value, sigma, why there is none, place in the picture and on the surface."""
+        return pandas_table({
+            "value": self.value, "sigma": self.sigma, "reason": self.words.tolist(), "x_px": self.xy[:, 0],
+            "y_px": self.xy[:, 1], **dict(zip("xyz", self.xyz.T, strict=True)), "moved": self.moved,
+        })  # fmt: skip
 
 
 def reason_words(reason: NDArray[np.uint8]) -> NDArray[np.str_]:

@@ -1,4 +1,4 @@
-"""How nouns and results look in a session and a notebook: a few figures, not their arrays; and as tables of pandas."""
+"""How nouns and results look in a session and a notebook: a few figures, not their arrays; as tables and datasets."""
 
 from __future__ import annotations
 
@@ -45,6 +45,16 @@ def pandas_table(columns: Mapping[str, Any]) -> Any:
     except ImportError as error:
         raise UsageError("to_pandas needs pandas: pip install pandas") from error
     return pandas.DataFrame(dict(columns))
+
+
+def xarray_dataset(
+    variables: Mapping[str, tuple[tuple[str, ...], Any, str]], coords: Mapping[str, Any] | None = None, **attrs: str
+) -> Any:
+    """An ``xarray.Dataset``; ``variables``: name -> names of its dimensions, values, unit ("" for none)."""
+    import xarray
+
+    data = {name: (dims, value, {"units": unit} if unit else {}) for name, (dims, value, unit) in variables.items()}
+    return xarray.Dataset(data, coords=dict(coords or {}), attrs=attrs)
 
 
 def check_kinds(verb: str, **given: tuple[object, type]) -> None:
