@@ -123,10 +123,11 @@ class Packed:
 def packed_text(head: bytes, rest: bytes) -> str:
     """A document's head (JSON) and what follows it as text: length, head and rest by gzip in base 85.
 
-    Noise has no repetitions that are worth to be looked for: `zlib.Z_FILTERED` packs it 10 % tighter.
+    Noise has no repetitions that are worth to be looked for: `zlib.Z_FILTERED` packs it 10 % tighter, and level 9 takes
+    half as long again as 6 for 0.4 %.
     """
     whole = np.array([len(head)], dtype="<u4").tobytes() + head + rest
-    packer = zlib.compressobj(9, zlib.DEFLATED, 31, 9, zlib.Z_FILTERED)
+    packer = zlib.compressobj(6, zlib.DEFLATED, 31, 9, zlib.Z_FILTERED)
     content = packer.compress(whole) + packer.flush()
     padded = content + bytes(-len(content) % 4)
     number = np.frombuffer(padded, dtype=">u4").astype(np.uint64)
