@@ -51,6 +51,7 @@ def test_images_are_aligned_and_bad_ones_flagged(folder, tmp_path, windmark):
     assert "blank.tif: not aligned" in page
 
 
+@pytest.mark.slow
 def test_the_first_image_is_the_reference_unless_told(folder, tmp_path, windmark):
     images = [folder / "off.tif", folder / "on2.tif"]
     common = ["-r", 4, "--max-shift-px", 20, "--json"]
@@ -73,6 +74,7 @@ def test_a_regular_sheet_is_refused_without_a_largest_motion(folder, tmp_path, w
     assert not list(out.rglob("aligned.tif"))
 
 
+@pytest.mark.slow
 def test_markers_by_name_from_matches_and_from_detections(folder, tmp_path, windmark):
     rng = np.random.default_rng(1)
     xy = rng.uniform(20, 250, (12, 2))

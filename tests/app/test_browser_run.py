@@ -225,6 +225,7 @@ def test_a_browser_without_webgl_is_told(report, tmp_path):
         assert tab.js("document.querySelector('.wm-failed') !== null")
 
 
+@pytest.mark.slow
 def test_no_private_path_stands_in_it(report):
     text = report.read_text(encoding="utf-8")
     assert str(report.parents[1]) not in text

@@ -139,6 +139,7 @@ def test_a_calibration_turns(tab, tmp_path):
     assert "ellipsoids" in tab.js("document.querySelector('.wm-panel').innerText")
 
 
+@pytest.mark.slow
 def test_a_graphics_card_that_was_taken_away_comes_back(tab, tmp_path):
     mesh = plate()
     field = Field("f", "f", "Cp", np.arange(len(mesh.vertices), dtype=float))

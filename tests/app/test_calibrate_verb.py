@@ -62,6 +62,7 @@ def test_it_writes_everything(windmark, plate):
     assert "http" not in re.sub(PACKED, "", page)
 
 
+@pytest.mark.slow
 def test_json_and_comparison_with_another_set(windmark, plate):
     case, _, folder = plate
     net = case.network
@@ -79,6 +80,7 @@ def test_json_and_comparison_with_another_set(windmark, plate):
     assert page.count('src="data:image/') == 8
 
 
+@pytest.mark.slow
 def test_known_markers_with_a_joint_covariance(windmark, plate):
     case, _, folder = plate
     names, xyz = [f"m{k:02d}" for k in range(40)], case.start.points.copy()
@@ -111,6 +113,7 @@ def test_datum_has_no_default(windmark, plate):
         assert words in done.err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "words"),
     [
@@ -188,6 +191,7 @@ def refused(windmark, folder, poses, xyz, camera=networks.CAMERA, datum="free", 
     return call(windmark, folder, "--datum", datum, "--json", matches="m.csv")
 
 
+@pytest.mark.slow
 def test_pictures_from_one_place_are_refused(windmark, tmp_path):
     rng = np.random.default_rng(8)
     xyz = rng.uniform(-300, 300, (30, 3)) * [1, 0.8, 0.3]
@@ -201,6 +205,7 @@ def test_pictures_from_one_place_are_refused(windmark, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_frontal_pictures_of_a_plate_do_not_tell_the_focal_length(windmark, tmp_path):
     rng = np.random.default_rng(9)
     xyz = rng.uniform(-300, 300, (40, 3)) * [1, 0.8, 0]
@@ -211,6 +216,7 @@ def test_frontal_pictures_of_a_plate_do_not_tell_the_focal_length(windmark, tmp_
     assert "all pictures face it" in done.json["reason"]
 
 
+@pytest.mark.slow
 def test_views_and_markers_that_are_too_poor_are_named(windmark, plate):
     case, _, folder = plate
     net = case.network
@@ -223,6 +229,7 @@ def test_views_and_markers_that_are_too_poor_are_named(windmark, plate):
     assert "left out: m39: marker seen in one view" in done.out
 
 
+@pytest.mark.slow
 def test_a_distance_gives_the_scale(windmark, plate):
     case, _, folder = plate
     length = float(np.linalg.norm(case.truth.points[0] - case.truth.points[1]))
@@ -232,6 +239,7 @@ def test_a_distance_gives_the_scale(windmark, plate):
     np.testing.assert_allclose(np.linalg.norm(got[0] - got[1]), 2 * length, atol=0.05)
 
 
+@pytest.mark.slow
 def test_two_cameras_with_their_names(windmark, tmp_path):
     case = networks.make(73, points=30, views=8, rig=True)
     net = case.network

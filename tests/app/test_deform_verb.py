@@ -132,6 +132,7 @@ def test_points_need_a_grid_and_a_table(copy, windmark):
     assert "no points" in done.err
 
 
+@pytest.mark.slow
 def test_one_camera_alone_and_cameras_that_move(made, windmark, tmp_path):
     twist = truth(made)[-1][1]
     for k, options in enumerate((("--camera", "cam1"), ("--moves", "cam2"))):
@@ -146,6 +147,7 @@ def test_one_camera_alone_and_cameras_that_move(made, windmark, tmp_path):
     assert "expected one of cam1, cam2" in wrong.err
 
 
+@pytest.mark.slow
 def test_a_users_own_law_gives_the_same(made, done, windmark):
     assert len([line for line in (made / "my_law.py").read_text().splitlines() if line.strip()]) <= 15
     alone = windmark("laws", made / "my_law.py", "-m", made / "markers.csv", "--volume", "wing")
@@ -157,6 +159,7 @@ def test_a_users_own_law_gives_the_same(made, done, windmark):
     assert np.abs(apart[1:]).max() < 4 * max(done.json["last_twist_sigma_deg"])
 
 
+@pytest.mark.slow
 def test_a_bad_frame_is_flagged_and_the_next_one_recovers(copy, windmark):
     images = copy / "images"
     (images / "cam2-0002.tif").write_bytes(b"II*\0 no image")  # one camera unreadable: the other goes on
@@ -174,6 +177,7 @@ def test_a_bad_frame_is_flagged_and_the_next_one_recovers(copy, windmark):
     assert float(table[4]["wing.twist_2"]) == pytest.approx(twist, abs=4 * float(table[4]["sigma_wing.twist_2"]))
 
 
+@pytest.mark.slow
 def test_a_camera_that_contradicts_the_other_is_left_out_until_it_agrees(copy, windmark):
     """Something else in the first picture of a camera: the test goes on without it, and with it from the next."""
     edited(copy, ('zero = ["0", "1"]', "zero = []"))
@@ -189,6 +193,7 @@ def test_a_camera_that_contradicts_the_other_is_left_out_until_it_agrees(copy, w
     assert second[0]["reason"].startswith("left out")
 
 
+@pytest.mark.slow
 def test_a_camera_that_is_not_where_its_file_says_is_no_measurement(copy, windmark):
     """Of two cameras nobody knows which one was moved: nothing is measured, where one was by a degree."""
     camera, pose = io.read_camera(copy / "cam2.json")
@@ -199,6 +204,7 @@ def test_a_camera_that_is_not_where_its_file_says_is_no_measurement(copy, windma
     assert "without cam1 or cam2 the rest is registered, so which of them is wrong is not clear" in done.err
 
 
+@pytest.mark.slow
 def test_dropped_frames_leave_gaps(copy, windmark):
     (copy / "images" / "cam1-0002.tif").unlink()
     (copy / "images" / "cam1-0003.tif").unlink()
@@ -210,6 +216,7 @@ def test_dropped_frames_leave_gaps(copy, windmark):
     assert "cam1: no image" in table[2]["reason"]
 
 
+@pytest.mark.slow
 def test_live_gives_the_same_as_from_the_disk(made, done, copy, windmark):
     incoming = copy / "incoming"
     incoming.mkdir()
@@ -232,6 +239,7 @@ def test_live_gives_the_same_as_from_the_disk(made, done, copy, windmark):
     assert live.json["last_twist_deg"] == pytest.approx(done.json["last_twist_deg"], abs=1e-3)
 
 
+@pytest.mark.slow
 def test_nothing_arrives(copy, windmark):
     (copy / "incoming").mkdir()
     done = windmark("deform", copy / "deform.toml", "--watch", copy / "incoming", "--idle", 0.1)
@@ -317,6 +325,7 @@ def test_a_camera_without_a_pose_is_no_station(copy, windmark):
     assert "no pose" in done.err
 
 
+@pytest.mark.slow
 def test_images_of_another_size_lose_their_camera_only(copy, windmark):
     for k in range(FRAMES):
         image = io.read_image(copy / "images" / f"cam2-{k:04d}.tif")
@@ -345,6 +354,7 @@ def test_simulate_says_what_to_do_next(tmp_path, windmark):
     assert not (tmp_path / "s").exists()
 
 
+@pytest.mark.slow
 def test_without_its_pictures_and_its_film_the_deformation_is_there(copy, windmark, no_pictures, monkeypatch):
     from windmark.app import deform_report
 

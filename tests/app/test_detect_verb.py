@@ -46,6 +46,7 @@ def test_an_image_without_markers_has_a_reason(windmark, tmp_path):
     assert done.json["images"]["noise.png"]["why_none"]
 
 
+@pytest.mark.slow
 def test_explain_picture_and_merit_map(windmark, shot, tmp_path):
     done = windmark(
         "detect", shot, "-r", 4, "-o", tmp_path / "d.csv", "--explain", tmp_path / "e.csv",

@@ -44,6 +44,7 @@ def wrong_matches(photos, table):
     return int((near[0] != near[1]).sum())
 
 
+@pytest.mark.slow
 def test_a_few_clicks_and_a_camera_match_the_pictures(windmark, photos, tmp_path):
     done = run(windmark, photos, photos / "clicks.csv", tmp_path / "out", "-c", photos / "camera.json")
     assert done.code == 0
@@ -64,6 +65,7 @@ def test_a_few_clicks_and_a_camera_match_the_pictures(windmark, photos, tmp_path
     assert again.json["wrong_clicks"] == []
 
 
+@pytest.mark.slow
 def test_without_a_camera_there_is_the_fundamental_matrix_and_no_further_match(windmark, photos, tmp_path):
     done = run(windmark, photos, photos / "clicks.csv", tmp_path / "out")
     assert done.code == 0
@@ -147,6 +149,7 @@ def test_two_pictures_with_poses_say_frame_unit_and_sigma(windmark, photos, tmp_
     assert "their table gives none" in (tmp_path / "known" / "report.html").read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_a_free_scale_is_in_every_header(windmark, photos, tmp_path):
     two = [photos / "photos" / f"P0{k}.tif" for k in (1, 2)]
     common = ("reconstruct", *two, "-c", photos / "camera.json", "--radius", "2.7", "--free-frame")

@@ -121,6 +121,7 @@ def test_what_is_said_of_values_is_checked(windmark, registered, warm, tmp_path)
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_a_file_that_says_its_quantity(windmark, registered, warm, tmp_path):
     image = io.read_image(warm / "wind-off.tif")
     kelvin = (image * 0.01 + 273.15).astype(np.float32)
@@ -135,6 +136,7 @@ def test_a_file_that_says_its_quantity(windmark, registered, warm, tmp_path):
     assert "temperature" not in windmark(*call, "-o", tmp_path / "c", "--nodes", "netcdf").out
 
 
+@pytest.mark.slow
 def test_sections_views_and_alignment_in_kelvin(windmark, warm, tmp_path):
     """The project file's keys; the picture of the difference has the unit, too."""
     values = 'quantity = "temperature"\nunit = "degC"\nscale = 0.01\n'
@@ -185,6 +187,7 @@ nodes = []
     assert "align: all images must have the same quantity and unit" in done.err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("verb", ["register", "run"])
 def test_the_papers_search(windmark, virtual_test, tmp_path, verb):
     folder, _ = virtual_test

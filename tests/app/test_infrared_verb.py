@@ -59,6 +59,7 @@ def results(folder):
     }
 
 
+@pytest.mark.slow
 def test_a_simulated_run_comes_out_as_it_is_true(windmark, heated, tmp_path):
     done = windmark("infrared", heated / "infrared.toml", "--output", tmp_path / "out", "--json")
     assert done.code == 0, done.err
@@ -97,6 +98,7 @@ def test_a_simulated_run_comes_out_as_it_is_true(windmark, heated, tmp_path):
     assert shares["emissivity"] > shares["noise"]
 
 
+@pytest.mark.slow
 def test_a_run_that_was_stopped_goes_on_with_the_same_bytes(windmark, copied, tmp_path, monkeypatch):
     from windmark.pipeline.infrared import run as job
 
@@ -121,6 +123,7 @@ def test_a_run_that_was_stopped_goes_on_with_the_same_bytes(windmark, copied, tm
     assert not list(stopped.glob(".windmark*"))
 
 
+@pytest.mark.slow
 def test_bad_frames_stop_no_others_and_leave_gaps_that_are_flagged(windmark, copied):
     short(copied, 11)
     bright = io.read_grey(copied / "images" / "cam1-0004.tif")
@@ -144,6 +147,7 @@ def test_bad_frames_stop_no_others_and_leave_gaps_that_are_flagged(windmark, cop
     assert np.mean(np.abs(off[on]) < 1.96) > 0.85
 
 
+@pytest.mark.slow
 def test_heating_that_began_before_its_start_is_told(windmark, copied):
     short(copied, 11)
     replaced(copied / "infrared.toml", ("start_s = 0.28", "start_s = 0.42"))
@@ -217,6 +221,7 @@ def test_frames_in_the_wrong_order_of_time_are_named(windmark, copied):
     assert "nothing says when frame 5 was taken" in done.err
 
 
+@pytest.mark.slow
 def test_an_emissivity_table_that_lacks_angles_leaves_nodes_without_values(windmark, copied):
     short(copied, 6)
     replaced(copied / "infrared.toml", ("[surface]\nemissivity = 0.", '[surface]\ntable = "emissivity.csv"\n# '))
@@ -233,6 +238,7 @@ def test_an_emissivity_table_that_lacks_angles_leaves_nodes_without_values(windm
     assert done.json["results"][0]["remarks"] == []
 
 
+@pytest.mark.slow
 def test_numbers_that_the_calibration_is_not_of_are_told(windmark, copied):
     short(copied, 6)
     replaced(copied / "infrared.toml", ("scale = 0.01", "scale = 0.001"))
@@ -242,6 +248,7 @@ def test_numbers_that_the_calibration_is_not_of_are_told(windmark, copied):
     assert "units are mixed" in done.json["results"][0]["reason"]
 
 
+@pytest.mark.slow
 def test_a_model_that_no_camera_shows_is_told(windmark, copied):
     short(copied, 6)
     for file in (copied / "images").glob("*.tif"):

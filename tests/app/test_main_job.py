@@ -88,6 +88,7 @@ def test_alignment_brings_the_moved_model_onto_the_reference(finished):
     assert np.median(nearest) < 0.05
 
 
+@pytest.mark.slow
 def test_same_input_same_result(finished, virtual_test, tmp_path, windmark):
     """A second run through the command line gives the same numbers."""
     folder, _ = virtual_test
@@ -98,6 +99,7 @@ def test_same_input_same_result(finished, virtual_test, tmp_path, windmark):
     assert first["pov"] == second["pov"]
 
 
+@pytest.mark.slow
 def test_steps_alone_detect_register_resect(virtual_test, tmp_path, windmark):
     folder, _ = virtual_test
     image = folder / "wind-off.tif"
@@ -128,6 +130,7 @@ def test_steps_alone_detect_register_resect(virtual_test, tmp_path, windmark):
         np.testing.assert_array_equal(found["value"], io.read_image(image))
 
 
+@pytest.mark.slow
 def test_align_from_the_command_line(virtual_test, tmp_path, windmark):
     folder, test = virtual_test
     model = test.markers.with_role("model")

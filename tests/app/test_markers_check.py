@@ -48,6 +48,7 @@ def test_coordinates_that_nothing_can_be_reckoned_with_are_no_fault(windmark, tm
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_a_good_layout_is_said_to_be_good_and_everything_is_written(windmark, table, tmp_path):
     out = tmp_path / "out"
     done = windmark("markers", "check", table(), "--unit", "mm", *FRONT, "-o", out)
@@ -73,6 +74,7 @@ def test_a_good_layout_is_said_to_be_good_and_everything_is_written(windmark, ta
             assert np.ptp(np.asarray(picture.convert("L"))) > 200
 
 
+@pytest.mark.slow
 def test_a_regular_sheet_is_refused_with_a_layout_that_passes(windmark, table, tmp_path):
     out = tmp_path / "out"
     done = windmark("markers", "check", table(irregular=False), "--unit", "mm", *FRONT, "-o", out, "--json")
@@ -95,6 +97,7 @@ def test_a_regular_sheet_is_refused_with_a_layout_that_passes(windmark, table, t
     np.testing.assert_array_equal(proposed.xyz[:20][kept], given.xyz[kept])
 
 
+@pytest.mark.slow
 def test_options_reach_the_check(windmark, table, tmp_path):
     write_camera(tmp_path / "camera.json", Camera((800, 600), 1500.0))
     record = windmark(
@@ -109,6 +112,7 @@ def test_options_reach_the_check(windmark, table, tmp_path):
     assert {key: record["settings"][key] for key in wanted} == wanted
 
 
+@pytest.mark.slow
 def test_a_grid_and_roles_of_a_whole_test(windmark, virtual_test, tmp_path):
     folder, _ = virtual_test
     done = windmark("markers", "check", folder / "markers.csv", "--unit", "mm", "-c", folder / "camera.json", "-g",

@@ -21,6 +21,7 @@ def arguments(virtual_test):
     return given
 
 
+@pytest.mark.slow
 def test_align_leaves_the_walls_out_unless_told(windmark, arguments, virtual_test, tmp_path):
     folder, _ = virtual_test
     call = [*arguments("align", "wind-off.tif", "wind-on.tif"), "--reference", "wind-off", "-g", folder / "model.grid"]
@@ -35,6 +36,7 @@ def test_align_leaves_the_walls_out_unless_told(windmark, arguments, virtual_tes
     assert walls.json["images"][1]["registration"]["deformation"]["largest_px"] > 0.5
 
 
+@pytest.mark.slow
 def test_roles_and_time_of_register_and_run(windmark, arguments, virtual_test, tmp_path):
     folder, _ = virtual_test
     call = [*arguments("register", "wind-off.tif"), "-o", tmp_path / "out"]
@@ -79,6 +81,7 @@ def test_masked_spots_are_not_used(windmark, arguments, tmp_path):
     assert 0 < done.json["images"][0]["spots"] < whole.json["images"][0]["spots"]
 
 
+@pytest.mark.slow
 def test_labels_and_exclusions_by_place(windmark, arguments, tmp_path):
     call = [*arguments("register", "wind-off.tif"), "-o", tmp_path / "out"]
     assert windmark(*call).code == 0
@@ -120,6 +123,7 @@ def test_labels_of_a_project(windmark, virtual_test, tmp_path):
     assert "image[0].labels.nobody" in done.err
 
 
+@pytest.mark.slow
 def test_align_and_resect_take_the_volumes_as_run_does(windmark, arguments, virtual_test, tmp_path):
     """The walls of the grid are dragged along with the model unless the zones say what the model is."""
     from windmark.pipeline.simulate import zones_of

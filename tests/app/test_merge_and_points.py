@@ -46,6 +46,7 @@ def changed(rig, tmp_path, *edits, without=()):
     return folder
 
 
+@pytest.mark.slow
 def test_all_formats_of_merged_values(merged):
     results, record, test = merged
     names = {p.name for p in (results / "merged").iterdir()}
@@ -133,6 +134,7 @@ def test_report_shows_it(merged):
         assert words in page
 
 
+@pytest.mark.slow
 def test_an_unregistered_camera_is_named_and_the_others_are_merged(rig, tmp_path, windmark):
     """And points of a polar have a folder each."""
     folder = changed(

@@ -14,6 +14,7 @@ FORMULA = r"$\frac{$"
 """A name that matplotlib takes for a broken formula."""
 
 
+@pytest.mark.slow
 def test_a_bad_picture_and_a_bad_section_cost_only_themselves(windmark, virtual_test, tmp_path, monkeypatch):
     for name in ("camera.json", "markers.csv", "model.grid", "wind-off.tif"):
         shutil.copy(virtual_test[0] / name, tmp_path / name)

@@ -123,6 +123,7 @@ def follow(windmark, place, out, *more):
                     place / "camera.json", "--unit", "mm", "-o", out, *more)  # fmt: skip
 
 
+@pytest.mark.slow
 def test_track_without_its_picture(windmark, swinging, tmp_path, no_pictures):
     out = tmp_path / "out"
     done = follow(windmark, swinging, out, "--json")

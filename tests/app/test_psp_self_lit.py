@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from windmark import io
 from windmark.paint import add_self_illumination, form_factors
@@ -43,6 +44,7 @@ class SelfLit(PspTest):
         return Glow(mesh.vertices[mesh.used], rest[mesh.used], (total - own)[mesh.used])
 
 
+@pytest.mark.slow
 def test_light_that_the_model_throws_on_itself_is_taken_off_and_said(windmark, tmp_path):
     plain = psp_test(41, incidences=2, size_px=(640, 400), taps=tap_table(), nodes=8000)
     test = SelfLit(**{name: getattr(plain, name) for name in plain.__dataclass_fields__} | {"points": plain.points[1:]})

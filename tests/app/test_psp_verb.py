@@ -79,6 +79,7 @@ def test_a_simulated_polar_comes_out_as_it_is_true(windmark, polar, tmp_path):
     assert (tmp_path / "out" / "polar.pvd").read_text().count("DataSet") == 2
 
 
+@pytest.mark.slow
 def test_a_mistake_in_one_point_gets_a_sentence_and_stops_no_other(windmark, copied):
     (good, high) = rows(copied / "points.csv")
     for name, change in (("bright", lambda a: np.where(np.arange(a.size).reshape(a.shape) % 9 == 0, 16383, a)),
@@ -115,6 +116,7 @@ def test_a_mistake_in_one_point_gets_a_sentence_and_stops_no_other(windmark, cop
     assert "Point exchanged" in (copied / "psp" / "report.html").read_text()
 
 
+@pytest.mark.slow
 def test_taps_outside_the_grid_are_said_and_the_calibration_is_taken_alone(windmark, copied):
     taps = rows(copied / "taps.csv")
     write(copied / "taps.csv", [{**tap, "z": float(tap["z"]) + 500} for tap in taps])
@@ -128,6 +130,7 @@ def test_taps_outside_the_grid_are_said_and_the_calibration_is_taken_alone(windm
     assert any("that of the calibration alone" in remark for remark in of["remarks"])
 
 
+@pytest.mark.slow
 def test_threads_and_a_run_that_was_stopped_give_the_same_bytes(windmark, polar, tmp_path, monkeypatch):
     from windmark.pipeline.psp import each as job
 
@@ -165,6 +168,7 @@ def spoil(folder, name):
     return {"on": f"images/{name}/on-{{camera}}-*.tif", "off": f"images/{name}/off-{{camera}}-*.tif"}
 
 
+@pytest.mark.slow
 def test_a_bad_picture_is_left_out_beside_good_ones_and_said(windmark, copied):
     (good, _) = rows(copied / "points.csv")
     spoilt = {**good, "point": "spoilt", **spoil(copied, "spoilt")}

@@ -39,6 +39,7 @@ def tables(folder):
     return "-m", folder / "markers.csv", "-c", folder / "camera.json", "--unit", "mm", "-r", 2.5
 
 
+@pytest.mark.slow
 def test_track_a_recording(windmark, folder, tables, tmp_path):
     """The same poses as from single files; and the dropped frame, known from the time stamps, is a step of two."""
     rows = {}

@@ -3,6 +3,7 @@
 import csv
 
 import numpy as np
+import pytest
 
 from windmark import io
 from windmark.pipeline.simulate_infrared import simulate_infrared
@@ -13,6 +14,7 @@ def column(path, name):
         return np.array([float(row[name] or "nan") for row in csv.DictReader(stream)])
 
 
+@pytest.mark.slow
 def test_two_frames_of_an_infrared_run_are_pictures_of_temperature(windmark, tmp_path):
     folder = tmp_path / "hot"
     folder.mkdir()
@@ -33,6 +35,7 @@ def test_two_frames_of_an_infrared_run_are_pictures_of_temperature(windmark, tmp
         assert np.percentile(np.abs(found - true - np.median((found - true)[seen]))[seen], 70) < 0.6
 
 
+@pytest.mark.slow
 def test_same_seed_same_files_and_another_seed_another_run(tmp_path):
     prints = []
     for name, seed in (("a", 3), ("b", 3), ("c", 4)):

@@ -55,6 +55,7 @@ def test_tables_agree_with_each_other_and_the_truth(written):
     assert (high - float(point["p_inf_Pa"])) / float(point["q_inf_Pa"]) < 0.9 + max(upper)
 
 
+@pytest.mark.slow
 def test_same_seed_same_bytes(written, tmp_path):
     simulate_psp(tmp_path, 3, 1, (320, 200))
     prints = [

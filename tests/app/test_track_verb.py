@@ -72,6 +72,7 @@ def test_a_sequence_becomes_tables_a_picture_and_a_page(windmark, folder, tmp_pa
     assert "The images cannot tell: " in page
 
 
+@pytest.mark.slow
 def test_numbers_of_frames_come_from_a_table(windmark, folder, tmp_path):
     io.write_table(tmp_path / "n.csv", {"image": [f"f{k}" for k in range(FRAMES)], "frame": [0, 1, 2, 3, 4, 7]})
     done = windmark(*asked(folder, "-o", tmp_path / "out", "--frames", tmp_path / "n.csv"))

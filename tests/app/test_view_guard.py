@@ -111,6 +111,7 @@ def test_another_verbs_project_is_refused_before_anything_is_served(windmark, tm
     assert "length_unit" in done.err
 
 
+@pytest.mark.slow
 def test_ctrl_c_ends_it_cleanly_with_a_job_at_work(virtual_test):
     words = [sys.executable, "-m", "windmark.app.cli", "view", str(virtual_test[0] / "project.toml"), "--no-browser"]
     process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)

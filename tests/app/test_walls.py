@@ -22,6 +22,7 @@ def aligned(virtual_test, windmark, tmp_path_factory):
     return done, out
 
 
+@pytest.mark.slow
 def test_align_leaves_the_walls_where_they_are(virtual_test, aligned):
     folder, test = virtual_test
     done, out = aligned
@@ -38,6 +39,7 @@ def test_align_leaves_the_walls_where_they_are(virtual_test, aligned):
     assert json.loads((out / "summary.json").read_text())["notes"]
 
 
+@pytest.mark.slow
 def test_resect_with_markers_gives_walls_no_value(virtual_test, windmark, tmp_path):
     folder, test = virtual_test
     io.write_camera(tmp_path / "on.json", test.cameras["cam1"], test.shot("wind-on").view.cam_from_model, unit="mm")

@@ -150,6 +150,7 @@ def test_names_with_braces_are_names(case):
     assert "{x}" in str(doubt.renamed({"m00": "{x}"}))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("redundancy", [3, 8, 400])
 def test_the_test_beside_the_other_residuals_is_chi_square_for_any_redundancy(redundancy):
     """Parts of a sum of squares whose sigma0 is estimated from that sum: its probabilities stay what they are."""

@@ -57,6 +57,7 @@ def calibrated(camera, seed):
     return xyz, obs, run
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lens", TRUE)
 def test_the_right_lens_is_chosen_and_its_sigmas_are_true(lens):
     xyz, obs, run = calibrated(TRUE[lens], 3)

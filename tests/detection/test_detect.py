@@ -55,6 +55,7 @@ def test_best_first(draw):
     assert len(wm.detect(image, radius_px=3.0, merit_max=0.01)) == 0
 
 
+@pytest.mark.slow
 def test_a_marker_is_where_it_is_in_every_type(scene):
     image, _ = scene
     levels = np.round(image)

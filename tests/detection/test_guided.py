@@ -125,6 +125,7 @@ def test_what_cannot_be_seen_is_said():
     assert len(none.detections) == 0
 
 
+@pytest.mark.slow
 def test_a_marker_half_hidden_by_the_border_or_by_missing_pixels_is_found():
     image, xy, _ = field(6, noise=1.0)
     cut = image[:, int(np.ceil(xy[0, 0])) :]  # the first column of markers loses its left half or more

@@ -39,11 +39,13 @@ def picture(shapes, half=9.0, noise=1.5):
     return np.round(150.0 * share + rng.normal(0, noise, SIZE)).astype(np.uint8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [1.5, 8.0])
 def test_discs_are_discs(noise):
     assert len(wm.detect(picture(["disc"] * len(PLACES), noise=noise), radius_px=9.0)) == len(PLACES)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("other", ["square", "cross", "ring"])
 def test_another_shape_is_none_beside_discs_and_alone(other):
     shapes = ["disc", other] * (len(PLACES) // 2)
@@ -96,6 +98,7 @@ def test_a_slope_of_the_inside_is_measured(slope, fitted_within, within):
     assert moved == pytest.approx(slope, abs=within)
 
 
+@pytest.mark.slow
 def test_a_square_in_noise_is_none_beside_discs():
     """The fit had taken its corners up as blur and left others out: one of twelve passed."""
     shapes = ["disc", "square"] * (len(PLACES) // 2)
@@ -124,6 +127,7 @@ def test_evidence_grows_with_the_wave_and_goes_in_noise():
     assert not rival_evidence(*fitted(noisy), np.full(1, 60.0**2))[0] > 4.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("half", [3.5, 5.0])
 def test_small_squares_are_none(half):
     assert len(wm.detect(picture(["square"] * len(PLACES), half=half), radius_px=1.13 * half)) == 0

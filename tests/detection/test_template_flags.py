@@ -184,6 +184,7 @@ def test_noise_free_markers_are_fitted_to_the_models_error():
     assert np.abs(fits.xy - xy).max() < 1e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.int32, np.float32, np.float64])
 def test_any_real_type(dtype):
     image, xy = scene(level=120.0, depth=90.0)

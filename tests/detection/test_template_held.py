@@ -71,6 +71,7 @@ def sheet(seed, *, texture=0.0, noise=2.0, discs=0):
     return image + rng.normal(0, noise, image.shape), xy, axes, angle, rng
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("held", [True, False])
 def test_one_kernel_for_all_sizes_is_the_fits_by_size(held):
     image, xy, axes, angle, rng = sheet(1)
@@ -91,6 +92,7 @@ def test_one_kernel_for_all_sizes_is_the_fits_by_size(held):
     assert (done.column("status") == 1).mean() > 0.95
 
 
+@pytest.mark.slow
 def test_what_is_held_has_no_influence():
     """`held_sums` leaves the derivatives by a held shape alone, and they come into the influences: they must be 0."""
     from windmark.detection.template._kernels.fit import fit_window, workspace

@@ -77,6 +77,7 @@ def test_markers_without_line_are_left_alone():
     np.testing.assert_array_equal(robust.xy[clean], plain.xy[clean])
 
 
+@pytest.mark.slow
 def test_what_is_not_fitted_as_a_line_is_not_trusted():
     """A blot on the rim pulls the centre as a whole: least squares' covariance makes it 2 to 4 sigma."""
     z = []

@@ -23,6 +23,7 @@ def scene(request):
     return stand, raster(xy, noise, count, free), free, depth
 
 
+@pytest.mark.slow
 def test_pairs(scene):
     stand, spots, free, depth = scene
     found, gain = candidates(stand, spots, free, all_pairs(5), 3.7, depth)

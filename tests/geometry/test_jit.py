@@ -178,6 +178,7 @@ CALLED = (
 )
 
 
+@pytest.mark.slow
 def test_a_changed_inlined_kernel_is_never_old_machine_code_in_the_users_cache(tmp_path):
     package, root = tmp_path / "kernels", tmp_path / "cache"
     package.mkdir()

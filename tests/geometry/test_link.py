@@ -192,6 +192,7 @@ for kernel in (top, middle, low):
 """
 
 
+@pytest.mark.slow
 def test_what_was_linked_in_another_run_is_read_and_linked_again(tmp_path, monkeypatch):
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
     (tmp_path / "lower.py").write_text(CACHED)
@@ -236,6 +237,7 @@ for name in sys.argv[1:]:
 """
 
 
+@pytest.mark.slow
 def test_a_part_of_a_read_function_may_be_read_itself(tmp_path, monkeypatch):
     """What it hands to Python needs constants that the part of another function has not."""
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))

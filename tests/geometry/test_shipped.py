@@ -61,6 +61,7 @@ def package(tmp_path_factory):
     return place
 
 
+@pytest.mark.slow
 def test_what_came_with_the_package_is_not_compiled(package, tmp_path):
     assert run(package, tmp_path, "brought") == ["17.0", "False"]
     assert not list(tmp_path.rglob("*.nbc"))

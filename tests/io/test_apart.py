@@ -34,6 +34,7 @@ def content(file):
     return apart.read_apart("helper_tasks:content", file, scale=2.0)
 
 
+@pytest.mark.slow
 def test_content_comes_back_as_it_is(file, capfd):
     got = content(file)
     np.testing.assert_array_equal(got["a"], np.arange(5) * 2.0)

@@ -30,6 +30,7 @@ def test_repeat_counts_are_no_surface(tmp_path, name, text):
         io.read_mesh(tmp_path / name)
 
 
+@pytest.mark.slow
 def test_repeat_counts_of_real_grids_are_read(tmp_path):
     """A flat grid: z and IBLANK are one word each."""
     x, y = np.meshgrid(np.arange(700.0), np.arange(900.0))
@@ -61,6 +62,7 @@ def peak(read, path):
         tracemalloc.stop()
 
 
+@pytest.mark.slow
 def test_an_obj_takes_a_few_times_what_it_holds(tmp_path, make_mesh):
     mesh = make_mesh([(250, 250, 1)], single=False)
     io.write_mesh(tmp_path / "a.obj", mesh)
@@ -181,6 +183,7 @@ def test_many_polygons(tmp_path):
     assert mask.sum() == 40_000
 
 
+@pytest.mark.slow
 def test_many_frames_in_a_table(tmp_path):
     (tmp_path / "a.csv").write_text("image,x,y\n" + "".join(f"i{k % 30_000},{k},1\n" for k in range(60_000)))
     found = io.read_detections(tmp_path / "a.csv")

@@ -76,6 +76,7 @@ def test_threads_read_at_once(tmp_path, cine, name):
             np.testing.assert_array_equal(picture, STACK[k])
 
 
+@pytest.mark.slow
 def test_a_forgotten_recording_closes_itself(cine):
     frames = io.frames(cine)
     frames[0]

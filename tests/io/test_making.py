@@ -117,6 +117,7 @@ def test_what_another_process_writes_just_now_is_left_alone(tmp_path):
     assert names(tmp_path) == ["table.csv"]
 
 
+@pytest.mark.slow
 def test_names_without_and_with_odd_extensions(tmp_path):
     for name in ("README", "a.lock", "b.tar.gz", ".hidden"):
         left = killed(tmp_path / name)
@@ -126,6 +127,7 @@ def test_names_without_and_with_odd_extensions(tmp_path):
     assert names(tmp_path) == sorted(["README", "a.lock", "b.tar.gz", ".hidden"])
 
 
+@pytest.mark.slow
 def test_a_folder_of_files_that_was_killed_is_finished_by_the_next_one(tmp_path):
     """Killed between two moves: half of the new files were there, and no list said what was missing."""
     code = (

@@ -124,6 +124,7 @@ def marker_sets():
     return build()
 
 
+@pytest.mark.slow
 @given(markers=marker_sets())
 def test_round_trip_is_exact(tmp_path_factory, markers):
     path = tmp_path_factory.mktemp("m") / "m.csv"

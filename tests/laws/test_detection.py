@@ -43,6 +43,7 @@ ADDITIVE = ({"refine": "bowl"}, {"photometry": "additive"})
 NEAR = {"bowl": 1e-3, None: 0.03}  # px; whether a fit counts as contaminated depends a little on the grey levels
 
 
+@pytest.mark.slow
 @law
 @given(seeds, st.sampled_from(["flip x", "flip y", "transpose", "half turn"]))
 def test_mirrors_and_turns(seed, how):
@@ -75,6 +76,7 @@ def test_gain(seed, gain):
     same(wm.detect(gain * image, radius_px=RADIUS), wm.detect(image, radius_px=RADIUS).xy, atol=3e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", ADDITIVE)
 @law
 @given(seed=seeds, gain=st.floats(0.01, 1000), offset=st.floats(-1e5, 1e5))
@@ -127,6 +129,7 @@ def test_order_and_bounds(seed):
     np.testing.assert_array_equal(few.xy, found.xy[:5])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("polarity", ["dark", "bright"])
 def test_merit_map_turns_with_the_image(polarity):
     image = picture(1)

@@ -126,6 +126,7 @@ def monte_carlo(runs, *, seed, free, loss="none", n=15, sigma=0.15):
     return np.array(z), np.array(d2), np.array(sigma0)
 
 
+@pytest.mark.slow
 def test_covariance_of_pose_and_focal_length_is_what_runs_scatter():
     z, d2, sigma0 = monte_carlo(1500, seed=11, free=("focal_px",))
     assert ((z.std(axis=0) > 0.95) & (z.std(axis=0) < 1.05)).all(), z.std(axis=0)
@@ -135,6 +136,7 @@ def test_covariance_of_pose_and_focal_length_is_what_runs_scatter():
     assert np.mean(sigma0**2) == pytest.approx(1, abs=4 * np.sqrt(2 / 23 / 1500))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("loss", ["huber", "tukey"])
 def test_covariance_with_a_robust_loss_on_good_data(loss):
     z, d2, sigma0 = monte_carlo(300, seed=12, free=(), loss=loss, n=30)

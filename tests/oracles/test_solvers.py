@@ -83,6 +83,7 @@ def test_rigid_alignment_as_in_scipy():
     assert found.rms == pytest.approx(rssd / np.sqrt(w.sum()), rel=1e-9)
 
 
+@pytest.mark.slow
 def test_p4pf_is_scipys_least_squares_minimum():
     rng = np.random.default_rng(3)
     checked = 0

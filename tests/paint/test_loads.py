@@ -115,6 +115,7 @@ def test_unseen_surface_is_filled_named_and_in_the_sigma():
         integrate_loads(mesh, NodeField.make(np.where(mesh.vertices[:, 1] > -0.2, np.nan, true)), UNIT)
 
 
+@pytest.mark.slow
 def test_the_error_of_a_rim_that_was_not_seen_is_what_the_rim_inside_of_it_shows():
     """The outermost nodes of a plate, on which Cp goes to a peak at one edge: far less than Cp's own scatter."""
     mesh = plate(41, 41, (4.0, 4.0))

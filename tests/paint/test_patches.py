@@ -17,6 +17,7 @@ def wavy(xyz, wave, phase):
     return 1 + 0.3 * np.sin(xyz @ wave + phase)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("length", [0.6, 1.5, 6.0])
 def test_sigma_of_the_fill_covers_whatever_the_field(length):
     mesh = plate(121, 91)

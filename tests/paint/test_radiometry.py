@@ -279,6 +279,7 @@ def test_references_between_incidences_and_of_the_run():
     assert mean.sigma.tolist() == pytest.approx([2 / np.sqrt(3), np.sqrt(2)])
 
 
+@pytest.mark.slow
 def test_what_dark_and_flat_err_by_is_not_less_in_a_mean():
     """Two hundred pictures with one dark and one flat picture: what is left is those two's own errors."""
     rng = np.random.default_rng(8)

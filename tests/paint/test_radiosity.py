@@ -8,9 +8,11 @@ import pytest
 
 from windmark.errors import DataError, UsageError
 from windmark.paint import NodeField, add_self_illumination, form_factors, remove_self_illumination
-from windmark.paint._kernels import is_blocked, triangle_factor
-from windmark.paint.form_factors import LEAF, _seats, _tree
+from windmark.paint._kernels import triangle_factor
+from windmark.paint.form_factors import _seats
 from windmark.scene import Mesh, structured_triangles
+from windmark.scene._tree_kernels import is_blocked
+from windmark.scene.triangle_tree import LEAF, TriangleTree
 
 sys.path.insert(0, str(Path(__file__).parent))
 from paint_shapes import box, sphere
@@ -35,6 +37,7 @@ def wall_factor(x, y):
     return half(y) + half(1 - y)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("facets", [100, 1600])
 def test_corner_against_the_closed_form(facets):
     mesh = corner()
@@ -85,13 +88,12 @@ def test_kernels_against_slow_twins():
     rng = np.random.default_rng(0)
     corners = rng.normal(size=(60, 3, 3))
     mesh = Mesh.make(corners.reshape(-1, 3), np.arange(180).reshape(-1, 3))
-    tree, leaves, order = _tree(mesh)
-    flat = corners[order].reshape(-1, 9)
-    facet = np.arange(60)
+    tree = TriangleTree.of(mesh)
+    flat, facet = tree.corners, np.arange(60)
     wrong = 0
     for _ in range(400):
         a, b = 2 * rng.normal(size=(2, 3))
-        got = is_blocked(*a, *b, 5, tree, leaves, LEAF, flat, facet)
+        got = is_blocked(*a, *b, 5, tree.boxes, tree.leaves, LEAF, flat, facet, np.empty(0))
         hit = False
         for k, (p, q, r) in enumerate(flat.reshape(-1, 3, 3)):
             m = np.stack([q - p, r - p, a - b], axis=1)
@@ -106,9 +108,13 @@ def test_kernels_against_slow_twins():
     d = np.stack([r * np.cos(phi), r * np.sin(phi), np.sqrt(1 - r**2)], axis=1)
     inverse = np.linalg.inv(tri.T)
     part = ((d @ inverse.T) >= 0).all(axis=1).mean()
-    assert triangle_factor(x, n, tri.ravel(), np.empty((5, 3))) == pytest.approx(part, abs=0.003)
-    below = tri - [0, 0, 3.0]
-    assert triangle_factor(x, n, below.ravel(), np.empty((5, 3))) == 0.0
+    def factor(corner):
+        return triangle_factor(x, n, corner.ravel(), 1.0, np.empty((5, 3)))
+
+    faces = tri if np.linalg.det(tri) < 0 else tri[::-1]
+    assert factor(faces) == pytest.approx(part, abs=0.003)
+    assert factor(faces[::-1]) == 0.0
+    assert factor(faces - [0, 0, 3.0]) == factor((faces - [0, 0, 3.0])[::-1]) == 0.0
 
 
 def test_light_thrown_on_is_taken_off_again():

@@ -56,6 +56,7 @@ def test_sections_add_up_to_the_whole():
     assert whole == pytest.approx(integrate_loads(mesh, cp, UNIT).row("model")["CN"][0], rel=0.01)
 
 
+@pytest.mark.slow
 def test_sigma_of_sections_is_that_of_draws_and_a_mode_ties_them():
     mesh = sphere(60)
     rng = np.random.default_rng(0)

@@ -71,6 +71,7 @@ def test_a_law_without_inverse_is_refused_with_the_place(a, words):
         SternVolmer(np.array(a), 1e5, 290.0, (1e4, 1.5e5), (280.0, 300.0))
 
 
+@pytest.mark.slow
 def test_pressure_has_the_errors_that_draws_show():
     law = paint(np.diag([1e-6, 1e-9, 1e-6, 1e-9, 1e-6, 1e-9]))
     rng = np.random.default_rng(8)

@@ -240,6 +240,7 @@ def matched_pictures(case, monkeypatch, tmp_path, settings=None, broken=()):
     )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_pictures_of_unlabelled_spots(monkeypatch, tmp_path):
     """No labels, no poses, no focal length, rough coordinates; two pictures of nothing are refused and named."""
     case = networks.make(74, points=40, views=12)
@@ -257,6 +258,7 @@ def test_pictures_of_unlabelled_spots(monkeypatch, tmp_path):
     assert np.sqrt((off**2).mean()) < 3 * np.sqrt((result.markers.sigma**2).mean())
 
 
+@pytest.mark.slow
 def test_too_few_pictures_say_why(monkeypatch, tmp_path):
     case = networks.make(75, points=40, views=4)
     out, matched = matched_pictures(case, monkeypatch, tmp_path, broken=(0, 1))

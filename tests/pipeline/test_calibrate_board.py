@@ -86,6 +86,7 @@ def marked(origin=(0, 0)):
     return Board(PITCH, tuple((c - origin[0], r - origin[1]) for c, r in RINGS))
 
 
+@pytest.mark.slow
 def test_a_rig_and_its_board_from_marked_pictures(session):
     """Two cameras of which nothing is known: their pose to each other and the dots as they were printed."""
     rng = np.random.default_rng(31)
@@ -129,6 +130,7 @@ def test_the_marked_dot_is_the_origin(session):
     assert len(out.result.views) == 5
 
 
+@pytest.mark.slow
 def test_a_board_without_marks_is_held_as_it_should_be(session):
     """Each picture may count from another corner: cameras and poses are found, the dots are not."""
     rng = np.random.default_rng(33)
@@ -170,6 +172,7 @@ def test_no_board_says_why(session):
     assert [p.count for p in seen] == [0, 0]
 
 
+@pytest.mark.slow
 def test_frontal_pictures_of_a_board_do_not_tell_the_focal_length(session):
     rng = np.random.default_rng(36)
     xyz = printed(rng)

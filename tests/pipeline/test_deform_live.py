@@ -265,6 +265,7 @@ def test_it_ends_after_so_many_frames_and_says_what_is_left(tmp_path):
     assert frames[4].skipped == ("left", "the run ended after 3 frames, as asked for")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stop_after", [None, 2])
 def test_interrupted_at_any_of_its_lines_every_file_told_of_has_its_frame(tmp_path, monkeypatch, stop_after):
     """Ctrl-C between two lists: a frame was in none, and the table of files had one that no other table knew."""

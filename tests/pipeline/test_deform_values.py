@@ -93,6 +93,7 @@ def paint():
     return deformation_paint, deformation_paint.mapped(9_001, (640, 400), 15_000)
 
 
+@pytest.mark.slow
 def test_the_deformed_grid_gives_the_ratio_as_well_as_the_true_grid_does(paint):
     _, paint = paint
     rms = {n: float(np.sqrt(np.nanmean(e**2))) for n, e in paint.errors.items()}

@@ -35,6 +35,7 @@ def test_auto_orientation_mends_what_is_turned(tmp_path, turned):
     assert not is_outward(read_grid(GridEntry(file=tmp_path / "box.ply", orientation="file"), Lengths()))
 
 
+@pytest.mark.slow
 def test_zones_become_volumes_and_the_rest_drops_out(virtual_test):
     folder, test = virtual_test
     grid = folder / "model.grid"

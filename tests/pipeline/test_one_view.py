@@ -123,6 +123,7 @@ def test_a_job_whose_only_image_fails_has_its_views_all_the_same(two_cameras):
     assert result.framed[0].name == "top"
 
 
+@pytest.mark.slow
 def test_a_view_by_the_numbers_of_a_camera_is_what_that_camera_sees(two_cameras):
     """From the first camera's own point of view (and lens, and size) its own image comes back."""
     folder = two_cameras[0]
@@ -227,6 +228,7 @@ def with_far_field(mesh, first, where):
                 np.concatenate([mesh.volume, names]), (*blocks, far)), shift  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("first", [True, False])
 def test_a_far_field_zone_that_takes_no_part_changes_no_bit(virtual_test, tmp_path, first):
     folder, test = virtual_test
@@ -274,6 +276,7 @@ def aligned(tmp_path_factory, virtual_test):
     return results
 
 
+@pytest.mark.slow
 def test_walls_stay_where_they_are_and_the_model_is_aligned(aligned, virtual_test):
     test = virtual_test[1]
     blank, keep = (aligned[b].images[1] for b in ("blank", "keep"))

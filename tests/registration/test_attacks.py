@@ -156,6 +156,7 @@ def test_the_spot_of_a_pair_that_the_others_hardly_check_is_tried_with_the_neigh
     assert found.angle_to(right) < np.radians(2.0)
 
 
+@pytest.mark.slow
 def test_labels_on_a_board_that_goes_on_beyond_its_table_are_not_contradicted_by_other_spots():
     """Shifted by rows the table takes other spots, which may happen to fit better: only those of both tell."""
     trial = attacks.trial("board/larger, prior, labels/12000006")

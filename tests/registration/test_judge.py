@@ -55,6 +55,7 @@ def test_a_relief_with_the_wrong_sign_is_the_mirror_image(seed):
     assert np.linalg.det(mirror.state.rotation) == pytest.approx(1.0)
 
 
+@pytest.mark.slow
 def test_mirror_images_are_given_up_where_adjusting_them_to_the_end_brings_them_no_nearer():
     near, far = 0, 0
     for seed in range(61, 67):

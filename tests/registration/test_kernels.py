@@ -51,6 +51,7 @@ def hypotheses(case, every):
     return found
 
 
+@pytest.mark.slow
 def test_neighbourhood_equals_the_slow_twin(case):
     model, picture, _, focal, _ = case
     marker, spot, kept = np.empty(hypo.PAIRS, np.int32), np.empty(hypo.PAIRS, np.int32), 0
@@ -97,6 +98,7 @@ def test_prior_rejects_by_angle_and_by_scale(case):
     assert not any(passes(*far) for far in ((30, 1.0), (0, 1.4), (0, 0.7)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("free_focal", [False, True])
 def test_growth_equals_the_slow_twin(case, free_focal):
     model, picture, _, focal, scene = case

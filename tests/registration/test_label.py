@@ -32,6 +32,7 @@ def assert_as_the_twin(views, state, **more):
     return new
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shut", [False, True])
 def test_labels_of_a_rigid_model_are_those_of_the_twin(shut):
     """Of a state that has lost every third pair: others come back, unless the labels are shut."""

@@ -100,6 +100,7 @@ def test_fields_describe_the_result():
     assert wm.register_rig is register_rig
 
 
+@pytest.mark.slow
 def test_covariance_is_the_scatter_of_the_poses():
     """Mean of the squared distance over its six degrees of freedom, 50 rigs: 1 within four sigma of the mean."""
     squares = []
@@ -211,6 +212,7 @@ def test_a_wrong_focal_length_of_one_camera_is_no_registration():
     assert alone.cause == register(spots[1], markers, wrong[1]).cause
 
 
+@pytest.mark.slow
 def test_clutter_and_other_models_are_refused():
     for seed in (530, 531):
         rig = scenes.rig_scene(seed, "A", 2)

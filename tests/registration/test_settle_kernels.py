@@ -164,6 +164,7 @@ def drawn(rng, views, state, excess):
     return other
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("excess", [0.0, 0.3, 2.0])
 def test_excess_is_what_the_residuals_have_beyond_the_spots(excess):
     """On average over 300 pictures; one gross error among 40 pairs moves it by little."""
@@ -230,6 +231,7 @@ def test_a_bent_model_whose_misfit_stays_large_is_lost():
     assert settling.settled(settling.bent_views(right), scene) is not None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rough", [0.0, 0.002], ids=["exact table", "rough table"])
 def test_of_a_rigid_model_the_normal_equations_are_the_general_ones(rough):
     """Bit for bit: residuals, weights, and the covariance by the table; two cameras, one of them curved."""

@@ -109,6 +109,7 @@ def slow_sparse(model, picture, focal, corners):
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "count", "false"), [("A", 5, 0), ("A", 7, 1), ("B", 8, 0)])
 def test_the_right_labelling_is_found_and_best(kind, count, false):
     """The quads alone find none of these but by luck."""
@@ -156,6 +157,7 @@ def test_only_few_spots_are_searched_in_full():
     assert task.least_explained == task.sparse_links == 0
 
 
+@pytest.mark.slow
 def test_odds_of_chance_are_what_they_say():
     """Odds above exp(t) come in less than exp(-t) of the pictures of six spots that are nothing."""
     odds, pictures = [], 150
@@ -173,6 +175,7 @@ def test_odds_of_chance_are_what_they_say():
         assert (np.array(odds) > t).sum() <= 3 + pictures * np.exp(-t)
 
 
+@pytest.mark.slow
 def test_eight_of_sixty_are_sure_and_half_of_five_of_twenty_four():
     sure = {}
     for kind, count in (("A", 5), ("B", 8)):

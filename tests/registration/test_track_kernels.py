@@ -46,6 +46,7 @@ def view():
     return scene, prepared, sights_of(scene, prepared)
 
 
+@pytest.mark.slow
 def test_the_picture_is_that_of_a_search(view):
     scene, prepared, sights = view
     for name, expected in views_of(scene, prepared, sights.tolerance[0]).sights._asdict().items():
@@ -102,6 +103,7 @@ def placed(sights, rotation, translation):
     return state
 
 
+@pytest.mark.slow
 def test_labels_in_gates_are_those_of_the_slow_twin(view):
     scene, prepared, sights = view
     cov, floor2 = np.diag([1e-6] * 3 + [4e-5] * 3), (0.25 * sights.tolerance[0]) ** 2
@@ -127,6 +129,7 @@ def test_labels_in_gates_are_those_of_the_slow_twin(view):
     assert count == (twin >= 0).sum() > 10
 
 
+@pytest.mark.slow
 def test_a_supposed_pair_brings_back_a_common_shift(view):
     """A prediction that is off by more than the markers' spacing."""
     scene, prepared, sights = view
@@ -177,6 +180,7 @@ def test_what_pairs_leave_open_is_what_the_judge_says():
             assert f"{held:.2g} px" in words
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("excess", [0.0, 0.02])
 def test_the_gain_of_bending_is_that_of_dense_matrices(view, excess):
     """Likelihoods of the residuals, the pose without a prior, with deformations of three sizes and without one."""

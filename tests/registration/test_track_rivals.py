@@ -68,6 +68,7 @@ def slow_lead(prepared, best, predicted):
     return lead, labels
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("margin", [10.0, 40.0])
 @pytest.mark.parametrize("sigma", [0.002, 0.02, 0.1])
 @pytest.mark.parametrize(("kind", "hidden"), [("A", 0.5), ("A0", 0.3), ("B", 0.4), ("G", 0.2)])

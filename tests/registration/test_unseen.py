@@ -130,6 +130,7 @@ def test_the_kernel_says_what_least_squares_do():
         np.testing.assert_allclose(unseen_bend(best, 0.05, MARGIN), (bow, turn), rtol=1e-8)
 
 
+@pytest.mark.slow
 def test_slopes_make_the_normal_equations():
     views, best = settling.best_of(scenes.scene(9, "B", hidden=0.3))
     bent = views.bent(0.3 * views.layout.modes)

@@ -56,6 +56,7 @@ def test_a_plane_is_met_whichever_pixels_are_missing(seen):
     np.testing.assert_allclose(got.bent, 0, atol=1e-8)
 
 
+@pytest.mark.slow
 def test_noise_is_as_stated_and_independent_from_node_to_node(seen):
     """Rays of 3 % shot noise on two levels of light; neighbours share no pixel."""
     x, _ = places()

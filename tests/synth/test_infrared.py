@@ -35,6 +35,7 @@ def test_markers_are_warm_and_where_the_truth_says(made):
     assert not len(wm.detect(made.frames["high"], radius_px=(1.5, 2, 2.5), polarity="dark"))
 
 
+@pytest.mark.slow
 def test_same_seed_same_picture(made):
     again = infrared_test(3, rises_K=(("low", 1.0), ("high", 10.0)))
     for name, frame in made.frames.items():

@@ -61,6 +61,7 @@ def test_camera_has_the_gain_that_it_says():
     assert 0 < np.median(dark) - SENSOR.black < 100
 
 
+@pytest.mark.slow
 def test_pictures_show_the_true_ratio(made):
     """The same place of the model in the same light: only the air differs."""
     point = made.points[1]
@@ -94,6 +95,7 @@ def test_light_fades_flickers_and_falls_off(made):
     np.testing.assert_allclose(at, [2.5e-7, 1.25e-7])
 
 
+@pytest.mark.slow
 def test_truth_of_loads_holds_on_a_finer_grid_and_sections_follow_the_nodes(made):
     fine = psp_test(5, incidences=2, size_px=(320, 200), nodes=40_000, on_frames=1, off_frames=1)
     state = WingState(0.01, -0.5, made.points[1].off.motion)
@@ -125,6 +127,7 @@ def test_wall_temperature_is_uneven_and_the_ratio_feels_it(made):
     assert StillAir(9e4, 290.0).state(np.zeros((2, 3)), np.zeros((2, 3)), "wing")[0].tolist() == [9e4, 9e4]
 
 
+@pytest.mark.slow
 def test_same_seed_same_pictures(made):
     again = psp_test(5, incidences=2, size_px=(320, 200), nodes=6_000, on_frames=2, off_frames=2)
     first = [(kind, camera, k, image) for kind, camera, k, image in made.pictures(made.points[1])]

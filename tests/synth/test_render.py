@@ -186,6 +186,7 @@ def _left_of(edge, radius=5.0):
     return 1 - (np.arccos(t) - t * np.sqrt(1 - t * t)) / np.pi
 
 
+@pytest.mark.slow
 def test_visible_against_brute_force(small_test):
     """Each marker's centre ray is tried on every triangle: centre hidden means not visible, and back."""
     shot = small_test.shot("wind-on")
@@ -215,6 +216,7 @@ def test_visible_against_brute_force(small_test):
     assert (t.visible[well]).all()
 
 
+@pytest.mark.slow
 def test_subpixels_only_where_needed_change_little(small_test):
     """The adaptive image against one with many samples in every pixel, on a part with everything in it."""
     from windmark.synth.render import _Painter, _Shader

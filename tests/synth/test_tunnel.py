@@ -18,6 +18,7 @@ def digest(test):
     return h.hexdigest()
 
 
+@pytest.mark.slow
 def test_same_seed_same_bytes(small_test):
     assert digest(wind_tunnel(3, size_px=(480, 384), nodes=12_000)) == digest(small_test)
     tiny = [digest(wind_tunnel(seed, size_px=(120, 96), nodes=2000)) for seed in (3, 4)]
@@ -34,6 +35,7 @@ def test_streams_do_not_mix(small_test):
     assert len(small_test.shot().world.dirt) > 50
 
 
+@pytest.mark.slow
 def test_default_test_is_as_described():
     test = wind_tunnel(0)
     for frame in ("wind-off", "wind-on"):
@@ -82,6 +84,7 @@ def test_bent_wing_under_wind():
     assert (on.xyz - off.xyz)[wing, 2].max() > 8
 
 
+@pytest.mark.slow
 def test_several_cameras_and_own_stations(half_model):
     test = wind_tunnel(2, size_px=(160, 128), nodes=3000, stations=3)
     assert [s.view.name for s in test.shots] == [f"cam{c}-{f}" for c in (1, 2, 3) for f in ("wind-off", "wind-on")]

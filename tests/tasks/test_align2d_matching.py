@@ -60,6 +60,7 @@ def test_the_same_markers_are_matched(seed, case):
     check(match_spots(*spots), labels, wrong=1)
 
 
+@pytest.mark.slow
 def test_five_hundred_markers_are_matched():
     spots, labels = pictures(0, count=500, missing=0.05, false=0.05)
     check(match_spots(*spots), labels, wrong=3)
@@ -87,6 +88,7 @@ def test_a_larger_motion_than_stated_is_not_matched_to_something_else():
         check(answer, labels)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [4, 6, 10, 30, 80])
 def test_unrelated_pictures_are_refused(count):
     for seed in range(6):

@@ -30,6 +30,7 @@ def test_a_wrong_click_is_never_silent(kind, number, seed):
     assert columns["refused"] + columns["named"] + columns["unchecked"] + columns["silent"] == 1
 
 
+@pytest.mark.slow
 def test_the_click_that_alone_fixes_the_geometry_is_unchecked_and_so_is_a_wrong_one_there():
     """All but one on one side of the picture: the far one has no other near its line."""
     spots, clicks, _ = spots_and_clicks(5, 40)

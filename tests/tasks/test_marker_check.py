@@ -66,6 +66,7 @@ def fresh_views(markers, seed, count=100):
     return right, wrong
 
 
+@pytest.mark.slow
 def test_a_regular_grid_is_not_identifiable_and_the_symmetry_is_named(grid_check):
     assert not grid_check.identifiable
     assert grid_check.campaign.share == 0
@@ -83,6 +84,7 @@ def test_a_regular_grid_is_not_identifiable_and_the_symmetry_is_named(grid_check
     assert f"{names[0]} onto {names[23]}" in text
 
 
+@pytest.mark.slow
 def test_the_proposal_holds_on_views_that_the_check_has_never_seen(grid_check):
     best = grid_check.proposals[0]
     assert best.before == 0
@@ -110,6 +112,7 @@ def test_near_regular_layouts_need_no_change():
         assert not check.campaign.counted[check.campaign.directions[:, 2] < 0].any()
 
 
+@pytest.mark.slow
 def test_a_flat_airplane_without_normals_is_taken_for_its_mirror_image():
     assert check_markers(airplane(), "mm", settings=FRONT).identifiable
     check = check_markers(airplane(normals=False), "mm", settings=replace(FRONT, advise=False))
@@ -241,6 +244,7 @@ def test_changes_leave_all_other_columns_alone():
     assert longer.radius[-1] == 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "kind", "names"),
     [
@@ -257,6 +261,7 @@ def test_what_the_table_itself_says(change, kind, names):
     assert set(found[kind].markers) >= names if names else not found[kind].markers
 
 
+@pytest.mark.slow
 def test_markers_that_nobody_sees_and_markers_back_to_back():
     markers = grid()
     normal, xyz = markers.normal.copy(), markers.xyz.copy()
@@ -270,6 +275,7 @@ def test_markers_that_nobody_sees_and_markers_back_to_back():
     assert "close" not in kinds  # P04 and P05 are on two sides
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [1, 3, 6])
 def test_a_few_markers_are_no_layout(count):
     check = check_markers(grid().take(range(count)), "mm", settings=replace(FRONT, views=24))

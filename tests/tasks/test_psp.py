@@ -61,6 +61,7 @@ def test_values_lie_on_the_surface_where_it_is_and_nothing_at_its_rim():
     assert (seen.weight[on] > 0).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("values", ["nearest", "linear", "cubic", "footprint"])
 def test_the_variance_is_that_of_the_noise(values):
     rng, how = np.random.default_rng(4), Sampling(values=values)
@@ -165,6 +166,7 @@ def test_the_lamps_mode_is_larger_where_few_pictures_show_the_flicker():
         np.testing.assert_allclose(column, 2.776 / 1.96 * 0.01 * np.sqrt(2 / 3), rtol=0.1)
 
 
+@pytest.mark.slow
 def test_what_all_pictures_of_a_camera_err_by_stays_in_their_mean():
     """Dark and flat are the same pixels' error in each of five pictures."""
     rng, mesh, z = np.random.default_rng(9), plate(), []

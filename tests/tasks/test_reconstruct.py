@@ -40,6 +40,7 @@ def identities(result, case):
     return who, wrong
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("model", "path"), [("plate", "walk"), ("model", "walk"), ("plate", "cloud")])
 def test_unknown_markers_are_found_without_labels_or_poses(model, path):
     case = scenes.make(11, model, path, views=12, points=60)
@@ -74,6 +75,7 @@ def test_labels_of_one_picture_name_the_primaries():
             assert who[k] == int(name[1:])
 
 
+@pytest.mark.slow
 def test_primaries_of_one_survey_share_their_errors():
     """The survey is 0.4 off as a whole: its joint covariance says so, and the frame is no surer than that."""
     case = scenes.make(11, "plate", "walk", views=8, points=60)
@@ -177,6 +179,7 @@ def refused(case, primary, **more):
     return answer
 
 
+@pytest.mark.slow
 def test_failures_say_why():
     case = scenes.make(15, "plate", views=5, points=50)
     assert refused(case, primaries(case, count=2)).cause == "few_primaries"
@@ -205,6 +208,7 @@ def two_halves(primary_in_both):
     return replace(case, detections=tuple(spots), labels=tuple(labels))
 
 
+@pytest.mark.slow
 def test_groups_that_share_nothing_are_named():
     case = two_halves(primary_in_both=False)
     left = np.flatnonzero(case.xyz[:, 0] < 0)
@@ -227,6 +231,7 @@ def test_pictures_that_nothing_connects_are_the_reason_where_the_others_lack_the
     assert answer.dropped == dict.fromkeys("4567", "could not be connected with the others")
 
 
+@pytest.mark.slow
 def test_groups_are_joined_by_the_primaries():
     case = two_halves(primary_in_both=True)
     result = reconstruct(case.detections, case.camera, primaries(case))

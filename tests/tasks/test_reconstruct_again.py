@@ -61,6 +61,7 @@ def test_nothing_is_said_where_nothing_is_wrong(model):
     assert max(errors_px(model, result).values()) < 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 2, 3])
 def test_a_picture_of_one_of_two_equal_groups_is_on_the_right_one_or_out(seed):
     """Equal to 0.1 mm, a third of a pixel: the first group that is known takes the pictures of the other."""
@@ -84,6 +85,7 @@ def test_a_picture_of_one_of_two_equal_groups_is_on_the_right_one_or_out(seed):
         assert max(off.values()) < 3
 
 
+@pytest.mark.slow
 def test_a_picture_with_another_focal_length_is_left_out_and_why(model):
     centre = np.array([model.camera.cx, model.camera.cy])
     xy = centre + 1.06 * (model.detections[5].xy - centre)
@@ -95,6 +97,7 @@ def test_a_picture_with_another_focal_length_is_left_out_and_why(model):
     assert max(errors_px(case, result).values()) < 1
 
 
+@pytest.mark.slow
 def test_markers_that_moved_between_the_pictures_are_named():
     case = scenes.make(3_112, "plate", "cloud", views=12, points=80)
     flap = case.xyz[:, 0] > np.quantile(case.xyz[:, 0], 0.84)

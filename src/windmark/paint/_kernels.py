@@ -1,4 +1,4 @@
-"""What facets shine on what: rays against the surface, and form factors of facets seen from points."""
+"""What facets shine on what: form factors of facets seen from points."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.geometry._jit import nb
+from windmark.scene._tree_kernels import is_blocked
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -17,73 +18,24 @@ FAR = 4.0
 
 
 @nb.njit(cache=True, nogil=True)
-def is_blocked(ox: float, oy: float, oz: float, tx: float, ty: float, tz: float, own: int, boxes: Array, leaves: int,
-               per_leaf: int, corners: Array, facet: Ints) -> bool:  # fmt: skip
-    """Whether a triangle of another facet than ``own`` lies between two points.
-
-    Parameters
-    ----------
-    boxes : (2 leaves - 1, 6) of a complete binary tree, root first: lowest and highest x, y, z
-    corners : (T, 9) of the triangles in the order of the leaves, ``per_leaf`` in each
-    facet : (T,)
-    """
-    dx, dy, dz = tx - ox, ty - oy, tz - oz
-    stack = np.empty(64, np.int64)
-    stack[0], top = 0, 1
-    while top > 0:
-        top -= 1
-        k = stack[top]
-        low, high = 0.0, 1.0
-        for axis in range(3):
-            o, d = (ox, dx) if axis == 0 else ((oy, dy) if axis == 1 else (oz, dz))
-            a, b = boxes[k, axis] - o, boxes[k, axis + 3] - o
-            if abs(d) < 1e-300:
-                if a > 0.0 or b < 0.0:
-                    high = -1.0
-            else:
-                a, b = a / d, b / d
-                low, high = max(low, min(a, b)), min(high, max(a, b))
-        if low > high:
-            continue
-        if k < leaves - 1:
-            stack[top], stack[top + 1] = 2 * k + 1, 2 * k + 2
-            top += 2
-            continue
-        first = (k - leaves + 1) * per_leaf
-        for t in range(first, min(first + per_leaf, corners.shape[0])):
-            if facet[t] == own:
-                continue
-            # Moeller and Trumbore, J. Graphics Tools 2 (1997).
-            ax, ay, az = corners[t, 0], corners[t, 1], corners[t, 2]
-            ex, ey, ez = corners[t, 3] - ax, corners[t, 4] - ay, corners[t, 5] - az
-            fx, fy, fz = corners[t, 6] - ax, corners[t, 7] - ay, corners[t, 8] - az
-            px, py, pz = dy * fz - dz * fy, dz * fx - dx * fz, dx * fy - dy * fx
-            det = ex * px + ey * py + ez * pz
-            if det == 0.0:
-                continue
-            sx, sy, sz = ox - ax, oy - ay, oz - az
-            u = (sx * px + sy * py + sz * pz) / det
-            if u < 0.0 or u > 1.0:
-                continue
-            qx, qy, qz = sy * ez - sz * ey, sz * ex - sx * ez, sx * ey - sy * ex
-            v = (dx * qx + dy * qy + dz * qz) / det
-            if v < 0.0 or u + v > 1.0:
-                continue
-            s = (fx * qx + fy * qy + fz * qz) / det
-            if 0.0 < s < 1.0 - 1e-6:
-                return True
-    return False
-
-
-@nb.njit(cache=True, nogil=True)
-def triangle_factor(x: Array, n: Array, corner: Array, clipped: Array) -> float:
+def triangle_factor(x: Array, n: Array, corner: Array, r2: float, clipped: Array) -> float:
     """Form factor of a triangle seen from a small surface at ``x`` with unit normal ``n``: Lambert's contour sum.
 
+    0 where the triangle turns its back to ``x`` or has it in its plane (its own).
+
     Parameters
     ----------
-    corner : (9,) of the triangle; the sign does not depend on its direction
+    corner : (9,) of the triangle
+    r2 : square of its distance, about
     clipped : (5, 3) working memory: the part of the triangle above the horizon, as seen from x
     """
+    c = corner
+    ux, uy, uz = c[3] - c[0], c[4] - c[1], c[5] - c[2]
+    vx, vy, vz = c[6] - c[0], c[7] - c[1], c[8] - c[2]
+    wx, wy, wz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    above = wx * (x[0] - c[0]) + wy * (x[1] - c[1]) + wz * (x[2] - c[2])
+    if above <= 1e-9 * math.sqrt((wx * wx + wy * wy + wz * wz) * r2):
+        return 0.0
     count = 0
     for k in range(3):
         a, b = 3 * k, 3 * ((k + 1) % 3)
@@ -128,7 +80,7 @@ def gather(points: Array, normals: Array, lift: float, count: int, centre: Array
     boxes, leaves, per_leaf, corners, facet : see `is_blocked`
     out : (B, J)
     """
-    clipped = np.empty((5, 3))
+    clipped, none = np.empty((5, 3)), np.empty(0)
     stack = np.empty(64, np.int64)
     for i in range(points.shape[0]):
         x, n = points[i], normals[i]
@@ -150,7 +102,7 @@ def gather(points: Array, normals: Array, lift: float, count: int, centre: Array
                 if r2 > FAR * FAR * radius[g] * radius[g]:
                     there = -(dx * area[g, 0] + dy * area[g, 1] + dz * area[g, 2])
                     if here > 0.0 and there > 0.0 and not is_blocked(
-                        ox, oy, oz, centre[g, 0], centre[g, 1], centre[g, 2], j, boxes, leaves, per_leaf, corners, facet
+                        ox, oy, oz, centre[g, 0], centre[g, 1], centre[g, 2], j, boxes, leaves, per_leaf, corners, facet, none
                     ):
                         out[i, j] += here * there / (math.pi * r2 * r2)
                     continue
@@ -160,21 +112,9 @@ def gather(points: Array, normals: Array, lift: float, count: int, centre: Array
                     continue
                 for m in range(ends[g, 0], ends[g, 1]):
                     c = corners[order[m]]
-                    f = facing_factor(x, n, c, r2, clipped)
+                    f = triangle_factor(x, n, c, r2, clipped)
                     if f > 0.0 and not is_blocked(
                         ox, oy, oz, (c[0] + c[3] + c[6]) / 3.0, (c[1] + c[4] + c[7]) / 3.0, (c[2] + c[5] + c[8]) / 3.0,
-                        j, boxes, leaves, per_leaf, corners, facet
+                        j, boxes, leaves, per_leaf, corners, facet, none
                     ):  # fmt: skip
                         out[i, j] += f
-
-
-@nb.njit(cache=True, nogil=True)
-def facing_factor(x: Array, n: Array, c: Array, r2: float, clipped: Array) -> float:
-    """`triangle_factor`, 0 where the triangle turns its back to ``x`` or has it in its plane (its own)."""
-    ux, uy, uz = c[3] - c[0], c[4] - c[1], c[5] - c[2]
-    vx, vy, vz = c[6] - c[0], c[7] - c[1], c[8] - c[2]
-    wx, wy, wz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-    above = wx * (x[0] - c[0]) + wy * (x[1] - c[1]) + wz * (x[2] - c[2])
-    if above <= 1e-9 * math.sqrt((wx * wx + wy * wy + wz * wz) * r2):
-        return 0.0
-    return triangle_factor(x, n, c, clipped)

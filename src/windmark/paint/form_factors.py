@@ -14,13 +14,12 @@ from numpy.typing import NDArray
 
 from windmark.errors import UsageError
 from windmark.scene import Mesh
+from windmark.scene.triangle_tree import LEAF, TriangleTree
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 FACETS = 1500
-LEAF = 8
-"""Triangles in a leaf of the tree."""
 BLOCK = 256
 """Nodes whose factors are in memory at a time."""
 TURN = 1.0
@@ -78,9 +77,8 @@ def form_factors(mesh: Mesh, *, facets: int = FACETS) -> FormFactors:
         raise UsageError(f"form_factors: expected at least one facet and one triangle, got {facets} and {t}")
     facet = _grouped(mesh, facets)
     count = int(facet.max()) + 1
-    tree, leaves, sorted_ = _tree(mesh)
-    corners = mesh.vertices[mesh.triangles[sorted_]].reshape(t, 9)
-    own = facet[sorted_]
+    tree = TriangleTree.of(mesh)
+    corners, own = tree.corners, facet[tree.order]
     # Within a facet in the leaves' order, so that halves of it lie together.
     order = np.argsort(own, kind="stable")
     groups = _halved(corners[order].reshape(t, 3, 3), np.searchsorted(own[order], np.arange(count + 1)))
@@ -89,8 +87,8 @@ def form_factors(mesh: Mesh, *, facets: int = FACETS) -> FormFactors:
     for k in range(0, len(normals), BLOCK):
         rows = slice(k, k + BLOCK)
         out = np.empty((len(normals[rows]), count))
-        gather(points[rows], normals[rows], 1e-5 * mesh.size, count, *groups, order, tree, leaves, LEAF, corners, own,
-               out)  # fmt: skip
+        gather(points[rows], normals[rows], 1e-5 * mesh.size, count, *groups, order, tree.boxes, tree.leaves, LEAF,
+               corners, own, out)  # fmt: skip
         out[out < LEAST] = 0.0
         parts.append(csr_array(out))
     return FormFactors(vstack(parts).tocsr(), facet, _share(mesh, facet, count))
@@ -191,34 +189,3 @@ def _share(mesh: Mesh, facet: Ints, count: int) -> Any:
     area = np.repeat(np.linalg.norm(mesh.triangle_normals(), axis=1) + 1e-300, 3)
     both = coo_array((area, (np.repeat(facet, 3), mesh.triangles.ravel())), shape=(count, len(mesh.vertices))).tocsr()
     return (diags_array(1 / np.asarray(both.sum(axis=1)).ravel()) @ both).tocsr()
-
-
-def _tree(mesh: Mesh) -> tuple[Array, int, Ints]:
-    """Boxes (2 L - 1, 6) of a complete binary tree over L leaves, L, and the triangles in the leaves' order.
-
-    Triangles are put in the order of their place along a Morton curve (Lauterbach et al., Computer Graphics Forum 28,
-    2009), `LEAF` of them make a leaf.
-    """
-    corner = mesh.vertices[mesh.triangles]
-    middle = corner.mean(axis=1)
-    low = middle.min(axis=0)
-    span = np.maximum(middle.max(axis=0) - low, 1e-300)
-    cell = np.minimum(((middle - low) / span * 1024).astype(np.int64), 1023)
-    code = np.zeros(len(cell), np.int64)
-    for bit in range(10):
-        for axis in range(3):
-            code |= ((cell[:, axis] >> bit) & 1) << (3 * bit + axis)
-    order = np.argsort(code, kind="stable")
-    used = -(-len(order) // LEAF)
-    leaves = 1 << max(used - 1, 0).bit_length()
-    boxes = np.concatenate([np.full((2 * leaves - 1, 3), np.inf), np.full((2 * leaves - 1, 3), -np.inf)], axis=1)
-    start = np.arange(0, len(order), LEAF)
-    boxes[leaves - 1 : leaves - 1 + used, :3] = np.minimum.reduceat(corner[order].min(axis=1), start)
-    boxes[leaves - 1 : leaves - 1 + used, 3:] = np.maximum.reduceat(corner[order].max(axis=1), start)
-    width = leaves
-    while width > 1:
-        width //= 2
-        below = boxes[2 * width - 1 : 4 * width - 1]
-        boxes[width - 1 : 2 * width - 1, :3] = np.minimum(below[0::2, :3], below[1::2, :3])
-        boxes[width - 1 : 2 * width - 1, 3:] = np.maximum(below[0::2, 3:], below[1::2, 3:])
-    return boxes, leaves, order

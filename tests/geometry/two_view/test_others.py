@@ -29,6 +29,7 @@ def pose(a, b):
     return pose_by_others(a, b, CAMERA, CAMERA, fit.b_from_a, cov_a=cov, cov_b=cov)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("by_others", [fundamental, pose])
 def test_the_sigma_is_what_repetition_shows(by_others):
     clean, rng, noise = pairs(13, 4, 0.2)
