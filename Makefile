@@ -3,9 +3,9 @@ PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
 DEMO   := windmark-demo
-# Two processes halve the wait on two cores; who is done takes tests over from the other, so neither waits for a file.
+# Two processes halve the wait on two cores. Each takes whole files, so that what the tests of one share is made once.
 TEST_PROCESSES ?= 2
-PYTEST := $(BIN)/pytest --numprocesses $(TEST_PROCESSES) --dist worksteal
+PYTEST := $(BIN)/pytest --numprocesses $(TEST_PROCESSES) --dist loadfile
 
 .PHONY: demo test test-all test-costs lint docs wheel bench paper-map clean
 

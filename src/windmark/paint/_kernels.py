@@ -102,8 +102,9 @@ def gather(points: Array, normals: Array, lift: float, count: int, centre: Array
                 if r2 > FAR * FAR * radius[g] * radius[g]:
                     there = -(dx * area[g, 0] + dy * area[g, 1] + dz * area[g, 2])
                     if here > 0.0 and there > 0.0 and not is_blocked(
-                        ox, oy, oz, centre[g, 0], centre[g, 1], centre[g, 2], j, boxes, leaves, per_leaf, corners, facet, none
-                    ):
+                        ox, oy, oz, centre[g, 0], centre[g, 1], centre[g, 2], j, boxes, leaves, per_leaf, corners,
+                        facet, none
+                    ):  # fmt: skip
                         out[i, j] += here * there / (math.pi * r2 * r2)
                     continue
                 if child[g] >= 0:
