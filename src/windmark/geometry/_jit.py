@@ -177,11 +177,11 @@ def _hash(data: bytes) -> str:
 class _Numba:
     """Numba whose functions are linked once (see ``_link``), with or without a cache on a disk.
 
-    ``brought``: kernels that came with the package.
+    ``brought``: kernels that came with the package; ``linked_once``: False where numba is not as ``_link`` knows it.
     """
 
-    def __init__(self, *, cached: bool, brought: Shipped | None = None) -> None:
-        self._cached, self._brought = cached, brought
+    def __init__(self, *, cached: bool, brought: Shipped | None = None, linked_once: bool = True) -> None:
+        self._cached, self._brought, self.linked_once = cached, brought, linked_once
 
     def __getattr__(self, name: str) -> Any:
         return getattr(numba, name)
@@ -207,12 +207,12 @@ def _ready(package: Path) -> Any:
         root = cache_root(package)
     except OSError as error:
         _say(f"kernels are compiled anew every time, which takes minutes: nothing can be written ({error})")
-        return _Numba(cached=False)
+        return _Numba(cached=False, linked_once=as_known)
     if root is not None:
         numba.config.CACHE_DIR = str(root)
     drop_stale_cache(package, root)
     brought = shipped(package, kernel_sources)[0] if as_known else None
-    return _Numba(cached=True, brought=brought)
+    return _Numba(cached=True, brought=brought, linked_once=as_known)
 
 
 nb = _ready(_PACKAGE)

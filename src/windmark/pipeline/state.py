@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import windmark
-from windmark.geometry._jit import kernel_sources
+from windmark.geometry._jit import kernel_sources, nb
 from windmark.geometry._shipped import FOLDER, shipped
 
 PACKAGES = (
@@ -93,6 +93,9 @@ def _kernels() -> Finding:
     words = [f"{came} compiled functions came with the package"] if came else []
     words += [f"those that came with the package are of no use here: {why_not}"] if why_not else []
     words += [f"{count} compiled functions are kept ({kept})" if count else f"{none} ({kept})"]
+    if not nb.linked_once:
+        words += [f"numba {importlib.metadata.version('numba')} is not as windmark knows it: compiling takes longer, "
+                  "results are the same"]  # fmt: skip
     return Finding("kernels", "; ".join(words), trouble)
 
 
