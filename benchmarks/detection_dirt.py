@@ -2,13 +2,13 @@
 
     python benchmarks/detection_dirt.py [--quick] [--seed N] [--frames N]
 
-Frames of 80 discs (radius 3 to 8, tilted by up to 60 deg, light 180, contrast 0.7, blur 0.6), every other one with a patch
-on it: round, ragged or a streak, 0.2 to 0.6 radii large, at the rim, half way in, or just beside it, dark (takes 60 % of
-the light), bright (dust: 1.2 times the light, whatever lies under it) or grey (half of it). Drawn by supersampling
-(`FINE` sub-pixels each way, a Gaussian, sums over pixels), which shares nothing with windmark. z is sqrt(mean chi^2 / 2)
-of the errors with the stated covariance; "beyond 3.7" is the share with chi^2 > 13.8, 0.1 % of what is normal. Every
-dirty marker counts, flagged or not. "moved" is the RMS error over that of a fit without dirt (the stated sigma of the
-clean markers of the frame).
+Frames of 80 discs (radius 3 to 8, tilted by up to 60 deg, light 180, contrast 0.7, blur 0.6), every other one with a
+patch on it: round, ragged or a streak, 0.2 to 0.6 radii large, at the rim, half way in, or just beside it, dark (takes
+60 % of the light), bright (dust: 1.2 times the light, whatever lies under it) or grey (half of it). Drawn by
+supersampling (`FINE` sub-pixels each way, a Gaussian, sums over pixels), which shares nothing with windmark. z is
+sqrt(mean chi^2 / 2) of the errors with the stated covariance; "beyond 3.7" is the share with chi^2 > 13.8, 0.1 % of
+what is normal. Every dirty marker counts, flagged or not. "moved" is the RMS error over that of a fit without dirt (the
+stated sigma of the clean markers of the frame).
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ def tile(size: int, radius: float, patch: Patch | None, rng: np.random.Generator
     if patch is not None:
         where, share = rng.uniform(0, 2 * np.pi), rng.uniform(*PLACES[patch.place])
         u, v = share * radius * np.cos(where), share * minor * np.sin(where)
-        middle = centre + [u * c - v * s, u * s + v * c]
+        middle = centre + np.array([u * c - v * s, u * s + v * c])
         mask = inside(x - middle[0], y - middle[1], outline(patch, radius, rng))
         light = np.where(mask, {"dark": 0.4 * light, "bright": 1.2, "grey": 0.5}[patch.kind], light)
     seen = gaussian_filter(light, BLUR * FINE, mode="nearest", truncate=5.0)
@@ -105,7 +105,7 @@ def frame(radius: float, depth_over_noise: float, rng: np.random.Generator) -> t
                           float(rng.uniform(*SIZES)))  # fmt: skip
         part, centre = tile(size, radius, patch, rng)
         picture[row * size : (row + 1) * size, column * size : (column + 1) * size] = part
-        centres.append(centre + [column * size + size // 2, row * size + size // 2])
+        centres.append(centre + np.array([column, row]) * size + size // 2)
         patches.append(patch)
     picture = np.pad(picture, 9, mode="edge")
     noisy = picture + rng.normal(0.0, LIGHT * CONTRAST / depth_over_noise, picture.shape)

@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 from windmark.detection.template.colour import colour_of
 from windmark.detection.template.dirt import find_spots
 from windmark.detection.template.fit import Fitted, Windows, sized_windows
+from windmark.detection.template.noise import FrameNoise
 from windmark.detection.template.request import Neighbours, Request, Scene
 from windmark.detection.template.result import (
     CONTAMINATED,
@@ -90,25 +91,25 @@ class Doubts:
         asked, noise = self.doubtful[place[self.doubtful] >= 0], fits.frame.noise
         if noise is None or not asked.size:
             return fits, self
-        expected = noise.variance(level(self.done.params))
-        spots = find_spots(
-            self.scene, self.request.take(asked), self.done.take(asked), self.others.take(asked), expected[asked]
-        )
+        done = self.done.take(asked)
+        expected = noise.variance(level(done.params))
+        spots = find_spots(self.scene, self.request.take(asked), done, self.others.take(asked), expected)
         row, cov, colour = place[asked], fits.cov.copy(), fits.colour.copy()
         cov[row] += spots.beyond(int((place[self.index] >= 0).sum()))
         colour[row] = colour_of(cov[row], self.white[asked])
         fits, dirty = replace(fits, cov=cov, colour=colour), asked[spots.sure]
-        return self._fitted_again(fits, place, dirty, expected) if dirty.size else (fits, self)
+        return self._fitted_again(fits, place, dirty, noise) if dirty.size else (fits, self)
 
     def _fitted_again(
-        self, fits: TemplateFits, place: Ints, dirty: Ints, expected: Array
+        self, fits: TemplateFits, place: Ints, dirty: Ints, noise: FrameNoise
     ) -> tuple[TemplateFits, Doubts]:
         """Markers ``dirty`` (D,) fitted as contaminated ones are; their quarters are still to be asked."""
         done, row = self.done.take(np.arange(len(place))), place[dirty]
         cov, worse = np.full((len(place), 2, 2), np.nan), np.zeros(len(place), dtype=bool)
         cov[dirty], worse[dirty], worse[self.index] = fits.cov[row], True, True
+        expected = noise.variance(level(done.params))
         crossed, scale = cleaned(
-            self.scene, self.request, done, self.others, cov, expected, worse, dirty, self.radius, fits.frame.noise
+            self.scene, self.request, done, self.others, cov, expected, worse, dirty, self.radius, noise
         )
         part = done.take(dirty)
         white = self.white.copy()
