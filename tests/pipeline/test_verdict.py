@@ -183,3 +183,15 @@ def test_units_of_three_markers_say_nothing(tunnel):
 @pytest.mark.parametrize(("value", "words"), [(0.0109, "0.01"), (0.36, "0.4"), (2.2, "2"), (0.0, "0")])
 def test_an_estimate_has_one_digit(value, words):
     assert one_digit(value) == words
+
+
+@pytest.mark.parametrize(
+    ("reason", "cause"),
+    [
+        ("no wind-off frame can be used; a camera is not where it is said to be, or is another one", "moved"),
+        ("a camera is not where it is said to be, or is another one: the given focal length of 1700 px", "focal"),
+        ("no such file", "file"),
+    ],
+)
+def test_a_series_that_gives_up_names_the_camera_at_fault(reason, cause):
+    assert error_verdict(WindmarkError(reason)).cause == cause

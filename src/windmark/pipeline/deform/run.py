@@ -29,6 +29,7 @@ from windmark.pipeline.deform.record import MISFIT, FrameRecord, Zero, record
 from windmark.pipeline.deform.resume import Kept, files_told, made_with, named, pictures_of
 from windmark.pipeline.deform.timeline import Timeline
 from windmark.pipeline.deform.values import Compared, Mapper
+from windmark.pipeline.likely_unit import likely_unit, model_box
 from windmark.pipeline.resume import Stopped, check_state, read_stopped
 from windmark.pipeline.same_run import check_begun, check_pictures
 from windmark.scene import View
@@ -301,6 +302,7 @@ def zeroed(
         else:
             good.append((frame, known[key]))
     if not good:
+        _check_units(loaded)
         raise io.FileError(project.path, f"no wind-off frame can be used; {why}", "sequence.zero")
     states, seen = [f.state for f, _ in good if f.state], [f.observations for f, _ in good if f.observations]
     corrected = zero_markers(states, seen, [[View(n, n) for n in f.views] for f, _ in good], loaded.test.markers)
@@ -308,3 +310,14 @@ def zeroed(
     good = [(identified_again(frame, test), images) for frame, images in good]
     zero = Zero.of([f.state for f, _ in good if f.state], loaded.stations)
     return replace(loaded, test=test), zero, corrected.shift, good
+
+
+def _check_units(loaded: Loaded) -> None:
+    """`FileError` where the markers lie beside the grid, and on it in another unit: all cameras seem moved then."""
+    if loaded.mesh is None:
+        return
+    project, markers = loaded.project, loaded.test.markers
+    units, sure = likely_unit(markers.xyz[markers.role != "wall"], model_box(loaded.mesh), project.length_unit)
+    if sure and units:
+        words = f"in {project.length_unit} its markers do not lie at the grid, in {' or '.join(units)} they would"
+        raise io.FileError(project.markers.file, words, "length unit")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from windmark.errors import WindmarkError
 from windmark.io import FileError
+from windmark.pipeline.verdict.registered import camera_at_fault
 from windmark.pipeline.verdict.verdict import BAD, Finding, Verdict
 
 UNITS = "length unit"
@@ -16,6 +17,7 @@ def error_verdict(error: WindmarkError) -> Verdict:
     cause, step = (
         ("units", "say each file's unit, or convert it (windmark convert --to-unit)")
         if units
-        else ("file", "correct what is named; windmark check PROJECT lists everything at once")
+        else camera_at_fault(str(error))
+        or ("file", "correct what is named; windmark check PROJECT lists everything at once")
     )
     return Verdict.of([Finding(BAD, cause, str(error), step)], 1, "", "")

@@ -35,6 +35,8 @@ REFUSALS = {
 """Cause of a `NotRegistered` -> cause of the verdict, and the next step."""
 MOVED = ("place in the rig", "not where it is said to be", "not where cam_from_rig says")
 """Words of a refusal for a camera that does not fit, where its place is at fault and not its interior."""
+FOCAL = "the given focal length of"
+"""Words of a refusal for a camera whose focal length is at fault."""
 LENS = ("k1", "k2", "p1", "p2")
 
 
@@ -86,6 +88,15 @@ def refused(no: NotRegistered) -> Finding:
     if no.cause == "wrong_camera" and any(words in no.reason for words in MOVED):
         cause, step = "moved", "find the cameras' places anew (windmark calibrate), or register them without the rig"
     return Finding(BAD, cause, f"not registered: {no.reason}", step)
+
+
+def camera_at_fault(reason: str) -> tuple[str, str] | None:
+    """Cause and next step where a series gives up for the sake of a camera; None where it does not."""
+    if FOCAL in reason:
+        return "focal", "give the focal length that was found, or calibrate the camera again"
+    if any(words in reason for words in MOVED):
+        return "moved", "find the cameras' places anew (windmark calibrate), and see that each has its own file"
+    return None
 
 
 def _bent(answer: Registration) -> list[Finding]:

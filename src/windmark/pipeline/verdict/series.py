@@ -13,7 +13,7 @@ from windmark.pipeline.psp import PointRecord
 from windmark.pipeline.track_results import PoseRow
 from windmark.pipeline.verdict import rules
 from windmark.pipeline.verdict.network import as_finding
-from windmark.pipeline.verdict.registered import one_digit
+from windmark.pipeline.verdict.registered import camera_at_fault, one_digit
 from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding, Verdict
 
 SOME = 0.1
@@ -105,14 +105,11 @@ def deform_verdict(records: Sequence[DeformFrame], weak: Sequence[str] = ()) -> 
     sights = [(name, r.key, s) for r in good for name, s in r.cameras.items() if s.reason]
     if len({key for _, key, _ in sights}) > SOME * len(good):
         name, key, sight = min(sights, key=lambda at: at[2].found / max(at[2].expected, 1))
-        found.append(
-            Finding(
-                DOUBTFUL,
-                "missing",
-                f"{name} sees {sight.found} of {sight.expected} markers in frame {key}: {sight.reason}",
-                "look at this picture: light, focus, or something before the model",
-            )
-        )
+        cause, step = camera_at_fault(sight.reason) or (
+            "missing", "look at this picture: light, focus, or something before the model"
+        )  # fmt: skip
+        words = f"{name} sees {sight.found} of {sight.expected} markers in frame {key}: {sight.reason}"
+        found.append(Finding(DOUBTFUL, cause, words, step))
     if weak:
         found.append(
             Finding(
@@ -142,13 +139,15 @@ def psp_verdict(records: Sequence[PointRecord]) -> Verdict:
         )
     found = _lost([(r.name, r.reason) for r in records if r.status != "reduced"], len(records), "points")
     for r in good:
-        if r.taps is not None and r.fit and r.fit["leave_one_out_rms_Pa"] > 3 * max(r.fit["scatter_Pa"], 1e-9):
+        # Taps that agree within their sigmas leave no scatter: what the fit leaves of those in it is the measure then.
+        within = max(r.fit["scatter_Pa"], r.fit["rms_Pa"]) if r.fit else np.inf
+        if r.taps is not None and r.fit and r.fit["leave_one_out_rms_Pa"] > 3 * within:
             found.append(
                 Finding(
                     DOUBTFUL,
                     "taps",
                     f"taps left out of the fit are off by {r.fit['leave_one_out_rms_Pa']:.3g} "
-                    f"Pa, their scatter is {r.fit['scatter_Pa']:.3g} Pa",
+                    f"Pa, those in it by {r.fit['rms_Pa']:.3g} Pa",
                     "look for blocked taps",
                     r.name,
                 )
@@ -238,6 +237,8 @@ def _lost(lost: Sequence[tuple[str, str]], count: int, what: str) -> list[Findin
 
 
 def _bad(cause: str, reason: str, step: str) -> Verdict:
+    """No result at all; a camera that the reason finds at fault comes before ``cause``."""
+    cause, step = camera_at_fault(reason) or (cause, step)
     return Verdict.of([Finding(BAD, cause, reason, step)], 1, "", "")
 
 

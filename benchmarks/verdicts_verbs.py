@@ -1,0 +1,308 @@
+"""The verdict of `deform`, `psp`, `infrared`, `reconstruct`, `calibrate` with planted faults, and clean.
+
+    python benchmarks/verdicts_verbs.py [--seeds N] [--seed S] [--kinds psp ...] [--faults focal ...] [--json F]
+
+Every job goes through the command line with ``--json``, as a user's does: what is judged is the verdict that it prints,
+a refusal's too. Of every seed and kind `windmark simulate` makes one test; each job is a copy of its files with one of
+them changed. The clean job of each is the test itself. The main job's faults: `verdicts.py`.
+
+"right" is the cause of the verdict; where none of them names the fault (a dark picture is a file), a word of its reason
+too. "silent" is a job with a fault that is called good.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import shutil
+import sys
+import tempfile
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.ndimage import gaussian_filter
+
+from windmark import io
+from windmark.geometry import Pose
+from windmark.pipeline.simulate_deforming import simulate_deforming
+from windmark.pipeline.simulate_infrared import simulate_infrared
+from windmark.pipeline.simulate_photos import simulate_photos
+from windmark.pipeline.simulate_psp import simulate_psp
+
+Change = Callable[[Path, np.random.Generator], None]
+SIGN = (-1, 1)
+EITHER = "is not the one that is given or where cam_from_rig says"
+"""Two cameras that contradict each other do not always tell which of them, and what of it, is wrong."""
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A change of a job's files, and what the verdict has to say: a cause, or a word of its reason."""
+
+    change: Change
+    causes: tuple[str, ...]
+    words: tuple[str, ...] = ()
+
+    def named(self, said: dict[str, Any]) -> bool:
+        """Whether a verdict names it."""
+        reason = said["reason"].lower()
+        return said["cause"] in self.causes or any(word in reason for word in self.words)
+
+
+def cameras(change: Callable[[Any, Pose | None, np.random.Generator], tuple[Any, Pose | None]], name: str) -> Change:
+    """Change a camera's file."""
+
+    def planted(folder: Path, rng: np.random.Generator) -> None:
+        file = io.read_camera_file(folder / f"{name}.json")
+        camera, pose = change(file.camera, file.cam_from_model, rng)
+        io.write_camera(folder / f"{name}.json", camera, pose, unit="mm")
+
+    return planted
+
+
+def longer(camera: Any, pose: Pose | None, rng: np.random.Generator) -> tuple[Any, Pose | None]:
+    """A focal length that is 5 to 12 % wrong."""
+    return replace(camera, focal_px=camera.focal_px * (1 + rng.uniform(0.05, 0.12) * rng.choice(SIGN))), pose
+
+
+def knocked(camera: Any, pose: Pose | None, rng: np.random.Generator) -> tuple[Any, Pose | None]:
+    """A camera that was turned by 0.3 to 1 deg since it was placed."""
+    assert pose is not None
+    turn = np.radians(rng.uniform(0.3, 1.0)) * rng.choice(SIGN)
+    return camera, Pose.from_rotvec(np.array([0.0, turn, 0.0]), np.zeros(3)) @ pose
+
+
+def table(name: str, change: Callable[[Any, np.random.Generator], Any]) -> Change:
+    """Change a table of markers."""
+
+    def planted(folder: Path, rng: np.random.Generator) -> None:
+        io.write_markers(folder / name, change(io.read_markers(folder / name, roles=None), rng), length_unit="mm")
+
+    return planted
+
+
+def inches(markers: Any, rng: np.random.Generator) -> Any:
+    """In inches; the file says mm."""
+    return replace(markers, xyz=markers.xyz / 25.4, radius=markers.radius / 25.4)
+
+
+def exchanged(markers: Any, rng: np.random.Generator) -> Any:
+    """Two names exchanged."""
+    a, b = rng.choice(len(markers), 2, replace=False)
+    xyz = markers.xyz.copy()
+    xyz[[a, b]] = xyz[[b, a]]
+    return replace(markers, xyz=xyz)
+
+
+def off(markers: Any, rng: np.random.Generator) -> Any:
+    """One marker 8 mm beside its place."""
+    xyz = markers.xyz.copy()
+    xyz[rng.integers(len(xyz)), :2] += 8 * rng.choice(SIGN, 2) / np.sqrt(2)
+    return replace(markers, xyz=xyz)
+
+
+def blurred(pattern: str) -> Change:
+    """Pictures out of focus: blurred by 2.2 to 3 px."""
+
+    def planted(folder: Path, rng: np.random.Generator) -> None:
+        far = rng.uniform(2.2, 3.0)
+        for path in sorted(folder.glob(pattern)):
+            image = np.asarray(io.read_image(path))
+            io.write_image(path, gaussian_filter(image.astype(float), far).round().astype(image.dtype))
+
+    return planted
+
+
+def text(file: str, *pairs: tuple[str, str]) -> Change:
+    """Words of a text file that are others."""
+
+    def planted(folder: Path, rng: np.random.Generator) -> None:
+        path = folder / file
+        said = path.read_text(encoding="utf-8")
+        for old, new in pairs:
+            assert old in said, f"{file} has no {old!r}"
+            said = said.replace(old, new)
+        path.write_text(said, encoding="utf-8")
+
+    return planted
+
+
+def rigid(file: str) -> Change:
+    """The bending wing taken as a rigid part."""
+
+    def planted(folder: Path, rng: np.random.Generator) -> None:
+        path = folder / file
+        lines = path.read_text(encoding="utf-8").splitlines()
+        kept = [line for line in lines if not line.startswith(('law = "beam"', "options = { root"))]
+        assert len(kept) == len(lines) - 2
+        path.write_text("\n".join(kept) + "\n", encoding="utf-8")
+
+    return planted
+
+
+def column(file: str, name: str, change: Callable[[np.ndarray], np.ndarray]) -> Change:
+    """Numbers of a table in another unit than its head says."""
+
+    def planted(folder: Path, rng: np.random.Generator) -> None:
+        with (folder / file).open(newline="", encoding="utf-8") as stream:
+            rows = list(csv.DictReader(line for line in stream if not line.startswith("#")))
+        columns = {key: np.array([row[key] for row in rows]) for key in rows[0]}
+        columns[name] = change(columns[name].astype(float))
+        io.write_table(folder / file, columns)
+
+    return planted
+
+
+def celsius(kelvin: np.ndarray) -> np.ndarray:
+    """Kelvin as degrees Celsius."""
+    return np.round(kelvin - 273.15, 3)
+
+
+FOCAL, MOVED = Fault(cameras(longer, "cam1"), ("focal",), (EITHER,)), Fault(cameras(knocked, "cam2"), ("moved",))
+UNITS = Fault(table("markers.csv", inches), ("units",))
+SERIES = {"focal": FOCAL, "moved": MOVED, "units": UNITS}
+FAULTS: dict[str, dict[str, Fault]] = {
+    "deform": {
+        **SERIES,
+        "marker": Fault(table("markers.csv", off), ("marker",)),
+        "blurred": Fault(blurred("images/*.tif"), ("blurred",)),
+        "bent": Fault(rigid("deform.toml"), ("bent",)),
+    },
+    "psp": {
+        **SERIES,
+        "blurred": Fault(blurred("images/*/o*.tif"), ("blurred",)),
+        "bent": Fault(rigid("psp.toml"), ("bent",)),
+        "dark": Fault(text("psp.toml", ('dark = "calibration/dark', 'dark = "calibration/flat')), (), ("dark",)),
+        "taps hPa": Fault(column("tap-pressures.csv", "pressure_Pa", lambda p: p / 100), ("taps", "units")),
+        "wall in C": Fault(
+            column("thermocouple-readings.csv", "temperature_K", celsius), ("units",), ("temperature", "thermocouple")
+        ),
+    },
+    "infrared": {
+        **SERIES,
+        "blurred": Fault(blurred("images/*.tif"), ("blurred",)),
+        "bent": Fault(rigid("infrared.toml"), ("bent",)),
+        "unit": Fault(text("infrared.toml", ('unit = "K"', 'unit = "degC"')), ("units",), ("temperature", "unit")),
+    },
+    "reconstruct": {
+        "focal": Fault(cameras(longer, "camera"), ("focal",)),
+        "swapped": Fault(table("primary.csv", exchanged), ("swapped",), ("exchanged",)),
+        "marker": Fault(table("primary.csv", off), ("control", "marker")),
+        "blurred": Fault(blurred("photos/*.tif"), ("blurred",)),
+    },
+    "calibrate": {
+        "marker": Fault(table("markers.csv", off), ("marker",)),
+        "blurred": Fault(blurred("photos/*.tif"), ("blurred",)),
+        "units": Fault(table("markers.csv", inches), ("units",)),
+    },
+}  # fmt: skip
+"""By verb: what is planted."""
+
+
+def make(kind: str, folder: Path, seed: int) -> None:
+    """A small test of a verb."""
+    if kind == "deform":
+        simulate_deforming(folder, seed, 4, (640, 400))
+    elif kind == "psp":
+        simulate_psp(folder, seed, 1)
+    elif kind == "infrared":
+        simulate_infrared(folder, seed, 8)
+    else:
+        simulate_photos(folder, seed, 12)
+        shutil.copy(folder / "truth" / "markers.csv", folder / "markers.csv")
+
+
+def command(kind: str, folder: Path) -> list[str]:
+    """The job of a folder."""
+    if kind in ("deform", "psp", "infrared"):
+        return [kind, str(folder / f"{kind}.toml")]
+    photos = [*map(str, sorted((folder / "photos").glob("*.tif"))), "-c", str(folder / "camera.json")]
+    more = ["-p", str(folder / "primary.csv")] if kind == "reconstruct" else ["-m", str(folder / "markers.csv")]
+    more += ["--datum", "free"] if kind == "calibrate" else []
+    return [kind, *photos, *more, "--unit", "mm", "--radius", "2.7"]
+
+
+def judged(kind: str, folder: Path) -> dict[str, Any]:
+    """The verdict that a job prints."""
+    from typer.testing import CliRunner
+
+    from windmark.app.cli import app
+
+    done = CliRunner().invoke(app, [*command(kind, folder), "-o", str(folder / "out"), "--json"])
+    last = done.stdout.strip().splitlines()[-1:] or ["{}"]
+    try:
+        record = json.loads(done.stdout if done.stdout.lstrip().startswith("{") else last[0])
+    except json.JSONDecodeError:
+        record = json.loads(last[0])
+    verdict: dict[str, Any] = record.get("verdict") or {"word": "none", "cause": "NONE", "reason": done.output[-300:]}
+    return verdict
+
+
+def run(seeds: range, kinds: list[str], faults: list[str] | None = None) -> dict[str, Any]:
+    """All jobs; counts by verb and fault, and what was said wrong."""
+    said: dict[str, Counter[str]] = {}
+    wrong: list[str] = []
+    for seed in seeds:
+        for kind in kinds:
+            with tempfile.TemporaryDirectory() as place:
+                base = Path(place) / "base"
+                base.mkdir()
+                make(kind, base, seed)
+                for name, fault in {"clean": None, **FAULTS[kind]}.items():
+                    if faults and name not in faults:
+                        continue
+                    folder = Path(place) / name.replace(" ", "-")
+                    shutil.copytree(base, folder)
+                    if fault is not None:
+                        fault.change(folder, np.random.default_rng([seed, 98]))
+                    verdict = judged(kind, folder)
+                    right = verdict["word"] == "good" if fault is None else fault.named(verdict)
+                    what = "right" if right else "SILENT" if verdict["word"] == "good" else verdict["cause"]
+                    said.setdefault(f"{kind} {name}", Counter())[what] += 1
+                    line = f"{kind} {name} {seed}: {verdict['word']}, {verdict['cause']}: {verdict['reason'][:220]}"
+                    print("    " if right else "  ! ", line, flush=True)
+                    if not right:
+                        wrong.append(line)
+                    shutil.rmtree(folder)
+    return {"said": {k: dict(v) for k, v in said.items()}, "wrong": wrong}
+
+
+def report(figures: dict[str, Any]) -> None:
+    """The table."""
+    print(f"\n{'verb, planted':26s}{'jobs':>5s}{'right':>6s}   else")
+    jobs, good = Counter[bool](), Counter[bool]()
+    for name, said in figures["said"].items():
+        count, clean = sum(said.values()), name.endswith(" clean")
+        jobs[clean] += count
+        good[clean] += said.get("right", 0)
+        other = ", ".join(f"{c} {n}" for c, n in said.items() if c != "right")
+        print(f"{name:26s}{count:5d}{said.get('right', 0):6d}   {other}")
+    print(f"right cause in {good[False]} of {jobs[False]} planted faults; {jobs[True] - good[True]} false alarms in "
+          f"{jobs[True]} clean jobs")  # fmt: skip
+
+
+def main(quick: bool = False) -> dict[str, Any]:
+    """For `benchmarks/run.py`."""
+    figures = run(range(3100, 3101 if quick else 3106), list(FAULTS))
+    report(figures)
+    return figures
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n\n")[0])
+    parser.add_argument("--seeds", type=int, default=6)
+    parser.add_argument("--seed", type=int, default=3100)
+    parser.add_argument("--kinds", nargs="+", choices=list(FAULTS), default=list(FAULTS))
+    parser.add_argument("--faults", nargs="+")
+    parser.add_argument("--json", type=Path)
+    asked = parser.parse_args()
+    done = run(range(asked.seed, asked.seed + asked.seeds), asked.kinds, asked.faults)
+    report(done)
+    if asked.json:
+        asked.json.write_text(json.dumps(done, indent=1))
+    sys.exit(0)
