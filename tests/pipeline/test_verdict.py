@@ -9,8 +9,10 @@ from scipy.ndimage import gaussian_filter
 
 from windmark import io, synth
 from windmark.errors import WindmarkError
+from windmark.pipeline.infrared.record import FrameRecord
 from windmark.pipeline.job import run_project
 from windmark.pipeline.project import read_project
+from windmark.pipeline.psp.record import PointRecord
 from windmark.pipeline.track_results import PoseRow
 from windmark.pipeline.verdict import (
     BAD,
@@ -195,3 +197,24 @@ def test_an_estimate_has_one_digit(value, words):
 )
 def test_a_series_that_gives_up_names_the_camera_at_fault(reason, cause):
     assert error_verdict(WindmarkError(reason)).cause == cause
+
+
+def frames(**figures):
+    return [FrameRecord(f"f{k}", k, 0.1 * k, {}, "reduced", **{"median_T": 300.0, **figures}) for k in range(4)]
+
+
+def test_an_infrared_run_is_judged_by_what_its_cameras_see_and_by_its_sigma():
+    assert infrared_verdict(frames(seen=0.3, median_sigma_T=0.1)).word == GOOD  # cameras see one side of a model
+    fewer = [*frames(seen=0.3, median_sigma_T=0.1)[:1], *frames(seen=0.1, median_sigma_T=0.1)[1:]]
+    assert infrared_verdict(fewer).cause == "covered"
+    verdict = infrared_verdict(frames(seen=0.3, median_sigma_T=190.0))
+    assert (verdict.word, verdict.cause) == (BAD, "units")
+    assert "known to 1.9e+02 K only" in verdict.reason
+
+
+def test_a_point_of_a_polar_is_judged_by_the_side_that_cameras_show():
+    point = PointRecord("p1", 0.0, {}, "reduced", seen=0.33, median_sigma_cp=0.01, shown={"all": 0.36})
+    verdict = psp_verdict([point])
+    assert verdict.word == GOOD
+    assert "loads are of the 36 % of the area that cameras show" in verdict.reason
+    assert psp_verdict([replace(point, seen=0.1)]).cause == "covered"

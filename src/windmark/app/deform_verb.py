@@ -34,7 +34,7 @@ from windmark.pipeline.deform import (
 from windmark.pipeline.deform.record import MISFIT
 from windmark.pipeline.deform.series import NOT_TRIED, STATUS
 from windmark.pipeline.resume import begun_with
-from windmark.pipeline.verdict import Verdict, deform_verdict
+from windmark.pipeline.verdict import Verdict, deform_verdict, rules
 
 Record = dict[str, Any]
 
@@ -126,7 +126,7 @@ def live_line(row: FrameRecord) -> str:
 def _finish(loaded: Loaded, sequence: Sequence, out: io.ResultFolder, start: float) -> Record:
     """Report, film and summary beside the tables."""
     record, folder = summary(loaded, sequence), out.place
-    verdict = deform_verdict(sequence.records, record.get("weak", ()))
+    verdict = deform_verdict(sequence.records, weakest(loaded, sequence, that_matter=True))
     page = deform_page(loaded, sequence, record, folder)
     put_verdict(page, verdict)
     page.provenance(Provenance.of_project(loaded.project, out.sources()))
@@ -202,15 +202,17 @@ def cameras_record(sequence: Sequence) -> Record:
     return out
 
 
-def weakest(loaded: Loaded, sequence: Sequence) -> tuple[str, ...]:
-    """What the last frame that was kept says of the set-up."""
+def weakest(loaded: Loaded, sequence: Sequence, *, that_matter: bool = False) -> tuple[str, ...]:
+    """What the last frame that was kept says of the set-up; all of it, or what is beyond `rules.ANGLE_DEG`."""
     if not sequence.film:
         return ()
     state = sequence.film[-1][1]
     from_prior = tuple(f"{name} is known from its prior alone" for name in state.from_prior)
     markers = loaded.test.markers
     centre = markers.xyz[markers.role != "wall"].mean(axis=0)
-    return (*weak_directions(state, centre, unit=loaded.project.length_unit), *from_prior)
+    size = float(np.linalg.norm(markers.xyz[markers.role != "wall"] - centre, axis=1).max())
+    least = np.radians(rules.ANGLE_DEG) * size if that_matter else 0.0
+    return (*weak_directions(state, centre, unit=loaded.project.length_unit, least=least), *from_prior)
 
 
 def _lines(loaded: Loaded, sequence: Sequence, record: Record) -> list[str]:

@@ -317,7 +317,7 @@ def _check_units(loaded: Loaded) -> None:
     if loaded.mesh is None:
         return
     project, markers = loaded.project, loaded.test.markers
-    units, sure = likely_unit(markers.xyz[markers.role != "wall"], model_box(loaded.mesh), project.length_unit)
-    if sure and units:
-        words = f"in {project.length_unit} its markers do not lie at the grid, in {' or '.join(units)} they would"
+    units, _ = likely_unit(markers.xyz[markers.role != "wall"], model_box(loaded.mesh), project.length_unit)
+    if units:
+        words = f"in {project.length_unit} its markers do not fit the grid, in {' or '.join(units)} they would"
         raise io.FileError(project.markers.file, words, "length unit")

@@ -45,3 +45,5 @@ LOST = 0.02
 """Part of frames or points without a result that is no accident."""
 COVERED = 0.5
 """Part of the surface's nodes that a reduction is of."""
+TEMPERATURE = 0.02
+"""1 sigma of a temperature as part of it (6 K at 300 K), from which a map tells little."""

@@ -162,21 +162,23 @@ def psp_verdict(records: Sequence[PointRecord]) -> Verdict:
                     r.name,
                 )
             )
-        if r.seen < rules.COVERED:
+        if r.seen < rules.COVERED * r.shown.get("all", 1.0):
             found.append(
                 Finding(
                     DOUBTFUL,
                     "covered",
-                    f"{100 * r.seen:.0f} % of the surface has a Cp",
-                    "loads are those of the seen part; add a camera",
+                    f"{100 * r.seen:.0f} % of the surface has a Cp, and the cameras look at "
+                    f"{100 * r.shown.get('all', 1.0):.0f} % of it",
+                    "see which nodes are left out and why; loads are those of the seen part",
                     r.name,
                 )
             )
-    sigma = _median([r.median_sigma_cp for r in good])
+    sigma, shown = _median([r.median_sigma_cp for r in good]), min(r.shown.get("all", 1.0) for r in good)
     return Verdict.of(
         found,
         len(records),
-        f"{len(good)} points reduced, Cp to {sigma:.2g} (median, 1 sigma)",
+        f"{len(good)} points reduced, Cp to {sigma:.2g} (median, 1 sigma)"
+        + (f"; loads are of the {100 * shown:.0f} % of the area that cameras show" if shown < 1 else ""),
         "use loads and Cp with their sigmas; causes say what to improve",
         what="points",
     )
@@ -192,13 +194,24 @@ def infrared_verdict(records: Sequence[InfraredFrame], remarks: Sequence[str] = 
             "see the reason; run windmark register on one of its pictures",
         )
     found = _lost([(r.key, r.reason) for r in records if r.status != "reduced"], len(records), "frames")
-    if (seen := _median([r.seen for r in good])) < rules.COVERED:
+    if (seen := _median([r.seen for r in good])) < rules.COVERED * max(r.seen for r in good):
         found.append(
             Finding(
                 DOUBTFUL,
                 "covered",
-                f"{100 * seen:.0f} % of the nodes have a temperature (median)",
+                f"{100 * seen:.0f} % of the nodes have a temperature (median), half of what the best frame shows",
                 "add a camera, or leave parts out of the grid",
+            )
+        )
+    sigma, kelvin = _median([r.median_sigma_T for r in good]), _median([r.median_T for r in good])
+    if sigma > rules.TEMPERATURE * kelvin:
+        found.append(
+            Finding(
+                BAD,
+                "units",
+                f"temperatures are known to {sigma:.2g} K only (median, 1 sigma): the pictures' numbers are not in the "
+                "unit that is said, or emissivity and surroundings are hardly known",
+                "say the unit of the camera's numbers; give emissivity and surroundings with their sigma",
             )
         )
     flagged = [r.flagged for r in good if np.isfinite(r.flagged)]
@@ -213,7 +226,6 @@ def infrared_verdict(records: Sequence[InfraredFrame], remarks: Sequence[str] = 
         )
     if remarks:
         found.append(Finding(DOUBTFUL, "noise", remarks[0], "see the remark"))
-    sigma = _median([r.median_sigma_T for r in good])
     return Verdict.of(
         found,
         1,

@@ -21,6 +21,9 @@ from windmark.tasks.deform.task import DeformationTest
 
 Array = NDArray[np.float64]
 
+MOST_SHARE = 0.99
+"""Of a spot's variance that texture can be: where a blur hides the pixels' own noise, what is left looks like it."""
+
 GRAZING = 0.05
 """Markers seen flatter than that, as the ratio of areas, tell nothing of their tangent plane."""
 
@@ -88,4 +91,4 @@ def without_texture(spots: Labelled, test: DeformationTest, texture: Texture | N
 
 def _share(spots: Labelled) -> float:
     noise = None if spots.known is None else spots.known.frame.noise
-    return 0.0 if noise is None else noise.texture
+    return 0.0 if noise is None else min(noise.texture, MOST_SHARE)
