@@ -218,3 +218,11 @@ def test_a_point_of_a_polar_is_judged_by_the_side_that_cameras_show():
     assert verdict.word == GOOD
     assert "loads are of the 36 % of the area that cameras show" in verdict.reason
     assert psp_verdict([replace(point, seen=0.1)]).cause == "covered"
+
+
+def test_a_table_in_another_unit_explains_why_no_point_came_out(tunnel):
+    small = replace(tunnel.markers, xyz=tunnel.markers.xyz / 25.4)
+    lost = PointRecord("p1", 0.0, {}, "failed", "a camera is not where it is said to be")
+    verdict = psp_verdict([lost], units_findings(small, tunnel.mesh, "mm"))
+    assert (verdict.word, verdict.cause) == (BAD, "units")
+    assert psp_verdict([lost]).cause == "moved"

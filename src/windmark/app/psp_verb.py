@@ -16,7 +16,7 @@ from windmark.app.series_folder import series_folder
 from windmark.app.verdict_words import put_verdict, verdict_lines
 from windmark.compiling import job_time
 from windmark.pipeline.psp import FAILED, PointRecord, PspTest, grouped, load_psp, read_psp_project, reduced, run_psp
-from windmark.pipeline.verdict import psp_verdict
+from windmark.pipeline.verdict import psp_verdict, units_findings
 
 Record = dict[str, Any]
 
@@ -42,7 +42,8 @@ def psp(
         )  # fmt: skip
         show("draw the report")
         record = summary(test, records)
-        verdict = psp_verdict(records)
+        markers = test.deforming.test.markers
+        verdict = psp_verdict(records, units_findings(markers, test.mesh, test.project.length_unit))
         page = psp_page(test, records, out.place)
         put_verdict(page, verdict)
         page.provenance(Provenance.of_project(test.project, out.sources()))

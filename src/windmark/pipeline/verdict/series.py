@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -128,16 +129,18 @@ def deform_verdict(records: Sequence[DeformFrame], weak: Sequence[str] = ()) -> 
     )
 
 
-def psp_verdict(records: Sequence[PointRecord]) -> Verdict:
-    """Judge a paint test."""
+def psp_verdict(records: Sequence[PointRecord], units: Sequence[Finding] = ()) -> Verdict:
+    """Judge a paint test; ``units`` of `units_findings`, which explain why no point came out, or are doubts."""
     good = [r for r in records if r.status == "reduced"]
+    if not good and units:
+        return Verdict.of([replace(units[0], word=BAD)], 1, "", "")
     if not good:
         return _bad(
             "no match",
             f"no point could be reduced; the first: {records[0].reason if records else 'none'}",
             "see the reason; run windmark register on one of its pictures",
         )
-    found = _lost([(r.name, r.reason) for r in records if r.status != "reduced"], len(records), "points")
+    found = [*units, *_lost([(r.name, r.reason) for r in records if r.status != "reduced"], len(records), "points")]
     for r in good:
         # Taps that agree within their sigmas leave no scatter: what the fit leaves of those in it is the measure then.
         within = max(r.fit["scatter_Pa"], r.fit["rms_Pa"]) if r.fit else np.inf
