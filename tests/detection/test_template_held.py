@@ -88,7 +88,9 @@ def test_one_kernel_for_all_sizes_is_the_fits_by_size(held):
     done = fit_at_once(scene, request, others)
     for b in batches:
         for name in ("pixel", "params", "cov", "states", "table", "usable", "saturated"):
-            np.testing.assert_array_equal(getattr(done, name)[b.index], getattr(b.fitted, name), err_msg=name)
+            # The same sums; in which order the compiler takes them may differ by the last digits.
+            one, other = getattr(done, name)[b.index], getattr(b.fitted, name)
+            np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-12, err_msg=name)
     assert (done.column("status") == 1).mean() > 0.95
 
 

@@ -79,10 +79,9 @@ def detect(
         or one smaller than the marker, has no spots; `why_none` says why. Pixels that stand out alone are taken as
         dead.
 
-        template: `cov` is the bound of least squares in the frame's own noise, texture included, and what dirt may do
-        that hides in the fit (`template.dirt`); `axes_px` are those of the disc without blur, `depth` is that of its
-        middle. Flags: border, saturated (over 2 % of the window; integer images only), contaminated (residuals that are
-        not the frame's noise or lie at one place, or pixels of the disc are missing),
+        template: `cov` is the bound of least squares in the frame's own noise, texture included; `axes_px` are those of
+        the disc without blur, `depth` is that of its middle. Flags: border, saturated (over 2 % of the window; integer
+        images only), contaminated (residuals that are not the frame's noise, or pixels of the disc are missing),
         touching (another marker reaches into the window and its pixels are left out), ill-conditioned (size or blur at
         the bound of what pixels can show).
 

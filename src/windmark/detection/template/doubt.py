@@ -12,9 +12,6 @@ those of others: that is how the discs of this frame are, not what lies on one o
 asked the same, and where their centres hang on quarters more than white noise makes them the contaminated ones' scatter
 is taken in proportion.
 
-Before that what is left of those that look clean is looked through for dirt (`dirt`): such as is no chance makes them
-contaminated ones, which are fitted again and asked as these are; what may be chance is added to their covariance.
-
 Nothing is decided by such a covariance, and most contaminated candidates are no markers: it is asked of those that are
 kept.
 """
@@ -27,18 +24,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.detection.template.colour import colour_of
-from windmark.detection.template.dirt import find_spots
 from windmark.detection.template.fit import Fitted, Windows, sized_windows
-from windmark.detection.template.noise import FrameNoise
 from windmark.detection.template.request import Neighbours, Request, Scene
-from windmark.detection.template.result import (
-    CONTAMINATED,
-    TemplateFits,
-    columns,
-    replaced,
-    white_covariance,
-)
-from windmark.detection.template.robust import cleaned, level
+from windmark.detection.template.result import TemplateFits
 from windmark.geometry.order import median
 
 Array = NDArray[np.float64]
@@ -61,8 +49,6 @@ class Doubts:
     white : (K, 2, 2) covariances of their centres in white noise as strong as theirs
     usual, known : (U,), (U, 2, 2) clean ones that say how discs are in this frame, and their covariances
     index : (L,) the contaminated ones
-    doubtful : (C,) those that look clean and may have dirt on them
-    radius : (K,) of the discs as they were looked for
     """
 
     scene: Scene
@@ -73,60 +59,12 @@ class Doubts:
     usual: Ints
     known: Array
     index: Ints
-    doubtful: Ints
-    radius: Array
 
     def cast(self, fits: TemplateFits, kept: Ints | None = None) -> TemplateFits:
         """The fits of the markers ``kept`` (all K if None, each once), with covariances as large as the doubts."""
         kept = np.arange(len(fits)) if kept is None else kept
-        place = np.full(len(self.done.params), -1)
+        fits, place = fits.take(kept), np.full(len(self.done.params), -1)
         place[kept] = np.arange(len(kept))
-        fits, doubts = self._searched(fits.take(kept), place)
-        return doubts._enlarged(fits, place)
-
-    def _searched(self, fits: TemplateFits, place: Ints) -> tuple[TemplateFits, Doubts]:
-        """Kept fits, which are at their `place` (K,), looked through for dirt: what may be chance is in the covariances
-        then, and where it is none the marker is fitted again.
-        """
-        asked, noise = self.doubtful[place[self.doubtful] >= 0], fits.frame.noise
-        if noise is None or not asked.size:
-            return fits, self
-        done = self.done.take(asked)
-        expected = noise.variance(level(done.params))
-        spots = find_spots(self.scene, self.request.take(asked), done, self.others.take(asked), expected)
-        row, cov, colour = place[asked], fits.cov.copy(), fits.colour.copy()
-        cov[row] += spots.beyond(int((place[self.index] >= 0).sum()))
-        colour[row] = colour_of(cov[row], self.white[asked])
-        fits, dirty = replace(fits, cov=cov, colour=colour), asked[spots.sure]
-        return self._fitted_again(fits, place, dirty, noise) if dirty.size else (fits, self)
-
-    def _fitted_again(
-        self, fits: TemplateFits, place: Ints, dirty: Ints, noise: FrameNoise
-    ) -> tuple[TemplateFits, Doubts]:
-        """Markers ``dirty`` (D,) fitted as contaminated ones are; their quarters are still to be asked."""
-        done, row = self.done.take(np.arange(len(place))), place[dirty]
-        cov, worse = np.full((len(place), 2, 2), np.nan), np.zeros(len(place), dtype=bool)
-        cov[dirty], worse[dirty], worse[self.index] = fits.cov[row], True, True
-        expected = noise.variance(level(done.params))
-        crossed, scale = cleaned(
-            self.scene, self.request, done, self.others, cov, expected, worse, dirty, self.radius, noise
-        )
-        part = done.take(dirty)
-        white = self.white.copy()
-        white[dirty] = white_covariance(part, fits.frame)
-        again = columns(
-            self.scene, self.request.xy[dirty], part, cov=cov[dirty], white=white[dirty], chi2=fits.chi2[row],
-            flags=fits.flags[row] | CONTAMINATED, crossed=crossed[dirty], frame=fits.frame,
-        )  # fmt: skip
-        clean = ~worse[self.usual]
-        weights = replace(self.request, scale=np.where(worse & np.isfinite(scale), scale, self.request.scale))
-        return replaced(fits, row, again), replace(
-            self, done=done, request=weights, white=white, usual=self.usual[clean], known=self.known[clean],
-            index=np.concatenate([self.index, dirty[~crossed[dirty]]]),
-        )  # fmt: skip
-
-    def _enlarged(self, fits: TemplateFits, place: Ints) -> TemplateFits:
-        """Kept fits with covariances of contaminated ones as large as their quarters say."""
         index = self.index[place[self.index] >= 0]
         if not index.size:
             return fits

@@ -16,6 +16,7 @@ from windmark.detection.template.noise import FrameNoise
 from windmark.detection.template.request import WINDOW_BLURS, Neighbours, Request, Scene
 from windmark.detection.template.result import (
     CONTAMINATED,
+    MANY_SATURATED,
     TOUCHING,
     Frame,
     TemplateFits,
@@ -23,7 +24,7 @@ from windmark.detection.template.result import (
     ellipses,
     white_covariance,
 )
-from windmark.detection.template.robust import MANY_SATURATED, cleaned, contaminated, fit_all, level, trust
+from windmark.detection.template.robust import contaminated, decontaminated, fit_all, level, median_contrast, trust
 from windmark.detection.template.touching import fit_touching
 
 Array = NDArray[np.float64]
@@ -59,41 +60,58 @@ def fit_at_first(
             done.put(index, wider)
             cov[index], expected[index] = trust(frame.noise, wider, batches)
     worth = may_be_discs(done, expected) if choosy else np.ones(len(done.params), dtype=bool)
-    joint = np.zeros(len(done.params), dtype=bool)
     if request.shape is None and others.index.size:
-        joint[_parted(scene, request, done, others, cov, worth)] = True
+        _parted(scene, request, done, others, cov, worth)
     with np.errstate(invalid="ignore"):
         chi2 = done.column("noise2") / expected
     flags, crossed = np.where(others.touching(), TOUCHING, 0), np.zeros(len(done.params), dtype=bool)
-    usual, index, doubtful = np.empty((3, 0), dtype=np.int64)
+    usual, index = np.empty((2, 0), dtype=np.int64)
     if frame.noise is not None:
         worse = contaminated(chi2, done, expected, flags)
         flags |= np.where(worse, CONTAMINATED, 0)
         again = np.flatnonzero(worse & worth & (done.column("status") >= 0)) if robust else np.empty(0, np.int64)
         if choosy:
             again = again[have_edges(scene, request.xy[again], done.take(again), expected[again], frame)]
-        crossed, weight = cleaned(scene, request, done, others, cov, expected, worse, again, radius, frame.noise)
-        clean = ~worse & (done.column("status") == 1) & np.isfinite(cov).all(axis=(1, 2))
-        usual = np.flatnonzero(clean)[:ASKED]
-        if robust and request.shape is None:  # what is left of two fitted together is not that of either
-            doubtful = np.flatnonzero(clean & ~joint & (done.usable == 1.0) & (done.saturated <= MANY_SATURATED))
+        crossed, weight = _cleaned(scene, request, done, others, cov, expected, worse, again, radius, frame.noise)
+        usual = np.flatnonzero(~worse & (done.column("status") == 1) & np.isfinite(cov).all(axis=(1, 2)))[:ASKED]
         index = np.flatnonzero(worse & (done.column("status") >= 0) & ~crossed)
         request = replace(request, scale=weight)
     white = white_covariance(done, frame)
     fits = columns(scene, request.xy, done, cov=cov, white=white, chi2=chi2, flags=flags, crossed=crossed, frame=frame)
-    return fits, Doubts(scene, request, done, others, white, usual, cov[usual], index, doubtful, radius)
+    return fits, Doubts(scene, request, done, others, white, usual, cov[usual], index)
 
 
-def _parted(scene: Scene, request: Request, done: Fitted, others: Neighbours, cov: Array, worth: Bools) -> Ints:
+def _cleaned(
+    scene: Scene, request: Request, done: Fitted, others: Neighbours, cov: Array, expected: Array, worse: Bools,
+    index: Ints, radius: Array, noise: FrameNoise,
+) -> tuple[Bools, Array]:  # fmt: skip
+    """Fit those (L,) of the contaminated markers again, in `done` and `cov`; which (K,) are fitted with a line, and
+    the scales (K,) of the weights that were used.
+    """
+    weight, crossed = np.full(len(worse), np.inf), np.zeros(len(worse), dtype=bool)
+    # A saturated disc has lost its inside: what is left of it does not tell dirt from disc.
+    index = index[done.saturated[index] <= MANY_SATURATED]
+    if index.size:
+        again, trusted, with_stroke = decontaminated(
+            scene, request.take(index), done.take(index), others.take(index), expected[index], noise,
+            median_contrast(done, worse), radius[index],
+        )  # fmt: skip
+        better = again.column("status") == 1
+        index = index[better]
+        done.put(index, again.take(better))
+        cov[index], crossed[index], weight[index] = trusted[better], with_stroke[better], np.sqrt(expected[index])
+    return crossed, weight
+
+
+def _parted(scene: Scene, request: Request, done: Fitted, others: Neighbours, cov: Array, worth: Bools) -> None:
     """Fit markers that touch and are worth it together, in `done` and `cov`: as much larger in the frame's noise as
-    before. Returns which (L,) are.
+    before.
     """
     white = np.trace(done.cov[:, :2, :2], axis1=1, axis2=2)
     with np.errstate(divide="ignore", invalid="ignore"):
         coloured = np.trace(cov, axis1=1, axis2=2) / white
     index = fit_touching(scene, request, done, others, worth)
     cov[index] = done.cov[index, :2, :2] * np.where(np.isfinite(coloured), coloured, 1.0)[index, None, None]
-    return index
 
 
 def _first_fits(

@@ -11,13 +11,14 @@ from windmark.detection.template.colour import colour_of
 from windmark.detection.template.fit import Fitted
 from windmark.detection.template.noise import FrameNoise
 from windmark.detection.template.request import Scene
-from windmark.detection.template.robust import MANY_SATURATED, level
+from windmark.detection.template.robust import level
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
 BORDER, SATURATED, CONTAMINATED, TOUCHING, ILL = 1, 2, 4, 8, 16  # bits of scene.detections.FLAGS
+MANY_SATURATED = 0.02  # share of the window
 LEAST_SIGNAL = 16.0  # chi^2 that a disc must explain to be one
 ROUNDING = 1e-6  # of the level: no depth
 LEAST_AXIS_PX, LEAST_BLUR_PX = 0.51, 0.2501  # just above the bounds of the fit
@@ -105,14 +106,6 @@ class TemplateFits:
         i = np.asarray(index)
         columns = {f.name: getattr(self, f.name)[i] for f in fields(self) if f.name != "frame"}
         return TemplateFits(**columns, frame=self.frame)
-
-
-def replaced(fits: TemplateFits, index: Ints, other: TemplateFits) -> TemplateFits:
-    """The fits with others (L,) at an index."""
-    out = {f.name: np.array(getattr(fits, f.name)) for f in fields(fits) if f.name != "frame"}
-    for name, column in out.items():
-        column[index] = getattr(other, name)
-    return TemplateFits(**out, frame=fits.frame)
 
 
 def columns(

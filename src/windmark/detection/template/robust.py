@@ -20,7 +20,6 @@ Bools = NDArray[np.bool_]
 CLEAN = 5  # clean markers needed to say something about the frame
 WORSE, FAR = 1.4, 4.9  # contaminated: residual variance over the expected one; largest residual in standard deviations
 BEST, TOLERATED = 48, 0.75  # of so many markers so large a share is what the frame's markers look like
-MANY_SATURATED = 0.02  # share of the window
 UNUSUAL = 3.2  # the same, in robust standard deviations of the logarithm over the frame
 
 
@@ -85,28 +84,6 @@ def median_contrast(done: Fitted, worse: Bools) -> float:
         contrast = done.params[:, 6] / np.abs(done.params[:, 7])
     good = ~worse & (done.column("status") == 1) & np.isfinite(contrast)
     return median(contrast[good]) if good.any() else 0.5
-
-
-def cleaned(
-    scene: Scene, request: Request, done: Fitted, others: Neighbours, cov: Array, expected: Array, worse: Bools,
-    index: Ints, radius: Array, noise: FrameNoise,
-) -> tuple[Bools, Array]:  # fmt: skip
-    """Fit those (L,) of the contaminated markers again, in `done` and `cov`; which (K,) are fitted with a line, and
-    the scales (K,) of the weights that were used.
-    """
-    weight, crossed = np.full(len(worse), np.inf), np.zeros(len(worse), dtype=bool)
-    # A saturated disc has lost its inside: what is left of it does not tell dirt from disc.
-    index = index[done.saturated[index] <= MANY_SATURATED]
-    if index.size:
-        again, trusted, with_stroke = decontaminated(
-            scene, request.take(index), done.take(index), others.take(index), expected[index], noise,
-            median_contrast(done, worse), radius[index],
-        )  # fmt: skip
-        better = again.column("status") == 1
-        index = index[better]
-        done.put(index, again.take(better))
-        cov[index], crossed[index], weight[index] = trusted[better], with_stroke[better], np.sqrt(expected[index])
-    return crossed, weight
 
 
 def decontaminated(
