@@ -91,12 +91,25 @@ def inches(markers: Any, rng: np.random.Generator) -> Any:
     return replace(markers, xyz=markers.xyz / 25.4, radius=markers.radius / 25.4)
 
 
-def exchanged(markers: Any, rng: np.random.Generator) -> Any:
-    """Two names exchanged."""
-    a, b = rng.choice(len(markers), 2, replace=False)
-    xyz = markers.xyz.copy()
-    xyz[[a, b]] = xyz[[b, a]]
-    return replace(markers, xyz=xyz)
+def exchanged_labels(folder: Path, rng: np.random.Generator) -> None:
+    """Two names exchanged in one of three pictures whose primaries are labelled by hand."""
+    camera = io.read_camera_file(folder / "camera.json").camera
+    primary = io.read_markers(folder / "primary.csv", roles=None)
+    rows: dict[str, list[Any]] = {"image": [], "name": [], "x": [], "y": []}
+    a, b = rng.choice(len(primary), 2, replace=False)
+    for k, path in enumerate(sorted((folder / "truth" / "poses").glob("*.json"))[:9:4]):
+        pose = io.read_camera_file(path).cam_from_model
+        assert pose is not None
+        names = primary.name.copy()
+        if k == 1:
+            names[[a, b]] = names[[b, a]]
+        xy = camera.project(pose.apply(primary.xyz))[0] + rng.normal(0, 0.5, (len(primary), 2))
+        inside = camera.in_image(xy)
+        rows["image"] += [path.stem] * int(inside.sum())
+        rows["name"] += names[inside].tolist()
+        rows["x"] += xy[inside, 0].round(1).tolist()
+        rows["y"] += xy[inside, 1].round(1).tolist()
+    io.write_table(folder / "labels.csv", {key: np.array(column) for key, column in rows.items()})
 
 
 def off(markers: Any, rng: np.random.Generator) -> Any:
@@ -104,6 +117,20 @@ def off(markers: Any, rng: np.random.Generator) -> Any:
     xyz = markers.xyz.copy()
     xyz[rng.integers(len(xyz)), :2] += 8 * rng.choice(SIGN, 2) / np.sqrt(2)
     return replace(markers, xyz=xyz)
+
+
+def seen_off(folder: Path, rng: np.random.Generator) -> None:
+    """One marker of the model that a camera looks at 8 mm beside its place."""
+    markers = io.read_markers(folder / "markers.csv", roles=None)
+    seen = np.zeros(len(markers), bool)
+    for file in (io.read_camera_file(p) for p in sorted(folder.glob("cam*.json"))):
+        assert file.cam_from_model is not None
+        place = file.cam_from_model.apply(markers.xyz)
+        facing = (file.cam_from_model.rotate(markers.normal) * place).sum(axis=1) < -0.3 * np.linalg.norm(place, axis=1)
+        seen |= facing & file.camera.in_image(file.camera.project(place)[0])
+    xyz = markers.xyz.copy()
+    xyz[rng.choice(np.flatnonzero(seen & (markers.role == "model"))), :2] += 8 * rng.choice(SIGN, 2) / np.sqrt(2)
+    io.write_markers(folder / "markers.csv", replace(markers, xyz=xyz), length_unit="mm")
 
 
 def blurred(pattern: str) -> Change:
@@ -169,7 +196,7 @@ SERIES = {"focal": FOCAL, "moved": MOVED, "units": UNITS}
 FAULTS: dict[str, dict[str, Fault]] = {
     "deform": {
         **SERIES,
-        "marker": Fault(table("markers.csv", off), ("marker",)),
+        "marker": Fault(seen_off, ("marker",)),
         "blurred": Fault(blurred("images/*.tif"), ("blurred",)),
         "bent": Fault(rigid("deform.toml"), ("bent",)),
     },
@@ -191,14 +218,14 @@ FAULTS: dict[str, dict[str, Fault]] = {
     },
     "reconstruct": {
         "focal": Fault(cameras(longer, "camera"), ("focal",)),
-        "swapped": Fault(table("primary.csv", exchanged), ("swapped",), ("exchanged",)),
+        # Names of primaries are those of the table: exchanged there they are so in the result, and nothing else is.
+        "swapped": Fault(exchanged_labels, ("swapped",), ("exchanged",)),
         "marker": Fault(table("primary.csv", off), ("control", "marker")),
         "blurred": Fault(blurred("photos/*.tif"), ("blurred",)),
     },
     "calibrate": {
         "marker": Fault(table("markers.csv", off), ("marker",)),
         "blurred": Fault(blurred("photos/*.tif"), ("blurred",)),
-        "units": Fault(table("markers.csv", inches), ("units",)),
     },
 }  # fmt: skip
 """By verb: what is planted."""
@@ -211,7 +238,7 @@ def make(kind: str, folder: Path, seed: int) -> None:
     elif kind == "psp":
         simulate_psp(folder, seed, 1)
     elif kind == "infrared":
-        simulate_infrared(folder, seed, 8)
+        simulate_infrared(folder, seed, 14)
     else:
         simulate_photos(folder, seed, 12)
         shutil.copy(folder / "truth" / "markers.csv", folder / "markers.csv")
@@ -223,7 +250,8 @@ def command(kind: str, folder: Path) -> list[str]:
         return [kind, str(folder / f"{kind}.toml")]
     photos = [*map(str, sorted((folder / "photos").glob("*.tif"))), "-c", str(folder / "camera.json")]
     more = ["-p", str(folder / "primary.csv")] if kind == "reconstruct" else ["-m", str(folder / "markers.csv")]
-    more += ["--datum", "free"] if kind == "calibrate" else []
+    more += ["--datum", "weighted=0.05"] if kind == "calibrate" else []
+    more += ["--labels", str(folder / "labels.csv")] if (folder / "labels.csv").exists() else []
     return [kind, *photos, *more, "--unit", "mm", "--radius", "2.7"]
 
 

@@ -9,6 +9,7 @@ from scipy.ndimage import gaussian_filter
 
 from windmark import io, synth
 from windmark.errors import WindmarkError
+from windmark.pipeline.deform.followed import Followed
 from windmark.pipeline.infrared.record import FrameRecord
 from windmark.pipeline.job import run_project
 from windmark.pipeline.project import read_project
@@ -25,14 +26,20 @@ from windmark.pipeline.verdict import (
     error_verdict,
     infrared_verdict,
     psp_verdict,
+    reconstruct_verdict,
     run_verdict,
     track_verdict,
     units_findings,
 )
-from windmark.pipeline.verdict.picture import picture_findings, picture_state
+from windmark.pipeline.verdict.picture import picture_findings, picture_state, series_blur
 from windmark.pipeline.verdict.registered import MOVED, REFUSALS, one_digit, refused
 from windmark.registration import NotRegistered
 from windmark.registration.result import CAUSES as REGISTRATION_CAUSES
+from windmark.scene import Detections
+from windmark.tasks.calibrate.picture import Picture
+from windmark.tasks.deform.task import Sight
+from windmark.tasks.psp.taps import TapTable
+from windmark.tasks.reconstruct.result import NotReconstructed
 
 _PROJECT = """\
 title = "small"
@@ -226,3 +233,65 @@ def test_a_table_in_another_unit_explains_why_no_point_came_out(tunnel):
     verdict = psp_verdict([lost], units_findings(small, tunnel.mesh, "mm"))
     assert (verdict.word, verdict.cause) == (BAD, "units")
     assert psp_verdict([lost]).cause == "moved"
+
+
+def test_a_camera_out_of_focus_is_named_in_a_series():
+    """Sharp in one camera, blurred in the other: where more than a tenth of its pictures are."""
+    sharp, soft = Sight(20, 20, "", 0.0, 0.7, 3.0), Sight(20, 20, "", 0.0, 2.5, 3.0)
+    point = PointRecord("p1", 0.0, {}, "reduced", seen=0.33, median_sigma_cp=0.01, shown={"all": 0.36})
+    on, off = Followed("wind-on", {"cam1": sharp, "cam2": soft}), Followed("wind-off", {"cam1": sharp})
+    verdict = psp_verdict([replace(point, followed=(on, off))])
+    assert (verdict.word, verdict.cause) == (DOUBTFUL, "blurred")
+    assert "pictures of cam2 are blurred by 2.5 px (1 sigma) at markers of 3 px radius" in verdict.reason
+    assert "cam1" not in " ".join(f.reason for f in verdict.findings)
+    assert psp_verdict([replace(point, followed=(off,))]).word == GOOD
+    records = [replace(r, seen=0.3, median_sigma_T=0.1, followed=replace(on, key="frame 1")) for r in frames()]
+    assert infrared_verdict(records).cause == "blurred"
+    assert not series_blur([("cam1", 0.7, 3.0)] * 10 + [("cam1", 2.5, 3.0)])
+    assert series_blur([("cam1", 0.7, 3.0)] * 8 + [("cam1", 2.5, 3.0)] * 2)
+    assert not series_blur([("cam1", 1.0, 3.0)])
+
+
+def test_blurred_pictures_explain_why_nothing_was_reconstructed():
+    none = NotReconstructed("no two pictures could be matched", "no_pair")
+    spots = Detections.make(np.zeros((0, 2)))
+    pictures = [Picture(f"P{k}", "camera", (640, 480), spots, blur_px=2.6, radius_px=2.7) for k in range(3)]
+    verdict = reconstruct_verdict(none, "mm", pictures)
+    assert (verdict.word, verdict.cause) == (BAD, "blurred")
+    assert verdict.reason.endswith("not reconstructed: no two pictures could be matched")
+    assert reconstruct_verdict(none, "mm", [replace(p, blur_px=np.nan) for p in pictures]).cause == "no match"
+
+
+def test_what_following_found_is_said_of_every_series():
+    """A camera that is left out, a law that is too simple, a marker beside its place: alike in all of them."""
+    point = PointRecord("p1", 0.0, {}, "reduced", seen=0.33, median_sigma_cp=0.01, shown={"all": 0.36})
+    fine = Sight(20, 20, "", 0.0, 0.7, 3.0)
+    why = "left out, it contradicts cam2: a camera is not where it is said to be"
+    said = {
+        "moved": Followed("wind-on picture 1", {"cam1": Sight(0, 0, why), "cam2": fine}),
+        "bent": Followed("wind-on picture 1", {"cam1": fine}, (("bent", "law of wing too simple"),)),
+        "marker": Followed("wind-on picture 1", {"cam1": replace(fine, odd={"W10": (8.1, 7.6)})}),
+    }  # fmt: skip
+    words = {
+        "moved": "cam1 in wind-on picture 1 of p1: left out",
+        "bent": "wind-on picture 1 of p1: law of wing too simple",
+        "marker": "W10 is 8.1 px (about 8 mm) from where its table has it",
+    }
+    for cause, followed in said.items():
+        verdict = psp_verdict([replace(point, followed=(followed,))], unit="mm")
+        assert (verdict.word, verdict.cause) == (DOUBTFUL, cause)
+        assert words[cause] in verdict.reason
+        clean = [replace(followed, cameras={"cam1": fine}, doubts=())] * 10
+        assert psp_verdict([replace(point, followed=(*clean, followed))], unit="mm").word == GOOD  # one of eleven
+        records = [replace(r, seen=0.3, median_sigma_T=0.1, followed=followed) for r in frames()]
+        assert infrared_verdict(records, unit="mm").cause == cause
+
+
+def test_a_polar_whose_taps_were_not_fitted_is_doubted():
+    none = np.zeros(0)
+    taps = TapTable((), none, none, none, none, (), "the taps' readings are 0.01 times what the paint shows")
+    point = PointRecord("p1", 0.0, {}, "reduced", seen=0.33, median_sigma_cp=0.01, shown={"all": 0.36}, taps=taps)
+    verdict = psp_verdict([point])
+    assert (verdict.word, verdict.cause) == (DOUBTFUL, "taps")
+    assert "not fitted to the taps: the taps' readings are 0.01 times" in verdict.reason
+    assert psp_verdict([replace(point, taps=replace(taps, unfitted=""))]).word == GOOD

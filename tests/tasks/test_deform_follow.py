@@ -1,5 +1,7 @@
 """Labels without a prediction: spots nearest to the last places, and a sheet that jumps by more than is looked for."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -12,6 +14,7 @@ from windmark.tasks.deform import follow as follow_module
 from windmark.tasks.deform.cold import Found
 from windmark.tasks.deform.spots import Labelled, around
 from windmark.tasks.deform.task import LookOptions
+from windmark.tasks.odd import nearest_spots
 
 CAMERA, AWAY = Camera((400, 300), 800.0), Pose(np.eye(3), np.array([0.0, 0.0, 800.0]))
 PLACES = np.array([
@@ -89,3 +92,26 @@ def test_a_disc_that_the_border_cuts_takes_no_part_until_it_is_whole_again():
     assert all(set(f.observations.point) >= set(range(12)) - {8} for f in followed)
     for frame, shift in zip(followed, shifts, strict=True):
         assert frame.state.tunnel_from_model.translation[0] == pytest.approx(shift, abs=0.02)
+
+
+def test_a_marker_that_is_beside_its_place_in_the_table_is_said_in_every_frame():
+    """Its spot is there, out of reach of where it is looked for; a marker that is gone has none to be beside."""
+    table = markers()
+    wrong = replace(table, xyz=table.xyz + np.eye(12)[:, 5:6] * [6.0, -5.0, 0.0])
+    for known, odd in ((wrong, {"m5": pytest.approx((7.81, 7.81), abs=0.05)}), (table, {})):
+        test = DeformationTest((Station("cam", CAMERA, AWAY),), known, Volumes.of([]), look=LookOptions((5.0,)))
+        frames = [FrameImages(str(k), float(k), {"cam": image((k, 0))}) for k in range(3)]
+        followed = list(follow_deformation(frames, test))
+        assert [f.status for f in followed] == ["cold", "tracked", "tracked"]
+        assert all(dict(f.cameras["cam"].odd) == odd for f in followed)
+        assert all(f.cameras["cam"].blur_px == pytest.approx(0.6, abs=0.1) for f in followed)
+
+
+def test_a_spot_so_near_to_a_place_is_chance_where_spots_are_dense():
+    place = np.array([[100.0, 100.0]])
+    alone, chance = nearest_spots(place, np.array([[103.0, 104.0]]), (400, 300))
+    assert alone == pytest.approx([5.0])
+    assert chance == pytest.approx([np.pi * 25 / 120_000])
+    many = np.random.default_rng(1).uniform(0, [400, 300], (5000, 2))
+    assert nearest_spots(place, np.vstack([many, [[103.0, 104.0]]]), (400, 300))[1][0] > 0.01
+    assert nearest_spots(place, np.zeros((0, 2)), (400, 300)) == (np.inf, 1.0)

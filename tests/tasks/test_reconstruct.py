@@ -75,6 +75,46 @@ def test_labels_of_one_picture_name_the_primaries():
             assert who[k] == int(name[1:])
 
 
+@pytest.mark.parametrize(("kind", "wrong"), [("model", 0.93), ("model", 1.05), ("plate", 1.05), ("plate", 0.93)])
+def test_a_focal_length_that_is_far_off_is_the_reason_of_the_refusal(kind, wrong):
+    case = scenes.make(12, kind, "walk", views=6, points=60)
+    given = replace(case.camera, focal_px=case.camera.focal_px * wrong)
+    answer = reconstruct(case.detections, given, primaries(case))
+    assert isinstance(answer, NotReconstructed)
+    assert answer.cause == "focal"
+    seen = float(answer.reason.split("a focal length of ")[1].split()[0])
+    assert seen == pytest.approx(case.camera.focal_px, rel=0.01)
+
+
+def test_a_focal_length_that_is_a_little_off_is_a_doubt_and_the_right_one_none():
+    case = scenes.make(12, "plate", "walk", views=6, points=60)
+    given = replace(case.camera, focal_px=case.camera.focal_px * 0.997)
+    result = reconstruct(case.detections, given, primaries(case))
+    assert result, result.reason
+    assert [d.cause for d in result.doubts] == ["focal"]
+    assert not reconstruct(case.detections, case.camera, primaries(case)).doubts
+
+
+def test_labels_that_are_exchanged_in_one_of_three_pictures_are_named():
+    case = scenes.make(12, "plate", views=6, points=60)
+    seen = [{int(m): s for s, m in enumerate(label) if m >= 0} for label in case.labels]
+    known = [m for m in case.primary if all(m in mine for mine in seen[:3])][:5]
+    primary = MarkerSet.make([f"P{m}" for m in known], case.xyz[known])
+    labels = {str(v): {seen[v][m]: f"P{m}" for m in known} for v in range(3)}
+    right = reconstruct(case.detections, case.camera, primary, labels=labels)
+    assert right, right.reason
+    assert not right.doubts
+    a, b = sorted(f"P{m}" for m in known[:2])
+    change = {a: b, b: a}
+    labels["1"] = {s: change.get(name, name) for s, name in labels["1"].items()}
+    result = reconstruct(case.detections, case.camera, primary, labels=labels)
+    assert result, result.reason
+    assert f"{a} and {b} are exchanged in the labels of 1" in [str(d) for d in result.doubts]
+    assert result.markers.xyz[result.markers.name == a] == pytest.approx(
+        right.markers.xyz[right.markers.name == a], abs=1e-3
+    )
+
+
 @pytest.mark.slow
 def test_primaries_of_one_survey_share_their_errors():
     """The survey is 0.4 off as a whole: its joint covariance says so, and the frame is no surer than that."""

@@ -112,7 +112,7 @@ def run(files: Files, settings: CalibrateSettings, match: MatchOptions, as_json:
         clock = Clock(show)
         done, pictures = _solve(files, settings, match, clock)
         if isinstance(done, NotCalibrated):
-            verdict = calibrate_verdict(done, files.unit)
+            verdict = calibrate_verdict(done, files.unit, pictures)
             console.refuse(_why(done), as_json, {**_refusal(done, pictures), "verdict": verdict.record()})
             return
         against = None if known is None else compare(known, done.result)
@@ -144,7 +144,7 @@ def _write(
         paths = None if pictures is None else dict(zip([p.name for p in pictures], files.inputs, strict=True))
         shown = Shown(files.unit, pictures, paths, match, against, str(files.against or ""))
         page = calibration_report(done, shown, clock)
-    verdict = calibrate_verdict(done, files.unit)
+    verdict = calibrate_verdict(done, files.unit, pictures)
     put_verdict(page, verdict)
     content["verdict"] = verdict.record()
     page.provenance(Provenance(out.sources()))

@@ -126,7 +126,7 @@ def live_line(row: FrameRecord) -> str:
 def _finish(loaded: Loaded, sequence: Sequence, out: io.ResultFolder, start: float) -> Record:
     """Report, film and summary beside the tables."""
     record, folder = summary(loaded, sequence), out.place
-    verdict = deform_verdict(sequence.records, weakest(loaded, sequence, that_matter=True))
+    verdict = deform_verdict(sequence.records, weakest(loaded, sequence, that_matter=True), loaded.project.length_unit)
     page = deform_page(loaded, sequence, record, folder)
     put_verdict(page, verdict)
     page.provenance(Provenance.of_project(loaded.project, out.sources()))

@@ -47,7 +47,7 @@ def infrared(path: Path, output: Path | None, go_on: str, as_json: bool) -> None
         )  # fmt: skip
         show("draw the report")
         record = summary(run, result)
-        verdict = infrared_verdict(result.records, result.remarks)
+        verdict = infrared_verdict(result.records, result.remarks, run.project.length_unit)
         page = infrared_page(run, result, out.place)
         put_verdict(page, verdict)
         page.provenance(Provenance.of_project(run.project, out.sources()))

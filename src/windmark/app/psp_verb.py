@@ -43,7 +43,8 @@ def psp(
         show("draw the report")
         record = summary(test, records)
         markers = test.deforming.test.markers
-        verdict = psp_verdict(records, units_findings(markers, test.mesh, test.project.length_unit))
+        unit = test.project.length_unit
+        verdict = psp_verdict(records, units_findings(markers, test.mesh, unit), unit)
         page = psp_page(test, records, out.place)
         put_verdict(page, verdict)
         page.provenance(Provenance.of_project(test.project, out.sources()))

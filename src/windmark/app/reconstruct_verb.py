@@ -135,7 +135,7 @@ def run(files: Files, match: MatchOptions, as_json: bool) -> None:
         unread = {p.name: p.unread for p in pictures if p.unread and p.name in result.dropped}
         result = replace(result, dropped={**result.dropped, **unread})
         if isinstance(result, NotReconstructed):
-            verdict = reconstruct_verdict(result, files.unit, len(pictures))
+            verdict = reconstruct_verdict(result, files.unit, pictures)
             console.refuse(_why(result), as_json, {**_refusal(result, pictures), "verdict": verdict.record()})
             return
         if result.free_scale:
@@ -173,7 +173,7 @@ def _write(
         paths = dict(zip(files.names, files.images, strict=True))
         shown = Shown(files.unit, primary, pictures, paths, match, pair)
         page = reconstruction_report(result, shown, clock, place)
-    verdict = reconstruct_verdict(result, length_words(files.unit), len(pictures))
+    verdict = reconstruct_verdict(result, length_words(files.unit), pictures)
     put_verdict(page, verdict)
     content["verdict"] = verdict.record()
     page.provenance(Provenance(out.sources()))

@@ -32,6 +32,7 @@ class PoseRow:
     unchecked : what the image cannot tell, of those that were registered without help
     excess_px, off_table : of the registration; ``spot_px`` is the median sigma of its spots, ``bent_px`` the largest
         shift of a marker by a deformation
+    blur_px, radius_px : how blurred the spots are, and their median radius, see `FollowedFrame`
     """
 
     index: int
@@ -54,6 +55,8 @@ class PoseRow:
     spot_px: float = np.nan
     off_table: float = np.nan
     bent_px: float = 0.0
+    blur_px: float = np.nan
+    radius_px: float = np.nan
 
     @staticmethod
     def of(frame: FollowedFrame) -> PoseRow:
@@ -72,6 +75,7 @@ class PoseRow:
             *common, len(answer.matching), answer.n_expected, answer.rms_px, pov, sigma, answer.cam_from_model, matches,
             frame.time_s, answer.unchecked, answer.excess_px, spot_sigma(frame.detections, answer), answer.off_table,
             0.0 if answer.deformation is None else answer.deformation.largest_px,
+            frame.blur_px, float(np.median(frame.detections.radius_px[answer.matching.detection])),
         )  # fmt: skip
 
 

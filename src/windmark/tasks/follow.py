@@ -72,6 +72,7 @@ class FollowedFrame:
     polarity : that of its spots, "dark" or "bright"
     detections, registration : the spots, and what they gave; None for an image that cannot be read
     seconds : wall time, reading included
+    blur_px : how blurred its spots are, 1 sigma of a Gaussian; NaN where they were not looked for near a prediction
     time_s : when it was taken by its recording's clock, NaN where unknown
     """
 
@@ -86,6 +87,7 @@ class FollowedFrame:
     registration: Registration | NotRegistered | None = None
     seconds: float = 0.0
     time_s: float = np.nan
+    blur_px: float = np.nan
 
     @property
     def registered(self) -> Registration | None:
@@ -192,7 +194,7 @@ class _Follower:
         state = self._state
         return FollowedFrame(
             index, name, instant, state.status, state.reason, near, self._polarity, spots, answer,
-            working_time() - start,
+            working_time() - start, blur_px=self._known.frame.blur_px if near and self._known else np.nan,
         )  # fmt: skip
 
     def _read(self, item: Any) -> Image:

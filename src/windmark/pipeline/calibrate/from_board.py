@@ -9,6 +9,7 @@ import numpy as np
 from windmark import detection, io
 from windmark.calibration import NotCalibrated
 from windmark.geometry import Camera
+from windmark.pipeline.blur import spot_blur
 from windmark.pipeline.calibrate.read import MatchOptions, find_spots, read_image, read_pictures
 from windmark.pipeline.clock import Clock
 from windmark.scene import Detections
@@ -81,4 +82,5 @@ def _detect(
         if tried:
             holes = detection.detect(image, radius_px=tried, polarity=OTHER[options.polarity], mask=mask)
     size = (int(image.shape[1]), int(image.shape[0]))
-    return BoardPicture(name, taken.camera, size, spots, taken.frame, holes=holes)
+    blur, radius = spot_blur(image, spots, options.polarity)
+    return BoardPicture(name, taken.camera, size, spots, taken.frame, blur_px=blur, radius_px=radius, holes=holes)

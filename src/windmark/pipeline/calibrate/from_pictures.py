@@ -8,6 +8,7 @@ from windmark import io
 from windmark.calibration import NotCalibrated
 from windmark.errors import UsageError, WindmarkError
 from windmark.geometry import Camera
+from windmark.pipeline.blur import spot_blur
 from windmark.pipeline.calibrate.read import MatchOptions, find_spots, picture_names, read_image, read_pictures
 from windmark.pipeline.clock import Clock
 from windmark.scene import MarkerSet
@@ -83,4 +84,7 @@ def _detect(path: io.PictureFile, name: str, taken: Taken, options: MatchOptions
     except WindmarkError as error:
         raise UsageError(f"picture {name}: {error!s}") from None
     size = (int(image.shape[1]), int(image.shape[0]))
-    return MatchedPicture(name, taken.camera, size, spots, taken.frame, fixed=fixed)
+    blur, radius = spot_blur(image, spots, options.polarity)
+    return MatchedPicture(
+        name, taken.camera, size, spots, taken.frame, blur_px=blur, radius_px=radius, fixed=fixed
+    )  # fmt: skip

@@ -88,12 +88,13 @@ def _of_cameras(loaded: Loaded, rows: Sequence[FrameRecord]) -> list[Variable]:
         "lag_s": {"units": "s", "long_name": "nearest picture later than the instant by; NaN without one"},
         "expected": {"long_name": "markers that should be seen"},
         "found": {"long_name": "markers that were seen"},
+        "blur_px": {"units": "px", "long_name": "blur of the markers' rims, 1 sigma; NaN where none was seen"},
     }
     return [
         (f"camera_{name}", ("frame", "camera"),
          _floats([[getattr(r.cameras[n], of) if n in r.cameras else np.nan for n in names] for r in rows], len(names)),
          {"names": " ".join(names), **about[of]})
-        for name, of in (("lag", "lag_s"), ("expected", "expected"), ("spots", "found"))
+        for name, of in (("lag", "lag_s"), ("expected", "expected"), ("spots", "found"), ("blur", "blur_px"))
     ]  # fmt: skip
 
 

@@ -11,6 +11,7 @@ from windmark.compiling import working_time
 from windmark.errors import DataError
 from windmark.io import FileError
 from windmark.paint import dominant
+from windmark.pipeline.deform.followed import Followed
 from windmark.pipeline.deform.pictures import read
 from windmark.pipeline.infrared.load import InfraredRun
 from windmark.pipeline.infrared.record import REDUCED, FrameRecord
@@ -65,7 +66,8 @@ def run_frame(run: InfraredRun, frame: DeformedFrame, images: FrameImages, pictu
     record = FrameRecord(
         frame.key, frame.index, float(run.times[frame.index]), pictures, REDUCED, "", tuple(remarks), state.rms_px,
         float(known[used].mean()), tuple(cameras), float(np.median(field.value[known])),
-        float(np.median(field.sigma[known])), causes={"T": dominant(field)}, seconds=working_time() - began,
+        float(np.median(field.sigma[known])), causes={"T": dominant(field)},
+        followed=Followed.of(frame, f"frame {frame.key}"), seconds=working_time() - began,
     )  # fmt: skip
     return FrameOutcome(mesh.vertices, cameras, record)
 

@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from windmark.pipeline.deform.followed import Followed
+
+NOTHING = Followed("")
 REDUCED, FAILED = "reduced", "failed"
 
 
@@ -25,6 +28,7 @@ class FrameRecord:
     median_q, median_sigma_q : W / m2, over the nodes with a heat flux; NaN without any
     flagged : part of these that LATE, LATERAL or CURVED is said of
     causes : of "T" and "q" -> (cause, share of the variance), the largest first
+    followed : what was said of the model's markers
     seconds : of the frame's temperatures
     """
 
@@ -44,4 +48,5 @@ class FrameRecord:
     median_sigma_q: float = float("nan")
     flagged: float = float("nan")
     causes: Mapping[str, list[tuple[str, float]]] = field(default_factory=dict)
+    followed: Followed = NOTHING
     seconds: float = 0.0

@@ -11,12 +11,11 @@ from numpy.typing import NDArray
 from windmark import io
 from windmark.io.csvtable import Table
 from windmark.paint import NotFitted, PaintFit, TemperaturePaint, fit_paint, fit_temperature_paint
+from windmark.pipeline.psp.stream import FROZEN_K
 from windmark.pipeline.psp.table import PRESSURE, STEPS_K, in_unit, temperatures
 
 Array = NDArray[np.float64]
 
-FROZEN_K = 50.0
-"""Air is solid below: a cell that says so has its temperatures in another unit."""
 INVERTED = "; expected I_ref / I, which rises with pressure (not I / I_ref)"
 
 

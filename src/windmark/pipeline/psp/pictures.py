@@ -12,6 +12,7 @@ from windmark import io
 from windmark.deformation import Deformation
 from windmark.errors import DataError, WindmarkError
 from windmark.paint import correct_picture, enough
+from windmark.pipeline.deform.followed import Followed
 from windmark.pipeline.deform.pictures import follow_deformation, read
 from windmark.pipeline.psp.load import PspTest
 from windmark.pipeline.psp.sensors import pictures_named
@@ -56,6 +57,7 @@ class Found:
     troubles : picture or instant -> what was wrong
     bad : pictures that cannot be used
     names : of the pictures, also where they themselves are no longer kept
+    followed : what was said of the instants that have a state
     """
 
     pictures: tuple[ModelPicture, ...]
@@ -64,6 +66,7 @@ class Found:
     troubles: Mapping[str, str] = field(default_factory=dict)
     bad: tuple[BadPicture, ...] = ()
     names: tuple[str, ...] = ()
+    followed: tuple[Followed, ...] = ()
 
 
 def read_pictures(test: PspTest, kind: str, pattern: str) -> dict[str, list[Taken]]:
@@ -125,7 +128,7 @@ def the_model_in(test: PspTest, kind: str, raw: Mapping[str, list[Taken]]) -> Fo
         if images:
             frames.append(FrameImages(f"{k}", float(k), images))
     seen: list[ModelPicture] = []
-    states, rms, troubles = [], [], {}
+    states, rms, troubles, followed = [], [], {}, []
     for frame in follow_deformation(frames, test.deforming.test):
         state, k = frame.state, int(frame.key)
         if state is None:
@@ -135,6 +138,7 @@ def the_model_in(test: PspTest, kind: str, raw: Mapping[str, list[Taken]]) -> Fo
             troubles[f"{kind} picture {k + 1}"] = "; ".join(state.warnings[:2])
         states.append(state)
         rms.append(state.rms_px)
+        followed.append(Followed.of(frame, f"{kind} picture {k + 1}"))
         mesh, moves = moved_grid(state, test.mesh)
         for name in frame.views:
             own, station = raw[name][k], test.deforming.test.station(name)
@@ -145,4 +149,4 @@ def the_model_in(test: PspTest, kind: str, raw: Mapping[str, list[Taken]]) -> Fo
             ))  # fmt: skip
     if not states:
         raise DataError(f"no {kind} picture can be used; {next(iter(troubles.values()))}")
-    return Found(tuple(seen), tuple(states), tuple(rms), troubles, bad, tuple(p.name for p in seen))
+    return Found(tuple(seen), tuple(states), tuple(rms), troubles, bad, tuple(p.name for p in seen), tuple(followed))

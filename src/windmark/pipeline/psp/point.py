@@ -137,7 +137,7 @@ class References:
         new = the_model_in(self._test, kind, read_pictures(self._test, kind, pattern))
         old = self.found
         self.found = Found((), (*old.states, *new.states), (*old.rms_px, *new.rms_px), {**old.troubles, **new.troubles},
-                           (*old.bad, *new.bad), (*old.names, *new.names))  # fmt: skip
+                           (*old.bad, *new.bad), (*old.names, *new.names), (*old.followed, *new.followed))  # fmt: skip
         return new
 
 

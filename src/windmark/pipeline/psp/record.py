@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.paint import COEFFICIENTS, InSitu, dominant
+from windmark.pipeline.deform.followed import Followed
 from windmark.pipeline.psp.point import PointOutcome
 from windmark.pipeline.psp.table import PointRow
 from windmark.tasks.psp import SurfaceSection, TapTable, shown_areas
@@ -56,6 +57,7 @@ class PointRecord:
     shown : volume -> part of its area that is on a side that cameras show: loads are those of this part
     causes : what dominates: of "Cp" over all nodes, of "CL" of all volumes -> (cause, share), the largest first
     taps, sections : paint against taps, Cp along cuts
+    followed : what was said of every instant of its pictures
     seconds : for each stage
     """
 
@@ -78,6 +80,7 @@ class PointRecord:
     causes: Mapping[str, list[tuple[str, float]]] = field(default_factory=dict)
     taps: TapTable | None = None
     sections: tuple[SectionRecord, ...] = ()
+    followed: tuple[Followed, ...] = ()
     seconds: Mapping[str, float] = field(default_factory=dict)
 
     @property
@@ -111,6 +114,7 @@ def record_of(row: PointRow, pictures: Mapping[str, str], done: PointOutcome) ->
         _fit(reduced.in_situ), loads, shown_areas(reduced.mesh, known), causes,
         reduced.taps,
         tuple(_section(s, reduced.taps) for s in reduced.sections),
+        (*done.on.followed, *done.off.followed),
         dict(done.seconds),
     )  # fmt: skip
 

@@ -14,7 +14,7 @@ from windmark import io
 from windmark.errors import DataError, WindmarkError
 from windmark.io.csvtable import Table
 from windmark.paint import TunnelConditions
-from windmark.pipeline.psp.stream import PRESSURE, TEMPERATURE, joined
+from windmark.pipeline.psp.stream import FROZEN_K, PRESSURE, TEMPERATURE, joined
 from windmark.pipeline.psp.wtd import read_wtd
 
 Array = NDArray[np.float64]
@@ -285,11 +285,14 @@ def read_sensors(path: Path, quantity: str, sigma: float) -> SensorTable:
     Raises
     ------
     FileError
-        As in `read_points_table`; for a sensor that is there twice at a point, or a sigma that is not above 0.
+        As in `read_points_table`; for a sensor that is there twice at a point, a sigma that is not above 0, a
+        temperature that no air has.
     """
     table = io.read_table(path, required=("point", "name"), known=None)
     warm = quantity == "temperature"
     value = temperatures(table, quantity) if warm else in_unit(table, quantity, PRESSURE)
+    if warm:
+        table.check(~(value <= FROZEN_K), f"the temperature must be above {FROZEN_K:g} K: is it in the column's unit?")
     sigmas = np.nan_to_num(in_unit(table, "sigma", STEPS_K if warm else PRESSURE, optional=True), nan=sigma)
     table.check(sigmas > 0, "sigma must be > 0, or empty where unknown")
     out: dict[str, dict[str, tuple[float, float]]] = {}

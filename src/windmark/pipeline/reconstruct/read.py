@@ -14,6 +14,7 @@ from windmark import io
 from windmark.errors import WindmarkError
 from windmark.geometry import Camera, Pose
 from windmark.io.csvtable import Table
+from windmark.pipeline.blur import spot_blur
 from windmark.pipeline.calibrate.from_pictures import LABEL_PX
 from windmark.pipeline.calibrate.read import MatchOptions, find_spots, read_image, read_pictures
 from windmark.pipeline.clock import Clock
@@ -126,7 +127,9 @@ def read_spots(
         clock.progress(f"detect {name}")
         image, mask = read_image(path, options)
         size = (int(image.shape[1]), int(image.shape[0]))
-        return Picture(name, taken.camera, size, find_spots(image, mask, options), taken.frame)
+        spots = find_spots(image, mask, options)
+        blur, radius = spot_blur(image, spots, options.polarity)
+        return Picture(name, taken.camera, size, spots, taken.frame, blur_px=blur, radius_px=radius)
 
     with clock("detect"):
         pictures, _ = read_pictures(paths, cameras, patterns, None, look)

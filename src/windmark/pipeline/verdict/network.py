@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 
 from windmark.calibration import Calibration, NotCalibrated
 from windmark.calibration.quality import residual_map
 from windmark.pipeline.verdict import rules
+from windmark.pipeline.verdict.picture import series_blur
 from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding, Verdict
 from windmark.scene import Doubt
+from windmark.tasks.calibrate.picture import Picture
 from windmark.tasks.calibrate.run import Calibrated
 from windmark.tasks.reconstruct.result import NotReconstructed, Reconstruction
 
@@ -42,6 +47,7 @@ REFUSALS = {
     "not_found": "no match",
     "ambiguous": "layout",
     "poses": "moved",
+    "focal": "focal",
     "unconnected": "few",
     "adjustment": "noise",
 }
@@ -59,11 +65,14 @@ def as_finding(words: str, cause: str) -> Finding:
     return Finding(DOUBTFUL, _AS.get(cause, cause or "noise"), words, step)
 
 
-def calibrate_verdict(done: Calibrated | NotCalibrated, unit: str) -> Verdict:
-    """Judge a calibration."""
+def calibrate_verdict(
+    done: Calibrated | NotCalibrated, unit: str, pictures: Sequence[Picture] | None = None
+) -> Verdict:
+    """Judge a calibration; ``pictures`` that it is from, None from a table of marks."""
+    blurred = _blurred(pictures or ())
     if isinstance(done, NotCalibrated):
-        return _refused(f"not calibrated: {done.reason}", done.cause)
-    found = network_findings(done.result)
+        return _refused(f"not calibrated: {done.reason}", done.cause, blurred)
+    found = [*blurred, *network_findings(done.result)]
     if not isinstance(done.halves, NotCalibrated) and done.halves.ratio > rules.HALVES:
         found.append(
             Finding(
@@ -78,19 +87,21 @@ def calibrate_verdict(done: Calibrated | NotCalibrated, unit: str) -> Verdict:
     )
 
 
-def reconstruct_verdict(result: Reconstruction | NotReconstructed, unit: str, pictures: int) -> Verdict:
-    """Judge a reconstruction from so many pictures."""
+def reconstruct_verdict(
+    result: Reconstruction | NotReconstructed, unit: str, pictures: Sequence[Picture]
+) -> Verdict:
+    """Judge a reconstruction from these pictures."""
+    blurred = _blurred(pictures)
     if isinstance(result, NotReconstructed):
-        return _refused(f"not reconstructed: {result.reason}", result.cause)
-    found = network_findings(result.calibration)
-    found += [doubt_finding(d) for d in result.doubts]
-    if len(result.dropped) > rules.MISSING * pictures:
+        return _refused(f"not reconstructed: {result.reason}", result.cause, blurred)
+    found = [*blurred, *(doubt_finding(d) for d in result.doubts), *network_findings(result.calibration)]
+    if len(result.dropped) > rules.MISSING * len(pictures):
         name, why = next(iter(result.dropped.items()))
         found.append(
             Finding(
                 DOUBTFUL,
                 "lost",
-                f"{len(result.dropped)} of {pictures} pictures could not be used; {name}: {why}",
+                f"{len(result.dropped)} of {len(pictures)} pictures could not be used; {name}: {why}",
                 "take more overlapping pictures, or label markers in these",
             )
         )
@@ -106,7 +117,7 @@ def reconstruct_verdict(result: Reconstruction | NotReconstructed, unit: str, pi
             )
         )
     twice = int((result.count == 2).sum())
-    if twice > rules.MISSING * len(result.markers) and pictures > 2:
+    if twice > rules.MISSING * len(result.markers) and len(pictures) > 2:
         found.append(
             Finding(
                 DOUBTFUL,
@@ -194,9 +205,19 @@ def _good(result: Calibration, unit: str) -> str:
     )
 
 
-def _refused(reason: str, cause: str) -> Verdict:
-    steps = {"few": "more pictures and markers", "weak": "pictures from more sides and distances"}
+def _blurred(pictures: Sequence[Picture]) -> list[Finding]:
+    many = len({p.camera for p in pictures}) > 1
+    return series_blur((p.camera if many else "", p.blur_px, p.radius_px) for p in pictures)
+
+
+def _refused(reason: str, cause: str, blurred: Sequence[Finding]) -> Verdict:
+    """No result; blurred pictures explain that."""
+    steps = {
+        "focal": "give the focal length that was found, or let it adjust (--free focal_px)",
+        "few": "more pictures and markers", "weak": "pictures from more sides and distances",
+    }  # fmt: skip
     at = REFUSALS.get(cause, "no match")
+    why = [replace(f, word=BAD, reason=f"{f.reason}; {reason}") for f in blurred[:1]]
     return Verdict.of(
-        [Finding(BAD, at, reason, steps.get(at, "see the reason; windmark detect shows the spots"))], 1, "", ""
+        [*why, Finding(BAD, at, reason, steps.get(at, "see the reason; windmark detect shows the spots"))], 1, "", ""
     )

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from windmark.detection.template.crlb import bound_factor
-from windmark.detection.template.refine import refine_template
+from windmark.pipeline.blur import spot_blur
 from windmark.pipeline.verdict import rules
 from windmark.pipeline.verdict.verdict import DOUBTFUL, Finding
 from windmark.scene import Detections
-
-MOST = 40
-"""Spots that tell the blur."""
 
 
 @dataclass(frozen=True)
@@ -41,25 +39,18 @@ def picture_state(image: NDArray[np.generic], spots: Detections | None, polarity
     """Look at an image (H, W) of grey levels and its spots, best first; ``polarity`` is theirs."""
     grey = np.asarray(image)
     saturated, level = _saturated(grey)
-    if spots is None or not len(spots):
+    if spots is None:
         return PictureState(np.nan, np.nan, np.nan, saturated, level)
-    radius = np.where(spots.radius_px > 0, spots.radius_px, np.nanmedian(spots.radius_px))[:MOST]
-    kind = polarity if polarity in ("dark", "bright") else "dark"
-    additive = kind == "bright" or grey.min(initial=0) < 0
-    fits = refine_template(
-        grey,
-        spots.xy[:MOST],
-        radius,
-        polarity=kind,
-        photometry="additive" if additive else "multiplicative",
-        robust=False,
-    )
-    sure = fits.converged & np.isfinite(fits.blur_px) & (fits.flags == 0)
-    if not sure.any():
-        return PictureState(np.nan, float(np.median(radius)), np.nan, saturated, level)
-    blur, size = float(np.median(fits.blur_px[sure])), float(np.median(np.sqrt(fits.axes_px[sure].prod(axis=1))))
-    costs = bound_factor(size, 0.0, blur, samples=8) / bound_factor(size, 0.0, rules.SHARP_PX, samples=8)
-    return PictureState(blur, size, float(costs), saturated, level)
+    blur, size = spot_blur(grey, spots, polarity)
+    if np.isnan(blur):
+        return PictureState(np.nan, size, np.nan, saturated, level)
+    return PictureState(blur, size, blur_costs(blur, size), saturated, level)
+
+
+def blur_costs(blur_px: float, radius_px: float) -> float:
+    """Best possible sigma of a blurred disc's centre over that of the same disc in a sharp picture."""
+    blurred, sharp = (bound_factor(radius_px, 0.0, of, samples=8) for of in (blur_px, rules.SHARP_PX))
+    return float(blurred / sharp)
 
 
 def _saturated(grey: NDArray[np.generic]) -> tuple[float, float]:
@@ -85,14 +76,37 @@ def picture_findings(state: PictureState) -> list[Finding]:
             )
         )
     if state.costs > rules.BLUR_COSTS:
-        out.append(
-            Finding(
-                DOUBTFUL,
-                "blurred",
-                f"the picture is blurred by {state.blur_px:.2g} px (1 sigma) at markers of "
-                f"{state.radius_px:.2g} px radius: "
-                f"their centres are {state.costs:.2g} times less sure than in a sharp one",
-                "focus, or expose shorter where the model moves; or paint larger markers",
-            )
-        )
+        out.append(_blurred("the picture is", state.blur_px, state.radius_px, state.costs))
     return out
+
+
+def series_blur(sights: Iterable[tuple[str, float, float]]) -> list[Finding]:
+    """Cameras of which more than some of the pictures are blurred.
+
+    Parameters
+    ----------
+    sights : camera, blur and radius of its spots in pixels, of every picture; NaN where unknown
+    """
+    of: dict[str, list[tuple[float, float]]] = {}
+    for camera, blur, radius in sights:
+        if np.isfinite(blur) and radius > 0:
+            of.setdefault(camera, []).append((blur, radius))
+    out = []
+    for camera, pictures in of.items():
+        blurs, radius = np.array(pictures).T
+        size = float(np.median(radius))
+        # More than `SOME` of the pictures are at least so blurred.
+        blur = float(np.quantile(blurs, 1 - rules.SOME))
+        if (costs := blur_costs(blur, size)) > rules.BLUR_COSTS:
+            out.append(_blurred(f"pictures of {camera} are" if camera else "pictures are", blur, size, costs))
+    return sorted(out, key=lambda f: f.reason)
+
+
+def _blurred(what: str, blur_px: float, radius_px: float, costs: float) -> Finding:
+    return Finding(
+        DOUBTFUL,
+        "blurred",
+        f"{what} blurred by {blur_px:.2g} px (1 sigma) at markers of {radius_px:.2g} px radius: their centres are "
+        f"{costs:.2g} times less sure than in a sharp one",
+        "focus, or expose shorter where the model moves; or paint larger markers",
+    )

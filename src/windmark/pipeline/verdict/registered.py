@@ -13,6 +13,7 @@ from windmark.pipeline.verdict import rules
 from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding
 from windmark.registration import NotRegistered, Registration
 from windmark.scene import Detections, MarkerSet
+from windmark.tasks.odd import CHANCE, nearest_spots
 
 Array = NDArray[np.float64]
 
@@ -121,13 +122,11 @@ def _odd_markers(seen: Sighting, answer: Registration) -> list[Finding]:
         return []
     alone = np.setdiff1d(seen.expected, answer.matching.marker)
     free = np.setdiff1d(np.arange(len(seen.spots)), answer.matching.detection)
-    if not len(alone) or not len(free):
+    if not len(alone):
         return []
     place = answer.camera.project(answer.cam_from_model.apply(seen.markers.xyz[alone]))[0]
-    gap = np.linalg.norm(seen.spots.xy[free][None] - place[:, None], axis=2)
-    density = len(free) / float(np.prod(answer.camera.size_px))
-    nearest = gap.min(axis=1)
-    odd = np.flatnonzero(np.pi * nearest**2 * density * len(alone) < rules.CHANCE)
+    nearest, chance = nearest_spots(place, seen.spots.xy[free], answer.camera.size_px)
+    odd = np.flatnonzero(len(alone) * chance < CHANCE)
     if not len(odd):
         return []
     k = odd[np.argmin(nearest[odd])]

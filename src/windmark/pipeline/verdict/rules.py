@@ -25,8 +25,6 @@ SPREAD = 3.0
 """Times that the surface's places are less sure than the markers' own: the markers are on one side."""
 ANGLE_DEG = 0.1
 """1 sigma of an angle of a pose that was asked for by itself (no grid)."""
-CHANCE = 0.01
-"""Chance of a false spot so near to a marker's place."""
 LENS_NATS = 6.0
 """Lead of a lens over scattered markers in explaining the residuals."""
 LENS_EDGE = 0.003
@@ -43,6 +41,8 @@ FOCAL = 0.01
 """Relative 1 sigma of a focal length that was to be found."""
 LOST = 0.02
 """Part of frames or points without a result that is no accident."""
+SOME = 0.1
+"""Part of the frames in which something must be found before it is said of the whole."""
 COVERED = 0.5
 """Part of the surface's nodes that a reduction is of."""
 TEMPERATURE = 0.02

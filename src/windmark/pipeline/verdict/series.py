@@ -7,18 +7,17 @@ from dataclasses import replace
 
 import numpy as np
 
+from windmark.pipeline.deform.followed import Followed
 from windmark.pipeline.deform.record import MISFIT
 from windmark.pipeline.deform.record import FrameRecord as DeformFrame
 from windmark.pipeline.infrared import FrameRecord as InfraredFrame
 from windmark.pipeline.psp import PointRecord
 from windmark.pipeline.track_results import PoseRow
 from windmark.pipeline.verdict import rules
-from windmark.pipeline.verdict.network import as_finding
+from windmark.pipeline.verdict.followed import followed_findings
+from windmark.pipeline.verdict.picture import series_blur
 from windmark.pipeline.verdict.registered import camera_at_fault, one_digit
 from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding, Verdict
-
-SOME = 0.1
-"""Part of the frames in which something must be found before it is said of the whole."""
 
 
 def track_verdict(rows: Sequence[PoseRow], unit: str) -> Verdict:
@@ -43,7 +42,7 @@ def track_verdict(rows: Sequence[PoseRow], unit: str) -> Verdict:
             )
         )
     bent = [r for r in good if r.bent_px > rules.PLACE_PX]
-    if len(bent) > SOME * len(good):
+    if len(bent) > rules.SOME * len(good):
         far = max(r.bent_px for r in bent)
         found.append(
             Finding(
@@ -54,8 +53,9 @@ def track_verdict(rows: Sequence[PoseRow], unit: str) -> Verdict:
                 "measure the deformation (windmark deform)",
             )
         )
+    found += series_blur(("", r.blur_px, r.radius_px) for r in good)
     few = [r for r in good if r.matched < rules.FEW]
-    if len(few) > SOME * len(good):
+    if len(few) > rules.SOME * len(good):
         found.append(
             Finding(
                 DOUBTFUL,
@@ -65,7 +65,7 @@ def track_verdict(rows: Sequence[PoseRow], unit: str) -> Verdict:
             )
         )
     gone = [r for r in good if r.matched < (1 - rules.MISSING) * r.expected]
-    if len(gone) > SOME * len(good):
+    if len(gone) > rules.SOME * len(good):
         worst = min(gone, key=lambda r: r.matched / max(r.expected, 1))
         found.append(
             Finding(
@@ -85,8 +85,13 @@ def track_verdict(rows: Sequence[PoseRow], unit: str) -> Verdict:
     )
 
 
-def deform_verdict(records: Sequence[DeformFrame], weak: Sequence[str] = ()) -> Verdict:
-    """Judge a deformation test; ``weak`` is what its set-up hardly determines, in words."""
+def _followed(record: DeformFrame) -> Followed:
+    doubts = tuple(zip(record.causes, record.warnings, strict=True))
+    return Followed(f"frame {record.key}", record.cameras, doubts)
+
+
+def deform_verdict(records: Sequence[DeformFrame], weak: Sequence[str] = (), unit: str = "") -> Verdict:
+    """Judge a deformation test; ``weak`` is what its set-up hardly determines, in words; ``unit`` that of lengths."""
     good = [r for r in records if r.status in ("cold", "tracked", MISFIT)]
     if not good:
         reason = records[0].reason if records else "no frame arrived"
@@ -94,23 +99,7 @@ def deform_verdict(records: Sequence[DeformFrame], weak: Sequence[str] = ()) -> 
         step = "place the named camera anew" if cause == "moved" else "see the reason of the first frame"
         return _bad(cause, f"no frame gave a deformation; the first: {reason}", step)
     found = _lost([(r.key, r.reason) for r in records if r.status == "lost"], len(records), "frames")
-    kinds: dict[str, list[tuple[str, str]]] = {}
-    for r in good:
-        for cause in dict.fromkeys(r.causes):
-            words = r.warnings[r.causes.index(cause)]
-            kinds.setdefault(cause, []).append((r.key, words))
-    for cause, of in kinds.items():
-        if len(of) > SOME * len(good):
-            key, words = of[0]
-            found.append(as_finding(f"frame {key}{f' and {len(of) - 1} more' if len(of) > 1 else ''}: {words}", cause))
-    sights = [(name, r.key, s) for r in good for name, s in r.cameras.items() if s.reason]
-    if len({key for _, key, _ in sights}) > SOME * len(good):
-        name, key, sight = min(sights, key=lambda at: at[2].found / max(at[2].expected, 1))
-        cause, step = camera_at_fault(sight.reason) or (
-            "missing", "look at this picture: light, focus, or something before the model"
-        )  # fmt: skip
-        words = f"{name} sees {sight.found} of {sight.expected} markers in frame {key}: {sight.reason}"
-        found.append(Finding(DOUBTFUL, cause, words, step))
+    found += followed_findings([_followed(r) for r in good], unit)
     if weak:
         found.append(
             Finding(
@@ -129,8 +118,11 @@ def deform_verdict(records: Sequence[DeformFrame], weak: Sequence[str] = ()) -> 
     )
 
 
-def psp_verdict(records: Sequence[PointRecord], units: Sequence[Finding] = ()) -> Verdict:
-    """Judge a paint test; ``units`` of `units_findings`, which explain why no point came out, or are doubts."""
+def psp_verdict(records: Sequence[PointRecord], units: Sequence[Finding] = (), unit: str = "") -> Verdict:
+    """Judge a paint test; ``unit`` is that of lengths.
+
+    ``units`` of `units_findings` explain why no point came out, or are doubts.
+    """
     good = [r for r in records if r.status == "reduced"]
     if not good and units:
         return Verdict.of([replace(units[0], word=BAD)], 1, "", "")
@@ -141,7 +133,11 @@ def psp_verdict(records: Sequence[PointRecord], units: Sequence[Finding] = ()) -
             "see the reason; run windmark register on one of its pictures",
         )
     found = [*units, *_lost([(r.name, r.reason) for r in records if r.status != "reduced"], len(records), "points")]
+    found += followed_findings([replace(f, key=f"{f.key} of {r.name}") for r in good for f in r.followed], unit)
     for r in good:
+        if r.taps is not None and r.taps.unfitted:
+            words = f"the pressure is that of the calibration alone, not fitted to the taps: {r.taps.unfitted}"
+            found.append(Finding(DOUBTFUL, "taps", words, "correct the readings' unit or the taps' table", r.name))
         # Taps that agree within their sigmas leave no scatter: what the fit leaves of those in it is the measure then.
         within = max(r.fit["scatter_Pa"], r.fit["rms_Pa"]) if r.fit else np.inf
         if r.taps is not None and r.fit and r.fit["leave_one_out_rms_Pa"] > 3 * within:
@@ -187,8 +183,8 @@ def psp_verdict(records: Sequence[PointRecord], units: Sequence[Finding] = ()) -
     )
 
 
-def infrared_verdict(records: Sequence[InfraredFrame], remarks: Sequence[str] = ()) -> Verdict:
-    """Judge an infrared run; ``remarks`` are on the whole of it."""
+def infrared_verdict(records: Sequence[InfraredFrame], remarks: Sequence[str] = (), unit: str = "") -> Verdict:
+    """Judge an infrared run; ``remarks`` are on the whole of it, ``unit`` is that of lengths."""
     good = [r for r in records if r.status == "reduced"]
     if not good:
         return _bad(
@@ -197,6 +193,7 @@ def infrared_verdict(records: Sequence[InfraredFrame], remarks: Sequence[str] = 
             "see the reason; run windmark register on one of its pictures",
         )
     found = _lost([(r.key, r.reason) for r in records if r.status != "reduced"], len(records), "frames")
+    found += followed_findings([r.followed for r in good], unit)
     if (seen := _median([r.seen for r in good])) < rules.COVERED * max(r.seen for r in good):
         found.append(
             Finding(
@@ -218,7 +215,7 @@ def infrared_verdict(records: Sequence[InfraredFrame], remarks: Sequence[str] = 
             )
         )
     flagged = [r.flagged for r in good if np.isfinite(r.flagged)]
-    if flagged and _median(flagged) > SOME:
+    if flagged and _median(flagged) > rules.SOME:
         found.append(
             Finding(
                 DOUBTFUL,

@@ -24,6 +24,7 @@ class Picture:
     round : in which it was accepted for the first time, 0 if never
     excess_px : 1 sigma per coordinate that was added to the detector's, as the residuals of all pictures ask for
     unread : why its file could not be read, "" where it could
+    blur_px, radius_px : median blur (1 sigma) and radius of its spots; NaN where they do not tell it
     """
 
     name: str
@@ -35,6 +36,8 @@ class Picture:
     round: int = 0
     excess_px: float = 0.0
     unread: str = ""
+    blur_px: float = float("nan")
+    radius_px: float = float("nan")
 
     @property
     def count(self) -> int:

@@ -120,7 +120,7 @@ class _Follower:
         images, bad = self._read(frame)
         self._open(frame, images, bad)
         troubles = [f"{n}: {why}" for n, why in {**frame.odd, **bad}.items()]
-        status, why, found = "tracked", "", None
+        status, why, found, spots = "tracked", "", None, {}
         if self._memory is not None and self._believed(images):
             found = self._tracked(images, frame.instant)
             if isinstance(found, str):
@@ -142,6 +142,9 @@ class _Follower:
             )  # fmt: skip
         state, labelled, observations, errors = found
         troubles += [f"{n}: {why}" for n, why in self._left_out.items() if n in images]
+        if status == "cold":
+            self._usual.learn_odd(spots, self._test, labelled, state, self._hidden)
+        self._usual.forget_odd(labelled, state.used)
         sights = self._sights(frame, images, bad, labelled, state)
         self._remember(state, labelled, errors, frame.instant, status)
         troubles += [f"{n}: {s.reason}" for n, s in labelled.items() if s.reason]

@@ -8,18 +8,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.deformation import Deformation
+from windmark.scene import Detections, MarkerSet
 from windmark.tasks.deform.memory import displaced
 from windmark.tasks.deform.spots import Labelled
 from windmark.tasks.deform.task import DeformationTest, Image, Sight, Station
 from windmark.tasks.deform.why import Levels, few, levels_of, why_few
+from windmark.tasks.odd import CHANCE, nearest_spots
+from windmark.tasks.predictions import from_camera
+
+OWN_PX = 1.0
+"""A spot of the whole image so near to one with a marker is the same; so near to a marker's place it was looked at."""
 
 
 @dataclass
 class Usual:
-    """What good pictures of each camera are like: their grey levels, and how many markers they show."""
+    """What good pictures of each camera are like: their grey levels, and how many markers they show.
+
+    ``odd`` is marker -> distance as `Sight` has it, of the last picture of each camera that was searched as a whole.
+    """
 
     levels: dict[str, Levels] = field(default_factory=dict)
     markers: dict[str, int] = field(default_factory=dict)
+    odd: dict[str, dict[int, tuple[float, float]]] = field(default_factory=dict)
 
     def learn(
         self, images: dict[str, Image], test: DeformationTest, labelled: dict[str, Labelled], sights: dict[str, Sight],
@@ -31,6 +41,55 @@ class Usual:
                 self.markers[name] = spots.expected
                 if anew or name not in self.levels:
                     self.levels[name] = levels_of(images[name], test.station(name).mask, spots.xy, spots.radius_px)
+
+
+    def learn_odd(
+        self, spots: dict[str, Detections | str], test: DeformationTest, labelled: dict[str, Labelled],
+        state: Deformation, hidden: dict[str, NDArray[np.bool_]],
+    ) -> None:  # fmt: skip
+        """Take up what images that were searched as a whole show beside the places of markers without a spot.
+
+        That a spot is so near by chance has to be so in every camera that should see the marker.
+        """
+        placed, alone = displaced(test.markers, state), dict[int, dict[str, tuple[float, float]]]()
+        chance: dict[int, float] = {}
+        for name, own in labelled.items():
+            every = spots.get(name)
+            if isinstance(every, Detections) and len(own.marker):
+                for marker, px, length, p in _without_spot(
+                    every, own, placed, test.station(name), state, hidden.get(name)
+                ):
+                    alone.setdefault(marker, {})[name] = px, length
+                    chance[marker] = chance.get(marker, 1.0) * p
+        self.odd = {name: {} for name in labelled}
+        for marker, of in alone.items():
+            if len(alone) * chance[marker] < CHANCE:
+                for name, (px, length) in of.items():
+                    if OWN_PX < px < np.inf:
+                        self.odd[name][marker] = px, length
+
+    def forget_odd(self, labelled: dict[str, Labelled], used: NDArray[np.bool_]) -> None:
+        """Markers whose spots (in the order of the cameras) count in the state are odd no longer."""
+        last = np.cumsum([len(own.marker) for own in labelled.values()])[:-1]
+        for (name, own), counts in zip(labelled.items(), np.split(used, last), strict=True):
+            for marker in own.marker[counts].tolist():
+                self.odd.get(name, {}).pop(marker, None)
+
+
+def _without_spot(
+    spots: Detections, seen: Labelled, placed: MarkerSet, station: Station, state: Deformation,
+    hidden: NDArray[np.bool_] | None,
+) -> list[tuple[int, float, float, float]]:  # fmt: skip
+    """Markers that a camera should see and that have no spot, and of the nearest free one: px, length, chance."""
+    camera = state.cameras.get(station.name, station.camera)
+    pose = state.cam_from_tunnel.get(station.name, station.cam_from_tunnel)
+    known = np.setdiff1d(np.arange(len(placed)) if hidden is None else np.flatnonzero(~hidden), seen.marker)
+    alone = from_camera(camera, pose, placed.take(known), seen.radius_px)
+    free = spots.xy[np.linalg.norm(spots.xy[:, None] - seen.xy[None], axis=2).min(axis=1) > OWN_PX]
+    far, chance = nearest_spots(alone.xy, free, camera.size_px)
+    which = known[alone.row]
+    length = far * pose.apply(placed.xyz[which])[:, 2] / camera.focal_px
+    return list(zip(which.tolist(), far.tolist(), length.tolist(), chance.tolist(), strict=True))
 
 
 def sight(
@@ -51,4 +110,7 @@ def sight(
         why = why_few(
             image, test, station, spots, usual.levels.get(name), before, placed, station.camera, pose, hidden
         )  # fmt: skip
-    return Sight(spots.expected, count, why, lag_s)
+    if not count or spots.known is None:
+        return Sight(spots.expected, count, why, lag_s)
+    odd = {str(test.markers.name[m]): far for m, far in usual.odd.get(name, {}).items()}
+    return Sight(spots.expected, count, why, lag_s, spots.known.frame.blur_px, spots.radius_px, odd)

@@ -182,12 +182,19 @@ class Sight:
     expected, found : markers that it should see, and spots of them
     reason : why there are none, or few; "" where all is well
     lag_s : how much later than the instant its nearest picture is; NaN without one
+    blur_px, radius_px : how blurred its spots are, 1 sigma of a Gaussian, and their median radius; NaN where no spot
+        tells it
+    odd : marker without a spot, near whose place there is a spot without a marker -> distance in pixels, and about
+        that in length units
     """
 
     expected: int = 0
     found: int = 0
     reason: str = ""
     lag_s: float = float("nan")
+    blur_px: float = float("nan")
+    radius_px: float = float("nan")
+    odd: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)

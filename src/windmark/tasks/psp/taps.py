@@ -47,6 +47,7 @@ class TapTable:
     cp, cp_sigma : of the taps
     paint, paint_sigma : Cp of the paint there
     words : why a tap does not count; "" where it does
+    unfitted : why the pressure was not fitted to them, though it was to be; "" where it was
     """
 
     names: tuple[str, ...]
@@ -55,6 +56,7 @@ class TapTable:
     paint: Array
     paint_sigma: Array
     words: tuple[str, ...]
+    unfitted: str = ""
 
     @property
     def rms(self) -> float:
@@ -84,24 +86,26 @@ def at_taps(
     if how == "compare":
         return prior, None, table
     if not len(good):
-        remarks.append("no tap lies on what was seen: the pressure is that of the calibration alone")
-        return prior, None, table
+        return prior, None, _unfitted(table, "no tap lies on what was seen", remarks)
     x = _there(rest, prior, filled, taps.xyz[good], (at[0][good], at[1][good]))
     if why := other_unit(taps.value[good], x.value):
-        remarks.append(f"not fitted to the taps, the pressure is that of the calibration alone: {why}")
-        return prior, None, table
+        return prior, None, _unfitted(table, why, remarks)
     fit = in_situ(
         [taps.names[k] for k in good], taps.value[good], x, pressure_sigma=taps.sigma[good],
         free="offset" if how == "offset" else "both",
     )  # fmt: skip
     why = other_unit(taps.value[good], x.value, fit) if isinstance(fit, InSitu) else fit.reason
     if why or not isinstance(fit, InSitu):
-        remarks.append(f"not fitted to the taps, the pressure is that of the calibration alone: {why}")
-        return prior, None, table
+        return prior, None, _unfitted(table, why, remarks)
     blocked = {**fit.blocked}
     words = tuple(blocked.get(n, w) for n, w in zip(taps.names, words, strict=True))
     remarks += fit.warnings  # names those that do not count
     return fit.applied(prior), fit, replace(table, words=words)
+
+
+def _unfitted(table: TapTable, why: str, remarks: list[str]) -> TapTable:
+    remarks.append(f"not fitted to the taps, the pressure is that of the calibration alone: {why}")
+    return replace(table, unfitted=why)
 
 
 def _there(

@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 
 from windmark.geometry import Camera
 from windmark.scene import Doubt, MarkerSet, Tracks, View
+from windmark.tasks.reconstruct.task import Task
 
 Mask = NDArray[np.bool_]
 
@@ -67,6 +68,24 @@ def in_field(xyz: NDArray[np.float64], view: View, cameras: Mapping[str, Camera]
     assert view.cam_from_model is not None
     camera = cameras[view.camera]
     return camera.in_image(camera.project(view.cam_from_model.apply(xyz))[0])
+
+
+def labels_that_differ(task: Task, tracks: Tracks, markers: MarkerSet) -> list[Doubt]:
+    """Labels whose spots are other markers by all pictures together; two that are exchanged in a picture as one."""
+    out = []
+    names, primary = markers.name, task.primary.name
+    for v, labels in enumerate(task.labels):
+        mine = tracks.view == v
+        is_now = dict(zip(tracks.detection[mine].tolist(), names[tracks.track[mine]].tolist(), strict=True))
+        wrong = {str(primary[p]): is_now[s] for s, p in labels.items() if is_now.get(s, primary[p]) != primary[p]}
+        for said, now in wrong.items():
+            picture = task.views[v].name
+            if wrong.get(now) == said:
+                if said < now:
+                    out.append(Doubt((said, now), f"{{}} and {{}} are exchanged in the labels of {picture}", "swapped"))
+            else:
+                out.append(Doubt((said, picture), f"the spot that is labelled {{}} in {{}} is {now}", "swapped"))
+    return out
 
 
 def off_their_table(

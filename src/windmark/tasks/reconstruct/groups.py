@@ -8,6 +8,7 @@ import numpy as np
 
 from windmark.scene import MarkerSet
 from windmark.tasks.reconstruct.begin import beginning
+from windmark.tasks.reconstruct.focal import refuse_gross
 from windmark.tasks.reconstruct.free import transformed
 from windmark.tasks.reconstruct.grow import from_nothing, refined
 from windmark.tasks.reconstruct.matched import PairMatcher
@@ -107,7 +108,11 @@ def _groups(task: Task, rough: MarkerSet | None) -> list[Group]:
 
 
 def _refused(task: Task, groups: list[Group], refusal: Refused) -> Refused:
-    """Why no group has the primaries: they share nothing with each other, or other pictures could not be connected."""
+    """Why no group has the primaries: they share nothing with each other, or other pictures could not be connected.
+
+    A focal length that the largest group contradicts explains both.
+    """
+    refuse_gross(task, groups[0].structure, f" (by {_names(task, groups[0].views)}; {refusal.reason})")
     alone = sorted(set(task.usable) - {v for g in groups for v in g.views})
     if len(groups) > 1:
         words = "; ".join(_names(task, g.views) for g in groups)

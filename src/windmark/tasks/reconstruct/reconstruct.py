@@ -15,7 +15,8 @@ from windmark.errors import UsageError
 from windmark.geometry import Camera
 from windmark.scene import Detections, Doubt, MarkerCovariance, MarkerSet, Tracks, View
 from windmark.tasks.reconstruct.again import Answers, asked_again
-from windmark.tasks.reconstruct.doubts import Sight, off_their_table
+from windmark.tasks.reconstruct.doubts import Sight, labels_that_differ, off_their_table
+from windmark.tasks.reconstruct.focal import other_focals, refuse_gross
 from windmark.tasks.reconstruct.frame import Frame, FreeFrame, Held
 from windmark.tasks.reconstruct.free import frame_words
 from windmark.tasks.reconstruct.groups import Framed, framed, why_left
@@ -103,8 +104,10 @@ def reconstruct(
         if primary is not None:
             check_primaries(primary)
         known = framed(task, rough)
+        refuse_gross(task, known.group.structure)
         begun: Frame = Held(task, known.group.structure, known.located) if known.located else FreeFrame(task, distances)
         structure, result, names, linked_marks, how, said = _confirmed(task, known, begun, free)
+        focals = other_focals(task, structure, begun.datum, names, begun.table, begun.distances)
     except Refused as refusal:
         dropped |= {task.views[v].name: "could not be connected with the others" for v in refusal.alone}
         return NotReconstructed(refusal.reason, refusal.cause, dropped, options)  # type: ignore[arg-type]
@@ -114,7 +117,7 @@ def reconstruct(
     out = _result(task, structure, result, names, linked_marks, dropped, how, options)
     frame, unitless = ("", False) if known.located else frame_words(task, structure, distances)
     out = replace(out, frame=frame, free_scale=unitless, open_spots=open_spots(task, out))
-    return _doubted(task, out, said.doubts)
+    return _doubted(task, out, (*(f.doubt for f in focals), *said.doubts))
 
 
 def _doubted(task: Task, out: Reconstruction, said: Sequence[Doubt]) -> Reconstruction:
@@ -122,7 +125,8 @@ def _doubted(task: Task, out: Reconstruction, said: Sequence[Doubt]) -> Reconstr
     sight = Sight.of(out.markers, out.tracks, out.views, out.cameras)
     why, off = off_their_table(task.primary, out.markers, sight, out.views, out.cameras)
     pictures = {str(v): view.name for v, view in enumerate(task.views)}
-    doubts = (*(d.renamed(pictures) for d in said), *two_places(out.markers, sight), *off)
+    labels = labels_that_differ(task, out.tracks, out.markers)
+    doubts = (*(d.renamed(pictures) for d in said), *labels, *two_places(out.markers, sight), *off)
     return replace(out, doubts=doubts, unrecognised=why)
 
 

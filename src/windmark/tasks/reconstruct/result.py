@@ -24,14 +24,15 @@ CAUSES = {
     "line": "the primary markers are on a line",
     "not_found": "the primary markers were not recognised among the reconstructed ones",
     "ambiguous": "the primary markers fit the reconstructed ones in several ways",
+    "focal": "the pictures contradict the given focal length",
     "poses": "the pictures contradict the given poses",
     "unconnected": "the pictures with the primary markers are not connected",
     "adjustment": "the adjustment of all pictures together failed",
 }
 """Every cause of a `NotReconstructed`, in words."""
 Cause = Literal[
-    "too_few", "no_pair", "baseline", "few_primaries", "line", "not_found", "ambiguous", "poses", "unconnected",
-    "adjustment",
+    "too_few", "no_pair", "baseline", "few_primaries", "line", "not_found", "ambiguous", "focal", "poses",
+    "unconnected", "adjustment",
 ]  # fmt: skip
 
 

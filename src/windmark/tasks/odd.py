@@ -1,0 +1,29 @@
+"""Markers without a spot beside a spot without a marker: the table has them at another place."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+CHANCE = 0.01
+"""Chance, for all such markers together, of a false spot so near to a marker's place."""
+
+
+def nearest_spots(place: Array, spots: Array, size_px: tuple[int, int]) -> tuple[Array, Array]:
+    """Distance of each place from its nearest spot (A,), and the chance of a spot so near (A,).
+
+    Spots that are none of the markers are as dense as they are in the whole image, spread at random: so many of them
+    are expected within a circle round a place. Without spots the distances are infinite and the chances 1.
+
+    Parameters
+    ----------
+    place : (A, 2) where markers should be that have no spot, pixels
+    spots : (F, 2) spots that no marker has
+    size_px : (width, height) of the image
+    """
+    if not len(place) or not len(spots):
+        return np.full(len(place), np.inf), np.ones(len(place))
+    nearest = np.linalg.norm(spots[None] - place[:, None], axis=2).min(axis=1)
+    return nearest, np.minimum(np.pi * nearest**2 * len(spots) / float(np.prod(size_px)), 1.0)

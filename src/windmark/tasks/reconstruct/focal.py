@@ -1,0 +1,75 @@
+"""Whether pictures show another focal length than the one that is given as known."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from windmark.calibration import Distance, Free
+from windmark.calibration.datum import Datum
+from windmark.scene import Doubt, MarkerSet
+from windmark.tasks.reconstruct.structure import Structure, adjusted
+from windmark.tasks.reconstruct.task import Refused, Task
+
+FOCAL = "focal_px"
+VIEWS = 3
+"""Two pictures hardly show a focal length."""
+SIGMAS = 6.0
+"""By so much it is another one; lens models that miss something move it, too, by a few of the sigmas of clean marks."""
+GROSS = 0.01
+"""Part by which it is off from which nothing is to be had with it: links fail, groups fall apart. `register`
+refuses from there on, too."""
+
+
+@dataclass(frozen=True)
+class OtherFocal:
+    """Of a camera: the focal length that is given, the one that its pictures show, and its sigma, pixels."""
+
+    camera: str
+    given: float
+    seen: float
+    sigma: float
+
+    def __str__(self) -> str:
+        return (f"the pictures of {self.camera} show a focal length of {self.seen:.5g} +- {self.sigma:.2g} px, the "
+                f"given focal length of {self.given:.5g} px does not fit")  # fmt: skip
+
+    @property
+    def doubt(self) -> Doubt:
+        """Of a result that was adjusted with the given one."""
+        return Doubt((self.camera,), str(self).replace(f"of {self.camera} ", "of {} ", 1), "focal")
+
+
+def refuse_gross(task: Task, structure: Structure, words: str = "") -> None:
+    """`Refused` where the given focal length is grossly off by a structure's pictures; ``words`` are added."""
+    gross = [f for f in other_focals(task, structure) if abs(f.seen / f.given - 1) > GROSS]
+    if gross:
+        raise Refused("focal", f"{gross[0]}{words}")
+
+
+def other_focals(
+    task: Task, structure: Structure, datum: Datum | None = None, names: Sequence[str] | None = None,
+    table: MarkerSet | None = None, distances: Sequence[Distance] = (),
+) -> list[OtherFocal]:  # fmt: skip
+    """Cameras whose given focal length the pictures contradict, by an adjustment of everything with it free.
+
+    Parameters
+    ----------
+    structure : adjusted with the given ones
+    datum, names, table, distances : see `adjusted`; by default the points hold the frame
+    """
+    if FOCAL in task.free or len(structure.poses) < VIEWS:
+        return []
+    result = adjusted(task, structure, datum or Free(), (*task.free, FOCAL), names, table, distances)
+    if not isinstance(result, tuple):
+        return []
+    out = []
+    for name, camera in result[1].cameras.items():
+        given = task.cameras[name]
+        known = 0.0 if given.cov is None else float(given.cov[0, 0])
+        sigma = result[1].sigma(name, FOCAL)
+        if abs(camera.focal_px - given.focal_px) > SIGMAS * np.sqrt(sigma**2 + known):
+            out.append(OtherFocal(name, given.focal_px, camera.focal_px, sigma))
+    return sorted(out, key=lambda f: -abs(f.seen - f.given) / f.sigma)
