@@ -20,7 +20,7 @@ def add(app: typer.Typer) -> None:
         " windmark pov --rx 180 --ry 0 --rz 0 --dx -200 --dy 300 --dz 2400 --fov 30 --size 1280x800 --unit mm"
         " -o top.json;"
         " windmark pov --direction 0,0,-1 --up 0,1,0 -g wing.grid --size 1280x800 --unit mm -o top.json;"
-        " windmark pov camera.json -m markers.csv --label W1=512,401 --label W2=600,380 --label W3=558,610 --unit mm"
+        " windmark pov camera.json -m markers.csv --label W01=503,768 --label W13=678,372 --label B01=210,912 --unit mm"
     )(pov)
 
 
