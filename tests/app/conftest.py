@@ -52,12 +52,12 @@ def sheet_image():
 @pytest.fixture
 def no_pictures(monkeypatch):
     """No picture can be drawn; called with what a verb answered: each is named there and, once, in the page."""
-    from matplotlib.figure import Figure
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     def broken(*_, **__):
         raise ValueError("no such colour")
 
-    monkeypatch.setattr(Figure, "savefig", broken)
+    monkeypatch.setattr(FigureCanvasAgg, "draw", broken)
 
     def named(done, count, page=None):
         assert done.code == 0, done.err
