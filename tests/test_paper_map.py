@@ -59,9 +59,12 @@ def named(name):
     assert hasattr(here, attribute), name
 
 
+GROUP = typer.main.get_command(app)
+
+
 def parsed(words):
     """The verb takes these options; nothing is run."""
-    command = typer.main.get_command(app)
+    command = GROUP
     arguments = list(words[1:])
     while isinstance(command, click.Group) or hasattr(command, "commands"):
         command = command.commands[arguments.pop(0)]
@@ -71,4 +74,4 @@ def parsed(words):
 def test_every_verb_has_its_row():
     shown = {command.words[1] for row in ROWS for command in row.commands} | {"simulate", "demo"}
     shown |= {"init", "check", "verify", "doctor", "warmup", "view"}  # round the work: nothing of theirs is the paper's
-    assert set(typer.main.get_command(app).commands) <= shown
+    assert set(GROUP.commands) <= shown
