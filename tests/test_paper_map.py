@@ -29,7 +29,6 @@ def test_the_rows_are_counted():
     assert len(paper_map.data_commands()) == 8
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: str(row.number))
 def test_a_row_names_what_there_is(row):
     assert row.commands
