@@ -13,7 +13,12 @@ from typer.testing import CliRunner
 from windmark.app.cli import app
 from windmark.app.report import Report
 from windmark.pipeline.simulate_deforming import simulate_deforming
+from windmark.pipeline.simulate_infrared import simulate_infrared
+from windmark.pipeline.simulate_psp import simulate_psp
 from windmark.synth import marker_sheet
+from windmark.synth.heated import heated_test
+
+SMALL_FILM_PX = (180, 120)
 
 
 @pytest.fixture(scope="session")
@@ -43,15 +48,32 @@ def bending(made_once):
     return copied
 
 
+@pytest.fixture(scope="session")
+def paint_polar(made_once):
+    """A synthetic paint test of three points, at 0, 2 and 4 degrees. Not to be written into."""
+    return made_once("polar", lambda place: simulate_psp(place, 11, 3, (640, 400)))
+
+
+@pytest.fixture(scope="session")
+def infrared_run(made_once):
+    """A synthetic infrared run of twelve frames: its folder, not to be written into, and the test itself."""
+    seed, frames, size_px = 11, 12, (480, 384)
+    folder = made_once("infrared", lambda place: simulate_infrared(place, seed, frames, size_px))
+    return folder, heated_test(seed, frames=frames, size_px=size_px)
+
+
 @pytest.fixture
 def undrawn():
-    """Reports without scenes, their pictures left out or blank, for tests of the numbers: a third of a verb's time."""
+    """Reports without scenes, with blank pictures and small films, for tests of the numbers: a third of their time."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    from windmark.app import deform_report
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(FigureCanvasAgg, "draw", FigureCanvasAgg.get_renderer)
         patch.setattr(Report, "drawing", lambda *_, **__: None)
         patch.setattr(Report, "scene", lambda *_, **__: None)
+        patch.setattr(deform_report, "FILM_SIZE", SMALL_FILM_PX)
         yield
 
 
