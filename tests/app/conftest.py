@@ -13,10 +13,7 @@ from typer.testing import CliRunner
 from windmark.app.cli import app
 from windmark.app.report import Report
 from windmark.pipeline.simulate_deforming import simulate_deforming
-from windmark.pipeline.simulate_infrared import simulate_infrared
-from windmark.pipeline.simulate_psp import simulate_psp
 from windmark.synth import marker_sheet
-from windmark.synth.heated import heated_test
 
 SMALL_FILM_PX = (180, 120)
 
@@ -46,20 +43,6 @@ def bending(made_once):
         return shutil.copytree(made, folder, dirs_exist_ok=True)
 
     return copied
-
-
-@pytest.fixture(scope="session")
-def paint_polar(made_once):
-    """A synthetic paint test of three points, at 0, 2 and 4 degrees. Not to be written into."""
-    return made_once("polar", lambda place: simulate_psp(place, 11, 3, (640, 400)))
-
-
-@pytest.fixture(scope="session")
-def infrared_run(made_once):
-    """A synthetic infrared run of twelve frames: its folder, not to be written into, and the test itself."""
-    seed, frames, size_px = 11, 12, (480, 384)
-    folder = made_once("infrared", lambda place: simulate_infrared(place, seed, frames, size_px))
-    return folder, heated_test(seed, frames=frames, size_px=size_px)
 
 
 @pytest.fixture

@@ -8,14 +8,18 @@ import numpy as np
 import pytest
 
 from windmark import io
+from windmark.pipeline.simulate_infrared import simulate_infrared
 from windmark.tasks.infrared import CURVED, LATE, LATERAL
 
 DOUBTFUL = LATE | LATERAL | CURVED
 
 
 @pytest.fixture(scope="module")
-def heated(infrared_run):
-    return infrared_run[0]
+def heated(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("heated") / "test"
+    folder.mkdir()
+    simulate_infrared(folder, 11, 12, (480, 384))
+    return folder
 
 
 @pytest.fixture
