@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 
 from windmark import io
+from windmark.pipeline.simulate_psp import simulate_psp
 
 
 @pytest.fixture(scope="module")
-def polar(paint_polar, tmp_path_factory):
-    """Two points, p01 and p03, four degrees apart."""
-    folder = shutil.copytree(paint_polar, tmp_path_factory.mktemp("polar") / "test")
-    write(folder / "points.csv", rows(folder / "points.csv")[::2])
+def polar(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("polar") / "test"
+    folder.mkdir()
+    simulate_psp(folder, 11, 2, (640, 400))
     return folder
 
 
@@ -149,7 +150,7 @@ def test_threads_and_a_run_that_was_stopped_give_the_same_bytes(windmark, polar,
     one_point = job.one_point
 
     def breaks(test, folder, row):
-        if row.name == "p03":
+        if row.name == "p02":
             raise KeyboardInterrupt
         return one_point(test, folder, row)
 
