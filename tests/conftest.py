@@ -1,6 +1,7 @@
 """Fixtures shared by all tests."""
 
 import os
+import shutil
 import signal
 import time
 from pathlib import Path
@@ -72,6 +73,33 @@ def pytest_terminal_summary(terminalreporter, config):
         Path(path).write_text("\n".join(["test,cpu_s,wall_s,slow", *lines, ""]), encoding="utf-8")
         dear = sum(cpu > SLOW_S and not slow for cpu, _, slow in COSTS.values())
         terminalreporter.write_line(f"{dear} tests that are not marked slow took over {SLOW_S:g} s of CPU time")
+
+
+@pytest.fixture(scope="session")
+def made_once(tmp_path_factory):
+    """``made_once(name, make)``: a folder that ``make(folder)`` has filled, for all modules. Not to be written into.
+
+    Of several processes that share the tests the first one that asks makes it, the others wait for that.
+    """
+    base = tmp_path_factory.getbasetemp()
+    base = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
+
+    def folder(name, make):
+        made, making = base / f"once-{name}", base / f"once-{name}-making"
+        while not made.exists():
+            try:
+                making.mkdir()
+            except FileExistsError:
+                time.sleep(0.1)
+                continue
+            try:
+                make(making)
+                making.rename(made)
+            finally:
+                shutil.rmtree(making, ignore_errors=True)  # of one that failed: who asks next tries again
+        return made
+
+    return folder
 
 
 @pytest.fixture(scope="session")

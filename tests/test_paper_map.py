@@ -29,7 +29,6 @@ def test_the_rows_are_counted():
     assert len(paper_map.data_commands()) == 8
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: str(row.number))
 def test_a_row_names_what_there_is(row):
     assert row.commands
@@ -59,9 +58,12 @@ def named(name):
     assert hasattr(here, attribute), name
 
 
+GROUP = typer.main.get_command(app)
+
+
 def parsed(words):
     """The verb takes these options; nothing is run."""
-    command = typer.main.get_command(app)
+    command = GROUP
     arguments = list(words[1:])
     while isinstance(command, click.Group) or hasattr(command, "commands"):
         command = command.commands[arguments.pop(0)]
@@ -71,4 +73,4 @@ def parsed(words):
 def test_every_verb_has_its_row():
     shown = {command.words[1] for row in ROWS for command in row.commands} | {"simulate", "demo"}
     shown |= {"init", "check", "verify", "doctor", "warmup", "view"}  # round the work: nothing of theirs is the paper's
-    assert set(typer.main.get_command(app).commands) <= shown
+    assert set(GROUP.commands) <= shown

@@ -1,24 +1,33 @@
 """Running the command line as a user does, in one process."""
 
+import functools
 import json
 import shutil
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import typer.testing
 from typer.testing import CliRunner
 
 from windmark.app.cli import app
+from windmark.app.report import Report
 from windmark.pipeline.simulate_deforming import simulate_deforming
 from windmark.synth import marker_sheet
+
+SMALL_FILM_PX = (180, 120)
 
 
 @pytest.fixture(scope="session")
 def windmark():
     """``windmark("detect", ...)`` -> code, out (stdout), err (stderr), json."""
+    # Its runner makes all commands with all options anew for each call, a tenth of a second.
+    command = functools.cache(typer.testing._get_command)
 
     def call(*arguments):
-        done = CliRunner().invoke(app, [str(a) for a in arguments], catch_exceptions=False)
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(typer.testing, "_get_command", command)
+            done = CliRunner().invoke(app, [str(a) for a in arguments], catch_exceptions=False)
         record = json.loads(done.stdout) if "--json" in arguments and done.stdout else None
         return SimpleNamespace(code=done.exit_code, out=done.stdout, err=done.stderr, json=record)
 
@@ -26,17 +35,29 @@ def windmark():
 
 
 @pytest.fixture(scope="session")
-def bending(tmp_path_factory):
+def bending(made_once):
     """``bending(n, folder)``: a copy of the synthetic deformation test of n frames, which is made once."""
-    made = {}
 
     def copied(frames, folder):
-        if frames not in made:
-            made[frames] = tmp_path_factory.mktemp(f"bending-{frames}")
-            simulate_deforming(made[frames], 3, frames, (640, 400))
-        return shutil.copytree(made[frames], folder, dirs_exist_ok=True)
+        made = made_once(f"bending-{frames}", lambda place: simulate_deforming(place, 3, frames, (640, 400)))
+        return shutil.copytree(made, folder, dirs_exist_ok=True)
 
     return copied
+
+
+@pytest.fixture
+def undrawn():
+    """Reports without scenes, with blank pictures and small films, for tests of the numbers: a third of their time."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    from windmark.app import deform_report
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(FigureCanvasAgg, "draw", FigureCanvasAgg.get_renderer)
+        patch.setattr(Report, "drawing", lambda *_, **__: None)
+        patch.setattr(Report, "scene", lambda *_, **__: None)
+        patch.setattr(deform_report, "FILM_SIZE", SMALL_FILM_PX)
+        yield
 
 
 @pytest.fixture(scope="session")
@@ -52,12 +73,12 @@ def sheet_image():
 @pytest.fixture
 def no_pictures(monkeypatch):
     """No picture can be drawn; called with what a verb answered: each is named there and, once, in the page."""
-    from matplotlib.figure import Figure
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     def broken(*_, **__):
         raise ValueError("no such colour")
 
-    monkeypatch.setattr(Figure, "savefig", broken)
+    monkeypatch.setattr(FigureCanvasAgg, "draw", broken)
 
     def named(done, count, page=None):
         assert done.code == 0, done.err

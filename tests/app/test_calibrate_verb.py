@@ -113,7 +113,6 @@ def test_datum_has_no_default(windmark, plate):
         assert words in done.err
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "words"),
     [

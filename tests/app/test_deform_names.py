@@ -7,17 +7,14 @@ import numpy as np
 import pytest
 import xarray
 
-from windmark.pipeline.simulate_deforming import simulate_deforming
-
-pytestmark = pytest.mark.slow  # whole series, for each way of naming pictures
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("undrawn")]  # whole series, for each way of naming pictures
 
 FRAMES = 3
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("names")
-    simulate_deforming(folder, 3, FRAMES, (640, 400))
+def made(bending, tmp_path_factory):
+    folder = bending(6, tmp_path_factory.mktemp("names"))
     text = (folder / "deform.toml").read_text()
     for part in ('grid = ["vtk"]\n', "every = 1\n", '[values]\ncameras = ["cam1"]\nblack = 64\n',
                  '[[points]]\nfile = "taps.csv"\n', 'frames = "frames.csv"\n', 'zero = ["0", "1"]\n'):  # fmt: skip

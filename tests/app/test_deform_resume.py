@@ -14,23 +14,35 @@ import xarray
 from killing import in_child, killed_at
 
 from windmark import io
-from windmark.app import deform_verb
+from windmark.app import deform_report, deform_verb
 from windmark.io.journal import AppendedFile
 from windmark.pipeline import resume
 from windmark.pipeline.deform import outputs
 from windmark.pipeline.journal_values import loaded
 from windmark.pipeline.resume import JOURNAL, STATE, TITLE, measured
 
-pytestmark = pytest.mark.slow  # whole series, stopped and gone on with
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("undrawn")]  # whole series, stopped and gone on with
 
-FRAMES = 8
+FRAMES = 6
 TABLES = ("cameras.csv", "span.csv", "markers.csv", "points-taps.csv", "units.json", "deformation.gif")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def small_film():
+    """Films are compared to the byte, whatever their size."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(deform_report, "FILM_SIZE", (180, 120))
+        yield
 
 
 @pytest.fixture(scope="module")
 def made(bending, tmp_path_factory):
-    folder = tmp_path_factory.mktemp("resume")
-    return bending(FRAMES, folder)
+    """With grids and their values of every third frame: some behind the frame at which a run ends, some before."""
+    folder = bending(FRAMES, tmp_path_factory.mktemp("resume"))
+    text = (folder / "deform.toml").read_text()
+    assert "every = 1\n" in text
+    (folder / "deform.toml").write_text(text.replace("every = 1\n", "every = 3\n"))
+    return folder
 
 
 @pytest.fixture(scope="module")
@@ -72,7 +84,7 @@ def assert_readable(folder):
     return count
 
 
-@pytest.mark.parametrize("frames", [1, 5])
+@pytest.mark.parametrize("frames", [1, 4])
 def test_killed_and_resumed_is_the_same_as_undisturbed(made, whole, windmark, tmp_path, frames):
     """SIGKILL: the folder was a hidden one with a NetCDF file that nothing could open, and no verb went on."""
     out = tmp_path / "out"

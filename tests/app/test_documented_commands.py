@@ -19,6 +19,7 @@ sys.path.insert(0, str(ROOT / "docs"))
 
 from make_reference import every_command, examples  # noqa: E402
 
+GROUP = typer.main.get_command(app)
 NOT_LITERAL = re.compile(r"\.\.\.|…|\[[A-Z]|VERB|<[a-z]")
 """What a reader has to put something in place of."""
 
@@ -46,10 +47,9 @@ def parsed(line: str) -> None:
     """Parse as the program does, without carrying it out."""
     words = shlex.split(line, comments=True)[1:]
     words = words[: next((k for k, w in enumerate(words) if w in ("|", ">", "&&", ";")), len(words))]
-    group = typer.main.get_command(app)
     if words[:1] in (["--version"], ["-V"], ["--help"], ["--install-completion"]):
         return
-    command = group
+    command = GROUP
     while hasattr(command, "commands"):
         assert words, f"no verb in {line!r}"
         command = command.commands[words.pop(0)]

@@ -99,6 +99,7 @@ def test_a_simulated_run_comes_out_as_it_is_true(windmark, heated, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("undrawn")
 def test_a_run_that_was_stopped_goes_on_with_the_same_bytes(windmark, copied, tmp_path, monkeypatch):
     from windmark.pipeline.infrared import run as job
 
@@ -124,6 +125,7 @@ def test_a_run_that_was_stopped_goes_on_with_the_same_bytes(windmark, copied, tm
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("undrawn")
 def test_bad_frames_stop_no_others_and_leave_gaps_that_are_flagged(windmark, copied):
     short(copied, 11)
     bright = io.read_grey(copied / "images" / "cam1-0004.tif")
@@ -148,6 +150,7 @@ def test_bad_frames_stop_no_others_and_leave_gaps_that_are_flagged(windmark, cop
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("undrawn")
 def test_heating_that_began_before_its_start_is_told(windmark, copied):
     short(copied, 11)
     replaced(copied / "infrared.toml", ("start_s = 0.28", "start_s = 0.42"))
@@ -156,6 +159,7 @@ def test_heating_that_began_before_its_start_is_told(windmark, copied):
     assert any("rises by" in r and "before heat.start_s" in r for r in done.json["remarks"]), done.json["remarks"]
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_without_walls_there_are_temperatures_and_their_mean(windmark, copied):
     short(copied, 5)
     text = (copied / "infrared.toml").read_text()
@@ -222,6 +226,7 @@ def test_frames_in_the_wrong_order_of_time_are_named(windmark, copied):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("undrawn")
 def test_an_emissivity_table_that_lacks_angles_leaves_nodes_without_values(windmark, copied):
     short(copied, 6)
     replaced(copied / "infrared.toml", ("[surface]\nemissivity = 0.", '[surface]\ntable = "emissivity.csv"\n# '))
@@ -239,6 +244,7 @@ def test_an_emissivity_table_that_lacks_angles_leaves_nodes_without_values(windm
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("undrawn")
 def test_numbers_that_the_calibration_is_not_of_are_told(windmark, copied):
     short(copied, 6)
     replaced(copied / "infrared.toml", ("scale = 0.01", "scale = 0.001"))
@@ -249,6 +255,7 @@ def test_numbers_that_the_calibration_is_not_of_are_told(windmark, copied):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("undrawn")
 def test_a_model_that_no_camera_shows_is_told(windmark, copied):
     short(copied, 6)
     for file in (copied / "images").glob("*.tif"):

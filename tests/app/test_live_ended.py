@@ -12,16 +12,15 @@ from windmark.app import series_folder
 from windmark.pipeline import resume
 from windmark.pipeline.resume import measured
 
-pytestmark = pytest.mark.slow  # whole live runs, ended in many ways
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("undrawn")]  # whole live runs, ended in many ways
 
-FRAMES = 8
+FRAMES = 6
 WITH_TIMES = ("deformation.csv", "deformation.nc", "report.html", "summary.json", "manifest.json")
 
 
 @pytest.fixture(scope="module")
 def made(bending, tmp_path_factory):
-    folder = tmp_path_factory.mktemp("live")
-    return bending(FRAMES, folder)
+    return bending(FRAMES, tmp_path_factory.mktemp("live"))
 
 
 @pytest.fixture(scope="module")

@@ -81,7 +81,6 @@ def test_masked_spots_are_not_used(windmark, arguments, tmp_path):
     assert 0 < done.json["images"][0]["spots"] < whole.json["images"][0]["spots"]
 
 
-@pytest.mark.slow
 def test_labels_and_exclusions_by_place(windmark, arguments, tmp_path):
     call = [*arguments("register", "wind-off.tif"), "-o", tmp_path / "out"]
     assert windmark(*call).code == 0

@@ -24,7 +24,6 @@ def cell(folder, seed=1, *, law=TYPICAL, name="cell.csv", **changed):
     return folder / name
 
 
-@pytest.mark.slow
 def test_the_law_is_the_true_one_within_its_covariance(tmp_path):
     """Of 40 tables the middle of the range lies within 1.96 sigma of the truth as often as it should."""
     z = []

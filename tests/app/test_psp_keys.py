@@ -1,6 +1,7 @@
 """Keys of a paint project, each on a simulated point where it matters: with it the truth, without it worse."""
 
 import csv
+import itertools
 import re
 import shutil
 from dataclasses import replace
@@ -14,19 +15,25 @@ from windmark.pipeline.simulate_taps import tap_table
 from windmark.synth import psp_test
 from windmark.synth.pressure_paint import SternVolmer
 
-pytestmark = pytest.mark.slow  # whole points of a paint test, for each key
+# Whole points of a paint test, for each key.
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("undrawn")]
 
 COLOURS = {"reference": SternVolmer(np.array([[1.0]])), "temperature": SternVolmer(np.array([[1.0, 0.012]]))}
 """What other colours of the paint answer to: to nothing, to temperature alone."""
 
 
 @pytest.fixture(scope="module")
-def polar(tmp_path_factory):
+def made():
+    """A polar of two points, of two pictures of each kind and camera."""
+    return psp_test(31, incidences=2, size_px=(640, 400), nodes=8_000, taps=tap_table(), on_frames=2, off_frames=2)
+
+
+@pytest.fixture(scope="module")
+def polar(made, tmp_path_factory):
     """One point at 4 degrees, p02, with pictures in all colours; taps are compared with, not fitted to."""
     folder = tmp_path_factory.mktemp("keys") / "test"
     folder.mkdir()
-    test = psp_test(31, incidences=2, size_px=(640, 400), taps=tap_table())
-    test = replace(test, points=test.points[1:])
+    test = replace(made, points=made.points[1:])
     write_psp_test(folder, test)
     for k, (name, law) in enumerate(COLOURS.items()):
         other = replace(test, paint=replace(test.paint, law=law), seed=1031 + 1000 * k)
@@ -77,7 +84,7 @@ def reduced(windmark, folder, field="cp", true="cp"):
     found = io.read_nodes_netcdf(folder / "out" / "p02" / "fields.nc")[1]
     off = found[field] - io.read_nodes_netcdf(folder / "truth" / "p02.nc")[1][true]
     on = np.isfinite(off) & np.isfinite(found["cp"])
-    assert on.sum() > 4_000
+    assert on.sum() > 1_500
     return np.sqrt(np.mean(off[on] ** 2)), np.mean(np.abs(off[on]) < 1.96 * found[f"sigma_{field}"][on]), done.json
 
 
@@ -198,9 +205,8 @@ class Covered:
         return np.where(inside, p0, p), np.where(inside, t0, t)
 
 
-def test_a_drawn_polygon_takes_out_what_is_no_paint(windmark, copied):
-    test = psp_test(31, incidences=2, size_px=(640, 400), taps=tap_table())
-    point = test.points[1]
+def test_a_drawn_polygon_takes_out_what_is_no_paint(windmark, made, copied):
+    test, point = made, made.points[1]
     mesh = test.mesh
     eta = np.abs(mesh.vertices[:, 1] - 0.65 * test.test.shape.span) < 6
     on = np.flatnonzero(eta & (mesh.vertex_normals()[:, 2] > 0.9) & np.isin(np.arange(len(eta)), np.unique(
@@ -208,9 +214,9 @@ def test_a_drawn_polygon_takes_out_what_is_no_paint(windmark, copied):
     centre = np.median(mesh.vertices[on], axis=0)
     box = (centre[0] - 12, centre[0] + 12, centre[1] - 8, centre[1] + 8)
     odd = replace(point, wind=Covered(point.wind, point.still, box))
-    for kind, camera, k, picture in replace(test, points=(odd,)).pictures(odd):
-        if kind == "on":
-            io.write_image(copied / "images" / "p02" / f"on-{camera}-{k}.tif", picture)
+    pictures = replace(test, points=(odd,)).pictures(odd)
+    for _, camera, k, picture in itertools.takewhile(lambda of: of[0] == "on", pictures):
+        io.write_image(copied / "images" / "p02" / f"on-{camera}-{k}.tif", picture)
     without, _, _ = reduced(windmark, copied)
     x0, x1, y0, y1 = (v + m for v, m in zip(box, (-3, 3, -3, 3), strict=True))
     io.write_table(copied / "polygons.csv", {

@@ -30,23 +30,25 @@ class SelfLit(PspTest):
         (point,) = self.points
         if not hasattr(self, "_glows"):
             kinds = (point.still, point.off, point.lit_s[0]), (point.wind, point.on[0], point.lit_s[1])
-            object.__setattr__(self, "_glows", [self._thrown(*kind) for kind in kinds])
+            mesh = without(self.mesh, tuple(set(self.mesh.volume.tolist()) - set(self.paint.sensitive)))
+            factors = form_factors(mesh)
+            object.__setattr__(self, "_glows", [self._thrown(mesh, factors, *kind) for kind in kinds])
         return self._glows[0 if air is point.still else 1]
 
-    def _thrown(self, air, state, lit_s):
-        mesh = without(self.mesh, tuple(set(self.mesh.volume.tolist()) - set(self.paint.sensitive)))
+    def _thrown(self, mesh, factors, air, state, lit_s):
         now, paint = placed(self, state), replace(self.paint, air=air, lit_s=lit_s)
         own, rest, moved = np.full(len(mesh.vertices), np.nan), mesh.vertex_normals(), now.vertex_normals()
         for name in self.paint.sensitive:
             k = np.unique(mesh.triangles[mesh.volume == name])
             own[k] = paint.intensity(now.vertices[k], moved[k], name, rest_xyz=mesh.vertices[k], rest_normal=rest[k])
-        total, _ = add_self_illumination(own, form_factors(mesh), REFLECTIVITY)
+        total, _ = add_self_illumination(own, factors, REFLECTIVITY)
         return Glow(mesh.vertices[mesh.used], rest[mesh.used], (total - own)[mesh.used])
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("undrawn")
 def test_light_that_the_model_throws_on_itself_is_taken_off_and_said(windmark, tmp_path):
-    plain = psp_test(41, incidences=2, size_px=(640, 400), taps=tap_table(), nodes=8000)
+    plain = psp_test(41, incidences=2, size_px=(640, 400), taps=tap_table(), nodes=8000, on_frames=2, off_frames=2)
     test = SelfLit(**{name: getattr(plain, name) for name in plain.__dataclass_fields__} | {"points": plain.points[1:]})
     write_psp_test(tmp_path, test)
     text = (tmp_path / "psp.toml").read_text().replace("radius = 0.4", 'radius = 0.4\nin_situ = "compare"')

@@ -48,12 +48,19 @@ def results(folder):
     }  # fmt: skip
 
 
-def test_a_simulated_polar_comes_out_as_it_is_true(windmark, polar, tmp_path):
-    done = windmark("psp", polar / "psp.toml", "--output", tmp_path / "out", "--json")
+@pytest.fixture(scope="module")
+def whole(windmark, polar, tmp_path_factory):
+    """What the command says of the polar, and its results."""
+    out = tmp_path_factory.mktemp("whole") / "out"
+    return windmark("psp", polar / "psp.toml", "--output", out, "--json"), out
+
+
+def test_a_simulated_polar_comes_out_as_it_is_true(polar, whole):
+    done, out = whole
     assert done.code == 0, done.err
     assert [r["status"] for r in done.json["results"]] == ["reduced", "reduced"]
     for of in done.json["results"]:
-        place = tmp_path / "out" / of["point"]
+        place = out / of["point"]
         found, true = fields(place / "fields.nc"), fields(polar / "truth" / f"{of['point']}.nc")
         off, sigma = found["cp"] - true["cp"], found["sigma_cp"]
         seen = np.isfinite(off)
@@ -70,16 +77,17 @@ def test_a_simulated_polar_comes_out_as_it_is_true(windmark, polar, tmp_path):
         assert {s["section"] for s in sections} == {"eta30", "eta55", "eta80"}
     low, high = (of["loads"]["wing"]["CL"] for of in done.json["results"])
     assert high[0] - low[0] > 5 * np.hypot(low[1], high[1])  # four degrees of incidence
-    html = (tmp_path / "out" / "report.html").read_text()
+    html = (out / "report.html").read_text()
     assert html.count("<img") >= 8
     assert "area shown" in html
-    wing = [r for r in rows(tmp_path / "out" / "loads.csv") if r["volume"] == "wing"]
+    wing = [r for r in rows(out / "loads.csv") if r["volume"] == "wing"]
     assert all(0.3 < float(r["area_shown"]) < 0.6 for r in wing)
     assert not done.json["not_drawn"]
-    assert (tmp_path / "out" / "polar.pvd").read_text().count("DataSet") == 2
+    assert (out / "polar.pvd").read_text().count("DataSet") == 2
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("undrawn")
 def test_a_mistake_in_one_point_gets_a_sentence_and_stops_no_other(windmark, copied):
     (good, high) = rows(copied / "points.csv")
     for name, change in (("bright", lambda a: np.where(np.arange(a.size).reshape(a.shape) % 9 == 0, 16383, a)),
@@ -117,6 +125,7 @@ def test_a_mistake_in_one_point_gets_a_sentence_and_stops_no_other(windmark, cop
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("undrawn")
 def test_taps_outside_the_grid_are_said_and_the_calibration_is_taken_alone(windmark, copied):
     taps = rows(copied / "taps.csv")
     write(copied / "taps.csv", [{**tap, "z": float(tap["z"]) + 500} for tap in taps])
@@ -131,11 +140,11 @@ def test_taps_outside_the_grid_are_said_and_the_calibration_is_taken_alone(windm
 
 
 @pytest.mark.slow
-def test_threads_and_a_run_that_was_stopped_give_the_same_bytes(windmark, polar, tmp_path, monkeypatch):
+@pytest.mark.usefixtures("undrawn")
+def test_threads_and_a_run_that_was_stopped_give_the_same_bytes(windmark, polar, whole, tmp_path, monkeypatch):
     from windmark.pipeline.psp import each as job
 
-    whole, other, stopped = (tmp_path / name for name in ("whole", "threads", "stopped"))
-    assert windmark("psp", polar / "psp.toml", "-o", whole).code == 0
+    (_, whole), other, stopped = whole, tmp_path / "threads", tmp_path / "stopped"
     assert windmark("psp", polar / "psp.toml", "-o", other, "--threads", "2").code == 0
     assert results(whole) == results(other)
     one_point = job.one_point
@@ -169,6 +178,7 @@ def spoil(folder, name):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("undrawn")
 def test_a_bad_picture_is_left_out_beside_good_ones_and_said(windmark, copied):
     (good, _) = rows(copied / "points.csv")
     spoilt = {**good, "point": "spoilt", **spoil(copied, "spoilt")}
@@ -202,6 +212,7 @@ def test_a_bad_picture_is_left_out_beside_good_ones_and_said(windmark, copied):
     assert both.sum() > 4_000
     assert np.mean(np.abs(a["cp"] - b["cp"])[both] < 1.96 * b["sigma_cp"][both]) > 0.95
     assert np.median(b["sigma_cp"][both] / a["sigma_cp"][both]) > 1.0
+    write(copied / "points.csv", [spoilt])
     said = windmark("psp", copied / "psp.toml", "-o", copied / "again")
     assert "note: wind-off picture off-cam1-2.tif of cam1 does not count: the dark picture is brighter" in said.out
 

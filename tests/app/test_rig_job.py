@@ -125,7 +125,6 @@ def test_a_camera_that_is_elsewhere_is_named(copy, windmark):
     assert "which of them is wrong is not clear" in images(done)["cam3"]["problem"]
 
 
-@pytest.mark.slow
 def test_bright_markers_where_dark_ones_give_no_pose(copy, windmark):
     for name in CAMERAS:
         spoil(copy, name, lambda image: 4095 - image)

@@ -18,7 +18,7 @@ def column(path, name):
 def test_two_frames_of_an_infrared_run_are_pictures_of_temperature(windmark, tmp_path):
     folder = tmp_path / "hot"
     folder.mkdir()
-    test = simulate_infrared(folder, 7, 8)
+    test = simulate_infrared(folder, 7, 8, (480, 384))
     done = windmark("run", folder / "project.toml", "--json")
     assert done.code == 0, done.err
     for image, frame in zip(done.json["images"], (0, 7), strict=True):

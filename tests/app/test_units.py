@@ -179,7 +179,6 @@ def test_nouns_carry_their_unit(mixed):
         assert io.read_mesh(f"grid.{suffix}").length_unit == "cm"
 
 
-@pytest.mark.slow
 def test_no_verb_reads_lengths_past_the_check():
     """A camera's interior (`console.read_lens`) has none; `convert` and `undistort` hand the unit on as it is; `init`
     asks the files for theirs, and `check` lists all that differ."""

@@ -142,7 +142,6 @@ def test_nothing_fits():
     assert found.reason
 
 
-@pytest.mark.slow
 def test_places_of_markers_that_are_known_with_a_sigma():
     """0.1 mm is 0.2 px, four times the noise: cameras see the same error."""
     set_of = replace(MARKERS, sigma=np.where(WALL[:, None], np.nan, np.full((72, 3), 0.1)))
@@ -166,7 +165,6 @@ def test_places_of_markers_that_are_known_with_a_sigma():
     np.testing.assert_allclose(np.diag(given.cov), np.diag(found.cov), rtol=1e-2)
 
 
-@pytest.mark.slow
 def test_cameras_that_moved_are_held_by_the_wall():
     """Moved by 2 mm and 0.2 degrees: with wall markers the covariance holds, without none is told from the other."""
     rng, z, refused = np.random.default_rng(7), [], []
@@ -210,7 +208,6 @@ def one_camera(truth):
     return truth.view == 0
 
 
-@pytest.mark.slow
 def test_one_camera():
     """The law and the relief make it enough; along the line of sight it is worse."""
     two = draws(1, seen(), 9)[0]
@@ -279,7 +276,6 @@ def test_priors_stand_in_for_what_is_not_seen():
     assert (np.abs(z_of(found, np.append(Q, 0.0))) < 4).all()
 
 
-@pytest.mark.slow
 def test_a_motion_that_is_known_before():
     """One camera, markers on a line across: the prior of the motion holds what it cannot see."""
     cov = block_diag(np.radians(0.05) ** 2 * np.eye(3), 0.5**2 * np.eye(3))

@@ -92,7 +92,6 @@ def test_pitch_adds_to_the_twist_in_the_tunnel_only():
     assert tunnel.bending[0] == pytest.approx(3.0 - np.sin(np.radians(1.5)) * 60, abs=0.01)
 
 
-@pytest.mark.slow
 def test_sigmas_of_the_stations_are_those_of_their_errors():
     z = []
     for seed in range(60):

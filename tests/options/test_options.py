@@ -57,6 +57,7 @@ KEYS = [
                  R.MAX_DEFORMATION, R.SEED, R.OCCLUSION)),
 ]  # fmt: skip
 FOUND = (D.RADIUS_PX, D.POLARITY_OR_AUTO, D.MERIT_MAX)
+GROUP = typer.main.get_command(app)
 ONE = (D.RADIUS_PX, D.POLARITY, D.MERIT_MAX, D.CHANNEL, D.BAYER, R.SEED)
 COMMANDS = [
     ("detect", (*FOUND, D.REFINE, D.PHOTOMETRY, D.CHANNEL, D.BAYER, D.SEARCH_PX)),
@@ -120,7 +121,7 @@ def inside(option):
 
 @pytest.mark.parametrize(("verb", "option"), each(COMMANDS))
 def test_the_command_line_has_flag_default_and_help_of_the_table(verb, option):
-    command = typer.main.get_command(app).commands[verb]
+    command = GROUP.commands[verb]
     flag = option.flags.split("/")[0]
     (param,) = [p for p in command.params if flag in getattr(p, "opts", ())]
     assert param.default == option.default
@@ -138,7 +139,7 @@ def test_options_are_grouped_and_a_group_has_one_heading(windmark_help):
         *headings
     }
     assert re.search(r"Markers in pictures:\n  -r, --radius", text)
-    flags = [f for p in typer.main.get_command(app).commands["calibrate"].params for f in p.opts if f.startswith("--")]
+    flags = [f for p in GROUP.commands["calibrate"].params for f in p.opts if f.startswith("--")]
     assert len(flags) > 35
     for flag in flags:
         assert len(re.findall(rf"^  (-\w, )?{flag}\b(?!-)", text, re.MULTILINE)) == 1, flag
@@ -175,7 +176,7 @@ ELSEWHERE = {"scene/detections.py: sigma_px = 0.1"}
 
 def test_flags_are_those_of_some_command():
     typed = {
-        flag for command in typer.main.get_command(app).commands.values() for p in command.params
+        flag for command in GROUP.commands.values() for p in command.params
         for flag in (*p.opts, *p.secondary_opts)
     }  # fmt: skip
     for option in (o for options in ALL.values() for o in options):

@@ -79,10 +79,12 @@ def test_interpolate_is_linear_on_the_triangle():
     hit = rng.integers(0, 10, 50).astype(np.int32)
     w = rng.dirichlet(np.ones(3), 50)
     points = np.einsum("sk,skd->sd", w, vertices[triangles[hit]])
-    fields = rng.standard_normal((30, 4))
-    out = np.empty((50, 4))
-    interpolate(vertices, triangles, hit, points[:, :2] / points[:, 2:], fields, out)
-    np.testing.assert_allclose(out, np.einsum("sk,skf->sf", w, fields[triangles[hit]]), atol=1e-9)
+    fields = rng.standard_normal((30, 6))
+    out = np.empty((2, 50, 3))
+    interpolate(vertices, triangles, hit, points[:, :2] / points[:, 2:], fields, np.array([False, True]), out)
+    first, second = np.split(np.einsum("sk,skf->sf", w, fields[triangles[hit]]), 2, axis=1)
+    np.testing.assert_allclose(out[0], first, atol=1e-9)
+    np.testing.assert_allclose(out[1], second / np.linalg.norm(second, axis=1, keepdims=True), atol=1e-7)
 
 
 def test_box_share_is_the_area_of_the_cut_square():

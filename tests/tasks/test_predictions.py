@@ -53,7 +53,6 @@ def test_from_a_frame_before():
         from_detections(bare, [""])
 
 
-@pytest.mark.slow
 def test_what_one_image_tells_the_next():
     """Colours are kept by marker for some frames, also of one that is hidden for a frame, and then found anew."""
     rng = np.random.default_rng(5)

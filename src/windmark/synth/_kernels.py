@@ -66,8 +66,13 @@ def cast(
 
 
 @nb.njit(cache=True, nogil=True)
-def interpolate(vertices: Array, triangles: Ints, hit: Ints, uv: Array, fields: Array, out: Array) -> None:
-    """Barycentric values of vertex fields (V, F) where rays uv (S, 2) meet the plane of triangle hit (S,)."""
+def interpolate(
+    vertices: Array, triangles: Ints, hit: Ints, uv: Array, fields: Array, unit: NDArray[np.bool_], out: Array
+) -> None:
+    """Barycentric values (Q, S, 3) of vertex fields (V, 3 Q) where rays uv (S, 2) meet the plane of triangle hit (S,).
+
+    Vectors whose ``unit`` (Q,) is set are brought to length one, but those of none.
+    """
     w = np.empty(3)
     for s in range(len(hit)):
         a, b, c = triangles[hit[s], 0], triangles[hit[s], 1], triangles[hit[s], 2]
@@ -81,8 +86,15 @@ def interpolate(vertices: Array, triangles: Ints, hit: Ints, uv: Array, fields: 
                 + (vertices[i, 0] * vertices[j, 1] - vertices[i, 1] * vertices[j, 0])
             )
             total += w[k]
-        for f in range(fields.shape[1]):
-            out[s, f] = (w[0] * fields[a, f] + w[1] * fields[b, f] + w[2] * fields[c, f]) / total
+        for q in range(len(out)):
+            for d in range(3):
+                f = 3 * q + d
+                out[q, s, d] = (w[0] * fields[a, f] + w[1] * fields[b, f] + w[2] * fields[c, f]) / total
+            if unit[q]:
+                x, y, z = out[q, s, 0], out[q, s, 1], out[q, s, 2]
+                length = math.sqrt(x * x + y * y + z * z)
+                if length > 0.0:
+                    out[q, s, 0], out[q, s, 1], out[q, s, 2] = x / length, y / length, z / length
 
 
 @nb.njit(cache=True, nogil=True)

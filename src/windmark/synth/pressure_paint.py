@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
-from typing import Protocol
+from functools import cached_property
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from windmark.synth.paint import Flow, Paint
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
 
 Array = NDArray[np.float64]
 
@@ -83,12 +87,15 @@ class Glow:
 
     def at(self, xyz: Array, normal: Array) -> Array:
         """(N,) light at rest points with normals: the mean of the four nearest places, by their inverse distance."""
-        from scipy.spatial import cKDTree
-
-        tree = cKDTree(np.column_stack([self.xyz, self.SIDES * self.normal]))
-        distance, place = tree.query(np.column_stack([xyz, self.SIDES * normal]), k=4)
+        distance, place = self._tree.query(np.column_stack([xyz, self.SIDES * normal]), k=4)
         weight = 1 / np.maximum(distance, 1e-6)
         return np.asarray((weight * self.light[place]).sum(axis=1) / weight.sum(axis=1))
+
+    @cached_property
+    def _tree(self) -> cKDTree:
+        from scipy.spatial import cKDTree
+
+        return cKDTree(np.column_stack([self.xyz, self.SIDES * self.normal]))
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,9 @@ No noise, no blur, no rounding: `degrade` adds them.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +25,8 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Ints = NDArray[np.int32]
 
+UNIT = np.array([False, True, False, True])
+"""Of place and normal, now and at rest: which are to have length one."""
 _CHUNK = 1 << 15  # samples shaded at a time: what fits in the processor's cache
 
 
@@ -35,18 +39,23 @@ class Rendering:
     image : (H, W) float64, relative intensity
     triangle : (H, W) int32, nearest triangle on the ray of the pixel's centre, -1 for none
     depth : (H, W) z of that hit in the camera's frame, inf for none
-    markers : the truth of every marker
     camera, cam_from_tunnel : the view
     uv : (H, W, 2) rays of the pixels' centres
+    tell : gives `markers`
     """
 
     image: Array
     triangle: Ints
     depth: Array
-    markers: MarkerTruth
     camera: Camera
     cam_from_tunnel: Pose
     uv: Array
+    tell: Callable[[], MarkerTruth]
+
+    @cached_property
+    def markers(self) -> MarkerTruth:
+        """The truth of every marker, worked out when it is asked for: most pictures of a sequence are only seen."""
+        return self.tell()
 
     @property
     def xyz(self) -> Array:
@@ -111,8 +120,8 @@ def render(
     fine |= _bent(image, fine)
     edge = painter.sample(fine, subpixels)
     image[fine] = shade(edge, fine)[fine]
-    truth = marker_truth(world.markers, camera, cam_from_tunnel, screen=screen)
-    return Rendering(image, triangle, depth, truth, camera, cam_from_tunnel, np.ascontiguousarray(rays.uv[..., :2]))
+    tell = partial(marker_truth, world.markers, camera, cam_from_tunnel, screen=screen)
+    return Rendering(image, triangle, depth, camera, cam_from_tunnel, np.ascontiguousarray(rays.uv[..., :2]), tell)
 
 
 class _Painter:
@@ -186,16 +195,15 @@ class _Shader:
         lit = np.flatnonzero(self.front[hit] & (hit >= 0))
         if not len(lit):
             return light
-        values = np.empty((len(lit), 12))
-        interpolate(self.screen.vertices, self.screen.triangles, hit[lit], uv[lit], self.fields, values)
         code = self.screen.code[hit[lit]]
         for k in np.flatnonzero(np.bincount(code)):
-            part = np.flatnonzero(code == k)
-            xyz, normal, rest_xyz, rest_normal = (values[part, i : i + 3] for i in (0, 3, 6, 9))
-            light[lit[part]] = self.world.paint.intensity(
-                xyz, _unit(normal), self.screen.names[k], rest_xyz=rest_xyz, rest_normal=_unit(rest_normal),
-                flow=self.world.flow,
-            )  # fmt: skip
+            part = lit[code == k]
+            values = np.empty((4, len(part), 3))
+            interpolate(self.screen.vertices, self.screen.triangles, hit[part], uv[part], self.fields, UNIT, values)
+            xyz, normal, rest_xyz, rest_normal = values
+            light[part] = self.world.paint.intensity(
+                xyz, normal, self.screen.names[k], rest_xyz=rest_xyz, rest_normal=rest_normal, flow=self.world.flow
+            )
         return light
 
 
@@ -256,7 +264,3 @@ def _decal_boxes(camera: Camera, frame: Array, reach: Array) -> Ints:
     low, high = xy.min(axis=1) - 1, xy.max(axis=1) + 1
     high[unknown] = -np.inf
     return pixel_boxes(low, high, camera.size_px)
-
-
-def _unit(vectors: Array) -> Array:
-    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
