@@ -1,0 +1,47 @@
+"""Whether a large picture fits is seen by a part of its rows, as packing all of it would say."""
+
+import numpy as np
+from PIL import Image
+from scipy.ndimage import gaussian_filter
+
+from windmark.app import photo
+from windmark.app.photo import _far_too_large, _url, preview
+
+MOST = 44_000
+
+
+def pictures():
+    rng = np.random.default_rng(5)
+    noise = rng.normal(0, 1, (800, 1000))
+    ramp = np.add.outer(np.linspace(0, 90, 800), np.linspace(0, 90, 1000))
+    for level in (0.0, 1.0, 3.0, 30.0):
+        yield np.clip(ramp + level * noise + 40, 0, 255).astype(np.uint8)
+        yield np.clip(ramp + 10 * level * gaussian_filter(noise, 4.0) + 40, 0, 255).astype(np.uint8)
+
+
+def test_the_rows_say_what_the_picture_would():
+    sizes = []
+    for image in pictures():
+        whole = len(_url(Image.fromarray(image), "webp", quality=82, method=1))
+        sizes.append(whole)
+        said = _far_too_large(Image.fromarray(image), MOST)
+        assert said if whole > 3.2 * MOST else not said if whole < 2.0 * MOST else True
+    assert min(sizes) < 2.0 * MOST < 3.2 * MOST < max(sizes)
+
+
+def test_what_is_seen_to_be_too_large_is_not_packed_whole(monkeypatch):
+    packed = []
+
+    def spy(picture, *given, **options):
+        packed.append(picture.size)
+        return _url(picture, *given, **options)
+
+    monkeypatch.setattr(photo, "_url", spy)
+    image = np.random.default_rng(0).integers(0, 255, (800, 1000)).astype(np.uint8)
+    url, size = preview(image, MOST)
+    assert len(url) <= MOST
+    assert all(w * h < 0.3 * image.size for w, h in packed)
+    monkeypatch.setattr(photo, "_far_too_large", lambda *_: False)
+    packed.clear()
+    assert preview(image, MOST) == (url, size)
+    assert packed[0] == (1000, 800)
