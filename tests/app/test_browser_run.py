@@ -216,6 +216,7 @@ def test_print_has_whole_tables_and_the_model_as_a_picture(page, tmp_path):
     assert page.wrong() == []
 
 
+@pytest.mark.slow
 def test_a_browser_without_webgl_is_told(report, tmp_path):
     with browser.opened(tmp_path / "other") as tab:
         tab.send("Page.addScriptToEvaluateOnNewDocument",

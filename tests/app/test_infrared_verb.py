@@ -159,6 +159,7 @@ def test_heating_that_began_before_its_start_is_told(windmark, copied):
     assert any("rises by" in r and "before heat.start_s" in r for r in done.json["remarks"]), done.json["remarks"]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_without_walls_there_are_temperatures_and_their_mean(windmark, copied):
     short(copied, 5)

@@ -55,6 +55,7 @@ def whole(windmark, polar, tmp_path_factory):
     return windmark("psp", polar / "psp.toml", "--output", out, "--json"), out
 
 
+@pytest.mark.slow
 def test_a_simulated_polar_comes_out_as_it_is_true(polar, whole):
     done, out = whole
     assert done.code == 0, done.err
@@ -217,6 +218,7 @@ def test_a_bad_picture_is_left_out_beside_good_ones_and_said(windmark, copied):
     assert "note: wind-off picture off-cam1-2.tif of cam1 does not count: the dark picture is brighter" in said.out
 
 
+@pytest.mark.slow
 def test_what_all_points_need_is_refused_before_any_is_reduced(windmark, copied):
     project = (copied / "psp.toml").read_text()
     cell = rows(copied / "paint-cell.csv")
