@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from windmark.geometry import Camera, DegenerateGeometry, Pose, triangulate
+from windmark.geometry import Camera, DegenerateGeometry, Pose, triangulate, triangulation
 
 CAMERAS = [Camera((2000, 1500), f, k1=-0.15, k2=0.05, p1=1e-3, p2=-5e-4) for f in (2000.0, 2500.0, 3000.0, 2200.0)]
 POSES = [Pose.look_at(eye, [0, 0, 0], [0, 0, 1]) for eye in ([3, 0, 1.0], [0, 3, 1], [-3, 0.5, 0.2], [2, 2, 2])]
@@ -158,3 +158,21 @@ def test_bad_input_is_named():
     ]:
         with pytest.raises(ValueError, match=word):
             triangulate(*arguments)
+
+
+def test_a_point_whose_information_is_singular_stops_no_other(monkeypatch):
+    """Far out all rays are parallel to rounding: seen with pictures out of focus, whose false pairs meet nowhere."""
+    xyz, xy = scene(5)
+    start = triangulation._linear
+
+    def far(*given):
+        found = start(*given)
+        found[2] = [1e200, 1e200, 1e201]
+        return found
+
+    monkeypatch.setattr(triangulation, "_linear", far)
+    got = triangulate(CAMERAS[:2], POSES[:2], xy[:2])
+    assert not got.valid[2]
+    assert got.reason[2]
+    others = np.delete(np.arange(len(xyz)), 2)
+    np.testing.assert_allclose(got.xyz[others], xyz[others], atol=1e-6)

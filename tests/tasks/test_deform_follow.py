@@ -14,7 +14,7 @@ from windmark.tasks.deform import follow as follow_module
 from windmark.tasks.deform.cold import Found
 from windmark.tasks.deform.spots import Labelled, around
 from windmark.tasks.deform.task import LookOptions
-from windmark.tasks.odd import nearest_spots
+from windmark.tasks.odd import nearest_spots, together
 
 CAMERA, AWAY = Camera((400, 300), 800.0), Pose(np.eye(3), np.array([0.0, 0.0, 800.0]))
 PLACES = np.array([
@@ -115,3 +115,13 @@ def test_a_spot_so_near_to_a_place_is_chance_where_spots_are_dense():
     many = np.random.default_rng(1).uniform(0, [400, 300], (5000, 2))
     assert nearest_spots(place, np.vstack([many, [[103.0, 104.0]]]), (400, 300))[1][0] > 0.01
     assert nearest_spots(place, np.zeros((0, 2)), (400, 300)) == (np.inf, 1.0)
+
+
+def test_chances_of_several_pictures_together():
+    """Of pictures that show nothing the combined chance is uniform again: 1 % of them are below 1 %."""
+    assert together([0.03]) == pytest.approx(0.03)
+    drawn = np.random.default_rng(4).uniform(size=(20_000, 6))
+    combined = np.array([together(row) for row in drawn])
+    assert np.mean(combined < 0.01) == pytest.approx(0.01, abs=0.003)
+    assert np.mean(combined < 0.5) == pytest.approx(0.5, abs=0.02)
+    assert together([1e-3] * 12) < 1e-10

@@ -17,6 +17,7 @@ Mask = NDArray[np.bool_]
 
 _STEPS = 50
 _MIN_ANGLE = 1e-7  # radians between rays; less is rounding
+RIDGE = 1e-14  # of the trace: what rounding leaves of a zero
 
 
 @dataclass(frozen=True)
@@ -207,7 +208,11 @@ def _refine(
             break
         i = np.flatnonzero(active)
         diagonal = np.einsum("nii->ni", info[i])
-        damped = info[i] + (damping[i, None] * diagonal)[..., None] * np.eye(3)
+        # Rays that are parallel to rounding make the information singular, a point in the infinite makes it zero: the
+        # step is then whatever the ridge leaves of it, and the eigenvalues below say what such a point is worth.
+        trace = diagonal.sum(axis=1)
+        ridge = np.where(trace > 0, RIDGE * trace, 1.0)
+        damped = info[i] + (damping[i, None] * diagonal + ridge[:, None])[..., None] * np.eye(3)
         step = np.linalg.solve(damped, gradient[i][..., None])[..., 0]
         trial = xyz[i] - step
         new = _normal_equations(cams, pose, p[:, i], weight[:, i], seen[:, i], trial)

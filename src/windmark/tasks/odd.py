@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import gammaincc
 
 Array = NDArray[np.float64]
 
@@ -27,3 +30,12 @@ def nearest_spots(place: Array, spots: Array, size_px: tuple[int, int]) -> tuple
         return np.full(len(place), np.inf), np.ones(len(place))
     nearest = np.linalg.norm(spots[None] - place[:, None], axis=2).min(axis=1)
     return nearest, np.minimum(np.pi * nearest**2 * len(spots) / float(np.prod(size_px)), 1.0)
+
+
+def together(chances: Sequence[float]) -> float:
+    """Chance that pictures which have nothing to do with each other all show a spot as near as they do, or nearer.
+
+    By Fisher's method: the product of n chances that are uniform from 0 to 1 is below x with gammaincc(n, -ln x).
+    """
+    size = -float(np.sum(np.log(np.maximum(chances, 1e-300))))
+    return float(gammaincc(len(chances), size))

@@ -21,6 +21,7 @@ from windmark.options.calibration import MATCH_TIME_S
 from windmark.options.registration import SEED
 from windmark.registration import Registration
 from windmark.scene import MarkerSet, Observations, View
+from windmark.tasks.calibrate.beside import beside_their_place
 from windmark.tasks.calibrate.lens import FISHEYE_WIDTHS, in_lens, undecided, with_lens
 from windmark.tasks.calibrate.marks import Marks, with_sigma
 from windmark.tasks.calibrate.picture import Picture, excess_px
@@ -132,8 +133,21 @@ def calibrate_matching(
             }  # fmt: skip
             again = _in_rounds(pictures, markers, wide, told, how_to_match, settings, stage, unknown_focal)
             if isinstance(again[0], Calibrated):
-                return again
-    return answer
+                return _with_doubts(again, markers, settings)
+    return _with_doubts(answer, markers, settings)
+
+
+def _with_doubts(
+    answer: tuple[Calibrated | NotCalibrated, tuple[MatchedPicture, ...]],
+    markers: MarkerSet,
+    settings: CalibrateSettings,
+) -> tuple[Calibrated | NotCalibrated, tuple[MatchedPicture, ...]]:
+    """With the markers that are beside their place; not where the table is rough and only the start."""
+    done, pictures = answer
+    if isinstance(done, NotCalibrated) or isinstance(settings.datum, Free):
+        return answer
+    beside = beside_their_place(done.result, [(p, p.registration) for p in pictures], markers)
+    return replace(done, result=replace(done.result, doubts=(*beside, *done.result.doubts))), pictures
 
 
 def _in_rounds(

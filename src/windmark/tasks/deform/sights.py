@@ -13,7 +13,7 @@ from windmark.tasks.deform.memory import displaced
 from windmark.tasks.deform.spots import Labelled
 from windmark.tasks.deform.task import DeformationTest, Image, Sight, Station
 from windmark.tasks.deform.why import Levels, few, levels_of, why_few
-from windmark.tasks.odd import CHANCE, nearest_spots
+from windmark.tasks.odd import CHANCE, nearest_spots, together
 from windmark.tasks.predictions import from_camera
 
 OWN_PX = 1.0
@@ -52,7 +52,7 @@ class Usual:
         That a spot is so near by chance has to be so in every camera that should see the marker.
         """
         placed, alone = displaced(test.markers, state), dict[int, dict[str, tuple[float, float]]]()
-        chance: dict[int, float] = {}
+        chance: dict[int, list[float]] = {}
         for name, own in labelled.items():
             every = spots.get(name)
             if isinstance(every, Detections) and len(own.marker):
@@ -60,10 +60,10 @@ class Usual:
                     every, own, placed, test.station(name), state, hidden.get(name)
                 ):
                     alone.setdefault(marker, {})[name] = px, length
-                    chance[marker] = chance.get(marker, 1.0) * p
+                    chance.setdefault(marker, []).append(p)
         self.odd = {name: {} for name in labelled}
         for marker, of in alone.items():
-            if len(alone) * chance[marker] < CHANCE:
+            if len(alone) * together(chance[marker]) < CHANCE:
                 for name, (px, length) in of.items():
                     if OWN_PX < px < np.inf:
                         self.odd[name][marker] = px, length

@@ -15,7 +15,7 @@ from windmark.tasks.reconstruct.task import Refused, Task
 
 FOCAL = "focal_px"
 VIEWS = 3
-"""Two pictures hardly show a focal length."""
+"""Two pictures hardly show a focal length; with known markers in them they do."""
 SIGMAS = 6.0
 """By so much it is another one; lens models that miss something move it, too, by a few of the sigmas of clean marks."""
 GROSS = 0.01
@@ -60,7 +60,8 @@ def other_focals(
     structure : adjusted with the given ones
     datum, names, table, distances : see `adjusted`; by default the points hold the frame
     """
-    if FOCAL in task.free or len(structure.poses) < VIEWS:
+    free = datum is None or isinstance(datum, Free)
+    if FOCAL in task.free or len(structure.poses) < (VIEWS if free else 2):
         return []
     result = adjusted(task, structure, datum or Free(), (*task.free, FOCAL), names, table, distances)
     if not isinstance(result, tuple):
