@@ -45,6 +45,16 @@ def bending(made_once):
     return copied
 
 
+@pytest.fixture(scope="module")
+def small_film():
+    """Small films for all of a module, where those of its fixtures are compared to the byte with its tests' own."""
+    from windmark.app import deform_report
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(deform_report, "FILM_SIZE", SMALL_FILM_PX)
+        yield
+
+
 @pytest.fixture
 def undrawn():
     """Reports without scenes, with blank pictures and small films, for tests of the numbers: a third of their time."""

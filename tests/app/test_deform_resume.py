@@ -14,7 +14,7 @@ import xarray
 from killing import in_child, killed_at
 
 from windmark import io
-from windmark.app import deform_report, deform_verb
+from windmark.app import deform_verb
 from windmark.io.journal import AppendedFile
 from windmark.pipeline import resume
 from windmark.pipeline.deform import outputs
@@ -25,14 +25,6 @@ pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("undrawn")]  # whole ser
 
 FRAMES = 6
 TABLES = ("cameras.csv", "span.csv", "markers.csv", "points-taps.csv", "units.json", "deformation.gif")
-
-
-@pytest.fixture(scope="module", autouse=True)
-def small_film():
-    """Films are compared to the byte, whatever their size."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(deform_report, "FILM_SIZE", (180, 120))
-        yield
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +38,7 @@ def made(bending, tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def whole(made, windmark):
+def whole(made, windmark, small_film):
     """Results of a run that nobody disturbed."""
     assert windmark("deform", made / "deform.toml", "-o", made / "whole").code == 0
     return made / "whole"

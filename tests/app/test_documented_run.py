@@ -84,7 +84,7 @@ def carry_out(line: str) -> None:
         os.chdir(words[1])
         return
     given = [w for word in words[1:] for w in (sorted(glob.glob(word)) or [word])]
-    if given[0] == "simulate" and Path(given[1]).exists():
+    if given[0] == "simulate" and given[1] != "." and Path(given[1]).exists():
         if given[1] == HOME:  # by the same command, and what later blocks go on with lies in it
             return
         shutil.rmtree(given[1])

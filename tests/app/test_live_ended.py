@@ -24,7 +24,7 @@ def made(bending, tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def whole(made, windmark):
+def whole(made, windmark, small_film):
     """Results of a live run that nobody disturbed."""
     assert windmark(*command(made, made / "whole")).code == 0
     return made / "whole"

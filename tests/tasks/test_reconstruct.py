@@ -75,6 +75,7 @@ def test_labels_of_one_picture_name_the_primaries():
             assert who[k] == int(name[1:])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "wrong"), [("model", 0.93), ("model", 1.05), ("plate", 1.05), ("plate", 0.93)])
 def test_a_focal_length_that_is_far_off_is_the_reason_of_the_refusal(kind, wrong):
     case = scenes.make(12, kind, "walk", views=6, points=60)
