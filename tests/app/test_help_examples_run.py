@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from windmark import io
 from windmark.pipeline.simulate import simulate
@@ -89,9 +90,6 @@ def photos(desk, windmark):
         image = np.asarray(io.read_image(path))
         if k < 3:
             shutil.copy(path, desk / f"P{k:02d}.tif")
-        io.write_image(desk / "photos" / f"IMG{k:02d}.png", image)
-        from PIL import Image
-
         Image.fromarray(image if image.dtype == np.uint8 else (image >> 8).astype(np.uint8)).save(
             desk / "photos" / f"IMG{k:02d}.jpg", quality=97
         )

@@ -77,7 +77,7 @@ def preview(image: NDArray[np.generic], most: int) -> tuple[str, tuple[int, int]
 def _far_too_large(picture: Image.Image, most: int) -> bool:
     """Whether a large picture would be, by every eighth of its rows of blocks, in an eighth of the time.
 
-    It has to be so by more than half as much again as what `preview` gives up a size for, for the rows are a sample.
+    It has to be so by a quarter more than what `preview` gives up a size for, for the rows are a sample.
     """
     if picture.width * picture.height < PROBED_PX:
         return False

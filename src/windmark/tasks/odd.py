@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 from scipy.special import gammaincc
 
 Array = NDArray[np.float64]
@@ -28,7 +29,7 @@ def nearest_spots(place: Array, spots: Array, size_px: tuple[int, int]) -> tuple
     """
     if not len(place) or not len(spots):
         return np.full(len(place), np.inf), np.ones(len(place))
-    nearest = np.linalg.norm(spots[None] - place[:, None], axis=2).min(axis=1)
+    nearest = np.asarray(cKDTree(spots).query(place)[0])
     return nearest, np.minimum(np.pi * nearest**2 * len(spots) / float(np.prod(size_px)), 1.0)
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from windmark.deformation import Deformation
 from windmark.scene import Detections, MarkerSet
@@ -85,7 +86,7 @@ def _without_spot(
     pose = state.cam_from_tunnel.get(station.name, station.cam_from_tunnel)
     known = np.setdiff1d(np.arange(len(placed)) if hidden is None else np.flatnonzero(~hidden), seen.marker)
     alone = from_camera(camera, pose, placed.take(known), seen.radius_px)
-    free = spots.xy[np.linalg.norm(spots.xy[:, None] - seen.xy[None], axis=2).min(axis=1) > OWN_PX]
+    free = spots.xy[cKDTree(seen.xy).query(spots.xy)[0] > OWN_PX]
     far, chance = nearest_spots(alone.xy, free, camera.size_px)
     which = known[alone.row]
     length = far * pose.apply(placed.xyz[which])[:, 2] / camera.focal_px

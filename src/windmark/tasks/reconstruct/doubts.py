@@ -82,9 +82,9 @@ def labels_that_differ(task: Task, tracks: Tracks, markers: MarkerSet) -> list[D
             picture = task.views[v].name
             if wrong.get(now) == said:
                 if said < now:
-                    out.append(Doubt((said, now), f"{{}} and {{}} are exchanged in the labels of {picture}", "swapped"))
+                    out.append(Doubt((said, now, picture), "{} and {} are exchanged in the labels of {}", "swapped"))
             else:
-                out.append(Doubt((said, picture), f"the spot that is labelled {{}} in {{}} is {now}", "swapped"))
+                out.append(Doubt((said, picture, now), "the spot that is labelled {} in {} is {}", "swapped"))
     return out
 
 

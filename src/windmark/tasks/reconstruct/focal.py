@@ -33,13 +33,14 @@ class OtherFocal:
     sigma: float
 
     def __str__(self) -> str:
-        return (f"the pictures of {self.camera} show a focal length of {self.seen:.5g} +- {self.sigma:.2g} px, the "
-                f"given focal length of {self.given:.5g} px does not fit")  # fmt: skip
+        return str(self.doubt)
 
     @property
     def doubt(self) -> Doubt:
         """Of a result that was adjusted with the given one."""
-        return Doubt((self.camera,), str(self).replace(f"of {self.camera} ", "of {} ", 1), "focal")
+        words = (f"the pictures of {{}} show a focal length of {self.seen:.5g} +- {self.sigma:.2g} px, the given focal "
+                 f"length of {self.given:.5g} px does not fit")  # fmt: skip
+        return Doubt((self.camera,), words, "focal")
 
 
 def refuse_gross(task: Task, structure: Structure, words: str = "") -> None:

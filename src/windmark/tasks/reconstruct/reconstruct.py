@@ -117,7 +117,8 @@ def reconstruct(
     out = _result(task, structure, result, names, linked_marks, dropped, how, options)
     frame, unitless = ("", False) if known.located else frame_words(task, structure, distances)
     out = replace(out, frame=frame, free_scale=unitless, open_spots=open_spots(task, out))
-    return _doubted(task, out, (*(f.doubt for f in focals), *said.doubts))
+    out = _doubted(task, out, said.doubts)
+    return replace(out, doubts=(*(f.doubt for f in focals), *out.doubts))
 
 
 def _doubted(task: Task, out: Reconstruction, said: Sequence[Doubt]) -> Reconstruction:
