@@ -211,7 +211,11 @@ def test_a_bad_picture_is_left_out_beside_good_ones_and_said(windmark, copied):
     a, b = (fields(copied / "psp" / name / "fields.nc") for name in ("p01", "spoilt"))
     both = np.isfinite(a["cp"] + b["cp"])
     assert both.sum() > 4_000
-    assert np.mean(np.abs(a["cp"] - b["cp"])[both] < 1.96 * b["sigma_cp"][both]) > 0.95
+    apart, sigma = (a["cp"] - b["cp"])[both], b["sigma_cp"][both]
+    # What the lamps and the fit to the taps leave open is the same for all nodes: it is judged once, the rest by node.
+    common = np.polyval(np.polyfit(a["cp"][both], apart, 1), a["cp"][both])
+    assert np.abs(np.median(common / sigma)) < 2.6
+    assert np.mean(np.abs(apart - common) < 1.96 * sigma) > 0.95
     assert np.median(b["sigma_cp"][both] / a["sigma_cp"][both]) > 1.0
     write(copied / "points.csv", [spoilt])
     said = windmark("psp", copied / "psp.toml", "-o", copied / "again")

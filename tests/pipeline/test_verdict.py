@@ -220,11 +220,22 @@ def test_an_infrared_run_is_judged_by_what_its_cameras_see_and_by_its_sigma():
 
 
 def test_a_point_of_a_polar_is_judged_by_the_side_that_cameras_show():
-    point = PointRecord("p1", 0.0, {}, "reduced", seen=0.33, median_sigma_cp=0.01, shown={"all": 0.36})
+    point = PointRecord("p1", 0.0, {}, "reduced", seen=0.33, median_sigma_cp=0.01, flicker=0.0, shown={"all": 0.36})
     verdict = psp_verdict([point])
     assert verdict.word == GOOD
     assert "loads are of the 36 % of the area that cameras show" in verdict.reason
     assert psp_verdict([replace(point, seen=0.1)]).cause == "covered"
+
+
+def test_a_flicker_that_nothing_says_is_doubted_unless_taps_take_it_out():
+    point = PointRecord("p1", 0.0, {}, "reduced", seen=0.9, median_sigma_cp=0.01)
+    verdict = psp_verdict([point, replace(point, name="p2")])
+    assert (verdict.word, verdict.cause) == (DOUBTFUL, "weak")
+    assert "no sigma has the lamps' flicker" in verdict.reason
+    assert "radiometry.lamp_flicker" in verdict.next_step
+    assert psp_verdict([replace(point, flicker=0.0)]).word == GOOD
+    fit = {"scatter_Pa": 10.0, "rms_Pa": 10.0, "leave_one_out_rms_Pa": 11.0}
+    assert psp_verdict([replace(point, fit=fit)]).word == GOOD
 
 
 def test_a_table_in_another_unit_explains_why_no_point_came_out(tunnel):
@@ -238,7 +249,7 @@ def test_a_table_in_another_unit_explains_why_no_point_came_out(tunnel):
 def test_a_camera_out_of_focus_is_named_in_a_series():
     """Sharp in one camera, blurred in the other: where more than a tenth of its pictures are."""
     sharp, soft = Sight(20, 20, "", 0.0, 0.7, 3.0), Sight(20, 20, "", 0.0, 2.5, 3.0)
-    point = PointRecord("p1", 0.0, {}, "reduced", seen=0.33, median_sigma_cp=0.01, shown={"all": 0.36})
+    point = PointRecord("p1", 0.0, {}, "reduced", seen=0.33, median_sigma_cp=0.01, flicker=0.0, shown={"all": 0.36})
     on, off = Followed("wind-on", {"cam1": sharp, "cam2": soft}), Followed("wind-off", {"cam1": sharp})
     verdict = psp_verdict([replace(point, followed=(on, off))])
     assert (verdict.word, verdict.cause) == (DOUBTFUL, "blurred")
@@ -264,7 +275,7 @@ def test_blurred_pictures_explain_why_nothing_was_reconstructed():
 
 def test_what_following_found_is_said_of_every_series():
     """A camera that is left out, a law that is too simple, a marker beside its place: alike in all of them."""
-    point = PointRecord("p1", 0.0, {}, "reduced", seen=0.33, median_sigma_cp=0.01, shown={"all": 0.36})
+    point = PointRecord("p1", 0.0, {}, "reduced", seen=0.33, median_sigma_cp=0.01, flicker=0.0, shown={"all": 0.36})
     fine = Sight(20, 20, "", 0.0, 0.7, 3.0)
     why = "left out, it contradicts cam2: a camera is not where it is said to be"
     said = {
@@ -290,8 +301,8 @@ def test_what_following_found_is_said_of_every_series():
 def test_a_polar_whose_taps_were_not_fitted_is_doubted():
     none = np.zeros(0)
     taps = TapTable((), none, none, none, none, (), "the taps' readings are 0.01 times what the paint shows")
-    point = PointRecord("p1", 0.0, {}, "reduced", seen=0.33, median_sigma_cp=0.01, shown={"all": 0.36}, taps=taps)
-    verdict = psp_verdict([point])
+    point = PointRecord("p1", 0.0, {}, "reduced", seen=0.33, median_sigma_cp=0.01, flicker=0.0, shown={"all": 0.36})
+    verdict = psp_verdict([replace(point, taps=taps)])
     assert (verdict.word, verdict.cause) == (DOUBTFUL, "taps")
     assert "not fitted to the taps: the taps' readings are 0.01 times" in verdict.reason
     assert psp_verdict([replace(point, taps=replace(taps, unfitted=""))]).word == GOOD

@@ -23,6 +23,7 @@ from windmark.tasks.psp import (
     seen_loads,
     seen_sides,
     shown_areas,
+    two_colours,
 )
 from windmark.tasks.psp.few_modes import COLUMNS, pressure_of
 from windmark.tasks.psp.lamps import lit
@@ -164,6 +165,29 @@ def test_the_lamps_mode_is_larger_where_few_pictures_show_the_flicker():
         assert got.flicker == pytest.approx(0.01, rel=0.05)
         column = got.ratio.modes[:, got.ratio.names.index("lamps")][got.ratio.known]
         np.testing.assert_allclose(column, 2.776 / 1.96 * 0.01 * np.sqrt(2 / 3), rtol=0.1)
+
+
+def test_a_flicker_known_beforehand_counts_unless_pictures_contradict_it():
+    rng = np.random.default_rng(8)
+
+    def shown(lamps):
+        return [picture(v * slope() * (1 + 1e-4 * rng.standard_normal((120, 160))), 1e-2, name=f"{v}") for v in lamps]
+
+    def lamps_of(got):
+        return got.ratio.modes[:, got.ratio.names.index("lamps")][got.ratio.known]
+
+    one = ratio_of(shown([1.0]), shown([1.0]))
+    assert np.isnan(one.flicker)
+    assert "lamps" not in one.ratio.names
+    assert two_colours(one, one).flicker == 0
+    got = ratio_of(shown([1.0]), shown([1.0]), flicker=0.002)
+    assert got.flicker == 0.002
+    np.testing.assert_allclose(lamps_of(got), 0.002 * np.sqrt(2), rtol=1e-2)
+    uneven = [0.99, 1.0, 1.01]
+    for known, counts, factor in ((0.02, 0.02, 1), (0.006, 0.006, 1), (0.002, 0.01, 2.776 / 1.96), (0.0, 0.01, 1.416)):
+        got = ratio_of(shown(uneven), shown(uneven), flicker=known)
+        assert got.flicker == pytest.approx(counts, rel=0.05)
+        np.testing.assert_allclose(lamps_of(got), factor * counts * np.sqrt(2 / 3), rtol=0.1)
 
 
 @pytest.mark.slow

@@ -67,7 +67,8 @@ class RadiometryEntry(Strict):
     ``black``: the grey level without light, where there are no dark pictures. ``saturation``: levels from which on a
     pixel is not used; ``max_saturated``: part of the model's pixels that may be, before the picture is refused.
     ``gain``: photo-electrons per grey level, and ``read_noise``: of reading a pixel, in grey levels (1 sigma); without
-    them the pictures themselves say both.
+    them the pictures themselves say both. ``lamp_flicker``: relative standard deviation of the lamps from picture to
+    picture; without it pictures of the same state say it, where there are several.
     """
 
     dark: Pattern | None = None
@@ -78,6 +79,7 @@ class RadiometryEntry(Strict):
     max_saturated: Annotated[float, Field(ge=0, le=1)] = 0.02
     gain: Positive | None = None
     read_noise: NotNegative = 1.0
+    lamp_flicker: Annotated[float, Field(ge=0, le=0.1)] | None = None
 
     @property
     def gain_levels(self) -> float | None:

@@ -89,8 +89,9 @@ def run_point(test: PspTest, row: PointRow) -> PointOutcome:
     if not np.isfinite(stream.mach):
         said.append(f"no Mach number is given to test the pressures by: p_inf and q_inf are those of Mach "
                     f"{mach_of(stream):.3g}")  # fmt: skip
-    if not ratio.flicker and "reference" not in others:
-        said.append("every mean is of one picture, which says nothing of the lamps' flicker: it is in no sigma")
+    if (flicker := test.project.radiometry.lamp_flicker) is not None and ratio.flicker > flicker:
+        said.append(f"the lamps flicker by {100 * ratio.flicker:.2g} % from picture to picture, which counts, and by "
+                    f"{100 * flicker:.2g} % by radiometry.lamp_flicker")  # fmt: skip
     if ratio.self_lit is not None:
         said.append(str(ratio.self_lit))
     reduced = replace(reduced, remarks=(*reduced.remarks, *said))
@@ -101,7 +102,7 @@ def run_point(test: PspTest, row: PointRow) -> PointOutcome:
 def _ratio(test: PspTest, on: Found, off: References) -> MergedRatio:
     return ratio_of(
         on.pictures, off, how=sampling_of(test), lamps=test.lamps, reflecting=test.reflecting, bad=on.bad,
-        own=off.row.own,
+        own=off.row.own, flicker=test.project.radiometry.lamp_flicker,
     )  # fmt: skip
 
 

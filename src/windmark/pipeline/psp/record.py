@@ -51,7 +51,7 @@ class PointRecord:
     pictures_used : wind-on and wind-off pictures that count
     seen : part of the grid's nodes with a Cp
     median_sigma_cp : over these
-    flicker, systematic : of the lamps, and by which cameras differ, see `MergedRatio`
+    flicker, systematic : of the lamps (NaN: nothing says it), and by which cameras differ, see `MergedRatio`
     fit : figures of the fit to the taps, empty without one
     loads : volume -> coefficient -> value and sigma
     shown : volume -> part of its area that is on a side that cameras show: loads are those of this part

@@ -161,6 +161,16 @@ def psp_verdict(records: Sequence[PointRecord], units: Sequence[Finding] = (), u
                     r.name,
                 )
             )
+        if np.isnan(r.flicker) and not r.fit:  # a fit to the taps takes out what is the same for all nodes
+            found.append(
+                Finding(
+                    DOUBTFUL,
+                    "weak",
+                    "no sigma has the lamps' flicker: every mean is of one picture, and nothing else says it",
+                    "take several pictures of a state, or give radiometry.lamp_flicker",
+                    r.name,
+                )
+            )
         if r.seen < rules.COVERED * r.shown.get("all", 1.0):
             found.append(
                 Finding(

@@ -38,11 +38,13 @@ def two_colours(paint: MergedRatio, reference: MergedRatio) -> MergedRatio:
     """The ratio of a two-colour paint: that of the channel that answers to pressure over that of the other one.
 
     See `paint.form_ratio`, of which this is the form for ratios: light that the model moves in, and lamps that grow
-    dim, are in both. What each camera shows by itself stays that of the first channel.
+    dim, are in both: a flicker that nothing says is taken as 0. What each camera shows by itself stays that of the
+    first channel.
     """
     off = as_one_cause(reference.ratio, REFERENCE)
     good = (paint.ratio.value > 0) & (off.value > 0)
     a, b = (np.where(good, f.value, np.nan) for f in (paint.ratio, off))
     slopes = [np.where(good, s, 0.0) for s in (1 / b, -a / b**2)]
     ratio = combined(a / b, [(paint.ratio, slopes[0]), (off, slopes[1])])
-    return replace(paint, ratio=ratio, left_out={**paint.left_out, **reference.left_out})
+    flicker = float(np.nan_to_num(paint.flicker))
+    return replace(paint, ratio=ratio, flicker=flicker, left_out={**paint.left_out, **reference.left_out})

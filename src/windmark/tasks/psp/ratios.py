@@ -22,6 +22,8 @@ Mask = NDArray[np.bool_]
 DIRECTIONS = 3
 """Of a registration's errors at most so many are kept as modes, those that change the ratio most; the others count as
 noise. Fewer with more than two cameras, each of which brings a mode of its own: a field has 30 (`MOST_MODES`)."""
+BELIEVED = 1e-3
+"""A flicker known beforehand counts while pictures as uneven as these have at least this chance under it."""
 WIND_ON, WIND_OFF = "wind-on", "wind-off"
 
 
@@ -49,7 +51,8 @@ class MergedRatio:
     cameras : each camera's own
     source : (V,) int8, which camera counts most; -1 for none
     systematic : part by which cameras differ beyond noise; NaN where none sees what another does
-    flicker : relative standard deviation of the lamps from picture to picture, as the pictures show it
+    flicker : relative standard deviation of the lamps from picture to picture that counts, see `ratio_of`; NaN where
+        nothing says it, and no sigma has it
     left_out : picture -> why it does not count
     self_lit : what taking off the light that the model throws on itself changed; None where that was not asked for
     """
@@ -72,6 +75,7 @@ def ratio_of(
     reflecting: Reflecting | None = None,
     bad: Sequence[BadPicture] = (),
     own: bool = False,
+    flicker: float | None = None,
 ) -> MergedRatio:
     """Ratio at the nodes of a grid from pictures of one point by any number of cameras.
 
@@ -91,6 +95,9 @@ def ratio_of(
     own : the reference is the mean of a run that the pictures with wind are one part of and ``off`` the others, of each
         node over the parts that show it. What wind-on is wrong by is in both and cancels by that part. One that cannot
         be used is left out as a picture is
+    flicker : what is known of it beforehand: a relative standard deviation from picture to picture. It counts unless
+        the pictures show more than chance lets it (1 in 1000). None: the pictures alone say it, where any mean is of
+        several
 
     Raises
     ------
@@ -109,7 +116,7 @@ def ratio_of(
         WIND_ON: {name: by_camera[name] for name in names},
         WIND_OFF: {name: together([(share, of[name]) for share, of in parts if name in of], own) for name in names},
     }  # fmt: skip
-    flicker, factor = _flicker(levels)
+    lamps_from_picture, factor = _flicker(levels, flicker)
     fields = {kind: _as_fields(of, kind) for kind, of in levels.items()}
     cameras = {}
     for name in names:
@@ -118,8 +125,8 @@ def ratio_of(
         if up.cells is not None and down.cells is not None:
             taken, added = bend_of_ratio(ratio.value, down.cells, up.cells, on[0].mesh.triangles)
             ratio = replace(ratio, value=ratio.value - taken, white=ratio.white + added)
-        if flicker > 0:
-            part = factor * flicker * np.sqrt(up.inverse + down.inverse)
+        if lamps_from_picture > 0:
+            part = factor * lamps_from_picture * np.sqrt(up.inverse + down.inverse)
             ratio = ratio.with_mode("lamps", np.where(ratio.known, part * ratio.value, 0.0))
         if own:  # (s I + (1 - s) I_others) / I
             rest = down.shown / (down.shown + 1)
@@ -135,7 +142,7 @@ def ratio_of(
         lights = {kind: {name: _as_it_left(fields[kind][name], levels[kind][name].lamps) for name in names}
                   for kind in levels}  # fmt: skip
         ratio, change = own_light(ratio, lights, tapers, reflecting, (WIND_OFF, WIND_ON))
-    return MergedRatio(ratio, cameras, merged.source, merged.systematic, flicker, left_out, change)
+    return MergedRatio(ratio, cameras, merged.source, merged.systematic, lamps_from_picture, left_out, change)
 
 
 def _as_parts(off: Sequence[ModelPicture] | Iterable[Reference]) -> Iterable[Reference]:
@@ -185,19 +192,22 @@ def _without_nan(field_: NodeField) -> NodeField:
     return replace(field_, white=np.where(on, field_.white, 0.0), modes=np.where(on[:, None], field_.modes, 0.0))
 
 
-def _flicker(levels: Mapping[str, Mapping[str, Level]]) -> tuple[float, float]:
-    """Pooled standard deviation of the lamps, 0 where every mean is of one picture; and Student's factor on it.
+def _flicker(levels: Mapping[str, Mapping[str, Level]], known: float | None) -> tuple[float, float]:
+    """Standard deviation of the lamps and the factor on it: as known beforehand, 1; pooled over pictures, Student's.
 
     Cameras see the same lamps at the same time: the pictures of one of them, of each kind, are the draws.
     """
-    from scipy.special import stdtrit
+    from scipy.special import chdtrc, stdtrit
 
     several = [g for of in levels.values() for level in of.values() for g in level.light if len(g) > 1]
     if not several:
-        return 0.0, 1.0
+        return (float("nan") if known is None else known), 1.0
     square = sum(float(((g / g.mean() - 1) ** 2).sum()) for g in several)
     draws = sum(max(level.draws for level in of.values()) for of in levels.values())
-    return float(np.sqrt(square / sum(len(g) - 1 for g in several))), float(stdtrit(draws, 0.975)) / 1.959964
+    shown = float(np.sqrt(square / sum(len(g) - 1 for g in several)))
+    if known is not None and (shown <= known or (known and chdtrc(draws, draws * (shown / known) ** 2) > BELIEVED)):
+        return known, 1.0
+    return shown, float(stdtrit(draws, 0.975)) / 1.959964
 
 
 def _as_fields(levels: Mapping[str, Level], kind: str) -> dict[str, NodeField]:
