@@ -1,5 +1,6 @@
 """The report's parts: nothing of the data is taken for HTML, nothing comes from elsewhere."""
 
+import re
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -9,6 +10,7 @@ import pytest
 from windmark.app import pictures, run_report
 from windmark.app.provenance import told
 from windmark.app.report import Report, cell
+from windmark.app.svg import ticks
 
 
 def test_text_is_escaped_everywhere():
@@ -28,6 +30,18 @@ def test_text_is_escaped_everywhere():
 )
 def test_cells(value, text):
     assert cell(value) == text
+
+
+def test_heads_stand_over_their_cells():
+    report = Report("t")
+    rows = [["a", 1.5, "lost", None, "1.2 ± 0.1"], ["b", None, "no spots", "late", "12 %"], ["c", 2.0, 3, "–", "4/5"]]
+    report.table(["picture", "rms", "why", "note", "figure"], rows)
+    (html,) = report.parts
+    lines = [re.findall(r'<t[hd]( class="text")?>', line) for line in html.split("<tr>")[1:]]
+    assert len(lines) == 4
+    assert all([bool(of) for of in line] == [True, False, True, True, False] for line in lines)
+    columns = re.sub("<[^>]*>", " ", html).split()
+    assert columns[:5] == ["picture", "rms", "why", "note", "figure"]
 
 
 def test_pictures_are_png_whatever_the_image():
@@ -68,3 +82,11 @@ def test_the_worst_pictures_keep_their_pixels(monkeypatch, count, packed):
     whole = {name for name, room in rooms.items() if room.photo > 400_000}
     assert whole == {i.name for i in items[-run_report.WHOLE :]}
     assert ("are coarser here, beside" in report.html()) == (count > run_report.WHOLE)
+
+
+@pytest.mark.parametrize("about", [1, 3, 6])
+def test_axes_have_two_ticks_at_least(about):
+    for low, high in ((-0.0185, 0.0185), (0.11, 0.19), (-3e5, 7e5), (1.01, 1.02)):
+        marks = ticks(low, high, about)
+        assert len(marks) >= 2
+        assert low <= marks[0] < marks[-1] <= high

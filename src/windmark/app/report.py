@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import io as byte_io
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -27,6 +28,9 @@ PACKED_ID = "part"
 HINT = "drag: turn · shift or right button: move · click, then wheel: zoom · arrows, + −, 0 · double click: home"
 FALLBACK = "The 3D view needs JavaScript and WebGL2. All figures are in the tables."
 _SCENE = '<figure class="wm-figure">'
+_FIGURE = re.compile(r"[-+−<≤>≥≈]?\s*[\d.,][\d.,eE+\-−±×/() ]*%?")
+"""Text that is a number, its error or a part."""
+
 
 @dataclass
 class Report:
@@ -83,9 +87,11 @@ class Report:
         return self.told(value) if isinstance(value, str) else value
 
     def table(self, columns: Sequence[str], rows: Iterable[Sequence[Any]], *, scroll: bool = False) -> None:
-        """A table; numbers are formatted with `cell`."""
-        head = "".join(f"<th>{escape(c)}</th>" for c in columns)
-        body = "".join("<tr>" + "".join(_td(self._cell(v)) for v in row) + "</tr>" for row in rows)
+        """A table; numbers are formatted with `cell`. Words are left, figures right, each column as most of it is."""
+        body_rows = [[self._cell(v) for v in row] for row in rows]
+        words = [_of_words([row[k] for row in body_rows if k < len(row)]) for k in range(len(columns))]
+        head = _row("th", columns, words)
+        body = "".join(f"<tr>{_row('td', map(cell, row), words)}</tr>" for row in body_rows)
         table = f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
         self.parts.append(f'<div class="scroll">{table}</div>' if scroll else table)
 
@@ -193,11 +199,15 @@ def _smaller(png: bytes) -> tuple[str, bytes]:
     return ("webp", stream.getvalue()) if stream.tell() < len(png) else ("png", png)
 
 
-def _td(value: Any) -> str:
-    """A table cell; words are left, figures right."""
-    words = isinstance(value, str) and not value.lstrip("-+").replace(".", "", 1).isdigit()
-    style = ' class="text"' if words else ""
-    return f"<td{style}>{escape(cell(value))}</td>"
+def _row(tag: str, texts: Iterable[str], words: Sequence[bool]) -> str:
+    styles = (' class="text"' if text else "" for text in words)
+    return "".join(f"<{tag}{style}>{escape(text)}</{tag}>" for text, style in zip(texts, styles, strict=True))
+
+
+def _of_words(column: Sequence[Any]) -> bool:
+    """Whether most of what a column says are words."""
+    said = [v for v in column if v is not None and v == v and v not in ("", "-", "–", "−")]
+    return 2 * sum(isinstance(v, str) and not _FIGURE.fullmatch(v) for v in said) > len(said)
 
 
 def cell(value: Any) -> str:

@@ -124,14 +124,14 @@ class Chart:
 
 
 def ticks(low: float, high: float, about: int = 6) -> list[float]:
-    """Round numbers from low to high: 1, 2, 5 times a power of ten apart, about so many."""
+    """Round numbers from low to high: 1, 2, 5 times a power of ten apart, about so many and at least two."""
     span = high - low
     if not np.isfinite(span) or span <= 0:
         return [low]
     power = 10.0 ** np.floor(np.log10(span / about))
     step = next(m for m in (1, 2, 5, 10) if m * power >= span / about * (1 - 1e-9)) * power
     first, last = int(np.ceil(low / step - 1e-9)), int(np.floor(high / step + 1e-9))
-    return [float(k * step) for k in range(first, last + 1)]
+    return [float(k * step) for k in range(first, last + 1)] if last > first else ticks(low, high, about + 1)
 
 
 def tick_texts(marks: Sequence[float]) -> list[str]:
