@@ -64,6 +64,8 @@ class Cluster:
         self.file = place / "scheduler.json"
         self.processes = [self._start("dask_scheduler", "--port", "0", "--no-dashboard")]
         while not self.file.exists():
+            if self.processes[0].poll() is not None:
+                raise SystemExit("no scheduler could be started; is the extra cluster installed?")
             time.sleep(0.05)
         self.address = str(json.loads(self.file.read_text())["address"])
 

@@ -119,12 +119,14 @@ def _lines(content: FolderContent, choice: Choice, target: Path, verb: str) -> l
 
 
 def _found(content: FolderContent, choice: Choice) -> list[str]:
-    used = {c for c in choice.cameras.values() if c is not None}
+    used, count = {c for c in choice.cameras.values() if c is not None}, len(content.pictures)
+    unused = sorted(c.name for c in content.cameras if c not in used)
     found = [
-        f"{len(content.pictures)} pictures",
+        f"{count} picture{'s' if count != 1 else ''}",
         f"camera{'s' if len(used) != 1 else ''} {', '.join(sorted(c.name for c in used)) or 'none'}",
         f"markers {choice.markers.name if choice.markers else 'none'}",
         f"grid {choice.grid.name if choice.grid else 'none'}",
     ]  # fmt: skip
     out = [f"found: {'; '.join(found)}"]
+    out += [f"  not used, no picture is named like it: {', '.join(unused)}"] if used and unused else []
     return out + [f"  left out: {p.name}: {why}" for p, why in list(content.left_out.items())[:SHOWN]]
