@@ -19,6 +19,11 @@ if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is signal.SIG_I
 
 import hypothesis  # noqa: E402
 import pytest  # noqa: E402
+import scipy.linalg  # noqa: E402, F401
+from threadpoolctl import threadpool_limits  # noqa: E402
+
+# A plugin of pytest may have imported numpy before this file was read.
+threadpool_limits(limits=1, user_api="blas")
 
 # The same examples every time, so that a red run means a change; `--hypothesis-profile=explore` draws new ones.
 # No deadline: machines are shared, and no test says how fast it has to be.

@@ -1,6 +1,7 @@
 """`windmark psp --scheduler`: the same bytes as here, a worker that is killed, a run that is stopped and goes on."""
 
 import csv
+import os
 import shutil
 import subprocess
 import sys
@@ -56,8 +57,9 @@ class Cluster:
 
     def _start(self, what, *more):
         command = [sys.executable, "-m", f"distributed.cli.{what}", "--scheduler-file", self.file]
-        return subprocess.Popen([*command, "--host", "127.0.0.1", *more], cwd=self.place, stdout=subprocess.DEVNULL,
-                                stderr=subprocess.DEVNULL)  # fmt: skip
+        as_a_user = {k: v for k, v in os.environ.items() if not k.endswith("_NUM_THREADS")}
+        return subprocess.Popen([*command, "--host", "127.0.0.1", *more], cwd=self.place, env=as_a_user,
+                                stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)  # fmt: skip
 
     def close(self):
         for process in (*self.workers, self.scheduler):

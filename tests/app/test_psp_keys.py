@@ -230,3 +230,39 @@ def test_a_drawn_polygon_takes_out_what_is_no_paint(windmark, made, copied):
     done = windmark("psp", copied / "psp.toml")
     assert done.code == 2
     assert "polygons.csv: name: polygon 'a' has 2 corners" in done.err
+
+
+def test_results_at_listed_places(windmark, copied):
+    """Taps as places have the Cp that the table of taps has; off the grid and where no camera looks there is none."""
+    with open(copied / "taps.csv", newline="") as stream:
+        taps = list(csv.DictReader(line for line in stream if not line.startswith("#")))
+    shown = [t for t in taps if float(t["nz"]) > 0]
+    below = {**next(t for t in taps if float(t["nz"]) < 0), "name": "below"}
+    rows = [*shown, below, {**shown[0], "name": "off", "z": "500"}]
+    keys = ("name", *"xyz", "nx", "ny", "nz")
+    io.write_table(copied / "wanted.csv", {k: np.array([r[k] if k == "name" else float(r[k]) for r in rows])
+                                           for k in keys}, comment="length unit: mm")  # fmt: skip
+    change(copied, (r"\[loads\]", '[[place]]\nfile = "wanted.csv"\nname = "rake"\n\n[loads]'))
+    _, _, said = reduced(windmark, copied)
+    with open(copied / "out" / "p02" / "points-rake.csv", newline="") as stream:
+        found = {r["name"]: r for r in csv.DictReader(stream)}
+    with open(copied / "out" / "p02" / "taps.csv", newline="") as stream:
+        paint = {r["name"]: r for r in csv.DictReader(stream)}
+    assert list(found) == [r["name"] for r in rows]
+    both = [n for n in paint if n in found and paint[n]["cp_paint"]]
+    assert len(both) > 10
+    for name in both:
+        assert float(found[name]["cp"]) == pytest.approx(float(paint[name]["cp_paint"]), rel=1e-9)
+        assert float(found[name]["sigma_cp"]) == pytest.approx(float(paint[name]["sigma_paint"]), rel=1e-9)
+        stream_ = (float(found[name]["pressure_Pa"]), float(found[name]["sigma_pressure_Pa"]))
+        assert 1e4 < stream_[0] < 2e5
+        assert 0 < stream_[1] < 5e3
+        assert 250 < float(found[name]["temperature_K"]) < 350
+    assert (found["off"]["remark"], found["off"]["cp"]) == ("outside the grid", "")
+    assert (found["below"]["remark"], found["below"]["cp"]) == ("not seen", "")
+    assert said["reduced"] == 1
+    assert "wanted.csv" in (copied / "out" / "manifest.json").read_text()  # so a run that goes on notices a change
+    change(copied, ('name = "rake"', 'name = "rake"\n\n[[place]]\nfile = "taps.csv"\nname = "rake"'))
+    again = windmark("psp", copied / "psp.toml")
+    assert again.code == 2
+    assert "place names must be unique, more than once: rake" in again.err

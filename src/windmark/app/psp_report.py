@@ -25,7 +25,7 @@ FILES = (
     ("points.csv, loads.csv", "every point with its state; forces and moments with sigma"),
     ("POINT/fields.nc", "Cp, pressure, temperature, ratio and their sigmas at the nodes of the deformed grid"),
     ("POINT/fields.vtp, polar.pvd", "the same for ParaView; all points, incidence as time"),
-    ("POINT/sections.csv, POINT/taps.csv", "Cp along the cuts; paint against taps"),
+    ("POINT/sections.csv, POINT/taps.csv, POINT/points-NAME.csv", "Cp along the cuts; paint against taps; at places"),
     ("summary.json", "the figures of this page"),
 )
 

@@ -173,7 +173,7 @@ def _reasons(s: PointSet, merged: MergedViews, views: tuple[NodeView, ...], know
 def point_columns(table: PointTable, column: str) -> dict[str, NDArray]:
     """An image's values at points as columns of a file; ``column``: the name of the values."""
     v = table.values
-    return {**_places(table.of), column: v.value, "sigma": v.sigma, "reason": v.words, "column_px": v.xy[:, 0],
+    return {**places(table.of), column: v.value, "sigma": v.sigma, "reason": v.words, "column_px": v.xy[:, 0],
             "row_px": v.xy[:, 1]}  # fmt: skip
 
 
@@ -181,11 +181,11 @@ def merged_columns(table: MergedTable, column: str) -> dict[str, NDArray]:
     """Merged values at points as columns of a file; ``column``: the name of the values."""
     v = table.values
     image = np.array(["", *table.names], dtype=np.str_)[v.source.astype(int) + 1]
-    return {**_places(table.of), column: v.value, "sigma": v.sigma, "reason": table.reason, "image": image,
+    return {**places(table.of), column: v.value, "sigma": v.sigma, "reason": table.reason, "image": image,
             "images": v.pictures}  # fmt: skip
 
 
-def _places(s: PointSet) -> dict[str, NDArray]:
+def places(s: PointSet) -> dict[str, NDArray]:
     """Name, place as it was asked for, place on the surface and how far apart they are."""
     head: dict[str, NDArray] = {"name": s.names}
     if s.arc is not None:

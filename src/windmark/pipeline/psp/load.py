@@ -16,6 +16,7 @@ from windmark.pipeline.deform.project import CameraEntry as DeformCamera
 from windmark.pipeline.deform.project import DeformProject
 from windmark.pipeline.framing import frame_views
 from windmark.pipeline.lengths import Lengths
+from windmark.pipeline.points import PointSet, on_grid, read_lists
 from windmark.pipeline.psp.calibration import PaintCalibration, read_calibration, read_temperature_calibration
 from windmark.pipeline.psp.cell import calibrate_paint, read_cell
 from windmark.pipeline.psp.offs import by_incidence, by_run, read_references, run_remarks
@@ -52,6 +53,7 @@ class PspTest:
     reflecting : the light that the model throws on itself, with form factors at rest; None: it is left
     remarks : what is odd but no error
     views : virtual cameras before the grid at rest
+    places : lists of places on it at which results are wanted
     """
 
     project: PspProject
@@ -70,6 +72,7 @@ class PspTest:
     reflecting: Reflecting | None
     remarks: tuple[str, ...]
     views: tuple[FramedView, ...] = ()
+    places: tuple[PointSet, ...] = ()
 
 
 def load_psp(project: PspProject) -> PspTest:
@@ -104,11 +107,14 @@ def load_psp(project: PspProject) -> PspTest:
         remarks.append("no [[lamp]] is given: light that changes because the model moves in it is neither corrected "
                        "nor in any sigma")  # fmt: skip
     polygons = () if project.patches.polygons is None else read_polygons(project.patches.polygons, lengths)
+    places = [on_grid(entry, part, deforming.mesh) for entry, part in
+              zip(project.place, read_lists(project.place, lengths), strict=True)]  # fmt: skip
     lamps = tuple(Lamp(lamp.position, lamp.power) for lamp in project.lamp)
     return PspTest(
         project, deforming, deforming.mesh, rows, paint, sensors, taps, pressures, wells, readings, lamps,
         None if warm.paint is None else read_temperature_calibration(warm.paint), polygons,
         _reflecting(project, deforming.mesh), tuple(remarks), frame_views(project, deforming.mesh),
+        tuple(places),
     )  # fmt: skip
 
 

@@ -41,6 +41,7 @@ def inputs(test: PspTest) -> list[tuple[str, Path]]:
         out += [("temperature.thermocouples", warm.thermocouples), ("temperature.readings", warm.readings)]
     for file_key, path in (("temperature.paint", warm.paint), ("patches.polygons", project.patches.polygons)):
         out += [] if path is None else [(file_key, path)]
+    out += [(f"place[{i}].file", entry.file) for i, entry in enumerate(project.place)]
     out += [(f"camera of view {v.name}", v.camera) for v in project.view if v.camera is not None]
     if project.radiometry.linearity is not None:
         out += [(f"radiometry.linearity of {c.name}", named_file(project, "linearity", c.name)) for c in project.camera]

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from windmark import io
 from windmark.paint import SECTION_LOADS, LoadReference
 from windmark.pipeline.psp.load import PspTest
+from windmark.pipeline.psp.places import place_columns
 from windmark.pipeline.psp.point import PointOutcome
 from windmark.pipeline.psp.project import PspProject
 from windmark.pipeline.psp.record import PointRecord, load_columns
@@ -26,7 +27,7 @@ FIELDS = "fields.nc"
 
 
 def write_point(folder: Path, test: PspTest, done: PointOutcome, record: PointRecord) -> None:
-    """Write the folder of a point: fields at the nodes, sections, taps."""
+    """Write the folder of a point: fields at the nodes, sections, taps, results at listed places."""
     place, reduced, project = folder / record.name, done.reduced, test.project
     place.mkdir(exist_ok=True)
     fields, units = node_fields(reduced)
@@ -44,6 +45,8 @@ def write_point(folder: Path, test: PspTest, done: PointOutcome, record: PointRe
         io.write_plot3d_function(place / "fields.f", mesh, fields, units=units, layout=_layout(project))
     write_views(place, test, reduced)
     write_span(place, test, reduced, done.task)
+    for of in test.places:
+        io.write_table(place / f"points-{of.name}.csv", place_columns(of, test.mesh, reduced))
     write_tables(place, record)
 
 

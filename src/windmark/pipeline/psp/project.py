@@ -31,12 +31,14 @@ from windmark.pipeline.psp.entries import (
 )
 from windmark.pipeline.psp.stream import constants_of
 from windmark.pipeline.settings import Strict, existing, explained, read_toml, unusable_name
+from windmark.pipeline.wanted import PointsEntry
 
 
 class PspProject(Strict):
     """A whole paint test. `path` is the project file; other paths are already absolute, patterns are not.
 
     ``conditions``: of all points, for what neither the table of points nor a ``.wtd`` file says; keys as its columns.
+    ``place``: lists of places on the model at rest at which results are wanted.
     """
 
     path: Path
@@ -61,6 +63,7 @@ class PspProject(Strict):
     self_illumination: SelfIlluminationEntry | None = None
     loads: LoadsEntry | None = None
     section: tuple[SectionEntry, ...] = ()
+    place: tuple[PointsEntry, ...] = ()
     view: tuple[ViewEntry, ...] = ()
     output: OutputEntry = Field(default_factory=OutputEntry)
 
@@ -73,6 +76,7 @@ class PspProject(Strict):
     @model_validator(mode="after")
     def _consistent(self) -> PspProject:
         for kind, names in (("camera", [c.name for c in self.camera]), ("section", [s.name for s in self.section]),
+                            ("place", [p.label for p in self.place]),
                             ("volume", [v.name for v in self.volume]),
                             ("view", [v.name for v in self.view])):  # fmt: skip
             twice = sorted({n for n in names if names.count(n) > 1})
@@ -123,6 +127,7 @@ def _with_absolute_paths(project: PspProject) -> PspProject:
         "reference": moved("reference", project.reference, "table"),
         "camera": tuple(moved(f"camera[{i}]", c, "file", "mask") for i, c in enumerate(project.camera)),
         "view": tuple(moved(f"view[{i}]", v, "camera") for i, v in enumerate(project.view)),
+        "place": tuple(moved(f"place[{i}]", p, "file") for i, p in enumerate(project.place)),
         "markers": moved("markers", project.markers, "file"),
         "grid": moved("grid", project.grid, "file"),
         "paint": moved("paint", project.paint, "cell", "calibration"),

@@ -87,7 +87,7 @@ def at_taps(
         return prior, None, table
     if not len(good):
         return prior, None, _unfitted(table, "no tap lies on what was seen", remarks)
-    x = _there(rest, prior, filled, taps.xyz[good], (at[0][good], at[1][good]))
+    x = field_at(rest, prior, filled, taps.xyz[good], (at[0][good], at[1][good]))
     if why := other_unit(taps.value[good], x.value):
         return prior, None, _unfitted(table, why, remarks)
     fit = in_situ(
@@ -108,7 +108,7 @@ def _unfitted(table: TapTable, why: str, remarks: list[str]) -> TapTable:
     return replace(table, unfitted=why)
 
 
-def _there(
+def field_at(
     rest: Mesh, field_: NodeField, filled: Mask, xyz: Array, at: tuple[NDArray[np.int32], Array]
 ) -> NodeField:
     """The field at points (N, 3) in triangles, see `interpolated`, with what a triangle leaves open in its noise.
@@ -175,7 +175,7 @@ def in_cp(
 ) -> TapTable:
     """The table of `at_taps` with its readings as Cp, and the paint's Cp at them."""
     at, words = _on_surface(rest, taps, cp)
-    there = _there(rest, cp, filled, taps.xyz, at)
+    there = field_at(rest, cp, filled, taps.xyz, at)
     seen = np.array([not w for w in words], bool)
     return replace(
         table, cp=(table.cp - stream.p_inf) / stream.q_inf, cp_sigma=table.cp_sigma / stream.q_inf,

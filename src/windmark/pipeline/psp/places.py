@@ -1,0 +1,41 @@
+"""Results of a paint test at listed places on the model: Cp, pressure, temperature and ratio, each with its sigma."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.pipeline.points import PointSet, places
+from windmark.scene import Mesh
+from windmark.tasks.psp import OFF_GRID, UNSEEN, ReducedPoint, field_at
+
+EITHER_SIDE, FILLED = "as near to the other side of a thin part", "filled from its surroundings"
+"""Why a place has no value; and what is to be said of one."""
+FIELDS = {"cp": "", "pressure": "_Pa", "temperature": "_K", "ratio": ""}
+"""Of `ReducedPoint`, with the ending of their columns."""
+
+
+def place_columns(of: PointSet, rest: Mesh, reduced: ReducedPoint) -> dict[str, NDArray]:
+    """Columns of a point's file: places as asked for and on the grid at rest, values, and what is to be said of each.
+
+    A place counts where all nodes of its triangle have a value, and its sigma holds by how much the field bends
+    between them, as at taps (see `tasks.psp.field_at`).
+    """
+    surface = of.surface
+    off = (surface.triangle < 0) | surface.either_side
+    triangle = np.where(off, 0, surface.triangle)
+    nodes = rest.triangles[triangle]
+    weights = np.column_stack([1 - surface.barycentric.sum(axis=1), surface.barycentric])
+    weights[off] = 0.0
+    seen = ~off & reduced.cp.known[nodes].all(axis=1)
+    out = places(of)
+    for name, ending in FIELDS.items():
+        field = getattr(reduced, name)
+        there = field_at(rest, field, reduced.filled, of.asked[seen], (nodes[seen], weights[seen]))
+        for what, values in ((f"{name}{ending}", there.value), (f"sigma_{name}{ending}", there.sigma)):
+            out[what] = np.full(len(off), np.nan)
+            out[what][seen] = values
+    filled = seen & ((weights > 0) & reduced.filled[nodes]).any(axis=1)
+    words = [(surface.triangle < 0, OFF_GRID), (surface.either_side, EITHER_SIDE), (~seen, UNSEEN), (filled, FILLED)]
+    said = np.select([mask for mask, _ in words], [text for _, text in words], default="")
+    return {**out, "remark": np.asarray(said, dtype=np.str_)}
