@@ -16,13 +16,15 @@ from windmark.errors import WindmarkError
 from windmark.io.errors import FileError, decoding
 from windmark.io.recordings.folder import picture_files
 from windmark.pipeline.check_paint import paint_tables
-from windmark.pipeline.deform.project import RECORDING, DeformProject
+from windmark.pipeline.check_paths import other_paths, similar
+from windmark.pipeline.check_places import places_tables
+from windmark.pipeline.deform.project import DeformProject
 from windmark.pipeline.infrared import InfraredProject
 from windmark.pipeline.kinds import KINDS, kind_of
 from windmark.pipeline.likely_unit import likely_unit, model_box
 from windmark.pipeline.project import Project, pictures_of
 from windmark.pipeline.psp import PspProject
-from windmark.pipeline.settings import existing, existing_picture, explanation, has_path, model_in, read_settings
+from windmark.pipeline.settings import existing, existing_picture, explanation, read_settings
 from windmark.pipeline.toml_lines import Key, line_of, toml_lines
 from windmark.scene import MarkerSet, Mesh
 
@@ -165,9 +167,10 @@ class _Files:
         mesh = self._file("grid.file", self._at("grid", "file"), self._mesh)
         for n, entry in enumerate(self._tables("image")):
             self._image(n, entry)
-        for key, value in _other_paths(MODELS[self.out.kind], self.data):
+        for key, value in other_paths(MODELS[self.out.kind], self.data):
             self._exists(key, value)
-        for key, read in paint_tables(self.out.path, self.data) if self.out.kind == "psp" else ():
+        tables = paint_tables(self.out.path, self.data) if self.out.kind == "psp" else ()
+        for key, read in (*places_tables(self.out.path, self.data), *tables):
             self.show(f"read {key}")
             with _noting(self.out, self.lines, key):
                 self.out.read.append(read())
@@ -195,7 +198,7 @@ class _Files:
         try:
             return look(self.out.path, key, Path(value))
         except FileError as error:
-            raise FileError(error.path, error.what + _similar(self.out.path.parent / value), error.where) from None
+            raise FileError(error.path, error.what + similar(self.out.path.parent / value), error.where) from None
 
     def _exists(self, key: str, value: str) -> None:
         with _noting(self.out, self.lines, key):
@@ -281,36 +284,3 @@ class _Files:
         if known is not None and known.camera.size_px != image.shape[1::-1]:
             w, h = known.camera.size_px
             raise FileError(path, f"is {image.shape[1]} x {image.shape[0]} px, its camera {w} x {h}")
-
-
-def _other_paths(model: type[BaseModel], data: Any, key: str = "") -> Iterator[tuple[str, str]]:
-    """Every other setting that names a file, by the model's own types -> its key and text."""
-    for field_name, about in model.model_fields.items():
-        name = about.alias or field_name
-        if not isinstance(data, dict) or name not in data or name in ("output", "watch", "path"):
-            continue
-        here, value = f"{key}.{name}" if key else name, data[name]
-        inner = model_in(about.annotation)
-        if inner is not None:
-            several = isinstance(value, list)
-            for n, one in enumerate(value if several else [value]):
-                yield from _other_paths(inner, one, f"{here}[{n}]" if several else here)
-        elif isinstance(value, str) and has_path(about.annotation) and value != str(RECORDING) and here not in _READ:  # noqa: SIM102
-            if name != "file" or not key.startswith(("camera[", "image[")):
-                yield here, value
-
-
-_READ = ("markers.file", "grid.file")
-"""Files that are not only looked for but read."""
-
-
-def _similar(path: Path) -> str:
-    """", did you mean ...?" where a file with nearly this name is there."""
-    from difflib import get_close_matches
-
-    try:
-        there = [p.name for p in path.parent.iterdir()]
-    except (OSError, ValueError):  # no folder, or no name that a file can have
-        return ""
-    near = get_close_matches(path.name, there, 1, 0.6)
-    return f", did you mean {near[0]}?" if near else ""
