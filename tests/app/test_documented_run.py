@@ -47,6 +47,7 @@ SMALLER = {
     "windmark simulate my-photos --photos 24": "windmark simulate my-photos --photos 10",
     "windmark simulate my-swing --deforming 24 --clocks": "windmark simulate my-swing --deforming 8 --clocks",
     "windmark simulate my-wing --deforming 12": "windmark simulate my-wing --deforming 4",
+    "windmark simulate my-wing --deforming 8": "windmark simulate my-wing --deforming 4",
     "windmark simulate my-film --sequence 24": "windmark simulate my-film --sequence 6",
 }
 """The same with fewer frames, for time."""
