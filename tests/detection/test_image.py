@@ -1,5 +1,7 @@
 """What the detector makes of an image's type, levels and dead pixels."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -90,6 +92,8 @@ def test_nothing_to_find():
         (np.zeros((0, 5)), "at least one pixel"),
         (np.zeros((4, 4), complex), "complex"),
         (np.array([["a", "b"]]), "real number type"),
+        ("wind-off.tif", r"got the path wind-off\.tif: windmark\.read_image reads it"),
+        (Path("wind-off.tif"), r"got the path wind-off\.tif"),
     ],
 )
 def test_wrong_images_are_named(image, word):

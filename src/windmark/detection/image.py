@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from os import PathLike
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -68,6 +69,8 @@ def check_image(image: ArrayLike) -> NDArray[np.generic]:
     a = np.asarray(image)
     if a.dtype == np.bool_:
         a = a.view(np.uint8)
+    if isinstance(image, str | PathLike):
+        raise UsageError(f"image must be an array, got the path {image}: windmark.read_image reads it")
     if a.dtype.kind not in "iuf":
         raise UsageError(f"image must have a real number type (integers or floats), got {a.dtype}")
     if a.ndim == 3:

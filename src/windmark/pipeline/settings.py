@@ -53,7 +53,7 @@ def read_toml(path: Path, root: type[BaseModel]) -> dict[str, Any]:
     if "path" in data:
         raise FileError(path, f"unknown key; expected {known_keys(root)}", "path")
     if (other := other_kind(data, root.__name__)) is not None:
-        raise FileError(path, f"{other} {path.name}")
+        raise FileError(path, f"{other} {path}")
     return data
 
 
