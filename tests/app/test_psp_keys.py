@@ -238,7 +238,7 @@ def test_results_at_listed_places(windmark, copied):
         taps = list(csv.DictReader(line for line in stream if not line.startswith("#")))
     shown = [t for t in taps if float(t["nz"]) > 0]
     below = {**next(t for t in taps if float(t["nz"]) < 0), "name": "below"}
-    rows = [*shown, below, {**shown[0], "name": "off", "z": "500"}]
+    rows = [*shown, below, {**shown[0], "name": "off", "z": "500"}, {**shown[0], "name": "lost", "z": "nan"}]
     keys = ("name", *"xyz", "nx", "ny", "nz")
     io.write_table(copied / "wanted.csv", {k: np.array([r[k] if k == "name" else float(r[k]) for r in rows])
                                            for k in keys}, comment="length unit: mm")  # fmt: skip
@@ -259,6 +259,7 @@ def test_results_at_listed_places(windmark, copied):
         assert 0 < stream_[1] < 5e3
         assert 250 < float(found[name]["temperature_K"]) < 350
     assert (found["off"]["remark"], found["off"]["cp"]) == ("outside the grid", "")
+    assert (found["lost"]["remark"], found["lost"]["cp"]) == ("its place is not given", "")
     assert (found["below"]["remark"], found["below"]["cp"]) == ("not seen", "")
     assert said["reduced"] == 1
     assert "wanted.csv" in (copied / "out" / "manifest.json").read_text()  # so a run that goes on notices a change

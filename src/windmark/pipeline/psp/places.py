@@ -9,7 +9,8 @@ from windmark.pipeline.points import PointSet, places
 from windmark.scene import Mesh
 from windmark.tasks.psp import OFF_GRID, UNSEEN, ReducedPoint, field_at
 
-EITHER_SIDE, FILLED = "as near to the other side of a thin part", "filled from its surroundings"
+NO_PLACE, EITHER_SIDE = "its place is not given", "as near to the other side of a thin part"
+FILLED = "filled from its surroundings"
 """Why a place has no value; and what is to be said of one."""
 FIELDS = {"cp": "", "pressure": "_Pa", "temperature": "_K", "ratio": ""}
 """Of `ReducedPoint`, with the ending of their columns."""
@@ -36,6 +37,7 @@ def place_columns(of: PointSet, rest: Mesh, reduced: ReducedPoint) -> dict[str, 
             out[what] = np.full(len(off), np.nan)
             out[what][seen] = values
     filled = seen & ((weights > 0) & reduced.filled[nodes]).any(axis=1)
-    words = [(surface.triangle < 0, OFF_GRID), (surface.either_side, EITHER_SIDE), (~seen, UNSEEN), (filled, FILLED)]
-    said = np.select([mask for mask, _ in words], [text for _, text in words], default="")
+    lost = ~np.isfinite(of.asked).all(axis=1)
+    masks = [lost, surface.triangle < 0, surface.either_side, ~seen, filled]
+    said = np.select(masks, [NO_PLACE, OFF_GRID, EITHER_SIDE, UNSEEN, FILLED], default="")
     return {**out, "remark": np.asarray(said, dtype=np.str_)}
