@@ -19,7 +19,7 @@ def labels_of(scene, rng, count):
 def test_true_labels_are_in_the_solution_and_the_rest_is_found(kind, count):
     scene = scenes.scene(72, kind, hidden=0.25, false=0.5)
     fixed = labels_of(scene, np.random.default_rng(count), count)
-    result = register(scene.detections, scene.markers, scene.camera, fixed=fixed, max_time_s=2.0)
+    result = register(scene.detections, scene.markers, scene.camera, fixed=fixed, max_time_s=30.0)
     assert result, result.reason
     assert set(fixed) <= set(result.matching.detection.tolist())
     assert scenes.wrong_labels(result.matching.detection, result.matching.marker, scene) == 0
@@ -33,7 +33,7 @@ def test_a_wrong_label_is_named_not_dropped(count):
     fixed = labels_of(scene, np.random.default_rng(count), count)
     spot = next(iter(fixed))
     wrong = next(name for name in scene.markers.name if name not in fixed.values())
-    result = register(scene.detections, scene.markers, scene.camera, fixed=fixed | {spot: wrong}, max_time_s=2.0)
+    result = register(scene.detections, scene.markers, scene.camera, fixed=fixed | {spot: wrong}, max_time_s=30.0)
     assert isinstance(result, NotRegistered)
     assert result.cause == "labels"
     assert wrong in result.reason
@@ -44,7 +44,7 @@ def test_a_wrong_label_is_named_not_dropped(count):
 def test_a_label_on_a_false_spot_is_refused():
     scene = scenes.scene(74, "B", hidden=0.25, false=0.5)
     clutter = int(np.flatnonzero(scene.label < 0)[0])
-    result = register(scene.detections, scene.markers, scene.camera, fixed=[(clutter, 7)], max_time_s=2.0)
+    result = register(scene.detections, scene.markers, scene.camera, fixed=[(clutter, 7)], max_time_s=30.0)
     assert not result
     assert result.cause == "labels"
     assert "px away" in result.reason or "out of sight" in result.reason
@@ -61,7 +61,7 @@ def test_one_label_decides_a_symmetric_layout():
     assert "label of a spot" in refused.reason
     assert "more of the" not in refused.reason  # all are seen already
     for spot, marker in ((0, int(scene.label[0])), (1, 23 - int(scene.label[1]))):  # the truth, and half a turn
-        result = register(scene.detections, plate, camera, fixed={spot: marker}, max_time_s=2.0)
+        result = register(scene.detections, plate, camera, fixed={spot: marker}, max_time_s=30.0)
         assert result, result.reason
         wrong = scenes.wrong_labels(result.matching.detection, result.matching.marker, scene)
         assert wrong == (0 if marker == scene.label[spot] else 24)
@@ -76,7 +76,7 @@ def test_four_labels_let_few_markers_be_enough():
     spots = Detections.make(xy, sigma_px=0.3)
     assert not register(spots, scene.markers, scene.camera)
     fixed = {k: int(scene.label[keep[k]]) for k in range(4)}
-    result = register(spots, scene.markers, scene.camera, fixed=fixed, max_time_s=2.0)
+    result = register(spots, scene.markers, scene.camera, fixed=fixed, max_time_s=30.0)
     assert result, result.reason
     found = dict(zip(result.matching.detection.tolist(), result.matching.marker.tolist(), strict=True))
     assert all(found.get(k) == scene.label[keep[k]] for k in range(7))
@@ -98,9 +98,9 @@ def test_a_binding_label_is_a_fact():
     """A true label whose spot is 3 px off contradicts the others, unless it is binding; then the residual says so."""
     scene, spot, marker = one_spot_off(3.0)
     given = (scene.detections, scene.markers, scene.camera)
-    refused = register(*given, fixed={spot: marker}, max_time_s=2.0)
+    refused = register(*given, fixed={spot: marker}, max_time_s=30.0)
     assert refused.cause == "labels"
-    told = register(*given, fixed={spot: marker}, binding=True, max_time_s=2.0)
+    told = register(*given, fixed={spot: marker}, binding=True, max_time_s=30.0)
     assert told, told.reason
     at = told.matching.detection.tolist().index(spot)
     assert told.matching.marker[at] == marker
@@ -113,7 +113,7 @@ def test_binding_changes_nothing_where_labels_agree():
     scene = scenes.scene(72, "A", hidden=0.25, false=0.5)
     fixed = labels_of(scene, np.random.default_rng(3), 3)
     plain, bound = (
-        register(scene.detections, scene.markers, scene.camera, fixed=fixed, binding=b, max_time_s=2.0)
+        register(scene.detections, scene.markers, scene.camera, fixed=fixed, binding=b, max_time_s=30.0)
         for b in (False, True)
     )
     np.testing.assert_array_equal(plain.matching.detection, bound.matching.detection)

@@ -17,7 +17,7 @@ from windmark.io.errors import FileError, decoding
 from windmark.io.recordings.folder import picture_files
 from windmark.pipeline.check_paint import paint_tables
 from windmark.pipeline.check_paths import other_paths, similar
-from windmark.pipeline.check_places import places_tables
+from windmark.pipeline.check_places import place_lists
 from windmark.pipeline.deform.project import DeformProject
 from windmark.pipeline.infrared import InfraredProject
 from windmark.pipeline.kinds import KINDS, kind_of
@@ -170,7 +170,12 @@ class _Files:
         for key, value in other_paths(MODELS[self.out.kind], self.data):
             self._exists(key, value)
         tables = paint_tables(self.out.path, self.data) if self.out.kind == "psp" else ()
-        for key, read in (*places_tables(self.out.path, self.data), *tables):
+        for key, file, roles in place_lists(self.out.path, self.data):
+            with _noting(self.out, self.lines, key):
+                found = io.read_points(file, roles=roles)
+                self.out.read.append(f"{len(found.name)} places of {file.name}")
+                self._unit(key, found.length_unit)
+        for key, read in tables:
             self.show(f"read {key}")
             with _noting(self.out, self.lines, key):
                 self.out.read.append(read())

@@ -1,23 +1,19 @@
-"""Lists of places that a project names, read as its run reads them."""
+"""Lists of places that a project names."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from functools import partial
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
-
-from windmark import io
 
 LISTS, SINGLE = ("points", "place"), (("taps", "file"), ("temperature", "thermocouples"))
 """Tables of which a project may have several, with their ``file``; and those of which it has one, with the key."""
 
 
-def places_tables(path: Path, data: Mapping[str, Any]) -> Iterator[tuple[str, Callable[[], str]]]:
-    """Key and reader of each list of places that the settings ``data`` of a project at ``path`` name.
+def place_lists(path: Path, data: Mapping[str, Any]) -> Iterator[tuple[str, Path, list[str] | None]]:
+    """Key, file and roles of each list that the settings ``data`` of a project at ``path`` name.
 
-    A reader says in words what is sound, and raises `WindmarkError` for what is not. Files that are missing are not
-    its matter.
+    Files that are missing are not its matter.
     """
     named = []
     for name in LISTS:
@@ -28,9 +24,5 @@ def places_tables(path: Path, data: Mapping[str, Any]) -> Iterator[tuple[str, Ca
     for where, key, entry in named:
         value = entry.get(key) if isinstance(entry, Mapping) else None
         if isinstance(value, str) and (path.parent / value).is_file():
-            yield where, partial(_places, path.parent / value, entry.get("roles"))
-
-
-def _places(file: Path, roles: Any) -> str:
-    found = io.read_points(file, roles=roles if isinstance(roles, list) and roles else None)
-    return f"{len(found.name)} places of {file.name}"
+            roles = entry.get("roles")
+            yield where, path.parent / value, roles if isinstance(roles, list) and roles else None
