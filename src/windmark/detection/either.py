@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from windmark.detection.detect import detect, explain
+from windmark.detection.examine import examine
 from windmark.detection.image import POLARITIES
 from windmark.detection.options import Options
 from windmark.detection.radius import RadiusEstimate, estimate_radius
@@ -101,10 +101,8 @@ def _look(image: ArrayLike, polarity: str, rejected: bool, options: dict[str, An
             return Look(polarity, none, estimate)
         options["radius_px"] = estimate.radii_px
     radii = tuple(float(r) for r in np.atleast_1d(options["radius_px"]))
-    if not rejected:
-        return Look(polarity, detect(image, **options), estimate, radii)
-    found, others = explain(image, **options)
-    return Look(polarity, found, estimate, radii, others)
+    found, others = examine(image, Options(**options), why=rejected)
+    return Look(polarity, found, estimate, radii, others if rejected else None)
 
 
 def _evidence(spots: Detections) -> float:
