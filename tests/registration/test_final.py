@@ -98,7 +98,7 @@ def test_focal_sigma_is_the_scatter_under_a_strong_lens():
         scene = curved(81_000 + seed, -0.25 if seed % 2 else 0.2)
         factor = np.exp(np.random.default_rng(seed).uniform(-0.18, 0.18))
         given = replace(scene.camera, focal_px=factor * scene.camera.focal_px)
-        found = register(scene.detections, scene.markers, given, free_focal=True, max_time_s=2.0)
+        found = register(scene.detections, scene.markers, given, free_focal=True, max_time_s=30.0)
         if not found:  # too frontal
             assert found.cause == "focal"
             continue
@@ -120,7 +120,7 @@ def test_an_uncertain_lens_widens_the_focal_length_as_its_covariance_says():
         cov[4, 4] = sigma**2
         for told in z:
             given = replace(off, cov=cov if told else None)
-            found = register(scene.detections, scene.markers, given, free_focal=True, max_time_s=2.0)
+            found = register(scene.detections, scene.markers, given, free_focal=True, max_time_s=30.0)
             if not found:
                 continue
             z[told].append((found.camera.focal_px - scene.camera.focal_px) / np.sqrt(found.cov[6, 6]))

@@ -88,12 +88,12 @@ def test_mirror_images_that_come_to_rest_at_one_are_one():
 
 def test_register_says_that_the_table_is_mirrored():
     wrong = with_relief(64, -1.0)
-    found = register(wrong.detections, wrong.markers, wrong.camera, max_time_s=2.0)
+    found = register(wrong.detections, wrong.markers, wrong.camera, max_time_s=30.0)
     assert not found
     assert found.cause == "mirrored", found.reason
     assert "mirror image" in found.reason
     right = with_relief(64)
-    found = register(right.detections, right.markers, right.camera, max_time_s=2.0)
+    found = register(right.detections, right.markers, right.camera, max_time_s=30.0)
     assert found
     assert "mirror" not in [u.what for u in found.unchecked]
 
@@ -103,7 +103,7 @@ def test_a_flat_plate_cannot_tell_its_mirror_image():
     flat = with_relief(65, 0.0)
     xy = scenes.visible(flat.markers, flat.camera, flat.cam_from_model)[0]
     flat = replace(flat, detections=settling.Detections.make(xy, sigma_px=0.1), label=np.arange(24))
-    found = register(flat.detections, flat.markers, flat.camera, max_time_s=2.0)
+    found = register(flat.detections, flat.markers, flat.camera, max_time_s=30.0)
     assert found, found.reason
     assert "mirror" in [u.what for u in found.unchecked]
 

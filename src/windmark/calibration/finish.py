@@ -191,10 +191,8 @@ def _pose_covs(job: Job, solved: Solved, covariance: DatumCovariance, views: Int
         return np.stack([_pose_cov(job, solved, covariance, v, int(frames[v])) for v in views.tolist()])
     units = solved.problem.units(solved.state)
     index = columns.frame[frames[views]][:, None] + np.arange(6)
-    change = np.zeros((len(views), 6, 6))
-    change[:] = np.eye(6)
-    change[:, 3:, :3] = hat(units.frame_pivot[frames[views]])
-    change[:, 3:, 3:] *= units.frame_scale[frames[views]][:, None, None]
+    steps = [_tangent(units.frame_pivot[f], units.frame_scale[f]) for f in frames[views]]
+    change = np.array(steps).reshape(-1, 6, 6)
     cov = covariance.between(index, index, solved.covariance.dense[index[:, :, None], index[:, None, :]])
     return np.asarray(change @ cov @ change.transpose(0, 2, 1))
 
