@@ -134,8 +134,9 @@ def test_small_changes_about_the_mean_of_a_run(windmark, copied):
         lamps = gain * np.median(off / gain)  # the same for all nodes: judged once, the rest by node
         assert np.abs(np.median(lamps / sigma)) < 2.6, name
         assert np.mean(np.abs(off - lamps) < 1.96 * sigma) > 0.95, name
+        assert np.mean(np.abs(off) < 1.96 * sigma) > 0.85, name
     step = (found["t1"]["pressure"] - found["t0"]["pressure"])[on] / gain
-    assert np.median(step) == pytest.approx(mean / 0.98 - mean, abs=0.01)  # two lamps at 0.2 %: 3.5 sigma
+    assert np.median(step) == pytest.approx(mean / 0.98 - mean, abs=0.006)  # lamps flicker by 0.2 %
     steady("psf")
     done = windmark("psp", copied / "psp.toml", "--json", "-o", copied / "again")
     assert done.code == 1

@@ -216,6 +216,7 @@ def test_a_bad_picture_is_left_out_beside_good_ones_and_said(windmark, copied):
     common = np.polyval(np.polyfit(a["cp"][both], apart, 1), a["cp"][both])
     assert np.abs(np.median(common / sigma)) < 2.6
     assert np.mean(np.abs(apart - common) < 1.96 * sigma) > 0.95
+    assert np.mean(np.abs(apart) < 1.96 * sigma) > 0.95
     assert np.median(b["sigma_cp"][both] / a["sigma_cp"][both]) > 1.0
     write(copied / "points.csv", [spoilt])
     said = windmark("psp", copied / "psp.toml", "-o", copied / "again")

@@ -242,3 +242,12 @@ def test_noise_law_of_odd_pictures(rng):
     assert abs(noise_law(holed).variance(100) / 9 - 1) < 0.15
     with pytest.raises(ValueError, match=r"\(H, W\)"):
         noise_law(np.zeros((3, 3, 3)))
+
+
+def test_corners_and_weights_are_the_place_itself():
+    mesh = Mesh.make(np.array([[0.0, 0, 0], [4, 0, 0], [4, 3, 0], [0, 3, 0]]), np.array([[0, 1, 2], [0, 2, 3]]))
+    found = nearest_on_surface(mesh, [[3.0, 1.0, 0.0], [1.0, 2.0, 0.0], [50.0, 50.0, 50.0]])
+    nodes, weights = found.corners(mesh)
+    np.testing.assert_allclose(np.einsum("nk,nkj->nj", weights, mesh.vertices[nodes])[:2], found.xyz[:2], atol=1e-12)
+    np.testing.assert_allclose(weights.sum(axis=1), [1, 1, 0], atol=1e-12)
+    np.testing.assert_array_equal(nodes[:2], mesh.triangles[found.triangle[:2]])

@@ -128,5 +128,5 @@ def _found(content: FolderContent, choice: Choice) -> list[str]:
         f"grid {choice.grid.name if choice.grid else 'none'}",
     ]  # fmt: skip
     out = [f"found: {'; '.join(found)}"]
-    out += [f"  not used, no picture is named like it: {', '.join(unused)}"] if used and unused else []
+    out += [f"  not used, of no picture: {', '.join(unused)}"] if used and unused else []
     return out + [f"  left out: {p.name}: {why}" for p, why in list(content.left_out.items())[:SHOWN]]

@@ -88,10 +88,10 @@ class Report:
 
     def table(self, columns: Sequence[str], rows: Iterable[Sequence[Any]], *, scroll: bool = False) -> None:
         """A table; numbers are formatted with `cell`. Words are left, figures right, each column as most of it is."""
-        body_rows = [[self._cell(v) for v in row] for row in rows]
-        words = [_of_words([row[k] for row in body_rows if k < len(row)]) for k in range(len(columns))]
+        content = [[self._cell(v) for v in row] for row in rows]
+        words = [_of_words(column) for column in zip(*content, strict=True)] or [False] * len(columns)
         head = _row("th", columns, words)
-        body = "".join(f"<tr>{_row('td', map(cell, row), words)}</tr>" for row in body_rows)
+        body = "".join(f"<tr>{_row('td', map(cell, row), words)}</tr>" for row in content)
         table = f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
         self.parts.append(f'<div class="scroll">{table}</div>' if scroll else table)
 

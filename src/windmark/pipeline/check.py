@@ -169,13 +169,12 @@ class _Files:
             self._image(n, entry)
         for key, value in other_paths(MODELS[self.out.kind], self.data):
             self._exists(key, value)
-        tables = paint_tables(self.out.path, self.data) if self.out.kind == "psp" else ()
         for key, file, roles in place_lists(self.out.path, self.data):
             with _noting(self.out, self.lines, key):
                 found = io.read_points(file, roles=roles)
                 self.out.read.append(f"{len(found.name)} places of {file.name}")
                 self._unit(key, found.length_unit)
-        for key, read in tables:
+        for key, read in paint_tables(self.out.path, self.data) if self.out.kind == "psp" else ():
             self.show(f"read {key}")
             with _noting(self.out, self.lines, key):
                 self.out.read.append(read())

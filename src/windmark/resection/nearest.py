@@ -44,9 +44,14 @@ class SurfacePoints:
 
     def on(self, mesh: Mesh) -> Array:
         """(N, 3) the same points on the same grid in another shape (deformed under load)."""
-        corners = mesh.vertices[mesh.triangles[self.triangle]]
-        w = np.concatenate([1 - self.barycentric.sum(axis=1, keepdims=True), self.barycentric], axis=1)
-        return np.where((self.triangle >= 0)[:, None], np.einsum("nk,nkj->nj", w, corners), np.nan)
+        nodes, weights = self.corners(mesh)
+        return np.where((self.triangle >= 0)[:, None], np.einsum("nk,nkj->nj", weights, mesh.vertices[nodes]), np.nan)
+
+    def corners(self, mesh: Mesh) -> tuple[NDArray[np.int32], Array]:
+        """(N, 3) nodes of the triangle that holds each, and their weights; of a point without one all weights are 0."""
+        on = self.triangle >= 0
+        weights = np.column_stack([1 - self.barycentric.sum(axis=1), self.barycentric])
+        return mesh.triangles[np.where(on, self.triangle, 0)], np.where(on[:, None], weights, 0.0)
 
 
 def nearest_on_surface(

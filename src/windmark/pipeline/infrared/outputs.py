@@ -127,10 +127,8 @@ class PointHistories:
 
 def _nodes(of: PointSet, mesh: Mesh) -> tuple[NDArray[np.int64], Array]:
     """Nodes (N, 3) and weights of the points; weights of 0 off the grid."""
-    on = of.surface.triangle >= 0
-    nodes = np.asarray(mesh.triangles[np.maximum(of.surface.triangle, 0)], np.int64)
-    weights = np.column_stack([1 - of.surface.barycentric.sum(axis=1), of.surface.barycentric])
-    return nodes, np.where(on[:, None], np.maximum(weights, 0.0), 0.0)
+    nodes, weights = of.surface.corners(mesh)
+    return nodes.astype(np.int64), np.maximum(weights, 0.0)
 
 
 def _at_points(field: NodeField, nodes: NDArray[np.int64], weights: Array) -> list[Array]:

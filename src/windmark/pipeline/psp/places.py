@@ -23,12 +23,9 @@ def place_columns(of: PointSet, rest: Mesh, reduced: ReducedPoint) -> dict[str, 
     between them, as at taps (see `tasks.psp.field_at`).
     """
     surface = of.surface
-    off = (surface.triangle < 0) | surface.either_side
-    triangle = np.where(off, 0, surface.triangle)
-    nodes = rest.triangles[triangle]
-    weights = np.column_stack([1 - surface.barycentric.sum(axis=1), surface.barycentric])
-    weights[off] = 0.0
-    seen = ~off & reduced.cp.known[nodes].all(axis=1)
+    off = surface.triangle < 0
+    nodes, weights = surface.corners(rest)
+    seen = ~off & ~surface.either_side & reduced.cp.known[nodes].all(axis=1)
     out = places(of)
     for name, ending in FIELDS.items():
         field = getattr(reduced, name)
@@ -38,6 +35,6 @@ def place_columns(of: PointSet, rest: Mesh, reduced: ReducedPoint) -> dict[str, 
             out[what][seen] = values
     filled = seen & ((weights > 0) & reduced.filled[nodes]).any(axis=1)
     lost = ~np.isfinite(of.asked).all(axis=1)
-    masks = [lost, surface.triangle < 0, surface.either_side, ~seen, filled]
+    masks = [lost, off, surface.either_side, ~seen, filled]
     said = np.select(masks, [NO_PLACE, OFF_GRID, EITHER_SIDE, UNSEEN, FILLED], default="")
     return {**out, "remark": np.asarray(said, dtype=np.str_)}

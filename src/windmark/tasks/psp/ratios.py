@@ -116,7 +116,7 @@ def ratio_of(
         WIND_ON: {name: by_camera[name] for name in names},
         WIND_OFF: {name: together([(share, of[name]) for share, of in parts if name in of], own) for name in names},
     }  # fmt: skip
-    lamps_from_picture, factor = _flicker(levels, flicker)
+    flicker, factor = _flicker(levels, flicker)
     fields = {kind: _as_fields(of, kind) for kind, of in levels.items()}
     cameras = {}
     for name in names:
@@ -125,8 +125,8 @@ def ratio_of(
         if up.cells is not None and down.cells is not None:
             taken, added = bend_of_ratio(ratio.value, down.cells, up.cells, on[0].mesh.triangles)
             ratio = replace(ratio, value=ratio.value - taken, white=ratio.white + added)
-        if lamps_from_picture > 0:
-            part = factor * lamps_from_picture * np.sqrt(up.inverse + down.inverse)
+        if flicker > 0:
+            part = factor * flicker * np.sqrt(up.inverse + down.inverse)
             ratio = ratio.with_mode("lamps", np.where(ratio.known, part * ratio.value, 0.0))
         if own:  # (s I + (1 - s) I_others) / I
             rest = down.shown / (down.shown + 1)
@@ -142,7 +142,7 @@ def ratio_of(
         lights = {kind: {name: _as_it_left(fields[kind][name], levels[kind][name].lamps) for name in names}
                   for kind in levels}  # fmt: skip
         ratio, change = own_light(ratio, lights, tapers, reflecting, (WIND_OFF, WIND_ON))
-    return MergedRatio(ratio, cameras, merged.source, merged.systematic, lamps_from_picture, left_out, change)
+    return MergedRatio(ratio, cameras, merged.source, merged.systematic, flicker, left_out, change)
 
 
 def _as_parts(off: Sequence[ModelPicture] | Iterable[Reference]) -> Iterable[Reference]:

@@ -161,12 +161,9 @@ def _on_surface(
 ) -> tuple[tuple[NDArray[np.int32], Array], tuple[str, ...]]:
     """Nodes (N, 3) and weights (N, 3) of the taps, and why a tap has no value of the paint."""
     found = resection.nearest_on_surface(rest, taps.xyz, normal=taps.normal)
-    off: NDArray[np.bool_] = np.asarray(found.triangle < 0)
-    nodes = rest.triangles[np.maximum(found.triangle, 0)]
-    weights = np.column_stack([1 - found.barycentric.sum(axis=1), found.barycentric])
-    weights[off] = 0.0
+    nodes, weights = found.corners(rest)
     seen: NDArray[np.bool_] = np.asarray(field_.known[nodes].all(axis=1))
-    words = tuple(OFF_GRID if o else "" if s else UNSEEN for o, s in zip(off, seen, strict=True))
+    words = tuple(OFF_GRID if t < 0 else "" if s else UNSEEN for t, s in zip(found.triangle, seen, strict=True))
     return (nodes, weights), words
 
 
