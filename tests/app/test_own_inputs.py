@@ -6,6 +6,7 @@ import shutil
 import pytest
 
 from windmark import io
+from windmark.io.errors import reading
 
 
 @pytest.fixture
@@ -42,3 +43,35 @@ def test_what_an_earlier_run_wrote_is_written_over(windmark, pictures):
     for _ in range(2):
         assert windmark("detect", pictures / "a.png", "-r", 4, "-o", pictures / "spots.csv").code == 0
     assert len(io.read_detections(pictures / "spots.csv")["a.png"]) == 42
+
+
+def test_a_result_is_not_replaced_by_one_that_is_made_of_it(windmark, tmp_path):
+    """A synthetic test is a result as well: its pictures and its project are files of ours that a new one would take
+    away.
+    """
+    test = tmp_path / "test"
+    assert windmark("simulate", test, "--seed", 3).code == 0
+    before = {path: path.read_bytes() for path in test.rglob("*") if path.is_file()}
+    job = ("-c", test / "camera.json", "-m", test / "markers.csv", "-r", 4, "--unit", "mm")
+    done = windmark("register", test / "wind-off.tif", *job, "-o", test)
+    assert done.code == 2
+    assert "holds the result of windmark simulate, and this run reads camera.json of it" in done.err
+    done = windmark("run", test / "project.toml", "-o", test)
+    assert done.code == 2
+    assert "output.folder" in done.err
+    assert {path: path.read_bytes() for path in test.rglob("*") if path.is_file()} == before
+
+
+def test_a_result_that_turns_out_to_be_read_is_kept(tmp_path):
+    """What is read only in the course of the work is not known when the folder is taken."""
+    target, place = tmp_path / "a", tmp_path / "a.kept-1"
+    with io.result_folder(target) as out:
+        (out.place / "table.csv").write_text("1")
+    said = []
+    with io.result_folder(target, say=said.append) as out:
+        with reading(target / "table.csv"):
+            table = (target / "table.csv").read_text()
+        (out.place / "table.csv").write_text(table + "2")
+    assert (target / "table.csv").read_text() == "12"
+    assert (place / "table.csv").read_text() == "1"
+    assert any("of an earlier run that this one reads; kept in" in text for text in said)

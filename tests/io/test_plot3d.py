@@ -417,7 +417,7 @@ def test_volumes_are_the_zones_or_what_is_asked(tmp_path, fortran):
     mesh = read_mesh(path, volumes={"zone01": "wing", "zone03": "wing"})
     assert set(mesh.volume) == {"wing", "zone02"}
     assert [b.name for b in mesh.blocks] == ["zone01", "zone02", "zone03"]
-    with pytest.raises(ValueError, match=r"volumes: the file has no \['zone09'\]"):
+    with pytest.raises(ValueError, match=r"volumes: the file has no zone zone09"):
         read_mesh(path, volumes={"zone09": "wing"})
     with pytest.raises(ValueError, match=r"volume_face: .* has surfaces only"):
         read_mesh(path, volume_face="kmin")

@@ -3,7 +3,7 @@
 import pytest
 
 from windmark.errors import WindmarkError
-from windmark.pipeline.check_paint import paint_tables
+from windmark.pipeline.check.paint import paint_tables
 
 HEAD = "point,alpha_deg,mach,p_inf_Pa,q_inf_Pa,p_off_Pa,T_off_K,on,off\n"
 ROW = "{0},0,0.8,65900,29523,99500,293,on-{{camera}}.tif,off-{{camera}}.tif\n"

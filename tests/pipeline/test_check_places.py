@@ -2,7 +2,7 @@
 
 import pytest
 
-from windmark.pipeline.check_places import place_lists
+from windmark.pipeline.check.places import place_lists
 
 
 @pytest.mark.parametrize(("settings", "key", "roles"), [

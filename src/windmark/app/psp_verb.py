@@ -44,7 +44,8 @@ def psp(
         record = summary(test, records)
         markers = test.deforming.test.markers
         unit = test.project.length_unit
-        verdict = psp_verdict(records, units_findings(markers, test.mesh, unit), unit)
+        sections = [s.name for s in test.project.section]
+        verdict = psp_verdict(records, units_findings(markers, test.mesh, unit), unit, sections)
         page = psp_page(test, records, out.place)
         put_verdict(page, verdict)
         page.provenance(Provenance.of_project(test.project, out.sources()))

@@ -40,14 +40,14 @@ def withdraw(staging: Staging) -> None:
         note.unlink(missing_ok=True)
 
 
-def exchange(staging: Staging, outputs: set[str], refused: bool, say: Say) -> None:
+def exchange(staging: Staging, record: Mapping[str, Any], say: Say) -> None:
     """Put the result in its place; on failure everything is as it was.
 
     Parameters
     ----------
     staging : has the new files
-    outputs : their names
-    refused : the new run says no: a good result is kept
+    record : their manifest: ``outputs``; ``refused`` where the new run says no: a good result is kept; and so is one
+        that is among the new one's ``inputs``
     say : takes what was kept
 
     Raises
@@ -55,7 +55,7 @@ def exchange(staging: Staging, outputs: set[str], refused: bool, say: Say) -> No
     FileError
         When a file cannot be moved.
     """
-    target = staging.target
+    target, outputs, refused = staging.target, set(record.get("outputs", ())), bool(record.get("refused"))
     old = read_manifest(target)
     ours, changed = (set(), set()) if old is None else unchanged(target, old)
     ours |= {MANIFEST} if old is not None else set()
@@ -63,14 +63,17 @@ def exchange(staging: Staging, outputs: set[str], refused: bool, say: Say) -> No
         changed |= newer(target, target / MANIFEST)
     above = {str(folder) for name in outputs for folder in PurePosixPath(name).parents if (target / folder).is_file()}
     taken = {name for name in (outputs | above) - ours - changed if os.path.lexists(target / name)}
-    keep = changed | taken | (ours if refused and old is not None and not old.get("refused") else set())
+    read = any(entry["file"] in ours for entry in record.get("inputs", ()))
+    keep = changed | taken | (ours if read or (refused and old is not None and not old.get("refused")) else set())
     foreign = target.is_dir() and any(name not in ours for name in files_below(target))
     if (not target.exists() or not (foreign or keep)) and _swapped(staging):
         return
     kept = _kept_folder(staging) if keep else None
     _moved(staging, {"away": sorted(ours - keep), "keep": sorted(keep), "kept": None if kept is None else str(kept)})
     if kept is not None:
-        why = "of an earlier run that was not refused" if refused else "not written by windmark, or changed since"
+        why = "not written by windmark, or changed since"
+        if refused or read:
+            why = "of an earlier run that this one reads" if read else "of an earlier run that was not refused"
         first = ", ".join(sorted(keep)[:3]) + (f" and {len(keep) - 3} more" if len(keep) > 3 else "")
         say(f"{target}: {first}: {why}; kept in {kept}")
     if old is None and foreign and "summary.json" in taken:
@@ -130,7 +133,7 @@ def finish_exchange(staging: Staging, say: Say) -> None:
         _carry_out(staging, todo)
     elif (record := _whole(staging)) is not None and _print(staging.new) != todo[_BEFORE]:
         staging.keep = True
-        exchange(staging, set(record["outputs"]), bool(record.get("refused")), say)
+        exchange(staging, record, say)
         staging.keep = False
     elif _print(staging.target) != todo[_BEFORE]:  # both have changed places: what is here is the older one
         staging.clear()

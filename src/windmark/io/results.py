@@ -96,6 +96,8 @@ def result_folder(
             staging = held.enter_context(staged(path, say))
         with _what_stays(path, live), _by_their_names(staging):
             _refuse_folders(staging.target)
+            if not resume:
+                _refuse_own_inputs(staging.target, read, dict(about or {}))
             with writing(path, staging.hidden, *([staging.target] if live else []), only=False):
                 resumed = put_right(path, staging, say, resume)
                 out, there = _begin(staging, live, resume, say)
@@ -113,7 +115,7 @@ def result_folder(
                         announce(staging)
                         record = write_manifest(out.place, staging.target, read, described, there, out.hashes)
                         with interrupts_wait(f"{staging.target} had been written whole before"):
-                            exchange(staging, set(record["outputs"]), out.refused, say)
+                            exchange(staging, record, say)
                             staging.keep = False
                         _say_changed(record, staging.target, say)
                 staging.keep = False
@@ -175,6 +177,25 @@ def _refuse_folders(target: Path) -> None:
                             "choose another folder for the result")  # fmt: skip
 
 
+def _refuse_own_inputs(target: Path, read: Mapping[str, FileState], about: Mapping[str, Any]) -> None:
+    """A result in the target would go for the new one: not where the new one is made of it.
+
+    What is read later on is not known yet; `exchange` keeps it.
+    """
+    old = read_manifest(target)
+    if old is None:
+        return
+    files = {os.path.realpath(target / name): name for name in old["outputs"]}
+    given = about.get("options", {}).values()
+    options = [value for several in given for value in (several if isinstance(several, list) else [several])]
+    named = [os.path.join(target, value) for value in options if isinstance(value, str)]
+    found = next((files[path] for path in map(os.path.realpath, (*read, *named)) if path in files), None)
+    if found is not None:
+        by = f" of windmark {old['verb']}" if old.get("verb") else ""
+        words = f"holds the result{by}, and this run reads {found} of it; choose another folder for the output"
+        raise FileError(target, words)
+
+
 def _begin(staging: Staging, live: bool, resume: bool, say: Say) -> tuple[ResultFolder, dict[str, int]]:
     """Where to write, and the files that are there already, with their times: they are not of this result."""
     if not live:
@@ -192,7 +213,7 @@ def _begin(staging: Staging, live: bool, resume: bool, say: Say) -> tuple[Result
         raise FileError(target, "has no run to go on with: the one there came to its end")
     else:
         if old is not None:
-            exchange(staging, set(), True, say)
+            exchange(staging, {"refused": True}, say)
         write_json(target / MANIFEST, {UNFINISHED: True, "outputs": {}})
     there = {name: os.lstat(target / name).st_mtime_ns for name in files_below(target) if name not in of_it}
     return ResultFolder(target, target, resumed=resumed), there

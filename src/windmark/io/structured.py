@@ -121,5 +121,6 @@ def rename_volumes(names: Sequence[str], volumes: Volumes) -> Sequence[str]:
         return [volumes] * len(names)
     unknown = sorted(set(volumes) - set(names))
     if unknown:
-        raise UsageError(f"volumes: the file has no {unknown}; it has {sorted(set(names))}")
+        there = ", ".join(dict.fromkeys(names))
+        raise UsageError(f"volumes: the file has no zone {', '.join(unknown)}; it has {there}")
     return [volumes.get(name, name) for name in names]

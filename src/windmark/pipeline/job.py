@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -30,6 +30,53 @@ _POSES = 8
 """Of one camera, as many tell the air side of the grid."""
 
 
+@dataclass(frozen=True)
+class Begun:
+    """What all images of a job need, read and put together.
+
+    Parameters
+    ----------
+    inputs : markers, grid, cameras, rig
+    walls : volumes that alignment leaves out
+    framed : the virtual cameras
+    lists : the wanted points, not yet on the grid
+    notes : files, and what had to be done to read them
+    """
+
+    inputs: Inputs
+    walls: tuple[str, ...]
+    framed: tuple[FramedView, ...]
+    lists: list[io.PointList]
+    notes: tuple[tuple[Path, str], ...]
+
+
+def begin(project: Project) -> Begun:
+    """Read what a project names besides its images.
+
+    Raises
+    ------
+    FileError
+        When markers, a camera, the grid or a list of points cannot be read, or do not fit each other.
+    """
+    lengths = project.lengths
+    cameras = {c.name: lengths.camera(c.file) for c in project.camera}
+    inputs = Inputs(
+        project,
+        lengths.markers(project.markers.file, project.markers.roles) if project.markers else None,
+        read_surface(project.grid, lengths) if project.grid else None,
+        cameras,
+        _read_prior(project),
+        *read_rig(project, cameras),
+    )
+    _check_labels(inputs)
+    inputs, walls, notes = _walls_apart(inputs, lengths)
+    if inputs.mesh is not None and not inputs.mesh.blocks and "plot3d" in (project.output.nodes or ()):
+        raise io.FileError(project.path, "plot3d needs a grid of structured blocks, this one has none", "output.nodes")
+    framed = () if inputs.mesh is None else frame_views(project, inputs.mesh)
+    lists = read_lists(project.points, lengths)
+    return Begun(inputs, walls, framed, lists, notes + lengths.notes())
+
+
 def run_project(project: Project, *, progress: Progress = silent, workers: int | None = None) -> RunResult:
     """Detect, register and map every image of a project. Nothing is written.
 
@@ -46,23 +93,8 @@ def run_project(project: Project, *, progress: Progress = silent, workers: int |
     """
     clock = Clock(progress)
     with clock("read markers, cameras and grid"):
-        lengths = project.lengths
-        cameras = {c.name: lengths.camera(c.file) for c in project.camera}
-        inputs = Inputs(
-            project,
-            lengths.markers(project.markers.file, project.markers.roles) if project.markers else None,
-            read_surface(project.grid, lengths) if project.grid else None,
-            cameras,
-            _read_prior(project),
-            *read_rig(project, cameras),
-        )
-    _check_labels(inputs)
-    inputs, walls, notes = _walls_apart(inputs, lengths)
-    if inputs.mesh is not None and not inputs.mesh.blocks and "plot3d" in (project.output.nodes or ()):
-        raise io.FileError(project.path, "plot3d needs a grid of structured blocks, this one has none", "output.nodes")
-    framed = () if inputs.mesh is None else frame_views(project, inputs.mesh)
-    lists = read_lists(project.points, lengths)
-    notes += lengths.notes()
+        start = begin(project)
+    inputs, framed, notes = start.inputs, start.framed, start.notes
     threads = min(len(project.image), workers or os.cpu_count() or 1)
     images = _located(inputs, progress, threads)
     points: tuple[PointSet, ...] = ()
@@ -70,14 +102,14 @@ def run_project(project: Project, *, progress: Progress = silent, workers: int |
         with clock("turn the grid to the air"):
             inputs = replace(inputs, mesh=oriented(inputs.mesh, project.grid, _some_poses(project, images)))
         assert inputs.mesh is not None
-        points = load_points(project, lists, inputs.mesh)
+        points = load_points(project, start.lists, inputs.mesh)
     lost: tuple[str, ...] = ()
     pixels: tuple[PixelMap, ...] = ()
     if inputs.mesh is not None and any(i.cam_from_model is not None for i in images):
         with clock("map the views"):
             framed, pixels, lost = map_views(framed, inputs.mesh)
     shown = framed if pixels else ()
-    images, merged = _mapped(images, inputs, shown, pixels, points, threads, clock, progress, walls)
+    images, merged = _mapped(images, inputs, shown, pixels, points, threads, clock, progress, start.walls)
     notes += tuple((c.file, text) for c in project.camera if (text := inputs.cameras[c.name].note))
     return RunResult(project, inputs.markers, inputs.mesh, tuple(images), clock.seconds, notes, framed, merged,
                      lost)  # fmt: skip

@@ -13,9 +13,9 @@ from typing import Annotated, Any
 
 from pydantic import Field, ValidationError, model_validator
 
-from windmark.errors import UsageError
 from windmark.io import FileError, frame_address
 from windmark.io.recordings.folder import picture_files
+from windmark.pipeline.faults import Faults
 from windmark.pipeline.lengths import Lengths
 from windmark.pipeline.project_entries import (
     AlignOptions,
@@ -32,7 +32,15 @@ from windmark.pipeline.project_entries import (
     ViewEntry,
 )
 from windmark.pipeline.rig_settings import RigOptions, check_rig, instants, rig_cameras
-from windmark.pipeline.settings import Strict, existing, existing_picture, explained, read_toml, unusable_name
+from windmark.pipeline.settings import (
+    Strict,
+    existing,
+    existing_picture,
+    explained,
+    read_toml,
+    result_place,
+    unusable_name,
+)
 from windmark.pipeline.wanted import LineEntry, MergeOptions, PointsEntry, check_merge
 
 
@@ -60,50 +68,65 @@ class Project(Strict):
 
     @model_validator(mode="after")
     def _consistent(self) -> Project:
-        for kind, names in (
-            ("camera", [c.name for c in self.camera]),
-            ("image", [i.label for i in self.image]),
-            ("view", [v.name for v in self.view]),
-            ("section", [s.name for s in self.section]),
-            ("points", [p.label for p in self.points]),
-            ("line", [n.name for n in self.line]),
-            ("point", list(dict.fromkeys(i.point for i in self.image if i.point is not None))),
+        faults = Faults()
+        for table, names, key in (
+            ("camera", [c.name for c in self.camera], "name"),
+            ("image", [i.label for i in self.image], "name"),
+            ("view", [v.name for v in self.view], "name"),
+            ("section", [s.name for s in self.section], "name"),
+            ("points", [p.label for p in self.points], "name"),
+            ("line", [n.name for n in self.line], "name"),
         ):
-            double = sorted({n for n in names if names.count(n) > 1})
-            if double:
-                raise UsageError(f"{kind} names must be unique, more than once: {', '.join(double)}")
-            if (why := unusable_name(names)) is not None:
-                raise UsageError(f"{kind} names become file names, and {why}")
+            faults.names(table, names, key)
+        points = list(dict.fromkeys(i.point for i in self.image if i.point is not None))
+        if (why := unusable_name(points)) is not None:
+            faults.add(f"point names become file names, and {why}", "image")
+        self._check_images(faults)
+        self._check_wanted(faults)
+        faults.refuse("Project")
+        return self
+
+    def _check_images(self, faults: Faults) -> None:
+        """Which camera took each, and whether there is what its pose is found from."""
         cameras = [c.name for c in self.camera]
-        for image in self.image:
+        strange = False
+        for k, image in enumerate(self.image):
             if image.camera is None and len(cameras) > 1:
-                raise UsageError(f"image {image.label}: say which camera took it, one of {', '.join(cameras)}")
-            if image.camera is not None and image.camera not in cameras:
-                raise UsageError(f"image {image.label}: camera {image.camera!r} is not one of {', '.join(cameras)}")
-        if any(c.pose == "find" for c in self.camera):
-            missing = [name for name in ("markers", "detect") if getattr(self, name) is None]
-            if missing:
-                raise UsageError(f"[{missing[0]}] is missing: the cameras' poses are found from markers in the images")
-        if self.rig is not None:
+                faults.add(f"image {image.label}: say which camera took it, one of {', '.join(cameras)}", "image", k)
+                strange = True
+            elif image.camera is not None and image.camera not in cameras:
+                faults.known(image.camera, cameras, "a camera", "image", k, "camera")
+                strange = True
+        missing = [name for name in ("markers", "detect") if getattr(self, name) is None]
+        if missing and any(c.pose == "find" for c in self.camera):
+            faults.add(f"[{missing[0]}] is missing: the cameras' poses are found from markers in the images")
+        if self.rig is not None and not strange:
             found = [c.name for c in self.camera if c.pose == "find"]
             known = [c.name for c in self.camera if c.pose == "known"]
-            check_rig(self.rig, found, known, self._taken())
+            with faults.at("rig"):
+                check_rig(self.rig, found, known, self._taken())
         if self.register_.binding and not any(i.labels for i in self.image):
-            raise UsageError("register: binding says that labels are facts, but no image has labels")
-        if self.align and self.align.reference not in [i.label for i in self.image]:
-            raise UsageError(f"align: reference {self.align.reference!r} is not the name of an image")
-        if self.align and self.align.background == "keep" and len({self.camera_of(i).name for i in self.image}) > 1:
-            raise UsageError('align: background = "keep" needs images of one camera; these are of several')
-        if self.align and len({(i.quantity, i.unit) for i in self.image}) > 1:
-            raise UsageError("align: all images must have the same quantity and unit, for they are subtracted")
-        if self.grid is None and (self.view or self.section or self.align or self.points or self.line):
-            raise UsageError("views, sections, points, lines and alignment need a grid: add [grid] file = ...")
-        if self.merge is not None:
-            check_merge(self.merge, self._taken(), bool(self.grid))
+            faults.add("binding says that labels are facts, but no image has labels", "register", "binding")
+        if self.merge is not None and not strange:
+            with faults.at("merge"):
+                check_merge(self.merge, self._taken(), bool(self.grid))
             taken = sorted({"merged", *(f"merged-{i.point}" for i in self.image)} & {i.label for i in self.image})
             if taken:
-                raise UsageError(f"merge: its folder {taken[0]} has the name of an image; name the image otherwise")
-        return self
+                faults.add(f"its folder {taken[0]} has the name of an image; name the image otherwise", "merge")
+
+    def _check_wanted(self, faults: Faults) -> None:
+        """Alignment, and what needs a grid."""
+        if self.align:
+            faults.known(self.align.reference, [i.label for i in self.image], "an image", "align", "reference")
+            if self.align.background == "keep" and len({i.camera for i in self.image if i.camera}) > 1:
+                words = 'background = "keep" needs images of one camera; these are of several'
+                faults.add(words, "align", "background")
+            if len({(i.quantity, i.unit) for i in self.image}) > 1:
+                faults.add("all images must have the same quantity and unit, for they are subtracted", "align")
+        wanted = [name for name in ("view", "section", "align", "points", "line") if getattr(self, name)]
+        if self.grid is None and wanted:
+            words = "views, sections, points, lines and alignment need a grid: add [grid] file = ..."
+            faults.add(words, wanted[0])
 
     @property
     def lengths(self) -> Lengths:
@@ -194,7 +217,6 @@ def make_project(path: Path, settings: Mapping[str, Any]) -> Project:
 
 
 def _with_absolute_paths(project: Project) -> Project:
-    base = project.path.parent
     register = project.register_
     if register.prior is not None:
         register = register.model_copy(update={"prior": existing(project.path, "register.prior", register.prior)})
@@ -229,6 +251,8 @@ def _with_absolute_paths(project: Project) -> Project:
             "register_": register,
             "rig": rig,
             "detect": detect,
-            "output": project.output.model_copy(update={"folder": (base / project.output.folder).resolve()}),
+            "output": project.output.model_copy(
+                update={"folder": result_place(project.path, project.output.folder)}
+            ),
         }
     )

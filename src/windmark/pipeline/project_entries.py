@@ -6,7 +6,7 @@ import math
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from windmark.errors import UsageError
 from windmark.io import picture_name
@@ -44,6 +44,15 @@ from windmark.pipeline.settings import Strict, ranged
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Vector = tuple[Finite, Finite, Finite]
+
+
+def _pointing(vector: Vector) -> Vector:
+    if not any(vector):
+        raise UsageError("is zero; expected a direction")
+    return vector
+
+
+Direction = Annotated[Vector, AfterValidator(_pointing)]
 Place = tuple[float, float]
 Unit = Literal["in", "ft", "mm", "cm", "m"]
 NodeFormat = Literal["vtk", "tecplot", "plot3d", "csv", "netcdf"]
@@ -245,7 +254,7 @@ class SectionEntry(Strict):
 
     name: str
     point: Vector
-    normal: Vector
+    normal: Direction
     spacing: Positive | None = None
 
 

@@ -81,7 +81,7 @@ def explained(path: Path, error: ValidationError, root: type[BaseModel]) -> File
 
 def explanation(one: Mapping[str, Any], root: type[BaseModel]) -> tuple[str | None, str]:
     """The key and the words of one of pydantic's errors of ``root``; a key that is not known has the nearest one."""
-    parts = [k for k in one["loc"] if isinstance(k, int) or not _OF_A_TYPE.search(k)]
+    parts = key_parts(one["loc"])
     keys = [str(k) for k in parts]
     key = "".join(f"[{k}]" if isinstance(k, int) else f".{k}" for k in parts).lstrip(".") or None
     if one["type"] == "extra_forbidden":
@@ -91,7 +91,26 @@ def explanation(one: Mapping[str, Any], root: type[BaseModel]) -> tuple[str | No
         return key, "is missing"
     if one["type"] == "value_error":
         return key, str(one["ctx"]["error"])
-    return key, f"{one['msg']}, got {one['input']!r}"
+    if "words" in one.get("ctx", {}):  # of `faults`
+        return key, str(one["ctx"]["words"])
+    return key, f"{_expected(one)}, got {one['input']!r}{_meant(one)}"
+
+
+def _expected(one: Mapping[str, Any]) -> str:
+    """What the library says, in our words."""
+    return re.sub("^Input should be", "expected", one["msg"])
+
+
+def _meant(one: Mapping[str, Any]) -> str:
+    """One of the words that a key can have, where the given one looks like it."""
+    words = re.findall("'([^']+)'", str(one.get("ctx", {}).get("expected", "")))
+    near = get_close_matches(str(one["input"]), words, 1, 0.6)
+    return f", did you mean {near[0]!r}?" if near else ""
+
+
+def key_parts(place: Sequence[str | int]) -> list[str | int]:
+    """The keys of a place as pydantic gives it, which holds names of types besides."""
+    return [k for k in place if isinstance(k, int) or not _OF_A_TYPE.search(k)]
 
 
 def existing(settings: Path, key: str, relative: Path) -> Path:
@@ -120,6 +139,21 @@ def _naming(settings: Path, key: str) -> Iterator[None]:
     except (OSError, ValueError, RuntimeError) as error:
         why = reason(error) if isinstance(error, OSError) else str(error)
         raise FileError(settings, f"{why}; expected the path of an existing file", key) from error
+
+
+def result_place(settings: Path, folder: Path) -> Path:
+    """The folder of the results, absolute.
+
+    Raises
+    ------
+    FileError
+        Where it is that of the project itself, whose files would then stand among the results.
+    """
+    full = (settings.parent / folder).resolve()
+    if full == settings.parent.resolve() and settings.name != COMMAND_LINE:
+        words = f"{folder} is the folder of the project itself; expected one for the results alone"
+        raise FileError(settings, words, "output.folder")
+    return full
 
 
 def existing_picture(settings: Path, key: str, relative: Path) -> Path:

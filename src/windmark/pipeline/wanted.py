@@ -9,11 +9,8 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from windmark.errors import UsageError
+from windmark.pipeline.project_entries import Direction, Positive, Role, Vector
 from windmark.pipeline.settings import Strict
-
-Vector = tuple[float, float, float]
-Positive = Annotated[float, Field(gt=0)]
-Role = Literal["model", "wall", "primary", "secondary", "tap", "virtual", "fiducial"]
 
 
 class MergeOptions(Strict):
@@ -74,7 +71,7 @@ class LineEntry(Strict):
     end: Vector
     n: Annotated[int, Field(ge=2, le=1_000_000)] | None = None
     spacing: Positive | None = None
-    normal: Vector | None = None
+    normal: Direction | None = None
     max_distance: Positive | None = None
 
     @model_validator(mode="after")

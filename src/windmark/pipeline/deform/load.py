@@ -26,6 +26,10 @@ from windmark.tasks.sight import sight
 Array = NDArray[np.float64]
 
 
+WHERE_IT_STANDS = "where the camera stands (cam_from_tunnel), such as windmark register or calibrate write it"
+"""What a camera's file must say whose pose is not found anew in every picture."""
+
+
 @dataclass(frozen=True)
 class Loaded:
     """A project with everything it names.
@@ -104,8 +108,7 @@ def _station(project: DeformProject, i: int, entry: CameraEntry, lengths: Length
     camera, pose = content.camera, content.cam_from_model
     if pose is None:
         raise io.FileError(
-            entry.file, "has no pose; expected where the camera stands (cam_from_tunnel), such as windmark register "
-            "or calibrate write it", f"camera[{i}].file",
+            entry.file, f"has no pose; expected {WHERE_IT_STANDS}", f"camera[{i}].file",
         )  # fmt: skip
     cov = None
     if entry.pose_sigma is not None and entry.pose_sigma_deg is not None:

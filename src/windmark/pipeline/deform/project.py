@@ -11,9 +11,10 @@ from pydantic import Field, ValidationError, model_validator
 from windmark.errors import UsageError
 from windmark.options.detection import MERIT_MAX, PHOTOMETRY, POLARITY, RADIUS_PX, Photometry, Polarity
 from windmark.options.registration import MAX_DEFORMATION, MAX_TABLE_ERROR, MAX_TIME_S, OCCLUSION, SEED
+from windmark.pipeline.faults import Faults
 from windmark.pipeline.lengths import Lengths
-from windmark.pipeline.project_entries import GridEntry, Positive, Role, Unit, Vector
-from windmark.pipeline.settings import Strict, existing, explained, ranged, read_toml, unusable_name
+from windmark.pipeline.project_entries import Direction, GridEntry, Positive, Role, Unit, Vector
+from windmark.pipeline.settings import Strict, existing, explained, ranged, read_toml, result_place
 from windmark.pipeline.wanted import PointsEntry
 
 Image = Annotated[str, Field(min_length=1)]
@@ -128,8 +129,8 @@ class StationsEntry(Strict):
     start: Vector
     end: Vector
     count: Annotated[int, Field(ge=1, le=1000)] | Annotated[tuple[float, ...], Field(min_length=1)] = 11
-    chord: Vector = (1.0, 0.0, 0.0)
-    up: Vector = (0.0, 0.0, 1.0)
+    chord: Direction = (1.0, 0.0, 0.0)
+    up: Direction = (0.0, 0.0, 1.0)
 
 
 class SequenceEntry(Strict):
@@ -213,34 +214,30 @@ class DeformProject(Strict):
 
     @model_validator(mode="after")
     def _consistent(self) -> DeformProject:
-        for kind, names in (
-            ("camera", [c.name for c in self.camera]),
-            ("volume", [v.name for v in self.volume]),
-            ("points", [p.label for p in self.points]),
-        ):
-            twice = sorted({n for n in names if names.count(n) > 1})
-            if twice:
-                raise UsageError(f"{kind} names must be unique, more than once: {', '.join(twice)}")
-            if (why := unusable_name(names)) is not None:
-                raise UsageError(f"{kind} names become file names, and {why}")
+        faults = Faults()
+        cameras = [c.name for c in self.camera]
+        faults.names("camera", cameras)
+        faults.names("volume", [v.name for v in self.volume])
+        faults.names("points", [p.label for p in self.points])
         if not any(v.law for v in self.volume) and not self.motion.free:
-            raise UsageError("nothing is free: give a volume a law, or set motion.free")
+            faults.add("nothing is free: give a volume a law, or set motion.free", "motion", "free")
         if self.output.grid and self.grid is None:
-            raise UsageError("output.grid: a deformed grid needs [grid] file = ...")
+            faults.add("a deformed grid needs [grid] file = ...", "output", "grid")
         if self.points and self.grid is None:
-            raise UsageError("points: they are moved with the deformed grid: add [grid] file = ...")
+            faults.add("they are moved with the deformed grid: add [grid] file = ...", "points")
         if self.values is not None:
-            unknown = sorted(set(self.values.cameras) - {c.name for c in self.camera})
-            if unknown:
-                raise UsageError(f"values: cameras: no camera is called {', '.join(unknown)}")
+            for k, name in enumerate(self.values.cameras):
+                faults.known(name, cameras, "a camera", "values", "cameras", k)
             if "vtk" not in self.output.grid:
-                raise UsageError('values: they are fields of the grid in VTK files: give output.grid = ["vtk"]')
-        if self.sequence.clock is not None and self.sequence.clock not in [c.name for c in self.camera]:
-            raise UsageError(f"sequence: clock: no camera is called {self.sequence.clock!r}")
+                faults.add('they are fields of the grid in VTK files: give output.grid = ["vtk"]', "values")
+        if self.sequence.clock is not None:
+            faults.known(self.sequence.clock, cameras, "a camera", "sequence", "clock")
         if not self.has_clocks and (self.sequence.clock is not None or self.sequence.max_lag_s is not None):
-            raise UsageError("sequence: clock and max_lag_s need a camera with rate_hz, offset_s or times")
-        if self.stations is not None and self.stations.volume not in [v.name for v in self.volume]:
-            raise UsageError(f"stations: volume {self.stations.volume!r} is not one of the volumes")
+            faults.add("clock and max_lag_s need a camera with rate_hz, offset_s or times", "sequence")
+        if self.stations is not None:
+            volumes = [v.name for v in self.volume]
+            faults.known(self.stations.volume, volumes, "a volume", "stations", "volume")
+        faults.refuse("DeformProject")
         return self
 
     @property
@@ -290,7 +287,6 @@ def read_deform_project(path: str | Path, changed: Changes | Path | None = None)
         project = _changed(DeformProject(path=path.resolve(), **data), wish)
     except ValidationError as error:
         raise explained(path, error, DeformProject) from None
-    base = project.path.parent
     cameras = []
     for i, camera in enumerate(project.camera):
         files = {"file": existing(project.path, f"camera[{i}].file", camera.file)}
@@ -312,7 +308,7 @@ def read_deform_project(path: str | Path, changed: Changes | Path | None = None)
         p.model_copy(update={"file": existing(project.path, f"points[{i}].file", p.file)})
         for i, p in enumerate(project.points)
     )
-    folder = project.output.model_copy(update={"folder": (base / project.output.folder).resolve()})
+    folder = project.output.model_copy(update={"folder": result_place(project.path, project.output.folder)})
     return project.model_copy(
         update={
             "camera": tuple(cameras),

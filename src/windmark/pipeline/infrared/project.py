@@ -10,10 +10,11 @@ from pydantic import Field, ValidationError, model_validator
 from windmark.errors import UsageError
 from windmark.pipeline.deform.project import RECORDING, LookEntry, MarkersEntry, MotionEntry, SequenceEntry, VolumeEntry
 from windmark.pipeline.deform.project import CameraEntry as DeformCamera
+from windmark.pipeline.faults import Faults
 from windmark.pipeline.infrared.walls import WallEntry
 from windmark.pipeline.lengths import Lengths
 from windmark.pipeline.project_entries import Finite, GridEntry, NodeFormat, Positive, Unit
-from windmark.pipeline.settings import Strict, existing, explained, read_toml, unusable_name
+from windmark.pipeline.settings import Strict, existing, explained, read_toml, result_place
 from windmark.pipeline.wanted import PointsEntry
 
 Pattern = Annotated[str, Field(min_length=1)]
@@ -173,21 +174,20 @@ class InfraredProject(Strict):
 
     @model_validator(mode="after")
     def _consistent(self) -> InfraredProject:
-        for kind, names in (("camera", [c.name for c in self.camera]), ("volume", [v.name for v in self.volume]),
-                            ("points", [p.label for p in self.points])):  # fmt: skip
-            twice = sorted({n for n in names if names.count(n) > 1})
-            if twice:
-                raise UsageError(f"{kind} names must be unique, more than once: {', '.join(twice)}")
-            if (why := unusable_name(names)) is not None:
-                raise UsageError(f"{kind} names become file names, and {why}")
+        faults = Faults()
+        faults.names("camera", [c.name for c in self.camera])
+        faults.names("volume", [v.name for v in self.volume])
+        faults.names("points", [p.label for p in self.points])
         if (self.heat is None) != (not self.wall):
-            raise UsageError("heat and wall belong together: [heat] says when the heating began, [[wall]] what is "
-                             "below the surface; without both there are temperatures alone")  # fmt: skip
+            words = ("heat and wall belong together: [heat] says when the heating began, [[wall]] what is below the "
+                     "surface; without both there are temperatures alone")  # fmt: skip
+            faults.add(words, "wall" if self.wall else "heat")
         walls = [v for w in self.wall for v in w.volumes]
         twice = sorted({v for v in walls if walls.count(v) > 1})
         if twice or (len(self.wall) > 1 and any(not w.volumes for w in self.wall)):
             why = f", {twice[0]} has several" if twice else "; several walls need their volumes"
-            raise UsageError(f"wall: every volume has one wall{why}")
+            faults.add(f"every volume has one wall{why}", "wall")
+        faults.refuse("InfraredProject")
         return self
 
     @property
@@ -220,7 +220,7 @@ def _with_absolute_paths(project: InfraredProject) -> InfraredProject:
         named = {f: getattr(entry, f) for f in fields if getattr(entry, f) not in (None, RECORDING)}
         return entry.model_copy(update={f: existing(project.path, f"{key}.{f}", file) for f, file in named.items()})
 
-    folder = (project.path.parent / project.output.folder).resolve()
+    folder = result_place(project.path, project.output.folder)
     cameras = (moved(f"camera[{i}]", c, "file", "mask", "times", "black_bodies") for i, c in enumerate(project.camera))
     return project.model_copy(update={
         "camera": tuple(cameras),

@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 from windmark.errors import UsageError
 from windmark.paint.cell_fit import MOST_P, MOST_T
 from windmark.paint.form_factors import FACETS
-from windmark.pipeline.project_entries import Finite, NodeFormat, Positive, Role, Vector
+from windmark.pipeline.project_entries import Direction, Finite, NodeFormat, Positive, Role, Vector
 from windmark.pipeline.settings import Strict
 
 Pattern = Annotated[str, Field(min_length=1)]
@@ -233,7 +233,7 @@ class SectionEntry(Strict):
 
     name: str
     point: Vector
-    normal: Vector
+    normal: Direction
     volume: str | None = None
 
 

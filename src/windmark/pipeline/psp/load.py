@@ -14,6 +14,7 @@ from windmark.paint import TemperaturePaint, TunnelGain, form_factors
 from windmark.pipeline.deform.load import Loaded, load
 from windmark.pipeline.deform.project import CameraEntry as DeformCamera
 from windmark.pipeline.deform.project import DeformProject
+from windmark.pipeline.faults import nearest
 from windmark.pipeline.framing import frame_views
 from windmark.pipeline.lengths import Lengths
 from windmark.pipeline.points import PointSet, on_grid, read_lists
@@ -85,6 +86,7 @@ def load_psp(project: PspProject) -> PspTest:
     """
     deforming = load(_as_deform(project))
     assert deforming.mesh is not None
+    _check_sections(project, deforming.mesh)
     lengths = project.lengths
     paint = _calibrated(project)
     rows = _points(project)
@@ -116,6 +118,16 @@ def load_psp(project: PspProject) -> PspTest:
         _reflecting(project, deforming.mesh), tuple(remarks), frame_views(project, deforming.mesh),
         tuple(places),
     )  # fmt: skip
+
+
+def _check_sections(project: PspProject, mesh: Mesh) -> None:
+    """Every volume that a section is of must be one of the grid's."""
+    known = sorted(set(mesh.volume.tolist()))
+    for k, entry in enumerate(project.section):
+        if entry.volume is not None and entry.volume not in known:
+            words = (f"the grid has no volume {entry.volume!r}{nearest(entry.volume, known)}; expected one of "
+                     f"{', '.join(known)}")  # fmt: skip
+            raise io.FileError(project.path, words, f"section[{k}].volume")
 
 
 def _points(project: PspProject) -> tuple[PointRow, ...]:

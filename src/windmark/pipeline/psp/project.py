@@ -8,8 +8,8 @@ from typing import Annotated, Any
 
 from pydantic import Field, ValidationError, field_validator, model_validator
 
-from windmark.errors import UsageError
 from windmark.pipeline.deform.project import LookEntry, MarkersEntry, MotionEntry, VolumeEntry
+from windmark.pipeline.faults import Faults
 from windmark.pipeline.lengths import Lengths
 from windmark.pipeline.project_entries import Finite, GridEntry, Unit, ViewEntry
 from windmark.pipeline.psp.entries import (
@@ -30,7 +30,7 @@ from windmark.pipeline.psp.entries import (
     TemperatureEntry,
 )
 from windmark.pipeline.psp.stream import constants_of
-from windmark.pipeline.settings import Strict, existing, explained, read_toml, unusable_name
+from windmark.pipeline.settings import Strict, existing, explained, read_toml, result_place
 from windmark.pipeline.wanted import PointsEntry
 
 
@@ -75,19 +75,18 @@ class PspProject(Strict):
 
     @model_validator(mode="after")
     def _consistent(self) -> PspProject:
-        for kind, names in (("camera", [c.name for c in self.camera]), ("section", [s.name for s in self.section]),
-                            ("place", [p.label for p in self.place]),
-                            ("volume", [v.name for v in self.volume]),
-                            ("view", [v.name for v in self.view])):  # fmt: skip
-            twice = sorted({n for n in names if names.count(n) > 1})
-            if twice:
-                raise UsageError(f"{kind} names must be unique, more than once: {', '.join(twice)}")
-            if (why := unusable_name(names)) is not None:
-                raise UsageError(f"{kind} names become file names, and {why}")
+        faults = Faults()
+        faults.names("camera", [c.name for c in self.camera])
+        faults.names("section", [s.name for s in self.section])
+        faults.names("place", [p.label for p in self.place])
+        faults.names("volume", [v.name for v in self.volume])
+        faults.names("view", [v.name for v in self.view])
         for key in ("dark", "flat", "linearity"):
             pattern = getattr(self.radiometry, key)
             if pattern is not None and len(self.camera) > 1 and CAMERA not in pattern:
-                raise UsageError(f"radiometry.{key}: expected {CAMERA} in the pattern, for there are several cameras")
+                words = f"expected {CAMERA} in the pattern, for there are several cameras"
+                faults.add(words, "radiometry", key)
+        faults.refuse("PspProject")
         return self
 
     @property
@@ -121,7 +120,7 @@ def _with_absolute_paths(project: PspProject) -> PspProject:
         found = {f: existing(project.path, f"{key}.{f}", file) for f, file in named.items()}
         return entry if entry is None else entry.model_copy(update=found)
 
-    folder = (project.path.parent / project.output.folder).resolve()
+    folder = result_place(project.path, project.output.folder)
     return project.model_copy(update={
         "points": moved("points", project.points, "table"),
         "reference": moved("reference", project.reference, "table"),

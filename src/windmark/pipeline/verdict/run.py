@@ -20,6 +20,8 @@ def run_verdict(result: RunResult) -> Verdict:
         found += [f.at(item.name) for f in _image(item, result)]
     if result.markers is not None and result.mesh is not None:
         found += units_findings(result.markers, result.mesh, result.project.length_unit)
+    found += [_missing(said).at(item.name) for item in result.images for said in item.left_out]
+    found += [_missing(said) for said in result.lost_views]
     for group in result.merged:
         if isinstance(group.outcome, NotMerged):
             found.append(
@@ -32,6 +34,11 @@ def run_verdict(result: RunResult) -> Verdict:
                 )
             )
     return Verdict.of(found, len(result.images), *_good(result))
+
+
+def _missing(said: str) -> Finding:
+    """A view or a section that was asked for and is in no result."""
+    return Finding(DOUBTFUL, "lost", f"left out: {said}", "correct it in the project, or take it out")
 
 
 def _good(result: RunResult) -> tuple[str, str]:

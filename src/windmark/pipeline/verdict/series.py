@@ -118,8 +118,10 @@ def deform_verdict(records: Sequence[DeformFrame], weak: Sequence[str] = (), uni
     )
 
 
-def psp_verdict(records: Sequence[PointRecord], units: Sequence[Finding] = (), unit: str = "") -> Verdict:
-    """Judge a paint test; ``unit`` is that of lengths.
+def psp_verdict(
+    records: Sequence[PointRecord], units: Sequence[Finding] = (), unit: str = "", sections: Sequence[str] = ()
+) -> Verdict:
+    """Judge a paint test; ``unit`` is that of lengths, ``sections`` the names of those that were asked for.
 
     ``units`` of `units_findings` explain why no point came out, or are doubts.
     """
@@ -135,6 +137,12 @@ def psp_verdict(records: Sequence[PointRecord], units: Sequence[Finding] = (), u
     found = [*units, *_lost([(r.name, r.reason) for r in records if r.status != "reduced"], len(records), "points")]
     found += followed_findings([replace(f, key=f"{f.key} of {r.name}") for r in good for f in r.followed], unit)
     for r in good:
+        lacks = [name for name in sections if name not in {s.name for s in r.sections}]
+        if lacks:
+            one = f"section {lacks[0]}"
+            words = next((said for said in r.remarks if said.startswith(f"{one}: ")), one)
+            step = "correct it in the project, or take it out"
+            found.append(Finding(DOUBTFUL, "lost", f"left out: {words}", step, r.name))
         if r.taps is not None and r.taps.unfitted:
             words = f"the pressure is that of the calibration alone, not fitted to the taps: {r.taps.unfitted}"
             found.append(Finding(DOUBTFUL, "taps", words, "correct the readings' unit or the taps' table", r.name))

@@ -36,7 +36,7 @@ CAUSES = {
     "few": "few markers",
     "one-sided": "markers on one side, the rest is extrapolated",
     "weak": "directions that the pictures hardly determine",
-    "lost": "pictures or points that gave no result",
+    "lost": "pictures, points, views or sections that gave no result",
     "taps": "paint and taps that do not agree",
     "covered": "little of the surface seen",
     "no match": "nothing that explains the spots",

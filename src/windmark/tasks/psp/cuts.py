@@ -71,7 +71,7 @@ def cut_sections(
 
 
 def _cut(rest: Mesh, cp: NodeField, one: SectionWanted, reference: LoadReference, points: Array) -> SurfaceSection:
-    part = _part(rest, one)
+    part = surface_of(rest, one.volume)
     cut = resection.section(part, one.point, one.normal)
     profile = section_profile(part, cp, cut, reference)
     normal = np.asarray(one.normal, dtype=float) / np.linalg.norm(one.normal)
@@ -80,10 +80,11 @@ def _cut(rest: Mesh, cp: NodeField, one: SectionWanted, reference: LoadReference
     return SurfaceSection(one.name, profile, near, (points[near] @ aft - (cut.xyz @ aft).min()) / profile.chord)
 
 
-def _part(rest: Mesh, one: SectionWanted) -> Mesh:
-    if one.volume is None:
+def surface_of(rest: Mesh, volume: str | None) -> Mesh:
+    """What a section cuts: all of the grid, or the volume of this name alone."""
+    if volume is None:
         return rest
-    own = rest.volume == one.volume
+    own = rest.volume == volume
     return Mesh(rest.vertices, rest.triangles[own], rest.volume[own], length_unit=rest.length_unit)
 
 
@@ -97,7 +98,7 @@ def section_loads(
     """
     out = []
     for one in wanted:
-        part = _part(rest, one)
+        part = surface_of(rest, one.volume)
         shown = np.zeros(len(cp), bool)
         shown[part.triangles[cp.known[part.triangles].any(axis=1)]] = True
         still = replace(

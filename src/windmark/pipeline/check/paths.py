@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
+from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
 from pydantic import BaseModel
 
-from windmark.pipeline.deform.project import RECORDING
-from windmark.pipeline.settings import has_path, model_in
+from windmark.pipeline.deform.project import RECORDING, DeformProject
+from windmark.pipeline.infrared import InfraredProject
+from windmark.pipeline.project import Project
+from windmark.pipeline.psp import PspProject
+from windmark.pipeline.settings import has_path, key_parts, model_in
+from windmark.pipeline.toml_lines import Key
 
 
 def other_paths(model: type[BaseModel], data: Any, key: str = "") -> Iterator[tuple[str, str]]:
@@ -29,8 +35,36 @@ def other_paths(model: type[BaseModel], data: Any, key: str = "") -> Iterator[tu
                 yield here, value
 
 
+MODELS: dict[str, type[BaseModel]] = {
+    "run": Project, "deform": DeformProject, "psp": PspProject, "infrared": InfraredProject,
+}  # fmt: skip
+"""Verb -> the model of its projects."""
 _READ = ("markers.file", "grid.file")
 """Files that are not only looked for but read."""
+
+
+def without_keys(data: Any, keys: Iterable[Key]) -> Any:
+    """Settings without some keys, which stay in ``data`` itself."""
+    out = deepcopy(data)
+    for *way, last in (key_parts(key) for key in keys if key_parts(key)):
+        at = out
+        with suppress(KeyError, IndexError, TypeError, AttributeError):  # of a table that is itself no table
+            for part in way:
+                at = at[part]
+            at.pop(last)
+    return out
+
+
+def key_of_file(project: Path, data: Any, file: Path, key: str = "") -> str:
+    """The setting that names a file; "" where none does."""
+    items = data.items() if isinstance(data, dict) else enumerate(data) if isinstance(data, list) else ()
+    for name, value in items:
+        here = f"{key}[{name}]" if isinstance(name, int) else f"{key}.{name}".lstrip(".")
+        if isinstance(value, str) and (project.parent / value).resolve() == file.resolve():
+            return here
+        if found := key_of_file(project, value, file, here):
+            return found
+    return ""
 
 
 def similar(path: Path) -> str:

@@ -1,151 +1,32 @@
-"""Everything that is wrong with a project, all at once, without running it: settings, files, and how they fit."""
+"""Every file that a project names, read by the reader of its kind; and how these fit each other."""
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
-
-from pydantic import BaseModel, ValidationError
 
 from windmark import io
 from windmark.errors import WindmarkError
 from windmark.io.errors import FileError, decoding
 from windmark.io.recordings.folder import picture_files
-from windmark.pipeline.check_paint import paint_tables
-from windmark.pipeline.check_paths import other_paths, similar
-from windmark.pipeline.check_places import place_lists
-from windmark.pipeline.deform.project import DeformProject
-from windmark.pipeline.infrared import InfraredProject
-from windmark.pipeline.kinds import KINDS, kind_of
+from windmark.pipeline.check.paint import paint_tables
+from windmark.pipeline.check.paths import MODELS, other_paths, similar
+from windmark.pipeline.check.places import place_lists
+from windmark.pipeline.check.problems import Checked, Problem, keys_of, noting
+from windmark.pipeline.deform.load import WHERE_IT_STANDS
 from windmark.pipeline.likely_unit import likely_unit, model_box
-from windmark.pipeline.project import Project, pictures_of
-from windmark.pipeline.psp import PspProject
-from windmark.pipeline.settings import existing, existing_picture, explanation, read_settings
-from windmark.pipeline.toml_lines import Key, line_of, toml_lines
+from windmark.pipeline.settings import existing, existing_picture
+from windmark.pipeline.toml_lines import Key, line_of
 from windmark.scene import MarkerSet, Mesh
 
-MODELS: dict[str, type[BaseModel]] = {
-    "run": Project, "deform": DeformProject, "psp": PspProject, "infrared": InfraredProject,
-}  # fmt: skip
-_IMAGE = re.compile(r"^image\[(\d+)\]")
 MOST_PICTURES = 2000
 """Pictures of a project whose files are opened; of more, evenly spaced ones."""
 
 
-@dataclass(frozen=True)
-class Problem:
-    """One thing that is wrong.
-
-    Parameters
-    ----------
-    line : of the project file; None where it is of no line
-    key : the setting
-    words : what is wrong, and what was expected
-    """
-
-    line: int | None
-    key: str
-    words: str
-
-    def __str__(self) -> str:
-        place = ([] if self.line is None else [f"line {self.line}"]) + ([self.key] if self.key else [])
-        return f"{', '.join(place)}: {self.words}" if place else self.words
-
-
 @dataclass
-class Checked:
-    """What was found.
-
-    Parameters
-    ----------
-    path : the project file
-    kind : the verb that carries it out; "" unknown
-    problems : all, in the order of the file
-    read : what was read and is sound, in words
-    """
-
-    path: Path
-    kind: str = ""
-    problems: list[Problem] = field(default_factory=list)
-    read: list[str] = field(default_factory=list)
-
-
-def check_project(path: Path, show: Callable[[str], None] = lambda _: None) -> Checked:
-    """Check a project file of any kind.
-
-    Parameters
-    ----------
-    show : is told what is being looked at
-
-    Raises
-    ------
-    FileError
-        When it cannot be read, or is no TOML: then there is nothing else to be said.
-    """
-    data = read_settings(path)
-    lines = toml_lines(path.read_text(encoding="utf-8-sig"))
-    kind = kind_of(data) or "run"
-    out = Checked(path, kind)
-    if kind_of(data) is None and data:
-        out.problems.append(Problem(None, "", f"has keys of several kinds of projects, or of none; taken as that of "
-                                    f"{KINDS[kind]} (windmark {kind})"))  # fmt: skip
-    whole, numbers = _expanded(out, lines, data) if kind == "run" else (data, [])
-    model = MODELS[kind]
-    try:
-        model(path=path.resolve(), **{k: v for k, v in whole.items() if k != "path"})
-    except ValidationError as error:
-        for one in error.errors():
-            key, words = explanation(one, model)
-            key = _IMAGE.sub(lambda found: f"image[{numbers[int(found[1])]}]", key or "") if numbers else key or ""
-            if all(p.key != key and not key.startswith(f"{p.key}[") and not p.key.startswith(f"{key}[")
-                   for p in out.problems):  # fmt: skip
-                out.problems.append(Problem(line_of(lines, _keys(key)), key, words))
-    _Files(out, lines, whole, show, numbers).look()
-    out.problems.sort(key=lambda p: (p.line is None, p.line or 0))
-    return out
-
-
-def _expanded(out: Checked, lines: dict[Key, int], data: dict[str, Any]) -> tuple[dict[str, Any], list[int]]:
-    """Settings with a table for each picture of a pattern, and of which ``[[image]]`` each is."""
-    images = data.get("image")
-    if not isinstance(images, list):
-        return data, []
-    every: list[Any] = []
-    numbers: list[int] = []
-    for n, entry in enumerate(images):
-        with _noting(out, lines, f"image[{n}].file"):
-            some = pictures_of(out.path, n, entry)
-            every += some
-            numbers += [n] * len(some)
-    return {**data, "image": every} if every else data, numbers
-
-
-@contextmanager
-def _noting(out: Checked, lines: dict[Key, int], key: str = "") -> Iterator[None]:
-    """What is refused within becomes a problem at a key."""
-    try:
-        yield
-    except FileError as error:
-        of_project = error.path.resolve() == out.path.resolve()
-        where = str(error.where or key) if of_project else key
-        words = error.what if of_project else str(error)
-        out.problems.append(Problem(line_of(lines, _keys(where)), where, words))
-    except WindmarkError as error:
-        out.problems.append(Problem(line_of(lines, _keys(key)), key, str(error)))
-
-
-def _keys(key: str | None) -> Key:
-    """``image[0].file`` as pydantic names it."""
-    parts = re.findall(r"[^.\[\]]+", key or "")
-    return tuple(int(p) if p.isdigit() else p for p in parts)
-
-
-@dataclass
-class _Files:
+class Files:
     """Every file that a project names: read by the reader of its kind."""
 
     out: Checked
@@ -170,13 +51,13 @@ class _Files:
         for key, value in other_paths(MODELS[self.out.kind], self.data):
             self._exists(key, value)
         for key, file, roles in place_lists(self.out.path, self.data):
-            with _noting(self.out, self.lines, key):
+            with noting(self.out, self.lines, key):
                 found = io.read_points(file, roles=roles)
                 self.out.read.append(f"{len(found.name)} places of {file.name}")
                 self._unit(key, found.length_unit)
         for key, read in paint_tables(self.out.path, self.data) if self.out.kind == "psp" else ():
             self.show(f"read {key}")
-            with _noting(self.out, self.lines, key):
+            with noting(self.out, self.lines, key):
                 self.out.read.append(read())
         if markers is not None and mesh is not None and isinstance(unit, str) and unit in io.LENGTH_UNITS:
             self._fit(markers, mesh, unit)
@@ -193,7 +74,7 @@ class _Files:
         if not isinstance(value, str):
             return None
         self.show(f"read {value}")
-        with _noting(self.out, self.lines, key):
+        with noting(self.out, self.lines, key):
             return read(self._there(existing, key, value))
         return None
 
@@ -205,7 +86,7 @@ class _Files:
             raise FileError(error.path, error.what + similar(self.out.path.parent / value), error.where) from None
 
     def _exists(self, key: str, value: str) -> None:
-        with _noting(self.out, self.lines, key):
+        with noting(self.out, self.lines, key):
             self._there(existing, key, value)
 
     def _camera(self, n: int, entry: dict[str, Any]) -> None:
@@ -217,6 +98,9 @@ class _Files:
         focal = f"focal length {content.camera.focal_px:.0f} px"
         self.out.read.append(f"camera {entry.get('name', 'camera')}: {width} x {height} px, {focal}")
         self._unit(f"camera[{n}].file", content.length_unit if content.cam_from_model is not None else "")
+        if content.cam_from_model is None and (self.out.kind != "run" or entry.get("pose") == "known"):
+            words = f"{entry.get('file')} has no pose; expected {WHERE_IT_STANDS}"
+            self.out.problems.append(Problem(line_of(self.lines, ("camera", n, "file")), f"camera[{n}].file", words))
 
     def _markers(self, path: Path) -> MarkerSet:
         wrong = any(p.key.startswith("markers.roles") for p in self.out.problems)
@@ -229,8 +113,16 @@ class _Files:
         return markers
 
     def _mesh(self, path: Path) -> Mesh:
-        face = self._at("grid", "volume_face")
-        mesh = io.read_mesh(path, **({"volume_face": face} if face else {}))
+        face, parts = self._at("grid", "volume_face"), self._at("grid", "volumes")
+        options = {"volume_face": face} if face else {}
+        named = {zone: name for name, zones in parts.items() for zone in zones} if _are_zones(parts) else {}
+        try:
+            mesh = io.read_mesh(path, volumes=named, only=True, **options) if named else io.read_mesh(path, **options)
+        except FileError:
+            raise
+        except WindmarkError as error:  # a zone that the file has not
+            self.out.problems.append(Problem(line_of(self.lines, ("grid", "volumes")), "grid.volumes", str(error)))
+            mesh = io.read_mesh(path, **options)
         self.out.read.append(f"grid of {len(mesh.vertices)} nodes, {len(mesh.triangles)} triangles")
         self._unit("grid.file", mesh.length_unit)
         return mesh
@@ -239,7 +131,7 @@ class _Files:
         unit = self.data.get("length_unit")
         if said and isinstance(unit, str) and said != unit:
             words = f"its lengths are in {said}, length_unit is {unit}; expected the same"
-            self.out.problems.append(Problem(line_of(self.lines, _keys(key)), key, words))
+            self.out.problems.append(Problem(line_of(self.lines, keys_of(key)), key, words))
 
     def _fit(self, markers: MarkerSet, mesh: Mesh, unit: str) -> None:
         units, _ = likely_unit(markers.xyz[markers.role != "wall"], model_box(mesh), unit)
@@ -254,7 +146,7 @@ class _Files:
         self.show(f"read {Path(file).name}")
         names = list(self.cameras)
         camera = self.cameras.get(str(entry.get("camera", names[0] if len(names) == 1 else "")))
-        with _noting(self.out, self.lines, key):
+        with noting(self.out, self.lines, key):
             full = self._there(existing_picture, key, file)
             page = {"page": entry["page"]} if isinstance(entry.get("page"), int) else {}
             image = io.read_grey(full, **page)
@@ -271,12 +163,12 @@ class _Files:
             if not isinstance(pattern, str):
                 continue
             full = self.out.path.parent / pattern
-            with _noting(self.out, self.lines, key), decoding(full):
+            with noting(self.out, self.lines, key), decoding(full):
                 found = [full] if full.is_file() else picture_files(full)
                 self.show(f"read {len(found)} pictures of {camera}")
                 some = found[:: max(1, -(-len(found) // MOST_PICTURES))]
                 for one in some:
-                    with _noting(self.out, self.lines, key):
+                    with noting(self.out, self.lines, key):
                         self._size(one, camera)
                 self.out.read.append(f"{camera or 'camera'}: {len(found)} pictures ({pattern})")
 
@@ -288,3 +180,9 @@ class _Files:
         if known is not None and known.camera.size_px != image.shape[1::-1]:
             w, h = known.camera.size_px
             raise FileError(path, f"is {image.shape[1]} x {image.shape[0]} px, its camera {w} x {h}")
+
+
+def _are_zones(parts: Any) -> bool:
+    """Whether the settings' ``grid.volumes`` is what it should be; where not, that is said elsewhere."""
+    lists = parts.values() if isinstance(parts, dict) else [None]
+    return all(isinstance(zones, list) and all(isinstance(zone, str) for zone in zones) for zones in lists)

@@ -1,0 +1,155 @@
+"""What does not fit together in a project, and what its verb would refuse at once: `check` says it, every time all."""
+
+import numpy as np
+import pytest
+
+from windmark import io
+from windmark.app import check_verb
+from windmark.geometry import Camera, Pose
+from windmark.io import FileError
+from windmark.pipeline.check import check_project
+from windmark.pipeline.deform.project import read_deform_project
+from windmark.pipeline.project import read_project
+from windmark.scene import MarkerSet, Mesh
+
+CAMERA = Camera((64, 48), 80.0, 1.0, 31.5, 23.5)
+PLATE = Mesh.make(np.array([[0.0, 0, 0], [4, 0, 0], [4, 3, 0], [0, 3, 0]]), np.array([[0, 1, 2], [0, 2, 3]]), "plate")
+
+RUN = """\
+title = "small"
+length_unit = "mm"
+[[camera]]
+name = "left"
+file = "camera.json"
+[[image]]
+file = "a.tif"
+camera = "left"
+[markers]
+file = "markers.csv"
+[detect]
+radius_px = 3
+[grid]
+file = "plate.vtu"
+[[section]]
+name = "mid"
+point = [0, 1.5, 0]
+normal = [0, 1, 0]
+"""
+DEFORM = """\
+title = "small"
+length_unit = "mm"
+[[camera]]
+name = "left"
+file = "camera.json"
+images = "a.tif"
+[[camera]]
+name = "right"
+file = "camera.json"
+images = "a.tif"
+[markers]
+file = "markers.csv"
+[motion]
+free = true
+"""
+
+
+@pytest.fixture
+def folder(tmp_path):
+    io.write_camera(tmp_path / "camera.json", CAMERA)
+    xyz = np.random.default_rng(1).uniform([0, 0, 0], [4, 3, 0], (6, 3))
+    io.write_markers(tmp_path / "markers.csv", MarkerSet.make([f"m{k}" for k in range(6)], xyz), length_unit="mm")
+    io.write_mesh(tmp_path / "plate.vtu", PLATE)
+    io.write_image(tmp_path / "a.tif", np.full((48, 64), 100, np.uint8))
+    return tmp_path
+
+
+def problems(folder, text):
+    path = folder / "project.toml"
+    path.write_text(text)
+    return {p.key: p for p in check_project(path).problems}
+
+
+def test_both_projects_are_sound_where_the_cameras_of_a_deformation_stand_somewhere(folder):
+    assert not problems(folder, RUN)
+    io.write_camera(folder / "camera.json", CAMERA, Pose.identity(), unit="mm")
+    assert not problems(folder, DEFORM)
+
+
+def test_what_contradicts_itself_is_listed_at_once_each_in_its_line(folder):
+    more = RUN.replace('camera = "left"', 'camera = "lefd"')
+    more += '[[section]]\nname = "mid"\npoint = [0, 1, 0]\nnormal = [0, 1, 0]\n[align]\nreference = "b"\n'
+    found = problems(folder, more)
+    assert {key: p.line for key, p in found.items()} == {
+        "image[0].camera": 8, "section[1].name": 20, "align.reference": 24,
+    }  # fmt: skip
+    assert "did you mean left?" in found["image[0].camera"].words
+    with pytest.raises(FileError, match=r"section\[1\]\.name: section names must be unique"):
+        read_project(folder / "project.toml")
+
+
+def test_a_wrong_key_does_not_hide_what_contradicts_itself(folder):
+    wrong = RUN.replace("radius_px = 3", 'radius = 3\npolarity = "brigt"').replace("normal", "spacing = -1\nnormal")
+    found = problems(folder, wrong.replace('camera = "left"', 'camera = "lefd"'))
+    assert set(found) == {"detect.radius", "detect.polarity", "section[0].spacing", "image[0].camera"}
+    assert "did you mean 'bright'?" in found["detect.polarity"].words
+    assert found["detect.polarity"].words.startswith("expected 'auto', 'dark' or 'bright', got 'brigt'")
+
+
+def test_nothing_is_said_of_what_a_wrong_key_would_have_given(folder):
+    """Without the format of the grid, which is misspelt, the values have no file; the user did not forget it."""
+    io.write_camera(folder / "camera.json", CAMERA, Pose.identity(), unit="mm")
+    more = '[grid]\nfile = "plate.vtu"\n[values]\nblack = 3\n[output]\ngrid = ["vtkk"]\n'
+    assert set(problems(folder, DEFORM + more)) == {"output.grid[0]"}
+    assert "values" in problems(folder, DEFORM + more.replace('"vtkk"', ""))
+
+
+def test_a_zone_that_the_grid_has_not(folder):
+    (problem,) = problems(folder, RUN.replace('"plate.vtu"', '"plate.vtu"\nvolumes = { wing = ["plato"] }')).values()
+    assert (problem.key, problem.line) == ("grid.volumes", 15)
+    assert problem.words == "volumes: the file has no zone plato; it has plate"
+
+
+def test_a_section_without_a_direction_and_one_that_misses(folder):
+    found = problems(folder, RUN.replace("normal = [0, 1, 0]", "normal = [0, 0, 0]"))
+    assert found["section[0].normal"].words == "is zero; expected a direction"
+    found = problems(folder, RUN.replace("1.5", "15"))
+    assert found["section[0]"].line == 15
+    assert "does not meet the grid" in found["section[0]"].words
+
+
+def test_cameras_of_which_nobody_knows_where_they_stand(folder):
+    found = problems(folder, DEFORM)
+    assert {key: p.line for key, p in found.items()} == {"camera[0].file": 5, "camera[1].file": 9}
+    assert all("camera.json has no pose" in p.words for p in found.values())
+    known = problems(folder, RUN.replace('file = "camera.json"', 'file = "camera.json"\npose = "known"'))
+    assert set(known) == {"camera[0].file"}
+
+
+def test_what_the_verb_itself_refuses_is_found_too(folder):
+    io.write_camera(folder / "camera.json", CAMERA, Pose.identity(), unit="mm")
+    found = problems(folder, DEFORM + '[[volume]]\nname = "flap"\nlaw = "bend_twist"\n')
+    assert set(found) == {"volume[0].law"} or set(found) == {"volume[0].name"}
+    with_label = RUN.replace('camera = "left"', 'camera = "left"\nlabels = { m77 = [3, 4] }')
+    assert problems(folder, with_label)["image[0].labels.m77"].line == 9
+
+
+def test_names_in_another_table(folder):
+    io.write_camera(folder / "camera.json", CAMERA, Pose.identity(), unit="mm")
+    more = '[stations]\nvolume = "wing"\nstart = [0, 0, 0]\nend = [1, 0, 0]\n[sequence]\nclock = "lift"\n'
+    found = problems(folder, DEFORM + more)
+    assert {"stations.volume", "sequence.clock", "sequence"} == set(found)
+    (folder / "d.toml").write_text(DEFORM + more.split("[sequence]", maxsplit=1)[0])
+    with pytest.raises(FileError, match="'wing' is not the name of a volume; expected one of"):
+        read_deform_project(folder / "d.toml")
+
+
+def test_results_do_not_go_among_the_inputs(folder):
+    found = problems(folder, RUN + '[output]\nfolder = "."\n')
+    assert "is the folder of the project itself" in found["output.folder"].words
+    with pytest.raises(FileError, match=r"output\.folder"):
+        read_project(folder / "project.toml")
+
+
+def test_a_folder_stands_for_its_only_project(folder):
+    (folder / "project.toml").write_text(RUN)
+    assert check_verb.project_in(folder) == folder / "project.toml"
