@@ -12,6 +12,7 @@ from windmark.app import init_verb, verify_verb
 from windmark.errors import UsageError
 from windmark.geometry import Camera
 from windmark.io import FileError
+from windmark.io.manifest import file_hash
 from windmark.pipeline.check import check_project
 from windmark.pipeline.deform.project import read_deform_project
 from windmark.pipeline.folder import look_into
@@ -242,6 +243,8 @@ def written(place: Path, name: str, **change) -> Path:
     (out / "poses.csv").write_text(f"image,x,sigma_x,note\na,{value},0.1,fine\n")
     (out / "summary.json").write_text(json.dumps({"rms_px": change.get("rms", 0.5), "seconds": {"a": value}}))
     (out / "picture.png").write_bytes(b"1")
+    files = {p.name: file_hash(p) for p in out.iterdir()}
+    (out / "manifest.json").write_text(json.dumps({"outputs": files}))
     return out
 
 
@@ -260,12 +263,23 @@ def test_a_result_is_the_same_within_a_tenth_of_its_sigma(tmp_path):
     assert "rms_px" in found.numbers["summary.json"][0]
 
 
+def test_what_lies_beside_a_result_is_none_of_its_files(tmp_path):
+    old, again = written(tmp_path, "old"), written(tmp_path, "again")
+    (old / "results").mkdir()
+    (old / "results" / "report.html").write_text("of another run, in the folder of a synthetic test")
+    found = Difference()
+    results_again(old, again, found)
+    assert found.repeated
+    (again / "poses.csv").unlink()
+    found = Difference()
+    results_again(old, again, found)
+    assert found.lost == ["poses.csv"]
+
+
 def test_inputs_that_changed_are_named(tmp_path):
     out = written(tmp_path, "out")
     table = tmp_path / "markers.csv"
     table.write_text("1")
-    from windmark.io.manifest import file_hash
-
     manifest = {
         "inputs": [{"file": "../markers.csv", "sha256": file_hash(table)}, {"file": "../gone.csv", "sha256": "0"}],
         "versions": {"numpy": "0.1"}, "outputs": {n: file_hash(out / n) for n in ("poses.csv", "picture.png")},

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from windmark import io
-from windmark.app import check_verb
+from windmark.app.project_place import project_in
 from windmark.geometry import Camera, Pose
 from windmark.io import FileError
 from windmark.pipeline.check import check_project
@@ -152,4 +152,4 @@ def test_results_do_not_go_among_the_inputs(folder):
 
 def test_a_folder_stands_for_its_only_project(folder):
     (folder / "project.toml").write_text(RUN)
-    assert check_verb.project_in(folder) == folder / "project.toml"
+    assert project_in(folder) == folder / "project.toml"

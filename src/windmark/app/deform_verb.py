@@ -16,6 +16,7 @@ from windmark import io
 from windmark.app import console
 from windmark.app.alone import not_drawn
 from windmark.app.deform_report import deform_page
+from windmark.app.project_place import project_in
 from windmark.app.provenance import Provenance
 from windmark.app.series_folder import left, series_folder
 from windmark.app.verdict_words import put_verdict, verdict_lines
@@ -59,6 +60,7 @@ def deform(path: Path, changed: Changes, live: Live | None, go_on: str, as_json:
     brought to its end with what it has ("finish").
     """
     start = job_time()
+    path = project_in(path, "deform")
     loaded = load(read_deform_project(path, changed))
     for remark in loaded.remarks:
         console.note(path, remark)

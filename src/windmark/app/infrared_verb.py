@@ -11,6 +11,7 @@ from windmark import io
 from windmark.app import console
 from windmark.app.alone import not_drawn
 from windmark.app.infrared_report import infrared_page, noise_kelvin
+from windmark.app.project_place import project_in
 from windmark.app.provenance import Provenance
 from windmark.app.series_folder import series_folder
 from windmark.app.verdict_words import put_verdict, verdict_lines
@@ -36,6 +37,7 @@ SHOWN = 20
 def infrared(path: Path, output: Path | None, go_on: str, as_json: bool) -> None:
     """Reduce every frame of a project; ``go_on`` "resume" or "finish" what was stopped, "" begins anew."""
     start = job_time()
+    path = project_in(path, "infrared")
     run = load_infrared(read_infrared_project(path, output))
     for remark in run.remarks:
         console.note(path, remark)

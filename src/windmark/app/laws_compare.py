@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from windmark import io
 from windmark.app import console
 from windmark.app.alone import not_drawn, write_png
+from windmark.app.project_place import project_in
 from windmark.errors import UsageError
 from windmark.pipeline.deform import load, read_deform_project
 from windmark.pipeline.deform.laws import DECISIVE, LawsCompared, candidates, compare_project
@@ -25,7 +26,7 @@ def compare(project: Path, laws: Sequence[str], frames: int, folder: Path | None
     """Compare, write table and picture, say who wins; exit code 1 where the data cannot tell."""
     if frames < 1:
         raise UsageError(f"--frames must be at least 1, got {frames}")
-    loaded = load(read_deform_project(project))
+    loaded = load(read_deform_project(project_in(project, "deform")))
     volumes = candidates(loaded, laws)
     if len(volumes) < 2:
         raise UsageError("nothing to compare: give --law, or [[volume.alternative]] in the project")

@@ -10,6 +10,7 @@ import numpy as np
 from windmark import io
 from windmark.app import console
 from windmark.app.alone import not_drawn
+from windmark.app.project_place import project_in
 from windmark.app.provenance import Provenance
 from windmark.app.psp_report import psp_page
 from windmark.app.series_folder import series_folder
@@ -31,6 +32,7 @@ def psp(
 ) -> None:
     """Reduce every point of a project; ``go_on`` "resume" or "finish" what was stopped, "" begins anew."""
     start = job_time()
+    path = project_in(path, "psp")
     test = load_psp(read_psp_project(path, output))
     for remark in test.remarks:
         console.note(path, remark)

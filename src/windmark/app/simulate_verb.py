@@ -9,6 +9,7 @@ from typing import Any
 
 from windmark.app import console
 from windmark.errors import UsageError
+from windmark.pipeline.typed import typed
 
 Record = dict[str, Any]
 Kind = tuple[Callable[[Path], Any], Callable[[Any, Path], tuple[Record, list[str]]]]
@@ -44,7 +45,7 @@ def simulate(folder: Path, seed: int, wishes: Wishes, as_json: bool) -> None:
 
 
 def _next(folder: Path, verb: str = "run", project: str = "project.toml") -> str:
-    return f"next: windmark {verb} {folder / project}"
+    return f"next: {typed('windmark', verb, folder / project)}"
 
 
 def _default(seed: int, wishes: Wishes) -> Kind:
@@ -92,12 +93,10 @@ def _photos(seed: int, wishes: Wishes) -> Kind:
     count = wishes.photos or 0
 
     def describe(test: Any, folder: Path) -> tuple[Record, list[str]]:
-        then = (
-            f"next: windmark reconstruct {folder / 'photos'}/*.tif -c {folder / 'camera.json'} -p "
-            f"{folder / 'primary.csv'} --unit mm --radius 2.7"
-        )
+        command = typed("windmark", "reconstruct", folder / "photos" / "*.tif", "-c", folder / "camera.json", "-p",
+                        folder / "primary.csv", "--unit", "mm", "--radius", "2.7")  # fmt: skip
         said = f"{count} pictures, {len(test.markers)} markers: {folder}"
-        return {"markers": len(test.markers), "photos": count}, [said, then]
+        return {"markers": len(test.markers), "photos": count}, [said, f"next: {command}"]
 
     return lambda place: write(place, seed, count), describe
 
@@ -136,9 +135,10 @@ def _board(seed: int, wishes: Wishes) -> Kind:
     count = wishes.board or 0
 
     def describe(cameras: Any, folder: Path) -> tuple[Record, list[str]]:
-        then = f"next: windmark calibrate {folder / 'board'}/left_*.tif --board {PITCH} --unit mm -r 9"
-        return {"pictures": count, "cameras": list(cameras)}, [f"{count} pictures of a board by each of two cameras: "
-                                                               f"{folder}", then]  # fmt: skip
+        command = typed("windmark", "calibrate", folder / "board" / "left_*.tif", "--board", f"{PITCH}", "--unit", "mm",
+                        "-r", "9")  # fmt: skip
+        said = f"{count} pictures of a board by each of two cameras: {folder}"
+        return {"pictures": count, "cameras": list(cameras)}, [said, f"next: {command}"]
 
     return lambda place: write(place, seed, count), describe
 
@@ -149,12 +149,10 @@ def _sequence(seed: int, wishes: Wishes) -> Kind:
     frames = wishes.sequence or 0
 
     def describe(test: Any, folder: Path) -> tuple[Record, list[str]]:
-        then = (
-            f"next: windmark track {folder / 'frames'}/*.tif -m {folder / 'markers.csv'} -c {folder / 'camera.json'} "
-            "-r 4 --unit mm --roles model"
-        )
+        command = typed("windmark", "track", folder / "frames" / "*.tif", "-m", folder / "markers.csv", "-c",
+                        folder / "camera.json", "-r", "4", "--unit", "mm", "--roles", "model")  # fmt: skip
         said = f"{frames} pictures of a swinging model: {folder}"
-        return {"markers": len(test.markers), "frames": frames}, [said, then]
+        return {"markers": len(test.markers), "frames": frames}, [said, f"next: {command}"]
 
     return lambda place: write(place, seed, frames), describe
 

@@ -8,6 +8,7 @@ from typing import Any
 
 from windmark import io
 from windmark.app import console
+from windmark.app.project_place import project_in
 from windmark.app.verdict_words import put_verdict, verdict_lines
 from windmark.compiling import compiling_seconds, job_time
 from windmark.pipeline import merge_outputs, outputs
@@ -49,7 +50,7 @@ def run(
         given["register"]["method"] = method
     if roles:
         given["markers"] = {"roles": roles}
-    project = read_project(path, given)
+    project = read_project(project_in(path, "run"), given)
     finish(*carry_out(project), as_json)
 
 

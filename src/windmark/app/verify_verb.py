@@ -140,13 +140,18 @@ def _lines(found: Difference, folder: Path, manifest: Record, stored: Verdict | 
     lines = [f"{folder}: {head}: {count} files agree (windmark {manifest.get('verb')}, run again)"]
     lines += [f"input {what}: {name}" for name, what in found.inputs.items()]
     lines += [f"version of {name}: {a} then, {b} now" for name, (a, b) in found.versions.items()]
-    lines += [f"the result itself was changed or taken away since: {name}" for name in found.touched[:SHOWN]]
-    lines += [f"not written any more: {name}" for name in found.lost[:SHOWN]]
-    lines += [f"  {name}: {words}" for name, every in list(found.numbers.items())[:SHOWN] for words in every[:3]]
+    lines += _some([f"the result itself was changed or taken away since: {name}" for name in found.touched])
+    lines += _some([f"not written any more: {name}" for name in found.lost])
+    lines += _some([f"  {name}: {words}" for name, every in found.numbers.items() for words in every[:3]])
     if found.bytes_only:
         some = ", ".join(found.bytes_only[:4])
         lines.append(f"other bytes, numbers not compared: {some}{_more(found.bytes_only[3:])}")
     return [*lines, *(verdict_lines(stored) if stored is not None else [])]
+
+
+def _some(lines: list[str]) -> list[str]:
+    """The first of them, and how many there are besides."""
+    return lines if len(lines) <= SHOWN else [*lines[:SHOWN], f"  and {len(lines) - SHOWN} more, see --json"]
 
 
 def _more(names: list[str]) -> str:

@@ -9,6 +9,7 @@ from typing import Any
 
 from windmark import io
 from windmark.app import console
+from windmark.app.project_place import project_in
 from windmark.app.viewer.page import page, rejected, waiting_page
 from windmark.app.viewer.pov import read_pov, seen_at, virtual_view
 from windmark.app.viewer.server import Answer, Routes, Server
@@ -24,6 +25,7 @@ KINDS = {"png": "image/png", "tiff": "image/tiff"}
 
 def view(path: Path, port: int, browser: bool) -> None:
     """Open the viewer on a project and serve it until Ctrl-C."""
+    path = project_in(path, "run")
     project = read_project(path)
     session = Session(project.path, page)
     server = opened(session, project.title, port)

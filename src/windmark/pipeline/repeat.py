@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from windmark.io.manifest import _versions, file_hash, unchanged
+from windmark.io.manifest import _versions, file_hash, read_manifest, unchanged
 
 SAME = 1e-6
 """Relative difference of a number without a sigma that is rounding of another machine."""
@@ -71,8 +71,9 @@ def inputs_now(folder: Path, manifest: dict[str, Any], out: Difference) -> None:
 
 
 def results_again(old: Path, new: Path, out: Difference) -> None:
-    """Compare the files of two results."""
-    before, after = ({p.relative_to(f).as_posix() for p in f.rglob("*") if p.is_file()} for f in (old, new))
+    """Compare the files of two results: those that their manifests name; what else lies in the folders is no matter."""
+    before, after = ({name for name in (read_manifest(f) or {"outputs": {}})["outputs"] if (f / name).is_file()}
+                     for f in (old, new))  # fmt: skip
     out.lost, out.new = sorted(before - after), sorted(after - before)
     for name in sorted(before & after):
         a, b = old / name, new / name

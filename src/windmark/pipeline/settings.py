@@ -18,6 +18,7 @@ from windmark.io import FrameAddress, frame_address
 from windmark.io.errors import FileError, reading, reason
 from windmark.options import Option
 from windmark.pipeline.kinds import other_kind
+from windmark.pipeline.typed import typed
 
 _DEEP_KEY = re.compile(r"(?<![\w-])(?:[\w-]++[ \t]*+\.[ \t]*+){100}")
 """For each part of a key the library goes through all parts before it. Looked for from where a word begins only: from
@@ -53,7 +54,7 @@ def read_toml(path: Path, root: type[BaseModel]) -> dict[str, Any]:
     if "path" in data:
         raise FileError(path, f"unknown key; expected {known_keys(root)}", "path")
     if (other := other_kind(data, root.__name__)) is not None:
-        raise FileError(path, f"{other} {path}")
+        raise FileError(path, f"{other} {typed(path)}")
     return data
 
 
