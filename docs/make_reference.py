@@ -77,7 +77,7 @@ def examples(epilog: str) -> list[str]:
 
 def keys() -> str:
     """The page of project keys, by kind of project."""
-    from windmark.pipeline.check import MODELS
+    from windmark.pipeline.check.paths import MODELS
     from windmark.pipeline.kinds import KINDS
 
     out = ["# Project keys", "", "Project files are TOML. Paths are relative to the file. A key that is not listed is "

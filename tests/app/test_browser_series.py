@@ -63,6 +63,34 @@ def test_a_sequence_moves_with_its_slider_and_tells_true_lengths(tab, tmp_path):
     assert tab.wrong() == []
 
 
+def test_markers_go_with_the_surface(tab, tmp_path):
+    """Where the surface is drawn ten times moved, markers at their places of rest would lie beside it."""
+    mesh = plate()
+    rise = np.array([1.5, -0.5])
+    moved = np.zeros((2, len(mesh.vertices), 3), np.float32)
+    moved[:, :, 2] = rise[:, None] * (mesh.vertices[:, 0] / 100) ** 2
+    xyz = np.array([[np.nan, 0, 0], [100.0, 50, 0], [50, 25, 0]])
+    carried = np.zeros((2, 3, 3), np.float32)
+    carried[:, :, 2] = rise[:, None] * (xyz[:, 0] / 100) ** 2
+    frames = Frames(("a", "b"), moved, None, 10.0, "displacement, mm", carried)
+    markers = Markers(("lost", "tip", "middle"), xyz)
+    look = np.array([0, 1.0, -0.7]), np.array([0, 0, 1.0])
+    shown(tab, tmp_path, Scene3D("mm", *look, mesh, markers=markers, frames=frames))
+    for k in range(2):
+        tab.js(f"WM.scenes[0].setFrame({k})")
+        tab.settle()
+        tip, middle = tab.js("WM.scenes[0].model.spots")
+        assert tip == pytest.approx([100, 50, 10 * rise[k]], abs=2e-2)
+        assert middle == pytest.approx([50, 25, 2.5 * rise[k]], abs=2e-2)
+        x, y = tab.js("WM.onScreen(WM.scenes[0].matrix, WM.scenes[0].model.spots[0],"
+                      " WM.scenes[0].canvas.clientWidth, WM.scenes[0].canvas.clientHeight)")[:2]  # fmt: skip
+        assert tab.js(f"WM.scenes[0].under({x}, {y})[0]") == "tip"
+    tab.js("WM.scenes[0].setMagnify(0)")
+    tab.settle()
+    assert tab.js("WM.scenes[0].model.spots[0][2]") == pytest.approx(0, abs=1e-6)
+    assert tab.wrong() == []
+
+
 def test_markers_have_ellipsoids_with_the_factor_said(tab, tmp_path):
     rng = np.random.default_rng(2)
     xyz = rng.uniform(-50, 50, (20, 3))

@@ -289,7 +289,7 @@ def test_a_wrong_law_is_told_with_its_file_and_line(copy, windmark, text, expect
         (('law = "beam"', 'law = "bean"'), ["volume[1].law", "bean", "modal_beam"]),
         (("section = [0, 1, 0]", "sections = [0, 1, 0]"), ["sections", "section"]),
         (("[stations]", "[station]"), ["station", "unknown key", "stations"]),
-        (('name = "wing"', 'name = "wings"'), ["stations", "'wing'", "not one of the volumes"]),
+        (('name = "wing"', 'name = "wings"'), ["stations.volume", "'wing'", "did you mean wings?"]),
         (('file = "cam1.json"', 'file = "cam3.json"'), ["camera[0].file", "cam3.json"]),
         (("images/cam2-*.tif", "images/cam3-*.tif"), ["camera[1].images", "no file matches"]),
         (('images = "images/cam1-*.tif"', "images = []"), ["camera[0]", "images", "at least one name"]),

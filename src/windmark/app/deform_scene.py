@@ -32,16 +32,17 @@ def deform_scene(loaded: Loaded, sequence: Sequence, magnify: float) -> Scene3D 
     moved, sigma = zip(*(_moved(mesh.vertices, mesh.used, vertex_volumes(mesh), state, sequence.zero)
                          for _, state in kept), strict=True)  # fmt: skip
     unit = loaded.project.length_unit
+    markers = loaded.test.markers
+    markers = markers.take(np.flatnonzero(markers.role != "wall"))
+    every = np.arange(len(markers))
+    carried = [_moved(markers.xyz, every, markers.volume, state, sequence.zero)[0] for _, state in kept]
     frames = Frames(tuple(_label(row) for row, _ in kept), np.stack(moved), np.stack(sigma), magnify,
-                    f"displacement by the laws, {unit}")  # fmt: skip
+                    f"displacement by the laws, {unit}", np.stack(carried))  # fmt: skip
     first = kept[0][1]
     stations = [
         Station(s.name, s.camera, s.cam_from_tunnel @ first.tunnel_from_model,
                 STATION_COLOURS[k % len(STATION_COLOURS)]) for k, s in enumerate(loaded.test.stations)
     ]  # fmt: skip
-    markers = loaded.test.markers
-    on_model = np.flatnonzero(markers.role != "wall")
-    markers = markers.take(on_model)
     poses = [s.cam_from_model for s in stations]
     up = -poses[0].rotation[1]
     ahead = np.mean([p.rotation[2] for p in poses], axis=0)

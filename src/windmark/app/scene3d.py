@@ -115,6 +115,7 @@ class Frames:
     sigma : (F, V) of its length; None without
     magnify : by which it is drawn larger at first
     label : of the colour bar of its length
+    markers : (F, N, 3) displacement of the scene's markers; None: they stand still
     """
 
     labels: tuple[str, ...]
@@ -122,6 +123,7 @@ class Frames:
     sigma: NDArray[np.float32] | None
     magnify: float
     label: str
+    markers: NDArray[np.float32] | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -66,7 +66,7 @@ def documents(scene: Scene3D, ident: str) -> dict[str, str]:
         "surface": None if scene.mesh is None else _surface(packed, scene.mesh),
         "markers": None if scene.markers is None else _markers(scene.markers, box, scene.unit),
         "lines": [_cut(cut, CUT_COLOURS[k % len(CUT_COLOURS)]) for k, cut in enumerate(scene.cuts)],
-        "sequence": None if scene.frames is None else _sequence(packed, scene.frames, len(fields) - 1),
+        "sequence": None if scene.frames is None else _sequence(packed, scene.frames, scene.markers, len(fields) - 1),
     }  # fmt: skip
     return {ident: packed.text(document), **out}
 
@@ -195,9 +195,13 @@ def _moving_field(frames: Frames) -> Document:
     }  # fmt: skip
 
 
-def _sequence(packed: Packed, frames: Frames, number: int) -> Document:
+def _sequence(packed: Packed, frames: Frames, markers: Markers | None, number: int) -> Document:
+    """Displacements as few modes; those of the markers stand behind those of the nodes."""
     count, nodes = frames.moved.shape[:2]
-    rows = np.nan_to_num(frames.moved.reshape(count, -1))
+    moved = frames.moved
+    if frames.markers is not None and markers is not None:
+        moved = np.concatenate([moved, frames.markers[:, np.isfinite(markers.xyz).all(axis=1)]], axis=1)
+    rows = np.nan_to_num(moved.reshape(count, -1))
     weights, modes = low_rank(rows, LOST * float(np.abs(rows).max(initial=0.0)))
     shares, sigma_modes = np.zeros((count, 0)), np.zeros((0, nodes))
     if frames.sigma is not None:
@@ -206,7 +210,7 @@ def _sequence(packed: Packed, frames: Frames, number: int) -> Document:
     return {
         "labels": list(frames.labels), "first": _largest(frames), "magnify": frames.magnify, "field": number,
         "weights": _list(weights), "sigmaWeights": _list(shares),
-        "modes": [[packed.rounded(column, 1 / 8192) for column in mode.reshape(nodes, 3).T] for mode in modes],
+        "modes": [[packed.rounded(column, 1 / 8192) for column in mode.reshape(-1, 3).T] for mode in modes],
         "sigmaModes": [packed.rounded(mode, 1 / 512) for mode in sigma_modes],
     }  # fmt: skip
 

@@ -5,6 +5,7 @@ WM.Model = class {
     this.head = head;
     this.bytes = bytes;
     this.fields = head.fields;
+    this.spots = head.markers ? head.markers.xyz : [];
     this.surface = head.surface ? this.unpackSurface(head.surface) : null;
     this.sequence = head.sequence ? this.unpackSequence(head.sequence) : null;
     this.frame = head.sequence ? head.sequence.first : 0;
@@ -53,7 +54,7 @@ WM.Model = class {
     return field;
   }
 
-  // The surface of the frame of a sequence, and the length of its displacement and the sigma of that.
+  // The surface of the frame of a sequence with its markers, and the length of its displacement and the sigma of that.
   place() {
     const { surface, sequence } = this;
     const weights = sequence.weights[this.frame];
@@ -71,6 +72,13 @@ WM.Model = class {
       field.values[k] = Math.sqrt(square);
     }
     surface.xyz = xyz;
+    if (sequence.modes.length && sequence.modes[0][0].length > surface.count) {
+      this.spots = this.head.markers.xyz.map((rest, j) => rest.map((at, a) => {
+        let moved = 0;
+        for (let m = 0; m < weights.length; m++) moved += weights[m] * sequence.modes[m][a][surface.count + j];
+        return at + this.magnify * moved;
+      }));
+    }
     const shares = sequence.sigmaWeights[this.frame];
     field.sigmas = null;
     if (shares.length) {

@@ -45,12 +45,17 @@ WM.Scene = class {
     this.frustums = head.cameras.map((c) => gpu.points(WM.frustumLines(c)));
     this.stations = head.cameras.map((c) => c.center);
     this.linesGpu = head.lines.map((l) => ({ ...l, points: gpu.points(l.pairs) }));
-    const { markers } = head;
+    this.prepareMarkers();
+  }
+
+  prepareMarkers() {
+    const { model, gpu } = this;
+    const { markers } = model.head;
     if (!markers) return;
-    this.dots = gpu.points(markers.xyz.flat());
+    this.dots = gpu.points(model.spots.flat());
     if (markers.axes) {
       const { factor } = markers;
-      this.balls = gpu.points(markers.xyz.flatMap((p, k) => [...p, ...markers.axes[k].map((v) => factor * v)]));
+      this.balls = gpu.points(model.spots.flatMap((p, k) => [...p, ...markers.axes[k].map((v) => factor * v)]));
     }
   }
 
@@ -60,7 +65,7 @@ WM.Scene = class {
     this.shifts = null;
     this.shiftsSaid = markers && shifts ? shifts : null;
     if (this.shiftsSaid) {
-      this.shifts = this.gpu.points(markers.xyz.flatMap((p, k) => {
+      this.shifts = this.gpu.points(this.model.spots.flatMap((p, k) => {
         const vector = shifts.vectors[markers.index[k]];
         return vector ? [...p, ...WM.add(p, vector, shifts.factor)] : [];
       }));
@@ -147,6 +152,7 @@ WM.Scene = class {
   moved() {
     this.model.place();
     this.gpu.setSurface(this.model.surface);
+    this.prepareMarkers();
     if (this.chosen === this.model.sequence.field) this.colour();
     this.redraw();
   }
@@ -224,7 +230,7 @@ WM.Scene = class {
     };
     if (this.show.names) {
       if (this.show.cameras) head.cameras.forEach((c) => put(c.center, c.name, 'wm-camera-name'));
-      if (head.markers && this.show.markers) head.markers.names.forEach((n, k) => put(head.markers.xyz[k], n, 'wm-marker-name'));
+      if (head.markers && this.show.markers) head.markers.names.forEach((n, k) => put(this.model.spots[k], n, 'wm-marker-name'));
     }
     this.names.replaceChildren(...out);
   }
@@ -276,7 +282,7 @@ WM.Scene = class {
     const hit = surface && show.surface ? WM.pickSurface(surface, this.screen, x, y) : null;
     const depth = hit ? hit.depth + 0.02 * model.radius : Infinity;
     const point = (points) => WM.pickPoint(points, this.matrix, width, height, x, y, depth);
-    const m = head.markers && show.markers ? point(head.markers.xyz) : -1;
+    const m = head.markers && show.markers ? point(model.spots) : -1;
     if (m >= 0) {
       const seen = this.shiftsSaid ? this.shiftsSaid.notes[head.markers.index[m]] : '';
       return [head.markers.names[m], ...head.markers.notes[m], ...(seen ? [seen] : [])];
