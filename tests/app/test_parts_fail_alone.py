@@ -39,6 +39,9 @@ def test_a_bad_picture_and_a_bad_section_cost_only_themselves(windmark, virtual_
     assert image["nodes_with_value"] > 0
     far = "wind-off: section far: the plane does not meet the grid; check its point and normal"
     assert done.json["left_out"] == [far]
+    verdict = done.json["verdict"]
+    assert (verdict["word"], verdict["cause"]) == ("doubtful", "lost")
+    assert "section far" in verdict["reason"]
     (drawn,) = done.json["not_drawn"]
     assert drawn.startswith(
         "wind-off: picture of the grid lines: ValueError: no such colour (test_parts_fail_alone.py:"

@@ -135,11 +135,14 @@ def test_saturated_picture(tmp_path, tunnel):
 def test_every_refusal_has_a_cause_and_a_next_step():
     assert set(REFUSALS) == set(REGISTRATION_CAUSES)
     for cause in REGISTRATION_CAUSES:
-        found = refused(NotRegistered("why", cause))
+        found = refused(NotRegistered("why", cause), 40)
         assert found.word == BAD
         assert found.cause in CAUSES
         assert found.next_step
-    assert refused(NotRegistered(f"camera cam2 is {MOVED[2]}", "wrong_camera")).cause == "moved"
+    assert refused(NotRegistered(f"camera cam2 is {MOVED[2]}", "wrong_camera"), 40).cause == "moved"
+    few = NotRegistered("3 markers", "too_few")
+    assert "more markers" in refused(few, 3).next_step  # no spot that is found anew helps a table of three
+    assert "detected spots" in refused(few, 40).next_step
 
 
 def test_what_explains_comes_first_and_one_bad_image_makes_no_job_bad():
@@ -225,6 +228,14 @@ def test_a_point_of_a_polar_is_judged_by_the_side_that_cameras_show():
     assert verdict.word == GOOD
     assert "loads are of the 36 % of the area that cameras show" in verdict.reason
     assert psp_verdict([replace(point, seen=0.1)]).cause == "covered"
+
+
+def test_a_section_that_is_missing_is_doubted():
+    said = "section far: the plane does not meet the grid"
+    point = PointRecord("p1", 0.0, {}, "reduced", remarks=(said,), seen=0.9, median_sigma_cp=0.01, flicker=0.0)
+    assert psp_verdict([point]).word == GOOD
+    verdict = psp_verdict([point], sections=["far"])
+    assert (verdict.word, verdict.cause, verdict.reason) == (DOUBTFUL, "lost", f"left out: {said}")
 
 
 def test_a_flicker_that_nothing_says_is_doubted_unless_taps_take_it_out():

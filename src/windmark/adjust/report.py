@@ -38,6 +38,11 @@ class SolveReport:
     final_cost: float
     options: Mapping[str, Any] = field(default_factory=dict)
 
+    @property
+    def words(self) -> str:
+        """How many steps, and why no more."""
+        return f"{self.iterations} iterations; {REASONS.get(self.reason, self.reason)}"
+
     def __post_init__(self) -> None:
         if self.reason not in REASONS:
             raise ValueError(f"SolveReport: reason must be among {', '.join(REASONS)}, got {self.reason!r}")

@@ -105,7 +105,7 @@ def _overview(report: Report, done: Calibrated, unit: str) -> None:
     ]  # fmt: skip
     if isinstance(done.halves, SplitHalf):
         rows.append(("two halves of the pictures, difference / sigma", done.halves.ratio))
-    rows.append(("adjustment", f"{result.report.reason}, {result.report.iterations} iterations"))
+    rows.append(("adjustment", result.report.words))
     report.table(["", "value"], rows)
     if len(done.lenses) > 1:
         report.text(f"{lens_words(done.lenses).capitalize()}.")

@@ -145,7 +145,7 @@ def residual_chart(names: Sequence[str], residual: np.ndarray) -> str:
     """Residuals (K, 2) projected − detected, with the RMS circle, one name each."""
     rms = float(np.sqrt(np.mean(np.sum(residual**2, axis=1))))
     half = 1.15 * max(float(np.abs(residual).max(initial=0.0)), rms, 1e-3)
-    chart = Chart((-half, half), (half, -half), ("dx, px", "dy, px"), f"RMS {rms:.3f} px (dashed circle)", (430, 420),
+    chart = Chart((-half, half), (half, -half), ("dx, px", "dy, px"), f"RMS {rms:.2g} px (dashed circle)", (430, 420),
                   equal=True)  # fmt: skip
     chart.circle(rms)
     chart.dots(residual[:, 0], residual[:, 1],
@@ -196,7 +196,7 @@ def _together(report: Report, item: ImageResult) -> None:
     )
     report.text(
         f"Registered together with the other cameras of the rig, from one instant (markers matched: {each}). The pose"
-        f" follows from all of them, and the false-alarm number is that of all; RMS of all {found.rms_px:.3g} px."
+        f" follows from all of them, and the false-alarm number is that of all; RMS of all {found.rms_px:.2g} px."
     )
 
 
@@ -219,7 +219,7 @@ def _pose_table(report: Report, item: ImageResult, answer: Registration, unit: s
     )
     report.text(
         f"Field of view {pov.fov_deg:.3f} deg, focal length {answer.camera.focal_px:.2f} px;"
-        f" {answer.report.iterations} iterations, stopped: {answer.report.reason}.",
+        f" {answer.report.words}.",
         "soft",
     )
     for weak in answer.weak:

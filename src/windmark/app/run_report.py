@@ -129,7 +129,7 @@ def in_short(item: ImageResult) -> str:
     answer = item.registered
     if answer is None or not len(answer.matching):
         return "done"
-    return f"{len(answer.matching)} markers, RMS {answer.rms_px:.2f} px"
+    return f"{len(answer.matching)} markers, RMS {answer.rms_px:.2g} px"
 
 
 def overview(report: Report, result: RunResult) -> None:
@@ -141,7 +141,7 @@ def overview(report: Report, result: RunResult) -> None:
             item.name,
             None if item.detections is None else len(item.detections),
             None if answer is None else len(answer.matching),
-            None if answer is None or not len(answer.matching) else answer.rms_px,
+            None if answer is None or not len(answer.matching) else f"{answer.rms_px:.2g}",
             None if answer is None else f"10^{answer.log10_nfa:.0f}",
             None if item.values is None else int(np.isfinite(item.values).sum()),
             sum(item.seconds.values()),

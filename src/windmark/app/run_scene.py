@@ -128,7 +128,7 @@ def _station_notes(item: ImageResult) -> tuple[str, ...]:
     answer = item.registered
     if answer is None or not len(answer.matching):
         return ()
-    return (f"{len(answer.matching)} markers matched, RMS {answer.rms_px:.3g} px",)
+    return (f"{len(answer.matching)} markers matched, RMS {answer.rms_px:.2g} px",)
 
 
 def _cuts(items: Sequence[ImageResult]) -> list[Cut]:

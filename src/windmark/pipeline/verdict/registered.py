@@ -12,6 +12,7 @@ from windmark.geometry.rotations import hat
 from windmark.pipeline.verdict import rules
 from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding
 from windmark.registration import NotRegistered, Registration
+from windmark.registration.task import MIN_COUNT
 from windmark.scene import Detections, MarkerSet
 from windmark.tasks.odd import CHANCE, nearest_spots
 
@@ -68,7 +69,7 @@ class Sighting:
 def registered_findings(seen: Sighting) -> list[Finding]:
     """Everything that speaks against the registration of an image."""
     if isinstance(seen.answer, NotRegistered):
-        return [refused(seen.answer)]
+        return [refused(seen.answer, len(seen.markers))]
     answer = seen.answer
     if not len(answer.matching):
         return []
@@ -83,9 +84,11 @@ def registered_findings(seen: Sighting) -> list[Finding]:
     ]
 
 
-def refused(no: NotRegistered) -> Finding:
-    """A refusal as a finding."""
+def refused(no: NotRegistered, count: int) -> Finding:
+    """A refusal as a finding; ``count`` is that of the table's markers."""
     cause, step = REFUSALS[no.cause]
+    if no.cause == "too_few" and count < MIN_COUNT:
+        step = "give the table more markers, or let other roles of it take part ([markers] roles)"
     if no.cause == "wrong_camera" and any(words in no.reason for words in MOVED):
         cause, step = "moved", "find the cameras' places anew (windmark calibrate), or register them without the rig"
     return Finding(BAD, cause, f"not registered: {no.reason}", step)

@@ -51,7 +51,7 @@ def _good(result: RunResult) -> tuple[str, str]:
         )
     worst = max(a.rms_px for a in answers)
     fewest = min(len(a.matching) for a in answers)
-    what = "the image" if len(answers) == 1 else f"all {len(answers)} images"
+    what = "the image" if len(answers) == 1 else "both images" if len(answers) == 2 else f"all {len(answers)} images"
     return (
         f"{what} registered with {fewest} markers{' or more' if len(answers) > 1 else ''}, residuals of {worst:.2g} px "
         "RMS are the spots' noise",
