@@ -245,8 +245,10 @@ def test_a_flicker_that_nothing_says_is_doubted_unless_taps_take_it_out():
     assert "no sigma has the lamps' flicker" in verdict.reason
     assert "radiometry.lamp_flicker" in verdict.next_step
     assert psp_verdict([replace(point, flicker=0.0)]).word == GOOD
-    fit = {"scatter_Pa": 10.0, "rms_Pa": 10.0, "leave_one_out_rms_Pa": 11.0}
+    fit = {"scatter_Pa": 10.0, "rms_Pa": 10.0, "leave_one_out_rms_Pa": 11.0, "slope_free": 1.0}
     assert psp_verdict([replace(point, fit=fit)]).word == GOOD
+    only_offset = psp_verdict([replace(point, fit=fit | {"slope_free": 0.0})])
+    assert (only_offset.word, only_offset.cause) == (DOUBTFUL, "weak")
 
 
 def test_a_table_in_another_unit_explains_why_no_point_came_out(tunnel):

@@ -6,7 +6,7 @@ import pytest
 from windmark.paint import NodeField, TunnelConditions
 from windmark.scene import Mesh
 from windmark.scene.mesh import structured_triangles
-from windmark.tasks.psp.taps import OFF_GRID, Readings, at_taps, in_cp
+from windmark.tasks.psp.taps import EITHER_SIDE, OFF_GRID, Readings, at_taps, in_cp
 
 STREAM = TunnelConditions(6e4, 3e4, mach=0.8, t_0=300.0)
 
@@ -89,3 +89,23 @@ def test_taps_beside_the_grid_do_not_count():
     assert fit is not None
     assert table.words[-1] == OFF_GRID
     assert "1 of 7 taps lie outside the grid" in remarks[0]
+
+
+def test_a_tap_on_a_thin_edge_without_its_normal_does_not_count():
+    """Two sheets 0.02 apart with different pressures: a tap between them is of neither, with its normal of one."""
+    top, remarks = plate(), []
+    below = top.vertices - [0, 0, 0.02]
+    mesh = Mesh.make(np.concatenate([top.vertices, below]),
+                     np.concatenate([top.triangles, top.triangles[:, ::-1] + len(below)]), "wing")  # fmt: skip
+    pressure = np.concatenate([5e4 + 300 * top.vertices[:, 0], 7e4 - 200 * below[:, 0]])
+    prior = NodeField.make(pressure, 20.0, unit="Pa")
+    xyz = places(np.random.default_rng(1), 6) - [0, 0, 0.01]
+    taps = readings(xyz, 5e4 + 300 * xyz[:, 0])
+    _, fit, table = at_taps(mesh, prior, np.zeros(len(prior), bool), taps, "offset-slope", remarks)
+    assert fit is not None
+    assert not any(table.words)
+    lost = Readings(taps.names, xyz, np.where(np.arange(6)[:, None] < 4, taps.normal, np.nan), taps.value, taps.sigma)
+    _, fit, table = at_taps(mesh, prior, np.zeros(len(prior), bool), lost, "offset-slope", remarks)
+    assert table.words == ("", "", "", "", EITHER_SIDE, EITHER_SIDE)
+    assert fit.used.sum() == 4
+    assert "2 of 6 taps are as near to the other side of a thin part" in remarks[0]

@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from windmark.pipeline.points import PointSet, places
 from windmark.scene import Mesh
-from windmark.tasks.psp import OFF_GRID, UNSEEN, ReducedPoint, field_at
+from windmark.tasks.psp import EITHER_SIDE, OFF_GRID, UNSEEN, ReducedPoint, field_at
 
-NO_PLACE, EITHER_SIDE = "its place is not given", "as near to the other side of a thin part"
+NO_PLACE = "its place is not given"
 FILLED = "filled from its surroundings"
 """Why a place has no value; and what is to be said of one."""
 FIELDS = {"cp": "", "pressure": "_Pa", "temperature": "_K", "ratio": ""}

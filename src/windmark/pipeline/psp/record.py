@@ -132,7 +132,8 @@ def _fit(fit: InSitu | None) -> dict[str, float]:
         return {}
     slope = float(fit.coefficients[1] / fit.scale) if len(fit.coefficients) > 1 else float("nan")
     return {
-        "taps": int(fit.used.sum()), "slope": slope, "offset_Pa": float(fit.coefficients[0] - fit.center),
+        "taps": int(fit.used.sum()), "slope": slope, "slope_free": float(fit.free == "both"),
+        "offset_Pa": float(fit.coefficients[0] - fit.center),
         "rms_Pa": fit.rms, "leave_one_out_rms_Pa": fit.loo_rms, "scatter_Pa": fit.scatter,
     }  # fmt: skip
 

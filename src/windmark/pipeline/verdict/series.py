@@ -169,7 +169,8 @@ def psp_verdict(
                     r.name,
                 )
             )
-        if np.isnan(r.flicker) and not r.fit:  # a fit to the taps takes out what is the same for all nodes
+        # A fit to the taps takes out what is the same part for all nodes; an offset alone leaves it in the slope.
+        if np.isnan(r.flicker) and not r.fit.get("slope_free"):
             found.append(
                 Finding(
                     DOUBTFUL,

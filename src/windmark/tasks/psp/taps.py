@@ -16,6 +16,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 OFF_GRID, UNSEEN = "outside the grid", "not seen"
+EITHER_SIDE = "as near to the other side of a thin part"
 """Why a tap has no value of the paint."""
 
 
@@ -83,6 +84,11 @@ def at_taps(
     if outside:
         some = ", ".join(outside[:5]) + (", ..." if len(outside) > 5 else "")
         remarks.append(f"{len(outside)} of {count} taps lie outside the grid and do not count: {some}")
+    sideless = [n for n, w in zip(taps.names, words, strict=True) if w == EITHER_SIDE]
+    if sideless:
+        some = ", ".join(sideless[:5]) + (", ..." if len(sideless) > 5 else "")
+        remarks.append(f"{len(sideless)} of {count} taps are as near to the other side of a thin part, and do not "
+                       f"count without their normals: {some}")  # fmt: skip
     if how == "compare":
         return prior, None, table
     if not len(good):
@@ -163,8 +169,8 @@ def _on_surface(
     found = resection.nearest_on_surface(rest, taps.xyz, normal=taps.normal)
     nodes, weights = found.corners(rest)
     seen: NDArray[np.bool_] = np.asarray(field_.known[nodes].all(axis=1))
-    words = tuple(OFF_GRID if t < 0 else "" if s else UNSEEN for t, s in zip(found.triangle, seen, strict=True))
-    return (nodes, weights), words
+    words = np.select([found.triangle < 0, found.either_side, ~seen], [OFF_GRID, EITHER_SIDE, UNSEEN], default="")
+    return (nodes, weights), tuple(words.tolist())
 
 
 def in_cp(
